@@ -4,6 +4,7 @@
 #include <string.h>
 
 #include "api/api.h"
+#include "base/cache_line.h"
 #include "base/flush_denormals.h"
 
 enum { MOST_TICKS = 400 };             /* until a needle that was let go of has come to rest */
@@ -200,7 +201,7 @@ trocar_status respond_to_loads(trocar_sim *sim, bool all, report *why) {
 }
 
 trocar_status make_room_to_rest(trocar_sim *sim, needle_track *n, report *why) {
-    if (!sim->resting_scratch) sim->resting_scratch = calloc(1, sizeof *sim->resting_scratch);
+    if (!sim->resting_scratch) sim->resting_scratch = allocate_on_cache_lines(sizeof *sim->resting_scratch);
     if (!n->resting) n->resting = calloc(1, sizeof *n->resting);
     return sim->resting_scratch && n->resting ? TROCAR_OK : fail(why, TROCAR_NO_MEMORY, "no memory for a resting needle");
 }

@@ -7,6 +7,7 @@
 #include <unistd.h>
 
 #include "api/api.h"
+#include "base/cache_line.h"
 #include "base/flush_denormals.h"
 #include "remesh/free_displacement.h"
 
@@ -45,11 +46,10 @@ static trocar_status create_inverse(trocar_sim *sim, report *why) {
 static trocar_status allocate(trocar_sim *sim, report *why) {
     size_t needles = (size_t)sim->needle_count * sizeof *sim->needles;
     sim->needles = allocate_on_cache_lines(needles); /* touched, so that no page fault comes later */
-    sim->workspace = calloc(1, sizeof *sim->workspace);
+    sim->workspace = allocate_on_cache_lines(sizeof *sim->workspace);
     sim->work_wake = eventfd(0, EFD_NONBLOCK | EFD_CLOEXEC);
     if (!sim->needles || !sim->workspace) return fail(why, TROCAR_NO_MEMORY, "no memory for a simulation");
     if (sim->work_wake < 0) return fail(why, TROCAR_SYSTEM, "cannot create an eventfd: %s", strerror(errno));
-    memset(sim->workspace, 0, sizeof *sim->workspace);
     trocar_status status = create_inverse(sim, why);
     if (sim->resting.inverse) sim->inverse = sim->resting.inverse;
     if (status == TROCAR_OK) status = create_probe(sim, why);

@@ -33,6 +33,7 @@ static symmetric_system system_of(contact_problem *p) { return (symmetric_system
 /* Eliminates the sideways unknowns, in the principal directions of each contact. What is left of the axial rows is the Schur complement: the
    compliance and the gap along the needle with all sideways gaps closed. The sideways rows keep the factors for close_sideways(). */
 static void eliminate_sideways(contact_problem *p, principal axes[MAX_POINTS]) {
+    const elimination_kernels *kernels = elimination_widest();
     symmetric_system s = system_of(p);
     elimination_panel panel;
     elimination_begin(&s);
@@ -44,10 +45,10 @@ static void eliminate_sideways(contact_problem *p, principal axes[MAX_POINTS]) {
             *own = diagonalise(row[0], row[1], row[CONTACT_LD + 1], p->scale[i / 2]);
             const double inverse[2] = {1.0 / own->pivot[0], 1.0 / own->pivot[1]};
             p->negative += (inverse[0] < 0.0) + (inverse[1] < 0.0);
-            turn_rows(&s, i, own->c, own->s);
-            eliminate_in_panel(&s, &panel, i, 2, inverse);
+            kernels->turn_rows(&s, i, own->c, own->s);
+            kernels->eliminate_in_panel(&s, &panel, i, 2, inverse);
         }
-        eliminate_after_panel(&s, &panel);
+        kernels->eliminate_after_panel(&s, &panel);
     }
     for (int i = 2 * p->count; i < s.order; i++) p->gap[i] = p->compliance[i][s.order];
 }
@@ -70,15 +71,16 @@ static void find_slips(const contact_problem *p, double slip[MAX_AXIAL]) {
 
 /* Solves for the right-hand side and stores the solution in x; false if the system is not positive definite. */
 static bool solve_definite(const symmetric_system *s, double *x) {
+    const elimination_kernels *kernels = elimination_widest();
     elimination_panel panel;
     elimination_begin(s);
     for (panel.end = 0; next_panel(&panel, s->order);) {
         for (int i = panel.begin; i < panel.end; i++) {
             double pivot = s->a[i * s->ld + i], inverse = 1.0 / pivot;
             if (!(pivot > 0.0)) return false;
-            eliminate_in_panel(s, &panel, i, 1, &inverse);
+            kernels->eliminate_in_panel(s, &panel, i, 1, &inverse);
         }
-        eliminate_after_panel(s, &panel);
+        kernels->eliminate_after_panel(s, &panel);
     }
     for (int i = s->order - 1; i >= 0; i--) {
         const double *row = s->a + i * s->ld;
@@ -93,7 +95,8 @@ static double viscosity(const contact_problem *p, int i) { return p->viscosity[i
 /* Axial forces for a given set of sticking and slipping contacts. */
 static bool solve_axial(contact_problem *p) {
     int unknown[MAX_AXIAL], count = 0;
-    double system[MAX_AXIAL][ELIMINATION_COLUMNS(MAX_AXIAL)], slip[MAX_AXIAL], x[MAX_AXIAL];
+    _Alignas(CACHE_LINE) double system[MAX_AXIAL][ELIMINATION_COLUMNS(MAX_AXIAL)];
+    double slip[MAX_AXIAL], x[MAX_AXIAL];
     double *force = p->force + 2 * p->count;
     for (int i = 0; i < p->axial_count; i++) {
         bool free_force = p->state[i] == STICK || viscosity(p, i) > 0.0;

@@ -18,7 +18,7 @@ typedef enum { STICK = 0, SLIP_FORWARD = 1, SLIP_BACKWARD = -1 } friction_state;
    force along the needle. */
 typedef struct {
     int count, axial_count;              /* n, m: guides, contacts and the tip, at most MAX_POINTS and MAX_AXIAL */
-    double compliance[MAX_UNKNOWNS][CONTACT_LD]; /* A, m/N: upper triangle; destroyed by the solve */
+    _Alignas(CACHE_LINE) double compliance[MAX_UNKNOWNS][CONTACT_LD]; /* A, m/N: upper triangle; destroyed by the solve */
     double gap[MAX_UNKNOWNS];            /* m */
     double lower[MAX_AXIAL], upper[MAX_AXIAL];     /* N, lower <= upper; may be infinite */
     double viscosity[MAX_AXIAL][2];      /* N/m (viscous friction over the tick), >= 0: backward, forward */

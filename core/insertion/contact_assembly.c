@@ -22,12 +22,13 @@ void list_points(const tick_context *tick) {
     const insertion_state *state = tick->state;
     insertion_workspace *w = tick->scratch;
     int contacts = 0;
+    double border = 0.0;
     guides_list(tick);
     for (; contact_is_active(state, contacts); contacts++) {
         contact_point *p = &w->points[w->guided + contacts];
         p->kind = POINT_TISSUE;
         p->handle = state->refined.order[contacts];
-        p->share = shaft_share_of(state, contacts, w->tip);
+        p->share = shaft_next_share(state, contacts, w->tip, &border);
     }
     w->point_count = w->guided + contacts + w->tip;
     if (!w->tip) return;
@@ -35,7 +36,7 @@ void list_points(const tick_context *tick) {
     p->kind = POINT_TIP;
     p->handle = NO_HANDLE;
     p->arc = tick->model->needle->given.length;
-    p->share = shaft_share_of(state, contacts, true);
+    p->share = shaft_next_share(state, contacts, true, &border);
 }
 
 void locate_points(const tick_context *tick) {

@@ -60,6 +60,11 @@ static void take_forces(const tick_context *tick) {
     }
 }
 
+static void set_tip_law(const tick_context *tick, tip_law law, double slip_offset) {
+    tick->scratch->tip_law = law;
+    tick->scratch->slip_offset = slip_offset;
+}
+
 /* Starts from the last solve's shape and forces. */
 static void prepare(const tick_context *tick, const int handles[4]) {
     insertion_state *state = tick->state;
@@ -69,8 +74,7 @@ static void prepare(const tick_context *tick, const int handles[4]) {
     w->problem.axial_count = w->point_count + w->tip;
     creep_share_out(tick);
     if (w->tip) find_tip_rows(tick, handles);
-    w->tip_law = TIP_CUTS;
-    w->slip_offset = 0.0;
+    set_tip_law(tick, TIP_CUTS, 0.0);
     w->relaxed = w->tip ? tip_relaxed(tick->model, &state->tip, tick->dt) : 1.0;
     keep_shear(tick);
     find_local_compliance(tick);
@@ -98,6 +102,8 @@ static void linearise(const tick_context *tick) {
     assemble_compliance(tick);
     assemble_gaps(tick);
     if (w->tip) damp_tip(tick);
+    int tip = unknown(w->problem.count, w->problem.count - 1, 2);
+    if (w->tip) w->tip_compliance = w->problem.compliance[tip][tip];
 }
 
 void equilibrium_linearise(const tick_context *tick, const int handles[4], bool loaded) {
@@ -281,19 +287,44 @@ static pass_result approach(const tick_context *tick) {
     return (pass_result){.found = true, .buckling = true};
 }
 
-/* Checks whether tissue along an open track springs back over the tip, which then goes farther than the hand carries it. If so, the step is to be
-   solved again with the viscosity of tissue that is not open: otherwise nothing would hold what springs back, and the force would fall at
-   once as the tip comes into the track. */
-static bool set_spring_law(const tick_context *tick) {
-    const insertion_model *model = tick->model;
-    insertion_workspace *w = tick->scratch;
+/* Tissue along an open track springs back over a tip that goes farther than the hand carries it. Beyond that, it has the viscosity of tissue that
+   is not open: otherwise nothing would hold what springs back, and the force would fall at once as the tip comes into the track. */
+static bool may_spring(const tick_context *tick) {
     const needle_tip *tip = &tick->state->tip;
-    if (tip->blocked_by != NOT_BLOCKED || tip->open == 0.0 || !(tip->slip > w->tip_carried)) return false;
-    double viscosity = tip->open * model->materials[model->mesh->region[tip->tet]].cutting_viscosity;
-    if (viscosity * (tip->slip - w->tip_carried) < LEAST_LOST * tick->dt) return false;
-    w->tip_law = TIP_SPRINGS;
-    w->slip_offset = w->tip_carried;
+    return tick->scratch->tip && tip->blocked_by == NOT_BLOCKED && tip->open > 0.0 && isfinite(tick->scratch->tip_carried);
+}
+
+/* N s/m, that the open track takes off. */
+static double viscosity_lost(const tick_context *tick) {
+    const needle_tip *tip = &tick->state->tip;
+    return tip->open * tick->model->materials[tick->model->mesh->region[tip->tet]].cutting_viscosity;
+}
+
+static bool springs(const tick_context *tick) {
+    return viscosity_lost(tick) * (tick->state->tip.slip - tick->scratch->tip_carried) >= LEAST_LOST * tick->dt;
+}
+
+/* Checks whether tissue has sprung back. If so, the step is to be solved again with that law. */
+static bool set_spring_law(const tick_context *tick) {
+    if (tick->scratch->tip_law == TIP_SPRINGS || !may_spring(tick) || !springs(tick)) return false;
+    set_tip_law(tick, TIP_SPRINGS, tick->scratch->tip_carried);
     return true;
+}
+
+/* What clearly sprang back in the last step as a rule still does: with that law from the start, the step is solved once. */
+static bool expect_spring(const tick_context *tick) {
+    bool expected = tick->state->tip.springs && may_spring(tick);
+    if (expected) set_tip_law(tick, TIP_SPRINGS, tick->scratch->tip_carried);
+    return expected;
+}
+
+/* Checks whether set_spring_law would have found the same after passes without that law. In these the tip slips farther, by at most what it
+   yields to the force that the law adds, and must not come to the end of the track, which is judged first. */
+static bool springs_as_expected(const tick_context *tick) {
+    const insertion_workspace *w = tick->scratch;
+    const needle_tip *tip = &tick->state->tip;
+    double farther = fmax(w->tip_compliance, 0.0) * viscosity_lost(tick) / tick->dt * (tip->slip - w->tip_carried);
+    return springs(tick) && tip->slip + farther <= tip->open_left;
 }
 
 /* Checks whether the slip would take the tip to a membrane or bone that it cannot pierce. If so, the step is to be solved again with the tip stopping
@@ -305,8 +336,7 @@ static bool set_stop_law(const tick_context *tick) {
     double distance = tip->open > 0.0 ? fmin(tip->slip, tip->open_left) : tip->slip;
     stop_ahead stop = find_stop(tick, old_tracks_lead(tip, w->aim), distance);
     if (isinf(stop.way)) return false;
-    w->tip_law = TIP_STOPS;
-    w->slip_offset = stop.way + FACE_CLEARANCE; /* so that it gets there */
+    set_tip_law(tick, TIP_STOPS, stop.way + FACE_CLEARANCE); /* so that it gets there */
     w->stop_resistance = stop.resistance;
     tick->state->tip.friction = STICK;
     return true;
@@ -318,8 +348,7 @@ static pass_result run_to_stop(const tick_context *tick) {
     insertion_workspace *w = tick->scratch;
     pass_result r = run_passes(tick, most);
     if (r.found && r.converged && !r.diverging && !is_saddle(w)) return r;
-    w->tip_law = TIP_CUTS;
-    w->slip_offset = 0.0;
+    set_tip_law(tick, TIP_CUTS, 0.0);
     recall(tick);
     r = run_passes(tick, most);
     return r.found && set_spring_law(tick) ? run_passes(tick, most) : r;
@@ -335,8 +364,11 @@ void equilibrium_find(const tick_context *tick, const int handles[4]) {
     prepare(tick, handles);
     remember_forces(tick);
     int most = tick->model->settings.max_passes;
+    bool spring = expect_spring(tick);
     pass_result r = run_passes(tick, guessed && most > GUESS_PASSES ? GUESS_PASSES : most);
-    if (guessed && (!r.found || r.diverging || !r.converged)) { /* the guess may be to blame */
+    bool solved = r.found && r.converged && !r.diverging;
+    if ((guessed && !solved) || (spring && !(solved && springs_as_expected(tick)))) { /* the guess may be to blame */
+        set_tip_law(tick, TIP_CUTS, 0.0);
         recall(tick);
         r = run_passes(tick, most);
     }
@@ -344,7 +376,7 @@ void equilibrium_find(const tick_context *tick, const int handles[4]) {
         old_tracks_end(tick);
         r = run_passes(tick, most);
     }
-    if (r.found && w->tip && set_spring_law(tick)) r = run_passes(tick, most);
+    if (r.found && set_spring_law(tick)) r = run_passes(tick, most);
     if (r.found && !r.diverging && w->tip && set_stop_law(tick)) r = run_to_stop(tick);
     bool suspect = !r.found || r.diverging || is_saddle(w);
     state->motion.time = 0.0;
@@ -353,6 +385,7 @@ void equilibrium_find(const tick_context *tick, const int handles[4]) {
     if (r.buckling) buckle(tick);
     else if (r.found && !r.diverging) judge_stability(tick, r.converged);
     else give_up(tick);
+    state->tip.springs = w->tip && w->tip_law == TIP_SPRINGS && springs_as_expected(tick);
     if (w->tip && !state->buckled) spring_back(tick);
     roll_solve(tick);
     creep_remember(tick);

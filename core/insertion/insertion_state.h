@@ -64,6 +64,7 @@ typedef struct {
     double dent;             /* m along the track, by which the tissue at the tip is displaced */
     vec3 damping;            /* N, world frame, on the tissue at the tip, which springs back no faster than shear waves travel */
     double pressing;         /* N, force along the needle, low-pass filtered, that sets the lateral hold; >= 0 */
+    bool springs;            /* tissue along an open track clearly sprang back over the tip in the last step */
     double open;             /* 0 to 1: how far an old track is open ahead of the tip; */
     vec3 open_way;           /* unit nominal direction in which it leads, */
     double open_left;        /* m to its end, */

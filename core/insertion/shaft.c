@@ -23,11 +23,16 @@ static double border_behind(const insertion_state *state, int k) {
     return half;
 }
 
-shaft_share shaft_share_of(const insertion_state *state, int k, bool tip) {
+shaft_share shaft_next_share(const insertion_state *state, int k, bool tip, double *border) {
     bool last = !contact_is_active(state, tip ? k : k + 1);
-    double from = k > 0 ? border_behind(state, k - 1) : 0.0;
-    double to = last ? state->tip.depth : border_behind(state, k);
-    return (shaft_share){from, fmax(to, from + LEAST_SHARE)};
+    double from = *border;
+    *border = last ? state->tip.depth : border_behind(state, k);
+    return (shaft_share){from, fmax(*border, from + LEAST_SHARE)};
+}
+
+shaft_share shaft_share_of(const insertion_state *state, int k, bool tip) {
+    double border = k > 0 ? border_behind(state, k - 1) : 0.0;
+    return shaft_next_share(state, k, tip, &border);
 }
 
 /* Friction limit per length after sliding `slid`: static falls to kinetic by slip weakening, independent of the rate. */

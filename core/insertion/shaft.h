@@ -21,6 +21,9 @@ typedef struct {
    contacts (k: how many they are), and has the rest. RT */
 shaft_share shaft_share_of(const insertion_state *state, int k, bool tip);
 
+/* The same, one after the other from k = 0: border, m of depth, is where it begins, at first 0, and becomes where the next one does. RT */
+shaft_share shaft_next_share(const insertion_state *state, int k, bool tip, double *border);
+
 /* Friction limit after sliding `slid`, m. RT */
 shaft_resistance shaft_resistance_of(const insertion_model *model, const insertion_state *state, shaft_share part, double slid);
 

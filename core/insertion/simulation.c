@@ -6,6 +6,7 @@
 #include <string.h>
 #include <threads.h>
 
+#include "base/cache_line.h"
 #include "base/memory.h"
 #include "insertion/local_compliance.h"
 #include "remesh/free_displacement.h"
@@ -323,7 +324,7 @@ trocar_status simulation_create(const simulation_config *config, simulation *s, 
     trocar_status status = simulation_create_model(config, s, why);
     if (status != TROCAR_OK) return status;
     status = remesher_create(s->inverse, config->remeshing, &s->remesher, why);
-    s->workspace = calloc(1, sizeof *s->workspace);
+    s->workspace = allocate_on_cache_lines(sizeof *s->workspace);
     s->field_scratch = calloc(simulation_field_scratch(s), sizeof *s->field_scratch);
     if (status == TROCAR_OK && !(s->workspace && s->field_scratch)) status = fail(why, TROCAR_NO_MEMORY, "no memory");
     if (status != TROCAR_OK) simulation_free(s);

@@ -128,7 +128,7 @@ typedef struct {
     contact_point points[MAX_POINTS];        /* that take part in the solve, from base to tip */
     bool tip;                                /* the last of them is the tip */
     hole_edge edges[MAX_GUIDE_POINTS];       /* of the points at guides */
-    needle_tangent tangent;
+    _Alignas(CACHE_LINE) needle_tangent tangent;
     double joints_to_points[3 * (NEEDLE_MAX_SEGMENTS + 1)][3][BETWEEN_PLACES]; /* m/N, scratch of assemble_between_points */
     contact_problem problem;
     vec3 free_at_tip;                        /* m, u_free there */
@@ -151,6 +151,7 @@ typedef struct {
     double start_end_force;                  /* N, on the tip's end face before the first pass */
     double tip_carried;                      /* m, by which the hand carries the tip forward in this step; INFINITY: not known */
     tip_law tip_law;
+    double tip_compliance;                   /* m/N, of needle and tissue at the tip, along the needle */
     double slip_offset;                      /* m, added to the problem's slip to give the tip's */
     double stop_resistance;                  /* N, of what stops it */
     double lag[MAX_UNKNOWNS], lag_left;      /* m, by which gaps stay open while a tick is repeated; fraction of it that is left */

@@ -235,7 +235,7 @@ static void find_compliance(const needle_model *model, const needle_state *state
     vec3 arm[NEEDLE_MAX_SEGMENTS];
     row_matrix moment[NEEDLE_MAX_SEGMENTS];
     double sum[3][NEEDLE_LD] = {{0}};
-    for (int a = 0; a < 3; a++)
+    for (int a = 0; a < 3 && first == 0; a++)
         for (int c = 0; c < 3 * (n + 1); c++) tangent->compliance[a][c] = tangent->compliance[c][a] = 0.0; /* the base is fixed */
     find_moments(model, state, tangent, arm, moment);
     find_rotations(n, first, last, moment, tangent);

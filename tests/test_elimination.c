@@ -1,0 +1,92 @@
+/* Elimination with wide vectors against the portable kernels: the same bits; and against the definition, entry by entry. */
+#include "insertion/elimination.h"
+
+#include <math.h>
+#include <setjmp.h>
+#include <stdarg.h>
+#include <stddef.h>
+#include <stdlib.h>
+#include <string.h>
+
+#include <cmocka.h>
+
+enum { MOST_ORDER = 244, LD = MOST_COLUMNS };
+
+static _Alignas(CACHE_LINE) double given[MOST_ORDER][LD], portable[MOST_ORDER][LD], widest[MOST_ORDER][LD], plain[MOST_ORDER][LD];
+
+static double draw(void) { return (double)rand() / RAND_MAX - 0.5; }
+
+/* Below the diagonal and after the right-hand side: what earlier ticks left there. */
+static void make(int order) {
+    for (int i = 0; i < order; i++)
+        for (int j = 0; j < LD; j++) given[i][j] = draw() + (i == j ? order : 0.0);
+}
+
+/* Rows in pairs up to `pairs`, each turned a little, then one by one. */
+static void eliminate(const elimination_kernels *kernels, int order, int pairs, double a[MOST_ORDER][LD]) {
+    static elimination_panel panel;
+    symmetric_system s = {a[0], LD, order};
+    elimination_begin(&s);
+    for (panel.end = 0; next_panel(&panel, pairs);) {
+        for (int i = panel.begin; i < panel.end; i += 2) {
+            double inverse[2] = {1.0 / a[i][i], 1.0 / a[i + 1][i + 1]};
+            kernels->turn_rows(&s, i, 0.96, 0.28);
+            kernels->eliminate_in_panel(&s, &panel, i, 2, inverse);
+        }
+        kernels->eliminate_after_panel(&s, &panel);
+    }
+    for (panel.end = pairs; next_panel(&panel, order);) {
+        for (int i = panel.begin; i < panel.end; i++) {
+            double inverse = 1.0 / a[i][i];
+            kernels->eliminate_in_panel(&s, &panel, i, 1, &inverse);
+        }
+        kernels->eliminate_after_panel(&s, &panel);
+    }
+}
+
+/* The same by the definition, without panels. */
+static void eliminate_plainly(int order, int pairs, double a[MOST_ORDER][LD]) {
+    for (int i = 0; i < order; i += i < pairs ? 2 : 1) {
+        int count = i < pairs ? 2 : 1;
+        double pivot[2] = {a[i][i], count == 2 ? a[i + 1][i + 1] : 0.0};
+        for (int j = i + 2; j <= order && count == 2; j++) {
+            double x = a[i][j], y = a[i + 1][j];
+            a[i][j] = 0.96 * x - 0.28 * y;
+            a[i + 1][j] = 0.28 * x + 0.96 * y;
+        }
+        for (int k = 0; k < count; k++)
+            for (int r = i + count; r < order; r++)
+                for (int j = r; j <= order; j++) a[r][j] -= a[i + k][r] / pivot[k] * a[i + k][j];
+        for (int k = 0; k < count; k++)
+            for (int j = i + count; j <= order; j++) a[i + k][j] /= pivot[k];
+    }
+}
+
+static bool in_a_pair(int i, int j, int pairs) { return j == i + 1 && i % 2 == 0 && j < pairs; }
+
+static void rows_are_those_of_the_definition_and_do_not_depend_on_the_width(void **state) {
+    static const int orders[][2] = {{1, 0}, {3, 2}, {7, 4}, {16, 10}, {31, 20}, {92, 60}, {181, 120}, {244, 162}};
+    (void)state;
+    srand(1);
+    for (size_t c = 0; c < sizeof orders / sizeof *orders; c++) {
+        int order = orders[c][0], pairs = orders[c][1];
+        make(order);
+        memcpy(portable, given, sizeof given);
+        memcpy(widest, given, sizeof given);
+        memcpy(plain, given, sizeof given);
+        eliminate(&elimination_portable, order, pairs, portable);
+        eliminate(elimination_widest(), order, pairs, widest); /* on a processor without wider vectors the same kernels */
+        eliminate_plainly(order, pairs, plain);
+        for (int i = 0; i < order; i++)
+            for (int j = i + 1; j <= order; j++) {
+                if (in_a_pair(i, j, pairs)) continue; /* lost */
+                assert_memory_equal(&portable[i][j], &widest[i][j], sizeof(double));
+                assert_true(fabs(portable[i][j] - plain[i][j]) < 1e-12 * (1.0 + fabs(plain[i][j])));
+            }
+    }
+}
+
+int main(void) {
+    const struct CMUnitTest tests[] = {cmocka_unit_test(rows_are_those_of_the_definition_and_do_not_depend_on_the_width)};
+    return cmocka_run_group_tests(tests, NULL, NULL);
+}

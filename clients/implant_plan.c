@@ -6,15 +6,12 @@
 #include "messages.h"
 #include "template_holes.h"
 
-static const double BESIDE = 0.5e-3;  /* m: a seed further from its hole's axis was planned for another template */
 static const double ROUNDING = 1e-5;  /* m, of positions in the table */
 
 /* The needle of the next seed's hole: a new one, unless the last one is in this hole. A hole may have two names, such as C3 and C3.0. */
 static trocar_status choose_needle(implant_plan *plan, const trocar_guide *guide, const char *hole, const char *where, report *why) {
     int column, row, known = 0;
-    if (!find_hole(guide, hole, &column, &row))
-        return fail(why, TROCAR_BAD_INPUT, "%s: the scene's template has no hole %s: it has %d x %d; choose the scene that the plan was made for", where, hole,
-                    guide->columns, guide->rows);
+    find_hole(guide, hole, &column, &row);
     while (known < plan->needle_count && (plan->needles[known].column != column || plan->needles[known].row != row)) known++;
     if (known == plan->needle_count - 1) return TROCAR_OK;
     if (known < plan->needle_count) return fail(why, TROCAR_BAD_INPUT, "%s: the seeds of hole %s are not together: sort the table by holes", where, hole);
@@ -27,12 +24,7 @@ static trocar_status choose_needle(implant_plan *plan, const trocar_guide *guide
 
 static trocar_status add_seed(implant_plan *plan, const planned_seed *seed, const char *where, report *why) {
     planned_needle *n = &plan->needles[plan->needle_count - 1];
-    vec3 axis = q_axis(n->entry.orientation), from = v3_sub(load_vec3(seed->position), n->entry.position);
-    double depth = v3_dot(from, axis), tip = depth + 0.5 * plan->seed_length;
-    double beside = v3_norm(v3_axpy(-depth, axis, from));
-    if (beside > BESIDE)
-        return fail(why, TROCAR_BAD_INPUT, "%s: the seed is %.1f mm beside hole %s of the scene's template: choose the scene that the plan was made for", where,
-                    1e3 * beside, n->hole);
+    double depth = v3_dot(v3_sub(load_vec3(seed->position), n->entry.position), q_axis(n->entry.orientation)), tip = depth + 0.5 * plan->seed_length;
     if (tip <= 0 || tip >= plan->needle_length)
         return fail(why, TROCAR_BAD_INPUT, "%s: the seed is %.1f mm behind the template's face, where a needle of %.0f mm does not reach: choose the scene that the plan was made for", where,
                     1e3 * depth, 1e3 * plan->needle_length);
@@ -47,6 +39,8 @@ static trocar_status arrange(const trocar_model *model, const plan_table *table,
     int template = find_template(model), needles = trocar_model_needles(model);
     if (template < 0) return fail(why, TROCAR_BAD_INPUT, "%s: the scene has no template (guides) for this plan", path);
     trocar_guide guide = trocar_model_guide(model, template);
+    trocar_status fits = plan_table_fits(table, &guide, path, why);
+    if (fits != TROCAR_OK) return fits;
     *plan = (implant_plan){.needle_length = trocar_model_needle_length(model), .seed_length = trocar_model_seed_size(model).length};
     for (int i = 0; i < table->count; i++) {
         char where[512];

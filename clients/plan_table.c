@@ -7,6 +7,10 @@
 #include <stdlib.h>
 #include <string.h>
 
+#include "messages.h"
+#include "template_holes.h"
+
+static const double BESIDE = 0.5e-3;  /* m: a seed further from its hole's axis was planned for another template */
 static const char HEADER[] = "hole,seed,x [m],y [m],z [m]"; /* further columns are the same in the patient's coordinates */
 static const char REMEDY[] = "write this table with python3 -m trocar.plan show PLAN --scene SCENE --out FILE";
 
@@ -36,4 +40,21 @@ trocar_status plan_table_read(const char *path, plan_table *plan, report *why) {
     trocar_status status = read_lines(file, path, plan, why);
     fclose(file);
     return status;
+}
+
+trocar_status plan_table_fits(const plan_table *plan, const trocar_guide *guide, const char *path, report *why) {
+    for (int i = 0; i < plan->count; i++) {
+        const planned_seed *s = &plan->seeds[i];
+        int column, row, line = i + 2;
+        if (!find_hole(guide, s->hole, &column, &row))
+            return fail(why, TROCAR_BAD_INPUT, "%s:%d: the scene's template has no hole %s: it has %d x %d; choose the scene that the plan was made for", path, line,
+                        s->hole, guide->columns, guide->rows);
+        pose entry = hole_entry(guide, column, row);
+        vec3 axis = q_axis(entry.orientation), from = v3_sub(load_vec3(s->position), entry.position);
+        double beside = v3_norm(v3_axpy(-v3_dot(from, axis), axis, from));
+        if (beside > BESIDE)
+            return fail(why, TROCAR_BAD_INPUT, "%s:%d: the seed is %.1f mm beside hole %s of the scene's template: choose the scene that the plan was made for", path,
+                        line, 1e3 * beside, s->hole);
+    }
+    return TROCAR_OK;
 }

@@ -22,4 +22,7 @@ typedef struct {
 /* BAD_INPUT with file, line and remedy for a file that is not such a table. */
 trocar_status plan_table_read(const char *path, plan_table *plan, report *why);
 
+/* Whether each seed is on the axis of its hole of this template. BAD_INPUT, with the line in the table, if not: then the plan is for another one. */
+trocar_status plan_table_fits(const plan_table *plan, const trocar_guide *guide, const char *path, report *why);
+
 #endif

@@ -12,6 +12,7 @@
 #include "message_fit.h"
 #include "messages.h"
 #include "probe_arbiter.h"
+#include "trocar_command_reply_t.h"
 
 /* LCM's own reader trusts the lengths in the file, prints to stderr and resumes at the next magic number, so that a damaged log
    would look like a shorter one. The format is simple enough to read with checks. An event on disk, big-endian: magic, event number
@@ -240,6 +241,24 @@ static trocar_status note_command(const reader *r, const event_header *h, void *
     return add_command(&m, log, why);
 }
 
+/* Notes what became of a command; a reply of another version is ignored. */
+static trocar_status note_reply(const reader *r, const event_header *h, void *context, report *why) {
+    pose_log *log = ((reading *)context)->poses;
+    unsigned char data[DATA_MAX] = {0};
+    trocar_command_reply_t m;
+    trocar_status status = read_data(r, h, data, DATA_MAX, why);
+    if (status != TROCAR_OK || h->data_length > DATA_MAX || !reply_fits(data, (size_t)h->data_length)) return status;
+    if (trocar_command_reply_t_decode(data, 0, (int)h->data_length, &m) < 0) return TROCAR_OK;
+    for (int i = log->command_count - 1; i >= 0; i--) {
+        const trocar_command_t *c = &log->commands[i].command;
+        if (c->session != m.session || c->seq != m.seq || c->needle != m.needle || c->command != m.command) continue;
+        log->commands[i].answer = m.status == TROCAR_COMMAND_REPLY_T_DONE ? ANSWER_DONE : ANSWER_REFUSED;
+        break;
+    }
+    trocar_command_reply_t_decode_cleanup(&m);
+    return TROCAR_OK;
+}
+
 /* Stores the kind of inverse from a status; a status of another version is ignored. */
 static trocar_status take_status(const reader *r, const event_header *h, void *context, report *why) {
     wrench_log *log = context;
@@ -347,7 +366,7 @@ static trocar_status read_pose_log(const char *path, const wanted_channel *wante
 }
 
 trocar_status pose_log_read_all(const char *path, pose_log *log, report *why) {
-    static const wanted_channel wanted[] = {{POSE_CHANNEL, take_any_pose}, {COMMAND_CHANNEL, take_command}, {PROBE_CHANNEL, note_probe}, {0}};
+    static const wanted_channel wanted[] = {{POSE_CHANNEL, take_any_pose}, {COMMAND_CHANNEL, take_command}, {REPLY_CHANNEL, note_reply}, {PROBE_CHANNEL, note_probe}, {0}};
     trocar_status status = read_pose_log(path, wanted, -1, log, NULL, why);
     if (status != TROCAR_OK) pose_log_free(log);
     else log->needle = log->poses[0].needle;
@@ -356,7 +375,7 @@ trocar_status pose_log_read_all(const char *path, pose_log *log, report *why) {
 
 /* `needle` -1: the needle of the first pose. */
 static trocar_status read_poses(const char *path, int needle, pose_log *log, report *cut, report *why) {
-    static const wanted_channel wanted[] = {{POSE_CHANNEL, take_pose}, {COMMAND_CHANNEL, note_command}, {PROBE_CHANNEL, note_probe}, {0}};
+    static const wanted_channel wanted[] = {{POSE_CHANNEL, take_pose}, {COMMAND_CHANNEL, note_command}, {REPLY_CHANNEL, note_reply}, {PROBE_CHANNEL, note_probe}, {0}};
     trocar_status status = read_pose_log(path, wanted, needle, log, cut, why);
     if (status == TROCAR_OK && log->count == 0) status = fail(why, TROCAR_BAD_INPUT, "%s: no pose of needle %d", path, needle);
     if (status != TROCAR_OK) pose_log_free(log);

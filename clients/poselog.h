@@ -17,12 +17,17 @@
 #define WRENCH_CHANNEL "TROCAR_WRENCH"
 #define STATUS_CHANNEL "TROCAR_STATUS"
 #define COMMAND_CHANNEL "TROCAR_COMMAND"
+#define REPLY_CHANNEL "TROCAR_REPLY"
 #define PROBE_CHANNEL "TROCAR_PROBE"
+
+/* What the server said to a command; unknown if the log has no reply to it. */
+typedef enum { ANSWER_UNKNOWN, ANSWER_DONE, ANSWER_REFUSED } logged_answer;
 
 /* A command, and the pose before which it came. */
 typedef struct {
     int next_pose;                /* the number of poses if it came after the last one */
     trocar_command_t command;
+    logged_answer answer;
 } logged_command;
 
 /* A pose of the ultrasound probe, and the needle pose before which it came, as in logged_command. */

@@ -42,6 +42,8 @@ typedef struct {
     bool taken;              /* the next pose goes on from where it rested */
     int64_t session, utime;  /* of its last pose */
     hand_clutch clutch;      /* of the hand that has taken it */
+    const trocar_command_t *waiting; /* drop that has not been carried out yet: see run_command; */
+    report reason;           /* why */
 } replayed_needle;
 
 typedef struct {
@@ -67,8 +69,9 @@ typedef struct {
     int probes_done;         /* of the log's poses of the probe, */
     int probes_logged;       /* and of these, those in log_file */
     bool has_probe;          /* the scene has one */
-    int commands_done, refused; /* of the log's commands, */
-    report refusal;          /* and why, of the first one that was refused */
+    int commands_done;       /* of the log's commands; */
+    int refused, refused_before; /* refused here, and by the server already */
+    report refusal;          /* why, of the first one that was refused here */
     replayed_needle needles[TROCAR_MAX_NEEDLES];
     int gaps;                /* number of gaps longer than POSE_LOG_GAP */
 } replay;
@@ -362,16 +365,37 @@ static trocar_status carry_out(replay *r, const trocar_command_t *c, report *why
     }
 }
 
-/* As in the server, a command that is refused changes nothing. */
-static trocar_status run_command(replay *r, const trocar_command_t *c, report *why) {
+static void note_refusal(replay *r, const report *reason) {
+    if (r->refused++ == 0) r->refusal = *reason;
+}
+
+static void give_up_waiting(replay *r, replayed_needle *n) {
+    if (n->waiting) note_refusal(r, &n->reason);
+    n->waiting = NULL;
+}
+
+static void try_again(replay *r, int needle) {
+    replayed_needle *n = &r->needles[needle];
+    if (n->waiting && handle_seeds(r->sim, needle, n->waiting, &n->reason) == TROCAR_OK) n->waiting = NULL;
+}
+
+/* As in the server, a command that is refused changes nothing. What the server has refused is not carried out. A drop that it has carried out may come too
+   early here, where the seed before leaves the needle a few um later: then it waits, at most for the needle's next command. */
+static trocar_status run_command(replay *r, const logged_command *logged, report *why) {
+    const trocar_command_t *c = &logged->command;
+    replayed_needle *n = &r->needles[r->options->all ? c->needle : 0];
     report reason;
-    trocar_status status = carry_out(r, c, &reason);
+    give_up_waiting(r, n);
+    bool refused_before = logged->answer == ANSWER_REFUSED;
+    trocar_status status = refused_before ? TROCAR_OK : carry_out(r, c, &reason);
     bool refused = status == TROCAR_BAD_INPUT || status == TROCAR_NUMERIC;
     if (status != TROCAR_OK && !refused) {
         *why = reason;
         return status;
     }
-    if (refused && r->refused++ == 0) r->refusal = reason;
+    r->refused_before += refused_before;
+    if (refused && logged->answer == ANSWER_DONE && c->command == TROCAR_COMMAND_T_DROP_SEED) n->waiting = c, n->reason = reason;
+    else if (refused) note_refusal(r, &reason);
     if (!r->log_file.file || r->options->every) return TROCAR_OK;
     lcm_eventlog_t log = log_at(r);
     r->logged++;
@@ -382,7 +406,7 @@ static trocar_status run_command(replay *r, const trocar_command_t *c, report *w
 static trocar_status run_commands(replay *r, int pose, report *why) {
     trocar_status status = TROCAR_OK;
     for (; status == TROCAR_OK && r->commands_done < r->poses.command_count && r->poses.commands[r->commands_done].next_pose <= pose; r->commands_done++)
-        status = run_command(r, &r->poses.commands[r->commands_done].command, why);
+        status = run_command(r, &r->poses.commands[r->commands_done], why);
     return status;
 }
 
@@ -447,6 +471,7 @@ static trocar_status dump(replay *r, report *why) {
 static trocar_status run_tick(replay *r, int tick, report *why) {
     trocar_pose base = library_pose(pose_of_message(&r->poses.poses[tick]));
     double dt = 0.0;
+    try_again(r, needle_of(r, tick));
     trocar_status status = run_commands(r, tick, why);
     if (status == TROCAR_OK) status = follow_probe(r, tick, why);
     if (status != TROCAR_OK) return status;
@@ -478,6 +503,7 @@ static trocar_status run_all(replay *r, report *why) {
         if (progress) progress_show("replay", (double)(tick + 1) / r->poses.count, NULL);
     }
     if (status == TROCAR_OK) status = run_commands(r, r->poses.count, why);
+    for (int i = 0; i < TROCAR_MAX_NEEDLES; i++) give_up_waiting(r, &r->needles[i]);
     if (status == TROCAR_OK) status = follow_probe(r, r->poses.count, why);
     if (status == TROCAR_OK && r->options->vtu_prefix && !r->dumped) status = dump(r, why); /* no pose after that moment had a needle to move */
     if (status == TROCAR_OK && r->seeds_file.file) status = seed_table_write(r->seeds_file.file, r->scene, r->model, r->sim, r->patient, why);
@@ -494,7 +520,7 @@ static trocar_status run_all(replay *r, report *why) {
 
 static void summarise(const replay *r) {
     double time = pose_log_time(&r->poses, r->poses.count - 1);
-    if (r->options->all) fprintf(stderr, "%d poses and %d commands, %d of them refused, over %.3f s\n", r->poses.count, r->commands_done, r->refused, time);
+    if (r->options->all) fprintf(stderr, "%d poses and %d commands, %d of them refused, over %.3f s\n", r->poses.count, r->commands_done, r->refused + r->refused_before, time);
     else fprintf(stderr, "%d poses of needle %d over %.3f s\n", r->poses.count, r->poses.needle, time);
     if (r->gaps) fprintf(stderr, "%d gaps longer than %g s counted as %g s\n", r->gaps, POSE_LOG_GAP, POSE_LOG_GAP);
     if (r->poses.skipped_sessions)

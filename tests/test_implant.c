@@ -265,7 +265,7 @@ static char *write_file(const char *text) {
 
 static void the_plan_has_its_own_figures(void **state) {
     fixture *f = *state;
-    char *path = write_file("hole,seed,x [m],y [m],z [m],left [mm]\nC3.5,1,-0.02,-0.005,0.06,20\nG4,1,0,0,0.05,0\n");
+    char *path = write_file("hole,seed,x [m],y [m],z [m],left [mm]\nK3.5,1,-0.02,-0.005,0.06,20\nG4,1,0,0,0.05,0\n");
     implant_settings settings = {.plan = path, .dose = {"I-125 6711", 0.5, 145, 1.18}};
     implant i = open_implant(f, &settings);
     remove(path);
@@ -276,7 +276,7 @@ static void the_plan_has_its_own_figures(void **state) {
     read_numbers(json, "\"v100\":", &v100, 1);
     assert_close(v100, plain_v100(f, &settings, 2), 1e-6); /* of centres in single precision */
     const byte_buffer *sent = &i.sections[IMPLANT_PLAN].bytes;
-    assert_non_null(memmem(sent->data, sent->length, "\"C3.5\"", 6));
+    assert_non_null(memmem(sent->data, sent->length, "\"K3.5\"", 6));
     implant_close(&i);
 }
 
@@ -284,7 +284,9 @@ static void mistakes_are_refused_with_place_and_remedy(void **state) {
     fixture *f = *state;
     static const struct { const char *text, *words; } wrong[] = {
         {"", ":1: not a table"}, {"x,y\n1,2\n", ":1: not a table"}, {"hole,seed,x [m],y [m],z [m]\nC3.5,1,0,0\n", ":2: not a hole"},
-        {"hole,seed,x [m],y [m],z [m]\nC3.5,1,0,0,0\nC3.5,2,nan,0,0\n", ":3: not a hole"}, {"hole,seed,x [m],y [m],z [m]\nC3.5,1,0,0,1e9\n", ":2: not a hole"}};
+        {"hole,seed,x [m],y [m],z [m]\nC3.5,1,0,0,0\nC3.5,2,nan,0,0\n", ":3: not a hole"}, {"hole,seed,x [m],y [m],z [m]\nC3.5,1,0,0,1e9\n", ":2: not a hole"},
+        {"hole,seed,x [m],y [m],z [m]\nG4,1,0,0,0.05\nN4,1,0,0,0.05\n", ":3: the scene's template has no hole N4"},
+        {"hole,seed,x [m],y [m],z [m]\nG4,1,0.003,0.004,0.05\n", ":2: the seed is 5.0 mm beside hole G4"}};
     for (size_t k = 0; k < sizeof wrong / sizeof *wrong; k++) {
         implant i = {.dose = NULL};
         report why = {""};

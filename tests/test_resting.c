@@ -378,7 +378,7 @@ static void slipping_differs_little_from_one_problem(void **state) {
 
 /* ---- many changes ------------------------------------------------------------------------------------------------------------ */
 
-enum { FOUR = 4, PROBES = 40, CHANGES = 1000 };
+enum { FOUR = 4, PROBES = 40, SETTLING = 200, CHANGES = 1000 };
 
 static void gather_probes(trocar_model *model, double blocks[9 * PROBES * PROBES]) {
     int nodes[PROBES];
@@ -406,22 +406,10 @@ static void all_forces_of(const trocar_sim *sim, double forces[FOUR][TROCAR_MAX_
     }
 }
 
-/* Taken and left again at random: nothing drifts. */
-static void a_thousand_changes_leave_no_trace(void **state) {
-    (void)state;
-    static double before[9 * PROBES * PROBES], after[9 * PROBES * PROBES], start[FOUR][TROCAR_MAX_POINTS][3], end[FOUR][TROCAR_MAX_POINTS][3];
-    int counts[FOUR], end_counts[FOUR];
-    trocar_model *model = create_model("figure8.yaml", FOUR);
-    gather_probes(model, before);
-    trocar_sim *sim = four_resting(model);
+/* Takes and leaves them at random, in the end all rest. */
+static void change_at_random(trocar_sim *sim, int changes) {
     trocar_output out;
-    for (int k = 0; k < FOUR; k++) { /* once round, so that all are where they stay */
-        OK(trocar_sim_take(sim, k, &why));
-        hold(sim, k, 1, &out);
-        leave(sim, k);
-    }
-    all_forces_of(sim, start, counts);
-    for (int change = 0; change < CHANGES; change++) {
+    for (int change = 0; change < changes; change++) {
         int k = rand() % FOUR;
         bool rests = trocar_sim_needle_state(sim, k) == TROCAR_NEEDLE_RESTING;
         if (rests) OK(trocar_sim_take(sim, k, &why));
@@ -431,6 +419,20 @@ static void a_thousand_changes_leave_no_trace(void **state) {
     }
     for (int k = 0; k < FOUR; k++)
         if (trocar_sim_needle_state(sim, k) == TROCAR_NEEDLE_HELD) leave(sim, k);
+}
+
+/* Taken and left again at random: nothing drifts. Letting go stops at less than 1 mN on the base; the first changes bring the needles the rest of the
+   way (2e-5 N at a contact), then they are where they stay. */
+static void a_thousand_changes_leave_no_trace(void **state) {
+    (void)state;
+    static double before[9 * PROBES * PROBES], after[9 * PROBES * PROBES], start[FOUR][TROCAR_MAX_POINTS][3], end[FOUR][TROCAR_MAX_POINTS][3];
+    int counts[FOUR], end_counts[FOUR];
+    trocar_model *model = create_model("figure8.yaml", FOUR);
+    gather_probes(model, before);
+    trocar_sim *sim = four_resting(model);
+    change_at_random(sim, SETTLING);
+    all_forces_of(sim, start, counts);
+    change_at_random(sim, CHANGES);
     all_forces_of(sim, end, end_counts);
     double drift = 0.0, largest = 0.0;
     for (int k = 0; k < FOUR; k++) {
@@ -441,7 +443,7 @@ static void a_thousand_changes_leave_no_trace(void **state) {
         }
     }
     print_message("%d changes: forces have drifted by %.1e N of up to %.3f N\n", CHANGES, drift, largest);
-    assert_true(drift < 1e-3 * largest);
+    assert_true(drift < 1e-9 * largest);
     gather_probes(model, after);
     assert_memory_equal(before, after, sizeof before);
     trocar_sim_free(sim);

@@ -54,8 +54,11 @@ static void write_reply(json *j, const void *what) {
 
 trocar_status implant_open(implant *i, const trocar_model *model, const implant_settings *settings, report *why) {
     bool plans = settings->plan != NULL;
-    if (find_template(model) < 0) return plans ? fail(why, TROCAR_BAD_INPUT, "--plan: the scene has no template (guides)") : TROCAR_OK;
+    int template = find_template(model);
+    if (template < 0) return plans ? fail(why, TROCAR_BAD_INPUT, "--plan: the scene has no template (guides)") : TROCAR_OK;
+    trocar_guide guide = trocar_model_guide(model, template);
     trocar_status status = plans ? plan_table_read(settings->plan, &i->plan, why) : TROCAR_OK;
+    if (plans && status == TROCAR_OK) status = plan_table_fits(&i->plan, &guide, settings->plan, why);
     if (status != TROCAR_OK) return status;
     if (plans) set_json(&i->sections[IMPLANT_PLAN], SECTION_PLAN, write_plan, &i->plan);
     return dose_thread_create(model, &settings->dose, plans ? &i->plan : NULL, &i->dose, why);

@@ -17,6 +17,7 @@ typedef struct {
     trocar_sim *sim;
     viewer_messages messages;
     int probes_done, commands_done; /* poses of the probe, and commands, so far */
+    const trocar_command_t *waiting; /* drop that has not been carried out yet: see run_commands */
     int gaps;
 } playback;
 
@@ -37,11 +38,17 @@ static void clean_up(playback *p) {
     pose_log_free(&p->poses);
 }
 
-/* The commands for seeds that came before this pose. As in the server, one that is refused changes nothing. */
+/* The commands for seeds that came before this pose. As in the server, one that is refused changes nothing. What the server has refused is not carried out, and
+   a drop that it has carried out, but comes too early here, waits: see replay.c. */
 static void run_commands(playback *p, int pose) {
     report ignored;
-    for (; p->commands_done < p->poses.command_count && p->poses.commands[p->commands_done].next_pose <= pose; p->commands_done++)
-        handle_seeds(p->sim, 0, &p->poses.commands[p->commands_done].command, &ignored);
+    if (p->waiting && handle_seeds(p->sim, 0, p->waiting, &ignored) == TROCAR_OK) p->waiting = NULL;
+    for (; p->commands_done < p->poses.command_count && p->poses.commands[p->commands_done].next_pose <= pose; p->commands_done++) {
+        const logged_command *logged = &p->poses.commands[p->commands_done];
+        p->waiting = NULL;
+        if (logged->answer == ANSWER_REFUSED || handle_seeds(p->sim, 0, &logged->command, &ignored) == TROCAR_OK) continue;
+        if (logged->answer == ANSWER_DONE && logged->command.command == TROCAR_COMMAND_T_DROP_SEED) p->waiting = &logged->command;
+    }
 }
 
 static trocar_status play_tick(playback *p, int tick, plot_sample *sample, report *why) {

@@ -100,10 +100,10 @@ static char *describe(void *context, bool drives, bool driven) {
     json_bool(&j, "alive", alive);
     json_bool(&j, "drives", drives);
     json_bool(&j, "driven", driven);
+    json_integer(&j, "needle", v->pilot.needle); /* also while the server is silent: the page may still drive it */
     if (alive) {
         json_number(&j, "rate", v->feed.timing.rate_hz);
         json_bool(&j, "shown", subscriber_shows(&v->feed));
-        json_integer(&j, "needle", v->pilot.needle);
         if (v->feed.probe.placed) write_probe(v, &j);
         write_needles(v, &j);
     }

@@ -1,15 +1,18 @@
 /* bench_implants: many implants, one after the other, in one simulation: a time-lapse of days, for the memory to stay as it is. Needles are pushed
-   in, leave seeds, rest, are taken and drawn out; one is removed while it rests; a state is saved and restored in between.
+   in, leave seeds, rest, are taken and drawn out in random order; one is removed while it rests; a state is saved and restored in between. Every tenth implant is the
+   same, and its forces have to be, too.
 
    usage: bench_implants [COUNT [SCENE]]     by default 200 meshes/figure8.yaml. Exit status 1 if the resident memory after the last implant is more
-   than 1 % above that after the tenth part of them. */
+   than 1 % above that after the tenth part of them, or if the force on a hand is not what it was in the implant like it to 1e-6 of the peak. */
+#include <math.h>
+#include <stdbool.h>
 #include <stdio.h>
 #include <stdlib.h>
 
 #include "live_sim.h"
 #include "trocar.h"
 
-enum { NEEDLES = 4, DEPTH = 25, CLEAR = 5 }; /* mm */
+enum { NEEDLES = 4, DEPTH = 25, CLEAR = 5, KINDS = 10 }; /* mm; implants that differ */
 
 static trocar_error why;
 #define OK(call) must(call, "bench_implants: " #call, &why)
@@ -25,25 +28,48 @@ static long resident_kib(void) {
     return kib;
 }
 
-/* At 0.2 m/s. */
-static int move(trocar_sim *sim, int needle, trocar_pose *base, int mm) {
+/* N, largest axial force on the hand in and out, of each needle; and the most by which it differs from the first implant of the kind. */
+static double first[KINDS][NEEDLES][2], peak, drift;
+
+static void compare(int kind, bool again, int needle, bool out, double force) {
+    peak = fmax(peak, force);
+    if (!again) first[kind][needle][out] = force;
+    drift = fmax(drift, fabs(force - first[kind][needle][out]));
+}
+
+/* At 0.2 m/s. The largest axial force is added to `most`. */
+static int move(trocar_sim *sim, int needle, trocar_pose *base, int mm, double *most) {
     trocar_output out;
     int ticks = 5 * abs(mm);
     for (int t = 0; t < ticks; t++) {
         base->position[2] += 1e-3 * mm / ticks;
         OK(trocar_sim_step(sim, needle, base, 1e-3, &out, &why));
+        *most = fmax(*most, fabs(out.force[2]));
     }
     return ticks;
 }
 
-static int implant(trocar_sim *sim, int number, void *state, size_t size) {
-    int ticks = 0;
+/* The same random order for implants of a kind. */
+static void shuffle(int kind, int order[NEEDLES]) {
+    srand((unsigned)kind);
     for (int k = 0; k < NEEDLES; k++) {
-        trocar_pose base = {{5e-3 * (k % 2) + 1e-4 * (number % 10), 5e-3 * (k / 2), -0.201}, {1, 0, 0, 0}};
+        int other = rand() % (k + 1);
+        order[k] = order[other];
+        order[other] = k;
+    }
+}
+
+static int implant(trocar_sim *sim, int number, void *state, size_t size) {
+    int ticks = 0, order[NEEDLES];
+    shuffle(number % KINDS, order);
+    for (int k = 0; k < NEEDLES; k++) {
+        double most = 0.0;
+        trocar_pose base = {{5e-3 * (k % 2) + 1e-4 * (number % KINDS), 5e-3 * (k / 2), -0.201}, {1, 0, 0, 0}};
         OK(trocar_sim_reset(sim, k, &base, &why));
-        ticks += move(sim, k, &base, DEPTH);
+        ticks += move(sim, k, &base, DEPTH, &most);
         OK(trocar_sim_drop_seeds(sim, k, 1, 0.0, &why));
-        ticks += move(sim, k, &base, -8);
+        ticks += move(sim, k, &base, -8, &most);
+        compare(number % KINDS, number > KINDS, k, false, most);
         OK(trocar_sim_leave(sim, k, &why));
         OK(trocar_sim_work(sim, NULL, &why));
     }
@@ -51,11 +77,14 @@ static int implant(trocar_sim *sim, int number, void *state, size_t size) {
     OK(trocar_sim_reset(sim, 1, &AWAY, &why)); /* it rests */
     OK(trocar_sim_work(sim, NULL, &why));
     OK(trocar_sim_restore(sim, state, size, &why));
-    for (int k = 0; k < NEEDLES; k++) {
+    for (int i = 0; i < NEEDLES; i++) {
+        int k = order[i];
         OK(trocar_sim_take(sim, k, &why));
         OK(trocar_sim_work(sim, NULL, &why));
+        double most = 0.0;
         trocar_pose base = trocar_sim_base(sim, k);
-        ticks += move(sim, k, &base, -(DEPTH + CLEAR));
+        ticks += move(sim, k, &base, -(DEPTH + CLEAR), &most);
+        compare(number % KINDS, number > KINDS, k, true, most);
         OK(trocar_sim_undo_seed(sim, k, &why));
         OK(trocar_sim_reset(sim, k, &AWAY, &why));
     }
@@ -88,9 +117,10 @@ int main(int argc, char **argv) {
         fflush(stdout);
     }
     printf("growth from the %dth to the %dth: %.2f %%\n", early, count, 100.0 * (double)(after - before) / (double)before);
+    printf("forces: within %.1e N of those in the first implant of the same kind, up to %.2f N\n", drift, peak);
     free(state);
     trocar_sim_free(sim);
     trocar_model_free(model);
     trocar_scene_free(scene);
-    return (double)after <= 1.01 * (double)before ? EXIT_SUCCESS : EXIT_FAILURE;
+    return (double)after <= 1.01 * (double)before && drift <= 1e-6 * peak ? EXIT_SUCCESS : EXIT_FAILURE;
 }

@@ -2,6 +2,9 @@
 
 #include <stdio.h>
 #include <stdlib.h>
+#include <unistd.h>
+
+#include "realtime.h"
 
 void must(trocar_status status, const char *what, const report *why) {
     if (status == TROCAR_OK) return;
@@ -12,6 +15,7 @@ void must(trocar_status status, const char *what, const report *why) {
 void live_worker_start(live_worker *w, trocar_sim *sim) {
     report why;
     must(exchange_create(&w->exchange, NULL, &why), "worker", &why);
+    w->awake = realtime_stay_awake(&why);
     w->worker = (worker){.exchange = &w->exchange, .sim = sim};
     if (pthread_create(&w->thread, NULL, worker_run, &w->worker) != 0) must(fail(&why, TROCAR_SYSTEM, "cannot create a thread"), "worker", &why);
 }
@@ -23,6 +27,7 @@ void live_worker_stop(live_worker *w, histogram *latency) {
     while (spsc_ring_pop(&w->exchange.latencies, &nanoseconds)) histogram_add(latency, nanoseconds);
     if (w->worker.failed) fprintf(stderr, "worker: %s\n", w->worker.why.text);
     exchange_free(&w->exchange);
+    if (w->awake >= 0) close(w->awake);
 }
 
 void print_times(const histogram *times, double unit, int width, int digits) {

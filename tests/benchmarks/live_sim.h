@@ -11,6 +11,7 @@ typedef struct {
     exchange exchange;
     worker worker;
     pthread_t thread;
+    int awake;               /* descriptor that keeps the processors awake, as a server does, or -1 */
 } live_worker;
 
 /* Ends the program with the message if the call failed. */

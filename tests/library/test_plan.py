@@ -388,10 +388,29 @@ class Log:
 
 
 class Replay(Case):
+    def replay_answered(self, status):
+        """The same log with the server's answer to the drop of one seed that came while three were in the needle."""
+        command_t, command_reply_t = self.command_types
+        log = Log(self.out / "answered.log")
+        for channel, message in self.events:
+            log.add(channel, message)
+            if isinstance(message, command_t) and message.seq == self.too_early:
+                reply = command_reply_t()
+                reply.utime, reply.session, reply.seq, reply.command, reply.needle = message.utime, message.session, message.seq, message.command, message.needle
+                reply.status, reply.message = status, "as it was"
+                log.add("TROCAR_REPLY", reply)
+        log.file.close()
+        done = subprocess.run([BUILD / "clients/trocar-replay", "--scene", SCENE, "--seeds", self.out / "answered.csv", "--poses", self.out / "answered.log"],
+                              capture_output=True, text=True)
+        self.assertEqual(done.returncode, 0, done.stderr)
+        self.assertNotIn("refused", done.stderr)
+        return [s.hole for s in plans.read_seeds(self.out / "answered.csv", self.model)]
+
     def test_a_log_with_commands_is_an_implant(self):
         subprocess.run(["lcm-gen", "-p", "--ppath", self.out, SOURCE / "lcmtypes/trocar.lcm"], check=True, capture_output=True)
-        needle_pose_t, command_t = self.types()
-        model = trocar.Model(trocar.Scene.load(SCENE))
+        needle_pose_t, command_t, command_reply_t = self.types()
+        self.command_types, self.events, self.too_early = (command_t, command_reply_t), [], None
+        model = self.model = trocar.Model(trocar.Scene.load(SCENE))
         sim, log, dt = trocar.Sim(model), Log(self.out / "implant.log"), 4000  # us
         guide = model.guides[0]
         state = {"utime": 10 ** 9, "seq": 0}
@@ -408,13 +427,16 @@ class Replay(Case):
                 sim.reset(at)
             sim.step(at, 1 / model.rate_hz if state["seq"] == 0 else 1e-6 * dt)
             log.add("TROCAR_POSE", message)
+            self.events.append(("TROCAR_POSE", message))
             state["utime"] += dt
             state["seq"] += 1
 
         def tell(command, seeds=0, spacing=0.0, session=7):
             message = command_t()
             message.utime, message.session, message.command, message.seeds, message.spacing = state["utime"] - 1, session, command, seeds, spacing
+            state["told"] = message.seq = state.get("told", 0) + 1
             log.add("TROCAR_COMMAND", message)
+            self.events.append(("TROCAR_COMMAND", message))
 
         tell(command_t.DROP_SEED, 1)                     # before the first pose: skipped
         for hole in ("F4", "I3.5"):
@@ -426,6 +448,7 @@ class Replay(Case):
             tell(command_t.DROP_SEED, 1, session=8)      # another session's: skipped
             if hole == "F4":
                 tell(command_t.DROP_SEED, 1)             # refused while three are pending
+                self.too_early = state["told"]
             for tip in ways["out"]:
                 step(hole, tip)
             if hole == "F4":
@@ -447,12 +470,15 @@ class Replay(Case):
             np.testing.assert_allclose([s.position for s in plans.read_seeds(self.out / "seeds.csv", model, now=True)],
                                        [s.position for s in plans.seeds_of(sim, now=True)], atol=1e-9)
             (self.out / "copy.log").rename(self.out / "again.log")
+        self.assertEqual(self.replay_answered(command_reply_t.REFUSED), ["F4"] * 2 + ["I3.5"] * 3)
+        # The server had carried it out: it waits until the three are out. UNDO takes that one back.
+        self.assertEqual(self.replay_answered(command_reply_t.DONE), ["F4"] * 3 + ["I3.5"] * 3)
 
     def types(self):
         """The generated package has the same name as the library's: its modules are loaded by path."""
         import importlib.util
         found = []
-        for name in ("needle_pose_t", "command_t"):
+        for name in ("needle_pose_t", "command_t", "command_reply_t"):
             spec = importlib.util.spec_from_file_location(f"generated_{name}", self.out / f"trocar/{name}.py")
             module = importlib.util.module_from_spec(spec)
             spec.loader.exec_module(module)

@@ -7,7 +7,7 @@ import path from 'node:path'
 import { browser, check, checkLayout, driven, faults, hold, open, until } from './page.mjs'
 import { source, start, stop } from './parts.mjs'
 
-const SIZES = [[1440, 900], [1024, 768], [390, 844]]
+const SIZES = [[1440, 900], [1280, 720], [1024, 768], [390, 844]]
 const OUT = process.argv[4]
 const implant = path.join(source, 'meshes/implant.yaml')
 const text = (id) => `document.getElementById('${id}').textContent`
@@ -168,6 +168,16 @@ try {
     await page.click('button[aria-label="Pull out needle 0"]')
     await says('answer', /Needle 0 is out/)
     await until(page, `!/0restingC3.5/.test(${text('needles')})`)
+  })
+
+  await hold(page)
+  await check('a server that is silent for a moment leaves the chosen needle as it is', async () => {
+    const chosen = await page.evaluate('trocar.chosen')
+    server.kill('SIGSTOP')
+    await until(page, '!trocar.status.alive')
+    assert.deepEqual(await page.evaluate('[trocar.status.needle, trocar.chosen]'), [chosen, chosen])
+    server.kill('SIGCONT')
+    await until(page, `trocar.status.alive && ${text('link')} === 'live'`)
   })
 
   await hold(page)

@@ -449,7 +449,7 @@ export class Procedure {
     if (needleState === 'leaving') return 'The needle is let go.'
     if (needleState === 'taking') return 'The needle is handed over.'
     if (needleState === 'resting') return `Needle ${chosen} rests. Press “New needle” for another hole, or “Take the needle” to hold it again.`
-    if (!this.hole) return 'Click on a hole in the image across, or type its name, such as C3.5.'
+    if (!this.hole) return 'Click on a hole, a blue dot in the axial image, or type its name, such as C3.5.'
     const name = this.template.name(this.hole)
     if (!this.drive.steering && depth > 0) return 'The needle is in the tissue. Press “Drive the needle” to take it there.'
     if (!this.drive.steering) return `Hole ${name} is chosen. Press “Drive the needle”, and it moves there.`

@@ -106,7 +106,7 @@ static void check(const mesh *m, const bool *fixed, volumetric_strain strain, in
     int *nodes = malloc(((size_t)count + 1) * sizeof *nodes), free_nodes = 0;
     assert_int_equal(tissue_assemble(m, materials, fixed, strain, &t, &why), TROCAR_OK);
     for (int i = 0; i < count; i++) free_nodes += !fixed[region[i]];
-    assert_int_equal(substructure_plan(&t, count, region, nodes, &s, &why), TROCAR_OK);
+    assert_int_equal(substructure_plan(&t, NULL, count, region, nodes, &s, &why), TROCAR_OK);
     assert_int_equal(s.region_count, free_nodes);
     last_fraction = 0.0;
     assert_int_equal(substructure_eliminate(&s, &corner, (inverse_progress){note, NULL}, &why), TROCAR_OK);
@@ -188,7 +188,7 @@ static void loose_body_is_refused(void **state) {
             for (int n = box * BOX; n < (box + 1) * BOX; n++)
                 if (in_column(&m, n, box)) region[count++] = n;
             assert_int_equal(tissue_assemble(&m, materials, fixed, STRAIN_BY_PATCH, &t, &why), TROCAR_OK);
-            assert_int_equal(substructure_plan(&t, count, region, nodes, &s, &why), TROCAR_OK);
+            assert_int_equal(substructure_plan(&t, NULL, count, region, nodes, &s, &why), TROCAR_OK);
             assert_int_equal(substructure_eliminate(&s, &corner, (inverse_progress){NULL, NULL}, &why), TROCAR_BAD_INPUT);
             assert_non_null(strstr(why.text, "do not constrain the whole body"));
             assert_int_equal(corner.count, 0);
@@ -227,7 +227,7 @@ static void small_loose_piece_is_refused(void **state) {
             if (inside) region[count++] = n;
         }
         assert_int_equal(tissue_assemble(&m, materials, fixed, STRAIN_BY_PATCH, &t, &why), TROCAR_OK);
-        assert_int_equal(substructure_plan(&t, count, region, nodes, &s, &why), TROCAR_OK);
+        assert_int_equal(substructure_plan(&t, NULL, count, region, nodes, &s, &why), TROCAR_OK);
         assert_int_equal(substructure_eliminate(&s, &corner, (inverse_progress){NULL, NULL}, &why), TROCAR_BAD_INPUT);
         substructure_free(&s);
         tissue_free(&t);
@@ -286,7 +286,7 @@ static void large_fronts_agree_with_the_factor(void **state) {
         if (!fixed[n] && fabs(m.nodes[n].x - 0.08) < 0.025 && fabs(m.nodes[n].y - 0.08) < 0.025) region[count++] = n;
     size = 3 * count;
     assert_int_equal(tissue_assemble(&m, materials, fixed, STRAIN_BY_PATCH, &t, &why), TROCAR_OK);
-    assert_int_equal(substructure_plan(&t, count, region, nodes, &s, &why), TROCAR_OK);
+    assert_int_equal(substructure_plan(&t, NULL, count, region, nodes, &s, &why), TROCAR_OK);
     assert_true(has_front_of_several_panels(&s));
     double before = begin_counting();
     assert_int_equal(substructure_eliminate(&s, &corner, (inverse_progress){note_memory, NULL}, &why), TROCAR_OK);

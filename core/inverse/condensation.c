@@ -54,21 +54,28 @@ typedef struct {
     int j;
     bool single;
     char *product;           /* T_BJ */
+    bool *filled;            /* by panel: whether the rows of T_BJ beside it have entries */
 } replacement;
 
-/* Rows of T_BJ beside panel i, the last and longest products first. */
+/* Rows of T_BJ beside a panel, the last and longest products first. */
 static void multiply_rows(void *context, int index, int member) {
     (void)member;
     const replacement *r = context;
-    const panel *p = &r->l->panels[r->j], *beside = &r->l->panels[r->l->count - 1 - index];
+    int i = r->l->count - 1 - index;
+    const panel *p = &r->l->panels[r->j], *beside = &r->l->panels[i];
     size_t number = r->single ? sizeof(float) : sizeof(double);
     int below = p->rows - p->width;
     char *rows = r->product + (size_t)(beside->first - p->first - p->width) * number;
-    for (const panel *q = p + 1; q <= beside; q++)
-        multiply(r->single, &(product_of){beside->width, p->width, q->width, CblasNoTrans, -1.0, q == p + 1 ? 0.0 : 1.0},
+    r->filled[i] = false;
+    for (int k = r->j + 1; k <= i; k++) {
+        const panel *q = &r->l->panels[k];
+        if (!panels_filled(r->l, i, k) || !panels_filled(r->l, k, r->j)) continue;
+        multiply(r->single, &(product_of){beside->width, p->width, q->width, CblasNoTrans, -1.0, r->filled[i] ? 1.0 : 0.0},
                  (const char *)q->values + (size_t)(beside->first - q->first) * number, q->rows,
                  (const char *)p->values + (size_t)(q->first - p->first) * number, p->rows, rows, below);
-    multiply_by_corner(r->single, beside->width, p->width, p->values, p->rows, rows, below);
+        r->filled[i] = true;
+    }
+    if (r->filled[i]) multiply_by_corner(r->single, beside->width, p->width, p->values, p->rows, rows, below);
 }
 
 static void copy_column(void *context, int column, int member) {
@@ -76,23 +83,31 @@ static void copy_column(void *context, int column, int member) {
     const replacement *r = context;
     const panel *p = &r->l->panels[r->j];
     size_t number = r->single ? sizeof(float) : sizeof(double), below = (size_t)(p->rows - p->width), c = (size_t)column;
-    memcpy((char *)p->values + (c * (size_t)p->rows + (size_t)p->width) * number, r->product + c * below * number, below * number);
+    char *values = (char *)p->values + (c * (size_t)p->rows + (size_t)p->width) * number, *product = r->product + c * below * number;
+    for (int i = r->j + 1; i < r->l->count; i++) {
+        const panel *beside = &r->l->panels[i];
+        size_t row = (size_t)(beside->first - p->first - p->width);
+        if (r->filled[i]) memcpy(values + row * number, product + row * number, (size_t)beside->width * number);
+    }
 }
 
 /* Replaces L by T = L^-1, from the last panel to the first. */
 static trocar_status invert_triangle(panels *l, bool single, team *t, inverse_progress progress) {
     int n = l->panels[0].rows;
     replacement r = {.l = l, .single = single, .product = malloc((size_t)n * PANEL_WIDTH * (single ? sizeof(float) : sizeof(double)))};
-    trocar_status status = r.product ? TROCAR_OK : TROCAR_NO_MEMORY;
+    r.filled = calloc((size_t)l->count, sizeof *r.filled);
+    trocar_status status = r.product && r.filled ? TROCAR_OK : TROCAR_NO_MEMORY;
     for (r.j = l->count - 1; r.j >= 0 && status == TROCAR_OK; r.j--) {
         const panel *p = &l->panels[r.j];
         if (!invert_corner(single, p->width, p->values, p->rows)) status = TROCAR_BAD_INPUT;
         team_run(t, l->count - 1 - r.j, multiply_rows, &r);
         team_run(t, p->width, copy_column, &r);
+        for (int i = r.j + 1; i < l->count && l->filled; i++) l->filled[i * l->count + r.j] = r.filled[i];
         double done = (double)p->rows / n;
         show(progress, 0.5 * done * done * done);
     }
     free(r.product);
+    free(r.filled);
     return status;
 }
 
@@ -118,8 +133,17 @@ static void multiply_panels(void *context, int index, int member) {
     bool single = s->inverse->single;
     size_t number = single ? sizeof(float) : sizeof(double);
     void *tile = s->tiles + (size_t)member * PANEL_WIDTH * PANEL_WIDTH * number;
-    multiply(single, &(product_of){p->width, q->width, p->rows, CblasTrans, 1.0, 0.0}, p->values, p->rows,
-             (const char *)q->values + (size_t)(p->first - q->first) * number, q->rows, tile, PANEL_WIDTH);
+    double beta = 0.0;
+    for (int row = i, end; row < s->t->count; row = end) { /* of panels in which both have entries */
+        bool filled = panels_filled(s->t, row, i) && panels_filled(s->t, row, j);
+        for (end = row + 1; end < s->t->count && filled == (panels_filled(s->t, end, i) && panels_filled(s->t, end, j)); end++) continue;
+        if (!filled) continue;
+        int first = s->t->panels[row].first, depth = s->t->panels[end - 1].first + s->t->panels[end - 1].width - first;
+        multiply(single, &(product_of){p->width, q->width, depth, CblasTrans, 1.0, beta}, (const char *)p->values + (size_t)(first - p->first) * number,
+                 p->rows, (const char *)q->values + (size_t)(first - q->first) * number, q->rows, tile, PANEL_WIDTH);
+        beta = 1.0;
+    }
+    if (beta == 0.0) memset(tile, 0, (size_t)PANEL_WIDTH * PANEL_WIDTH * number);
     for (int r = 0; r < p->width; r += 3)
         for (int c = 0; c < q->width && q->first + c <= p->first + r; c += 3) {
             double block[9];

@@ -23,6 +23,7 @@ bool panels_divide(panels *p, int rows, int columns, int split) {
 void panels_free(panels *p) {
     for (int k = 0; k < p->count; k++) panel_release(&p->panels[k]);
     free(p->panels);
+    free(p->filled);
     *p = (panels){0};
 }
 
@@ -69,11 +70,12 @@ void panel_multiply(const panel *from, int row, int rows, int column, int column
     else cblas_dgemm(CblasColMajor, CblasNoTrans, CblasTrans, rows, columns, from->width, alpha, a, from->rows, b, from->rows, beta, c, ld);
 }
 
-/* The rows of a panel below its corner, in pieces for a team. Where they end does not depend on its members, so that results do not either. */
+/* The rows of panel j below its corner, in pieces for a team: those beside one other panel each if some are not filled. Where they end does not
+   depend on the team's members, so that results do not either. */
 typedef struct {
     const panels *all;
     const panel *to;
-    int factored;            /* panels that contribute */
+    int j, factored;         /* panels that contribute */
     int pieces;
 } share;
 
@@ -81,14 +83,15 @@ static share share_of(const panels *p, int j, int factored) {
     enum { FEW = 192, MANY = 4 * 768 }; /* rows: not worth dividing; enough for four large products */
     const panel *to = &p->panels[j];
     int below = to->rows - to->width;
-    return (share){p, to, factored, below < FEW ? below > 0 : 4 * ((below + MANY - 1) / MANY)};
+    return (share){p, to, j, factored, p->filled ? p->count - 1 - j : below < FEW ? below > 0 : 4 * ((below + MANY - 1) / MANY)};
 }
 
-/* First row of a piece, counted within the panel: whole vectors from the panel's first row on. */
+/* First row of a piece, counted within the panel. */
 static int start_of(const share *s, int piece) {
     enum { VECTORS = 24 };
     long below = s->to->rows - s->to->width;
-    return piece == s->pieces ? s->to->rows : s->to->width + (int)(below * piece / s->pieces) / VECTORS * VECTORS;
+    if (piece == s->pieces) return s->to->rows;
+    return s->all->filled ? s->all->panels[s->j + 1 + piece].first - s->to->first : s->to->width + (int)(below * piece / s->pieces) / VECTORS * VECTORS;
 }
 
 /* Subtracts from the corner, or from a piece of the rows below it, what the factored panels contribute. */
@@ -97,8 +100,10 @@ static void subtract(void *context, int i, int member) {
     const share *s = context;
     const panel *to = s->to;
     int row = i == 0 ? 0 : start_of(s, i - 1), end = i == 0 ? to->width : start_of(s, i);
+    if (s->all->filled && !panels_filled(s->all, s->j + i, s->j)) return;
     for (int k = 0; k < s->factored; k++)
-        panel_multiply(&s->all->panels[k], to->first + row, end - row, to->first, to->width, -1.0, 1.0, (double *)to->values + row, to->rows);
+        if (!s->all->filled || (panels_filled(s->all, s->j + i, k) && panels_filled(s->all, s->j, k)))
+            panel_multiply(&s->all->panels[k], to->first + row, end - row, to->first, to->width, -1.0, 1.0, (double *)to->values + row, to->rows);
 }
 
 /* X L^T = these rows, with the corner's factor L. */
@@ -106,6 +111,7 @@ static void solve_piece(void *context, int i, int member) {
     (void)member;
     const share *s = context;
     const panel *to = s->to;
+    if (s->all->filled && !panels_filled(s->all, s->j + 1 + i, s->j)) return;
     int row = start_of(s, i), rows = start_of(s, i + 1) - row;
     double *values = to->values;
     cblas_dtrsm(CblasColMajor, CblasRight, CblasLower, CblasTrans, CblasNonUnit, rows, to->width, 1.0, values, to->rows, values + row, to->rows);

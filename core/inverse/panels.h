@@ -18,7 +18,10 @@ typedef struct {
 typedef struct {
     int count;
     panel *panels;
+    bool *filled;            /* count square: whether the rows beside panel i have entries in panel j, at [i * count + j]; NULL: all have */
 } panels;
+
+static inline bool panels_filled(const panels *p, int i, int j) { return !p->filled || p->filled[i * p->count + j]; }
 
 /* Divides a matrix of so many rows and columns <= rows; a panel begins at column `split`. Nothing is allocated but the list. */
 bool panels_divide(panels *p, int rows, int columns, int split);
@@ -36,7 +39,7 @@ void panel_release(panel *p);
 void panel_multiply(const panel *from, int row, int rows, int column, int columns, double alpha, double beta, double *c, int ld);
 
 /* Left-looking Cholesky factorisation, panel by panel: subtracts from panel j what the factored panels k < min(j, pivots) contribute, and
-   factors it if j < pivots. False if a pivot is not positive. The team shares the rows; each of its members calls BLAS, which shall have one thread. */
+   factors it if j < pivots; blocks that are not filled are left as they are. False if a pivot is not positive. The team shares the rows; each of its members calls BLAS, which shall have one thread. */
 bool panels_eliminate(panels *p, int j, int pivots, team *t);
 
 /* Replaces the first entries of `load` (as many as the first `pivots` panels have columns) by y = L^-1 load and subtracts L y from the others. */

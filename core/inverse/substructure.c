@@ -105,6 +105,28 @@ static bool find_sequence(substructure *s, int root) {
     return true;
 }
 
+enum { PANEL_NODES = PANEL_WIDTH / 3 };
+
+/* Which blocks of the region's triangle have entries, and the operations that its factorisation takes. */
+static bool find_filled(substructure *s) {
+    const int *super = s->symbolic->super, *pi = s->symbolic->pi, *rows = s->symbolic->s;
+    int count = (s->region_count + PANEL_NODES - 1) / PANEL_NODES;
+    s->filled = calloc((size_t)count * (size_t)count + 1, sizeof *s->filled);
+    if (!s->filled) return false;
+    for (int f = 0; f < (int)s->symbolic->nsuper; f++)
+        for (int column = super[f], from = pi[f]; column < super[f + 1]; column++, from++)
+            for (int k = from; k < pi[f + 1] && s->region[column] >= 0; k++)
+                s->filled[s->region[rows[k]] / PANEL_NODES * count + s->region[column] / PANEL_NODES] = true;
+    double block = pow(PANEL_WIDTH, 3);
+    for (int j = 0; j < count; j++)
+        for (int i = j; i < count; i++) {
+            if (!s->filled[i * count + j]) continue;
+            s->operations += i == j ? block / 3.0 : block;
+            for (int k = 0; k < j; k++) s->operations += s->filled[i * count + k] && s->filled[j * count + k] ? (i == j ? block : 2.0 * block) : 0.0;
+        }
+    return true;
+}
+
 static bool find_tree(substructure *s) {
     int count = (int)s->symbolic->nsuper, root = -1;
     const int *super = s->symbolic->super;
@@ -121,7 +143,6 @@ static bool find_tree(substructure *s) {
         int *list = e.columns > e.pivots ? &s->first_child[front_of[e.rows[e.pivots]]] : &root;
         insert_child(s, needs, list, f);
     }
-    for (int i = 0; i < 3 * s->region_count; i++) s->operations += (double)i * i;
     if (done) s->bytes += list_peak(s, needs, root);
     done = done && find_sequence(s, root);
     free(needs);
@@ -134,11 +155,68 @@ static double matrix_bytes(tissue *t) {
     return (double)cholmod_nnz(t->stiffness, &t->common) * (sizeof(double) + sizeof(int));
 }
 
+typedef struct { int place, node; } neighbour;
+
+static int compare_places(const void *a, const void *b) {
+    const neighbour *left = a, *right = b;
+    return left->place != right->place ? (left->place > right->place) - (left->place < right->place) : (left->node > right->node) - (left->node < right->node);
+}
+
+/* Sorts nodes by their first neighbour among order[placed], and appends them. */
+static bool sort_by_neighbours(const cholmod_sparse *graph, int placed, int count, const int *nodes, int *order) {
+    const int *start = graph->p, *row = graph->i;
+    int all = (int)graph->nrow;
+    int *place = malloc((size_t)all * sizeof *place), *first = malloc((size_t)all * sizeof *first);
+    neighbour *sorted = malloc(((size_t)count + 1) * sizeof *sorted);
+    bool done = place && first && sorted;
+    for (int i = 0; i < all && done; i++) place[i] = first[i] = all;
+    for (int i = 0; i < placed && done; i++) place[order[i]] = i;
+    for (int j = 0; j < all && done; j++)
+        for (int k = start[j]; k < start[j + 1]; k++) {
+            if (place[row[k]] < first[j]) first[j] = place[row[k]];
+            if (place[j] < first[row[k]]) first[row[k]] = place[j];
+        }
+    for (int i = 0; i < count && done; i++) sorted[i] = (neighbour){first[nodes[i]], nodes[i]};
+    if (done) qsort(sorted, (size_t)count, sizeof *sorted, compare_places);
+    for (int i = 0; i < count && done; i++) order[placed + i] = sorted[i].node;
+    free(place);
+    free(first);
+    free(sorted);
+    return done;
+}
+
+/* The nodes outside the region; the region's nodes without neighbours outside; and its border, which alone is coupled by what is eliminated
+   outside, so that many blocks of the region's triangle stay empty. The border is sorted for these to lie together. */
+static bool order_nodes(const substructure *s, const cholmod_sparse *graph, const bool *last, int *order) {
+    enum { OUTSIDE, INNER, BORDER, GROUPS };
+    const int *start = graph->p, *row = graph->i;
+    char *group = malloc((size_t)s->nodes);
+    int *listed = malloc((size_t)s->nodes * sizeof *listed), counts[GROUPS] = {0}, filled = 0;
+    bool done = group && listed;
+    for (int j = 0; j < s->nodes && done; j++) group[j] = last[j] ? INNER : OUTSIDE;
+    for (int j = 0; j < s->nodes && done; j++)
+        for (int k = start[j]; k < start[j + 1]; k++)
+            if (last[row[k]] != last[j]) group[last[j] ? j : row[k]] = BORDER;
+    for (char g = 0; g < GROUPS && done; g++)
+        for (int j = 0; j < s->nodes; j++)
+            if (group[j] == g) {
+                listed[filled++] = j;
+                counts[(int)g]++;
+            }
+    const int *inner = listed + counts[OUTSIDE], *border = inner + counts[INNER];
+    done = done && node_dissect(s->tissue, graph, counts[OUTSIDE], listed, order)
+         && node_dissect(s->tissue, graph, counts[INNER], inner, order + counts[OUTSIDE])
+         && sort_by_neighbours(graph, counts[INNER], counts[BORDER], border, order + counts[OUTSIDE]);
+    free(group);
+    free(listed);
+    return done;
+}
+
 static bool analyse(substructure *s, const bool *last) {
     tissue *t = s->tissue;
     int *order = malloc((size_t)s->nodes * sizeof *order);
     cholmod_sparse *graph = order ? node_graph(t) : NULL;
-    if (graph && node_order(t, graph, last, order)) {
+    if (graph && order_nodes(s, graph, last, order)) {
         t->common.nmethods = 1;
         t->common.method[0].ordering = CHOLMOD_GIVEN;
         s->symbolic = cholmod_analyze_p(graph, order, NULL, 0, &t->common);
@@ -162,7 +240,7 @@ static bool plan(substructure *s, const bool *last) {
     double matrix = matrix_bytes(s->tissue), tiles = (double)TILE * TILE * team_members(s->team) * sizeof(double);
     s->bytes = matrix + tiles + panels_bytes(3 * s->region_count, 3 * s->region_count);
     s->bytes += (double)nodes * (2.0 * sizeof(int) + sizeof(response)); /* scratch of the elimination, by nodes */
-    if (!find_tree(s)) return false;
+    if (!find_filled(s) || !find_tree(s)) return false;
     s->bytes = fmax(s->bytes, 2.0 * matrix); /* K is reordered by way of another copy */
     return true;
 }
@@ -195,6 +273,7 @@ trocar_status substructure_plan(tissue *t, team *team, int count, const int *reg
 void substructure_free(substructure *s) {
     if (s->tissue) cholmod_free_factor(&s->symbolic, &s->tissue->common);
     free(s->region);
+    free(s->filled);
     free(s->first_child);
     free(s->next);
     free(s->sequence);
@@ -439,6 +518,8 @@ static bool begin_corner(elimination *e) {
     const double *value = e->k->x;
     int size = 3 * s->region_count;
     bool created = panels_divide(e->corner, size, size, size);
+    size_t blocks = (size_t)e->corner->count * (size_t)e->corner->count;
+    if (created && (created = (e->corner->filled = malloc(blocks + 1)) != NULL)) memcpy(e->corner->filled, s->filled, blocks);
     for (int j = 0; j < e->corner->count && created; j++) created = panel_allocate(&e->corner->panels[j], s->team);
     for (int place = 0; place < 3 * s->nodes && created; place++) {
         if (s->region[place / 3] < 0) continue;

@@ -17,6 +17,7 @@ typedef struct {
     int nodes;               /* free nodes */
     int region_count;        /* those of the region */
     int *region;             /* nodes: index in the region of the node at this place in the order, or -1 */
+    bool *filled;            /* of the region's triangle, see panels */
     int *first_child, *next; /* fronts, by supernode; children by falling need of memory. -1: none */
     int *sequence;           /* fronts in the order in which they are eliminated */
     double bytes;            /* most that the elimination needs at a time: fronts, the region's triangle, scratch of it, and K in this order */

@@ -112,6 +112,9 @@ static bool has_positive_diagonal(const split *k) {
     return true;
 }
 
+/* Rounding brings back what the coarse space has balanced, so that it is balanced again when the residual has fallen by so much. */
+static const double COARSE_FALL = 1e-5;
+
 bool conjugate_gradients(const cholmod_sparse *matrix, coarse_space *coarse, double tolerance, int steps, const double *f, double *u) {
     const split k = {(int)matrix->ncol, matrix->p, matrix->i, matrix->x};
     size_t n = (size_t)k.n;
@@ -129,7 +132,7 @@ bool conjugate_gradients(const cholmod_sparse *matrix, coarse_space *coarse, dou
     bool definite = true;
     while (definite && steps > 0 && left > wanted && left < before) { /* again where the residual has fallen less than that of the transformed system */
         before = 0.9 * left;
-        definite = correct(&k, coarse, f, &w, u) && search(&k, coarse, fmax(0.5 * wanted / left, DBL_EPSILON), &steps, &w, u);
+        definite = correct(&k, coarse, f, &w, u) && search(&k, coarse, fmax(0.5 * wanted / left, coarse ? COARSE_FALL : DBL_EPSILON), &steps, &w, u);
         find_residual(&k, f, u, w.residual);
         left = cblas_dnrm2(k.n, w.residual, 1);
     }

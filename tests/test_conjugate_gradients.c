@@ -1,4 +1,4 @@
-/* Conjugate gradients against CHOLMOD's solution, from good and bad starts; what cannot be solved is reported. */
+/* Conjugate gradients, and their coarse space, against CHOLMOD's solution, from good and bad starts; what cannot be solved is reported. */
 #include <setjmp.h>
 #include <stdarg.h>
 #include <stddef.h>
@@ -38,25 +38,75 @@ static int destroy(void **state) {
     return 0;
 }
 
-/* From zero, from close by, from far away, from the solution of a force that is much larger, and from what is no number. */
+/* From zero, from close by, from far away, from the solution of a force that is much larger, and from what is no number; without and with a
+   coarse space. */
 static void the_solution_does_not_depend_on_the_start(void **state) {
     (void)state;
-    for (int start = 0; start < 5; start++) {
+    coarse_space *coarse = coarse_space_create(&body.tissue);
+    assert_non_null(coarse);
+    for (int trial = 0; trial < 10; trial++) {
+        int start = trial % 5;
         double u[N];
         for (int i = 0; i < N; i++) {
             const double starts[5] = {0.0, expected[i] + 1e-3 * largest * cube_random(-1.0, 1.0), 1e20 * cube_random(-1.0, 1.0), 1e6 * expected[i], NAN};
             u[i] = starts[start];
         }
-        assert_true(conjugate_gradients(body.tissue.stiffness, TOLERANCE, STEPS, force, u));
+        assert_true(conjugate_gradients(body.tissue.stiffness, trial < 5 ? NULL : coarse, TOLERANCE, STEPS, force, u));
         for (int i = 0; i < N; i++) assert_close(u[i], expected[i], 1e-8 * largest);
     }
+    coarse_space_free(coarse);
+}
+
+static int steps_needed(coarse_space *coarse) {
+    for (int steps = 1;; steps++) {
+        double u[N] = {0.0};
+        if (conjugate_gradients(body.tissue.stiffness, coarse, TOLERANCE, steps, force, u)) return steps;
+    }
+}
+
+static void a_coarse_space_saves_steps(void **state) {
+    (void)state;
+    coarse_space *coarse = coarse_space_create(&body.tissue);
+    assert_true(steps_needed(coarse) < steps_needed(NULL));
+    coarse_space_free(coarse);
+}
+
+/* K m for a rigid motion m of all free nodes is balanced by m; what any other force leaves has no resultant in any rigid motion. */
+static void rigid_motions_are_found(void **state) {
+    (void)state;
+    coarse_space *coarse = coarse_space_create(&body.tissue);
+    cholmod_dense *motion = cholmod_zeros(N, 1, CHOLMOD_REAL, &body.tissue.common), *balance = cholmod_zeros(N, 1, CHOLMOD_REAL, &body.tissue.common);
+    double one[2] = {1.0, 0.0}, zero[2] = {0.0, 0.0}, found[N];
+    for (int mode = 0; mode < 6; mode++) {
+        double *m = motion->x, *f = balance->x, size = 0.0;
+        for (int i = 0; i < CUBE_NODES; i++) {
+            int dof = body.tissue.dof[i];
+            vec3 axis = v3(mode % 3 == 0, mode % 3 == 1, mode % 3 == 2), u = mode < 3 ? axis : v3_cross(axis, body.mesh.nodes[i]);
+            if (dof >= 0) memcpy(&m[dof], &u, sizeof u);
+            size = fmax(size, v3_norm(u));
+        }
+        assert_true(cholmod_sdmult(body.tissue.stiffness, 0, one, zero, motion, balance, &body.tissue.common));
+        assert_true(coarse_space_solve(coarse, f, found));
+        for (int i = 0; i < N; i++) assert_close(found[i], m[i], 1e-10 * size);
+
+        assert_true(coarse_space_solve(coarse, force, found));
+        double work = 0.0, scale = 0.0; /* m . (force - K found) = m . force - f . found */
+        for (int i = 0; i < N; i++) {
+            work += m[i] * force[i] - f[i] * found[i];
+            scale += fabs(m[i] * force[i]) + fabs(f[i] * found[i]);
+        }
+        assert_close(work, 0.0, 1e-11 * scale);
+    }
+    cholmod_free_dense(&motion, &body.tissue.common);
+    cholmod_free_dense(&balance, &body.tissue.common);
+    coarse_space_free(coarse);
 }
 
 static void no_force_gives_no_displacement(void **state) {
     (void)state;
     double nothing[N] = {0.0}, u[N];
     for (int i = 0; i < N; i++) u[i] = expected[i];
-    assert_true(conjugate_gradients(body.tissue.stiffness, TOLERANCE, STEPS, nothing, u));
+    assert_true(conjugate_gradients(body.tissue.stiffness, NULL, TOLERANCE, STEPS, nothing, u));
     for (int i = 0; i < N; i++) assert_true(u[i] == 0.0);
 }
 
@@ -67,7 +117,7 @@ static void a_force_that_is_not_finite_is_refused(void **state) {
         double f[N], u[N] = {0.0};
         memcpy(f, force, sizeof f);
         f[17] = bad[k];
-        assert_false(conjugate_gradients(body.tissue.stiffness, TOLERANCE, STEPS, f, u));
+        assert_false(conjugate_gradients(body.tissue.stiffness, NULL, TOLERANCE, STEPS, f, u));
     }
 }
 
@@ -85,14 +135,14 @@ static void an_indefinite_matrix_is_refused(void **state) {
     for (int k = 0; k < 4; k++) {
         double u[N] = {0.0};
         cholmod_sparse *indefinite = with_diagonal(factors[k]);
-        assert_false(conjugate_gradients(indefinite, TOLERANCE, STEPS, force, u));
+        assert_false(conjugate_gradients(indefinite, NULL, TOLERANCE, STEPS, force, u));
         cholmod_free_sparse(&indefinite, &body.tissue.common);
     }
     int start[] = {0, 2, 3}, row[] = {0, 1, 1};
     double value[] = {1, 2, 1}, f[] = {1, -1}, u[] = {0, 0}; /* eigenvalues 3 and -1 */
     cholmod_sparse two = {.nrow = 2, .ncol = 2, .nzmax = 3, .p = start, .i = row, .x = value, .stype = -1, .itype = CHOLMOD_INT,
                           .xtype = CHOLMOD_REAL, .sorted = 1, .packed = 1};
-    assert_false(conjugate_gradients(&two, TOLERANCE, STEPS, f, u));
+    assert_false(conjugate_gradients(&two, NULL, TOLERANCE, STEPS, f, u));
 }
 
 /* -u'' = 1 between fixed ends: the number of steps grows with that of unknowns. */
@@ -112,13 +162,15 @@ static void steps_are_limited(void **state) {
     start[MANY] = entries;
     cholmod_sparse string = {.nrow = MANY, .ncol = MANY, .nzmax = 2 * MANY, .p = start, .i = row, .x = value, .stype = -1, .itype = CHOLMOD_INT,
                              .xtype = CHOLMOD_REAL, .sorted = 1, .packed = 1};
-    assert_false(conjugate_gradients(&string, TOLERANCE, STEPS, f, u));
+    assert_false(conjugate_gradients(&string, NULL, TOLERANCE, STEPS, f, u));
 }
 
 int main(void) {
     srand(1);
     const struct CMUnitTest tests[] = {
         cmocka_unit_test(the_solution_does_not_depend_on_the_start),
+        cmocka_unit_test(a_coarse_space_saves_steps),
+        cmocka_unit_test(rigid_motions_are_found),
         cmocka_unit_test(no_force_gives_no_displacement),
         cmocka_unit_test(a_force_that_is_not_finite_is_refused),
         cmocka_unit_test(an_indefinite_matrix_is_refused),

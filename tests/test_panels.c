@@ -44,7 +44,7 @@ static panels filled(const double *a, int columns, int pivots) {
     assert_true(panels_divide(&p, N, columns, pivots));
     for (int k = 0; k < p.count; k++) {
         panel *q = &p.panels[k];
-        assert_true(panel_allocate(q));
+        assert_true(panel_allocate(q, NULL));
         for (int c = 0; c < q->width; c++)
             for (int r = c; r < q->rows; r++) ((double *)q->values)[c * q->rows + r] = a[(q->first + c) * N + q->first + r];
         bytes += 8.0 * q->rows * q->width;
@@ -62,7 +62,7 @@ static void agrees_with_lapack(void **state) {
         panels p = filled(a, columns, pivots);
         assert_int_equal(p.panels[pivot_panels - 1].first + p.panels[pivot_panels - 1].width, pivots);
         eliminate(a, pivots);
-        for (int j = 0; j < p.count; j++) assert_true(panels_eliminate(&p, j, pivot_panels));
+        for (int j = 0; j < p.count; j++) assert_true(panels_eliminate(&p, j, pivot_panels, NULL));
         for (int k = 0; k < p.count; k++)
             for (int c = 0; c < p.panels[k].width; c++)
                 for (int r = 0; r < p.panels[k].rows; r++) {
@@ -88,8 +88,8 @@ static void negative_pivot_is_found(void **state) {
     double *a = random_matrix();
     a[650 * N + 650] = -1.0; /* in the second panel */
     panels p = filled(a, COLUMNS, PIVOTS);
-    assert_true(panels_eliminate(&p, 0, 2));
-    assert_false(panels_eliminate(&p, 1, 2));
+    assert_true(panels_eliminate(&p, 0, 2, NULL));
+    assert_false(panels_eliminate(&p, 1, 2, NULL));
     panels_free(&p);
     assert_int_equal(p.count, 0);
     free(a);

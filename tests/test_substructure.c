@@ -85,7 +85,7 @@ static double *corner_inverse(const panels *corner, int n) {
     for (int k = 0; k < corner->count; k++)
         for (int c = 0; c < corner->panels[k].width; c++)
             for (int r = c; r < corner->panels[k].rows; r++)
-                a[(corner->panels[k].first + c) * n + corner->panels[k].first + r] = ((double *)corner->panels[k].values)[c * corner->panels[k].rows + r];
+                a[(size_t)(corner->panels[k].first + c) * (size_t)n + (size_t)(corner->panels[k].first + r)] = ((double *)corner->panels[k].values)[c * corner->panels[k].rows + r];
     assert_int_equal(LAPACKE_dpotri(LAPACK_COL_MAJOR, 'L', n, a, n), 0);
     return a;
 }
@@ -106,7 +106,7 @@ static void check(const mesh *m, const bool *fixed, volumetric_strain strain, in
     int *nodes = malloc(((size_t)count + 1) * sizeof *nodes), free_nodes = 0;
     assert_int_equal(tissue_assemble(m, materials, fixed, strain, &t, &why), TROCAR_OK);
     for (int i = 0; i < count; i++) free_nodes += !fixed[region[i]];
-    assert_int_equal(substructure_plan(&t, count, region, nodes, &s, &why), TROCAR_OK);
+    assert_int_equal(substructure_plan(&t, NULL, count, region, nodes, &s, &why), TROCAR_OK);
     assert_int_equal(s.region_count, free_nodes);
     last_fraction = 0.0;
     assert_int_equal(substructure_eliminate(&s, &corner, (inverse_progress){note, NULL}, &why), TROCAR_OK);
@@ -188,7 +188,7 @@ static void loose_body_is_refused(void **state) {
             for (int n = box * BOX; n < (box + 1) * BOX; n++)
                 if (in_column(&m, n, box)) region[count++] = n;
             assert_int_equal(tissue_assemble(&m, materials, fixed, STRAIN_BY_PATCH, &t, &why), TROCAR_OK);
-            assert_int_equal(substructure_plan(&t, count, region, nodes, &s, &why), TROCAR_OK);
+            assert_int_equal(substructure_plan(&t, NULL, count, region, nodes, &s, &why), TROCAR_OK);
             assert_int_equal(substructure_eliminate(&s, &corner, (inverse_progress){NULL, NULL}, &why), TROCAR_BAD_INPUT);
             assert_non_null(strstr(why.text, "do not constrain the whole body"));
             assert_int_equal(corner.count, 0);
@@ -227,7 +227,7 @@ static void small_loose_piece_is_refused(void **state) {
             if (inside) region[count++] = n;
         }
         assert_int_equal(tissue_assemble(&m, materials, fixed, STRAIN_BY_PATCH, &t, &why), TROCAR_OK);
-        assert_int_equal(substructure_plan(&t, count, region, nodes, &s, &why), TROCAR_OK);
+        assert_int_equal(substructure_plan(&t, NULL, count, region, nodes, &s, &why), TROCAR_OK);
         assert_int_equal(substructure_eliminate(&s, &corner, (inverse_progress){NULL, NULL}, &why), TROCAR_BAD_INPUT);
         substructure_free(&s);
         tissue_free(&t);
@@ -270,47 +270,71 @@ static bool has_front_of_several_panels(const substructure *s) {
     return false;
 }
 
+static int empty_blocks(const substructure *s) {
+    int count = (3 * s->region_count + PANEL_WIDTH - 1) / PANEL_WIDTH, empty = 0;
+    for (int i = 0; i < count; i++)
+        for (int j = 0; j <= i; j++) empty += !s->filled[i * count + j];
+    return empty;
+}
+
+static void assert_same_bits(const panels *a, const panels *b) {
+    assert_int_equal(a->count, b->count);
+    for (int k = 0; k < a->count; k++)
+        assert_memory_equal(a->panels[k].values, b->panels[k].values, (size_t)a->panels[k].rows * (size_t)a->panels[k].width * sizeof(double));
+}
+
+/* A narrow region, whose triangle is full, and one that is wide enough to have inner nodes: with a team of threads, and without. */
 static void large_fronts_agree_with_the_factor(void **state) {
     (void)state;
     enum { LARGE = 16, ALL = (LARGE + 1) * (LARGE + 1) * (LARGE + 1), COLUMNS = 5 };
     static bool fixed[ALL];
     static int region[ALL], nodes[ALL];
-    int count = 0, size;
     tissue t;
-    substructure s;
-    panels corner;
     report why;
     mesh m = mesh_of(1, (box[]){upright(LARGE, 0.0)});
     fix_bottom(&m, fixed);
-    for (int n = 0; n < ALL; n++)
-        if (!fixed[n] && fabs(m.nodes[n].x - 0.08) < 0.025 && fabs(m.nodes[n].y - 0.08) < 0.025) region[count++] = n;
-    size = 3 * count;
     assert_int_equal(tissue_assemble(&m, materials, fixed, STRAIN_BY_PATCH, &t, &why), TROCAR_OK);
-    assert_int_equal(substructure_plan(&t, count, region, nodes, &s, &why), TROCAR_OK);
-    assert_true(has_front_of_several_panels(&s));
-    double before = begin_counting();
-    assert_int_equal(substructure_eliminate(&s, &corner, (inverse_progress){note_memory, NULL}, &why), TROCAR_OK);
-    assert_predicted(s.bytes, most_used - before);
-    assert_true(corner.count > 1);
-    assert_int_equal(tissue_factor(&t, 0, NULL, &why), TROCAR_OK);
-    double *found = corner_inverse(&corner, size);
-    for (int i = 0; i < COLUMNS; i++) {
-        int column = i * (size - 1) / (COLUMNS - 1);
-        cholmod_dense *load = cholmod_zeros((size_t)t.dof_count, 1, CHOLMOD_REAL, &t.common);
-        ((double *)load->x)[t.dof[nodes[column / 3]] + column % 3] = 1.0;
-        cholmod_dense *solution = cholmod_solve(CHOLMOD_A, t.factor, load, &t.common);
-        const double *expected = solution->x;
-        double largest = expected[t.dof[nodes[column / 3]] + column % 3];
-        for (int row = 0; row < size; row++) {
-            int higher = row > column ? row : column, lower = row > column ? column : row;
-            assert_close(found[(size_t)lower * (size_t)size + (size_t)higher], expected[t.dof[nodes[row / 3]] + row % 3], 1e-11 * largest);
+    team *two = team_create(2);
+    for (int wide = 0; wide < 2; wide++) {
+        substructure s;
+        panels corner, alone;
+        int count = 0;
+        double reach = wide ? 0.045 : 0.025;
+        for (int n = 0; n < ALL; n++)
+            if (!fixed[n] && fabs(m.nodes[n].x - 0.08) < reach && fabs(m.nodes[n].y - 0.08) < reach) region[count++] = n;
+        assert_int_equal(substructure_plan(&t, two, count, region, nodes, &s, &why), TROCAR_OK);
+        assert_true(has_front_of_several_panels(&s));
+        assert_true((empty_blocks(&s) > 0) == wide);
+        double before = begin_counting();
+        assert_int_equal(substructure_eliminate(&s, &corner, (inverse_progress){note_memory, NULL}, &why), TROCAR_OK);
+        assert_predicted(s.bytes, most_used - before);
+        assert_true(corner.count > 1);
+        s.team = NULL;
+        assert_int_equal(substructure_eliminate(&s, &alone, (inverse_progress){NULL, NULL}, &why), TROCAR_OK);
+        assert_same_bits(&corner, &alone);
+        panels_free(&alone);
+        if (!t.factor) assert_int_equal(tissue_factor(&t, 0, NULL, &why), TROCAR_OK);
+        size_t size = 3 * (size_t)count;
+        double *found = corner_inverse(&corner, (int)size);
+        for (size_t i = 0; i < COLUMNS; i++) {
+            size_t column = i * (size - 1) / (COLUMNS - 1);
+            cholmod_dense *load = cholmod_zeros((size_t)t.dof_count, 1, CHOLMOD_REAL, &t.common);
+            ((double *)load->x)[(size_t)t.dof[nodes[column / 3]] + column % 3] = 1.0;
+            cholmod_dense *solution = cholmod_solve(CHOLMOD_A, t.factor, load, &t.common);
+            const double *expected = solution->x;
+            double largest = expected[(size_t)t.dof[nodes[column / 3]] + column % 3];
+            for (size_t row = 0; row < size; row++) {
+                size_t higher = row > column ? row : column, lower = row > column ? column : row;
+                assert_close(found[lower * size + higher], expected[(size_t)t.dof[nodes[row / 3]] + row % 3], 1e-11 * largest);
+            }
+            cholmod_free_dense(&load, &t.common);
+            cholmod_free_dense(&solution, &t.common);
         }
-        cholmod_free_dense(&load, &t.common);
-        cholmod_free_dense(&solution, &t.common);
+        free(found);
+        panels_free(&corner);
+        substructure_free(&s);
     }
-    free(found);
-    panels_free(&corner);
-    substructure_free(&s);
+    team_free(two);
     tissue_free(&t);
     mesh_free(&m);
 }

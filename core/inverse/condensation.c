@@ -3,10 +3,12 @@
 #include <cblas.h>
 #include <lapacke.h>
 #include <math.h>
+#include <stdatomic.h>
 #include <stdlib.h>
 #include <string.h>
 
 #include "base/memory.h"
+#include "base/team.h"
 #include "inverse/substructure.h"
 
 /* ---- inversion -------------------------------------------------------------------------------------------------------- */
@@ -46,31 +48,66 @@ static void multiply_by_corner(bool single, int rows, int n, const void *a, int 
     else cblas_dtrmm(CblasColMajor, CblasRight, CblasLower, CblasNoTrans, CblasNonUnit, rows, n, 1.0, a, lda, b, ldb);
 }
 
-/* Replaces L by T = L^-1, from the last panel to the first. With the corner L_JJ of panel J and the rows L_BJ below it:
-   T_JJ = L_JJ^-1, T_BJ = -T_BB L_BJ T_JJ. */
-static trocar_status invert_triangle(panels *l, bool single, inverse_progress progress) {
+/* L's panel J while it is replaced by T's: T_JJ = L_JJ^-1, T_BJ = -T_BB L_BJ T_JJ, with its corner L_JJ and the rows L_BJ below it. */
+typedef struct {
+    const panels *l;
+    int j;
+    bool single;
+    char *product;           /* T_BJ */
+    bool *filled;            /* by panel: whether the rows of T_BJ beside it have entries */
+} replacement;
+
+/* Rows of T_BJ beside a panel, the last and longest products first. */
+static void multiply_rows(void *context, int index, int member) {
+    (void)member;
+    const replacement *r = context;
+    int i = r->l->count - 1 - index;
+    const panel *p = &r->l->panels[r->j], *beside = &r->l->panels[i];
+    size_t number = r->single ? sizeof(float) : sizeof(double);
+    int below = p->rows - p->width;
+    char *rows = r->product + (size_t)(beside->first - p->first - p->width) * number;
+    r->filled[i] = false;
+    for (int k = r->j + 1; k <= i; k++) {
+        const panel *q = &r->l->panels[k];
+        if (!panels_filled(r->l, i, k) || !panels_filled(r->l, k, r->j)) continue;
+        multiply(r->single, &(product_of){beside->width, p->width, q->width, CblasNoTrans, -1.0, r->filled[i] ? 1.0 : 0.0},
+                 (const char *)q->values + (size_t)(beside->first - q->first) * number, q->rows,
+                 (const char *)p->values + (size_t)(q->first - p->first) * number, p->rows, rows, below);
+        r->filled[i] = true;
+    }
+    if (r->filled[i]) multiply_by_corner(r->single, beside->width, p->width, p->values, p->rows, rows, below);
+}
+
+static void copy_column(void *context, int column, int member) {
+    (void)member;
+    const replacement *r = context;
+    const panel *p = &r->l->panels[r->j];
+    size_t number = r->single ? sizeof(float) : sizeof(double), below = (size_t)(p->rows - p->width), c = (size_t)column;
+    char *values = (char *)p->values + (c * (size_t)p->rows + (size_t)p->width) * number, *product = r->product + c * below * number;
+    for (int i = r->j + 1; i < r->l->count; i++) {
+        const panel *beside = &r->l->panels[i];
+        size_t row = (size_t)(beside->first - p->first - p->width);
+        if (r->filled[i]) memcpy(values + row * number, product + row * number, (size_t)beside->width * number);
+    }
+}
+
+/* Replaces L by T = L^-1, from the last panel to the first. */
+static trocar_status invert_triangle(panels *l, bool single, team *t, inverse_progress progress) {
     int n = l->panels[0].rows;
-    size_t number = single ? sizeof(float) : sizeof(double);
-    char *product = malloc((size_t)n * PANEL_WIDTH * number);
-    trocar_status status = product ? TROCAR_OK : TROCAR_NO_MEMORY;
-    for (int j = l->count - 1; j >= 0 && status == TROCAR_OK; j--) {
-        panel *p = &l->panels[j];
-        char *values = p->values;
-        int below = p->rows - p->width;
-        memset(product, 0, (size_t)below * (size_t)p->width * number);
-        for (int k = j + 1; k < l->count; k++) {
-            const panel *q = &l->panels[k];
-            multiply(single, &(product_of){q->rows, p->width, q->width, CblasNoTrans, -1.0, 1.0}, q->values, q->rows,
-                     values + (size_t)(q->first - p->first) * number, p->rows, product + (size_t)(below - q->rows) * number, below);
-        }
-        if (!invert_corner(single, p->width, values, p->rows)) status = TROCAR_BAD_INPUT;
-        if (below > 0) multiply_by_corner(single, below, p->width, values, p->rows, product, below);
-        for (size_t c = 0; c < (size_t)p->width; c++)
-            memcpy(values + (c * (size_t)p->rows + (size_t)p->width) * number, product + c * (size_t)below * number, (size_t)below * number);
+    replacement r = {.l = l, .single = single, .product = malloc((size_t)n * PANEL_WIDTH * (single ? sizeof(float) : sizeof(double)))};
+    r.filled = calloc((size_t)l->count, sizeof *r.filled);
+    trocar_status status = r.product && r.filled ? TROCAR_OK : TROCAR_NO_MEMORY;
+    for (r.j = l->count - 1; r.j >= 0 && status == TROCAR_OK; r.j--) {
+        const panel *p = &l->panels[r.j];
+        if (!invert_corner(single, p->width, p->values, p->rows)) status = TROCAR_BAD_INPUT;
+        team_run(t, l->count - 1 - r.j, multiply_rows, &r);
+        team_run(t, p->width, copy_column, &r);
+        for (int i = r.j + 1; i < l->count && l->filled; i++) l->filled[i * l->count + r.j] = r.filled[i];
         double done = (double)p->rows / n;
         show(progress, 0.5 * done * done * done);
     }
-    free(product);
+    free(r.product);
+    free(r.filled);
     return status;
 }
 
@@ -80,46 +117,70 @@ static bool is_positive(const double block[9]) {
     return true;
 }
 
-/* K^-1 = T^T T. Its diagonal shows an overflow, or an underflow, in single precision. */
-static trocar_status multiply_triangle(const panels *t, symmetric_blocks *inverse, inverse_progress progress) {
-    size_t number = inverse->single ? sizeof(float) : sizeof(double);
-    void *tile = malloc((size_t)PANEL_WIDTH * PANEL_WIDTH * number);
-    trocar_status status = tile ? TROCAR_OK : TROCAR_NO_MEMORY;
-    for (int i = 0; i < t->count && status == TROCAR_OK; i++)
-        for (int j = 0; j <= i; j++) {
-            const panel *p = &t->panels[i], *q = &t->panels[j];
-            multiply(inverse->single, &(product_of){p->width, q->width, p->rows, CblasTrans, 1.0, 0.0}, p->values, p->rows,
-                     (const char *)q->values + (size_t)(p->first - q->first) * number, q->rows, tile, PANEL_WIDTH);
-            for (int r = 0; r < p->width; r += 3)
-                for (int c = 0; c < q->width && q->first + c <= p->first + r; c += 3) {
-                    double block[9];
-                    bool diagonal = q->first + c == p->first + r;
-                    for (int k = 0; k < 9; k++) {
-                        int row = k / 3, column = k % 3, swapped = diagonal && column > row; /* exactly symmetric */
-                        int at = (c + (swapped ? row : column)) * PANEL_WIDTH + r + (swapped ? column : row);
-                        block[k] = inverse->single ? (double)((const float *)tile)[at] : ((const double *)tile)[at];
-                    }
-                    if (diagonal && !is_positive(block)) status = TROCAR_BAD_INPUT;
-                    symmetric_blocks_set(inverse, (p->first + r) / 3, (q->first + c) / 3, block);
-                }
-            if (j == i) {
-                double left = (double)(p->rows - p->width) / t->panels[0].rows;
-                show(progress, 1.0 - 0.5 * left * left);
+typedef struct {
+    const panels *t;
+    symmetric_blocks *inverse;
+    char *tiles;             /* scratch: PANEL_WIDTH square for each member of the team */
+    atomic_bool failed;
+    inverse_progress progress;
+} square;
+
+/* K^-1 = T^T T between two panels, by rows of the lower triangle. */
+static void multiply_panels(void *context, int index, int member) {
+    square *s = context;
+    int i = (int)((sqrt(8.0 * index + 1.0) - 1.0) / 2.0), j = index - i * (i + 1) / 2;
+    const panel *p = &s->t->panels[i], *q = &s->t->panels[j];
+    bool single = s->inverse->single;
+    size_t number = single ? sizeof(float) : sizeof(double);
+    void *tile = s->tiles + (size_t)member * PANEL_WIDTH * PANEL_WIDTH * number;
+    double beta = 0.0;
+    for (int row = i, end; row < s->t->count; row = end) { /* of panels in which both have entries */
+        bool filled = panels_filled(s->t, row, i) && panels_filled(s->t, row, j);
+        for (end = row + 1; end < s->t->count && filled == (panels_filled(s->t, end, i) && panels_filled(s->t, end, j)); end++) continue;
+        if (!filled) continue;
+        int first = s->t->panels[row].first, depth = s->t->panels[end - 1].first + s->t->panels[end - 1].width - first;
+        multiply(single, &(product_of){p->width, q->width, depth, CblasTrans, 1.0, beta}, (const char *)p->values + (size_t)(first - p->first) * number,
+                 p->rows, (const char *)q->values + (size_t)(first - q->first) * number, q->rows, tile, PANEL_WIDTH);
+        beta = 1.0;
+    }
+    if (beta == 0.0) memset(tile, 0, (size_t)PANEL_WIDTH * PANEL_WIDTH * number);
+    for (int r = 0; r < p->width; r += 3)
+        for (int c = 0; c < q->width && q->first + c <= p->first + r; c += 3) {
+            double block[9];
+            bool diagonal = q->first + c == p->first + r;
+            for (int k = 0; k < 9; k++) {
+                int row = k / 3, column = k % 3, swapped = diagonal && column > row; /* exactly symmetric */
+                int at = (c + (swapped ? row : column)) * PANEL_WIDTH + r + (swapped ? column : row);
+                block[k] = single ? (double)((const float *)tile)[at] : ((const double *)tile)[at];
             }
+            if (diagonal && !is_positive(block)) atomic_store(&s->failed, true);
+            symmetric_blocks_set(s->inverse, (p->first + r) / 3, (q->first + c) / 3, block);
         }
-    free(tile);
-    return status;
+    double left = (double)(p->rows - p->width) / s->t->panels[0].rows;
+    if (member == 0) show(s->progress, 1.0 - 0.5 * left * left);
+}
+
+/* The diagonal shows an overflow, or an underflow, in single precision. */
+static trocar_status multiply_triangle(const panels *t, symmetric_blocks *inverse, team *team, inverse_progress progress) {
+    size_t number = inverse->single ? sizeof(float) : sizeof(double);
+    square s = {.t = t, .inverse = inverse, .progress = progress};
+    s.tiles = malloc((size_t)team_members(team) * PANEL_WIDTH * PANEL_WIDTH * number);
+    if (!s.tiles) return TROCAR_NO_MEMORY;
+    team_run(team, t->count * (t->count + 1) / 2, multiply_panels, &s);
+    free(s.tiles);
+    show(progress, 1.0);
+    return s.failed ? TROCAR_BAD_INPUT : TROCAR_OK;
 }
 
 double condensation_bytes(int count) { return 72.0 * count * count; }
 
-/* What the inversion needs at a time: the triangle, with what is made of a panel, then with the inverse and a tile of it. Each
+/* What the inversion needs at a time: the triangle, with what is made of a panel, then with the inverse and tiles of it. Each
    piece is rounded up to whole pages. */
-static double inversion_bytes(int count, bool single) {
+static double inversion_bytes(int count, bool single, const team *t) {
     double number = single ? sizeof(float) : sizeof(double), share = number / sizeof(double);
-    double panel_product = 3.0 * count * PANEL_WIDTH * number, tile = (double)PANEL_WIDTH * PANEL_WIDTH * number;
+    double panel_product = 3.0 * count * PANEL_WIDTH * number, tiles = (double)PANEL_WIDTH * PANEL_WIDTH * number * team_members(t);
     double rounding = 4096.0 * (3 + 3 * count / PANEL_WIDTH + 1);
-    return rounding + share * panels_bytes(3 * count, 3 * count) + fmax(panel_product, (double)symmetric_blocks_bytes(count, single) + tile);
+    return rounding + share * panels_bytes(3 * count, 3 * count) + fmax(panel_product, (double)symmetric_blocks_bytes(count, single) + tiles);
 }
 
 /* Predicted before the elimination begins, because a system that runs out of memory may end the process without a word. */
@@ -131,29 +192,30 @@ static trocar_status check_memory(const substructure *plan, double needed, repor
 }
 
 /* L_RR, in double precision. */
-static trocar_status find_corner(tissue *t, const condensed_region *region, int *nodes, panels *corner, double *needed, report *why) {
+static trocar_status find_corner(tissue *t, const condensed_region *region, team *team, int *nodes, panels *corner, double *needed, report *why) {
     substructure plan;
     *needed = 0.0;
     trocar_status status = tissue_stiffness(t, why);
-    if (status == TROCAR_OK) status = substructure_plan(t, region->count, region->nodes, nodes, &plan, why);
+    if (status == TROCAR_OK) status = substructure_plan(t, team, region->count, region->nodes, nodes, &plan, why);
     if (status == TROCAR_BAD_INPUT) *needed = INFINITY;
     if (status != TROCAR_OK) return status;
-    *needed = fmax(plan.bytes, inversion_bytes(plan.region_count, region->single));
+    *needed = fmax(plan.bytes, inversion_bytes(plan.region_count, region->single, team));
     status = check_memory(&plan, *needed, why);
     if (status == TROCAR_OK) status = substructure_eliminate(&plan, corner, region->progress, why);
     substructure_free(&plan);
     return status;
 }
 
-trocar_status condense(tissue *t, const condensed_region *region, int *nodes, symmetric_blocks *inverse, double *needed, report *why) {
+static trocar_status condense_with(team *team, tissue *t, const condensed_region *region, int *nodes, symmetric_blocks *inverse, double *needed,
+                                   report *why) {
     inverse_progress progress = region->progress;
     panels corner;
-    trocar_status status = find_corner(t, region, nodes, &corner, needed, why);
+    trocar_status status = find_corner(t, region, team, nodes, &corner, needed, why);
     if (status != TROCAR_OK) return status;
     for (int k = 0; k < corner.count && inverse->single; k++) make_single(&corner.panels[k]);
-    status = invert_triangle(&corner, inverse->single, progress);
+    status = invert_triangle(&corner, inverse->single, team, progress);
     if (status == TROCAR_OK && !(inverse->numbers = malloc(symmetric_blocks_bytes(inverse->count, inverse->single)))) status = TROCAR_NO_MEMORY;
-    if (status == TROCAR_OK) status = multiply_triangle(&corner, inverse, progress);
+    if (status == TROCAR_OK) status = multiply_triangle(&corner, inverse, team, progress);
     panels_free(&corner);
     if (status == TROCAR_NO_MEMORY)
         return fail(why, status, "no memory for the condensed inverse: %.1f GB for %d nodes; choose a smaller region_of_interest",
@@ -162,4 +224,15 @@ trocar_status condense(tissue *t, const condensed_region *region, int *nodes, sy
         return fail(why, status, "the condensed inverse cannot be represented in %s precision: check that the mesh is in metres and the Young's "
                     "moduli in Pa%s", inverse->single ? "single" : "double", inverse->single ? ", or set inverse_precision: double" : "");
     return TROCAR_OK;
+}
+
+/* BLAS's own threads do not pay for matrices as small as most fronts, so the team takes their place. */
+trocar_status condense(tissue *t, const condensed_region *region, int *nodes, symmetric_blocks *inverse, double *needed, report *why) {
+    int threads = openblas_get_num_threads();
+    team *team = team_create(threads);
+    openblas_set_num_threads(1);
+    trocar_status status = condense_with(team, t, region, nodes, inverse, needed, why);
+    openblas_set_num_threads(threads);
+    team_free(team);
+    return status;
 }

@@ -2,7 +2,11 @@
 
 #include <cblas.h>
 #include <lapacke.h>
+#include <stdint.h>
 #include <stdlib.h>
+#include <string.h>
+#include <sys/mman.h>
+#include <unistd.h>
 
 static int panels_of(int columns) { return (columns + PANEL_WIDTH - 1) / PANEL_WIDTH; }
 
@@ -19,6 +23,7 @@ bool panels_divide(panels *p, int rows, int columns, int split) {
 void panels_free(panels *p) {
     for (int k = 0; k < p->count; k++) panel_release(&p->panels[k]);
     free(p->panels);
+    free(p->filled);
     *p = (panels){0};
 }
 
@@ -29,9 +34,29 @@ double panels_bytes(int rows, int columns) {
     return sizeof(double) * numbers;
 }
 
-bool panel_allocate(panel *p) {
-    p->values = calloc((size_t)p->rows * (size_t)p->width, sizeof(double));
-    return p->values != NULL;
+/* A team is not worth waking for less than some tens of microseconds of work. */
+static team *team_for(team *t, double operations) { return operations < 2e6 ? NULL : t; }
+
+/* Where whole large pages lie in a panel the system may use them, which saves hundreds of thousands of page faults. */
+static void advise_large_pages(const panel *p) {
+    uintptr_t page = (uintptr_t)sysconf(_SC_PAGESIZE), from = ((uintptr_t)p->values + page - 1) / page * page;
+    uintptr_t end = (uintptr_t)((double *)p->values + (size_t)p->rows * (size_t)p->width) / page * page;
+    if (end > from) madvise((void *)from, end - from, MADV_HUGEPAGE);
+}
+
+static void clear_column(void *context, int column, int member) {
+    (void)member;
+    const panel *p = context;
+    memset((double *)p->values + (size_t)column * (size_t)p->rows, 0, (size_t)p->rows * sizeof(double));
+}
+
+/* Writing comes first: pages that are read before would be mapped twice. */
+bool panel_allocate(panel *p, team *t) {
+    p->values = malloc((size_t)p->rows * (size_t)p->width * sizeof(double));
+    if (!p->values) return false;
+    advise_large_pages(p);
+    team_run(team_for(t, (double)p->rows * p->width), p->width, clear_column, p);
+    return true;
 }
 
 void panel_release(panel *p) {
@@ -39,22 +64,67 @@ void panel_release(panel *p) {
     p->values = NULL;
 }
 
-void panel_square(const panel *from, int first, int rows, int width, double alpha, double beta, double *c, int ld) {
-    const double *a = (const double *)from->values + (first - from->first);
-    cblas_dsyrk(CblasColMajor, CblasLower, CblasNoTrans, width, from->width, alpha, a, from->rows, beta, c, ld);
-    if (rows > width)
-        cblas_dgemm(CblasColMajor, CblasNoTrans, CblasTrans, rows - width, width, from->width, alpha, a + width, from->rows, a, from->rows, beta, c + width, ld);
+void panel_multiply(const panel *from, int row, int rows, int column, int columns, double alpha, double beta, double *c, int ld) {
+    const double *a = (const double *)from->values + (row - from->first), *b = (const double *)from->values + (column - from->first);
+    if (row == column) cblas_dsyrk(CblasColMajor, CblasLower, CblasNoTrans, rows, from->width, alpha, a, from->rows, beta, c, ld);
+    else cblas_dgemm(CblasColMajor, CblasNoTrans, CblasTrans, rows, columns, from->width, alpha, a, from->rows, b, from->rows, beta, c, ld);
 }
 
-bool panels_eliminate(panels *p, int j, int pivots) {
+/* The rows of panel j below its corner, in pieces for a team: those beside one other panel each if some are not filled. Where they end does not
+   depend on the team's members, so that results do not either. */
+typedef struct {
+    const panels *all;
+    const panel *to;
+    int j, factored;         /* panels that contribute */
+    int pieces;
+} share;
+
+static share share_of(const panels *p, int j, int factored) {
+    enum { FEW = 192, MANY = 4 * 768 }; /* rows: not worth dividing; enough for four large products */
     const panel *to = &p->panels[j];
-    double *c = to->values;
-    int width = to->width, below = to->rows - width;
-    for (int k = 0; k < j && k < pivots; k++) panel_square(&p->panels[k], to->first, to->rows, width, -1.0, 1.0, c, to->rows);
+    int below = to->rows - to->width;
+    return (share){p, to, j, factored, p->filled ? p->count - 1 - j : below < FEW ? below > 0 : 4 * ((below + MANY - 1) / MANY)};
+}
+
+/* First row of a piece, counted within the panel. */
+static int start_of(const share *s, int piece) {
+    enum { VECTORS = 24 };
+    long below = s->to->rows - s->to->width;
+    if (piece == s->pieces) return s->to->rows;
+    return s->all->filled ? s->all->panels[s->j + 1 + piece].first - s->to->first : s->to->width + (int)(below * piece / s->pieces) / VECTORS * VECTORS;
+}
+
+/* Subtracts from the corner, or from a piece of the rows below it, what the factored panels contribute. */
+static void subtract(void *context, int i, int member) {
+    (void)member;
+    const share *s = context;
+    const panel *to = s->to;
+    int row = i == 0 ? 0 : start_of(s, i - 1), end = i == 0 ? to->width : start_of(s, i);
+    if (s->all->filled && !panels_filled(s->all, s->j + i, s->j)) return;
+    for (int k = 0; k < s->factored; k++)
+        if (!s->all->filled || (panels_filled(s->all, s->j + i, k) && panels_filled(s->all, s->j, k)))
+            panel_multiply(&s->all->panels[k], to->first + row, end - row, to->first, to->width, -1.0, 1.0, (double *)to->values + row, to->rows);
+}
+
+/* X L^T = these rows, with the corner's factor L. */
+static void solve_piece(void *context, int i, int member) {
+    (void)member;
+    const share *s = context;
+    const panel *to = s->to;
+    if (s->all->filled && !panels_filled(s->all, s->j + 1 + i, s->j)) return;
+    int row = start_of(s, i), rows = start_of(s, i + 1) - row;
+    double *values = to->values;
+    cblas_dtrsm(CblasColMajor, CblasRight, CblasLower, CblasTrans, CblasNonUnit, rows, to->width, 1.0, values, to->rows, values + row, to->rows);
+}
+
+bool panels_eliminate(panels *p, int j, int pivots, team *t) {
+    const panel *to = &p->panels[j];
+    share s = share_of(p, j, j < pivots ? j : pivots);
+    double square = (double)to->rows * to->width;
+    if (s.factored > 0) team_run(team_for(t, square * p->panels[0].width), s.pieces + 1, subtract, &s);
     if (j >= pivots) return true;
-    if (LAPACKE_dpotrf_work(LAPACK_COL_MAJOR, 'L', width, c, to->rows) != 0) return false;
-    if (below > 0)
-        cblas_dtrsm(CblasColMajor, CblasRight, CblasLower, CblasTrans, CblasNonUnit, below, width, 1.0, c, to->rows, c + width, to->rows);
+    if (LAPACKE_dpotrf_work(LAPACK_COL_MAJOR, 'L', to->width, to->values, to->rows) != 0) return false;
+    team_run(team_for(t, square * to->width), s.pieces, solve_piece, &s);
     return true;
 }
 

@@ -7,6 +7,9 @@
 
 #include "tissue/node_order.h"
 
+/* The region's triangle takes what a front contributes in tiles of so many rows and columns, whole blocks of 3. */
+enum { TILE = 288 };
+
 /* Of a part of the body, a load's |load|^2, and its energy |L^-1 load|^2 = load^T K^-1 load with the rest of the body fixed. */
 typedef struct { double squares, energy; } response;
 
@@ -102,6 +105,28 @@ static bool find_sequence(substructure *s, int root) {
     return true;
 }
 
+enum { PANEL_NODES = PANEL_WIDTH / 3 };
+
+/* Which blocks of the region's triangle have entries, and the operations that its factorisation takes. */
+static bool find_filled(substructure *s) {
+    const int *super = s->symbolic->super, *pi = s->symbolic->pi, *rows = s->symbolic->s;
+    int count = (s->region_count + PANEL_NODES - 1) / PANEL_NODES;
+    s->filled = calloc((size_t)count * (size_t)count + 1, sizeof *s->filled);
+    if (!s->filled) return false;
+    for (int f = 0; f < (int)s->symbolic->nsuper; f++)
+        for (int column = super[f], from = pi[f]; column < super[f + 1]; column++, from++)
+            for (int k = from; k < pi[f + 1] && s->region[column] >= 0; k++)
+                s->filled[s->region[rows[k]] / PANEL_NODES * count + s->region[column] / PANEL_NODES] = true;
+    double block = pow(PANEL_WIDTH, 3);
+    for (int j = 0; j < count; j++)
+        for (int i = j; i < count; i++) {
+            if (!s->filled[i * count + j]) continue;
+            s->operations += i == j ? block / 3.0 : block;
+            for (int k = 0; k < j; k++) s->operations += s->filled[i * count + k] && s->filled[j * count + k] ? (i == j ? block : 2.0 * block) : 0.0;
+        }
+    return true;
+}
+
 static bool find_tree(substructure *s) {
     int count = (int)s->symbolic->nsuper, root = -1;
     const int *super = s->symbolic->super;
@@ -118,7 +143,6 @@ static bool find_tree(substructure *s) {
         int *list = e.columns > e.pivots ? &s->first_child[front_of[e.rows[e.pivots]]] : &root;
         insert_child(s, needs, list, f);
     }
-    for (int i = 0; i < 3 * s->region_count; i++) s->operations += (double)i * i;
     if (done) s->bytes += list_peak(s, needs, root);
     done = done && find_sequence(s, root);
     free(needs);
@@ -131,11 +155,68 @@ static double matrix_bytes(tissue *t) {
     return (double)cholmod_nnz(t->stiffness, &t->common) * (sizeof(double) + sizeof(int));
 }
 
+typedef struct { int place, node; } neighbour;
+
+static int compare_places(const void *a, const void *b) {
+    const neighbour *left = a, *right = b;
+    return left->place != right->place ? (left->place > right->place) - (left->place < right->place) : (left->node > right->node) - (left->node < right->node);
+}
+
+/* Sorts nodes by their first neighbour among order[placed], and appends them. */
+static bool sort_by_neighbours(const cholmod_sparse *graph, int placed, int count, const int *nodes, int *order) {
+    const int *start = graph->p, *row = graph->i;
+    int all = (int)graph->nrow;
+    int *place = malloc((size_t)all * sizeof *place), *first = malloc((size_t)all * sizeof *first);
+    neighbour *sorted = malloc(((size_t)count + 1) * sizeof *sorted);
+    bool done = place && first && sorted;
+    for (int i = 0; i < all && done; i++) place[i] = first[i] = all;
+    for (int i = 0; i < placed && done; i++) place[order[i]] = i;
+    for (int j = 0; j < all && done; j++)
+        for (int k = start[j]; k < start[j + 1]; k++) {
+            if (place[row[k]] < first[j]) first[j] = place[row[k]];
+            if (place[j] < first[row[k]]) first[row[k]] = place[j];
+        }
+    for (int i = 0; i < count && done; i++) sorted[i] = (neighbour){first[nodes[i]], nodes[i]};
+    if (done) qsort(sorted, (size_t)count, sizeof *sorted, compare_places);
+    for (int i = 0; i < count && done; i++) order[placed + i] = sorted[i].node;
+    free(place);
+    free(first);
+    free(sorted);
+    return done;
+}
+
+/* The nodes outside the region; the region's nodes without neighbours outside; and its border, which alone is coupled by what is eliminated
+   outside, so that many blocks of the region's triangle stay empty. The border is sorted for these to lie together. */
+static bool order_nodes(const substructure *s, const cholmod_sparse *graph, const bool *last, int *order) {
+    enum { OUTSIDE, INNER, BORDER, GROUPS };
+    const int *start = graph->p, *row = graph->i;
+    char *group = malloc((size_t)s->nodes);
+    int *listed = malloc((size_t)s->nodes * sizeof *listed), counts[GROUPS] = {0}, filled = 0;
+    bool done = group && listed;
+    for (int j = 0; j < s->nodes && done; j++) group[j] = last[j] ? INNER : OUTSIDE;
+    for (int j = 0; j < s->nodes && done; j++)
+        for (int k = start[j]; k < start[j + 1]; k++)
+            if (last[row[k]] != last[j]) group[last[j] ? j : row[k]] = BORDER;
+    for (char g = 0; g < GROUPS && done; g++)
+        for (int j = 0; j < s->nodes; j++)
+            if (group[j] == g) {
+                listed[filled++] = j;
+                counts[(int)g]++;
+            }
+    const int *inner = listed + counts[OUTSIDE], *border = inner + counts[INNER];
+    done = done && node_dissect(s->tissue, graph, counts[OUTSIDE], listed, order)
+         && node_dissect(s->tissue, graph, counts[INNER], inner, order + counts[OUTSIDE])
+         && sort_by_neighbours(graph, counts[INNER], counts[BORDER], border, order + counts[OUTSIDE]);
+    free(group);
+    free(listed);
+    return done;
+}
+
 static bool analyse(substructure *s, const bool *last) {
     tissue *t = s->tissue;
     int *order = malloc((size_t)s->nodes * sizeof *order);
     cholmod_sparse *graph = order ? node_graph(t) : NULL;
-    if (graph && node_order(t, graph, last, order)) {
+    if (graph && order_nodes(s, graph, last, order)) {
         t->common.nmethods = 1;
         t->common.method[0].ordering = CHOLMOD_GIVEN;
         s->symbolic = cholmod_analyze_p(graph, order, NULL, 0, &t->common);
@@ -156,10 +237,10 @@ static bool plan(substructure *s, const bool *last) {
     s->sequence = malloc(fronts * sizeof *s->sequence);
     if (!s->first_child || !s->next || !s->sequence) return false;
     for (size_t i = 0; i < fronts; i++) s->first_child[i] = s->next[i] = -1;
-    double matrix = matrix_bytes(s->tissue), product = 3.0 * s->region_count * PANEL_WIDTH * sizeof(double);
-    s->bytes = matrix + product + panels_bytes(3 * s->region_count, 3 * s->region_count);
+    double matrix = matrix_bytes(s->tissue), tiles = (double)TILE * TILE * team_members(s->team) * sizeof(double);
+    s->bytes = matrix + tiles + panels_bytes(3 * s->region_count, 3 * s->region_count);
     s->bytes += (double)nodes * (2.0 * sizeof(int) + sizeof(response)); /* scratch of the elimination, by nodes */
-    if (!find_tree(s)) return false;
+    if (!find_filled(s) || !find_tree(s)) return false;
     s->bytes = fmax(s->bytes, 2.0 * matrix); /* K is reordered by way of another copy */
     return true;
 }
@@ -176,8 +257,8 @@ static bool list_nodes(const substructure *s, int count, const int *region, int 
     return place != NULL;
 }
 
-trocar_status substructure_plan(tissue *t, int count, const int *region, int *nodes, substructure *s, report *why) {
-    *s = (substructure){.tissue = t, .nodes = t->dof_count / 3};
+trocar_status substructure_plan(tissue *t, team *team, int count, const int *region, int *nodes, substructure *s, report *why) {
+    *s = (substructure){.tissue = t, .team = team, .nodes = t->dof_count / 3};
     bool *last = mark_free_nodes(t, count, region);
     bool planned = plan(s, last) && list_nodes(s, count, region, nodes);
     free(last);
@@ -192,6 +273,7 @@ trocar_status substructure_plan(tissue *t, int count, const int *region, int *no
 void substructure_free(substructure *s) {
     if (s->tissue) cholmod_free_factor(&s->symbolic, &s->tissue->common);
     free(s->region);
+    free(s->filled);
     free(s->first_child);
     free(s->next);
     free(s->sequence);
@@ -216,7 +298,7 @@ typedef struct {
     panels *corner;
     int *local;              /* plan->nodes: row in the current front, nodes */
     double *load;            /* of the region, 3 region_count */
-    double *product;         /* scratch: 3 region_count x PANEL_WIDTH */
+    double *tiles;           /* scratch: TILE x TILE for each member of the team */
     int *piece;              /* plan->nodes: another node of the same connected piece, in the end the one that stands for it */
     response *of_piece;      /* plan->nodes: by the node that stands for it */
     double norm;             /* K's largest column sum, no less than its largest eigenvalue */
@@ -276,44 +358,80 @@ static void add_stiffness(const elimination *e, front *f, panel *p) {
     }
 }
 
+/* Of a child, nodes [child->taken, end), to be added to a panel, in groups. */
+typedef struct {
+    const elimination *elimination;
+    const front *child;
+    const panel *to;
+    int end;
+} addition;
+
+enum { GROUP = 16 };         /* nodes */
+
+static void add_columns(void *context, int i, int member) {
+    (void)member;
+    const addition *a = context;
+    const front *child = a->child;
+    const extent *c = &child->size;
+    const int *local = a->elimination->local;
+    int first = child->taken + i * GROUP, end = first + GROUP < a->end ? first + GROUP : a->end;
+    for (int column = 3 * first; column < 3 * end; column++) {
+        const panel *from = &child->matrix.panels[child->pivot_panels + (column - 3 * c->pivots) / PANEL_WIDTH];
+        const double *values = column_at(from, column);
+        double *into = column_at(a->to, 3 * local[c->rows[column / 3]] + column % 3);
+        for (int row = column / 3; row < c->count; row++) {
+            int to = 3 * local[c->rows[row]] - a->to->first, at = 3 * row - from->first;
+            for (int b = 0; b < 3; b++) into[to + b] += values[at + b];
+        }
+    }
+}
+
 /* Adds what a child left in the columns of this panel, and gives the child's panels back that have been added. */
 static void add_child(const elimination *e, front *child, panel *p) {
     const extent *c = &child->size;
-    for (; child->taken < c->columns; child->taken++) {
-        int column = 3 * e->local[c->rows[child->taken]];
-        if (column >= p->first + p->width) return;
+    addition a = {e, child, p, child->taken};
+    while (a.end < c->columns && 3 * e->local[c->rows[a.end]] < p->first + p->width) a.end++;
+    int added = a.end - child->taken;
+    bool large = (double)added * c->count > 1e4;
+    team_run(large ? e->plan->team : NULL, (added + GROUP - 1) / GROUP, add_columns, &a);
+    child->taken = a.end;
+    for (; child->taken_panels < child->matrix.count; child->taken_panels++) {
         panel *from = &child->matrix.panels[child->taken_panels];
-        for (int a = 0; a < 3; a++) {
-            const double *values = column_at(from, 3 * child->taken + a);
-            double *into = column_at(p, column + a);
-            for (int row = child->taken; row < c->count; row++) {
-                int to = 3 * e->local[c->rows[row]] - p->first, at = 3 * row - from->first;
-                for (int b = 0; b < 3; b++) into[to + b] += values[at + b];
-            }
-        }
-        if (3 * (child->taken + 1) == from->first + from->width) {
-            panel_release(from);
-            child->taken_panels++;
-        }
+        if (from->first + from->width > 3 * a.end) return;
+        panel_release(from);
+    }
+}
+
+/* What a front's pivots contribute to the region, by tiles of the lower triangle. */
+typedef struct {
+    const elimination *elimination;
+    const front *front;
+} contribution;
+
+static void subtract_tile(void *context, int i, int member) {
+    const contribution *c = context;
+    const elimination *e = c->elimination;
+    const front *f = c->front;
+    const int *rows = f->size.rows + f->size.columns, *region = e->plan->region;
+    int above = (int)((sqrt(8.0 * i + 1.0) - 1.0) / 2.0), count = 3 * (f->size.count - f->size.columns); /* rows of tiles */
+    int row = above * TILE, column = (i - above * (above + 1) / 2) * TILE;
+    int height = count - row < TILE ? count - row : TILE, width = count - column < TILE ? count - column : TILE;
+    double *tile = e->tiles + (size_t)member * TILE * TILE;
+    for (int k = 0; k < f->pivot_panels; k++)
+        panel_multiply(&f->matrix.panels[k], 3 * f->size.columns + row, height, 3 * f->size.columns + column, width, 1.0, k == 0 ? 0.0 : 1.0, tile, height);
+    for (int b = 0; b < width; b++) {
+        int at = 3 * region[rows[(column + b) / 3]] + (column + b) % 3;
+        const panel *p = &e->corner->panels[at / PANEL_WIDTH];
+        double *into = column_at(p, at);
+        for (int a = row == column ? b : 0; a < height; a++)
+            into[3 * region[rows[(row + a) / 3]] + (row + a) % 3 - p->first] -= tile[(size_t)b * (size_t)height + (size_t)a];
     }
 }
 
 /* Subtracts what the pivots contribute to the region. */
 static void subtract_from_region(const elimination *e, const front *f) {
-    const int *rows = f->size.rows + f->size.columns, *region = e->plan->region;
-    int count = 3 * (f->size.count - f->size.columns);
-    for (int first = 0; first < count; first += PANEL_WIDTH) {
-        int width = count - first < PANEL_WIDTH ? count - first : PANEL_WIDTH, left = count - first;
-        for (int k = 0; k < f->pivot_panels; k++)
-            panel_square(&f->matrix.panels[k], 3 * f->size.columns + first, left, width, 1.0, k == 0 ? 0.0 : 1.0, e->product, left);
-        for (int column = 0; column < width; column++) {
-            int at = 3 * region[rows[(first + column) / 3]] + column % 3;
-            const panel *p = &e->corner->panels[at / PANEL_WIDTH];
-            double *into = column_at(p, at);
-            const double *values = e->product + (size_t)column * (size_t)left;
-            for (int row = column; row < left; row++) into[3 * region[rows[(first + row) / 3]] + row % 3 - p->first] -= values[row];
-        }
-    }
+    int size = f->size.count - f->size.columns, across = (3 * size + TILE - 1) / TILE;
+    team_run(e->plan->team, across * (across + 1) / 2, subtract_tile, &(contribution){e, f});
 }
 
 static int piece_of(const elimination *e, int place) {
@@ -361,10 +479,10 @@ static trocar_status eliminate_front(elimination *e, int number) {
     take_loads(e, f, first_child);
     for (int j = 0; j < f->matrix.count; j++) {
         panel *p = &f->matrix.panels[j];
-        if (!panel_allocate(p)) return TROCAR_NO_MEMORY;
+        if (!panel_allocate(p, e->plan->team)) return TROCAR_NO_MEMORY;
         if (j < f->pivot_panels) add_stiffness(e, f, p);
         for (int c = first_child; c >= 0; c = e->plan->next[c]) add_child(e, e->fronts[c], p);
-        if (!panels_eliminate(&f->matrix, j, f->pivot_panels)) return TROCAR_BAD_INPUT;
+        if (!panels_eliminate(&f->matrix, j, f->pivot_panels, e->plan->team)) return TROCAR_BAD_INPUT;
         show_done(e, operations * (j + 1) / (f->matrix.count + 1));
     }
     for (int c = first_child; c >= 0; c = e->plan->next[c]) {
@@ -400,7 +518,9 @@ static bool begin_corner(elimination *e) {
     const double *value = e->k->x;
     int size = 3 * s->region_count;
     bool created = panels_divide(e->corner, size, size, size);
-    for (int j = 0; j < e->corner->count && created; j++) created = panel_allocate(&e->corner->panels[j]);
+    size_t blocks = (size_t)e->corner->count * (size_t)e->corner->count;
+    if (created && (created = (e->corner->filled = malloc(blocks + 1)) != NULL)) memcpy(e->corner->filled, s->filled, blocks);
+    for (int j = 0; j < e->corner->count && created; j++) created = panel_allocate(&e->corner->panels[j], s->team);
     for (int place = 0; place < 3 * s->nodes && created; place++) {
         if (s->region[place / 3] < 0) continue;
         int column = 3 * s->region[place / 3] + place % 3;
@@ -427,10 +547,10 @@ static bool begin(elimination *e) {
     e->fronts = calloc(s->symbolic->nsuper, sizeof *e->fronts);
     e->local = malloc((size_t)s->nodes * sizeof *e->local);
     e->load = calloc(size, sizeof *e->load);
-    e->product = malloc(size * PANEL_WIDTH * sizeof *e->product);
+    e->tiles = malloc((size_t)team_members(s->team) * TILE * TILE * sizeof *e->tiles);
     e->piece = malloc((size_t)s->nodes * sizeof *e->piece);
     e->of_piece = calloc((size_t)s->nodes, sizeof *e->of_piece);
-    if (!(e->fronts && e->local && e->load && e->product && e->piece && e->of_piece && (e->k = reorder(s)))) return false;
+    if (!(e->fronts && e->local && e->load && e->tiles && e->piece && e->of_piece && (e->k = reorder(s)))) return false;
     find_pieces(e);
     return begin_corner(e);
 }
@@ -441,7 +561,7 @@ static trocar_status eliminate_all(elimination *e) {
     for (int i = 0; i < (int)s->symbolic->nsuper && status == TROCAR_OK; i++) status = eliminate_front(e, s->sequence[i]);
     cholmod_free_sparse(&e->k, &s->tissue->common);
     for (int j = 0; j < e->corner->count && status == TROCAR_OK; j++) {
-        if (!panels_eliminate(e->corner, j, e->corner->count)) status = TROCAR_BAD_INPUT;
+        if (!panels_eliminate(e->corner, j, e->corner->count, s->team)) status = TROCAR_BAD_INPUT;
         show_done(e, (s->operations - e->done) * (j + 1) / e->corner->count);
     }
     if (status != TROCAR_OK) return status;
@@ -465,7 +585,7 @@ trocar_status substructure_eliminate(const substructure *s, panels *corner, inve
     free(e.fronts);
     free(e.local);
     free(e.load);
-    free(e.product);
+    free(e.tiles);
     free(e.piece);
     free(e.of_piece);
     if (status == TROCAR_OK) return status;

@@ -12,22 +12,24 @@
 
 typedef struct {
     tissue *tissue;
+    team *team;              /* shares the work; NULL: the calling thread alone */
     cholmod_factor *symbolic; /* of the nodes' graph */
     int nodes;               /* free nodes */
     int region_count;        /* those of the region */
     int *region;             /* nodes: index in the region of the node at this place in the order, or -1 */
+    bool *filled;            /* of the region's triangle, see panels */
     int *first_child, *next; /* fronts, by supernode; children by falling need of memory. -1: none */
     int *sequence;           /* fronts in the order in which they are eliminated */
     double bytes;            /* most that the elimination needs at a time: fronts, the region's triangle, scratch of it, and K in this order */
     double operations;
 } substructure;
 
-/* The order of elimination, and what it takes. K must be there. Writes the region's free nodes in the order of the triangle to `nodes`.
+/* The order of elimination, and what it takes with this team. K must be there. Writes the region's free nodes in the order of the triangle to `nodes`.
    NO_MEMORY; BAD_INPUT if the mesh is too large for CHOLMOD's indices. */
-trocar_status substructure_plan(tissue *t, int count, const int *region, int *nodes, substructure *s, report *why);
+trocar_status substructure_plan(tissue *t, team *team, int count, const int *region, int *nodes, substructure *s, report *why);
 void substructure_free(substructure *s);
 
-/* `corner`: L_RR. NO_MEMORY; BAD_INPUT if the fixed nodes do not constrain the body. */
+/* `corner`: L_RR, the same whatever the team. BLAS shall have one thread. NO_MEMORY; BAD_INPUT if the fixed nodes do not constrain the body. */
 trocar_status substructure_eliminate(const substructure *s, panels *corner, inverse_progress progress, report *why);
 
 #endif

@@ -34,3 +34,37 @@ bool node_order(tissue *t, cholmod_sparse *graph, const bool *last, int *order) 
     free(scratch);
     return done;
 }
+
+/* The graph between these nodes, lower triangle. */
+static cholmod_sparse *part_of(tissue *t, const cholmod_sparse *graph, int count, const int *nodes) {
+    const int *start = graph->p, *row = graph->i;
+    int *index = malloc(graph->nrow * sizeof *index);
+    cholmod_triplet *pairs = cholmod_allocate_triplet((size_t)count, (size_t)count, (size_t)start[graph->ncol], -1, CHOLMOD_PATTERN, &t->common);
+    cholmod_sparse *part = NULL;
+    if (index && pairs) {
+        for (size_t i = 0; i < graph->nrow; i++) index[i] = -1;
+        for (int i = 0; i < count; i++) index[nodes[i]] = i;
+        for (int j = 0; j < (int)graph->ncol; j++)
+            for (int k = start[j]; k < start[j + 1]; k++) {
+                int a = index[row[k]], b = index[j];
+                if (a < 0 || b < 0) continue;
+                ((int *)pairs->i)[pairs->nnz] = a > b ? a : b;
+                ((int *)pairs->j)[pairs->nnz++] = a > b ? b : a;
+            }
+        part = cholmod_triplet_to_sparse(pairs, 0, &t->common);
+    }
+    cholmod_free_triplet(&pairs, &t->common);
+    free(index);
+    return part;
+}
+
+bool node_dissect(tissue *t, const cholmod_sparse *graph, int count, const int *nodes, int *order) {
+    if (count == 0) return true;
+    int *scratch = malloc(3 * (size_t)count * sizeof *scratch);
+    cholmod_sparse *part = scratch ? part_of(t, graph, count, nodes) : NULL;
+    bool done = part && cholmod_nested_dissection(part, NULL, 0, scratch, scratch + count, scratch + 2 * count, &t->common) >= 0;
+    for (int i = 0; i < count && done; i++) order[i] = nodes[scratch[i]];
+    cholmod_free_sparse(&part, &t->common);
+    free(scratch);
+    return done;
+}

@@ -10,6 +10,9 @@ cholmod_sparse *node_graph(tissue *t);
 /* Marks the free ones of these nodes, indexed by first dof / 3; the caller frees it. NULL: no memory. */
 bool *mark_free_nodes(const tissue *t, int count, const int *nodes);
 
+/* Nested dissection of some free nodes, as if the others were not there: writes them to order[count]. False: no memory. */
+bool node_dissect(tissue *t, const cholmod_sparse *graph, int count, const int *nodes, int *order);
+
 /* Nested dissection of the free nodes, order[dof_count / 3]; nodes marked `last` (indexed by first dof / 3) are moved to the end. The separators
    of the mesh still separate the remaining nodes. False: no memory. */
 bool node_order(tissue *t, cholmod_sparse *graph, const bool *last, int *order);

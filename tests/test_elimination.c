@@ -62,31 +62,44 @@ static void eliminate_plainly(int order, int pairs, double a[MOST_ORDER][LD]) {
     }
 }
 
+static const int ORDERS[][2] = {{1, 0}, {3, 2}, {7, 4}, {16, 10}, {31, 20}, {92, 60}, {181, 120}, {244, 162}}; /* unknowns, of them in pairs */
+
 static bool in_a_pair(int i, int j, int pairs) { return j == i + 1 && i % 2 == 0 && j < pairs; }
 
-static void rows_are_those_of_the_definition_and_do_not_depend_on_the_width(void **state) {
-    static const int orders[][2] = {{1, 0}, {3, 2}, {7, 4}, {16, 10}, {31, 20}, {92, 60}, {181, 120}, {244, 162}};
+static void rows_are_those_of_the_definition(void **state) {
     (void)state;
     srand(1);
-    for (size_t c = 0; c < sizeof orders / sizeof *orders; c++) {
-        int order = orders[c][0], pairs = orders[c][1];
+    for (size_t c = 0; c < sizeof ORDERS / sizeof *ORDERS; c++) {
+        int order = ORDERS[c][0], pairs = ORDERS[c][1];
         make(order);
         memcpy(portable, given, sizeof given);
-        memcpy(widest, given, sizeof given);
         memcpy(plain, given, sizeof given);
         eliminate(&elimination_portable, order, pairs, portable);
-        eliminate(elimination_widest(), order, pairs, widest); /* on a processor without wider vectors the same kernels */
         eliminate_plainly(order, pairs, plain);
         for (int i = 0; i < order; i++)
             for (int j = i + 1; j <= order; j++) {
                 if (in_a_pair(i, j, pairs)) continue; /* lost */
-                assert_memory_equal(&portable[i][j], &widest[i][j], sizeof(double));
                 assert_true(fabs(portable[i][j] - plain[i][j]) < 1e-12 * (1.0 + fabs(plain[i][j])));
             }
     }
 }
 
+static void wider_vectors_give_the_same_bits(void **state) {
+    (void)state;
+    if (elimination_kernels_here() == &elimination_portable) skip(); /* this processor has none */
+    srand(2);
+    for (size_t c = 0; c < sizeof ORDERS / sizeof *ORDERS; c++) {
+        int order = ORDERS[c][0], pairs = ORDERS[c][1];
+        make(order);
+        memcpy(portable, given, sizeof given);
+        memcpy(widest, given, sizeof given);
+        eliminate(&elimination_portable, order, pairs, portable);
+        eliminate(elimination_kernels_here(), order, pairs, widest);
+        for (int i = 0; i < order; i++) assert_memory_equal(&portable[i][i + 1], &widest[i][i + 1], (size_t)(order - i) * sizeof(double));
+    }
+}
+
 int main(void) {
-    const struct CMUnitTest tests[] = {cmocka_unit_test(rows_are_those_of_the_definition_and_do_not_depend_on_the_width)};
+    const struct CMUnitTest tests[] = {cmocka_unit_test(rows_are_those_of_the_definition), cmocka_unit_test(wider_vectors_give_the_same_bits)};
     return cmocka_run_group_tests(tests, NULL, NULL);
 }

@@ -295,6 +295,7 @@ static void large_fronts_agree_with_the_factor(void **state) {
     fix_bottom(&m, fixed);
     assert_int_equal(tissue_assemble(&m, materials, fixed, STRAIN_BY_PATCH, &t, &why), TROCAR_OK);
     team *two = team_create(2);
+    assert_non_null(two);
     for (int wide = 0; wide < 2; wide++) {
         substructure s;
         panels corner, alone;

@@ -33,7 +33,7 @@ static symmetric_system system_of(contact_problem *p) { return (symmetric_system
 /* Eliminates the sideways unknowns, in the principal directions of each contact. What is left of the axial rows is the Schur complement: the
    compliance and the gap along the needle with all sideways gaps closed. The sideways rows keep the factors for close_sideways(). */
 static void eliminate_sideways(contact_problem *p, principal axes[MAX_POINTS]) {
-    const elimination_kernels *kernels = elimination_widest();
+    const elimination_kernels *kernels = elimination_kernels_here();
     symmetric_system s = system_of(p);
     elimination_panel panel;
     elimination_begin(&s);
@@ -71,7 +71,7 @@ static void find_slips(const contact_problem *p, double slip[MAX_AXIAL]) {
 
 /* Solves for the right-hand side and stores the solution in x; false if the system is not positive definite. */
 static bool solve_definite(const symmetric_system *s, double *x) {
-    const elimination_kernels *kernels = elimination_widest();
+    const elimination_kernels *kernels = elimination_kernels_here();
     elimination_panel panel;
     elimination_begin(s);
     for (panel.end = 0; next_panel(&panel, s->order);) {

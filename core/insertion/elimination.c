@@ -23,8 +23,8 @@ double dot_product(const double *row, const double *x, int begin, int end) {
     return total;
 }
 
-const elimination_kernels *elimination_widest(void) {
-#ifdef __x86_64__
+const elimination_kernels *elimination_kernels_here(void) {
+#if defined TROCAR_AVX512 && defined __FMA__ /* the bits are the same only if both have fused multiplications */
     bool all = __builtin_cpu_supports("avx512f") && __builtin_cpu_supports("avx512bw") && __builtin_cpu_supports("avx512cd")
             && __builtin_cpu_supports("avx512dq") && __builtin_cpu_supports("avx512vl"); /* x86-64-v4 */
     if (all) return &elimination_avx512;

@@ -46,7 +46,7 @@ typedef struct {
 
 /* Those that any processor has that can run this program, those of AVX-512 (x86-64 only), and the widest that this processor has. RT */
 extern const elimination_kernels elimination_portable, elimination_avx512;
-const elimination_kernels *elimination_widest(void);
+const elimination_kernels *elimination_kernels_here(void);
 
 /* The sum of row[j] x[j] over [begin, end). RT */
 double dot_product(const double *row, const double *x, int begin, int end);

@@ -319,12 +319,13 @@ static bool expect_spring(const tick_context *tick) {
 }
 
 /* Checks whether set_spring_law would have found the same after passes without that law. In these the tip slips farther, by at most what it
-   yields to the force that the law adds, and must not come to the end of the track, which is judged first. */
+   yields to the force that the law adds, and must not come to the end of the track, which is judged first. That is a bound for a definite system, linearised
+   here. */
 static bool springs_as_expected(const tick_context *tick) {
     const insertion_workspace *w = tick->scratch;
     const needle_tip *tip = &tick->state->tip;
     double farther = fmax(w->tip_compliance, 0.0) * viscosity_lost(tick) / tick->dt * (tip->slip - w->tip_carried);
-    return springs(tick) && tip->slip + farther <= tip->open_left;
+    return w->problem.negative == 0 && springs(tick) && tip->slip + farther <= tip->open_left;
 }
 
 /* Checks whether the slip would take the tip to a membrane or bone that it cannot pierce. If so, the step is to be solved again with the tip stopping
@@ -365,9 +366,9 @@ void equilibrium_find(const tick_context *tick, const int handles[4]) {
     remember_forces(tick);
     int most = tick->model->settings.max_passes;
     bool spring = expect_spring(tick);
-    pass_result r = run_passes(tick, guessed && most > GUESS_PASSES ? GUESS_PASSES : most);
+    pass_result r = run_passes(tick, (guessed || spring) && most > GUESS_PASSES ? GUESS_PASSES : most);
     bool solved = r.found && r.converged && !r.diverging;
-    if ((guessed && !solved) || (spring && !(solved && springs_as_expected(tick)))) { /* the guess may be to blame */
+    if ((guessed && !solved) || (spring && !(solved && springs_as_expected(tick)))) { /* what was guessed may be to blame */
         set_tip_law(tick, TIP_CUTS, 0.0);
         recall(tick);
         r = run_passes(tick, most);

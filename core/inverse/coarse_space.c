@@ -19,9 +19,23 @@ struct coarse_space {
 
 /* ---- parts ------------------------------------------------------------------------------------------------------------ */
 
-static int compare_x(const void *a, const void *b) { return (((const place *)a)->at.x > ((const place *)b)->at.x) - (((const place *)a)->at.x < ((const place *)b)->at.x); }
-static int compare_y(const void *a, const void *b) { return (((const place *)a)->at.y > ((const place *)b)->at.y) - (((const place *)a)->at.y < ((const place *)b)->at.y); }
-static int compare_z(const void *a, const void *b) { return (((const place *)a)->at.z > ((const place *)b)->at.z) - (((const place *)a)->at.z < ((const place *)b)->at.z); }
+/* The order of equal coordinates is fixed too, so that parts do not depend on the C library's sort. */
+static int compare(double a, double b, int node_a, int node_b) { return a != b ? (a > b) - (a < b) : (node_a > node_b) - (node_a < node_b); }
+
+static int compare_x(const void *a, const void *b) {
+    const place *p = a, *q = b;
+    return compare(p->at.x, q->at.x, p->node, q->node);
+}
+
+static int compare_y(const void *a, const void *b) {
+    const place *p = a, *q = b;
+    return compare(p->at.y, q->at.y, p->node, q->node);
+}
+
+static int compare_z(const void *a, const void *b) {
+    const place *p = a, *q = b;
+    return compare(p->at.z, q->at.z, p->node, q->node);
+}
 
 /* Halves across the longest side, until the parts are small. */
 static void divide(coarse_space *c, int first, int count) {

@@ -7,7 +7,7 @@
 
 typedef struct coarse_space coarse_space;
 
-/* K must be there. NULL: so few nodes that there would be one part, no memory, or K is not positive definite. */
+/* K must have been assembled. NULL: so few nodes that there would be one part, no memory, or K is not positive definite. */
 coarse_space *coarse_space_create(const tissue *t);
 void coarse_space_free(coarse_space *c);
 

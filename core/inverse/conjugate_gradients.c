@@ -137,6 +137,6 @@ bool conjugate_gradients(const cholmod_sparse *matrix, coarse_space *coarse, dou
         left = cblas_dnrm2(k.n, w.residual, 1);
     }
     free(numbers);
-    bool stagnated = steps > 0 && left >= before; /* as near as rounding allows */
+    bool stagnated = steps > 0 && left >= before && !coarse; /* as near as rounding allows; with a coarse space that does not show it */
     return definite && isfinite(left) && (left <= wanted || stagnated);
 }

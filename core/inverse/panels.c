@@ -2,11 +2,10 @@
 
 #include <cblas.h>
 #include <lapacke.h>
-#include <stdint.h>
 #include <stdlib.h>
 #include <string.h>
-#include <sys/mman.h>
-#include <unistd.h>
+
+#include "base/large_pages.h"
 
 static int panels_of(int columns) { return (columns + PANEL_WIDTH - 1) / PANEL_WIDTH; }
 
@@ -37,12 +36,7 @@ double panels_bytes(int rows, int columns) {
 /* A team is not worth waking for less than some tens of microseconds of work. */
 static team *team_for(team *t, double operations) { return operations < 2e6 ? NULL : t; }
 
-/* Where whole large pages lie in a panel the system may use them, which saves hundreds of thousands of page faults. */
-static void advise_large_pages(const panel *p) {
-    uintptr_t page = (uintptr_t)sysconf(_SC_PAGESIZE), from = ((uintptr_t)p->values + page - 1) / page * page;
-    uintptr_t end = (uintptr_t)((double *)p->values + (size_t)p->rows * (size_t)p->width) / page * page;
-    if (end > from) madvise((void *)from, end - from, MADV_HUGEPAGE);
-}
+static size_t bytes_of(const panel *p) { return (size_t)p->rows * (size_t)p->width * sizeof(double); }
 
 static void clear_column(void *context, int column, int member) {
     (void)member;
@@ -52,14 +46,15 @@ static void clear_column(void *context, int column, int member) {
 
 /* Writing comes first: pages that are read before would be mapped twice. */
 bool panel_allocate(panel *p, team *t) {
-    p->values = malloc((size_t)p->rows * (size_t)p->width * sizeof(double));
+    p->values = malloc(bytes_of(p));
     if (!p->values) return false;
-    advise_large_pages(p);
+    advise_pages(p->values, bytes_of(p), MADV_HUGEPAGE);
     team_run(team_for(t, (double)p->rows * p->width), p->width, clear_column, p);
     return true;
 }
 
 void panel_release(panel *p) {
+    advise_pages(p->values, bytes_of(p), MADV_NOHUGEPAGE);
     free(p->values);
     p->values = NULL;
 }

@@ -24,12 +24,12 @@ typedef struct {
     double operations;
 } substructure;
 
-/* The order of elimination, and what it takes with this team. K must be there. Writes the region's free nodes in the order of the triangle to `nodes`.
+/* The order of elimination, and what it takes with this team. K must have been assembled. Writes the region's free nodes in the order of the triangle to `nodes`.
    NO_MEMORY; BAD_INPUT if the mesh is too large for CHOLMOD's indices. */
 trocar_status substructure_plan(tissue *t, team *team, int count, const int *region, int *nodes, substructure *s, report *why);
 void substructure_free(substructure *s);
 
-/* `corner`: L_RR, the same whatever the team. BLAS shall have one thread. NO_MEMORY; BAD_INPUT if the fixed nodes do not constrain the body. */
+/* `corner`: L_RR, the same whatever the team. BLAS must be set to one thread. NO_MEMORY; BAD_INPUT if the fixed nodes do not constrain the body. */
 trocar_status substructure_eliminate(const substructure *s, panels *corner, inverse_progress progress, report *why);
 
 #endif

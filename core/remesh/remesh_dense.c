@@ -2,7 +2,8 @@
 
 #include <stdlib.h>
 #include <string.h>
-#include <sys/mman.h>
+
+#include "base/large_pages.h"
 
 static double *entry(const dense_remesher *r, int row, int column) {
     int low = row > column ? row : column, high = row > column ? column : row;
@@ -121,13 +122,10 @@ static void dense_release(remesher *shared) {
 static const remesh_operations last_first = {dense_add, dense_remove, false, NULL, dense_gather_rows, dense_release, false};
 static const remesh_operations in_any_order = {dense_add, dense_remove, true, NULL, dense_gather_rows, dense_release, false};
 
-/* Zeros. In pages of 4 KB a sweep through the matrix takes a third longer: so many are to be looked up. Large ones are a wish only. */
 static double *large_matrix(size_t n) {
-    enum { PAGE = 4096 };
-    double *matrix = calloc(n * n, sizeof *matrix);
-    uintptr_t begin = ((uintptr_t)matrix + PAGE - 1) / PAGE * PAGE, end = (uintptr_t)(matrix + n * n) / PAGE * PAGE;
-    if (matrix && begin < end) madvise((void *)begin, end - begin, MADV_HUGEPAGE);
-    return matrix;
+    double *zeros = calloc(n * n, sizeof *zeros);
+    advise_pages(zeros, n * n * sizeof *zeros, MADV_HUGEPAGE);
+    return zeros;
 }
 
 trocar_status dense_remesher_create(inverse *inv, const dense_operations *operations, remesher **created, report *why) {

@@ -4,7 +4,7 @@
 
 #include "tissue/tissue.h"
 
-/* Sparsity pattern of K by free nodes, lower triangle: the three dofs of a node have the same neighbours. K must be there. NULL: no memory. */
+/* Sparsity pattern of K by free nodes, lower triangle: the three dofs of a node have the same neighbours. K must have been assembled. NULL: no memory. */
 cholmod_sparse *node_graph(tissue *t);
 
 /* Marks the free ones of these nodes, indexed by first dof / 3; the caller frees it. NULL: no memory. */

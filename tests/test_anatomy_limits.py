@@ -56,6 +56,9 @@ class Limits(unittest.TestCase):
     def test_a_crash_is_named(self):
         with self.assertRaisesRegex(limits.Crashed, "^x: ended by signal 6"):
             limits.run("x", os.abort)
+        with self.assertRaises(limits.Crashed) as caught:
+            limits.run("x", limits.run, "y", os.abort)
+        self.assertEqual(caught.exception.number, signal.SIGABRT)      # passed on by the outer stage
 
     def test_sigterm_ends_the_program_and_its_stage(self):
         program = subprocess.Popen([sys.executable, "-c", FOREVER], stdout=subprocess.PIPE, env={**os.environ, "PYTHONPATH": os.path.join(SOURCE, "meshes")})

@@ -32,6 +32,13 @@ def refuse():
     raise contours.Unusable("Apex", "too thin", 3.0)
 
 
+class Large:
+    """Too large to be sent between processes."""
+
+    def __reduce__(self):
+        raise MemoryError
+
+
 class Limits(unittest.TestCase):
     def test_a_result_comes_back(self):
         self.assertEqual(limits.run("sum", sum, [1, 2]), 3)
@@ -52,6 +59,10 @@ class Limits(unittest.TestCase):
     def test_an_exception_comes_back_as_it_was(self):
         with self.assertRaisesRegex(contours.Unusable, 'region "Apex", slice z = 3 mm: too thin'):
             limits.run("x", refuse)
+
+    def test_a_result_without_memory_to_send_it_is_no_crash(self):
+        with self.assertRaises(MemoryError):
+            limits.run("x", Large)
 
     def test_a_crash_is_named(self):
         with self.assertRaisesRegex(limits.Crashed, "^x: ended by signal 6"):

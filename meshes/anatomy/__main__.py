@@ -8,6 +8,8 @@ import numpy as np
 
 from . import approach, contours, limits, materials, meshing, options, picture, pipeline, quality, reading, scene, voxels
 
+DAMAGED = "damaged, or not what its name says"
+
 
 def pick(name, available, path):
     alike = [key for key in available if key.strip().lower() == name.strip().lower()]
@@ -24,14 +26,14 @@ def read(path, work, *arguments):
     except (reading.BadFile, contours.Unusable, limits.TooLong):
         raise
     except limits.Crashed as error:
-        causes = "damaged, not what its name says, or too little memory" if error.number == signal.SIGKILL else "damaged, or not what its name says"
+        causes = "damaged, not what its name says, or too little memory" if error.number == signal.SIGKILL else DAMAGED
         raise reading.BadFile(f"{path}: {causes}: {error}") from error
     except MemoryError as error:
         raise reading.BadFile(f"{path}: too large for this machine's memory") from error
     except Exception as error:  # of any kind
         if isinstance(error, OSError) and error.filename:
             raise
-        raise reading.BadFile(f"{path}: damaged, or not what its name says: {type(error).__name__}: {error}") from error
+        raise reading.BadFile(f"{path}: {DAMAGED}: {type(error).__name__}: {error}") from error
 
 
 def refuse_options(given, *names):

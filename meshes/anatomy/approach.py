@@ -172,8 +172,9 @@ def needle_for(skin, target, plate=None):
     ahead = max(0.0, (skin - plate) @ way) if plate is not None else 0.0
     length = max(NEEDLE, LONGER * np.ceil((push + ahead) / LONGER - 1e-9))
     if length > LONGEST:
-        raise Unusable("needle", f"its target is {1e3 * deep:.0f} mm below the skin" + (f", that is {1e3 * ahead:.0f} mm beyond the template" if ahead else "")
-                       + f", and no needle is longer than {1e3 * LONGEST:g} mm: move " + ("--template or --target" if ahead else "--entry or --target"))
+        before = f", that is {1e3 * ahead:.0f} mm beyond the template" if ahead else ""
+        raise Unusable("needle", f"its target is {1e3 * deep:.0f} mm below the skin{before}, and no needle is longer than {1e3 * LONGEST:g} mm: "
+                       f"move {'--template' if ahead else '--entry'} or --target")
     return push, length
 
 

@@ -84,6 +84,8 @@ def serve(sender, work, arguments):
         answer = None, error, traceback.format_exc()
     try:
         sender.send(answer)
+    except MemoryError as error:
+        sender.send((None, error, answer[2]))
     except Exception as error:  # an exception of a library that cannot be sent
         sender.send((None, Crashed(f"{error}: {answer[2]}"), answer[2]))
 

@@ -4,6 +4,7 @@
 import contextlib
 import io
 import os
+import signal
 import subprocess
 import sys
 import tempfile
@@ -36,6 +37,14 @@ def anatomy(*arguments):
 def content(path):
     with open(path, "rb") as file:
         return file.read()
+
+
+def raising(_path, error):
+    raise error
+
+
+def killed(_path, number):
+    os.kill(os.getpid(), number)
 
 
 class Command(unittest.TestCase):
@@ -126,7 +135,7 @@ class Command(unittest.TestCase):
             self.assertAlmostEqual(organ.volume / ellipsoid_volume(24, 17, 20), 1, delta=0.08 if size == 14 else 0.005)
 
     @staticmethod
-    def write_surface(name, writer, size, torn=False):
+    def write_surface(name, writer, size, torn=False, scale=1.0):
         """An ellipsoid of size x 2 size facets; torn: with holes, and facets doubled. Returns their number."""
         sphere = vtk.vtkSphereSource()
         sphere.SetRadius(1)
@@ -138,7 +147,7 @@ class Command(unittest.TestCase):
         if torn:
             triangles = np.vstack([triangles[2:], triangles[-1:], triangles[100:101]])
         writer.SetFileName(name)
-        writer.SetInputData(shells.to_vtk(shells.Shell(unit.points * [24, 17, 20], triangles)))
+        writer.SetInputData(shells.to_vtk(shells.Shell(scale * unit.points * [24, 17, 20], triangles)))
         writer.Write()
         return len(triangles)
 
@@ -210,6 +219,70 @@ class Command(unittest.TestCase):
         self.assertIn("bad.dcm", self.refused(os.path.relpath(self.copy("bad.csv", "bad.dcm"))))
         self.assertIn("--nodes", self.refused(SHIPPED, "--nodes", "5"))
         self.assertFalse([name for name in os.listdir(".") if name.endswith(".msh")])
+
+    def test_outlines_are_always_in_mm_however_small_they_are(self):
+        rings = ellipsoid(2.5, 2.5, 2.5, 0.5)       # 65 mm^3
+        with open("small.csv", "w", encoding="utf-8") as file:
+            file.write(",".join(reading.COLUMNS) + "\n")
+            file.writelines(f"Lesion,{n},{x},{y},{z}\n" for n, ring in enumerate(rings) for x, y, z in ring)
+        with unittest.mock.patch.object(meshing, "TRIES", 2):
+            status, _, complained = anatomy("small.csv", "--nodes", "2000", "--margin", "5", "--output", "small")
+        self.assertEqual(status, 0, complained)
+        self.assertIn("few of the mesh's elements are in it", complained)
+        self.assertNotIn("unit", complained)
+        self.write_surface("small.stl", vtk.vtkSTLWriter(), 14, scale=0.1)
+        self.assertRegex(self.refused("small.stl"), "is the file's unit right\\? Give it with --unit$")
+
+    def test_options_without_a_meaning_for_the_file_are_refused(self):
+        self.write_surface("x.stl", vtk.vtkSTLWriter(), 14)
+        with open("names.txt", "w", encoding="utf-8") as file:
+            file.write("1 Prostate\n")
+        csv, msh = SHIPPED.replace(".dcm", ".csv"), os.path.join(SOURCE, "meshes/prostate.msh")
+        values = {"unit": "mm", "frame": "LPS", "names": "names.txt", "labels": "x"}
+        for path, names in ((csv, values), (SHIPPED, values), ("x.stl", ("names", "labels")), (msh, ("names", "labels")), (self.copy(csv, "x.nrrd"), ("labels",))):
+            for name in names:
+                self.assertIn(f"{path}: --{name} has no meaning for this kind of file: leave it out", self.refused(path, "--list", f"--{name}", values[name]))
+        self.assertIn("prostate", self.make(msh, "--list", "--unit", "m", "--frame", "LPS"))
+
+    def test_what_ends_the_reading_of_a_file_is_told(self):
+        def fails(error):
+            with self.assertRaises(Exception) as caught:
+                command.read("x.nrrd", raising, error)
+            return caught.exception
+        damaged = fails(KeyError("sizes"))
+        self.assertIsInstance(damaged, reading.BadFile)
+        self.assertEqual(str(damaged), "x.nrrd: damaged, or not what its name says: KeyError: 'sizes'")
+        self.assertEqual(str(fails(np.core._exceptions._ArrayMemoryError((2 ** 40,), np.dtype(float)))), "x.nrrd: too large for this machine's memory")
+        self.assertEqual(str(fails(MemoryError())), "x.nrrd: too large for this machine's memory")
+        self.assertIsInstance(fails(PermissionError(13, "Permission denied", "x.nrrd")), PermissionError)
+        self.assertIn("damaged", str(fails(OSError("Invalid data stream"))))
+        for number, words in ((signal.SIGKILL, "damaged, not what its name says, or too little memory"), (signal.SIGSEGV, "damaged, or not what its name says")):
+            with self.assertRaisesRegex(reading.BadFile, f"^x.nrrd: {words}: reading x.nrrd: ended by signal {number:d}$"):
+                command.read("x.nrrd", killed, number)
+        with unittest.mock.patch.object(os, "access", lambda path, mode: mode != os.R_OK):
+            self.assertIn("synthetic.dcm: no permission to read it", self.refused(SHIPPED, "--list"))
+
+    def test_the_folder_of_the_output_is_checked_before_the_work(self):
+        with unittest.mock.patch.object(command, "read_all", side_effect=AssertionError):
+            self.assertIn("nowhere/x: the folder nowhere does not exist, or cannot be written to", self.refused(SHIPPED, "--roi", "Prostate", "--output", "nowhere/x"))
+        self.make(SHIPPED, "--list", "--output", "nowhere/x")
+
+    def test_points_that_are_not_finite_are_refused(self):
+        points, cells = vtk.vtkPoints(), vtk.vtkCellArray()
+        for point in ((0, 0, 0), (9, 0, 0), (0, 9, 0), (0, 0, float("nan"))):
+            points.InsertNextPoint(point)
+        for triangle in ((0, 2, 1), (0, 1, 3), (1, 2, 3), (0, 3, 2)):
+            cells.InsertNextCell(3, triangle)
+        surface, grid = vtk.vtkPolyData(), vtk.vtkUnstructuredGrid()
+        surface.SetPoints(points)
+        surface.SetPolys(cells)
+        grid.SetPoints(points)
+        grid.InsertNextCell(vtk.VTK_TETRA, 4, (0, 1, 2, 3))
+        for path, writer, data in (("x.vtp", vtk.vtkXMLPolyDataWriter(), surface), ("x.vtu", vtk.vtkXMLUnstructuredGridWriter(), grid)):
+            writer.SetFileName(path)
+            writer.SetInputData(data)
+            writer.Write()
+            self.assertIn(f"{path}: some of its points have coordinates that are not finite numbers", self.refused(path))
 
     @staticmethod
     def copy(source, target):

@@ -16,7 +16,7 @@ import numpy as np
 import pydicom
 
 from anatomy_cases import ellipsoid_volume
-from anatomy import __main__ as command, approach, inputs, label_stress, labels, materials, meshing, options, pipeline, quality, reading, scene, session, shells, trouble, voxels
+from anatomy import __main__ as command, approach, contours, inputs, label_stress, labels, materials, meshing, options, pipeline, quality, reading, scene, session, shells, trouble, voxels
 
 SPACING = (1.0, 1.25, 2.0)
 MIDDLE = np.array([30.0, -20.0, 100.0])    # LPS, mm, of the left of two half balls that touch
@@ -132,6 +132,22 @@ class Files(unittest.TestCase):
         with self.assertRaisesRegex(trouble.BadFile, "no labels \"x\"; they have: Label"):
             reading.read_mesh("a.vtu", array="x")
 
+    def test_a_gmsh_mesh_of_second_order(self):
+        for order in (1, 2):
+            session.start()
+            box = meshing.gmsh.model.occ.addBox(0, 0, 0, 3, 4, 5)
+            meshing.gmsh.model.occ.synchronize()
+            meshing.gmsh.model.addPhysicalGroup(3, [box], 7)
+            meshing.gmsh.model.setPhysicalName(3, 7, "gland")
+            meshing.gmsh.model.mesh.generate(3)
+            meshing.gmsh.model.mesh.setOrder(order)
+            nodes = len(meshing.gmsh.model.mesh.getNodes()[0])
+            meshing.gmsh.write("x.msh")
+            surface, _ = reading.read_mesh("x.msh", "cm", "LPS")["gland"]
+            self.assertAlmostEqual(surface.signed_volume(), 60e3, places=6)     # mm^3
+            self.assertTrue(np.allclose(surface.centre(), [15, 20, 25]))
+            self.assertEqual(len(surface.points) < nodes / 3, order == 2)     # only corners are left
+
     def test_files_that_cannot_be_used_say_why(self):
         found, place = two_halves()
         cases = {"empty.nrrd": np.zeros_like(found), "flat.nrrd": found[15:16]}
@@ -146,7 +162,7 @@ class Files(unittest.TestCase):
         for name, changed in wrong.items():
             with open(name, "wb") as file:
                 file.write(changed)
-        words = {"empty.nrrd": "no label", "flat.nrrd": "three axes", "cut.nrrd": "cut off", "kind.nrrd": "not a NRRD", "no.nrrd": "directions", "far.nrrd": "gzip or raw",
+        words = {"empty.nrrd": "no label", "flat.nrrd": "three axes", "cut.nrrd": "cut off", "kind.nrrd": "not a NRRD", "no.nrrd": "directions", "far.nrrd": "gzip, bzip2 or raw",
                  "half.nrrd": "no end", "x.gif": "unknown file type", "zero.nrrd": "how large its voxels are"}
         for name, word in words.items():
             with self.assertRaisesRegex(trouble.BadFile, f"^{name}: .*{word}"):
@@ -167,6 +183,32 @@ class Files(unittest.TestCase):
             file.write(data)
         for name in ("b.nhdr", "c.nrrd"):
             self.check_map(reading.read_image(name), place, by_number)
+        for named, words in (("my scan %.raw.gz", None), ("slice%03d.raw 1 9 1", "several files"), ("LIST", "several files"), ("my other.raw", "my other.raw, beside it")):
+            with open("d.nhdr", "wb") as file:
+                file.write(head + f"\ndata file: {named}\n".encode())
+            if words:
+                with self.assertRaisesRegex(trouble.BadFile, f"d.nhdr: .*{words}"):
+                    reading.read_image("d.nhdr")
+            else:
+                os.rename("b.raw.gz", named)
+                self.check_map(reading.read_image("d.nhdr"), place, by_number)
+
+    def test_packed_values_of_a_nrrd_file_in_several_streams(self):
+        self.labels, place = two_halves(20)
+        inputs.write_nrrd("a.nrrd", self.labels, place)
+        with open("a.nrrd", "rb") as file:
+            head, data = file.read().split(b"\n\n", 1)
+        values = gzip.decompress(data)
+        for name, module in (("gzip", gzip), ("bzip2", bz2)):
+            packed = b"".join(module.compress(values[start:start + 20000]) for start in range(0, len(values), 20000))
+            for content, whole in ((packed, True), (packed[:-30], False)):
+                with open("b.nrrd", "wb") as file:
+                    file.write(head.replace(b"gzip", name.encode()) + b"\n\n" + content)
+                if whole:
+                    self.check_map(reading.read_image("b.nrrd"), place, {str(value): value for value in NAMES})
+                else:
+                    with self.assertRaisesRegex(trouble.BadFile, "b.nrrd: cut off"):
+                        reading.read_image("b.nrrd")
 
     def test_names_of_labels(self):
         for content, path in (('{"labels": {"background": 0, "Prostate": 1, "Rectum": 2}}', "a.json"), ("# ITK-SNAP\n1 255 0 0 1 1 1 \"Prostate\"\n2 0 255 0 1 1 1 \"Rectum\"\n", "b.txt"),
@@ -292,6 +334,27 @@ class Approach(unittest.TestCase):
             words = "\n".join(sum(scene.place(np.eye(4), start), []))
             self.assertEqual(("depth:" in words, "  length: 0.25 " in words), (depth > 0.05, depth > 0.19))
             self.assertAlmostEqual(np.linalg.norm(start.position - start.entry), 0.001 + (0.25 if depth > 0.19 else 0.2))
+
+    def test_the_base_of_the_needle_never_has_to_pass_the_template(self):
+        """The end of the needle that scripts push is still before the plate when the tip is 10 mm past the target."""
+        skin = approach_sphere((0, 0, 0), 0.1)
+        mesh = quality.Mesh(skin.points, np.array([[0, 1, 2, 3]]), np.array([0]), ["gland"], {"skin": skin})
+        for depth, before, wanted in ((0.04, 0.05, 0.2), (0.16, 0.025, 0.2), (0.16, 0.05, 0.25), (0.04, 0.3, 0.4)):
+            face, way = np.array([0.03, 0.02, -0.1 - before]), np.array([0, 0, 1.0])
+            start = approach.start_in(mesh, np.array([0, 0, -0.1]), np.array([0, 0, -0.1 + depth]), "gland", face)
+            self.assertAlmostEqual(start.length, wanted)
+            self.assertLessEqual((start.position + start.depth * way - face) @ way, 0)
+            self.assertAlmostEqual((start.position + (start.length + start.depth) * way - start.entry) @ way, max(depth + 0.01, 0.065), delta=1e-7)      # VTK: single precision
+        for face, words in ((None, "500 mm below the skin, and no needle .* move --entry or --target"),
+                            (np.array([0, 0, -0.13]), "500 mm below the skin, that is 30 mm beyond the template, .* move --template or --target")):
+            with self.assertRaisesRegex(contours.Unusable, words):
+                approach.needle_for(np.array([0, 0, -0.1]), np.array([0, 0, 0.4]), face)
+
+    def test_a_target_too_deep_for_any_needle_is_refused_before_the_mesh_is_made(self):
+        gland = pipeline.organ_of_surface("Gland", "gland", False, approach_sphere((0, 0, 0), 15.0))
+        plan = pipeline.Plan(entry=np.array([0.0, 0, -520]))
+        with unittest.mock.patch.object(meshing, "generate", side_effect=AssertionError), self.assertRaisesRegex(contours.Unusable, "520 mm below the skin"):
+            pipeline.mesh_of([gland], 570, None, "x.msh", plan=plan)
 
     def test_the_orientation_turns_z_into_the_direction(self):
         for direction in ([0, 0, 1], [0, 0, -1], [1, 0, 0], [0.6, -0.8, 0], [-0.36, 0.48, -0.8]):

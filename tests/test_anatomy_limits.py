@@ -32,6 +32,13 @@ def refuse():
     raise contours.Unusable("Apex", "too thin", 3.0)
 
 
+class Large:
+    """Too large to be sent between processes."""
+
+    def __reduce__(self):
+        raise MemoryError
+
+
 class Limits(unittest.TestCase):
     def test_a_result_comes_back(self):
         self.assertEqual(limits.run("sum", sum, [1, 2]), 3)
@@ -53,9 +60,16 @@ class Limits(unittest.TestCase):
         with self.assertRaisesRegex(contours.Unusable, 'region "Apex", slice z = 3 mm: too thin'):
             limits.run("x", refuse)
 
+    def test_a_result_without_memory_to_send_it_is_no_crash(self):
+        with self.assertRaises(MemoryError):
+            limits.run("x", Large)
+
     def test_a_crash_is_named(self):
         with self.assertRaisesRegex(limits.Crashed, "^x: ended by signal 6"):
             limits.run("x", os.abort)
+        with self.assertRaises(limits.Crashed) as caught:
+            limits.run("x", limits.run, "y", os.abort)
+        self.assertEqual(caught.exception.number, signal.SIGABRT)      # passed on by the outer stage
 
     def test_sigterm_ends_the_program_and_its_stage(self):
         program = subprocess.Popen([sys.executable, "-c", FOREVER], stdout=subprocess.PIPE, env={**os.environ, "PYTHONPATH": os.path.join(SOURCE, "meshes")})

@@ -143,6 +143,27 @@ class Crossing(unittest.TestCase):
             found = meshing.search(self.sphere, wanted, self.path)
         self.assertEqual((len(sizes), len(found.mesh.points)), (3, wanted))
 
+    def test_a_mesh_with_a_part_of_a_surface_missing_is_refined_by_its_number_of_nodes_and_counts_as_work(self):
+        def made(nodes, missed):
+            mesh = quality.Mesh(np.full((nodes, 3), 2.0), np.zeros((1, 4), int), np.array([0]), ["gland"])
+            return meshing.Attempt(mesh, {}, {"gland": missed})
+
+        def sizes_of(first, *others):
+            """The sizes of the tries, relative to the one before, when these come in turn, and the last one for ever."""
+            sizes, coming = [], [made(*first), *(made(*other) for other in others)]
+
+            def attempt(_stage, _work, _domain, fine, path):
+                sizes.append(fine)
+                with open(path, "w", encoding="ascii"):
+                    return coming[min(len(sizes), len(coming)) - 1]
+            with unittest.mock.patch.object(meshing.limits, "run", attempt), unittest.mock.patch.object(quality.Mesh, "badness", lambda mesh: mesh.points[0, 0]), \
+                    unittest.mock.patch.object(meshing, "MOST_WORK", 3000), unittest.mock.patch.object(meshing, "LARGE_WORK", 1):
+                meshing.search(self.sphere, 1000, self.path)
+            return np.array(sizes[1:]) / sizes[:-1]
+        self.assertAlmostEqual(sizes_of((125, 0.05))[0], 0.5)       # an eighth of the nodes
+        self.assertAlmostEqual(sizes_of((1500, 0.05))[0], 0.98)
+        self.assertEqual(len(sizes_of((1000, 0.0), (1000, 0.05))), 3)     # further tries, after which there were more than 3000 nodes
+
     def test_the_search_prefers_usable_angles_then_whole_surfaces_then_the_number_of_nodes(self):
         tries = [(1490, 50.0, 0.0), (1480, 0.9, 0.05), (1200, 2.0, 0.0), (1000, 0.9, 0.0)]     # nodes, badness, share of a surface that is missing
         for count in range(1, len(tries) + 1):

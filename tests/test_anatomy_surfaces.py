@@ -118,8 +118,9 @@ class Surfaces(unittest.TestCase):
         self.assertIn("is the file's unit right?", sized(0.2)[0])
         self.assertEqual(sized(0.2, unit="mm"), [""])
         for factor in (0.05, 1000):
-            with self.assertRaisesRegex(contours.Unusable, "is the file's unit right"):
+            with self.assertRaisesRegex(contours.Unusable, "is the file's unit right\\? Give it with --unit$"):
                 sized(factor)
+            sized(factor, unit="mm")
         large, small = sized(1, 0.05)      # a lesion of 4 mm^3 beside an organ
         self.assertEqual(large, "")
         self.assertRegex(small, "few of the mesh's elements are in it")

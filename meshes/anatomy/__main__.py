@@ -1,11 +1,14 @@
 """Makes a mesh, a scene and a quality report from a patient's outlines, label maps or surfaces; options.py has the options."""
 import os
 import re
+import signal
 import sys
 
 import numpy as np
 
 from . import approach, contours, limits, materials, meshing, options, picture, pipeline, quality, reading, scene, voxels
+
+DAMAGED = "damaged, or not what its name says"
 
 
 def pick(name, available, path):
@@ -16,19 +19,25 @@ def pick(name, available, path):
 
 
 def read(path, work, *arguments):
-    """work(path, *arguments), as a stage. A library raises whatever it likes on a damaged file, or crashes: the file is named."""
+    """work(path, *arguments), as a stage. A library raises whatever it likes on a damaged file, or crashes: the file is named. The system
+    ends a process with SIGKILL if there is too little memory."""
     try:
         return limits.run(f"reading {path}", work, path, *arguments)
     except (reading.BadFile, contours.Unusable, limits.TooLong):
         raise
     except limits.Crashed as error:
-        raise reading.BadFile(f"{path}: damaged, or not what its name says: {error}") from error
+        causes = "damaged, not what its name says, or too little memory" if error.number == signal.SIGKILL else DAMAGED
+        raise reading.BadFile(f"{path}: {causes}: {error}") from error
+    except MemoryError as error:
+        raise reading.BadFile(f"{path}: too large for this machine's memory") from error
     except Exception as error:  # of any kind
-        raise reading.BadFile(f"{path}: damaged, or not what its name says: {type(error).__name__}: {error}") from error
+        if isinstance(error, OSError) and error.filename:
+            raise
+        raise reading.BadFile(f"{path}: {DAMAGED}: {type(error).__name__}: {error}") from error
 
 
 def refuse_options(given, *names):
-    """Those of these options that are given, as this kind of file has no use for them."""
+    """Refuses these options if they are given: this kind of file has no use for them."""
     for name in names:
         if getattr(given, name):
             raise reading.BadFile(f"{given.input[0]}: --{name} has no meaning for this kind of file: leave it out")
@@ -40,6 +49,8 @@ def read_all(given):
     for path in given.input:
         if not os.path.isfile(path):
             raise reading.BadFile(f"{path}: no such file")
+        if not os.access(path, os.R_OK):
+            raise reading.BadFile(f"{path}: no permission to read it")
     names = voxels.read_names(given.names) if given.names else {}
     if kinds <= set(reading.IMAGES):
         refuse_options(given, "labels")
@@ -48,6 +59,8 @@ def read_all(given):
         return {name: segment.code for name, segment in found.segments.items()}, found
     unit = given.unit or "mm"
     if len(given.input) == 1 and kinds <= set(reading.MESHES) and not read(first, reading.is_surface):
+        if reading.kind_of(first) == ".msh":
+            refuse_options(given, "names", "labels")
         return read(first, reading.read_mesh, given.unit, given.frame, given.labels, names), None
     if kinds <= {*reading.SURFACES, ".vtk"}:
         refuse_options(given, "names", "labels")
@@ -88,7 +101,8 @@ def organs_of(given, available, labels):
         came.update({name: (found[name], labels.segments[name].code) for name in inner})
         came.update({name: (limits.run(f"surface of {name}", voxels.body_of, labels, name), "") for name in body})
     organs = [limits.run(f"region \"{name}\"", organ_of, name, names[name], name in bones, came[name]) for name in chosen]
-    pipeline.check_sizes(organs, given.unit)
+    always_mm = reading.kind_of(given.input[0]) in reading.OUTLINES
+    pipeline.check_sizes(organs, "mm" if always_mm else given.unit)
     skin = organs.pop() if body else None
     if skin:
         skin.shells = limits.run(f"surface of \"{skin.roi}\"", pipeline.skin_surfaces, skin)
@@ -134,7 +148,7 @@ def run(given):
     path = given.output + ".msh"
     mesh, domain, outlined = pipeline.mesh_of(organs, given.nodes, along_z and [v * 1e-3 for v in along_z], path, given.crop, plan)
     try:
-        start = approach.start_in(mesh, *domain.path, organs[0].name)
+        start = approach.start_in(mesh, *domain.path, organs[0].name, domain.plate)
         if plate:
             approach.check_template(plate, pipeline.patient(start.entry, domain.origin))
     except contours.Unusable:

@@ -164,8 +164,22 @@ class Start:
     misses: bool = False     # the region, or bone is in the way
 
 
-def start_in(mesh, entry, target, gland):
-    """The pose from which the needle goes straight through `entry` to `target` (m); `gland`: name of the first region."""
+def needle_for(skin, target, plate=None):
+    """How deep a scripted motion must push the needle, and its length, so that its base stays before the template. All m. `plate`: a point of
+    the template's face where needles enter, or None."""
+    deep, way = np.linalg.norm(target - skin), (target - skin) / np.linalg.norm(target - skin)
+    push = max(PUSH, AHEAD + deep + BEYOND)
+    ahead = max(0.0, (skin - plate) @ way) if plate is not None else 0.0
+    length = max(NEEDLE, LONGER * np.ceil((push + ahead) / LONGER - 1e-9))
+    if length > LONGEST:
+        before = f", that is {1e3 * ahead:.0f} mm beyond the template" if ahead else ""
+        raise Unusable("needle", f"its target is {1e3 * deep:.0f} mm below the skin{before}, and no needle is longer than {1e3 * LONGEST:g} mm: "
+                       f"move {'--template' if ahead else '--entry'} or --target")
+    return push, length
+
+
+def start_in(mesh, entry, target, gland, plate=None):
+    """The pose from which the needle goes straight through `entry` to `target` (m); `gland`: name of the first region; `plate`: see needle_for."""
     way = (target - entry) / np.linalg.norm(target - entry)
     skin = first_hit(mesh.surfaces["skin"], entry - 0.3 * way, target)
     every = [first_hit(shell, entry - 0.3 * way, target) for name, shell in mesh.surfaces.items() if name not in ("skin",)]
@@ -173,11 +187,7 @@ def start_in(mesh, entry, target, gland):
     if skin is None or before:
         raise Unusable("needle", "the line from --entry to --target does not come through the mesh's skin first: move the entry, raise --margin, "
                        "or take the patient's own skin with --skin")
-    push = max(PUSH, AHEAD + np.linalg.norm(target - skin) + BEYOND)
-    length = max(NEEDLE, LONGER * np.ceil(push / LONGER - 1e-9))
-    if length > LONGEST:
-        raise Unusable("needle", f"its target is {1e3 * np.linalg.norm(target - skin):.0f} mm below the skin, and no needle is longer than {1e3 * LONGEST:g} mm: "
-                       "move --entry or --target")
+    push, length = needle_for(skin, target, plate)
     met = first_hit(mesh.boundary(gland), skin, skin + push * way)
     depth = f"meets {gland} {1e3 * np.linalg.norm(met - skin):.0f} mm below the skin" if met is not None else f"does not meet {gland}"
     bone = first_hit(mesh.surfaces["bone"], skin, target) if "bone" in mesh.surfaces else None
@@ -191,5 +201,3 @@ def check_template(template, skin):
     ahead = (skin - template.origin) @ template.normal
     if ahead < THICKNESS:
         raise Unusable("needle", f"the skin is {ahead:.0f} mm beyond the face of the template where needles enter, which is {THICKNESS:g} mm thick: move --template back")
-    if ahead > 1e3 * NEEDLE:
-        raise Unusable("needle", f"the skin is {ahead:.0f} mm beyond the template, and the needle is {1e3 * NEEDLE:g} mm long: move --template closer")

@@ -23,7 +23,11 @@ class TooLong(Exception):
 
 
 class Crashed(Exception):
-    """A library crashed its process or raised an unknown exception."""
+    """A library crashed its process or raised an unknown exception. `number`: of the signal that ended it, or None."""
+
+    def __init__(self, text, number=None):
+        super().__init__(text)
+        self.number = number
 
 
 def seconds_for(nodes):
@@ -48,7 +52,9 @@ def run(stage, work, *arguments):
         child.join()
         if child.exitcode == -signal.SIGXCPU:
             raise too_long(stage) from None
-        raise Crashed(f"{stage}: ended by signal {-child.exitcode}" if child.exitcode < 0 else f"{stage}: ended without a result") from None
+        if child.exitcode < 0:
+            raise Crashed(f"{stage}: ended by signal {-child.exitcode}", -child.exitcode) from None
+        raise Crashed(f"{stage}: ended without a result") from None
     finally:
         child.kill()
         child.join()
@@ -78,6 +84,8 @@ def serve(sender, work, arguments):
         answer = None, error, traceback.format_exc()
     try:
         sender.send(answer)
+    except MemoryError as error:
+        sender.send((None, error, answer[2]))
     except Exception as error:  # an exception of a library that cannot be sent
         sender.send((None, Crashed(f"{error}: {answer[2]}"), answer[2]))
 

@@ -83,6 +83,7 @@ class Domain:
     regions: list = None     # in order of priority
     gland: str = ""
     path: tuple = None       # entry, target, m: of the needle
+    plate: np.ndarray = None    # m: a point of the template's face where needles enter
     tube: float = None       # m: radius around the path with smaller elements
     skin: bool = False       # the last region is the body around the others, and there is no box: the rest is air
     crop: tuple = None       # low, high: regions are cut off outside
@@ -439,18 +440,18 @@ def search(domain, nodes, path):
         if best is None or rank < best_rank:
             best, best_rank = made, rank
             os.replace(path + ".try.msh", path)
+        count = len(mesh.points)
+        work += count
+        centre = fine * (count / nodes) ** (1 / 2 if domain.regions else 1 / 3)    # shared surfaces need many of the nodes at any size
         if rank[1]:      # part of a surface is missing: a makeshift, if all tries fail
             failures += 1
             if failures == limit and best_rank[1]:
                 break
-            fine *= 0.98
+            fine = min(0.98 * fine, centre)
             continue
-        count = len(mesh.points)
-        work += count
         off = abs(count / nodes - 1)
         if rank <= (False, False, False, 1.0):
             break
-        centre = fine * (count / nodes) ** (1 / 2 if domain.regions else 1 / 3)    # shared surfaces need many of the nodes at any size
         tries.append((fine, count))
         if off > CLOSE:
             fine = nodes > SMOOTH and size_between(tries, nodes) or centre

@@ -119,14 +119,14 @@ def check_sizes(organs, unit=None):
     for n, organ in enumerate(sorted(organs, key=lambda organ: -organ.volume)):
         size = np.ptp(organ.points, axis=0)
         measured = f"it measures {' x '.join(f'{side:.3g}' for side in size)} mm and has {organ.volume:.3g} mm^3"
-        if size.max() > LARGE or n == 0 and organ.volume < SMALL and not unit:
-            raise Unusable(organ.roi, f"{measured}: is the file's unit right? (--unit; if it is, --unit mm)")
+        if not unit and (size.max() > LARGE or n == 0 and organ.volume < SMALL):
+            raise Unusable(organ.roi, f"{measured}: is the file's unit right? Give it with --unit")
         if organ.volume < LEAST:
             raise Unusable(organ.roi, f"{measured}: too small to be meshed: leave it out")
         if organ.volume < SMALL:
             organ.note(f"{measured}: few of the mesh's elements are in it")
         elif n == 0 and size.max() < SHORT and not unit:
-            organ.note(f"{measured}: is the file's unit right? (--unit)")
+            organ.note(f"{measured}: is the file's unit right? Give it with --unit")
 
 
 def note_parts(organ):
@@ -339,6 +339,7 @@ def domain_of(organs, nodes, corridor, crop=False, plan=None):
     middle = world((points.min(axis=0) + points.max(axis=0)) / 2, origin)
     domain = meshing.Domain([], corners.min(axis=0), corners.max(axis=0), middle, reach, origin, corridor, gland=organs[0].name,
                             path=tuple(world(np.array([path.entry, path.target]), origin)), tube=plan.tube and plan.tube * 1e-3,
+                            plate=world(plan.template.origin, origin) if plan.template else None,
                             front=meshing.face_name(face[0], face[1] * (-1 if face[0] < 2 else 1)))
     apart = not cut and not plan.skin and apart_surfaces(organs, surfaces, gap)
     outlined = {organ.name: organ.volume * 1e-9 for organ in organs}
@@ -396,6 +397,8 @@ def mesh_of(organs, nodes, corridor, path, crop=False, plan=None):
         made, domain, outlined = limits.run(f"surfaces of {', '.join(organ.roi for organ in organs)}", shaped, organs, nodes, corridor, crop, plan)
         for organ, finished in zip(organs, made):
             vars(organ).update(vars(finished))
+        if not domain.skin:      # of a box: the path begins on it
+            approach.needle_for(*domain.path, domain.plate)
         try:
             made = meshing.generate(domain, nodes, path)
         except meshing.Failure as failure:
@@ -427,7 +430,7 @@ def note_losses(organs, lost, outlined):
 def note_missed(organs, missed):
     for organ in organs:
         if missed.get(organ.name, 0) > meshing.MOST_MISSED:
-            organ.note(f"{100 * missed[organ.name]:.0f} % of its surface are missing in the mesh, where it is too thin for this number of nodes: try more --nodes")
+            organ.note(f"{100 * missed[organ.name]:.0f} % of its surface is missing in the mesh, where it is too thin for this number of nodes: try more --nodes")
 
 
 def check_volumes(organs, mesh, outlined):

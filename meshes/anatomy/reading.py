@@ -197,6 +197,8 @@ def gmsh_mesh(path):
     session.start()
     try:
         return session.read(path)
+    except MemoryError:
+        raise
     except Exception as error:  # Gmsh raises no more specific class
         raise BadFile(f"{path}: Gmsh cannot read it as tetrahedra in named groups: {error}") from error
 
@@ -232,7 +234,7 @@ def cell_labels(path, data, array):
 
 def check_points(path, data):
     if data.GetNumberOfPoints() and not np.all(np.isfinite(vtk_to_numpy(data.GetPoints().GetData()))):
-        raise BadFile(f"{path}: some of its points have no place: their coordinates are not finite numbers")
+        raise BadFile(f"{path}: some of its points have coordinates that are not finite numbers")
 
 
 def read_surface(path, scale, frame=None):

@@ -5,6 +5,8 @@ are equal, so that labels which touch in the image share it.
 """
 import bz2
 import dataclasses
+import gzip
+import io
 import json
 import os
 import re
@@ -96,6 +98,8 @@ def read_nifti(path, unit, names):
         image = nibabel.load(path)
         values = np.asanyarray(image.dataobj)
         given = image.header.get_xyzt_units()[0] if hasattr(image.header, "get_xyzt_units") else "mm"
+    except MemoryError:
+        raise
     except Exception as error:  # of several kinds, as of damaged compression
         raise BadFile(f"{path}: damaged, or not NIfTI: {error}") from error
     scale = unit or {"meter": 1e3, "micron": 1e-3}.get(given, 1.0)
@@ -141,21 +145,23 @@ def nrrd_data(path, fields, rest, size):
     """The values as bytes. `size`: their number of bytes."""
     encoding = fields.get("encoding", "").lower()
     if encoding in ("gzip", "gz"):
-        return zlib.decompressobj(wbits=31).decompress(rest, size)
+        return gzip.GzipFile(fileobj=io.BytesIO(rest)).read(size)       # of any number of streams
     if encoding in ("bzip2", "bz2"):
-        return bz2.BZ2Decompressor().decompress(rest, size)
+        return bz2.BZ2File(io.BytesIO(rest)).read(size)
     if encoding == "raw":
         return rest
-    raise BadFile(f"{path}: its encoding is {encoding or 'not given'}: save it with gzip or raw")
+    raise BadFile(f"{path}: its encoding is {encoding or 'not given'}: save it with gzip, bzip2 or raw")
 
 
 def nrrd_beside(path, fields):
     """The bytes of a file that a header names in place of its own."""
     named = fields.get("data file", fields.get("datafile"))
-    if named.upper().startswith("LIST") or len(named.split()) > 1 or any(float(fields.get(key, 0)) for key in ("line skip", "lineskip", "byte skip", "byteskip")):
+    beside = os.path.join(os.path.dirname(path), named)
+    several = not os.path.isfile(beside) and re.match(r"LIST\b|.*%", named)
+    if several or any(float(fields.get(key, 0)) for key in ("line skip", "lineskip", "byte skip", "byteskip")):
         raise BadFile(f"{path}: its data are in several files, or after other data: save it as one file (.nrrd)")
     try:
-        with open(os.path.join(os.path.dirname(path), named), "rb") as file:
+        with open(beside, "rb") as file:
             return file.read()
     except OSError as error:
         raise BadFile(f"{path}: its data should be in {named}, beside it: {error.strerror}") from error
@@ -184,7 +190,9 @@ def read_nrrd(path, unit, names, frame):
     count = int(np.prod(sizes)) * kind.itemsize
     try:
         data = nrrd_data(path, fields, rest, count)
-    except (zlib.error, OSError) as error:      # OSError: of bzip2
+    except EOFError as error:
+        raise BadFile(f"{path}: cut off: {error}") from error
+    except (zlib.error, OSError) as error:      # OSError: neither gzip nor bzip2
         raise BadFile(f"{path}: damaged: {error}") from error
     if len(data) < count:
         raise BadFile(f"{path}: cut off: it has {len(data)} of {count} bytes")
@@ -229,6 +237,8 @@ def read_seg(path, data):
     """A DICOM segmentation that pydicom has read."""
     try:
         frames = data.pixel_array
+    except MemoryError:
+        raise
     except Exception as error:  # of several kinds
         raise BadFile(f"{path}: its pixels cannot be read: {error}") from error
     try:

@@ -283,6 +283,19 @@ static void assert_same_bits(const panels *a, const panels *b) {
         assert_memory_equal(a->panels[k].values, b->panels[k].values, (size_t)a->panels[k].rows * (size_t)a->panels[k].width * sizeof(double));
 }
 
+/* Column of K^-1_RR by CHOLMOD's factor of the whole. */
+static double *column_by_factor(tissue *t, const int *nodes, int count, size_t column) {
+    double *values = malloc(3 * (size_t)count * sizeof *values);
+    cholmod_dense *load = cholmod_zeros((size_t)t->dof_count, 1, CHOLMOD_REAL, &t->common);
+    assert_non_null(values);
+    ((double *)load->x)[(size_t)t->dof[nodes[column / 3]] + column % 3] = 1.0;
+    cholmod_dense *solution = cholmod_solve(CHOLMOD_A, t->factor, load, &t->common);
+    for (size_t row = 0; row < 3 * (size_t)count; row++) values[row] = ((double *)solution->x)[(size_t)t->dof[nodes[row / 3]] + row % 3];
+    cholmod_free_dense(&load, &t->common);
+    cholmod_free_dense(&solution, &t->common);
+    return values;
+}
+
 /* A narrow region, whose triangle is full, and one that is wide enough to have inner nodes: with a team of threads, and without. */
 static void large_fronts_agree_with_the_factor(void **state) {
     (void)state;
@@ -319,17 +332,12 @@ static void large_fronts_agree_with_the_factor(void **state) {
         double *found = corner_inverse(&corner, (int)size);
         for (size_t i = 0; i < COLUMNS; i++) {
             size_t column = i * (size - 1) / (COLUMNS - 1);
-            cholmod_dense *load = cholmod_zeros((size_t)t.dof_count, 1, CHOLMOD_REAL, &t.common);
-            ((double *)load->x)[(size_t)t.dof[nodes[column / 3]] + column % 3] = 1.0;
-            cholmod_dense *solution = cholmod_solve(CHOLMOD_A, t.factor, load, &t.common);
-            const double *expected = solution->x;
-            double largest = expected[(size_t)t.dof[nodes[column / 3]] + column % 3];
+            double *expected = column_by_factor(&t, nodes, count, column);
             for (size_t row = 0; row < size; row++) {
                 size_t higher = row > column ? row : column, lower = row > column ? column : row;
-                assert_close(found[lower * size + higher], expected[(size_t)t.dof[nodes[row / 3]] + row % 3], 1e-11 * largest);
+                assert_close(found[lower * size + higher], expected[row], 1e-11 * expected[column]);
             }
-            cholmod_free_dense(&load, &t.common);
-            cholmod_free_dense(&solution, &t.common);
+            free(expected);
         }
         free(found);
         panels_free(&corner);
@@ -337,6 +345,47 @@ static void large_fronts_agree_with_the_factor(void **state) {
     }
     team_free(two);
     tissue_free(&t);
+    mesh_free(&m);
+}
+
+/* Several panels with empty blocks between them, in both precisions, by one thread and by two. */
+static void inverse_of_a_wide_region_agrees_with_the_factor(void **state) {
+    (void)state;
+    enum { LARGE = 16, ALL = (LARGE + 1) * (LARGE + 1) * (LARGE + 1), COLUMNS = 7 };
+    static bool fixed[ALL];
+    static int region[ALL], nodes[ALL];
+    mesh m = mesh_of(1, (box[]){upright(LARGE, 0.0)});
+    int count = 0;
+    fix_bottom(&m, fixed);
+    for (int n = 0; n < ALL; n++)
+        if (!fixed[n] && fabs(m.nodes[n].x - 0.08) < 0.045 && fabs(m.nodes[n].y - 0.08) < 0.045) region[count++] = n;
+    for (int single = 0; single < 2; single++) {
+        tissue t;
+        report why;
+        double needed;
+        symmetric_blocks inverses[2] = {{.count = count, .single = single}, {.count = count, .single = single}};
+        const condensed_region wanted = {.count = count, .nodes = region, .single = single};
+        assert_int_equal(tissue_assemble(&m, materials, fixed, STRAIN_BY_PATCH, &t, &why), TROCAR_OK);
+        for (int threads = 1; threads <= 2; threads++) {
+            openblas_set_num_threads(threads);
+            assert_int_equal(condense(&t, &wanted, nodes, &inverses[threads - 1], &needed, &why), TROCAR_OK);
+        }
+        openblas_set_num_threads(1);
+        assert_memory_equal(inverses[0].numbers, inverses[1].numbers, symmetric_blocks_bytes(count, single));
+        if (!t.factor) assert_int_equal(tissue_factor(&t, 0, NULL, &why), TROCAR_OK);
+        for (int i = 0; i < COLUMNS; i++) {
+            int column = i * (count - 1) / (COLUMNS - 1);
+            double *expected = column_by_factor(&t, nodes, count, 3 * (size_t)column), block[9];
+            for (int row = 0; row < count; row++) {
+                symmetric_blocks_get(&inverses[0], row, column, block, 3);
+                for (int a = 0; a < 3; a++) assert_close(block[3 * a], expected[3 * row + a], (single ? 1e-5 : 1e-11) * expected[3 * column]);
+            }
+            free(expected);
+        }
+        free(inverses[0].numbers);
+        free(inverses[1].numbers);
+        tissue_free(&t);
+    }
     mesh_free(&m);
 }
 
@@ -381,6 +430,7 @@ int main(void) {
         cmocka_unit_test(loose_body_is_refused),
         cmocka_unit_test(small_loose_piece_is_refused),
         cmocka_unit_test(large_fronts_agree_with_the_factor),
+        cmocka_unit_test(inverse_of_a_wide_region_agrees_with_the_factor),
         cmocka_unit_test(memory_of_condensing_is_predicted),
     };
     openblas_set_num_threads(1); /* as in a simulation of meshes like these */

@@ -142,6 +142,8 @@ class Motions(Case):
     def test_the_scenes_depth_is_the_scripts(self):
         self.assertEqual(float(trocar.Scene.load(SCENE)["needle.start.depth"]), motion.DEPTH)
         self.assertNotIn("depth:", SCENE.read_text())
+        anatomy = re.search(r"^PUSH = ([\d.]+)", (SOURCE / "meshes/anatomy/approach.py").read_text(), re.MULTILINE)
+        self.assertEqual(float(anatomy[1]), motion.DEPTH)
 
     def test_depth_of_a_script_varies(self):
         study = definition.read(self.write(motion=("{straight: {depth: 0.006, speed: 0.1}}", "{script: insert}"),

@@ -1,4 +1,5 @@
 #include "motion.h"
+#include "trocar.h"
 
 #include <setjmp.h>
 #include <stdarg.h>
@@ -92,6 +93,18 @@ static void a_deeper_script_is_as_fast(void **state) {
     assert_true(fabs(fastest[1] / fastest[0] - 1) < 1e-4);
 }
 
+/* A scene without needle.start.depth leaves the scripts as they are. */
+static void the_scenes_depth_is_the_scripts(void **state) {
+    (void)state;
+    trocar_scene *scene;
+    double depth;
+    trocar_error why;
+    assert_int_equal(trocar_scene_create(&scene, &why), TROCAR_OK);
+    assert_int_equal(trocar_scene_get_number(scene, "needle.start.depth", &depth, &why), TROCAR_OK);
+    assert_true(depth == MOTION_DEPTH);
+    trocar_scene_free(scene);
+}
+
 static void unknown_script_is_not_found(void **state) {
     (void)state;
     assert_null(motion_find("figure9"));
@@ -107,6 +120,7 @@ int main(void) {
         cmocka_unit_test(roll_turns_about_the_needles_axis),
         cmocka_unit_test(shifts_are_along_the_axes_of_the_start),
         cmocka_unit_test(a_deeper_script_is_as_fast),
+        cmocka_unit_test(the_scenes_depth_is_the_scripts),
         cmocka_unit_test(unknown_script_is_not_found),
     };
     return cmocka_run_group_tests(tests, NULL, NULL);

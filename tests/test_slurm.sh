@@ -106,4 +106,5 @@ sed -i 2,3d study/rows-3-of-4.csv
 rm study/result.csv
 study run study.yaml --out study --engine slurm --tasks 4 --wait >wait.log || fail "--wait: $(cat wait.log)"
 cmp study/result.csv local/result.csv || fail "the results differ after --wait"
+[ "$(rows)" -eq 12 ] || fail "$(rows) rows: --wait did runs twice"
 echo "passed: $before runs before the cancellation"

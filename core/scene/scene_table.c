@@ -87,7 +87,7 @@ const row SCENE_TABLE[] = {
 
     {"needle.start.position", "m", POINT, OF(start.position), .required = true, .doc = "of the base before the insertion, outside the tissue"},
     {"needle.start.orientation", "", ROTATION, OF(start.orientation), .doc = "unit quaternion w, x, y, z that turns +z into the needle's direction"},
-    {"needle.start.depth", "m", NUMBER, OF(start_depth), &POSITIVE, .doc = "how far trocar-device's scripts push the needle in from there"},
+    {"needle.start.depth", "m", NUMBER, OF(start_depth), &POSITIVE, .doc = "how far scripted motions push the needle in from there, at the same speed along the needle"},
 
     {"needles", "", COUNT, OF(simulation.needle_count), &NEEDLES, .doc = "held in the same tissue at the same time, all alike"},
 

@@ -139,6 +139,36 @@ class Motions(Case):
             with self.assertRaisesRegex(definition.BadStudy, word):
                 definition.read(self.write(motion=(straight, wrong), **chosen))
 
+    def test_the_scenes_depth_is_the_scripts(self):
+        self.assertEqual(float(trocar.Scene.load(SCENE)["needle.start.depth"]), motion.DEPTH)
+        self.assertNotIn("depth:", SCENE.read_text())
+        anatomy = re.search(r"^PUSH = ([\d.]+)", (SOURCE / "meshes/anatomy/approach.py").read_text(), re.MULTILINE)
+        self.assertEqual(float(anatomy[1]), motion.DEPTH)
+
+    def test_depth_of_a_script_varies(self):
+        study = definition.read(self.write(motion=("{straight: {depth: 0.006, speed: 0.1}}", "{script: insert}"),
+                                           parameter=("motion.x: {normal: [0, 1e-3], within: [-2e-3, 2e-3]}", "motion.depth: {values: [0.03, 0.132]}")))
+        self.assertEqual(study.parameter_columns()[1], "motion.depth [m]")
+        usual = motion.script("insert")
+        for depth in (0.03, 0.132):
+            deep = study.run_motion(np.array([8.0, depth]))
+            poses = deep.poses(motion.START, 1e-3)
+            self.assertAlmostEqual((poses[:, 2] - motion.START[2]).max(), depth, places=9)
+            self.assertAlmostEqual(deep.duration(), usual.duration() * depth / 0.066, places=9)
+            self.assertAlmostEqual(np.diff(poses[:, 2]).max(), np.diff(usual.poses(motion.START, 1e-3)[:, 2]).max(), delta=1e-8)    # as fast
+
+    def test_a_target_in_the_patient_is_the_same_in_the_mesh(self):
+        text = SCENE.read_text().replace("mesh: ", f"mesh: {SCENE.resolve().parent}/")
+        (self.out / "scene.yaml").write_text(text + "\npatient_to_mesh: [0, -1e-3, 0, 0.25, 1e-3, 0, 0, -0.125, 0, 0, 1e-3, 0.5, 0, 0, 0, 1]\n")
+        options = []
+        for target in ("[0.005, 0.003, 0.04]", "[128, 245, -460], coordinates: patient", "[0.005, 0.003, 0.04], coordinates: mesh"):
+            study = definition.read(self.write(scene=(os.path.relpath(SCENE, "/"), "scene.yaml"), record=("shift: {region: prostate}", f"target_error: {{target: {target}}}")))
+            options.append(study.measures[-1].option)
+        np.testing.assert_allclose(options, [[0.005, 0.003, 0.04]] * 3, atol=1e-12)
+        with self.assertRaisesRegex(definition.BadStudy, "not in the tissue at rest: .*mm in the patient"):
+            definition.read(self.write(scene=(os.path.relpath(SCENE, "/"), "scene.yaml"),
+                                       record=("shift: {region: prostate}", "target_error: {target: [0.005, 0.003, 0.04], coordinates: patient}")))
+
     def test_a_run_is_what_replay_computes(self):
         subprocess.run([BUILD / "clients/trocar-device", "--script", "roll", "--speed=4", "--write-log", self.out / "poses.log"], check=True, stdout=subprocess.DEVNULL)
         subprocess.run([BUILD / "clients/trocar-replay", "-q", "--scene", SCENE, "--poses", self.out / "poses.log", "--csv", self.out / "replay.csv"], check=True)
@@ -179,6 +209,10 @@ class Reading(Case):
                 ("method: random", "method: halton", r':3: samples.method: "halton": there are sobol'),
                 ("method: random", "method: sobol", r":3: samples.count: 12 is no power of 2.*write 8 or 16"),
                 ("count: 12, ", "", r':3: samples: missing key "count"'),
+                (f"{kinetic}: {{uniform: [5, 13]}}", "needle.start.depth: {uniform: [0.05, 0.07]}", r":5: .*needle.start.depth: the motion's start and depth .*vary motion.x, "),
+                ("shift: {region: prostate}", "target_error: {target: [0, 0, 0.04], coordinates: patient}", r":11: .*target_error.coordinates: .*add patient_to_mesh"),
+                ("shift: {region: prostate}", "target_error: {target: [0, 0, 0.04], coordinates: feet}", r":11: .*write mesh .m. or patient"),
+                ("{region: prostate}", "{region: prostate, coordinates: patient}", r':11: .*unknown key "coordinates"'),
                 (kinetic, "regions[surounding].friction.kinetic", r":5: parameters.*surounding"),
                 ("[5, 13]", "[13, 5]", r":5: .*uniform: 5 is not above 13"),
                 ("[5, 13]", "[-5, 13]", r":5: .*friction.kinetic"),
@@ -232,7 +266,8 @@ class Sensitivity(unittest.TestCase):
         """Sobol's indices within 2 %, whatever the seed."""
         for seed in range(8):
             found = self.ishigami(8192, seed, resamples=2)
-            np.testing.assert_allclose(found.first, self.FIRST, rtol=0.02, atol=0.005)
+            np.testing.assert_allclose(found.first[:2], self.FIRST[:2], rtol=0.02)
+            self.assertLess(abs(found.first[2]), 0.005)    # exactly 0
             np.testing.assert_allclose(found.total, self.TOTAL, rtol=0.02)
 
     def test_intervals(self):

@@ -311,8 +311,24 @@ class Trial:
         assert bridge.process.wait(10) == 0, bridge.said
         self.poses.take()
 
+    def starts_where_the_patient_is_told(self):
+        """In millimetres along the patient's axes; the direction stays the scene's."""
+        scene = Path(self.path).with_name("scene.yaml")
+        text = Path(f"{SOURCE}/meshes/figure8.yaml").read_text()
+        assert text.count("\nneedle:\n") == 1
+        scene.write_text(text.replace("\nneedle:\n", "\nneedle:\n  start: {position: [0, 0, -0.201], orientation: [0.8, 0.6, 0, 0]}\n") +
+                         "\npatient_to_mesh: [-1e-3, 0, 0, 0.05, 0, -1e-3, 0, 0.02, 0, 0, 1e-3, -0.3, 0, 0, 0, 1]\n")
+        bridge = Program(BRIDGE, "--scene", str(scene), "--patient", "--start", "20,30,130", SPNAV_SOCKET=self.path)
+        wait(lambda: self.poses.take(), "no poses")
+        for value, wanted in zip(self.poses.newest[1] + self.poses.newest[2], (0.03, -0.01, -0.17, 0.8, 0.6, 0, 0)):
+            check("start in the patient", value, wanted, 1e-9)
+        bridge.process.send_signal(signal.SIGINT)
+        assert bridge.process.wait(10) == 0, bridge.said
+        self.poses.take()
+
     def run(self):
         self.starts_where_the_scene_says()
+        self.starts_where_the_patient_is_told()
         bridge = Program(BRIDGE, "--scene", f"{SOURCE}/meshes/figure8.yaml", "--start", "0.005,0.003,-0.201", "--max-speed", str(SPEED), "--max-turn", str(TURN),
                          "--buttons", "clutch=0,reset=1,leave=2,seed=3", SPNAV_SOCKET=self.path)
         try:

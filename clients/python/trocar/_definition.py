@@ -17,7 +17,7 @@ from . import motion as motions
 from ._locate import locate
 from ._quantities import QUANTITIES, Quantity
 from ._reader import Reader
-from .plan import BadPlan, Plan
+from .plan import BadPlan, Frame, Plan
 
 METHODS = ("sobol", "latin hypercube", "random", "saltelli", "grid")
 MOST_RUNS = 10_000_000
@@ -190,21 +190,36 @@ class _StudyReader:
         except Error as error:
             raise self.reader.fail(node, f"{place}: {error}") from error
 
+    def in_patient(self, given: dict[str, Any], place: str, known: bool) -> bool:
+        """Whether positions are in the patient's coordinates (mm), by the key "coordinates" beside them. `known`: the scene knows these."""
+        word = self.reader.text(given["coordinates"], place) if "coordinates" in given else "mesh"
+        if word not in ("mesh", "patient"):
+            raise self.reader.fail(given["coordinates"], f"{place}: \"{word}\": write mesh (m) or patient (mm)")
+        if word == "patient" and not known:
+            raise self.reader.fail(given["coordinates"], f"{place}: the scene does not know the patient's: add patient_to_mesh, or write mesh")
+        return word == "patient"
+
+    def point(self, node: Any, place: str, frame: Frame, patient: bool) -> npt.NDArray[np.float64]:
+        """(3,) m in the mesh."""
+        numbers = np.array(self.reader.numbers(node, place, 3))
+        return frame.to_mesh(numbers) if patient else numbers
+
+    def not_in_tissue(self, node: Any, place: str, patient: bool) -> Exception:
+        unit = "mm in the patient's coordinates: left, posterior, superior" if patient else "metres in the mesh"
+        return self.reader.fail(node, f"{place}: not in the tissue at rest: write x, y, z in {unit}")
+
     def start(self, given: dict[str, Any], scene: Scene) -> npt.NDArray[np.float64] | None:
         """Pose of the base: x, y, z in the mesh (m), or with `coordinates: patient` in the patient (mm), in the direction of the scene's needle.start; or with
         a quaternion, in the mesh. None if the motion does not say."""
-        if "coordinates" in given:
-            if "start" not in given or self.reader.text(given["coordinates"], "motion.coordinates") not in ("mesh", "patient"):
-                raise self.reader.fail(given["coordinates"], "motion.coordinates: write mesh (m) or patient (mm), beside start")
         if "start" not in given:
+            if "coordinates" in given:
+                raise self.reader.fail(given["coordinates"], "motion.coordinates: only beside start: write start too, or leave it out")
             return None
         numbers = lambda key: [float(text) for text in str(scene[key]).strip("[]").split(",") if text.strip()]
         pose = self.pose(given["start"], "motion.start", numbers("needle.start.orientation"))
-        if "coordinates" not in given or given["coordinates"].value == "mesh":
-            return pose
         matrix = np.array(numbers("patient_to_mesh"))
-        if not len(matrix):
-            raise self.reader.fail(given["coordinates"], "motion.coordinates: the scene does not know the patient's: add patient_to_mesh, or write mesh")
+        if not self.in_patient(given, "motion.coordinates", len(matrix) > 0):
+            return pose
         if len(self.reader.items(given["start"], "motion.start")) == 7:
             raise self.reader.fail(given["start"], "motion.start: in the patient's coordinates, write three numbers")
         pose[:3] = matrix.reshape(4, 4)[:3] @ np.append(pose[:3], 1.0)
@@ -291,6 +306,9 @@ class _StudyReader:
             raise self.reader.fail(node, f"{place}: a grid has no normal distribution: write values, or uniform and steps")
         if grid and kind != "values" and not steps:
             raise self.reader.fail(node, f"{place}: missing key \"steps\", of the grid")
+        if name.startswith("needle.start."):
+            raise BadStudy(f"{self.reader.path}:{line}: {place}: the motion's start and depth are read once, for all runs: vary "
+                           f"{', '.join('motion.' + key for key in motion.adjustable)}")
         parameter = Parameter(name, "", kind, numbers, within, steps, line)
         if name.startswith("motion."):
             which = name.removeprefix("motion.")
@@ -333,12 +351,12 @@ class _StudyReader:
             quantity, place = QUANTITIES[name], f"record[{i}].{name}"
             needed = (quantity.option,) if quantity.option else ()
             if below is not None:
-                options = self.reader.mapping(below, place, needed, ("at",) if quantity.instant else ())
+                options = self.reader.mapping(below, place, needed, (*(("at",) if quantity.instant else ()), *(("coordinates",) if quantity.option == "target" else ())))
             elif needed:
                 raise self.reader.fail(item, f"{place}: missing key \"{quantity.option}\": write {{{name}: {{{quantity.option}: ...}}}}")
             if quantity.of_plan and not study.plan:
                 raise self.reader.fail(item, f"{place}: only where the motion is a plan")
-            option = self.option(quantity.option, options[quantity.option], place, model, scene) if needed else None
+            option = self.option(quantity.option, options, place, model, scene) if needed else None
             times: list[float | None] = [None]
             if "at" in options:
                 given = options["at"].value if isinstance(options["at"], self.reader.yaml.SequenceNode) else [options["at"]]
@@ -355,11 +373,14 @@ class _StudyReader:
             raise self.reader.fail(node, f"record: \"{twice}\" is given twice: remove one")
         return found
 
-    def option(self, kind: str, node: Any, place: str, model: Model, scene: Scene) -> Any:
+    def option(self, kind: str, options: dict[str, Any], place: str, model: Model, scene: Scene) -> Any:
+        node = options[kind]
         if kind == "target":
-            point = np.array(self.reader.numbers(node, f"{place}.target", 3))
+            frame = Frame(model)
+            patient = self.in_patient(options, f"{place}.coordinates", frame.is_patient)
+            point = self.point(node, f"{place}.target", frame, patient)
             if locate(model, [point])[0][0] < 0:
-                raise self.reader.fail(node, f"{place}.target: not in the tissue at rest: write x, y, z in metres in the mesh")
+                raise self.not_in_tissue(node, f"{place}.target", patient)
             return point
         name, there = self.reader.text(node, f"{place}.{kind}"), scene.names(f"{kind}s")
         if name not in there:

@@ -113,7 +113,7 @@ class _ProblemReader(_StudyReader):
             place = f"parameters.{key.value}"
             if any(parameter.name == key.value for parameter in study.parameters):
                 raise reader.fail(key, f"parameters: \"{key.value}\" is given twice: remove one")
-            if str(key.value).startswith(("motion.", "guides[")) or key.value in ("needle.length", "needle.outer_diameter", "needles", "rate_hz"):
+            if str(key.value).startswith(("motion.", "needle.start.", "guides[")) or key.value in ("needle.length", "needle.outer_diameter", "needles", "rate_hz"):
                 raise reader.fail(key, f"{place}: not of a plan: write keys of the tissue, or of the needle except for its length and outer diameter")
             study.parameters.append(self.parameter(key.value, value, place, reader.line(key), scene, None, known, study.method == "grid"))
         if not study.parameters:
@@ -121,10 +121,6 @@ class _ProblemReader(_StudyReader):
         self.samples(samples, study, given["samples"])
         if study.count > MOST_SAMPLES:
             raise reader.fail(given["samples"], f"samples: {study.count} of them: write at most {MOST_SAMPLES}, as a model of each is kept in memory, and simulated at each step of the search")
-
-    def point(self, node: Any, place: str, frame: Frame, patient: bool) -> Array:
-        numbers = np.array(self.reader.numbers(node, place, 3))
-        return frame.to_mesh(numbers) if patient else numbers
 
     def targets(self, node: Any, frame: Frame, patient: bool, model: Model, problem: Problem) -> None:
         reader = self.reader
@@ -139,8 +135,7 @@ class _ProblemReader(_StudyReader):
             try:
                 Target(point, model)
             except ValueError:
-                unit = "mm in the patient's coordinates: left, posterior, superior" if patient else "metres in the mesh"
-                raise reader.fail(keys["at"], f"{place}.at: not in the tissue at rest: write x, y, z in {unit}") from None
+                raise self.not_in_tissue(keys["at"], f"{place}.at", patient) from None
             problem.targets.append((name, point))
         if not problem.targets:
             raise reader.fail(node, "targets: empty: write at least one")
@@ -296,11 +291,7 @@ class _ProblemReader(_StudyReader):
         except Error as error:
             raise BadProblem(str(error)) from error
         frame = Frame(model)
-        word = reader.text(given["coordinates"], "coordinates") if "coordinates" in given else "mesh"
-        if word not in ("mesh", "patient"):
-            raise reader.fail(given["coordinates"], f"coordinates: \"{word}\": there are mesh (m) and patient (mm)")
-        if word == "patient" and not frame.is_patient:
-            raise reader.fail(given["coordinates"], "coordinates: the scene does not know the patient's: add patient_to_mesh, or write mesh")
+        patient = self.in_patient(given, "coordinates", frame.is_patient)
         if "plan" in given:
             for key in ("entry", "roll", "turn", "avoid", "coordinates"):
                 if key in given:
@@ -315,8 +306,8 @@ class _ProblemReader(_StudyReader):
         else:
             if "entry" not in given:
                 raise reader.fail(reader.root, "missing key \"entry\"")
-            self.targets(given["targets"], frame, word == "patient", model, problem)
-            self.entry(given["entry"], frame, word == "patient", model, problem)
+            self.targets(given["targets"], frame, patient, model, problem)
+            self.entry(given["entry"], frame, patient, model, problem)
             self.steering(given, problem)
             if "avoid" in given:
                 self.avoid(given["avoid"], model, frame, problem)

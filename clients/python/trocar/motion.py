@@ -167,26 +167,27 @@ class Script(_Motion):
     legs: tuple[Leg, ...] = ()
     seconds: float = 0.0
     speed: float = 1.0        # faster or slower by this factor
+    depth: float = DEPTH      # m that it inserts the needle; longer ways along the needle take longer
 
-    adjustable = (*_Motion.adjustable, "speed")
+    adjustable = (*_Motion.adjustable, "depth", "speed")
 
     def duration(self) -> float:
-        return self.seconds / self.speed
+        return self.seconds * self.depth / DEPTH / self.speed
 
     def to_depth(self, depth: float) -> Script:
-        """The script that inserts the needle this far (m) in place of DEPTH, at the same speed; trocar-device does so for a scene with needle.start.depth."""
-        factor = depth / DEPTH
-        deep = tuple(Leg(factor * leg.start, factor * leg.end, (*leg.shift[:2], factor * leg.shift[2]), leg.turn) for leg in self.legs)
-        return replace(self, legs=deep, seconds=factor * self.seconds)
+        """The script that inserts the needle this far (m), at the same speed along the needle; trocar-device does so for a scene with needle.start.depth.
+        All times grow in proportion: sideways legs and turns get slower in a deeper script."""
+        return replace(self, depth=depth)
 
     def poses(self, start: Array, dt: float) -> Array:
         count = _ticks(self.duration(), dt)
-        t = self.speed * dt * np.arange(count)
+        factor = self.depth / DEPTH
+        t = self.speed * dt * np.arange(count) / factor
         poses = np.tile(start, (count, 1))
         for leg in self.legs:
             x = np.clip((t - leg.start) / (leg.end - leg.start), 0.0, 1.0)
             part = (x * x * x * (10.0 + x * (-15.0 + 6.0 * x)))[:, None]  # minimum jerk (Flash and Hogan 1985)
-            poses[:, :3] += part * rotate(start[3:], leg.shift)
+            poses[:, :3] += part * rotate(start[3:], [*leg.shift[:2], factor * leg.shift[2]])
             if any(leg.turn):
                 poses[:, 3:] = multiply(poses[:, 3:], exponential(part * np.asarray(leg.turn)))
         return poses

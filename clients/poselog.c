@@ -241,6 +241,8 @@ static trocar_status note_command(const reader *r, const event_header *h, void *
     return add_command(&m, log, why);
 }
 
+enum { MOST_UNANSWERED = 1024 }; /* commands that a server may still have to answer: more than it takes */
+
 /* Notes what became of a command; a reply of another version is ignored. */
 static trocar_status note_reply(const reader *r, const event_header *h, void *context, report *why) {
     pose_log *log = ((reading *)context)->poses;
@@ -249,12 +251,13 @@ static trocar_status note_reply(const reader *r, const event_header *h, void *co
     trocar_status status = read_data(r, h, data, DATA_MAX, why);
     if (status != TROCAR_OK || h->data_length > DATA_MAX || !reply_fits(data, (size_t)h->data_length)) return status;
     if (trocar_command_reply_t_decode(data, 0, (int)h->data_length, &m) < 0) return TROCAR_OK;
-    for (int i = log->command_count - 1; i >= 0; i--) {
+    logged_command *asked = NULL; /* the oldest that has no answer, should a sender repeat a number */
+    for (int i = log->command_count - 1; i >= 0 && log->command_count - i <= MOST_UNANSWERED; i--) {
         const trocar_command_t *c = &log->commands[i].command;
-        if (c->session != m.session || c->seq != m.seq || c->needle != m.needle || c->command != m.command) continue;
-        log->commands[i].answer = m.status == TROCAR_COMMAND_REPLY_T_DONE ? ANSWER_DONE : ANSWER_REFUSED;
-        break;
+        bool same = c->session == m.session && c->seq == m.seq && c->needle == m.needle && c->command == m.command;
+        if (same && log->commands[i].answer == ANSWER_UNKNOWN) asked = &log->commands[i];
     }
+    if (asked) asked->answer = m.status == TROCAR_COMMAND_REPLY_T_DONE ? ANSWER_DONE : ANSWER_REFUSED;
     trocar_command_reply_t_decode_cleanup(&m);
     return TROCAR_OK;
 }
@@ -457,6 +460,14 @@ trocar_status log_write_command(lcm_eventlog_t *log, const trocar_command_t *mes
     uint8_t data[256];
     int length = trocar_command_t_encode(data, 0, sizeof data, message);
     return write_event(log, message->utime, COMMAND_CHANNEL, data, length, path, why);
+}
+
+trocar_status log_write_reply(lcm_eventlog_t *log, const trocar_command_t *command, bool done, const char *path, report *why) {
+    uint8_t data[256];
+    trocar_command_reply_t m = {.utime = command->utime, .session = command->session, .seq = command->seq, .command = command->command, .needle = command->needle,
+                                .status = done ? TROCAR_COMMAND_REPLY_T_DONE : TROCAR_COMMAND_REPLY_T_REFUSED, .message = (char[]){""}};
+    int length = trocar_command_reply_t_encode(data, 0, sizeof data, &m);
+    return write_event(log, m.utime, REPLY_CHANNEL, data, length, path, why);
 }
 
 trocar_status log_write_probe(lcm_eventlog_t *log, const trocar_probe_pose_t *message, const char *path, report *why) {

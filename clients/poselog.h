@@ -2,6 +2,8 @@
 #ifndef TROCAR_POSELOG_H
 #define TROCAR_POSELOG_H
 
+#include <stdbool.h>
+
 #include <lcm/lcm.h>
 
 #include "base/report.h"
@@ -93,6 +95,7 @@ trocar_status pose_log_move_probe(const pose_log *log, int i, const trocar_model
 
 /* Appends one event; its timestamp is the message's (the pose's, for a wrench). SYSTEM if it cannot be written. */
 trocar_status log_write_command(lcm_eventlog_t *log, const trocar_command_t *command, const char *path, report *why);
+trocar_status log_write_reply(lcm_eventlog_t *log, const trocar_command_t *command, bool done, const char *path, report *why);
 trocar_status log_write_probe(lcm_eventlog_t *log, const trocar_probe_pose_t *pose, const char *path, report *why);
 trocar_status log_write_pose(lcm_eventlog_t *log, const trocar_needle_pose_t *pose, const char *path, report *why);
 trocar_status log_write_wrench(lcm_eventlog_t *log, const trocar_needle_wrench_t *wrench, const char *path, report *why);

@@ -19,6 +19,7 @@
 #include "pvd.h"
 #include "progress.h"
 #include "region_motion.h"
+#include "seed_replay.h"
 #include "seed_table.h"
 #include "tick_row.h"
 #include "trocar.h"
@@ -42,8 +43,7 @@ typedef struct {
     bool taken;              /* the next pose goes on from where it rested */
     int64_t session, utime;  /* of its last pose */
     hand_clutch clutch;      /* of the hand that has taken it */
-    const trocar_command_t *waiting; /* drop that has not been carried out yet: see run_command; */
-    report reason;           /* why */
+    waiting_drop waiting;
 } replayed_needle;
 
 typedef struct {
@@ -337,7 +337,8 @@ static trocar_status add_to_series(replay *r, double time, report *why) {
 
 /* ---- all needles ------------------------------------------------------------------------------------------------- */
 
-static trocar_status carry_out(replay *r, const trocar_command_t *c, report *why) {
+static trocar_status carry_out(replay *r, const logged_command *logged, report *why) {
+    const trocar_command_t *c = &logged->command;
     int needle = r->options->all ? c->needle : 0;
     replayed_needle *n = &r->needles[needle];
     trocar_status status;
@@ -345,7 +346,7 @@ static trocar_status carry_out(replay *r, const trocar_command_t *c, report *why
         return fail(why, TROCAR_BAD_INPUT, "needle %d: another session holds the needle", needle);
     switch (c->command) {
     case TROCAR_COMMAND_T_DROP_SEED:
-    case TROCAR_COMMAND_T_UNDO: return handle_seeds(r->sim, needle, c, why);
+    case TROCAR_COMMAND_T_UNDO: return replay_seed_command(&n->waiting, r->sim, needle, logged, why);
     case TROCAR_COMMAND_T_LEAVE:
         status = trocar_sim_leave(r->sim, needle, why);
         if (status == TROCAR_OK) status = trocar_sim_work(r->sim, NULL, why);
@@ -369,37 +370,40 @@ static void note_refusal(replay *r, const report *reason) {
     if (r->refused++ == 0) r->refusal = *reason;
 }
 
-static void give_up_waiting(replay *r, replayed_needle *n) {
-    if (n->waiting) note_refusal(r, &n->reason);
-    n->waiting = NULL;
+/* A needle's waiting drop is not to be waited for any longer; `next`: its next command, or NULL. */
+static void end_waiting(replay *r, int needle, const logged_command *next) {
+    waiting_drop *w = &r->needles[needle].waiting;
+    if (!end_waiting_drop(w, r->sim, needle, next)) note_refusal(r, &w->reason);
 }
 
 static void try_again(replay *r, int needle) {
-    replayed_needle *n = &r->needles[needle];
-    if (n->waiting && handle_seeds(r->sim, needle, n->waiting, &n->reason) == TROCAR_OK) n->waiting = NULL;
+    waiting_drop *w = &r->needles[needle].waiting;
+    if (!try_waiting_drop(w, r->sim, needle)) note_refusal(r, &w->reason);
 }
 
-/* As in the server, a command that is refused changes nothing. What the server has refused is not carried out. A drop that it has carried out may come too
-   early here, where the seed before leaves the needle a few um later: then it waits, at most for the needle's next command. */
+static trocar_status log_command(replay *r, const logged_command *logged, report *why) {
+    lcm_eventlog_t log = log_at(r);
+    trocar_status status = log_write_command(&log, &logged->command, r->options->log_path, why);
+    if (status == TROCAR_OK && logged->answer != ANSWER_UNKNOWN)
+        status = log_write_reply(&log, &logged->command, logged->answer == ANSWER_DONE, r->options->log_path, why);
+    r->logged = log.eventcount;
+    return status;
+}
+
+/* As in the server, a command that is refused changes nothing. */
 static trocar_status run_command(replay *r, const logged_command *logged, report *why) {
-    const trocar_command_t *c = &logged->command;
-    replayed_needle *n = &r->needles[r->options->all ? c->needle : 0];
     report reason;
-    give_up_waiting(r, n);
+    end_waiting(r, r->options->all ? logged->command.needle : 0, logged);
     bool refused_before = logged->answer == ANSWER_REFUSED;
-    trocar_status status = refused_before ? TROCAR_OK : carry_out(r, c, &reason);
+    trocar_status status = refused_before ? TROCAR_OK : carry_out(r, logged, &reason);
     bool refused = status == TROCAR_BAD_INPUT || status == TROCAR_NUMERIC;
     if (status != TROCAR_OK && !refused) {
         *why = reason;
         return status;
     }
     r->refused_before += refused_before;
-    if (refused && logged->answer == ANSWER_DONE && c->command == TROCAR_COMMAND_T_DROP_SEED) n->waiting = c, n->reason = reason;
-    else if (refused) note_refusal(r, &reason);
-    if (!r->log_file.file || r->options->every) return TROCAR_OK;
-    lcm_eventlog_t log = log_at(r);
-    r->logged++;
-    return log_write_command(&log, c, r->options->log_path, why);
+    if (refused) note_refusal(r, &reason);
+    return r->log_file.file && !r->options->every ? log_command(r, logged, why) : TROCAR_OK;
 }
 
 /* The commands that came before this pose. */
@@ -432,7 +436,9 @@ static trocar_status follow_needle(replay *r, int tick, trocar_pose *base, doubl
     n->session = m->session;
     n->utime = m->utime;
     *base = library_pose(clutch_follow(&n->clutch, hand));
-    return anew ? trocar_sim_reset(r->sim, m->needle, base, why) : TROCAR_OK;
+    if (!anew) return TROCAR_OK;
+    end_waiting(r, m->needle, NULL);
+    return trocar_sim_reset(r->sim, m->needle, base, why);
 }
 
 /* Moves the probe to its newest pose before this one, and logs what was passed. */
@@ -503,7 +509,7 @@ static trocar_status run_all(replay *r, report *why) {
         if (progress) progress_show("replay", (double)(tick + 1) / r->poses.count, NULL);
     }
     if (status == TROCAR_OK) status = run_commands(r, r->poses.count, why);
-    for (int i = 0; i < TROCAR_MAX_NEEDLES; i++) give_up_waiting(r, &r->needles[i]);
+    for (int i = 0; i < trocar_model_needles(r->model); i++) end_waiting(r, i, NULL);
     if (status == TROCAR_OK) status = follow_probe(r, r->poses.count, why);
     if (status == TROCAR_OK && r->options->vtu_prefix && !r->dumped) status = dump(r, why); /* no pose after that moment had a needle to move */
     if (status == TROCAR_OK && r->seeds_file.file) status = seed_table_write(r->seeds_file.file, r->scene, r->model, r->sim, r->patient, why);

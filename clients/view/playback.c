@@ -1,11 +1,12 @@
 #include "playback.h"
 
+#include <stdio.h>
 #include <stdlib.h>
 
-#include "handover.h"
 #include "subscriber.h"
 #include "messages.h"
 #include "poselog.h"
+#include "seed_replay.h"
 #include "viewer_messages.h"
 
 static const double CLOCK = 1e-6; /* s, resolution of the times in a log */
@@ -17,7 +18,9 @@ typedef struct {
     trocar_sim *sim;
     viewer_messages messages;
     int probes_done, commands_done; /* poses of the probe, and commands, so far */
-    const trocar_command_t *waiting; /* drop that has not been carried out yet: see run_commands */
+    waiting_drop waiting;
+    int refused;             /* commands for seeds that are refused here, but were not by the server; */
+    report refusal;          /* why the first one was */
     int gaps;
 } playback;
 
@@ -38,17 +41,23 @@ static void clean_up(playback *p) {
     pose_log_free(&p->poses);
 }
 
-/* The commands for seeds that came before this pose. As in the server, one that is refused changes nothing. What the server has refused is not carried out, and
-   a drop that it has carried out, but comes too early here, waits: see replay.c. */
+static void note_refusal(playback *p, const report *reason) {
+    if (p->refused++ == 0) p->refusal = *reason;
+}
+
+/* The commands for seeds that came before this pose. As in the server, one that is refused changes nothing. */
 static void run_commands(playback *p, int pose) {
-    report ignored;
-    if (p->waiting && handle_seeds(p->sim, 0, p->waiting, &ignored) == TROCAR_OK) p->waiting = NULL;
+    report reason;
+    if (!try_waiting_drop(&p->waiting, p->sim, 0)) note_refusal(p, &p->waiting.reason);
     for (; p->commands_done < p->poses.command_count && p->poses.commands[p->commands_done].next_pose <= pose; p->commands_done++) {
         const logged_command *logged = &p->poses.commands[p->commands_done];
-        p->waiting = NULL;
-        if (logged->answer == ANSWER_REFUSED || handle_seeds(p->sim, 0, &logged->command, &ignored) == TROCAR_OK) continue;
-        if (logged->answer == ANSWER_DONE && logged->command.command == TROCAR_COMMAND_T_DROP_SEED) p->waiting = &logged->command;
+        if (!end_waiting_drop(&p->waiting, p->sim, 0, logged)) note_refusal(p, &p->waiting.reason);
+        if (replay_seed_command(&p->waiting, p->sim, 0, logged, &reason) != TROCAR_OK) note_refusal(p, &reason);
     }
+}
+
+static void say_refusals(const playback *p) {
+    if (p->refused > 0) fprintf(stderr, "trocar-view: %d of %d commands refused; the first: %s\n", p->refused, p->commands_done, p->refusal.text);
 }
 
 static trocar_status play_tick(playback *p, int tick, plot_sample *sample, report *why) {
@@ -91,6 +100,7 @@ trocar_status playback_run(const trocar_scene *scene, const char *path, timeline
         status = add_picture(&p, tick, t, why);
         next_picture += 1.0 / PLAYBACK_HZ;
     }
+    say_refusals(&p);
     clean_up(&p);
     return status;
 }
@@ -115,6 +125,7 @@ trocar_status playback_moment(const trocar_scene *scene, const char *path, doubl
     for (int tick = 0; status == TROCAR_OK && tick <= last; tick++) status = play_tick(&p, tick, &sample, why);
     if (status == TROCAR_OK) status = timeline_add_sample(t, &sample, why);
     if (status == TROCAR_OK) status = add_picture(&p, last, t, why);
+    say_refusals(&p);
     clean_up(&p);
     return status;
 }

@@ -8,9 +8,9 @@
 
 #include "inverse/coarse_space.h"
 
-/* Replaces u by one with |f - K u| <= tolerance |f|, or as near to that as rounding allows. The search begins at u, or at zero if that is nearer.
-   `coarse` saves steps; NULL: none. `k`: the lower triangle of a symmetric positive definite matrix, columns with ascending rows. False, with u undefined, without enough memory,
-   where K proves not to be positive definite, where f is not finite, or after so many steps. */
+/* Replaces u by one with |f - K u| <= tolerance |f|, or, without `coarse`, as near to that as rounding allows. The search begins at u, or at zero if that is nearer.
+   `coarse` saves steps; NULL: none. `k`: the lower triangle of a symmetric positive definite matrix, columns with ascending rows. False, with a u from which another search may begin, without enough memory,
+   where K proves not to be positive definite, where f is not finite, after so many steps, or where `coarse` leads no nearer. */
 bool conjugate_gradients(const cholmod_sparse *k, coarse_space *coarse, double tolerance, int steps, const double *f, double *u);
 
 #endif

@@ -114,6 +114,8 @@ static trocar_status dense_gather_rows(remesher *shared, report *why) {
 
 static void dense_release(remesher *shared) {
     dense_remesher *r = (dense_remesher *)shared;
+    size_t n = (size_t)r->ld;
+    advise_pages(r->matrix, n * n * sizeof *r->matrix, MADV_NOHUGEPAGE);
     free(r->matrix);
     free(r->columns);
     free(r->weighted);

@@ -400,11 +400,16 @@ class Replay(Case):
                 reply.status, reply.message = status, "as it was"
                 log.add("TROCAR_REPLY", reply)
         log.file.close()
-        done = subprocess.run([BUILD / "clients/trocar-replay", "--scene", SCENE, "--seeds", self.out / "answered.csv", "--poses", self.out / "answered.log"],
+        done = subprocess.run([BUILD / "clients/trocar-replay", "--scene", SCENE, "--seeds", self.out / "answered.csv", "--poses", self.out / "answered.log",
+                               "--out", self.out / "answered-out.log"],
                               capture_output=True, text=True)
         self.assertEqual(done.returncode, 0, done.stderr)
         self.assertNotIn("refused", done.stderr)
-        return [s.hole for s in plans.read_seeds(self.out / "answered.csv", self.model)]
+        holes = [s.hole for s in plans.read_seeds(self.out / "answered.csv", self.model)]
+        done = subprocess.run([BUILD / "clients/trocar-replay", "--scene", SCENE, "--seeds", self.out / "again.csv", "--poses", self.out / "answered-out.log"],
+                              capture_output=True, text=True)
+        self.assertEqual([s.hole for s in plans.read_seeds(self.out / "again.csv", self.model)], holes, done.stderr) # answers are written, too
+        return holes
 
     def test_a_log_with_commands_is_an_implant(self):
         subprocess.run(["lcm-gen", "-p", "--ppath", self.out, SOURCE / "lcmtypes/trocar.lcm"], check=True, capture_output=True)

@@ -174,9 +174,12 @@ try {
   await check('a server that is silent for a moment leaves the chosen needle as it is', async () => {
     const chosen = await page.evaluate('trocar.chosen')
     server.kill('SIGSTOP')
-    await until(page, '!trocar.status.alive')
-    assert.deepEqual(await page.evaluate('[trocar.status.needle, trocar.chosen]'), [chosen, chosen])
-    server.kill('SIGCONT')
+    try {
+      await until(page, '!trocar.status.alive')
+      assert.deepEqual(await page.evaluate('[trocar.status.needle, trocar.chosen]'), [chosen, chosen])
+    } finally {
+      server.kill('SIGCONT') // a stopped process would not end, either
+    }
     await until(page, `trocar.status.alive && ${text('link')} === 'live'`)
   })
 

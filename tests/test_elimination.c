@@ -22,10 +22,11 @@ static void make(int order) {
         for (int j = 0; j < LD; j++) given[i][j] = draw() + (i == j ? order : 0.0);
 }
 
-/* Rows in pairs up to `pairs`, each turned a little, then one by one. */
+/* What was given, into `a`: rows in pairs up to `pairs`, each turned a little, then one by one. */
 static void eliminate(const elimination_kernels *kernels, int order, int pairs, double a[MOST_ORDER][LD]) {
     static elimination_panel panel;
     symmetric_system s = {a[0], LD, order};
+    memcpy(a, given, sizeof given);
     elimination_begin(&s);
     for (panel.end = 0; next_panel(&panel, pairs);) {
         for (int i = panel.begin; i < panel.end; i += 2) {
@@ -46,6 +47,7 @@ static void eliminate(const elimination_kernels *kernels, int order, int pairs, 
 
 /* The same by the definition, without panels. */
 static void eliminate_plainly(int order, int pairs, double a[MOST_ORDER][LD]) {
+    memcpy(a, given, sizeof given);
     for (int i = 0; i < order; i += i < pairs ? 2 : 1) {
         int count = i < pairs ? 2 : 1;
         double pivot[2] = {a[i][i], count == 2 ? a[i + 1][i + 1] : 0.0};
@@ -72,8 +74,6 @@ static void rows_are_those_of_the_definition(void **state) {
     for (size_t c = 0; c < sizeof ORDERS / sizeof *ORDERS; c++) {
         int order = ORDERS[c][0], pairs = ORDERS[c][1];
         make(order);
-        memcpy(portable, given, sizeof given);
-        memcpy(plain, given, sizeof given);
         eliminate(&elimination_portable, order, pairs, portable);
         eliminate_plainly(order, pairs, plain);
         for (int i = 0; i < order; i++)
@@ -91,8 +91,6 @@ static void wider_vectors_give_the_same_bits(void **state) {
     for (size_t c = 0; c < sizeof ORDERS / sizeof *ORDERS; c++) {
         int order = ORDERS[c][0], pairs = ORDERS[c][1];
         make(order);
-        memcpy(portable, given, sizeof given);
-        memcpy(widest, given, sizeof given);
         eliminate(&elimination_portable, order, pairs, portable);
         eliminate(elimination_kernels_here(), order, pairs, widest);
         for (int i = 0; i < order; i++)

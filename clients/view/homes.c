@@ -18,9 +18,7 @@ void find_mesh_box(const trocar_model *model, vec3 *low, vec3 *high) {
     }
 }
 
-static pose home_at_skin(const trocar_model *model, double needle_length, double aside) {
-    vec3 low, high;
-    find_mesh_box(model, &low, &high);
+static pose home_at_skin(const trocar_model *model, vec3 low, vec3 high, double needle_length, double aside) {
     double x = 0.5 * (low.x + high.x) + aside, y = 0.5 * (low.y + high.y);
     const double from[3] = {x, y, low.z - MARGIN}, to[3] = {x, y, high.z + MARGIN};
     double skin[3] = {x, y, low.z};
@@ -28,17 +26,23 @@ static pose home_at_skin(const trocar_model *model, double needle_length, double
     return (pose){v3(x, y, skin[2] - MARGIN - needle_length), {1, 0, 0, 0}};
 }
 
-pose find_home(const trocar_scene *scene, const trocar_model *model, double needle_length, int needle) {
-    double aside = (needle % 2 ? 0.01 : -0.01) * ((needle + 1) / 2 % 3); /* m, to both sides in turn */
+void find_homes(const trocar_scene *scene, const trocar_model *model, double needle_length, int count, pose *homes) {
+    vec3 low, high;
     pose start;
-    if (find_start(scene, NULL, NULL, &start)) {
-        start.position = v3_add(start.position, q_rotate(start.orientation, v3(aside, 0, 0)));
-        return start;
-    }
+    bool given = find_start(scene, NULL, NULL, &start);
     int template = find_template(model);
-    if (template < 0) return home_at_skin(model, needle_length, aside);
-    trocar_guide guide = trocar_model_guide(model, template);
-    return hole_home(&guide, 0.5 * (guide.columns - 1) + aside / guide.spacing, 0.5 * (guide.rows - 1), needle_length);
+    find_mesh_box(model, &low, &high);
+    for (int needle = 0; needle < count; needle++) {
+        double aside = (needle % 2 ? 0.01 : -0.01) * ((needle + 1) / 2 % 3); /* m, to both sides in turn */
+        if (given) {
+            homes[needle] = (pose){v3_add(start.position, q_rotate(start.orientation, v3(aside, 0, 0))), start.orientation};
+        } else if (template >= 0) {
+            trocar_guide guide = trocar_model_guide(model, template);
+            homes[needle] = hole_home(&guide, 0.5 * (guide.columns - 1) + aside / guide.spacing, 0.5 * (guide.rows - 1), needle_length);
+        } else {
+            homes[needle] = home_at_skin(model, low, high, needle_length, aside);
+        }
+    }
 }
 
 pose find_home_of_base(const trocar_model *model, double needle_length, pose base, pose otherwise) {

@@ -5,9 +5,9 @@
 #include "base/vec.h"
 #include "trocar.h"
 
-/* Pose of the base of needle `needle`: the scene's start; in front of the middle of its template; or along z with the tip 2 mm in front of the surface,
-   at the middle of the mesh. Further needles wait beside it. */
-pose find_home(const trocar_scene *scene, const trocar_model *model, double needle_length, int needle);
+/* Poses of the bases, homes[count]: the scene's start; in front of the middle of its template; or along z with the tip 2 mm in front of the surface,
+   at the middle of the mesh. Needles after the first wait beside it. */
+void find_homes(const trocar_scene *scene, const trocar_model *model, double needle_length, int count, pose *homes);
 
 /* In front of the template's hole that is closest to a base; `otherwise` without a template. */
 pose find_home_of_base(const trocar_model *model, double needle_length, pose base, pose otherwise);

@@ -256,7 +256,7 @@ static trocar_status prepare(view *v, report *why) {
     const char *remarks = trocar_model_remarks(v->model);
     if (remarks[0]) fprintf(stderr, "trocar-view: warning: %s\n", remarks);
     v->needle_count = o->log_path ? 1 : trocar_model_needles(v->model);
-    for (int i = 0; i < v->needle_count; i++) v->homes[i] = find_home(v->scene, v->model, v->needle_length, i);
+    find_homes(v->scene, v->model, v->needle_length, v->needle_count, v->homes);
     status = timeline_create(&v->timeline, o->log_path == NULL, v->needle_count, why);
     if (status == TROCAR_OK) status = o->log_path ? open_log(v, why) : implant_open(&v->implant, v->model, &o->implant, why);
     if (status == TROCAR_OK) status = open_web(v, why);

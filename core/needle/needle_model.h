@@ -9,6 +9,7 @@
 enum {
     NEEDLE_MAX_SEGMENTS = TRIDIAGONAL_BLOCKS,
     NEEDLE_LD = (NEEDLE_MAX_SEGMENTS / 4 + 1) * 12, /* three columns for each joint; whole blocks of four joints */
+    NEEDLE_PLACES = NEEDLE_MAX_SEGMENTS + 4, /* whole vectors of segments, and joints beyond them */
     NEEDLE_POINT_JOINTS = 3,                /* that a point of the centreline is interpolated from */
     NEEDLE_RIM = 4,                         /* tetrahedra: nodes of a section around its centre node */
     NEEDLE_SECTION = 1 + NEEDLE_RIM,
@@ -76,17 +77,22 @@ typedef struct {
     mat3 frame;              /* columns: normal 1 (near local x), normal 2 (near local y), tangent */
 } needle_point;
 
+/* Of segments or joints, by components, so that four are computed at once; symmetric matrices: xx, xy, xz, yy, yz, zz. */
+typedef struct { double at[3][NEEDLE_PLACES]; } vector_series;
+typedef struct { double at[6][NEEDLE_PLACES]; } symmetric_series;
+typedef struct { double at[9][NEEDLE_PLACES]; } matrix_series;
+
 /* Tangent at the current shape (scratch of one Newton iteration). */
 typedef struct {
     int unstable;                               /* rod: number of negative eigenvalues of the tangent stiffness, that is, buckling modes of the
                                                    unsupported needle under these loads; tetrahedra: 0 */
-    vec3 drift[NEEDLE_MAX_SEGMENTS + 1];        /* displacement of the joints for zero load (linearised), m */
+    vec3 drift[NEEDLE_MAX_SEGMENTS + 1];        /* displacement of the joints that count for zero load (linearised), m */
     double compliance[NEEDLE_LD][NEEDLE_LD];    /* between joints, m/N: [3 i + a][3 j + b], for j > i - NEEDLE_POINT_JOINTS */
     union {
         struct {
-            mat3 pivot_inverse[NEEDLE_MAX_SEGMENTS];    /* block L D L^T of the tangent stiffness */
-            mat3 lower[NEEDLE_MAX_SEGMENTS];
-            vec3 moments[NEEDLE_MAX_SEGMENTS];          /* spatial moment of the joint before each segment, N m */
+            symmetric_series pivot_inverse;             /* block L D L^T of the tangent stiffness */
+            matrix_series lower;
+            vector_series moments;                      /* spatial moment of the joint before each segment, N m */
             double rotation[3 * NEEDLE_MAX_SEGMENTS][NEEDLE_LD]; /* of the segments per unit force at each joint beyond, rad/N */
         } rod;
         struct {

@@ -42,10 +42,16 @@ void list_points(const tick_context *tick) {
 void locate_points(const tick_context *tick) {
     const insertion_state *state = tick->state;
     insertion_workspace *w = tick->scratch;
+    double arcs[MAX_POINTS];
+    needle_point *at[MAX_POINTS];
     guides_locate(tick);
     for (int i = w->guided; i < w->point_count; i++) {
+        arcs[i] = w->points[i].arc;
+        at[i] = &w->points[i].at;
+    }
+    needle_locate(tick->model->needle, &state->needle, w->point_count - w->guided, &arcs[w->guided], &at[w->guided]);
+    for (int i = w->guided; i < w->point_count; i++) {
         contact_point *p = &w->points[i];
-        p->at = needle_at(tick->model->needle, &state->needle, p->arc);
         p->target = p->kind == POINT_TIP ? v3_add(tip_place(&state->tip), w->free_at_tip)
                                          : v3_add(state->contacts[p->handle].track, creep_free(tick, p->handle));
         if (tick->model->creep.count > 0) p->target = v3_add(p->target, w->creep.moved[i]);

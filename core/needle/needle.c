@@ -1,6 +1,8 @@
 #include "needle/needle.h"
 
 #include "base/lame.h"
+#include "base/row_matrix.h"
+#include "base/vec_lanes.h"
 #include "needle/needle_kind.h"
 
 trocar_status needle_create(const needle_parameters *given, needle_model *model, report *why) {
@@ -57,36 +59,62 @@ double needle_energy(const needle_model *model, const needle_state *state) { ret
 
 /* ---- the centreline ------------------------------------------------------------------------------------------------ */
 
-static mat3 frame_along(vec3 tangent, quat frame) {
-    vec3 y = q_axis_y(frame);
-    vec3 n2 = v3_unit(v3_axpy(-v3_dot(y, tangent), tangent, y));
-    return m3_columns(v3_cross(n2, tangent), n2, tangent);
+/* Weights of three joints at a place, and the two segments between which the tangent turns: by `fraction`. */
+static int weigh(const needle_model *model, double arc, needle_point *p, int *next, double *fraction) {
+    int n = model->given.segments;
+    double s = arc / model->segment_length; /* in segments from the base */
+    s = s > 0.0 ? s : 0.0;
+    s = s < n ? s : n;
+    int joint = (int)(s + 0.5);                        /* nearest joint: the middle control point */
+    if (joint < 1 || joint > n - 1) {                  /* first and last half segment: straight */
+        int k = joint < 1 ? 0 : n - 1;
+        p->first = joint < 1 ? 0 : n - 2;
+        for (int i = 0; i < NEEDLE_POINT_JOINTS; i++) p->weights[i] = 0.0;
+        p->weights[k - p->first] = 1.0 - (s - k);
+        p->weights[k - p->first + 1] = s - k;
+        *fraction = 0.0;
+        return *next = k;
+    }
+    double f = *fraction = s + 0.5 - joint;            /* from the middle of one segment to that of the next */
+    p->first = joint - 1;
+    p->weights[0] = 0.5 * (1.0 - f) * (1.0 - f);
+    p->weights[1] = 0.5 + f - f * f;
+    p->weights[2] = 0.5 * f * f;
+    *next = joint;
+    return joint - 1;
+}
+
+/* The points' frames, from their axes. */
+static void put_frames(needle_point *const *points, int count, vec3_lanes n1, vec3_lanes n2, vec3_lanes n3) {
+    lanes x[LANES] = {n1.x, n2.x, n3.x, n3.x}, y[LANES] = {n1.y, n2.y, n3.y, n3.y}, z[LANES] = {n1.z, n2.z, n3.z, n3.z};
+    lanes_transpose(&x[0], &x[1], &x[2], &x[3]);
+    lanes_transpose(&y[0], &y[1], &y[2], &y[3]);
+    lanes_transpose(&z[0], &z[1], &z[2], &z[3]);
+    for (int i = 0; i < count; i++) points[i]->frame = matrix_of((row_matrix){{x[i], y[i], z[i]}});
+}
+
+static void locate_four(const needle_model *model, const needle_state *state, int count, const double *arcs, needle_point *const *points) {
+    int before[LANES], after[LANES];
+    double fractions[LANES];
+    for (int i = 0; i < LANES; i++) {
+        needle_point *p = points[i < count ? i : 0];
+        before[i] = weigh(model, arcs[i < count ? i : 0], p, &after[i], &fractions[i]);
+        const vec3 *joints = &state->joints[p->first];
+        p->position = v3_axpy(p->weights[2], joints[2], v3_axpy(p->weights[1], joints[1], v3_scale(p->weights[0], joints[0])));
+    }
+    lanes fraction = {fractions[0], fractions[1], fractions[2], fractions[3]};
+    quat_lanes here = ql_gather(state->frames, before), next = ql_gather(state->frames, after);
+    vec3_lanes y = ql_axis_y(next), n3 = v3l_unit(v3l_axpy(fraction, ql_axis(next), v3l_scale(1.0 - fraction, ql_axis(here))));
+    vec3_lanes n2 = v3l_unit(v3l_axpy(-v3l_dot(y, n3), n3, y));
+    put_frames(points, count, v3l_cross(n2, n3), n2, n3);
+}
+
+void needle_locate(const needle_model *model, const needle_state *state, int count, const double *arcs, needle_point *const *points) {
+    for (int i = 0; i < count; i += LANES) locate_four(model, state, count - i < LANES ? count - i : LANES, &arcs[i], &points[i]);
 }
 
 needle_point needle_at(const needle_model *model, const needle_state *state, double arc) {
-    int n = model->given.segments;
-    double s = fmin(fmax(arc / model->segment_length, 0.0), n); /* in segments from the base */
-    int joint = (int)floor(s + 0.5);                   /* nearest joint: the middle control point */
-    needle_point p;
-    vec3 tangent;
-    if (joint < 1 || joint > n - 1) {                  /* first and last half segment: straight */
-        int k = joint < 1 ? 0 : n - 1;
-        double f = s - k;
-        p.first = joint < 1 ? 0 : n - 2;
-        for (int i = 0; i < 3; i++) p.weights[i] = 0.0;
-        p.weights[k - p.first] = 1.0 - f;
-        p.weights[k - p.first + 1] = f;
-        tangent = q_axis(state->frames[k]);
-    } else {
-        double f = s + 0.5 - joint;                    /* 0..1 from the middle of one segment to that of the next */
-        p.first = joint - 1;
-        p.weights[0] = 0.5 * (1.0 - f) * (1.0 - f);
-        p.weights[1] = 0.5 + f - f * f;
-        p.weights[2] = 0.5 * f * f;
-        tangent = v3_unit(v3_add(v3_scale(1.0 - f, q_axis(state->frames[joint - 1])), v3_scale(f, q_axis(state->frames[joint]))));
-    }
-    p.position = v3(0, 0, 0);
-    for (int i = 0; i < 3; i++) p.position = v3_axpy(p.weights[i], state->joints[p.first + i], p.position);
-    p.frame = frame_along(tangent, state->frames[joint < n ? joint : n - 1]);
+    needle_point p, *point = &p;
+    locate_four(model, state, 1, &arc, &point);
     return p;
 }

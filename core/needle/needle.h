@@ -19,8 +19,9 @@ void needle_rest(const needle_model *model, pose base, needle_state *state);
    directions until the next solve. RT */
 void needle_hold(const needle_model *model, pose base, needle_state *state);
 
-/* RT */
+/* The point of the centreline at a distance from the base, m; and so many of them. RT */
 needle_point needle_at(const needle_model *model, const needle_state *state, double arc);
+void needle_locate(const needle_model *model, const needle_state *state, int count, const double *arcs, needle_point *const *points);
 
 /* Unit vector along the centreline, toward the tip. RT */
 static inline vec3 needle_along(const needle_point *p) { return v3(p->frame.m[0][2], p->frame.m[1][2], p->frame.m[2][2]); }

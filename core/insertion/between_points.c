@@ -1,16 +1,15 @@
 #include "insertion/between_points.h"
 
-#include "base/row_matrix.h"
+#include "base/vec_lanes.h"
+#include "insertion/between_kernels.h"
 #include "insertion/guides.h"
 
-/* All that is computed is laid out by components, so that four points pass at once. Points are numbered by their places from base to tip. */
-enum { PLACES = BETWEEN_PLACES };
-
+/* Places of points from base to tip, and what is known of them before their blocks. */
 typedef struct {
     int order[MAX_POINTS];           /* the point in each place */
     bool in_order;                   /* see in_order_of_slots */
-    double frame[3][3][PLACES];      /* [a][b]: component a of axis b */
-    double tissue[3][3][PLACES];     /* m/N, world frame, between one point (rows) and each */
+    between_rows frames;             /* [a][b]: component a of axis b */
+    between_rows tissue;             /* m/N, world frame, between one point (rows) and the others, if they are not in order */
 } layout;
 
 /* ---- points ---------------------------------------------------------------------------------------------------------- */
@@ -27,20 +26,20 @@ static void sort_points(const insertion_workspace *w, int order[MAX_POINTS]) {
 static void lay_out_frames(const insertion_workspace *w, layout *to) {
     for (int k = 0; k < w->point_count; k++)
         for (int a = 0; a < 3; a++)
-            for (int b = 0; b < 3; b++) to->frame[a][b][k] = w->points[to->order[k]].at.frame.m[a][b];
+            for (int b = 0; b < 3; b++) to->frames[a][b][k] = w->points[to->order[k]].at.frame.m[a][b];
 }
 
-/* True if points and slots are in order without gaps, and there are no guides. (The usual case.) */
+/* True if points and slots are in order without gaps, with any guides nearer to the base. (The usual case.) */
 static bool in_order_of_slots(const insertion_workspace *w, const int order[MAX_POINTS]) {
-    bool in_order = w->guided == 0;
+    bool in_order = true;
     for (int k = 0; k < w->point_count && in_order; k++)
-        in_order = order[k] == k && (k >= w->point_count - w->tip || w->points[k].handle == w->points[0].handle + k);
+        in_order = order[k] == k && (w->points[k].kind != POINT_TISSUE || w->points[k].handle - k == w->points[w->guided].handle - w->guided);
     return in_order;
 }
 
-static void put_tissue(layout *to, int l, const mat3 *block, double mount, bool transposed) {
+static void put_tissue(between_rows to, int l, const mat3 *block, bool transposed) {
     for (int a = 0; a < 3; a++)
-        for (int b = 0; b < 3; b++) to->tissue[a][b][l] = (transposed ? block->m[b][a] : block->m[a][b]) + (a == b ? mount : 0.0);
+        for (int b = 0; b < 3; b++) to[a][b][l] = transposed ? block->m[b][a] : block->m[a][b];
 }
 
 /* Between two points, neither of which is at the tip. */
@@ -50,125 +49,121 @@ static mat3 between_contacts(const tick_context *tick, int i, int j) {
     return m3_scaled(w->creep.yield, compliance_between(tick->snapshot, w->points[i].handle, w->points[j].handle));
 }
 
-/* Compliance of the tissue and the mount between the point in place k and those from there on. */
-static void lay_out_tissue(const tick_context *tick, int k, layout *to) {
+/* Compliance of the tissue between the point in place k and those from there on. */
+static void lay_out_tissue(const tick_context *tick, const int *order, int k, between_rows to) {
     const insertion_workspace *w = tick->scratch;
-    int i = to->order[k], slot = w->points[i].handle, contacts = w->point_count - w->tip;
-    double mount = tick->base.compliance;
-    for (int a = 0; a < 9 && to->in_order && k < contacts; a++) {
-        const double *from = tick->snapshot->between_contacts[slot].at[a / 3][a % 3] + (slot - k);
-        for (int l = k; l < contacts; l += LANES)
-            lanes_store(&to->tissue[a / 3][a % 3][l], w->creep.yield * lanes_load(from + l) + lanes_all(a % 4 == 0 ? mount : 0.0));
-    }
-    for (int l = to->in_order ? (k > contacts ? k : contacts) : k; l < w->point_count; l++) {
-        int j = to->order[l];
-        if (w->points[i].kind == POINT_TIP) put_tissue(to, l, &w->tip_row[j], mount, false);
-        else if (w->points[j].kind == POINT_TIP) put_tissue(to, l, &w->tip_row[i], mount, true);
+    int i = order[k];
+    for (int l = k; l < w->point_count; l++) {
+        int j = order[l];
+        if (w->points[i].kind == POINT_TIP) put_tissue(to, l, &w->tip_row[j], false);
+        else if (w->points[j].kind == POINT_TIP) put_tissue(to, l, &w->tip_row[i], true);
         else {
             mat3 block = between_contacts(tick, i, j);
-            put_tissue(to, l, &block, mount, false);
+            put_tissue(to, l, &block, false);
         }
     }
 }
 
 /* ---- needle ---------------------------------------------------------------------------------------------------------- */
 
-/* Displacement of the joints from the base to each point, world frame, under unit forces at the point, in its frame. */
-static void interpolate_columns(insertion_workspace *w, const layout *points) {
-    int begin = 3 * w->points[points->order[0]].at.first;
-    for (int k = 0; k < w->point_count; k++) {
-        const needle_point *p = &w->points[points->order[k]].at;
-        row_matrix frame = rows_of(&p->frame);
-        lanes by[3 * NEEDLE_POINT_JOINTS];
-        for (int m = 0; m < NEEDLE_POINT_JOINTS; m++)
-            for (int a = 0; a < 3; a++) by[3 * m + a] = p->weights[m] * frame.row[a];
-        for (int row = begin; row < 3 * (p->first + NEEDLE_POINT_JOINTS); row++) {
-            const double *at = &w->tangent.compliance[row][3 * p->first];
-            lanes sum = at[0] * by[0];
-            for (int c = 1; c < 3 * NEEDLE_POINT_JOINTS; c++) sum += at[c] * by[c];
-            for (int b = 0; b < 3; b++) w->joints_to_points[row][b][k] = sum[b];
+/* Displacement of the joints from the base to each point under unit forces at the point; world frame. What is beyond a point's joints means nothing. */
+static void interpolate_columns(insertion_workspace *w, const int *order) {
+    int begin = 3 * w->points[order[0]].at.first, count = w->point_count;
+    for (int l = 0; l < count; l += LANES) {
+        const needle_point *p[LANES];
+        for (int i = 0; i < LANES; i++) p[i] = &w->points[order[l + i < count ? l + i : count - 1]].at;
+        for (int row = begin; row < 3 * (p[LANES - 1]->first + NEEDLE_POINT_JOINTS); row++) {
+            lanes moved[LANES]; /* components in lanes; the fourth is padding */
+            for (int i = 0; i < LANES; i++) {
+                const double *at = &w->tangent.compliance[row][3 * p[i]->first];
+                moved[i] = p[i]->weights[0] * lanes_load(at);
+                for (int m = 1; m < NEEDLE_POINT_JOINTS; m++) moved[i] += p[i]->weights[m] * lanes_load(at + 3 * m);
+            }
+            lanes_transpose(&moved[0], &moved[1], &moved[2], &moved[3]);
+            for (int b = 0; b < 3; b++) lanes_store(&w->joints_to_points[row][b][l], moved[b]);
         }
     }
 }
 
 /* ---- blocks ---------------------------------------------------------------------------------------------------------- */
 
-/* Blocks between the point in place k and the four from place l on, in the frames of both. */
-static inline void find_blocks(const insertion_workspace *w, const layout *points, int k, int l, lanes block[3][3]) {
-    const needle_point *p = &w->points[points->order[k]].at;
-    lanes world[3][3]; /* rows in the world frame */
-    for (int a = 0; a < 3; a++) {
-        const double (*rows)[PLACES] = w->joints_to_points[3 * p->first + a];
-        lanes x = lanes_load(&points->tissue[a][0][l]), y = lanes_load(&points->tissue[a][1][l]), z = lanes_load(&points->tissue[a][2][l]);
-        for (int b = 0; b < 3; b++) {
-            lanes sum = x * lanes_load(&points->frame[0][b][l]) + y * lanes_load(&points->frame[1][b][l]) + z * lanes_load(&points->frame[2][b][l]);
-            for (int m = 0; m < NEEDLE_POINT_JOINTS; m++) sum += p->weights[m] * lanes_load(&rows[9 * m + b][l]);
-            world[a][b] = sum;
-        }
-    }
-    for (int a = 0; a < 3; a++)
-        for (int b = 0; b < 3; b++) block[a][b] = p->frame.m[0][a] * world[0][b] + p->frame.m[1][a] * world[1][b] + p->frame.m[2][a] * world[2][b];
-}
-
-/* Stores one block in the upper triangle. */
-static void put_block(contact_problem *p, int i, int j, lanes block[3][3], int lane) {
-    bool swapped = i > j;
-    int low = swapped ? j : i, high = swapped ? i : j;
+/* Stores one block in the upper triangle; points at guides that they do not touch are coupled to nothing. */
+static void put_block(insertion_workspace *w, int i, int j, between_rows blocks, int l) {
+    contact_problem *p = &w->problem;
+    int low = i < j ? i : j, high = i < j ? j : i;
+    bool open = guides_is_open(w, i) || guides_is_open(w, j);
     for (int a = 0; a < 3; a++)
         for (int b = 0; b < 3; b++) {
             int row = unknown(p->count, low, a), column = unknown(p->count, high, b);
-            double number = swapped ? block[b][a][lane] : block[a][b][lane];
+            double number = open ? 0.0 : low == i ? blocks[a][b][l] : blocks[b][a][l];
             if (row <= column) p->compliance[row][column] = number;
             else p->compliance[column][row] = number;
         }
 }
 
-/* Stores four blocks beside one another, of points in the order of their places. */
-static void put_four(contact_problem *p, int i, int j, lanes block[3][3]) {
-    int axial = 2 * p->count;
-    for (int a = 0; a < 2; a++) {
-        double *row = p->compliance[2 * i + a];
-        lanes x = block[a][0], y = block[a][1];
-        lanes_store(row + 2 * j, (lanes){x[0], y[0], x[1], y[1]});
-        lanes_store(row + 2 * j + LANES, (lanes){x[2], y[2], x[3], y[3]});
-        lanes_store(row + axial + j, block[a][2]);
-    }
-    lanes_store(p->compliance[axial + i] + axial + j, block[2][2]);
-    for (int k = 0; k < LANES; k++)
-        for (int b = 0; b < 2; b++) p->compliance[2 * (j + k) + b][axial + i] = block[2][b][k];
+/* Stores the blocks of the point in place k with itself and those beyond. */
+static void put_blocks(insertion_workspace *w, const int *order, int k, between_rows blocks) {
+    for (int l = k; l < w->point_count; l++) put_block(w, order[k], order[l], blocks, l);
 }
 
-/* The blocks from place l on, of which those before place `first` are known or mean nothing. */
-static void put_blocks(const tick_context *tick, const layout *points, int k, int l, int first, lanes block[3][3]) {
-    insertion_workspace *w = tick->scratch;
-    if (points->in_order && l >= k && l + LANES <= w->point_count) {
-        put_four(&w->problem, k, l, block);
-        return;
+/* The same of points in the order of their places, in whole vectors. Along the needle these begin before place k: there, the blocks of points nearer to
+   the base are stored afterwards. */
+static void put_blocks_in_order(contact_problem *p, int k, between_rows blocks) {
+    int axial = 2 * p->count, begin = lanes_below(k);
+    for (int a = 0; a < 2; a++) {
+        double *row = p->compliance[2 * k + a];
+        for (int l = begin; l < p->count; l += LANES) {
+            lanes x = lanes_load(&blocks[a][0][l]), y = lanes_load(&blocks[a][1][l]);
+            lanes_store(row + 2 * l, __builtin_shufflevector(x, y, 0, 4, 1, 5));
+            lanes_store(row + 2 * l + LANES, __builtin_shufflevector(x, y, 2, 6, 3, 7));
+        }
+        for (int l = begin; l < p->count; l += LANES) lanes_store(row + axial + l, lanes_load(&blocks[a][2][l]));
     }
-    lanes nothing[3][3] = {{{0}}};
-    for (int at = first; at < l + LANES && at < w->point_count; at++) {
-        int i = points->order[k], j = points->order[at];
-        bool open = guides_is_open(w, i) || guides_is_open(w, j);
-        put_block(&w->problem, i, j, open ? nothing : block, at - l);
-    }
+    for (int l = begin; l < p->count; l += LANES) lanes_store(p->compliance[axial + k] + axial + l, lanes_load(&blocks[2][2][l]));
+    for (int l = k + 1; l < p->count; l++)
+        for (int b = 0; b < 2; b++) p->compliance[2 * l + b][axial + k] = blocks[2][b][l];
+}
+
+/* The tissue of the points from place k on, in order: between contacts as the snapshot has it. */
+static void read_tissue(const tick_context *tick, int k, between_points_row *row) {
+    static const double none[BETWEEN_PLACES];
+    const insertion_workspace *w = tick->scratch;
+    const contact_point *point = &w->points[k];
+    for (int a = 0; a < 9; a++)
+        row->tissue[a / 3][a % 3] = point->kind == POINT_TISSUE ? tick->snapshot->between_contacts[point->handle].at[a / 3][a % 3] + (point->handle - k) : none;
+    row->lowest = point->kind == POINT_TISSUE ? w->guided : 0;
+    row->yield = w->creep.yield;
+    row->known = w->point_count - w->tip;
+    if (w->tip) row->beyond = point->kind == POINT_TIP ? w->tip_row[k] : m3_transposed(&w->tip_row[k]);
+}
+
+/* Blocks of the point in place k with those from there on. */
+static void find_blocks(const tick_context *tick, layout *points, between_kernel *kernel, int k, between_rows blocks) {
+    const insertion_workspace *w = tick->scratch;
+    const needle_point *point = &w->points[points->order[k]].at;
+    between_points_row row = {.begin = k, .end = w->point_count, .point = point, .needle = (const double (*)[3][BETWEEN_PLACES])&w->joints_to_points[3 * point->first],
+                              .yield = 1.0, .known = w->point_count, .mount = tick->base.compliance, .frames = (const between_rows *)&points->frames};
+    for (int a = 0; a < 9; a++) row.tissue[a / 3][a % 3] = points->tissue[a / 3][a % 3];
+    if (!points->in_order) lay_out_tissue(tick, points->order, k, points->tissue);
+    else read_tissue(tick, k, &row);
+    kernel(&row, blocks);
 }
 
 void assemble_between_points(const tick_context *tick) {
     insertion_workspace *w = tick->scratch;
-    layout points;
-    int count = w->point_count;
+    _Alignas(CACHE_LINE) layout points;
+    _Alignas(CACHE_LINE) between_rows blocks;
+    between_kernel *kernel = runs_avx512() ? between_avx512 : between_portable;
     points.order[0] = 0;
     sort_points(w, points.order);
     points.in_order = in_order_of_slots(w, points.order);
     lay_out_frames(w, &points);
-    interpolate_columns(w, &points);
-    for (int k = 0; k < count; k++) {
-        lay_out_tissue(tick, k, &points);
-        for (int first = k; first < count; first += LANES) {
-            int l = first + LANES <= count || count < LANES ? first : count - LANES; /* the last four overlap */
-            lanes block[3][3];
-            find_blocks(w, &points, k, l, block);
-            put_blocks(tick, &points, k, l, first, block);
-        }
+    interpolate_columns(w, points.order);
+    for (int k = w->point_count - 1; k >= 0; k--) {
+        find_blocks(tick, &points, kernel, k, blocks);
+        if (points.in_order) put_blocks_in_order(&w->problem, k, blocks);
+        else put_blocks(w, points.order, k, blocks);
     }
+    for (int i = 0; i < w->guided && points.in_order; i++)
+        for (int j = 0; j < w->point_count && guides_is_open(w, i); j++) put_block(w, i, j, blocks, j);
 }

@@ -119,7 +119,7 @@ typedef struct {
 typedef enum { TIP_CUTS, TIP_SPRINGS, TIP_STOPS } tip_law;
 
 /* Places for all points, in whole vectors, and for what is computed with beside them. */
-enum { BETWEEN_PLACES = (MAX_POINTS + 3) / 4 * 4 + 4 };
+enum { BETWEEN_PLACES = (MAX_POINTS + 7) / 8 * 8 };
 
 /* Scratch of one tick: nothing in it but the profile outlives the call. */
 typedef struct {
@@ -129,7 +129,7 @@ typedef struct {
     bool tip;                                /* the last of them is the tip */
     hole_edge edges[MAX_GUIDE_POINTS];       /* of the points at guides */
     _Alignas(CACHE_LINE) needle_tangent tangent;
-    double joints_to_points[3 * (NEEDLE_MAX_SEGMENTS + 1)][3][BETWEEN_PLACES]; /* m/N, scratch of assemble_between_points */
+    _Alignas(CACHE_LINE) double joints_to_points[3 * (NEEDLE_MAX_SEGMENTS + 1)][3][BETWEEN_PLACES]; /* m/N, world frame, scratch of assemble_between_points */
     contact_problem problem;
     vec3 free_at_tip;                        /* m, u_free there */
     vec3 load[NEEDLE_MAX_SEGMENTS + 1];      /* N, of all points on the needle's joints */

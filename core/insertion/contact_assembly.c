@@ -71,16 +71,14 @@ void find_tip_rows(const tick_context *tick, const int handles[4]) {
     insertion_workspace *w = tick->scratch;
     const double *weights = tick->state->tip.known_weights;
     int tip = w->point_count - 1;
-    mat3 own = {{{0}}};
-    w->free_at_tip = v3(0, 0, 0);
-    for (int c = 0; c < 4; c++) {
-        w->free_at_tip = v3_axpy(weights[c], creep_free(tick, handles[c]), w->free_at_tip);
-        mat3 row = compliance_to_point(tick->snapshot, handles, weights, handles[c]);
-        m3_add_scaled(&own, weights[c] * w->creep.yield, &row);
-    }
+    double yielding[4];
+    row_matrix own = {{{0}}};
+    for (int c = 0; c < 4; c++) yielding[c] = w->creep.yield * weights[c];
+    for (int c = 0; c < 4; c++) own = rm_add(own, rm_scaled(weights[c], compliance_rows_to_point(tick->snapshot, handles, yielding, handles[c])));
     for (int i = 0; i < w->guided; i++) w->tip_row[i] = (mat3){{{0}}};
-    for (int i = w->guided; i < tip; i++) w->tip_row[i] = m3_scaled(w->creep.yield, compliance_to_point(tick->snapshot, handles, weights, w->points[i].handle));
-    w->tip_row[tip] = own;
+    for (int i = w->guided; i < tip; i++) w->tip_row[i] = compliance_to_point(tick->snapshot, handles, yielding, w->points[i].handle);
+    w->tip_row[tip] = matrix_of(own);
+    w->free_at_tip = creep_free_at(tick, handles, weights);
 }
 
 /* Near the surface tissue holds the needle sideways the less, the less of it is in and the less it presses: from 0 to 1. It is the same for

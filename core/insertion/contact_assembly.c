@@ -136,7 +136,7 @@ void find_local_compliance(const tick_context *tick) {
    slide for it, in the tick in which the tip enters that region. */
 static double lead_gained(const insertion_model *model, const contact_point *p, double logarithm, double traction, double *softness, double *stiffening) {
     stiffened_shaft before = {*softness, *stiffening};
-    stiffened_shaft now = {(p->share.to - p->share.from) / fmax(p->shaft.axial, LEAST_STIFFNESS), p->shaft.stiffening};
+    stiffened_shaft now = {(p->share.to - p->share.from) / larger_of(p->shaft.axial, LEAST_STIFFNESS), p->shaft.stiffening};
     *softness = now.softness;
     *stiffening = now.stiffening;
     if (before.softness == 0.0) return 0.0;

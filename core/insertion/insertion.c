@@ -44,7 +44,7 @@ static void slide_shaft(insertion_state *state, double radius) {
     for (; contact_is_active(state, k); k++) {
         shaft_contact *contact = &state->contacts[state->refined.order[k]];
         neighbour = contact->slip;
-        contact->arc = fmax(contact->arc - contact->slip, 0.0); /* a needle pushed in up to its base drags the contacts that have reached it */
+        contact->arc = larger_of(contact->arc - contact->slip, 0.0); /* a needle pushed in up to its base drags the contacts that have reached it */
         contact->slid = slid_on(contact->slid, contact->slip, contact->friction, &contact->roll, radius);
     }
     if (state->tip.phase == TIP_INSIDE) neighbour = state->tip.slip;

@@ -18,7 +18,7 @@ static double border_behind(const insertion_state *state, int k) {
     for (int s = 1; s < state->stratum_count; s++) {
         double change = state->strata[s].depth;
         if (change <= here) continue;
-        return change < next ? half + fmin(change - half, next - change) : half;
+        return change < next ? half + smaller_of(change - half, next - change) : half;
     }
     return half;
 }
@@ -27,7 +27,7 @@ shaft_share shaft_next_share(const insertion_state *state, int k, bool tip, doub
     bool last = !contact_is_active(state, tip ? k : k + 1);
     double from = *border;
     *border = last ? state->tip.depth : border_behind(state, k);
-    return (shaft_share){from, fmax(*border, from + LEAST_SHARE)};
+    return (shaft_share){from, larger_of(*border, from + LEAST_SHARE)};
 }
 
 shaft_share shaft_share_of(const insertion_state *state, int k, bool tip) {
@@ -49,8 +49,8 @@ static void add_resistance(const region_material *material, double length, shaft
 shaft_resistance shaft_resistance_of(const insertion_model *model, const insertion_state *state, shaft_share part) {
     shaft_resistance sum = {0};
     for (int k = 0; k < state->stratum_count; k++) {
-        double top = k > 0 ? fmax(part.from, state->strata[k].depth) : part.from;
-        double length = (k + 1 < state->stratum_count ? fmin(part.to, state->strata[k + 1].depth) : part.to) - top;
+        double top = k > 0 ? larger_of(part.from, state->strata[k].depth) : part.from;
+        double length = (k + 1 < state->stratum_count ? smaller_of(part.to, state->strata[k + 1].depth) : part.to) - top;
         if (length > 0.0 && state->strata[k].region != IN_A_GAP) add_resistance(&model->materials[state->strata[k].region], length, &sum);
     }
     if (sum.stiffening > 0.0) sum.stiffening /= sum.axial;

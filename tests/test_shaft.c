@@ -83,11 +83,12 @@ static void tributary_lengths_end_at_region_boundaries(void **unused) {
 static void friction_is_that_of_each_region(void **unused) {
     (void)unused;
     insertion_state s = inserted();
-    shaft_resistance stuck = shaft_resistance_of(&MODEL, &s, (shaft_share){7e-3, 10.5e-3}, 0.0);
-    assert_close(stuck.dry, 2e-3 * 6.0 + 1.5e-3 * 20.0, 1e-15);
-    assert_close(stuck.viscous, 2e-3 * 30.0 + 1.5e-3 * 50.0, 1e-15);
-    assert_close(shaft_resistance_of(&MODEL, &s, (shaft_share){7e-3, 10.5e-3}, 1.0).dry, 2e-3 * 4.0 + 1.5e-3 * 10.0, 1e-15);
-    assert_close(shaft_resistance_of(&MODEL, &s, (shaft_share){1e-3, 2e-3}, 2e-3).dry, 1e-3 * (4.0 + 2.0 / M_E), 1e-15);
+    shaft_resistance both = shaft_resistance_of(&MODEL, &s, (shaft_share){7e-3, 10.5e-3});
+    shaft_resistance first = shaft_resistance_of(&MODEL, &s, (shaft_share){1e-3, 2e-3});
+    assert_close(shaft_friction_limit(&MODEL, &both, 0.0), 2e-3 * 6.0 + 1.5e-3 * 20.0, 1e-15);
+    assert_close(both.viscous, 2e-3 * 30.0 + 1.5e-3 * 50.0, 1e-15);
+    assert_close(shaft_friction_limit(&MODEL, &both, 1.0), 2e-3 * 4.0 + 1.5e-3 * 10.0, 1e-15);
+    assert_close(shaft_friction_limit(&MODEL, &first, 2e-3), 1e-3 * (4.0 + 2.0 / M_E), 1e-15);
 }
 
 /* Anti-plane shear: a line with load q per length in a medium of shear modulus mu is displaced by q / (2 pi mu) ln(R / r) relative

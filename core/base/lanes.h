@@ -7,6 +7,7 @@
 enum { LANES = 4 };
 
 typedef double lanes __attribute__((vector_size(LANES * sizeof(double))));
+typedef int int_lanes __attribute__((vector_size(LANES * sizeof(int))));
 
 static inline lanes lanes_load(const double *from) {
     lanes x;

@@ -23,7 +23,11 @@ static inline mat3 matrix_of(row_matrix a) {
     return m;
 }
 
+/* Without the padding. */
+static inline double row_sum(lanes row) { return row[0] + row[1] + row[2]; }
+
 static inline row_matrix rm_add(row_matrix a, row_matrix b) { return (row_matrix){{a.row[0] + b.row[0], a.row[1] + b.row[1], a.row[2] + b.row[2]}}; }
+static inline row_matrix rm_scaled(double s, row_matrix a) { return (row_matrix){{s * a.row[0], s * a.row[1], s * a.row[2]}}; }
 static inline row_matrix rm_subtract(row_matrix a, row_matrix b) { return (row_matrix){{a.row[0] - b.row[0], a.row[1] - b.row[1], a.row[2] - b.row[2]}}; }
 
 /* a b */

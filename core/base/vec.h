@@ -9,6 +9,10 @@ typedef struct { double m[3][3]; } mat3;       /* m[row][column] */
 typedef struct { double w, x, y, z; } quat;    /* unit quaternion, rotates from body to world coordinates */
 typedef struct { vec3 position; quat orientation; } pose;
 
+/* fmax and fmin without a call of the C library; b if either is not a number. */
+static inline double larger_of(double a, double b) { return a > b ? a : b; }
+static inline double smaller_of(double a, double b) { return a < b ? a : b; }
+
 static inline vec3 v3(double x, double y, double z) { return (vec3){x, y, z}; }
 static inline vec3 v3_add(vec3 a, vec3 b) { return v3(a.x + b.x, a.y + b.y, a.z + b.z); }
 static inline vec3 v3_sub(vec3 a, vec3 b) { return v3(a.x - b.x, a.y - b.y, a.z - b.z); }

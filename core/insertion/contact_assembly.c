@@ -29,6 +29,7 @@ void list_points(const tick_context *tick) {
         p->kind = POINT_TISSUE;
         p->handle = state->refined.order[contacts];
         p->share = shaft_next_share(state, contacts, w->tip, &border);
+        p->shaft = shaft_resistance_of(tick->model, state, p->share);
     }
     w->point_count = w->guided + contacts + w->tip;
     if (!w->tip) return;
@@ -37,6 +38,7 @@ void list_points(const tick_context *tick) {
     p->handle = NO_HANDLE;
     p->arc = tick->model->needle->given.length;
     p->share = shaft_next_share(state, contacts, true, &border);
+    p->shaft = shaft_resistance_of(tick->model, state, p->share);
 }
 
 void locate_points(const tick_context *tick) {
@@ -75,16 +77,14 @@ void find_tip_rows(const tick_context *tick, const int handles[4]) {
     insertion_workspace *w = tick->scratch;
     const double *weights = tick->state->tip.known_weights;
     int tip = w->point_count - 1;
-    mat3 own = {{{0}}};
-    w->free_at_tip = v3(0, 0, 0);
-    for (int c = 0; c < 4; c++) {
-        w->free_at_tip = v3_axpy(weights[c], creep_free(tick, handles[c]), w->free_at_tip);
-        mat3 row = compliance_to_point(tick->snapshot, handles, weights, handles[c]);
-        m3_add_scaled(&own, weights[c] * w->creep.yield, &row);
-    }
+    double yielding[4];
+    row_matrix own = {{{0}}};
+    for (int c = 0; c < 4; c++) yielding[c] = w->creep.yield * weights[c];
+    for (int c = 0; c < 4; c++) own = rm_add(own, rm_scaled(weights[c], compliance_rows_to_point(tick->snapshot, handles, yielding, handles[c])));
     for (int i = 0; i < w->guided; i++) w->tip_row[i] = (mat3){{{0}}};
-    for (int i = w->guided; i < tip; i++) w->tip_row[i] = m3_scaled(w->creep.yield, compliance_to_point(tick->snapshot, handles, weights, w->points[i].handle));
-    w->tip_row[tip] = own;
+    for (int i = w->guided; i < tip; i++) w->tip_row[i] = compliance_to_point(tick->snapshot, handles, yielding, w->points[i].handle);
+    w->tip_row[tip] = matrix_of(own);
+    w->free_at_tip = creep_free_at(tick, handles, weights);
 }
 
 /* Near the surface tissue holds the needle sideways the less, the less of it is in and the less it presses: from 0 to 1. It is the same for
@@ -114,39 +114,35 @@ void find_local_compliance(const tick_context *tick) {
     double hold = hold_near_surface(tick);
     for (int i = w->guided; i < t; i++) {
         const shaft_contact *contact = &state->contacts[w->points[i].handle];
-        shaft_resistance shaft = shaft_resistance_of(model, state, w->points[i].share, 0.0);
+        const shaft_resistance *shaft = &w->points[i].shaft;
         bool here = contact->depth >= tip_entry_depth(state); /* not in a previous body */
         plane_tensor lateral = local_logarithm_behind_tip(contact->log_lateral, &contact->end, here ? behind_tip(tick, i) : INFINITY);
-        loosen(w, i, here ? hold : 1.0, plane_mean(lateral) / shaft.lateral);
-        w->lateral[i] = plane_principal(plane_scaled(1.0 / shaft.lateral, lateral), contact->direction);
-        w->axial[i] = contact->log_axial / shaft.axial;
-        w->stiffening.stiffness[i] = shaft.axial;
-        w->stiffening.mean[i] = shaft.stiffening;
+        loosen(w, i, here ? hold : 1.0, plane_mean(lateral) / shaft->lateral);
+        w->lateral[i] = plane_principal(plane_scaled(1.0 / shaft->lateral, lateral), contact->direction);
+        w->axial[i] = contact->log_axial / shaft->axial;
     }
     if (!w->tip) return;
     const needle_tip *tip = &state->tip;
     double radius = model->needle->radius, depth = tip->depth - tip_entry_depth(state);
-    shaft_resistance shaft = shaft_resistance_of(model, state, w->points[t].share, 0.0);
+    const shaft_resistance *shaft = &w->points[t].shaft;
     double axial = local_logarithm(model, &tip->resolved).axial;
     plane_tensor endless = local_logarithm_across(model, &tip->resolved, tip->direction);
     plane_tensor lateral = local_logarithm_behind_tip(endless, &tip->resolved.end, behind_tip(tick, t));
     lateral_axial line = local_line_compliance_at(model, tip->tet, tip->nominal);
-    double stiffness = shaft.lateral + radius / line.lateral; /* one radius more */
+    double stiffness = shaft->lateral + radius / line.lateral; /* one radius more */
     w->lateral[t] = plane_principal(plane_scaled(1.0 / stiffness, lateral), tip->direction);
-    w->held_axial = axial / (shaft.axial + radius / line.axial);
+    w->held_axial = axial / (shaft->axial + radius / line.axial);
     loosen(w, t, hold, plane_mean(lateral) / stiffness);
     w->axial[t] = local_at_tip(model, tip->tet, tip->nominal, depth, tip->pressing, tip->resolved.point);
-    w->stiffening.stiffness[t] = shaft.axial;
-    w->stiffening.mean[t] = shaft.stiffening;
-    w->axial[t + 1] = axial / fmax(shaft.axial, LEAST_STIFFNESS);
+    w->axial[t + 1] = axial / fmax(shaft->axial, LEAST_STIFFNESS);
 }
 
 /* How much farther ahead of the tissue the shaft is because the tissue along its share has become softer (stiffer: less far), under
    the traction that it bears, m. Shaft that enters another region has not sheared the tissue there yet; without this, it would have to
    slide for it, in the tick in which the tip enters that region. */
-static double lead_gained(const insertion_model *model, const insertion_state *state, shaft_share share, double logarithm, double traction, double *softness, double *stiffening) {
-    shaft_resistance shaft = shaft_resistance_of(model, state, share, 0.0);
-    stiffened_shaft before = {*softness, *stiffening}, now = {(share.to - share.from) / fmax(shaft.axial, LEAST_STIFFNESS), shaft.stiffening};
+static double lead_gained(const insertion_model *model, const contact_point *p, double logarithm, double traction, double *softness, double *stiffening) {
+    stiffened_shaft before = {*softness, *stiffening};
+    stiffened_shaft now = {(p->share.to - p->share.from) / larger_of(p->shaft.axial, LEAST_STIFFNESS), p->shaft.stiffening};
     *softness = now.softness;
     *stiffening = now.stiffening;
     if (before.softness == 0.0) return 0.0;
@@ -162,25 +158,25 @@ void keep_shear(const tick_context *tick) {
         contact_point *p = &w->points[i];
         shaft_contact *contact = &state->contacts[p->handle];
         double traction = contact->traction + creep_traction(tick, contact->depth);
-        p->arc = contact->arc += lead_gained(model, state, p->share, contact->log_axial, traction, &contact->softness, &contact->stiffening);
+        p->arc = contact->arc += lead_gained(model, p, contact->log_axial, traction, &contact->softness, &contact->stiffening);
     }
     if (!w->tip) return;
     needle_tip *tip = &state->tip;
     double logarithm = local_logarithm(model, &tip->resolved).axial;
     double traction = tip->shaft_traction + creep_traction(tick, tip->depth);
-    tip->stretch += lead_gained(model, state, w->points[t].share, logarithm, traction, &tip->shaft_softness, &tip->shaft_stiffening);
+    tip->stretch += lead_gained(model, &w->points[t], logarithm, traction, &tip->shaft_softness, &tip->shaft_stiffening);
 }
 
 /* ---- bounds of the forces along the needle ------------------------------------------------------------------------- */
 
-static void bound_friction(const tick_context *tick, int i, shaft_share share, double slid, double slip, const roll_friction *roll, friction_state last) {
+static void bound_friction(const tick_context *tick, int i, const shaft_resistance *shaft, double slid, double slip, const roll_friction *roll, friction_state last) {
     contact_problem *p = &tick->scratch->problem;
     double radius = tick->model->needle->radius;
-    shaft_resistance friction = shaft_resistance_of(tick->model, tick->state, share, slid + roll_way(slip, roll, radius));
-    shared_bound left = roll_left_to_sliding(friction.dry, slip, roll, radius);
+    double dry = shaft_friction_limit(tick->model, shaft, slid + roll_way(slip, roll, radius));
+    shared_bound left = roll_left_to_sliding(dry, slip, roll, radius);
     p->upper[i] = left.bound;
     p->lower[i] = -left.bound;
-    p->viscosity[i][0] = p->viscosity[i][1] = friction.viscous / tick->dt + left.viscosity;
+    p->viscosity[i][0] = p->viscosity[i][1] = shaft->viscous / tick->dt + left.viscosity;
     p->state[i] = last;
 }
 
@@ -218,7 +214,7 @@ static void bound_tip(const tick_context *tick) {
     p->viscosity[t][0] = 0.0;
     p->viscosity[t][1] = blocked ? 0.0 : viscosity;
     p->state[t] = tip->friction;
-    bound_friction(tick, t + 1, w->points[t].share, tip->shaft_slid, tip->shaft_slip, &tip->roll, tip->shaft_friction);
+    bound_friction(tick, t + 1, &w->points[t].shaft, tip->shaft_slid, tip->shaft_slip, &tip->roll, tip->shaft_friction);
 }
 
 void bound_contacts(const tick_context *tick) {
@@ -226,7 +222,7 @@ void bound_contacts(const tick_context *tick) {
     for (int i = 0; i < w->guided; i++) guides_bound(tick, i);
     for (int i = w->guided; i < w->point_count - w->tip; i++) {
         const shaft_contact *contact = &tick->state->contacts[w->points[i].handle];
-        bound_friction(tick, i, w->points[i].share, contact->slid, contact->slip, &contact->roll, contact->friction);
+        bound_friction(tick, i, &w->points[i].shaft, contact->slid, contact->slip, &contact->roll, contact->friction);
     }
     if (w->tip) bound_tip(tick);
 }

@@ -314,6 +314,12 @@ vec3 creep_free(const tick_context *tick, int handle) {
     return u;
 }
 
+vec3 creep_free_at(const tick_context *tick, const int handles[4], const double weights[4]) {
+    vec3 u = ZERO;
+    for (int c = 0; c < 4; c++) u = v3_axpy(weights[c], creep_free(tick, handles[c]), u);
+    return u;
+}
+
 /* ---- memory ------------------------------------------------------------------------------------------------------------ */
 
 static void follow(const creep_series *creep, const double *decay, vec3 force, vec3 *terms) {

@@ -58,6 +58,9 @@ double creep_sum(const tissue_memory *memory);
 /* Displacement of a handle that the needle's present contacts do not cause, m. RT */
 vec3 creep_free(const tick_context *tick, int handle);
 
+/* The same of the point of these corners and weights. RT */
+vec3 creep_free_at(const tick_context *tick, const int handles[4], const double weights[4]);
+
 /* Is there enough new among the left loads to tell the worker? RT */
 bool creep_left_is_news(const tissue_memory *memory);
 

@@ -44,7 +44,7 @@ static void slide_shaft(insertion_state *state, double radius) {
     for (; contact_is_active(state, k); k++) {
         shaft_contact *contact = &state->contacts[state->refined.order[k]];
         neighbour = contact->slip;
-        contact->arc = fmax(contact->arc - contact->slip, 0.0); /* a needle pushed in up to its base drags the contacts that have reached it */
+        contact->arc = larger_of(contact->arc - contact->slip, 0.0); /* a needle pushed in up to its base drags the contacts that have reached it */
         contact->slid = slid_on(contact->slid, contact->slip, contact->friction, &contact->roll, radius);
     }
     if (state->tip.phase == TIP_INSIDE) neighbour = state->tip.slip;
@@ -75,13 +75,11 @@ static vec3 free_at_surface(const tick_context *tick, vec3 end, vec3 axis) {
     const mesh *m = tick->model->mesh;
     int handles[4];
     double weights[4];
-    vec3 u = v3(0, 0, 0);
-    if (!tick->snapshot->loaded) return u;
+    if (!tick->snapshot->loaded) return v3(0, 0, 0);
     surface_hit hit = mesh_enter(m, v3_axpy(-DENT_DEPTH, axis, end), v3_axpy(DENT_DEPTH, axis, end));
-    if (!hit.hit || !snapshot_covers(tick->snapshot, m->tets[hit.tet], handles)) return u;
+    if (!hit.hit || !snapshot_covers(tick->snapshot, m->tets[hit.tet], handles)) return v3(0, 0, 0);
     mesh_barycentric(m, hit.tet, hit.point, weights);
-    for (int c = 0; c < 4; c++) u = v3_axpy(weights[c], creep_free(tick, handles[c]), u);
-    return u;
+    return creep_free_at(tick, handles, weights);
 }
 
 /* A needle in the air is straight, unless a guide bends it. Touching the outer surface starts an insertion; a needle drawn out of a dent touches nothing.

@@ -12,19 +12,43 @@ static bool tip_handles(const tick_context *tick, int handles[4]) {
     return tip->phase == TIP_INSIDE && tip->known_tet >= 0 && snapshot_covers(tick->snapshot, tick->model->mesh->tets[tip->known_tet], handles);
 }
 
+/* Load of active contact number k from the base on the tissue, N. */
+static vec3 load_of(const tick_context *tick, int k) {
+    const insertion_state *state = tick->state;
+    return v3_add(state->contacts[state->refined.order[k]].force, creep_load(tick->model, &state->memory, k));
+}
+
+/* Displacement of a handle under the tip's load on those at `corners`, m. */
+static vec3 displaced_by_tip(const tick_context *tick, const int corners[4], int handle) {
+    const insertion_state *state = tick->state;
+    mat3 c = compliance_to_point(tick->snapshot, corners, state->tip.known_weights, handle);
+    return m3_apply_transposed(&c, v3_add(tip_load(&state->tip), creep_tip_load(tick->model, &state->memory)));
+}
+
 vec3 displacement_of(const tick_context *tick, int handle) {
     const insertion_state *state = tick->state;
     vec3 u = creep_free(tick, handle);
     for (int k = 0; contact_is_active(state, k); k++) {
-        int slot = state->refined.order[k];
-        mat3 c = compliance_between(tick->snapshot, handle, slot);
-        u = v3_add(u, m3_apply(&c, v3_add(state->contacts[slot].force, creep_load(tick->model, &state->memory, k))));
+        mat3 c = compliance_between(tick->snapshot, handle, state->refined.order[k]);
+        u = v3_add(u, m3_apply(&c, load_of(tick, k)));
     }
     int corners[4];
-    if (tip_handles(tick, corners)) {
-        mat3 c = compliance_to_point(tick->snapshot, corners, state->tip.known_weights, handle);
-        u = v3_add(u, m3_apply_transposed(&c, v3_add(tip_load(&state->tip), creep_tip_load(tick->model, &state->memory))));
+    return tip_handles(tick, corners) ? v3_add(u, displaced_by_tip(tick, corners, handle)) : u;
+}
+
+vec3 displacement_at(const tick_context *tick, const int handles[4], const double weights[4]) {
+    const insertion_state *state = tick->state;
+    row_matrix sum = {{{0}}}; /* of the terms by the components of the loads */
+    for (int k = 0; contact_is_active(state, k); k++) {
+        row_matrix c = compliance_rows_to_point(tick->snapshot, handles, weights, state->refined.order[k]);
+        vec3 load = load_of(tick, k);
+        for (int a = 0; a < 3; a++) sum.row[a] += c.row[a] * (lanes){load.x, load.y, load.z, 0.0};
     }
+    vec3 u = creep_free_at(tick, handles, weights);
+    u = v3_add(u, v3(row_sum(sum.row[0]), row_sum(sum.row[1]), row_sum(sum.row[2])));
+    int corners[4];
+    if (!tip_handles(tick, corners)) return u;
+    for (int c = 0; c < 4; c++) u = v3_axpy(weights[c], displaced_by_tip(tick, corners, handles[c]), u);
     return u;
 }
 

@@ -7,6 +7,9 @@
 /* Displacement of a handle under the present forces, and others' on the tissue, m. RT */
 vec3 displacement_of(const tick_context *tick, int handle);
 
+/* The same of a point: handles and weights of its corners in the nominal mesh. RT */
+vec3 displacement_at(const tick_context *tick, const int handles[4], const double weights[4]);
+
 /* Contacts whose rows of the inverse have arrived start to take part. RT */
 void accept_snapshot(const tick_context *tick);
 

@@ -2,8 +2,6 @@
 
 #include <stdlib.h>
 
-#include "base/lame.h"
-
 static const double LEAST_LOGARITHM = 0.02; /* keeps contacts apart where the mesh resolves the needle's surface by itself */
 static const double EMBEDDING_DEPTH = 4.0;  /* radii below the surface at which a disc's surroundings are those in the depth */
 static const double DENSITY = 1050.0;       /* kg/m^3, soft tissue */
@@ -11,17 +9,11 @@ static const double BONE_COMPLIANCE = 8e-5; /* m/N under the tip: stiffer than h
 
 /* ---- model ---------------------------------------------------------------------------------------------------------- */
 
-/* Kelvin's line force in plane strain, and anti-plane shear. */
-lateral_axial local_line_compliance(const region_material *material) {
-    double nu = material->poisson_ratio, mu = shear_modulus(material->youngs_modulus, nu);
-    return (lateral_axial){(3.0 - 4.0 * nu) / (8.0 * M_PI * mu * (1.0 - nu)), 1.0 / (2.0 * M_PI * mu)};
-}
-
 static void add_moduli(insertion_model *model, int node, const region_material *material) {
     double nu = material->poisson_ratio, mu = shear_modulus(material->youngs_modulus, nu);
-    lateral_axial line = local_line_compliance(material);
-    model->node_lateral[node] += line.lateral;
-    model->node_axial[node] += line.axial;
+    lateral_axial line = local_line_stiffness(material);
+    model->node_lateral[node] += 1.0 / line.lateral;
+    model->node_axial[node] += 1.0 / line.axial;
     model->node_disc[node] += (3.0 - 4.0 * nu) / (32.0 * mu * (1.0 - nu));
     model->node_softness[node] += 1.0 / mu;
     model->node_stiffening[node] += material->stiffening;

@@ -3,6 +3,7 @@
 #ifndef TROCAR_LOCAL_COMPLIANCE_H
 #define TROCAR_LOCAL_COMPLIANCE_H
 
+#include "base/lame.h"
 #include "insertion/insertion_model.h"
 #include "insertion/plane_tensor.h"
 #include "tissue/resolved_radius.h"
@@ -13,8 +14,11 @@ typedef struct {
 } lateral_axial;
 
 /* The local compliance of a line force, m^2/N (divide by the length that it stands for), has two factors: that of its material
-   per logarithm, m^2/N, */
-lateral_axial local_line_compliance(const region_material *material); /* RT */
+   per logarithm, m^2/N, by Kelvin's line force in plane strain and by anti-plane shear: here its inverse, N/m^2, */
+static inline lateral_axial local_line_stiffness(const region_material *material) { /* RT */
+    double nu = material->poisson_ratio, axial = 2.0 * M_PI * shear_modulus(material->youngs_modulus, nu);
+    return (lateral_axial){axial * 4.0 * (1.0 - nu) / (3.0 - 4.0 * nu), axial};
+}
 
 /* at point x of nominal element `tet` a mean over the materials around, continuous across elements; */
 lateral_axial local_line_compliance_at(const insertion_model *model, int tet, vec3 x); /* RT */

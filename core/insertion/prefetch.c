@@ -2,6 +2,7 @@
 
 #include <string.h>
 
+#include "base/lanes.h"
 #include "insertion/creep.h"
 
 static const double LINE_OFFSET = 1e-3, LINE_TURN = 0.02; /* m, rad: a line that differs by more is a new one */
@@ -25,10 +26,13 @@ static bool contains(const int *nodes, int count, int node) {
     return false;
 }
 
+/* Its corners that are not in the list: all four are looked for at once. */
 static void add_tet(const mesh *m, int tet, wanted_tissue *list) {
+    int_lanes corners, found = {0};
+    memcpy(&corners, m->tets[tet], sizeof corners);
+    for (int i = 0; i < list->count; i++) found |= list->nodes[i] == corners;
     for (int c = 0; c < 4; c++)
-        if (list->count < MAX_WINDOW && !contains(list->nodes, list->count, m->tets[tet][c]))
-            list->nodes[list->count++] = m->tets[tet][c];
+        if (!found[c] && list->count < MAX_WINDOW) list->nodes[list->count++] = corners[c];
 }
 
 static void add_piece(int tet, vec3 x, vec3 direction, wanted_tissue *list) {
@@ -37,29 +41,37 @@ static void add_piece(int tet, vec3 x, vec3 direction, wanted_tissue *list) {
     if (list->piece_count < MAX_PIECES) list->pieces[list->piece_count++] = (line_in_tet){tet, x, v3_unit(direction)};
 }
 
-/* Elements on the way from x by `distance` along the unit direction, across gaps as well; the line through the first of them, within
-   `near`, is measured. `back`: the direction points back along the track. */
+/* A straight way through elements, and across gaps. */
 typedef struct {
-    double distance, near;
-    bool back;
-} reach_of_path;
+    int tet;                 /* where it has come to; -1: out of the tissue */
+    vec3 x, direction;       /* m, and unit vector, */
+    bool back;               /* which points back along the track */
+    double left;             /* m still to go */
+    int steps;               /* elements that it has gone through */
+} straight_way;
 
-static void add_path(const mesh *m, int tet, vec3 x, vec3 direction, reach_of_path reach, wanted_tissue *list) {
-    double distance = reach.distance;
-    for (int step = 0; step < AHEAD && tet >= 0; step++) {
+/* Goes on to where the way meets tissue again. */
+static bool cross_gap(const mesh *m, straight_way *way) {
+    surface_hit next = mesh_enter(m, v3_axpy(-NEAR_FACE, way->direction, way->x), v3_axpy(way->left, way->direction, way->x));
+    if (!next.hit) return false;
+    way->tet = next.tet;
+    way->x = next.point;
+    way->left -= next.fraction * way->left;
+    return true;
+}
+
+/* Adds elements up to the end of the way; in the first `measured` of them, the line is measured. The way may then be made longer. */
+static void add_way(const mesh *m, straight_way *way, int measured, wanted_tissue *list) {
+    for (; way->steps < AHEAD; way->steps++) {
         double chord;
-        add_tet(m, tet, list);
-        if (reach.distance - distance <= reach.near) add_piece(tet, x, reach.back ? v3_scale(-1.0, direction) : direction, list);
-        int face = mesh_exit(m, tet, x, direction, &chord);
-        if (face < 0 || chord > distance) return;
-        x = v3_axpy(chord, direction, x);
-        distance -= chord;
-        tet = m->neighbours[tet][face];
-        if (tet >= 0) continue;
-        surface_hit next = mesh_enter(m, v3_axpy(-NEAR_FACE, direction, x), v3_axpy(distance, direction, x));
-        x = next.point;
-        distance -= next.fraction * distance;
-        tet = next.tet;
+        if (way->tet < 0 && !cross_gap(m, way)) return;
+        add_tet(m, way->tet, list);
+        if (way->steps < measured) add_piece(way->tet, way->x, way->back ? v3_scale(-1.0, way->direction) : way->direction, list);
+        int face = mesh_exit(m, way->tet, way->x, way->direction, &chord);
+        if (face < 0 || chord > way->left) return;
+        way->x = v3_axpy(chord, way->direction, way->x);
+        way->left -= chord;
+        way->tet = m->neighbours[way->tet][face];
     }
 }
 
@@ -75,7 +87,8 @@ static vec3 add_stretch_back(const mesh *m, const insertion_state *state, int te
     const shaft_contact *contact = k >= 0 ? &state->contacts[state->refined.order[k]] : NULL;
     vec3 to = contact ? v3_sub(contact->track, contact->beside) : state->entry, back = v3_sub(to, x);
     double length = v3_norm(back);
-    if (length > 0.0) add_path(m, tet, x, v3_scale(1.0 / length, back), (reach_of_path){length, length, true}, list);
+    straight_way way = {.tet = tet, .x = x, .direction = v3_scale(1.0 / length, back), .back = true, .left = length};
+    if (length > 0.0) add_way(m, &way, AHEAD, list);
     return to;
 }
 
@@ -92,6 +105,12 @@ static void add_track(const mesh *m, const insertion_state *state, wanted_tissue
     }
 }
 
+/* From where the needle enters a body that it is not in yet, by about `reach` from its end. */
+static void add_way_in(const mesh *m, surface_hit hit, vec3 direction, double reach, wanted_tissue *list) {
+    straight_way way = {.tet = hit.tet, .x = hit.point, .direction = direction, .left = reach * (1.25 - hit.fraction)};
+    if (hit.hit) add_way(m, &way, 1, list);
+}
+
 static wanted_tissue wanted_nodes(const insertion_model *model, const insertion_state *state) {
     const mesh *m = model->mesh;
     int n = model->needle->given.segments;
@@ -104,22 +123,23 @@ static wanted_tissue wanted_nodes(const insertion_model *model, const insertion_
         if (hit.hit) add_tet(m, hit.tet, &list);
         list.needed = list.count;
         if (hit.hit && hit.fraction * reach < ABOUT_TO_TOUCH) list.tolerance = SAME_LINE;
-        if (hit.hit) add_path(m, hit.tet, hit.point, direction, (reach_of_path){.distance = reach * (1.25 - hit.fraction)}, &list);
+        add_way_in(m, hit, direction, reach, &list);
         return list;
     }
     double weights[4];
     int moved = refinement_element(m, &state->refined, state->refined.count, state->tip.tet, state->tip.nominal, weights);
     add_surroundings(m, moved, &list); /* the element around the tip with moved nodes, */
     if (moved != state->tip.tet) add_surroundings(m, state->tip.tet, &list); /* and in the nominal mesh */
-    vec3 way = tip_way(&state->tip, direction);
-    add_path(m, state->tip.tet, state->tip.nominal, way, (reach_of_path){WINDOW_SPAN, WINDOW_SPAN, false}, &list);
+    straight_way way = {.tet = state->tip.tet, .x = state->tip.nominal, .direction = tip_way(&state->tip, direction), .left = WINDOW_SPAN};
+    add_way(m, &way, AHEAD, &list);
     surface_hit next = {.hit = false};
     if (state->tip.phase == TIP_BEYOND) next = mesh_enter(m, end, v3_axpy(reach, direction, end));
     if (next.hit) add_tet(m, next.tet, &list);
     list.needed = list.count;
     add_track(m, state, &list);
-    add_path(m, state->tip.tet, state->tip.nominal, way, (reach_of_path){.distance = reach, .near = -1.0}, &list);
-    if (next.hit) add_path(m, next.tet, next.point, direction, (reach_of_path){.distance = reach * (1.25 - next.fraction)}, &list);
+    way.left += reach - WINDOW_SPAN;
+    add_way(m, &way, 0, &list);
+    add_way_in(m, next, direction, reach, &list);
     return list;
 }
 
@@ -145,8 +165,11 @@ static void copy_left(const left_loads *from, left_loads *to) {
 }
 
 static bool window_suffices(const remesh_request *request, const wanted_tissue *wanted) {
-    for (int i = 0; i < wanted->count; i++)
-        if (!contains(request->window, i < wanted->needed ? request->needed : request->window_count, wanted->nodes[i])) return false;
+    for (int i = 0; i < wanted->count; i++) {
+        int among = i < wanted->needed ? request->needed : request->window_count;
+        bool same_place = i < among && request->window[i] == wanted->nodes[i]; /* as a rule */
+        if (!same_place && !contains(request->window, among, wanted->nodes[i])) return false;
+    }
     for (int i = 0; i < wanted->piece_count; i++)
         if (!request_line(request, &wanted->pieces[i], wanted->tolerance)) return false;
     return true;

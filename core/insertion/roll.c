@@ -83,11 +83,11 @@ static roll_point point_at(const tick_context *tick, const contact_point *p) {
     const roll_friction *roll = roll_of(state, p);
     double radius = model->needle->radius, length = p->share.to - p->share.from, slip = tip ? state->tip.shaft_slip : contact->slip;
     double slid = tip ? state->tip.shaft_slid : contact->slid;
-    shaft_resistance shaft = shaft_resistance_of(model, state, p->share, slid + roll_way(slip, roll, radius));
+    double dry = shaft_friction_limit(model, &p->shaft, slid + roll_way(slip, roll, radius));
     double along = length * (tip ? state->tip.shaft_traction : contact->traction);
-    roll_point point = {.arc = p->arc, .yielding = tick->scratch->creep.yield / fmax(2.0 * radius * radius * shaft.axial, 1e-12),
-                        .bound = roll_left_to_turning(shaft.dry, slip, along, roll, radius)};
-    point.bound.viscosity += shaft.viscous * radius * radius / tick->dt;
+    roll_point point = {.arc = p->arc, .yielding = tick->scratch->creep.yield / fmax(2.0 * radius * radius * p->shaft.axial, 1e-12),
+                        .bound = roll_left_to_turning(dry, slip, along, roll, radius)};
+    point.bound.viscosity += p->shaft.viscous * radius * radius / tick->dt;
     return point;
 }
 

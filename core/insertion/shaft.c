@@ -18,7 +18,7 @@ static double border_behind(const insertion_state *state, int k) {
     for (int s = 1; s < state->stratum_count; s++) {
         double change = state->strata[s].depth;
         if (change <= here) continue;
-        return change < next ? half + fmin(change - half, next - change) : half;
+        return change < next ? half + smaller_of(change - half, next - change) : half;
     }
     return half;
 }
@@ -27,7 +27,7 @@ shaft_share shaft_next_share(const insertion_state *state, int k, bool tip, doub
     bool last = !contact_is_active(state, tip ? k : k + 1);
     double from = *border;
     *border = last ? state->tip.depth : border_behind(state, k);
-    return (shaft_share){from, fmax(*border, from + LEAST_SHARE)};
+    return (shaft_share){from, larger_of(*border, from + LEAST_SHARE)};
 }
 
 shaft_share shaft_share_of(const insertion_state *state, int k, bool tip) {
@@ -35,25 +35,23 @@ shaft_share shaft_share_of(const insertion_state *state, int k, bool tip) {
     return shaft_next_share(state, k, tip, &border);
 }
 
-/* Friction limit per length after sliding `slid`: static falls to kinetic by slip weakening, independent of the rate. */
-static double friction_density(const region_material *material, double slid, double weakening_distance) {
-    double excess = material->friction_static - material->friction_kinetic;
-    return material->friction_kinetic + excess * exp(-slid / weakening_distance);
+/* Of this length in one material. */
+static void add_resistance(const region_material *material, double length, shaft_resistance *sum) {
+    lateral_axial line = local_line_stiffness(material);
+    sum->kinetic += length * material->friction_kinetic;
+    sum->excess += length * (material->friction_static - material->friction_kinetic);
+    sum->viscous += length * material->friction_viscous;
+    sum->lateral += length * line.lateral;
+    sum->axial += length * line.axial;
+    sum->stiffening += length * line.axial * material->stiffening;
 }
 
-shaft_resistance shaft_resistance_of(const insertion_model *model, const insertion_state *state, shaft_share part, double slid) {
+shaft_resistance shaft_resistance_of(const insertion_model *model, const insertion_state *state, shaft_share part) {
     shaft_resistance sum = {0};
     for (int k = 0; k < state->stratum_count; k++) {
-        double top = k > 0 ? fmax(part.from, state->strata[k].depth) : part.from;
-        double length = (k + 1 < state->stratum_count ? fmin(part.to, state->strata[k + 1].depth) : part.to) - top;
-        if (length <= 0.0 || state->strata[k].region == IN_A_GAP) continue;
-        const region_material *material = &model->materials[state->strata[k].region];
-        lateral_axial line = local_line_compliance(material);
-        sum.dry += length * friction_density(material, slid, model->settings.weakening_distance);
-        sum.viscous += length * material->friction_viscous;
-        sum.lateral += length / line.lateral;
-        sum.axial += length / line.axial;
-        sum.stiffening += length / line.axial * material->stiffening;
+        double top = k > 0 ? larger_of(part.from, state->strata[k].depth) : part.from;
+        double length = (k + 1 < state->stratum_count ? smaller_of(part.to, state->strata[k + 1].depth) : part.to) - top;
+        if (length > 0.0 && state->strata[k].region != IN_A_GAP) add_resistance(&model->materials[state->strata[k].region], length, &sum);
     }
     if (sum.stiffening > 0.0) sum.stiffening /= sum.axial;
     return sum;
@@ -63,10 +61,12 @@ double shaft_ahead(const insertion_model *model, const insertion_state *state, i
     int slot = state->refined.order[k];
     const shaft_contact *contact = &state->contacts[slot];
     const region_material *material = &model->materials[model->mesh->region[state->refined.nodes[slot].tet]];
-    double dry = contact->friction * friction_density(material, contact->slid, model->settings.weakening_distance);
+    shaft_resistance per_metre = {0};
+    add_resistance(material, 1.0, &per_metre);
+    double dry = contact->friction * shaft_friction_limit(model, &per_metre, contact->slid);
     shaft_share part = shaft_share_of(state, k, state->tip.phase == TIP_INSIDE);
-    double length = part.to - part.from, stiffness = length / local_line_compliance(material).axial;
-    double traction = creep.yield * (dry + material->friction_viscous * contact->slip / dt) + creep.remembered;
+    double length = part.to - part.from, stiffness = length * per_metre.axial;
+    double traction = creep.yield * (dry + per_metre.viscous * contact->slip / dt) + creep.remembered;
     double local = contact->log_axial / stiffness, linear = local * length * traction;
     if (material->stiffening == 0.0) return linear;
     stiffening_law law = stiffening_of_shaft(material->stiffening, model->needle->radius, stiffness, local);

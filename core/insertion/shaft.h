@@ -12,7 +12,8 @@ typedef struct {
 
 /* What a part of the shaft meets in the regions that it lies in. */
 typedef struct {
-    double dry, viscous;         /* friction limit, N, and viscous friction, N s/m */
+    double kinetic, excess;      /* N, friction limit after sliding far, and how much higher it is at rest */
+    double viscous;              /* N s/m, viscous friction */
     double lateral, axial;       /* m of shaft over the local compliance of a line force per logarithm, N/m */
     double stiffening;           /* mean of the regions', by their axial stiffness: exact to the third order in the force */
 } shaft_resistance;
@@ -24,8 +25,13 @@ shaft_share shaft_share_of(const insertion_state *state, int k, bool tip);
 /* The same, one after the other from k = 0: border, m of depth, is where it begins, at first 0, and becomes where the next one does. RT */
 shaft_share shaft_next_share(const insertion_state *state, int k, bool tip, double *border);
 
-/* Friction limit after sliding `slid`, m. RT */
-shaft_resistance shaft_resistance_of(const insertion_model *model, const insertion_state *state, shaft_share part, double slid);
+/* RT */
+shaft_resistance shaft_resistance_of(const insertion_model *model, const insertion_state *state, shaft_share part);
+
+/* Friction limit after sliding `slid` (m), N: static falls to kinetic by slip weakening, independent of the rate. RT */
+static inline double shaft_friction_limit(const insertion_model *model, const shaft_resistance *shaft, double slid) {
+    return shaft->kinetic + shaft->excess * exp(-slid / model->settings.weakening_distance);
+}
 
 /* How far the shaft at active contact number k, which slides, is ahead of the tissue, which follows it elastically up to the friction
    limit, m. Tissue that creeps follows it by `yield` times that, and by what the traction that it remembers (N/m) adds. RT */

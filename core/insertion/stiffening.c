@@ -29,11 +29,13 @@ void stiffening_prepare(const tick_context *tick) {
     s->any = model->stiffens && w->point_count > w->guided;
     s->end = (linear_shift){0};
     if (!s->any) return;
-    for (int i = w->guided; i < w->point_count - w->tip; i++) s->along[i] = stiffening_of_shaft(s->mean[i], radius, s->stiffness[i], w->axial[i]);
+    for (int i = w->guided; i < w->point_count; i++) {
+        const contact_point *p = &w->points[i];
+        s->along[i] = stiffening_of_shaft(p->shaft.stiffening, radius, p->shaft.axial, p->kind == POINT_TIP ? w->held_axial : w->axial[i]);
+    }
     if (!w->tip) return;
     const needle_tip *tip = &state->tip;
     int t = w->point_count - 1;
-    s->along[t] = stiffening_of_shaft(s->mean[t], radius, s->stiffness[t], w->held_axial);
     local_disc disc = local_disc_at_tip(model, tip->tet, tip->nominal, tip->depth - tip_entry_depth(state), tip->pressing);
     s->face = stiffening_of_tip(disc.stiffening, radius, disc.compliance, disc.softness, disc.angle, w->axial[t]);
 }

@@ -64,6 +64,7 @@ typedef struct {
     needle_point at;         /* on the needle */
     vec3 target;             /* m, where what it touches would be without the needle's forces */
     shaft_share share;
+    shaft_resistance shaft;  /* what that meets */
 } contact_point;
 
 /* Of relaxing tissue, in one step: its displacement under the forces f is (yield C) (f + remembered). Elastic: yield 1, the rest 0. */
@@ -91,7 +92,6 @@ typedef struct {
 /* Of stiffening tissue, in one step. `end` is zero where nothing stiffens; the rest is then unused. */
 typedef struct {
     bool any;                                /* tissue at some point may stiffen */
-    double stiffness[MAX_POINTS], mean[MAX_POINTS]; /* N/m of the shaft's share per logarithm, and mean stiffening of its tissue */
     stiffening_law along[MAX_POINTS], face;  /* of the shaft, and of the tip's end face */
     linear_shift shaft[MAX_POINTS], end;
 } stiffening_step;

@@ -49,9 +49,7 @@ static vec3 displacement_ahead(const tick_context *tick, vec3 direction, vec3 at
     double weights[4];
     tet = refinement_element(m, &state->refined, snapshot_known_contacts(tick->snapshot, &state->refined), tet, x, weights);
     if (!snapshot_covers(tick->snapshot, m->tets[tet], handles)) return at_tip;
-    vec3 u = v3(0, 0, 0);
-    for (int c = 0; c < 4; c++) u = v3_axpy(weights[c], displacement_of(tick, handles[c]), u);
-    return u;
+    return displacement_at(tick, handles, weights);
 }
 
 vec3 track_gradient(const tick_context *tick) {

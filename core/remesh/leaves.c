@@ -12,7 +12,12 @@ vec3 refinement_position(const mesh *m, const refinement *r, int active, int cor
 }
 
 void leaf_positions(const mesh *m, const refinement *r, int active, const int corners[4], vec3 positions[4]) {
-    for (int i = 0; i < 4; i++) positions[i] = refinement_position(m, r, active, corners[i]);
+    for (int i = 0; i < 4; i++) positions[i] = corners[i] < 0 ? r->nodes[-1 - corners[i]].position : m->nodes[corners[i]];
+    for (int k = 0; k < active; k++) {
+        const added_node *node = &r->nodes[r->order[k]];
+        for (int i = 0; i < 4 && node->moved >= 0; i++)
+            if (corners[i] == node->moved) positions[i] = node->position;
+    }
 }
 
 /* ---- leaves ------------------------------------------------------------------------------------------------------ */
@@ -89,7 +94,7 @@ int closest_face(const leaf_point *p) {
     return face;
 }
 
-static double least_weight(const leaf_point *p) { return fmin(fmin(p->weights[0], p->weights[1]), fmin(p->weights[2], p->weights[3])); }
+static double least_weight(const leaf_point *p) { return smaller_of(smaller_of(p->weights[0], p->weights[1]), smaller_of(p->weights[2], p->weights[3])); }
 
 bool added_on_face(const added_node *node) { return least_weight(&node->at) == 0.0; }
 

@@ -27,12 +27,6 @@ mat3 compliance_between(const compliance_snapshot *snapshot, int handle, int oth
     return block;
 }
 
-mat3 compliance_to_point(const compliance_snapshot *snapshot, const int handles[4], const double weights[4], int other) {
-    mat3 sum = {{{0}}};
-    for (int c = 0; c < 4; c++) m3_add_block(&sum, weights[c], &snapshot->compliance[3 * handles[c] * SNAPSHOT_LD + 3 * other], SNAPSHOT_LD);
-    return sum;
-}
-
 int snapshot_known_contacts(const compliance_snapshot *snapshot, const refinement *refined) {
     if (snapshot->serial == 0) return 0;
     int known = 0;

@@ -2,6 +2,7 @@
 #ifndef TROCAR_SNAPSHOT_H
 #define TROCAR_SNAPSHOT_H
 
+#include "base/row_matrix.h"
 #include "inverse/inverse_attached.h"
 #include "remesh/refinement.h"
 #include "tissue/relaxation.h"
@@ -125,6 +126,19 @@ resolved_field piece_at(const line_piece *piece, vec3 x);
 mat3 compliance_between(const compliance_snapshot *snapshot, int handle, int other);
 
 /* Compliance between the point of these corners and weights, and a handle. RT */
-mat3 compliance_to_point(const compliance_snapshot *snapshot, const int handles[4], const double weights[4], int other);
+static inline row_matrix compliance_rows_to_point(const compliance_snapshot *snapshot, const int handles[4], const double weights[4], int other) {
+    row_matrix sum = {{{0}}};
+    for (int c = 0; c < 4; c++) {
+        const double *at = &snapshot->compliance[3 * handles[c] * SNAPSHOT_LD + 3 * other], *last = at + 2 * SNAPSHOT_LD;
+        sum.row[0] += weights[c] * lanes_load(at);
+        sum.row[1] += weights[c] * lanes_load(at + SNAPSHOT_LD);
+        sum.row[2] += weights[c] * (lanes){last[0], last[1], last[2], 0.0};
+    }
+    return sum;
+}
+
+static inline mat3 compliance_to_point(const compliance_snapshot *snapshot, const int handles[4], const double weights[4], int other) {
+    return matrix_of(compliance_rows_to_point(snapshot, handles, weights, other));
+}
 
 #endif

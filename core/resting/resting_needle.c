@@ -264,8 +264,8 @@ static double weakened(const insertion_model *model, const resting_needle *r, in
     const contact_point *p = &r->points[point];
     if (r->slid[i] == 0.0 || p->kind == POINT_GUIDE || (p->kind == POINT_TIP && i < r->point_count)) return 1.0;
     double before = p->kind == POINT_TIP ? r->anchor.tip.shaft_slid : r->anchor.contacts[p->handle].slid;
-    double dry = shaft_resistance_of(model, &r->anchor, p->share, before).dry;
-    return dry > 0.0 ? shaft_resistance_of(model, &r->anchor, p->share, before + r->slid[i]).dry / dry : 1.0;
+    double dry = shaft_friction_limit(model, &p->shaft, before);
+    return dry > 0.0 ? shaft_friction_limit(model, &p->shaft, before + r->slid[i]) / dry : 1.0;
 }
 
 double resting_upper(const insertion_model *model, const resting_needle *r, int i) { return r->upper[i] * weakened(model, r, i); }

@@ -29,16 +29,14 @@ double mesh_volume(const mesh *m, int tet) {
     return v3_dot(a, v3_cross(b, c)) / 6.0;
 }
 
-static void weights_of(const vec3 corners[4], const vec3 gradients[4], vec3 x, double weights[4]) {
-    vec3 from_first = v3_sub(x, corners[0]);
-    for (int i = 1; i < 4; i++) weights[i] = v3_dot(gradients[i], from_first);
-    weights[0] = 1.0 - (weights[1] + weights[2] + weights[3]);
-}
-
 void tet_barycentric(const vec3 corners[4], vec3 x, double weights[4]) {
-    vec3 gradients[4];
-    tet_gradients(corners, gradients);
-    weights_of(corners, gradients, x, weights);
+    vec3 a = v3_sub(corners[1], corners[0]), b = v3_sub(corners[2], corners[0]), c = v3_sub(corners[3], corners[0]), to = v3_sub(x, corners[0]);
+    vec3 bc = v3_cross(b, c);
+    double scale = 1.0 / v3_dot(a, bc);
+    weights[1] = scale * v3_dot(bc, to);
+    weights[2] = scale * v3_dot(v3_cross(c, a), to);
+    weights[3] = scale * v3_dot(v3_cross(a, b), to);
+    weights[0] = 1.0 - (weights[1] + weights[2] + weights[3]);
 }
 
 void mesh_barycentric(const mesh *m, int tet, vec3 x, double weights[4]) {
@@ -60,23 +58,23 @@ vec3 mesh_face_normal(const mesh *m, int tet, int face) {
     return v3_unit(gradients[face]);
 }
 
-/* The barycentric weight of vertex i changes linearly along d and is zero on face i. */
+/* The barycentric weight of vertex i changes linearly along d and is zero on face i. Here, weights and rates are times six volumes. */
 int mesh_exit(const mesh *m, int tet, vec3 x, vec3 d, double *distance) {
-    vec3 corners[4], gradients[4];
-    double weights[4];
-    mesh_corners(m, tet, corners);
-    tet_gradients(corners, gradients);
-    weights_of(corners, gradients, x, weights);
+    const int *corners = m->tets[tet];
+    vec3 first = m->nodes[corners[0]], to = v3_sub(x, first);
+    vec3 a = v3_sub(m->nodes[corners[1]], first), b = v3_sub(m->nodes[corners[2]], first), c = v3_sub(m->nodes[corners[3]], first);
+    vec3 bc = v3_cross(b, c), ca = v3_cross(c, a), ab = v3_cross(a, b);
+    double weights[4] = {0.0, v3_dot(bc, to), v3_dot(ca, to), v3_dot(ab, to)}, rates[4] = {0.0, v3_dot(bc, d), v3_dot(ca, d), v3_dot(ab, d)};
+    weights[0] = v3_dot(a, bc) - (weights[1] + weights[2] + weights[3]);
+    rates[0] = -(rates[1] + rates[2] + rates[3]);
     int exit = -1;
     double nearest = INFINITY, steepest = 0;
     for (int i = 0; i < 4; i++) {
-        double rate = v3_dot(gradients[i], d);
-        if (!(rate < 0)) continue;
-        double reach = fmax(weights[i], 0.0) / -rate;
-        if (reach < nearest || (reach == nearest && rate < steepest)) {
+        double reach = larger_of(weights[i], 0.0) / -rates[i];
+        if (rates[i] < 0 && (reach < nearest || (reach == nearest && rates[i] < steepest))) {
             exit = i;
             nearest = reach;
-            steepest = rate;
+            steepest = rates[i];
         }
     }
     if (exit >= 0) *distance = nearest;

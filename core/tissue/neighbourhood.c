@@ -24,11 +24,6 @@ static vec3 to_frame(const neighbourhood *n, vec3 x) { return m3_apply_transpose
 
 vec3 neighbourhood_direction(const neighbourhood *n) { return v3(n->frame.m[0][2], n->frame.m[1][2], n->frame.m[2][2]); }
 
-mat3 frame_along(vec3 direction) {
-    vec3 aside = fabs(direction.x) < 0.6 ? v3(1, 0, 0) : v3(0, 1, 0), x = v3_unit(v3_cross(aside, direction));
-    return m3_columns(x, v3_cross(direction, x), direction);
-}
-
 static void forget(neighbourhood *n) {
     for (int i = 0; i < n->node_count; i++) n->local[n->nodes[i]] = -1;
     for (int i = 0; i < n->tet_count; i++) n->taken[n->tets[i]] = false;

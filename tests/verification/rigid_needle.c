@@ -60,8 +60,8 @@ static double local_between(const insertion_model *model, const insertion_state 
     double stiffness = 0.0;
     for (int k = 0; k < s->stratum_count; k++) {
         double top = fmax(from, s->strata[k].depth), bottom = k + 1 < s->stratum_count ? fmin(to, s->strata[k + 1].depth) : to;
-        lateral_axial line = local_line_compliance(&model->materials[s->strata[k].region]);
-        stiffness += fmax(bottom - top, 0.0) / (along ? line.axial : line.lateral);
+        lateral_axial line = local_line_stiffness(&model->materials[s->strata[k].region]);
+        stiffness += fmax(bottom - top, 0.0) * (along ? line.axial : line.lateral);
     }
     double end = line_end_at(&resolved->end, s->tip.depth - 0.5 * (from + to));
     return (along ? logarithm.axial : logarithm.lateral + resolved->uneven.m[axis][axis] + end) / stiffness;

@@ -12,41 +12,42 @@
 
 enum { MOST_ORDER = 244, LD = MOST_COLUMNS };
 
-static _Alignas(CACHE_LINE) double given[MOST_ORDER][LD], portable[MOST_ORDER][LD], widest[MOST_ORDER][LD], plain[MOST_ORDER][LD];
+typedef double matrix[ELIMINATION_SIZE(MOST_ORDER)][LD];
+static _Alignas(CACHE_LINE) matrix given, portable, widest, plain;
 
 static double draw(void) { return (double)rand() / RAND_MAX - 0.5; }
 
 /* Below the diagonal and after the right-hand side: what earlier ticks left there. */
 static void make(int order) {
-    for (int i = 0; i < order; i++)
+    for (int i = 0; i < ELIMINATION_SIZE(MOST_ORDER); i++)
         for (int j = 0; j < LD; j++) given[i][j] = draw() + (i == j ? order : 0.0);
 }
 
 /* What was given, into `a`: rows in pairs up to `pairs`, each turned a little, then one by one. */
-static void eliminate(const elimination_kernels *kernels, int order, int pairs, double a[MOST_ORDER][LD]) {
+static void eliminate(elimination_kernel *eliminate_after_panel, int order, int pairs, matrix a) {
     static elimination_panel panel;
-    symmetric_system s = {a[0], LD, order};
+    symmetric_system s = {a, order};
     memcpy(a, given, sizeof given);
     elimination_begin(&s);
-    for (panel.end = 0; next_panel(&panel, pairs);) {
-        for (int i = panel.begin; i < panel.end; i += 2) {
-            double inverse[2] = {1.0 / a[i][i], 1.0 / a[i + 1][i + 1]};
-            kernels->turn_rows(&s, i, 0.96, 0.28);
-            kernels->eliminate_in_panel(&s, &panel, i, 2, inverse);
+    for (panel.end = 0; next_panel(&s, &panel, pairs);) {
+        for (int k = 0; k < PANEL_ROWS; k += 2) {
+            double inverse[2] = {1.0 / panel.block[k][k], 1.0 / panel.block[k + 1][k + 1]};
+            turn_in_block(&panel, k, 0.96, 0.28);
+            eliminate_in_block(&panel, k, 2, inverse);
         }
-        kernels->eliminate_after_panel(&s, &panel);
+        eliminate_after_panel(&s, &panel);
     }
-    for (panel.end = pairs; next_panel(&panel, order);) {
-        for (int i = panel.begin; i < panel.end; i++) {
-            double inverse = 1.0 / a[i][i];
-            kernels->eliminate_in_panel(&s, &panel, i, 1, &inverse);
+    for (panel.end = pairs; next_panel(&s, &panel, order);) {
+        for (int k = 0; k < PANEL_ROWS; k++) {
+            double inverse = 1.0 / panel.block[k][k];
+            eliminate_in_block(&panel, k, 1, &inverse);
         }
-        kernels->eliminate_after_panel(&s, &panel);
+        eliminate_after_panel(&s, &panel);
     }
 }
 
 /* The same by the definition, without panels. */
-static void eliminate_plainly(int order, int pairs, double a[MOST_ORDER][LD]) {
+static void eliminate_plainly(int order, int pairs, matrix a) {
     memcpy(a, given, sizeof given);
     for (int i = 0; i < order; i += i < pairs ? 2 : 1) {
         int count = i < pairs ? 2 : 1;
@@ -74,7 +75,7 @@ static void rows_are_those_of_the_definition(void **state) {
     for (size_t c = 0; c < sizeof ORDERS / sizeof *ORDERS; c++) {
         int order = ORDERS[c][0], pairs = ORDERS[c][1];
         make(order);
-        eliminate(&elimination_portable, order, pairs, portable);
+        eliminate(elimination_portable, order, pairs, portable);
         eliminate_plainly(order, pairs, plain);
         for (int i = 0; i < order; i++)
             for (int j = i + 1; j <= order; j++) {
@@ -86,13 +87,13 @@ static void rows_are_those_of_the_definition(void **state) {
 
 static void wider_vectors_give_the_same_bits(void **state) {
     (void)state;
-    if (elimination_kernels_here() == &elimination_portable) skip(); /* this processor has none */
+    if (elimination_kernel_here() == elimination_portable) skip(); /* this processor has none */
     srand(2);
     for (size_t c = 0; c < sizeof ORDERS / sizeof *ORDERS; c++) {
         int order = ORDERS[c][0], pairs = ORDERS[c][1];
         make(order);
-        eliminate(&elimination_portable, order, pairs, portable);
-        eliminate(elimination_kernels_here(), order, pairs, widest);
+        eliminate(elimination_portable, order, pairs, portable);
+        eliminate(elimination_kernel_here(), order, pairs, widest);
         for (int i = 0; i < order; i++)
             for (int j = i + 1; j <= order; j++)
                 if (!in_a_pair(i, j, pairs)) assert_memory_equal(&portable[i][j], &widest[i][j], sizeof(double));

@@ -3,6 +3,8 @@
 #include <math.h>
 #include <string.h>
 
+#include "base/lanes.h"
+
 /* The principal directions of one contact's sideways block [p q; q r]: turned by the angle with cosine c and sine s, it is
    diagonal. Two scalar pivots so far apart as these may become keep their digits; the block's inverse would not. */
 typedef struct { double c, s, pivot[2]; } principal;
@@ -13,12 +15,9 @@ typedef struct { double c, s, pivot[2]; } principal;
 static double off_zero(double pivot, double least) { return fabs(pivot) < least ? copysign(least, pivot) : pivot; }
 
 static principal diagonalise(double p, double q, double r, double scale) {
-    double t = 0.0, least = 1e-8 * scale;
-    if (q != 0.0) { /* Jacobi's rotation, the smaller angle */
-        double cotangent = 0.5 * (r - p) / q; /* of twice the angle */
-        t = copysign(1.0, cotangent) / (fabs(cotangent) + sqrt(1.0 + cotangent * cotangent));
-    }
-    double c = 1.0 / sqrt(1.0 + t * t);
+    double least = 1e-8 * scale, half = 0.5 * (r - p), root = sqrt(half * half + q * q), sum = fabs(half) + root;
+    bool diagonal = root == 0.0; /* else Jacobi's rotation, by the smaller angle with this tangent; its roots and quotients do not wait for each other */
+    double t = diagonal ? 0.0 : q / copysign(sum, half), c = diagonal ? 1.0 : sqrt(0.5 * sum / root);
     return (principal){c, t * c, {off_zero(p - t * q, least), off_zero(r + t * q, least)}};
 }
 
@@ -28,63 +27,87 @@ static void turn(principal by, double *x, double *y) {
     *x = first;
 }
 
-static symmetric_system system_of(contact_problem *p) { return (symmetric_system){&p->compliance[0][0], CONTACT_LD, 2 * p->count + p->axial_count}; }
+static symmetric_system system_of(contact_problem *p) { return (symmetric_system){p->compliance, 2 * p->count + p->axial_count}; }
 
 /* Eliminates the sideways unknowns, in the principal directions of each contact. What is left of the axial rows is the Schur complement: the
    compliance and the gap along the needle with all sideways gaps closed. The sideways rows keep the factors for close_sideways(). */
-static void eliminate_sideways(contact_problem *p, principal axes[MAX_POINTS]) {
-    const elimination_kernels *kernels = elimination_kernels_here();
+static void eliminate_sideways(contact_problem *p, principal axes[MAX_PAIRS]) {
+    elimination_kernel *eliminate_after_panel = elimination_kernel_here();
     symmetric_system s = system_of(p);
     elimination_panel panel;
     elimination_begin(&s);
     for (int i = 0; i < s.order; i++) p->compliance[i][s.order] = p->gap[i];
-    for (panel.end = 0; next_panel(&panel, 2 * p->count);) {
-        for (int i = panel.begin; i < panel.end; i += 2) {
-            const double *row = &p->compliance[i][i];
-            principal *own = &axes[i / 2];
-            *own = diagonalise(row[0], row[1], row[CONTACT_LD + 1], p->scale[i / 2]);
+    for (panel.end = 0; next_panel(&s, &panel, 2 * p->count);) {
+        IN_REGISTERS for (int k = 0; k < PANEL_ROWS; k += 2) {
+            int pair = (panel.begin + k) / 2;
+            principal *own = &axes[pair];
+            *own = diagonalise(panel.block[k][k], panel.block[k][k + 1], panel.block[k + 1][k + 1], p->scale[pair]);
             const double inverse[2] = {1.0 / own->pivot[0], 1.0 / own->pivot[1]};
             p->negative += (inverse[0] < 0.0) + (inverse[1] < 0.0);
-            kernels->turn_rows(&s, i, own->c, own->s);
-            kernels->eliminate_in_panel(&s, &panel, i, 2, inverse);
+            turn_in_block(&panel, k, own->c, own->s);
+            eliminate_in_block(&panel, k, 2, inverse);
         }
-        kernels->eliminate_after_panel(&s, &panel);
+        eliminate_after_panel(&s, &panel);
     }
     for (int i = 2 * p->count; i < s.order; i++) p->gap[i] = p->compliance[i][s.order];
 }
 
-/* Row i of the compliance along the needle, after the elimination: element (i, j >= i) is at j. */
-static const double *axial_row(const contact_problem *p, int i) { return &p->compliance[2 * p->count + i][2 * p->count]; }
+/* The compliance along the needle, after the elimination: upper triangle. */
+static symmetric_system axial_system(contact_problem *p) {
+    return (symmetric_system){(double (*)[CONTACT_LD])&p->compliance[2 * p->count][2 * p->count], p->axial_count};
+}
 
-/* Slips under the present forces, where the needle slides freely, m. */
-static void find_slips(const contact_problem *p, double slip[MAX_AXIAL]) {
-    const double *force = p->force + 2 * p->count;
-    int count = p->axial_count;
-    memcpy(slip, p->gap + 2 * p->count, (size_t)count * sizeof *slip);
-    for (int i = 0; i < count; i++) {
-        const double *row = axial_row(p, i);
-        slip[i] -= dot_product(row, force, i, count);
-        if (force[i] == 0.0) continue;
-        for (int j = i + 1; j < count; j++) slip[j] -= row[j] * force[i];
+/* Slips under the present forces, where the needle slides freely, m. Off the diagonal, each number is used for its row and for its column. */
+static void find_slips(contact_problem *p, double slip[MAX_AXIAL]) {
+    symmetric_system s = axial_system(p);
+    double force[MAX_AXIAL + PADDING] = {0}, sum[MAX_AXIAL + PADDING] = {0};
+    memcpy(force, p->force + 2 * p->count, (size_t)s.order * sizeof *force);
+    for (int i = 0; i < s.order; i += PANEL_ROWS) {
+        lanes row[PANEL_ROWS] = {0};
+        IN_REGISTERS for (int r = 0; r < PANEL_ROWS; r++) {
+            sum[i + r] += s.a[i + r][i + r] * force[i + r];
+            IN_REGISTERS for (int c = r + 1; c < PANEL_ROWS; c++) {
+                sum[i + r] += s.a[i + r][i + c] * force[i + c];
+                sum[i + c] += s.a[i + r][i + c] * force[i + r];
+            }
+        }
+        for (int j = i + PANEL_ROWS; j < s.order; j += LANES) {
+            lanes column = lanes_load(sum + j), right = lanes_load(force + j);
+            IN_REGISTERS for (int r = 0; r < PANEL_ROWS; r++) {
+                lanes a = lanes_load(&s.a[i + r][j]);
+                row[r] += a * right;
+                column += a * lanes_all(force[i + r]);
+            }
+            lanes_store(sum + j, column);
+        }
+        IN_REGISTERS for (int r = 0; r < PANEL_ROWS; r++) sum[i + r] += lanes_sum(row[r]);
     }
+    for (int i = 0; i < s.order; i++) slip[i] = p->gap[2 * p->count + i] - sum[i];
 }
 
 /* Solves for the right-hand side and stores the solution in x; false if the system is not positive definite. */
-static bool solve_definite(const symmetric_system *s, double *x) {
-    const elimination_kernels *kernels = elimination_kernels_here();
+static bool solve_definite(const symmetric_system *s, double x[MAX_AXIAL + PADDING]) {
+    elimination_kernel *eliminate_after_panel = elimination_kernel_here();
     elimination_panel panel;
     elimination_begin(s);
-    for (panel.end = 0; next_panel(&panel, s->order);) {
-        for (int i = panel.begin; i < panel.end; i++) {
-            double pivot = s->a[i * s->ld + i], inverse = 1.0 / pivot;
+    for (panel.end = 0; next_panel(s, &panel, s->order);) {
+        IN_REGISTERS for (int k = 0; k < PANEL_ROWS; k++) {
+            double pivot = panel.block[k][k], inverse = 1.0 / pivot;
             if (!(pivot > 0.0)) return false;
-            kernels->eliminate_in_panel(s, &panel, i, 1, &inverse);
+            eliminate_in_block(&panel, k, 1, &inverse);
         }
-        kernels->eliminate_after_panel(s, &panel);
+        eliminate_after_panel(s, &panel);
     }
-    for (int i = s->order - 1; i >= 0; i--) {
-        const double *row = s->a + i * s->ld;
-        x[i] = row[s->order] - dot_product(row, x, i + 1, s->order);
+    memset(x + s->order, 0, PADDING * sizeof *x);
+    for (int begin = panel_of(s->order - 1); begin >= 0; begin -= PANEL_ROWS) {
+        int end = begin + PANEL_ROWS < s->order ? begin + PANEL_ROWS : s->order;
+        double side[PANEL_ROWS];
+        subtract_known(s, begin, end, x, side);
+        IN_REGISTERS for (int k = PANEL_ROWS - 1; k >= 0; k--) {
+            if (begin + k >= end) continue;
+            x[begin + k] = side[k];
+            subtract_known_in_block(s, begin, k, 0, side);
+        }
     }
     return true;
 }
@@ -95,25 +118,29 @@ static double viscosity(const contact_problem *p, int i) { return p->viscosity[i
 /* Axial forces for a given set of sticking and slipping contacts. */
 static bool solve_axial(contact_problem *p) {
     int unknown[MAX_AXIAL], count = 0;
-    _Alignas(CACHE_LINE) double system[MAX_AXIAL][ELIMINATION_COLUMNS(MAX_AXIAL)];
-    double slip[MAX_AXIAL], x[MAX_AXIAL];
-    double *force = p->force + 2 * p->count;
+    _Alignas(CACHE_LINE) double system[ELIMINATION_SIZE(MAX_AXIAL)][MOST_COLUMNS];
+    double slip[MAX_AXIAL], x[MAX_AXIAL + PADDING];
+    double *force = p->force + 2 * p->count, (*compliance)[CONTACT_LD] = axial_system(p).a;
     for (int i = 0; i < p->axial_count; i++) {
         bool free_force = p->state[i] == STICK || viscosity(p, i) > 0.0;
         force[i] = free_force ? 0.0 : bound(p, i);
         if (free_force) unknown[count++] = i;
     }
-    find_slips(p, slip);
+    if (count == p->axial_count) memcpy(slip, p->gap + 2 * p->count, (size_t)count * sizeof *slip);
+    else find_slips(p, slip);
     for (int a = 0; a < count; a++) {
         int i = unknown[a];
-        const double *row = axial_row(p, i);
-        for (int b = a; b < count; b++) system[a][b] = row[unknown[b]];
+        if (count == p->axial_count)
+            for (int b = a; b < count; b += LANES) lanes_store(&system[a][b], lanes_load(&compliance[a][b]));
+        else
+            for (int b = a; b < count; b++) system[a][b] = compliance[i][unknown[b]];
         system[a][count] = slip[i];
         if (p->state[i] == STICK) continue;
-        system[a][a] += 1.0 / viscosity(p, i);      /* slip = (force - bound) / viscosity */
-        system[a][count] += bound(p, i) / viscosity(p, i);
+        double slope = 1.0 / viscosity(p, i);       /* slip = (force - bound) / viscosity */
+        system[a][a] += slope;
+        system[a][count] += bound(p, i) * slope;
     }
-    if (!solve_definite(&(symmetric_system){&system[0][0], ELIMINATION_COLUMNS(MAX_AXIAL), count}, x)) return false;
+    if (!solve_definite(&(symmetric_system){system, count}, x)) return false;
     for (int a = 0; a < count; a++) force[unknown[a]] = x[a];
     return true;
 }
@@ -155,21 +182,33 @@ static bool search_states(contact_problem *p) {
 }
 
 /* Back substitution: sideways forces from the axial ones. */
-static void close_sideways(contact_problem *p, const principal axes[MAX_POINTS]) {
-    int all = 2 * p->count + p->axial_count;
-    for (int i = 2 * p->count - 2; i >= 0; i -= 2) {
-        double *force = p->force + i;
-        for (int k = 0; k < 2; k++) force[k] = p->compliance[i + k][all] - dot_product(p->compliance[i + k], p->force, i + 2, all);
-        principal back = {axes[i / 2].c, -axes[i / 2].s, {0}};
-        turn(back, &force[0], &force[1]);
+static void close_sideways(contact_problem *p, const principal axes[MAX_PAIRS]) {
+    symmetric_system s = system_of(p);
+    double x[MAX_UNKNOWNS + PADDING] = {0};
+    memcpy(x + 2 * p->count, p->force + 2 * p->count, (size_t)p->axial_count * sizeof *x);
+    for (int begin = panel_of(2 * p->count - 1); begin >= 0; begin -= PANEL_ROWS) {
+        int end = begin + PANEL_ROWS < 2 * p->count ? begin + PANEL_ROWS : 2 * p->count;
+        double side[PANEL_ROWS];
+        subtract_known(&s, begin, end, x, side);
+        IN_REGISTERS for (int k = PANEL_ROWS - 2; k >= 0; k -= 2) {
+            if (begin + k >= end) continue;
+            principal own = axes[(begin + k) / 2], back = {own.c, -own.s, {0}};
+            turn(back, &side[k], &side[k + 1]);
+            for (int c = 0; c < 2; c++) {
+                x[begin + k + c] = side[k + c];
+                subtract_known_in_block(&s, begin, k, c, side);
+            }
+        }
     }
+    memcpy(p->force, x, (size_t)(2 * p->count) * sizeof *x);
 }
 
 trocar_status contact_solve(contact_problem *p) {
     p->switches = p->negative = 0;
     memset(p->force, 0, sizeof p->force);
     memset(p->slip, 0, sizeof p->slip);
-    principal axes[MAX_POINTS];
+    principal axes[MAX_PAIRS];
+    for (int i = p->count; i < MAX_PAIRS; i++) p->scale[i] = 1.0; /* of what fills up the last panel */
     for (int i = 0; i < p->count; i++) p->scale[i] = fabs(p->compliance[2 * i][2 * i]) + fabs(p->compliance[2 * i + 1][2 * i + 1]);
     eliminate_sideways(p, axes);
     if (!search_states(p)) {

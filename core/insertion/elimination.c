@@ -1,33 +1,37 @@
 #include "insertion/elimination.h"
 
+#include <string.h>
+
 #include "base/lanes.h"
 
 void elimination_begin(const symmetric_system *s) {
-    int end = ELIMINATION_COLUMNS(s->order);
-    for (int i = 0; i < s->order; i++)
-        for (int j = s->order + 1; j < end; j++) s->a[i * s->ld + j] = 0.0;
+    int order = s->order;
+    for (int i = 0; i < order; i++) memset(&s->a[i][order + 1], 0, (PADDING - 1) * sizeof(double));
+    for (int i = order; i < ELIMINATION_SIZE(order); i++) memset(&s->a[i][order / PADDING * PADDING], 0, 2 * PADDING * sizeof(double));
 }
 
-bool next_panel(elimination_panel *panel, int end) {
-    panel->begin = panel->end;
-    panel->end = panel->begin + PANEL_ROWS < end ? panel->begin + PANEL_ROWS : end;
-    return panel->begin < end;
+bool next_panel(const symmetric_system *s, elimination_panel *panel, int end) {
+    int begin = panel->begin = panel->end, count = end - begin < PANEL_ROWS ? end - begin : PANEL_ROWS;
+    panel->end = begin + count;
+    panel->turned = false;
+    for (int i = 0; i < PANEL_ROWS; i++) memcpy(panel->block[i], &s->a[begin + i][begin], sizeof panel->block[i]);
+    for (int j = count; j < PANEL_ROWS; j++)
+        for (int i = 0; i <= j; i++) panel->block[i][j] = i == j;
+    return count > 0;
 }
 
-double dot_product(const double *row, const double *x, int begin, int end) {
-    lanes sum = lanes_all(0.0);
-    int j = begin;
-    for (; j + LANES <= end; j += LANES) sum += lanes_load(row + j) * lanes_load(x + j);
-    double total = lanes_sum(sum);
-    for (; j < end; j++) total += row[j] * x[j];
-    return total;
+void subtract_known(const symmetric_system *s, int begin, int known, const double *x, double side[PANEL_ROWS]) {
+    lanes sum[PANEL_ROWS] = {0};
+    for (int j = known; j < s->order; j += LANES)
+        IN_REGISTERS for (int r = 0; r < PANEL_ROWS; r++) sum[r] += lanes_load(&s->a[begin + r][j]) * lanes_load(x + j);
+    IN_REGISTERS for (int r = 0; r < PANEL_ROWS; r++) side[r] = s->a[begin + r][s->order] - lanes_sum(sum[r]);
 }
 
-const elimination_kernels *elimination_kernels_here(void) {
+elimination_kernel *elimination_kernel_here(void) {
 #if defined TROCAR_AVX512 && defined __FMA__ /* the bits are the same only if both have fused multiplications */
     bool all = __builtin_cpu_supports("avx512f") && __builtin_cpu_supports("avx512bw") && __builtin_cpu_supports("avx512cd")
             && __builtin_cpu_supports("avx512dq") && __builtin_cpu_supports("avx512vl"); /* x86-64-v4 */
-    if (all) return &elimination_avx512;
+    if (all) return elimination_avx512;
 #endif
-    return &elimination_portable;
+    return elimination_portable;
 }

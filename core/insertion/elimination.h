@@ -9,46 +9,71 @@
 
 #include "base/cache_line.h"
 
-enum { PANEL_ROWS = 8, WIDEST_TILE = 16, MOST_COLUMNS = 264 };
+#define IN_REGISTERS _Pragma("GCC unroll 8") /* loops of constant length whose numbers are to stay in registers */
 
-/* Columns that a system of so many unknowns takes, with the right-hand side and padding: whole cache lines; at most MOST_COLUMNS. */
-#define ELIMINATION_COLUMNS(order) ((order) / 8 * 8 + WIDEST_TILE)
+enum { PANEL_ROWS = 8, PADDING = 8, MOST_COLUMNS = 264 };
+
+/* Rows, and columns, that a system of so many unknowns takes: with the right-hand side as the first column of the padding, which is computed with, too. */
+#define ELIMINATION_SIZE(order) ((order) + PADDING)
 
 typedef struct {
-    double *a;               /* element (i, j >= i): a[i * ld + j]; of the right-hand side: j = order. Best on a cache line */
-    int ld, order;
+    double (*a)[MOST_COLUMNS]; /* element (i, j >= i): a[i][j]; of the right-hand side: j = order. Best on a cache line */
+    int order;
 } symmetric_system;
 
-/* Rows that are eliminated together, as they were before they were divided by their pivots. */
+/* Rows that are eliminated together: first their block on the diagonal, which makes known how, then the columns right of it. */
 typedef struct {
-    int begin, end;          /* at most PANEL_ROWS */
-    _Alignas(CACHE_LINE) double undivided[PANEL_ROWS][MOST_COLUMNS];
+    int begin, end;          /* at most PANEL_ROWS; if less, the block is filled up with ones on the diagonal */
+    bool turned;             /* in pairs, by these angles */
+    double cosine[PANEL_ROWS / 2], sine[PANEL_ROWS / 2], inverse[PANEL_ROWS]; /* of the pivots */
+    double block[PANEL_ROWS][PANEL_ROWS];                                     /* right of the diagonal, once eliminated: undivided */
+    _Alignas(CACHE_LINE) double undivided[PANEL_ROWS][MOST_COLUMNS];          /* right of the block: rows before they were divided by their pivots */
 } elimination_panel;
 
-/* Makes the columns after the right-hand side zero, which are computed with, too: to be called first. RT */
+/* Makes the padding zero: to be called first. RT */
 void elimination_begin(const symmetric_system *s);
 
 /* Goes on to the next rows before `end`, from panel->end on; false: there are none. RT */
-bool next_panel(elimination_panel *panel, int end);
+bool next_panel(const symmetric_system *s, elimination_panel *panel, int end);
 
-/* The arithmetic, for one width of vectors. Each number is the result of the same operations in the same order whatever the width. RT */
-typedef struct {
-    /* Turns rows i and i + 1 by an angle, right of their block on the diagonal, which is lost. */
-    void (*turn_rows)(const symmetric_system *s, int i, double cosine, double sine);
+/* Turns rows k and k + 1 of the block by an angle, right of their own block on the diagonal, which is lost. RT */
+static inline void turn_in_block(elimination_panel *panel, int k, double cosine, double sine) {
+    panel->turned = true;
+    panel->cosine[k / 2] = cosine;
+    panel->sine[k / 2] = sine;
+    IN_REGISTERS for (int j = k + 2; j < PANEL_ROWS; j++) {
+        double x = panel->block[k][j], y = panel->block[k + 1][j];
+        panel->block[k][j] = cosine * x - sine * y;
+        panel->block[k + 1][j] = sine * x + cosine * y;
+    }
+}
 
-    /* Divides rows [i, i + count) of the panel, whose block on the diagonal is diagonal, by their pivots, right of that block, which is lost, and
-       subtracts their part from the rest of the panel; count is 1 or 2. */
-    void (*eliminate_in_panel)(const symmetric_system *s, elimination_panel *panel, int i, int count, const double *inverse_pivots);
+/* Eliminates row k of the block, or two whose own block on the diagonal is diagonal. RT */
+static inline void eliminate_in_block(elimination_panel *panel, int k, int count, const double *inverse_pivots) {
+    IN_REGISTERS for (int c = 0; c < count; c++) panel->inverse[k + c] = inverse_pivots[c];
+    IN_REGISTERS for (int r = k + count; r < PANEL_ROWS; r++)
+        IN_REGISTERS for (int j = r; j < PANEL_ROWS; j++)
+            IN_REGISTERS for (int c = 0; c < count; c++) panel->block[r][j] -= panel->block[k + c][r] * (inverse_pivots[c] * panel->block[k + c][j]);
+}
 
-    /* Subtracts the panel's part from all rows after it. */
-    void (*eliminate_after_panel)(const symmetric_system *s, const elimination_panel *panel);
-} elimination_kernels;
+/* Stores the block, eliminates in all columns after it as in the block, and subtracts the panel's part from all rows after it, with vectors of one
+   width. Each number is the result of the same operations in the same order whatever the width. RT */
+typedef void elimination_kernel(const symmetric_system *s, elimination_panel *panel);
 
-/* Those that any processor has that can run this program, those of AVX-512 (x86-64 only), and the widest that this processor has. RT */
-extern const elimination_kernels elimination_portable, elimination_avx512;
-const elimination_kernels *elimination_kernels_here(void);
+/* That which any processor has that can run this program, that of AVX-512 (x86-64 only), and the widest that this processor has. RT */
+extern elimination_kernel elimination_portable, elimination_avx512;
+elimination_kernel *elimination_kernel_here(void);
 
-/* The sum of row[j] x[j] over [begin, end). RT */
-double dot_product(const double *row, const double *x, int begin, int end);
+/* Where the panel of row i begins, if the first begins at row 0; -1 if i < 0. RT */
+static inline int panel_of(int i) { return i < 0 ? -1 : i / PANEL_ROWS * PANEL_ROWS; }
+
+/* Back substitution, for rows [begin, begin + PANEL_ROWS): their right-hand sides without the part of the unknowns from `known` on. After the last
+   unknown x goes on with PADDING zeros. RT */
+void subtract_known(const symmetric_system *s, int begin, int known, const double *x, double side[PANEL_ROWS]);
+
+/* The same within those rows: the part of unknown begin + k + c, which side[k + c] has become, is subtracted from those before begin + k. RT */
+static inline void subtract_known_in_block(const symmetric_system *s, int begin, int k, int c, double side[PANEL_ROWS]) {
+    IN_REGISTERS for (int r = 0; r < k; r++) side[r] -= s->a[begin + r][begin + k + c] * side[k + c];
+}
 
 #endif

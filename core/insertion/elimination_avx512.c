@@ -1,4 +1,4 @@
-/* The kernels once more, for processors with AVX-512: compiled for x86-64-v4 (CMakeLists.txt). */
+/* The kernel once more, for processors with AVX-512: compiled for x86-64-v4 (CMakeLists.txt). */
 #include "insertion/elimination.h"
 
 #ifdef __AVX512F__

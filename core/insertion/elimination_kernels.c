@@ -1,4 +1,4 @@
-/* The kernels of elimination.h for one width of vectors. */
+/* The kernel of elimination.h for one width of vectors. */
 #include "insertion/elimination.h"
 
 #include <stddef.h>
@@ -6,93 +6,105 @@
 
 #ifdef ELIMINATION_AVX512
 enum { WIDTH = 8, TILE_ROWS = 8, TILE_PARTS = 2 };
-#define KERNELS elimination_avx512
+#define KERNEL elimination_avx512
 #else
 enum { WIDTH = 4, TILE_ROWS = 4, TILE_PARTS = 2 };
-#define KERNELS elimination_portable
+#define KERNEL elimination_portable
 #endif
-_Static_assert(TILE_PARTS * WIDTH <= (int)WIDEST_TILE, "the padding holds a tile that begins at the right-hand side");
+_Static_assert((int)WIDTH <= PADDING && TILE_ROWS <= (int)PADDING, "the padding holds a part, and the rest of a tile, that begin at the right-hand side");
+
+#define INLINE static inline __attribute__((always_inline))
 
 /* Part of a row: a register, or two of NEON. Rows begin on cache lines as a rule, and parts at multiples of WIDTH. */
 typedef double part __attribute__((vector_size(WIDTH * sizeof(double))));
 
-static inline part load(const double *from) {
+INLINE part load(const double *from) {
     part x;
     memcpy(&x, from, sizeof x);
     return x;
 }
 
-static inline void store(double *to, part x) { memcpy(to, &x, sizeof x); }
-static inline part all(double x) { return x - (part){0}; }
-static inline int whole_below(int i) { return i / WIDTH * WIDTH; }
+INLINE void store(double *to, part x) { memcpy(to, &x, sizeof x); }
+INLINE part all(double x) { return x - (part){0}; }
+INLINE int whole_below(int i) { return i / WIDTH * WIDTH; }
 
-static void turn_rows(const symmetric_system *s, int i, double cosine, double sine) {
-    double *x = s->a + i * s->ld, *y = x + s->ld;
-    part c = all(cosine), n = all(sine);
-    for (int j = whole_below(i + 2); j <= s->order; j += WIDTH) {
-        part a = load(x + j), b = load(y + j);
-        store(x + j, c * a - n * b);
-        store(y + j, n * a + c * b);
-    }
+INLINE void turn(double cosine, double sine, part *x, part *y) {
+    part c = all(cosine), n = all(sine), first = c * *x - n * *y;
+    *y = n * *x + c * *y;
+    *x = first;
 }
 
-static void divide(const symmetric_system *s, elimination_panel *panel, int i, int from, double inverse) {
-    double *row = s->a + i * s->ld, *undivided = panel->undivided[i - panel->begin];
-    for (int j = whole_below(from), end = s->order; j <= end; j += WIDTH) {
-        part x = load(row + j);
-        store(undivided + j, x);
-        store(row + j, all(inverse) * x);
-    }
-}
-
-static void eliminate_in_panel(const symmetric_system *s, elimination_panel *panel, int i, int count, const double *inverse_pivots) {
-    const double *first = s->a + i * s->ld, *last = first + (count - 1) * s->ld;
-    const double *left = panel->undivided[i - panel->begin], *left_of_last = panel->undivided[i + count - 1 - panel->begin];
-    for (int k = 0; k < count; k++) divide(s, panel, i + k, i + count, inverse_pivots[k]);
-    for (int r = i + count; r < panel->end; r++) {
-        double *row = s->a + r * s->ld;
-        part f = all(left[r]), g = all(count == 2 ? left_of_last[r] : 0.0);
-        for (int j = whole_below(r); j <= s->order; j += WIDTH)
-            store(row + j, load(row + j) - f * load(first + j) - g * load(last + j));
-    }
-}
-
-/* Rows [i, i + TILE_ROWS), tile by tile; `count` is the panel's number of rows. */
-static inline __attribute__((always_inline)) void update_rows(const symmetric_system *s, const elimination_panel *panel, int i, int count) {
-    const ptrdiff_t ld = s->ld;
-    const double *left = panel->undivided[0] + i, *divided = s->a + panel->begin * ld;
-    for (ptrdiff_t j = whole_below(i), end = s->order; j <= end; j += TILE_PARTS * WIDTH) {
-        double *tile = s->a + i * ld + j;
-        part sum[TILE_ROWS][TILE_PARTS];
-        for (int r = 0; r < TILE_ROWS; r++)
-            for (int c = 0; c < TILE_PARTS; c++) sum[r][c] = load(tile + r * ld + c * WIDTH);
-        for (int k = 0; k < count; k++) {
-            part x[TILE_PARTS];
-            for (int c = 0; c < TILE_PARTS; c++) x[c] = load(divided + k * ld + j + c * WIDTH);
-            for (int r = 0; r < TILE_ROWS; r++)
-                for (int c = 0; c < TILE_PARTS; c++) sum[r][c] -= all(left[k * MOST_COLUMNS + r]) * x[c];
+/* One part of the panel's rows, `count` of them, from column j on; they are eliminated one by one or, if turned, two by two. */
+INLINE void finish_part(const symmetric_system *s, elimination_panel *panel, int j, int count, int step) {
+    double (*row)[MOST_COLUMNS] = s->a + panel->begin;
+    part x[PANEL_ROWS], divided[2];
+    IN_REGISTERS for (int k = 0; k < PANEL_ROWS; k++) x[k] = k < count ? load(&row[k][j]) : (part){0};
+    IN_REGISTERS for (int k = 0; k < PANEL_ROWS; k += step) {
+        if (k >= count) break;
+        if (step == 2) turn(panel->cosine[k / 2], panel->sine[k / 2], &x[k], &x[k + 1]);
+        IN_REGISTERS for (int c = 0; c < step; c++) {
+            divided[c] = all(panel->inverse[k + c]) * x[k + c];
+            store(&panel->undivided[k + c][j], x[k + c]);
+            store(&row[k + c][j], divided[c]);
         }
-        for (int r = 0; r < TILE_ROWS; r++)
-            for (int c = 0; c < TILE_PARTS; c++) store(tile + r * ld + c * WIDTH, sum[r][c]);
+        IN_REGISTERS for (int r = k + step; r < PANEL_ROWS; r++)
+            IN_REGISTERS for (int c = 0; c < step; c++) x[r] -= all(panel->block[k + c][r]) * divided[c];
     }
 }
 
-static void update_row(const symmetric_system *s, const elimination_panel *panel, int i) {
-    double *row = s->a + i * s->ld;
-    for (int k = 0; k < panel->end - panel->begin; k++) {
-        const double *divided = s->a + (panel->begin + k) * s->ld;
-        part f = all(panel->undivided[k][i]);
-        for (int j = whole_below(i); j <= s->order; j += WIDTH) store(row + j, load(row + j) - f * load(divided + j));
+static void store_block(const symmetric_system *s, const elimination_panel *panel) {
+    for (int i = 0, count = panel->end - panel->begin; i < count; i++) {
+        double *row = &s->a[panel->begin + i][panel->begin];
+        if (count == PANEL_ROWS) {
+            IN_REGISTERS for (int j = 0; j < PANEL_ROWS; j += WIDTH) store(row + j, all(panel->inverse[i]) * load(&panel->block[i][j]));
+        } else {
+            for (int j = i + 1; j < count; j++) row[j] = panel->inverse[i] * panel->block[i][j];
+        }
     }
 }
 
-static void eliminate_after_panel(const symmetric_system *s, const elimination_panel *panel) {
-    int i = panel->end, count = panel->end - panel->begin;
-    for (; i + TILE_ROWS <= s->order; i += TILE_ROWS) {
-        if (count == PANEL_ROWS) update_rows(s, panel, i, PANEL_ROWS);
-        else update_rows(s, panel, i, count);
+static void finish_panel(const symmetric_system *s, elimination_panel *panel) {
+    int count = panel->end - panel->begin;
+    for (int j = panel->end, end = s->order; j <= end; j += WIDTH) {
+        if (panel->turned && count == PANEL_ROWS) finish_part(s, panel, j, PANEL_ROWS, 2);
+        else if (panel->turned) finish_part(s, panel, j, count, 2);
+        else if (count == PANEL_ROWS) finish_part(s, panel, j, PANEL_ROWS, 1);
+        else finish_part(s, panel, j, count, 1);
     }
-    for (; i < s->order; i++) update_row(s, panel, i);
 }
 
-const elimination_kernels KERNELS = {turn_rows, eliminate_in_panel, eliminate_after_panel};
+INLINE void subtract(const double *left, const double *divided, int parts, part x[TILE_ROWS][TILE_PARTS]) {
+    part d[TILE_PARTS];
+    for (int c = 0; c < parts; c++) d[c] = load(divided + c * WIDTH);
+    for (int r = 0; r < TILE_ROWS; r++)
+        for (int c = 0; c < parts; c++) x[r][c] -= all(left[r]) * d[c];
+}
+
+/* Subtracts the panel's part from a tile of the rows after it, which begins at row i, column j. */
+INLINE void update_tile(const symmetric_system *s, const elimination_panel *panel, int i, ptrdiff_t j, int parts) {
+    const double *left = &panel->undivided[0][i], *divided = &s->a[panel->begin][j];
+    double *tile = &s->a[i][j];
+    int count = panel->end - panel->begin;
+    part x[TILE_ROWS][TILE_PARTS];
+    for (int r = 0; r < TILE_ROWS; r++)
+        for (int c = 0; c < parts; c++) x[r][c] = load(tile + r * MOST_COLUMNS + c * WIDTH);
+    if (count == PANEL_ROWS) {
+        IN_REGISTERS for (int k = 0; k < PANEL_ROWS; k++) subtract(left + k * MOST_COLUMNS, divided + k * MOST_COLUMNS, parts, x);
+    } else {
+        for (int k = 0; k < count; k++) subtract(left + k * MOST_COLUMNS, divided + k * MOST_COLUMNS, parts, x);
+    }
+    for (int r = 0; r < TILE_ROWS; r++)
+        for (int c = 0; c < parts; c++) store(tile + r * MOST_COLUMNS + c * WIDTH, x[r][c]);
+}
+
+static void update_rows(const symmetric_system *s, const elimination_panel *panel, int i) {
+    ptrdiff_t j = whole_below(i), end = s->order;
+    for (; j + (TILE_PARTS - 1) * WIDTH <= end; j += TILE_PARTS * WIDTH) update_tile(s, panel, i, j, TILE_PARTS);
+    for (; j <= end; j += WIDTH) update_tile(s, panel, i, j, 1);
+}
+
+void KERNEL(const symmetric_system *s, elimination_panel *panel) {
+    store_block(s, panel);
+    finish_panel(s, panel);
+    for (int i = panel->end; i < s->order; i += TILE_ROWS) update_rows(s, panel, i);
+}

@@ -361,7 +361,7 @@ void equilibrium_find(const tick_context *tick, const int handles[4]) {
     w->lag_left = 0.0;
     remember_shape(tick);
     /* A needle that goes on as in the last step often needs only one pass. In a guide it would run into the edge of the hole. */
-    bool guessed = !guides_hold(tick->model, state) && needle_go_on(tick->model->needle, &state->motion, tick->dt, &state->needle);
+    bool guessed = needle_go_on(tick->model->needle, &state->motion, tick->dt, &state->needle);
     prepare(tick, handles);
     remember_forces(tick);
     int most = tick->model->settings.max_passes;

@@ -2,7 +2,8 @@
 
 static const double LEAST_STIFFNESS = 1e-2;   /* N/m, along a hole's edge, where it is touched without force */
 static const double LEAST_SLOPE = 0.3;        /* cosine of the angle between needle and hole, below which no hole holds it */
-static const double TOLERANCE = 1e-6;         /* m, by which the needle may be off the edge where the passes stop */
+static const double TOLERANCE = 1e-6;         /* m, by which the needle may be off the edge where the passes stop, */
+static const double LIGHT_TOUCH = 0.01;       /* and of the way by which the edge bends it, so that it lets go where it should */
 
 static const guide *guide_of(const tick_context *tick, int point) { return &tick->model->guides[tick->scratch->points[point].guide]; }
 static guide_state *state_of(const tick_context *tick, int point) { return &tick->state->guides[tick->scratch->points[point].guide]; }
@@ -174,6 +175,7 @@ static void find_touch(const tick_context *tick, int point) {
     edge->pulled = edge->touched ? 0.0 : force;
     edge->pressed = edge->touched ? (reach - c) / (r + 1.0 / g->stiffness) : 0.0;
     for (int a = 0; a < 2; a++) edge->normal[a] = reach > 0.0 ? n[a] / reach : a == 0;
+    edge->bent = edge->pressed * (r + 1.0 / g->stiffness);
     edge->error = hypot(f[0] - edge->pressed * edge->normal[0], f[1] - edge->pressed * edge->normal[1]) * (r + 1.0 / g->stiffness);
 }
 
@@ -261,6 +263,6 @@ void guides_take(const tick_context *tick, int point) {
 bool guides_agree(const tick_context *tick) {
     const insertion_workspace *w = tick->scratch;
     for (int i = 0; i < w->guided; i++)
-        if (w->edges[i].error > TOLERANCE) return false;
+        if (w->edges[i].error > fmin(TOLERANCE, LIGHT_TOUCH * w->edges[i].bent)) return false;
     return true;
 }

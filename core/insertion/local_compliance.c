@@ -76,7 +76,7 @@ void local_free(insertion_model *model) {
 /* A nodal field at a point, continuous across elements. */
 static double interpolate(const insertion_model *model, int tet, const double weights[4], const double *field) {
     double sum = 0.0;
-    for (int i = 0; i < 4; i++) sum += fmax(weights[i], 0.0) * field[model->mesh->tets[tet][i]];
+    for (int i = 0; i < 4; i++) sum += larger_of(weights[i], 0.0) * field[model->mesh->tets[tet][i]];
     return sum;
 }
 
@@ -88,7 +88,7 @@ lateral_axial local_line_compliance_at(const insertion_model *model, int tet, ve
 
 lateral_axial local_logarithm(const insertion_model *model, const resolved_field *resolved) {
     double radius = model->needle->radius;
-    return (lateral_axial){fmax(log(resolved->lateral / radius), LEAST_LOGARITHM), fmax(log(resolved->axial / radius), LEAST_LOGARITHM)};
+    return (lateral_axial){larger_of(log(resolved->lateral / radius), LEAST_LOGARITHM), larger_of(log(resolved->axial / radius), LEAST_LOGARITHM)};
 }
 
 plane_tensor local_logarithm_across(const insertion_model *model, const resolved_field *resolved, vec3 direction) {
@@ -121,7 +121,7 @@ local_disc local_disc_at_tip(const insertion_model *model, int tet, vec3 x, doub
     mesh_barycentric(model->mesh, tet, x, weights);
     double disc = interpolate(model, tet, weights, model->node_disc), punch = interpolate(model, tet, weights, model->node_punch);
     double dent = pressing * punch / radius;
-    double in = fmin(1.0, depth / (EMBEDDING_DEPTH * radius + dent)); /* from the surface to the end of a hole in the depth */
+    double in = smaller_of(1.0, depth / (EMBEDDING_DEPTH * radius + dent)); /* from the surface to the end of a hole in the depth */
     double whole = punch + in * 2.0 / 3.0 * (disc - punch);
     return (local_disc){.compliance = whole / radius, .angle = 2.0 * M_PI * (1.0 + in), .softness = interpolate(model, tet, weights, model->node_softness),
                         .stiffening = interpolate(model, tet, weights, model->node_stiffening)};
@@ -129,5 +129,5 @@ local_disc local_disc_at_tip(const insertion_model *model, int tet, vec3 x, doub
 
 double local_at_tip(const insertion_model *model, int tet, vec3 x, double depth, double pressing, double point) {
     local_disc disc = local_disc_at_tip(model, tet, x, depth, pressing);
-    return fmax(disc.compliance - point * disc.softness, 0.0);
+    return larger_of(disc.compliance - point * disc.softness, 0.0);
 }

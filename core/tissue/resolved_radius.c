@@ -318,7 +318,7 @@ static trocar_status measure_point(resolver *r, int tet, int count, const vec3 *
 
 double line_end_at(const line_end *end, double ahead) {
     if (!(end->reach > 0.0 && ahead < end->reach)) return 0.0;
-    ahead = fmax(ahead, 0.0);
+    ahead = larger_of(ahead, 0.0);
     int k = (int)(sqrt(ahead / end->reach) * LINE_ENDS);
     if (k >= LINE_ENDS) return 0.0;
     double from = end_place(end, k), t = (ahead - from) / (end_place(end, k + 1) - from);

@@ -16,7 +16,7 @@ static double off_zero(double pivot, double least) { return fabs(pivot) < least 
 
 static principal diagonalise(double p, double q, double r, double scale) {
     double least = 1e-8 * scale, half = 0.5 * (r - p), root = sqrt(half * half + q * q), sum = fabs(half) + root;
-    bool diagonal = root == 0.0; /* else Jacobi's rotation, by the smaller angle with this tangent; its roots and quotients do not wait for each other */
+    bool diagonal = root == 0.0; /* else Jacobi's rotation by the smaller angle, whose tangent is t */
     double t = diagonal ? 0.0 : q / copysign(sum, half), c = diagonal ? 1.0 : sqrt(0.5 * sum / root);
     return (principal){c, t * c, {off_zero(p - t * q, least), off_zero(r + t * q, least)}};
 }

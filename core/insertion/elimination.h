@@ -13,7 +13,8 @@
 
 enum { PANEL_ROWS = 8, PADDING = 8, MOST_COLUMNS = 264 };
 
-/* Rows, and columns, that a system of so many unknowns takes: with the right-hand side as the first column of the padding, which is computed with, too. */
+/* Rows, and columns, that a system of so many unknowns takes: with padding, which is computed with, too. Its first column is the
+   right-hand side. */
 #define ELIMINATION_SIZE(order) ((order) + PADDING)
 
 typedef struct {

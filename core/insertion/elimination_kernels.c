@@ -11,7 +11,7 @@ enum { WIDTH = 8, TILE_ROWS = 8, TILE_PARTS = 2 };
 enum { WIDTH = 4, TILE_ROWS = 4, TILE_PARTS = 2 };
 #define KERNEL elimination_portable
 #endif
-_Static_assert((int)WIDTH <= PADDING && TILE_ROWS <= (int)PADDING, "the padding holds a part, and the rest of a tile, that begin at the right-hand side");
+_Static_assert((int)WIDTH <= PADDING && TILE_ROWS <= (int)PADDING, "the padding holds the rest of a part and of a tile");
 
 #define INLINE static inline __attribute__((always_inline))
 

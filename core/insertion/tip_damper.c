@@ -1,5 +1,6 @@
 #include "insertion/tip_damper.h"
 
+#include "base/lanes.h"
 #include "insertion/contact_assembly.h"
 #include "insertion/creep.h"
 #include "insertion/local_compliance.h"
@@ -15,6 +16,8 @@ static double dent_without_forces(const tick_context *tick) {
     double facing = v3_dot(needle_along(&w->points[w->point_count - 1].at), tick->state->tip.direction);
     return creep_dent(tick) + facing * w->stiffening.end.offset;
 }
+
+_Static_assert(MAX_UNKNOWNS % LANES == 0, "the column is read in whole lanes");
 
 void damp_tip(const tick_context *tick) {
     insertion_workspace *w = tick->scratch;
@@ -38,8 +41,9 @@ void damp_tip(const tick_context *tick) {
     if (held == 0.0) return;
     double dent = tick->state->tip.dent - dent_without_forces(tick); /* what this step's forces displace */
     for (int i = 0; i < all; i++) {
-        for (int j = i; j < all; j++) p->compliance[i][j] -= held * a[i] * a[j];
-        p->gap[i] -= held * a[i] * dent;
+        double *row = p->compliance[i], left = held * a[i];
+        for (int j = lanes_below(i); j < all; j += LANES) lanes_store(row + j, lanes_load(row + j) - lanes_all(left) * lanes_load(a + j));
+        p->gap[i] -= left * dent;
     }
 }
 

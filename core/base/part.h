@@ -27,14 +27,18 @@ static inline part part_all(double x) { return x - (part){0}; }
 /* The largest multiple of WIDTH that is not above i >= 0. */
 static inline int whole_parts_below(int i) { return i / WIDTH * WIDTH; }
 
-/* True if this processor runs code for x86-64-v4, which this program has beside that for any other. */
+#ifdef TROCAR_AVX512 /* this program has code for x86-64-v4 beside that for any other processor */
+
+/* True if this processor runs it. The bits are the same only if both have fused multiplications. RT */
 static inline bool runs_avx512(void) {
-#if defined TROCAR_AVX512 && defined __FMA__ /* the bits are the same only if both have fused multiplications */
+#ifdef __FMA__
     return __builtin_cpu_supports("avx512f") && __builtin_cpu_supports("avx512bw") && __builtin_cpu_supports("avx512cd")
         && __builtin_cpu_supports("avx512dq") && __builtin_cpu_supports("avx512vl");
 #else
     return false;
 #endif
 }
+
+#endif
 
 #endif

@@ -3,6 +3,7 @@
 #include <string.h>
 
 #include "base/lanes.h"
+#include "base/part.h"
 
 void elimination_begin(const symmetric_system *s) {
     int order = s->order;
@@ -28,10 +29,8 @@ void subtract_known(const symmetric_system *s, int begin, int known, const doubl
 }
 
 elimination_kernel *elimination_kernel_here(void) {
-#if defined TROCAR_AVX512 && defined __FMA__ /* the bits are the same only if both have fused multiplications */
-    bool all = __builtin_cpu_supports("avx512f") && __builtin_cpu_supports("avx512bw") && __builtin_cpu_supports("avx512cd")
-            && __builtin_cpu_supports("avx512dq") && __builtin_cpu_supports("avx512vl"); /* x86-64-v4 */
-    if (all) return elimination_avx512;
+#ifdef TROCAR_AVX512
+    if (runs_avx512()) return elimination_avx512;
 #endif
     return elimination_portable;
 }

@@ -2,34 +2,20 @@
 #include "insertion/elimination.h"
 
 #include <stddef.h>
-#include <string.h>
 
-#ifdef ELIMINATION_AVX512
-enum { WIDTH = 8, TILE_ROWS = 8, TILE_PARTS = 2 };
-#define KERNEL elimination_avx512
-#else
-enum { WIDTH = 4, TILE_ROWS = 4, TILE_PARTS = 2 };
-#define KERNEL elimination_portable
+#include "base/part.h"
+
+#ifndef ELIMINATION_KERNEL
+#define ELIMINATION_KERNEL elimination_portable
 #endif
+
+enum { TILE_ROWS = WIDTH, TILE_PARTS = 2 };
 _Static_assert((int)WIDTH <= PADDING && TILE_ROWS <= (int)PADDING, "the padding holds the rest of a part and of a tile");
 
 #define INLINE static inline __attribute__((always_inline))
 
-/* Part of a row: a register, or two of NEON. Rows begin on cache lines as a rule, and parts at multiples of WIDTH. */
-typedef double part __attribute__((vector_size(WIDTH * sizeof(double))));
-
-INLINE part load(const double *from) {
-    part x;
-    memcpy(&x, from, sizeof x);
-    return x;
-}
-
-INLINE void store(double *to, part x) { memcpy(to, &x, sizeof x); }
-INLINE part all(double x) { return x - (part){0}; }
-INLINE int whole_below(int i) { return i / WIDTH * WIDTH; }
-
 INLINE void turn(double cosine, double sine, part *x, part *y) {
-    part c = all(cosine), n = all(sine), first = c * *x - n * *y;
+    part c = part_all(cosine), n = part_all(sine), first = c * *x - n * *y;
     *y = n * *x + c * *y;
     *x = first;
 }
@@ -38,17 +24,17 @@ INLINE void turn(double cosine, double sine, part *x, part *y) {
 INLINE void finish_part(const symmetric_system *s, elimination_panel *panel, int j, int count, int step) {
     double (*row)[MOST_COLUMNS] = s->a + panel->begin;
     part x[PANEL_ROWS], divided[2];
-    IN_REGISTERS for (int k = 0; k < PANEL_ROWS; k++) x[k] = k < count ? load(&row[k][j]) : (part){0};
+    IN_REGISTERS for (int k = 0; k < PANEL_ROWS; k++) x[k] = k < count ? part_load(&row[k][j]) : (part){0};
     IN_REGISTERS for (int k = 0; k < PANEL_ROWS; k += step) {
         if (k >= count) break;
         if (step == 2) turn(panel->cosine[k / 2], panel->sine[k / 2], &x[k], &x[k + 1]);
         IN_REGISTERS for (int c = 0; c < step; c++) {
-            divided[c] = all(panel->inverse[k + c]) * x[k + c];
-            store(&panel->undivided[k + c][j], x[k + c]);
-            store(&row[k + c][j], divided[c]);
+            divided[c] = part_all(panel->inverse[k + c]) * x[k + c];
+            part_store(&panel->undivided[k + c][j], x[k + c]);
+            part_store(&row[k + c][j], divided[c]);
         }
         IN_REGISTERS for (int r = k + step; r < PANEL_ROWS; r++)
-            IN_REGISTERS for (int c = 0; c < step; c++) x[r] -= all(panel->block[k + c][r]) * divided[c];
+            IN_REGISTERS for (int c = 0; c < step; c++) x[r] -= part_all(panel->block[k + c][r]) * divided[c];
     }
 }
 
@@ -56,7 +42,7 @@ static void store_block(const symmetric_system *s, const elimination_panel *pane
     for (int i = 0, count = panel->end - panel->begin; i < count; i++) {
         double *row = &s->a[panel->begin + i][panel->begin];
         if (count == PANEL_ROWS) {
-            IN_REGISTERS for (int j = 0; j < PANEL_ROWS; j += WIDTH) store(row + j, all(panel->inverse[i]) * load(&panel->block[i][j]));
+            IN_REGISTERS for (int j = 0; j < PANEL_ROWS; j += WIDTH) part_store(row + j, part_all(panel->inverse[i]) * part_load(&panel->block[i][j]));
         } else {
             for (int j = i + 1; j < count; j++) row[j] = panel->inverse[i] * panel->block[i][j];
         }
@@ -75,9 +61,9 @@ static void finish_panel(const symmetric_system *s, elimination_panel *panel) {
 
 INLINE void subtract(const double *left, const double *divided, int parts, part x[TILE_ROWS][TILE_PARTS]) {
     part d[TILE_PARTS];
-    for (int c = 0; c < parts; c++) d[c] = load(divided + c * WIDTH);
+    for (int c = 0; c < parts; c++) d[c] = part_load(divided + c * WIDTH);
     for (int r = 0; r < TILE_ROWS; r++)
-        for (int c = 0; c < parts; c++) x[r][c] -= all(left[r]) * d[c];
+        for (int c = 0; c < parts; c++) x[r][c] -= part_all(left[r]) * d[c];
 }
 
 /* Subtracts the panel's part from a tile of the rows after it, which begins at row i, column j. */
@@ -87,23 +73,23 @@ INLINE void update_tile(const symmetric_system *s, const elimination_panel *pane
     int count = panel->end - panel->begin;
     part x[TILE_ROWS][TILE_PARTS];
     for (int r = 0; r < TILE_ROWS; r++)
-        for (int c = 0; c < parts; c++) x[r][c] = load(tile + r * MOST_COLUMNS + c * WIDTH);
+        for (int c = 0; c < parts; c++) x[r][c] = part_load(tile + r * MOST_COLUMNS + c * WIDTH);
     if (count == PANEL_ROWS) {
         IN_REGISTERS for (int k = 0; k < PANEL_ROWS; k++) subtract(left + k * MOST_COLUMNS, divided + k * MOST_COLUMNS, parts, x);
     } else {
         for (int k = 0; k < count; k++) subtract(left + k * MOST_COLUMNS, divided + k * MOST_COLUMNS, parts, x);
     }
     for (int r = 0; r < TILE_ROWS; r++)
-        for (int c = 0; c < parts; c++) store(tile + r * MOST_COLUMNS + c * WIDTH, x[r][c]);
+        for (int c = 0; c < parts; c++) part_store(tile + r * MOST_COLUMNS + c * WIDTH, x[r][c]);
 }
 
 static void update_rows(const symmetric_system *s, const elimination_panel *panel, int i) {
-    ptrdiff_t j = whole_below(i), end = s->order;
+    ptrdiff_t j = whole_parts_below(i), end = s->order;
     for (; j + (TILE_PARTS - 1) * WIDTH <= end; j += TILE_PARTS * WIDTH) update_tile(s, panel, i, j, TILE_PARTS);
     for (; j <= end; j += WIDTH) update_tile(s, panel, i, j, 1);
 }
 
-void KERNEL(const symmetric_system *s, elimination_panel *panel) {
+void ELIMINATION_KERNEL(const symmetric_system *s, elimination_panel *panel) {
     store_block(s, panel);
     finish_panel(s, panel);
     for (int i = panel->end; i < s->order; i += TILE_ROWS) update_rows(s, panel, i);

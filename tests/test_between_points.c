@@ -1,5 +1,6 @@
 /* Blocks of compliance between points of contact against the formula, entry by entry: P N P^T + R^T C R, and the mount's. */
 #include "bending.h"
+#include "insertion/between_kernels.h"
 #include "insertion/between_points.h"
 #include "insertion/guides.h"
 
@@ -150,12 +151,41 @@ static void guides_are_coupled_where_they_touch(void **unused) {
     }
 }
 
+/* From any place on, with and without a place at which the tissue is another one. */
+static void wide_vectors_give_the_same_bits(void **unused) {
+    (void)unused;
+    if (between_kernel_here() == between_portable) skip(); /* this processor has none */
+    static _Alignas(CACHE_LINE) double needle_rows[3 * NEEDLE_POINT_JOINTS][3][BETWEEN_PLACES], tissue[3][3][BETWEEN_PLACES];
+    static _Alignas(CACHE_LINE) between_rows frames, portable, widest;
+    for (int l = 0; l < BETWEEN_PLACES; l++)
+        for (int a = 0; a < 9; a++) {
+            for (int m = 0; m < NEEDLE_POINT_JOINTS; m++) needle_rows[3 * m + a / 3][a % 3][l] = draw();
+            tissue[a / 3][a % 3][l] = l < 40 ? draw() : NAN; /* of a place whose tissue is not known */
+            frames[a / 3][a % 3][l] = draw();
+        }
+    set_points(0, 40, true);
+    for (int begin = 0; begin < 41; begin++)
+        for (int lowest = 0; lowest < 3 && lowest <= begin; lowest++) {
+            between_points_row row = {.lowest = lowest, .begin = begin, .end = 41, .point = &w.points[begin].at, .needle = (const double (*)[3][BETWEEN_PLACES])needle_rows,
+                                      .known = 40, .beyond = draw_block(), .yield = 0.9, .mount = MOUNT, .frames = (const between_rows *)&frames};
+            for (int a = 0; a < 9; a++) row.tissue[a / 3][a % 3] = tissue[a / 3][a % 3];
+            between_portable(&row, portable);
+            between_kernel_here()(&row, widest);
+            for (int a = 0; a < 9; a++) {
+                size_t bytes = (size_t)(41 - begin) * sizeof(double);
+                assert_memory_equal(&portable[a / 3][a % 3][begin], &widest[a / 3][a % 3][begin], bytes);
+                assert_true(isfinite(portable[a / 3][a % 3][40]));
+            }
+        }
+}
+
 int main(void) {
     const struct CMUnitTest tests[] = {
         cmocka_unit_test(blocks_follow_the_formula),
         cmocka_unit_test(slots_may_be_in_any_order),
         cmocka_unit_test(points_may_be_in_any_order),
         cmocka_unit_test(guides_are_coupled_where_they_touch),
+        cmocka_unit_test(wide_vectors_give_the_same_bits),
     };
     return cmocka_run_group_tests(tests, create, NULL);
 }

@@ -5,7 +5,7 @@
 #include <stdint.h>
 #include <stdlib.h>
 
-#include "base/vec.h"
+#include "base/vec_lanes.h"
 
 #include <cmocka.h>
 
@@ -116,6 +116,47 @@ static void logarithm_undoes_exponential(void **state) {
     assert_close_vector(beyond, v3(0, 0, -0.5 * M_PI), 1e-14);
 }
 
+static vec3 lane_of(vec3_lanes v, int i) { return v3(v.x[i], v.y[i], v.z[i]); }
+
+static void assert_close_quat(quat a, quat b) {
+    const double differences[] = {a.w - b.w, a.x - b.x, a.y - b.y, a.z - b.z};
+    for (int i = 0; i < 4; i++) assert_true(fabs(differences[i]) < 1e-14);
+}
+
+/* Small and large turns beside one another, and quaternions of either sign. */
+static void four_at_once_are_as_one_by_one(void **state) {
+    (void)state;
+    for (int n = 0; n < 1000; n++) {
+        vec3 a[LANES], b[LANES];
+        quat p[LANES], q[LANES], exps[LANES], products[LANES], units[LANES];
+        vec3_lanes va, vb;
+        for (int i = 0; i < LANES; i++) {
+            a[i] = v3_scale(pow(10.0, 3.0 * uniform() - 3.0), random_vector());
+            b[i] = random_vector();
+            p[i] = q_unit((quat){uniform(), uniform(), uniform(), uniform()});
+            q[i] = q_exp(a[i]);
+            if (uniform() < 0.0) q[i] = (quat){-q[i].w, -q[i].x, -q[i].y, -q[i].z};
+            va.x[i] = a[i].x, va.y[i] = a[i].y, va.z[i] = a[i].z;
+            vb.x[i] = b[i].x, vb.y[i] = b[i].y, vb.z[i] = b[i].z;
+        }
+        ql_store(exps, ql_exp(va));
+        ql_store(products, ql_multiply(ql_load(p), ql_conjugate(ql_load(q))));
+        ql_store(units, ql_unit((quat_lanes){va.x, va.y, va.z, vb.x}));
+        vec3_lanes log = ql_log(ql_load(q)), cross = v3l_cross(va, vb), unit = v3l_unit(vb);
+        vec3_lanes axes[3] = {ql_axis_x(ql_load(p)), ql_axis_y(ql_load(p)), ql_axis(ql_load(p))};
+        for (int i = 0; i < LANES; i++) {
+            assert_close_quat(exps[i], q_exp(a[i]));
+            assert_close_quat(products[i], q_multiply(p[i], q_conjugate(q[i])));
+            assert_close_quat(units[i], q_unit((quat){a[i].x, a[i].y, a[i].z, b[i].x}));
+            assert_close_vector(lane_of(log, i), q_log(q[i]), 1e-14);
+            assert_close_vector(lane_of(cross, i), v3_cross(a[i], b[i]), 1e-14);
+            assert_close_vector(lane_of(unit, i), v3_unit(b[i]), 1e-14);
+            const vec3 expected[3] = {q_axis_x(p[i]), q_axis_y(p[i]), q_axis(p[i])};
+            for (int k = 0; k < 3; k++) assert_close_vector(lane_of(axes[k], i), expected[k], 1e-14);
+        }
+    }
+}
+
 int main(void) {
     srand(1);
     const struct CMUnitTest tests[] = {
@@ -125,6 +166,7 @@ int main(void) {
         cmocka_unit_test(quaternion_rotation_matches_rodrigues),
         cmocka_unit_test(products_of_quaternions_are_products_of_matrices),
         cmocka_unit_test(logarithm_undoes_exponential),
+        cmocka_unit_test(four_at_once_are_as_one_by_one),
     };
     return cmocka_run_group_tests(tests, NULL, NULL);
 }

@@ -23,6 +23,8 @@ static inline void lanes_transpose(lanes *a, lanes *b, lanes *c, lanes *d) {
 }
 
 static inline lanes v3l_dot(vec3_lanes a, vec3_lanes b) { return a.x * b.x + a.y * b.y + a.z * b.z; }
+static inline vec3_lanes v3l_add(vec3_lanes a, vec3_lanes b) { return (vec3_lanes){a.x + b.x, a.y + b.y, a.z + b.z}; }
+static inline vec3_lanes v3l_sub(vec3_lanes a, vec3_lanes b) { return (vec3_lanes){a.x - b.x, a.y - b.y, a.z - b.z}; }
 static inline vec3_lanes v3l_scale(lanes s, vec3_lanes a) { return (vec3_lanes){s * a.x, s * a.y, s * a.z}; }
 static inline vec3_lanes v3l_axpy(lanes s, vec3_lanes a, vec3_lanes b) { return (vec3_lanes){s * a.x + b.x, s * a.y + b.y, s * a.z + b.z}; }
 static inline vec3_lanes v3l_cross(vec3_lanes a, vec3_lanes b) {

@@ -24,6 +24,9 @@ typedef struct {
 /* Compliance of tissue, needle and mount, in the frames of the points. Each number is the result of the same operations in the same order
    whatever the width of vectors. RT */
 typedef void between_kernel(const between_points_row *row, between_rows blocks);
-between_kernel between_portable, between_avx512;
+
+/* That which any processor has that can run this program, that of AVX-512 (x86-64 only), and the widest that this processor has. RT */
+extern between_kernel between_portable, between_avx512;
+between_kernel *between_kernel_here(void);
 
 #endif

@@ -149,7 +149,7 @@ static void find_blocks(const tick_context *tick, layout *points, between_kernel
     kernel(&row, blocks);
 }
 
-static between_kernel *kernel_here(void) {
+between_kernel *between_kernel_here(void) {
 #ifdef TROCAR_AVX512
     if (runs_avx512()) return between_avx512;
 #endif
@@ -160,7 +160,7 @@ void assemble_between_points(const tick_context *tick) {
     insertion_workspace *w = tick->scratch;
     _Alignas(CACHE_LINE) layout points;
     _Alignas(CACHE_LINE) between_rows blocks;
-    between_kernel *kernel = kernel_here();
+    between_kernel *kernel = between_kernel_here();
     points.order[0] = 0;
     sort_points(w, points.order);
     points.in_order = in_order_of_slots(w, points.order);

@@ -59,8 +59,14 @@ double needle_energy(const needle_model *model, const needle_state *state) { ret
 
 /* ---- the centreline ------------------------------------------------------------------------------------------------ */
 
-/* Weights of three joints at a place, and the two segments between which the tangent turns: by `fraction`. */
-static int weigh(const needle_model *model, double arc, needle_point *p, int *next, double *fraction) {
+/* The tangent turns from that of one segment to that of the other, and is so far on its way (0 to 1). */
+typedef struct {
+    int before, after;
+    double fraction;
+} tangent_turn;
+
+/* Finds the weights of the three joints at a place. */
+static tangent_turn weigh_joints(const needle_model *model, double arc, needle_point *p) {
     int n = model->given.segments;
     double s = arc / model->segment_length; /* in segments from the base */
     s = s > 0.0 ? s : 0.0;
@@ -72,16 +78,14 @@ static int weigh(const needle_model *model, double arc, needle_point *p, int *ne
         for (int i = 0; i < NEEDLE_POINT_JOINTS; i++) p->weights[i] = 0.0;
         p->weights[k - p->first] = 1.0 - (s - k);
         p->weights[k - p->first + 1] = s - k;
-        *fraction = 0.0;
-        return *next = k;
+        return (tangent_turn){k, k, 0.0};
     }
-    double f = *fraction = s + 0.5 - joint;            /* from the middle of one segment to that of the next */
+    double f = s + 0.5 - joint;                        /* from the middle of one segment to that of the next */
     p->first = joint - 1;
     p->weights[0] = 0.5 * (1.0 - f) * (1.0 - f);
     p->weights[1] = 0.5 + f - f * f;
     p->weights[2] = 0.5 * f * f;
-    *next = joint;
-    return joint - 1;
+    return (tangent_turn){joint - 1, joint, f};
 }
 
 /* The points' frames, from their axes. */
@@ -98,11 +102,12 @@ static void locate_four(const needle_model *model, const needle_state *state, in
     double fractions[LANES];
     for (int i = 0; i < LANES; i++) {
         needle_point *p = points[i < count ? i : 0];
-        before[i] = weigh(model, arcs[i < count ? i : 0], p, &after[i], &fractions[i]);
+        tangent_turn turn = weigh_joints(model, arcs[i < count ? i : 0], p);
+        before[i] = turn.before, after[i] = turn.after, fractions[i] = turn.fraction;
         const vec3 *joints = &state->joints[p->first];
         p->position = v3_axpy(p->weights[2], joints[2], v3_axpy(p->weights[1], joints[1], v3_scale(p->weights[0], joints[0])));
     }
-    lanes fraction = {fractions[0], fractions[1], fractions[2], fractions[3]};
+    lanes fraction = lanes_load(fractions);
     quat_lanes here = ql_gather(state->frames, before), next = ql_gather(state->frames, after);
     vec3_lanes y = ql_axis_y(next), n3 = v3l_unit(v3l_axpy(fraction, ql_axis(next), v3l_scale(1.0 - fraction, ql_axis(here))));
     vec3_lanes n2 = v3l_unit(v3l_axpy(-v3l_dot(y, n3), n3, y));

@@ -70,18 +70,19 @@ static void rod_hold(const needle_model *model, pose base, needle_state *state) 
 
 /* ---- elasticity of the joints ------------------------------------------------------------------------------------------ */
 
-static const int SYMMETRIC[3][3] = {{0, 1, 2}, {1, 3, 4}, {2, 4, 5}};
+static const int SYMMETRIC[3][3] = {{0, 1, 2}, {1, 3, 4}, {2, 4, 5}}; /* where a symmetric matrix keeps its components */
 
 /* Joint k precedes segment k. The joint at the base represents half a segment of bending length, the others one segment. */
 static double joint_length(const needle_model *model, int k) { return (k == 0 ? 0.5 : 1.0) * model->segment_length; }
 
-/* From joint k on: their stiffness against bending and torsion, N m. */
-static lanes joint_stiffness_of(double rigidity, const needle_model *model, int k) {
+/* Stiffness of joints k to k + 3, N m; rigidity: EI or GJ. */
+static lanes joint_stiffness(const needle_model *model, double rigidity, int k) {
     lanes stiffness = lanes_all(rigidity / model->segment_length);
     stiffness[0] = rigidity / joint_length(model, k);
     return stiffness;
 }
 
+/* Rotation vectors of segments k to k + 3 relative to those before them. */
 static vec3_lanes joint_curvature(const rod_frames *of, int k) {
     return ql_log(ql_multiply(ql_conjugate(frames_at(of, k - 1)), frames_at(of, k)));
 }
@@ -101,9 +102,9 @@ static mat3_lanes inverse_right_jacobian(vec3_lanes w) {
                          {v.z * w.x - half.y, v.z * w.y + half.x, v.z * w.z + own}}};
 }
 
-/* Spatial moments of joint k and the three after it, and their stiffness (symmetric) against the relative spatial rotation of its two segments. */
+/* Spatial moments of joints k to k + 3, and their stiffness (symmetric) against the relative spatial rotation of their two segments. */
 static vec3_lanes joint_moments(const needle_model *model, const rod_frames *of, int k, lanes stiffness[6]) {
-    lanes bending = joint_stiffness_of(model->bending, model, k), torsion = joint_stiffness_of(model->torsion, model, k);
+    lanes bending = joint_stiffness(model, model->bending, k), torsion = joint_stiffness(model, model->torsion, k);
     vec3_lanes w = joint_curvature(of, k);
     quat_lanes frame = frames_at(of, k);
     vec3_lanes x = ql_axis_x(frame), y = ql_axis_y(frame), z = ql_axis(frame);
@@ -249,8 +250,7 @@ static inline row_matrix pivot_inverse_at(const needle_tangent *tangent, int k) 
 
 /* Moments that relax those of the joints at zero load, of segments k to k + 3. */
 static inline vec3_lanes released_moments(const vector_series *moments, int k) {
-    vec3_lanes here = vectors_at(moments, k), next = vectors_at(moments, k + 1);
-    return (vec3_lanes){next.x - here.x, next.y - here.y, next.z - here.z};
+    return v3l_sub(vectors_at(moments, k + 1), vectors_at(moments, k));
 }
 
 /* Solves the tangent system in place for the rotations of the segments. */
@@ -321,22 +321,21 @@ static row_matrix displace_base(int last, const needle_tangent *tangent, const r
     return sum;
 }
 
-/* Rotations under unit forces at the joints from `first` on, one column for each: a force at a joint exerts no moment on segments beyond it. Forward
-   substitution up to segment k is therefore the same for all joints beyond k, and
-   backward substitution begins with the segment before the joint, whose block of the inverse stiffness (`own`) contains all that is beyond. Of
-   segments from `last` on; `drift`: at zero load. */
-static void find_rotations(int n, int first, int last, const row_matrix *sides, needle_tangent *tangent, vec3 *drift) {
+/* Rotations of the segments from `last` on under unit forces at the joints from `first` on, one column for each, and at zero load (`turn`). A force at a
+   joint exerts no moment on segments beyond it. Forward substitution up to segment k is therefore the same for all joints beyond k, and backward
+   substitution begins with the segment before the joint, whose block of the inverse stiffness (`own`) contains all that is beyond. */
+static void find_rotations(int n, int first, int last, const row_matrix *sides, needle_tangent *tangent, vec3 *turn) {
     row_matrix own = {{{0}}};
     for (int k = n - 1; k >= last; k--) {
         joint_rows rows = &tangent->rod.rotation[3 * k];
         row_matrix pivot_inverse = pivot_inverse_at(tangent, k), solved = rm_multiply(pivot_inverse, sides[k]);
-        drift[k] = v3(solved.row[0][3], solved.row[1][3], solved.row[2][3]);
+        turn[k] = v3(solved.row[0][3], solved.row[1][3], solved.row[2][3]);
         if (k + 1 < n) {
             row_matrix lower = lower_at(tangent, k + 1);
             mat3 carried = matrix_of(lower);
             own = rm_multiply_transposed(lower, rm_multiply(own, lower));
             carry_back(&solved, &carried, rows + 3, rows, 3 * (k + 2 > first ? k + 2 : first), 3 * (n + 1));
-            drift[k] = v3_sub(drift[k], m3_apply_transposed(&carried, drift[k + 1]));
+            turn[k] = v3_sub(turn[k], m3_apply_transposed(&carried, turn[k + 1]));
         }
         own = rm_add(own, pivot_inverse);
         mat3 here = matrix_of(rm_multiply(own, sides[k]));
@@ -401,7 +400,7 @@ static double rod_advance(const needle_model *model, const needle_tangent *tange
     sum_loads(n, load, &beyond);
     for (int k = 0; k < n; k += LANES) {
         vec3_lanes released = released_moments(&tangent->rod.moments, k), arm = arms_of(model, &of, k);
-        put_vectors(&rotation, k, v3l_axpy(lanes_all(1.0), v3l_cross(arm, vectors_at(&beyond, k)), released));
+        put_vectors(&rotation, k, v3l_add(released, v3l_cross(arm, vectors_at(&beyond, k))));
     }
     solve_tangent(n, tangent, &rotation);
     double largest = 0.0;

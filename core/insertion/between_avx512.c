@@ -1,4 +1,6 @@
 /* The kernel once more, for processors with AVX-512: compiled for x86-64-v4 (CMakeLists.txt). */
+#include "insertion/between_kernels.h"
+
 #ifdef __AVX512F__
 #define BETWEEN_KERNEL between_avx512
 #include "insertion/between_kernels.c"

@@ -143,12 +143,14 @@ static void points_may_be_in_any_order(void **unused) {
 /* Points at guides come first in the list, wherever they are; open ones are coupled with nothing. */
 static void guides_are_coupled_where_they_touch(void **unused) {
     (void)unused;
-    for (int contacts = 0; contacts < 12; contacts += 3) {
-        set_points(4, contacts, contacts > 0);
-        check_blocks();
-        w.points[3].at = needle_at(&needle, &shape, 0.19); /* among the contacts */
-        check_blocks();
-    }
+    static const int guides[] = {1, 2, 3, 4, 7, 16}, contacts[] = {0, 1, 3, 6, 9, 20, 64};
+    for (int g = 0; g < 6; g++)
+        for (int c = 0; c < 7; c++) {
+            set_points(guides[g], contacts[c], contacts[c] > 0);
+            check_blocks();
+            w.points[guides[g] - 1].at = needle_at(&needle, &shape, 0.19); /* among the contacts */
+            check_blocks();
+        }
 }
 
 /* From any place on, with and without a place at which the tissue is another one. */
@@ -167,7 +169,7 @@ static void wide_vectors_give_the_same_bits(void **unused) {
     for (int begin = 0; begin < 41; begin++)
         for (int lowest = 0; lowest < 3 && lowest <= begin; lowest++) {
             between_points_row row = {.lowest = lowest, .begin = begin, .end = 41, .point = &w.points[begin].at, .needle = (const double (*)[3][BETWEEN_PLACES])needle_rows,
-                                      .known = 40, .beyond = draw_block(), .yield = 0.9, .mount = MOUNT, .frames = (const between_rows *)&frames};
+                                      .tip_place = 40, .at_tip = draw_block(), .yield = 0.9, .mount = MOUNT, .frames = (const between_rows *)&frames};
             for (int a = 0; a < 9; a++) row.tissue[a / 3][a % 3] = tissue[a / 3][a % 3];
             between_portable(&row, portable);
             between_kernel_here()(&row, widest);

@@ -9,11 +9,6 @@ typedef struct {
     lanes row[3];
 } row_matrix;
 
-static inline row_matrix rows_of(const mat3 *m) {
-    const double *x = &m->m[0][0];
-    return (row_matrix){{lanes_load(x), lanes_load(x + 3), {x[6], x[7], x[8], 0.0}}};
-}
-
 static inline mat3 matrix_of(row_matrix a) {
     mat3 m;
     double *x = &m.m[0][0];

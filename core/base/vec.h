@@ -80,6 +80,12 @@ static inline mat3 m3_columns(vec3 a, vec3 b, vec3 c) {
     return (mat3){{{a.x, b.x, c.x}, {a.y, b.y, c.y}, {a.z, b.z, c.z}}};
 }
 
+/* Axes of which the third is along a unit vector. */
+static inline mat3 frame_along(vec3 direction) {
+    vec3 aside = fabs(direction.x) < 0.6 ? v3(1, 0, 0) : v3(0, 1, 0), x = v3_unit(v3_cross(aside, direction));
+    return m3_columns(x, v3_cross(direction, x), direction);
+}
+
 static inline quat q_multiply(quat a, quat b) {
     return (quat){a.w * b.w - a.x * b.x - a.y * b.y - a.z * b.z,
                   a.w * b.x + a.x * b.w + a.y * b.z - a.z * b.y,

@@ -40,22 +40,27 @@ static inline mat3_lanes m3l_multiply(const mat3_lanes *a, const mat3_lanes *b) 
     return c;
 }
 
+static inline lanes quat_row(const quat *q) {
+    lanes x;
+    memcpy(&x, q, sizeof x);
+    return x;
+}
 static inline quat_lanes ql_load(const quat from[LANES]) {
-    quat_lanes q = {lanes_load(&from[0].w), lanes_load(&from[1].w), lanes_load(&from[2].w), lanes_load(&from[3].w)};
+    quat_lanes q = {quat_row(&from[0]), quat_row(&from[1]), quat_row(&from[2]), quat_row(&from[3])};
     lanes_transpose(&q.w, &q.x, &q.y, &q.z);
     return q;
 }
 static inline quat_lanes ql_gather(const quat *from, const int places[LANES]) {
-    quat_lanes q = {lanes_load(&from[places[0]].w), lanes_load(&from[places[1]].w), lanes_load(&from[places[2]].w), lanes_load(&from[places[3]].w)};
+    quat_lanes q = {quat_row(&from[places[0]]), quat_row(&from[places[1]]), quat_row(&from[places[2]]), quat_row(&from[places[3]])};
     lanes_transpose(&q.w, &q.x, &q.y, &q.z);
     return q;
 }
 static inline void ql_store(quat to[LANES], quat_lanes q) {
     lanes_transpose(&q.w, &q.x, &q.y, &q.z);
-    lanes_store(&to[0].w, q.w);
-    lanes_store(&to[1].w, q.x);
-    lanes_store(&to[2].w, q.y);
-    lanes_store(&to[3].w, q.z);
+    memcpy(&to[0], &q.w, sizeof *to);
+    memcpy(&to[1], &q.x, sizeof *to);
+    memcpy(&to[2], &q.y, sizeof *to);
+    memcpy(&to[3], &q.z, sizeof *to);
 }
 static inline quat_lanes ql_multiply(quat_lanes a, quat_lanes b) {
     return (quat_lanes){a.w * b.w - a.x * b.x - a.y * b.y - a.z * b.z,
@@ -68,9 +73,15 @@ static inline quat_lanes ql_unit(quat_lanes q) {
     lanes s = 1.0 / lanes_sqrt(q.w * q.w + q.x * q.x + q.y * q.y + q.z * q.z);
     return (quat_lanes){s * q.w, s * q.x, s * q.y, s * q.z};
 }
-static inline vec3_lanes ql_axis_x(quat_lanes q) { return (vec3_lanes){1.0 - 2.0 * (q.y * q.y + q.z * q.z), 2.0 * (q.x * q.y + q.w * q.z), 2.0 * (q.x * q.z - q.w * q.y)}; }
-static inline vec3_lanes ql_axis_y(quat_lanes q) { return (vec3_lanes){2.0 * (q.x * q.y - q.w * q.z), 1.0 - 2.0 * (q.x * q.x + q.z * q.z), 2.0 * (q.y * q.z + q.w * q.x)}; }
-static inline vec3_lanes ql_axis(quat_lanes q) { return (vec3_lanes){2.0 * (q.x * q.z + q.w * q.y), 2.0 * (q.y * q.z - q.w * q.x), 1.0 - 2.0 * (q.x * q.x + q.y * q.y)}; }
+static inline vec3_lanes ql_axis_x(quat_lanes q) {
+    return (vec3_lanes){1.0 - 2.0 * (q.y * q.y + q.z * q.z), 2.0 * (q.x * q.y + q.w * q.z), 2.0 * (q.x * q.z - q.w * q.y)};
+}
+static inline vec3_lanes ql_axis_y(quat_lanes q) {
+    return (vec3_lanes){2.0 * (q.x * q.y - q.w * q.z), 1.0 - 2.0 * (q.x * q.x + q.z * q.z), 2.0 * (q.y * q.z + q.w * q.x)};
+}
+static inline vec3_lanes ql_axis(quat_lanes q) {
+    return (vec3_lanes){2.0 * (q.x * q.z + q.w * q.y), 2.0 * (q.y * q.z - q.w * q.x), 1.0 - 2.0 * (q.x * q.x + q.y * q.y)};
+}
 
 static inline quat_lanes ql_exp(vec3_lanes r) {
     lanes half2 = 0.25 * v3l_dot(r, r);

@@ -15,16 +15,16 @@ static inline part places_from(int l) {
     return x;
 }
 
-/* One vector of blocks, from place l on. */
-static inline __attribute__((always_inline)) void find_part(const between_points_row *row, int l, bool known, between_rows blocks) {
+/* One vector of blocks, from place l on; `tip`: with the tip, or beyond it. */
+static inline __attribute__((always_inline)) void find_part(const between_points_row *row, int l, bool tip, between_rows blocks) {
     const double (*frame)[3] = row->point->frame.m, *weights = row->point->weights;
     part place = places_from(l), turned[3][3]; /* rows in the world frame, columns in those of the points */
     for (int a = 0; a < 3; a++) {
         part world[3];
         for (int b = 0; b < 3; b++) {
-            part tissue = part_load(row->tissue[a][b] + l), mount = part_all(a == b ? row->mount : 0.0);
-            if (known) world[b] = row->yield * tissue + mount;
-            else world[b] = row->yield * where(place < row->known, tissue) + (where(place == row->known, part_all(row->beyond.m[a][b])) + mount);
+            part tissue = part_load(row->tissue[a][b] + (l + row->shift)), mount = part_all(a == b ? row->mount : 0.0);
+            if (tip) world[b] = row->yield * where(place < row->tip_place, tissue) + (where(place == row->tip_place, part_all(row->at_tip.m[a][b])) + mount);
+            else world[b] = row->yield * tissue + mount;
             for (int m = 0; m < NEEDLE_POINT_JOINTS; m++) world[b] += weights[m] * part_load(&row->needle[3 * m + a][b][l]);
         }
         for (int b = 0; b < 3; b++)
@@ -36,6 +36,6 @@ static inline __attribute__((always_inline)) void find_part(const between_points
 
 void BETWEEN_KERNEL(const between_points_row *row, between_rows blocks) {
     int whole = whole_parts_below(row->begin), l = whole > row->lowest ? whole : row->lowest;
-    for (; l + WIDTH <= row->known; l += WIDTH) find_part(row, l, true, blocks);
-    for (; l < row->end; l += WIDTH) find_part(row, l, false, blocks);
+    for (; l + WIDTH <= row->tip_place; l += WIDTH) find_part(row, l, false, blocks);
+    for (; l < row->end; l += WIDTH) find_part(row, l, true, blocks);
 }

@@ -12,11 +12,12 @@ typedef double between_rows[3][3][BETWEEN_PLACES]; /* [a][b]: component a, b of 
 typedef struct {
     int lowest, begin, end;
     const needle_point *point;
-    const double (*needle)[3][BETWEEN_PLACES]; /* m/N, [row][b]: displacement of the needle's joints, from the point's first on, under unit forces at each place; world frame */
-    const double *tissue[3][3];    /* of each place, times `yield` m/N, world frame; */
-    int known;                     /* of places before this one. At this one it is */
-    mat3 beyond;                   /* m/N */
+    const double (*needle)[3][BETWEEN_PLACES]; /* m/N, world frame, [row][b]: how joints move, from the point's first on, under unit forces at each place */
+    const double *tissue[3][3];    /* m/N, world frame, before it is multiplied by `yield`: that of place l is at l + shift, for places before `tip_place` */
+    int shift;
     double yield;
+    int tip_place;                 /* or the number of places, without a tip */
+    mat3 at_tip;                   /* m/N, world frame: the tissue's compliance with the tip */
     double mount;                  /* m/N */
     const between_rows *frames;    /* [a][b]: component a of axis b */
 } between_points_row;
@@ -25,7 +26,7 @@ typedef struct {
    whatever the width of vectors. RT */
 typedef void between_kernel(const between_points_row *row, between_rows blocks);
 
-/* That which any processor has that can run this program, that of AVX-512 (x86-64 only), and the widest that this processor has. RT */
+/* For any processor that can run this program, for AVX-512 (x86-64 only), and the best for this processor. RT */
 extern between_kernel between_portable, between_avx512;
 between_kernel *between_kernel_here(void);
 

@@ -8,7 +8,7 @@
 typedef struct {
     int order[MAX_POINTS];           /* the point in each place */
     bool in_order;                   /* see in_order_of_slots */
-    between_rows frames;             /* [a][b]: component a of axis b */
+    _Alignas(CACHE_LINE) between_rows frames; /* [a][b]: component a of axis b */
     between_rows tissue;             /* m/N, world frame, between one point (rows) and the others, if they are not in order */
 } layout;
 
@@ -87,27 +87,33 @@ static void interpolate_columns(insertion_workspace *w, const int *order) {
 
 /* ---- blocks ---------------------------------------------------------------------------------------------------------- */
 
-/* Stores one block in the upper triangle; points at guides that they do not touch are coupled to nothing. */
-static void put_block(insertion_workspace *w, int i, int j, between_rows blocks, int l) {
-    contact_problem *p = &w->problem;
-    int low = i < j ? i : j, high = i < j ? j : i;
-    bool open = guides_is_open(w, i) || guides_is_open(w, j);
+/* Stores the block of points i (rows) and j in the upper triangle. */
+static void put_block(contact_problem *p, int i, int j, const mat3 *block) {
     for (int a = 0; a < 3; a++)
         for (int b = 0; b < 3; b++) {
-            int row = unknown(p->count, low, a), column = unknown(p->count, high, b);
-            double number = open ? 0.0 : low == i ? blocks[a][b][l] : blocks[b][a][l];
-            if (row <= column) p->compliance[row][column] = number;
-            else p->compliance[column][row] = number;
+            int row = unknown(p->count, i, a), column = unknown(p->count, j, b);
+            if (row <= column) p->compliance[row][column] = block->m[a][b];
+            else p->compliance[column][row] = block->m[a][b];
         }
+}
+
+/* A guide that the needle does not touch is coupled to nothing. */
+static void uncouple_guide(insertion_workspace *w, int i) {
+    static const mat3 nothing;
+    for (int j = 0; j < w->point_count; j++) put_block(&w->problem, i, j, &nothing);
 }
 
 /* Stores the blocks of the point in place k with itself and those beyond. */
 static void put_blocks(insertion_workspace *w, const int *order, int k, between_rows blocks) {
-    for (int l = k; l < w->point_count; l++) put_block(w, order[k], order[l], blocks, l);
+    for (int l = k; l < w->point_count; l++) {
+        mat3 block;
+        for (int a = 0; a < 9; a++) block.m[a / 3][a % 3] = blocks[a / 3][a % 3][l];
+        put_block(&w->problem, order[k], order[l], &block);
+    }
 }
 
-/* The same of points in the order of their places, in whole vectors. Along the needle these begin before place k: there, the blocks of points nearer to
-   the base are stored afterwards. */
+/* The same of points in the order of their places, in whole vectors. These begin before place k and overwrite blocks of points nearer to the base, whose
+   turn therefore comes afterwards. */
 static void put_blocks_in_order(contact_problem *p, int k, between_rows blocks) {
     int axial = 2 * p->count, begin = lanes_below(k);
     for (int a = 0; a < 2; a++) {
@@ -130,11 +136,12 @@ static void read_tissue(const tick_context *tick, int k, between_points_row *row
     const insertion_workspace *w = tick->scratch;
     const contact_point *point = &w->points[k];
     for (int a = 0; a < 9; a++)
-        row->tissue[a / 3][a % 3] = point->kind == POINT_TISSUE ? tick->snapshot->between_contacts[point->handle].at[a / 3][a % 3] + (point->handle - k) : none;
+        row->tissue[a / 3][a % 3] = point->kind == POINT_TISSUE ? tick->snapshot->between_contacts[point->handle].at[a / 3][a % 3] : none;
+    row->shift = point->kind == POINT_TISSUE ? point->handle - k : 0;
     row->lowest = point->kind == POINT_TISSUE ? w->guided : 0;
     row->yield = w->creep.yield;
-    row->known = w->point_count - w->tip;
-    if (w->tip) row->beyond = point->kind == POINT_TIP ? w->tip_row[k] : m3_transposed(&w->tip_row[k]);
+    row->tip_place = w->point_count - w->tip;
+    if (w->tip) row->at_tip = point->kind == POINT_TIP ? w->tip_row[k] : m3_transposed(&w->tip_row[k]);
 }
 
 /* Blocks of the point in place k with those from there on. */
@@ -142,10 +149,13 @@ static void find_blocks(const tick_context *tick, layout *points, between_kernel
     const insertion_workspace *w = tick->scratch;
     const needle_point *point = &w->points[points->order[k]].at;
     between_points_row row = {.begin = k, .end = w->point_count, .point = point, .needle = (const double (*)[3][BETWEEN_PLACES])&w->joints_to_points[3 * point->first],
-                              .yield = 1.0, .known = w->point_count, .mount = tick->base.compliance, .frames = (const between_rows *)&points->frames};
-    for (int a = 0; a < 9; a++) row.tissue[a / 3][a % 3] = points->tissue[a / 3][a % 3];
-    if (!points->in_order) lay_out_tissue(tick, points->order, k, points->tissue);
-    else read_tissue(tick, k, &row);
+                              .yield = 1.0, .tip_place = w->point_count, .mount = tick->base.compliance, .frames = (const between_rows *)&points->frames};
+    if (points->in_order) {
+        read_tissue(tick, k, &row);
+    } else {
+        lay_out_tissue(tick, points->order, k, points->tissue);
+        for (int a = 0; a < 9; a++) row.tissue[a / 3][a % 3] = points->tissue[a / 3][a % 3];
+    }
     kernel(&row, blocks);
 }
 
@@ -166,11 +176,11 @@ void assemble_between_points(const tick_context *tick) {
     points.in_order = in_order_of_slots(w, points.order);
     lay_out_frames(w, &points);
     interpolate_columns(w, points.order);
-    for (int k = w->point_count - 1; k >= 0; k--) {
+    for (int k = w->point_count - 1; k >= 0; k--) { /* toward the base: see put_blocks_in_order */
         find_blocks(tick, &points, kernel, k, blocks);
         if (points.in_order) put_blocks_in_order(&w->problem, k, blocks);
         else put_blocks(w, points.order, k, blocks);
     }
-    for (int i = 0; i < w->guided && points.in_order; i++)
-        for (int j = 0; j < w->point_count && guides_is_open(w, i); j++) put_block(w, i, j, blocks, j);
+    for (int i = 0; i < w->guided; i++)
+        if (guides_is_open(w, i)) uncouple_guide(w, i);
 }

@@ -8,7 +8,7 @@
 void elimination_begin(const symmetric_system *s) {
     int order = s->order;
     for (int i = 0; i < order; i++) memset(&s->a[i][order + 1], 0, (PADDING - 1) * sizeof(double));
-    for (int i = order; i < ELIMINATION_SIZE(order); i++) memset(&s->a[i][order / PADDING * PADDING], 0, 2 * PADDING * sizeof(double));
+    for (int i = order; i < ELIMINATION_SIZE(order); i++) memset(&s->a[i][order / PADDING * PADDING], 0, (order % PADDING + PADDING) * sizeof(double));
 }
 
 bool next_panel(const symmetric_system *s, elimination_panel *panel, int end) {

@@ -13,7 +13,7 @@
 
 enum { PANEL_ROWS = 8, PADDING = 8, MOST_COLUMNS = 264 };
 
-/* Rows, and columns, that a system of so many unknowns takes: with padding, which is computed with, too. Its first column is the
+/* Rows, and columns, that a system of so many unknowns takes: with padding, which is computed with, too. The first column after the unknowns' is the
    right-hand side. */
 #define ELIMINATION_SIZE(order) ((order) + PADDING)
 
@@ -61,7 +61,7 @@ static inline void eliminate_in_block(elimination_panel *panel, int k, int count
    width. Each number is the result of the same operations in the same order whatever the width. RT */
 typedef void elimination_kernel(const symmetric_system *s, elimination_panel *panel);
 
-/* That which any processor has that can run this program, that of AVX-512 (x86-64 only), and the widest that this processor has. RT */
+/* For any processor that can run this program, for AVX-512 (x86-64 only), and the best for this processor. RT */
 extern elimination_kernel elimination_portable, elimination_avx512;
 elimination_kernel *elimination_kernel_here(void);
 

@@ -25,7 +25,8 @@ static vec3 displaced_by_tip(const tick_context *tick, const int corners[4], int
     return m3_apply_transposed(&c, v3_add(tip_load(&state->tip), creep_tip_load(tick->model, &state->memory)));
 }
 
-vec3 displacement_of(const tick_context *tick, int handle) {
+/* Of a handle, m. */
+static vec3 displacement_of(const tick_context *tick, int handle) {
     const insertion_state *state = tick->state;
     vec3 u = creep_free(tick, handle);
     for (int k = 0; contact_is_active(state, k); k++) {

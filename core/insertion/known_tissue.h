@@ -4,10 +4,7 @@
 
 #include "insertion/tick.h"
 
-/* Displacement of a handle under the present forces, and others' on the tissue, m. RT */
-vec3 displacement_of(const tick_context *tick, int handle);
-
-/* The same of a point: handles and weights of its corners in the nominal mesh. RT */
+/* Displacement of a point under the present forces, and others' on the tissue, m: handles and weights of the corners of its element. RT */
 vec3 displacement_at(const tick_context *tick, const int handles[4], const double weights[4]);
 
 /* Contacts whose rows of the inverse have arrived start to take part. RT */

@@ -1,6 +1,6 @@
 #include "insertion/plane_tensor.h"
 
-#include "tissue/neighbourhood.h"
+#include "base/vec.h"
 
 /* The axes across. */
 static void axes_across(vec3 direction, vec3 *x, vec3 *y) {

@@ -44,8 +44,8 @@ static void add_piece(int tet, vec3 x, vec3 direction, wanted_tissue *list) {
 /* A straight way through elements, and across gaps. */
 typedef struct {
     int tet;                 /* where it has come to; -1: out of the tissue */
-    vec3 x, direction;       /* m, and unit vector, */
-    bool back;               /* which points back along the track */
+    vec3 x, direction;       /* m, and unit vector */
+    bool back;               /* the direction points back along the track */
     double left;             /* m still to go */
     int steps;               /* elements that it has gone through */
 } straight_way;
@@ -87,8 +87,9 @@ static vec3 add_stretch_back(const mesh *m, const insertion_state *state, int te
     const shaft_contact *contact = k >= 0 ? &state->contacts[state->refined.order[k]] : NULL;
     vec3 to = contact ? v3_sub(contact->track, contact->beside) : state->entry, back = v3_sub(to, x);
     double length = v3_norm(back);
+    if (length == 0.0) return to;
     straight_way way = {.tet = tet, .x = x, .direction = v3_scale(1.0 / length, back), .back = true, .left = length};
-    if (length > 0.0) add_way(m, &way, AHEAD, list);
+    add_way(m, &way, AHEAD, list);
     return to;
 }
 

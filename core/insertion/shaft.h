@@ -25,7 +25,7 @@ shaft_share shaft_share_of(const insertion_state *state, int k, bool tip);
 /* The same, one after the other from k = 0: border, m of depth, is where it begins, at first 0, and becomes where the next one does. RT */
 shaft_share shaft_next_share(const insertion_state *state, int k, bool tip, double *border);
 
-/* RT */
+/* Friction and stiffness of the tissue along a part of the track, layer by layer. RT */
 shaft_resistance shaft_resistance_of(const insertion_model *model, const insertion_state *state, shaft_share part);
 
 /* Friction limit after sliding `slid` (m), N: static falls to kinetic by slip weakening, independent of the rate. RT */

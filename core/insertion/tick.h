@@ -2,6 +2,7 @@
 #ifndef TROCAR_TICK_H
 #define TROCAR_TICK_H
 
+#include "base/part.h"
 #include "insertion/shaft.h"
 #include "insertion/stiffening_law.h"
 
@@ -64,7 +65,7 @@ typedef struct {
     needle_point at;         /* on the needle */
     vec3 target;             /* m, where what it touches would be without the needle's forces */
     shaft_share share;
-    shaft_resistance shaft;  /* what that meets */
+    shaft_resistance shaft;  /* what this share of the shaft meets */
 } contact_point;
 
 /* Of relaxing tissue, in one step: its displacement under the forces f is (yield C) (f + remembered). Elastic: yield 1, the rest 0. */
@@ -119,8 +120,8 @@ typedef struct {
    on its way. */
 typedef enum { TIP_CUTS, TIP_SPRINGS, TIP_STOPS } tip_law;
 
-/* Places for all points, in whole vectors, and for what is computed with beside them. */
-enum { BETWEEN_PLACES = (MAX_POINTS + 7) / 8 * 8 };
+/* Places for all points and for the rest of a vector that begins at any of them; whole cache lines. */
+enum { BETWEEN_PLACES = (MAX_POINTS + 2 * WIDEST - 2) / WIDEST * WIDEST };
 
 /* Scratch of one tick: nothing in it but the profile outlives the call. */
 typedef struct {

@@ -69,8 +69,7 @@ typedef struct {
 static tangent_turn weigh_joints(const needle_model *model, double arc, needle_point *p) {
     int n = model->given.segments;
     double s = arc / model->segment_length; /* in segments from the base */
-    s = s > 0.0 ? s : 0.0;
-    s = s < n ? s : n;
+    s = smaller_of(larger_of(s, 0.0), n);
     int joint = (int)(s + 0.5);                        /* nearest joint: the middle control point */
     if (joint < 1 || joint > n - 1) {                  /* first and last half segment: straight */
         int k = joint < 1 ? 0 : n - 1;

@@ -19,7 +19,7 @@ void needle_rest(const needle_model *model, pose base, needle_state *state);
    directions until the next solve. RT */
 void needle_hold(const needle_model *model, pose base, needle_state *state);
 
-/* The point of the centreline at a distance from the base, m; and so many of them. RT */
+/* The point of the centreline at a distance from the base along it (m), and those at several, into *points[0] to *points[count - 1]. RT */
 needle_point needle_at(const needle_model *model, const needle_state *state, double arc);
 void needle_locate(const needle_model *model, const needle_state *state, int count, const double *arcs, needle_point *const *points);
 

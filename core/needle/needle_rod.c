@@ -155,6 +155,8 @@ typedef struct {
 
 static void sum_loads(int n, const vec3 *load, vector_series *beyond) {
     vec3 sum = v3(0, 0, 0);
+    for (int i = 0; i < 3; i++)
+        for (int k = n; k < n + LANES; k++) beyond->at[i][k] = 0.0;
     for (int k = n - 1; k >= 0; k--) {
         sum = v3_add(sum, load[k + 1]);
         beyond->at[0][k] = sum.x;
@@ -222,15 +224,19 @@ static void factor_tangent(int n, const rod_chain *chain, needle_tangent *tangen
         for (int i = 0; i < 3; i++)
             for (int j = 0; j < 3; j++) product[i][j] = adj[SYMMETRIC[i][0]] * c[j] + adj[SYMMETRIC[i][1]] * c[3 + j] + adj[SYMMETRIC[i][2]] * c[6 + j];
         for (int i = 0; i < 3; i++)
-            for (int j = i; j < 3; j++) carried[SYMMETRIC[i][j]] = inverse * (c[i] * product[0][j] + c[3 + i] * product[1][j] + c[6 + i] * product[2][j]);
+            for (int j = i; j < 3; j++)
+                carried[SYMMETRIC[i][j]] = inverse * (c[i] * product[0][j] + c[3 + i] * product[1][j] + c[6 + i] * product[2][j]);
     }
+    for (int k = n; k < n + LANES; k++) inverse_determinant[k] = 0.0; /* so that no vector is filled up with numbers from nowhere */
     for (int k = 0; k < n; k += LANES) {
         lanes scale = lanes_load(&inverse_determinant[k]), pivot_inverse[6], c[9];
         for (int i = 0; i < 6; i++) lanes_store(&adjugate->at[i][k], pivot_inverse[i] = scale * lanes_load(&adjugate->at[i][k]));
         for (int i = 0; i < 9; i++) c[i] = lanes_load(&chain->coupling.at[i][k]);
         for (int i = 0; i < 3; i++)
-            for (int j = 0; j < 3; j++)
-                lanes_store(&tangent->rod.lower.at[3 * i + j][k + 1], c[i] * pivot_inverse[SYMMETRIC[0][j]] + c[3 + i] * pivot_inverse[SYMMETRIC[1][j]] + c[6 + i] * pivot_inverse[SYMMETRIC[2][j]]);
+            for (int j = 0; j < 3; j++) {
+                const lanes column[3] = {pivot_inverse[SYMMETRIC[0][j]], pivot_inverse[SYMMETRIC[1][j]], pivot_inverse[SYMMETRIC[2][j]]};
+                lanes_store(&tangent->rod.lower.at[3 * i + j][k + 1], c[i] * column[0] + c[3 + i] * column[1] + c[6 + i] * column[2]);
+            }
     }
 }
 

@@ -2,6 +2,7 @@
 #ifndef TROCAR_SNAPSHOT_H
 #define TROCAR_SNAPSHOT_H
 
+#include "base/part.h"
 #include "base/row_matrix.h"
 #include "inverse/inverse_attached.h"
 #include "remesh/refinement.h"
@@ -78,7 +79,7 @@ typedef struct {
 
 /* Compliance between the contact in slot i and those in slots j >= i, in rows for the tick: [a][b][j] is component a of the displacement at i
    under a force along b at j. As a rule, from base to tip. */
-enum { CONTACT_COLUMNS = MAX_CONTACTS + 8 }; /* and some that are read with them */
+enum { CONTACT_COLUMNS = MAX_CONTACTS + WIDEST }; /* and some that are read with them, in whole vectors */
 typedef struct {
     double at[3][3][CONTACT_COLUMNS];
 } contact_rows;
@@ -125,7 +126,7 @@ resolved_field piece_at(const line_piece *piece, vec3 x);
    what is felt. RT */
 mat3 compliance_between(const compliance_snapshot *snapshot, int handle, int other);
 
-/* Compliance between the point of these corners and weights, and a handle. RT */
+/* Compliance between the point of these corners and weights, and a handle, m/N: as rows and as a matrix. RT */
 static inline row_matrix compliance_rows_to_point(const compliance_snapshot *snapshot, const int handles[4], const double weights[4], int other) {
     row_matrix sum = {{{0}}};
     for (int c = 0; c < 4; c++) {

@@ -50,10 +50,4 @@ bool neighbourhood_free_face(const neighbourhood *n, int tet, int face);
 /* The line's, unit vector in the mesh. */
 vec3 neighbourhood_direction(const neighbourhood *n);
 
-/* Axes of which the third is along a unit vector. */
-static inline mat3 frame_along(vec3 direction) {
-    vec3 aside = fabs(direction.x) < 0.6 ? v3(1, 0, 0) : v3(0, 1, 0), x = v3_unit(v3_cross(aside, direction));
-    return m3_columns(x, v3_cross(direction, x), direction);
-}
-
 #endif

@@ -12,7 +12,7 @@ static inline const roll_friction *twist_at(const lockstep *l, const contact_poi
 /* rad / N m, at once: the torque m' per length turns the tissue at the shaft by m' / (4 pi mu r^2). */
 static inline double twist_yielding(const lockstep *l, const contact_point *p) {
     const insertion_model *model = &l->simulation.insertion;
-    return 1.0 / (2.0 * pow(model->needle->radius, 2) * p->shaft.axial);
+    return 1.0 / (2.0 * pow(model->needle->radius, 2) * shaft_resistance_of(model, &l->state, p->share).axial);
 }
 
 /* J, of the needle: each piece between two points bears the torques of all points beyond it. */

@@ -240,9 +240,10 @@ typedef struct trocar_model_options {
 } trocar_model_options;
 
 /* Builds everything; `options` may be NULL. Seconds for thousands of nodes, minutes for tens of thousands unless the condensed
-   inverse is in the cache. Above 30 000 unknowns BLAS has as many threads as by default meanwhile, in all threads of the process, and one from then
-   on: simulations that run beside it may be slower. Allocates 8 (3 n)^2 bytes for a dense inverse of n nodes. Uses Gmsh to read a mesh file: inside a
-   host that uses Gmsh itself the host's session stays as it is; call it from one thread then. The scene is not needed
+   inverse is in the cache. Above 30 000 unknowns condensing has as many threads as BLAS by default. For a dense or sparse inverse, BLAS has
+   that many meanwhile, in all threads of the process, and one from then on: simulations that run and models that are made beside it may be slower
+   and differ in their last bits; a second inverse of this kind waits. Allocates 8 (3 n)^2 bytes for a dense inverse of n nodes.
+   Uses Gmsh to read a mesh file: inside a host that uses Gmsh itself the host's session stays as it is; call it from one thread then. The scene is not needed
    afterwards. BAD_INPUT, NO_MEMORY, NUMERIC, SYSTEM. */
 TROCAR_API trocar_status trocar_model_create(const trocar_scene *scene, const trocar_model_options *options, trocar_model **model,
                                              trocar_error *error);

@@ -4,6 +4,7 @@
 #include <stddef.h>
 #include <stdint.h>
 
+#include "allocations.h"
 #include "cube.h"
 #include "inverse/conjugate_gradients.h"
 
@@ -102,6 +103,19 @@ static void rigid_motions_are_found(void **state) {
     coarse_space_free(coarse);
 }
 
+/* It is solved with in each step. */
+static void a_coarse_space_allocates_only_once(void **state) {
+    (void)state;
+    double found[N], again[N];
+    coarse_space *coarse = coarse_space_create(&body.tissue);
+    assert_true(coarse_space_solve(coarse, force, found));
+    int64_t before = allocations_now();
+    for (int i = 0; i < 10; i++) assert_true(coarse_space_solve(coarse, force, again));
+    if (ALLOCATIONS_ARE_COUNTED) assert_int_equal(allocations_now(), before);
+    assert_memory_equal(again, found, sizeof found);
+    coarse_space_free(coarse);
+}
+
 static void no_force_gives_no_displacement(void **state) {
     (void)state;
     double nothing[N] = {0.0}, u[N];
@@ -136,6 +150,9 @@ static void an_indefinite_matrix_is_refused(void **state) {
         double u[N] = {0.0};
         cholmod_sparse *indefinite = with_diagonal(factors[k]);
         assert_false(conjugate_gradients(indefinite, NULL, TOLERANCE, STEPS, force, u));
+        tissue t = body.tissue;
+        t.stiffness = indefinite;
+        assert_null(coarse_space_create(&t));
         cholmod_free_sparse(&indefinite, &body.tissue.common);
     }
     int start[] = {0, 2, 3}, row[] = {0, 1, 1};
@@ -171,6 +188,7 @@ int main(void) {
         cmocka_unit_test(the_solution_does_not_depend_on_the_start),
         cmocka_unit_test(a_coarse_space_saves_steps),
         cmocka_unit_test(rigid_motions_are_found),
+        cmocka_unit_test(a_coarse_space_allocates_only_once),
         cmocka_unit_test(no_force_gives_no_displacement),
         cmocka_unit_test(a_force_that_is_not_finite_is_refused),
         cmocka_unit_test(an_indefinite_matrix_is_refused),

@@ -296,6 +296,48 @@ static void commands_for_seeds_are_read(void **state) {
     expect_bad("event 0", "damaged");
 }
 
+/* What the server said to each command; in the fuzzer's corpus, which has to follow when the messages change. */
+static void replies_are_read(void **state) {
+    (void)state;
+    static const struct { int command, needle, next_pose; logged_answer answer; } EXPECTED[] = {
+        {TROCAR_COMMAND_T_DROP_SEED, 0, 2, ANSWER_DONE},  {TROCAR_COMMAND_T_DROP_SEED, 0, 3, ANSWER_DONE}, {TROCAR_COMMAND_T_TAKE, 1, 3, ANSWER_REFUSED},
+        {TROCAR_COMMAND_T_UNDO, 0, 4, ANSWER_DONE},       {TROCAR_COMMAND_T_UNDO, 0, 4, ANSWER_REFUSED},  {TROCAR_COMMAND_T_LEAVE, 0, 5, ANSWER_UNKNOWN}};
+    report why;
+    pose_log log;
+    assert_int_equal(pose_log_read_all(SOURCE_DIR "/tests/fuzz/corpus/poselog/commands_with_replies.log", &log, &why), TROCAR_OK);
+    assert_int_equal(log.count, 5);
+    assert_int_equal(log.probe_count, 1);
+    assert_int_equal(log.command_count, 6);
+    for (int i = 0; i < 6; i++) {
+        const logged_command *c = &log.commands[i];
+        assert_int_equal(c->command.command, EXPECTED[i].command);
+        assert_int_equal(c->command.needle, EXPECTED[i].needle);
+        assert_int_equal(c->next_pose, EXPECTED[i].next_pose);
+        assert_int_equal(c->answer, EXPECTED[i].answer);
+    }
+    pose_log_free(&log);
+}
+
+/* A sender that repeats a number gets its replies in the order of its commands. */
+static void replies_to_one_number_go_to_the_oldest_command(void **state) {
+    (void)state;
+    report why;
+    pose_log log;
+    lcm_eventlog_t *out = lcm_eventlog_create(path, "w");
+    trocar_needle_pose_t p = sample(0);
+    trocar_command_t m = {.session = 7, .command = TROCAR_COMMAND_T_DROP_SEED, .seq = 3, .seeds = 1};
+    assert_int_equal(log_write_pose(out, &p, path, &why), TROCAR_OK);
+    for (int i = 0; i < 3; i++) assert_int_equal(log_write_command(out, &m, path, &why), TROCAR_OK);
+    for (int i = 0; i < 2; i++) assert_int_equal(log_write_reply(out, &m, i == 0, path, &why), TROCAR_OK);
+    m.session = 8; /* of another one */
+    assert_int_equal(log_write_reply(out, &m, true, path, &why), TROCAR_OK);
+    lcm_eventlog_destroy(out);
+    assert_int_equal(pose_log_read(path, &log, &why), TROCAR_OK);
+    assert_true(log.command_count == 3 && log.commands[0].answer == ANSWER_DONE && log.commands[1].answer == ANSWER_REFUSED);
+    assert_int_equal(log.commands[2].answer, ANSWER_UNKNOWN);
+    pose_log_free(&log);
+}
+
 static void distinguishes_other_types_from_damage(void **state) {
     (void)state;
     write_log(2, -1, NULL);
@@ -410,6 +452,8 @@ int main(void) {
         cmocka_unit_test(reads_one_needle_of_several),
         cmocka_unit_test(logs_without_needles_can_still_be_read),
         cmocka_unit_test(commands_for_seeds_are_read),
+        cmocka_unit_test(replies_are_read),
+        cmocka_unit_test(replies_to_one_number_go_to_the_oldest_command),
         cmocka_unit_test(distinguishes_other_types_from_damage),
         cmocka_unit_test(reads_wrenches_of_poses),
         cmocka_unit_test(non_finite_wrenches_are_skipped_and_counted),

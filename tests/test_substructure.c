@@ -364,13 +364,12 @@ static void inverse_of_a_wide_region_agrees_with_the_factor(void **state) {
         report why;
         double needed;
         symmetric_blocks inverses[2] = {{.count = count, .single = single}, {.count = count, .single = single}};
-        const condensed_region wanted = {.count = count, .nodes = region, .single = single};
+        condensed_region wanted = {.count = count, .nodes = region, .single = single};
         assert_int_equal(tissue_assemble(&m, materials, fixed, STRAIN_BY_PATCH, &t, &why), TROCAR_OK);
         for (int threads = 1; threads <= 2; threads++) {
-            openblas_set_num_threads(threads);
+            wanted.threads = threads;
             assert_int_equal(condense(&t, &wanted, nodes, &inverses[threads - 1], &needed, &why), TROCAR_OK);
         }
-        openblas_set_num_threads(1);
         assert_memory_equal(inverses[0].numbers, inverses[1].numbers, symmetric_blocks_bytes(count, single));
         if (!t.factor) assert_int_equal(tissue_factor(&t, 0, NULL, &why), TROCAR_OK);
         for (int i = 0; i < COLUMNS; i++) {
@@ -423,6 +422,38 @@ static void memory_of_condensing_is_predicted(void **state) {
     mesh_free(&m);
 }
 
+static int shown;
+static void note_blas_threads(const char *what, double fraction, void *context) {
+    (void)what, (void)fraction, (void)context;
+    assert_int_equal(openblas_get_num_threads(), 2);
+    shown++;
+}
+
+/* BLAS's number of threads is the process's: another thread may be condensing, too. */
+static void condensing_leaves_blas_alone(void **state) {
+    (void)state;
+    static bool fixed[BOX];
+    mesh m = boxes(1);
+    fix_bottom(&m, fixed);
+    int region[BOX], nodes[BOX], count = 0;
+    tissue t;
+    report why;
+    double needed;
+    for (int n = 0; n < BOX; n++)
+        if (!fixed[n]) region[count++] = n;
+    symmetric_blocks inverse = {.count = count};
+    assert_int_equal(tissue_assemble(&m, materials, fixed, STRAIN_BY_PATCH, &t, &why), TROCAR_OK);
+    openblas_set_num_threads(2);
+    const condensed_region wanted = {.count = count, .nodes = region, .threads = 2, .progress = {note_blas_threads, NULL}};
+    assert_int_equal(condense(&t, &wanted, nodes, &inverse, &needed, &why), TROCAR_OK);
+    assert_int_equal(openblas_get_num_threads(), 2);
+    assert_true(shown > 0);
+    openblas_set_num_threads(1);
+    free(inverse.numbers);
+    tissue_free(&t);
+    mesh_free(&m);
+}
+
 int main(void) {
     const struct CMUnitTest tests[] = {
         cmocka_unit_test(regions_agree_with_the_whole_inverse),
@@ -432,6 +463,7 @@ int main(void) {
         cmocka_unit_test(large_fronts_agree_with_the_factor),
         cmocka_unit_test(inverse_of_a_wide_region_agrees_with_the_factor),
         cmocka_unit_test(memory_of_condensing_is_predicted),
+        cmocka_unit_test(condensing_leaves_blas_alone),
     };
     openblas_set_num_threads(1); /* as in a simulation of meshes like these */
     return cmocka_run_group_tests(tests, NULL, NULL);

@@ -17,3 +17,33 @@ compare "$work/faster.json" --ticks 20 --rounds 1 --limit 1.25 2>"$work/stderr" 
 echo '{}' >"$work/empty.json"
 ! compare "$work/empty.json" --ticks 20 --rounds 1 2>"$work/stderr" || { echo "FAILED: an empty record is accepted"; exit 1; }
 grep -q 'not a recorded comparison' "$work/stderr"
+
+# A record has one scene and one spacing.
+fails() { # WHY COMMAND...
+    local why=$1 status=0
+    shift
+    "$@" --ticks 20 --rounds 1 >/dev/null 2>"$work/stderr" || status=$?
+    [ "$status" -eq 1 ] && grep -q "recorded with --scene meshes/figure8.yaml and --spacing 0.0008" "$work/stderr" || { echo "FAILED: $why: status $status"; exit 1; }
+}
+cp docs/results/tick-guard.json "$work/record.json"
+fails 'compared at another spacing' scripts/compare_ticks "$bench" "$work/record.json" --spacing 0.001
+fails 'compared with another scene' compare "$work/record.json" --scene meshes/prostate.yaml
+fails 'another spacing beside the recorded one' scripts/compare_ticks "$bench" "$bench" --spacing 0.001 --record "$work/record.json"
+fails "the scene's spacing beside another one" scripts/compare_ticks "$bench" "$bench" --record "$work/record.json"
+cmp docs/results/tick-guard.json "$work/record.json"
+sed -E 's/"(portable|avx512)"/"other_\1"/; s/0.0008/8e-4/' docs/results/tick-guard.json >"$work/record.json"
+compare "$bench" --ticks 20 --rounds 1 --record "$work/record.json" >/dev/null
+[ "$(grep -cE '^  "(portable|avx512|other_portable|other_avx512)"' "$work/record.json")" -eq 3 ] || { echo 'FAILED: rows of other kernels are not kept'; exit 1; }
+
+# The wider kernels run where the processor has all that they need, as in core/base/part.h.
+python3 - <<'END'
+import re
+import runpy
+kernels_for = runpy.run_path("scripts/compare_ticks")["kernels_for"]
+with open("core/base/part.h", encoding="utf-8") as file:
+    needed = re.findall(r'__builtin_cpu_supports\("(\w+)"\)', file.read())
+assert len(needed) > 1
+assert kernels_for("flags : fma " + " ".join(needed)) == "avx512"
+for missing in needed:
+    assert kernels_for("flags : fma " + " ".join(f for f in needed if f != missing)) == "portable", missing
+END

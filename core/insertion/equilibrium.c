@@ -217,13 +217,42 @@ static void remember_shape(const tick_context *tick) {
     tick->scratch->start_shift = tick->state->base_shift;
 }
 
-/* Keeps the forces at the start of the tick. */
-static void remember_forces(const tick_context *tick) {
-    insertion_state *state = tick->state;
+static point_solution solution_at(const insertion_state *state, const contact_point *p) {
+    if (p->kind == POINT_GUIDE) {
+        const guide_contact *face = &state->guides[p->guide].faces[p->face];
+        return (point_solution){.force = face->force, .slip = face->slip, .friction = face->friction, .touching = face->touching};
+    }
+    if (p->kind == POINT_TIP)
+        return (point_solution){.force = state->tip.force, .traction = state->tip.shaft_traction, .slip = state->tip.slip, .friction = state->tip.friction};
+    const shaft_contact *contact = &state->contacts[p->handle];
+    return (point_solution){.force = contact->force, .traction = contact->traction, .slip = contact->slip, .friction = contact->friction};
+}
+
+static void set_solution(insertion_state *state, const contact_point *p, const point_solution *s) {
+    *point_force(state, p) = s->force;
+    if (p->kind == POINT_GUIDE) {
+        guide_contact *face = &state->guides[p->guide].faces[p->face];
+        face->slip = s->slip;
+        face->friction = s->friction;
+        face->touching = s->touching;
+    } else if (p->kind == POINT_TIP) {
+        state->tip.shaft_traction = s->traction;
+        state->tip.slip = s->slip;
+        state->tip.friction = s->friction;
+    } else {
+        shaft_contact *contact = &state->contacts[p->handle];
+        contact->traction = s->traction;
+        contact->slip = s->slip;
+        contact->friction = s->friction;
+    }
+}
+
+/* Keeps all that the passes change of the points, at the start of the tick. */
+static void remember_points(const tick_context *tick) {
+    const needle_tip *tip = &tick->state->tip;
     insertion_workspace *w = tick->scratch;
-    for (int i = 0; i < w->point_count; i++) w->start_force[i] = *point_force(state, &w->points[i]);
-    w->start_traction = state->tip.shaft_traction;
-    w->start_end_force = state->tip.end_force;
+    for (int i = 0; i < w->point_count; i++) w->start_points[i] = solution_at(tick->state, &w->points[i]);
+    w->start_tip = (tip_solution){tip->damping, tip->end_force, tip->shaft_slip, tip->shaft_friction};
 }
 
 /* How far the gaps differ from those that balance the forces at the start of the tick: the base has moved; a tip at bone has not. */
@@ -251,15 +280,17 @@ static void find_lag(const tick_context *tick) {
     }
 }
 
-/* Restores what was remembered. */
+/* Restores what was remembered: the passes that follow find the same, to the bit, as if there had been none before. */
 static void recall(const tick_context *tick) {
     insertion_state *state = tick->state;
     insertion_workspace *w = tick->scratch;
     state->needle = w->start;
     state->base_shift = w->start_shift;
-    for (int i = 0; i < w->point_count; i++) *point_force(state, &w->points[i]) = w->start_force[i];
-    state->tip.shaft_traction = w->start_traction;
-    state->tip.end_force = w->start_end_force;
+    for (int i = 0; i < w->point_count; i++) set_solution(state, &w->points[i], &w->start_points[i]);
+    state->tip.damping = w->start_tip.damping;
+    state->tip.end_force = w->start_tip.end_force;
+    state->tip.shaft_slip = w->start_tip.shaft_slip;
+    state->tip.shaft_friction = w->start_tip.shaft_friction;
     locate_points(tick);
     load_needle(tick);
 }
@@ -277,7 +308,7 @@ static pass_result approach(const tick_context *tick) {
         w->lag_left = 1.0 - (done + step);
         r = run_passes(tick, tick->model->settings.max_passes);
         bool stable = r.found && r.converged && !is_saddle(w);
-        if (stable) remember_shape(tick), remember_forces(tick), done += step;
+        if (stable) remember_shape(tick), remember_points(tick), done += step;
         else recall(tick), step *= 0.5;
         r.buckling = !stable;
     }
@@ -363,7 +394,7 @@ void equilibrium_find(const tick_context *tick, const int handles[4]) {
     /* A needle that goes on as in the last step often needs only one pass. In a guide it would run into the edge of the hole. */
     bool guessed = needle_go_on(tick->model->needle, &state->motion, tick->dt, &state->needle);
     prepare(tick, handles);
-    remember_forces(tick);
+    remember_points(tick);
     int most = tick->model->settings.max_passes;
     bool spring = expect_spring(tick);
     pass_result r = run_passes(tick, (guessed || spring) && most > GUESS_PASSES ? GUESS_PASSES : most);

@@ -161,6 +161,36 @@ static trocar_status build_tissue(simulation *s, report *why) {
 
 /* ---- who owns the inverse --------------------------------------------------------------------------------------------- */
 
+/* Threads of BLAS would compete with the haptic thread for its processor, and the last bits would depend on their number: there is one, but
+   while a large mesh is factorised or inverted as a whole, where they save minutes. The number is the process's, so that such meshes take turns;
+   condensing has threads of its own. */
+enum { SEVERAL_THREADS = 30000 }; /* unknowns */
+static once_flag blas_once = ONCE_FLAG_INIT;
+static mtx_t blas_turn;
+static int blas_threads;     /* as many as BLAS takes by itself: processors, or what the environment says */
+static void use_one_blas_thread(void) {
+    mtx_init(&blas_turn, mtx_plain);
+    blas_threads = openblas_get_num_threads();
+    openblas_set_num_threads(1);
+}
+
+static bool is_large(const simulation *s) { return s->tissue.dof_count > SEVERAL_THREADS; }
+
+static trocar_status build_whole(simulation *s, bool sparse, int roi_count, const int *roi, report *why) {
+    trocar_status status = inverse_factor(&s->tissue, sparse ? roi_count : 0, roi, sparse ? s->config.progress : (inverse_progress){NULL, NULL}, why);
+    if (status != TROCAR_OK) return status;
+    return sparse ? inverse_create_sparse(&s->tissue, SPARSE_CACHE, &s->inverse, why) : inverse_create_dense(&s->tissue, &s->inverse, why);
+}
+
+static trocar_status build_large(simulation *s, bool sparse, int roi_count, const int *roi, report *why) {
+    mtx_lock(&blas_turn);
+    openblas_set_num_threads(blas_threads);
+    trocar_status status = build_whole(s, sparse, roi_count, roi, why);
+    openblas_set_num_threads(1);
+    mtx_unlock(&blas_turn);
+    return status;
+}
+
 static trocar_status build_owner(simulation *s, int roi_count, const int *roi, report *why) {
     report notice;
     const simulation_config *config = &s->config;
@@ -170,17 +200,15 @@ static trocar_status build_owner(simulation *s, int roi_count, const int *roi, r
                            .memory = memory_total()}; /* not what is free just now: the same scene shall have the same owner each time */
     inverse_choice choice = inverse_choose(&facts, &s->about_inverse);
     if (choice == INVERSE_CONDENSED) {
-        condensed_region region = {.count = roi_count, .nodes = roi, .single = inverse_is_single(config->precision, roi_count), .directory = config->cache,
+        condensed_region region = {.count = roi_count, .nodes = roi, .single = inverse_is_single(config->precision, roi_count),
+                                   .threads = is_large(s) ? blas_threads : 1, .directory = config->cache,
                                    .must_be_saved = config->keep_inverse, .progress = config->progress};
         trocar_status status = inverse_create_condensed(&s->tissue, &region, &s->inverse, &notice, why);
         size_t used = strlen(s->about_inverse.text);
         if (status == TROCAR_OK) snprintf(s->about_inverse.text + used, sizeof s->about_inverse.text - used, ": %.800s", notice.text);
         return status;
     }
-    bool sparse = choice == INVERSE_SPARSE;
-    trocar_status status = inverse_factor(&s->tissue, sparse ? roi_count : 0, roi, sparse ? config->progress : (inverse_progress){NULL, NULL}, why);
-    if (status != TROCAR_OK) return status;
-    return sparse ? inverse_create_sparse(&s->tissue, SPARSE_CACHE, &s->inverse, why) : inverse_create_dense(&s->tissue, &s->inverse, why);
+    return (is_large(s) ? build_large : build_whole)(s, choice == INVERSE_SPARSE, roi_count, roi, why);
 }
 
 /* The nodes that a probe can press belong to the region of interest, if there is one. */
@@ -197,26 +225,13 @@ static trocar_status add_probe_nodes(const simulation *s, int **nodes, int *coun
     return TROCAR_OK;
 }
 
-/* Threads of BLAS would compete with the haptic thread for its processor, and the last bits would depend on their number: there is one, but
-   while the inverse of a large mesh is made, where they save minutes. */
-enum { SEVERAL_THREADS = 30000 }; /* unknowns */
-static once_flag blas_once = ONCE_FLAG_INIT;
-static int blas_threads;     /* as many as BLAS takes by itself: processors, or what the environment says */
-static void use_one_blas_thread(void) {
-    blas_threads = openblas_get_num_threads();
-    openblas_set_num_threads(1);
-}
-
 static trocar_status build_inverse(simulation *s, report *why) {
     int *roi, roi_count;
     int surface = s->config.membrane_count > 0 ? s->membranes[0].group : -1;
     trocar_status status = roi_find(&s->mesh, &s->config.roi, surface, &roi, &roi_count, why);
     if (status != TROCAR_OK) return status;
     status = add_probe_nodes(s, &roi, &roi_count, why);
-    bool large = s->tissue.dof_count > SEVERAL_THREADS;
-    if (large) openblas_set_num_threads(blas_threads);
     if (status == TROCAR_OK) status = build_owner(s, roi_count, roi, why);
-    if (large) openblas_set_num_threads(1);
     free(roi);
     return status;
 }

@@ -120,6 +120,23 @@ typedef struct {
    on its way. */
 typedef enum { TIP_CUTS, TIP_SPRINGS, TIP_STOPS } tip_law;
 
+/* What a solve finds at a point, and the next one starts from. */
+typedef struct {
+    vec3 force;              /* N, world frame */
+    double traction;         /* N/m, of a shaft in tissue */
+    double slip;             /* m */
+    friction_state friction;
+    bool touching;           /* the edge of a guide's hole */
+} point_solution;
+
+/* And at the tip, beside that of its end. */
+typedef struct {
+    vec3 damping;            /* N, world frame */
+    double end_force;        /* N */
+    double shaft_slip;       /* m, of the shaft next to it */
+    friction_state shaft_friction;
+} tip_solution;
+
 /* Places for all points and for the rest of a vector that begins at any of them; whole cache lines. */
 enum { BETWEEN_PLACES = (MAX_POINTS + 2 * WIDEST - 2) / WIDEST * WIDEST };
 
@@ -146,11 +163,10 @@ typedef struct {
     mat3 tip_row[MAX_POINTS];                /* compliance between the tip and each point, world frame, m/N */
     needle_state start;                      /* shape before the first pass, */
     vec3 start_shift;                        /* m, of the base, */
-    vec3 start_force[MAX_POINTS];            /* N, and forces, */
-    double start_traction;                   /* N/m, and what the shaft next to the tip bears of the last one */
+    point_solution start_points[MAX_POINTS]; /* and what was known of the points: at the tip, traction is that of the shaft next to it */
+    tip_solution start_tip;
     creep_step creep;
     stiffening_step stiffening;
-    double start_end_force;                  /* N, on the tip's end face before the first pass */
     double tip_carried;                      /* m, by which the hand carries the tip forward in this step; INFINITY: not known */
     tip_law tip_law;
     double tip_compliance;                   /* m/N, of needle and tissue at the tip, along the needle */

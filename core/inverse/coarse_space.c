@@ -14,7 +14,8 @@ struct coarse_space {
     int *start;              /* parts + 1: first of a part's places */
     cholmod_common common;
     cholmod_factor *factor;  /* of Z^T K Z */
-    cholmod_dense *moments;
+    cholmod_dense *moments, *motions; /* of the parts; */
+    cholmod_dense *y, *e;    /* and workspace of cholmod_solve2: reused, so that only the first solve allocates */
 };
 
 /* ---- parts ------------------------------------------------------------------------------------------------------------ */
@@ -159,6 +160,7 @@ coarse_space *coarse_space_create(const tissue *t) {
     if (!c) return NULL;
     cholmod_start(&c->common);
     c->common.print = 0;
+    c->common.supernodal = CHOLMOD_SUPERNODAL; /* the other kind does not report a matrix that is indefinite, and cannot reuse its workspace */
     c->nodes = nodes;
     c->places = malloc((size_t)nodes * sizeof *c->places);
     c->start = calloc((size_t)(nodes / (PART / 2) + 2), sizeof *c->start);
@@ -176,6 +178,9 @@ void coarse_space_free(coarse_space *c) {
     if (!c) return;
     cholmod_free_factor(&c->factor, &c->common);
     cholmod_free_dense(&c->moments, &c->common);
+    cholmod_free_dense(&c->motions, &c->common);
+    cholmod_free_dense(&c->y, &c->common);
+    cholmod_free_dense(&c->e, &c->common);
     cholmod_finish(&c->common);
     free(c->places);
     free(c->start);
@@ -192,9 +197,8 @@ bool coarse_space_solve(coarse_space *c, const double *force, double *motion) {
             for (int a = 0; a < 3; a++)
                 for (int k = 0; k < MODES; k++) moments[MODES * p + k] += z[a][k] * force[3 * c->places[i].node + a];
         }
-    cholmod_dense *solution = cholmod_solve(CHOLMOD_A, c->factor, c->moments, &c->common);
-    if (!solution) return false;
-    const double *rigid = solution->x;
+    if (!cholmod_solve2(CHOLMOD_A, c->factor, c->moments, NULL, &c->motions, NULL, &c->y, &c->e, &c->common)) return false;
+    const double *rigid = c->motions->x;
     for (int p = 0; p < c->parts; p++)
         for (int i = c->start[p]; i < c->start[p + 1]; i++) {
             double z[3][MODES];
@@ -205,6 +209,5 @@ bool coarse_space_solve(coarse_space *c, const double *force, double *motion) {
                 motion[3 * c->places[i].node + a] = sum;
             }
         }
-    cholmod_free_dense(&solution, &c->common);
     return true;
 }

@@ -226,13 +226,11 @@ static trocar_status condense_with(team *team, tissue *t, const condensed_region
     return TROCAR_OK;
 }
 
-/* BLAS's own threads do not pay for matrices as small as most fronts, so the team takes their place. */
+/* BLAS's own threads do not pay for matrices as small as most fronts: the team takes their place. BLAS's number of threads is the process's,
+   and left alone here, so that several regions can be condensed at once. */
 trocar_status condense(tissue *t, const condensed_region *region, int *nodes, symmetric_blocks *inverse, double *needed, report *why) {
-    int threads = openblas_get_num_threads();
-    team *team = team_create(threads);
-    openblas_set_num_threads(1);
+    team *team = team_create(region->threads);
     trocar_status status = condense_with(team, t, region, nodes, inverse, needed, why);
-    openblas_set_num_threads(threads);
     team_free(team);
     return status;
 }

@@ -28,6 +28,7 @@ typedef struct {
     int count;
     const int *nodes;
     bool single;             /* precision */
+    int threads;             /* that condensing may use, with BLAS at one thread; 0: one */
     const char *directory;   /* of the cache */
     bool must_be_saved;      /* an inverse that cannot be saved there is not made (SYSTEM) */
     inverse_progress progress;

@@ -1,4 +1,5 @@
-/* A log of poses: either refused with the file's name in the message, or its poses are finite, of one session and in order of time.
+/* A log of poses: either refused with the file's name in the message, or its poses are finite, of one session and in order of time, and its commands
+   in the order of the poses.
    The same bytes as a log of golden wrenches: refused in the same way, or every wrench answers a pose. */
 #include "fuzz.h"
 
@@ -20,17 +21,29 @@ static void read_wrenches(const char *path) {
     wrench_log_free(&log);
 }
 
+static void check_commands(const pose_log *log) {
+    for (int i = 0; i < log->command_count; i++) {
+        const logged_command *c = &log->commands[i];
+        REQUIRE(c->next_pose >= (i == 0 ? 0 : log->commands[i - 1].next_pose) && c->next_pose <= log->count);
+        REQUIRE(c->answer == ANSWER_UNKNOWN || c->answer == ANSWER_DONE || c->answer == ANSWER_REFUSED);
+    }
+}
+
 int LLVMFuzzerTestOneInput(const uint8_t *data, size_t size) {
     pose_log log;
     report why = {""};
     const char *path = file_of(data, size);
     read_wrenches(path);
-    if (pose_log_read_all(path, &log, &why) == TROCAR_OK) pose_log_free(&log);
+    if (pose_log_read_all(path, &log, &why) == TROCAR_OK) {
+        check_commands(&log);
+        pose_log_free(&log);
+    }
     if (pose_log_read(path, &log, &why) != TROCAR_OK) {
         REQUIRE(strncmp(why.text, path, strlen(path)) == 0);
         REQUIRE(log.count == 0 && log.poses == NULL);
         return 0;
     }
+    check_commands(&log);
     for (int i = 0; i < log.count; i++) {
         pose p = pose_of_message(&log.poses[i]);
         REQUIRE(safety_check_pose(&p) == POSE_ACCEPTED);

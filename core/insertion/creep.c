@@ -198,19 +198,53 @@ static double shaft_part(const tick_context *tick) {
     return 1.0 - tick->model->needle->radius / (share->to - share->from);
 }
 
+/* Of each slot, by components. */
+typedef double slot_vectors[3][CONTACT_COLUMNS];
+
+/* What the loads at a slot and at those after it, up to `end`, displace at the other. Slots that are no points' are without load. */
+static void add_displacements(const contact_rows *row, int slot, int end, slot_vectors load, slot_vectors moved) {
+    lanes by_others[3] = {{0}};
+    for (int j = slot + 1; j < end; j += LANES)
+        for (int b = 0; b < 3; b++) {
+            lanes there = lanes_load(&load[b][j]), sum = lanes_load(&moved[b][j]);
+            for (int a = 0; a < 3; a++) {
+                lanes c = lanes_load(&row->at[a][b][j]);
+                by_others[a] += c * there;
+                sum += c * lanes_all(load[a][slot]);
+            }
+            lanes_store(&moved[b][j], sum);
+        }
+    for (int a = 0; a < 3; a++) {
+        moved[a][slot] += lanes_sum(by_others[a]);
+        for (int b = 0; b < 3; b++) moved[a][slot] += row->at[a][b][slot] * load[b][slot];
+    }
+}
+
 /* Displacement of the tissue at each point by the remembered loads. */
 static void find_moved(const tick_context *tick) {
     insertion_workspace *w = tick->scratch;
     creep_step *step = &w->creep;
-    for (int i = w->guided; i < w->point_count; i++) step->moved[i] = ZERO;
-    for (int i = w->guided; i < w->point_count; i++)
-        for (int j = w->guided; j <= i; j++) {
-            bool tip = w->points[i].kind == POINT_TIP;
-            mat3 c = tip ? w->tip_row[j] : compliance_between(tick->snapshot, w->points[i].handle, w->points[j].handle);
-            double yield = tip ? 1.0 : step->yield; /* tip_row has it already */
-            step->moved[i] = v3_axpy(yield, m3_apply(&c, step->load[j]), step->moved[i]);
-            if (j < i) step->moved[j] = v3_axpy(yield, m3_apply_transposed(&c, step->load[i]), step->moved[j]);
-        }
+    slot_vectors load = {{0}}, moved = {{0}};
+    int tip = w->point_count - 1, contacts_end = w->point_count - w->tip, slots_end = 0;
+    for (int i = w->guided; i < contacts_end; i++) {
+        int slot = w->points[i].handle;
+        load[0][slot] = step->load[i].x;
+        load[1][slot] = step->load[i].y;
+        load[2][slot] = step->load[i].z;
+        if (slot >= slots_end) slots_end = slot + 1;
+    }
+    for (int i = w->guided; i < contacts_end; i++)
+        add_displacements(&tick->snapshot->between_contacts[w->points[i].handle], w->points[i].handle, slots_end, load, moved);
+    for (int i = w->guided; i < contacts_end; i++) {
+        int slot = w->points[i].handle;
+        step->moved[i] = v3_scale(step->yield, v3(moved[0][slot], moved[1][slot], moved[2][slot]));
+    }
+    if (!w->tip) return;
+    step->moved[tip] = m3_apply(&w->tip_row[tip], step->load[tip]); /* tip_row has the yield already */
+    for (int i = w->guided; i < tip; i++) {
+        step->moved[tip] = v3_add(step->moved[tip], m3_apply(&w->tip_row[i], step->load[i]));
+        step->moved[i] = v3_add(step->moved[i], m3_apply_transposed(&w->tip_row[i], step->load[tip]));
+    }
 }
 
 /* Traction along the needle, N/m, that a share's memory amounts to. */

@@ -157,13 +157,13 @@ void keep_shear(const tick_context *tick) {
     for (int i = w->guided; i < t; i++) {
         contact_point *p = &w->points[i];
         shaft_contact *contact = &state->contacts[p->handle];
-        double traction = contact->traction + creep_traction(tick, contact->depth);
+        double traction = contact->traction + creep_traction_of(tick, i);
         p->arc = contact->arc += lead_gained(model, p, contact->log_axial, traction, &contact->softness, &contact->stiffening);
     }
     if (!w->tip) return;
     needle_tip *tip = &state->tip;
     double logarithm = local_logarithm(model, &tip->resolved).axial;
-    double traction = tip->shaft_traction + creep_traction(tick, tip->depth);
+    double traction = tip->shaft_traction + creep_traction_of(tick, t);
     tip->stretch += lead_gained(model, &w->points[t], logarithm, traction, &tip->shaft_softness, &tip->shaft_stiffening);
 }
 

@@ -46,12 +46,12 @@ void locate_points(const tick_context *tick) {
     insertion_workspace *w = tick->scratch;
     double arcs[MAX_POINTS];
     needle_point *at[MAX_POINTS];
-    guides_locate(tick);
-    for (int i = w->guided; i < w->point_count; i++) {
+    for (int i = 0; i < w->point_count; i++) {
         arcs[i] = w->points[i].arc;
         at[i] = &w->points[i].at;
     }
-    needle_locate(tick->model->needle, &state->needle, w->point_count - w->guided, &arcs[w->guided], &at[w->guided]);
+    needle_locate(tick->model->needle, &state->needle, w->point_count, arcs, at);
+    guides_locate(tick);
     for (int i = w->guided; i < w->point_count; i++) {
         contact_point *p = &w->points[i];
         p->target = p->kind == POINT_TIP ? v3_add(tip_place(&state->tip), w->free_at_tip)

@@ -211,7 +211,8 @@ static double shaft_part(const tick_context *tick) {
 /* Of each slot, by components. */
 typedef double slot_vectors[3][CONTACT_COLUMNS];
 
-/* What the loads at a slot and at those beyond, up to `end`, displace at the other. Slots that are no points' are without load. */
+/* What the loads at a slot and at those beyond, up to `end`, displace at each other; by those beyond, at the slot itself, in `by_beyond`. Slots that
+   are no points' are without load. */
 static void add_displacements(const contact_rows *row, int slot, int end, slot_vectors load, slot_vectors moved, slot_vectors by_beyond) {
     lanes sum[3] = {lanes_all(0.0), lanes_all(0.0), lanes_all(0.0)};
     for (int j = lanes_below(slot); j < end; j += LANES) { /* aligned: what a store has just left is read again as a whole */
@@ -372,11 +373,13 @@ vec3 creep_free_at(const tick_context *tick, const int handles[4], const double 
 
 /* ---- memory ------------------------------------------------------------------------------------------------------------ */
 
-static void follow(const creep_series *creep, const double *decay, const remembered_forces *now, remembered_forces *terms) {
+static void follow(const creep_series *creep, const double *decay, remembered_forces now, remembered_forces *terms) {
+    vec3 load = now.load, across = now.across;
+    const lanes all[] = {{load.x, load.y, load.z, across.x}, {across.y, across.z, now.twist, now.along}}; /* as they lie in memory */
     for (int k = 0; k < creep->count; k++)
         for (int i = 0; i < REMEMBERED; i += LANES) {
             double *term = (double *)&terms[k] + i;
-            lanes_store(term, decay[k] * lanes_load(term) + (1.0 - decay[k]) * lanes_load((const double *)now + i));
+            lanes_store(term, decay[k] * lanes_load(term) + (1.0 - decay[k]) * all[i / LANES]);
         }
 }
 
@@ -400,7 +403,7 @@ void creep_remember(const tick_context *tick) {
         }
         double torque = tip ? state->tip.roll.torque / shaft_part(tick) : state->contacts[w->points[i].handle].roll.torque;
         remembered_forces now = {tip ? tip_load(&state->tip) : force, v3_axpy(-along, needle, force), torque, shaft};
-        follow(creep, decay, &now, share_of(tick, i)->terms);
+        follow(creep, decay, now, share_of(tick, i)->terms);
         if (tip) follow_face(creep, decay, face + v3_dot(state->tip.damping, needle), state->memory.face);
     }
 }
@@ -414,7 +417,7 @@ void creep_fade(const tick_context *tick) {
     tissue_memory *memory = &tick->state->memory;
     const double *decay = tick->scratch->creep.decay;
     if (creep->count == 0) return;
-    for (int i = 0; i < memory->count; i++) follow(creep, decay, &NOTHING, memory->shares[i].terms);
+    for (int i = 0; i < memory->count; i++) follow(creep, decay, NOTHING, memory->shares[i].terms);
     follow_face(creep, decay, 0.0, memory->face);
 }
 

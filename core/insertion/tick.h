@@ -71,9 +71,9 @@ typedef struct {
 typedef struct {
     double yield;
     double decay[MAX_RELAXATION];            /* of each term's memory, over the step; */
-    double weight[MAX_RELAXATION];           /* of each term in what is remembered; */
+    double weight[MAX_RELAXATION];           /* of each term in what is remembered, over the yield; */
     double left[MAX_RELAXATION];             /* of the snapshot's u_left, since then */
-    remembered_forces remembered[MAX_POINTS]; /* at points in tissue; of the tip's shaft, what is as long as its share */
+    remembered_forces remembered[MAX_POINTS]; /* by points in tissue, over the yield; along and about the tip, what its own part of the share bears */
     double face;                             /* N, remembered of the force on the tip's end face */
     double tip_moved;                        /* m, since the last step */
     vec3 moved[MAX_POINTS];                  /* m, displacement of the tissue by the remembered loads */

@@ -182,7 +182,7 @@ static void nothing_remembered_is_lost(void **unused) {
                 double decay = exp(-1e-3 / creep->time[k]);
                 expected[k] = v3_add(v3_scale(decay, expected[k]), v3_scale(1.0 - decay, sum));
                 vec3 found = v3(0, 0, 0);
-                for (int n = 0; n < s->memory.count; n++) found = v3_add(found, s->memory.shares[n].load[k]);
+                for (int n = 0; n < s->memory.count; n++) found = v3_add(found, s->memory.shares[n].terms[k].load);
                 for (int n = 0; n < s->memory.left.count; n++) found = v3_add(found, s->memory.left.loads[n].load[k]);
                 worst = fmax(worst, v3_norm(v3_sub(found, expected[k])));
                 largest = fmax(largest, v3_norm(expected[k]));

@@ -17,7 +17,12 @@ static inline lanes lanes_load(const double *from) {
 
 static inline void lanes_store(double *to, lanes x) { memcpy(to, &x, sizeof x); }
 static inline lanes lanes_all(double x) { return (lanes){x, x, x, x}; }
+static inline lanes lanes_from(int i) { return lanes_all(i) + (lanes){0, 1, 2, 3}; }
 static inline double lanes_sum(lanes x) { return (x[0] + x[2]) + (x[1] + x[3]); }
+
+/* x where the mask, a comparison of lanes, is true, and zero in the other lanes. */
+typedef __typeof__((lanes){0} < (lanes){0}) lanes_mask;
+static inline lanes lanes_where(lanes_mask mask, lanes x) { return (lanes)(mask & (lanes_mask)x); }
 
 /* The largest multiple of LANES that is not above i >= 0. */
 static inline int lanes_below(int i) { return i / LANES * LANES; }

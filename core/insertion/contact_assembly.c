@@ -46,12 +46,12 @@ void locate_points(const tick_context *tick) {
     insertion_workspace *w = tick->scratch;
     double arcs[MAX_POINTS];
     needle_point *at[MAX_POINTS];
-    guides_locate(tick);
-    for (int i = w->guided; i < w->point_count; i++) {
+    for (int i = 0; i < w->point_count; i++) {
         arcs[i] = w->points[i].arc;
         at[i] = &w->points[i].at;
     }
-    needle_locate(tick->model->needle, &state->needle, w->point_count - w->guided, &arcs[w->guided], &at[w->guided]);
+    needle_locate(tick->model->needle, &state->needle, w->point_count, arcs, at);
+    guides_locate(tick);
     for (int i = w->guided; i < w->point_count; i++) {
         contact_point *p = &w->points[i];
         p->target = p->kind == POINT_TIP ? v3_add(tip_place(&state->tip), w->free_at_tip)
@@ -157,13 +157,13 @@ void keep_shear(const tick_context *tick) {
     for (int i = w->guided; i < t; i++) {
         contact_point *p = &w->points[i];
         shaft_contact *contact = &state->contacts[p->handle];
-        double traction = contact->traction + creep_traction(tick, contact->depth);
+        double traction = contact->traction + creep_traction_of(tick, i);
         p->arc = contact->arc += lead_gained(model, p, contact->log_axial, traction, &contact->softness, &contact->stiffening);
     }
     if (!w->tip) return;
     needle_tip *tip = &state->tip;
     double logarithm = local_logarithm(model, &tip->resolved).axial;
-    double traction = tip->shaft_traction + creep_traction(tick, tip->depth);
+    double traction = tip->shaft_traction + creep_traction_of(tick, t);
     tip->stretch += lead_gained(model, &w->points[t], logarithm, traction, &tip->shaft_softness, &tip->shaft_stiffening);
 }
 

@@ -10,21 +10,28 @@ static const double NEGLIGIBLE = 1e-9; /* N, of a left load that is forgotten */
 static const double ALL_OF_IT = 1e-9;  /* part of a share that rounding may leave over */
 
 static const vec3 ZERO = {0, 0, 0};
+static const remembered_forces NOTHING = {{0, 0, 0}, {0, 0, 0}, 0, 0};
 
-/* Sum of the terms of a memory, each with its compliance and a factor. */
-static vec3 sum_of_terms(const creep_series *creep, const vec3 *terms, const double *factor) {
-    vec3 sum = ZERO;
-    for (int k = 0; k < creep->count; k++) sum = v3_axpy(creep->compliance[k] * (factor ? factor[k] : 1.0), terms[k], sum);
-    return sum;
+enum { REMEMBERED = sizeof(remembered_forces) / sizeof(double) };
+_Static_assert(REMEMBERED % LANES == 0, "they are added up in whole lanes");
+
+/* to += factor * from */
+static void add_part(double factor, const remembered_forces *from, remembered_forces *to) {
+    const double *x = (const double *)from;
+    double *y = (double *)to;
+    for (int i = 0; i < REMEMBERED; i += LANES) lanes_store(y + i, factor * lanes_load(x + i) + lanes_load(y + i));
+}
+
+/* Sum of the terms, each with its weight. */
+static void add_up(int count, const double *weights, const remembered_forces *terms, remembered_forces *sum) {
+    for (int i = 0; i < REMEMBERED; i += LANES) {
+        lanes x = lanes_all(0.0);
+        for (int k = 0; k < count; k++) x += weights[k] * lanes_load((const double *)&terms[k] + i);
+        lanes_store((double *)sum + i, x);
+    }
 }
 
 /* ---- loads that nothing holds ------------------------------------------------------------------------------------------ */
-
-static double sum_along(const creep_series *creep, const double *terms, const double *factor) {
-    double sum = 0.0;
-    for (int k = 0; k < creep->count; k++) sum += creep->compliance[k] * factor[k] * terms[k];
-    return sum;
-}
 
 static double size_of_terms(const creep_series *creep, const vec3 *terms) {
     double size = 0.0;
@@ -47,7 +54,9 @@ static int closest_left(const left_loads *left, vec3 x, double *distance) {
 static void leave(const insertion_model *model, tissue_memory *memory, const share_memory *share, double part, const double *decay) {
     const creep_series *creep = &model->creep;
     left_loads *left = &memory->left;
-    double distance, size = part * size_of_terms(creep, share->load);
+    vec3 load[MAX_RELAXATION];
+    for (int k = 0; k < creep->count; k++) load[k] = v3_scale(part, share->terms[k].load);
+    double distance, size = size_of_terms(creep, load);
     if (size == 0.0) return;
     int i = closest_left(left, share->at, &distance);
     if (i < 0 || (distance > TOGETHER && left->count < MAX_LEFT)) {
@@ -55,7 +64,7 @@ static void leave(const insertion_model *model, tissue_memory *memory, const sha
         left->loads[i] = (left_load){.tet = share->tet, .at = share->at};
         mesh_barycentric(model->mesh, share->tet, share->at, left->loads[i].weights);
     }
-    for (int k = 0; k < creep->count; k++) left->loads[i].load[k] = v3_axpy(part * (decay ? decay[k] : 1.0), share->load[k], left->loads[i].load[k]);
+    for (int k = 0; k < creep->count; k++) left->loads[i].load[k] = v3_axpy(decay ? decay[k] : 1.0, load[k], left->loads[i].load[k]);
     memory->left_added += size;
     memory->left_growing = true;
 }
@@ -89,6 +98,7 @@ void creep_begin(const tick_context *tick) {
         step->left[k] = exp(-(memory->time - tick->snapshot->left_time) / creep->time[k]);
         step->yield += creep->compliance[k] * (1.0 - step->decay[k]);
     }
+    for (int k = 0; k < creep->count; k++) step->weight[k] = creep->compliance[k] * step->decay[k] / step->yield;
     fade_left(creep, step->decay, &memory->left);
     memory->left.time = memory->time;
 }
@@ -105,13 +115,13 @@ static share_memory empty_share(const tick_context *tick, const contact_point *p
     return (share_memory){.from = p->share.from, .to = p->share.to, .tet = node->tet, .at = node->position};
 }
 
-static void add_part(const creep_series *creep, double part, const share_memory *from, share_memory *to) {
-    for (int k = 0; k < creep->count; k++) {
-        to->load[k] = v3_axpy(part, from->load[k], to->load[k]);
-        to->across[k] = v3_axpy(part, from->across[k], to->across[k]);
-        to->along[k] += part * from->along[k];
-        to->twist[k] += part * from->twist[k];
-    }
+/* How many shares from the base on have the borders of the last step; not the last one, which ends at the tip. */
+static int count_kept(const tick_context *tick) {
+    const tissue_memory *memory = &tick->state->memory;
+    const contact_point *points = &tick->scratch->points[tick->scratch->guided];
+    int now = tick->scratch->point_count - tick->scratch->guided, most = (now < memory->count ? now : memory->count) - 1, kept = 0;
+    while (kept < most && memory->shares[kept].from == points[kept].share.from && memory->shares[kept].to == points[kept].share.to) kept++;
+    return kept;
 }
 
 /* How far the tip has moved since the last step, m. */
@@ -127,9 +137,10 @@ static void glide(const tick_context *tick) {
     double part = -expm1(-0.5 * tick->scratch->creep.tip_moved / tick->model->needle->radius);
     leave(tick->model, memory, share, part, tick->scratch->creep.decay);
     for (int k = 0; k < tick->model->creep.count; k++) {
-        share->load[k] = v3_scale(1.0 - part, share->load[k]);
-        share->across[k] = v3_scale(1.0 - part, share->across[k]);
-        share->along[k] *= 1.0 - part;
+        remembered_forces *term = &share->terms[k];
+        term->load = v3_scale(1.0 - part, term->load);
+        term->across = v3_scale(1.0 - part, term->across);
+        term->along *= 1.0 - part;
     }
 }
 
@@ -139,27 +150,26 @@ void creep_share_out(const tick_context *tick) {
     const creep_series *creep = &tick->model->creep;
     const insertion_workspace *w = tick->scratch;
     tissue_memory *memory = &tick->state->memory;
-    share_memory *before = tick->scratch->creep.before;
-    int count = memory->count, first = 0;
+    creep_step *step = &tick->scratch->creep;
     if (creep->count == 0) return;
-    tick->scratch->creep.tip_moved = tip_way_since(tick);
-    if (w->tip && count == 1 && tick->state->tip.depth == 0.0 && tick->scratch->creep.tip_moved > 0.0) glide(tick);
-    memcpy(before, memory->shares, (size_t)count * sizeof *before);
-    tick->scratch->creep.before_count = count;
-    tick->scratch->creep.before_tip = memory->tip;
+    step->tip_moved = tip_way_since(tick);
+    if (w->tip && memory->count == 1 && tick->state->tip.depth == 0.0 && step->tip_moved > 0.0) glide(tick);
+    int first = step->kept = count_kept(tick), count = step->before_count = memory->count - first;
+    const share_memory *before = memcpy(step->before, &memory->shares[first], (size_t)count * sizeof *before);
+    step->before_tip = memory->tip;
     memory->count = w->point_count - w->guided;
     memory->tip = w->tip;
-    for (int k = 0; k < memory->count; k++) memory->shares[k] = empty_share(tick, &w->points[w->guided + k]);
+    for (int k = first; k < memory->count; k++) memory->shares[k] = empty_share(tick, &w->points[w->guided + k]);
     for (int i = 0; i < count; i++) {
         double length = before[i].to - before[i].from, rest = 1.0;
         while (first < memory->count && memory->shares[first].to <= before[i].from) first++;
         for (int k = first; k < memory->count && memory->shares[k].from < before[i].to; k++) {
             share_memory *now = &memory->shares[k];
             double part = (fmin(now->to, before[i].to) - fmax(now->from, before[i].from)) / length;
-            add_part(creep, part, &before[i], now);
+            for (int t = 0; t < creep->count; t++) add_part(part, &before[i].terms[t], &now->terms[t]);
             rest -= part;
         }
-        if (rest > ALL_OF_IT) leave(tick->model, memory, &before[i], rest, tick->scratch->creep.decay);
+        if (rest > ALL_OF_IT) leave(tick->model, memory, &before[i], rest, step->decay);
     }
 }
 
@@ -198,24 +208,65 @@ static double shaft_part(const tick_context *tick) {
     return 1.0 - tick->model->needle->radius / (share->to - share->from);
 }
 
+/* Of each slot, by components. */
+typedef double slot_vectors[3][CONTACT_COLUMNS];
+
+/* What the loads at a slot and at those beyond, up to `end`, displace at each other; by those beyond, at the slot itself, in `by_beyond`. Slots that
+   are no points' are without load. */
+static void add_displacements(const contact_rows *row, int slot, int end, slot_vectors load, slot_vectors moved, slot_vectors by_beyond) {
+    lanes sum[3] = {lanes_all(0.0), lanes_all(0.0), lanes_all(0.0)};
+    for (int j = lanes_below(slot); j < end; j += LANES) { /* aligned: what a store has just left is read again as a whole */
+        lanes place = lanes_from(j), here[3], there[3], moved_there[3];
+        for (int a = 0; a < 3; a++) {
+            here[a] = lanes_where(place >= slot, lanes_all(load[a][slot]));
+            there[a] = lanes_where(place > slot, lanes_load(&load[a][j]));
+            moved_there[a] = lanes_load(&moved[a][j]);
+        }
+        for (int a = 0; a < 3; a++)
+            for (int b = 0; b < 3; b++) {
+                lanes c = lanes_load(&row->at[a][b][j]);
+                sum[a] += c * there[b];
+                moved_there[b] += c * here[a];
+            }
+        for (int b = 0; b < 3; b++) lanes_store(&moved[b][j], moved_there[b]);
+    }
+    for (int a = 0; a < 3; a++) by_beyond[a][slot] = lanes_sum(sum[a]);
+}
+
 /* Displacement of the tissue at each point by the remembered loads. */
 static void find_moved(const tick_context *tick) {
     insertion_workspace *w = tick->scratch;
     creep_step *step = &w->creep;
-    for (int i = w->guided; i < w->point_count; i++) step->moved[i] = ZERO;
-    for (int i = w->guided; i < w->point_count; i++)
-        for (int j = w->guided; j <= i; j++) {
-            bool tip = w->points[i].kind == POINT_TIP;
-            mat3 c = tip ? w->tip_row[j] : compliance_between(tick->snapshot, w->points[i].handle, w->points[j].handle);
-            double yield = tip ? 1.0 : step->yield; /* tip_row has it already */
-            step->moved[i] = v3_axpy(yield, m3_apply(&c, step->load[j]), step->moved[i]);
-            if (j < i) step->moved[j] = v3_axpy(yield, m3_apply_transposed(&c, step->load[i]), step->moved[j]);
-        }
+    _Alignas(CACHE_LINE) slot_vectors load = {{0}}, moved = {{0}};
+    slot_vectors by_beyond;
+    const remembered_forces *by = step->remembered;
+    int tip = w->point_count - 1, contacts_end = w->point_count - w->tip, slots_end = 0;
+    for (int i = w->guided; i < contacts_end; i++) {
+        int slot = w->points[i].handle;
+        load[0][slot] = by[i].load.x;
+        load[1][slot] = by[i].load.y;
+        load[2][slot] = by[i].load.z;
+        if (slot >= slots_end) slots_end = slot + 1;
+    }
+    for (int i = w->guided; i < contacts_end; i++)
+        add_displacements(&tick->snapshot->between_contacts[w->points[i].handle], w->points[i].handle, slots_end, load, moved, by_beyond);
+    for (int i = w->guided; i < contacts_end; i++) {
+        int slot = w->points[i].handle;
+        step->moved[i] = v3_scale(step->yield, v3(moved[0][slot] + by_beyond[0][slot], moved[1][slot] + by_beyond[1][slot], moved[2][slot] + by_beyond[2][slot]));
+    }
+    if (!w->tip) return;
+    step->moved[tip] = m3_apply(&w->tip_row[tip], by[tip].load); /* tip_row has the yield already */
+    for (int i = w->guided; i < tip; i++) {
+        step->moved[tip] = v3_add(step->moved[tip], m3_apply(&w->tip_row[i], by[i].load));
+        step->moved[i] = v3_add(step->moved[i], m3_apply_transposed(&w->tip_row[i], by[tip].load));
+    }
 }
 
 /* Traction along the needle, N/m, that a share's memory amounts to. */
 static double traction_of(const tick_context *tick, const share_memory *share) {
-    return sum_along(&tick->model->creep, share->along, tick->scratch->creep.decay) / (share->to - share->from);
+    double sum = 0.0;
+    for (int k = 0; k < tick->model->creep.count; k++) sum += tick->scratch->creep.weight[k] * share->terms[k].along;
+    return tick->scratch->creep.yield * sum / (share->to - share->from);
 }
 
 static double traction_at(const tick_context *tick, int count, const share_memory *shares, double depth) {
@@ -228,13 +279,15 @@ double creep_traction(const tick_context *tick, double depth) {
     return traction_at(tick, tick->state->memory.count, tick->state->memory.shares, depth);
 }
 
+double creep_traction_of(const tick_context *tick, int i) { return tick->model->creep.count > 0 ? traction_of(tick, share_of(tick, i)) : 0.0; }
+
 /* A share that is divided anew remembers another mean shear of the tissue than before. The shaft there has not moved for it: like
    keep_shear. */
 static void keep_remembered_shear(const tick_context *tick) {
     insertion_state *state = tick->state;
     insertion_workspace *w = tick->scratch;
     const creep_step *step = &w->creep;
-    for (int i = w->guided; i < w->point_count; i++) {
+    for (int i = w->guided + step->kept; i < w->point_count; i++) {
         contact_point *p = &w->points[i];
         bool tip = p->kind == POINT_TIP;
         double depth = tip ? state->tip.depth : state->contacts[p->handle].depth;
@@ -257,18 +310,16 @@ void creep_recall(const tick_context *tick) {
     if (w->tip) fade_face(tick, w->axial[tip]);
     keep_remembered_shear(tick);
     for (int i = w->guided; i < w->point_count; i++) {
-        const share_memory *share = share_of(tick, i);
-        step->load[i] = v3_scale(1.0 / step->yield, sum_of_terms(creep, share->load, step->decay));
-        step->across[i] = v3_scale(1.0 / step->yield, sum_of_terms(creep, share->across, step->decay));
-        step->along[i] = sum_along(creep, share->along, step->decay) / step->yield;
+        add_up(creep->count, step->weight, share_of(tick, i)->terms, &step->remembered[i]);
         w->lateral[i].least *= step->yield;
         w->lateral[i].more *= step->yield;
         w->axial[i] *= step->yield;
     }
     step->face = 0.0;
     if (w->tip) {
-        step->face = sum_along(creep, tick->state->memory.face, step->decay) / step->yield;
-        step->along[tip] *= shaft_part(tick);
+        for (int k = 0; k < creep->count; k++) step->face += step->weight[k] * tick->state->memory.face[k];
+        step->remembered[tip].along *= shaft_part(tick);
+        step->remembered[tip].twist *= shaft_part(tick);
         w->axial[tip + 1] *= step->yield;
         w->held_axial *= step->yield;
     }
@@ -322,11 +373,17 @@ vec3 creep_free_at(const tick_context *tick, const int handles[4], const double 
 
 /* ---- memory ------------------------------------------------------------------------------------------------------------ */
 
-static void follow(const creep_series *creep, const double *decay, vec3 force, vec3 *terms) {
-    for (int k = 0; k < creep->count; k++) terms[k] = v3_axpy(decay[k], terms[k], v3_scale(1.0 - decay[k], force));
+static void follow(const creep_series *creep, const double *decay, remembered_forces now, remembered_forces *terms) {
+    vec3 load = now.load, across = now.across;
+    const lanes all[] = {{load.x, load.y, load.z, across.x}, {across.y, across.z, now.twist, now.along}}; /* as they lie in memory */
+    for (int k = 0; k < creep->count; k++)
+        for (int i = 0; i < REMEMBERED; i += LANES) {
+            double *term = (double *)&terms[k] + i;
+            lanes_store(term, decay[k] * lanes_load(term) + (1.0 - decay[k]) * all[i / LANES]);
+        }
 }
 
-static void follow_along(const creep_series *creep, const double *decay, double force, double *terms) {
+static void follow_face(const creep_series *creep, const double *decay, double force, double *terms) {
     for (int k = 0; k < creep->count; k++) terms[k] = decay[k] * terms[k] + (1.0 - decay[k]) * force;
 }
 
@@ -337,7 +394,6 @@ void creep_remember(const tick_context *tick) {
     const double *decay = w->creep.decay;
     if (creep->count == 0) return;
     for (int i = w->guided; i < w->point_count; i++) {
-        share_memory *share = share_of(tick, i);
         bool tip = w->points[i].kind == POINT_TIP;
         vec3 force = *point_force(state, &w->points[i]), needle = needle_along(&w->points[i].at);
         double along = v3_dot(force, needle), shaft = along, face = 0.0;
@@ -345,20 +401,15 @@ void creep_remember(const tick_context *tick) {
             face = state->buckled ? 0.0 : w->problem.force[unknown(w->problem.count, i, 2)];
             shaft = state->buckled ? 0.0 : w->problem.force[unknown(w->problem.count, i, 2) + 1] / shaft_part(tick);
         }
-        follow(creep, decay, tip ? tip_load(&state->tip) : force, share->load);
-        follow(creep, decay, v3_axpy(-along, needle, force), share->across);
-        follow_along(creep, decay, shaft, share->along);
-        const roll_friction *roll = tip ? &state->tip.roll : &state->contacts[w->points[i].handle].roll;
-        follow_along(creep, decay, tip ? roll->torque / shaft_part(tick) : roll->torque, share->twist);
-        if (tip) follow_along(creep, decay, face + v3_dot(state->tip.damping, needle), state->memory.face);
+        double torque = tip ? state->tip.roll.torque / shaft_part(tick) : state->contacts[w->points[i].handle].roll.torque;
+        remembered_forces now = {tip ? tip_load(&state->tip) : force, v3_axpy(-along, needle, force), torque, shaft};
+        follow(creep, decay, now, share_of(tick, i)->terms);
+        if (tip) follow_face(creep, decay, face + v3_dot(state->tip.damping, needle), state->memory.face);
     }
 }
 
 double creep_twist(const tick_context *tick, int i) {
-    const creep_series *creep = &tick->model->creep;
-    if (creep->count == 0) return 0.0;
-    double twist = sum_along(creep, share_of(tick, i)->twist, tick->scratch->creep.decay) / tick->scratch->creep.yield;
-    return tick->scratch->points[i].kind == POINT_TIP ? twist * shaft_part(tick) : twist;
+    return tick->model->creep.count > 0 ? tick->scratch->creep.remembered[i].twist : 0.0;
 }
 
 void creep_fade(const tick_context *tick) {
@@ -366,24 +417,25 @@ void creep_fade(const tick_context *tick) {
     tissue_memory *memory = &tick->state->memory;
     const double *decay = tick->scratch->creep.decay;
     if (creep->count == 0) return;
-    for (int i = 0; i < memory->count; i++) {
-        follow(creep, decay, ZERO, memory->shares[i].load);
-        follow(creep, decay, ZERO, memory->shares[i].across);
-        follow_along(creep, decay, 0.0, memory->shares[i].along);
-        follow_along(creep, decay, 0.0, memory->shares[i].twist);
-    }
-    follow_along(creep, decay, 0.0, memory->face);
+    for (int i = 0; i < memory->count; i++) follow(creep, decay, NOTHING, memory->shares[i].terms);
+    follow_face(creep, decay, 0.0, memory->face);
 }
 
 vec3 creep_load(const insertion_model *model, const tissue_memory *memory, int i) {
-    return i < memory->count ? sum_of_terms(&model->creep, memory->shares[i].load, NULL) : ZERO;
+    vec3 sum = ZERO;
+    for (int k = 0; k < model->creep.count && i < memory->count; k++) sum = v3_axpy(model->creep.compliance[k], memory->shares[i].terms[k].load, sum);
+    return sum;
 }
 
 vec3 creep_tip_load(const insertion_model *model, const tissue_memory *memory) {
     return memory->tip ? creep_load(model, memory, memory->count - 1) : ZERO;
 }
 
-vec3 creep_left_load(const insertion_model *model, const left_load *left) { return sum_of_terms(&model->creep, left->load, NULL); }
+vec3 creep_left_load(const insertion_model *model, const left_load *left) {
+    vec3 sum = ZERO;
+    for (int k = 0; k < model->creep.count; k++) sum = v3_axpy(model->creep.compliance[k], left->load[k], sum);
+    return sum;
+}
 
 double creep_shaft_ahead(const tick_context *tick, int k) {
     const shaft_contact *contact = &tick->state->contacts[tick->state->refined.order[k]];
@@ -396,8 +448,9 @@ double creep_sum(const tissue_memory *memory) {
     double along = memory->time;
     for (int k = 0; k < MAX_RELAXATION; k++) {
         for (int i = 0; i < memory->count; i++) {
-            sum = v3_add(sum, v3_add(memory->shares[i].load[k], memory->shares[i].across[k]));
-            along += memory->shares[i].along[k] + memory->shares[i].twist[k];
+            const remembered_forces *term = &memory->shares[i].terms[k];
+            sum = v3_add(sum, v3_add(term->load, term->across));
+            along += term->along + term->twist;
         }
         for (int i = 0; i < memory->left.count; i++) sum = v3_add(sum, memory->left.loads[i].load[k]);
         along += memory->face[k];

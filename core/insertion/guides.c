@@ -2,6 +2,7 @@
 
 static const double LEAST_STIFFNESS = 1e-2;   /* N/m, along a hole's edge, where it is touched without force */
 static const double LEAST_SLOPE = 0.3;        /* cosine of the angle between needle and hole, below which no hole holds it */
+static const double LAST_STEP = 1e-9;         /* m along the needle: the next one, of Newton's, would be rounding */
 static const double TOLERANCE = 1e-6;         /* m, by which the needle may be off the edge where the passes stop, */
 static const double LIGHT_TOUCH = 0.01;       /* and of the way by which the edge bends it, so that it lets go where it should */
 
@@ -29,7 +30,8 @@ static double crossing(const tick_context *tick, double arc, vec3 centre, vec3 n
         needle_point p = needle_at(tick->model->needle, &tick->state->needle, arc);
         double step = beyond_plane(&p, centre, normal);
         if (!isfinite(step)) break; /* the needle is parallel to the plate */
-        arc = fmin(fmax(arc - step, 0.0), length);
+        arc = smaller_of(larger_of(arc - step, 0.0), length);
+        if (fabs(step) < LAST_STEP) break;
     }
     return arc;
 }
@@ -118,9 +120,12 @@ void guides_list(const tick_context *tick) {
         const guide_state *s = &tick->state->guides[i];
         int faces = s->passage != GUIDE_IN_HOLE ? 0 : model->guides[i].thickness > 0.0 ? 2 : 1;
         for (int f = 0; f < faces; f++)
-            w->points[w->guided++] = (contact_point){.kind = POINT_GUIDE, .handle = NO_HANDLE, .guide = i, .face = f};
+            w->points[w->guided++] = (contact_point){.kind = POINT_GUIDE, .handle = NO_HANDLE, .guide = i, .face = f, .arc = s->faces[f].arc};
     }
 }
+
+/* As hypot(), without its precautions against overflow, which take longer than all the rest here. */
+static double length_of(double x, double y) { return sqrt(x * x + y * y); }
 
 /* Oblique where the needle is not normal to the plate. */
 static crossing_map map_of(const guide *g, const needle_point *at) {
@@ -156,8 +161,6 @@ static void find_touch(const tick_context *tick, int point) {
     const guide *g = guide_of(tick, point);
     const guide_state *s = state_of(tick, point);
     const guide_contact *face = &s->faces[p->face];
-    p->arc = face->arc;
-    p->at = needle_at(tick->model->needle, &tick->state->needle, p->arc);
     vec3 centre = guide_hole(g, s->hole, plane_of(s, p->face));
     p->target = v3_axpy(-beyond_plane(&p->at, centre, g->normal), needle_along(&p->at), p->at.position);
     vec3 offset = v3_sub(p->target, centre), given = m3_apply_transposed(&p->at.frame, face->force);
@@ -167,16 +170,16 @@ static void find_touch(const tick_context *tick, int point) {
         edge->offset[a] = v3_dot(offset, g->across[a]);
         f[a] = edge->map.inverse[0][a] * given.x + edge->map.inverse[1][a] * given.y;
     }
-    double force = hypot(f[0], f[1]), r = needle_compliance(tick, p->arc);
+    double force = length_of(f[0], f[1]), r = needle_compliance(tick, p->arc);
     if (r * force > c) r = c / force;
     for (int a = 0; a < 2; a++) n[a] = edge->offset[a] + r * f[a];
-    double reach = hypot(n[0], n[1]);
+    double reach = length_of(n[0], n[1]);
     edge->touched = reach > c || c == 0.0;
     edge->pulled = edge->touched ? 0.0 : force;
     edge->pressed = edge->touched ? (reach - c) / (r + 1.0 / g->stiffness) : 0.0;
     for (int a = 0; a < 2; a++) edge->normal[a] = reach > 0.0 ? n[a] / reach : a == 0;
     edge->bent = edge->pressed * (r + 1.0 / g->stiffness);
-    edge->error = hypot(f[0] - edge->pressed * edge->normal[0], f[1] - edge->pressed * edge->normal[1]) * (r + 1.0 / g->stiffness);
+    edge->error = length_of(f[0] - edge->pressed * edge->normal[0], f[1] - edge->pressed * edge->normal[1]) * (r + 1.0 / g->stiffness);
 }
 
 /* Where the needle leaves both faces of a plate in one pass, only the one that would pull more is let go: as a rule the other one pulls
@@ -185,7 +188,7 @@ static void keep_one_face(const tick_context *tick, int front) {
     hole_edge *edge = &tick->scratch->edges[front];
     if (edge[0].pulled == 0.0 || edge[1].pulled == 0.0) return;
     hole_edge *kept = &edge[edge[0].pulled > edge[1].pulled];
-    double distance = hypot(kept->offset[0], kept->offset[1]);
+    double distance = length_of(kept->offset[0], kept->offset[1]);
     if (distance == 0.0) return;
     kept->touched = true;
     for (int a = 0; a < 2; a++) kept->normal[a] = kept->offset[a] / distance;

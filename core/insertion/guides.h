@@ -16,7 +16,7 @@ bool guides_hold(const insertion_model *model, const insertion_state *state);
 /* Lists the points of contact with guides, which come before all others. RT */
 void guides_list(const tick_context *tick);
 
-/* Where these points are on the needle, and where the edges of the holes would have them without force; how the edges yield. RT */
+/* Where the edges of the holes would have these points, located on the needle, without force; how the edges yield. RT */
 void guides_locate(const tick_context *tick);
 
 /* Bounds of its force along the needle: Coulomb friction, of the normal force in the last pass. RT */

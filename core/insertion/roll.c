@@ -1,7 +1,6 @@
 #include "insertion/roll.h"
 
-#include <math.h>
-
+#include "base/vec.h"
 #include "insertion/creep.h"
 
 /* ---- one bound for sliding and turning --------------------------------------------------------------------------------- */
@@ -23,7 +22,7 @@ static shared_bound tangent(double dry, double a, double w) {
 }
 
 /* Where nothing slides, the forces both ways stay within the bound together. */
-static double rest_of(double dry, double other) { return sqrt(fmax(dry * dry - other * other, 0.0)); }
+static double rest_of(double dry, double other) { return sqrt(larger_of(dry * dry - other * other, 0.0)); }
 
 shared_bound roll_left_to_sliding(double dry, double slip, const roll_friction *roll, double radius) {
     bool slides = roll_way(slip, roll, radius) > LEAST_WAY;
@@ -66,7 +65,7 @@ void roll_release(insertion_state *state) {
 
 /* One point of the chain: torque on the tissue = stiffness * angle + offset, and what decides whether it sticks. */
 typedef struct {
-    double arc;                  /* m from the base */
+    double shaft;                /* N m / rad, of the shaft between the point before, or the base, and this one */
     double yielding;             /* rad / N m, of the tissue around its share */
     double remembered;           /* N m, of relaxing tissue */
     shared_bound bound;
@@ -85,7 +84,7 @@ static roll_point point_at(const tick_context *tick, const contact_point *p) {
     double slid = tip ? state->tip.shaft_slid : contact->slid;
     double dry = shaft_friction_limit(model, &p->shaft, slid + roll_way(slip, roll, radius));
     double along = length * (tip ? state->tip.shaft_traction : contact->traction);
-    roll_point point = {.arc = p->arc, .yielding = tick->scratch->creep.yield / fmax(2.0 * radius * radius * p->shaft.axial, 1e-12),
+    roll_point point = {.yielding = tick->scratch->creep.yield / larger_of(2.0 * radius * radius * p->shaft.axial, 1e-12),
                         .bound = roll_left_to_turning(dry, slip, along, roll, radius)};
     point.bound.viscosity += p->shaft.viscous * radius * radius / tick->dt;
     return point;
@@ -104,23 +103,17 @@ static void take_law(roll_point *p, const roll_friction *roll) {
 }
 
 /* Angles of a twisted shaft under these laws, rad: a chain from the base on, by elimination from there. */
-static void solve_chain(int n, double torsion, double base, roll_point *p) {
-    static const double LEAST = 1e-6; /* m between two points */
-    double diagonal[MAX_SHARES], right[MAX_SHARES], before = torsion / fmax(p[0].arc, LEAST);
+static void solve_chain(int n, double base, roll_point *p) {
+    double share[MAX_SHARES]; /* of the next point's angle, that a point adds to its own */
+    double held = p[0].shaft, turning = p[0].shaft * base; /* N m / rad and N m, by all that is nearer to the base */
     for (int i = 0; i < n; i++) {
-        double after = i + 1 < n ? torsion / fmax(p[i + 1].arc - p[i].arc, LEAST) : 0.0;
-        diagonal[i] = before + after + p[i].stiffness;
-        right[i] = (i == 0 ? before * base : 0.0) - p[i].offset;
-        if (i > 0) {
-            diagonal[i] -= before * before / diagonal[i - 1];
-            right[i] += before * right[i - 1] / diagonal[i - 1];
-        }
-        before = after;
+        double after = i + 1 < n ? p[i + 1].shaft : 0.0, inverse = 1.0 / (held + after + p[i].stiffness);
+        p[i].angle = (turning - p[i].offset) * inverse;
+        share[i] = after * inverse;
+        held = after - after * share[i];
+        turning = after * p[i].angle;
     }
-    for (int i = n - 1; i >= 0; i--) {
-        double after = i + 1 < n ? torsion / fmax(p[i + 1].arc - p[i].arc, LEAST) * p[i + 1].angle : 0.0;
-        p[i].angle = (right[i] + after) / diagonal[i];
-    }
+    for (int i = n - 2; i >= 0; i--) p[i].angle += share[i] * p[i + 1].angle;
 }
 
 static double torque_of(const roll_point *p) { return p->stiffness * p->angle + p->offset; }
@@ -139,7 +132,7 @@ static void search(const tick_context *tick, int n, roll_point *points) {
     for (int round = 0; round < together + 4 * n; round++) {
         bool done = true;
         for (int i = 0; i < n; i++) take_law(&points[i], roll_of(tick->state, &at[i]));
-        solve_chain(n, tick->model->needle->torsion, tick->state->base_turn, points);
+        solve_chain(n, tick->state->base_turn, points);
         for (int i = 0; i < n; i++) {
             roll_friction *roll = roll_of(tick->state, &at[i]);
             friction_state next = consistent(&points[i], roll);
@@ -164,6 +157,7 @@ static bool anchor_points(const tick_context *tick) {
 }
 
 void roll_solve(const tick_context *tick) {
+    static const double LEAST = 1e-6; /* m between two points */
     insertion_state *state = tick->state;
     insertion_workspace *w = tick->scratch;
     roll_point points[MAX_SHARES];
@@ -172,6 +166,7 @@ void roll_solve(const tick_context *tick) {
     if (state->buckled || n == 0 || !anchor_points(tick)) return;
     for (int i = 0; i < n; i++) {
         points[i] = point_at(tick, &at[i]);
+        points[i].shaft = tick->model->needle->torsion / larger_of(at[i].arc - (i > 0 ? at[i - 1].arc : 0.0), LEAST);
         points[i].remembered = creep_twist(tick, w->guided + i);
     }
     search(tick, n, points);

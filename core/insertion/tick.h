@@ -72,13 +72,14 @@ typedef struct {
 typedef struct {
     double yield;
     double decay[MAX_RELAXATION];            /* of each term's memory, over the step; */
+    double weight[MAX_RELAXATION];           /* of each term in what is remembered, over the yield; */
     double left[MAX_RELAXATION];             /* of the snapshot's u_left, since then */
-    vec3 load[MAX_POINTS], across[MAX_POINTS]; /* N, remembered at points in tissue; world frame */
-    double along[MAX_POINTS];                /* N */
+    remembered_forces remembered[MAX_POINTS]; /* by points in tissue, over the yield; along and about the tip, what its own part of the share bears */
     double face;                             /* N, remembered of the force on the tip's end face */
     double tip_moved;                        /* m, since the last step */
     vec3 moved[MAX_POINTS];                  /* m, displacement of the tissue by the remembered loads */
-    share_memory before[MAX_SHARES];         /* shares of the last step; */
+    int kept;                                /* shares from the base on that are as in the last step; */
+    share_memory before[MAX_SHARES];         /* those beyond, as they were; */
     int before_count;                        /* so many, */
     bool before_tip;                         /* with the tip's */
 } creep_step;
@@ -203,8 +204,8 @@ static inline vec3 *point_force(insertion_state *state, const contact_point *p) 
 
 /* The force, beside the present one, that shears creeping tissue at point i, no guide's: in the needle's frame, N. */
 static inline vec3 creep_force(const insertion_workspace *w, int i) {
-    vec3 force = m3_apply_transposed(&w->points[i].at.frame, w->creep.across[i]);
-    force.z = w->creep.along[i];
+    vec3 force = m3_apply_transposed(&w->points[i].at.frame, w->creep.remembered[i].across);
+    force.z = w->creep.remembered[i].along;
     return force;
 }
 

@@ -7,15 +7,20 @@
 
 enum { MAX_SHARES = MAX_CONTACTS + 1 }; /* the tip's as well */
 
-/* Of one share of the track: that of an active contact, or of the tip. A term's memory is the force, low-pass filtered with its time. */
+/* What is remembered of the forces on a share of the track. */
+typedef struct {
+    vec3 load;                   /* N, world frame: of all forces on the tissue */
+    vec3 across;                 /* N, of those across the needle */
+    double twist;                /* N m, of the torques about the needle's axis */
+    double along;                /* N, of those that shear the tissue along the shaft: not of that on the tip's end face */
+} remembered_forces;
+
+/* Of one share of the track: that of an active contact, or of the tip. A term's memory is the forces, low-pass filtered with its time. */
 typedef struct {
     double from, to;             /* m of depth */
     int tet;                     /* nominal element in which its load acts, */
     vec3 at;                     /* m, nominal: and where */
-    vec3 load[MAX_RELAXATION];   /* N, world frame: of all forces on the tissue */
-    vec3 across[MAX_RELAXATION]; /* N, of those across the needle */
-    double twist[MAX_RELAXATION]; /* N m, of the torques about the needle's axis */
-    double along[MAX_RELAXATION]; /* N, of those that shear the tissue along the shaft: not of that on the tip's end face */
+    remembered_forces terms[MAX_RELAXATION];
 } share_memory;
 
 typedef struct {

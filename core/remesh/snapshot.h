@@ -78,7 +78,7 @@ typedef struct {
 } remesh_request;
 
 /* Compliance between the contact in slot i and those in slots j >= i, in rows for the tick: [a][b][j] is component a of the displacement at i
-   under a force along b at j. As a rule, from base to tip. */
+   under a force along b at j. As a rule, from base to tip. Numbers of slots not in use mean nothing, but are finite. */
 enum { CONTACT_COLUMNS = MAX_CONTACTS + WIDEST }; /* and some that are read with them, in whole vectors */
 typedef struct {
     double at[3][3][CONTACT_COLUMNS];

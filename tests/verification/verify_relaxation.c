@@ -51,10 +51,10 @@ static void put_loads(const lockstep *l, int term, vec3 *nominal) {
         const added_node *node = &s->refined.nodes[s->refined.order[k]];
         double weights[4];
         mesh_barycentric(m, node->tet, node->position, weights);
-        spread(m, node->tet, weights, term < 0 ? s->contacts[s->refined.order[k]].force : k < s->memory.count ? s->memory.shares[k].load[term] : v3(0, 0, 0), nominal);
+        spread(m, node->tet, weights, term < 0 ? s->contacts[s->refined.order[k]].force : k < s->memory.count ? s->memory.shares[k].terms[term].load : v3(0, 0, 0), nominal);
     }
     if (s->tip.phase == TIP_INSIDE && s->tip.known_tet >= 0)
-        spread(m, s->tip.known_tet, s->tip.known_weights, term < 0 ? tip_load(&s->tip) : s->memory.tip ? s->memory.shares[s->memory.count - 1].load[term] : v3(0, 0, 0), nominal);
+        spread(m, s->tip.known_tet, s->tip.known_weights, term < 0 ? tip_load(&s->tip) : s->memory.tip ? s->memory.shares[s->memory.count - 1].terms[term].load : v3(0, 0, 0), nominal);
     for (int i = 0; i < s->memory.left.count && term >= 0; i++) spread(m, s->memory.left.loads[i].tet, s->memory.left.loads[i].weights, s->memory.left.loads[i].load[term], nominal);
 }
 
@@ -87,8 +87,8 @@ static double local_energy(const lockstep *l, int term) {
         vec3 force = *point_force((insertion_state *)&l->state, &w->points[i]), needle = needle_along(&w->points[i].at);
         double along = v3_dot(force, needle), face = tip ? w->problem.force[2 * w->problem.count + i] : 0.0;
         if (tip && l->state.buckled) face = along; /* the last solve found no equilibrium */
-        vec3 across = term < 0 ? v3_axpy(-along, needle, force) : share->across[term];
-        double shaft = term < 0 ? along - face : shaft_part(l, &w->points[i]) * share->along[term];
+        vec3 across = term < 0 ? v3_axpy(-along, needle, force) : share->terms[term].across;
+        double shaft = term < 0 ? along - face : shaft_part(l, &w->points[i]) * share->terms[term].along;
         if (term < 0) sum += w->creep.yield * w->loose[i] * v3_dot(across, across);
         double easily = v3_dot(across, w->lateral[i].easy);
         sum += w->lateral[i].least * v3_dot(across, across) + w->lateral[i].more * easily * easily + w->axial[i + tip] * shaft * shaft;
@@ -105,7 +105,7 @@ static double twist_energy(const lockstep *l, int term) {
     double sum = 0.0;
     for (int i = w->guided; i < w->point_count; i++) {
         const share_memory *share = &l->state.memory.shares[i - w->guided];
-        sum += twist_yielding(l, &w->points[i]) * pow(shaft_part(l, &w->points[i]) * share->twist[term], 2);
+        sum += twist_yielding(l, &w->points[i]) * pow(shaft_part(l, &w->points[i]) * share->terms[term].twist, 2);
     }
     return 0.5 * sum;
 }

@@ -171,6 +171,28 @@ static void sideways_force_is_the_cantilevers(void **unused) {
     lockstep_free(l);
 }
 
+/* A hole without clearance always touches the needle. Where it exerts no force, the passes must not wait for less than rounding. */
+static void a_tight_hole_without_force_takes_one_pass(void **unused) {
+    (void)unused;
+    simulation_config c = lockstep_config();
+    pose start = lockstep_start();
+    start.position.z -= 0.04; /* the tip stays in the air */
+    c.guide_count = 1;
+    c.guides[0] = hole_before_tip(start, c.needle.length, 0.05, 0.0, c.needle.outer_diameter);
+    lockstep *l = lockstep_create(&c, start);
+    int most = 0;
+    for (int i = 1; i <= 500; i++) {
+        pose base = start;
+        base.position.z += 2e-5 * i;
+        lockstep_tick(l, base, 1e-3);
+        if (l->wrench.passes > most) most = l->wrench.passes;
+        assert_true(v3_norm(l->wrench.force) < 1e-9);
+    }
+    assert_true(l->state.guides[0].faces[0].touching);
+    assert_int_equal(most, 1);
+    lockstep_free(l);
+}
+
 /* ---- friction -------------------------------------------------------------------------------------------------------------- */
 
 /* Pressed to one side in the air and moved along the hole: the coefficient times the normal force, against the motion, after the edge has
@@ -594,6 +616,7 @@ int main(void) {
     const struct CMUnitTest tests[] = {
         cmocka_unit_test(buckling_loads_are_eulers),
         cmocka_unit_test(sideways_force_is_the_cantilevers),
+        cmocka_unit_test(a_tight_hole_without_force_takes_one_pass),
         cmocka_unit_test(friction_follows_the_normal_force),
         cmocka_unit_test(the_tip_chooses_the_hole),
         cmocka_unit_test(a_needle_can_start_in_its_hole),

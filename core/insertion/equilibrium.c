@@ -391,7 +391,7 @@ void equilibrium_find(const tick_context *tick, const int handles[4]) {
     insertion_workspace *w = tick->scratch;
     w->lag_left = 0.0;
     remember_shape(tick);
-    /* A needle that goes on as in the last step often needs only one pass. In a guide it would run into the edge of the hole. */
+    /* A needle that goes on as in the last step often needs only one pass. */
     bool guessed = needle_go_on(tick->model->needle, &state->motion, tick->dt, &state->needle);
     prepare(tick, handles);
     remember_points(tick);

@@ -3,8 +3,9 @@
 static const double LEAST_STIFFNESS = 1e-2;   /* N/m, along a hole's edge, where it is touched without force */
 static const double LEAST_SLOPE = 0.3;        /* cosine of the angle between needle and hole, below which no hole holds it */
 static const double LAST_STEP = 1e-9;         /* m along the needle: the next one, of Newton's, would be rounding */
-static const double TOLERANCE = 1e-6;         /* m, by which the needle may be off the edge where the passes stop, */
-static const double LIGHT_TOUCH = 0.01;       /* and of the way by which the edge bends it, so that it lets go where it should */
+static const double TOLERANCE = 1e-6;         /* m, by which the needle may be off the edge where the passes stop, at most, */
+static const double FORCE_TOLERANCE = 0.01;   /* and of the edge's force, so that a light touch ends where it should; */
+static const double ROUNDING = 1e-12;         /* m, allowed in any case */
 
 static const guide *guide_of(const tick_context *tick, int point) { return &tick->model->guides[tick->scratch->points[point].guide]; }
 static guide_state *state_of(const tick_context *tick, int point) { return &tick->state->guides[tick->scratch->points[point].guide]; }
@@ -176,10 +177,12 @@ static void find_touch(const tick_context *tick, int point) {
     double reach = length_of(n[0], n[1]);
     edge->touched = reach > c || c == 0.0;
     edge->pulled = edge->touched ? 0.0 : force;
-    edge->pressed = edge->touched ? (reach - c) / (r + 1.0 / g->stiffness) : 0.0;
+    double compliance = r + 1.0 / g->stiffness;
+    edge->pressed = edge->touched ? (reach - c) / compliance : 0.0;
     for (int a = 0; a < 2; a++) edge->normal[a] = reach > 0.0 ? n[a] / reach : a == 0;
-    edge->bent = edge->pressed * (r + 1.0 / g->stiffness);
-    edge->error = length_of(f[0] - edge->pressed * edge->normal[0], f[1] - edge->pressed * edge->normal[1]) * (r + 1.0 / g->stiffness);
+    double missing = length_of(f[0] - edge->pressed * edge->normal[0], f[1] - edge->pressed * edge->normal[1]);
+    double allowed = fmin(TOLERANCE, fmax(FORCE_TOLERANCE * edge->pressed * compliance, ROUNDING));
+    edge->agrees = missing * compliance <= allowed;
 }
 
 /* Where the needle leaves both faces of a plate in one pass, only the one that would pull more is let go: as a rule the other one pulls
@@ -266,6 +269,6 @@ void guides_take(const tick_context *tick, int point) {
 bool guides_agree(const tick_context *tick) {
     const insertion_workspace *w = tick->scratch;
     for (int i = 0; i < w->guided; i++)
-        if (w->edges[i].error > fmin(TOLERANCE, LIGHT_TOUCH * w->edges[i].bent)) return false;
+        if (!w->edges[i].agrees) return false;
     return true;
 }

@@ -113,8 +113,7 @@ typedef struct {
     double pressed;          /* N, about which the edge is linearised */
     double normal[2];        /* unit vector from the hole's axis to where the needle touches the edge */
     double lateral[3];       /* m/N, compliance in the needle's frame: xx, xy, yy */
-    double bent;             /* m, by which the edge bends the needle and yields itself */
-    double error;            /* m, how far from here the needle would be with the edge's force in place of the last pass's */
+    bool agrees;             /* with the last pass's force: the needle is as far from here as that bends it */
 } hole_edge;
 
 /* What the tip meets in a step: what it cuts or is blocked by; tissue along an open track that springs back over it; or something that stops it

@@ -180,7 +180,8 @@ static void find_touch(const tick_context *tick, int point) {
     double compliance = r + 1.0 / g->stiffness;
     edge->pressed = edge->touched ? (reach - c) / compliance : 0.0;
     for (int a = 0; a < 2; a++) edge->normal[a] = reach > 0.0 ? n[a] / reach : a == 0;
-    double missing = length_of(f[0] - edge->pressed * edge->normal[0], f[1] - edge->pressed * edge->normal[1]);
+    double missing = length_of(f[0] - edge->pressed * edge->normal[0], f[1] - edge->pressed * edge->normal[1])
+                   + g->friction * fabs(length_of(given.x, given.y) - edge->rubbing);
     double allowed = fmin(TOLERANCE, fmax(FORCE_TOLERANCE * edge->pressed * compliance, ROUNDING));
     edge->agrees = missing * compliance <= allowed;
 }
@@ -234,7 +235,8 @@ void guides_bound(const tick_context *tick, int point) {
     const guide_contact *face = contact_of(tick, point);
     bool holds = w->edges[point].touched && !at_tip(g, state_of(tick, point), at->face);
     vec3 along = needle_along(&at->at), pressing = v3_axpy(-v3_dot(face->force, along), along, face->force);
-    double friction = holds ? g->friction * v3_norm(pressing) : 0.0;
+    tick->scratch->edges[point].rubbing = v3_norm(pressing);
+    double friction = holds ? g->friction * tick->scratch->edges[point].rubbing : 0.0;
     p->upper[point] = friction;
     p->lower[point] = -friction;
     p->viscosity[point][0] = p->viscosity[point][1] = 0.0;

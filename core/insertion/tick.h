@@ -113,7 +113,8 @@ typedef struct {
     double pressed;          /* N, about which the edge is linearised */
     double normal[2];        /* unit vector from the hole's axis to where the needle touches the edge */
     double lateral[3];       /* m/N, compliance in the needle's frame: xx, xy, yy */
-    bool agrees;             /* with the last pass's force: the needle is as far from here as that bends it */
+    double rubbing;          /* N, across the needle, by which the last pass bounded the friction along it */
+    bool agrees;             /* with the last pass's forces: those are, within the tolerance, what the needle's place asks for */
 } hole_edge;
 
 /* What the tip meets in a step: what it cuts or is blocked by; tissue along an open track that springs back over it; or something that stops it

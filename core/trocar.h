@@ -231,7 +231,7 @@ TROCAR_API trocar_key trocar_key_at(int index); /* all empty when out of range *
 typedef struct trocar_model trocar_model;
 
 typedef struct trocar_model_options {
-    void (*progress)(const char *what, double fraction, void *context); /* 0..1, while a long start goes on; may be NULL */
+    void (*progress)(const char *what, double fraction, void *context); /* 0..1, while a long start goes on; may be NULL. Must not wait for another model to be made */
     void *context;
     int longest_catch_up;    /* steps of at most 1 ms that a long tick is split into; 0: the usual 4 */
     int mesh_only;           /* 1: reads and checks the mesh and the names in it, and stops there: for viewers. Such a model has

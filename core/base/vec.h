@@ -80,6 +80,9 @@ static inline mat3 m3_columns(vec3 a, vec3 b, vec3 c) {
     return (mat3){{{a.x, b.x, c.x}, {a.y, b.y, c.y}, {a.z, b.z, c.z}}};
 }
 
+/* As hypot(), without its precautions against overflow, which take longer than all the rest where it is used. */
+static inline double length_of(double x, double y) { return sqrt(x * x + y * y); }
+
 /* Axes of which the third is along a unit vector. */
 static inline mat3 frame_along(vec3 direction) {
     vec3 aside = fabs(direction.x) < 0.6 ? v3(1, 0, 0) : v3(0, 1, 0), x = v3_unit(v3_cross(aside, direction));

@@ -1,5 +1,6 @@
 #include "insertion/creep.h"
 
+#include <stddef.h>
 #include <string.h>
 
 #include "insertion/stiffening.h"
@@ -372,6 +373,9 @@ vec3 creep_free_at(const tick_context *tick, const int handles[4], const double 
 }
 
 /* ---- memory ------------------------------------------------------------------------------------------------------------ */
+
+_Static_assert(offsetof(remembered_forces, across) == 3 * sizeof(double) && offsetof(remembered_forces, twist) == 6 * sizeof(double)
+               && offsetof(remembered_forces, along) == 7 * sizeof(double), "as follow() has them");
 
 static void follow(const creep_series *creep, const double *decay, remembered_forces now, remembered_forces *terms) {
     vec3 load = now.load, across = now.across;

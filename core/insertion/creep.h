@@ -31,7 +31,7 @@ double creep_dent(const tick_context *tick);
 /* Remembers this step's forces. RT */
 void creep_remember(const tick_context *tick);
 
-/* Torque (N m, before creep_remember) that what is remembered at point i, no guide's, amounts to in this step. RT */
+/* Torque (N m; after creep_recall) that what is remembered at point i, no guide's, amounts to in this step; at the tip, on the shaft. RT */
 double creep_twist(const tick_context *tick, int i);
 
 /* A step without forces. RT */

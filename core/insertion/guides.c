@@ -125,9 +125,6 @@ void guides_list(const tick_context *tick) {
     }
 }
 
-/* As hypot(), without its precautions against overflow, which take longer than all the rest here. */
-static double length_of(double x, double y) { return sqrt(x * x + y * y); }
-
 /* Oblique where the needle is not normal to the plate. */
 static crossing_map map_of(const guide *g, const needle_point *at) {
     crossing_map j;
@@ -180,8 +177,8 @@ static void find_touch(const tick_context *tick, int point) {
     double compliance = r + 1.0 / g->stiffness;
     edge->pressed = edge->touched ? (reach - c) / compliance : 0.0;
     for (int a = 0; a < 2; a++) edge->normal[a] = reach > 0.0 ? n[a] / reach : a == 0;
-    double missing = length_of(f[0] - edge->pressed * edge->normal[0], f[1] - edge->pressed * edge->normal[1])
-                   + g->friction * fabs(length_of(given.x, given.y) - edge->rubbing);
+    double rubs = edge->touched && !at_tip(g, s, p->face) ? length_of(given.x, given.y) : 0.0; /* in the next pass */
+    double missing = length_of(f[0] - edge->pressed * edge->normal[0], f[1] - edge->pressed * edge->normal[1]) + g->friction * fabs(rubs - edge->rubbing);
     double allowed = fmin(TOLERANCE, fmax(FORCE_TOLERANCE * edge->pressed * compliance, ROUNDING));
     edge->agrees = missing * compliance <= allowed;
 }
@@ -228,15 +225,15 @@ void guides_locate(const tick_context *tick) {
 }
 
 void guides_bound(const tick_context *tick, int point) {
-    const insertion_workspace *w = tick->scratch;
-    contact_problem *p = &tick->scratch->problem;
+    insertion_workspace *w = tick->scratch;
+    contact_problem *p = &w->problem;
     const contact_point *at = &w->points[point];
     const guide *g = guide_of(tick, point);
     const guide_contact *face = contact_of(tick, point);
     bool holds = w->edges[point].touched && !at_tip(g, state_of(tick, point), at->face);
     vec3 along = needle_along(&at->at), pressing = v3_axpy(-v3_dot(face->force, along), along, face->force);
-    tick->scratch->edges[point].rubbing = v3_norm(pressing);
-    double friction = holds ? g->friction * tick->scratch->edges[point].rubbing : 0.0;
+    w->edges[point].rubbing = holds ? v3_norm(pressing) : 0.0;
+    double friction = g->friction * w->edges[point].rubbing;
     p->upper[point] = friction;
     p->lower[point] = -friction;
     p->viscosity[point][0] = p->viscosity[point][1] = 0.0;

@@ -7,17 +7,14 @@
 
 static const double LEAST_WAY = 1e-12; /* m in one step: a shaft whose surface slides by less rests; the direction of its slip is rounding */
 
-/* As hypot(), without its precautions against overflow, which cost as much as all the rest here. */
-static double both(double a, double w) { return sqrt(a * a + w * w); }
-
 double roll_way(double slip, const roll_friction *roll, double radius) {
-    return roll->turned == 0.0 ? fabs(slip) : both(slip, radius * roll->turned);
+    return roll->turned == 0.0 ? fabs(slip) : length_of(slip, radius * roll->turned);
 }
 
 /* Friction opposes the slip of the shaft's surface: of the bound F, sliding by a while turning by w meets f(a) = F a / sqrt(a^2 + w^2). This
    is its tangent at the last a. */
 static shared_bound tangent(double dry, double a, double w) {
-    double s = both(a, w), along = fabs(a) / s, across = w / s;
+    double s = length_of(a, w), along = fabs(a) / s, across = w / s;
     return (shared_bound){dry * along * along * along, dry * across * across / s};
 }
 

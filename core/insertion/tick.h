@@ -74,7 +74,7 @@ typedef struct {
     double decay[MAX_RELAXATION];            /* of each term's memory, over the step; */
     double weight[MAX_RELAXATION];           /* of each term in what is remembered, over the yield; */
     double left[MAX_RELAXATION];             /* of the snapshot's u_left, since then */
-    remembered_forces remembered[MAX_POINTS]; /* by points in tissue, over the yield; along and about the tip, what its own part of the share bears */
+    remembered_forces remembered[MAX_POINTS]; /* by points in tissue, over the yield; the tip's along and twist: only of the shaft's part of its share */
     double face;                             /* N, remembered of the force on the tip's end face */
     double tip_moved;                        /* m, since the last step */
     vec3 moved[MAX_POINTS];                  /* m, displacement of the tissue by the remembered loads */

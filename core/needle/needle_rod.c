@@ -227,7 +227,10 @@ static void factor_tangent(int n, const rod_chain *chain, needle_tangent *tangen
             for (int j = i; j < 3; j++)
                 carried[SYMMETRIC[i][j]] = inverse * (c[i] * product[0][j] + c[3 + i] * product[1][j] + c[6 + i] * product[2][j]);
     }
-    for (int k = n; k < n + LANES; k++) inverse_determinant[k] = 0.0; /* so that no vector is filled up with numbers from nowhere */
+    for (int k = n; k < n + LANES; k++) { /* what fills up the last vector is not to be anything */
+        inverse_determinant[k] = 0.0;
+        for (int i = 0; i < 6; i++) adjugate->at[i][k] = 0.0;
+    }
     for (int k = 0; k < n; k += LANES) {
         lanes scale = lanes_load(&inverse_determinant[k]), pivot_inverse[6], c[9];
         for (int i = 0; i < 6; i++) lanes_store(&adjugate->at[i][k], pivot_inverse[i] = scale * lanes_load(&adjugate->at[i][k]));

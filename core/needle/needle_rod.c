@@ -227,7 +227,7 @@ static void factor_tangent(int n, const rod_chain *chain, needle_tangent *tangen
             for (int j = i; j < 3; j++)
                 carried[SYMMETRIC[i][j]] = inverse * (c[i] * product[0][j] + c[3 + i] * product[1][j] + c[6 + i] * product[2][j]);
     }
-    for (int k = n; k < n + LANES; k++) { /* what fills up the last vector is not to be anything */
+    for (int k = n; k < n + LANES; k++) { /* the rest of the last vector: computed with, but never used */
         inverse_determinant[k] = 0.0;
         for (int i = 0; i < 6; i++) adjugate->at[i][k] = 0.0;
     }

@@ -24,6 +24,16 @@ static inline part part_load(const double *from) {
 static inline void part_store(double *to, part x) { memcpy(to, &x, sizeof x); }
 static inline part part_all(double x) { return x - (part){0}; }
 
+static inline part part_from(int i) {
+    part x;
+    for (int k = 0; k < WIDTH; k++) x[k] = i + k;
+    return x;
+}
+
+/* x where the mask, a comparison of parts, is true, and zero in the other lanes. */
+typedef __typeof__((part){0} < (part){0}) part_mask;
+static inline part part_where(part_mask mask, part x) { return (part)(mask & (part_mask)x); }
+
 /* The largest multiple of WIDTH that is not above i >= 0. */
 static inline int whole_parts_below(int i) { return i / WIDTH * WIDTH; }
 

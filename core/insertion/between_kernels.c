@@ -5,25 +5,15 @@
 #define BETWEEN_KERNEL between_portable
 #endif
 
-typedef __typeof__((part){0} < (part){0}) part_mask;
-
-static inline part where(part_mask mask, part x) { return (part)(mask & (part_mask)x); }
-
-static inline part places_from(int l) {
-    part x;
-    for (int i = 0; i < WIDTH; i++) x[i] = l + i;
-    return x;
-}
-
 /* One vector of blocks, from place l on; `tip`: with the tip, or beyond it. */
 static inline __attribute__((always_inline)) void find_part(const between_points_row *row, int l, bool tip, between_rows blocks) {
     const double (*frame)[3] = row->point->frame.m, *weights = row->point->weights;
-    part place = places_from(l), turned[3][3]; /* rows in the world frame, columns in those of the points */
+    part place = part_from(l), turned[3][3]; /* rows in the world frame, columns in those of the points */
     for (int a = 0; a < 3; a++) {
         part world[3];
         for (int b = 0; b < 3; b++) {
             part tissue = part_load(row->tissue[a][b] + (l + row->shift)), mount = part_all(a == b ? row->mount : 0.0);
-            if (tip) world[b] = row->yield * where(place < row->tip_place, tissue) + (where(place == row->tip_place, part_all(row->at_tip.m[a][b])) + mount);
+            if (tip) world[b] = row->yield * part_where(place < row->tip_place, tissue) + (part_where(place == row->tip_place, part_all(row->at_tip.m[a][b])) + mount);
             else world[b] = row->yield * tissue + mount;
             for (int m = 0; m < NEEDLE_POINT_JOINTS; m++) world[b] += weights[m] * part_load(&row->needle[3 * m + a][b][l]);
         }

@@ -276,10 +276,6 @@ static double traction_at(const tick_context *tick, int count, const share_memor
     return count > 0 ? traction_of(tick, &shares[i]) : 0.0;
 }
 
-double creep_traction(const tick_context *tick, double depth) {
-    return traction_at(tick, tick->state->memory.count, tick->state->memory.shares, depth);
-}
-
 double creep_traction_of(const tick_context *tick, int i) { return tick->model->creep.count > 0 ? traction_of(tick, share_of(tick, i)) : 0.0; }
 
 /* A share that is divided anew remembers another mean shear of the tissue than before. The shaft there has not moved for it: like
@@ -443,7 +439,7 @@ vec3 creep_left_load(const insertion_model *model, const left_load *left) {
 
 double creep_shaft_ahead(const tick_context *tick, int k) {
     const shaft_contact *contact = &tick->state->contacts[tick->state->refined.order[k]];
-    shaft_creep creep = {tick->scratch->creep.yield, creep_traction(tick, contact->depth)};
+    shaft_creep creep = {tick->scratch->creep.yield, traction_at(tick, tick->state->memory.count, tick->state->memory.shares, contact->depth)};
     return shaft_ahead(tick->model, tick->state, k, tick->dt, creep);
 }
 

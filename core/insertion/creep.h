@@ -46,10 +46,7 @@ vec3 creep_tip_load(const insertion_model *model, const tissue_memory *memory);
 /* The same of a left load. RT */
 vec3 creep_left_load(const insertion_model *model, const left_load *left);
 
-/* Traction along the shaft, N/m, that what is remembered at this depth amounts to. RT */
-double creep_traction(const tick_context *tick, double depth);
-
-/* The same of the share of point i, no guide's, after creep_share_out. RT */
+/* Traction along the shaft, N/m, that the memory of the share of point i, no guide's, amounts to; after creep_share_out. RT */
 double creep_traction_of(const tick_context *tick, int i);
 
 /* shaft_ahead, with this step's creep. RT */

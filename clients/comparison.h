@@ -1,13 +1,18 @@
-/* Compares the wrenches of a replay with golden ones from an earlier run of the same poses. */
+/* Compares the wrenches of a replay with golden ones from an earlier run of the same poses, one by one as they come. */
 #ifndef TROCAR_COMPARISON_H
 #define TROCAR_COMPARISON_H
 
+#include <stdio.h>
+
 #include "poselog.h"
+
+enum { WRENCH_COMPONENTS = 6 }; /* force x y z, torque x y z */
 
 /* The component of a golden wrench that differs most from the replayed one. */
 typedef struct {
-    int golden, replayed;    /* indices */
-    int component;           /* 0..5: force x y z, torque x y z */
+    trocar_needle_wrench_t golden, replayed;
+    int component;
+    double time;             /* s after the first pose */
     double off;              /* N or N m */
     double share;            /* of the component's peak in the golden log */
 } deviation;
@@ -18,26 +23,42 @@ typedef struct {
     int compared, differing; /* golden wrenches */
     int foreign;             /* golden wrenches of other servers than the first one's, ignored */
     int unrecorded;          /* golden wrenches that answer poses which the recording missed, ignored */
-    deviation first;         /* the first beyond the tolerance; undefined if none differs */
-    deviation largest;
-    deviation last;          /* of the last golden wrench */
-    int bins[SHARE_BINS];    /* golden wrenches by share: bin k from k/1000 of the peak on, the last one open-ended */
+    deviation first;         /* difference beyond the tolerance */
+    deviation largest, last;
+    int bins[SHARE_BINS];    /* golden wrenches by share: bin i from 0.001 i on; the last one also holds all above */
+    int64_t skipped_not_finite; /* golden wrenches */
+    char inverse[16];        /* kind of inverse according to the golden log; empty: unknown */
+    /* While it goes on: */
+    const char *path;        /* of the golden log */
+    double tolerance, peaks[WRENCH_COMPONENTS];
+    int64_t session, first_utime;
+    wrench_stream *stream;
+    bool begun, ended;       /* a golden wrench of the session has been read; none is left */
+    int64_t server;          /* of the first one */
+    trocar_needle_wrench_t golden; /* next one to be compared */
+    trocar_needle_wrench_t window[3]; /* of the replay: before, at and after the wrench that is compared */
+    int replayed;            /* wrenches so far */
 } comparison;
 
-/* Compares the raw wrenches; `replayed` (count) are in the order of their poses. A golden component may differ by `tolerance` (a
+/* Reads the golden log once, for the peaks of its components. The session is that of the replayed poses. BAD_INPUT for a log that cannot be used, or
+   whose wrenches of that session are not in the order of the poses that they answer; NO_MEMORY. After any of these only comparison_free is due. */
+trocar_status comparison_begin(comparison *c, const char *golden_path, int64_t session, double tolerance, report *why);
+
+/* Compares the raw wrenches, which come in the order of their poses. A golden component may differ by `tolerance` (a
    share of its peak, which counts as at least 0.1 N or 2 mN m) from the range of the replay at the answered pose and its
    neighbours, because other processors and BLAS kernels round differently, which shifts contact events by a tick. Golden wrenches
    of other sessions and of other servers than that of the first compared one are ignored, as are those whose pose is missing among
-   the replayed ones, because the recording began after it or lost it; there may be fewer than poses. BAD_INPUT if one answers a
-   pose after the last replayed one, if most poses are missing, or if none is left. */
-trocar_status compare_wrenches(const wrench_log *golden, const char *golden_path, const trocar_needle_wrench_t *replayed,
-                               int count, double tolerance, comparison *c, report *why);
+   the replayed ones, because the recording began after it or lost it; there may be fewer than poses. */
+trocar_status comparison_add(comparison *c, const trocar_needle_wrench_t *replayed, report *why);
+
+/* After the last one. BAD_INPUT if a golden wrench answers a later pose, if most poses are missing, or if none was compared. */
+trocar_status comparison_end(comparison *c, report *why);
+void comparison_free(comparison *c);
 
 /* Quantile q of the golden wrenches' shares, to 0.001. */
 double comparison_quantile(const comparison *c, double q);
 
-/* Prints the result of compare_wrenches. */
-void comparison_print(const comparison *c, const wrench_log *golden, const char *golden_path,
-                      const trocar_needle_wrench_t *replayed, FILE *out);
+/* Prints the result. */
+void comparison_print(const comparison *c, FILE *out);
 
 #endif

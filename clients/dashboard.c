@@ -7,6 +7,7 @@
 #include <string.h>
 
 #include "events.h"
+#include "printable.h"
 #include "trocar_needle_wrench_t.h"
 
 static const double silence = 1.0;  /* s without a message until an alarm */
@@ -43,6 +44,8 @@ void dashboard_take_status(dashboard *d, const trocar_status_t *status, double n
     kept->host = kept->scene = kept->inverse = kept->message = NULL;
     snprintf(d->scene, sizeof d->scene, "%s", status->scene);
     snprintf(d->message, sizeof d->message, "%s", status->message);
+    make_printable(d->scene);
+    make_printable(d->message);
 }
 
 void dashboard_clear(dashboard *d) {

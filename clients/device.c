@@ -15,13 +15,13 @@ error_t argp_err_exit_status = EXIT_BAD_INPUT;
 typedef struct {
     play_settings play;
     const char *report_path, *csv_path, *log_path, *scene_path, *plan_path;
-    bool start_given, patient;
+    bool start_given, patient, follow;
     const char *script_option; /* that only a script has, NULL: none was given */
 } options;
 
 enum { OPTION_SPEED = 256, OPTION_REPORT, OPTION_CSV, OPTION_LOG, OPTION_URL, OPTION_START, OPTION_HAND, OPTION_REALTIME,
        OPTION_WAIT, OPTION_SETTLE, OPTION_NEEDLE, OPTION_SCENE, OPTION_PATIENT,
-       OPTION_PLAN };
+       OPTION_PLAN, OPTION_FOLLOW };
 
 static const struct argp_option option_list[] = {
     {"script", 's', "NAME", 0, "Motion to play (default figure8); 'list' shows all", 0},
@@ -35,6 +35,9 @@ static const struct argp_option option_list[] = {
     {"plan", OPTION_PLAN, "FILE", 0,
      "Carry out this implant in place of a script: insert all needles and leave them, then take each again, drop its seeds and pull it out. FILE "
      "is the table that python3 -m trocar.plan show --out writes; needs --scene", 0},
+    {"follow", OPTION_FOLLOW, 0, 0,
+     "With --plan: bring the tip to where the displaced tissue has carried each seed's place, as an operator does who sees it in an image (default: to "
+     "the plan's depth, read from the needle's marks at the template)", 0},
     {"hand", OPTION_HAND, "MASS,DAMPING,STIFFNESS", 0,
      "A simulated hand (kg, N s/m to ground, N/m to the script) holds the needle and is pushed by the wrench", 0},
     {0, 0, 0, 0, "Connection:", 1},
@@ -100,6 +103,7 @@ static error_t parse_option(int key, char *text, struct argp_state *state) {
         break;
     case OPTION_PATIENT: o->patient = true; break;
     case OPTION_PLAN: o->plan_path = text; break;
+    case OPTION_FOLLOW: o->follow = true; break;
     case OPTION_NEEDLE: o->play.needle = parse_index(state, "needle", text); break;
     case OPTION_HAND:
         o->play.hand = parse_hand(state, text);
@@ -118,6 +122,7 @@ static error_t parse_option(int key, char *text, struct argp_state *state) {
             argp_error(state, "--write-log plays without a server: it cannot be combined with --csv, --report or --hand");
         if (o->plan_path && !o->scene_path) argp_error(state, "--plan needs --scene");
         if (o->plan_path && o->script_option) argp_error(state, "--plan cannot be combined with %s", o->script_option);
+        if (o->follow && !o->plan_path) argp_error(state, "--follow needs --plan");
         if (o->patient && !o->scene_path) argp_error(state, "--patient needs --scene");
         break;
     default: return ARGP_ERR_UNKNOWN;
@@ -182,15 +187,22 @@ static trocar_status run_live(const options *o, const patient_frame *patient, re
     return status;
 }
 
+static void say_aside(const implant_plan *plan, const char *path) {
+    static const double rounding = 1e-5; /* m */
+    if (plan->greatest_aside > rounding)
+        fprintf(stderr, "trocar-device: %s: seeds are up to %.2f mm beside the axes of their holes, and will be dropped on the axes\n", path, 1e3 * plan->greatest_aside);
+}
+
 static trocar_status carry_out(const options *o, const implant_plan *plan, output *csv, report *why) {
     const play_settings *play = &o->play;
     implant_play how = {.lcm_url = play->lcm_url, .rate = play->rate, .speed = play->speed, .patience = play->patience, .settle = play->settle,
-                        .realtime = play->realtime, .csv = csv->file};
+                        .realtime = play->realtime, .follow = o->follow, .csv = csv->file};
     implant_summary done;
     trocar_status status = implant_carry_out(plan, &how, &done, why);
     if (status != TROCAR_OK) return status;
     printf("implant             %d needles, %d seeds in %.0f s\n", done.needles, done.seeds, done.duration);
     printf("repeated            %d commands to drop a seed, because the last one was still in the needle\n", done.repeats);
+    printf("greatest drag       %+.1f mm while it rested, of the needle in hole %s\n", 1e3 * done.greatest_drag, plan->needles[done.greatest_drag_needle].hole);
     printf("greatest force      %.2f N, in hole %s\n", done.greatest_force, plan->needles[done.greatest_force_needle].hole);
     return output_commit(csv, why);
 }
@@ -203,6 +215,7 @@ static trocar_status run_implant(const options *o, report *why) {
     if (status != TROCAR_OK) return status;
     status = implant_plan_read(scene, o->plan_path, &plan, why);
     trocar_scene_free(scene);
+    if (status == TROCAR_OK) say_aside(&plan, o->plan_path);
     if (status == TROCAR_OK && o->csv_path) status = output_open(&csv, o->csv_path, why);
     if (status == TROCAR_OK) status = carry_out(o, &plan, &csv, why);
     output_abandon(&csv);

@@ -3,6 +3,7 @@
 #include <math.h>
 #include <string.h>
 
+#include "implant_watch.h"
 #include "messages.h"
 #include "motion.h"
 #include "playing.h"
@@ -10,11 +11,15 @@
 #include "timing.h"
 #include "trocar_client.h"
 
-static const double MEAN_SPEED = 0.065; /* m/s, of a stroke; minimum jerk peaks at 1.875 times that. Podder et al. 2006: mean 48 mm/s, peak 123 mm/s */
+static const double MEAN_SPEED = 0.065; /* m/s, of a stroke; minimum jerk peaks at 1.875 times that. Of hands: mean 48 mm/s,
+                                           peak 123 mm/s (docs/validation.md, "A whole implant") */
 static const double CLEAR = 0.005;      /* m, of the tip in front of the template before and after */
 static const double PAUSE = 0.1;        /* s at rest, before a needle is left and before a seed is dropped */
 static const double FURTHER = 1e-3;     /* m, see drop_seed */
 static const int REPEATS = 5;
+static const double AT_TARGET = 0.3e-3; /* m, of the tip from a target in the displaced tissue that is followed */
+static const int CORRECTIONS = 5;       /* at most, to get there; the tissue moves with the needle */
+static const double PATIENCE_TO_SEE = 1.0; /* s for which pictures may be missing; the server sends 30 a second */
 static const char *const PENDING = "still holds"; /* in the reason of a refusal because a seed is still in the needle: see api_seeds.c */
 
 typedef struct {
@@ -29,7 +34,9 @@ typedef struct {
     const char *stage;       /* for the table: in, out */
     double began, due;       /* s */
     double heard;            /* s, when the newest wrench was there */
-    double tip;              /* m behind the template's face; of the tip if the needle is straight and has not been moved while it rested */
+    double tip;              /* m, how far the needle reaches beyond the template's face */
+    implant_watch watch;
+    double left_at[TROCAR_MAX_NEEDLES]; /* m, `tip` when the needle was left */
 } player;
 
 static const planned_needle *planned(const player *p) { return &p->plan->needles[p->needle]; }
@@ -38,11 +45,12 @@ static trocar_status fail_needle(player *p, const char *what, const char *reason
     return fail(p->why, TROCAR_SYSTEM, "needle %d in hole %s %s%s%s", p->needle, planned(p)->hole, what, reason ? ": " : "", reason ? reason : "");
 }
 
-/* Sleeps until the next period begins. Missed periods are skipped. */
+/* Sleeps until the next period begins, and looks. Missed periods are skipped. */
 static trocar_status next_period(player *p) {
     double period = 1.0 / p->play->rate;
     p->due = fmax(p->due + period, playing_now());
     sleep_until((int64_t)(1e9 * p->due));
+    implant_watch_look(&p->watch);
     return playing_interrupted() ? fail_needle(p, "was not finished", "interrupted") : TROCAR_OK;
 }
 
@@ -92,6 +100,29 @@ static trocar_status engage(player *p) {
     return status == TROCAR_OK ? hold(p, p->play->settle) : status;
 }
 
+/* Reads the marks of a needle that is held without poses, from a message that is newer than this moment. */
+static trocar_status read_depth(player *p) {
+    double asked = playing_now();
+    trocar_status status = TROCAR_OK;
+    while (status == TROCAR_OK && p->watch.seen[p->needle] <= asked) {
+        if (playing_now() - asked > PATIENCE_TO_SEE) return fail_needle(p, "cannot be seen", "the server sends no TROCAR_CONTACTS about it");
+        status = next_period(p);
+    }
+    if (status == TROCAR_OK) p->tip = implant_watch_depth(&p->watch, p->needle, planned(p), p->plan->needle_length);
+    double drag = p->tip - p->left_at[p->needle];
+    if (fabs(drag) > fabs(p->summary->greatest_drag)) {
+        p->summary->greatest_drag = drag;
+        p->summary->greatest_drag_needle = p->needle;
+    }
+    return status;
+}
+
+/* m, where the tip has to be to drop this seed. */
+static double target(const player *p, int seed) {
+    double depth = planned(p)->depths[seed];
+    return p->play->follow ? depth + implant_watch_shift(&p->watch, planned(p), seed) : depth;
+}
+
 static trocar_status stroke(player *p, double to) {
     trocar_status status = TROCAR_OK;
     double from = p->tip, start = playing_now(), duration = fabs(to - from) / (MEAN_SPEED * p->play->speed), t = 0;
@@ -101,6 +132,18 @@ static trocar_status stroke(player *p, double to) {
         status = hold_period(p);
     }
     p->tip = to;
+    return status;
+}
+
+static trocar_status go_to(player *p, double depth) {
+    trocar_status status = stroke(p, depth);
+    return status == TROCAR_OK ? hold(p, PAUSE) : status;
+}
+
+/* Goes to where this seed is to be dropped, and rests there. A target that is followed moves with the needle. */
+static trocar_status go_to_target(player *p, int seed) {
+    trocar_status status = go_to(p, target(p, seed));
+    for (int i = 0; p->play->follow && status == TROCAR_OK && i < CORRECTIONS && fabs(target(p, seed) - p->tip) > AT_TARGET; i++) status = go_to(p, target(p, seed));
     return status;
 }
 
@@ -123,10 +166,10 @@ static trocar_status insert_and_leave(player *p) {
     p->stage = "in";
     p->tip = -CLEAR;
     trocar_status status = engage(p);
-    if (status == TROCAR_OK) status = stroke(p, planned(p)->depths[0]);
-    if (status == TROCAR_OK) status = hold(p, PAUSE);
+    if (status == TROCAR_OK) status = go_to_target(p, 0);
     if (status != TROCAR_OK) return status;
     p->summary->needles++;
+    p->left_at[p->needle] = p->tip;
     trocar_client_leave(p->client);
     return await_done(p, "cannot be left");
 }
@@ -153,13 +196,12 @@ static trocar_status drop_seed(player *p) {
 static trocar_status take_and_draw_back(player *p) {
     const planned_needle *n = planned(p);
     p->stage = "out";
-    p->tip = n->depths[0];
     trocar_client_take(p->client);
     trocar_status status = await_done(p, "cannot be taken");
+    if (status == TROCAR_OK) status = read_depth(p);
     if (status == TROCAR_OK) status = engage(p);
     for (int i = 0; status == TROCAR_OK && i < n->seed_count; i++) {
-        if (n->depths[i] < p->tip) status = stroke(p, n->depths[i]);
-        if (status == TROCAR_OK) status = hold(p, PAUSE);
+        status = i == 0 || target(p, i) < p->tip ? go_to_target(p, i) : hold(p, PAUSE);
         if (status == TROCAR_OK) status = drop_seed(p);
     }
     return status == TROCAR_OK ? stroke(p, -CLEAR) : status;
@@ -167,7 +209,7 @@ static trocar_status take_and_draw_back(player *p) {
 
 /* A client holds one needle, so each needle gets one of its own. */
 static trocar_status with_needle(player *p, int needle, trocar_status (*handle)(player *)) {
-    trocar_client_options options = {.url = p->play->lcm_url, .needle = needle, .priority = p->priority};
+    trocar_client_options options = {.url = p->play->lcm_url, .needle = needle, .priority = p->priority, .without_force = 1};
     char reason[512];
     p->needle = needle;
     p->wrench = (trocar_client_wrench){.membrane = -1};
@@ -180,14 +222,15 @@ static trocar_status with_needle(player *p, int needle, trocar_status (*handle)(
 
 trocar_status implant_carry_out(const implant_plan *plan, const implant_play *play, implant_summary *summary, report *why) {
     player p = {.plan = plan, .play = play, .summary = summary, .why = why, .began = playing_now()};
+    trocar_status status = implant_watch_open(&p.watch, play->lcm_url, plan->node_count, why);
     playing_heed_signals();
     if (play->csv) fputs("t [s],needle,hole,stage,tip [m],fx [N],fy [N],fz [N],against [N],depth [m],flags\n", play->csv);
 
     *summary = (implant_summary){0};
     if (play->realtime && playing_use_realtime()) p.priority = PRIORITY_DEVICE - 1; /* the client's thread runs just below */
-    trocar_status status = TROCAR_OK;
     for (int i = 0; status == TROCAR_OK && i < plan->needle_count; i++) status = with_needle(&p, i, insert_and_leave);
     for (int i = 0; status == TROCAR_OK && i < plan->needle_count; i++) status = with_needle(&p, i, take_and_draw_back);
+    implant_watch_close(&p.watch);
     summary->duration = playing_now() - p.began;
     return status;
 }

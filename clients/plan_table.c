@@ -1,12 +1,12 @@
 #define _GNU_SOURCE
 #include "plan_table.h"
 
-#include <errno.h>
 #include <math.h>
 #include <stdio.h>
 #include <stdlib.h>
 #include <string.h>
 
+#include "base/input_file.h"
 #include "messages.h"
 #include "template_holes.h"
 
@@ -17,7 +17,7 @@ static const char REMEDY[] = "write this table with python3 -m trocar.plan show 
 /* "C3.5,1,0.02,...": false if it is not a seed. */
 static bool read_seed(const char *line, planned_seed *s) {
     double *x = s->position;
-    if (sscanf(line, "%7[A-Z0-9.],%*d,%lf,%lf,%lf", s->hole, &x[0], &x[1], &x[2]) != 4) return false;
+    if (sscanf(line, "%7[A-Za-z0-9.],%*d,%lf,%lf,%lf", s->hole, &x[0], &x[1], &x[2]) != 4) return false;
     return fabs(x[0]) < 1e3 && fabs(x[1]) < 1e3 && fabs(x[2]) < 1e3; /* false for NaN */
 }
 
@@ -35,8 +35,9 @@ static trocar_status read_lines(FILE *file, const char *path, plan_table *plan, 
 
 trocar_status plan_table_read(const char *path, plan_table *plan, report *why) {
     *plan = (plan_table){.count = 0};
-    FILE *file = fopen(path, "re");
-    if (!file) return fail(why, TROCAR_BAD_INPUT, "%s: cannot be opened: %s", path, strerror(errno));
+    const char *reason;
+    FILE *file = input_open(path, &reason);
+    if (!file) return fail(why, TROCAR_BAD_INPUT, "%s: cannot be opened: %s", path, reason);
     trocar_status status = read_lines(file, path, plan, why);
     fclose(file);
     return status;

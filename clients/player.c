@@ -68,7 +68,7 @@ static trocar_status send_pose(player *p, double t) {
     recording *r = p->record;
     pose base = next_pose(p, t);
     trocar_needle_pose_t message = message_of_pose(base, wall_us(), r->session, r->sent_count);
-    message.wrench_tick = p->wrench_tick;
+    message.wrench_tick = p->settings->closed_loop ? p->wrench_tick : -1 - p->wrench_tick;
     message.needle = p->settings->needle;
     trocar_status status = recording_add_pose(r, playing_now(), base, p->why);
     if (status != TROCAR_OK) return status;

@@ -8,6 +8,7 @@
 #include <string.h>
 #include <sys/stat.h>
 
+#include "base/input_file.h"
 #include "safety_limits.h"
 #include "message_fit.h"
 #include "messages.h"
@@ -31,10 +32,17 @@ static const older_type older_poses[] = {{0xbe3af96bc721e5ea, 4}, {0}};
 static const older_type older_wrenches[] = {{0x558602e319c11faf, 4}, {0x9bb829ef4984e48c, 8 + 4}, {0}};
 static const older_type older_statuses[] = {{0xe428bcd4a42ff814, 4}, {0xbcbe6819f8e2446a, 3 * 4 + 8 + 4}, {0}};
 
-/* What the poses' readers need: the log, and the server's part that decides about the probe's poses. */
+/* What the poses' readers need: the log, what was accepted last, and the server's part that decides about the probe's poses. */
 typedef struct {
     pose_log *poses;
+    bool keeps;              /* all of them, in the log */
+    trocar_needle_pose_t newest[TROCAR_MAX_NEEDLES]; /* accepted pose of each needle; */
+    bool begun[TROCAR_MAX_NEEDLES]; /* there is one */
     probe_arbiter probe;
+    trocar_probe_pose_t *passed; /* of the probe, since the last pose of a needle; not if all are kept */
+    int passed_count, passed_room;
+    trocar_needle_pose_t pose; /* accepted last; */
+    bool accepted;           /* by the last event */
 } reading;
 
 /* A log being read. */
@@ -44,6 +52,7 @@ typedef struct {
     int64_t size, offset;    /* bytes */
     int64_t event;           /* number of the current event */
     bool cut;                /* the file ends within the current event */
+    bool found;              /* an event of the first channel that is wanted */
 } reader;
 
 typedef struct {
@@ -62,11 +71,15 @@ static int64_t big_endian_64(const unsigned char *bytes) {
 static trocar_status reader_open(const char *path, reader *r, report *why) {
     *r = (reader){.path = path};
     struct stat status;
-    if (stat(path, &status) != 0) return fail(why, TROCAR_BAD_INPUT, "%s: %s", path, strerror(errno));
-    if (!S_ISREG(status.st_mode)) return fail(why, TROCAR_BAD_INPUT, "%s: not a regular file", path);
-    r->size = status.st_size;
-    r->file = fopen(path, "r");
-    return r->file ? TROCAR_OK : fail(why, TROCAR_BAD_INPUT, "%s: cannot be opened: %s", path, strerror(errno));
+    const char *reason;
+    r->file = input_open(path, &reason);
+    if (!r->file) return fail(why, TROCAR_BAD_INPUT, "%s: %s", path, reason);
+    if (fstat(fileno(r->file), &status) == 0) {
+        r->size = status.st_size;
+        return TROCAR_OK;
+    }
+    fclose(r->file);
+    return fail(why, TROCAR_BAD_INPUT, "%s: %s", path, strerror(errno));
 }
 
 static trocar_status bad_event(const reader *r, const char *fault, report *why) {
@@ -162,17 +175,26 @@ static trocar_status make_room(void **array, int count, size_t size, report *why
     return TROCAR_OK;
 }
 
-static trocar_status add_pose(const trocar_needle_pose_t *p, pose_log *log, report *why) {
-    void *poses = log->poses;
-    trocar_status status = make_room(&poses, log->count, sizeof *log->poses, why);
-    log->poses = poses;
-    if (status == TROCAR_OK) log->poses[log->count++] = *p;
-    return status;
+static trocar_status add_pose(const trocar_needle_pose_t *p, reading *in, report *why) {
+    pose_log *log = in->poses;
+    if (in->keeps) {
+        void *poses = log->poses;
+        trocar_status status = make_room(&poses, log->count, sizeof *log->poses, why);
+        log->poses = poses;
+        if (status != TROCAR_OK) return status;
+        log->poses[log->count] = *p;
+    }
+    if (log->count++ == 0) log->first = *p;
+    log->last = in->pose = in->newest[p->needle] = *p;
+    in->begun[p->needle] = in->accepted = true;
+    if (p->needle > log->most_needle) log->most_needle = p->needle;
+    return TROCAR_OK;
 }
 
 /* Accepts poses like the server: of one needle and session, none repeated or out of order. */
-static trocar_status append_pose(const reader *r, const trocar_needle_pose_t *p, pose_log *log, report *why) {
-    const trocar_needle_pose_t *last = log->count ? &log->poses[log->count - 1] : NULL;
+static trocar_status append_pose(const reader *r, const trocar_needle_pose_t *p, reading *in, report *why) {
+    pose_log *log = in->poses;
+    const trocar_needle_pose_t *last = log->count ? &log->last : NULL;
     if (log->needle < 0) log->needle = p->needle;
     if (p->needle != log->needle || (last && p->session != last->session)) {
         log->skipped_sessions++;
@@ -185,30 +207,33 @@ static trocar_status append_pose(const reader *r, const trocar_needle_pose_t *p,
     if (last && p->utime <= last->utime)
         return fail(why, TROCAR_BAD_INPUT, "%s: event %" PRId64 ": time does not advance: utime %" PRId64 " after %" PRId64,
                     r->path, r->event, p->utime, last->utime);
-    return add_pose(p, log, why);
+    return add_pose(p, in, why);
 }
 
 static trocar_status take_pose(const reader *r, const event_header *h, void *context, report *why) {
     reading *in = context;
     trocar_needle_pose_t p = {0};
     trocar_status status = read_pose(r, h, &p, why);
-    return status == TROCAR_OK ? append_pose(r, &p, in->poses, why) : status;
+    return status == TROCAR_OK ? append_pose(r, &p, in, why) : status;
 }
 
+/* What the wrenches' readers need. */
+typedef struct {
+    trocar_needle_wrench_t wrench; /* accepted last; */
+    bool accepted;           /* by the last event */
+    int64_t skipped;         /* not finite */
+    char inverse[16];
+} wrench_reading;
+
 static trocar_status take_wrench(const reader *r, const event_header *h, void *context, report *why) {
-    wrench_log *log = context;
+    wrench_reading *in = context;
     trocar_needle_wrench_t w;
     trocar_status status = read_wrench(r, h, &w, why);
     if (status != TROCAR_OK || w.pose_seq < 0) return status;
-    if (!is_finite(&w)) {
-        log->skipped_not_finite++;
-        return TROCAR_OK;
-    }
-    void *wrenches = log->wrenches;
-    status = make_room(&wrenches, log->count, sizeof w, why);
-    log->wrenches = wrenches;
-    if (status == TROCAR_OK) log->wrenches[log->count++] = w;
-    return status;
+    in->accepted = is_finite(&w);
+    if (in->accepted) in->wrench = w;
+    else in->skipped++;
+    return TROCAR_OK;
 }
 
 static trocar_status add_command(const trocar_command_t *m, pose_log *log, report *why) {
@@ -216,6 +241,7 @@ static trocar_status add_command(const trocar_command_t *m, pose_log *log, repor
     trocar_status status = make_room(&commands, log->command_count, sizeof *log->commands, why);
     log->commands = commands;
     if (status == TROCAR_OK) log->commands[log->command_count++] = (logged_command){.next_pose = log->count, .command = *m};
+    if (m->needle > log->most_needle) log->most_needle = m->needle;
     return status;
 }
 
@@ -234,7 +260,7 @@ static trocar_status note_command(const reader *r, const event_header *h, void *
     status = decode_command(r, h, data, &m, why);
     if (status != TROCAR_OK) return status;
     if (m.command != TROCAR_COMMAND_T_DROP_SEED && m.command != TROCAR_COMMAND_T_UNDO) return TROCAR_OK;
-    if (log->count == 0 || m.needle != log->needle || m.session != log->poses[0].session) {
+    if (log->count == 0 || m.needle != log->needle || m.session != log->first.session) {
         log->skipped_commands++;
         return TROCAR_OK;
     }
@@ -264,15 +290,39 @@ static trocar_status note_reply(const reader *r, const event_header *h, void *co
 
 /* Stores the kind of inverse from a status; a status of another version is ignored. */
 static trocar_status take_status(const reader *r, const event_header *h, void *context, report *why) {
-    wrench_log *log = context;
+    wrench_reading *in = context;
     unsigned char data[STATUS_MAX] = {0};
     trocar_status_t m;
     trocar_status status = read_data(r, h, data, STATUS_MAX, why);
     int64_t length = complete(data, h->data_length, older_statuses, __trocar_status_t_get_hash());
     if (status != TROCAR_OK || length > STATUS_MAX || !status_fits(data, (size_t)length)) return status;
     if (trocar_status_t_decode(data, 0, (int)length, &m) < 0) return TROCAR_OK;
-    snprintf(log->inverse, sizeof log->inverse, "%s", m.inverse);
+    snprintf(in->inverse, sizeof in->inverse, "%s", m.inverse);
     trocar_status_t_decode_cleanup(&m);
+    return TROCAR_OK;
+}
+
+static trocar_status keep_probe(const trocar_probe_pose_t *m, pose_log *log, report *why) {
+    void *probes = log->probes;
+    trocar_status status = make_room(&probes, log->probe_count, sizeof *log->probes, why);
+    log->probes = probes;
+    if (status == TROCAR_OK) log->probes[log->probe_count++] = (logged_probe){.next_pose = log->count, .pose = *m};
+    return status;
+}
+
+/* Only until the next pose of a needle. */
+static trocar_status pass_probe(const trocar_probe_pose_t *m, reading *in, report *why) {
+    in->poses->probe_count++;
+    if (in->accepted) in->passed_count = 0;
+    in->accepted = false;
+    if (in->passed_count == in->passed_room) {
+        int room = in->passed_room ? 2 * in->passed_room : 64;
+        void *moved = realloc(in->passed, (size_t)room * sizeof *in->passed);
+        if (!moved) return fail(why, TROCAR_NO_MEMORY, "no memory for %d poses of the probe", room);
+        in->passed = moved;
+        in->passed_room = room;
+    }
+    in->passed[in->passed_count++] = *m;
     return TROCAR_OK;
 }
 
@@ -293,11 +343,7 @@ static trocar_status note_probe(const reader *r, const event_header *h, void *co
         log->skipped_probes++;
         return TROCAR_OK;
     }
-    void *probes = log->probes;
-    status = make_room(&probes, log->probe_count, sizeof *log->probes, why);
-    log->probes = probes;
-    if (status == TROCAR_OK) log->probes[log->probe_count++] = (logged_probe){.next_pose = log->count, .pose = m};
-    return status;
+    return in->keeps ? keep_probe(&m, log, why) : pass_probe(&m, in, why);
 }
 
 /* What is read of a channel: `take` gets its events, with the file positioned at the event's data. */
@@ -306,46 +352,51 @@ typedef struct {
     trocar_status (*take)(const reader *r, const event_header *h, void *log, report *why);
 } wanted_channel;
 
-/* Reads all events of the channels in `wanted`, whose last entry is empty; the log must have an event of the first channel. With `cut`, a log
-   that ends within an event is read up to that event and `cut` is set to a message about it (empty if the log is complete). */
-static trocar_status read_log(const char *path, const wanted_channel *wanted, void *log, report *cut, report *why) {
+/* Reads an event, or skips it if its channel is not wanted; the last entry of `wanted` is empty. With `cut`, a log that ends within an event ends
+   before it, and `cut` is set to a message about it. */
+static trocar_status read_event(reader *r, const wanted_channel *wanted, void *context, report *cut, report *why) {
+    event_header h;
+    trocar_status status = read_header(r, &h, why);
+    if (r->cut && cut) {
+        *cut = *why;
+        r->size = r->offset;
+        return TROCAR_OK;
+    }
+    const wanted_channel *match = wanted;
+    while (status == TROCAR_OK && match->channel && strcmp(h.channel, match->channel) != 0) match++;
+    if (status == TROCAR_OK && match->channel) status = match->take(r, &h, context, why);
+    r->found |= match == wanted;
+    return status == TROCAR_OK ? skip_event(r, &h, why) : status;
+}
+
+/* The log must have an event of the first channel that is wanted. */
+static trocar_status check_found(const reader *r, const wanted_channel *wanted, report *why) {
+    if (r->found) return TROCAR_OK;
+    return fail(why, TROCAR_BAD_INPUT, "%s: nothing on channel %s in %" PRId64 " events", r->path, wanted->channel, r->event);
+}
+
+/* Reads all events. */
+static trocar_status read_log(const char *path, const wanted_channel *wanted, void *context, report *cut, report *why) {
     reader r;
     trocar_status status = reader_open(path, &r, why);
     if (status != TROCAR_OK) return status;
-    bool found = false;
-    while (status == TROCAR_OK && r.offset < r.size) {
-        event_header h;
-        status = read_header(&r, &h, why);
-        if (r.cut && cut) {
-            *cut = *why;
-            status = TROCAR_OK;
-            break;
-        }
-        const wanted_channel *match = wanted;
-        while (status == TROCAR_OK && match->channel && strcmp(h.channel, match->channel) != 0) match++;
-        if (status == TROCAR_OK && match->channel) status = match->take(&r, &h, log, why);
-        if (status == TROCAR_OK) status = skip_event(&r, &h, why);
-        found |= match == wanted;
-    }
+    while (status == TROCAR_OK && r.offset < r.size) status = read_event(&r, wanted, context, cut, why);
     fclose(r.file);
-    if (status != TROCAR_OK || found) return status;
-    return fail(why, TROCAR_BAD_INPUT, "%s: nothing on channel %s in %" PRId64 " events", path, wanted->channel, r.event);
+    return status == TROCAR_OK ? check_found(&r, wanted, why) : status;
 }
 
 /* Of all needles: each pose that is later than the last one of its needle and session. */
 static trocar_status take_any_pose(const reader *r, const event_header *h, void *context, report *why) {
-    pose_log *log = ((reading *)context)->poses;
+    reading *in = context;
     trocar_needle_pose_t p = {0};
     trocar_status status = read_pose(r, h, &p, why);
     if (status != TROCAR_OK) return status;
-    const trocar_needle_pose_t *last = NULL;
-    for (int i = log->count - 1; i >= 0 && !last; i--)
-        if (log->poses[i].needle == p.needle) last = &log->poses[i];
+    const trocar_needle_pose_t *last = in->begun[p.needle] ? &in->newest[p.needle] : NULL;
     if (last && p.session == last->session && (p.seq <= last->seq || p.utime <= last->utime)) {
-        log->skipped_old++;
+        in->poses->skipped_old++;
         return TROCAR_OK;
     }
-    return add_pose(&p, log, why);
+    return add_pose(&p, in, why);
 }
 
 static trocar_status take_command(const reader *r, const event_header *h, void *context, report *why) {
@@ -360,44 +411,135 @@ static trocar_status take_command(const reader *r, const event_header *h, void *
     return add_command(&m, log, why);
 }
 
-/* `wanted` as in read_log. */
-static trocar_status read_pose_log(const char *path, const wanted_channel *wanted, int needle, pose_log *log, report *cut, report *why) {
-    *log = (pose_log){.needle = needle};
-    reading in = {.poses = log};
-    probe_arbiter_init(&in.probe);
-    return read_log(path, wanted, &in, cut, why);
+static const wanted_channel ALL[] = {{POSE_CHANNEL, take_any_pose}, {COMMAND_CHANNEL, take_command}, {REPLY_CHANNEL, note_reply}, {PROBE_CHANNEL, note_probe}, {0}};
+static const wanted_channel OF_ONE[] = {{POSE_CHANNEL, take_pose}, {COMMAND_CHANNEL, note_command}, {REPLY_CHANNEL, note_reply}, {PROBE_CHANNEL, note_probe}, {0}};
+
+static void begin_reading(reading *in, pose_log *log, int needle, bool keeps) {
+    *log = (pose_log){.needle = needle, .most_needle = -1};
+    memset(in, 0, sizeof *in);
+    in->poses = log;
+    in->keeps = keeps;
+    probe_arbiter_init(&in->probe);
 }
 
-trocar_status pose_log_read_all(const char *path, pose_log *log, report *why) {
-    static const wanted_channel wanted[] = {{POSE_CHANNEL, take_any_pose}, {COMMAND_CHANNEL, take_command}, {REPLY_CHANNEL, note_reply}, {PROBE_CHANNEL, note_probe}, {0}};
-    trocar_status status = read_pose_log(path, wanted, -1, log, NULL, why);
-    if (status != TROCAR_OK) pose_log_free(log);
-    else log->needle = log->poses[0].needle;
-    return status;
-}
-
-/* `needle` -1: the needle of the first pose. */
-static trocar_status read_poses(const char *path, int needle, pose_log *log, report *cut, report *why) {
-    static const wanted_channel wanted[] = {{POSE_CHANNEL, take_pose}, {COMMAND_CHANNEL, note_command}, {REPLY_CHANNEL, note_reply}, {PROBE_CHANNEL, note_probe}, {0}};
-    trocar_status status = read_pose_log(path, wanted, needle, log, cut, why);
+/* Needle -1: that of the first pose. */
+static trocar_status read_poses(const char *path, int needle, bool all, bool keeps, pose_log *log, report *cut, report *why) {
+    reading *in = malloc(sizeof *in);
+    if (!in) return fail(why, TROCAR_NO_MEMORY, "%s: no memory to read it", path);
+    begin_reading(in, log, needle, keeps);
+    trocar_status status = read_log(path, all ? ALL : OF_ONE, in, cut, why);
+    free(in->passed);
+    free(in);
     if (status == TROCAR_OK && log->count == 0) status = fail(why, TROCAR_BAD_INPUT, "%s: no pose of needle %d", path, needle);
     if (status != TROCAR_OK) pose_log_free(log);
+    else if (all) log->needle = log->first.needle;
     return status;
 }
 
-trocar_status pose_log_read(const char *path, pose_log *log, report *why) { return read_poses(path, -1, log, NULL, why); }
+trocar_status pose_log_read_all(const char *path, pose_log *log, report *why) { return read_poses(path, -1, true, true, log, NULL, why); }
 
-trocar_status pose_log_read_needle(const char *path, int needle, pose_log *log, report *why) { return read_poses(path, needle, log, NULL, why); }
+trocar_status pose_log_read(const char *path, pose_log *log, report *why) { return read_poses(path, -1, false, true, log, NULL, why); }
+
+trocar_status pose_log_read_needle(const char *path, int needle, pose_log *log, report *why) { return read_poses(path, needle, false, true, log, NULL, why); }
 
 trocar_status pose_log_read_to_cut(const char *path, pose_log *log, report *cut, report *why) {
     *cut = (report){0};
-    return read_poses(path, -1, log, cut, why);
+    return read_poses(path, -1, false, true, log, cut, why);
+}
+
+trocar_status pose_log_scan(const char *path, int needle, bool all, pose_log *log, report *why) { return read_poses(path, needle, all, false, log, NULL, why); }
+
+/* ---- streams ------------------------------------------------------------------------------------------------------------ */
+
+struct pose_stream {
+    reader file;
+    const wanted_channel *wanted;
+    reading in;
+    pose_log log;            /* counts, and commands, once more */
+};
+
+trocar_status pose_stream_open(const char *path, int needle, bool all, pose_stream **opened, report *why) {
+    pose_stream *s = calloc(1, sizeof *s);
+    *opened = NULL;
+    if (!s) return fail(why, TROCAR_NO_MEMORY, "%s: no memory to read it", path);
+    s->wanted = all ? ALL : OF_ONE;
+    begin_reading(&s->in, &s->log, needle, false);
+    trocar_status status = reader_open(path, &s->file, why);
+    if (status == TROCAR_OK) *opened = s;
+    else pose_stream_close(s);
+    return status;
+}
+
+trocar_status pose_stream_next(pose_stream *s, pose_step *step, report *why) {
+    trocar_status status = TROCAR_OK;
+    s->in.accepted = false;
+    s->in.passed_count = 0;
+    while (status == TROCAR_OK && !s->in.accepted && s->file.offset < s->file.size) status = read_event(&s->file, s->wanted, &s->in, NULL, why);
+    *step = (pose_step){.ended = !s->in.accepted, .pose = s->in.pose, .probe_count = s->in.passed_count, .probes = s->in.passed};
+    return status;
+}
+
+void pose_stream_close(pose_stream *s) {
+    if (!s) return;
+    if (s->file.file) fclose(s->file.file);
+    free(s->in.passed);
+    pose_log_free(&s->log);
+    free(s);
+}
+
+static const wanted_channel WRENCHES[] = {{WRENCH_CHANNEL, take_wrench}, {STATUS_CHANNEL, take_status}, {0}};
+
+struct wrench_stream {
+    reader file;
+    wrench_reading in;
+};
+
+trocar_status wrench_stream_open(const char *path, wrench_stream **opened, report *why) {
+    wrench_stream *s = calloc(1, sizeof *s);
+    *opened = NULL;
+    if (!s) return fail(why, TROCAR_NO_MEMORY, "%s: no memory to read it", path);
+    trocar_status status = reader_open(path, &s->file, why);
+    if (status == TROCAR_OK) *opened = s;
+    else wrench_stream_close(s);
+    return status;
+}
+
+trocar_status wrench_stream_next(wrench_stream *s, trocar_needle_wrench_t *wrench, bool *ended, report *why) {
+    trocar_status status = TROCAR_OK;
+    s->in.accepted = false;
+    while (status == TROCAR_OK && !s->in.accepted && s->file.offset < s->file.size) status = read_event(&s->file, WRENCHES, &s->in, NULL, why);
+    *ended = !s->in.accepted;
+    *wrench = s->in.wrench;
+    return status == TROCAR_OK && *ended ? check_found(&s->file, WRENCHES, why) : status;
+}
+
+int64_t wrench_stream_skipped(const wrench_stream *s) { return s->in.skipped; }
+const char *wrench_stream_inverse(const wrench_stream *s) { return s->in.inverse; }
+
+void wrench_stream_close(wrench_stream *s) {
+    if (!s) return;
+    if (s->file.file) fclose(s->file.file);
+    free(s);
 }
 
 trocar_status wrench_log_read(const char *path, wrench_log *log, report *why) {
-    static const wanted_channel wanted[] = {{WRENCH_CHANNEL, take_wrench}, {STATUS_CHANNEL, take_status}, {0}};
+    wrench_stream *stream;
+    bool ended = false;
     *log = (wrench_log){0};
-    trocar_status status = read_log(path, wanted, log, NULL, why);
+    trocar_status status = wrench_stream_open(path, &stream, why);
+    if (status != TROCAR_OK) return status;
+    while (status == TROCAR_OK && !ended) {
+        trocar_needle_wrench_t wrench;
+        status = wrench_stream_next(stream, &wrench, &ended, why);
+        if (status != TROCAR_OK || ended) break;
+        void *wrenches = log->wrenches;
+        status = make_room(&wrenches, log->count, sizeof wrench, why);
+        log->wrenches = wrenches;
+        if (status == TROCAR_OK) log->wrenches[log->count++] = wrench;
+    }
+    log->skipped_not_finite = wrench_stream_skipped(stream);
+    snprintf(log->inverse, sizeof log->inverse, "%s", wrench_stream_inverse(stream));
+    wrench_stream_close(stream);
     if (status != TROCAR_OK) wrench_log_free(log);
     return status;
 }
@@ -424,14 +566,18 @@ double pose_log_interval(const pose_log *log, int i, double rate_hz, int *gaps) 
     return POSE_LOG_GAP;
 }
 
+trocar_pose base_of_probe(const trocar_probe_pose_t *message) {
+    pose base = load_pose(message->position, message->orientation);
+    base.orientation = q_unit(base.orientation);
+    return library_pose(base);
+}
+
 trocar_status pose_log_move_probe(const pose_log *log, int i, const trocar_model *model, trocar_sim *sim, int *done, report *why) {
     const trocar_probe_pose_t *newest = NULL;
     for (; *done < log->probe_count && log->probes[*done].next_pose <= i; (*done)++) newest = &log->probes[*done].pose;
     trocar_probe_shape ignored;
     if (!newest || !trocar_model_probe(model, &ignored)) return TROCAR_OK;
-    pose base = load_pose(newest->position, newest->orientation);
-    base.orientation = q_unit(base.orientation);
-    trocar_pose to = library_pose(base);
+    trocar_pose to = base_of_probe(newest);
     return trocar_sim_set_probe(sim, &to, why);
 }
 
@@ -443,7 +589,7 @@ pose pose_of_message(const trocar_needle_pose_t *message) {
 
 trocar_needle_pose_t message_of_pose(pose p, int64_t utime, int64_t session, int64_t seq) {
     return (trocar_needle_pose_t){
-        .utime = utime, .session = session, .seq = seq,
+        .utime = utime, .session = session, .seq = seq, .wrench_tick = -1,
         .position = {p.position.x, p.position.y, p.position.z},
         .orientation = {p.orientation.w, p.orientation.x, p.orientation.y, p.orientation.z}};
 }

@@ -41,12 +41,14 @@ typedef struct {
 /* The poses of a log that the server would accept: in order, of one session and thus of one needle. */
 typedef struct {
     int needle;
+    int most_needle;              /* the largest index of a pose's or command's needle */
     int count;
-    trocar_needle_pose_t *poses;  /* count */
+    trocar_needle_pose_t first, last;
+    trocar_needle_pose_t *poses;  /* count; NULL from pose_log_scan */
     int command_count;
     logged_command *commands;     /* command_count, in order: from pose_log_read_all every command, otherwise only DROP_SEED and UNDO of the poses' session and needle */
     int probe_count;
-    logged_probe *probes;         /* probe_count, in order: those that the server would accept */
+    logged_probe *probes;         /* probe_count, in order: those that the server would accept; NULL from pose_log_scan */
     int64_t skipped_probes;       /* number of poses of the probe that it would refuse */
     int64_t skipped_sessions;     /* number of skipped poses of other needles, or of other sessions than the first pose's */
     int64_t skipped_old;          /* number of skipped poses that were repeated or out of order */
@@ -76,6 +78,33 @@ trocar_status pose_log_read_all(const char *path, pose_log *log, report *why);
    within an event; it is empty if the log is complete. */
 trocar_status pose_log_read_to_cut(const char *path, pose_log *log, report *cut, report *why);
 void pose_log_free(pose_log *log);
+
+/* Logs of any length: pose_log_scan reads one as pose_log_read_needle, or with `all` as pose_log_read_all, and keeps nothing of it but the commands. A
+   stream then reads it again, pose by pose. */
+trocar_status pose_log_scan(const char *path, int needle, bool all, pose_log *log, report *why);
+
+typedef struct pose_stream pose_stream;
+
+/* What has been read up to a pose. */
+typedef struct {
+    bool ended;                   /* there was no pose left */
+    trocar_needle_pose_t pose;
+    int probe_count;              /* poses of the probe between the pose before, or the beginning, and this one, or the end */
+    const trocar_probe_pose_t *probes; /* probe_count; until the next call */
+} pose_step;
+
+trocar_status pose_stream_open(const char *path, int needle, bool all, pose_stream **stream, report *why);
+trocar_status pose_stream_next(pose_stream *stream, pose_step *step, report *why);
+void pose_stream_close(pose_stream *stream);
+
+/* A log of wrenches in the same way: those that answer a pose, in the order of the log. */
+typedef struct wrench_stream wrench_stream;
+trocar_status wrench_stream_open(const char *path, wrench_stream **stream, report *why);
+trocar_status wrench_stream_next(wrench_stream *stream, trocar_needle_wrench_t *wrench, bool *ended, report *why);
+int64_t wrench_stream_skipped(const wrench_stream *stream);       /* that were not finite, so far */
+const char *wrench_stream_inverse(const wrench_stream *stream);   /* as in wrench_log, so far */
+void wrench_stream_close(wrench_stream *stream);
+
 trocar_status wrench_log_read(const char *path, wrench_log *log, report *why);
 void wrench_log_free(wrench_log *log);
 
@@ -85,9 +114,12 @@ void wrench_log_free(wrench_log *log);
 double pose_log_time(const pose_log *log, int i);
 double pose_log_interval(const pose_log *log, int i, double rate_hz, int *gaps);
 
-/* The pose in a message, with normalised quaternion, and the message of a pose of needle 0. */
+/* The pose in a message, with normalised quaternion, and the message of a pose of needle 0 from a client that renders no force. */
 pose pose_of_message(const trocar_needle_pose_t *message);
 trocar_needle_pose_t message_of_pose(pose p, int64_t utime, int64_t session, int64_t seq);
+
+/* The base of a message of the probe's. */
+trocar_pose base_of_probe(const trocar_probe_pose_t *message);
 
 /* Moves the probe to its newest pose before needle pose `i` (log->count: after the last one). `done`: number of probe poses passed so far. Without a
    probe in the scene nothing happens. */

@@ -83,6 +83,11 @@ static void widen(const double value[3], double least[3], double greatest[3]) {
     }
 }
 
+/* Along the needle, positive toward the tip. */
+static double axial_force(const recording *r, const trocar_needle_wrench_t *w) {
+    return v3_dot(q_axis(r->sent[w->pose_seq].base.orientation), v3(w->raw_force[0], w->raw_force[1], w->raw_force[2]));
+}
+
 static void note_puncture(const trocar_needle_wrench_t *w, double time, double force_before, recording_summary *s) {
     if (s->puncture_count < SUMMARY_MAX_PUNCTURES)
         s->punctures[s->puncture_count] = (puncture){time, w->depth, force_before, w->membrane};
@@ -112,7 +117,7 @@ static void summarise_wrenches(const recording *r, recording_summary *s) {
         s->deepest = fmax(s->deepest, w->depth);
         if (w->contacts > s->most_contacts) s->most_contacts = w->contacts;
         s->flags |= w->flags;
-        if (w->events & TROCAR_EVENT_PUNCTURED) note_puncture(w, time, last ? last->raw_force[2] : w->raw_force[2], s);
+        if (w->events & TROCAR_EVENT_PUNCTURED) note_puncture(w, time, axial_force(r, last ? last : w), s);
         if (last) note_jump(last, w, time, s);
         if (last && w->server == last->server && w->tick > last->tick) s->lost_wrenches += w->tick - last->tick - 1;
         last = w;

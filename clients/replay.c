@@ -51,7 +51,10 @@ typedef struct {
     trocar_scene *scene;
     patient_frame frame;     /* for --patient */
     const patient_frame *patient; /* of the files: `frame` or NULL */
-    pose_log poses;
+    pose_log poses;          /* counts and commands; */
+    pose_stream *stream;     /* and the poses, one after another */
+    pose_step now;
+    int64_t before;          /* utime of the pose before */
     trocar_model *model;
     trocar_sim *sim;
     trocar_output result;              /* of the last tick */
@@ -59,15 +62,10 @@ typedef struct {
     double *displacements;             /* for --shift: 3 per node of the mesh, m; else NULL */
     output log_file, csv_file, json_file, shift_file, seeds_file;
     region_motion motion;
-    wrench_log golden;
-    trocar_needle_wrench_t *replayed;  /* one per pose, for --compare; else NULL */
     comparison comparison;
     pvd_series series;
-    int dump_tick;           /* tick whose state --vtu writes, or the first later one that moves a needle */
-    bool dumped;
+    bool dumped;             /* for --vtu: the first state at or after --at */
     int64_t logged;          /* events in log_file */
-    int probes_done;         /* of the log's poses of the probe, */
-    int probes_logged;       /* and of these, those in log_file */
     bool has_probe;          /* the scene has one */
     int commands_done;       /* of the log's commands; */
     int refused, refused_before; /* refused here, and by the server already */
@@ -150,14 +148,19 @@ static const struct argp parser = {
 
 /* ---- set-up ------------------------------------------------------------------------------------------------------ */
 
-/* The first tick at or after --at. */
-static trocar_status find_dump_tick(replay *r, report *why) {
-    int last = r->poses.count - 1;
-    r->dump_tick = isnan(r->options->at) ? last : 0;
-    while (r->dump_tick <= last && pose_log_time(&r->poses, r->dump_tick) < r->options->at) r->dump_tick++;
-    if (r->dump_tick <= last) return TROCAR_OK;
-    return fail(why, TROCAR_BAD_INPUT, "%s: --at %g s is after the last pose at %g s", r->options->pose_path, r->options->at,
-                pose_log_time(&r->poses, last));
+/* s after the first pose. */
+static double time_of(const replay *r, const trocar_needle_pose_t *pose) { return 1e-6 * (double)(pose->utime - r->poses.first.utime); }
+
+static trocar_status check_dump_time(const replay *r, report *why) {
+    double end = time_of(r, &r->poses.last);
+    if (isnan(r->options->at) || r->options->at <= end) return TROCAR_OK;
+    return fail(why, TROCAR_BAD_INPUT, "%s: --at %g s is after the last pose at %g s", r->options->pose_path, r->options->at, end);
+}
+
+/* --vtu writes the state after the first tick at or after --at that moves a needle. */
+static bool dump_is_due(const replay *r, int tick) {
+    if (!r->options->vtu_prefix || r->dumped) return false;
+    return isnan(r->options->at) ? tick == r->poses.count - 1 : time_of(r, &r->now.pose) >= r->options->at;
 }
 
 static trocar_status open_outputs(replay *r, report *why) {
@@ -172,13 +175,6 @@ static trocar_status open_outputs(replay *r, report *why) {
         fprintf(r->shift_file.file, "t [s],%s,superior [mm],sagittal [deg],coronal [deg],axial [deg]\n",
                 r->patient ? "left [mm],posterior [mm]" : "right [mm],anterior [mm]");
     return status;
-}
-
-static trocar_status prepare_comparison(replay *r, report *why) {
-    trocar_status status = wrench_log_read(r->options->golden_path, &r->golden, why);
-    if (status != TROCAR_OK) return status;
-    r->replayed = calloc((size_t)r->poses.count, sizeof *r->replayed);
-    return r->replayed ? TROCAR_OK : fail(why, TROCAR_NO_MEMORY, "no memory for %d wrenches", r->poses.count);
 }
 
 /* Follows the chosen region, or the scene's first. */
@@ -211,14 +207,14 @@ static trocar_status create_simulation(replay *r, report *why) {
 static trocar_status prepare(replay *r, report *why) {
     trocar_status status = trocar_scene_load(r->options->scene_path, &r->scene, why);
     const options *o = r->options;
-    if (status == TROCAR_OK)
-        status = o->all ? pose_log_read_all(o->pose_path, &r->poses, why) : pose_log_read_needle(o->pose_path, o->needle, &r->poses, why);
-    if (status == TROCAR_OK) status = find_dump_tick(r, why);
+    if (status == TROCAR_OK) status = pose_log_scan(o->pose_path, o->needle, o->all, &r->poses, why);
+    if (status == TROCAR_OK) status = check_dump_time(r, why);
+    if (status == TROCAR_OK) status = pose_stream_open(o->pose_path, o->needle, o->all, &r->stream, why);
     if (status == TROCAR_OK && o->patient) {
         status = patient_frame_read(r->scene, &r->frame, why);
         r->patient = &r->frame;
     }
-    if (status == TROCAR_OK && o->golden_path) status = prepare_comparison(r, why);
+    if (status == TROCAR_OK && o->golden_path) status = comparison_begin(&r->comparison, o->golden_path, r->poses.first.session, o->tolerance, why);
     if (status == TROCAR_OK) status = open_outputs(r, why);
     return status == TROCAR_OK ? create_simulation(r, why) : status;
 }
@@ -236,15 +232,15 @@ static void clean_up(replay *r) {
     trocar_model_free(r->model);
     trocar_scene_free(r->scene);
     free(r->displacements);
-    free(r->replayed);
-    wrench_log_free(&r->golden);
+    comparison_free(&r->comparison);
+    pose_stream_close(r->stream);
     pose_log_free(&r->poses);
 }
 
 /* ---- the run ----------------------------------------------------------------------------------------------------- */
 
 static trocar_needle_wrench_t message_of_tick(const replay *r, int tick) {
-    const trocar_needle_pose_t *p = &r->poses.poses[tick];
+    const trocar_needle_pose_t *p = &r->now.pose;
     trocar_needle_wrench_t m = wrench_message(&r->result);
     m.utime = m.pose_utime = p->utime;
     m.tick = tick;
@@ -261,7 +257,7 @@ static trocar_status log_tick(replay *r, int tick, const trocar_needle_wrench_t 
     int every = r->options->every;
     lcm_eventlog_t log = log_at(r);
     trocar_status status = TROCAR_OK;
-    if (!every) status = log_write_pose(&log, &r->poses.poses[tick], path, why);
+    if (!every) status = log_write_pose(&log, &r->now.pose, path, why);
     if (status == TROCAR_OK && (!every || tick % every == 0)) status = log_write_wrench(&log, wrench, path, why);
     r->logged = log.eventcount;
     return status;
@@ -273,14 +269,14 @@ static trocar_status log_origin(replay *r, report *why) {
     int needles = trocar_model_needles(r->model), needle = r->poses.needle;
     lcm_eventlog_t log = log_at(r);
     r->logged++;
-    trocar_status_t m = {.utime = r->poses.poses[0].utime, .host = "", .scene = (char *)(uintptr_t)trocar_scene_path(r->scene),
+    trocar_status_t m = {.utime = r->poses.first.utime, .host = "", .scene = (char *)(uintptr_t)trocar_scene_path(r->scene),
                          .inverse = (char *)(uintptr_t)trocar_model_inverse(r->model), .message = "", .needle = needle,
                          .needle_count = needle < needles ? needles : needle + 1};
     return log_write_status(&log, &m, r->options->log_path, why);
 }
 
 /* Of the simulation. */
-static int needle_of(const replay *r, int tick) { return r->options->all ? r->poses.poses[tick].needle : 0; }
+static int needle_of(const replay *r) { return r->options->all ? r->now.pose.needle : 0; }
 
 static void add_probe(const replay *r, tick_row *row) {
     trocar_probe p = trocar_sim_probe(r->sim);
@@ -291,17 +287,17 @@ static void add_probe(const replay *r, tick_row *row) {
     row->probe_base = mesh_to_patient(r->patient, load_vec3(p.base.position));
 }
 
-static void write_row(const replay *r, int tick) {
-    int needle = needle_of(r, tick);
+static void write_row(const replay *r) {
+    int needle = needle_of(r);
     const trocar_output *w = &r->result;
     char key[64], membrane[256] = "";
     snprintf(key, sizeof key, "membranes[%d].name", w->membrane);
     if (w->membrane >= 0) trocar_scene_get(r->scene, key, membrane, sizeof membrane, NULL);
     double joints[TROCAR_MAX_JOINTS][3];
     int count = trocar_sim_centreline(r->sim, needle, joints[0], TROCAR_MAX_JOINTS);
-    tick_row row = {.time = pose_log_time(&r->poses, tick), .force = axes_to_patient(r->patient, load_vec3(w->force)),
+    tick_row row = {.time = time_of(r, &r->now.pose), .force = axes_to_patient(r->patient, load_vec3(w->force)),
                     .torque = axes_to_patient(r->patient, load_vec3(w->torque)), .depth = w->depth, .contacts = w->contacts,
-                    .needle = r->poses.poses[tick].needle, .tip_lead = trocar_sim_tip_lead(r->sim, needle),
+                    .needle = r->now.pose.needle, .tip_lead = trocar_sim_tip_lead(r->sim, needle),
                     .base = mesh_to_patient(r->patient, load_vec3(trocar_sim_base(r->sim, needle).position)),
                     .tip = mesh_to_patient(r->patient, load_vec3(joints[count - 1])), .unit = patient_unit(r->patient), .has_probe = r->has_probe};
     events_text(w->events, membrane, row.events, sizeof row.events);
@@ -311,13 +307,13 @@ static void write_row(const replay *r, int tick) {
 }
 
 /* Rotations in the sagittal, coronal and axial planes are about the normals of these planes. */
-static trocar_status shift_tick(replay *r, int tick, report *why) {
+static trocar_status shift_tick(replay *r, report *why) {
     trocar_status status = trocar_sim_displacements(r->sim, r->displacements, why);
     if (status != TROCAR_OK) return status;
     rigid_motion m = region_motion_of(&r->motion, r->displacements);
     m = (rigid_motion){axes_to_patient(r->patient, m.shift), axes_to_patient(r->patient, m.turn)};
     const double mm = 1e3, degrees = 180 / M_PI;
-    fprintf(r->shift_file.file, "%.6f,%.6f,%.6f,%.6f,%.6f,%.6f,%.6f\n", pose_log_time(&r->poses, tick), mm * m.shift.x, mm * m.shift.y,
+    fprintf(r->shift_file.file, "%.6f,%.6f,%.6f,%.6f,%.6f,%.6f,%.6f\n", time_of(r, &r->now.pose), mm * m.shift.x, mm * m.shift.y,
             mm * m.shift.z, degrees * m.turn.x, degrees * m.turn.y, degrees * m.turn.z);
     return TROCAR_OK;
 }
@@ -358,10 +354,11 @@ static trocar_status carry_out(replay *r, const logged_command *logged, report *
         if (status == TROCAR_OK) n->taken = true;
         return status;
     case TROCAR_COMMAND_T_RESET:
+        n->begun = n->taken = false;
+        return remove_needle(r->sim, needle, why);
     case TROCAR_COMMAND_T_RELEASE:
         n->begun = false;
-        if (c->command == TROCAR_COMMAND_T_RELEASE || trocar_sim_needle_state(r->sim, needle) != TROCAR_NEEDLE_RESTING) return TROCAR_OK;
-        return remove_needle(r->sim, needle, why);
+        return TROCAR_OK;
     default: return TROCAR_OK;
     }
 }
@@ -415,9 +412,9 @@ static trocar_status run_commands(replay *r, int pose, report *why) {
 }
 
 /* As the server: a pose for a needle that rests, or that another session holds, is skipped: *dt is 0. A session that is silent loses the needle. */
-static trocar_status follow_needle(replay *r, int tick, trocar_pose *base, double *dt, report *why) {
+static trocar_status follow_needle(replay *r, trocar_pose *base, double *dt, report *why) {
     static const int64_t SILENCE = 2000000; /* us */
-    const trocar_needle_pose_t *m = &r->poses.poses[tick];
+    const trocar_needle_pose_t *m = &r->now.pose;
     replayed_needle *n = &r->needles[m->needle];
     pose hand = pose_of_message(m);
     bool same = n->begun && m->session == n->session;
@@ -442,25 +439,24 @@ static trocar_status follow_needle(replay *r, int tick, trocar_pose *base, doubl
 }
 
 /* Moves the probe to its newest pose before this one, and logs what was passed. */
-static trocar_status follow_probe(replay *r, int pose, report *why) {
-    trocar_status status = pose_log_move_probe(&r->poses, pose, r->model, r->sim, &r->probes_done, why);
+static trocar_status follow_probe(replay *r, report *why) {
+    trocar_status status = TROCAR_OK;
+    int count = r->now.probe_count;
+    if (count > 0 && r->has_probe) {
+        trocar_pose to = base_of_probe(&r->now.probes[count - 1]);
+        status = trocar_sim_set_probe(r->sim, &to, why);
+    }
     if (!r->log_file.file || r->options->every) return status;
     lcm_eventlog_t log = log_at(r);
-    for (; status == TROCAR_OK && r->probes_logged < r->probes_done; r->probes_logged++)
-        status = log_write_probe(&log, &r->poses.probes[r->probes_logged].pose, r->options->log_path, why);
+    for (int i = 0; i < count && status == TROCAR_OK; i++) status = log_write_probe(&log, &r->now.probes[i], r->options->log_path, why);
     r->logged = log.eventcount;
     return status;
 }
 
 static trocar_status check_needles(const replay *r, report *why) {
     int needles = trocar_model_needles(r->model);
-    for (int i = 0; i < r->poses.count; i++)
-        if (r->poses.poses[i].needle >= needles)
-            return fail(why, TROCAR_BAD_INPUT, "%s: a pose of needle %d: the scene's \"needles\" is %d", r->options->pose_path, r->poses.poses[i].needle, needles);
-    for (int i = 0; i < r->poses.command_count; i++)
-        if (r->poses.commands[i].command.needle >= needles)
-            return fail(why, TROCAR_BAD_INPUT, "%s: a command for needle %d: the scene's \"needles\" is %d", r->options->pose_path,
-                        r->poses.commands[i].command.needle, needles);
+    if (r->poses.most_needle >= needles)
+        return fail(why, TROCAR_BAD_INPUT, "%s: a pose of or a command for needle %d: the scene's \"needles\" is %d", r->options->pose_path, r->poses.most_needle, needles);
     for (int i = 0; i < needles; i++) { /* outside, until its first pose */
         trocar_pose away = {{0, 0, -10.0}, {1, 0, 0, 0}};
         trocar_status status = trocar_sim_reset(r->sim, i, &away, why);
@@ -474,43 +470,55 @@ static trocar_status dump(replay *r, report *why) {
     return export_state(r, why);
 }
 
+/* Length of a tick, as pose_log_interval. */
+static double interval_of(replay *r, int tick) {
+    double dt = tick == 0 ? 1.0 / trocar_model_rate(r->model) : 1e-6 * (double)(r->now.pose.utime - r->before);
+    if (tick == 0 || dt <= POSE_LOG_GAP) return dt;
+    r->gaps++;
+    return POSE_LOG_GAP;
+}
+
 static trocar_status run_tick(replay *r, int tick, report *why) {
-    trocar_pose base = library_pose(pose_of_message(&r->poses.poses[tick]));
+    trocar_pose base = library_pose(pose_of_message(&r->now.pose));
     double dt = 0.0;
-    try_again(r, needle_of(r, tick));
+    try_again(r, needle_of(r));
     trocar_status status = run_commands(r, tick, why);
-    if (status == TROCAR_OK) status = follow_probe(r, tick, why);
+    if (status == TROCAR_OK) status = follow_probe(r, why);
     if (status != TROCAR_OK) return status;
     if (r->options->all) {
-        status = follow_needle(r, tick, &base, &dt, why);
+        status = follow_needle(r, &base, &dt, why);
         if (status != TROCAR_OK || dt == 0.0) return status;
     } else {
-        dt = pose_log_interval(&r->poses, tick, trocar_model_rate(r->model), &r->gaps);
+        dt = interval_of(r, tick);
     }
-    status = trocar_sim_step(r->sim, needle_of(r, tick), &base, dt, &r->result, why);
+    status = trocar_sim_step(r->sim, needle_of(r), &base, dt, &r->result, why);
     if (status != TROCAR_OK) return status;
-    if (r->csv_file.file || r->json_file.file) write_row(r, tick);
-    if (r->shift_file.file) status = shift_tick(r, tick, why);
+    if (r->csv_file.file || r->json_file.file) write_row(r);
+    if (r->shift_file.file) status = shift_tick(r, why);
     trocar_needle_wrench_t message = message_of_tick(r, tick);
     if (status == TROCAR_OK && r->log_file.file) status = log_tick(r, tick, &message, why);
-    if (r->replayed) r->replayed[tick] = message;
-    if (status == TROCAR_OK && r->options->vtu_prefix && !r->dumped && tick >= r->dump_tick) status = dump(r, why);
-    return status == TROCAR_OK ? add_to_series(r, pose_log_time(&r->poses, tick), why) : status;
+    if (status == TROCAR_OK && r->options->golden_path) status = comparison_add(&r->comparison, &message, why);
+    if (status == TROCAR_OK && dump_is_due(r, tick)) status = dump(r, why);
+    return status == TROCAR_OK ? add_to_series(r, time_of(r, &r->now.pose), why) : status;
 }
 
 static trocar_status run_all(replay *r, report *why) {
     enum { LONG_LOG = 5000 };
     bool progress = !r->options->quiet && isatty(STDERR_FILENO) && r->poses.count >= LONG_LOG;
-    trocar_pose start = library_pose(pose_of_message(&r->poses.poses[0]));
+    trocar_pose start = library_pose(pose_of_message(&r->poses.first));
     trocar_status status = r->options->all ? check_needles(r, why) : trocar_sim_reset(r->sim, 0, &start, why);
     if (status == TROCAR_OK && r->log_file.file) status = log_origin(r, why);
     for (int tick = 0; tick < r->poses.count && status == TROCAR_OK; tick++) {
-        status = run_tick(r, tick, why);
+        status = pose_stream_next(r->stream, &r->now, why);
+        if (status == TROCAR_OK && r->now.ended) status = fail(why, TROCAR_BAD_INPUT, "%s: it has become shorter while it was replayed", r->options->pose_path);
+        if (status == TROCAR_OK) status = run_tick(r, tick, why);
+        r->before = r->now.pose.utime;
         if (progress) progress_show("replay", (double)(tick + 1) / r->poses.count, NULL);
     }
     if (status == TROCAR_OK) status = run_commands(r, r->poses.count, why);
     for (int i = 0; i < trocar_model_needles(r->model); i++) end_waiting(r, i, NULL);
-    if (status == TROCAR_OK) status = follow_probe(r, r->poses.count, why);
+    if (status == TROCAR_OK) status = pose_stream_next(r->stream, &r->now, why);
+    if (status == TROCAR_OK) status = follow_probe(r, why);
     if (status == TROCAR_OK && r->options->vtu_prefix && !r->dumped) status = dump(r, why); /* no pose after that moment had a needle to move */
     if (status == TROCAR_OK && r->seeds_file.file) status = seed_table_write(r->seeds_file.file, r->scene, r->model, r->sim, r->patient, why);
     if (status == TROCAR_OK) status = output_commit(&r->seeds_file, why);
@@ -519,13 +527,11 @@ static trocar_status run_all(replay *r, report *why) {
     if (status == TROCAR_OK) status = output_commit(&r->json_file, why);
     if (status == TROCAR_OK) status = pvd_close(&r->series, why);
     if (status == TROCAR_OK) status = output_commit(&r->shift_file, why);
-    if (status != TROCAR_OK || !r->replayed) return status;
-    return compare_wrenches(&r->golden, r->options->golden_path, r->replayed, r->poses.count, r->options->tolerance,
-                            &r->comparison, why);
+    return status == TROCAR_OK && r->options->golden_path ? comparison_end(&r->comparison, why) : status;
 }
 
 static void summarise(const replay *r) {
-    double time = pose_log_time(&r->poses, r->poses.count - 1);
+    double time = time_of(r, &r->poses.last);
     if (r->options->all) fprintf(stderr, "%d poses and %d commands, %d of them refused, over %.3f s\n", r->poses.count, r->commands_done, r->refused + r->refused_before, time);
     else fprintf(stderr, "%d poses of needle %d over %.3f s\n", r->poses.count, r->poses.needle, time);
     if (r->gaps) fprintf(stderr, "%d gaps longer than %g s counted as %g s\n", r->gaps, POSE_LOG_GAP, POSE_LOG_GAP);
@@ -543,7 +549,7 @@ static void summarise(const replay *r) {
 
 /* Printed even with --quiet, because it explains why the bits differ. */
 static void name_other_owner(const replay *r) {
-    const char *golden = r->golden.inverse, *here = trocar_model_inverse(r->model);
+    const char *golden = r->comparison.inverse, *here = trocar_model_inverse(r->model);
     if (golden[0] == '\0' || strcmp(golden, here) == 0) return;
     fprintf(stderr, "%s: made with the %s inverse, this replay with the %s one: they agree to rounding only; for the same bits set "
             "`inverse: %s` in the scene\n", r->options->golden_path, golden, here, golden);
@@ -560,10 +566,9 @@ int main(int count, char **arguments) {
     if (status == TROCAR_OK) status = run_all(&r, &why);
     if (status == TROCAR_OK && !o.quiet) summarise(&r);
     if (r.refused) fprintf(stderr, "trocar-replay: %d of %d commands refused; the first: %s\n", r.refused, r.poses.command_count, r.refusal.text);
-    if (status == TROCAR_OK && r.replayed) name_other_owner(&r);
+    if (status == TROCAR_OK && o.golden_path) name_other_owner(&r);
     bool differs = r.comparison.differing > 0;
-    if (status == TROCAR_OK && r.replayed && (differs || !o.quiet))
-        comparison_print(&r.comparison, &r.golden, o.golden_path, r.replayed, stderr);
+    if (status == TROCAR_OK && o.golden_path && (differs || !o.quiet)) comparison_print(&r.comparison, stderr);
     clean_up(&r);
     if (status == TROCAR_OK) return differs ? EXIT_FAILURE : EXIT_SUCCESS;
     fprintf(stderr, "trocar-replay: %s\n", why.text);

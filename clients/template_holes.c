@@ -1,5 +1,6 @@
 #include "template_holes.h"
 
+#include <ctype.h>
 #include <math.h>
 #include <stdio.h>
 #include <string.h>
@@ -17,7 +18,8 @@ int find_template(const trocar_model *model) {
 bool find_hole(const trocar_guide *guide, const char *name, int *column, int *row) {
     char letters[3];
     int number, end = 0;
-    if (sscanf(name, "%2[A-Z]%2d%n", letters, &number, &end) != 2) return false;
+    if (sscanf(name, "%2[A-Za-z]%2d%n", letters, &number, &end) != 2) return false;
+    for (char *letter = letters; *letter; letter++) *letter = (char)toupper((unsigned char)*letter);
     bool half = strcmp(name + end, ".5") == 0;
     if (!half && name[end] != 0 && strcmp(name + end, ".0") != 0) return false;
     *column = letters[1] ? 26 * (letters[0] - 'A' + 1) + letters[1] - 'A' : letters[0] - 'A';

@@ -125,7 +125,7 @@ static lcm_t *listen_to_server(const options *o, monitor *d, report *why) {
     static packet_wishes wishes = {.whole_only = true};
     wishes.channels = d->sends ? channels : shown;
     lcm_filter_restrict(&wishes);
-    lcm_t *lcm = lcm_create(o->lcm_url);
+    lcm_t *lcm = lcm_filter_create(o->lcm_url);
     bool heard = lcm && lcm_subscribe(lcm, "TROCAR_TIMING", on_timing, d) && lcm_subscribe(lcm, "TROCAR_STATUS", on_status, d);
     if (heard && d->sends) heard = lcm_subscribe(lcm, "TROCAR_WRENCH", on_wrench, d) && lcm_subscribe(lcm, "TROCAR_POSE", on_pose, d);
     if (heard) return lcm;

@@ -19,6 +19,8 @@
 
 #include <lcm/lcm.h>
 
+#include "lcm_filter.h"
+#include "printable.h"
 #include "server_choice.h"
 #include "trocar_command_reply_t.h"
 #include "trocar_command_t.h"
@@ -28,6 +30,8 @@
 static const double WATCHDOG = 0.02; /* s */
 static const double RAMP = 0.1;      /* s, after an outage */
 static const double PATIENCE = 0.1;  /* s of silence after which another server is followed */
+static const double LONGEST_PERIOD = 0.01; /* s of the device's loop, for which the wrench may change */
+static const double MAX_FORCE = 20.0, MAX_TORQUE = 1.0, MAX_FORCE_RATE = 2000.0, MAX_TORQUE_RATE = 100.0; /* N, N m, per s: as a scene's without `device` */
 static const double LONGEST_REPLY = 3.0; /* s; a server with 25 resting needles takes 0.1 s to leave one more */
 
 typedef struct {
@@ -51,6 +55,12 @@ typedef struct {
     bool done;
     char why[256];
 } received_reply;
+
+/* What may be rendered, and what has been last. */
+typedef struct {
+    double most, rate;       /* N or N m; per s */
+    double last[3];
+} limiter;
 
 /* Passes the newest value from one thread to another: three slots. The writer fills its own and swaps it with the middle one; the
    reader swaps its own with the middle one if that is fresh. */
@@ -78,7 +88,10 @@ struct trocar_client {
     /* device's loop */
     double watchdog;         /* s */
     double alive_since;      /* s, 0: no wrenches arrive */
+    limiter force, torque;
+    double rendered_at;      /* s, time of the last wrench that was rendered */
     int64_t felt_tick;
+    bool without_force;
     int64_t asked;           /* number of the last command, 0: none yet */
     double asked_at;         /* s */
 
@@ -141,10 +154,35 @@ int trocar_client_publish(trocar_client *c, const double position[3], const doub
     sent_pose *p = &c->poses[c->pose_slots.back];
     memcpy(p->position, position, sizeof p->position);
     memcpy(p->orientation, orientation, sizeof p->orientation);
-    p->wrench_tick = c->felt_tick;
+    p->wrench_tick = c->without_force ? -1 - c->felt_tick : c->felt_tick;
     slots_publish(&c->pose_slots);
     wake(c);
     return 1;
+}
+
+static double length_of(const double a[3]) { return sqrt(a[0] * a[0] + a[1] * a[1] + a[2] * a[2]); }
+
+/* Limits the length of `wanted`, then its distance from the last one, to what may change in `period` (s). True if it had to. */
+static bool limit(limiter *l, double period, double wanted[3]) {
+    double length = length_of(wanted), scale = length > l->most ? l->most / length : 1.0, change[3];
+    for (int i = 0; i < 3; i++) change[i] = scale * wanted[i] - l->last[i];
+    double step = l->rate * period, size = length_of(change), part = size > step ? step / size : 1.0;
+    for (int i = 0; i < 3; i++) wanted[i] = l->last[i] += part * change[i];
+    return scale < 1.0 || part < 1.0;
+}
+
+static void limit_wrench(trocar_client *c, double time, trocar_client_wrench *wrench) {
+    double period = fmin(time - c->rendered_at, LONGEST_PERIOD);
+    c->rendered_at = time;
+    bool force = limit(&c->force, period, wrench->force), torque = limit(&c->torque, period, wrench->torque);
+    if (force || torque) wrench->flags |= TROCAR_NEEDLE_WRENCH_T_SATURATED;
+}
+
+static void render_nothing(trocar_client *c) {
+    memset(c->force.last, 0, sizeof c->force.last);
+    memset(c->torque.last, 0, sizeof c->torque.last);
+    c->alive_since = 0;
+    c->felt_tick = 0;
 }
 
 int trocar_client_newest(trocar_client *c, trocar_client_wrench *wrench) {
@@ -153,18 +191,18 @@ int trocar_client_newest(trocar_client *c, trocar_client_wrench *wrench) {
     double time = now();
     if (r->arrival == 0 || time - r->arrival >= c->watchdog) {
         *wrench = (trocar_client_wrench){.membrane = -1};
-        c->alive_since = 0;
-        c->felt_tick = 0;
+        render_nothing(c);
         return 0;
     }
     *wrench = r->wrench;
     c->felt_tick = r->wrench.tick;
-    if (c->alive_since == 0) c->alive_since = time;
+    if (c->alive_since == 0) c->alive_since = c->rendered_at = time;
     double gain = fmin(1.0, (time - c->alive_since) / RAMP);
     for (int i = 0; i < 3; i++) {
         wrench->force[i] *= gain;
         wrench->torque[i] *= gain;
     }
+    limit_wrench(c, time, wrench);
     return 1;
 }
 
@@ -235,6 +273,7 @@ static void on_reply(const lcm_recv_buf_t *buffer, const char *channel, void *us
         r->number = m.seq;
         r->done = m.status == TROCAR_COMMAND_REPLY_T_DONE;
         snprintf(r->why, sizeof r->why, "%s", m.message);
+        make_printable(r->why);
         slots_publish(&c->reply_slots);
     }
     trocar_command_reply_t_decode_cleanup(&m);
@@ -256,7 +295,7 @@ static void send_command(trocar_client *c, const sent_command *command) {
 }
 
 static bool connect_lcm(trocar_client *c) {
-    lcm_t *lcm = lcm_create(c->url);
+    lcm_t *lcm = lcm_filter_create(c->url);
     if (lcm == NULL) return false;
     if (lcm_subscribe(lcm, "TROCAR_WRENCH", on_wrench, c) == NULL || lcm_subscribe(lcm, "TROCAR_REPLY", on_reply, c) == NULL ||
         lcm_get_fileno(lcm) < 0) {
@@ -300,6 +339,10 @@ static void free_client(trocar_client *c) {
     free(c);
 }
 
+static double or_standard(double given, double standard) { return given == 0 ? standard : given; }
+
+static bool limits_are_good(const trocar_client_options *o) { return o->max_force >= 0 && o->max_torque >= 0 && o->max_force_rate >= 0 && o->max_torque_rate >= 0; }
+
 static trocar_client *create_client(const trocar_client_options *o) {
     trocar_client *c = aligned_alloc(alignof(trocar_client), sizeof *c);
     if (c == NULL) return NULL;
@@ -311,7 +354,10 @@ static trocar_client *create_client(const trocar_client_options *o) {
     sem_init(&c->opened, 0, 0);
     c->watchdog = o->watchdog > 0 ? o->watchdog : WATCHDOG;
     c->servers.patience = PATIENCE;
+    c->force = (limiter){.most = or_standard(o->max_force, MAX_FORCE), .rate = or_standard(o->max_force_rate, MAX_FORCE_RATE)};
+    c->torque = (limiter){.most = or_standard(o->max_torque, MAX_TORQUE), .rate = or_standard(o->max_torque_rate, MAX_TORQUE_RATE)};
     c->needle = o->needle;
+    c->without_force = o->without_force != 0;
     c->url = o->url != NULL ? strdup(o->url) : NULL;
     c->wake = eventfd(0, EFD_CLOEXEC | EFD_NONBLOCK);
     if (getrandom(&c->session, sizeof c->session, 0) < 0) c->session = wall_clock();
@@ -337,6 +383,10 @@ static int start_thread(trocar_client *c, int priority) {
 }
 
 static trocar_client *open_or_say_why(const trocar_client_options *o, char *why, size_t size) {
+    if (!limits_are_good(o)) {
+        snprintf(why, size, "max_force, max_torque, max_force_rate and max_torque_rate must be above 0, or 0 for their defaults");
+        return NULL;
+    }
     trocar_client *c = create_client(o);
     if (c == NULL) {
         snprintf(why, size, "the client cannot be created: %s", strerror(errno));

@@ -19,6 +19,9 @@
 
    Watchdog: after 20 ms without a wrench the force is zero. When wrenches arrive again, the force is ramped up in 0.1 s.
 
+   Limits: whatever arrives, force and torque stay below the limits in the options and change no faster than these say. LCM has no
+   authentication, so that anyone on the network can send a wrench; set what your device bears.
+
    Frames: the scene's world frame, in metres. Quaternions are w, x, y, z. The needle's axis is its local +z, from base to tip,
    and its bevel faces local +y. Link with trocar::client (CMake) or trocar-client (pkg-config). */
 #ifndef TROCAR_CLIENT_H
@@ -38,6 +41,11 @@ typedef struct trocar_client_options {
     double watchdog;         /* s without a wrench until the force is zero; 0: 0.02 */
     int priority;            /* SCHED_FIFO priority of the client's thread, below the device's loop; 0: as the caller */
     int needle;              /* index of the device's needle in the scene, from 0 */
+    double max_force;        /* N, of the force to render; 0: 20; INFINITY: not limited */
+    double max_torque;       /* N m; 0: 1 */
+    double max_force_rate;   /* N/s; 0: 2000 */
+    double max_torque_rate;  /* N m/s; 0: 100 */
+    int without_force;       /* 1: the client renders no force, like a mouse or a tracker; the needle then follows its poses rigidly */
 } trocar_client_options;
 
 /* The wrench to render. All zero while no wrenches arrive. */
@@ -49,7 +57,7 @@ typedef struct trocar_client_wrench {
     int32_t contacts;        /* active contact nodes */
     int32_t events;          /* of that tick only; subscribe to TROCAR_WRENCH for those of every tick */
     int32_t membrane;        /* punctured in that tick, -1 if none */
-    int32_t flags;           /* TROCAR_NEEDLE_WRENCH_T_STALE, ... of trocar_needle_wrench_t.h */
+    int32_t flags;           /* TROCAR_NEEDLE_WRENCH_T_STALE, ... of trocar_needle_wrench_t.h; SATURATED also when the client has limited it */
 } trocar_client_wrench;
 
 /* Connects; `options` may be NULL. Waits for the network, but not for a server, which may start later. Returns NULL and a

@@ -167,14 +167,14 @@ static void append(centreline *c, double arc, const double position[3], const do
     c->count++;
 }
 
-/* Joints and contact points, merged by arc length; the tip is the last joint. */
+/* Joints and contact points, merged by arc length; a tip at the needle's end is the last joint. */
 static void trace_needle(const trocar_model *model, const trocar_picture *picture, centreline *c) {
     static const double none[3] = {-0.0, -0.0, -0.0}, no_tip[3] = {0};
     trocar_contact contacts[TROCAR_MAX_POINTS];
     double joints[TROCAR_MAX_JOINTS][3];
     int count = trocar_picture_contacts(picture, 0, contacts, TROCAR_MAX_POINTS), last = trocar_model_segments(model), contact = 0;
-    bool tip = count > 0 && contacts[count - 1].kind == TROCAR_CONTACT_TIP;
-    double segment = trocar_model_needle_length(model) / last;
+    double length = trocar_model_needle_length(model), segment = length / last;
+    bool tip = count > 0 && contacts[count - 1].kind == TROCAR_CONTACT_TIP && contacts[count - 1].arc == length;
     trocar_picture_centreline(picture, 0, joints[0], TROCAR_MAX_JOINTS);
     count -= tip;
     c->count = 0;

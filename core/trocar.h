@@ -13,13 +13,16 @@
    Units are SI: m, N, N m, Pa, s, rad. The world frame is the mesh's; quaternions are w, x, y, z and of unit length; the
    needle's axis is its local +z from base to tip, its bevel faces local +y.
 
+   Text: numbers are written and read with a decimal point, whatever the host's locale is, which stays as it is.
+
    Errors: functions that can fail return a status and leave one message in `error`, with the place and the remedy; `error` may
    be NULL. No function prints, exits or changes signals. What a function allocates is said with it; functions marked RT
    neither allocate, lock, call the system nor wait, and may run in a real-time thread.
 
    Floating point: calls that compute do so with denormals flushed to zero and restore the caller's mode. The first model sets
    OpenBLAS to one thread for the whole process: its threads would compete with yours, and results would depend on their
-   number. One binary gives the same bits on every processor that can run it. */
+   number. One binary gives the same bits in every run on one kind of processor; between kinds, for which OpenBLAS has kernels of its own, results
+   differ by 1e-12 of their peak. */
 #ifndef TROCAR_H
 #define TROCAR_H
 
@@ -55,12 +58,20 @@ typedef enum trocar_status {
     TROCAR_NO_MEMORY,  /* an allocation failed */
     TROCAR_NUMERIC,    /* a factorisation or a solve broke down */
     TROCAR_SYSTEM,     /* the operating system refused something */
-    TROCAR_NO_REALTIME /* of programs: the limits do not permit real time; they exit with status 4 */
+    TROCAR_NO_REALTIME, /* of programs: the limits do not permit real time; they exit with status 4 */
+    TROCAR_CANCELLED   /* the host wanted a long call to end: trocar_watch */
 } trocar_status;
 
 typedef struct trocar_error {
     char text[1024];
 } trocar_error;
+
+/* What a long call tells its host, and asks it, in the thread of the call. Both functions may be NULL. */
+typedef struct trocar_watch {
+    void (*progress)(const char *what, double fraction, void *context); /* 0 to 1 */
+    int (*cancelled)(void *context);   /* not 0: the call ends soon, with CANCELLED */
+    void *context;
+} trocar_watch;
 
 /* ---- values ------------------------------------------------------------------------------------------------------------- */
 
@@ -78,13 +89,14 @@ enum {
     TROCAR_EVENT_EXITED = 1 << 4,     /* the tip left the tissue on the far side */
     TROCAR_EVENT_REENTERED = 1 << 5,  /* and came back */
     TROCAR_EVENT_WITHDRAWN = 1 << 6,  /* the needle left the tissue the way it came in */
-    TROCAR_EVENT_LATE = 1 << 7,       /* the worker's last answer does not cover the tip: the tick went on with what it had */
+    TROCAR_EVENT_LATE = 1 << 7,       /* the worker has not answered for the tissue at the tip yet: the tick went on with what it had, or an estimate */
     TROCAR_EVENT_FULL = 1 << 8,       /* no contact is left to add (TROCAR_MAX_CONTACTS), or the track has more than 256 layers */
-    TROCAR_EVENT_UNSTABLE = 1 << 9,   /* no equilibrium: the needle buckled, without force until it is back where it was */
+    TROCAR_EVENT_UNSTABLE = 1 << 9,   /* the result was not finite: the insertion starts over */
     TROCAR_EVENT_KEPT = 1 << 10,      /* the closest node may not be moved: one was added instead */
     TROCAR_EVENT_MISSED_GUIDE = 1 << 11, /* the needle passes a guide's plate outside of its holes, and is not guided: in every tick */
     TROCAR_EVENT_OUTSIDE_MODEL = 1 << 12, /* the shaft is pushed into a body from the side, where it bears no force: in every tick */
-    TROCAR_EVENT_TRACK_DROPPED = 1 << 13 /* no room for more tracks (TROCAR_MAX_TRACKS, TROCAR_MAX_TRACK_POINTS): the needle's oldest one is closed again */
+    TROCAR_EVENT_TRACK_DROPPED = 1 << 13, /* no room for more tracks (TROCAR_MAX_TRACKS, TROCAR_MAX_TRACK_POINTS): the needle's oldest one is closed again */
+    TROCAR_EVENT_INEXACT = 1 << 14    /* the tick ended after the most passes before they had converged: the wrench may be off by more than the tolerance */
 };
 
 enum { TROCAR_MAX_CONTACTS = 64, TROCAR_MAX_JOINTS = 65, TROCAR_MAX_NEEDLES = 32, TROCAR_MAX_GUIDES = 8 };
@@ -109,20 +121,20 @@ typedef enum trocar_contact_kind {
     TROCAR_CONTACT_GUIDE = 2 /* the edge of a guide's hole, on one of its faces */
 } trocar_contact_kind;
 
-/* What a contact is doing. A tissue contact is planned, adding, then sticking or sliding until it is removed, or the needle buckles. */
+/* What a contact is doing. A tissue contact is planned, adding, then sticking or sliding until it is removed. */
 typedef enum trocar_contact_status {
     TROCAR_CONTACT_PLANNED = 0,  /* ahead of the tip, which is not there yet */
     TROCAR_CONTACT_ADDING = 1,   /* the tip has passed; the worker has not answered yet. Both bear no force */
     TROCAR_CONTACT_STICKING = 2,
     TROCAR_CONTACT_SLIDING = 3,  /* trocar_contact.state: which way */
-    TROCAR_CONTACT_DETACHED = 4  /* the needle buckled: no force until it is back (TROCAR_EVENT_UNSTABLE) */
+    TROCAR_CONTACT_DETACHED = 4  /* no longer used: a needle that buckles stays in contact */
 } trocar_contact_status;
 
 /* A point where the needle meets the tissue or a guide. */
 typedef struct trocar_contact {
     int32_t kind;            /* trocar_contact_kind; more kinds may come */
     int32_t state;           /* 0 sticks, 1 slides forward, -1 slides backward */
-    double arc;              /* m from the base */
+    double arc;              /* m from the base, where it bears its force: of the tip, at the needle's end or behind it */
     double depth;            /* m along the track from the skin; 0 of a guide */
     double position[3];      /* m, on the deformed needle, world frame */
     double force[3];         /* N, on the tissue or guide, world frame */
@@ -153,6 +165,9 @@ TROCAR_API trocar_status trocar_scene_create(trocar_scene **scene, trocar_error 
 TROCAR_API trocar_status trocar_scene_load(const char *path, trocar_scene **scene, trocar_error *error);
 TROCAR_API void trocar_scene_free(trocar_scene *scene); /* NULL is allowed, as in all *_free */
 
+/* A second scene that says the same, with a mesh in memory of its own. Allocates. NO_MEMORY. */
+TROCAR_API trocar_status trocar_scene_copy(const trocar_scene *scene, trocar_scene **copy, trocar_error *error);
+
 /* Sets a key to a value written as in YAML: ("needle.length", "0.15"), ("fixed", "[back, below]"). An entry of a list is named by
    its index or its name, "regions[0].poisson_ratio" or "regions[prostate].friction.static"; an unknown name appends an entry.
    Paths are relative to the scene file, without one to the working directory. BAD_INPUT leaves the scene as it was. */
@@ -177,6 +192,8 @@ typedef struct trocar_device_limits {
     double max_turn_rate;    /* rad/s */
     double hold_time;        /* s without a pose before the wrench is ramped down */
     double ramp_time;        /* s from the full wrench to none, and back */
+    double mass;             /* kg, of device and hand at the handle; for the virtual coupling, which allows for half of it */
+    double delay;            /* s, round trip between bridge and device: from a force until the positions that are read show it */
 } trocar_device_limits;
 TROCAR_API trocar_device_limits trocar_scene_device(const trocar_scene *scene);
 
@@ -212,6 +229,14 @@ typedef struct trocar_mesh {
    the mesh is sound is found when the model is created. */
 TROCAR_API trocar_status trocar_scene_set_mesh(trocar_scene *scene, const trocar_mesh *mesh, trocar_error *error);
 
+/* How a key's value is written. */
+typedef enum trocar_key_kind {
+    TROCAR_KEY_NUMBER = 0,
+    TROCAR_KEY_TEXT = 1,     /* a word, name or path */
+    TROCAR_KEY_NUMBERS = 2,  /* a list of numbers */
+    TROCAR_KEY_NAMES = 3     /* a list of names */
+} trocar_key_kind;
+
 /* The reference table of keys, from which documentation is made. The strings live as long as the program. */
 typedef struct trocar_key {
     const char *key;         /* "regions[].friction.static": one for each entry of the list */
@@ -220,6 +245,7 @@ typedef struct trocar_key {
     const char *standard;    /* default, "" where there is none */
     const char *doc;
     int required;
+    int32_t kind;            /* trocar_key_kind */
 } trocar_key;
 TROCAR_API int trocar_key_count(void);
 TROCAR_API trocar_key trocar_key_at(int index); /* all empty when out of range */
@@ -237,19 +263,22 @@ typedef struct trocar_model_options {
     int mesh_only;           /* 1: reads and checks the mesh and the names in it, and stops there: for viewers. Such a model has
                                 no stiffness, and no simulation can be created from it */
     int keep_inverse;        /* 1: a condensed inverse that cannot be saved in the cache is an error (SYSTEM), found before it is made */
+    int (*cancelled)(void *context); /* asked meanwhile, in the same thread; not 0: the call ends soon, with CANCELLED. Reading a mesh and factorising are
+                                not interrupted: seconds at 20 000 nodes. May be NULL */
 } trocar_model_options;
 
 /* Builds everything; `options` may be NULL. Seconds for thousands of nodes, minutes for tens of thousands unless the condensed
    inverse is in the cache. Above 30 000 unknowns condensing has as many threads as BLAS by default. For a dense or sparse inverse, BLAS has
    that many meanwhile, in all threads of the process, and one from then on: simulations that run and models that are made beside it may be slower
    and differ in their last bits; a second inverse of this kind waits. Allocates 8 (3 n)^2 bytes for a dense inverse of n nodes.
-   Uses Gmsh to read a mesh file: inside a host that uses Gmsh itself the host's session stays as it is; call it from one thread then. The scene is not needed
-   afterwards. BAD_INPUT, NO_MEMORY, NUMERIC, SYSTEM. */
+   Uses Gmsh to read a mesh file: inside a host that uses Gmsh itself the host's session stays as it is; call it from one thread then. Starting, Gmsh
+   sets the process's locale for a moment: other threads should not format numbers just then. The scene is not needed
+   afterwards. BAD_INPUT, NO_MEMORY, NUMERIC, SYSTEM, CANCELLED. */
 TROCAR_API trocar_status trocar_model_create(const trocar_scene *scene, const trocar_model_options *options, trocar_model **model,
                                              trocar_error *error);
-TROCAR_API void trocar_model_free(trocar_model *model); /* after its simulations, and after models derived from it */
+TROCAR_API void trocar_model_free(trocar_model *model); /* its memory goes with the last simulation, picture or derived model that uses it */
 
-/* A model of another scene that shares the mesh, stiffness and inverse of `base`, which must outlive it: milliseconds, and a little
+/* A model of another scene that shares the mesh, stiffness and inverse of `base`: milliseconds, and a little
    memory. The scenes may differ in needle, friction, cutting, membranes' strength, stiffening, relaxation, guides, contacts and seeds.
    BAD_INPUT, with the key, if mesh, stiffness or inverse would be others, and for meshes that came as arrays; NO_MEMORY. */
 TROCAR_API trocar_status trocar_model_derive(const trocar_model *base, const trocar_scene *scene, trocar_model **model, trocar_error *error);
@@ -328,6 +357,9 @@ typedef struct trocar_probe_shape {
 } trocar_probe_shape;
 TROCAR_API int trocar_model_probe(const trocar_model *model, trocar_probe_shape *shape);
 
+/* Where the probe's base is to begin: the keys "probe.start.". Returns 1 and the pose, or 0 when the scene has none. */
+TROCAR_API int trocar_model_probe_start(const trocar_model *model, trocar_pose *start);
+
 /* How volumetric strains are averaged (key "volumetric_strain"). 1 if around nodes, else 0. */
 TROCAR_API int trocar_model_averages_strain(const trocar_model *model);
 
@@ -354,7 +386,7 @@ TROCAR_API trocar_status trocar_model_prepare(trocar_model *model, trocar_error 
 typedef struct trocar_sim trocar_sim;
 
 /* Every needle is straight, with its base at the origin, until it is reset. Allocates all that a simulation will need but the
-   scratch of displacements. The model must outlive it. NO_MEMORY. */
+   scratch of displacements. NO_MEMORY. */
 TROCAR_API trocar_status trocar_sim_create(trocar_model *model, trocar_sim **sim, trocar_error *error);
 TROCAR_API void trocar_sim_free(trocar_sim *sim);
 
@@ -380,10 +412,11 @@ TROCAR_API trocar_status trocar_sim_step(trocar_sim *sim, int needle, const troc
 TROCAR_API trocar_status trocar_sim_tick(trocar_sim *sim, int needle, const trocar_pose *base, double dt, trocar_output *output);
 
 /* Leaves a needle: the hand lets go of it, its base moves until no force is left on it (1 mN), and there it rests. The worker does that,
-   or in lockstep the next trocar_sim_step (of any needle) or trocar_sim_work; until then the needle is LEAVING. If it finds no
-   equilibrium, that call fails, and the needle is HELD as before. Around a needle that rests, relaxing tissue stays as it is, and goes on to
-   relax when the needle is taken. BAD_INPUT for a needle that is none, is not in the tissue, has buckled or rests already, and with a method of remeshing
-   other than nested and implicit. RT, but for one write() to an eventfd, and a copy of 150 kB. */
+   or in lockstep the next trocar_sim_step (of any needle) or trocar_sim_work; until then the needle is LEAVING. What other needles that are
+   held feel of it is spread over 0.1 s of their ticks. If it finds no equilibrium, that call fails, and the needle is HELD as before. Around a
+   needle that rests, relaxing tissue stays as it is, and goes on to relax when the needle is taken. BAD_INPUT for a needle that is none, is not in
+   the tissue, is on its way to another shape or rests already, and with a method of remeshing other than nested and implicit. RT, but for one write() to an
+   eventfd, and a copy of 150 kB. */
 TROCAR_API trocar_status trocar_sim_leave(trocar_sim *sim, int needle, trocar_error *error);
 
 /* Takes a needle that rests: it is TAKING until the worker, or in lockstep the next step, has handed it over. The first tick's pose should be
@@ -409,7 +442,8 @@ TROCAR_API void trocar_sim_set_base_compliance(trocar_sim *sim, int needle, doub
 /* Where the base is: at the last pose given, moved by what the spring has yielded; of a needle that rests, where it has come to. RT */
 TROCAR_API trocar_pose trocar_sim_base(const trocar_sim *sim, int needle);
 
-/* Moves the probe. It presses the nodes of its surface without friction, and never pulls; needles feel how it displaces and holds the tissue.
+/* Moves the probe. It presses its surface without friction, and never pulls; needles feel how it displaces and holds the tissue. It stops where
+   the force would exceed the scene's probe.max_force, and goes on once a pose leads it back.
    The worker solves for that, at least 50 times a second if asked as often; in lockstep the next trocar_sim_step does, before its tick. The
    newest pose counts. Keeps up with needles as those that rest do: what they push against it is found at 100 Hz. BAD_INPUT, and it stays
    where it was, for a pose as in reset and if the scene has no probe. RT, but for one write() to an eventfd. */
@@ -420,8 +454,11 @@ typedef struct trocar_probe {
     trocar_pose base;
     double force[3];         /* N, world frame: what the probe exerts on the hand that holds it */
     double torque[3];        /* N m, world frame, about the base point */
-    int32_t contacts;        /* nodes of the surface that it presses, at most TROCAR_MAX_PRESSED */
-    int32_t placed;          /* 0: the scene has no probe, or no pose has been given yet; all else is 0 then */
+    int32_t contacts;        /* points of the surface that it presses, nodes and middles of edges; at most TROCAR_MAX_PRESSED */
+    int32_t placed;          /* 0: the scene has no probe, or no pose has been given yet that it could take; all else but `stopped` is 0 then */
+    int32_t stopped;         /* 1: the tissue keeps it from the pose given last, and it rests at `base`: its force would exceed the scene's
+                                probe.max_force, or it came by a leap and its axis would lie in the tissue */
+    int32_t reserved;        /* 0 */
 } trocar_probe;
 enum { TROCAR_MAX_PRESSED = 256 };
 
@@ -432,7 +469,7 @@ TROCAR_API trocar_probe trocar_sim_probe(const trocar_sim *sim);
 typedef struct trocar_work {
     int32_t answered;        /* 1: it answered a request, 0: there was none */
     int32_t more;            /* 1: it pays to call again at once */
-    int32_t kept;            /* 1: a needle that was to be left finds no equilibrium without the hand: it is held as before (NUMERIC) */
+    int32_t kept;            /* 1: a needle that was to be left finds no equilibrium without the hand (NUMERIC), or slips out of the tissue (BAD_INPUT): it is held as before */
     int64_t latency;         /* ns from that request to its answer, by the simulation's clock; 0 without a clock */
 } trocar_work;
 
@@ -512,7 +549,7 @@ TROCAR_API trocar_seed_size trocar_model_seed_size(const trocar_model *model);
 /* Drops a seed, or a strand of `count`, 1 to TROCAR_MAX_STRAND, `spacing` apart from centre to centre (m, at least a seed's length; 0: the
    scene's). The tip is now at the distal end of the first seed. The mandrin holds the seeds there while the needle is drawn back: each
    is left in the tissue, in a straight line along the needle's track, once the tip has passed its proximal end.
-   BAD_INPUT, and nothing changes: for a needle that is none or has buckled, a wrong count or spacing, a tip outside of the tissue or not deep
+   BAD_INPUT, and nothing changes: for a needle that is none, a wrong count or spacing, a tip outside of the tissue or not deep
    enough in it for the whole strand, while seeds of this needle are pending, if there would be more than TROCAR_MAX_SEEDS, and where the scene's
    seeds are thicker than its needle. Between ticks, from the ticking thread. RT */
 TROCAR_API trocar_status trocar_sim_drop_seeds(trocar_sim *sim, int needle, int count, double spacing, trocar_error *error);
@@ -549,7 +586,7 @@ TROCAR_API void trocar_sim_stages(const trocar_sim *sim, int64_t nanoseconds[4])
    handed to another one, which then has all the time it needs for the displacements. One thread at a time. */
 typedef struct trocar_picture trocar_picture;
 
-/* An empty picture: needle straight at the origin. Allocates, up to 150 kB a needle. The model must outlive it. NO_MEMORY. */
+/* An empty picture: needle straight at the origin. Allocates, up to 150 kB a needle. NO_MEMORY. */
 TROCAR_API trocar_status trocar_picture_create(trocar_model *model, trocar_picture **picture, trocar_error *error);
 TROCAR_API void trocar_picture_free(trocar_picture *picture);
 
@@ -596,6 +633,15 @@ TROCAR_API trocar_status trocar_picture_refined_mesh(trocar_picture *picture, tr
    `remeshing: nested` on a dense or condensed inverse the bits do not depend on the number of threads. On an error the
    outputs of that insertion are zero from there on and the first message is returned; the other insertions are finished. */
 TROCAR_API trocar_status trocar_rollout(trocar_model *model, const trocar_pose *poses, int batch, int steps, double dt, int threads,
+                                        trocar_output *outputs, trocar_error *error);
+
+/* The same with a watch, that may be NULL: told and asked every 64 ticks. CANCELLED: outputs of what had not been done yet are zero. */
+TROCAR_API trocar_status trocar_rollout_watched(trocar_model *model, const trocar_pose *poses, int batch, int steps, double dt, int threads,
+                                                const trocar_watch *watch, trocar_output *outputs, trocar_error *error);
+
+/* A trocar_sim_step for each of `steps` poses, with a watch as above. On an error the message names the step, and outputs are zero from there
+   on. */
+TROCAR_API trocar_status trocar_sim_run(trocar_sim *sim, int needle, const trocar_pose *poses, int steps, double dt, const trocar_watch *watch,
                                         trocar_output *outputs, trocar_error *error);
 
 /* ---- dose --------------------------------------------------------------------------------------------------------------------------- */

@@ -1,11 +1,16 @@
 #define _GNU_SOURCE
 #include "lcm_filter.h"
 
+#include <arpa/inet.h>
+#include <net/if.h>
 #include <netinet/in.h>
 #include <stdatomic.h>
+#include <stdlib.h>
 #include <string.h>
+#include <sys/ioctl.h>
 #include <sys/socket.h>
 #include <sys/syscall.h>
+#include <time.h>
 #include <unistd.h>
 
 /* A packet, big-endian. In one piece: magic, sequence number (4 each), channel name with its zero, message. A fragment: magic,
@@ -66,6 +71,8 @@ packet_verdict lcm_filter_judge(const void *packet, size_t size, const packet_wi
     return PACKET_GOOD;
 }
 
+/* ---- what this process wants --------------------------------------------------------------------------------------------------- */
+
 static const packet_wishes anything = {0};
 static _Atomic(const packet_wishes *) current = &anything;
 static atomic_int_least64_t dropped;
@@ -73,18 +80,130 @@ static atomic_int_least64_t dropped;
 void lcm_filter_restrict(const packet_wishes *wishes) { atomic_store(&current, wishes); }
 int64_t lcm_filter_dropped(void) { return atomic_load_explicit(&dropped, memory_order_relaxed); }
 
+/* ---- this machine, or another one ---------------------------------------------------------------------------------------- */
+
+static atomic_int_least64_t distant;
+static atomic_uint_least32_t newest_distant; /* address of its sender, in network order */
+static atomic_uchar kept_local[65536];       /* by port: 1 where only this machine's datagrams are taken */
+
+int64_t lcm_filter_distant(char *newest, size_t size) {
+    int64_t count = atomic_load_explicit(&distant, memory_order_relaxed);
+    struct in_addr address = {.s_addr = atomic_load_explicit(&newest_distant, memory_order_relaxed)};
+    if (size > 0) newest[0] = '\0';
+    if (count > 0 && newest) inet_ntop(AF_INET, &address, newest, (socklen_t)size);
+    return count;
+}
+
+/* As liblcm reads it: udpm://GROUP:PORT?KEY=VALUE&KEY=VALUE, where numbers may be hexadecimal, and the ttl has 8 bits. */
+bool lcm_filter_is_local(const char *url, uint16_t *port) {
+    static const char *const UDPM = "udpm://", *const STANDARD = "udpm://239.255.76.67:7667?ttl=0";
+    if (!url || !*url) url = getenv("LCM_DEFAULT_URL");
+    if (!url || !*url) url = STANDARD;
+    *port = 0;
+    if (strncmp(url, UDPM, strlen(UDPM)) != 0) return false;
+    const char *options = url + strcspn(url, "?"), *after_group = url + strlen(UDPM) + strcspn(url + strlen(UDPM), ":?");
+    *port = *after_group == ':' ? (uint16_t)strtol(after_group + 1, NULL, 0) : 7667;
+    uint8_t ttl = 0;
+    for (; *options; options += strcspn(options, "?&"))
+        if (strncmp(++options, "ttl=", 4) == 0) ttl = (uint8_t)strtol(options + 4, NULL, 0);
+    return ttl == 0;
+}
+
+lcm_t *lcm_filter_create(const char *url) {
+    uint16_t port;
+    bool local = lcm_filter_is_local(url, &port);
+    atomic_store(&kept_local[port], local);
+    return lcm_create(url);
+}
+
+/* Whether one of the machine's interfaces has this address. `socket`: any. */
+static bool has_interface(int socket, in_addr_t address) {
+    struct ifconf all = {0};
+    bool found = false;
+    if (ioctl(socket, SIOCGIFCONF, &all) != 0 || !(all.ifc_buf = malloc((size_t)all.ifc_len + 1))) return false;
+    if (ioctl(socket, SIOCGIFCONF, &all) != 0) all.ifc_len = 0;
+    for (const struct ifreq *i = all.ifc_req; i < all.ifc_req + (size_t)all.ifc_len / sizeof *i && !found; i++) {
+        struct sockaddr_in own;
+        memcpy(&own, &i->ifr_addr, sizeof own);
+        found = own.sin_family == AF_INET && own.sin_addr.s_addr == address;
+    }
+    free(all.ifc_buf);
+    return found;
+}
+
+/* Remembers the last answer for a second, as most datagrams have the same sender. Interfaces may come and go. */
+static bool sent_here(int socket, in_addr_t address) {
+    static _Thread_local struct {
+        in_addr_t address;
+        bool here;
+        time_t until;
+    } last;
+    struct timespec now;
+    if (address == htonl(INADDR_ANY) || ntohl(address) >> 24 == IN_LOOPBACKNET) return true;
+    clock_gettime(CLOCK_MONOTONIC, &now);
+    if (last.address == address && now.tv_sec < last.until) return last.here;
+    last.address = address;
+    last.here = has_interface(socket, address);
+    last.until = now.tv_sec + 1;
+    return last.here;
+}
+
+static uint16_t port_of(int socket) {
+    struct sockaddr_in own = {0};
+    socklen_t size = sizeof own;
+    return getsockname(socket, (struct sockaddr *)&own, &size) == 0 && own.sin_family == AF_INET ? ntohs(own.sin_port) : 0;
+}
+
+/* Of an IPv4 socket; LCM has no others. */
+static bool came_from_afar(int socket, const struct msghdr *message) {
+    struct sockaddr_in from;
+    if (!message->msg_name || message->msg_namelen < sizeof from) return false;
+    memcpy(&from, message->msg_name, sizeof from);
+    return from.sin_family == AF_INET && !sent_here(socket, from.sin_addr.s_addr);
+}
+
+static void note_distant(const struct msghdr *message) {
+    struct sockaddr_in from;
+    memcpy(&from, message->msg_name, sizeof from);
+    atomic_store_explicit(&newest_distant, from.sin_addr.s_addr, memory_order_relaxed);
+    atomic_fetch_add_explicit(&distant, 1, memory_order_relaxed);
+}
+
+/* Moves a whole message of another machine to the channel for those. */
+static void mark_distant(void *packet, size_t size, const packet_origin *origin) {
+    if (!origin->channel || size < WHOLE_HEADER || big_endian_32(packet) != MAGIC_WHOLE) return;
+    char *channel = (char *)packet + WHOLE_HEADER;
+    if (strcmp(channel, origin->channel) == 0) memcpy(channel, origin->distant, strlen(origin->channel));
+}
+
+/* ---- libc's recvmsg --------------------------------------------------------------------------------------------------------- */
+
 static bool is_udp(int socket) {
     int protocol;
     socklen_t size = sizeof protocol;
     return getsockopt(socket, SOL_SOCKET, SO_PROTOCOL, &protocol, &size) == 0 && protocol == IPPROTO_UDP;
 }
 
-/* In place of libc's. Every datagram is judged by itself, whatever is in the buffer behind it. */
+/* Every datagram is judged by itself, whatever is in the buffer behind it. */
+static ssize_t filtered(int socket, struct msghdr *message, size_t size) {
+    void *packet = message->msg_iov->iov_base;
+    const packet_wishes *wishes = atomic_load(&current);
+    packet_verdict verdict = lcm_filter_judge(packet, size, wishes);
+    if (verdict == PACKET_MALFORMED) atomic_fetch_add_explicit(&dropped, 1, memory_order_relaxed);
+    if (verdict != PACKET_GOOD) return 0;
+    if (!came_from_afar(socket, message)) return (ssize_t)size;
+    if (atomic_load_explicit(&kept_local[port_of(socket)], memory_order_relaxed)) {
+        note_distant(message);
+        return 0;
+    }
+    mark_distant(packet, size, &wishes->origin);
+    return (ssize_t)size;
+}
+
+/* In place of libc's. */
 ssize_t recvmsg(int socket, struct msghdr *message, int flags) {
     ssize_t size = syscall(SYS_recvmsg, socket, message, flags);
     if (size <= 0 || message->msg_iovlen != 1 || (size_t)size > message->msg_iov->iov_len || (flags & MSG_PEEK) || !is_udp(socket))
         return size;
-    packet_verdict verdict = lcm_filter_judge(message->msg_iov->iov_base, (size_t)size, atomic_load(&current));
-    if (verdict == PACKET_MALFORMED) atomic_fetch_add_explicit(&dropped, 1, memory_order_relaxed);
-    return verdict == PACKET_GOOD ? size : 0;
+    return filtered(socket, message, (size_t)size);
 }

@@ -51,6 +51,7 @@ static trocar_status create_all(exchange *x, trocar_model *model, report *why) {
     if ((status = views_create(&x->views, model, why)) != TROCAR_OK) return status;
     if ((status = triple_buffer_create(&x->loops, sizeof(loop_record), why)) != TROCAR_OK) return status;
     if ((status = triple_buffer_create(&x->intakes, sizeof(arbiter_record), why)) != TROCAR_OK) return status;
+    if ((status = triple_buffer_create(&x->faults, sizeof(worker_fault), why)) != TROCAR_OK) return status;
     size_t wrenches = WRENCHES * (size_t)(model != NULL ? trocar_model_needles(model) : 1);
     if ((status = spsc_ring_create(&x->wrenches, sizeof(trocar_needle_wrench_t), wrenches, why)) != TROCAR_OK) return status;
     if ((status = spsc_ring_create(&x->commands, sizeof(needle_command), COMMANDS, why)) != TROCAR_OK) return status;
@@ -73,6 +74,7 @@ void exchange_free(exchange *x) {
     views_free(&x->views);
     triple_buffer_free(&x->loops);
     triple_buffer_free(&x->intakes);
+    triple_buffer_free(&x->faults);
     spsc_ring_free(&x->wrenches);
     spsc_ring_free(&x->commands);
     spsc_ring_free(&x->replies);

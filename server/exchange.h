@@ -4,7 +4,7 @@
      IO thread  ------------->  haptic thread  <--------->  worker
      (LCM)      <-------------  (the tick)      (inside the
             wrenches, replies       |            simulation)
-        | intakes                   | views, loops,            | latencies
+        | intakes                   | views, loops,            | latencies, faults
         |                           | round_trips              |
         +------------------->  telemetry thread  <-------------+
                                   (own LCM)
@@ -14,6 +14,8 @@
    Newest values are triple buffers, queues are rings of one writer and one reader: see base/triple_buffer.h and base/spsc_ring.h. */
 #ifndef TROCAR_EXCHANGE_H
 #define TROCAR_EXCHANGE_H
+
+#include <stdatomic.h>
 
 #include "base/spsc_ring.h"
 #include "base/triple_buffer.h"
@@ -36,6 +38,8 @@ typedef struct {
 /* IO -> haptic: what a client asks for of a needle; haptic -> IO: the same, and what has become of it */
 typedef struct {
     trocar_command_t asked;
+    uint64_t engagement;         /* of the needle when it was asked */
+    bool anew;                   /* the next pose was to start a new engagement already */
     bool refused;
     char why[256];
 } needle_command;
@@ -65,6 +69,12 @@ typedef struct {
 trocar_status views_create(triple_buffer *views, trocar_model *model, report *why);
 void views_free(triple_buffer *views);
 
+/* worker -> telemetry */
+typedef struct {
+    bool lasts;                  /* no request has been answered since */
+    report why;
+} worker_fault;
+
 /* Both keep their own picture; its content is copied. */
 void view_copy(const view_sample *from, view_sample *to);
 
@@ -74,11 +84,13 @@ typedef struct {
     triple_buffer views;          /* view_sample */
     triple_buffer loops;          /* loop_record */
     triple_buffer intakes;        /* arbiter_record */
+    triple_buffer faults;         /* worker_fault */
     spsc_ring wrenches;          /* trocar_needle_wrench_t */
     spsc_ring probe_wrenches;    /* trocar_probe_wrench_t */
     spsc_ring commands, replies; /* needle_command */
     spsc_ring latencies;         /* int64_t: request to the worker's answer, ns */
     spsc_ring round_trips;       /* int64_t: from computing a wrench to the arrival of a pose that names it, ns */
+    atomic_bool probe_stopped;   /* haptic -> IO: the tissue keeps it from its newest pose */
     int io_wake, worker_wake;    /* eventfds, non-blocking; the latter stops the worker */
 } exchange;
 

@@ -69,7 +69,8 @@ static trocar_status handle_held_seeds(haptic *h, const trocar_command_t *m, tro
     return handle_seeds(h->sim, m->needle, m, why);
 }
 
-/* Starts a command that the worker completes later; finish_command replies. RT, but for the text of a refusal. */
+/* Starts a command that the worker may complete later; finish_command replies. From then on nobody moves the needle, until a hand takes it, or starts
+   a new insertion. RT, but for the text of a refusal. */
 static trocar_status hand_over_needle(haptic *h, const needle_command *c, trocar_error *why) {
     int needle = c->asked.needle;
     haptic_needle *n = &h->needles[needle];
@@ -78,21 +79,31 @@ static trocar_status hand_over_needle(haptic *h, const needle_command *c, trocar
     switch (c->asked.command) {
     case TROCAR_COMMAND_T_LEAVE: status = trocar_sim_leave(h->sim, needle, why); break;
     case TROCAR_COMMAND_T_TAKE: status = trocar_sim_take(h->sim, needle, why); break;
-    default: status = remove_needle(h->sim, needle, why);
+    default:
+        status = remove_needle(h->sim, needle, why);
+        if (n->safety.engagement < c->engagement) n->safety.engagement = c->engagement; /* poses from before the reset don't engage it */
     }
     if (status != TROCAR_OK) return status;
     n->rests = n->pending = true;
     n->taken = false;
     n->command = *c;
+    safety_begin_transfer(&n->safety);
     return TROCAR_OK;
+}
+
+/* Whether the first pose after a reset has come before it, and so has begun the new insertion already. RT */
+static bool has_begun_anew(const haptic *h, const needle_command *c) {
+    return c->asked.command == TROCAR_COMMAND_T_RESET && h->needles[c->asked.needle].safety.engagement > c->engagement;
 }
 
 /* RT, but for the text of a refusal. */
 static void start_command(haptic *h, needle_command *c) {
     trocar_error why = {""};
-    bool seeds = c->asked.command == TROCAR_COMMAND_T_DROP_SEED || c->asked.command == TROCAR_COMMAND_T_UNDO;
-    trocar_status status = seeds ? handle_held_seeds(h, &c->asked, &why) : hand_over_needle(h, c, &why);
-    if (seeds || status != TROCAR_OK) answer_command(h, c, status != TROCAR_OK, why.text);
+    trocar_status status = TROCAR_OK;
+    bool seeds = c->asked.command == TROCAR_COMMAND_T_DROP_SEED || c->asked.command == TROCAR_COMMAND_T_UNDO, hands_over = !seeds && !has_begun_anew(h, c);
+    if (seeds) status = handle_held_seeds(h, &c->asked, &why);
+    if (hands_over) status = hand_over_needle(h, c, &why);
+    if (!hands_over || status != TROCAR_OK) answer_command(h, c, status != TROCAR_OK, why.text);
 }
 
 /* RT */
@@ -105,7 +116,7 @@ static void finish_command(haptic *h, int needle) {
     n->pending = false;
     n->rests = !refused;
     n->taken = n->command.asked.command == TROCAR_COMMAND_T_TAKE;
-    answer_command(h, &n->command, refused, refused ? "it finds no equilibrium when it is let go: draw it back a little" : "");
+    answer_command(h, &n->command, refused, refused ? "it does not come to rest in the tissue when it is let go: draw it back a little, or hold it still" : "");
 }
 
 /* Starts one command a tick, so that a flood of them delays none. When replies wait for the IO thread, so do commands: none goes without a reply,
@@ -127,7 +138,7 @@ static trocar_output run_simulation(haptic *h, int needle, safety_decision decis
     if (n->rests) return out;
     double compliance;
     pose hand = n->safety.base;
-    trocar_pose rest = library_pose(coupling_hold(&n->coupling, h->limits.max_stiffness, hand, dt, &compliance));
+    trocar_pose rest = library_pose(coupling_hold(&n->coupling, &h->limits, hand, dt, &compliance));
     trocar_sim_set_base_compliance(h->sim, needle, compliance);
     trocar_status status = trocar_sim_tick(h->sim, needle, &rest, fmin(dt, LONGEST), &out);
     trocar_pose base = trocar_sim_base(h->sim, needle);
@@ -200,6 +211,20 @@ static void show(haptic *h, const loop_wake *wake, const trocar_needle_wrench_t 
     triple_buffer_publish(&h->exchange->views);
 }
 
+/* When the model has a wrench to rely on again, that comes by a ramp; so does one that jumps as late answers come in from the worker, or since the hand has
+   moved on unseen: its poses did not come, or the loop did not run. RT */
+static void heed_faults(haptic_needle *n, const trocar_output *raw, bool unseen) {
+    static const double FELT = 0.05, FELT_PART = 0.07; /* N, and of the force: larger changes in a tick are felt as a knock */
+    bool late = raw->events & TROCAR_EVENT_LATE, faulty = late || raw->events & TROCAR_EVENT_UNSTABLE;
+    bool punctures = raw->events & TROCAR_EVENT_PUNCTURED && !unseen;
+    vec3 force = load_vec3(raw->force);
+    double jump = v3_norm(v3_sub(force, n->force));
+    bool jumps = jump > fmax(FELT, FELT_PART * v3_norm(force)) && (late || unseen);
+    if ((n->faulty && !faulty) || (jumps && !punctures)) safety_begin_transfer(&n->safety);
+    n->faulty = faulty;
+    n->force = force;
+}
+
 /* Computes and sends the needle's wrench. Returns false once it has been ramped to zero after `wind_down`. RT */
 static bool tick_needle(haptic *h, int needle, const loop_wake *wake, const pose_sample *newest, bool wind_down,
                         trocar_needle_wrench_t *message) {
@@ -207,16 +232,19 @@ static bool tick_needle(haptic *h, int needle, const loop_wake *wake, const pose
     int64_t began = monotonic_ns();
     safety_timing(&n->safety, wake->late, h->period);
     pose_sample hand = hand_on_needle(h, needle, newest);
+    double unseen = 1e-9 * (double)(hand.received - n->safety.received); /* s between the poses that move the needle */
     safety_decision decision = safety_pose(&n->safety, &h->limits, &hand, wake->now);
     note_hand(h, &n->coupling, decision, &hand);
     int64_t asked = monotonic_ns();
     trocar_output raw = run_simulation(h, needle, decision, &hand, wake->elapsed);
     int64_t answered = monotonic_ns();
+    heed_faults(n, &raw, decision == SAFETY_FOLLOW && unseen > h->limits.hold_time);
 
     *message = message_of(h, needle, &raw, newest, wake->tick);
     vec3 force = load_vec3(raw.force), torque = load_vec3(raw.torque);
     message->flags |= h->flags | safety_wrench(&n->safety, &h->limits, wind_down, h->period, &force, &torque);
     if (coupling_active(&n->coupling)) message->flags |= TROCAR_NEEDLE_WRENCH_T_ACTIVE;
+    if (h->probe.stopped) message->flags |= TROCAR_NEEDLE_WRENCH_T_PROBE_STOPPED;
     n->saturated_ticks += (message->flags & TROCAR_NEEDLE_WRENCH_T_SATURATED) != 0;
     store_vec3(force, message->force);
     store_vec3(torque, message->torque);
@@ -252,6 +280,7 @@ static void tick_probe(haptic *h, const loop_wake *wake) {
     trocar_probe now = trocar_sim_probe(h->sim);
     bool changed = memcmp(&now, &h->probe, sizeof now) != 0;
     h->probe = now;
+    atomic_store_explicit(&h->exchange->probe_stopped, now.stopped != 0, memory_order_relaxed);
     if (now.placed && (changed || is_due(h, wake->tick, PROBE_LEAST_HZ))) send_probe(h, wake->tick);
 }
 

@@ -14,6 +14,8 @@ typedef struct {
     virtual_coupling coupling;
     int64_t saturated_ticks;     /* since start */
     bool rests;                  /* it is not ticked: it has been left, until a hand has it again */
+    bool faulty;                 /* the last tick had no wrench to rely on */
+    vec3 force;                  /* N, the model's in the last tick */
     bool taken;                  /* it is held where it rested: the next hand does not start a new insertion */
     bool pending;                /* `command` is being carried out */
     needle_command command;

@@ -63,10 +63,10 @@ static void on_probe(const lcm_recv_buf_t *received, const char *channel, void *
 }
 
 static void on_command(const lcm_recv_buf_t *received, const char *channel, void *context) {
-    (void)channel;
     io *o = context;
     needle_command command;
-    switch (arbiter_command(&o->arbiter, received->data, received->data_size, &command)) {
+    bool distant = strcmp(channel, IO_PACKETS.origin.distant) == 0;
+    switch (arbiter_command(&o->arbiter, received->data, received->data_size, distant, monotonic_ns(), &command)) {
     case COMMAND_MALFORMED: return;
     case COMMAND_SETTLED: reply(o, &command); return;
     case COMMAND_SHUTDOWN:
@@ -87,9 +87,10 @@ static void on_status(const lcm_recv_buf_t *received, const char *channel, void 
     other_server_hear(&o->arbiter.record.other, o->server, received->data, received->data_size, monotonic_ns());
 }
 
-const char *const IO_CHANNELS[] = {"TROCAR_POSE", "TROCAR_PROBE", "TROCAR_COMMAND", "TROCAR_STATUS", NULL};
-static const lcm_msg_handler_t HANDLERS[] = {on_pose, on_probe, on_command, on_status};
-_Static_assert(sizeof IO_CHANNELS / sizeof *IO_CHANNELS == sizeof HANDLERS / sizeof *HANDLERS + 1, "one handler for each channel");
+static const char *const CHANNELS[] = {"TROCAR_POSE", "TROCAR_PROBE", "TROCAR_COMMAND", "REMOTE_COMMAND", "TROCAR_STATUS", NULL};
+static const lcm_msg_handler_t HANDLERS[] = {on_pose, on_probe, on_command, on_command, on_status};
+_Static_assert(sizeof CHANNELS / sizeof *CHANNELS == sizeof HANDLERS / sizeof *HANDLERS + 1, "one handler for each channel");
+const packet_wishes IO_PACKETS = {.channels = CHANNELS, .whole_only = true, .origin = {"TROCAR_COMMAND", "REMOTE_COMMAND"}}; /* all messages to the server are small */
 
 /* Raw subscriptions, because LCM's generated ones drop bad messages silently. */
 static bool subscribe(io *o, const char *channel, lcm_msg_handler_t handler) {
@@ -101,9 +102,10 @@ trocar_status io_open(io *o) {
     trocar_status status = network_open(o->url, &o->lcm, &o->why);
     if (status != TROCAR_OK) return status;
     bool subscribed = true;
-    for (int i = 0; IO_CHANNELS[i]; i++) subscribed = subscribed && subscribe(o, IO_CHANNELS[i], HANDLERS[i]);
+    for (int i = 0; CHANNELS[i]; i++) subscribed = subscribed && subscribe(o, CHANNELS[i], HANDLERS[i]);
     if (subscribed) return TROCAR_OK;
-    return fail(&o->why, TROCAR_SYSTEM, "LCM cannot receive: check the multicast route");
+    return fail(&o->why, TROCAR_SYSTEM, "LCM cannot receive its own test message: check the multicast route, the firewall and, as a service, IPAddressAllow: it must have "
+                "this machine's address");
 }
 
 void io_close(io *o) {
@@ -139,6 +141,14 @@ static void publish_wrenches(io *o) {
     }
 }
 
+static void say_if_probe_stopped(io *o) {
+    bool stopped = atomic_load_explicit(&o->exchange->probe_stopped, memory_order_relaxed);
+    if (stopped && !o->probe_stopped)
+        snprintf(o->arbiter.record.message, sizeof o->arbiter.record.message,
+                 "the tissue stopped the probe before its pose: draw it back, or see probe.max_force of the scene");
+    o->probe_stopped = stopped;
+}
+
 static void publish_probe(io *o) {
     trocar_probe_wrench_t wrench;
     unsigned char bytes[WRENCH_BYTES];
@@ -151,6 +161,7 @@ static void publish_probe(io *o) {
 trocar_status io_round(io *o) {
     trocar_status status = receive(o);
     publish_replies(o);
+    say_if_probe_stopped(o);
     hand_over(o);
     publish_wrenches(o);
     publish_probe(o);

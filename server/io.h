@@ -6,11 +6,12 @@
 #include <semaphore.h>
 
 #include "exchange.h"
+#include "lcm_filter.h"
 #include "pose_arbiter.h"
 #include "probe_arbiter.h"
 
-/* All channels that it subscribes to, NULL-terminated: nothing else needs to pass the filter of packets. */
-extern const char *const IO_CHANNELS[];
+/* What it subscribes to: nothing else needs to pass the filter of packets. */
+extern const packet_wishes IO_PACKETS;
 
 typedef struct {
     exchange *exchange;
@@ -26,6 +27,7 @@ typedef struct {
     lcm_t *lcm;
     pose_arbiter arbiter;
     probe_arbiter probe;
+    bool probe_stopped;      /* and it has been said */
     int64_t wrenches_unsent;     /* refused by the network */
 } io;
 

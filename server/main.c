@@ -77,13 +77,20 @@ static void on_stop(int signal) {
     errno = error;
 }
 
-/* SIGINT and SIGTERM as a readable descriptor. Uses a handler instead of a signalfd, because threads that libraries start before
+/* Every signal that would end the process at once, without a ramp of the wrench, but for those that report a fault of the program itself. nohup has
+   the right to ignore SIGHUP. */
+static const int STOPPING[] = {SIGHUP, SIGINT, SIGQUIT, SIGTERM, SIGUSR1, SIGUSR2, SIGALRM, SIGVTALRM, SIGPROF, SIGIO, SIGPWR, SIGSTKFLT, SIGXCPU};
+static const int IGNORED[] = {SIGPIPE, SIGXFSZ}; /* output that nobody can read or that finds no room is lost */
+
+/* These signals as a readable descriptor. Uses a handler instead of a signalfd, because threads that libraries start before
    main do not block the signals. */
 static int stop_signals(void) {
     stop_wake = eventfd(0, EFD_NONBLOCK | EFD_CLOEXEC);
-    struct sigaction action = {.sa_handler = on_stop};
-    sigaction(SIGINT, &action, NULL);
-    sigaction(SIGTERM, &action, NULL);
+    const struct sigaction stop = {.sa_handler = on_stop}, ignore = {.sa_handler = SIG_IGN};
+    struct sigaction before;
+    for (size_t i = 0; i < sizeof STOPPING / sizeof *STOPPING; i++) sigaction(STOPPING[i], &stop, STOPPING[i] == SIGHUP ? &before : NULL);
+    if (before.sa_handler == SIG_IGN) sigaction(SIGHUP, &ignore, NULL);
+    for (size_t i = 0; i < sizeof IGNORED / sizeof *IGNORED; i++) sigaction(IGNORED[i], &ignore, NULL);
     return stop_wake;
 }
 
@@ -103,12 +110,6 @@ static int complain(trocar_status status, const report *why) {
     }
 }
 
-/* All messages to the server are small, so it drops fragments. */
-static void restrict_packets(void) {
-    static const packet_wishes wishes = {.channels = IO_CHANNELS, .whole_only = true};
-    lcm_filter_restrict(&wishes);
-}
-
 int main(int argc, char **argv) {
     static const struct argp description = {
         options, parse, NULL, "Real-time needle insertion over LCM: TROCAR_POSE in, TROCAR_WRENCH out.", NULL, NULL, NULL};
@@ -123,7 +124,7 @@ int main(int argc, char **argv) {
 
     server *s;
     int signals = stop_signals();
-    restrict_packets();
+    lcm_filter_restrict(&IO_PACKETS);
     trocar_status status = server_create(&given.options, &s, &why);
     if (status != TROCAR_OK) return complain(status, &why);
     server_describe(s, stdout);

@@ -3,6 +3,7 @@
 #include <stdio.h>
 
 #include "message_fit.h"
+#include "printable.h"
 #include "trocar_status_t.h"
 
 static const int64_t ABSENCE = 1000000000; /* ns; a server sends ten messages in that time */
@@ -15,6 +16,8 @@ void other_server_hear(other_server *o, int64_t own, const void *data, size_t si
         o->heard = now;
         snprintf(o->host, sizeof o->host, "%s", m.host);
         snprintf(o->scene, sizeof o->scene, "%s", m.scene);
+        make_printable(o->host);
+        make_printable(o->scene);
     }
     trocar_status_t_decode_cleanup(&m);
 }

@@ -9,7 +9,6 @@
 #include "trocar_needle_pose_t.h"
 
 static const double OWNER_SILENCE = 2.0;  /* s after which another session may take over */
-static const uint64_t LONGEST_GAP = 100000000; /* poses; a longer gap means a client that numbers poses differently */
 static const double ARRIVAL_JITTER = 5e-3; /* s: poses may be delayed by this much and then arrive together */
 
 void arbiter_init(pose_arbiter *in, int needle_count, const trocar_device_limits *limits) {
@@ -76,11 +75,10 @@ static bool motion_possible(pose_arbiter *in, int needle, const pose *p, int64_t
 /* Counts lost poses of the owner. */
 static void count_lost(pose_arbiter *in, const trocar_needle_pose_t *m) {
     arbiter_needle *n = &in->needles[m->needle];
-    int64_t owner = owner_of(in, m->needle);
-    if (owner == 0 || m->session != owner || m->seq <= n->heard) return;
-    uint64_t gap = (uint64_t)m->seq - (uint64_t)n->heard - 1;
-    if (gap < LONGEST_GAP) in->record.needles[m->needle].poses_lost += (int64_t)gap;
-    n->heard = m->seq;
+    int64_t owner = owner_of(in, m->needle), gap = sequence_gap(&n->heard, m->seq);
+    if (owner == 0 || m->session != owner || gap < 0) return;
+    in->record.needles[m->needle].poses_lost += gap;
+    sequence_begin(&n->heard, m->seq);
 }
 
 static void release(pose_arbiter *in, int needle) {
@@ -95,7 +93,8 @@ static void accept(pose_arbiter *in, const trocar_needle_pose_t *m, pose p, int6
     int left = other_needle_of(in, m->needle, m->session);
     if (left >= 0) release(in, left);
     bool anew = n->begin_anew || m->session != record->owner;
-    if (m->session != record->owner) n->heard = m->seq;
+    if (m->session != record->owner || sequence_gap(&n->order, m->seq) < 0) sequence_begin(&n->heard, m->seq);
+    sequence_begin(&n->order, m->seq);
     n->newest = (pose_sample){.held = true, .engagement = n->newest.engagement + (anew ? 1 : 0), .session = m->session,
                               .seq = m->seq, .utime = m->utime, .wrench_tick = m->wrench_tick, .received = now, .base = p};
     if (anew) n->travel_credit = ARRIVAL_JITTER;
@@ -115,6 +114,7 @@ static pose_verdict judge_numbers(pose_arbiter *in, const trocar_needle_pose_t *
 static pose_verdict judge_sender(pose_arbiter *in, const trocar_needle_pose_t *m, int64_t now) {
     int64_t seq = m->seq, session = m->session;
     const pose_sample *newest = &in->needles[m->needle].newest;
+    sequence *order = &in->needles[m->needle].order;
     if (session == 0) {
         say(in, "session 0 refused: 0 means nobody; choose another number");
         return POSE_REFUSED;
@@ -133,8 +133,8 @@ static pose_verdict judge_sender(pose_arbiter *in, const trocar_needle_pose_t *m
             m->needle, other);
         return POSE_REFUSED;
     }
-    if (session == newest->session && seq <= newest->seq) {
-        say(in, "pose %" PRId64 " of session %" PRId64 ": out of order, after %" PRId64, seq, session, newest->seq);
+    if (session == newest->session && !sequence_accepts(order, seq)) {
+        say(in, "pose %" PRId64 " of session %" PRId64 ": out of order, after %" PRId64, seq, session, order->newest);
         return POSE_OLD;
     }
     return POSE_ACCEPTED;
@@ -201,11 +201,12 @@ static command_verdict refuse(pose_arbiter *in, needle_command *command) {
 static command_verdict carry_out(pose_arbiter *in, needle_command *command) {
     const trocar_command_t *m = &command->asked;
     arbiter_needle *n = &in->needles[m->needle];
+    command->engagement = n->newest.engagement;
+    command->anew = n->begin_anew;
     switch (m->command) {
-    case TROCAR_COMMAND_T_RESET:
-        if (n->rests) return COMMAND_PASS_ON;
-        n->begin_anew = true;
-        return COMMAND_SETTLED;
+    case TROCAR_COMMAND_T_RESET: /* a needle that rests is engaged once that is settled */
+        if (!n->rests) n->begin_anew = true;
+        return COMMAND_PASS_ON;
     case TROCAR_COMMAND_T_RELEASE:
         if (!n->rests) release(in, m->needle);
         return COMMAND_SETTLED;
@@ -221,7 +222,15 @@ static command_verdict carry_out(pose_arbiter *in, needle_command *command) {
     }
 }
 
-command_verdict arbiter_command(pose_arbiter *in, const void *data, size_t size, needle_command *command) {
+/* For this machine, and for owners. */
+static command_verdict judge_shutdown(pose_arbiter *in, bool distant, needle_command *command) {
+    int64_t session = command->asked.session;
+    if (!distant || (session != 0 && other_needle_of(in, -1, session) >= 0)) return COMMAND_SHUTDOWN;
+    say(in, "shutdown by session %" PRId64 " refused: it is on another machine and holds no needle", session);
+    return refuse(in, command);
+}
+
+command_verdict arbiter_command(pose_arbiter *in, const void *data, size_t size, bool distant, int64_t now, needle_command *command) {
     trocar_command_t m = {0};
     if (!decode_command(data, size, &m)) {
         in->record.commands_refused++;
@@ -230,13 +239,13 @@ command_verdict arbiter_command(pose_arbiter *in, const void *data, size_t size,
         return COMMAND_MALFORMED;
     }
     *command = (needle_command){.asked = m};
-    if (m.command == TROCAR_COMMAND_T_SHUTDOWN) return COMMAND_SHUTDOWN;
+    if (m.command == TROCAR_COMMAND_T_SHUTDOWN) return judge_shutdown(in, distant, command);
     if (!has_needle(in, m.needle)) {
         say_no_needle(in, "command", m.session, m.needle);
         return refuse(in, command);
     }
     bool rests = in->needles[m.needle].rests;
-    if (owner_of(in, m.needle) != 0 && owner_of(in, m.needle) != m.session)
+    if (!may_hold(in, m.needle, m.session, now))
         say(in, "command %d of session %" PRId64 " refused for needle %d: another session holds the needle", m.command, m.session, m.needle);
     else if (m.command == TROCAR_COMMAND_T_LEAVE && rests)
         say(in, "needle %d of session %" PRId64 " cannot be left: it rests already", m.needle, m.session);
@@ -246,7 +255,8 @@ command_verdict arbiter_command(pose_arbiter *in, const void *data, size_t size,
     return refuse(in, command);
 }
 
-/* A needle that was left has no owner; one that was taken or removed is engaged by the next pose. */
+/* A needle that was left has no owner; one that was taken or removed is engaged by the next pose. After a reset of one that was held, that pose may have
+   come already. */
 void arbiter_settle(pose_arbiter *in, const needle_command *done) {
     const trocar_command_t *m = &done->asked;
     arbiter_needle *n = &in->needles[m->needle];
@@ -261,7 +271,8 @@ void arbiter_settle(pose_arbiter *in, const needle_command *done) {
         return;
     case TROCAR_COMMAND_T_TAKE:
     case TROCAR_COMMAND_T_RESET:
-        if (done->refused) return;
+        if (done->refused && !n->rests && n->newest.engagement == done->engagement) n->begin_anew = done->anew;
+        if (done->refused || !n->rests) return;
         n->rests = false;
         n->begin_anew = true;
         return;

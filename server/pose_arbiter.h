@@ -8,6 +8,7 @@
 #include "exchange.h"
 #include "other_server.h"
 #include "safety_limits.h"
+#include "sequence.h"
 
 /* One needle's state for telemetry. */
 typedef struct {
@@ -33,7 +34,8 @@ typedef struct {
     pose_sample newest;              /* last accepted pose; `held` false if nobody owns the needle */
     bool begin_anew;                 /* whether the next pose starts a new engagement */
     bool rests;                      /* it has been left: poses for it are refused */
-    int64_t heard;                   /* last sequence number of the owner, accepted or not */
+    sequence order;                  /* of the accepted poses of newest.session, */
+    sequence heard;                  /* and of the owner's, accepted or not */
     double travel_credit;            /* s of motion at the limits, saved up since the last poses */
 } arbiter_needle;
 
@@ -58,8 +60,10 @@ typedef enum {
     COMMAND_SHUTDOWN
 } command_verdict;
 
-/* Checks the bytes of a command_t, which goes to `command` unless it is malformed, and carries it out if it concerns sessions alone. */
-command_verdict arbiter_command(pose_arbiter *in, const void *data, size_t size, needle_command *command);
+/* Checks the bytes of a command_t that arrived at `now` (ns, monotonic), which goes to `command` unless it is malformed, and carries it out if it concerns
+   sessions alone. It is accepted from whoever might hold the needle with a pose. `distant`: it was sent by another machine, which may shut the
+   server down only if its session owns a needle. */
+command_verdict arbiter_command(pose_arbiter *in, const void *data, size_t size, bool distant, int64_t now, needle_command *command);
 
 /* The haptic thread has carried out a command, or has refused it. */
 void arbiter_settle(pose_arbiter *in, const needle_command *done);

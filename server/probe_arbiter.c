@@ -16,14 +16,14 @@ static bool decode(const void *data, size_t size, trocar_probe_pose_t *m) {
 }
 
 /* NULL: it is to be used. */
-static const char *fault_of(const probe_arbiter *in, const trocar_probe_pose_t *m, const pose *base, int64_t now) {
+static const char *fault_of(probe_arbiter *in, const trocar_probe_pose_t *m, const pose *base, int64_t now) {
     pose_verdict verdict = safety_check_pose(base);
     if (verdict == POSE_NOT_FINITE) return "not finite";
     if (verdict != POSE_ACCEPTED) return "quaternion not of unit length";
     if (m->session == 0) return "0 means nobody; choose another session number";
     bool owned = in->newest.session != 0 && now - in->received <= OWNER_SILENCE;
     if (owned && m->session != in->newest.session) return "another session holds the probe";
-    return m->session == in->newest.session && m->seq <= in->newest.seq ? "out of order" : NULL;
+    return m->session == in->newest.session && !sequence_accepts(&in->order, m->seq) ? "out of order" : NULL;
 }
 
 bool probe_arbiter_pose(probe_arbiter *in, const void *data, size_t size, int64_t now, char *message, size_t room) {
@@ -42,6 +42,7 @@ bool probe_arbiter_pose(probe_arbiter *in, const void *data, size_t size, int64_
     }
     base.orientation = q_unit(base.orientation);
     in->newest = (probe_sample){.session = m.session, .seq = m.seq, .base = base};
+    sequence_begin(&in->order, m.seq);
     in->received = now;
     in->accepted++;
     return true;

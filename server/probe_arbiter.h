@@ -5,9 +5,11 @@
 #include <stddef.h>
 
 #include "exchange.h"
+#include "sequence.h"
 
 typedef struct {
     probe_sample newest;     /* last accepted pose; its session owns the probe */
+    sequence order;          /* of that session's poses */
     int64_t received;        /* ns, monotonic: when it came */
     int64_t accepted, refused; /* since start */
 } probe_arbiter;

@@ -21,7 +21,17 @@ double safety_travel_time(const trocar_device_limits *limits, const pose *a, con
     return fmax(distance / limits->max_speed, angle / limits->max_turn_rate);
 }
 
+void safety_begin_transfer(safety_limits *g) {
+    g->kept = 1.0;
+    g->before_force = g->force;
+    g->before_torque = g->torque;
+}
+
+/* The hand that held the needle before keeps its wrench for the time of a ramp; another one does not get it. */
 static safety_decision engage(safety_limits *g, const pose_sample *newest) {
+    if (newest->session == g->session) safety_begin_transfer(g);
+    else g->kept = 0.0;
+    g->session = newest->session;
     g->engagement = newest->engagement;
     g->base = newest->base;
     g->received = newest->received;
@@ -79,11 +89,23 @@ static bool ramp(safety_limits *g, const trocar_device_limits *limits, bool wind
     return g->gain != before || (g->gain > 0.0 && g->gain < 1.0);
 }
 
+static vec3 between(vec3 a, vec3 b, double part_of_a) { return v3_axpy(part_of_a, v3_sub(a, b), b); }
+
+/* Goes on with a transfer; true while one is under way. */
+static bool transfer(safety_limits *g, const trocar_device_limits *limits, double dt, vec3 *force, vec3 *torque) {
+    if (g->kept == 0.0) return false;
+    g->kept = fmax(0.0, g->kept - dt / limits->ramp_time);
+    *force = between(g->before_force, *force, g->kept);
+    *torque = between(g->before_torque, *torque, g->kept);
+    return true;
+}
+
 int safety_wrench(safety_limits *g, const trocar_device_limits *limits, bool wind_down, double dt, vec3 *force, vec3 *torque) {
     int flags = ramp(g, limits, wind_down, dt) ? TROCAR_NEEDLE_WRENCH_T_RAMPING : 0;
     bool saturated = false, finite = finite3(*force) && finite3(*torque);
     vec3 wanted_force = finite ? v3_scale(g->gain, *force) : v3(0, 0, 0);
     vec3 wanted_torque = finite ? v3_scale(g->gain, *torque) : v3(0, 0, 0);
+    if (transfer(g, limits, dt, &wanted_force, &wanted_torque)) flags |= TROCAR_NEEDLE_WRENCH_T_RAMPING;
 
     *force = g->force = limited(wanted_force, g->force, limits->max_force, limits->max_force_rate * dt, &saturated);
     *torque = g->torque =

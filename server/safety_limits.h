@@ -35,7 +35,8 @@ enum { SAFETY_OVERRUNS = 20 };  /* consecutive late ticks that trigger the ramp 
 
 /* State of the safety limits; all zero at the start. */
 typedef struct {
-    uint64_t engagement;     /* current one of the model, 0: none yet */
+    uint64_t engagement;     /* current one of the model, 0: none yet, */
+    int64_t session;         /* and whose it is */
     pose base;               /* last pose given to the model */
     int64_t received;        /* ns, its arrival */
     bool released, stale, overrun;
@@ -43,6 +44,8 @@ typedef struct {
     double good_time;        /* s without a late tick since the ramp was triggered */
     double gain;             /* 0..1 */
     vec3 force, torque;      /* last output wrench, N and N m */
+    double kept;             /* 1..0: part of the wrench from before a transfer that is still rendered */
+    vec3 before_force, before_torque; /* that wrench */
 } safety_limits;
 
 typedef enum { SAFETY_IDLE, SAFETY_ENGAGE, SAFETY_FOLLOW, SAFETY_HOLD } safety_decision;
@@ -54,6 +57,10 @@ safety_decision safety_pose(safety_limits *g, const trocar_device_limits *limits
 /* Records whether this tick was late by whole periods; SAFETY_OVERRUNS in a row trigger the ramp, a second of good timing or the
    next engagement ends it. RT */
 void safety_timing(safety_limits *g, bool late, double dt);
+
+/* The model's wrench may jump now, for another reason than the hand's motion: the output goes over from the last one to the model's within
+   ramp_time, always between the two (bumpless transfer). RT */
+void safety_begin_transfer(safety_limits *g);
 
 /* Ramps the model's wrench in or out, then limits magnitude and slew without changing its direction; updates both in place.
    `wind_down` ramps to zero independent of the poses. Returns flags of needle_wrench_t. RT */

@@ -135,7 +135,7 @@ static trocar_status create_parts(server *s, report *why) {
     s->worker = (worker){.exchange = x, .sim = s->sim};
     telemetry_settings telling = {.lcm_url = s->options.lcm_url, .scene_path = trocar_scene_path(s->scene), .rate_hz = s->rate_hz, .flags = flags,
                                   .server = s->id, .verbose = s->options.verbose};
-    return telemetry_create(&s->telemetry, &telling, s->model, &s->worker, x, why);
+    return telemetry_create(&s->telemetry, &telling, s->model, x, why);
 }
 
 static trocar_status create_all(server *s, report *why) {
@@ -327,8 +327,9 @@ void server_summarise(const server *s, FILE *out) {
     fprintf(out, "loop       %lld allocations, %lld minor faults, %lld major faults, %lld involuntary context switches\n",
             (long long)l->usage.allocations, (long long)l->usage.minor_faults, (long long)l->usage.major_faults,
             (long long)l->usage.context_switches);
-    fprintf(out, "worker     %lld requests served%s%s\n", (long long)s->worker.served,
-            s->worker.failed ? "; first failure: " : "", s->worker.failed ? s->worker.why.text : "");
+    fprintf(out, "worker     %lld requests served", (long long)s->worker.served);
+    if (s->worker.failed > 0) fprintf(out, "; %lld failures, the first: %s", (long long)s->worker.failed, s->worker.first.text);
+    fputc('\n', out);
     fprintf(out, "wrenches   %lld dropped, %lld not sent\n", (long long)s->haptic.wrench_dropped, (long long)s->io.wrenches_unsent);
     for (int i = 0; i < s->haptic.needle_count; i++) {
         const needle_record *record = &s->io.arbiter.record.needles[i];
@@ -336,5 +337,6 @@ void server_summarise(const server *s, FILE *out) {
         if (s->haptic.needle_count > 1) fprintf(out, ", needle %d", i);
         fputc('\n', out);
     }
-    fprintf(out, "packets    %lld malformed ones dropped\n", (long long)lcm_filter_dropped());
+    fprintf(out, "packets    %lld malformed ones and %lld of other machines dropped\n", (long long)lcm_filter_dropped(),
+            (long long)lcm_filter_distant(NULL, 0));
 }

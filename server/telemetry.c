@@ -13,9 +13,9 @@
 
 enum { PICTURES_HZ = 30, STATUS_HZ = 10, HOST_NAME = 56 };
 
-trocar_status telemetry_create(telemetry *t, const telemetry_settings *given, trocar_model *model, const worker *w, exchange *x, report *why) {
+trocar_status telemetry_create(telemetry *t, const telemetry_settings *given, trocar_model *model, exchange *x, report *why) {
     const char *url = given->lcm_url;
-    *t = (telemetry){.exchange = x, .worker = w, .given = *given, .inverse = trocar_model_inverse(model), .needle_count = trocar_model_needles(model)};
+    *t = (telemetry){.exchange = x, .given = *given, .inverse = trocar_model_inverse(model), .needle_count = trocar_model_needles(model)};
     gethostname(t->host, HOST_NAME);
     snprintf(t->host + strlen(t->host), sizeof t->host - strlen(t->host), ", process %d", (int)getpid());
     atomic_init(&t->stop, false);
@@ -117,10 +117,28 @@ static void tell_of_malformed(telemetry *t, const arbiter_record *in) {
     fprintf(stderr, "trocar-server: %s\n", in->malformed);
 }
 
-/* Persistent faults take precedence over the last refusal. */
+/* Reports each other fault of the worker on stderr once. */
+static const char *fault_text(telemetry *t, const worker_fault *fault) {
+    if (strcmp(t->fault_told, fault->why.text) != 0) fprintf(stderr, "trocar-server: %s\n", fault->why.text);
+    snprintf(t->fault_told, sizeof t->fault_told, "%s", fault->why.text);
+    return fault->why.text;
+}
+
+/* Reports on stderr, once, that another machine's packets are dropped: its user may have meant to connect a device. */
+static void tell_of_distant(telemetry *t) {
+    char address[16];
+    if (t->distant_text[0] || lcm_filter_distant(address, sizeof address) == 0) return;
+    snprintf(t->distant_text, sizeof t->distant_text,
+             "packets of another machine (%s) dropped: this server's LCM URL has ttl=0, for this machine alone; to connect others, set ttl=1 on all of them", address);
+    fprintf(stderr, "trocar-server: %s\n", t->distant_text);
+}
+
+/* Lasting faults take precedence over the last refusal. */
 static const char *message_of(telemetry *t, const arbiter_record *in, bool accompanied) {
-    if (atomic_load_explicit(&t->worker->failed, memory_order_acquire)) return t->worker->why.text;
-    return accompanied ? other_server_text(t, &in->other) : in->message;
+    const worker_fault *fault = triple_buffer_read(&t->exchange->faults, NULL);
+    if (fault->lasts) return fault_text(t, fault);
+    if (accompanied) return other_server_text(t, &in->other);
+    return in->message[0] ? in->message : t->distant_text;
 }
 
 static char *text(const char *constant) { return (char *)(uintptr_t)constant; } /* LCM's structs have no const */
@@ -145,6 +163,7 @@ static void publish_status(telemetry *t, const view_sample *view) {
     const arbiter_record *in = triple_buffer_read(&t->exchange->intakes, NULL);
     bool accompanied = other_server_present(&in->other, monotonic_ns());
     tell_of_malformed(t, in);
+    tell_of_distant(t);
     for (int i = 0; i < t->needle_count; i++) {
         trocar_status_t m = status_of(t, in, view, i);
         m.other_server = accompanied ? in->other.id : 0;

@@ -23,7 +23,6 @@ typedef struct {
 
 typedef struct {
     exchange *exchange;
-    const worker *worker;        /* its first failure is reported */
     telemetry_settings given;
     atomic_bool stop;
     lcm_t *lcm;
@@ -33,6 +32,8 @@ typedef struct {
     int64_t other_told;          /* the other server reported on stderr, 0: none; from here on used by the thread only */
     bool malformed_told;         /* a malformed pose has been reported on stderr */
     char other_text[400];
+    char fault_told[sizeof(report)]; /* fault of the worker reported on stderr last */
+    char distant_text[200];      /* on packets of other machines, once there were some */
     int64_t timings_published;
     histogram *latency, *round_trip; /* of the worker and of the hand, in this interval */
     triple_buffer views;          /* view_sample, to the pictures' thread */
@@ -41,8 +42,8 @@ typedef struct {
     struct { int64_t sent; int points; float end[3]; } tracks[TROCAR_MAX_NEEDLES]; /* as these: ns, and what the last message ended with */
 } telemetry;
 
-/* Connects to LCM. `model`, `w` and `x` must outlive it. The network's errors: see network_open. */
-trocar_status telemetry_create(telemetry *t, const telemetry_settings *given, trocar_model *model, const worker *w, exchange *x, report *why);
+/* Connects to LCM. `model` and `x` must outlive it. The network's errors: see network_open. */
+trocar_status telemetry_create(telemetry *t, const telemetry_settings *given, trocar_model *model, exchange *x, report *why);
 void telemetry_free(telemetry *t);
 
 /* Body of the thread; `context` is a telemetry. */

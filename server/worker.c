@@ -5,21 +5,29 @@
 
 #include "realtime.h"
 
+/* `why`: NULL if nothing is wrong any more. */
+static void show_fault(worker *w, const report *why) {
+    worker_fault *fault = triple_buffer_slot(&w->exchange->faults);
+    fault->lasts = w->faulty = why != NULL;
+    if (why) fault->why = *why;
+    triple_buffer_publish(&w->exchange->faults);
+}
+
 static void note_failure(worker *w, const report *why) {
-    if (atomic_load_explicit(&w->failed, memory_order_relaxed)) return;
-    w->why = *why;
-    atomic_store_explicit(&w->failed, true, memory_order_release);
+    if (w->failed++ == 0) w->first = *why;
+    show_fault(w, why);
 }
 
 /* Serves one request, or runs one slice of looking ahead. Returns whether there is more to do. After a failed request the tick
-   keeps using the last answer and sets the flag that it is late. */
+   keeps using the last answer and sets the flag that it is late. A fault lasts until a request is answered. */
 static bool work(worker *w) {
     report why;
     trocar_work done = {.more = 0};
-    if (trocar_sim_work(w->sim, &done, &why) != TROCAR_OK && !done.kept) note_failure(w, &why); /* the client is told of a needle that was kept */
+    if (trocar_sim_work(w->sim, &done, &why) != TROCAR_OK && !done.kept) note_failure(w, &why); /* who wanted to leave a needle that was kept is told */
     if (done.answered) {
         spsc_ring_push(&w->exchange->latencies, &done.latency);
         w->served++;
+        if (w->faulty) show_fault(w, NULL);
     }
     return done.more;
 }

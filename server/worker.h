@@ -8,9 +8,9 @@ typedef struct {
     exchange *exchange;
     trocar_sim *sim;
     atomic_bool stop;
-    atomic_bool failed;      /* a request failed; `why` then holds the first reason and does not change */
-    report why;
-    int64_t served;          /* valid after the thread has ended */
+    bool faulty;             /* it has failed since the last request that it answered; from here on used by the thread only, */
+    int64_t served, failed;  /* and valid after it has ended: requests, failures, */
+    report first;            /* and the first one's reason */
 } worker;
 
 /* Body of the thread; `context` is a worker. Only the newest request is served, as by trocar_sim_work; idle time is used for

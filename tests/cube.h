@@ -74,7 +74,7 @@ static inline trocar_status cube_shape(cube *c, double irregular, report *why) {
 static inline trocar_status cube_create(cube *c, double irregular, report *why) {
     trocar_status status = cube_shape(c, irregular, why);
     if (status == TROCAR_OK) status = tissue_create(&c->mesh, c->materials, c->fixed, STRAIN_BY_ELEMENT, &c->tissue, why);
-    if (status == TROCAR_OK) status = inverse_create_dense(&c->tissue, &c->inverse, why);
+    if (status == TROCAR_OK) status = inverse_create_dense(&c->tissue, (inverse_progress){0}, &c->inverse, why);
     return status;
 }
 

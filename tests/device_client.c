@@ -137,7 +137,7 @@ static void write_pair(char path[]) {
     for (char line[256]; fgets(line, sizeof line, in);)
         if (strncmp(line, "mesh: ", 6) == 0) fprintf(out, "mesh: " MESHES "/%s", line + 6);
         else fputs(line, out);
-    fputs("needles: 2\n", out);
+    fputs("needles: 2\ndevice: {max_stiffness: .inf}\n", out); /* through a coupling the force would also follow the delay, which changes on a busy machine */
     fclose(in);
     fclose(out);
 }
@@ -220,6 +220,53 @@ static void wrenches_of_other_needles_are_ignored(void **state) {
     } while (!exchange(c, &w) || w.force[0] != 9); /* the force is ramped up */
     trocar_needle_pose_t_unsubscribe(lcm, poses);
     lcm_destroy(lcm);
+}
+
+/* Wrenches that anyone on the network may send for the server: 1000 N once, as long as it is the newest, and then for as long as it lasts. */
+static void forged_wrenches_are_limited(void **state) {
+    const trocar_client_options limited = {.max_force = 8, .max_torque = 0.1, .max_force_rate = 500, .max_torque_rate = 10};
+    trocar_client *const clients[] = {*state, trocar_client_open(&limited, NULL, 0)};
+    const double most[] = {20, 8}, turn[] = {1, 0.1}, rate[] = {2000, 500};
+    lcm_t *lcm = lcm_create(NULL);
+    assert_true(clients[1] && lcm);
+    int64_t other = 0; /* session of the client before, whose last pose may still be under way */
+    for (int k = 0; k < 2; k++) {
+        trocar_client_wrench w;
+        trocar_needle_wrench_t sent = {.server = 5, .session = other, .force = {0.3, 0, 0}};
+        double last = 0, at, forged = 0, torque = 0;
+        trocar_needle_pose_t_subscription_t *poses = trocar_needle_pose_t_subscribe(lcm, "TROCAR_POSE", on_pose, &sent.session);
+        for (double end = now() + 10; sent.session == other; lcm_handle_timeout(lcm, 10)) {
+            exchange(clients[k], &w);
+            assert_true(now() < end);
+        }
+        trocar_needle_pose_t_unsubscribe(lcm, poses);
+        other = sent.session;
+        at = now();
+        for (int i = 0; i < 600; i++) {
+            bool forges = i == 300 || i > 400;
+            sent.force[0] = forges ? 1000 : 0.3;
+            sent.torque[2] = forges ? -50 : 0;
+            trocar_needle_wrench_t_publish(lcm, "TROCAR_WRENCH", &sent);
+            double before = at;
+            bool answered = exchange(clients[k], &w);
+            if (!answered) last = 0; /* the watchdog, on a busy machine */
+            at = now();
+            assert_true(norm(w.force) <= most[k] * (1 + 1e-12) && norm(w.torque) <= turn[k] * (1 + 1e-12));
+            assert_true(fabs(norm(w.force) - last) <= rate[k] * (at - before + 1e-3));
+            last = norm(w.force);
+            forged = fmax(forged, last);
+            torque = fmax(torque, norm(w.torque));
+            if (i >= 500 && answered) assert_true(w.flags & TROCAR_NEEDLE_WRENCH_T_SATURATED); /* forged ones alone for the last 100 */
+        }
+        print_message("1000 N rendered as %.2f N, 50 N m as %.2f N m\n", forged, torque);
+        assert_true(forged > 0.9 * most[k] && torque > 0.9 * turn[k]);
+    }
+    lcm_destroy(lcm);
+    trocar_client_close(clients[1]);
+    char why[256];
+    assert_null(trocar_client_open(&(trocar_client_options){.max_force = -1}, why, sizeof why));
+    assert_non_null(strstr(why, "max_force"));
+    assert_null(trocar_client_open(&(trocar_client_options){.max_torque_rate = NAN}, why, sizeof why));
 }
 
 static void on_command(const lcm_recv_buf_t *received, const char *channel, const trocar_command_t *m, void *newest) {
@@ -343,6 +390,7 @@ int main(int count, char **arguments) {
         cmocka_unit_test_setup_teardown(one_device_at_a_time, open_client, close_client),
         cmocka_unit_test_setup_teardown(two_clients_hold_two_needles, open_client, close_client),
         cmocka_unit_test_setup_teardown(wrenches_of_other_needles_are_ignored, open_client, close_client),
+        cmocka_unit_test_setup_teardown(forged_wrenches_are_limited, open_client, close_client),
         cmocka_unit_test_setup_teardown(commands_are_answered, open_client, close_client),
         cmocka_unit_test_setup_teardown(no_force_from_a_dead_server, open_client, close_client),
     };

@@ -45,7 +45,7 @@ typedef struct {
     atomic_int stall;                /* us, added to the next tick */
     _Atomic double spike;            /* N along x, added to the model's force */
     atomic_bool poison;              /* the next tick starts with a NaN in the state */
-    _Atomic double stiffness;        /* N/m, of the virtual coupling; 0: as in the scene */
+    _Atomic double stiffness;        /* N/m, of the virtual coupling; INFINITY: none */
 } injected;
 
 static injected *fault;
@@ -61,8 +61,8 @@ int __wrap_clock_gettime(clockid_t clock, struct timespec *t) {
 trocar_status __real_remesher_serve(remesher *r, const remesh_request *request, compliance_snapshot *snapshot, report *why);
 trocar_status __wrap_remesher_serve(remesher *r, const remesh_request *request, compliance_snapshot *snapshot, report *why);
 trocar_status __wrap_remesher_serve(remesher *r, const remesh_request *request, compliance_snapshot *snapshot, report *why) {
-    int nap = atomic_load(&fault->worker_nap);
-    if (nap > 0) sleep_until(monotonic_ns() + nap * INT64_C(1000000));
+    int64_t woken = monotonic_ns() + atomic_load(&fault->worker_nap) * INT64_C(1000000);
+    while (monotonic_ns() < woken && atomic_load(&fault->worker_nap) > 0) sleep_until(monotonic_ns() + 1000000);
     return __real_remesher_serve(r, request, snapshot, why);
 }
 
@@ -77,11 +77,12 @@ trocar_status __wrap_trocar_sim_tick(trocar_sim *sim, int needle, const trocar_p
     return status;
 }
 
-pose __real_coupling_hold(virtual_coupling *p, double limit, pose hand, double dt, double *compliance);
-pose __wrap_coupling_hold(virtual_coupling *p, double limit, pose hand, double dt, double *compliance);
-pose __wrap_coupling_hold(virtual_coupling *p, double limit, pose hand, double dt, double *compliance) {
-    double stiffness = atomic_load(&fault->stiffness);
-    return __real_coupling_hold(p, stiffness > 0.0 ? stiffness : limit, hand, dt, compliance);
+pose __real_coupling_hold(virtual_coupling *p, const trocar_device_limits *limits, pose hand, double dt, double *compliance);
+pose __wrap_coupling_hold(virtual_coupling *p, const trocar_device_limits *limits, pose hand, double dt, double *compliance);
+pose __wrap_coupling_hold(virtual_coupling *p, const trocar_device_limits *limits, pose hand, double dt, double *compliance) {
+    trocar_device_limits own = *limits;
+    own.max_stiffness = atomic_load(&fault->stiffness);
+    return __real_coupling_hold(p, &own, hand, dt, compliance);
 }
 
 /* ---- the server --------------------------------------------------------------------------------------------------------- */
@@ -137,9 +138,10 @@ static int insert(void **state) {
     return 0;
 }
 
+/* Without a coupling unless a case asks for one: the force through it also follows the delay, which changes on a busy machine. */
 static int mend(void **state) {
     (void)state;
-    atomic_store(&fault->stiffness, 0.0);
+    atomic_store(&fault->stiffness, INFINITY);
     atomic_store(&fault->worker_nap, 0);
     atomic_store(&fault->tick_nap, 0);
     atomic_store(&fault->pass_nap, 0);
@@ -275,7 +277,7 @@ static void a_wrench_that_is_no_number_stays_inside(void **state) {
 static void a_number_that_is_none_in_the_model_begins_anew(void **state) {
     client *c = *state;
     for (int coupled = 0; coupled < 2; coupled++) {
-        atomic_store(&fault->stiffness, coupled ? 500.0 : 0.0);
+        atomic_store(&fault->stiffness, coupled ? 500.0 : INFINITY);
         hear_news(c);
         assert_int_equal(c->status->coupling_stiffness > 0.0, coupled);
         atomic_store(&fault->poison, true);
@@ -497,6 +499,46 @@ static void old_and_repeated_poses_are_refused(void **state) {
     expect_only(c, FLAG(STALE) | FLAG(RAMPING));
 }
 
+/* One pose with the owner's session, whatever its number, and then the whole of it repeated. */
+static void a_forged_number_does_not_lock_the_owner_out(void **state) {
+    static const int64_t forged[] = {INT64_MAX, 0, INT64_MIN};
+    client *c = *state;
+    double force = force_of(c);
+    for (size_t k = 0; k <= sizeof forged / sizeof *forged; k++) {
+        trocar_needle_pose_t m = next_pose(c);
+        c->seq--;
+        m.seq = k < 3 ? forged[k] : m.seq + 1000;
+        publish_pose(c, &m);
+        pass(c, 0.1);
+        hear_news(c);
+        assert_int_equal(c->status->owner, c->session);
+        assert_true(c->wrench.pose_seq > c->seq - 50 && c->wrench.pose_seq <= c->seq); /* the owner's, not those from before it */
+    }
+    assert_true(c->least > 0.9 * force && c->most < 1.1 * force);
+    expect_health(c);
+    expect_only(c, 0);
+}
+
+/* The needle is gone at once, although its owner sends nothing more; the hand feels that by a ramp. */
+static void a_reset_needs_no_pose_to_take_effect(void **state) {
+    client *c = *state;
+    assert_true(norm3(c->wrench.raw_force) > 0.2 && c->wrench.depth > 0.01);
+    c->sends = false;
+    command(c, c->session, TROCAR_COMMAND_T_RESET);
+    PASS_UNTIL(c, c->wrench.depth == 0.0);
+    double largest = 0.0, last = force_of(c);
+    assert_true(norm3(c->wrench.raw_force) == 0.0 && c->wrench.contacts == 0);
+    for (int64_t tick = c->wrench.tick; last > 0.0; last = force_of(c)) {
+        PASS_UNTIL(c, c->wrench.tick > tick);
+        largest = fmax(largest, (last - force_of(c)) / (double)(c->wrench.tick - tick));
+        tick = c->wrench.tick;
+    }
+    assert_true(largest < 0.1); /* N per tick; the limit of slew alone would permit 2 */
+    hear_news(c);
+    assert_true(c->wrench.depth == 0.0 && c->status->owner == c->session);
+    client_insert(c);
+}
+
 static void wall_clocks_may_jump(void **state) {
     client *c = *state;
     double force = force_of(c);
@@ -532,6 +574,34 @@ static void a_late_worker_does_not_stop_the_loop(void **state) {
     if (in_time()) assert_true(c->timing.misses - misses < 100);
     atomic_store(&fault->worker_nap, 0);
     expect_health(c);
+}
+
+/* The worker answers nothing while the needle goes in, from before the skin on, and then all at once. */
+static void without_a_worker_the_tip_has_force(void **state) {
+    client *c = *state;
+    atomic_store(&fault->worker_nap, 100000);
+    c->base = (pose){v3(-0.011, 0.007, -0.201), {1, 0, 0, 0}};
+    command(c, c->session, TROCAR_COMMAND_T_RESET);
+    pass(c, 0.05);
+    for (int i = 0; i < 1500; i++) {
+        c->base.position.z += 0.02e-3;
+        step(c);
+        if (i == 300) watch(c); /* the tip is 5 mm behind the skin */
+    }
+    assert_true(c->least > 0.1 && c->seen & FLAG(LATE_WORKER));
+    assert_true(c->wrench.depth > 0.02 && c->oldest_snapshot > 1.0);
+    double largest = 0.0;
+    atomic_store(&fault->worker_nap, 0);
+    for (int64_t end = monotonic_ns() + 1000000000; monotonic_ns() < end;) {
+        double before = force_of(c);
+        int64_t tick = c->wrench.tick;
+        step(c);
+        if (c->wrench.tick == tick + 1) largest = fmax(largest, fabs(force_of(c) - before));
+    }
+    print_message("force changes by %.4f N in a tick at most\n", largest);
+    assert_true(largest < 0.05);
+    expect_health(c);
+    expect_only(c, FLAG(LATE_WORKER) | FLAG(RAMPING));
 }
 
 static void overruns_in_a_row_ramp_down(void **state) {
@@ -570,6 +640,7 @@ static void a_stall_makes_no_other_tick_late(void **state) {
 static int start(void **state) {
     static client c;
     fault = mmap(NULL, sizeof *fault, PROT_READ | PROT_WRITE, MAP_SHARED | MAP_ANONYMOUS, -1, 0);
+    if (fault == MAP_FAILED || mend(state) != 0) return -1;
     server_process = fork();
     if (server_process == 0) _exit(run_server());
     for (int i = 0; i < 1000 && !atomic_load(&fault->ready); i++) usleep(20000);
@@ -600,8 +671,11 @@ int main(void) {
         cmocka_unit_test_setup_teardown(a_second_client_is_refused_and_told, insert, mend_in_time),
         cmocka_unit_test_setup_teardown(bad_commands_for_seeds_change_nothing, insert, mend_in_time),
         cmocka_unit_test_setup_teardown(old_and_repeated_poses_are_refused, insert, mend_in_time),
+        cmocka_unit_test_setup_teardown(a_forged_number_does_not_lock_the_owner_out, insert, mend_in_time),
+        cmocka_unit_test_setup_teardown(a_reset_needs_no_pose_to_take_effect, insert, mend_in_time),
         cmocka_unit_test_setup_teardown(wall_clocks_may_jump, insert, mend_in_time),
         cmocka_unit_test_setup_teardown(a_late_worker_does_not_stop_the_loop, insert, mend_in_time),
+        cmocka_unit_test_setup_teardown(without_a_worker_the_tip_has_force, insert, mend_in_time),
         cmocka_unit_test_setup_teardown(overruns_in_a_row_ramp_down, insert, mend),
         cmocka_unit_test_setup_teardown(a_stall_makes_no_other_tick_late, insert, mend),
     };

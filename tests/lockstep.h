@@ -5,6 +5,7 @@
 #include <stdlib.h>
 #include <string.h>
 
+#include "oracles/remesh_methods.h"
 #include "scene/scene.h"
 
 typedef struct {
@@ -32,12 +33,25 @@ static inline simulation_config lockstep_scene(const char *path) {
 
 static inline simulation_config lockstep_config(void) { return lockstep_scene(MESHES "/figure8.yaml"); }
 
+/* Instead of the simulation's own. */
+static inline trocar_status lockstep_remesh_by(int method, simulation *s, report *why) {
+    remesher_free(s->remesher);
+    return any_remesher_create(s->inverse, method, &s->remesher, why);
+}
+
+/* `config->remeshing` may be one of remesh_methods.h. */
 static inline lockstep *lockstep_create(const simulation_config *config, pose start) {
     lockstep *l = calloc(1, sizeof *l);
     report why;
     l->snapshot = calloc(1, sizeof *l->snapshot);
     l->base = start;
-    if (simulation_create(config, &l->simulation, &why) != TROCAR_OK) {
+    simulation_config given = *config;
+    int method = (int)config->remeshing;
+    bool dense = any_remesh_needs_dense(method);
+    if (dense) given.remeshing = REMESH_IMPLICIT, given.inverse = INVERSE_DENSE;
+    trocar_status status = simulation_create(&given, &l->simulation, &why);
+    if (status == TROCAR_OK && dense) status = lockstep_remesh_by(method, &l->simulation, &why);
+    if (status != TROCAR_OK) {
         fprintf(stderr, "%s\n", why.text);
         abort();
     }

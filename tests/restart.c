@@ -89,9 +89,8 @@ static void a_killed_server_is_back_and_engages_by_a_ramp(void **state) {
         assert_true(force_of(c) < 0.2 * force); /* no sudden force */
 
         watch(c);
-        PASS_UNTIL(c, force_of(c) > 0.0 && c->wrench.pose_seq > 0);
-        assert_true(c->seen & FLAG(RAMPING));
-        assert_true(force_of(c) < 0.2 * force);
+        PASS_UNTIL(c, c->seen & FLAG(RAMPING) && c->wrench.pose_seq > 0); /* (the force says nothing: a needle that is in the tissue from the start feels none at rest) */
+        assert_true(c->most < 0.2 * force);
         pass(c, 0.3);
         assert_true(c->wrench.depth > 0.015); /* the needle is in the tissue as before */
     }

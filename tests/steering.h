@@ -8,6 +8,7 @@ typedef struct {
     const char *mesh;            /* NULL: the figure-8 scene's */
     needle_parameters needle;
     double tissue_modulus;       /* Pa, everywhere */
+    double strength;             /* of membranes and friction, and against cutting: times that of the 60 kPa tissue */
     double x, y;                 /* m, entry point */
     double roll;                 /* rad about the needle's axis at the start; 0: the bevel faces +y */
     double half_turn_at;         /* m of base travel at which the needle is rolled by half a turn; INFINITY: never */
@@ -23,7 +24,7 @@ typedef struct {
 
 /* The scene's 18 G steel needle. */
 static inline steering_case steering_steel(double slope) {
-    steering_case c = {.needle = lockstep_config().needle, .tissue_modulus = 60e3, .x = 0.005, .y = 0.003, .half_turn_at = INFINITY, .way = 0.08};
+    steering_case c = {.needle = lockstep_config().needle, .tissue_modulus = 60e3, .strength = 1.0, .x = 0.005, .y = 0.003, .half_turn_at = INFINITY, .way = 0.08};
     c.needle.bevel_slope = slope;
     return c;
 }
@@ -44,9 +45,10 @@ static inline simulation_config steering_config(const steering_case *given) {
     if (given->mesh) snprintf(c.mesh_path, sizeof c.mesh_path, "%s", given->mesh);
     c.needle = given->needle;
     for (int i = 0; i < c.region_count; i++)
-        c.regions[i].material = (region_material){.youngs_modulus = given->tissue_modulus, .poisson_ratio = 0.45, .cutting_force = 0.5,
-                                                  .cutting_viscosity = 1, .friction_static = 15, .friction_kinetic = 9, .friction_viscous = 100};
-    for (int i = 0; i < c.membrane_count; i++) c.membranes[i].puncture_force = 0.6;
+        c.regions[i].material = (region_material){.youngs_modulus = given->tissue_modulus, .poisson_ratio = 0.45, .cutting_force = 0.5 * given->strength,
+                                                  .cutting_viscosity = 1, .friction_static = 15 * given->strength, .friction_kinetic = 9 * given->strength,
+                                                  .friction_viscous = 100 * given->strength};
+    for (int i = 0; i < c.membrane_count; i++) c.membranes[i].puncture_force = 0.6 * given->strength;
     return c;
 }
 

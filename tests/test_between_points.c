@@ -1,8 +1,8 @@
 /* Blocks of compliance between points of contact against the formula, entry by entry: P N P^T + R^T C R, and the mount's. */
 #include "bending.h"
-#include "insertion/between_kernels.h"
 #include "insertion/between_points.h"
 #include "insertion/guides.h"
+#include "linalg/between_kernels.h"
 
 #include <setjmp.h>
 #include <stdarg.h>
@@ -157,7 +157,8 @@ static void guides_are_coupled_where_they_touch(void **unused) {
 static void wide_vectors_give_the_same_bits(void **unused) {
     (void)unused;
     if (between_kernel_here() == between_portable) skip(); /* this processor has none */
-    static _Alignas(CACHE_LINE) double needle_rows[3 * NEEDLE_POINT_JOINTS][3][BETWEEN_PLACES], tissue[3][3][BETWEEN_PLACES];
+    static _Alignas(CACHE_LINE) between_components needle_rows[3 * NEEDLE_POINT_JOINTS];
+    static _Alignas(CACHE_LINE) double tissue[3][3][BETWEEN_PLACES];
     static _Alignas(CACHE_LINE) between_rows frames, portable, widest;
     for (int l = 0; l < BETWEEN_PLACES; l++)
         for (int a = 0; a < 9; a++) {
@@ -168,7 +169,7 @@ static void wide_vectors_give_the_same_bits(void **unused) {
     set_points(0, 40, true);
     for (int begin = 0; begin < 41; begin++)
         for (int lowest = 0; lowest < 3 && lowest <= begin; lowest++) {
-            between_points_row row = {.lowest = lowest, .begin = begin, .end = 41, .point = &w.points[begin].at, .needle = (const double (*)[3][BETWEEN_PLACES])needle_rows,
+            between_points_row row = {.lowest = lowest, .begin = begin, .end = 41, .frame = &w.points[begin].at.frame, .weights = w.points[begin].at.weights, .needle = (const between_components *)needle_rows,
                                       .tip_place = 40, .at_tip = draw_block(), .yield = 0.9, .mount = MOUNT, .frames = (const between_rows *)&frames};
             for (int a = 0; a < 9; a++) row.tissue[a / 3][a % 3] = tissue[a / 3][a % 3];
             between_portable(&row, portable);

@@ -275,7 +275,7 @@ static void edge_is_crossed_once(void **unused) {
     }
 }
 
-int main(void) {
+int main(int count, char **given) {
     const struct CMUnitTest tests[] = {
         cmocka_unit_test(second_body_exerts_force),
         cmocka_unit_test(engaging_inside_two_bodies),
@@ -285,5 +285,6 @@ int main(void) {
         cmocka_unit_test(force_is_constant_along_a_side_face),
         cmocka_unit_test(edge_is_crossed_once),
     };
+    choose_tests(count, given);
     return cmocka_run_group_tests(tests, setup, teardown);
 }

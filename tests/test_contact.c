@@ -52,6 +52,23 @@ static void make_friction(contact_problem *p) {
     }
 }
 
+/* Gives one unknown a staircase with jumps and slopes some of which are zero, at times with an impassable end. */
+static void make_staircase(contact_problem *p) {
+    staircase *s = &p->ahead;
+    p->climber = rand() % p->axial_count;
+    s->count = 1 + rand() % MAX_KNOTS;
+    s->back = uniform(-0.5, 0.0);
+    p->lower[p->climber] = s->back;
+    for (int k = 0; k < s->count; k++) {
+        s->at[k] = k > 0 ? s->at[k - 1] + (rand() % 8 == 0 ? 0.0 : uniform(0.0, 0.3)) : 0.0;
+        s->level[k] = k > 0 ? s->level[k - 1] + s->slope[k - 1] * (s->at[k] - s->at[k - 1]) : 0.0;
+        if (rand() % 2) s->level[k] += uniform(0.0, 0.5);
+        s->slope[k] = rand() % 2 ? uniform(0.0, 2.0) : 0.0;
+    }
+    if (rand() % 3 == 0) s->level[s->count - 1] = INFINITY;
+    p->knot = rand() % s->count;
+}
+
 static void solve(void) {
     solved = given;
     assert_int_equal(contact_solve(&solved), TROCAR_OK);
@@ -65,11 +82,39 @@ static double remaining_gap(int row) {
     return gap;
 }
 
+static double end_of_piece(const staircase *s, int k) { return s->level[k] + s->slope[k] * (s->at[k + 1] - s->at[k]); }
+
+/* Is the climber's force one that the staircase allows at its slip? */
+static void assert_on_staircase(double force, double slip, double tolerance) {
+    const staircase *s = &given.ahead;
+    if (slip < -tolerance) {
+        assert_close(force, s->back, tolerance);
+        return;
+    }
+    double least = INFINITY, most = -INFINITY; /* at slips that differ from it by rounding */
+    for (int k = 0; k < s->count; k++) {
+        bool last = k == s->count - 1;
+        if (fabs(slip - s->at[k]) <= tolerance) {
+            least = fmin(least, k > 0 ? end_of_piece(s, k - 1) : s->back);
+            most = fmax(most, s->level[k]);
+        } else if (slip > s->at[k] && (last || slip < s->at[k + 1])) {
+            double on_piece = s->level[k] + s->slope[k] * (slip - s->at[k]);
+            least = fmin(least, on_piece);
+            most = fmax(most, on_piece);
+        }
+    }
+    assert_true(force >= least - 2.0 * tolerance && force <= most + 2.0 * tolerance);
+}
+
 static void assert_solution(double tolerance) {
     for (int i = 0; i < 2 * given.count; i++) assert_close(remaining_gap(i), 0.0, tolerance);
     for (int i = 0; i < given.axial_count; i++) {
         double force = solved.force[2 * given.count + i], slip = solved.slip[i];
         assert_close(remaining_gap(2 * given.count + i), slip, tolerance);
+        if (given.ahead.count > 0 && i == given.climber) {
+            assert_on_staircase(force, slip, tolerance);
+            continue;
+        }
         switch (solved.state[i]) {
         case STICK:
             assert_true(slip == 0.0);
@@ -89,7 +134,21 @@ static void assert_solution(double tolerance) {
 }
 
 /* Force that satisfies the law of one axial contact whose remaining gap is `gap` and closes by `a` per newton. */
+static double force_on_staircase(double gap, double a) {
+    const staircase *s = &given.ahead;
+    for (int k = 0; k < s->count; k++) {
+        double here = (gap - s->at[k]) / a; /* that leaves it at the knot */
+        if (here > s->level[k]) continue;
+        if (k == 0) return fmax(here, s->back);
+        if (here >= end_of_piece(s, k - 1)) return here;
+        return (s->level[k - 1] + s->slope[k - 1] * (gap - s->at[k - 1])) / (1.0 + s->slope[k - 1] * a);
+    }
+    int k = s->count - 1;
+    return (s->level[k] + s->slope[k] * (gap - s->at[k])) / (1.0 + s->slope[k] * a);
+}
+
 static double own_force(int i, double gap, double a) {
+    if (given.ahead.count > 0 && i == given.climber) return force_on_staircase(gap, a);
     double stick = gap / a, upper = given.upper[i], lower = given.lower[i];
     if (stick > upper) return (upper + given.viscosity[i][1] * gap) / (1.0 + given.viscosity[i][1] * a);
     if (stick < lower) return (lower + given.viscosity[i][0] * gap) / (1.0 + given.viscosity[i][0] * a);
@@ -159,6 +218,24 @@ static void solution_does_not_depend_on_the_start(void **state) {
             for (int i = 0; i < unknowns(&given); i++) assert_close(solved.force[i], first[i], 1e-9);
         }
         memcpy(given.state, solved.state, sizeof given.state); /* starting from the solution: no state changes */
+        solve();
+        assert_int_equal(solved.switches, 0);
+    }
+}
+
+static void staircases_equal_projected_gauss_seidel(void **state) {
+    (void)state;
+    double expected[MOST];
+    for (int n = 0; n < 400; n++) {
+        make_compliance(&given, 1 + n % 12, 1 + n % 12 + n % 2, 0.2);
+        make_friction(&given);
+        make_staircase(&given);
+        solve();
+        assert_solution(1e-9);
+        gauss_seidel(expected);
+        for (int i = 0; i < unknowns(&given); i++) assert_close(solved.force[i], expected[i], 1e-9);
+        given.knot = solved.knot; /* starting from the solution: nothing changes */
+        memcpy(given.state, solved.state, sizeof given.state);
         solve();
         assert_int_equal(solved.switches, 0);
     }
@@ -280,18 +357,30 @@ static void assert_refused(void) {
     for (int i = 0; i < unknowns(&given); i++) assert_true(solved.force[i] == 0.0);
 }
 
-static void singular_and_unstable_problems_are_refused(void **state) {
-    (void)state;
-    for (int value = -1; value <= 0; value++) { /* axial compliance negative or zero */
-        make_compliance(&given, 3, 3, 0.05);
-        make_friction(&given);
-        for (int i = 0; i < 3; i++) {
-            given.lower[i] = -INFINITY;
-            given.upper[i] = INFINITY;
-        }
-        for (int j = 0; j < 9; j++) given.compliance[7][j] = given.compliance[j][7] = j == 7 ? value : 0.0;
-        assert_refused();
+/* All stick; the compliance of one contact along the needle is this. */
+static void make_axial_compliance(double value) {
+    make_compliance(&given, 3, 3, 0.05);
+    make_friction(&given);
+    for (int i = 0; i < 3; i++) {
+        given.lower[i] = -INFINITY;
+        given.upper[i] = INFINITY;
     }
+    for (int j = 0; j < 9; j++) given.compliance[7][j] = given.compliance[j][7] = j == 7 ? value : 0.0;
+}
+
+static void singular_problems_are_refused(void **state) {
+    (void)state;
+    make_axial_compliance(0.0);
+    assert_refused();
+}
+
+/* A needle far beyond its buckling load may be stable only because it sticks. */
+static void unstable_modes_along_the_needle_are_counted(void **state) {
+    (void)state;
+    make_axial_compliance(-1.0);
+    solve();
+    assert_int_equal(solved.negative, 1);
+    assert_solution(1e-9);
 }
 
 int main(void) {
@@ -301,12 +390,14 @@ int main(void) {
         cmocka_unit_test(the_largest_problem_is_solved),
         cmocka_unit_test(solutions_equal_projected_gauss_seidel),
         cmocka_unit_test(solution_does_not_depend_on_the_start),
+        cmocka_unit_test(staircases_equal_projected_gauss_seidel),
         cmocka_unit_test(infinite_bounds_stick_like_a_linear_system),
         cmocka_unit_test(no_axial_force_without_friction),
         cmocka_unit_test(single_contact_matches_closed_form),
         cmocka_unit_test(buckled_needle_supported_by_tissue),
         cmocka_unit_test(contact_with_singular_diagonal_block),
-        cmocka_unit_test(singular_and_unstable_problems_are_refused),
+        cmocka_unit_test(singular_problems_are_refused),
+        cmocka_unit_test(unstable_modes_along_the_needle_are_counted),
     };
     return cmocka_run_group_tests(tests, NULL, NULL);
 }

@@ -82,6 +82,10 @@ static void faults_raise_alarms(void **state) {
     dashboard_take_status(&d, &status, 10.0);
     expect(&d, "needle", "free", false);
     expect(&d, "last fault", "the worker failed", true);
+    status.message = "gone\033[2J\007\n", status.scene = "\033]0;title\007/scene.yaml"; /* it is not to clear the terminal, nor to ring */
+    dashboard_take_status(&d, &status, 10.0);
+    expect(&d, "last fault", "gone?[2J??", true);
+    expect(&d, "trocar", "?]0;title?/scene.yaml", false);
 }
 
 static void alarms_are_reset_when_the_server_restarts(void **state) {

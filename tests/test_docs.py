@@ -7,6 +7,7 @@ usage: test_docs.py BUILD_DIR SOURCE_DIR
 import html.parser
 import importlib.machinery
 import importlib.util
+import json
 import os
 import re
 import shutil
@@ -319,6 +320,24 @@ def check_readme(source):
     return faults
 
 
+def check_quoted(source):
+    """Numbers that more than one document gives are those of the data, or of each other. Returns faults."""
+    text = lambda name: (source / name).read_text()
+    rate = max(float(value) for value in re.findall(r"^\| \d+ Hz: force \| 4 kHz, over the peak \| ([\d.e-]+) ", text("tests/verification/REPORT.md"), re.MULTILINE))
+    rows = [row for row in json.loads(text("docs/results/tick.json"))["rows"] if row["contacts"] == 30]
+    tick, slow = (1e6 * max(row[key] for row in rows) for key in ("p50_s", "p99_s"))
+    restart, memory = re.search(r"later starts, wall \|.*\| [\d.]+ to ([\d.]+) s \|\n.*resident \|.*\| [\d.]+ to ([\d.]+) GB \|", text("core/README.md")).groups()
+    least, most = re.search(r"degrees in the coronal plane \((-[\d.]+) to \+([\d.]+)\)", text("docs/seeds.md")).groups()
+    quoted = (("docs/faq.md", f"differ by {100 * rate:.2f} % of the peak at most"),
+              ("docs/results/README.md", f"within {100 * rate:.2f} % of the peak"),
+              ("docs/results/README.md", f"p50 {tick:.0f} us, p99 {slow:.0f} us"),
+              ("README.md", f"take {tick:.0f} us (p99: {slow:.0f} us)"),
+              ("README.md", f"restarts in {float(restart):.0f} s and takes [{float(memory):.0f} GB]"),
+              ("docs/make-a-scene.md", f"to {restart} s, 0.81 to {memory} GB"),
+              ("docs/validation.md", f"{least} to {most} while needles go in and out"))
+    return [f"{page}: does not say \"{words}\", as the data do" for page, words in quoted if words not in text(page)]
+
+
 def load_script(path):
     loader = importlib.machinery.SourceFileLoader(path.name, str(path))
     module = importlib.util.module_from_spec(importlib.util.spec_from_loader(path.name, loader))
@@ -333,7 +352,7 @@ def main(arguments):
     sys.dont_write_bytecode = True
     docs = load_script(source / "scripts/docs")
     faults, run, excused = check_blocks(source)
-    faults += check_readme(source) + check_made(source) + check_links(source, docs) + check_examples(source)
+    faults += check_readme(source) + check_quoted(source) + check_made(source) + check_links(source, docs) + check_examples(source)
 
     netns = source / "scripts/netns"
     private = subprocess.run([netns, "true"], capture_output=True).returncode == 0

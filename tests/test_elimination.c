@@ -1,5 +1,5 @@
 /* Elimination with wide vectors against the portable kernels: the same bits; and against the definition, entry by entry. */
-#include "insertion/elimination.h"
+#include "linalg/elimination.h"
 
 #include <math.h>
 #include <setjmp.h>

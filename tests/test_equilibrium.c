@@ -144,7 +144,7 @@ static void spring_coupled_base_matches_rigid_base(void **state) {
 static void bowed_needle_is_in_equilibrium(void **unused) {
     (void)unused;
     simulation_config c = lockstep_config();
-    for (int i = 0; i < c.region_count; i++) c.regions[i].material.youngs_modulus = 60e3;
+    for (int i = 0; i < c.region_count; i++) c.regions[i].material.youngs_modulus = 2e6;
     for (int i = 0; i < c.membrane_count; i++) c.membranes[i].puncture_force = INFINITY;
     double section = M_PI / 64.0 * (pow(c.needle.outer_diameter, 4) - pow(c.needle.inner_diameter, 4));
     double euler = 20.19 * c.needle.youngs_modulus * section / pow(c.needle.length, 2); /* clamped and hinged */
@@ -194,11 +194,10 @@ static pose next_hand(pose base, int tick, vec3 *velocity, double *turning, doub
 }
 
 /* Passes from a guessed shape that are given up change nothing: the tick ends, to the bit, as one without a guess. Each tick is made twice, from
-   the same state with and without the last step's motion. There are no old tracks, so that nothing else is a reason for more than two passes. */
+   the same state with and without the last step's motion. There are no old tracks, where more than a guess may be to blame. */
 static void a_rejected_guess_leaves_no_trace(void **unused) {
     (void)unused;
     static const char *const NAMES[] = {"a guide", "a guide, relaxing tissue", "stiffening tissue"};
-    enum { GUESSED = 2 }; /* passes from a guess */
     for (int kind = 0; kind < 3; kind++) {
         simulation_config c = lockstep_config();
         c.insertion.track_reach = 0.0;
@@ -212,6 +211,7 @@ static void a_rejected_guess_leaves_no_trace(void **unused) {
         }
         if (kind == 1) c.relaxation_count = 1, c.relaxation[0] = (relaxation_term){.weight = 0.5, .time = 0.3};
         for (int i = 0; i < c.region_count && kind == 2; i++) c.regions[i].material.stiffening = 5.0;
+        if (kind == 2) c.insertion.tolerance = 1e-20; /* to rounding, which the few passes from a guess do not reach */
         lockstep *l = lockstep_engaged(&c), *without = lockstep_engaged(&c);
         vec3 velocity = v3(0, 0, 0);
         double turning = 0.0, turn = 0.0;
@@ -219,20 +219,20 @@ static void a_rejected_guess_leaves_no_trace(void **unused) {
         srand(1);
         for (int i = 0; i < 1500; i++) {
             pose base = next_hand(l->base, i, &velocity, &turning, &turn);
-            bool guesses = l->state.motion.time > 0.0;
             memcpy(&without->state, &l->state, sizeof l->state);
             memcpy(without->snapshot, l->snapshot, sizeof *l->snapshot);
             without->state.motion.time = 0.0;
             lockstep_tick(l, base, 1e-3);
+            bool given_up = l->simulation.workspace->guess_given_up;
             lockstep_tick(without, base, 1e-3);
-            if (!guesses || l->wrench.passes <= GUESSED) continue;
+            if (!given_up) continue;
             rejected++;
             assert_memory_equal(&l->wrench.force, &without->wrench.force, sizeof l->wrench.force);
             assert_memory_equal(&l->wrench.torque, &without->wrench.torque, sizeof l->wrench.torque);
             assert_memory_equal(&l->state.needle, &without->state.needle, sizeof l->state.needle);
             assert_memory_equal(l->state.contacts, without->state.contacts, sizeof l->state.contacts);
             assert_memory_equal(l->state.guides, without->state.guides, sizeof l->state.guides);
-            assert_true(l->state.tip.slip == without->state.tip.slip && l->state.tip.shaft_slip == without->state.tip.shaft_slip);
+            assert_true(l->state.tip.slip == without->state.tip.slip && l->state.tip.shaft.slip == without->state.tip.shaft.slip);
         }
         print_message("%s: %d guesses given up\n", NAMES[kind], rejected);
         assert_true(rejected >= 10);

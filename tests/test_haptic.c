@@ -57,6 +57,8 @@ static int begin(void **state) {
     assert_int_equal(trocar_sim_create(f->host.model, &f->host.sim, &why), TROCAR_OK);
     assert_int_equal(exchange_create(&f->exchange, f->host.model, &why), TROCAR_OK);
     trocar_device_limits limits = trocar_scene_device(f->host.scene);
+    limits.max_stiffness = INFINITY; /* the needle follows the poses */
+    limits.delay = 0.0;
     haptic_init(&f->haptic, f->host.sim, trocar_model_needles(f->host.model), &limits, RATE, TROCAR_NEEDLE_WRENCH_T_NOT_REALTIME, &f->exchange);
     trocar_sim_set_clock(f->host.sim, made_clock);
     return 0;
@@ -190,6 +192,39 @@ static void silence_ramps_to_zero_and_is_flagged(void **state) {
     assert_true(w.force[2] == 0.0 && w.raw_force[2] < -0.1); /* the model's force is still reported */
 }
 
+/* The hand has moved on by 3 mm: its poses did not come for so long (ms), or they came while the loop did not run. */
+static double largest_step_after(fixture *f, uint64_t engagement, int gap, bool stalled, double *jump) {
+    trocar_needle_wrench_t w = move(f, engagement, 0, 20), next;
+    double largest = 0.0, z = f->poses.needles[0].base.position.z + 3e-3;
+    if (stalled) f->tick += gap;
+    for (int i = 0; !stalled && i < gap; i++) {
+        tick(f, &w);
+        serve_worker(f);
+    }
+    for (int i = 0; i < 150; i++, w = next) {
+        put_pose(f, engagement, f->tick, z);
+        tick(f, &next);
+        serve_worker(f);
+        if (i == 0) *jump = fabs(next.raw_force[2] - w.raw_force[2]);
+        largest = fmax(largest, fabs(next.force[2] - w.force[2]));
+    }
+    assert_true(fabs(w.force[2] - w.raw_force[2]) < 1e-12);
+    print_message("%d ms %s: the model's force jumps by %.2f N, the hand feels %.3f N in a tick\n", gap, stalled ? "stalled" : "silent", *jump, largest);
+    return largest;
+}
+
+static void what_comes_after_a_gap_comes_by_a_ramp(void **state) {
+    fixture *f = *state;
+    uint64_t engagement = 0;
+    double jump;
+    for (int stalled = 0; stalled < 2; stalled++) {
+        double at_once = largest_step_after(f, ++engagement, 5, stalled, &jump);
+        assert_true(jump > 0.3 && at_once > 0.9 * jump); /* a quick hand */
+        double largest = largest_step_after(f, ++engagement, 40, stalled, &jump);
+        assert_true(jump > 0.3 && largest < 0.05 * jump);
+    }
+}
+
 static void wrenches_dropped_by_a_full_ring_are_counted(void **state) {
     fixture *f = *state;
     size_t capacity = f->exchange.wrenches.capacity;
@@ -239,9 +274,9 @@ static void recovers_from_non_finite_values(void **state) {
 #define PLACE(name) {#name, offsetof(insertion_state, name)}
     static const struct { const char *name; size_t place; } places[] = {
         PLACE(base_shift.x), PLACE(needle.base.position.y), PLACE(needle.joints[10].x), PLACE(needle.frames[10].w), PLACE(entry.z),
-        PLACE(tip.nominal.x), PLACE(tip.depth), PLACE(tip.slip), PLACE(tip.force.z), PLACE(tip.shaft_slip), PLACE(tip.shaft_slid),
-        PLACE(tip.stretch), PLACE(tip.dent), PLACE(tip.damping.z), PLACE(tip.pressing), PLACE(tip.known_weights[1]), PLACE(strata[1].depth), PLACE(refined.nodes[1].position.z),
-        PLACE(contacts[1].arc), PLACE(contacts[1].depth), PLACE(contacts[1].slip), PLACE(contacts[1].slid), PLACE(contacts[1].force.y),
+        PLACE(tip.nominal.x), PLACE(tip.depth), PLACE(tip.slip), PLACE(tip.force.z), PLACE(tip.shaft.slip), PLACE(tip.shaft.slid),
+        PLACE(tip.shaft.origin), PLACE(tip.dent), PLACE(tip.damping.z), PLACE(tip.pressing), PLACE(tip.known_weights[1]), PLACE(strata[1].depth), PLACE(refined.nodes[1].position.z),
+        PLACE(contacts[1].shaft.origin), PLACE(contacts[1].depth), PLACE(contacts[1].shaft.slip), PLACE(contacts[1].shaft.slid), PLACE(contacts[1].force.y),
         PLACE(contacts[1].log_lateral.xy), PLACE(contacts[1].log_axial),
     };
     double rigid = f->haptic.limits.max_stiffness;
@@ -333,6 +368,110 @@ static void a_seed_is_dropped_and_taken_back(void **state) {
     assert_int_equal(trocar_sim_seeds(f->host.sim, NULL, 0), 0);
     answer = tell(f, TROCAR_COMMAND_T_UNDO, 0);
     assert_true(answer.refused && strstr(answer.why, "dropped no seed"));
+}
+
+/* A command from the IO thread, which knows the needle's engagement. */
+static void give(fixture *f, int what, uint64_t engagement) {
+    needle_command c = {.asked = {.command = what, .seq = 9}, .engagement = engagement};
+    assert_true(spsc_ring_push(&f->exchange.commands, &c));
+}
+
+static bool was_done(fixture *f) {
+    needle_command answer;
+    return spsc_ring_pop(&f->exchange.replies, &answer) && !answer.refused && answer.asked.seq == 9;
+}
+
+static double tissue_moved(const fixture *f) {
+    static double u[3 * 4096];
+    double most = 0.0;
+    assert_int_equal(trocar_sim_displacements(f->host.sim, u, NULL), TROCAR_OK);
+    for (int i = 0; i < 3 * trocar_model_node_count(f->host.model); i++) most = fmax(most, fabs(u[i]));
+    return most;
+}
+
+/* The needle is gone in that tick, and the tissue at rest, although its owner holds still and sends nothing new. The wrench goes to zero by a ramp. */
+static void a_reset_of_a_held_needle_takes_effect_at_once(void **state) {
+    fixture *f = *state;
+    trocar_needle_wrench_t w = push(f, 20), next;
+    assert_true(tissue_moved(f) > 1e-4);
+    give(f, TROCAR_COMMAND_T_RESET, 1);
+    tick(f, &next);
+    assert_true(was_done(f));
+    assert_true(next.raw_force[2] == 0.0 && next.depth == 0.0 && next.contacts == 0);
+    assert_true(tissue_moved(f) == 0.0);
+    for (int i = 0; i < 110; i++) { /* poses from before the reset move nothing */
+        double before = norm(w.force);
+        put_pose(f, 1, f->tick, -0.185);
+        w = next;
+        tick(f, &next);
+        assert_true(norm(next.force) <= norm(w.force) && norm(w.force) - norm(next.force) < 0.02 * 0.5);
+        assert_true(next.depth == 0.0 && before >= norm(w.force));
+    }
+    assert_true(norm(next.force) == 0.0);
+    w = move(f, 2, 0, 20); /* and the next insertion is like the first one */
+    assert_true(w.force[2] < -0.3 && w.contacts >= 1 && w.depth > 0.005);
+}
+
+/* The command and the first pose after it may reach the tick in either order. */
+static void a_reset_is_carried_out_once(void **state) {
+    fixture *f = *state;
+    trocar_needle_wrench_t w;
+    push(f, 20);
+    give(f, TROCAR_COMMAND_T_RESET, 1);
+    put_pose(f, 2, f->tick, -0.200);
+    tick(f, &w);
+    serve_worker(f);
+    assert_true(was_done(f));
+    for (int i = 0; i < 200; i++) { /* the tip goes from 0 to 10 mm */
+        put_pose(f, 2, f->tick, -0.200 + 0.05e-3 * i);
+        tick(f, &w);
+        serve_worker(f);
+    }
+    double force = w.raw_force[2];
+    assert_true(force < -0.1);
+    give(f, TROCAR_COMMAND_T_RESET, 1); /* late: this engagement has begun after it */
+    put_pose(f, 2, f->tick, -0.190);
+    tick(f, &w);
+    assert_true(was_done(f) && fabs(w.raw_force[2] - force) < 0.1 * fabs(force));
+    give(f, TROCAR_COMMAND_T_RESET, 3); /* asked after a pose that the tick has not seen yet */
+    put_pose(f, 3, f->tick, -0.190);
+    tick(f, &w);
+    assert_true(was_done(f) && w.raw_force[2] == 0.0 && w.depth == 0.0);
+    put_pose(f, 3, f->tick, -0.190);
+    tick(f, &w);
+    assert_true(w.depth == 0.0);
+    put_pose(f, 4, f->tick, -0.190);
+    tick(f, &w);
+    assert_true(w.depth > 0.005); /* inserted, without force */
+}
+
+static void work_until_answered(fixture *f) {
+    for (int i = 0; i < 50 && !was_done(f); i++) {
+        tick(f, NULL);
+        for (trocar_work done = {.more = 1}; done.more;) assert_int_equal(trocar_sim_work(f->host.sim, &done, NULL), TROCAR_OK);
+    }
+}
+
+/* A needle that has rested and was taken is where the reset finds it, and no longer there after that. */
+static void a_reset_after_take_is_not_lost(void **state) {
+    fixture *f = *state;
+    trocar_needle_wrench_t w = {0};
+    push(f, 20);
+    give(f, TROCAR_COMMAND_T_LEAVE, 1);
+    work_until_answered(f);
+    assert_int_equal(trocar_sim_needle_state(f->host.sim, 0), TROCAR_NEEDLE_RESTING);
+    give(f, TROCAR_COMMAND_T_TAKE, 1);
+    work_until_answered(f);
+    assert_int_equal(trocar_sim_needle_state(f->host.sim, 0), TROCAR_NEEDLE_HELD);
+    give(f, TROCAR_COMMAND_T_RESET, 1);
+    tick(f, NULL);
+    assert_true(was_done(f));
+    assert_true(tissue_moved(f) == 0.0);
+    while (spsc_ring_pop(&f->exchange.wrenches, &w)) continue;
+    put_pose_of(f, 0, 2, f->tick, 0.02, -0.201); /* the next hand starts where it is, not where the needle lay */
+    tick(f, &w);
+    trocar_pose base = trocar_sim_base(f->host.sim, 0);
+    assert_true(fabs(base.position[0] - 0.02) < 1e-9 && fabs(base.position[2] + 0.201) < 1e-9 && w.depth == 0.0);
 }
 
 /* While the IO thread does not take them, replies wait, and so do commands. */
@@ -465,6 +604,7 @@ int main(void) {
         cmocka_unit_test_setup_teardown(insertion_gives_force_and_requests_to_the_worker, begin, end),
         cmocka_unit_test_setup_teardown(snapshot_age_is_that_of_the_oldest_pending_request, begin, end),
         cmocka_unit_test_setup_teardown(silence_ramps_to_zero_and_is_flagged, begin, end),
+        cmocka_unit_test_setup_teardown(what_comes_after_a_gap_comes_by_a_ramp, begin, end),
         cmocka_unit_test_setup_teardown(wrenches_dropped_by_a_full_ring_are_counted, begin, end),
         cmocka_unit_test_setup_teardown(every_command_is_answered_however_late, begin, end),
         cmocka_unit_test_setup_teardown(the_probe_moves_at_its_pace_at_any_rate, begin, end),
@@ -473,6 +613,9 @@ int main(void) {
         cmocka_unit_test_setup_teardown(recovers_from_non_finite_values, begin, end),
         cmocka_unit_test_setup_teardown(round_trip_ends_with_the_first_acknowledging_pose, begin, end),
         cmocka_unit_test_setup_teardown(a_seed_is_dropped_and_taken_back, begin, end),
+        cmocka_unit_test_setup_teardown(a_reset_of_a_held_needle_takes_effect_at_once, begin, end),
+        cmocka_unit_test_setup_teardown(a_reset_is_carried_out_once, begin, end),
+        cmocka_unit_test_setup_teardown(a_reset_after_take_is_not_lost, begin, end),
         cmocka_unit_test_setup_teardown(stage_times_add_up_to_the_tick, begin, end),
     };
     const struct CMUnitTest pair[] = {

@@ -1,5 +1,6 @@
 #!/usr/bin/env python3
-"""The mechanics have no circular includes, neither between files (a .c and its .h count as one) nor between folders."""
+"""The mechanics have no circular includes, neither between files (a .c and its .h count as one) nor between folders; and only kernels, and
+headers and sources of linalg, include vector types."""
 import pathlib
 import re
 import sys
@@ -45,15 +46,28 @@ def circles(graph):
     return found
 
 
+VECTORS = {f'linalg/{name}' for name in ('simd4', 'simd_wide', 'vec_simd4', 'row_matrix')}
+
+
+def leaks(graph):
+    """Units outside of linalg that include vector types and are not kernels."""
+    return sorted(unit for unit, others in graph.items() if others & VECTORS and not unit.startswith('linalg/') and not unit.endswith('_kernels'))
+
+
 def main():
     assert circles({'a': {'b'}, 'b': {'c'}, 'c': {'a'}}) == [['a', 'b', 'c', 'a']] and not circles({'a': {'b', 'c'}, 'b': {'c'}})
     graph = includes(pathlib.Path(sys.argv[1]))
     assert len(graph) > 40, f'only {len(graph)} files under {sys.argv[1]}'
     bad = circles(graph) + circles(by_folder(graph))
+    assert leaks({'a/b': {'linalg/simd4'}, 'a/c_kernels': {'linalg/simd4'}, 'linalg/d': {'linalg/simd4'}}) == ['a/b']
+    assert all(unit in graph for unit in VECTORS), f'{VECTORS - set(graph)} have gone'
+    leaking = leaks(graph)
+    for unit in leaking:
+        print(f'vector types outside of kernels: {unit}', file=sys.stderr)
     for circle in bad:
         print('include circle: ' + ' -> '.join(circle), file=sys.stderr)
     print(f'{len(graph)} files, {len(by_folder(graph))} folders, {len(bad)} circles')
-    return 1 if bad else 0
+    return 1 if bad or leaking else 0
 
 
 if __name__ == '__main__':

@@ -28,8 +28,8 @@ static void axial_force_is_cutting_plus_friction_times_depth(void **unused) {
     for (int i = 0; i < 85; i++) {
         lockstep_move(l, v3(0, 0, 0.001), 0.05, 1e-3);
         if (l->state.tip.blocked_by != NOT_BLOCKED || l->state.tip.friction != SLIP_FORWARD || l->wrench.events || l->wrench.depth < 2e-3) continue;
-        bool all_slide = l->state.tip.shaft_friction == SLIP_FORWARD;
-        for (int k = 0; k < contacts_active(&l->state); k++) all_slide = all_slide && l->state.contacts[k].friction == SLIP_FORWARD;
+        bool all_slide = l->state.tip.shaft.friction == SLIP_FORWARD;
+        for (int k = 0; k < contacts_active(&l->state); k++) all_slide = all_slide && l->state.contacts[k].shaft.friction == SLIP_FORWARD;
         if (!all_slide) continue;
         assert_true(fabs(l->wrench.force.z + 0.4 + 8.0 * l->wrench.depth) < 1e-3);
         checked++;
@@ -184,7 +184,7 @@ static void both_remeshing_methods_give_the_same_forces(void **unused) {
     (void)unused;
     simulation_config c = lockstep_config();
     figure8_record *nested = figure8_run(&c, 500, 1);
-    c.remeshing = REMESH_WOODBURY;
+    c.remeshing = (remesh_method)REMESH_WOODBURY;
     figure8_record *woodbury = figure8_run(&c, 500, 1);
     assert_alike("woodbury", 1, woodbury, nested, 0.0, 1e-6);
     free(nested);
@@ -276,7 +276,7 @@ static void moved_nodes_give_similar_forces(void **unused) {
     assert_true(moved->worst_jump <= 1.0);
     assert_false(moved->events & (EVENT_UNSTABLE | EVENT_FULL | EVENT_LATE));
     assert_alike("moved", 1, moved, faces, 20e-3, 0.05);
-    c.remeshing = REMESH_WOODBURY;
+    c.remeshing = (remesh_method)REMESH_WOODBURY;
     figure8_record *woodbury = figure8_run(&c, 1000, 1);
     assert_alike("Woodbury, moved", 1, woodbury, moved, 0.0, 1e-6);
     free(faces);

@@ -117,6 +117,18 @@ touch scene.yaml scene.csv scene.jsonl
 [ "$(offers trocar-replay --json-lines sc)" = scene.jsonl ] || fail "trocar-replay --json-lines sc<TAB>: $(offers trocar-replay --json-lines sc)"
 [ "$(offers trocar-replay --scene sc)" = scene.yaml ] || fail "trocar-replay --scene sc<TAB>: $(offers trocar-replay --scene sc)"
 
+# The implant's report is there, finds the messages' definition, and judges a recording as far as it goes.
+/usr/bin/python3 - poses.log <<'END'
+import struct, sys
+event = lambda number, channel, data: struct.pack(">IqqII", 0xEDA1DA01, number, number, len(channel), len(data)) + channel + data
+open(sys.argv[1], "wb").write(event(0, b"TROCAR_SEEDS", b"no seeds"))
+END
+printf '%s\n' "t [s],needle,hole,stage,tip [m],against [N]" 0,0,E3,in,0,0 1,0,E3,out,0,0 >forces.csv
+status=0
+PYTHONPATH=$prefix/lib/python3/dist-packages TROCAR_LIBRARY=$libraries/libtrocar.so "$prefix/share/trocar/implant_report" \
+    "$prefix/share/trocar/scenes/implant.yaml" "$prefix/share/doc/trocar/examples/implant-plan.yaml" poses.log forces.csv . 2>report.txt || status=$?
+[ $status -eq 2 ] && grep -q "implant_report: poses.log: channel TROCAR_SEEDS: a message of another type" report.txt || fail "implant_report: status $status, $(cat report.txt)"
+
 grep -qx Prostate <<<"$("$prefix/bin/trocar-anatomy" --list "$prefix/share/trocar/scenes/synthetic.dcm")" || fail "trocar-anatomy --list"
 
 # Outside the source tree: the documentation's bridge with CMake and with pkg-config, and the library.
@@ -130,6 +142,9 @@ examples=$prefix/share/doc/trocar/examples figure8=$prefix/share/trocar/scenes/f
 export LD_LIBRARY_PATH=$(dirname "$(find "$prefix/lib" -name libtrocar.so)")
 cmake -S "$source/tests/install" -B planner -DCMAKE_PREFIX_PATH="$prefix" >cmake.txt && cmake --build planner >>cmake.txt || fail "$(cat cmake.txt)"
 c++ -std=c++17 "$examples/insert.cpp" -o insert_cpp $(pkg-config --cflags --libs trocar) || fail "pkg-config trocar"
+# With no other package's file, as on a system with a compiler and pkg-config.
+alone=$(PKG_CONFIG_PATH= PKG_CONFIG_LIBDIR=$(dirname "$(find "$prefix" -name trocar.pc)") pkg-config --cflags --libs trocar 2>&1) || fail "pkg-config alone: $alone"
+[ "$(xargs -n 1 <<<"$alone" | sort -u)" = "$(xargs -n 1 <<<"$(pkg-config --cflags --libs trocar)" | sort -u)" ] || fail "pkg-config alone: $alone"
 ! pkg-config --libs --static trocar | grep gfortran || fail "the static library needs a Fortran compiler"
 cc "$examples/insert.c" -o insert_static $(pkg-config --cflags trocar) "$LD_LIBRARY_PATH/libtrocar.a" $(pkg-config --libs --static trocar | sed 's/-ltrocar //') -lpthread ||
     fail "the static library"

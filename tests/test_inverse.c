@@ -150,7 +150,7 @@ static void full_cache_gives_correct_results(void **state) {
     for (int i = 0; i < m.node_count; i++) fixed[i] = m.nodes[i].z > 0.0999;
     assert_int_equal(tissue_create(&m, materials, fixed, STRAIN_BY_PATCH, &t, &why), TROCAR_OK);
     assert_int_equal(inverse_create_sparse(&t, 0.0, &sparse, &why), TROCAR_OK);
-    assert_int_equal(inverse_create_dense(&t, &dense, &why), TROCAR_OK);
+    assert_int_equal(inverse_create_dense(&t, (inverse_progress){0}, &dense, &why), TROCAR_OK);
     double largest = 0.0;
     for (int n = 0; n < 30; n++) {
         int rows[SIDE], columns[SIDE];

@@ -188,7 +188,7 @@ static void every_command_is_answered(void **state) {
     for (int i = 0; i < 65; i++) send_command(f, (trocar_command_t){.session = 4, .command = TROCAR_COMMAND_T_UNDO, .seq = 100 + i});
     assert_true(r.count == 5 && r.last.seq == 164);
     assert_non_null(strstr(r.message, "too many commands at once"));
-    send_command(f, (trocar_command_t){.session = 4, .command = TROCAR_COMMAND_T_RESET, .seq = 200});
+    send_command(f, (trocar_command_t){.session = 4, .command = TROCAR_COMMAND_T_RELEASE, .seq = 200});
     assert_true(r.count == 6 && r.last.status == TROCAR_COMMAND_REPLY_T_DONE);
     trocar_command_reply_t_unsubscribe(f->io.lcm, s);
 }

@@ -2,6 +2,7 @@
 #include "lcm_filter.h"
 
 #include <arpa/inet.h>
+#include <stdio.h>
 #include <stdlib.h>
 #include <string.h>
 #include <sys/socket.h>
@@ -196,6 +197,53 @@ static void only_malformed_lcm_packets_are_dropped(void **unused) {
     close(sender), close(receiver), close(pair[0]), close(pair[1]);
 }
 
+/* As liblcm 1.3.1 reads a URL. */
+static void urls_without_a_ttl_are_for_this_machine(void **unused) {
+    (void)unused;
+    static const struct { const char *url; bool local; uint16_t port; } urls[] = {
+        {"udpm://239.255.76.67:7667?ttl=0", true, 7667}, {"udpm://239.255.76.67:7667", true, 7667}, {"udpm://239.255.76.67", true, 7667},
+        {"udpm://", true, 7667}, {"udpm://?ttl=1", false, 7667}, {"udpm://239.255.76.67:1234?ttl=1", false, 1234},
+        {"udpm://239.255.76.67:0x10?recv_buf_size=100&ttl=0x2", false, 16}, {"udpm://239.255.76.67:7668?recv_buf_size=100&ttl=0", true, 7668},
+        {"udpm://239.255.76.67:7667?ttl=256", true, 7667}, {"udpm://239.255.76.67:7667?ttl=1&ttl=0", true, 7667},
+        {"udpm://239.255.76.67:7667?ttl=0?ttl=3", false, 7667}, {"udpm://239.255.76.67:7667?attl=1", true, 7667},
+        {"memq://", false, 0}, {"file://log", false, 0}, {"tcpq://127.0.0.1:7700", false, 0}};
+    uint16_t port;
+    for (size_t i = 0; i < sizeof urls / sizeof *urls; i++) {
+        port = 1;
+        if (lcm_filter_is_local(urls[i].url, &port) != urls[i].local || port != urls[i].port) fail_msg("%s: port %d", urls[i].url, port);
+    }
+    setenv("LCM_DEFAULT_URL", "udpm://239.255.76.67:7669?ttl=1", 1);
+    assert_true(!lcm_filter_is_local(NULL, &port) && port == 7669 && !lcm_filter_is_local("", &port));
+    unsetenv("LCM_DEFAULT_URL");
+    assert_true(lcm_filter_is_local(NULL, &port) && port == 7667);
+}
+
+/* What this machine sends passes on a port that is kept to it, and is not taken for another one's. Other machines: tests/test_other_machine.sh. */
+static void datagrams_of_this_machine_pass(void **unused) {
+    (void)unused;
+    static const packet_wishes marked = {.origin = {"TROCAR_COMMAND", "REMOTE_COMMAND"}};
+    packet good = whole("TROCAR_COMMAND", 50);
+    unsigned char buffer[65535];
+    struct sockaddr_in own = {0}, from = {0};
+    socklen_t size = sizeof own;
+    char url[64], text[32] = "x";
+    int sender, receiver = udp_pair(&sender);
+    assert_int_equal(getsockname(receiver, (struct sockaddr *)&own, &size), 0);
+    snprintf(url, sizeof url, "udpm://239.255.76.67:%d?ttl=0", ntohs(own.sin_port));
+    lcm_filter_restrict(&marked);
+    lcm_t *lcm = lcm_filter_create(url);
+    struct iovec place = {buffer, sizeof buffer};
+    struct msghdr message = {.msg_iov = &place, .msg_iovlen = 1, .msg_name = &from, .msg_namelen = sizeof from};
+    assert_int_equal(send(sender, good.bytes, good.size, 0), good.size);
+    assert_int_equal(recvmsg(receiver, &message, 0), good.size);
+    assert_memory_equal(buffer, good.bytes, good.size);
+    assert_int_equal(lcm_filter_distant(text, sizeof text), 0);
+    assert_string_equal(text, "");
+    if (lcm) lcm_destroy(lcm);
+    lcm_filter_restrict(&anything);
+    close(sender), close(receiver);
+}
+
 int main(void) {
     const struct CMUnitTest tests[] = {
         cmocka_unit_test(short_packets_need_a_terminated_channel),
@@ -204,6 +252,8 @@ int main(void) {
         cmocka_unit_test(program_receives_its_channels_only),
         cmocka_unit_test(random_fragments),
         cmocka_unit_test(only_malformed_lcm_packets_are_dropped),
+        cmocka_unit_test(urls_without_a_ttl_are_for_this_machine),
+        cmocka_unit_test(datagrams_of_this_machine_pass),
     };
     return cmocka_run_group_tests(tests, NULL, NULL);
 }

@@ -9,8 +9,27 @@
 
 static const double SPEED = 0.02, DT = 1e-3; /* m/s, s */
 
-/* A needle cuts at constant speed, then meets a short piece of track. */
-static void a_short_track_is_passed_without_a_jump(void **state) {
+/* By how much the force grows per metre when the hand goes on and the tip does not, N/m. */
+static double stiffness_of(lockstep *l) {
+    insertion_state before = l->state;
+    pose base = l->base;
+    tick_output wrench = l->wrench;
+    double cutting[MESH_MAX_GROUPS];
+    for (int i = 0; i < MESH_MAX_GROUPS; i++) cutting[i] = l->simulation.materials[i].cutting_force, l->simulation.materials[i].cutting_force = 1e3;
+    lockstep_move(l, v3(0, 0, 6e-5), 3 * DT, DT); /* it stops */
+    double force = v3_norm(l->wrench.force);
+    lockstep_move(l, v3(0, 0, 1e-4), 5 * DT, DT);
+    force = v3_norm(l->wrench.force) - force;
+    for (int i = 0; i < MESH_MAX_GROUPS; i++) l->simulation.materials[i].cutting_force = cutting[i];
+    l->state = before;
+    l->base = base;
+    l->wrench = wrench;
+    return force / 1e-4;
+}
+
+/* A needle cuts at constant speed, then meets a short piece of track: the tip springs forward to its end and no farther, so that the force falls by what the
+   tissue gives back over that length and by the viscous force that is missing while the tip rests there. */
+static void a_short_track_gives_back_its_length(void **state) {
     (void)state;
     static const double LENGTHS[] = {1.5e-5, 1e-4, 3e-4}; /* m; the tip would spring forward by more, were nothing behind it */
     for (int i = 0; i < 3; i++) {
@@ -18,17 +37,22 @@ static void a_short_track_is_passed_without_a_jump(void **state) {
         lockstep *l = lockstep_create(&config, lockstep_start());
         lockstep_move(l, v3(0, 0, 0.031), 0.031 / SPEED, DT);
         const needle_tip *tip = &l->state.tip;
+        double back = stiffness_of(l) * LENGTHS[i] + l->simulation.materials[l->simulation.mesh.region[tip->tet]].cutting_viscosity * SPEED;
         vec3 end = v3_axpy(LENGTHS[i], tip->direction, tip->nominal);
         l->state.tracks.count = l->state.tracks.point_count = 0;
         tracks_cut(&l->state.tracks, (track_point){.at = tip->nominal, .tet = tip->tet}, (track_point){.at = end, .tet = tip->tet});
-        double steady = v3_norm(l->wrench.force), least = steady, most = steady;
+        double steady = v3_norm(l->wrench.force), least = steady, most = steady, last = steady, step = 0.0;
         for (int k = 0; k < 20; k++) {
             lockstep_move(l, v3(0, 0, SPEED * DT), DT, DT);
-            least = fmin(least, v3_norm(l->wrench.force));
-            most = fmax(most, v3_norm(l->wrench.force));
+            double force = v3_norm(l->wrench.force);
+            least = fmin(least, force);
+            most = fmax(most, force);
+            step = fmax(step, fabs(force - last));
+            last = force;
         }
-        print_message("%.0f um: %.4f N before, from %.4f to %.4f N\n", 1e6 * LENGTHS[i], steady, least, most);
-        assert_true(most - least < 0.01);
+        print_message("%.0f um: %.4f N before, from %.4f to %.4f N, by %.4f N in a tick; %.4f N given back\n", 1e6 * LENGTHS[i], steady, least, most, step, back);
+        assert_true(most - steady < 0.005 && steady - least < back);
+        assert_true(step < 0.05); /* noticeable */
         lockstep_free(l);
     }
 }
@@ -46,17 +70,17 @@ static void a_tip_rests_at_the_end(void **state) {
         end = fmax(end, l->state.tip.depth);
     }
     do lockstep_move(l, v3(0, 0, SPEED * DT), DT, DT);
-    while (l->state.tip.open == 1.0 && l->wrench.depth <= end);
+    while (l->state.tip.follows.open == 1.0 && l->wrench.depth <= end);
     double reached = l->wrench.depth;
     print_message("end at %.4f mm, reached %.4f mm\n", 1e3 * end, 1e3 * reached);
     assert_true(reached <= end && reached > end - 2.0 * SPEED * DT);
     for (int k = 0; k < 20; k++) {
         lockstep_tick(l, l->base, DT);
-        assert_true(l->wrench.depth == reached && l->state.tip.open == 0.0);
+        assert_true(l->wrench.depth == reached && l->state.tip.follows.open == 0.0);
         assert_int_equal(l->wrench.passes, 1);
     }
     lockstep_move(l, v3(0, 0, -0.01), 0.01 / SPEED, DT);
-    assert_true(l->state.tip.ended == 0.0 && l->state.tip.open == 1.0);
+    assert_true(l->state.tip.follows.open == 1.0);
     lockstep_free(l);
 }
 
@@ -110,7 +134,7 @@ static void tissue_springs_back_into_a_track(void **state) {
         lockstep_tick(soft, soft->base, DT);
         double f = v3_norm(track->wrench.force), g = v3_norm(soft->wrench.force);
         if (k > 1) largest = fmax(largest, last - f); /* at first, what is cut no longer resists, and the shaft follows */
-        assert_true(track->state.tip.open == 1.0);
+        assert_true(track->state.tip.follows.open == 1.0);
         assert_true(fabs(f - g) < 1e-3 * before);
     }
     print_message("%.3f N before, %.3f N 60 ms after; largest fall in a tick after the first two %.3f N\n", before, v3_norm(track->wrench.force), largest);
@@ -121,60 +145,37 @@ static void tissue_springs_back_into_a_track(void **state) {
         if (k >= 15) most = fmax(most, track->state.tip.end_force);
     }
     print_message("at 50 mm/s in the track: %.4f N, in whole tissue viscosity alone is %.2f N\n", most, 0.05 * viscosity);
-    assert_true(track->state.tip.open == 1.0 && most < 0.1 * 0.05 * viscosity);
+    assert_true(track->state.tip.follows.open == 1.0 && most < 0.1 * 0.05 * viscosity);
     lockstep_free(track);
     lockstep_free(soft);
 }
 
-/* What sprang back in the last step is expected to do so again. That saves the second solve where it is right, and is found out where it is not:
-   when the hand goes on, stops or turns back, and at the end of the track. Each tick is made twice, from the same state with and without
-   the expectation, and by so many passes that forces are hardly off; but bounds of friction come from the pass before, which without a second solve
-   is one of the last tick: that shows where the hand turns back. */
-static void expecting_to_spring_back_saves_only_passes(void **state) {
+/* A step in which tissue springs back, or in which the tip comes to the end of its track, is solved once: no more passes than in whole tissue. */
+static void nothing_is_solved_again(void **state) {
     (void)state;
-    static const struct { double length; int hand; } CASES[] = {{0.05, 0}, {0.05, 1}, {0.05, 2}, {0.01, 2}};
-    for (int k = 0; k < 4; k++) {
-        lockstep *l = pressed_before_a_track(2.0, 2.0, CASES[k].length), *without = pressed_before_a_track(2.0, 2.0, CASES[k].length);
-        l->simulation.insertion.settings.tolerance *= 1e-3;
-        without->simulation.insertion.settings.tolerance *= 1e-3;
-        int expected = 0, confirmed = 0, passes = 0, passes_without = 0;
-        double peak = v3_norm(l->wrench.force), worst = 0.0;
+    static const struct { double length; int hand; } CASES[] = {{0.0, 2}, {0.05, 0}, {0.05, 1}, {0.05, 2}, {0.01, 2}};
+    for (int k = 0; k < 5; k++) {
+        lockstep *l = pressed_before_a_track(2.0, 2.0, CASES[k].length);
+        int passes = 0;
         for (int i = 0; i < 400; i++) {
             double turning_back[] = {0.04, 0.01, -0.02, 0.0}, stopping[] = {0.0, 0.03};
             double speed = CASES[k].hand == 0 ? 0.0 : CASES[k].hand == 1 ? turning_back[i / 10 % 4] : stopping[i / 5 % 2];
-            bool expects = l->state.tip.springs;
-            memcpy(&without->state, &l->state, sizeof l->state);
-            memcpy(without->snapshot, l->snapshot, sizeof *l->snapshot);
-            without->base = l->base;
-            without->state.tip.springs = false;
             lockstep_move(l, v3(0, 0, speed * DT), DT, DT);
-            lockstep_move(without, v3(0, 0, speed * DT), DT, DT);
-            worst = fmax(worst, v3_norm(v3_sub(l->wrench.force, without->wrench.force)));
-            assert_true(l->state.tip.springs == without->state.tip.springs);
-            if (!expects) continue;
-            expected++;
             passes += l->wrench.passes;
-            passes_without += without->wrench.passes;
-            if (!l->state.tip.springs) continue;
-            confirmed++;
-            assert_true(l->wrench.passes < without->wrench.passes);
+            assert_true(l->wrench.passes <= 3);
         }
-        print_message("expected in %d ticks, confirmed in %d: %d passes in place of %d; forces differ by up to %.2g N of %.2f N\n", expected, confirmed, passes,
-                      passes_without, worst, peak);
-        assert_true(confirmed > 50 && expected > confirmed && passes < 0.6 * passes_without);
-        assert_true(CASES[k].hand == 1 ? worst < 2e-4 : worst < 1e-6 * peak);
+        print_message("track of %.0f mm: %.2f passes a tick\n", 1e3 * CASES[k].length, passes / 400.0);
         lockstep_free(l);
-        lockstep_free(without);
     }
 }
 
 int main(void) {
     const struct CMUnitTest tests[] = {
-        cmocka_unit_test(a_short_track_is_passed_without_a_jump),
+        cmocka_unit_test(a_short_track_gives_back_its_length),
         cmocka_unit_test(a_tip_rests_at_the_end),
         cmocka_unit_test(a_membrane_is_torn_beside_a_puncture),
         cmocka_unit_test(tissue_springs_back_into_a_track),
-        cmocka_unit_test(expecting_to_spring_back_saves_only_passes),
+        cmocka_unit_test(nothing_is_solved_again),
     };
     return cmocka_run_group_tests(tests, NULL, NULL);
 }

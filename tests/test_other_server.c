@@ -37,6 +37,16 @@ static void other_server_is_detected_and_named(void **unused) {
     assert_false(other_server_present(&o, 3 * SECOND));
 }
 
+/* They go to the log. */
+static void names_are_printable(void **unused) {
+    (void)unused;
+    other_server o = {0};
+    trocar_status_t m = {.server = OTHER, .host = "lab\033[31m\ntrocar-server: forged", .scene = "\007scene.yaml", .inverse = "", .message = ""};
+    other_server_hear(&o, OWN, bytes, (size_t)trocar_status_t_encode(bytes, 0, sizeof bytes, &m), SECOND);
+    assert_string_equal(o.host, "lab?[31m?trocar-server: forged");
+    assert_string_equal(o.scene, "?scene.yaml");
+}
+
 static void invalid_status_messages_are_ignored(void **unused) {
     (void)unused;
     other_server o = {0};
@@ -50,6 +60,7 @@ static void invalid_status_messages_are_ignored(void **unused) {
 int main(void) {
     const struct CMUnitTest tests[] = {
         cmocka_unit_test(other_server_is_detected_and_named),
+        cmocka_unit_test(names_are_printable),
         cmocka_unit_test(invalid_status_messages_are_ignored),
     };
     return cmocka_run_group_tests(tests, NULL, NULL);

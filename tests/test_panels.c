@@ -8,7 +8,7 @@
 #include <stdlib.h>
 #include <string.h>
 
-#include "inverse/panels.h"
+#include "linalg/panels.h"
 
 #include <cmocka.h>
 

@@ -36,13 +36,15 @@ static pose_verdict take_pose(pose_arbiter *in, int64_t session, int64_t seq, do
     return take(in, &m, now);
 }
 
-static command_verdict command(pose_arbiter *in, int64_t session, int what) {
+static command_verdict command_at(pose_arbiter *in, int64_t session, int what, int64_t now) {
     trocar_command_t m = {.session = session, .command = what};
     unsigned char data[128];
     int size = trocar_command_t_encode(data, 0, sizeof data, &m);
     needle_command decoded;
-    return arbiter_command(in, data, (size_t)size, &decoded);
+    return arbiter_command(in, data, (size_t)size, false, now, &decoded);
 }
+
+static command_verdict command(pose_arbiter *in, int64_t session, int what) { return command_at(in, session, what, 0); }
 
 static pose_arbiter fresh(void) {
     pose_arbiter in;
@@ -137,6 +139,40 @@ static void sequence_numbers_must_increase(void **unused) {
     assert_int_equal(take_pose(&in, 1, 15, 0, MS), POSE_ACCEPTED); /* gaps do not matter */
 }
 
+/* One packet with the owner's session, whatever its number, costs the owner at most a few poses; a stream of old ones between its own none. */
+static void no_sequence_number_locks_the_owner_out(void **unused) {
+    (void)unused;
+    static const int64_t forged[] = {INT64_MAX, INT64_MIN, 0, 5000, 99, 50000000, INT64_MAX - 1};
+    for (size_t k = 0; k < sizeof forged / sizeof *forged; k++) {
+        pose_arbiter in = fresh();
+        int64_t now = 0, seq = 100;
+        int refused = 0;
+        for (; seq < 200; seq++) assert_int_equal(take_pose(&in, 1, seq, 0, now += MS), POSE_ACCEPTED);
+        take_pose(&in, 1, forged[k], 0, now);
+        for (; seq < 300; seq++) refused += take_pose(&in, 1, seq, 0, now += MS) != POSE_ACCEPTED;
+        assert_true(refused < SEQUENCE_RUN);
+        for (int64_t old = 0; old < 100; old++, seq++) {
+            assert_int_equal(take_pose(&in, 1, old, 1e-3, now), POSE_OLD);
+            assert_int_equal(take_pose(&in, 1, seq, 0, now += MS), POSE_ACCEPTED);
+        }
+        assert_true(in.needles[0].newest.base.position.x == 0 && in.record.needles[0].owner == 1);
+    }
+}
+
+/* A client that starts again with its session, and one that counts in nanoseconds. */
+static void a_new_count_is_followed(void **unused) {
+    (void)unused;
+    pose_arbiter in = fresh();
+    int64_t now = 0;
+    for (int64_t seq = 100000; seq < 100100; seq++) assert_int_equal(take_pose(&in, 1, seq, 0, now += MS), POSE_ACCEPTED);
+    for (int64_t seq = 1; seq < 100; seq++)
+        assert_int_equal(take_pose(&in, 1, seq, 0, now += MS), seq < SEQUENCE_RUN ? POSE_OLD : POSE_ACCEPTED);
+    assert_int_equal(take_pose(&in, 1, 99, 0, now += MS), POSE_OLD);
+    for (int64_t k = 0; k < 100; k++)
+        assert_int_equal(take_pose(&in, 1, INT64_C(1000000000000) + k * MS, 0, now += MS), k < SEQUENCE_RUN - 1 ? POSE_OLD : POSE_ACCEPTED);
+    assert_int_equal(take_pose(&in, 1, INT64_C(1000000000000) + 150 * MS, 0, now += MS), POSE_ACCEPTED);
+}
+
 static void second_session_is_refused_until_the_first_is_silent(void **unused) {
     (void)unused;
     pose_arbiter in = fresh();
@@ -166,12 +202,35 @@ static void a_release_frees_the_needle_at_once(void **unused) {
     assert_int_equal(take_pose(&in, 2, 1, 1, MS), POSE_ACCEPTED);
 }
 
+static void shut_down_from_afar(pose_arbiter *in, int64_t session, command_verdict verdict) {
+    trocar_command_t m = {.session = session, .command = TROCAR_COMMAND_T_SHUTDOWN};
+    unsigned char data[128];
+    int size = trocar_command_t_encode(data, 0, sizeof data, &m);
+    needle_command decoded;
+    assert_int_equal(arbiter_command(in, data, (size_t)size, true, 0, &decoded), verdict);
+    assert_int_equal(decoded.refused, verdict != COMMAND_SHUTDOWN);
+}
+
+static void another_machine_shuts_down_only_with_a_needle(void **unused) {
+    (void)unused;
+    pose_arbiter in = fresh();
+    for (int64_t session = 0; session < 3; session++) shut_down_from_afar(&in, session, COMMAND_SETTLED); /* 0 is nobody's, not that of a free needle */
+    assert_int_equal(in.record.commands_refused, 3);
+    assert_non_null(strstr(in.record.message, "another machine"));
+    take_pose(&in, 2, 1, 0, 0);
+    shut_down_from_afar(&in, 1, COMMAND_SETTLED);
+    shut_down_from_afar(&in, 2, COMMAND_SHUTDOWN);
+    command(&in, 2, TROCAR_COMMAND_T_RELEASE);
+    shut_down_from_afar(&in, 2, COMMAND_SETTLED);
+    assert_int_equal(command(&in, 1, TROCAR_COMMAND_T_SHUTDOWN), COMMAND_SHUTDOWN); /* from here */
+}
+
 static void reset_engages_again_with_the_next_pose(void **unused) {
     (void)unused;
     pose_arbiter in = fresh();
     take_pose(&in, 1, 1, 0, 0);
     uint64_t engagement = in.needles[0].newest.engagement;
-    command(&in, 1, TROCAR_COMMAND_T_RESET);
+    assert_int_equal(command(&in, 1, TROCAR_COMMAND_T_RESET), COMMAND_PASS_ON);
     assert_int_equal(in.needles[0].newest.engagement, engagement);
     assert_int_equal(take_pose(&in, 1, 2, 3.0, MS), POSE_ACCEPTED); /* far away: no jump in a new insertion */
     assert_int_equal(in.needles[0].newest.engagement, engagement + 1);
@@ -184,7 +243,7 @@ static void only_a_valid_shutdown_shuts_down(void **unused) {
     pose_arbiter in = fresh();
     unsigned char noise[64] = {0};
     needle_command decoded;
-    assert_int_equal(arbiter_command(&in, noise, sizeof noise, &decoded), COMMAND_MALFORMED);
+    assert_int_equal(arbiter_command(&in, noise, sizeof noise, false, 0, &decoded), COMMAND_MALFORMED);
     assert_int_equal(command(&in, 1, 99), COMMAND_SETTLED);
     assert_int_equal(in.record.commands_refused, 2);
     assert_int_equal(command(&in, 1, TROCAR_COMMAND_T_SHUTDOWN), COMMAND_SHUTDOWN);
@@ -265,7 +324,18 @@ static void command_to(pose_arbiter *in, int needle, int64_t session, int what) 
     unsigned char data[128];
     int size = trocar_command_t_encode(data, 0, sizeof data, &m);
     needle_command decoded;
-    arbiter_command(in, data, (size_t)size, &decoded);
+    arbiter_command(in, data, (size_t)size, false, 0, &decoded);
+}
+
+/* As another session's poses are: a needle in the tissue whose owner has died would else stay out of reach. */
+static void commands_are_accepted_once_the_owner_is_silent(void **unused) {
+    (void)unused;
+    pose_arbiter in = fresh();
+    assert_int_equal(take_pose(&in, 7, 1, 0, 0), POSE_ACCEPTED);
+    assert_int_equal(command_at(&in, 8, TROCAR_COMMAND_T_LEAVE, 1900000000), COMMAND_SETTLED);
+    assert_int_equal(in.record.commands_refused, 1);
+    assert_int_equal(command_at(&in, 8, TROCAR_COMMAND_T_LEAVE, 2100000000), COMMAND_PASS_ON);
+    assert_int_equal(in.record.commands_refused, 1);
 }
 
 static void each_needle_has_its_own_session(void **unused) {
@@ -339,6 +409,9 @@ int main(void) {
         cmocka_unit_test(random_payloads_never_pass_unchecked),
         cmocka_unit_test(nan_and_bad_quaternions_leave_the_last_pose),
         cmocka_unit_test(sequence_numbers_must_increase),
+        cmocka_unit_test(no_sequence_number_locks_the_owner_out),
+        cmocka_unit_test(a_new_count_is_followed),
+        cmocka_unit_test(another_machine_shuts_down_only_with_a_needle),
         cmocka_unit_test(second_session_is_refused_until_the_first_is_silent),
         cmocka_unit_test(a_release_frees_the_needle_at_once),
         cmocka_unit_test(reset_engages_again_with_the_next_pose),
@@ -347,6 +420,7 @@ int main(void) {
         cmocka_unit_test(lost_poses_are_counted),
         cmocka_unit_test(bunched_poses_are_accepted_but_fast_motion_is_a_jump),
         cmocka_unit_test(jump_is_accepted_after_the_wrench_has_ramped_out),
+        cmocka_unit_test(commands_are_accepted_once_the_owner_is_silent),
         cmocka_unit_test(each_needle_has_its_own_session),
         cmocka_unit_test(a_session_holds_one_needle),
         cmocka_unit_test(needles_that_the_scene_lacks_are_refused),

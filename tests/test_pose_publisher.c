@@ -100,6 +100,8 @@ static void tell(fixture *f, order_kind kind, double forward) {
     publisher_tell(&f->pilot, &(publisher_order){.kind = kind, .home = HOME, .base = {{0.01, 0, -0.19}, {1, 0, 0, 0}}, .command = {.forward = forward}});
 }
 
+static void steer(fixture *f, rate_control_command command) { publisher_tell(&f->pilot, &(publisher_order){.kind = ORDER_STEER, .command = command}); }
+
 static void sends_nothing_before_taking_the_needle(void **unused) {
     (void)unused;
     fixture *f = open_fixture();
@@ -289,7 +291,7 @@ static void pulls_out_a_needle_that_rests(void **unused) {
     close_fixture(f);
 }
 
-/* It goes to its new home by itself, at 80 mm/s, unless it is steered. */
+/* It goes to its new home by itself, at 80 mm/s, unless it is steered aside. */
 static void goes_to_a_hole_until_it_is_steered(void **unused) {
     (void)unused;
     fixture *f = open_fixture();
@@ -305,15 +307,41 @@ static void goes_to_a_hole_until_it_is_steered(void **unused) {
     hole.home.position.x = 0;
     publisher_tell(&f->pilot, &hole);
     run(f, 50);
-    tell(f, ORDER_STEER, 0.5);
+    steer(f, (rate_control_command){.up = 0.5});
     run(f, 100);
     tell(f, ORDER_STEER, 0);
     run(f, 200);
     double stopped = f->pose.position[0];
-    assert_true(stopped > 0.02 && stopped < 0.029 && f->pose.position[2] > -0.2);
+    assert_true(stopped > 0.02 && stopped < 0.029 && f->pose.position[1] > 0);
     tell(f, ORDER_STEER, 0);
     run(f, 200);
     assert_close(f->pose.position[0], stopped, 0);
+    close_fixture(f);
+}
+
+/* Forward is held down all the time: before the order to go to a hole, on the way there, and when the needle has been steered aside again. It passes the plane in
+   front of the template in line with the hole only. */
+static void pushing_forward_does_not_lead_into_another_hole(void **unused) {
+    (void)unused;
+    fixture *f = open_fixture();
+    tell(f, ORDER_TAKE, 0);
+    for (int i = 0; i < 6; i++) tell(f, ORDER_STEER, 1), run(f, 50);
+    assert_true(f->pose.position[2] > -0.185); /* through the plate, 10 mm beside the hole that is ordered now */
+    publisher_tell(&f->pilot, &(publisher_order){.kind = ORDER_HOLE, .home = HOME});
+    for (int i = 0; i < 30; i++) {
+        tell(f, ORDER_STEER, 1);
+        run(f, 50);
+        assert_true(f->pose.position[2] <= -0.2 || f->pose.position[0] == 0 || i < 6);
+    }
+    assert_true(f->pose.position[0] == 0 && f->pose.position[2] > -0.19); /* it has arrived, and goes on */
+    publisher_tell(&f->pilot, &(publisher_order){.kind = ORDER_HOLE, .home = HOME});
+    for (int i = 0; i < 40; i++) tell(f, ORDER_STEER, 0), run(f, 50);
+    steer(f, (rate_control_command){.right = 1});
+    run(f, 200);
+    double aside = f->pose.position[0];
+    assert_true(fabs(aside) > 1e-3);
+    for (int i = 0; i < 10; i++) tell(f, ORDER_STEER, 1), run(f, 50);
+    assert_true(f->pose.position[2] <= -0.2 + 1e-9 && fabs(f->pose.position[0]) >= fabs(aside));
     close_fixture(f);
 }
 
@@ -359,6 +387,7 @@ int main(void) {
         cmocka_unit_test(waits_while_a_needle_changes_hands),
         cmocka_unit_test(pulls_out_a_needle_that_rests),
         cmocka_unit_test(goes_to_a_hole_until_it_is_steered),
+        cmocka_unit_test(pushing_forward_does_not_lead_into_another_hole),
         cmocka_unit_test(takes_one_needle_after_the_other),
         cmocka_unit_test(releases_the_needle),
         cmocka_unit_test(reset_starts_at_home),

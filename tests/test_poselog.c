@@ -318,6 +318,72 @@ static void replies_are_read(void **state) {
     pose_log_free(&log);
 }
 
+/* Every pose, command and pose of the probe in its place, as when the whole log is kept; of any file, also of a damaged one. */
+static void compare_with_stream(const char *file, int needle, bool all) {
+    report why, scan_why;
+    pose_log whole, scanned;
+    trocar_status status = all ? pose_log_read_all(file, &whole, &why) : pose_log_read_needle(file, needle, &whole, &why);
+    assert_int_equal(pose_log_scan(file, needle, all, &scanned, &scan_why), status);
+    if (status != TROCAR_OK) {
+        assert_string_equal(scan_why.text, why.text);
+        return;
+    }
+    assert_null(scanned.poses);
+    assert_null(scanned.probes);
+    assert_int_equal(scanned.count, whole.count);
+    assert_int_equal(scanned.needle, whole.needle);
+    assert_int_equal(scanned.probe_count, whole.probe_count);
+    assert_int_equal(scanned.command_count, whole.command_count);
+    assert_int_equal(scanned.skipped_old + scanned.skipped_sessions + scanned.skipped_probes + scanned.skipped_commands,
+                     whole.skipped_old + whole.skipped_sessions + whole.skipped_probes + whole.skipped_commands);
+    if (whole.command_count > 0) assert_memory_equal(scanned.commands, whole.commands, (size_t)whole.command_count * sizeof *whole.commands);
+    assert_memory_equal(&scanned.first, &whole.poses[0], sizeof scanned.first);
+    assert_memory_equal(&scanned.last, &whole.poses[whole.count - 1], sizeof scanned.last);
+    pose_stream *stream;
+    pose_step step;
+    assert_int_equal(pose_stream_open(file, needle, all, &stream, &why), TROCAR_OK);
+    for (int i = 0, probe = 0; i <= whole.count; i++) {
+        assert_int_equal(pose_stream_next(stream, &step, &why), TROCAR_OK);
+        assert_int_equal(step.ended, i == whole.count);
+        if (!step.ended) assert_memory_equal(&step.pose, &whole.poses[i], sizeof step.pose);
+        for (int k = 0; k < step.probe_count; k++, probe++) {
+            assert_int_equal(whole.probes[probe].next_pose, i);
+            assert_memory_equal(&step.probes[k], &whole.probes[probe].pose, sizeof step.probes[k]);
+        }
+        if (i == whole.count) assert_int_equal(probe, whole.probe_count);
+    }
+    pose_stream_close(stream);
+    pose_log_free(&whole);
+    pose_log_free(&scanned);
+}
+
+static void streams_are_the_logs(void **state) {
+    (void)state;
+    compare_with_stream(SOURCE_DIR "/tests/fuzz/corpus/poselog/commands_with_replies.log", -1, true);
+    compare_with_stream(SOURCE_DIR "/tests/fuzz/corpus/poselog/commands_with_replies.log", -1, false);
+    compare_with_stream(SOURCE_DIR "/tests/traces/figure8.log", -1, false);
+    compare_with_stream(SOURCE_DIR "/tests/traces/figure8.log", 1, false);
+    compare_with_stream("/nowhere", -1, true);
+    report why;
+    srand(1);
+    lcm_eventlog_t *out = lcm_eventlog_create(path, "w");
+    for (int k = 0; k < 500; k++) { /* two needles and two sessions, some late; the probe and commands between them */
+        trocar_needle_pose_t p = sample(k - 3 * (rand() % 20 == 0));
+        trocar_probe_pose_t probe = {.utime = p.utime, .session = 9, .seq = k, .position = {0.001 * k, 0, 0}, .orientation = {1, 0, 0, 0}};
+        trocar_command_t command = {.utime = p.utime, .session = 7, .seq = k, .command = TROCAR_COMMAND_T_UNDO, .needle = rand() % 2};
+        p.needle = rand() % 2;
+        if (k > 400 && rand() % 4 == 0) p.session = 8;
+        for (int i = rand() % 4; i > 0; i--, probe.seq += 1000000) assert_int_equal(log_write_probe(out, &probe, path, &why), TROCAR_OK);
+        if (rand() % 10 == 0) assert_int_equal(log_write_command(out, &command, path, &why), TROCAR_OK);
+        assert_int_equal(log_write_pose(out, &p, path, &why), TROCAR_OK);
+    }
+    lcm_eventlog_destroy(out);
+    compare_with_stream(path, -1, true);
+    for (int needle = -1; needle < 3; needle++) compare_with_stream(path, needle, false);
+    overwrite(20000, "damage", 6);
+    compare_with_stream(path, -1, true);
+}
+
 /* A sender that repeats a number gets its replies in the order of its commands. */
 static void replies_to_one_number_go_to_the_oldest_command(void **state) {
     (void)state;
@@ -453,6 +519,7 @@ int main(void) {
         cmocka_unit_test(logs_without_needles_can_still_be_read),
         cmocka_unit_test(commands_for_seeds_are_read),
         cmocka_unit_test(replies_are_read),
+        cmocka_unit_test(streams_are_the_logs),
         cmocka_unit_test(replies_to_one_number_go_to_the_oldest_command),
         cmocka_unit_test(distinguishes_other_types_from_damage),
         cmocka_unit_test(reads_wrenches_of_poses),

@@ -1,6 +1,8 @@
 /* The probe: its shape, the complementarity problem against all subsets, its contact against a projected Gauss-Seidel iteration of the test's own on
    the dense inverse, what needles feel of it against dense linear algebra; and through trocar.h: saved and restored, in lockstep and with a worker,
-   released, refused. */
+   released, refused.
+
+   usage: test_probe [--motions N [SEED]]     only N random motions, in place of all tests with 20 */
 #include <setjmp.h>
 #include <stdarg.h>
 #include <stddef.h>
@@ -13,7 +15,7 @@
 #include <lapacke.h>
 
 #include "cube.h"
-#include "probe/complementarity.h"
+#include "linalg/complementarity.h"
 #include "probe/probe.h"
 #include "remesh/free_displacement.h"
 #include "trocar.h"
@@ -190,7 +192,7 @@ static void contact_against_sweeps(void **state) {
     (void)state;
     static vec3 others[CUBE_NODES], forces[CUBE_NODES];
     probe *p;
-    OK(probe_create(beneath, &CAPSULE, 2, &p, &why));
+    OK(probe_create(beneath, &CAPSULE, 2, INFINITY, &p, &why));
     for (int step = 0; step < 6; step++) {
         double depth = (const double[]){0.001, 0.004, 0.008, 0.016, 0.006, -0.002}[step];
         tissue_loads loads = some_loads(step % 2 ? 3.0 : 0.0);
@@ -231,20 +233,20 @@ static void needles_feel_it(void **state) {
     probe *p;
     tissue_loads loads = some_loads(3.0);
     other_loads held = {.count = 1, .of = {&loads}, .beneath = beneath};
-    OK(probe_create(beneath, &CAPSULE, 2, &p, &why));
+    OK(probe_create(beneath, &CAPSULE, 2, INFINITY, &p, &why));
     OK(probe_press(p, lying(0.006), &held, false, &why));
     int n = p->state.count;
     assert_true(n > 3);
     for (int k = 0; k < n; k++)
         for (int i = 0; i < N; i++) {
-            vec3 row = p->state.nodes[k].row;
-            const double *block = dense + (size_t)i * N + 3 * p->state.nodes[k].node;
+            vec3 row = p->state.points[k].row;
+            const double *block = dense + (size_t)i * N + 3 * p->surface[p->state.points[k].point];
             columns[k][i] = row.x * block[0] + row.y * block[1] + row.z * block[2];
         }
     for (int k = 0; k < n; k++)
         for (int l = 0; l < n; l++) {
-            vec3 row = p->state.nodes[k].row;
-            const double *c = columns[l] + 3 * p->state.nodes[k].node;
+            vec3 row = p->state.points[k].row;
+            const double *c = columns[l] + 3 * p->surface[p->state.points[k].point];
             small[k * n + l] = row.x * c[0] + row.y * c[1] + row.z * c[2];
         }
     lapack_int pivots[TOP];
@@ -499,6 +501,197 @@ static void rests_at_the_scenes_place(void **state) {
     trocar_scene_free(scene);
 }
 
+/* ---- the wall of meshes/trus.yaml at any depth ------------------------------------------------------------------------------------ */
+
+static const probe_shape TRANSRECTAL = {.radius = 9e-3, .tip_radius = 9e-3, .length = 0.15};
+
+typedef struct {
+    trocar_model *model;
+    trocar_sim *sim;
+    int count, *wall;        /* nodes of the rectum's wall */
+    double *u;
+} rectum;
+
+/* The rectum's wall: the nodes 10 mm from its axis. */
+static void open_rectum(rectum *r, const char *max_force) {
+    trocar_scene *scene;
+    trocar_pose needle = {{0, 0, -0.3}, {1, 0, 0, 0}};
+    OK(trocar_scene_load(MESHES "/trus.yaml", &scene, &why));
+    OK(trocar_scene_set(scene, "probe.max_force", max_force, &why));
+    OK(trocar_model_create(scene, NULL, &r->model, &why));
+    OK(trocar_sim_create(r->model, &r->sim, &why));
+    OK(trocar_sim_reset(r->sim, 0, &needle, &why));
+    trocar_scene_free(scene);
+    int nodes = trocar_model_node_count(r->model);
+    const double *x = trocar_model_nodes(r->model);
+    r->wall = malloc((size_t)nodes * sizeof *r->wall);
+    r->u = malloc(3 * (size_t)nodes * sizeof *r->u);
+    r->count = 0;
+    for (int i = 0; i < nodes; i++)
+        if (fabs(hypot(x[3 * i], x[3 * i + 1] + 0.032) - 0.010) < 1e-5) r->wall[r->count++] = i;
+    assert_true(r->count > 50);
+}
+
+static void close_rectum(rectum *r) {
+    trocar_sim_free(r->sim);
+    trocar_model_free(r->model);
+    free(r->wall);
+    free(r->u);
+}
+
+static trocar_probe move_to(rectum *r, pose at) {
+    trocar_pose needle = {{0, 0, -0.3}, {1, 0, 0, 0}};
+    trocar_pose base = {{at.position.x, at.position.y, at.position.z}, {at.orientation.w, at.orientation.x, at.orientation.y, at.orientation.z}};
+    trocar_output out;
+    OK(trocar_sim_set_probe(r->sim, &base, &why));
+    OK(trocar_sim_step(r->sim, 0, &needle, 1e-3, &out, &why));
+    return trocar_sim_probe(r->sim);
+}
+
+static pose place_of(const trocar_probe *p) {
+    return (pose){v3(p->base.position[0], p->base.position[1], p->base.position[2]),
+                  {p->base.orientation[0], p->base.orientation[1], p->base.orientation[2], p->base.orientation[3]}};
+}
+
+static vec3 vector(const double v[3]) { return v3(v[0], v[1], v[2]); }
+
+/* m, of the wall's nodes, at rest or displaced: the least. */
+static double least_gap(rectum *r, pose at, bool rest) {
+    const double *x = trocar_model_nodes(r->model);
+    double least = INFINITY;
+    vec3 ignored;
+    if (!rest) OK(trocar_sim_displacements(r->sim, r->u, &why));
+    for (int k = 0; k < r->count; k++) {
+        int i = r->wall[k];
+        vec3 place = vector(x + 3 * i);
+        least = fmin(least, probe_gap(&TRANSRECTAL, at, rest ? place : v3_add(place, vector(r->u + 3 * i)), &ignored));
+    }
+    return least;
+}
+
+/* A change of the force on a short way that is more than this (N) is a jump. */
+static double smooth_change(double before, double after) { return fmax(0.05, 0.07 * fmax(before, after)); }
+
+static double change_of(const trocar_probe *from, const trocar_probe *to) {
+    double before = v3_norm(vector(from->force)), after = v3_norm(vector(to->force));
+    return v3_norm(v3_sub(vector(to->force), vector(from->force))) / smooth_change(before, after);
+}
+
+/* Raised in steps of 0.25 mm by 20 mm with no greatest force, and by as much with the scene's: it never gets through the wall. Where the limited probe
+   stops is where the force without a limit exceeds the limit. Far beyond it single nodes may slip past the rounded end, but without a jump. */
+static void does_not_pass_the_wall(void **state) {
+    (void)state;
+    enum { STEPS = 80 };
+    const double limit = 35.0;
+    double unlimited[STEPS + 1] = {0};
+    for (int limited = 0; limited < 2; limited++) {
+        rectum r;
+        open_rectum(&r, limited ? "35" : "1e9");
+        double before = 0.0;
+        for (int step = 0; step <= STEPS; step++) {
+            pose at = {v3(0, -0.032 + 0.25e-3 * step, -0.08), {1, 0, 0, 0}};
+            trocar_probe p = move_to(&r, at);
+            double force = v3_norm(vector(p.force));
+            if (!limited) unlimited[step] = force;
+            if (!p.stopped) assert_true(force >= before - (force > limit ? smooth_change(before, force) : 0.0));
+            assert_true(p.stopped == (limited && unlimited[step] > limit) && force <= (limited ? limit : 1e9));
+            assert_true(p.stopped ? p.base.position[1] < at.position.y : p.base.position[1] == at.position.y);
+            if (step >= 8) assert_true(p.contacts > 10 && least_gap(&r, place_of(&p), false) > -1e-6);
+            before = force;
+        }
+        print_message("raised by 20 mm, %s: %.2f N\n", limited ? "stopped" : "not stopped", before);
+        assert_true(before > (limited ? 0.98 : 1.0) * limit);
+        for (int step = STEPS; step >= 0; step--) { /* and goes on as it draws back */
+            trocar_probe p = move_to(&r, (pose){v3(0, -0.032 + 0.25e-3 * step, -0.08), {1, 0, 0, 0}});
+            assert_int_equal(p.stopped, limited && unlimited[step] > limit);
+        }
+        assert_close(v3_norm(vector(trocar_sim_probe(r.sim).force)), 0.0, 1e-9);
+        close_rectum(&r);
+    }
+}
+
+/* The way to `at` from what was saved, on which the force changes by so many jumps, in parts, twice as many as a steady rise would need: a jump stays
+   whole in one of them. Returns the largest change, in jumps. */
+static double change_in_parts(rectum *r, const void *saved, size_t size, trocar_probe last, pose at, double change) {
+    pose from = place_of(&last);
+    double largest = 0.0;
+    int parts = 2 * (int)ceil(change);
+    OK(trocar_sim_restore(r->sim, saved, size, &why));
+    for (int i = 1; i <= parts; i++) {
+        trocar_probe p = move_to(r, i < parts ? pose_between(from, at, (double)i / parts) : at);
+        largest = fmax(largest, change_of(&last, &p));
+        last = p;
+    }
+    return largest;
+}
+
+/* Closed paths of five motions, as far as a hand moves it: raised, tilted, moved along, drawn back, brought home. */
+static int motions = 20, seed = 1;
+
+static void moved_at_random(void **state) {
+    (void)state;
+    enum { LEGS = 5 };
+    const pose home = {v3(0, -0.032, -0.08), {1, 0, 0, 0}};
+    const double longest = 0.2e-3; /* m, between two solutions for a hand at 20 mm/s, which the viewer moves it at */
+    rectum r;
+    open_rectum(&r, "35");
+    size_t size = trocar_sim_state_size(r.sim);
+    void *saved = malloc(size);
+    srand((unsigned)seed);
+    double deepest = 0.0, worst = 0.0, least_work = INFINITY, most = 0.0;
+    int places = 0, stops = 0, pressed = 0, lost = 0, jumps = 0;
+    for (int path = 0; path < (motions + LEGS - 1) / LEGS; path++) {
+        trocar_probe last = move_to(&r, home);
+        double work = 0.0; /* of the hand */
+        assert_true(!last.stopped && last.contacts == 0);
+        pose at = home;
+        for (int leg = 0; leg < LEGS; leg++) {
+            vec3 lift = v3(cube_random(-4e-3, 4e-3), cube_random(0, 16e-3), leg == 3 ? cube_random(-30e-3, 0) : cube_random(-5e-3, 5e-3));
+            pose to = leg == LEGS - 1 ? home : (pose){v3_add(home.position, lift), q_exp(v3(cube_random(-0.12, 0.12), cube_random(-0.05, 0.05), 0))};
+            int steps = (int)ceil(probe_way(&TRANSRECTAL, at, to) / longest);
+            for (int i = 1; i <= steps; i++, places++) {
+                pose asked = i < steps ? pose_between(at, to, (double)i / steps) : to;
+                OK(trocar_sim_save(r.sim, saved, size, &why));
+                trocar_probe p = move_to(&r, asked);
+                pose from = place_of(&last), now = place_of(&p);
+                vec3 turn = q_log(q_multiply(now.orientation, q_conjugate(from.orientation)));
+                work -= 0.5 * v3_dot(v3_add(vector(p.force), vector(last.force)), v3_sub(now.position, from.position));
+                work -= 0.5 * v3_dot(v3_add(vector(p.torque), vector(last.torque)), turn);
+                if (p.contacts == 0 && least_gap(&r, now, true) < -0.5e-3) lost++;
+                deepest = fmin(deepest, least_gap(&r, now, false));
+                double change = change_of(&last, &p);
+                if (change > 1.0) {
+                    change = change_in_parts(&r, saved, size, last, now, change);
+                    p = trocar_sim_probe(r.sim);
+                }
+                if (change > 1.0 && last.contacts > 0 && p.contacts > 0) { /* a jump is none where contact is newly made or ends */
+                    jumps++;
+                    print_message("motion %d, %.1f of it: %.3f to %.3f N, %d to %d points, on a way of %.3f mm\n", LEGS * path + leg, (double)i / steps,
+                                  v3_norm(vector(last.force)), v3_norm(vector(p.force)), last.contacts, p.contacts, 1e3 * probe_way(&TRANSRECTAL, from, now));
+                }
+                worst = fmax(worst, change);
+                most = fmax(most, v3_norm(vector(p.force)));
+                stops += p.stopped;
+                pressed += p.contacts > 0;
+                last = p;
+            }
+            at = to;
+        }
+        least_work = fmin(least_work, work);
+    }
+    print_message("%d motions, %d places: pressed at %d, stopped at %d, contact lost at %d, %.2f N at most, nodes inside by %.1e mm, %d jumps, the largest change "
+                  "%.2f of one, least work %.1e J\n", motions, places, pressed, stops, lost, most, -1e3 * deepest, jumps, worst, least_work);
+    assert_true(pressed > places / 4);
+    assert_true(stops > 0 || motions < 20);
+    assert_int_equal(lost, 0);
+    assert_true(most <= 35.0 + 1e-9);
+    assert_true(deepest > -1e-6);
+    assert_int_equal(jumps, 0);
+    assert_true(least_work > -1e-3);
+    free(saved);
+    close_rectum(&r);
+}
+
 /* The scene of figure 8 with these keys in front. */
 static void refused_in_a_file(const char *keys, const char *says) {
     char folder[] = "/tmp/test_probe.XXXXXX", path[64], line[512];
@@ -524,7 +717,7 @@ static void refused(void **state) {
     (void)state;
     static const struct { const char *key, *value, *says; } wrong[] = {
         {"probe.surface", "rectum_wall", "probe.surface: "}, {"probe.tip_radius", "0.02", "probe.tip_radius: 0.02 m exceeds the radius"},
-        {"probe.surface", "fixed", "all nodes of \"fixed\" are fixed"}, {"remeshing", "woodbury", "it needs remeshing: nested or implicit"}};
+        {"probe.surface", "fixed", "all nodes of \"fixed\" are fixed"}};
     trocar_scene *scene;
     trocar_model *model;
     trocar_sim *sim = NULL;
@@ -559,12 +752,17 @@ static void refused(void **state) {
     trocar_scene_free(scene);
 }
 
-int main(void) {
+int main(int count, char **arguments) {
     const struct CMUnitTest tests[] = {
         cmocka_unit_test(distance_to_a_rounded_cylinder), cmocka_unit_test(complementarity_among_all_subsets), cmocka_unit_test(contact_against_sweeps),
         cmocka_unit_test(needles_feel_it), cmocka_unit_test(pressed_and_released), cmocka_unit_test(beside_a_resting_needle), cmocka_unit_test(saved_and_restored), cmocka_unit_test(with_a_worker),
-        cmocka_unit_test(rests_at_the_scenes_place),
+        cmocka_unit_test(rests_at_the_scenes_place), cmocka_unit_test(does_not_pass_the_wall), cmocka_unit_test(moved_at_random),
         cmocka_unit_test(refused),
     };
+    if (count > 2 && strcmp(arguments[1], "--motions") == 0) {
+        motions = atoi(arguments[2]);
+        if (count > 3) seed = atoi(arguments[3]);
+        cmocka_set_test_filter("moved_at_random");
+    }
     return cmocka_run_group_tests(tests, create, destroy);
 }

@@ -54,6 +54,17 @@ static void one_owner_until_it_is_silent(void **unused) {
     assert_int_equal(in.refused, 4);
 }
 
+static void no_sequence_number_locks_the_owner_out(void **unused) {
+    (void)unused;
+    probe_arbiter in;
+    probe_arbiter_init(&in);
+    assert_true(take_pose(&in, 5, 1, SECOND));
+    trocar_probe_pose_t forged = pose_message(5, INT64_MAX, 0);
+    assert_false(take(&in, &forged, SECOND));
+    for (int64_t seq = 2; seq < 10; seq++) assert_true(take_pose(&in, 5, seq, SECOND));
+    for (int64_t seq = 1; seq < 10; seq++) assert_int_equal(take_pose(&in, 5, seq, SECOND), seq >= SEQUENCE_RUN); /* a sender that starts again */
+}
+
 static void invalid_messages_are_counted(void **unused) {
     (void)unused;
     probe_arbiter in;
@@ -133,6 +144,7 @@ static void pressed_by_message(void **unused) {
 int main(void) {
     const struct CMUnitTest tests[] = {
         cmocka_unit_test(one_owner_until_it_is_silent),
+        cmocka_unit_test(no_sequence_number_locks_the_owner_out),
         cmocka_unit_test(invalid_messages_are_counted),
         cmocka_unit_test(pressed_by_message),
     };

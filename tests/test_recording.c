@@ -62,6 +62,22 @@ static void summary_finds_punctures_and_jumps(void **state) {
     recording_free(&r);
 }
 
+static void axial_force_is_along_a_needle_in_any_direction(void **state) {
+    (void)state;
+    recording r = {.session = 5};
+    pose along_x = {{0, 0, 0}, {sqrt(0.5), 0, sqrt(0.5), 0}};
+    for (int k = 0; k < 2; k++) {
+        assert_int_equal(recording_add_pose(&r, 1e-3 * k, along_x, &why), TROCAR_OK);
+        trocar_needle_wrench_t w = {.session = 5, .tick = k, .pose_seq = k, .raw_force = {-0.6, 0.2, 0.1}, .events = k ? EVENT_PUNCTURED : 0};
+        assert_int_equal(recording_add_wrench(&r, 1e-3 * k, &w, &why), TROCAR_OK);
+    }
+    recording_summary s;
+    assert_int_equal(recording_summarise(&r, &s, &why), TROCAR_OK);
+    assert_int_equal(s.puncture_count, 1);
+    assert_true(fabs(s.punctures[0].force + 0.6) < 1e-12);
+    recording_free(&r);
+}
+
 static void wrenches_before_the_start_are_ignored(void **state) {
     (void)state;
     recording r = conversation();
@@ -136,6 +152,7 @@ int main(void) {
     const struct CMUnitTest tests[] = {
         cmocka_unit_test(summary_counts_and_ranks),
         cmocka_unit_test(summary_finds_punctures_and_jumps),
+        cmocka_unit_test(axial_force_is_along_a_needle_in_any_direction),
         cmocka_unit_test(wrenches_before_the_start_are_ignored),
         cmocka_unit_test(invalid_wrenches_are_ignored),
         cmocka_unit_test(csv_has_one_row_per_wrench_and_one_cell_per_column),

@@ -10,6 +10,8 @@
 #include <stddef.h>
 #include <cmocka.h>
 
+#include "check.h"
+
 enum { POINTS = 50 };
 
 static void scatter(vec3 *points) {
@@ -244,7 +246,7 @@ static void needles_rotate_the_gland(void **unused) {
     assert_true(loose.pushed > left.pushed);
 }
 
-int main(void) {
+int main(int count, char **given) {
     const struct CMUnitTest tests[] = {
         cmocka_unit_test(known_motions_are_recovered),
         cmocka_unit_test(strain_is_not_a_rotation),
@@ -252,5 +254,6 @@ int main(void) {
         cmocka_unit_test(gland_is_displaced_by_the_needle),
         cmocka_unit_test(needles_rotate_the_gland),
     };
+    choose_tests(count, given);
     return cmocka_run_group_tests(tests, NULL, NULL);
 }

@@ -1,7 +1,7 @@
 /* Boundary-condition switches on the full inverse, one by one and in blocks, and the state after a failed switch. */
 #include "remeshing.h"
 
-#include "remesh/remesh_dense.h"
+#include "oracles/remesh_dense.h"
 
 static void expect_failure(remesher *r) {
     report why = {""};
@@ -10,7 +10,7 @@ static void expect_failure(remesher *r) {
     assert_non_null(strstr(why.text, "boundary-condition switch"));
 }
 
-static remesher *start_with_nodes(remesh_method wanted, int count) {
+static remesher *start_with_nodes(int wanted, int count) {
     remesher *r = start(method = wanted);
     choose_window(30);
     add_mixed(method, count);
@@ -19,7 +19,7 @@ static remesher *start_with_nodes(remesh_method wanted, int count) {
 }
 
 /* A node moved out of its elements inverts them, so there is no pivot. Requests that contain it fail. */
-static void check_inverted(remesh_method wanted) {
+static void check_inverted(int wanted) {
     remesher *r = start_with_nodes(wanted, 6);
     int last = request.wanted.count;
     for (int tet = 0; request.wanted.count == last; tet++) add_node(MOVED, tet, point_in(tet, 0.1));
@@ -35,7 +35,7 @@ static void check_inverted(remesh_method wanted) {
 }
 
 /* If removing a node fails (here because the matrix was damaged), the remaining nodes are added again from scratch. */
-static void check_spoilt(remesh_method wanted) {
+static void check_spoilt(int wanted) {
     remesher *r = start_with_nodes(wanted, 8);
     dense_remesher *dense = (dense_remesher *)r;
     int end = tested->dof_count + 3 * request.wanted.count;
@@ -49,7 +49,7 @@ static void check_spoilt(remesh_method wanted) {
 
 static void failed_switch_is_rolled_back(void **state) {
     (void)state;
-    static void (*const checks[])(remesh_method) = {check_inverted, check_spoilt};
+    static void (*const checks[])(int) = {check_inverted, check_spoilt};
     for (int i = 0; i < 2; i++) {
         checks[i](REMESH_BCS);
         checks[i](REMESH_BCS_BLOCKED);
@@ -57,7 +57,7 @@ static void failed_switch_is_rolled_back(void **state) {
 }
 
 int main(void) {
-    static const remesh_method methods[] = {REMESH_BCS, REMESH_BCS_BLOCKED};
+    static const int methods[] = {REMESH_BCS, REMESH_BCS_BLOCKED};
     const struct CMUnitTest tests[] = {cmocka_unit_test(failed_switch_is_rolled_back)};
     return run_remeshing_tests(methods, sizeof methods / sizeof *methods) + cmocka_run_group_tests(tests, remeshing_create, remeshing_destroy);
 }

@@ -31,6 +31,9 @@ typedef struct {
     lcm_eventlog_t *log;
     int64_t utime, seq;
     trocar_output last;
+    double (*force)[3];      /* N, of each tick; NULL: not kept */
+    int ticks;
+    int64_t moved[2];        /* us, utime of each needle's last pose; 0: the next one begins an insertion */
 } recording;
 
 static char folder[32], path[64], scene_path[64], csv[64], out[64];
@@ -54,13 +57,17 @@ static void pose_at(recording *r, int needle, double x, double z, double aside) 
     trocar_pose base = {{x, 0.003, z}, {1, 0, 0, 0}};
     trocar_needle_pose_t m = {.utime = r->utime += 1000, .session = 10 + needle, .seq = r->seq++, .needle = needle,
                               .position = {x + aside, 0.003, z}, .orientation = {1, 0, 0, 0}};
+    double dt = r->moved[needle] != 0 ? fmin(1e-6 * (double)(r->utime - r->moved[needle]), POSE_LOG_GAP) : 1e-3;
     OK(log_write_pose(r->log, &m, path, &why));
-    OK(trocar_sim_step(r->sim, needle, &base, 1e-3, &r->last, &why));
+    OK(trocar_sim_step(r->sim, needle, &base, dt, &r->last, &why));
+    r->moved[needle] = r->utime;
+    if (r->force != NULL) memcpy(r->force[r->ticks++], r->last.force, sizeof *r->force);
 }
 
 static void push(recording *r, int needle, double x) {
     trocar_pose start = {{x, 0.003, -0.201}, {1, 0, 0, 0}};
     OK(trocar_sim_reset(r->sim, needle, &start, &why));
+    r->moved[needle] = 0;
     for (int t = 0; t <= IN; t++) pose_at(r, needle, x, -0.201 + 1e-4 * t, 0.0);
 }
 
@@ -91,6 +98,27 @@ static void record(recording *r) {
         OK(trocar_sim_step(r->sim, 0, &base, 1e-3, &r->last, &why));
     }
     command(r, TROCAR_COMMAND_T_TAKE, 1); /* refused: it is gone */
+}
+
+/* Two needles beside each other; the first is reset while it is held, once at hand and once after it has been left and taken, and goes in again elsewhere
+   while the second moves on. */
+static void record_resets(recording *r) {
+    const trocar_pose away = {{0, 0, -10}, {1, 0, 0, 0}};
+    for (int i = 0; i < 2; i++) OK(trocar_sim_reset(r->sim, i, &away, &why));
+    push(r, 0, 0.0);
+    push(r, 1, 0.005);
+    command(r, TROCAR_COMMAND_T_RESET, 0);
+    OK(trocar_sim_reset(r->sim, 0, &away, &why));
+    for (int t = 1; t <= BACK; t++) pose_at(r, 1, 0.005, -0.201 + 1e-4 * (IN + t), 0.0); /* as if the first had never been there */
+    push(r, 0, -0.01);
+    leave(r, 0);
+    command(r, TROCAR_COMMAND_T_TAKE, 0);
+    OK(trocar_sim_take(r->sim, 0, &why));
+    OK(trocar_sim_work(r->sim, NULL, &why));
+    command(r, TROCAR_COMMAND_T_RESET, 0);
+    OK(trocar_sim_reset(r->sim, 0, &away, &why));
+    for (int t = 1; t <= BACK; t++) pose_at(r, 1, 0.005, -0.201 + 1e-4 * (IN + BACK + t), 0.0);
+    push(r, 0, 0.02);
 }
 
 static int run(const char *options) {
@@ -150,6 +178,48 @@ static const char probe_keys[] = "probe: {surface: skin, radius: 0.008, tip_radi
 static trocar_pose probe_at(int tick) { return (trocar_pose){{0.02, -0.015, -LENGTH - 0.001 + 2e-5 * tick}, {1, 0, 0, 0}}; }
 
 /* The probe goes 5 mm into the skin beside a needle, every tenth tick. Poses of another session, and old ones, are not used. */
+/* Forces of all ticks as rows of x, y, z; returns their number. */
+static int read_forces(double (*force)[3], int room) {
+    FILE *file = fopen(csv, "r");
+    char row[1024];
+    int rows = -1;
+    for (double t; fgets(row, sizeof row, file); rows++)
+        if (rows >= 0 && rows < room) assert_int_equal(sscanf(row, "%lf,%lf,%lf,%lf", &t, &force[rows][0], &force[rows][1], &force[rows][2]), 4);
+    fclose(file);
+    return rows;
+}
+
+static void resets_take_effect_at_once(void **state) {
+    (void)state;
+    enum { ROOM = 4096 };
+    static double force[ROOM][3];
+    trocar_scene *scene;
+    trocar_model *model;
+    recording r = {.utime = 1000000, .force = calloc(ROOM, sizeof *r.force)};
+    make_folder();
+    OK(trocar_scene_load(MESHES "/figure8.yaml", &scene, &why));
+    char line[600];
+    snprintf(line, sizeof line, "sed 's|^mesh: |mesh: " MESHES "/|; 1i needles: 2' " MESHES "/figure8.yaml > %s", scene_path);
+    assert_int_equal(system(line), 0);
+    OK(trocar_scene_set(scene, "needles", "2", &why));
+    OK(trocar_model_create(scene, NULL, &model, &why));
+    OK(trocar_sim_create(model, &r.sim, &why));
+    r.log = lcm_eventlog_create(path, "w");
+    record_resets(&r);
+    lcm_eventlog_destroy(r.log);
+    snprintf(line, sizeof line, "--all -q --csv %s", csv);
+    assert_int_equal(run(line), 0);
+    assert_int_equal(read_forces(force, ROOM), r.ticks);
+    for (int i = 0; i < r.ticks; i++)
+        for (int a = 0; a < 3; a++) assert_close(force[i][a], r.force[i][a], 1e-9);
+    snprintf(line, sizeof line, "rm -r %s", folder);
+    assert_int_equal(system(line), 0);
+    trocar_sim_free(r.sim);
+    trocar_model_free(model);
+    trocar_scene_free(scene);
+    free(r.force);
+}
+
 static void record_with_probe(recording *r) {
     trocar_pose base = {{0, 0.003, -0.201}, {1, 0, 0, 0}};
     OK(trocar_sim_reset(r->sim, 0, &base, &why));
@@ -240,6 +310,7 @@ static void the_probe_of_a_log_moves_as_it_did(void **state) {
 }
 
 int main(void) {
-    const struct CMUnitTest tests[] = {cmocka_unit_test(a_log_with_commands_replays_as_it_was), cmocka_unit_test(the_probe_of_a_log_moves_as_it_did)};
+    const struct CMUnitTest tests[] = {cmocka_unit_test(a_log_with_commands_replays_as_it_was),
+        cmocka_unit_test(resets_take_effect_at_once), cmocka_unit_test(the_probe_of_a_log_moves_as_it_did)};
     return cmocka_run_group_tests(tests, NULL, NULL);
 }

@@ -85,6 +85,15 @@ static void assemble(trocar_sim *sim, one_problem *p) {
     for (int k = 0; k < set->count; k++) {
         const resting_needle *r = set->needles[k];
         size_t first = (size_t)set->row[k];
+        static double nearby[MAX_UNKNOWNS * MAX_UNKNOWNS];
+        for (int l = 0; l < k; l++) { /* what the mesh does not resolve between them */
+            OK(resting_mutual(sim->pairs, r, set->needles[l], nearby, MAX_UNKNOWNS, &why));
+            for (int u = 0; u < r->unknown_count; u++)
+                for (int v = 0; v < set->needles[l]->unknown_count; v++) {
+                    system[((size_t)set->row[l] + (size_t)v) * n + first + (size_t)u] += nearby[u * MAX_UNKNOWNS + v];
+                    system[(first + (size_t)u) * n + (size_t)set->row[l] + (size_t)v] += nearby[u * MAX_UNKNOWNS + v];
+                }
+        }
         for (int u = 0; u < r->unknown_count; u++) {
             for (int v = 0; v < r->unknown_count; v++) system[(first + (size_t)v) * n + first + (size_t)u] += u > v ? r->compliance[u][v] : r->compliance[v][u];
             for (int l = 0; l < set->count; l++)

@@ -19,7 +19,7 @@ static trocar_error why;
 
 #define OK(call) do { if ((call) != TROCAR_OK) fail_msg("%s: %s", #call, why.text); } while (0)
 
-enum { NEEDLES = 3, PATIENCE = 20000 }; /* ms */
+enum { NEEDLES = 3, PATIENCE = 120000 }; /* ms */
 
 typedef struct {
     trocar_sim *sim;
@@ -51,11 +51,12 @@ static void wait_for(trocar_sim *sim, int needle, trocar_needle_state state) {
 }
 
 static void push(trocar_sim *sim, int needle, trocar_picture *picture, double depth) {
-    trocar_output out;
+    trocar_output out = {0};
     trocar_pose base = {{0.005 * needle, 0.003, -0.201}, {1, 0, 0, 0}};
     OK(trocar_sim_reset(sim, needle, &base, &why));
-    for (int t = 0; t < (int)(depth / 2e-4); t++) {
-        base.position[2] += 2e-4;
+    const int moving = (int)(depth / 2e-4);
+    for (int t = 0; t < moving || (out.contacts == 0 && t < PATIENCE); t++) { /* then at rest, until the worker has answered: it may be slow */
+        if (t < moving) base.position[2] += 2e-4;
         OK(trocar_sim_tick(sim, needle, &base, 1e-3, &out));
         if (t % 16 == 0) trocar_sim_take_picture(sim, picture);
         pause_ms(1);

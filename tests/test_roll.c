@@ -91,9 +91,9 @@ static void turning_eases_sliding(void **unused) {
    the whole shaft slides, after the leap at a membrane. A contact node is new on the shaft as if that did not turn (core/README.md): until it has slid on, the force may be
    off by what nobody notices; from then on, the formula holds in every tick. */
 static bool all_slides(const insertion_state *s) {
-    if (s->tip.phase != TIP_INSIDE || s->tip.blocked_by != NOT_BLOCKED || s->tip.friction != SLIP_FORWARD || s->tip.shaft_friction != SLIP_FORWARD) return false;
+    if (s->tip.phase != TIP_INSIDE || s->tip.blocked_by != NOT_BLOCKED || s->tip.friction != SLIP_FORWARD || s->tip.shaft.friction != SLIP_FORWARD) return false;
     for (int k = 0; contact_is_active(s, k); k++)
-        if (s->contacts[s->refined.order[k]].friction != SLIP_FORWARD) return false;
+        if (s->contacts[s->refined.order[k]].shaft.friction != SLIP_FORWARD) return false;
     return true;
 }
 
@@ -226,7 +226,7 @@ static void without_turning_there_is_no_torque(void **unused) {
     lockstep_move(l, v3(0, 0, 0.05), 0.5, 1e-3);
     lockstep_move(l, v3(0.002, 0, 0), 0.1, 1e-3);
     assert_true(l->state.tip_lead == 0.0 && l->state.base_turn == 0.0);
-    for (int k = 0; contact_is_active(&l->state, k); k++) assert_true(l->state.contacts[l->state.refined.order[k]].roll.torque == 0.0);
+    for (int k = 0; contact_is_active(&l->state, k); k++) assert_true(l->state.contacts[l->state.refined.order[k]].shaft.roll.torque == 0.0);
     lockstep_free(l);
 }
 

@@ -174,6 +174,7 @@ static void profile_sets_the_limits_of_its_device(void **unused) {
     assert_true(fabs(limits.max_force_rate - 20 / 3e-3) < 1e-9);
     assert_true(limits.max_torque == 0.2 && fabs(limits.max_torque_rate - 0.2 / 3e-3) < 1e-9);
     assert_true(limits.max_speed == before.max_speed && limits.ramp_time == before.ramp_time);
+    assert_true(limits.mass == before.mass && limits.delay == before.delay);
 
     safety_limits g = engaged(&limits, 0, 0.0);
     vec3 force;
@@ -272,6 +273,46 @@ static void winding_down_comes_to_rest(void **unused) {
     assert_in_range(ticks, 100, 102);
 }
 
+/* From the last output to the model's, and always between the two, whatever the model's does meanwhile. */
+static void a_transfer_goes_over_by_a_ramp(void **unused) {
+    (void)unused;
+    device_limits limits = device_defaults();
+    const double after[] = {3.0, 0.0, -1.0};
+    for (int k = 0; k < 3; k++) {
+        safety_limits g = engaged(&limits, 0, 1.0);
+        vec3 force;
+        double last = 1.0, most = fmax(1.0, after[k]), least = fmin(1.0, after[k]);
+        int ticks = 0, flags;
+        safety_begin_transfer(&g);
+        do {
+            flags = tick(&g, &limits, false, after[k], &force);
+            assert_true(force.x <= most && force.x >= least && fabs(force.x - last) < 0.011 * fabs(after[k] - 1.0) + 1e-12);
+            last = force.x;
+            ticks++;
+        } while (flags & TROCAR_NEEDLE_WRENCH_T_RAMPING);
+        assert_in_range(ticks, 100, 102);
+        assert_true(force.x == after[k] && flags == 0);
+    }
+}
+
+/* The hand that held the needle keeps its force for the ramp when it begins anew; another one begins with its own. */
+static void a_new_hand_does_not_get_the_force_of_the_last_one(void **unused) {
+    (void)unused;
+    device_limits limits = device_defaults();
+    for (int other = 0; other < 2; other++) {
+        safety_limits g = engaged(&limits, 0, 1.0);
+        pose_sample next = sample(2, 0.5, MILLISECOND);
+        next.session += other;
+        vec3 force;
+        assert_int_equal(safety_pose(&g, &limits, &next, MILLISECOND), SAFETY_ENGAGE);
+        tick(&g, &limits, false, 0.0, &force);
+        assert_true(other ? force.x == 0.0 : force.x > 0.98);
+        tick(&g, &limits, true, 0.0, &force);
+        for (int i = 0; i < 110; i++) tick(&g, &limits, true, 0.0, &force);
+        assert_true(safety_at_rest(&g));
+    }
+}
+
 int main(void) {
     const struct CMUnitTest tests[] = {
         cmocka_unit_test(bad_numbers_are_reported),
@@ -288,6 +329,8 @@ int main(void) {
         cmocka_unit_test(non_finite_wrench_is_never_sent),
         cmocka_unit_test(overruns_in_a_row_ramp_out_until_timing_is_good),
         cmocka_unit_test(winding_down_comes_to_rest),
+        cmocka_unit_test(a_transfer_goes_over_by_a_ramp),
+        cmocka_unit_test(a_new_hand_does_not_get_the_force_of_the_last_one),
     };
     return cmocka_run_group_tests(tests, NULL, NULL);
 }

@@ -10,7 +10,10 @@
 
 static const double ASIDE = 1e-3; /* m; at this offset no element is crossed so close to an edge that one tick suffices */
 
-static scale_timing *measured(double aside, const motion *script, double speed, double dt, const char *owner) {
+static const double WHOLE = 0.066; /* m, depth of an insertion through several elements */
+static const double ABOVE = 1e-3; /* m, of the tip above the skin at the start */
+
+static scale_timing *measured(double aside, const motion *script, double speed, double depth, double dt, const char *owner) {
     host h = {NULL};
     report why;
     static scale_timing result;
@@ -18,8 +21,8 @@ static scale_timing *measured(double aside, const motion *script, double speed, 
     assert_int_equal(trocar_scene_set(h.scene, "inverse", owner, &why), TROCAR_OK);
     assert_int_equal(trocar_model_create(h.scene, NULL, &h.model, &why), TROCAR_OK);
     assert_int_equal(trocar_sim_create(h.model, &h.sim, &why), TROCAR_OK);
-    pose start = {{0.005 + aside, 0.003, -0.201}, {1, 0, 0, 0}};
-    scale_case wanted = {.start = start, .script = script, .speed = speed, .depth = 0.066, .dt = dt};
+    pose start = {{0.005 + aside, 0.003, -0.2 - ABOVE}, {1, 0, 0, 0}};
+    scale_case wanted = {.start = start, .script = script, .speed = speed, .depth = depth, .dt = dt};
     assert_int_equal(scale_timing_measure(h.sim, &wanted, &result, &why), TROCAR_OK);
     host_close(&h);
     return &result;
@@ -40,7 +43,7 @@ static void check_counts(const scale_timing *r) {
 
 static void crossings_are_counted_and_answered(void **unused) {
     (void)unused;
-    const scale_timing *r = measured(ASIDE, NULL, 0.02, 1e-3, "dense");
+    const scale_timing *r = measured(ASIDE, NULL, 0.02, WHOLE, 1e-3, "dense");
     assert_int_equal(r->ticks, 3300);
     assert_int_equal(r->tick.count, 3300);
     check_counts(r);
@@ -56,8 +59,8 @@ static void crossings_are_counted_and_answered(void **unused) {
 /* In and out again: contact nodes that are removed during retraction are not counted as late. */
 static void crossings_during_retraction_are_ignored(void **unused) {
     (void)unused;
-    scale_timing in = *measured(ASIDE, NULL, 0.05, 1e-3, "dense");
-    const scale_timing *r = measured(ASIDE, motion_find("insert"), 0, 1e-3, "dense");
+    scale_timing in = *measured(ASIDE, NULL, 0.05, WHOLE, 1e-3, "dense");
+    const scale_timing *r = measured(ASIDE, motion_find("insert"), 0, 0, 1e-3, "dense");
     assert_int_equal(r->ticks, 3500);
     assert_in_range(r->crossings, in.crossings * 3 / 4, in.crossings * 3 / 2);
     check_counts(r);
@@ -66,13 +69,17 @@ static void crossings_during_retraction_are_ignored(void **unused) {
     assert_true(r->contacts >= r->most_contacts);
 }
 
-/* Ticks of 0.2 us at 100 m/s: no answer can be in time. At 2 m/s some are. */
+/* 20 mm in 20 us: no answer comes in that time, so each tick is late from the touch on. (Not deeper: pushed on against tissue that nobody has
+   measured, the needle buckles at about 30 mm, and a tick without an equilibrium has no use for an answer.) At 2 m/s some answers come. */
 static void worker_slower_than_the_needle_is_late(void **unused) {
     (void)unused;
-    scale_timing none = *measured(ASIDE, NULL, 100.0, 2e-7, "sparse");
+    const double speed = 1000.0, dt = 2e-8;
+    scale_timing none = *measured(ASIDE, NULL, speed, 0.02, dt, "sparse");
+    int before = (int)(ABOVE / (speed * dt) + 0.5); /* the touch; one more or less is rounding */
     check_counts(&none);
-    assert_true(none.late_crossings > 0 || none.late_ticks > none.ticks / 2);
-    const scale_timing *some = measured(ASIDE, NULL, 2.0, 1e-5, "sparse");
+    assert_int_equal(none.unanswered, none.contacts);
+    assert_in_range(none.late_ticks, none.ticks - before - 1, none.ticks - before + 1);
+    const scale_timing *some = measured(ASIDE, NULL, 2.0, WHOLE, 1e-5, "sparse");
     check_counts(some);
     if (INSTRUMENTED) return;
     assert_true(some->contacts > 0 && some->crossing.max > 20000); /* more than two ticks */
@@ -81,7 +88,7 @@ static void worker_slower_than_the_needle_is_late(void **unused) {
 /* 3 mm per tick: some elements are crossed within one tick, and answers arrive two ticks after the request. */
 static void late_contact_nodes_are_counted(void **unused) {
     (void)unused;
-    const scale_timing *r = measured(ASIDE, NULL, 3.0, 1e-3, "dense");
+    const scale_timing *r = measured(ASIDE, NULL, 3.0, WHOLE, 1e-3, "dense");
     check_counts(r);
     if (INSTRUMENTED) return;
     print_message("%d of %d late, by %.1f ms at most\n", r->late_crossings, r->contacts, 1e-6 * (double)r->activation.max);

@@ -29,11 +29,11 @@ static const char GOOD[] =
     "fixed: [back, below]\n"                                       /* 14 */
     "needle: {model: tetrahedra, length: 0.15, outer_diameter: 1.1e-3,\n"             /* 15 */
     "         inner_diameter: 0, youngs_modulus: 190e9,\n"         /* 16 */
-    "         poisson_ratio: 0.29, bevel_slope: 0.02,\n"           /* 17 */
+    "         poisson_ratio: 0.29, bevel_slope: 0.02, bow: 2e-4,\n" /* 17 */
     "         segments: 30}\n"                                     /* 18 */
     "contact: {placement: faces, spacing: 3e-3, weakening_distance: 2e-3, prefetch_distance: 11e-3, max_passes: 5, tolerance: 1e-8}\n"
-    "remeshing: woodbury\n"                                        /* 20 */
-    "device: {profile: touch, max_force: 15, max_torque: 0.8, max_force_rate: 1500, max_torque_rate: 70, max_speed: 1.5, max_turn_rate: 12,\n"
+    "remeshing: implicit\n"                                        /* 20 */
+    "device: {profile: touch, mass: 0.3, delay: 4e-3, max_force: 15, max_torque: 0.8, max_force_rate: 1500, max_torque_rate: 70, max_speed: 1.5, max_turn_rate: 12,\n"
     "         hold_time: 0.02, ramp_time: 0.2}\n";                 /* 22 */
 
 static char directory[] = "/tmp/test_scene.XXXXXX", path[64];
@@ -109,15 +109,16 @@ static void every_value_is_read(void **state) {
     assert_string_equal(c->fixed[1], "below");
     const needle_parameters *n = &c->needle;
     assert_true(n->length == 0.15 && n->outer_diameter == 1.1e-3 && n->inner_diameter == 0 && n->youngs_modulus == 190e9);
-    assert_true(n->poisson_ratio == 0.29 && n->bevel_slope == 0.02 && n->segments == 30);
+    assert_true(n->poisson_ratio == 0.29 && n->bevel_slope == 0.02 && n->bow == 2e-4 && n->segments == 30);
     assert_int_equal(n->kind, NEEDLE_TETRAHEDRA);
     const insertion_settings *i = &c->insertion;
     assert_true(i->contact_spacing == 3e-3 && i->weakening_distance == 2e-3);
     assert_int_equal(i->placement, PLACE_ON_FACES);
     assert_true(i->prefetch_distance == 11e-3 && i->max_passes == 5 && i->tolerance == 1e-8);
-    assert_int_equal(c->remeshing, REMESH_WOODBURY);
+    assert_int_equal(c->remeshing, REMESH_IMPLICIT);
     const device_limits *g = &s.device;
     assert_true(g->max_force == 15 && g->max_torque == 0.8 && g->max_force_rate == 1500 && g->max_torque_rate == 70);
+    assert_true(g->mass == 0.3 && g->delay == 4e-3);
     assert_true(g->max_stiffness == 400); /* from the profile, whose force is overridden */
     assert_true(g->max_speed == 1.5 && g->max_turn_rate == 12 && g->hold_time == 0.02 && g->ramp_time == 0.2);
 }
@@ -429,7 +430,10 @@ static void values_out_of_range_are_refused(void **state) {
         {"segments: 30", "segments: 2.5", ":18: needle.segments: "},
         {"spacing: 3e-3", "spacing: 0", ":19: contact.spacing: "},
         {"max_passes: 5", "max_passes: 0", ":19: contact.max_passes: "},
-        {"woodbury", "sparse", ":20: remeshing: \"sparse\": expected nested, implicit, woodbury, woodbury-general, bcs or bcs-blocked"},
+        {"implicit", "sparse", ":20: remeshing: \"sparse\": expected nested or implicit"},
+        {"implicit", "bcs", ":20: remeshing: this release has no \"bcs\": it is compared with nested by scripts/bench: remove the key, or set nested"},
+        {"mass: 0.3", "mass: 0", ":21: device.mass: "},
+        {"delay: 4e-3", "delay: 4", ":21: device.delay: \"4\": expected a number from 0 to 0.1"},
         {"max_force: 15", "max_force: .inf", ":21: device.max_force: "},
         {"profile: touch", "profile: hand", ":21: device.profile: \"hand\": expected touch, "},
         {"ramp_time: 0.2", "ramp_time: 0", ":22: device.ramp_time: "},
@@ -507,13 +511,15 @@ static void documented_parameter_table_is_correct(void **state) {
         {"membranes.puncture_force", {NAN, figure8.simulation.membranes[0].puncture_force, figure8.simulation.membranes[1].puncture_force}},
         ONCE("needle.length", simulation.needle.length), ONCE("needle.outer_diameter", simulation.needle.outer_diameter),
         ONCE("needle.inner_diameter", simulation.needle.inner_diameter), ONCE("needle.youngs_modulus", simulation.needle.youngs_modulus),
-        ONCE("needle.poisson_ratio", simulation.needle.poisson_ratio), ONCE("needle.bevel_slope", simulation.needle.bevel_slope),
+        ONCE("needle.poisson_ratio", simulation.needle.poisson_ratio), ONCE("needle.bevel_slope", simulation.needle.bevel_slope), ONCE("needle.bow", simulation.needle.bow),
         ONCE("needle.segments", simulation.needle.segments), ONCE("contact.spacing", simulation.insertion.contact_spacing),
         ONCE("contact.weakening_distance", simulation.insertion.weakening_distance),
         ONCE("contact.prefetch_distance", simulation.insertion.prefetch_distance),
         ONCE("contact.max_passes", simulation.insertion.max_passes),
         ONCE("contact.tolerance", simulation.insertion.tolerance), ONCE("rate_hz", rate_hz),
-        ONCE("device.max_stiffness", device.max_stiffness), ONCE("device.max_force", device.max_force), ONCE("device.max_torque", device.max_torque),
+        ONCE("device.max_stiffness", device.max_stiffness), ONCE("device.mass", device.mass), ONCE("device.delay", device.delay),
+        ONCE("probe.max_force", simulation.probe.max_force),
+        ONCE("device.max_force", device.max_force), ONCE("device.max_torque", device.max_torque),
         ONCE("device.max_force_rate", device.max_force_rate), ONCE("device.max_torque_rate", device.max_torque_rate),
         ONCE("device.max_speed", device.max_speed), ONCE("device.max_turn_rate", device.max_turn_rate),
         ONCE("device.hold_time", device.hold_time), ONCE("device.ramp_time", device.ramp_time),

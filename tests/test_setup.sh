@@ -31,12 +31,22 @@ rm asked && setup --view
 rm asked && setup --package
 for package in libwebsockets-dev libncurses-dev help2man python3-numpy libcjson-dev libopenigtlink-dev libspnav-dev libx11-dev libevdev-dev; do grep -q " $package" asked || fail "no $package: $(cat asked)"; done
 ! grep -qE 'matplotlib|cmocka' asked || fail "more than the package needs: $(cat asked)"
+rm asked && setup one-more two-more     # only what is asked for
+[ "$(grep -o 'install.*' asked | sed 's/.*recommends //')" = "one-more two-more" ] || fail "more than was asked for: $(cat asked)"
+rm asked && setup --all one-more
+grep -q 'libcmocka-dev .*one-more' asked || fail "requested: $(cat asked)"
 rm asked && setup
 for package in libwebsockets-dev libcmocka-dev libncurses-dev help2man libcjson-dev libopenigtlink-dev libspnav-dev libx11-dev libevdev-dev; do grep -q " $package" asked || fail "no $package: $(cat asked)"; done
 # shellcheck disable=SC2016
 for program in man:man-db col:bsdextrautils; do # used by the tests
     grep -q "^ .*[^-]\b${program#*:}\b" "$source/scripts/test" || fail "scripts/test does not install ${program#*:} for ${program%:*}"
 done
+
+# scripts/anatomy asks for what it runs with, and for no more; its library is there.
+rm asked && mkdir -p tree/scripts tree/meshes && cp "$source/scripts/anatomy" "$source/scripts/setup" tree/scripts
+PATH=$work/bin:$PATH WORK=$work TROCAR_LIBRARY=there tree/scripts/anatomy --help >said 2>&1 || true
+for package in python3-gmsh python3-vtk9 python3-pygalmesh python3-nibabel; do grep -q " $package" asked || fail "no $package: $(cat asked)"; done
+! grep -qE 'npm|nodejs|cmocka|cmake|gcc|websockets|igtlink' asked || fail "more than anatomy needs: $(cat asked)"
 
 # If apt is locked, the script waits, gives up in the end, and names the process.
 stand_in apt-get 'echo "E: Could not get lock /var/lib/dpkg/lock-frontend. It is held by process 4711 (unattended-upgr)" >&2; exit 100'
@@ -61,7 +71,7 @@ for file in $(pkg-config --variable pc_path pkg-config | tr : ' '); do
         -exec ln -sf -t pkgconfig {} +
 done
 for program in npm node help2man; do stand_in $program 'exit 1'; done
-for folder in CMakeLists.txt CMakePresets.json lcmtypes core server clients; do ln -s "$source/$folder" "a tree/$folder"; done
+for folder in CMakeLists.txt CMakePresets.json lcmtypes core server clients meshes; do ln -s "$source/$folder" "a tree/$folder"; done
 cd "a tree"
 PATH=$work/bin:$PATH PKG_CONFIG_LIBDIR=$work/pkgconfig cmake --preset demo >../said 2>&1 || fail "$(cat ../said)"
 cmake --build build --target trocar_types >../said 2>&1 || fail "$(cat ../said)"
@@ -70,7 +80,7 @@ grep -q libwebsockets ../said || fail "$(cat ../said)"
 
 # help2man passes the program's path to a shell: runs the command that CMake wrote for a man page, with a script as the program.
 rm ../bin/help2man
-for folder in tests scripts meshes docs README.md CHANGELOG.md LICENSE; do [ ! -e "$source/$folder" ] || ln -s "$source/$folder" "$folder"; done
+for folder in tests scripts docs README.md CHANGELOG.md LICENSE; do [ ! -e "$source/$folder" ] || ln -s "$source/$folder" "$folder"; done
 cmake --preset release >../said 2>&1 || fail "$(cat ../said)"
 cat >build/clients/trocar-device <<'END'
 #!/bin/sh

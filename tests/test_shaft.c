@@ -91,32 +91,11 @@ static void friction_is_that_of_each_region(void **unused) {
     assert_close(shaft_friction_limit(&MODEL, &first, 2e-3), 1e-3 * (4.0 + 2.0 / M_E), 1e-15);
 }
 
-/* Anti-plane shear: a line with load q per length in a medium of shear modulus mu is displaced by q / (2 pi mu) ln(R / r) relative
-   to it. */
-static void shaft_leads_by_the_deformation_due_to_friction(void **unused) {
-    (void)unused;
-    insertion_state s = inserted();
-    double mu = 60e3 / 2.6, logarithm = 1.7;
-    s.refined.nodes[2].tet = 1;
-    s.contacts[2].friction = SLIP_FORWARD;
-    s.contacts[2].log_axial = logarithm;
-    s.contacts[2].slid = 1.0;
-    assert_close(shaft_ahead(&MODEL, &s, 2, 1e-3, (shaft_creep){1.0, 0.0}), logarithm * 10.0 / (2.0 * M_PI * mu), 1e-15);
-    s.contacts[2].slip = 2e-6; /* 2 mm/s */
-    assert_close(shaft_ahead(&MODEL, &s, 2, 1e-3, (shaft_creep){1.0, 0.0}), logarithm * (10.0 + 50.0 * 2e-3) / (2.0 * M_PI * mu), 1e-15);
-    s.contacts[2].slip = 0.0;
-    s.contacts[2].friction = SLIP_BACKWARD;
-    assert_close(shaft_ahead(&MODEL, &s, 2, 1e-3, (shaft_creep){1.0, 0.0}), -logarithm * 10.0 / (2.0 * M_PI * mu), 1e-15);
-    s.contacts[2].friction = STICK;
-    assert_true(shaft_ahead(&MODEL, &s, 2, 1e-3, (shaft_creep){1.0, 0.0}) == 0.0);
-}
-
 int main(void) {
     const struct CMUnitTest tests[] = {
         cmocka_unit_test(tributary_lengths_meet_half_way_and_reach_the_end),
         cmocka_unit_test(tributary_lengths_end_at_region_boundaries),
         cmocka_unit_test(friction_is_that_of_each_region),
-        cmocka_unit_test(shaft_leads_by_the_deformation_due_to_friction),
     };
     return cmocka_run_group_tests(tests, NULL, NULL);
 }

@@ -93,7 +93,7 @@ static void every_method_and_inverse_can_be_restored(void **unused) {
     (void)unused;
     char directory[] = "/tmp/test_simulation.XXXXXX", command[64];
     assert_non_null(mkdtemp(directory));
-    static const struct { remesh_method method; inverse_choice owner; contact_placement placement; bool exact; } cases[] = {
+    static const struct { int method; inverse_choice owner; contact_placement placement; bool exact; } cases[] = {
         {REMESH_NESTED, INVERSE_DENSE, PLACE_INSIDE, true}, {REMESH_NESTED, INVERSE_DENSE, PLACE_ON_FACES, true},
         {REMESH_NESTED, INVERSE_CONDENSED, PLACE_INSIDE, true}, {REMESH_NESTED, INVERSE_SPARSE, PLACE_INSIDE, false},
         {REMESH_IMPLICIT, INVERSE_DENSE, PLACE_INSIDE, false}, {REMESH_IMPLICIT, INVERSE_SPARSE, PLACE_ON_FACES, false},
@@ -103,7 +103,7 @@ static void every_method_and_inverse_can_be_restored(void **unused) {
     checkpoint *saved = malloc(sizeof *saved);
     for (size_t i = 0; i < sizeof cases / sizeof *cases; i++) {
         simulation_config c = lockstep_config();
-        c.remeshing = cases[i].method;
+        c.remeshing = (remesh_method)cases[i].method;
         c.inverse = cases[i].owner;
         c.insertion.placement = cases[i].placement;
         strcpy(c.cache, directory);
@@ -158,7 +158,7 @@ static void non_finite_state_restarts(void **unused) {
     simulation_config c = lockstep_config();
     lockstep *l = inserted(&c);
     double depth = l->wrench.depth;
-    l->state.contacts[2].slip = NAN;
+    l->state.contacts[2].shaft.slip = NAN;
     lockstep_move(l, v3(0, 0, 0.0001), 1e-3, 1e-3);
     assert_true(l->wrench.events & EVENT_UNSTABLE);
     assert_true(v3_norm(l->wrench.force) == 0.0 && v3_norm(l->wrench.torque) == 0.0);

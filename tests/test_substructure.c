@@ -109,7 +109,7 @@ static void check(const mesh *m, const bool *fixed, volumetric_strain strain, in
     assert_int_equal(substructure_plan(&t, NULL, count, region, nodes, &s, &why), TROCAR_OK);
     assert_int_equal(s.region_count, free_nodes);
     last_fraction = 0.0;
-    assert_int_equal(substructure_eliminate(&s, &corner, (inverse_progress){note, NULL}, &why), TROCAR_OK);
+    assert_int_equal(substructure_eliminate(&s, &corner, (inverse_progress){.show = note}, &why), TROCAR_OK);
     assert_true(last_fraction == 1.0);
     double *expected = whole_inverse(&t), *found = corner_inverse(&corner, 3 * free_nodes);
     for (int j = 0; j < 3 * free_nodes; j++)
@@ -189,7 +189,7 @@ static void loose_body_is_refused(void **state) {
                 if (in_column(&m, n, box)) region[count++] = n;
             assert_int_equal(tissue_assemble(&m, materials, fixed, STRAIN_BY_PATCH, &t, &why), TROCAR_OK);
             assert_int_equal(substructure_plan(&t, NULL, count, region, nodes, &s, &why), TROCAR_OK);
-            assert_int_equal(substructure_eliminate(&s, &corner, (inverse_progress){NULL, NULL}, &why), TROCAR_BAD_INPUT);
+            assert_int_equal(substructure_eliminate(&s, &corner, (inverse_progress){0}, &why), TROCAR_BAD_INPUT);
             assert_non_null(strstr(why.text, "do not constrain the whole body"));
             assert_int_equal(corner.count, 0);
             substructure_free(&s);
@@ -228,7 +228,7 @@ static void small_loose_piece_is_refused(void **state) {
         }
         assert_int_equal(tissue_assemble(&m, materials, fixed, STRAIN_BY_PATCH, &t, &why), TROCAR_OK);
         assert_int_equal(substructure_plan(&t, NULL, count, region, nodes, &s, &why), TROCAR_OK);
-        assert_int_equal(substructure_eliminate(&s, &corner, (inverse_progress){NULL, NULL}, &why), TROCAR_BAD_INPUT);
+        assert_int_equal(substructure_eliminate(&s, &corner, (inverse_progress){0}, &why), TROCAR_BAD_INPUT);
         substructure_free(&s);
         tissue_free(&t);
         mesh_free(&m);
@@ -320,11 +320,11 @@ static void large_fronts_agree_with_the_factor(void **state) {
         assert_true(has_front_of_several_panels(&s));
         assert_true((empty_blocks(&s) > 0) == wide);
         double before = begin_counting();
-        assert_int_equal(substructure_eliminate(&s, &corner, (inverse_progress){note_memory, NULL}, &why), TROCAR_OK);
+        assert_int_equal(substructure_eliminate(&s, &corner, (inverse_progress){.show = note_memory}, &why), TROCAR_OK);
         assert_predicted(s.bytes, most_used - before);
         assert_true(corner.count > 1);
         s.team = NULL;
-        assert_int_equal(substructure_eliminate(&s, &alone, (inverse_progress){NULL, NULL}, &why), TROCAR_OK);
+        assert_int_equal(substructure_eliminate(&s, &alone, (inverse_progress){0}, &why), TROCAR_OK);
         assert_same_bits(&corner, &alone);
         panels_free(&alone);
         if (!t.factor) assert_int_equal(tissue_factor(&t, 0, NULL, &why), TROCAR_OK);

@@ -22,7 +22,6 @@
 typedef struct {
     host host;
     exchange exchange;
-    worker worker;
     telemetry telemetry;
     trocar_loop_timing_t *timing;      /* first of each kind */
     trocar_status_t *status;
@@ -55,7 +54,7 @@ static int open_with(void **state, const char *needles) {
     telemetry_settings given = {.lcm_url = "memq://", .scene_path = trocar_scene_path(f->host.scene), .rate_hz = 1000,
                                 .flags = TROCAR_NEEDLE_WRENCH_T_NOT_REALTIME, .server = 55};
     if (exchange_create(&f->exchange, f->host.model, &why) != TROCAR_OK
-        || telemetry_create(&f->telemetry, &given, f->host.model, &f->worker, &f->exchange, &why) != TROCAR_OK) {
+        || telemetry_create(&f->telemetry, &given, f->host.model, &f->exchange, &why) != TROCAR_OK) {
         print_error("%s\n", why.text);
         return -1;
     }

@@ -35,12 +35,12 @@ sed -E 's/"(portable|avx512)"/"other_\1"/; s/0.0008/8e-4/' docs/results/tick-gua
 compare "$bench" --ticks 20 --rounds 1 --record "$work/record.json" >/dev/null
 [ "$(grep -cE '^  "(portable|avx512|other_portable|other_avx512)"' "$work/record.json")" -eq 3 ] || { echo 'FAILED: rows of other kernels are not kept'; exit 1; }
 
-# The wider kernels run where the processor has all that they need, as in core/base/part.h.
+# The wider kernels run where the processor has all that they need, as in core/linalg/simd_wide.h.
 python3 - <<'END'
 import re
 import runpy
 kernels_for = runpy.run_path("scripts/compare_ticks")["kernels_for"]
-with open("core/base/part.h", encoding="utf-8") as file:
+with open("core/linalg/simd_wide.h", encoding="utf-8") as file:
     needed = re.findall(r'__builtin_cpu_supports\("(\w+)"\)', file.read())
 assert len(needed) > 1
 assert kernels_for("flags : fma " + " ".join(needed)) == "avx512"

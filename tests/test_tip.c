@@ -8,8 +8,6 @@
 #include <stddef.h>
 #include <cmocka.h>
 
-static const vec3 NO_GRADIENT = {0, 0, 0};
-
 static lockstep *touching(void) {
     simulation_config c = lockstep_config();
     lockstep *l = lockstep_create(&c, lockstep_start());
@@ -23,7 +21,8 @@ static lockstep *touching(void) {
 static tick_output go(lockstep *l, double slip) {
     tick_output wrench = {.membrane = -1};
     l->state.tip.slip = slip;
-    tip_move(&(tick_context){.model = &l->simulation.insertion, .state = &l->state, .output = &wrench}, NO_GRADIENT);
+    const tick_context tick = {.model = &l->simulation.insertion, .state = &l->state, .output = &wrench};
+    tip_move(&tick, tip_aim(&tick, v3(0, 0, 0)));
     return wrench;
 }
 

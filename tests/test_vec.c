@@ -5,7 +5,7 @@
 #include <stdint.h>
 #include <stdlib.h>
 
-#include "base/vec_lanes.h"
+#include "linalg/vec_simd4.h"
 
 #include <cmocka.h>
 
@@ -116,7 +116,7 @@ static void logarithm_undoes_exponential(void **state) {
     assert_close_vector(beyond, v3(0, 0, -0.5 * M_PI), 1e-14);
 }
 
-static vec3 lane_of(vec3_lanes v, int i) { return v3(v.x[i], v.y[i], v.z[i]); }
+static vec3 lane_of(vec3_simd4 v, int i) { return v3(v.x[i], v.y[i], v.z[i]); }
 
 static void assert_close_quat(quat a, quat b) {
     const double differences[] = {a.w - b.w, a.x - b.x, a.y - b.y, a.z - b.z};
@@ -127,10 +127,10 @@ static void assert_close_quat(quat a, quat b) {
 static void four_at_once_are_as_one_by_one(void **state) {
     (void)state;
     for (int n = 0; n < 1000; n++) {
-        vec3 a[LANES], b[LANES];
-        quat p[LANES], q[LANES], exps[LANES], products[LANES], units[LANES];
-        vec3_lanes va, vb;
-        for (int i = 0; i < LANES; i++) {
+        vec3 a[SIMD4_WIDTH], b[SIMD4_WIDTH];
+        quat p[SIMD4_WIDTH], q[SIMD4_WIDTH], exps[SIMD4_WIDTH], products[SIMD4_WIDTH], units[SIMD4_WIDTH];
+        vec3_simd4 va, vb;
+        for (int i = 0; i < SIMD4_WIDTH; i++) {
             a[i] = v3_scale(pow(10.0, 3.0 * uniform() - 3.0), random_vector());
             b[i] = random_vector();
             p[i] = q_unit((quat){uniform(), uniform(), uniform(), uniform()});
@@ -141,10 +141,10 @@ static void four_at_once_are_as_one_by_one(void **state) {
         }
         ql_store(exps, ql_exp(va));
         ql_store(products, ql_multiply(ql_load(p), ql_conjugate(ql_load(q))));
-        ql_store(units, ql_unit((quat_lanes){va.x, va.y, va.z, vb.x}));
-        vec3_lanes log = ql_log(ql_load(q)), cross = v3l_cross(va, vb), unit = v3l_unit(vb);
-        vec3_lanes axes[3] = {ql_axis_x(ql_load(p)), ql_axis_y(ql_load(p)), ql_axis(ql_load(p))};
-        for (int i = 0; i < LANES; i++) {
+        ql_store(units, ql_unit((quat_simd4){va.x, va.y, va.z, vb.x}));
+        vec3_simd4 log = ql_log(ql_load(q)), cross = v3l_cross(va, vb), unit = v3l_unit(vb);
+        vec3_simd4 axes[3] = {ql_axis_x(ql_load(p)), ql_axis_y(ql_load(p)), ql_axis(ql_load(p))};
+        for (int i = 0; i < SIMD4_WIDTH; i++) {
             assert_close_quat(exps[i], q_exp(a[i]));
             assert_close_quat(products[i], q_multiply(p[i], q_conjugate(q[i])));
             assert_close_quat(units[i], q_unit((quat){a[i].x, a[i].y, a[i].z, b[i].x}));

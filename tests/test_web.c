@@ -116,8 +116,8 @@ typedef struct {
     bool no_server;          /* driving is not allowed */
 } fixture;
 
-static char *describe(void *context, bool drives, bool driven) {
-    (void)context, (void)drives, (void)driven;
+static char *describe(void *context, bool drives, bool driven, uint32_t steered) {
+    (void)context, (void)drives, (void)driven, (void)steered;
     return strdup("{}");
 }
 

@@ -123,12 +123,16 @@ static void failure_keeps_the_last_snapshot_and_is_reported(void **state) {
     assert_int_equal(answer(f, 1), 1);
     ask(f, BAD_SERIAL);
     int64_t end = monotonic_ns() + 1000000000;
-    while (!atomic_load(&f->worker.failed) && monotonic_ns() < end) sleep_until(monotonic_ns() + 1000000);
-    assert_true(atomic_load(&f->worker.failed));
-    assert_string_equal(f->worker.why.text, "request 66: no good");
+    const worker_fault *fault = triple_buffer_read(&f->exchange.faults, NULL);
+    for (; !fault->lasts && monotonic_ns() < end; fault = triple_buffer_read(&f->exchange.faults, NULL)) sleep_until(monotonic_ns() + 1000000);
+    assert_true(fault->lasts);
+    assert_string_equal(fault->why.text, "request 66: no good");
     assert_int_equal(atomic_load(&f->answered), 1);
-    ask(f, 2); /* recovers */
+    ask(f, 2); /* recovers, and nothing is wrong any more */
     assert_int_equal(answer(f, 2), 2);
+    end = monotonic_ns() + 1000000000;
+    for (; fault->lasts && monotonic_ns() < end; fault = triple_buffer_read(&f->exchange.faults, NULL)) sleep_until(monotonic_ns() + 1000000);
+    assert_false(fault->lasts);
 }
 
 static void idle_time_is_used_for_prefetching(void **state) {

@@ -4,6 +4,7 @@
 
 static const double CLEARANCE = 0.003; /* m, of the tip in front of the template */
 static const double HERE = 1e-9;       /* m and rad, rounding */
+static const double IN_LINE = 0.5e-3;  /* m, of base and tip beside the hole's axis */
 
 pose hole_home(const trocar_guide *guide, double column, double row, double needle_length) {
     pose home = hole_entry(guide, column, row);
@@ -16,6 +17,12 @@ pose hole_home_beside(const trocar_guide *guide, pose base, double needle_length
     double column = round(v3_dot(from, load_vec3(guide->across[0])) / guide->spacing + 0.5 * (guide->columns - 1));
     double row = round(v3_dot(from, load_vec3(guide->across[1])) / guide->spacing + 0.5 * (guide->rows - 1));
     return hole_home(guide, fmax(0, fmin(column, guide->columns - 1)), fmax(0, fmin(row, guide->rows - 1)), needle_length);
+}
+
+bool in_line_with_hole(pose home, pose base, double needle_length) {
+    quat to_home = q_conjugate(home.orientation);
+    vec3 from = q_rotate(to_home, v3_sub(base.position, home.position)), tip = v3_axpy(needle_length, q_rotate(to_home, q_axis(base.orientation)), from);
+    return hypot(from.x, from.y) < IN_LINE && hypot(tip.x, tip.y) < IN_LINE;
 }
 
 /* The part of `rest` that a step of at most `most` leaves. */

@@ -9,6 +9,7 @@
 #include "timing.h"
 #include "trocar_command_t.h"
 
+static const int64_t RECENT = 500000000; /* ns */
 static const double FAR = 0.5; /* m from its home: a needle that was removed */
 
 static const trocar_status_t *status_of(const pilot *p, int needle) { return p->feed->needles[needle].status; }
@@ -18,33 +19,65 @@ static bool rests(const pilot *p, int needle) {
     return status && status->state == TROCAR_STATUS_T_RESTING;
 }
 
+/* One that rests, or that nobody holds. */
+static bool may_remove(const pilot *p, int needle) {
+    const trocar_status_t *status = status_of(p, needle);
+    return rests(p, needle) || (status && status->state == TROCAR_STATUS_T_HELD && subscriber_owner(p->feed, needle) == 0);
+}
+
 static void begin_handover(pilot *p, handover what) {
     p->handing = what;
     p->handing_since = monotonic_ns();
+}
+
+/* As far as a wrench says that is not older than half a second: a needle that rests, or has not been held, has none. */
+static bool is_in_tissue(const pilot *p, int needle) {
+    const needle_feed *n = &p->feed->needles[needle];
+    return n->wrench.depth > 0.0 && monotonic_ns() - n->heard < RECENT;
 }
 
 /* ---- orders ---- */
 
 /* To go to a hole that the browser has chosen. False: there is no such hole, or the needle is not known to be outside of the tissue: of one that
    has just been taken the last wrench may be from before it rested. */
-static bool order_hole(const pilot *p, const float *asked, publisher_order *order) {
-    trocar_guide guide = trocar_model_guide(p->model, (int)fmaxf(-1, fminf(asked[0], 1000)));
+static bool order_hole(pilot *p, const float *asked, publisher_order *order) {
+    int index = (int)fmaxf(-1, fminf(asked[0], 1000));
+    trocar_guide guide = trocar_model_guide(p->model, index);
     double column = asked[1], row = asked[2];
     if (!(column >= 0 && column <= guide.columns - 1 && row >= 0 && row <= guide.rows - 1)) return false;
     *order = (publisher_order){.kind = ORDER_HOLE, .home = hole_home(&guide, column, row, p->needle_length)};
     const trocar_needle_wrench_t *wrench = &p->feed->needles[p->needle].wrench;
-    return wrench->session == p->publisher.session && wrench->depth == 0.0;
+    if (wrench->session != p->publisher.session || wrench->depth != 0.0) return false;
+    p->has_hole = true;
+    p->guide = index;
+    p->column = (int)column;
+    p->row = (int)row;
+    return true;
 }
 
+/* A needle that nobody holds, in the tissue, would be straightened and the tissue relaxed if it were simply held. So it is let rest first, and then taken. */
 static publisher_order order_take(pilot *p, int needle) {
     pose home = p->homes[needle], base;
     publisher_order order = {.kind = ORDER_TAKE, .needle = needle, .rests = rests(p, needle), .home = home, .base = home};
     if (subscriber_base(p->feed, needle, &base) && v3_norm(v3_sub(base.position, home.position)) < FAR) order.base = base;
     if (order.rests) order.home = find_home_of_base(p->model, p->needle_length, order.base, home);
+    bool lies = p->lies_down && !order.rests && is_in_tissue(p, needle);
+    if (lies) order.kind = ORDER_LAY;
     p->needle = needle;
     p->driving = true;
-    begin_handover(p, order.rests ? HANDING_TAKEN : HANDING_NOTHING);
+    p->has_hole = false;
+    p->lost = "";
+    begin_handover(p, lies ? HANDING_LAID : order.rests ? HANDING_TAKEN : HANDING_NOTHING);
     return order;
+}
+
+/* The browser gives the needle up. */
+static publisher_order order_release(pilot *p) {
+    bool holds = p->driving && p->handing == HANDING_NOTHING && subscriber_owner(p->feed, p->needle) == p->publisher.session;
+    bool drops = p->lies_down && holds && !rests(p, p->needle) && is_in_tissue(p, p->needle);
+    p->driving = p->has_hole = false;
+    begin_handover(p, drops ? HANDING_DROPPED : HANDING_NOTHING);
+    return (publisher_order){.kind = drops ? ORDER_LEAVE : ORDER_RELEASE};
 }
 
 void pilot_act(pilot *p, const web_action *action) {
@@ -73,59 +106,84 @@ void pilot_act(pilot *p, const web_action *action) {
         begin_handover(p, HANDING_LEFT);
         break;
     case ACTION_REMOVE:
-        if (action->needle >= (uint32_t)p->feed->needle_count || !rests(p, (int)action->needle)) return;
+        if (action->needle >= (uint32_t)p->feed->needle_count || !may_remove(p, (int)action->needle)) return;
         order.kind = ORDER_REMOVE;
         order.needle = (int)action->needle;
         break;
-    default:
-        order.kind = ORDER_RELEASE;
-        p->driving = false;
-        p->handing = HANDING_NOTHING;
-        break;
+    default: order = order_release(p); break;
     }
     publisher_tell(&p->publisher, &order);
 }
 
+void pilot_let_go(pilot *p, const char *why) {
+    bool drove = p->driving;
+    web_let_go(p->web);
+    if (drove) p->lost = why;
+}
+
 /* ---- changing hands ---- */
 
-/* The server's answer to the hand-over of the driven needle. Its next status may come a while later: until then, a needle that has been left would look as
-   if it could be driven without being taken. */
+static void tell(pilot *p, order_kind kind) { publisher_tell(&p->publisher, &(publisher_order){.kind = kind}); }
+
+/* The server has let the driven needle rest, or has refused to. Its next status may come a while later: until then, the needle would look as if it could be driven
+   without being taken. */
+static void heed_left(pilot *p, bool done) {
+    handover was = p->handing;
+    trocar_status_t *status = p->feed->needles[p->needle].status;
+    if (done && status) status->state = TROCAR_STATUS_T_RESTING;
+    p->handing = HANDING_NOTHING;
+    if (was == HANDING_LAID && done) {
+        publisher_order order = order_take(p, p->needle);
+        publisher_tell(&p->publisher, &order);
+    } else if (was == HANDING_DROPPED) tell(p, ORDER_RELEASE);
+    else if (was == HANDING_LAID || done) web_let_go(p->web);
+    else tell(p, ORDER_GO_ON);
+}
+
+/* The server's answer to the hand-over of the driven needle. */
 static void heed_reply(pilot *p) {
     const trocar_command_reply_t *reply = p->feed->reply;
     bool is_new = p->feed->replies_heard != p->replies_heeded;
     p->replies_heeded = p->feed->replies_heard;
     if (!is_new || !reply || reply->needle != p->needle || p->handing == HANDING_NOTHING) return;
-    bool left = reply->command == TROCAR_COMMAND_T_LEAVE, taken = reply->command == TROCAR_COMMAND_T_TAKE, done = reply->status == TROCAR_COMMAND_REPLY_T_DONE;
-    if (!left && !taken) return;
-    trocar_status_t *status = p->feed->needles[p->needle].status;
-    if (left && done && status) status->state = TROCAR_STATUS_T_RESTING;
-    if (left == done) web_let_go(p->web); /* it rests */
-    else publisher_tell(&p->publisher, &(publisher_order){.kind = ORDER_GO_ON});
-    if (left) p->handing = HANDING_NOTHING; /* that it has been taken is seen in its status a little later */
+    bool done = reply->status == TROCAR_COMMAND_REPLY_T_DONE;
+    if (reply->command == TROCAR_COMMAND_T_LEAVE && p->handing != HANDING_TAKEN) heed_left(p, done);
+    else if (reply->command != TROCAR_COMMAND_T_TAKE || p->handing != HANDING_TAKEN) return;
+    else if (done) tell(p, ORDER_GO_ON); /* that it has been taken is seen in its status a little later */
+    else web_let_go(p->web);
 }
 
 /* Ends a hand-over of which no more is to be expected. */
 static void watch_handover(pilot *p) {
     const trocar_status_t *status = status_of(p, p->needle);
     bool taken = p->handing == HANDING_TAKEN && status && status->state == TROCAR_STATUS_T_HELD;
-    if (taken || monotonic_ns() - p->handing_since > HANDOVER_PATIENCE) p->handing = HANDING_NOTHING;
+    if (!taken && monotonic_ns() - p->handing_since <= HANDOVER_PATIENCE) return;
+    handover was = p->handing;
+    p->handing = HANDING_NOTHING;
+    if (was == HANDING_DROPPED) tell(p, ORDER_RELEASE);
+    if (was == HANDING_LAID) pilot_let_go(p, "the server did not answer");
 }
 
 void pilot_hear(pilot *p) {
-    if (p->feed->servers != p->servers) web_let_go(p->web);
+    if (p->feed->servers != p->servers) pilot_let_go(p, "another server has started");
     p->servers = p->feed->servers;
     heed_reply(p);
     watch_handover(p);
 }
 
-bool pilot_has(const pilot *p, int needle) {
+const char *pilot_trouble(const pilot *p, int needle) {
     int64_t owner = subscriber_owner(p->feed, needle);
     const trocar_status_t *status = status_of(p, needle);
     bool held = status == NULL || status->state == TROCAR_STATUS_T_HELD || (needle == p->needle && p->handing != HANDING_NOTHING);
-    return subscriber_alive(p->feed) && held && (owner == 0 || owner == p->publisher.session);
+    if (!subscriber_alive(p->feed)) return "nothing was heard of the server for half a second";
+    if (owner != 0 && owner != p->publisher.session) return "another client has it";
+    return held ? NULL : "it rests";
 }
 
+bool pilot_has(const pilot *p, int needle) { return pilot_trouble(p, needle) == NULL; }
+
 bool pilot_may_take(const pilot *p, int needle) {
+    if (!p->driving && p->handing == HANDING_DROPPED) return false; /* soon */
     return pilot_has(p, needle) || (!p->driving && subscriber_alive(p->feed) && rests(p, needle));
 }
 
@@ -135,6 +193,8 @@ trocar_status pilot_open(pilot *p, lcm_t *lcm, report *why) {
     trocar_status status = publisher_create(&p->publisher, lcm, p->needle_length, why);
     if (status != TROCAR_OK) return status;
     p->feed->session = p->publisher.session;
+    p->lies_down = find_template(p->model) >= 0;
+    p->lost = "";
     int error = pthread_create(&p->thread, NULL, publisher_run, &p->publisher);
     p->running = error == 0;
     if (p->running) return TROCAR_OK;

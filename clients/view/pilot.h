@@ -8,8 +8,14 @@
 #include "subscriber.h"
 #include "web.h"
 
-/* A resting needle changes hands: until the server has answered, the browser keeps it although it rests. */
-typedef enum { HANDING_NOTHING, HANDING_LEFT, HANDING_TAKEN } handover;
+/* A needle changes hands. Until the server has answered, the browser keeps a needle that it leaves or takes although it rests. */
+typedef enum {
+    HANDING_NOTHING,
+    HANDING_LEFT,
+    HANDING_TAKEN,
+    HANDING_LAID,            /* it is to rest in order to be taken: nobody held it, and it was in the tissue */
+    HANDING_DROPPED          /* it is to rest because its browser has let go of it in the tissue; nobody drives */
+} handover;
 
 typedef struct {
     const trocar_model *model;
@@ -25,6 +31,10 @@ typedef struct {
     handover handing;        /* whether that needle is being left or taken, */
     int64_t handing_since;   /* ns, monotonic */
     int64_t replies_heeded;  /* value of subscriber.replies_heard */
+    bool lies_down;          /* a needle in the tissue rests once its browser has let go of it: the scene has a template */
+    bool has_hole;           /* the driven needle is to go to a hole of the template: */
+    int guide, column, row;
+    const char *lost;        /* why its browser lost the needle without asking, "" while one drives and if it asked */
     int64_t servers;         /* value of subscriber.servers for the server that browsers drive */
 } pilot;
 
@@ -39,6 +49,12 @@ void pilot_act(pilot *p, const web_action *action);
 
 /* After messages have been received. After a change of server the driving browser loses the needle, because the new server starts without an insertion. */
 void pilot_hear(pilot *p);
+
+/* Why this needle cannot be driven, NULL if it can. */
+const char *pilot_trouble(const pilot *p, int needle);
+
+/* The driving browser loses the needle for this reason, a string that stays. */
+void pilot_let_go(pilot *p, const char *why);
 
 /* Whether a server is running and this needle neither rests, unless it is being handed over, nor is owned by another client. */
 bool pilot_has(const pilot *p, int needle);

@@ -19,6 +19,7 @@ enum { ORDERS = 256 };
 static const int64_t PERIOD = 1000000;         /* ns */
 static const int64_t PROBE_PERIOD = 10000000;  /* ns; the server takes 100 poses a second */
 static const double LONGEST_STEP = 0.01;       /* s, longest time step */
+static const double AT_HOME = 1e-6;            /* m, rounding */
 static const int64_t SILENCE = 250000000;      /* ns without an order after which the needle stops */
 static const int64_t SERVER_SILENCE = 100000000; /* ns without a wrench after which no poses are sent */
 
@@ -27,7 +28,7 @@ static const rate_control_limits PROBE_LIMITS = {.max_speed = 0.02, .max_turn_ra
                                                  .max_tilt = 0.35};
 
 trocar_status publisher_create(pose_publisher *p, lcm_t *lcm, double needle_length, report *why) {
-    *p = (pose_publisher){.lcm = lcm, .limits = rate_control_defaults(needle_length), .probe_limits = PROBE_LIMITS, .seq = -1, .probe_seq = -1};
+    *p = (pose_publisher){.lcm = lcm, .needle_length = needle_length, .limits = rate_control_defaults(needle_length), .probe_limits = PROBE_LIMITS, .seq = -1, .probe_seq = -1};
     p->session = session_new();
     p->wake = eventfd(0, EFD_NONBLOCK | EFD_CLOEXEC);
     if (p->wake < 0) return fail(why, TROCAR_SYSTEM, "cannot create an eventfd: %s", strerror(errno));
@@ -66,8 +67,13 @@ static void begin_to_wait(pose_publisher *p, int64_t now) {
     p->waits_since = now;
 }
 
+static void approach(pose_publisher *p, bool goes) { atomic_store_explicit(&p->approaching, goes, memory_order_relaxed); }
+
+static bool approaches(const pose_publisher *p) { return atomic_load_explicit(&p->approaching, memory_order_relaxed); }
+
 static void take(pose_publisher *p, const publisher_order *order, int64_t now) {
     p->holding = true;
+    p->has_hole = false;
     p->needle = order->needle;
     p->home = order->home;
     rate_control_begin(&p->drive, p->home, order->base);
@@ -78,6 +84,12 @@ static void take(pose_publisher *p, const publisher_order *order, int64_t now) {
 
 static bool is_still(const rate_control_command *c) {
     return c->right == 0 && c->up == 0 && c->forward == 0 && c->pitch == 0 && c->yaw == 0 && c->roll == 0;
+}
+
+/* Forward is where it goes by itself once it is in front of its hole. */
+static bool is_still_or_forward(rate_control_command c) {
+    c.forward = fmin(c.forward, 0);
+    return is_still(&c);
 }
 
 /* Where the probe is counts only when it begins to move; after that the server's answer is late. */
@@ -98,31 +110,33 @@ static bool obey(pose_publisher *p, const publisher_order *order, int64_t now) {
     switch (order->kind) {
     case ORDER_STEER:
         p->command = order->command;
-        p->approaching &= is_still(&order->command);
+        if (!is_still_or_forward(order->command)) approach(p, false);
         break;
     case ORDER_TAKE:
         if (p->holding) break;
-        p->approaching = false;
+        approach(p, false);
         p->command = (rate_control_command){0};
         take(p, order, now);
         break;
     case ORDER_RESET:
         publish_own(p, TROCAR_COMMAND_T_RESET, 0);
         rate_control_begin(&p->drive, p->home, p->home);
-        p->approaching = false;
+        approach(p, false);
         break;
     case ORDER_HOLE:
         p->home = order->home;
         rate_control_begin(&p->drive, p->home, p->drive.base);
-        p->approaching = true;
+        p->has_hole = true;
+        approach(p, true);
         break;
     case ORDER_DROP: publish_own(p, TROCAR_COMMAND_T_DROP_SEED, order->seeds); break;
     case ORDER_UNDO: publish_own(p, TROCAR_COMMAND_T_UNDO, 0); break;
     case ORDER_LEAVE:
         publish_own(p, TROCAR_COMMAND_T_LEAVE, 0);
-        p->approaching = false;
+        approach(p, false);
         begin_to_wait(p, now);
         break;
+    case ORDER_LAY: publish_command(p, TROCAR_COMMAND_T_LEAVE, order->needle, 0); break;
     case ORDER_PROBE: break;
     case ORDER_GO_ON: p->waiting = false; break;
     case ORDER_REMOVE: publish_command(p, TROCAR_COMMAND_T_RESET, order->needle, 0); break;
@@ -161,6 +175,16 @@ static void move_probe(pose_publisher *p, int64_t now, double dt) {
     if (!p->probing || now - p->probe_sent >= PROBE_PERIOD) publish_probe(p, now);
 }
 
+/* m, how far the base is ahead of its home. */
+static double ahead_of_home(const pose_publisher *p) { return v3_dot(v3_sub(p->drive.base.position, p->home.position), q_axis(p->home.orientation)); }
+
+/* A needle that is ordered to a hole and stands in front of the template goes no further until it is in line with that hole: else it would enter another one. */
+static rate_control_limits limits_now(const pose_publisher *p) {
+    rate_control_limits limits = p->limits;
+    if (p->has_hole && ahead_of_home(p) <= AT_HOME && !in_line_with_hole(p->home, p->drive.base, p->needle_length)) limits.max_forward = 0;
+    return limits;
+}
+
 bool publisher_round(pose_publisher *p, int64_t now, double dt) {
     bool goes_on = true;
     int64_t heard = atomic_load_explicit(&p->heard, memory_order_acquire); /* read before the orders: see publisher_hear */
@@ -176,8 +200,9 @@ bool publisher_round(pose_publisher *p, int64_t now, double dt) {
     }
     bool silent = now - p->ordered > SILENCE;
     if (silent) p->command = (rate_control_command){0};
-    if (p->approaching && !silent) p->approaching = !approach_step(&p->drive, &p->limits, dt);
-    else rate_control_step(&p->drive, &p->limits, p->command, dt);
+    rate_control_limits limits = limits_now(p);
+    if (approaches(p) && !silent) approach(p, !approach_step(&p->drive, &limits, dt));
+    else rate_control_step(&p->drive, &limits, p->command, dt);
     publish_pose(p);
     return true;
 }

@@ -16,10 +16,11 @@ typedef enum {
     ORDER_TAKE,
     ORDER_STEER,
     ORDER_RESET,
-    ORDER_HOLE,
+    ORDER_HOLE,              /* goes to `home` in front of a hole of the template. From then on the needle passes the template's face through this hole only */
     ORDER_DROP,
     ORDER_UNDO,
     ORDER_LEAVE,             /* the needle is to rest; no poses meanwhile, until GO_ON or RELEASE, or for two seconds */
+    ORDER_LAY,               /* lets a needle rest that nobody holds, in order to TAKE it */
     ORDER_GO_ON,             /* the server has handed the resting needle over, or has refused to leave it */
     ORDER_REMOVE,            /* pulls out a needle that rests */
     ORDER_PROBE,
@@ -29,10 +30,10 @@ typedef enum {
 
 typedef struct {
     order_kind kind;
-    int needle;              /* TAKE, REMOVE: which one */
+    int needle;              /* TAKE, LAY, REMOVE: which one */
     bool rests;              /* TAKE: it rests, and is handed over before there are poses, as in LEAVE */
     int seeds;               /* DROP: how many */
-    pose home, base;         /* TAKE: where it waits outside (also of HOLE: goes there unless it is steered), and its initial pose;
+    pose home, base;         /* TAKE: where it waits outside (also of HOLE: goes there unless it is steered sideways, turned or drawn back), and its initial pose;
                                 PROBE: where the probe is */
     rate_control_command command;   /* STEER, PROBE */
 } publisher_order;
@@ -40,10 +41,12 @@ typedef struct {
 typedef struct {
     lcm_t *lcm;              /* shared: lcm_publish is thread-safe */
     int64_t session;
+    double needle_length;    /* m */
     rate_control_limits limits, probe_limits;
     spsc_ring orders;        /* publisher_order */
     int wake;                /* eventfd */
     _Atomic int64_t heard;   /* ns, monotonic: arrival of the last wrench */
+    atomic_bool approaching; /* on the way home; written by the thread */
 
     /* used by the thread only */
     rate_control_state drive;
@@ -51,7 +54,7 @@ typedef struct {
     int needle;              /* held now, or last */
     pose home;               /* of that needle */
     bool holding;
-    bool approaching;        /* on the way home */
+    bool has_hole;           /* `home` is in front of the hole that it was ordered to */
     bool waiting;            /* for the server: see ORDER_LEAVE */
     int64_t waits_since;     /* ns, monotonic */
     int64_t ordered;         /* ns, monotonic: last order */

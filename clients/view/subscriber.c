@@ -5,6 +5,7 @@
 
 #include "lcm_filter.h"
 #include "message_fit.h"
+#include "printable.h"
 #include "messages.h"
 #include "timing.h"
 #include "trocar_command_t.h"
@@ -14,6 +15,8 @@
 enum { QUEUE = 512 * TROCAR_MAX_NEEDLES }; /* half a second of wrenches */
 
 static const int64_t SILENCE = 500000000; /* ns without a wrench after which the server is considered gone */
+static const int64_t STALL = 150000000;   /* ns, of which more between two checks is a pause of this program; the viewer checks each 0.1 s */
+static const double OWNER_SILENCE = 2.0;  /* s, as in the server */
 static const int64_t NEWS = 150000000; /* ns for which a needle's last wrench knows its owner better than the last status */
 
 /* ---- the channels ---- */
@@ -79,7 +82,9 @@ static void on_wrench(const lcm_recv_buf_t *received, const char *channel, void 
     note_server(f, &w);
     n->wrench = w;
     f->tick = w.tick;
-    n->heard = f->heard = monotonic_ns();
+    f->probe.stopped = (w.flags & TROCAR_NEEDLE_WRENCH_T_PROBE_STOPPED) != 0;
+    n->heard = f->heard = f->checked = monotonic_ns();
+    f->silence = 0;
     if (!f->timeline) return;
     plot_sample s = sample_of_wrench(subscriber_time(f), &w);
     s.lateness_p99 = (float)f->timing.lateness_p99;
@@ -107,6 +112,7 @@ static void on_status(const lcm_recv_buf_t *received, const char *channel, void 
         f->refused++;
         return;
     }
+    for (char **text = (char *[]){m.host, m.scene, m.inverse, m.message, NULL}; *text; text++) make_printable(*text);
     needle_feed *n = find_needle(f, m.server, m.needle);
     if (n) {
         if (n->status) trocar_status_t_destroy(n->status);
@@ -174,6 +180,7 @@ static void on_reply(const lcm_recv_buf_t *received, const char *channel, void *
     }
     if (m.server == f->choice.followed && m.session == f->session && m.command != TROCAR_COMMAND_T_RELEASE) {
         if (f->reply) trocar_command_reply_t_destroy(f->reply);
+        make_printable(m.message);
         f->reply = trocar_command_reply_t_copy(&m);
         f->replies_heard++;
     }
@@ -189,7 +196,7 @@ static void on_probe(const lcm_recv_buf_t *received, const char *channel, void *
         return;
     }
     if (m.server != f->choice.followed) return;
-    f->probe = (trocar_probe){.contacts = m.contacts, .placed = 1};
+    f->probe = (trocar_probe){.contacts = m.contacts, .placed = 1, .stopped = f->probe.stopped};
     memcpy(f->probe.base.position, m.position, sizeof m.position);
     memcpy(f->probe.base.orientation, m.orientation, sizeof m.orientation);
     memcpy(f->probe.force, m.force, sizeof m.force);
@@ -253,7 +260,12 @@ void subscriber_close(subscriber *f) {
     *f = (subscriber){0};
 }
 
-bool subscriber_alive(const subscriber *f) { return f->heard != 0 && monotonic_ns() - f->heard < SILENCE; }
+bool subscriber_alive(subscriber *f) {
+    int64_t now = monotonic_ns(), since = now - f->checked;
+    f->silence += since < STALL ? since : STALL;
+    f->checked = now;
+    return f->heard != 0 && f->silence < SILENCE;
+}
 
 bool subscriber_shows(const subscriber *f) {
     bool shows = f->probe.placed != 0;
@@ -264,10 +276,11 @@ bool subscriber_shows(const subscriber *f) {
 int64_t subscriber_owner(const subscriber *f, int needle) {
     const needle_feed *n = &f->needles[needle];
     bool newer = n->heard != 0 && monotonic_ns() - n->heard < NEWS;
+    if (n->status && n->status->pose_age > OWNER_SILENCE && (!newer || n->wrench.session == n->status->owner)) return 0;
     return newer || !n->status ? n->wrench.session : n->status->owner;
 }
 
-bool subscriber_base(const subscriber *f, int needle, pose *base) {
+bool subscriber_base(subscriber *f, int needle, pose *base) {
     const trocar_contacts_t *contacts = f->needles[needle].contacts;
     if (!subscriber_alive(f) || !contacts) return false;
     *base = load_pose(contacts->centreline[0], contacts->orientation);

@@ -30,6 +30,7 @@ typedef struct {
     int64_t started;         /* ns, monotonic: time 0 */
     double period;           /* s, period of the server's loop */
     int64_t heard;           /* ns, monotonic: arrival of the last wrench; 0: none */
+    int64_t silence, checked; /* ns since then while this program ran, and when that was counted last */
     int64_t tick, server;    /* of that wrench */
     int64_t servers;         /* number of servers followed so far */
     trocar_loop_timing_t timing;
@@ -50,8 +51,9 @@ typedef struct {
 trocar_status subscriber_open(subscriber *f, lcm_t *lcm, const trocar_model *model, timeline *t, report *why);
 void subscriber_close(subscriber *f);
 
-/* Whether a wrench arrived in the last half second. */
-bool subscriber_alive(const subscriber *f);
+/* Whether a wrench arrived in the last half second in which this program ran: of the time since the last call at most 0.15 s count, because messages that
+   arrive while the program is not scheduled are handled only later. */
+bool subscriber_alive(subscriber *f);
 
 /* s since subscriber_open: the clock of the timeline. */
 double subscriber_time(const subscriber *f);
@@ -59,11 +61,11 @@ double subscriber_time(const subscriber *f);
 /* Whether there is something to show a picture of: a needle or the probe. */
 bool subscriber_shows(const subscriber *f);
 
-/* The session that owns the needle, 0: none, as far as is known. */
+/* The session that owns the needle, 0: none, as far as is known. An owner that has been silent for two seconds, and might lose the needle to anybody, is none. */
 int64_t subscriber_owner(const subscriber *f, int needle);
 
 /* Pose of the needle's base in the server; false if unknown. */
-bool subscriber_base(const subscriber *f, int needle, pose *base);
+bool subscriber_base(subscriber *f, int needle, pose *base);
 
 /* Converts a wrench to a sample for the plots; timing values are zero. */
 plot_sample sample_of_wrench(double time, const trocar_needle_wrench_t *w);

@@ -14,6 +14,7 @@
 #include "homes.h"
 #include "implant.h"
 #include "json.h"
+#include "lcm_filter.h"
 #include "options.h"
 #include "output.h"
 #include "pilot.h"
@@ -51,13 +52,15 @@ typedef struct {
 /* ---- callbacks of the web server ---- */
 
 /* Members of an object. */
-static void write_needle(const view *v, const trocar_status_t *s, json *j) {
+static void write_needle(const view *v, int needle, json *j) {
     static const char *const states[] = {"held", "leaving", "resting", "taking"};
+    const trocar_status_t *s = v->feed.needles[needle].status;
+    int64_t owner = subscriber_owner(&v->feed, needle);
     unsigned bit;
     const char *word;
     json_text(j, "message", s->message);
     json_text(j, "state", (size_t)s->state < sizeof states / sizeof *states ? states[s->state] : "");
-    json_text(j, "owned", s->owner == 0 ? "nobody" : s->owner == v->pilot.publisher.session ? "here" : "elsewhere");
+    json_text(j, "owned", owner == 0 ? "nobody" : owner == v->pilot.publisher.session ? "here" : "elsewhere");
     json_open(j, "flags", '[');
     for (int i = 0; flag_at(i, &bit, &word); i++)
         if ((unsigned)s->flags & bit) json_text(j, NULL, word);
@@ -69,7 +72,7 @@ static void write_needles(const view *v, json *j) {
     json_open(j, "needles", '[');
     for (int i = 0; i < v->needle_count; i++) {
         json_open(j, NULL, '{');
-        if (v->feed.needles[i].status) write_needle(v, v->feed.needles[i].status, j);
+        if (v->feed.needles[i].status) write_needle(v, i, j);
         json_close(j, '}');
     }
     json_close(j, ']');
@@ -85,9 +88,23 @@ static void write_probe(const view *v, json *j) {
     json_close(j, '}');
 }
 
+/* Which server since the start, why a browser has lost the needle, and where the driven needle is to go. */
+static void write_pilot(view *v, json *j) {
+    pilot *p = &v->pilot;
+    json_integer(j, "server", v->feed.servers);
+    json_text(j, "lost", p->lost ? p->lost : "");
+    if (!p->has_hole) return;
+    json_open(j, "hole", '{');
+    json_integer(j, "guide", p->guide);
+    json_integer(j, "column", p->column);
+    json_integer(j, "row", p->row);
+    json_bool(j, "approaching", atomic_load(&p->publisher.approaching));
+    json_close(j, '}');
+}
+
 /* State of the browser and of the server, as JSON: see page/src/link.js. */
-static char *describe(void *context, bool drives, bool driven) {
-    const view *v = context;
+static char *describe(void *context, bool drives, bool driven, uint32_t steered) {
+    view *v = context;
     char *text = NULL;
     size_t length = 0;
     FILE *out = open_memstream(&text, &length);
@@ -100,7 +117,9 @@ static char *describe(void *context, bool drives, bool driven) {
     json_bool(&j, "alive", alive);
     json_bool(&j, "drives", drives);
     json_bool(&j, "driven", driven);
+    json_integer(&j, "steered", steered);
     json_integer(&j, "needle", v->pilot.needle); /* also while the server is silent: the page may still drive it */
+    write_pilot(v, &j);
     if (alive) {
         json_number(&j, "rate", v->feed.timing.rate_hz);
         json_bool(&j, "shown", subscriber_shows(&v->feed));
@@ -129,6 +148,8 @@ static bool may_drive(void *context, uint32_t needle) {
     view *v = context;
     if (!v->lcm || needle >= (uint32_t)v->needle_count) return false;
     receive(v);
+    const char *trouble = v->pilot.driving ? pilot_trouble(&v->pilot, v->pilot.needle) : NULL;
+    if (trouble) pilot_let_go(&v->pilot, trouble);
     return pilot_may_take(&v->pilot, (int)needle);
 }
 
@@ -143,7 +164,8 @@ static void take_png(void *context, const void *png, size_t size) {
 static void on_lcm(void *context) {
     view *v = context;
     receive(v);
-    if (!pilot_has(&v->pilot, v->pilot.needle)) web_let_go(v->web);
+    const char *trouble = pilot_trouble(&v->pilot, v->pilot.needle);
+    if (trouble) pilot_let_go(&v->pilot, trouble);
     publisher_hear(&v->pilot.publisher, v->feed.heard);
     web_news(v->web);
 }
@@ -211,7 +233,7 @@ static trocar_status open_web(view *v, report *why) {
 
 static trocar_status open_live(view *v, report *why) {
     const char *url = v->options->lcm_url;
-    v->lcm = lcm_create(url);
+    v->lcm = lcm_filter_create(url);
     if (!v->lcm)
         return fail(why, TROCAR_SYSTEM, "cannot open LCM at %s: is there a multicast route (docs/troubleshooting.md)?", url ? url : "its default URL");
     trocar_status status = subscriber_open(&v->feed, v->lcm, v->model, &v->timeline, why);

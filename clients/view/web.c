@@ -28,6 +28,7 @@ typedef struct browser {
     bool refused;            /* is sent the reason and disconnected; not in `browsers` */
     int in_flight;
     int silent;              /* statuses since its last message */
+    uint32_t steered;        /* number of its last command to move */
     byte_buffer received;    /* part of the message received so far */
 } browser;
 
@@ -96,7 +97,7 @@ static int filter(const web *w, struct lws *wsi, bool socket) {
 
 static void append_status(web *w, browser *b) {
     b->wants_status = false;
-    char *json = w->settings.describe(w->settings.context, b == w->driver, w->driver != NULL);
+    char *json = w->settings.describe(w->settings.context, b == w->driver, w->driver != NULL, b->steered);
     if (json) encode_json(&w->update, SECTION_STATUS, json);
     free(json);
 }
@@ -219,6 +220,7 @@ static bool take_message(web *w, browser *b) {
     web_action action;
     if (m->failed || m->length < sizeof action) return false;
     memcpy(&action, m->data, sizeof action);
+    if (action.kind == ACTION_STEER || action.kind == ACTION_PROBE) b->steered = action.needle;
     if (action.kind == ACTION_PICTURE && w->settings.take_png) {
         w->settings.take_png(w->settings.context, m->data + sizeof action, m->length - sizeof action);
         return true;

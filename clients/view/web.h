@@ -15,7 +15,7 @@ typedef enum { ACTION_ACKNOWLEDGE = 1, ACTION_TAKE, ACTION_STEER, ACTION_RESET, 
 typedef struct {
     uint32_t kind;
     float steer[6];          /* ACTION_STEER and ACTION_PROBE: right, up, forward, pitch, yaw, roll, each -1 .. 1; ACTION_HOLE: guide, column, row; ACTION_DROP: seeds */
-    uint32_t needle;         /* ACTION_TAKE, ACTION_REMOVE */
+    uint32_t needle;         /* ACTION_TAKE, ACTION_REMOVE; of ACTION_STEER and ACTION_PROBE a number that the next status returns */
 } web_action;
 _Static_assert(sizeof(web_action) == WEB_ACTION_BYTES, "link.js writes 32 bytes");
 
@@ -38,7 +38,8 @@ typedef struct {
     const web_section *sections; /* [section_count], at most WEB_SECTIONS; sent after the scene */
     int section_count;
     void *context;           /* passed to the functions below */
-    char *(*describe)(void *context, bool drives, bool driven);  /* state as JSON, freed by the caller; NULL: none */
+    char *(*describe)(void *context, bool drives, bool driven, uint32_t steered);  /* state as JSON, freed by the caller; NULL: none. `steered`: the number of
+                                the browser's last ACTION_STEER or ACTION_PROBE, 0: none yet */
     void (*act)(void *context, const web_action *action);        /* action of the driving browser; ACTION_REMOVE also of another while none drives */
     bool (*may_drive)(void *context, uint32_t needle);  /* whether a browser may take and keep this needle; NULL: always */
     void (*take_png)(void *context, const void *png, size_t size); /* NULL: pictures are rejected */

@@ -256,12 +256,12 @@ _Static_assert(sizeof(needle_head) == 48, "decode.js: NEEDLE_BYTES");
 /* Base (w x y z) and force and torque on the hand, as in probe_wrench_t. */
 typedef struct {
     float position[3], orientation[4], force[3], torque[3];
-    uint32_t contacts, unused[2];
+    uint32_t contacts, stopped, unused;
 } sent_probe;
 _Static_assert(sizeof(sent_probe) == 64, "decode.js: PROBE_BYTES");
 
 static void append_probe(byte_buffer *b, const trocar_probe *p) {
-    sent_probe sent = {.contacts = (uint32_t)p->contacts};
+    sent_probe sent = {.contacts = (uint32_t)p->contacts, .stopped = p->stopped != 0};
     for (int a = 0; a < 3; a++) {
         sent.position[a] = (float)p->base.position[a];
         sent.force[a] = (float)p->force[a];

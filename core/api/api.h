@@ -19,6 +19,8 @@ struct trocar_scene {
 
 struct trocar_model {
     simulation parts;        /* without those of one run */
+    atomic_int users;        /* the host, until it frees the model, and the simulations, pictures and models that are made from it */
+    trocar_model *base;      /* whose mesh, stiffness and inverse it shares; NULL: its own */
     double rate_hz;
     pose start;              /* of the base; its position is NAN: none */
     double patient_to_mesh[16]; /* the first is NAN: none */
@@ -32,6 +34,12 @@ typedef struct {
     int64_t asked;           /* ns, by the simulation's clock */
     remesh_request request;
 } posted_request;
+
+/* What the ticking thread hands over of a needle that is left. */
+typedef struct {
+    insertion_state state;
+    track_list others;       /* tracks of other needles that its tip may come to */
+} left_needle;
 
 /* What the worker shows of a needle that rests. */
 typedef struct {
@@ -67,13 +75,15 @@ typedef struct {
     tissue_loads loads;      /* its own forces now, */
     tissue_loads posted_loads; /* and as they were when they were last handed over; */
     double since_loads;      /* s, since then */
+    atomic_llong since_release; /* ns that it has been ticked since another one was let go of */
     triple_buffer loads_out; /* tissue_loads: tick -> worker */
-    triple_buffer left;      /* insertion_state: tick -> worker, when it is left */
+    triple_buffer left;      /* left_needle: tick -> worker, when it is left */
     triple_buffer shown;     /* shown_needle: worker -> tick */
     atomic_bool stale;       /* what the worker has told it no longer holds: it asks again */
     /* The worker's: */
     bool loaded;             /* as in the last snapshot, */
-    vec3 u_free[MAX_HANDLES]; /* m, likewise: found once for each request */
+    vec3 u_free[MAX_HANDLES]; /* m, likewise: found once for each request, */
+    unresolved_shift unresolved;
     tissue_loads held;       /* its forces as far as they are known; of one that rests, only those where it is no longer */
     resting_needle *resting; /* NULL: it has never rested */
     bool attached;           /* it rests */
@@ -97,6 +107,7 @@ struct trocar_sim {
     atomic_bool probe_placed; /* a pose has been asked for */
     /* The worker's: */
     inverse *inverse;        /* with what rests attached to it, or the model's, where needles cannot rest */
+    needle_pairs *pairs;     /* NULL: there is one needle only */
     resting_set resting;
     resting_scratch *resting_scratch; /* NULL before the first */
     uint64_t last_attached;  /* id */
@@ -137,6 +148,12 @@ int transform_out(const double matrix[16], double out[16]);
 static inline void copy_loads(const tissue_loads *from, tissue_loads *to) {
     to->count = from->count;
     memcpy(to->loads, from->loads, (size_t)from->count * sizeof *from->loads);
+}
+
+/* For one more user, who gives it back with trocar_model_free. */
+static inline trocar_model *model_share(trocar_model *model) {
+    atomic_fetch_add_explicit(&model->users, 1, memory_order_relaxed);
+    return model;
 }
 
 static inline bool has_needle(const trocar_model *model, int needle) { return needle >= 0 && needle < model->parts.config.needle_count; }
@@ -180,12 +197,15 @@ trocar_status check_needle(const trocar_sim *sim, int needle, report *why);
 /* The state to show: of a needle that rests, what the worker has made of it last. Ticking thread. RT */
 const insertion_state *state_of_needle(const trocar_sim *sim, int needle, uint64_t *stamp);
 
+/* Hands a needle to the worker, which is to lay it down. Ticking thread. RT */
+void post_left(trocar_sim *sim, int needle);
+
 /* Goes on with a needle that the worker has handed over. Ticking thread. RT */
 void adopt_needle(trocar_sim *sim, needle_track *needle);
 
 typedef struct {
     bool any;                /* request was carried out, or failed */
-    bool kept;               /* a needle that was to be left finds no equilibrium without the hand: it is held as before */
+    bool kept;               /* a needle that was to be left does not come to rest in the tissue: it is held as before */
 } resting_change;
 
 /* The worker's side: carries out pending requests to leave, take or remove needles. On an error the needle stays where it was. */
@@ -196,6 +216,10 @@ trocar_status respond_to_loads(trocar_sim *sim, bool all, report *why);
 
 /* The worker's side: lets what rests slip, all or one needle, and shows what has changed. True: there is more to do. */
 bool slip_some(trocar_sim *sim, bool all);
+
+/* ns over which the others come to feel that the hand has let go of a needle: about what fingers take to open (an assumption). In one tick it
+   would be a knock of up to 0.5 N. */
+static const int64_t RELEASE_TIME = 100000000;
 
 /* After a restore: attaches what rests, and shows it. */
 trocar_status make_room_to_rest(trocar_sim *sim, needle_track *needle, report *why);

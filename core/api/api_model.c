@@ -13,6 +13,7 @@ static trocar_status begin_model(const trocar_scene *scene, trocar_model **model
     if (status != TROCAR_OK) return status;
     trocar_model *m = calloc(1, sizeof *m);
     if (!m) return fail(why, TROCAR_NO_MEMORY, "no memory for a model");
+    m->users = 1;
     *config = scene->values.simulation;
     config->scene_path = scene->values.path;
     m->rate_hz = scene->values.rate_hz;
@@ -39,7 +40,7 @@ trocar_status trocar_model_create(const trocar_scene *scene, const trocar_model_
     trocar_status status = begin_model(scene, &m, &config, why);
     if (status != TROCAR_OK) return status;
     if (options) {
-        config.progress = (inverse_progress){options->progress, options->context};
+        config.progress = (inverse_progress){options->progress, options->context, options->cancelled};
         config.keep_inverse = options->keep_inverse;
         if (options->longest_catch_up > 0) config.insertion.most_steps = options->longest_catch_up;
     }
@@ -62,13 +63,17 @@ trocar_status trocar_model_derive(const trocar_model *base, const trocar_scene *
     floating_mode before = flush_denormals();
     status = simulation_derive(&base->parts, &config, &m->parts, why);
     restore_floating_mode(before);
+    if (status == TROCAR_OK) m->base = model_share((trocar_model *)base);
     return end_model(m, status, model);
 }
 
 void trocar_model_free(trocar_model *model) {
-    if (!model) return;
-    simulation_free(&model->parts);
-    free(model);
+    while (model && atomic_fetch_sub_explicit(&model->users, 1, memory_order_acq_rel) == 1) {
+        trocar_model *base = model->base;
+        simulation_free(&model->parts);
+        free(model);
+        model = base;
+    }
 }
 
 trocar_status trocar_model_prepare(trocar_model *model, trocar_error *error) {

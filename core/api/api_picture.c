@@ -5,11 +5,14 @@
 #include "api/api.h"
 #include "base/flush_denormals.h"
 #include "remesh/free_displacement.h"
+#include "tissue/blas.h"
 
 trocar_status trocar_picture_create(trocar_model *model, trocar_picture **created, trocar_error *error) {
     trocar_error ignored, *why = error ? error : &ignored;
     *created = NULL;
     if (model->mesh_only) return fail(why, TROCAR_BAD_INPUT, "this model is its mesh alone: create it without mesh_only");
+    trocar_status status = blas_make_room(2, why); /* its displacements are found beside the worker */
+    if (status != TROCAR_OK) return status;
     trocar_picture *p = calloc(1, sizeof *p);
     size_t states = (size_t)model->parts.config.needle_count * sizeof *p->states;
     if (p) p->states = malloc(states);
@@ -18,7 +21,7 @@ trocar_status trocar_picture_create(trocar_model *model, trocar_picture **create
         return fail(why, TROCAR_NO_MEMORY, "no memory for a picture");
     }
     memset(p->states, 0, states); /* touched, so that no page fault comes later */
-    p->model = model;
+    p->model = model_share(model);
     floating_mode before = flush_denormals();
     for (int i = 0; i < model->parts.config.needle_count; i++) insertion_reset(&model->parts.insertion, (pose){.orientation = {1, 0, 0, 0}}, &p->states[i]);
     restore_floating_mode(before);
@@ -33,6 +36,7 @@ void trocar_picture_free(trocar_picture *picture) {
     free(picture->scratch);
     free(picture->force);
     free(picture->displacement);
+    trocar_model_free(picture->model);
     free(picture);
 }
 

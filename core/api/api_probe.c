@@ -13,6 +13,10 @@ int trocar_model_probe(const trocar_model *model, trocar_probe_shape *out) {
     return 1;
 }
 
+int trocar_model_probe_start(const trocar_model *model, trocar_pose *start) {
+    return model->parts.probe_surface < 0 ? 0 : start_out(model->parts.config.probe.start, start);
+}
+
 /* ---- the ticking thread ---------------------------------------------------------------------------------------------------- */
 
 static void ask_for(trocar_sim *sim, pose at) {
@@ -46,7 +50,7 @@ trocar_status create_probe(trocar_sim *sim, report *why) {
     if (parts->probe_surface < 0) return TROCAR_OK;
     trocar_status status = triple_buffer_create(&sim->probe_poses, sizeof(pose), why);
     if (status == TROCAR_OK) status = triple_buffer_create(&sim->probe_shown, sizeof(shown_probe), why);
-    if (status == TROCAR_OK) status = probe_create(sim->resting.inverse, &parts->config.probe.shape, parts->probe_surface, &sim->probe, why);
+    if (status == TROCAR_OK) status = probe_create(sim->resting.inverse, &parts->config.probe.shape, parts->probe_surface, parts->config.probe.max_force, &sim->probe, why);
     if (status != TROCAR_OK) return status;
     sim->inverse = sim->probe->inverse;
     if (!isnan(parts->config.probe.start.position.x)) ask_for(sim, parts->config.probe.start);
@@ -66,7 +70,8 @@ static void show(trocar_sim *sim) {
     const probe_state *s = &p->state;
     shown_probe *slot = triple_buffer_slot(&sim->probe_shown);
     slot->stamp = next_stamp();
-    slot->told = (trocar_probe){.base = pose_out(s->base), .contacts = s->count, .placed = s->placed};
+    slot->told = (trocar_probe){.contacts = s->count, .placed = s->placed, .stopped = s->stopped};
+    if (s->placed) slot->told.base = pose_out(s->base);
     put(s->wrench_force, slot->told.force);
     put(s->wrench_torque, slot->told.torque);
     slot->count = p->now.count;

@@ -42,6 +42,19 @@ void adopt_needle(trocar_sim *sim, needle_track *n) {
     change_phase(n, PHASE_HELD);
 }
 
+/* Those nearest to the tip first, should there be no room for all. */
+void post_left(trocar_sim *sim, int needle) {
+    static const double DISTANCES[] = {-1.0, 10e-3, 40e-3}; /* m; needles move by some millimetres while they are let go of */
+    needle_track *n = &sim->needles[needle];
+    left_needle *slot = triple_buffer_slot(&n->left);
+    memcpy(&slot->state, &n->state, sizeof slot->state);
+    slot->others.count = slot->others.point_count = 0;
+    for (int ring = 0; ring < 2; ring++)
+        for (int i = 0; i < sim->needle_count; i++)
+            if (i != needle) tracks_copy_near(&sim->needles[i].state.tracks, n->state.tip.nominal, DISTANCES[ring], DISTANCES[ring + 1], &slot->others);
+    triple_buffer_publish(&n->left);
+}
+
 static trocar_status refuse(report *why, int needle, const char *reason) {
     if (why) fail(why, TROCAR_BAD_INPUT, "needle %d: %s", needle, reason);
     return TROCAR_BAD_INPUT;
@@ -53,11 +66,9 @@ trocar_status trocar_sim_leave(trocar_sim *sim, int needle, trocar_error *error)
     needle_track *n = &sim->needles[needle];
     adopt_needle(sim, n);
     if (phase_of(n) != PHASE_HELD) return refuse(error, needle, "it rests already");
-    if (remesh_needs_dense(sim->model->parts.config.remeshing)) return refuse(error, needle, "with this method of remeshing none can rest; choose remeshing: nested or implicit");
     if (n->state.tip.phase == TIP_FREE) return refuse(error, needle, "it is not in the tissue, where it could rest");
-    if (n->state.buckled) return refuse(error, needle, "it has buckled: draw it back first");
-    memcpy(triple_buffer_slot(&n->left), &n->state, sizeof n->state);
-    triple_buffer_publish(&n->left);
+    if (n->state.moving_on) return refuse(error, needle, "it is on its way to another shape: hold it still first");
+    post_left(sim, needle);
     n->state.request.serial += SERIALS_APART;
     n->state.next_id += SERIALS_APART;
     change_phase(n, PHASE_LEAVING);
@@ -102,19 +113,19 @@ void mark_stale(trocar_sim *sim, const needle_track *except) {
 static bool is_at_rest(const insertion_model *model, const insertion_state *state, const tick_output *wrench) {
     const rest_limits *limits = model->creep.count > 0 ? &RELAXING : &AT_REST;
     vec3 axis = q_axis(state->needle.base.orientation), across = v3_axpy(-v3_dot(wrench->torque, axis), axis, wrench->torque);
-    double slip = fmax(fabs(state->tip.slip), fabs(state->tip.shaft_slip));
-    for (int k = 0; contact_is_active(state, k); k++) slip = fmax(slip, fabs(state->contacts[state->refined.order[k]].slip));
+    double slip = fmax(fabs(state->tip.slip), fabs(state->tip.shaft.slip));
+    for (int k = 0; contact_is_active(state, k); k++) slip = fmax(slip, fabs(state->contacts[state->refined.order[k]].shaft.slip));
     return v3_norm(wrench->force) < limits->force && v3_norm(across) < limits->torque && slip < limits->slip;
 }
 
 /* The hand lets go: the base moves until its wrench has vanished, and with it the needle. Linearised there, it is ready to be attached. */
-static trocar_status let_go(trocar_sim *sim, int index, insertion_state *state, report *why) {
+static trocar_status let_go(trocar_sim *sim, int index, const track_list *others, insertion_state *state, report *why) {
     needle_track *n = &sim->needles[index];
     resting_scratch *scratch = sim->resting_scratch;
     const compliance_snapshot *snapshot = triple_buffer_slot(&n->snapshots); /* not published: nobody ticks this needle now */
     tick_output wrench;
     tick_context tick = {.model = &sim->model->parts.insertion, .state = state, .snapshot = snapshot, .scratch = &scratch->workspace, .dt = TICK,
-                         .output = &wrench, .base = {.pose = state->needle.base}};
+                         .output = &wrench, .base = {.pose = state->needle.base}, .others = {others}, .other_count = 1};
     state->base_shift = v3(0, 0, 0);
     trocar_status status = answer_fully(sim, index, &state->request, why);
     double size = 1.0; /* of the steps: they get larger while the wrench hardly falls, as the shaft slides */
@@ -122,7 +133,7 @@ static trocar_status let_go(trocar_sim *sim, int index, insertion_state *state, 
     for (int i = 0; i < MOST_TICKS && status == TROCAR_OK; i++) {
         base_motion step;
         insertion_tick(&tick);
-        if (state->buckled || !insertion_is_finite(state, &wrench)) return fail(why, TROCAR_NUMERIC, "needle %d finds no equilibrium when it is let go", index);
+        if (state->moving_on || !insertion_is_finite(state, &wrench)) return fail(why, TROCAR_NUMERIC, "needle %d finds no equilibrium when it is let go", index);
         bool at_rest = is_at_rest(tick.model, state, &wrench) && state->request.serial == snapshot->serial;
         if (state->request.serial != snapshot->serial) status = answer_fully(sim, index, &state->request, why);
         if (status == TROCAR_OK) status = resting_linearise(&tick, sim->inverse, scratch, n->resting, why);
@@ -191,11 +202,24 @@ bool slip_some(trocar_sim *sim, bool all) {
     return more;
 }
 
+/* Part of what the last release has changed that the others do not feel yet, by the clock of the needle that has been ticked most since then. */
+static double left_of_release(const trocar_sim *sim) {
+    int64_t most = 0;
+    for (int i = 0; i < sim->needle_count; i++) {
+        int64_t since = atomic_load_explicit(&sim->needles[i].since_release, memory_order_relaxed);
+        if (since > most) most = since;
+    }
+    return most < RELEASE_TIME ? 1.0 - (double)most / (double)RELEASE_TIME : 0.0;
+}
+
 trocar_status respond_to_loads(trocar_sim *sim, bool all, report *why) {
     other_loads held;
     if (sim->resting.count == 0) return TROCAR_OK;
+    if (resting_set_fade(&sim->resting, left_of_release(sim))) mark_stale(sim, NULL);
     list_others(sim, BESIDE_RESTING, &held);
+    uint64_t before = sim->resting.shifts;
     trocar_status status = resting_set_load(&sim->resting, &held, why);
+    if (sim->resting.shifts != before) mark_stale(sim, NULL);
     if (status == TROCAR_OK && all) slip_some(sim, true);
     return status;
 }
@@ -210,6 +234,7 @@ trocar_status rest_again(trocar_sim *sim, report *why) {
     resting_needle *list[MAX_NEEDLES];
     int count = list_attached(sim, list);
     atomic_store(&sim->resting_count, count);
+    sim->resting.fading = left_of_release(sim);
     if (count == 0 && sim->resting.count == 0) return TROCAR_OK;
     for (int i = 0; i < count; i++) list[i]->id = ++sim->last_attached; /* this simulation may know another one under its number */
     trocar_status status = resting_set_attach(&sim->resting, count, list, why);
@@ -225,14 +250,25 @@ static void hold_loads(const trocar_sim *sim, const insertion_state *state, bool
     else insertion_add_loads(&sim->model->parts.insertion, state, loads);
 }
 
+/* Is another needle that is held in the tissue? */
+static bool is_felt_by_a_hand(const trocar_sim *sim, int index) {
+    for (int i = 0; i < sim->needle_count; i++)
+        if (i != index && !sim->needles[i].attached && sim->needles[i].held.count > 0) return true;
+    return false;
+}
+
 static trocar_status leave_needle(trocar_sim *sim, int index, unsigned seen, report *why) {
     needle_track *n = &sim->needles[index];
+    bool felt = is_felt_by_a_hand(sim, index);
+    resting_set_before_release(&sim->resting);
     trocar_status status = make_room_to_rest(sim, n, why);
     insertion_state *state = malloc(sizeof *state);
     if (status == TROCAR_OK && !state) status = fail(why, TROCAR_NO_MEMORY, "no memory for a resting needle");
     if (status == TROCAR_OK) {
-        memcpy(state, triple_buffer_read(&n->left, NULL), sizeof *state);
-        status = let_go(sim, index, state, why);
+        const left_needle *left = triple_buffer_read(&n->left, NULL);
+        memcpy(state, &left->state, sizeof *state);
+        status = let_go(sim, index, &left->others, state, why);
+        if (status == TROCAR_OK) resting_bore(&sim->model->parts.insertion, &left->state, n->resting);
     }
     if (status == TROCAR_OK) {
         hold_loads(sim, state, false, &n->held); /* the others as it is now, before it becomes one of them */
@@ -249,10 +285,13 @@ static trocar_status leave_needle(trocar_sim *sim, int index, unsigned seen, rep
     } else {
         report ignored;
         n->attached = false;
-        if (state) hold_loads(sim, triple_buffer_read(&n->left, NULL), false, &n->held);
+        if (state) hold_loads(sim, &((const left_needle *)triple_buffer_read(&n->left, NULL))->state, false, &n->held);
         respond_to_loads(sim, true, &ignored);
         attach_again(sim, &ignored);
     }
+    resting_set_after_release(&sim->resting);
+    for (int i = 0; i < sim->needle_count; i++) atomic_store_explicit(&sim->needles[i].since_release, felt ? 0 : RELEASE_TIME, memory_order_relaxed);
+    resting_set_fade(&sim->resting, left_of_release(sim));
     free(state);
     complete_phase(n, seen, status == TROCAR_OK ? PHASE_RESTING : PHASE_HELD); /* one that has been reset meanwhile is detached next */
     return status;
@@ -301,7 +340,7 @@ trocar_status change_resting(trocar_sim *sim, resting_change *change, report *wh
         trocar_status one = dropped ? drop_needle(sim, n, why) : TROCAR_OK;
         if (one == TROCAR_OK && phase == PHASE_LEAVING) {
             one = leave_needle(sim, i, seen, why);
-            change->kept |= one == TROCAR_NUMERIC;
+            change->kept |= one == TROCAR_NUMERIC || one == TROCAR_BAD_INPUT;
         }
         if (one == TROCAR_OK && phase == PHASE_TAKING) one = take_needle(sim, i, seen, why);
         restore_floating_mode(before);

@@ -1,49 +1,112 @@
-/* trocar.h: many insertions side by side on one model. */
+/* trocar.h: many ticks in a call, and many insertions side by side on one model. */
 #include <pthread.h>
 #include <stdatomic.h>
 #include <stdlib.h>
 #include <string.h>
 
 #include "api/api.h"
+#include "tissue/blas.h"
+
+enum { TICKS_BETWEEN = 64 }; /* two looks at the watch */
+
+static void tell(const trocar_watch *watch, const char *what, double fraction) {
+    if (watch && watch->progress) watch->progress(what, fraction, watch->context);
+}
+
+static bool is_cancelled(const trocar_watch *watch) { return watch && watch->cancelled && watch->cancelled(watch->context); }
+
+/* ---- one insertion ----------------------------------------------------------------------------------------------------- */
+
+/* Of all poses from `*done` on as many as there are between two looks. */
+static trocar_status run_some(trocar_sim *sim, int needle, const trocar_pose *poses, int steps, double dt, int *done, trocar_output *outputs, report *why) {
+    int end = steps - *done < TICKS_BETWEEN ? steps : *done + TICKS_BETWEEN;
+    trocar_status status = TROCAR_OK;
+    for (; *done < end && status == TROCAR_OK; *done += status == TROCAR_OK) status = trocar_sim_step(sim, needle, &poses[*done], dt, &outputs[*done], why);
+    return status;
+}
+
+trocar_status trocar_sim_run(trocar_sim *sim, int needle, const trocar_pose *poses, int steps, double dt, const trocar_watch *watch, trocar_output *outputs,
+                             trocar_error *error) {
+    trocar_error ignored, *why = error ? error : &ignored;
+    if (steps < 0) return fail(why, TROCAR_BAD_INPUT, "a run of %d steps", steps);
+    trocar_status status = TROCAR_OK;
+    report reason;
+    int done = 0;
+    memset(outputs, 0, (size_t)steps * sizeof *outputs);
+    while (done < steps && status == TROCAR_OK) {
+        status = run_some(sim, needle, poses, steps, dt, &done, outputs, &reason);
+        tell(watch, "run", (double)done / steps);
+        if (status == TROCAR_OK && done < steps && is_cancelled(watch)) status = fail(&reason, TROCAR_CANCELLED, "cancelled");
+    }
+    if (status == TROCAR_OK) return status;
+    memset(outputs + done, 0, (size_t)(steps - done) * sizeof *outputs);
+    return fail(why, status, "step %d: %.900s", done, reason.text);
+}
+
+/* ---- many --------------------------------------------------------------------------------------------------------------- */
 
 typedef struct {
     trocar_model *model;
     const trocar_pose *poses;
     int batch, steps;
     double dt;
+    const trocar_watch *watch;
     trocar_output *outputs;
     atomic_int next;         /* first insertion that no thread has taken yet */
-    pthread_mutex_t lock;    /* of the next two */
-    trocar_status status;    /* first failure */
-    report why;
+    atomic_bool cancelled;
+    int64_t told;            /* ticks, of which the watch knows; the calling thread's */
+    pthread_mutex_t lock;    /* of all below */
+    pthread_cond_t changed;
+    int64_t ticks;           /* done in all insertions */
+    int running;             /* threads beside the caller's */
+    trocar_status status, unable; /* of the first insertion that failed; of the first thread that had no memory for a simulation */
+    report why, why_unable;
 } rollout;
 
-static void note_failure(rollout *r, trocar_status status, const report *why) {
+static void note(rollout *r, trocar_status status, const report *reason, trocar_status *first, report *why) {
     pthread_mutex_lock(&r->lock);
-    if (r->status == TROCAR_OK) {
-        r->status = status;
-        r->why = *why;
+    if (*first == TROCAR_OK) {
+        *first = status;
+        *why = *reason;
     }
     pthread_mutex_unlock(&r->lock);
 }
 
-static trocar_status run_one(rollout *r, trocar_sim *sim, const void *fresh, size_t size, int index, report *why) {
+/* By the calling thread, without the lock. */
+static void look(rollout *r, int64_t ticks) {
+    r->told = ticks;
+    tell(r->watch, "rollout", (double)ticks / ((double)r->batch * r->steps));
+    if (is_cancelled(r->watch)) atomic_store(&r->cancelled, true);
+}
+
+static void note_ticks(rollout *r, int count, bool caller) {
+    pthread_mutex_lock(&r->lock);
+    int64_t ticks = r->ticks += count;
+    pthread_cond_signal(&r->changed);
+    pthread_mutex_unlock(&r->lock);
+    if (caller) look(r, ticks);
+}
+
+static trocar_status run_one(rollout *r, trocar_sim *sim, const void *fresh, size_t size, int index, bool caller, report *why) {
     const trocar_pose *poses = r->poses + (size_t)index * (size_t)r->steps;
     trocar_output *outputs = r->outputs + (size_t)index * (size_t)r->steps;
     report reason;
     trocar_status status = trocar_sim_restore(sim, fresh, size, &reason);
     if (status == TROCAR_OK) status = trocar_sim_reset(sim, 0, &poses[0], &reason);
-    int step = 0;
-    for (; step < r->steps && status == TROCAR_OK; step++) status = trocar_sim_step(sim, 0, &poses[step], r->dt, &outputs[step], &reason);
+    int done = 0;
+    while (done < r->steps && status == TROCAR_OK && !atomic_load(&r->cancelled)) {
+        int before = done;
+        status = run_some(sim, 0, poses, r->steps, r->dt, &done, outputs, &reason);
+        note_ticks(r, done - before, caller);
+    }
     if (status == TROCAR_OK) return status;
-    int failed = step > 0 ? step - 1 : 0;
-    memset(outputs + failed, 0, (size_t)(r->steps - failed) * sizeof *outputs);
-    return fail(why, status, "insertion %d, step %d: %.900s", index, failed, reason.text);
+    memset(outputs + done, 0, (size_t)(r->steps - done) * sizeof *outputs);
+    return fail(why, status, "insertion %d, step %d: %.900s", index, done, reason.text);
 }
 
-/* Every insertion starts from the same fresh state, so that it does not matter which thread runs it, or after which. */
-static void *run(void *context) {
-    rollout *r = context;
+/* Every insertion starts from the same fresh state, so that it does not matter which thread runs it, or after which. A thread without memory
+   leaves them to the others. */
+static void take_part(rollout *r, bool caller) {
     report why;
     trocar_sim *sim;
     trocar_status status = trocar_sim_create(r->model, &sim, &why);
@@ -51,34 +114,82 @@ static void *run(void *context) {
     void *fresh = status == TROCAR_OK ? malloc(size) : NULL;
     if (status == TROCAR_OK && !fresh) status = fail(&why, TROCAR_NO_MEMORY, "no memory for a simulation's state");
     if (status == TROCAR_OK) status = trocar_sim_save(sim, fresh, size, &why);
-    if (status != TROCAR_OK) note_failure(r, status, &why);
-    while (status == TROCAR_OK) {
+    if (status != TROCAR_OK) note(r, status, &why, &r->unable, &r->why_unable);
+    while (status == TROCAR_OK && !atomic_load(&r->cancelled)) {
         int index = atomic_fetch_add(&r->next, 1);
         if (index >= r->batch) break;
-        trocar_status one = run_one(r, sim, fresh, size, index, &why);
-        if (one != TROCAR_OK) note_failure(r, one, &why);
+        trocar_status one = run_one(r, sim, fresh, size, index, caller, &why);
+        if (one != TROCAR_OK) note(r, one, &why, &r->status, &r->why);
     }
     free(fresh);
     trocar_sim_free(sim);
+}
+
+static void *run(void *context) {
+    rollout *r = context;
+    take_part(r, false);
+    pthread_mutex_lock(&r->lock);
+    r->running--;
+    pthread_cond_signal(&r->changed);
+    pthread_mutex_unlock(&r->lock);
     return NULL;
 }
 
-trocar_status trocar_rollout(trocar_model *model, const trocar_pose *poses, int batch, int steps, double dt, int threads,
-                             trocar_output *outputs, trocar_error *error) {
+/* The calling thread has no insertion left to begin: it watches until the others have ended theirs. */
+static void wait_for_others(rollout *r) {
+    pthread_mutex_lock(&r->lock);
+    while (r->running > 0 || r->told < r->ticks) {
+        int64_t ticks = r->ticks;
+        if (ticks == r->told) {
+            pthread_cond_wait(&r->changed, &r->lock);
+            continue;
+        }
+        pthread_mutex_unlock(&r->lock);
+        look(r, ticks);
+        pthread_mutex_lock(&r->lock);
+    }
+    pthread_mutex_unlock(&r->lock);
+}
+
+static trocar_status outcome(const rollout *r, report *why) {
+    if (r->cancelled && r->ticks < (int64_t)r->batch * r->steps) return fail(why, TROCAR_CANCELLED, "cancelled");
+    if (r->status != TROCAR_OK) {
+        *why = r->why;
+        return r->status;
+    }
+    if (r->next >= r->batch) return TROCAR_OK;
+    *why = r->why_unable; /* no thread could begin */
+    return r->unable;
+}
+
+trocar_status trocar_rollout_watched(trocar_model *model, const trocar_pose *poses, int batch, int steps, double dt, int threads,
+                                     const trocar_watch *watch, trocar_output *outputs, trocar_error *error) {
     enum { MAX_THREADS = 256 };
     trocar_error ignored, *why = error ? error : &ignored;
     pthread_t thread[MAX_THREADS];
     if (batch < 0 || steps < 0 || threads < 1 || threads > MAX_THREADS)
         return fail(why, TROCAR_BAD_INPUT, "a rollout of %d x %d steps in %d threads: from 1 to %d threads", batch, steps, threads, MAX_THREADS);
     if (batch == 0 || steps == 0) return TROCAR_OK;
-    rollout r = {.model = model, .poses = poses, .batch = batch, .steps = steps, .dt = dt, .outputs = outputs};
+    rollout r = {.model = model, .poses = poses, .batch = batch, .steps = steps, .dt = dt, .watch = watch, .outputs = outputs};
     memset(outputs, 0, (size_t)batch * (size_t)steps * sizeof *outputs);
     pthread_mutex_init(&r.lock, NULL);
+    pthread_cond_init(&r.changed, NULL);
     int started = 0, most = threads < batch ? threads : batch;
-    while (started + 1 < most && pthread_create(&thread[started], NULL, run, &r) == 0) started++;
-    run(&r); /* this thread is one of them; it does all the work if no other could be started */
+    while (most > 1 && blas_make_room(most, why) != TROCAR_OK) most--;
+    r.running = most - 1;
+    while (started < most - 1 && pthread_create(&thread[started], NULL, run, &r) == 0) started++;
+    pthread_mutex_lock(&r.lock);
+    r.running -= most - 1 - started;
+    pthread_mutex_unlock(&r.lock);
+    take_part(&r, true); /* it does all the work if no other thread could be started */
+    wait_for_others(&r);
     for (int i = 0; i < started; i++) pthread_join(thread[i], NULL);
+    pthread_cond_destroy(&r.changed);
     pthread_mutex_destroy(&r.lock);
-    if (r.status != TROCAR_OK) *why = r.why;
-    return r.status;
+    return outcome(&r, why);
+}
+
+trocar_status trocar_rollout(trocar_model *model, const trocar_pose *poses, int batch, int steps, double dt, int threads, trocar_output *outputs,
+                             trocar_error *error) {
+    return trocar_rollout_watched(model, poses, batch, steps, dt, threads, NULL, outputs, error);
 }

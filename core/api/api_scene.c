@@ -1,4 +1,5 @@
 /* trocar.h: scenes. */
+#include <pthread.h>
 #include <stdlib.h>
 #include <string.h>
 
@@ -56,7 +57,7 @@ trocar_status trocar_scene_set(trocar_scene *scene, const char *key, const char 
 
 trocar_status trocar_scene_set_number(trocar_scene *scene, const char *key, double value, trocar_error *error) {
     char text[32];
-    snprintf(text, sizeof text, "%.17g", value);
+    decimal_print(text, sizeof text, "%.17g", value);
     return trocar_scene_set(scene, key, isinf(value) ? value > 0 ? ".inf" : "-.inf" : text, error);
 }
 
@@ -70,7 +71,7 @@ trocar_status trocar_scene_get_number(const trocar_scene *scene, const char *key
     char text[64], *end;
     trocar_status status = scene_get(&scene->values, key, text, sizeof text, why);
     if (status != TROCAR_OK) return status;
-    *value = strcmp(text, ".inf") == 0 ? INFINITY : strtod(text, &end);
+    *value = strcmp(text, ".inf") == 0 ? INFINITY : decimal_read(text, &end);
     if (strcmp(text, ".inf") != 0 && (end == text || *end)) return fail(why, TROCAR_BAD_INPUT, "%s: \"%s\" is not a number", key, text);
     return TROCAR_OK;
 }
@@ -108,29 +109,38 @@ int trocar_scene_count(const trocar_scene *scene, const char *list) {
 
 int trocar_key_count(void) { return scene_key_count(); }
 
-/* The defaults of a list's keys are those of a new entry. */
-static void print_default(const char *key, char *text, size_t size) {
-    static scene standard;
+/* Of a list's keys the default is that of a new entry. */
+static void print_default(const scene *standard, const char *key, char *text, size_t size) {
     report ignored;
     char first[128];
     const char *brackets = strstr(key, "[]");
-    if (standard.rate_hz == 0.0) {
-        scene_defaults(&standard);
-        scene_set(&standard, "regions[any].poisson_ratio", "0.45", &ignored);
-        scene_set(&standard, "guides[any].rows", "1", &ignored);
-    }
     snprintf(first, sizeof first, "%.*s%s%s", (int)(brackets ? brackets - key : (long)strlen(key)), key, brackets ? "[0]" : "",
              brackets ? brackets + 2 : "");
-    if (scene_get(&standard, first, text, size, &ignored) != TROCAR_OK) text[0] = '\0';
+    if (scene_get(standard, first, text, size, &ignored) != TROCAR_OK) text[0] = '\0';
+}
+
+/* Made once, by whichever thread asks first. */
+static trocar_key key_table[SCENE_KEYS_MOST];
+static pthread_once_t keys_once = PTHREAD_ONCE_INIT;
+static void make_keys(void) {
+    enum { ROOM = 64 };
+    static char defaults[SCENE_KEYS_MOST][ROOM];
+    static scene standard;
+    report ignored;
+    scene_defaults(&standard);
+    scene_set(&standard, "regions[any].poisson_ratio", "0.45", &ignored);
+    scene_set(&standard, "guides[any].rows", "1", &ignored);
+    for (int i = 0; i < scene_key_count(); i++) {
+        scene_key_info info = scene_key_at(i);
+        if (!info.required) print_default(&standard, info.key, defaults[i], ROOM);
+        key_table[i] = (trocar_key){info.key, info.unit, info.accepts, defaults[i], info.doc, info.required, (int32_t)info.kind};
+    }
 }
 
 trocar_key trocar_key_at(int index) {
-    enum { KEYS = 128, ROOM = 64 };
-    static char standards[KEYS][ROOM];
-    if (index < 0 || index >= scene_key_count() || index >= KEYS) return (trocar_key){"", "", "", "", "", 0};
-    scene_key_info info = scene_key_at(index);
-    if (!info.required && !standards[index][0]) print_default(info.key, standards[index], ROOM);
-    return (trocar_key){info.key, info.unit, info.accepts, info.required ? "" : standards[index], info.doc, info.required};
+    pthread_once(&keys_once, make_keys);
+    if (index < 0 || index >= scene_key_count()) return (trocar_key){"", "", "", "", "", 0, 0};
+    return key_table[index];
 }
 
 /* ---- a mesh in memory ------------------------------------------------------------------------------------------------------ */
@@ -179,4 +189,17 @@ trocar_status trocar_scene_set_mesh(trocar_scene *scene, const trocar_mesh *give
     }
     scene->values.simulation.mesh_given = &scene->mesh;
     return TROCAR_OK;
+}
+
+trocar_status trocar_scene_copy(const trocar_scene *scene, trocar_scene **copied, trocar_error *error) {
+    trocar_status status = trocar_scene_create(copied, error);
+    if (status != TROCAR_OK) return status;
+    (*copied)->values = scene->values;
+    (*copied)->values.simulation.mesh_given = NULL;
+    if (!scene->values.simulation.mesh_given) return TROCAR_OK;
+    status = trocar_scene_set_mesh(*copied, &scene->mesh, error);
+    if (status == TROCAR_OK) return TROCAR_OK;
+    trocar_scene_free(*copied);
+    *copied = NULL;
+    return status;
 }

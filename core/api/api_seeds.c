@@ -24,7 +24,6 @@ static trocar_status refuse_drop(const trocar_sim *sim, int needle, int count, d
     case SEEDS_PENDING:
         return fail(why, TROCAR_BAD_INPUT, "needle %d still holds %d of the seeds dropped before: draw it back, or undo", needle, seeds_pending(needle, &sim->seeds));
     case SEEDS_FULL: return fail(why, TROCAR_BAD_INPUT, "no room for %d more: a simulation has at most %d seeds", count, (int)MAX_SEEDS);
-    case SEEDS_BUCKLED: return fail(why, TROCAR_BAD_INPUT, "needle %d has buckled: draw it back to where it was", needle);
     case SEEDS_TOO_LONG:
         return fail(why, TROCAR_BAD_INPUT, "needle %d is %.1f mm deep in the tissue, less than the %.1f mm that is to stay there: push it farther in", needle,
                     mm * (state->tip.depth - tip_entry_depth(state)), mm * seeds_strand_length(size, count, spacing));

@@ -15,7 +15,7 @@ _Static_assert(TROCAR_MAX_CONTACTS == (int)MAX_CONTACTS && TROCAR_MAX_JOINTS == 
                "limits differ from trocar.h");
 _Static_assert(TROCAR_MAX_GUIDES == (int)MAX_GUIDES && TROCAR_MAX_POINTS == (int)MAX_POINTS, "limits differ from trocar.h");
 _Static_assert(TROCAR_CONTACT_TISSUE == (int)POINT_TISSUE && TROCAR_CONTACT_TIP == (int)POINT_TIP && TROCAR_CONTACT_GUIDE == (int)POINT_GUIDE, "contact kinds differ from trocar.h");
-_Static_assert(TROCAR_EVENT_TOUCHED == (int)EVENT_TOUCHED && TROCAR_EVENT_TRACK_DROPPED == (int)EVENT_TRACK_DROPPED, "event bits differ from trocar.h");
+_Static_assert(TROCAR_EVENT_TOUCHED == (int)EVENT_TOUCHED && TROCAR_EVENT_TRACK_DROPPED == (int)EVENT_TRACK_DROPPED && TROCAR_EVENT_INEXACT == (int)EVENT_INEXACT, "event bits differ from trocar.h");
 _Static_assert(TROCAR_MAX_TRACKS == (int)MAX_TRACKS && TROCAR_MAX_TRACK_POINTS == (int)MAX_TRACK_POINTS && NO_MEMBRANE == -1, "limits differ from trocar.h");
 _Static_assert(TROCAR_STAGES == (int)INSERTION_STAGES && TROCAR_STAGE_WRENCH == (int)INSERTION_WRENCH, "stages differ from trocar.h");
 
@@ -30,17 +30,16 @@ static trocar_status create_needle(const trocar_sim *sim, needle_track *needle, 
     trocar_status status = triple_buffer_create(&needle->requests, sizeof(posted_request), why);
     if (status == TROCAR_OK) status = triple_buffer_create(&needle->snapshots, sizeof(compliance_snapshot), why);
     if (status == TROCAR_OK) status = triple_buffer_create(&needle->loads_out, sizeof(tissue_loads), why);
-    if (status == TROCAR_OK) status = triple_buffer_create(&needle->left, sizeof(insertion_state), why);
+    if (status == TROCAR_OK) status = triple_buffer_create(&needle->left, sizeof(left_needle), why);
     if (status == TROCAR_OK) status = triple_buffer_create(&needle->shown, sizeof(shown_needle), why);
     if (status != TROCAR_OK) return status;
     return remesher_create(sim->inverse, sim->model->parts.config.remeshing, &needle->remesher, why);
 }
 
-/* Methods that work on the whole inverse have it to themselves: nothing can be attached to it. */
 static trocar_status create_inverse(trocar_sim *sim, report *why) {
     simulation *parts = &sim->model->parts;
     sim->inverse = parts->inverse;
-    return remesh_needs_dense(parts->config.remeshing) ? TROCAR_OK : inverse_create_attached(parts->inverse, &sim->resting.inverse, why);
+    return inverse_create_attached(parts->inverse, &sim->resting.inverse, why);
 }
 
 static trocar_status allocate(trocar_sim *sim, report *why) {
@@ -53,6 +52,9 @@ static trocar_status allocate(trocar_sim *sim, report *why) {
     trocar_status status = create_inverse(sim, why);
     if (sim->resting.inverse) sim->inverse = sim->resting.inverse;
     if (status == TROCAR_OK) status = create_probe(sim, why);
+    if (status == TROCAR_OK && sim->needle_count > 1)
+        status = needle_pairs_create(&sim->model->parts.tissue, sim->model->parts.needle.radius, &sim->pairs, why);
+    sim->resting.pairs = sim->pairs;
     for (int i = 0; i < sim->needle_count && status == TROCAR_OK; i++) status = create_needle(sim, &sim->needles[i], why);
     return status;
 }
@@ -64,11 +66,12 @@ trocar_status trocar_sim_create(trocar_model *model, trocar_sim **created, troca
     if (model->mesh_only) return fail(why, TROCAR_BAD_INPUT, "this model is its mesh alone: create it without mesh_only");
     trocar_sim *sim = calloc(1, sizeof *sim);
     if (!sim) return fail(why, TROCAR_NO_MEMORY, "no memory for a simulation");
-    sim->model = model;
+    sim->model = model_share(model);
     sim->needle_count = model->parts.config.needle_count;
     sim->work_wake = -1;
     trocar_status status = allocate(sim, why);
     for (int i = 0; i < sim->needle_count && status == TROCAR_OK; i++) {
+        sim->needles[i].since_release = RELEASE_TIME;
         status = trocar_sim_reset(sim, i, &at_origin, why);
         sim->needles[i].state.tracks = (track_list){.count = 0}; /* nobody has put it there: it has cut nothing */
     }
@@ -92,12 +95,14 @@ void trocar_sim_free(trocar_sim *sim) {
     triple_buffer_free(&sim->probe_poses);
     triple_buffer_free(&sim->probe_shown);
     resting_set_free(&sim->resting);
+    needle_pairs_free(sim->pairs);
     inverse_free(sim->resting.inverse);
     free(sim->resting_scratch);
     if (sim->work_wake >= 0) close(sim->work_wake);
     free(sim->needles);
     free(sim->workspace);
     free(sim->field_scratch);
+    trocar_model_free(sim->model);
     free(sim);
 }
 
@@ -201,8 +206,9 @@ static void post_loads(trocar_sim *sim, needle_track *needle, double dt) {
     bool rest = atomic_load_explicit(&sim->resting_count, memory_order_relaxed) > 0 || atomic_load_explicit(&sim->probe_placed, memory_order_relaxed);
     const shown_probe *probe = probe_shown(sim);
     double period = response_period(probe ? probe->told.contacts : 0);
+    bool fades = rest && atomic_load_explicit(&needle->since_release, memory_order_relaxed) < RELEASE_TIME + (int64_t)(1e9 * period);
     needle->since_loads += dt;
-    if ((!rest && sim->needle_count == 1) || (rest && needle->since_loads < period) || !loads_changed(needle)) return;
+    if ((!rest && sim->needle_count == 1) || (rest && needle->since_loads < period) || !(fades || loads_changed(needle))) return;
     copy_loads(&needle->loads, triple_buffer_slot(&needle->loads_out));
     triple_buffer_publish(&needle->loads_out);
     copy_loads(&needle->loads, &needle->posted_loads);
@@ -221,6 +227,7 @@ static trocar_status run_tick(trocar_sim *sim, int index, const compliance_snaps
     const insertion_model *model = &sim->model->parts.insertion;
     floating_mode before = flush_denormals();
     needle->given = base;
+    atomic_fetch_add_explicit(&needle->since_release, llround(1e9 * dt), memory_order_relaxed);
     tick_context tick = {.model = model, .state = &needle->state, .snapshot = snapshot, .scratch = sim->workspace,
                          .base = {base, needle->base_compliance}, .dt = dt, .output = &wrench};
     for (int i = 0; i < sim->needle_count; i++)
@@ -270,6 +277,22 @@ int64_t trocar_sim_waiting(const trocar_sim *sim) {
     return longest;
 }
 
+/* What the others add to that between the elements' nodes. */
+static trocar_status find_unresolved(const trocar_sim *sim, int index, const other_loads *others, unresolved_shift *shift, report *why) {
+    static const double AHEAD = 10e-3; /* m, of which the tip goes on before there is a newer answer */
+    shaft_steps steps;
+    const mesh *m = &sim->model->parts.mesh;
+    memset(shift, 0, sizeof *shift);
+    if (!sim->pairs) return TROCAR_OK;
+    shaft_steps_lay(m, &sim->needles[index].held, AHEAD, &steps);
+    *shift = (unresolved_shift){.start = steps.start, .step = steps.step, .count = steps.count};
+    trocar_status status = TROCAR_OK;
+    for (int n = 0; n < others->count && status == TROCAR_OK; n++) status = needle_pairs_shift(sim->pairs, &steps, others->of[n], shift, why);
+    if (status == TROCAR_OK) status = resting_set_shift(&sim->resting, &steps, shift, why);
+    for (int k = 0; k < steps.count; k++) shift->sum[k + 1] = v3_add(shift->sum[k + 1], shift->sum[k]);
+    return status;
+}
+
 /* Fills u_free of the worker's slot: found for the first answer to a request, and the same for those that know more. Worker's side. */
 static trocar_status fill_free(trocar_sim *sim, int index, const remesh_request *request, bool first, report *why) {
     needle_track *needle = &sim->needles[index];
@@ -278,12 +301,15 @@ static trocar_status fill_free(trocar_sim *sim, int index, const remesh_request 
     if (!first) {
         snapshot->loaded = needle->loaded;
         memcpy(snapshot->u_free, needle->u_free, sizeof snapshot->u_free);
+        snapshot->unresolved = needle->unresolved;
         return TROCAR_OK;
     }
     list_others(sim, index, &others);
     trocar_status status = free_displacement_find(sim->inverse, request, &others, snapshot, why);
     needle->loaded = snapshot->loaded;
+    if (status == TROCAR_OK) status = find_unresolved(sim, index, &others, &snapshot->unresolved, why);
     memcpy(needle->u_free, snapshot->u_free, sizeof needle->u_free);
+    needle->unresolved = snapshot->unresolved;
     needle->served_shifts = attached_shifts(sim);
     return status;
 }
@@ -362,7 +388,7 @@ trocar_status trocar_sim_step(trocar_sim *sim, int needle, const trocar_pose *ba
 }
 
 /* Answers the newest request of this needle, if there is one: first the rows, then line after line what the mesh resolves, until there is a
-   newer one. */
+   newer one. The first line, which is the tip's, is always measured: a worker so slow that there is always a newer one would never measure any. */
 static trocar_status answer_request(trocar_sim *sim, int index, trocar_work *work, report *why) {
     bool fresh;
     needle_track *needle = &sim->needles[index];
@@ -376,7 +402,8 @@ static trocar_status answer_request(trocar_sim *sim, int index, trocar_work *wor
     if (status == TROCAR_OK) status = fill_free(sim, index, request, true, why);
     if (status == TROCAR_OK) triple_buffer_publish(&needle->snapshots);
     if (status == TROCAR_OK && sim->clock) work->latency = sim->clock() - posted->asked;
-    while (status == TROCAR_OK && remesher_must_measure(needle->remesher, request) && !triple_buffer_waits(&needle->requests)) {
+    for (int lines = 0; status == TROCAR_OK && remesher_must_measure(needle->remesher, request); lines++) {
+        if (lines > 0 && triple_buffer_waits(&needle->requests)) break;
         status = remesher_measure(needle->remesher, request, 1, triple_buffer_slot(&needle->snapshots), why);
         if (status == TROCAR_OK) status = fill_free(sim, index, request, false, why);
         if (status == TROCAR_OK) triple_buffer_publish(&needle->snapshots);

@@ -14,6 +14,7 @@ typedef struct {
     int phase;
     insertion_state state;   /* of one that is being left: as it was left */
     double base_compliance;
+    int64_t since_release;
     compliance_snapshot snapshot;
     resting_needle resting;  /* while it is attached */
 } saved_needle;
@@ -30,10 +31,12 @@ static trocar_status check_size(const trocar_sim *sim, size_t size, report *why)
 static void save_needle(const trocar_sim *sim, int index, char *to) {
     needle_track *needle = &sim->needles[index];
     int phase = phase_of(needle) == PHASE_TAKEN ? PHASE_HELD : phase_of(needle);
-    const insertion_state *state = phase == PHASE_LEAVING ? triple_buffer_read(&needle->left, NULL) : state_of_needle(sim, index, NULL);
+    const insertion_state *state = phase == PHASE_LEAVING ? &((const left_needle *)triple_buffer_read(&needle->left, NULL))->state : state_of_needle(sim, index, NULL);
     memcpy(to + offsetof(saved_needle, phase), &phase, sizeof phase);
     memcpy(to + offsetof(saved_needle, state), state, sizeof *state);
     memcpy(to + offsetof(saved_needle, base_compliance), &needle->base_compliance, sizeof needle->base_compliance);
+    int64_t since_release = atomic_load(&needle->since_release);
+    memcpy(to + offsetof(saved_needle, since_release), &since_release, sizeof since_release);
     memcpy(to + offsetof(saved_needle, snapshot), triple_buffer_read(&needle->snapshots, NULL), sizeof(compliance_snapshot));
     if (phase == PHASE_RESTING || phase == PHASE_TAKING) memcpy(to + offsetof(saved_needle, resting), needle->resting, sizeof *needle->resting);
 }
@@ -57,6 +60,9 @@ static trocar_status restore_needle(trocar_sim *sim, needle_track *needle, const
     memcpy(&phase, from + offsetof(saved_needle, phase), sizeof phase);
     memcpy(&needle->state, from + offsetof(saved_needle, state), sizeof needle->state);
     memcpy(&needle->base_compliance, from + offsetof(saved_needle, base_compliance), sizeof needle->base_compliance);
+    int64_t since_release;
+    memcpy(&since_release, from + offsetof(saved_needle, since_release), sizeof since_release);
+    atomic_store(&needle->since_release, since_release);
     memcpy(slot, from + offsetof(saved_needle, snapshot), sizeof *slot);
     needle->stamp = next_stamp();
     needle->given = needle->state.needle.base;
@@ -64,10 +70,6 @@ static trocar_status restore_needle(trocar_sim *sim, needle_track *needle, const
     needle->posted = 0;
     needle->loads.count = 0;
     needle->attached = phase == PHASE_RESTING || phase == PHASE_TAKING;
-    if (phase == PHASE_LEAVING) {
-        memcpy(triple_buffer_slot(&needle->left), &needle->state, sizeof needle->state);
-        triple_buffer_publish(&needle->left);
-    }
     change_phase(needle, (needle_phase)phase);
     if (!needle->attached) {
         insertion_add_loads(&sim->model->parts.insertion, &needle->state, &needle->loads);
@@ -97,6 +99,8 @@ trocar_status trocar_sim_restore(trocar_sim *sim, const void *state, size_t size
     memcpy(&sim->seeds, (const char *)state + SEEDS_AT, sizeof sim->seeds);
     const char *from = (const char *)state + HEAD;
     for (int i = 0; i < sim->needle_count && status == TROCAR_OK; i++, from += sizeof(saved_needle)) status = restore_needle(sim, &sim->needles[i], from, why);
+    for (int i = 0; i < sim->needle_count && status == TROCAR_OK; i++)
+        if (phase_of(&sim->needles[i]) == PHASE_LEAVING) post_left(sim, i); /* with the tracks of all */
     if (status == TROCAR_OK) status = rest_again(sim, why);
     if (status == TROCAR_OK) status = restore_probe(sim, from, why);
     for (int i = 0; i < sim->needle_count && status == TROCAR_OK; i++) {
@@ -112,8 +116,7 @@ trocar_status trocar_sim_restore(trocar_sim *sim, const void *state, size_t size
 
 /* ---- what there is to see -------------------------------------------------------------------------------------------------- */
 
-static trocar_contact_status status_of(const insertion_state *state, friction_state friction) {
-    if (state->buckled) return TROCAR_CONTACT_DETACHED;
+static trocar_contact_status status_of(friction_state friction) {
     return friction == STICK ? TROCAR_CONTACT_STICKING : TROCAR_CONTACT_SLIDING;
 }
 
@@ -124,7 +127,7 @@ static int guide_contacts_of(const trocar_model *parent, const insertion_state *
         const guide_contact *face = &s->guides[i / GUIDE_FACES].faces[i % GUIDE_FACES];
         if (!face->touching) continue;
         trocar_contact *contact = &contacts[count++];
-        *contact = (trocar_contact){.kind = TROCAR_CONTACT_GUIDE, .state = face->friction, .arc = face->arc, .status = status_of(s, face->friction),
+        *contact = (trocar_contact){.kind = TROCAR_CONTACT_GUIDE, .state = face->friction, .arc = face->arc, .status = status_of(face->friction),
                                     .slot = i / GUIDE_FACES};
         put(needle_at(&parent->parts.needle, &s->needle, face->arc).position, contact->position);
         put(face->force, contact->force);
@@ -148,16 +151,16 @@ static int tissue_contacts_of(const trocar_model *parent, const insertion_state 
     for (int i = 0; i < active && i < room; i++) {
         int slot = s->refined.order[i];
         const shaft_contact *c = &s->contacts[slot];
-        contacts[i] = (trocar_contact){.kind = TROCAR_CONTACT_TISSUE, .state = c->friction, .arc = c->arc, .depth = c->depth,
-                                       .id = s->refined.nodes[slot].id, .status = status_of(s, c->friction), .slot = slot};
-        put(needle_at(model, &s->needle, c->arc).position, contacts[i].position);
+        contacts[i] = (trocar_contact){.kind = TROCAR_CONTACT_TISSUE, .state = c->shaft.friction, .arc = contact_arc(c, model->given.length), .depth = c->depth,
+                                       .id = s->refined.nodes[slot].id, .status = status_of(c->shaft.friction), .slot = slot};
+        put(needle_at(model, &s->needle, contacts[i].arc).position, contacts[i].position);
         put(c->force, contacts[i].force);
     }
     if (s->tip.phase != TIP_INSIDE) return active;
     if (active < room) {
-        contacts[active] = (trocar_contact){.kind = TROCAR_CONTACT_TIP, .state = s->tip.friction, .arc = model->given.length, .depth = s->tip.depth,
-                                            .status = status_of(s, s->tip.friction), .slot = -1};
-        put(s->needle.joints[model->given.segments], contacts[active].position);
+        contacts[active] = (trocar_contact){.kind = TROCAR_CONTACT_TIP, .state = s->tip.friction, .arc = s->tip.arc, .depth = s->tip.depth,
+                                            .status = status_of(s->tip.friction), .slot = -1};
+        put(needle_at(model, &s->needle, s->tip.arc).position, contacts[active].position);
         put(s->tip.force, contacts[active].force);
     }
     return active + 1;
@@ -169,7 +172,8 @@ int contacts_of(const trocar_model *parent, const insertion_state *s, trocar_con
     if (guided == 0) return tissue_contacts_of(parent, s, contacts, room);
     int count = guided + tissue_contacts_of(parent, s, all + guided, MAX_POINTS - guided);
     sort_by_arc(all, count - (s->tip.phase == TIP_INSIDE));
-    memcpy(contacts, all, (size_t)(count < room ? count : room) * sizeof *contacts);
+    int filled = count < room ? count : room;
+    if (filled > 0) memcpy(contacts, all, (size_t)filled * sizeof *contacts);
     return count;
 }
 
@@ -180,7 +184,7 @@ static int pending_contacts_of(const trocar_model *parent, const insertion_state
         int slot = s->refined.order[active + i];
         const shaft_contact *c = &s->contacts[slot];
         bool planned = c->status == CONTACT_PLANNED;
-        double arc = planned ? model->given.length : c->arc;
+        double arc = planned ? model->given.length : contact_arc(c, model->given.length);
         contacts[i] = (trocar_contact){.kind = TROCAR_CONTACT_TISSUE, .arc = arc, .depth = c->depth, .id = s->refined.nodes[slot].id,
                                        .status = planned ? TROCAR_CONTACT_PLANNED : TROCAR_CONTACT_ADDING, .slot = slot};
         put(planned ? c->track : needle_at(model, &s->needle, arc).position, contacts[i].position);

@@ -10,26 +10,27 @@ enum { LONGEST = 8192 };     /* of a path, with all that is added */
 /* The first line of this form in a file of a folder, else `otherwise`. */
 static double read_number(const char *folder, const char *name, const char *format, double otherwise) {
     char path[LONGEST + 64], line[256];
-    double number = otherwise;
+    long long number;
+    bool found = false;
     snprintf(path, sizeof path, "%s/%s", folder, name);
     FILE *file = fopen(path, "r");
-    while (file && fgets(line, sizeof line, file) && sscanf(line, format, &number) != 1) continue;
+    while (file && !found && fgets(line, sizeof line, file)) found = sscanf(line, format, &number) == 1;
     if (file) fclose(file);
-    return number;
+    return found ? (double)number : otherwise;
 }
 
 /* ---- control groups --------------------------------------------------------------------------------------------------- */
 
 /* A version of control groups: where its files are below a root folder, and what they are called. */
 typedef struct { const char *folder, *limit, *used, *inactive; } group_files;
-static const group_files VERSION_1 = {"sys/fs/cgroup/memory", "memory.limit_in_bytes", "memory.usage_in_bytes", "total_inactive_file %lf"};
-static const group_files VERSION_2 = {"sys/fs/cgroup", "memory.max", "memory.current", "inactive_file %lf"};
+static const group_files VERSION_1 = {"sys/fs/cgroup/memory", "memory.limit_in_bytes", "memory.usage_in_bytes", "total_inactive_file %lld"};
+static const group_files VERSION_2 = {"sys/fs/cgroup", "memory.max", "memory.current", "inactive_file %lld"};
 
 /* A group's own limit: "max" is none. The pages of files that are not in use count as used, but are given back on demand. */
 static void add_group(const group_files *files, const char *folder, memory_limits *least) {
-    double limit = read_number(folder, files->limit, "%lf", INFINITY);
+    double limit = read_number(folder, files->limit, "%lld", INFINITY);
     if (!(limit < INFINITY)) return;
-    double used = read_number(folder, files->used, "%lf", 0.0) - read_number(folder, "memory.stat", files->inactive, 0.0);
+    double used = read_number(folder, files->used, "%lld", 0.0) - read_number(folder, "memory.stat", files->inactive, 0.0);
     least->most = fmin(least->most, limit);
     least->available = fmin(least->available, fmax(0.0, limit - fmax(0.0, used)));
 }
@@ -77,8 +78,8 @@ memory_limits memory_of_groups(const char *root) {
 /* In bytes; the file has kilobytes. */
 static double read_meminfo(const char *format) { return 1024.0 * read_number("/proc", "meminfo", format, 8e6); }
 
-double memory_total(void) { return read_meminfo("MemTotal: %lf"); }
+double memory_total(void) { return read_meminfo("MemTotal: %lld"); }
 
 double memory_most(void) { return fmin(memory_total(), memory_of_groups("").most); }
 
-double memory_available(void) { return fmin(read_meminfo("MemAvailable: %lf"), memory_of_groups("").available); }
+double memory_available(void) { return fmin(read_meminfo("MemAvailable: %lld"), memory_of_groups("").available); }

@@ -5,6 +5,7 @@
 #include <stdarg.h>
 #include <stdio.h>
 
+#include "base/decimal.h"
 #include "trocar.h"
 
 /* Message of the first failure: the place (file, line, key) and the remedy. */
@@ -15,7 +16,7 @@ __attribute__((format(printf, 3, 4)))
 static inline trocar_status fail(report *why, trocar_status status, const char *format, ...) {
     va_list arguments;
     va_start(arguments, format);
-    vsnprintf(why->text, sizeof why->text, format, arguments);
+    decimal_vprint(why->text, sizeof why->text, format, arguments);
     va_end(arguments);
     return status;
 }

@@ -1,13 +1,12 @@
-#define _GNU_SOURCE /* strtod_l: the host's locale does not matter */
 #include "dose/source.h"
 
 #include <errno.h>
-#include <locale.h>
 #include <math.h>
 #include <stdbool.h>
 #include <stdlib.h>
 #include <string.h>
 
+#include "base/input_file.h"
 #include "scene/yaml_text.h"
 
 enum { MAX_FILE = 1 << 20, PLACE_ROOM = 64 };
@@ -23,7 +22,6 @@ typedef struct {
 typedef struct {
     const char *file;
     yaml_text *document;
-    locale_t numbers;
     report *why;
 } reader;
 
@@ -33,7 +31,7 @@ static bool refuse(const reader *r, const char *place, const char *format, ...) 
     char words[512];
     va_list arguments;
     va_start(arguments, format);
-    vsnprintf(words, sizeof words, format, arguments);
+    decimal_vprint(words, sizeof words, format, arguments);
     va_end(arguments);
     fail(r->why, TROCAR_BAD_INPUT, "%s:%d: %s%s%s", r->file, yaml_line(r->document, place), place, *place ? ": " : "", words);
     return false;
@@ -57,7 +55,7 @@ static const range F = {0, 100, "F, a number from 0 to 100"};
 
 static bool read_number(const reader *r, const char *place, const yaml_value *value, const range *allowed, double *number) {
     char *end = NULL;
-    if (value->kind == YAML_TEXT) *number = strtod_l(value->text, &end, r->numbers);
+    if (value->kind == YAML_TEXT) *number = decimal_read(value->text, &end);
     if (end && end != value->text && *end == '\0' && *number >= allowed->low && *number <= allowed->high) return true;
     if (value->kind != YAML_TEXT) return refuse(r, place, "expected %s", allowed->words);
     if (!*value->text) return refuse(r, place, "a value is missing: expected %s", allowed->words);
@@ -296,11 +294,9 @@ trocar_status dose_source_read(const char *file, const char *text, size_t length
     seed_table t = {0};
     trocar_status status = yaml_open(file, text, length, &document, why);
     if (status != TROCAR_OK) return status;
-    reader r = {file, &document, newlocale(LC_NUMERIC_MASK, "C", (locale_t)0), why};
-    if (!r.numbers) status = fail(why, TROCAR_NO_MEMORY, "%s: no memory to read it", file);
-    else if (!read_document(&r, s, &t)) status = TROCAR_BAD_INPUT;
+    reader r = {file, &document, why};
+    if (!read_document(&r, s, &t)) status = TROCAR_BAD_INPUT;
     else if (!make_pieces(&t, s)) status = fail(why, TROCAR_NO_MEMORY, "%s: no memory for its tables", file);
-    if (r.numbers) freelocale(r.numbers);
     yaml_close(&document);
     return status;
 }
@@ -332,8 +328,9 @@ trocar_status trocar_dose_source_create(const char *name, trocar_dose_source **c
 trocar_status trocar_dose_source_load(const char *path, trocar_dose_source **created, trocar_error *error) {
     trocar_error ignored, *why = error ? error : &ignored;
     *created = NULL;
-    FILE *file = fopen(path, "rb");
-    if (!file) return fail(why, TROCAR_BAD_INPUT, "%s: cannot open the seed table: %s", path, strerror(errno));
+    const char *reason;
+    FILE *file = input_open(path, &reason);
+    if (!file) return fail(why, TROCAR_BAD_INPUT, "%s: cannot open the seed table: %s", path, reason);
     trocar_status status = TROCAR_OK;
     char *text = malloc(MAX_FILE);
     size_t length = text ? fread(text, 1, MAX_FILE, file) : 0;

@@ -1,8 +1,7 @@
 #include "insertion/between_points.h"
 
-#include "base/vec_lanes.h"
-#include "insertion/between_kernels.h"
 #include "insertion/guides.h"
+#include "linalg/between_kernels.h"
 
 /* Places of points from base to tip, and what is known of them before their blocks. */
 typedef struct {
@@ -66,23 +65,11 @@ static void lay_out_tissue(const tick_context *tick, const int *order, int k, be
 
 /* ---- needle ---------------------------------------------------------------------------------------------------------- */
 
-/* Displacement of the joints from the base to each point under unit forces at the point; world frame. What is beyond a point's joints means nothing. */
+/* How the joints move under unit forces at each point. */
 static void interpolate_columns(insertion_workspace *w, const int *order) {
-    int begin = 3 * w->points[order[0]].at.first, count = w->point_count;
-    for (int l = 0; l < count; l += LANES) {
-        const needle_point *p[LANES];
-        for (int i = 0; i < LANES; i++) p[i] = &w->points[order[l + i < count ? l + i : count - 1]].at;
-        for (int row = begin; row < 3 * (p[LANES - 1]->first + NEEDLE_POINT_JOINTS); row++) {
-            lanes moved[LANES]; /* components in lanes; the fourth is padding */
-            for (int i = 0; i < LANES; i++) {
-                const double *at = &w->tangent.compliance[row][3 * p[i]->first];
-                moved[i] = p[i]->weights[0] * lanes_load(at);
-                for (int m = 1; m < NEEDLE_POINT_JOINTS; m++) moved[i] += p[i]->weights[m] * lanes_load(at + 3 * m);
-            }
-            lanes_transpose(&moved[0], &moved[1], &moved[2], &moved[3]);
-            for (int b = 0; b < 3; b++) lanes_store(&w->joints_to_points[row][b][l], moved[b]);
-        }
-    }
+    between_interpolation points[MAX_POINTS];
+    for (int k = 0; k < w->point_count; k++) points[k] = (between_interpolation){w->points[order[k]].at.first, w->points[order[k]].at.weights};
+    between_interpolate(w->tangent.compliance[0], NEEDLE_LD, w->point_count, points, w->joints_to_points);
 }
 
 /* ---- blocks ---------------------------------------------------------------------------------------------------------- */
@@ -112,24 +99,6 @@ static void put_blocks(insertion_workspace *w, const int *order, int k, between_
     }
 }
 
-/* The same of points in the order of their places, in whole vectors. These begin before place k and overwrite blocks of points nearer to the base, whose
-   turn therefore comes afterwards. */
-static void put_blocks_in_order(contact_problem *p, int k, between_rows blocks) {
-    int axial = 2 * p->count, begin = lanes_below(k);
-    for (int a = 0; a < 2; a++) {
-        double *row = p->compliance[2 * k + a];
-        for (int l = begin; l < p->count; l += LANES) {
-            lanes x = lanes_load(&blocks[a][0][l]), y = lanes_load(&blocks[a][1][l]);
-            lanes_store(row + 2 * l, __builtin_shufflevector(x, y, 0, 4, 1, 5));
-            lanes_store(row + 2 * l + LANES, __builtin_shufflevector(x, y, 2, 6, 3, 7));
-        }
-        for (int l = begin; l < p->count; l += LANES) lanes_store(row + axial + l, lanes_load(&blocks[a][2][l]));
-    }
-    for (int l = begin; l < p->count; l += LANES) lanes_store(p->compliance[axial + k] + axial + l, lanes_load(&blocks[2][2][l]));
-    for (int l = k + 1; l < p->count; l++)
-        for (int b = 0; b < 2; b++) p->compliance[2 * l + b][axial + k] = blocks[2][b][l];
-}
-
 /* The tissue of the points from place k on, in order: between contacts as the snapshot has it. */
 static void read_tissue(const tick_context *tick, int k, between_points_row *row) {
     static const double none[BETWEEN_PLACES];
@@ -148,7 +117,7 @@ static void read_tissue(const tick_context *tick, int k, between_points_row *row
 static void find_blocks(const tick_context *tick, layout *points, between_kernel *kernel, int k, between_rows blocks) {
     const insertion_workspace *w = tick->scratch;
     const needle_point *point = &w->points[points->order[k]].at;
-    between_points_row row = {.begin = k, .end = w->point_count, .point = point, .needle = (const double (*)[3][BETWEEN_PLACES])&w->joints_to_points[3 * point->first],
+    between_points_row row = {.begin = k, .end = w->point_count, .frame = &point->frame, .weights = point->weights, .needle = (const between_components *)&w->joints_to_points[3 * point->first],
                               .yield = 1.0, .tip_place = w->point_count, .mount = tick->base.compliance, .frames = (const between_rows *)&points->frames};
     if (points->in_order) {
         read_tissue(tick, k, &row);
@@ -157,13 +126,6 @@ static void find_blocks(const tick_context *tick, layout *points, between_kernel
         for (int a = 0; a < 9; a++) row.tissue[a / 3][a % 3] = points->tissue[a / 3][a % 3];
     }
     kernel(&row, blocks);
-}
-
-between_kernel *between_kernel_here(void) {
-#ifdef TROCAR_AVX512
-    if (runs_avx512()) return between_avx512;
-#endif
-    return between_portable;
 }
 
 void assemble_between_points(const tick_context *tick) {
@@ -176,9 +138,9 @@ void assemble_between_points(const tick_context *tick) {
     points.in_order = in_order_of_slots(w, points.order);
     lay_out_frames(w, &points);
     interpolate_columns(w, points.order);
-    for (int k = w->point_count - 1; k >= 0; k--) { /* toward the base: see put_blocks_in_order */
+    for (int k = w->point_count - 1; k >= 0; k--) { /* toward the base: see between_store */
         find_blocks(tick, &points, kernel, k, blocks);
-        if (points.in_order) put_blocks_in_order(&w->problem, k, blocks);
+        if (points.in_order) between_store(w->problem.count, k, blocks, w->problem.compliance);
         else put_blocks(w, points.order, k, blocks);
     }
     for (int i = 0; i < w->guided; i++)

@@ -3,7 +3,7 @@
 #include <math.h>
 #include <string.h>
 
-#include "base/lanes.h"
+#include "linalg/rows.h"
 
 /* The principal directions of one contact's sideways block [p q; q r]: turned by the angle with cosine c and sine s, it is
    diagonal. Two scalar pivots so far apart as these may become keep their digits; the block's inverse would not. */
@@ -57,43 +57,26 @@ static symmetric_system axial_system(contact_problem *p) {
     return (symmetric_system){(double (*)[CONTACT_LD])&p->compliance[2 * p->count][2 * p->count], p->axial_count};
 }
 
-/* Slips under the present forces, where the needle slides freely, m. Off the diagonal, each number is used for its row and for its column. */
+/* Slips under the present forces, where the needle slides freely, m. */
 static void find_slips(contact_problem *p, double slip[MAX_AXIAL]) {
     symmetric_system s = axial_system(p);
-    double force[MAX_AXIAL + PADDING] = {0}, sum[MAX_AXIAL + PADDING] = {0};
+    double force[MAX_AXIAL + PADDING] = {0}, sum[MAX_AXIAL + PADDING];
     memcpy(force, p->force + 2 * p->count, (size_t)s.order * sizeof *force);
-    for (int i = 0; i < s.order; i += PANEL_ROWS) {
-        lanes row[PANEL_ROWS] = {0};
-        IN_REGISTERS for (int r = 0; r < PANEL_ROWS; r++) {
-            sum[i + r] += s.a[i + r][i + r] * force[i + r];
-            IN_REGISTERS for (int c = r + 1; c < PANEL_ROWS; c++) {
-                sum[i + r] += s.a[i + r][i + c] * force[i + c];
-                sum[i + c] += s.a[i + r][i + c] * force[i + r];
-            }
-        }
-        for (int j = i + PANEL_ROWS; j < s.order; j += LANES) {
-            lanes column = lanes_load(sum + j), right = lanes_load(force + j);
-            IN_REGISTERS for (int r = 0; r < PANEL_ROWS; r++) {
-                lanes a = lanes_load(&s.a[i + r][j]);
-                row[r] += a * right;
-                column += a * lanes_all(force[i + r]);
-            }
-            lanes_store(sum + j, column);
-        }
-        IN_REGISTERS for (int r = 0; r < PANEL_ROWS; r++) sum[i + r] += lanes_sum(row[r]);
-    }
+    symmetric_multiply(&s, force, sum);
     for (int i = 0; i < s.order; i++) slip[i] = p->gap[2 * p->count + i] - sum[i];
 }
 
-/* Solves for the right-hand side and stores the solution in x; false if the system is not positive definite. */
-static bool solve_definite(const symmetric_system *s, double x[MAX_AXIAL + PADDING]) {
+/* Solves for the right-hand side, stores the solution in x and counts negative eigenvalues (pivots); false if the system is singular. */
+static bool solve_symmetric(const symmetric_system *s, double x[MAX_AXIAL + PADDING], int *negative) {
     elimination_kernel *eliminate_after_panel = elimination_kernel_here();
     elimination_panel panel;
     elimination_begin(s);
+    *negative = 0;
     for (panel.end = 0; next_panel(s, &panel, s->order);) {
         IN_REGISTERS for (int k = 0; k < PANEL_ROWS; k++) {
             double pivot = panel.block[k][k], inverse = 1.0 / pivot;
-            if (!(pivot > 0.0)) return false;
+            if (!(fabs(inverse) < INFINITY)) return false;
+            *negative += pivot < 0.0;
             eliminate_in_block(&panel, k, 1, &inverse);
         }
         eliminate_after_panel(s, &panel);
@@ -112,11 +95,25 @@ static bool solve_definite(const symmetric_system *s, double x[MAX_AXIAL + PADDI
     return true;
 }
 
+/* Gives the climber the law that holds near knot k: from the piece below to the piece above. */
+static void stand_at_knot(contact_problem *p, int k) {
+    const staircase *s = &p->ahead;
+    int i = p->climber;
+    p->knot = k;
+    p->upper[i] = s->level[k];
+    p->viscosity[i][1] = s->slope[k];
+    p->lower[i] = k > 0 ? s->level[k - 1] + s->slope[k - 1] * (s->at[k] - s->at[k - 1]) : s->back;
+    p->viscosity[i][0] = k > 0 ? s->slope[k - 1] : 0.0;
+}
+
+/* The slip from which unknown i's own law counts, m. */
+static double origin(const contact_problem *p, int i) { return p->ahead.count > 0 && i == p->climber ? p->ahead.at[p->knot] : 0.0; }
+
 static double bound(const contact_problem *p, int i) { return p->state[i] == SLIP_FORWARD ? p->upper[i] : p->lower[i]; }
 static double viscosity(const contact_problem *p, int i) { return p->viscosity[i][p->state[i] == SLIP_FORWARD]; }
 
 /* Axial forces for a given set of sticking and slipping contacts. */
-static bool solve_axial(contact_problem *p) {
+static bool solve_axial(contact_problem *p, int *negative) {
     int unknown[MAX_AXIAL], count = 0;
     _Alignas(CACHE_LINE) double system[ELIMINATION_SIZE(MAX_AXIAL)][MOST_COLUMNS];
     double slip[MAX_AXIAL], x[MAX_AXIAL + PADDING];
@@ -130,8 +127,9 @@ static bool solve_axial(contact_problem *p) {
     else find_slips(p, slip);
     for (int a = 0; a < count; a++) {
         int i = unknown[a];
+        slip[i] -= origin(p, i);
         if (count == p->axial_count)
-            for (int b = a; b < count; b += LANES) lanes_store(&system[a][b], lanes_load(&compliance[a][b]));
+            row_copy(compliance[a], a, count, system[a]);
         else
             for (int b = a; b < count; b++) system[a][b] = compliance[i][unknown[b]];
         system[a][count] = slip[i];
@@ -140,38 +138,52 @@ static bool solve_axial(contact_problem *p) {
         system[a][a] += slope;
         system[a][count] += bound(p, i) * slope;
     }
-    if (!solve_definite(&(symmetric_system){system, count}, x)) return false;
+    if (!solve_symmetric(&(symmetric_system){system, count}, x, negative)) return false;
     for (int a = 0; a < count; a++) force[unknown[a]] = x[a];
     return true;
 }
 
-/* The state that contact i should change to, or its own if it is consistent. */
+/* The state that unknown i should change to, or its own if it is consistent. */
 static friction_state consistent_state(contact_problem *p, int i, double slip) {
     double force = p->force[2 * p->count + i], margin = 1e-12 * (1.0 + fabs(force));
     if (p->state[i] == STICK) {
-        p->slip[i] = 0.0;
+        p->slip[i] = origin(p, i);
         if (force > p->upper[i] + margin) return SLIP_FORWARD;
         if (force < p->lower[i] - margin) return SLIP_BACKWARD;
         return STICK;
     }
     p->slip[i] = slip;
-    return p->state[i] * slip < 0.0 ? STICK : p->state[i];
+    return p->state[i] * (slip - origin(p, i)) < 0.0 ? STICK : p->state[i];
+}
+
+/* The knot that unknown i should stand at: the next one if it has slid past that, else its own. */
+static int consistent_knot(const contact_problem *p, int i, double slip) {
+    int next = p->knot + (int)p->state[i];
+    if (p->ahead.count == 0 || i != p->climber || next == p->knot || next < 0 || next >= p->ahead.count) return p->knot;
+    return (int)p->state[i] * (slip - p->ahead.at[next]) > 0.0 ? next : p->knot;
 }
 
 /* Active-set search: all inconsistent contacts switch at once, as a rule twice or so; if that cycles, one at a time in
-   least-index order, which is finite for positive definite problems (Murty 1974). */
-static bool search_states(contact_problem *p) {
-    int together = 10, limit = together + 4 * p->axial_count;
+   least-index order, which is finite for positive definite problems (Murty 1974). `negative`: eigenvalues of the compliance between those that stick
+   or slide with viscosity. */
+static bool search_states(contact_problem *p, int *negative) {
+    int together = 10, limit = together + 4 * (p->axial_count + p->ahead.count);
     double slip[MAX_AXIAL];
+    if (p->ahead.count > 0) stand_at_knot(p, p->knot < p->ahead.count ? p->knot : 0);
     for (int i = 0; i < p->axial_count; i++) /* slid up to now, but can't any more: say, the tip has met bone */
         if (isinf(bound(p, i))) p->state[i] = STICK;
     for (int round = 0; round < limit; round++) {
-        if (!solve_axial(p)) return false;
+        if (!solve_axial(p, negative)) return false;
         find_slips(p, slip);
         bool consistent = true;
         for (int i = 0; i < p->axial_count; i++) {
             friction_state next = consistent_state(p, i, slip[i]);
-            if (next == p->state[i] || (!consistent && round >= together)) continue;
+            int knot = consistent_knot(p, i, slip[i]);
+            if ((next == p->state[i] && knot == p->knot) || (!consistent && round >= together)) continue;
+            if (knot != p->knot) {
+                stand_at_knot(p, knot);
+                if (p->lower[i] < p->upper[i]) next = STICK; /* on a kink without a jump it slides on */
+            }
             p->state[i] = next;
             p->switches++;
             consistent = false;
@@ -204,6 +216,7 @@ static void close_sideways(contact_problem *p, const principal axes[MAX_PAIRS]) 
 }
 
 trocar_status contact_solve(contact_problem *p) {
+    int axial = 0;
     p->switches = p->negative = 0;
     memset(p->force, 0, sizeof p->force);
     memset(p->slip, 0, sizeof p->slip);
@@ -211,10 +224,11 @@ trocar_status contact_solve(contact_problem *p) {
     for (int i = p->count; i < MAX_PAIRS; i++) p->scale[i] = 1.0; /* of what fills up the last panel */
     for (int i = 0; i < p->count; i++) p->scale[i] = fabs(p->compliance[2 * i][2 * i]) + fabs(p->compliance[2 * i + 1][2 * i + 1]);
     eliminate_sideways(p, axes);
-    if (!search_states(p)) {
+    if (!search_states(p, &axial)) {
         memset(p->force, 0, sizeof p->force);
         return TROCAR_NUMERIC;
     }
     close_sideways(p, axes);
+    p->negative += axial;
     return TROCAR_OK;
 }

@@ -3,7 +3,7 @@
 #ifndef TROCAR_CONTACT_H
 #define TROCAR_CONTACT_H
 
-#include "insertion/elimination.h"
+#include "linalg/elimination.h"
 #include "insertion/guide.h"
 #include "remesh/refinement.h"
 
@@ -13,10 +13,22 @@ _Static_assert(CONTACT_LD >= ELIMINATION_SIZE(MAX_UNKNOWNS), "a row holds all un
 
 typedef enum { STICK = 0, SLIP_FORWARD = 1, SLIP_BACKWARD = -1 } friction_state;
 
+/* Resistance ahead of one axial unknown as a function of its slip: a staircase that only goes up. From knot k to the next one the force is level[k] +
+   slope[k] (slip - at[k]); at a knot it is anything between the end of the piece below and level[k]. Drawn back, the unknown bears the force `back`. */
+enum { MAX_KNOTS = 12 };
+typedef struct {
+    int count;                           /* knots; 0: there is no staircase */
+    double at[MAX_KNOTS];                /* m, ascending, at[0] = 0 */
+    double level[MAX_KNOTS];             /* N, ascending; INFINITY: impassable */
+    double slope[MAX_KNOTS];             /* N/m, >= 0 */
+    double back;                         /* N, at most level[0] */
+} staircase;
+
 /* Find the forces (on the tissue, local frames): A force = gap sideways; along the axis
    slip = gap - A force, with force in [lower, upper] where slip = 0, upper + viscosity[1] * slip where slip > 0 and
    lower + viscosity[0] * slip where slip < 0. Unknowns are ordered: 2 n sideways, then m axial: a point may bear more than one
-   force along the needle. */
+   force along the needle. Axial unknown `climber` follows the staircase `ahead` instead: near knot k that is the same law, with slips counted
+   from at[k]. */
 typedef struct {
     int count, axial_count;              /* n, m: guides, contacts and the tip, at most MAX_POINTS and MAX_AXIAL */
     _Alignas(CACHE_LINE) double compliance[ELIMINATION_SIZE(MAX_UNKNOWNS)][CONTACT_LD]; /* A, m/N: upper triangle; destroyed by the solve */
@@ -24,18 +36,23 @@ typedef struct {
     double lower[MAX_AXIAL], upper[MAX_AXIAL];     /* N, lower <= upper; may be infinite */
     double viscosity[MAX_AXIAL][2];      /* N/m (viscous friction over the tick), >= 0: backward, forward */
     friction_state state[MAX_AXIAL];     /* in: warm start; out: solution */
+    staircase ahead;
+    int climber;                         /* axial unknown, the tip; unused if ahead.count is 0 */
+    int knot;                            /* that state[climber] refers to. In: warm start; out: solution */
     double force[MAX_UNKNOWNS];          /* N, out */
     double slip[MAX_AXIAL];              /* m, out: how far the needle slid forward past the tissue in this tick */
     double scale[MAX_PAIRS];             /* m/N, size of each contact's own sideways compliance (scratch) */
     int switches;                        /* out: changes of the active set */
-    int negative;                        /* out: negative eigenvalues of the sideways part of A */
+    int negative;                        /* out: negative eigenvalues of A without what slides with a constant force */
 } contact_problem;
 
 /* Index of an unknown: two sideways for each point, then one along the needle for each, then that of the shaft next to the tip. RT */
 static inline int unknown(int count, int point, int axis) { return axis < 2 ? 2 * point + axis : 2 * count + point; }
 
-/* Exact solution by pivoting; the axial part stays positive definite as long as needle and tissue together are
-   stable. Returns NUMERIC (forces zero) otherwise. Allocates nothing. RT */
+/* Exact solution by pivoting. There is one, and only one, if needle and tissue together are stable whatever slides: then the Schur complement of the axial
+   part is positive definite. A needle far beyond its buckling load may be stable only because it sticks: then one solution is found, and the caller
+   compares `negative` with the needle's own unstable modes. Returns NUMERIC (forces zero) if A is singular or the search does not end. Allocates
+   nothing. RT */
 trocar_status contact_solve(contact_problem *p);
 
 #endif

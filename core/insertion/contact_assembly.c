@@ -2,18 +2,18 @@
 
 #include <string.h>
 
+#include "insertion/along_track.h"
 #include "insertion/between_points.h"
 #include "insertion/creep.h"
 #include "insertion/guides.h"
 #include "insertion/local_compliance.h"
-#include "insertion/obstacle.h"
-#include "insertion/old_tracks.h"
+#include "insertion/resistance_ahead.h"
 #include "insertion/roll.h"
 #include "insertion/stiffening.h"
 #include "insertion/strata.h"
+#include "remesh/snapshot_kernels.h"
 
-static const double TIP_FADE = 3e-3;     /* m of depth over which the tip's lateral hold grows to its full value, */
-static const double TIP_BITE = 0.05;     /* N, or the force along the needle at which it is full on the surface */
+static const double TIP_FADE = 3e-3;     /* m of depth over which the tip's lateral hold grows to its full value */
 static const double LEAST_STIFFNESS = 1e-3; /* N/m, for shaft that is hardly in tissue, having come out of a gap */
 
 /* ---- points and forces --------------------------------------------------------------------------------------------- */
@@ -36,9 +36,24 @@ void list_points(const tick_context *tick) {
     contact_point *p = &w->points[w->guided + contacts];
     p->kind = POINT_TIP;
     p->handle = NO_HANDLE;
-    p->arc = tick->model->needle->given.length;
     p->share = shaft_next_share(state, contacts, true, &border);
     p->shaft = shaft_resistance_of(tick->model, state, p->share);
+}
+
+/* A contact bears its force where the shaft is that the tissue holds, but not beyond the needle's end. So does the shaft next to the tip, which is behind the
+   needle's end by how far the end face has dented the tissue; the end face is at the end. The resultant of their sideways forces is between them. */
+static void place_on_shaft(const tick_context *tick, contact_point *p) {
+    const insertion_state *state = tick->state;
+    double length = tick->model->needle->given.length;
+    bool tip = p->kind == POINT_TIP;
+    const shaft_hold *shaft = tip ? &state->tip.shaft : &state->contacts[p->handle].shaft;
+    double depth = tip ? state->tip.depth : state->contacts[p->handle].depth;
+    p->arc = shaft_arc(shaft, depth, length);
+    if (tip) {
+        p->to_end = tick->scratch->sideways_on_shaft * (length - p->arc);
+        p->arc = length - p->to_end;
+    }
+    p->lead = shaft->origin + depth - p->arc;
 }
 
 void locate_points(const tick_context *tick) {
@@ -47,6 +62,7 @@ void locate_points(const tick_context *tick) {
     double arcs[MAX_POINTS];
     needle_point *at[MAX_POINTS];
     for (int i = 0; i < w->point_count; i++) {
+        if (i >= w->guided) place_on_shaft(tick, &w->points[i]);
         arcs[i] = w->points[i].arc;
         at[i] = &w->points[i].at;
     }
@@ -56,6 +72,7 @@ void locate_points(const tick_context *tick) {
         contact_point *p = &w->points[i];
         p->target = p->kind == POINT_TIP ? v3_add(tip_place(&state->tip), w->free_at_tip)
                                          : v3_add(state->contacts[p->handle].track, creep_free(tick, p->handle));
+        p->target = v3_add(p->target, unresolved_mean(&tick->snapshot->unresolved, p->share.from, p->share.to));
         if (tick->model->creep.count > 0) p->target = v3_add(p->target, w->creep.moved[i]);
     }
 }
@@ -78,12 +95,16 @@ void find_tip_rows(const tick_context *tick, const int handles[4]) {
     const double *weights = tick->state->tip.known_weights;
     int tip = w->point_count - 1;
     double yielding[4];
-    row_matrix own = {{{0}}};
+    w->tip_resolved = handles[0] == NO_HANDLE ? 0.0 : tick->state->tip.resolved.point;
+    if (handles[0] == NO_HANDLE) { /* the mesh is rigid there */
+        memset(w->tip_row, 0, (size_t)w->point_count * sizeof *w->tip_row);
+        w->free_at_tip = v3(0, 0, 0);
+        return;
+    }
     for (int c = 0; c < 4; c++) yielding[c] = w->creep.yield * weights[c];
-    for (int c = 0; c < 4; c++) own = rm_add(own, rm_scaled(weights[c], compliance_rows_to_point(tick->snapshot, handles, yielding, handles[c])));
     for (int i = 0; i < w->guided; i++) w->tip_row[i] = (mat3){{{0}}};
     for (int i = w->guided; i < tip; i++) w->tip_row[i] = compliance_to_point(tick->snapshot, handles, yielding, w->points[i].handle);
-    w->tip_row[tip] = matrix_of(own);
+    w->tip_row[tip] = compliance_of_point(tick->snapshot, handles, yielding, weights);
     w->free_at_tip = creep_free_at(tick, handles, weights);
 }
 
@@ -91,7 +112,7 @@ void find_tip_rows(const tick_context *tick, const int handles[4]) {
    the tip and the contacts behind it, so that nothing jumps when one takes the place of the other. */
 static double hold_near_surface(const tick_context *tick) {
     const needle_tip *tip = &tick->state->tip;
-    return tick->scratch->tip ? fmin(1.0, (tip->depth - tip_entry_depth(tick->state)) / TIP_FADE + tip->pressing / TIP_BITE) : 1.0;
+    return tick->scratch->tip ? fmin(1.0, (tip->depth - tip_entry_depth(tick->state)) / TIP_FADE + tip->pressing / FULL_GRIP) : 1.0;
 }
 
 /* Point i, of this local compliance (m/N), is held by that part only. */
@@ -116,35 +137,35 @@ void find_local_compliance(const tick_context *tick) {
         const shaft_contact *contact = &state->contacts[w->points[i].handle];
         const shaft_resistance *shaft = &w->points[i].shaft;
         bool here = contact->depth >= tip_entry_depth(state); /* not in a previous body */
-        plane_tensor lateral = local_logarithm_behind_tip(contact->log_lateral, &contact->end, here ? behind_tip(tick, i) : INFINITY);
+        plane_tensor lateral = local_logarithm_behind_tip(contact->log_lateral, &contact->resolved.end, here ? behind_tip(tick, i) : INFINITY);
         loosen(w, i, here ? hold : 1.0, plane_mean(lateral) / shaft->lateral);
         w->lateral[i] = plane_principal(plane_scaled(1.0 / shaft->lateral, lateral), contact->direction);
         w->axial[i] = contact->log_axial / shaft->axial;
     }
     if (!w->tip) return;
     const needle_tip *tip = &state->tip;
-    double radius = model->needle->radius, depth = tip->depth - tip_entry_depth(state);
+    double depth = tip->depth - tip_entry_depth(state);
     const shaft_resistance *shaft = &w->points[t].shaft;
     double axial = local_logarithm(model, &tip->resolved).axial;
     plane_tensor endless = local_logarithm_across(model, &tip->resolved, tip->direction);
     plane_tensor lateral = local_logarithm_behind_tip(endless, &tip->resolved.end, behind_tip(tick, t));
-    lateral_axial line = local_line_compliance_at(model, tip->tet, tip->nominal);
-    double stiffness = shaft->lateral + radius / line.lateral; /* one radius more */
-    w->lateral[t] = plane_principal(plane_scaled(1.0 / stiffness, lateral), tip->direction);
-    w->held_axial = axial / (shaft->axial + radius / line.axial);
-    loosen(w, t, hold, plane_mean(lateral) / stiffness);
-    w->axial[t] = local_at_tip(model, tip->tet, tip->nominal, depth, tip->pressing, tip->resolved.point);
+    double face = local_at_tip(model, tip->tet, tip->nominal, depth, tip->pressing, w->tip_resolved);
+    double both = plane_mean(lateral) + face * shaft->lateral; /* shaft and end face side by side */
+    w->sideways_on_shaft = face * shaft->lateral / both;
+    w->lateral[t] = plane_principal(plane_scaled(1.0 / fmax(shaft->lateral, LEAST_STIFFNESS), lateral), tip->direction);
+    w->axial[t] = face;
+    loosen(w, t, hold, plane_mean(lateral) * face / both);
     w->axial[t + 1] = axial / fmax(shaft->axial, LEAST_STIFFNESS);
 }
 
 /* How much farther ahead of the tissue the shaft is because the tissue along its share has become softer (stiffer: less far), under
    the traction that it bears, m. Shaft that enters another region has not sheared the tissue there yet; without this, it would have to
    slide for it, in the tick in which the tip enters that region. */
-static double lead_gained(const insertion_model *model, const contact_point *p, double logarithm, double traction, double *softness, double *stiffening) {
-    stiffened_shaft before = {*softness, *stiffening};
+static double lead_gained(const insertion_model *model, const contact_point *p, double logarithm, double traction, shaft_hold *shaft) {
+    stiffened_shaft before = {shaft->softness, shaft->stiffening};
     stiffened_shaft now = {(p->share.to - p->share.from) / larger_of(p->shaft.axial, LEAST_STIFFNESS), p->shaft.stiffening};
-    *softness = now.softness;
-    *stiffening = now.stiffening;
+    shaft->softness = now.softness;
+    shaft->stiffening = now.stiffening;
     if (before.softness == 0.0) return 0.0;
     return logarithm * (now.softness - before.softness) * traction + stiffening_lead(model, before, now, traction);
 }
@@ -157,14 +178,14 @@ void keep_shear(const tick_context *tick) {
     for (int i = w->guided; i < t; i++) {
         contact_point *p = &w->points[i];
         shaft_contact *contact = &state->contacts[p->handle];
-        double traction = contact->traction + creep_traction_of(tick, i);
-        p->arc = contact->arc += lead_gained(model, p, contact->log_axial, traction, &contact->softness, &contact->stiffening);
+        double traction = contact->shaft.traction + creep_traction_of(tick, i);
+        contact->shaft.origin += lead_gained(model, p, contact->log_axial, traction, &contact->shaft);
     }
     if (!w->tip) return;
     needle_tip *tip = &state->tip;
     double logarithm = local_logarithm(model, &tip->resolved).axial;
-    double traction = tip->shaft_traction + creep_traction_of(tick, t);
-    tip->stretch += lead_gained(model, &w->points[t], logarithm, traction, &tip->shaft_softness, &tip->shaft_stiffening);
+    double traction = tip->shaft.traction + creep_traction_of(tick, t);
+    shift_tip_shaft(state, lead_gained(model, &w->points[t], logarithm, traction, &tip->shaft));
 }
 
 /* ---- bounds of the forces along the needle ------------------------------------------------------------------------- */
@@ -197,24 +218,18 @@ static double work_of_hold(const tick_context *tick) {
 
 /* The tip bears two forces along the needle: what it cuts, or is stopped by, and friction of the shaft next to it. */
 static void bound_tip(const tick_context *tick) {
-    const insertion_model *model = tick->model;
     insertion_workspace *w = tick->scratch;
     contact_problem *p = &w->problem;
     const needle_tip *tip = &tick->state->tip;
     int t = p->count - 1;
-    bool stops = w->tip_law == TIP_STOPS, blocked = stops || tip->blocked_by != NOT_BLOCKED;
-    double resistance = stops ? w->stop_resistance : tip_resistance(model, tip);
-    double whole = model->materials[model->mesh->region[tip->tet]].cutting_viscosity / tick->dt, viscosity = (1.0 - tip->open) * whole;
-    p->upper[t] = blocked ? resistance : old_tracks_bound(tip, needle_along(&w->points[t].at), resistance) + work_of_hold(tick);
-    if (w->tip_law == TIP_SPRINGS) { /* up to slip_offset as always, beyond it as in tissue that is not open */
-        p->upper[t] += viscosity * w->slip_offset;
-        viscosity = whole;
-    }
-    p->lower[t] = 0.0;
+    resistance_ahead_climb(tick, work_of_hold(tick), &p->ahead);
+    p->climber = t;
+    p->lower[t] = p->ahead.back;
+    p->upper[t] = p->ahead.level[0];
     p->viscosity[t][0] = 0.0;
-    p->viscosity[t][1] = blocked ? 0.0 : viscosity;
+    p->viscosity[t][1] = p->ahead.slope[0];
     p->state[t] = tip->friction;
-    bound_friction(tick, t + 1, &w->points[t].shaft, tip->shaft_slid, tip->shaft_slip, &tip->roll, tip->shaft_friction);
+    bound_friction(tick, t + 1, &w->points[t].shaft, tip->shaft.slid, tip->shaft.slip, &tip->shaft.roll, tip->shaft.friction);
 }
 
 void bound_contacts(const tick_context *tick) {
@@ -222,8 +237,9 @@ void bound_contacts(const tick_context *tick) {
     for (int i = 0; i < w->guided; i++) guides_bound(tick, i);
     for (int i = w->guided; i < w->point_count - w->tip; i++) {
         const shaft_contact *contact = &tick->state->contacts[w->points[i].handle];
-        bound_friction(tick, i, &w->points[i].shaft, contact->slid, contact->slip, &contact->roll, contact->friction);
+        bound_friction(tick, i, &w->points[i].shaft, contact->shaft.slid, contact->shaft.slip, &contact->shaft.roll, contact->shaft.friction);
     }
+    tick->scratch->problem.ahead.count = 0;
     if (w->tip) bound_tip(tick);
 }
 
@@ -236,33 +252,31 @@ static void repeat_tip(contact_problem *p) {
     p->compliance[shaft][shaft] = p->compliance[tip][tip];
 }
 
-/* Local compliance belongs to the tissue: its principal directions are those of the track, not of the needle. If they turned with a
-   needle that bends there, the passes would diverge near buckling, because the tangent lacks that term. The shaft next to the tip
-   carries what lies sideways with it as a contact would, so that nothing jumps when one takes the place of the other. What the end
-   face presses in yields along the needle, under its own force alone. */
-static void add_local_compliance(contact_problem *p, const insertion_workspace *w, int point, vec3 track, bool tip) {
-    int first = unknown(p->count, point, 0), face = unknown(p->count, point, 2), axial = face + tip;
-    const int row[] = {first, first + 1, axial};
-    vec3 share = m3_apply_transposed(&w->points[point].at.frame, track); /* of each force, along the track */
+/* Local compliance of the tissue around a shaft belongs to the tissue: its principal directions are those of the track, not of the needle. If they turned with
+   a needle that bends there, the passes would diverge near buckling, because the tangent lacks that term. The tip's end face yields the same in every
+   direction. */
+static void add_local_compliance(const tick_context *tick, int point) {
+    const insertion_workspace *w = tick->scratch;
+    contact_problem *p = &tick->scratch->problem;
+    const track_shares at = along_track(tick, point);
+    bool tip = w->points[point].kind == POINT_TIP;
+    double face = tip ? w->axial[point] : 0.0, shaft = w->axial[point + tip], least = w->lateral[point].least, more = w->lateral[point].more;
     vec3 aside = m3_apply_transposed(&w->points[point].at.frame, w->lateral[point].easy);
-    const double along[] = {share.x, share.y, share.z}, easy[] = {aside.x, aside.y, aside.z}, least = w->lateral[point].least, more = w->lateral[point].more;
-    double shaft = w->axial[point + tip], held = tip ? w->held_axial : shaft; /* held <= shaft: positive semidefinite */
-    for (int i = 0; i < 3; i++)
-        for (int j = 0; j <= i; j++)
-            p->compliance[row[j]][row[i]] += least * ((i == j) - along[i] * along[j]) + more * easy[i] * easy[j] + (j == 2 ? shaft : held) * along[i] * along[j];
-    if (tip) p->compliance[face][face] += w->axial[point];
+    const double easy[] = {aside.x, aside.y, aside.z, aside.z};
+    for (int i = 0; i < at.count; i++)
+        for (int j = 0; j <= i; j++) {
+            double same = at.axis[i] == at.axis[j], around_shaft = least * same + (shaft - least) * at.along[i] * at.along[j] + more * easy[i] * easy[j];
+            p->compliance[at.row[j]][at.row[i]] += at.on_shaft[i] * at.on_shaft[j] * around_shaft + at.on_face[i] * at.on_face[j] * face * same;
+        }
 }
 
 void assemble_compliance(const tick_context *tick) {
     insertion_workspace *w = tick->scratch;
-    const insertion_state *state = tick->state;
     contact_problem *p = &w->problem;
     assemble_between_points(tick);
     if (w->tip) repeat_tip(p);
-    int t = w->point_count - w->tip;
     for (int i = 0; i < w->guided; i++) guides_add_compliance(tick, i);
-    for (int i = w->guided; i < t; i++) add_local_compliance(p, w, i, state->contacts[w->points[i].handle].direction, false);
-    if (w->tip) add_local_compliance(p, w, t, state->tip.direction, true);
+    for (int i = w->guided; i < p->count; i++) add_local_compliance(tick, i);
     for (int i = w->guided; i < p->count; i++)
         for (int a = 0; a < 2; a++) p->compliance[2 * i + a][2 * i + a] += w->loose[i];
     stiffening_add_compliance(tick);
@@ -278,14 +292,11 @@ void assemble_gaps(const tick_context *tick) {
         gap = m3_apply_transposed(&at->frame, gap);
         p->gap[unknown(p->count, i, 0)] = gap.x;
         p->gap[unknown(p->count, i, 1)] = gap.y;
-        p->gap[unknown(p->count, i, 2)] = gap.z;
+        bool tip = w->points[i].kind == POINT_TIP;
+        p->gap[unknown(p->count, i, 2)] = gap.z + (tip ? w->points[i].to_end : w->points[i].lead);
+        if (tip) p->gap[unknown(p->count, i, 2) + 1] = gap.z + w->points[i].lead;
     }
     for (int i = 0; i < w->guided; i++) guides_close_gap(tick, i);
-    int shaft = unknown(p->count, p->count, 2);
-    if (w->tip) {
-        p->gap[shaft] = p->gap[shaft - 1] + tick->state->tip.stretch;
-        p->gap[shaft - 1] -= w->slip_offset;
-    }
     creep_shift_gaps(tick);
     stiffening_shift_gaps(tick);
 }

@@ -67,13 +67,6 @@ void drop_plan(insertion_state *state) {
     state->tip.next_contact = NAN;
 }
 
-/* Edge length of the mesh in an element, m. */
-static double size_of(const mesh *m, int tet) {
-    double sum = 0.0;
-    for (int c = 0; c < 4; c++) sum += 0.25 * m->node_size[m->tets[tet][c]];
-    return sum;
-}
-
 /* The way through an element has shares of equal length, each with its contact node in the middle. `another`: the tip is at such a node,
    with half of its share ahead. */
 static void plan(const tick_context *tick, vec3 direction, bool another) {
@@ -91,7 +84,7 @@ static void plan(const tick_context *tick, vec3 direction, bool another) {
             add_contact(tick, v3_axpy(chord, direction, tip->nominal), tip->depth + chord, direction);
         return;
     }
-    double shares = chord / (LONGEST_SHARE * size_of(model->mesh, tip->tet));
+    double shares = chord / (LONGEST_SHARE * mesh_edge_length(model->mesh, tip->tet));
     shares = another ? ceil(shares - 0.5) : fmax(ceil(shares), 1.0);
     if (shares < 1.0) return;
     double due = fmax(tip->depth + (another ? chord / (shares + 0.5) : 0.5 * chord / shares), earliest);
@@ -126,7 +119,7 @@ void plan_exit(const tick_context *tick, vec3 way, double left) {
 void set_resolution(const insertion_model *model, shaft_contact *contact, const resolved_field *resolved) {
     contact->log_axial = local_logarithm(model, resolved).axial;
     contact->log_lateral = local_logarithm_across(model, resolved, contact->direction);
-    contact->end = resolved->end;
+    contact->resolved = *resolved;
 }
 
 void leave_contact(const tick_context *tick) {
@@ -138,9 +131,8 @@ void leave_contact(const tick_context *tick) {
         slot = add_contact(tick, tip->nominal, tip->depth, tip_way(tip, tip->direction));
     }
     if (slot >= 0) {
-        state->contacts[slot] = (shaft_contact){.status = CONTACT_WAITING, .arc = tick->model->needle->given.length, .track = tip_place(tip),
-                                                .beside = tip->beside, .direction = tip->direction, .depth = tip->depth,
-                                                .slip = tip->shaft_slip, .slid = tip->shaft_slid, .friction = tip->shaft_friction, .roll = tip->roll};
+        state->contacts[slot] = (shaft_contact){.status = CONTACT_WAITING, .track = tip_place(tip), .beside = tip->beside, .direction = tip->direction,
+                                                .depth = tip->depth, .shaft = tip->shaft};
         if (tip->resolved_known) set_resolution(tick->model, &state->contacts[slot], &tip->resolved);
     }
     tip->next_contact = INFINITY;
@@ -158,8 +150,13 @@ void take_up_contact(const tick_context *tick) {
     tip->tet = refinement_element(tick->model->mesh, &state->refined, 0, node->tet, tip->nominal, weights);
     tip->direction = contact->direction;
     tip->depth = contact->depth;
-    tip->shaft_slid = contact->slid;
-    tip->roll = contact->roll;
+    tip->shaft = contact->shaft;
+    if (contact->log_axial != 0.0) {
+        double point = tip->resolved.point; /* of the end face, which nothing else has borne */
+        tip->resolved = contact->resolved;
+        tip->resolved.point = point;
+        tip->resolved_at = tip->nominal;
+    }
     tip->next_contact = NAN;
     leave_strata(state);
     tick->output->events |= EVENT_REMOVED;

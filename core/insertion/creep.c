@@ -1,8 +1,9 @@
 #include "insertion/creep.h"
 
-#include <stddef.h>
 #include <string.h>
 
+#include "insertion/along_track.h"
+#include "insertion/creep_kernels.h"
 #include "insertion/stiffening.h"
 
 static const double TOGETHER = 1e-3;   /* m, left loads closer to each other are taken together */
@@ -11,25 +12,19 @@ static const double NEGLIGIBLE = 1e-9; /* N, of a left load that is forgotten */
 static const double ALL_OF_IT = 1e-9;  /* part of a share that rounding may leave over */
 
 static const vec3 ZERO = {0, 0, 0};
-static const remembered_forces NOTHING = {{0, 0, 0}, {0, 0, 0}, 0, 0};
-
-enum { REMEMBERED = sizeof(remembered_forces) / sizeof(double) };
-_Static_assert(REMEMBERED % LANES == 0, "they are added up in whole lanes");
+static const remembered_forces NOTHING = {{0, 0, 0}, 0, 0};
 
 /* to += factor * from */
 static void add_part(double factor, const remembered_forces *from, remembered_forces *to) {
-    const double *x = (const double *)from;
-    double *y = (double *)to;
-    for (int i = 0; i < REMEMBERED; i += LANES) lanes_store(y + i, factor * lanes_load(x + i) + lanes_load(y + i));
+    to->load = v3_axpy(factor, from->load, to->load);
+    to->along += factor * from->along;
+    to->twist += factor * from->twist;
 }
 
 /* Sum of the terms, each with its weight. */
 static void add_up(int count, const double *weights, const remembered_forces *terms, remembered_forces *sum) {
-    for (int i = 0; i < REMEMBERED; i += LANES) {
-        lanes x = lanes_all(0.0);
-        for (int k = 0; k < count; k++) x += weights[k] * lanes_load((const double *)&terms[k] + i);
-        lanes_store((double *)sum + i, x);
-    }
+    *sum = NOTHING;
+    for (int k = 0; k < count; k++) add_part(weights[k], &terms[k], sum);
 }
 
 /* ---- loads that nothing holds ------------------------------------------------------------------------------------------ */
@@ -140,7 +135,6 @@ static void glide(const tick_context *tick) {
     for (int k = 0; k < tick->model->creep.count; k++) {
         remembered_forces *term = &share->terms[k];
         term->load = v3_scale(1.0 - part, term->load);
-        term->across = v3_scale(1.0 - part, term->across);
         term->along *= 1.0 - part;
     }
 }
@@ -209,31 +203,6 @@ static double shaft_part(const tick_context *tick) {
     return 1.0 - tick->model->needle->radius / (share->to - share->from);
 }
 
-/* Of each slot, by components. */
-typedef double slot_vectors[3][CONTACT_COLUMNS];
-
-/* What the loads at a slot and at those beyond, up to `end`, displace at each other; by those beyond, at the slot itself, in `by_beyond`. Slots that
-   are no points' are without load. */
-static void add_displacements(const contact_rows *row, int slot, int end, slot_vectors load, slot_vectors moved, slot_vectors by_beyond) {
-    lanes sum[3] = {lanes_all(0.0), lanes_all(0.0), lanes_all(0.0)};
-    for (int j = lanes_below(slot); j < end; j += LANES) { /* aligned: what a store has just left is read again as a whole */
-        lanes place = lanes_from(j), here[3], there[3], moved_there[3];
-        for (int a = 0; a < 3; a++) {
-            here[a] = lanes_where(place >= slot, lanes_all(load[a][slot]));
-            there[a] = lanes_where(place > slot, lanes_load(&load[a][j]));
-            moved_there[a] = lanes_load(&moved[a][j]);
-        }
-        for (int a = 0; a < 3; a++)
-            for (int b = 0; b < 3; b++) {
-                lanes c = lanes_load(&row->at[a][b][j]);
-                sum[a] += c * there[b];
-                moved_there[b] += c * here[a];
-            }
-        for (int b = 0; b < 3; b++) lanes_store(&moved[b][j], moved_there[b]);
-    }
-    for (int a = 0; a < 3; a++) by_beyond[a][slot] = lanes_sum(sum[a]);
-}
-
 /* Displacement of the tissue at each point by the remembered loads. */
 static void find_moved(const tick_context *tick) {
     insertion_workspace *w = tick->scratch;
@@ -250,7 +219,7 @@ static void find_moved(const tick_context *tick) {
         if (slot >= slots_end) slots_end = slot + 1;
     }
     for (int i = w->guided; i < contacts_end; i++)
-        add_displacements(&tick->snapshot->between_contacts[w->points[i].handle], w->points[i].handle, slots_end, load, moved, by_beyond);
+        slots_displace(&tick->snapshot->between_contacts[w->points[i].handle], w->points[i].handle, slots_end, load, moved, by_beyond);
     for (int i = w->guided; i < contacts_end; i++) {
         int slot = w->points[i].handle;
         step->moved[i] = v3_scale(step->yield, v3(moved[0][slot] + by_beyond[0][slot], moved[1][slot] + by_beyond[1][slot], moved[2][slot] + by_beyond[2][slot]));
@@ -288,13 +257,12 @@ static void keep_remembered_shear(const tick_context *tick) {
         contact_point *p = &w->points[i];
         bool tip = p->kind == POINT_TIP;
         double depth = tip ? state->tip.depth : state->contacts[p->handle].depth;
-        double before = tip && step->before_tip ? traction_of(tick, &step->before[step->before_count - 1])
-                                                : traction_at(tick, step->before_count, step->before, depth);
+        double before = traction_at(tick, step->before_count, step->before, depth);
         double length = p->share.to - p->share.from, now = traction_of(tick, share_of(tick, i));
-        double held = (tip ? state->tip.shaft_traction : state->contacts[p->handle].traction) + now;
+        double held = (tip ? state->tip.shaft.traction : state->contacts[p->handle].shaft.traction) + now;
         double lead = (w->axial[i + tip] + stiffening_slope(tick, i, length * held)) * length * (now - before);
-        if (tip) state->tip.stretch += lead;
-        else p->arc = state->contacts[p->handle].arc += lead;
+        if (tip) shift_tip_shaft(state, lead);
+        else state->contacts[p->handle].shaft.origin += lead;
     }
 }
 
@@ -318,7 +286,6 @@ void creep_recall(const tick_context *tick) {
         step->remembered[tip].along *= shaft_part(tick);
         step->remembered[tip].twist *= shaft_part(tick);
         w->axial[tip + 1] *= step->yield;
-        w->held_axial *= step->yield;
     }
     find_moved(tick);
 }
@@ -331,16 +298,16 @@ void creep_shift_gaps(const tick_context *tick) {
     if (tick->model->creep.count == 0) return;
     for (int i = w->guided; i < p->count; i++) {
         bool tip = w->points[i].kind == POINT_TIP;
+        const remembered_forces *by = &w->creep.remembered[i];
+        const track_shares at = along_track(tick, i);
+        vec3 track = point_track(tick->state, &w->points[i]), across = v3_axpy(-v3_dot(track, by->load), track, by->load);
+        vec3 aside = v3_axpy(w->lateral[i].more * v3_dot(w->lateral[i].easy, by->load), w->lateral[i].easy, v3_scale(w->lateral[i].least, across));
+        double shaft = w->axial[i + tip], face = tip ? w->axial[i] : 0.0;
         const mat3 *frame = &w->points[i].at.frame;
-        vec3 along = m3_apply_transposed(frame, point_track(tick->state, &w->points[i])), force = creep_force(w, i);
-        double shaft = w->axial[i + tip], held = tip ? w->held_axial : shaft, part = v3_dot(along, force);
-        vec3 easy = m3_apply_transposed(frame, w->lateral[i].easy);
-        vec3 moved = v3_axpy(w->lateral[i].least, v3_axpy(-part, along, force), v3_scale(held * part, along));
-        moved = v3_axpy(w->lateral[i].more * v3_dot(easy, force), easy, moved);
-        p->gap[unknown(p->count, i, 0)] -= moved.x;
-        p->gap[unknown(p->count, i, 1)] -= moved.y;
-        p->gap[unknown(p->count, i, 2) + tip] -= moved.z + (shaft - held) * along.z * along.z * force.z;
-        if (tip) p->gap[unknown(p->count, i, 2)] -= w->axial[i] * w->creep.face;
+        vec3 around_shaft = m3_apply_transposed(frame, v3_axpy(shaft * by->along, track, v3_scale(at.on_shaft[0], aside)));
+        vec3 at_face = m3_apply_transposed(frame, v3_axpy(face * w->creep.face, track, v3_scale(face * at.on_face[0], across)));
+        const double shifts[2][4] = {{around_shaft.x, around_shaft.y, around_shaft.z, around_shaft.z}, {at_face.x, at_face.y, at_face.z, 0.0}};
+        for (int a = 0; a < at.count; a++) p->gap[at.row[a]] -= at.on_shaft[a] * shifts[0][a] + at.on_face[a] * shifts[1][a];
     }
 }
 
@@ -349,14 +316,17 @@ double creep_dent(const tick_context *tick) {
     if (tick->model->creep.count == 0) return 0.0;
     int tip = w->point_count - 1;
     vec3 along = tick->state->tip.direction;
-    double facing = v3_dot(needle_along(&w->points[tip].at), along);
-    return v3_dot(along, w->creep.moved[tip]) + w->axial[tip] * facing * w->creep.face;
+    return v3_dot(along, w->creep.moved[tip]) + w->axial[tip] * w->creep.face;
 }
+
+static bool recalls_left(const tick_context *tick) { return tick->snapshot->left && tick->snapshot->left_time > tick->state->memory.since; }
+
+bool creep_free_is_zero(const tick_context *tick) { return !tick->snapshot->loaded && !recalls_left(tick); }
 
 vec3 creep_free(const tick_context *tick, int handle) {
     const compliance_snapshot *snapshot = tick->snapshot;
     vec3 u = snapshot->u_free[handle];
-    if (!snapshot->left || snapshot->left_time <= tick->state->memory.since) return u;
+    if (!recalls_left(tick)) return u;
     for (int k = 0; k < tick->model->creep.count; k++)
         u = v3_axpy(tick->model->creep.compliance[k] * tick->scratch->creep.left[k], snapshot->u_left[k][handle], u);
     return u;
@@ -370,17 +340,13 @@ vec3 creep_free_at(const tick_context *tick, const int handles[4], const double 
 
 /* ---- memory ------------------------------------------------------------------------------------------------------------ */
 
-_Static_assert(offsetof(remembered_forces, across) == 3 * sizeof(double) && offsetof(remembered_forces, twist) == 6 * sizeof(double)
-               && offsetof(remembered_forces, along) == 7 * sizeof(double), "as follow() has them");
-
 static void follow(const creep_series *creep, const double *decay, remembered_forces now, remembered_forces *terms) {
-    vec3 load = now.load, across = now.across;
-    const lanes all[] = {{load.x, load.y, load.z, across.x}, {across.y, across.z, now.twist, now.along}}; /* as they lie in memory */
-    for (int k = 0; k < creep->count; k++)
-        for (int i = 0; i < REMEMBERED; i += LANES) {
-            double *term = (double *)&terms[k] + i;
-            lanes_store(term, decay[k] * lanes_load(term) + (1.0 - decay[k]) * all[i / LANES]);
-        }
+    for (int k = 0; k < creep->count; k++) {
+        remembered_forces faded = NOTHING;
+        add_part(decay[k], &terms[k], &faded);
+        add_part(1.0 - decay[k], &now, &faded);
+        terms[k] = faded;
+    }
 }
 
 static void follow_face(const creep_series *creep, const double *decay, double force, double *terms) {
@@ -395,30 +361,18 @@ void creep_remember(const tick_context *tick) {
     if (creep->count == 0) return;
     for (int i = w->guided; i < w->point_count; i++) {
         bool tip = w->points[i].kind == POINT_TIP;
-        vec3 force = *point_force(state, &w->points[i]), needle = needle_along(&w->points[i].at);
-        double along = v3_dot(force, needle), shaft = along, face = 0.0;
-        if (tip) { /* these two exactly, for the shaft may be short */
-            face = state->buckled ? 0.0 : w->problem.force[unknown(w->problem.count, i, 2)];
-            shaft = state->buckled ? 0.0 : w->problem.force[unknown(w->problem.count, i, 2) + 1] / shaft_part(tick);
-        }
-        double torque = tip ? state->tip.roll.torque / shaft_part(tick) : state->contacts[w->points[i].handle].roll.torque;
-        remembered_forces now = {tip ? tip_load(&state->tip) : force, v3_axpy(-along, needle, force), torque, shaft};
+        vec3 force = *point_force(state, &w->points[i]);
+        double along = v3_dot(force, point_track(state, &w->points[i])), face = tip ? force_on_face(tick) : 0.0;
+        if (tip) along = (along - face) / shaft_part(tick);
+        double torque = tip ? state->tip.shaft.roll.torque / shaft_part(tick) : state->contacts[w->points[i].handle].shaft.roll.torque;
+        remembered_forces now = {tip ? tip_load(&state->tip) : force, along, torque};
         follow(creep, decay, now, share_of(tick, i)->terms);
-        if (tip) follow_face(creep, decay, face + v3_dot(state->tip.damping, needle), state->memory.face);
+        if (tip) follow_face(creep, decay, face + v3_dot(state->tip.damping, state->tip.direction), state->memory.face);
     }
 }
 
 double creep_twist(const tick_context *tick, int i) {
     return tick->model->creep.count > 0 ? tick->scratch->creep.remembered[i].twist : 0.0;
-}
-
-void creep_fade(const tick_context *tick) {
-    const creep_series *creep = &tick->model->creep;
-    tissue_memory *memory = &tick->state->memory;
-    const double *decay = tick->scratch->creep.decay;
-    if (creep->count == 0) return;
-    for (int i = 0; i < memory->count; i++) follow(creep, decay, NOTHING, memory->shares[i].terms);
-    follow_face(creep, decay, 0.0, memory->face);
 }
 
 vec3 creep_load(const insertion_model *model, const tissue_memory *memory, int i) {
@@ -437,19 +391,13 @@ vec3 creep_left_load(const insertion_model *model, const left_load *left) {
     return sum;
 }
 
-double creep_shaft_ahead(const tick_context *tick, int k) {
-    const shaft_contact *contact = &tick->state->contacts[tick->state->refined.order[k]];
-    shaft_creep creep = {tick->scratch->creep.yield, traction_at(tick, tick->state->memory.count, tick->state->memory.shares, contact->depth)};
-    return shaft_ahead(tick->model, tick->state, k, tick->dt, creep);
-}
-
 double creep_sum(const tissue_memory *memory) {
     vec3 sum = ZERO;
     double along = memory->time;
     for (int k = 0; k < MAX_RELAXATION; k++) {
         for (int i = 0; i < memory->count; i++) {
             const remembered_forces *term = &memory->shares[i].terms[k];
-            sum = v3_add(sum, v3_add(term->load, term->across));
+            sum = v3_add(sum, term->load);
             along += term->along + term->twist;
         }
         for (int i = 0; i < memory->left.count; i++) sum = v3_add(sum, memory->left.loads[i].load[k]);

@@ -34,9 +34,6 @@ void creep_remember(const tick_context *tick);
 /* Torque (N m; after creep_recall) that what is remembered at point i, no guide's, amounts to in this step; at the tip, on the shaft. RT */
 double creep_twist(const tick_context *tick, int i);
 
-/* A step without forces. RT */
-void creep_fade(const tick_context *tick);
-
 /* The load on the tissue, beside the present force, that the memory of share number i amounts to, N. RT */
 vec3 creep_load(const insertion_model *model, const tissue_memory *memory, int i);
 
@@ -49,9 +46,6 @@ vec3 creep_left_load(const insertion_model *model, const left_load *left);
 /* Traction along the shaft, N/m, that the memory of the share of point i, no guide's, amounts to; after creep_share_out. RT */
 double creep_traction_of(const tick_context *tick, int i);
 
-/* shaft_ahead, with this step's creep. RT */
-double creep_shaft_ahead(const tick_context *tick, int k);
-
 /* A number that is finite only if all that is remembered is. RT */
 double creep_sum(const tissue_memory *memory);
 
@@ -60,6 +54,9 @@ vec3 creep_free(const tick_context *tick, int handle);
 
 /* The same of the point of these corners and weights. RT */
 vec3 creep_free_at(const tick_context *tick, const int handles[4], const double weights[4]);
+
+/* That displacement is zero everywhere: neither others nor what the tissue remembers of this needle displace it. RT */
+bool creep_free_is_zero(const tick_context *tick);
 
 /* Is there enough new among the left loads to tell the worker? RT */
 bool creep_left_is_news(const tissue_memory *memory);

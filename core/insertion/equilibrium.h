@@ -5,14 +5,14 @@
 #include "insertion/tick.h"
 
 /* Finds the needle's shape and the forces and slips of the active contacts and, with scratch->tip, of the tip, whose element's corners
-   have these handles in the snapshot. If there is no equilibrium, the needle lets go (EVENT_UNSTABLE). RT */
+   have these handles in the snapshot. Where no stable equilibrium is near, the needle moves on to another one. RT */
 void equilibrium_find(const tick_context *tick, const int handles[4]);
+
+/* Nothing holds the needle: what the next equilibrium would go on from. RT */
+void equilibrium_forget(insertion_state *state);
 
 /* Puts the contact problem together about the present shape and forces, in scratch->problem, and leaves it unsolved. Not `loaded`: the needle
    is as stiff as it is without the forces on it. */
 void equilibrium_linearise(const tick_context *tick, const int handles[4], bool loaded);
-
-/* Takes the forces off a needle that has buckled. RT */
-void equilibrium_release(insertion_state *state);
 
 #endif

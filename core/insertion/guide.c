@@ -52,10 +52,10 @@ const char *guide_fault(const guide_config *g, double needle_diameter, const cha
     else if (!is_zero(g->along) && !has_square_rows(g))
         *key = "rows_along", snprintf(words->text, sizeof words->text, "not across the columns in the plate: give a direction perpendicular to the normal and to along, or leave it out");
     else if (g->hole_diameter < needle_diameter)
-        *key = "hole_diameter", snprintf(words->text, sizeof words->text, "a hole of %g m is smaller than the needle's outer diameter of %g m: widen it, or choose a thinner needle",
+        *key = "hole_diameter", decimal_print(words->text, sizeof words->text, "a hole of %g m is smaller than the needle's outer diameter of %g m: widen it, or choose a thinner needle",
                                          g->hole_diameter, needle_diameter);
     else if (grid && g->spacing < g->hole_diameter)
-        *key = "spacing", snprintf(words->text, sizeof words->text, "holes of %g m overlap at a spacing of %g m", g->hole_diameter, g->spacing);
+        *key = "spacing", decimal_print(words->text, sizeof words->text, "holes of %g m overlap at a spacing of %g m", g->hole_diameter, g->spacing);
     return words->text[0] ? words->text : NULL;
 }
 

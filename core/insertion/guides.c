@@ -101,16 +101,6 @@ bool guides_hold(const insertion_model *model, const insertion_state *state) {
     return false;
 }
 
-void guides_release(insertion_state *state) {
-    for (int i = 0; i < MAX_GUIDES; i++)
-        for (int f = 0; f < GUIDE_FACES; f++) {
-            guide_contact *face = &state->guides[i].faces[f];
-            face->force = v3(0, 0, 0);
-            face->slip = 0.0;
-            face->touching = false;
-        }
-}
-
 /* ---- points of contact ------------------------------------------------------------------------------------------------- */
 
 void guides_list(const tick_context *tick) {

@@ -35,7 +35,4 @@ void guides_take(const tick_context *tick, int point);
 /* Is the needle where the holes' edges bear the forces of the last pass? RT */
 bool guides_agree(const tick_context *tick);
 
-/* No force. RT */
-void guides_release(insertion_state *state);
-
 #endif

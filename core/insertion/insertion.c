@@ -14,8 +14,9 @@
 #include "insertion/tip.h"
 #include "insertion/track_gradient.h"
 
-static const double LOOK_BACK = 5e-3;       /* m behind the tip of a free needle, which may have been freed below a dented surface */
-static const double RETURN_DISTANCE = 5e-3; /* m from where it stuck, within which a buckled needle is solved for again */
+static const double LOOK_BACK = 5e-3;       /* m behind a free needle's end, from where on the surface above it is looked for */
+static const double SAME_PLACE = 1e-7;      /* m, to which the displacement of the surface is found */
+enum { MOST_LOOKS = 5 };                    /* in so many steps at most */
 
 void insertion_reset(const insertion_model *model, pose base, insertion_state *state) {
     uint64_t serial = state->request.serial, next_id = state->next_id; /* kept, so that no old snapshot matches */
@@ -25,7 +26,8 @@ void insertion_reset(const insertion_model *model, pose base, insertion_state *s
     state->memory = memory;
     state->request.serial = serial;
     state->next_id = next_id;
-    state->tip = (needle_tip){.phase = TIP_FREE, .tet = -1, .known_tet = -1, .blocked_by = NOT_BLOCKED, .next_contact = NAN};
+    state->tip = (needle_tip){.phase = TIP_FREE, .tet = -1, .known_tet = -1, .blocked_by = NOT_BLOCKED, .arc = model->needle->given.length, .next_contact = NAN};
+    state->surface = v3(NAN, NAN, NAN);
     needle_rest(model->needle, base, &state->needle);
     tip_engage(model, state);
     prefetch_request(model, state);
@@ -37,19 +39,24 @@ static double slid_on(double slid, double slip, friction_state friction, const r
     return friction == STICK && roll->friction == STICK ? 0.0 : slid + roll_way(slip, roll, radius);
 }
 
-/* The shaft slides past its contacts by the slip of the last solve; contacts without a row yet by their neighbour's. */
+static void slide(shaft_hold *shaft, double radius) {
+    shaft->origin -= shaft->slip;
+    shaft->slid = slid_on(shaft->slid, shaft->slip, shaft->friction, &shaft->roll, radius);
+}
+
+/* The shaft slides past its contacts by the slip of the last solve; contacts without a row yet as the shaft next to them. */
 static void slide_shaft(insertion_state *state, double radius) {
-    int k = 0;
-    double neighbour = 0.0;
-    for (; contact_is_active(state, k); k++) {
+    double slip = 0.0;
+    for (int k = 0; contact_is_active(state, k); k++) {
         shaft_contact *contact = &state->contacts[state->refined.order[k]];
-        neighbour = contact->slip;
-        contact->arc = larger_of(contact->arc - contact->slip, 0.0); /* a needle pushed in up to its base drags the contacts that have reached it */
-        contact->slid = slid_on(contact->slid, contact->slip, contact->friction, &contact->roll, radius);
+        slide(&contact->shaft, radius);
+        contact->shaft.origin = larger_of(contact->shaft.origin, -contact->depth); /* a needle pushed in up to its base drags the contacts that have reached it */
+        slip = contact->shaft.slip;
     }
-    if (state->tip.phase == TIP_INSIDE) neighbour = state->tip.slip;
-    for (; k < contacts_passed(state); k++) state->contacts[state->refined.order[k]].arc -= neighbour;
-    state->tip.shaft_slid = slid_on(state->tip.shaft_slid, state->tip.shaft_slip, state->tip.shaft_friction, &state->tip.roll, radius);
+    bool inside = state->tip.phase == TIP_INSIDE;
+    if (inside) slip = state->tip.shaft.slip;
+    if (inside) state->tip.shaft.slid = slid_on(state->tip.shaft.slid, slip, state->tip.shaft.friction, &state->tip.shaft.roll, radius);
+    shift_tip_shaft(state, -slip); /* of a tip that is out of the tissue, it means nothing */
 }
 
 /* Moves the base; the spring that holds it stays as it has yielded. */
@@ -70,46 +77,55 @@ static void note_carried(const tick_context *tick, vec3 before) {
     tick->scratch->tip_carried = fmax(0.0, v3_dot(along, v3_sub(joints[end], before)));
 }
 
-/* Displacement of the surface ahead of a free needle's end, or just behind it, by whatever else deforms the tissue. */
-static vec3 free_at_surface(const tick_context *tick, vec3 end, vec3 axis) {
+/* Displacement, by whatever else deforms the tissue and by what it remembers, of the surface ahead of a free needle's end or just behind it. The mesh is the tissue at rest: the
+   axis meets the displaced surface where its line, moved back by the displacement there, meets the mesh. What is not known yet is what it was. */
+static vec3 surface_displacement(const tick_context *tick, vec3 end, vec3 axis) {
     const mesh *m = tick->model->mesh;
+    vec3 u = isnan(tick->state->surface.x) ? v3(0, 0, 0) : tick->state->surface, before;
     int handles[4];
     double weights[4];
-    if (!tick->snapshot->loaded) return v3(0, 0, 0);
-    surface_hit hit = mesh_enter(m, v3_axpy(-DENT_DEPTH, axis, end), v3_axpy(DENT_DEPTH, axis, end));
-    if (!hit.hit || !snapshot_covers(tick->snapshot, m->tets[hit.tet], handles)) return v3(0, 0, 0);
-    mesh_barycentric(m, hit.tet, hit.point, weights);
-    return creep_free_at(tick, handles, weights);
+    if (creep_free_is_zero(tick)) return v3(0, 0, 0);
+    for (int i = 0; i < MOST_LOOKS; i++) {
+        vec3 middle = v3_sub(end, u);
+        surface_hit hit = mesh_enter(m, v3_axpy(-DENT_DEPTH, axis, middle), v3_axpy(DENT_DEPTH, axis, middle));
+        if (!hit.hit) return v3(0, 0, 0);
+        if (!snapshot_covers(tick->snapshot, m->tets[hit.tet], handles)) break;
+        mesh_barycentric(m, hit.tet, hit.point, weights);
+        before = u;
+        u = creep_free_at(tick, handles, weights);
+        if (v3_norm(v3_sub(u, before)) < SAME_PLACE) break;
+    }
+    return u;
 }
 
-/* A needle in the air is straight, unless a guide bends it. Touching the outer surface starts an insertion; a needle drawn out of a dent touches nothing.
+/* Touches the surface that lies above a tip in the tissue, `now` (m, nominal): others have moved the tissue over it, or it has just come to be known that
+   they had. */
+static void touch_above(const tick_context *tick, vec3 now, vec3 axis) {
+    const insertion_model *model = tick->model;
+    for (double back = LOOK_BACK; back < 2.0 * model->needle->given.length; back *= 2.0) {
+        vec3 behind = v3_axpy(-back, axis, now);
+        if (tip_is_below(model, behind, now)) {
+            tip_touch(tick, behind, now);
+            return;
+        }
+    }
+}
+
+/* A needle in the air is straight, unless a guide bends it. Touching the outer surface starts an insertion; a needle that the hand draws out of a dent
+   touches nothing.
    A needle whose end has slid over an edge is past the tissue, although its axis still cuts the corner. */
 static void move_freely(const tick_context *tick) {
     const insertion_model *model = tick->model;
     insertion_state *state = tick->state;
-    int n = model->needle->given.segments;
-    vec3 before = needle_end(tick);
+    vec3 start = needle_end(tick), straight = needle_straight_end(model->needle, state->needle.base), known = state->surface;
     if (guides_hold(model, state)) hold_base(tick);
     else needle_rest(model->needle, tick->base.pose, &state->needle);
-    vec3 axis = q_axis(tick->base.pose.orientation), now = state->needle.joints[n];
-    note_carried(tick, before);
-    vec3 surface = free_at_surface(tick, now, axis); /* the mesh is the tissue at rest */
-    before = v3_sub(before, surface);
-    now = v3_sub(now, surface);
-    vec3 behind = v3_axpy(-LOOK_BACK, axis, before);
-    bool advancing = v3_dot(v3_sub(now, before), axis) > 0.0;
-    tip_touch(tick, advancing && tip_is_below(model, behind, before) ? behind : before, now);
-}
-
-/* A buckled needle is taken to be straight and free of force until the hand has drawn its end back to where it was stuck. */
-static bool has_returned(const tick_context *tick) {
-    insertion_state *state = tick->state;
-    equilibrium_release(state);
-    needle_rest(tick->model->needle, tick->base.pose, &state->needle);
-    vec3 off = v3_sub(state->needle.joints[tick->model->needle->given.segments], state->stuck_at);
-    state->buckled = v3_norm(off) > RETURN_DISTANCE || v3_dot(off, q_axis(tick->base.pose.orientation)) > 0.0;
-    if (state->buckled) tick->output->events |= EVENT_UNSTABLE;
-    return !state->buckled;
+    note_carried(tick, start);
+    vec3 axis = q_axis(tick->base.pose.orientation), end = needle_end(tick), advance = v3_sub(needle_straight_end(model->needle, tick->base.pose), straight);
+    state->surface = surface_displacement(tick, end, axis);
+    if (isnan(known.x)) known = state->surface;
+    vec3 now = v3_sub(end, state->surface), rise = v3_sub(state->surface, known);
+    if (!tip_touch(tick, v3_sub(start, known), now) && v3_dot(v3_sub(advance, rise), axis) > 0.0) touch_above(tick, now, axis);
 }
 
 /* Slides the shaft by the slip of the last solve and moves the base. Returns the tissue's deformation around the tip before that. */
@@ -124,20 +140,13 @@ static vec3 move(const tick_context *tick) {
 
 /* ---- cross, solve, answer ------------------------------------------------------------------------------------------ */
 
-/* The tip advances in the tissue and the shaft next to it slides, each by its slip in the last solve: these may differ. */
+/* The tip advances in the tissue by its slip in the last solve. */
 static void cross(const tick_context *tick, vec3 gradient) {
     insertion_state *state = tick->state;
     needle_tip *tip = &state->tip;
-    double before = tip->depth, slid = tip->shaft_slip;
-    bool beyond = tip->phase == TIP_BEYOND;
-    if (!isfinite(tip->slip)) tip->stretch = NAN; /* the insertion starts over (insertion_is_finite), so that the tip does not leave a track right through the tissue */
-    tip_move(tick, gradient);
-    if (tip->phase != TIP_INSIDE) return;
-    tip->stretch += tip->depth - before - slid;
-    int passed = contacts_passed(state);
-    bool next_body = tip->entering && tip->depth == tip_entry_depth(state);
-    if (beyond) tip->stretch = passed == 0 || next_body ? 0.0 : creep_shaft_ahead(tick, passed - 1);
-    if (tip->depth == 0.0) tip_glide_on_surface(tick);
+    if (!isfinite(tip->slip)) tip->shaft.origin = NAN; /* the insertion starts over (insertion_is_finite), so that the tip does not leave a track right through the tissue */
+    tip_move(tick, tip_aim(tick, gradient));
+    if (tip->phase == TIP_INSIDE && tip->depth == 0.0) tip_glide_on_surface(tick);
 }
 
 /* No tissue is touched. */
@@ -146,17 +155,25 @@ static void lose_contact(const tick_context *tick) {
     creep_leave_all(tick->model, &tick->state->memory, tick->scratch->creep.decay);
 }
 
+/* What is known of the tissue at the tip, if that is in it. */
+static void find_tip(const tick_context *tick, int handles[4]) {
+    tick->scratch->tip = tick->state->tip.phase == TIP_INSIDE;
+    if (!tick->scratch->tip) return;
+    follow_known_point(tick, handles);
+    follow_resolution(tick);
+}
+
 /* Brings needle and tissue into equilibrium, with the newest snapshot. */
 static void solve(const tick_context *tick) {
     int handles[4];
     accept_snapshot(tick);
-    tick->scratch->tip = follow_known_point(tick, handles) && follow_resolution(tick);
+    find_tip(tick, handles);
     tick->scratch->point_count = 0;
     bool in_tissue = tick->scratch->tip || contact_is_active(tick->state, 0);
     guides_follow(tick);
     if (!in_tissue) lose_contact(tick);
     if (in_tissue || guides_hold(tick->model, tick->state)) equilibrium_find(tick, handles);
-    else tick->state->base_shift = v3(0, 0, 0), tick->state->motion.time = 0.0;
+    else equilibrium_forget(tick->state);
 }
 
 /* Sums the forces of all points into the wrench on the base. */
@@ -179,29 +196,26 @@ static void answer(const tick_context *tick) {
 
 /* ---- the tick ------------------------------------------------------------------------------------------------------ */
 
+static void find_what_is_open(const tick_context *tick) {
+    needle_tip *tip = &tick->state->tip;
+    tip->torn = tip->phase == TIP_INSIDE ? old_tracks_torn(tick, tip->blocked_by, tip->nominal) : 0.0;
+    tip->follows = old_tracks_ahead(tick, 0.0);
+}
+
 static void step(const tick_context *tick) {
     insertion_state *state = tick->state;
     vec3 gradient = v3(0, 0, 0);
     tick->scratch->tip_carried = INFINITY;
     creep_begin(tick);
     guides_slide(tick->model, state);
-    if (state->buckled) {
-        state->motion.time = 0.0;
-        bool returned = has_returned(tick);
-        tick->output->depth = state->tip.depth;
-        tick->output->contacts = contacts_active(state);
-        if (!returned) {
-            creep_fade(tick);
-            return;
-        }
-    } else if (state->tip.phase == TIP_FREE) {
+    if (state->tip.phase == TIP_FREE) {
         move_freely(tick);
     } else {
         gradient = move(tick);
         cross(tick, gradient);
     }
     tick->scratch->aim = tip_aim(tick, gradient);
-    old_tracks_find(tick);
+    find_what_is_open(tick);
     solve(tick);
     tip_puncture(tick);
     answer(tick);
@@ -232,10 +246,10 @@ void insertion_tick(const tick_context *given) {
 bool insertion_linearise(const tick_context *tick, bool loaded) {
     int handles[4];
     insertion_workspace *w = tick->scratch;
-    if (tick->state->buckled || tick->state->tip.phase == TIP_FREE) return false;
+    if (tick->state->tip.phase == TIP_FREE) return false;
     creep_begin(tick);
     w->point_count = 0;
-    w->tip = follow_known_point(tick, handles) && follow_resolution(tick);
+    find_tip(tick, handles);
     if (!w->tip && !contact_is_active(tick->state, 0)) return false;
     equilibrium_linearise(tick, handles, loaded);
     return true;
@@ -245,17 +259,20 @@ bool insertion_linearise(const tick_context *tick, bool loaded) {
 
 static double sum_of(vec3 v) { return v.x + v.y + v.z; }
 
+static double shaft_total(const shaft_hold *s) {
+    return s->origin + s->slip + s->slid + s->traction + s->softness + s->stiffening + s->roll.turned + s->roll.torque;
+}
+
 /* A sum is finite only if all its terms are. */
 bool insertion_is_finite(const insertion_state *state, const tick_output *output) {
     const needle_tip *tip = &state->tip;
-    double sum = state->base_turn + state->tip_lead + tip->roll.turned + tip->roll.torque + sum_of(output->force) + sum_of(output->torque) + sum_of(tip_place(tip)) + sum_of(state->entry) + tip->depth + tip->slip
-               + tip->shaft_slip + tip->shaft_slid + tip->stretch + tip->pressing + tip->dent + sum_of(tip->damping) + tip->shaft_softness + tip->shaft_stiffening + tip->end_force
-               + tip->shaft_traction + tip->resolved.lateral + tip->resolved.axial + tip->resolved.point + line_end_total(&tip->resolved.end);
+    double sum = state->base_turn + state->tip_lead + sum_of(output->force) + sum_of(output->torque) + sum_of(tip_place(tip)) + sum_of(state->entry) + tip->depth + tip->slip
+               + shaft_total(&tip->shaft) + tip->pressing + tip->dent + sum_of(tip->damping) + tip->end_force
+               + tip->resolved.lateral + tip->resolved.axial + tip->resolved.point + line_end_total(&tip->resolved.end);
     for (int k = 0; k < state->refined.count; k++) {
         int slot = state->refined.order[k];
         const shaft_contact *c = &state->contacts[slot];
-        sum += sum_of(state->refined.nodes[slot].position) + c->arc + c->depth + c->slip + c->slid + plane_total(c->log_lateral) + c->log_axial + line_end_total(&c->end)
-             + c->softness + c->stiffening + c->traction + c->roll.turned + c->roll.torque;
+        sum += sum_of(state->refined.nodes[slot].position) + c->depth + shaft_total(&c->shaft) + plane_total(c->log_lateral) + c->log_axial + line_end_total(&c->resolved.end);
     }
     sum += creep_sum(&state->memory);
     for (int i = 0; i < MAX_GUIDES; i++)
@@ -303,18 +320,46 @@ void insertion_add_left_loads(const insertion_model *model, const insertion_stat
     }
 }
 
-void insertion_add_loads(const insertion_model *model, const insertion_state *state, tissue_loads *loads) {
+/* The shaft that the contact in `slot`, or with NO_SLOT the tip, stands for. */
+enum { NO_SLOT = -1 };
+static shaft_piece piece_of(const insertion_state *state, int slot, shaft_share share) {
     const needle_tip *tip = &state->tip;
-    for (int k = 0; contact_is_active(state, k) && loads->count < MAX_LOADS; k++) {
+    if (slot != NO_SLOT) {
+        const shaft_contact *contact = &state->contacts[slot];
+        const added_node *node = &state->refined.nodes[slot];
+        line_in_tet line = v3_norm(node->line.direction) > 0.0 ? node->line : (line_in_tet){node->tet, node->position, contact->direction};
+        return (shaft_piece){share.from, share.to, contact->depth, v3_sub(contact->track, contact->beside), contact->direction, line};
+    }
+    line_in_tet line = {tip->tet, tip->nominal, tip->direction};
+    for (int i = 0; i < state->request.piece_count; i++) /* one for all of its way through an element */
+        if (state->request.pieces[i].tet == tip->tet) line = state->request.pieces[i];
+    return (shaft_piece){share.from, share.to, tip->depth, tip->nominal, tip->direction, line};
+}
+
+void insertion_place_loads(const insertion_model *model, const insertion_state *state, tissue_loads *loads) {
+    const needle_tip *tip = &state->tip;
+    bool inside = tip->phase == TIP_INSIDE && tip->known_tet >= 0;
+    double border = 0.0;
+    loads->count = 0;
+    for (int k = 0; contact_is_active(state, k); k++) {
         int slot = state->refined.order[k];
         const added_node *node = &state->refined.nodes[slot];
         tissue_load *load = &loads->loads[loads->count++];
-        *load = (tissue_load){.tet = node->tet, .force = v3_add(state->contacts[slot].force, creep_load(model, &state->memory, k))};
+        *load = (tissue_load){.tet = node->tet, .shaft = piece_of(state, slot, shaft_next_share(state, k, inside, &border))};
         mesh_barycentric(model->mesh, node->tet, node->position, load->weights);
     }
-    insertion_add_left_loads(model, state, loads);
-    if (tip->phase != TIP_INSIDE || tip->known_tet < 0 || loads->count == MAX_LOADS) return;
-    tissue_load *load = &loads->loads[loads->count++];
-    *load = (tissue_load){.tet = tip->known_tet, .force = v3_add(tip_load(tip), creep_tip_load(model, &state->memory))};
+    if (!inside) return;
+    tissue_load *load = &loads->loads[loads->count];
+    *load = (tissue_load){.tet = tip->known_tet, .shaft = piece_of(state, NO_SLOT, shaft_next_share(state, loads->count, true, &border))};
     memcpy(load->weights, tip->known_weights, sizeof load->weights);
+    loads->count++;
+}
+
+void insertion_add_loads(const insertion_model *model, const insertion_state *state, tissue_loads *loads) {
+    insertion_place_loads(model, state, loads);
+    int contacts = contacts_active(state);
+    for (int k = 0; k < contacts; k++)
+        loads->loads[k].force = v3_add(state->contacts[state->refined.order[k]].force, creep_load(model, &state->memory, k));
+    if (loads->count > contacts) loads->loads[contacts].force = v3_add(tip_load(&state->tip), creep_tip_load(model, &state->memory));
+    insertion_add_left_loads(model, state, loads);
 }

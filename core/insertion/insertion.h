@@ -31,7 +31,10 @@ void insertion_refinement(const insertion_state *state, refinement *out);
    it were elastic. */
 void insertion_forces(const insertion_model *model, const insertion_state *state, vec3 *nominal, vec3 *added);
 
-/* Appends the same forces as loads on the nominal mesh, for the other needles in the tissue. RT */
+/* Where the needle loads the tissue: at its active contacts, then at the tip, if that is in the tissue. The forces are 0. RT */
+void insertion_place_loads(const insertion_model *model, const insertion_state *state, tissue_loads *loads);
+
+/* The same forces as loads on the nominal mesh there, for the other needles in the tissue, and what it has left elsewhere. RT */
 void insertion_add_loads(const insertion_model *model, const insertion_state *state, tissue_loads *loads);
 
 /* Those of them that relaxing tissue remembers where the needle is no longer. RT */

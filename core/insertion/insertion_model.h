@@ -41,12 +41,11 @@ typedef struct {
     insertion_settings settings;
     creep_series creep;          /* of all regions alike */
     bool stiffens;               /* some region does; set by local_create */
-    double *node_lateral;        /* node_count, filled by local_create: mean of (3 - 4 nu) / (8 pi mu (1 - nu)) around the node, m^2/N */
-    double *node_axial;          /* node_count: mean of 1 / (2 pi mu), m^2/N */
     double *node_disc;           /* node_count: mean of (3 - 4 nu) / (32 mu (1 - nu)), m^2/N: rigid disc in the depth, times its radius */
-    double *node_stiffening;     /* node_count: mean of the regions' stiffening; 0 on bone */
-    double *node_softness;       /* node_count: mean of 1 / mu, m^2/N; 0 on bone, where nothing is taken off for what the mesh yields */
+    double *node_stiffening;     /* node_count: mean of the regions' stiffening */
+    double *node_softness;       /* node_count: mean of 1 / mu, m^2/N */
     double *node_punch;          /* node_count: mean of (1 - 2 nu) / (4 mu ln(3 - 4 nu)), m^2/N: the same bonded to a free surface */
+    double *node_bone;           /* node_count: 1 on bone, where a tip that comes from the tissue is stopped as by bone, else 0 */
 } insertion_model;
 
 #endif

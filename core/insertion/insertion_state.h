@@ -2,9 +2,9 @@
 #ifndef TROCAR_INSERTION_STATE_H
 #define TROCAR_INSERTION_STATE_H
 
-#include "insertion/plane_tensor.h"
 #include "insertion/tissue_memory.h"
 #include "insertion/track_list.h"
+#include "linalg/plane_tensor.h"
 #include "needle/needle.h"
 
 enum { NOT_BLOCKED = -1, BLOCKED_BY_BONE = -2 };
@@ -23,26 +23,44 @@ typedef struct {
     friction_state friction;
 } roll_friction;
 
+/* How the tissue along a share of the track holds the shaft. When the tip leaves a contact, or comes back to it, this is handed over as it is. */
+typedef struct {
+    double origin;           /* m: arc, less depth, of the shaft's material point that would be at the track if the tissue were not sheared along the
+                                shaft. Near the tip that point may lie beyond the needle's end. */
+    double slip;             /* m, by which the shaft slid forward past the tissue in the last solve; applied by the next tick */
+    double slid;             /* m of sliding since it last stuck */
+    friction_state friction;
+    double traction;         /* N/m, force along the needle over the length of the share */
+    double softness;         /* m^2/N, mean over the share of a line's local compliance per logarithm, along the needle; 0: not known yet */
+    double stiffening;       /* mean over the share, of the regions' */
+    roll_friction roll;
+} shaft_hold;
+
+/* N along the needle, at which the surface holds the tip sideways in full. A tip that touches begins with it: one that the surface does not
+   hold yet would slip aside at once if the needle is bent. */
+static const double FULL_GRIP = 0.05;
+
 /* One contact: a node of the tissue that the shaft passes. */
 typedef struct {
     contact_status status;
-    double arc;              /* m from the base: the needle's material point that is there */
     vec3 track;              /* m, world frame: where the tip left it; its node, kept off faces, may lie a little beside it */
     vec3 beside;             /* m, by how much that is outside an outer face: as in needle_tip */
     vec3 direction;          /* unit vector of the track there, in the undeformed tissue */
     double depth;            /* m along the nominal track from the skin */
-    double slip;             /* m, by which the shaft slid forward past it in the last solve; applied by the next tick */
-    double slid;             /* m of sliding since it last stuck */
-    friction_state friction;
+    shaft_hold shaft;
+    resolved_field resolved; /* what the mesh resolves there; its `point` belongs to the tip that was there */
     double log_axial;        /* logarithm of the radius that the mesh resolves over the needle's, for forces along it; 0: not known yet */
     plane_tensor log_lateral; /* the same across the track, for an endless needle */
-    line_end end;            /* what to add to that near the needle's tip */
-    double softness;         /* m^2/N, mean over its share of a line's local compliance per logarithm, along the needle; 0: not known yet */
-    double stiffening;       /* mean over its share, of the regions' */
-    double traction;         /* N/m, force along the needle over the length of its share */
     vec3 force;              /* N, world frame, on the tissue */
-    roll_friction roll;
 } shaft_contact;
+
+/* An old track that leads the tip. */
+typedef struct {
+    double open;             /* 0 to 1: how open it is to the tip; 0: there is none, and the rest is unused */
+    vec3 way;                /* unit nominal direction in which it leads */
+    double left;             /* m from the tip to its end */
+    vec3 tilt;               /* how the tip's direction in it differs from that in which it would cut */
+} open_track;
 
 /* The tip: a contact that moves through the tissue as it cuts, and back along its track. */
 typedef struct {
@@ -51,28 +69,20 @@ typedef struct {
     vec3 nominal;            /* m, the tissue's material point at the tip */
     vec3 direction;          /* unit vector of the track at the tip, in the undeformed tissue */
     double depth;            /* m along the nominal track from the skin */
-    double slip;             /* m, as in shaft_contact: cutting forward or drawing back */
+    double slip;             /* m, by which the tip went forward past the tissue in the last solve (cutting) or back; applied by the next tick */
     friction_state friction; /* forward while it cuts */
-    double shaft_slip;       /* m, slip of the shaft next to it, from half way to the last contact on: held by friction, not by what is ahead */
-    double shaft_slid;       /* m, and friction: as in shaft_contact */
-    friction_state shaft_friction;
-    double shaft_softness, shaft_stiffening, shaft_traction; /* of that shaft: as in shaft_contact */
-    roll_friction roll;      /* of that shaft */
-    double stretch;          /* m, how much farther than the tip that shaft is ahead of the tissue that it sticks to */
+    shaft_hold shaft;        /* of the shaft next to it, from half way to the last contact on: held by friction, not by what is ahead */
     vec3 force;              /* N, world frame, on the tissue */
     double end_force;        /* N along the needle, the part of it on the end face */
+    double arc;              /* m from the base, where its force acts: at the needle's end or behind it (along_track.h) */
+    vec3 rest;               /* m, world frame: where the tissue that it touches was without its force in the last solve */
     double dent;             /* m along the track, by which the tissue at the tip is displaced */
     vec3 damping;            /* N, world frame, on the tissue at the tip, which springs back no faster than shear waves travel */
     double pressing;         /* N, force along the needle, low-pass filtered, that sets the lateral hold; >= 0 */
-    bool springs;            /* tissue along an open track clearly sprang back over the tip in the last step */
-    double open;             /* 0 to 1: how far an old track is open ahead of the tip; */
-    vec3 open_way;           /* unit nominal direction in which it leads, */
-    double open_left;        /* m to its end, */
-    vec3 open_tilt;          /* and how the tip's way differs from that in which it would cut */
+    open_track follows;      /* the track that the slip of the last solve goes along */
     int blocked_by;          /* membrane in front of the tip, NOT_BLOCKED or BLOCKED_BY_BONE */
     double torn;             /* 0 to 1: how far that membrane has been torn by a puncture beside the tip */
     int face;                /* of `tet`: where the tip is on the surface or blocked */
-    double ended;            /* m: tracks that end this close ahead count as ended, as the tip would pass their ends in one step */
     bool entering;           /* the tip is blocked at the outer surface and comes from outside */
     vec3 outward;            /* unit normal of the outer face along which the tip grazes; zero: it does not */
     vec3 beside;             /* m, from `nominal`, just inside that face, to the tip itself, which may be out by a radius */
@@ -109,7 +119,7 @@ typedef enum { GUIDE_AHEAD, GUIDE_IN_HOLE, GUIDE_MISSED, GUIDE_BESIDE } guide_pa
 /* The needle at the edge of a hole, on one face of the plate. */
 typedef struct {
     double arc;              /* m from the base: the needle's material point that friction holds there */
-    double slip;             /* m, as in shaft_contact */
+    double slip;             /* m, as in shaft_hold */
     friction_state friction;
     bool touching;           /* the edge */
     vec3 force;              /* N, world frame, on the guide */
@@ -141,9 +151,8 @@ typedef struct {
     guide_state guides[MAX_GUIDES];
     int watched;                 /* segment of the needle looked at last: is it in a body from the side? */
     uint64_t outside;            /* bits of the segments that were */
-    bool saddle;                 /* the last tick ended, perhaps without convergence, where needle and tissue are not stable */
-    bool buckled;                /* no equilibrium was found; straight and without force until its tip is back */
-    vec3 stuck_at;               /* m, world frame: where the needle's end was then */
+    bool moving_on;              /* no stable equilibrium is near: the needle moves on to another one, against its drag */
+    vec3 surface;                /* m, displacement of the surface at a free needle's end, as last known; NAN: not yet */
     tissue_memory memory;        /* of tissue that relaxes */
     track_list tracks;           /* that this needle has cut since the reset */
     uint64_t next_id;
@@ -162,6 +171,14 @@ static inline int contacts_active(const insertion_state *state) {
     return count;
 }
 
+/* m from the base, where the tissue at this depth holds the shaft: on the needle. RT */
+static inline double shaft_arc(const shaft_hold *shaft, double depth, double needle_length) {
+    return smaller_of(larger_of(shaft->origin + depth, 0.0), needle_length);
+}
+
+/* m from the base, where the shaft bears the force of a contact. RT */
+static inline double contact_arc(const shaft_contact *contact, double needle_length) { return shaft_arc(&contact->shaft, contact->depth, needle_length); }
+
 /* The slot of a planned contact, the last in order, or -1. RT */
 static inline int contact_planned(const insertion_state *state) {
     int last = state->refined.count > 0 ? state->refined.order[state->refined.count - 1] : -1;
@@ -170,6 +187,12 @@ static inline int contact_planned(const insertion_state *state) {
 
 /* Contact nodes that the tip has passed: all but a planned one. RT */
 static inline int contacts_passed(const insertion_state *state) { return state->refined.count - (contact_planned(state) >= 0); }
+
+/* The shaft next to the tip has moved by `shift` (m) against the tissue, and with it that at contacts that have no row yet. RT */
+static inline void shift_tip_shaft(insertion_state *state, double shift) {
+    state->tip.shaft.origin += shift;
+    for (int k = contacts_active(state); k < contacts_passed(state); k++) state->contacts[state->refined.order[k]].shaft.origin += shift;
+}
 
 /* The last of them, or NULL. RT */
 static inline const shaft_contact *last_contact(const insertion_state *state) {

@@ -5,6 +5,8 @@
 #include "insertion/contact_nodes.h"
 #include "insertion/creep.h"
 #include "insertion/local_compliance.h"
+#include "insertion/strata.h"
+#include "remesh/snapshot_kernels.h"
 
 /* Handles of the last point under the tip that the snapshot covered; false: there is none. */
 static bool tip_handles(const tick_context *tick, int handles[4]) {
@@ -25,49 +27,38 @@ static vec3 displaced_by_tip(const tick_context *tick, const int corners[4], int
     return m3_apply_transposed(&c, v3_add(tip_load(&state->tip), creep_tip_load(tick->model, &state->memory)));
 }
 
-/* Of a handle, m. */
-static vec3 displacement_of(const tick_context *tick, int handle) {
-    const insertion_state *state = tick->state;
-    vec3 u = creep_free(tick, handle);
-    for (int k = 0; contact_is_active(state, k); k++) {
-        mat3 c = compliance_between(tick->snapshot, handle, state->refined.order[k]);
-        u = v3_add(u, m3_apply(&c, load_of(tick, k)));
-    }
-    int corners[4];
-    return tip_handles(tick, corners) ? v3_add(u, displaced_by_tip(tick, corners, handle)) : u;
-}
-
 vec3 displacement_at(const tick_context *tick, const int handles[4], const double weights[4]) {
     const insertion_state *state = tick->state;
-    row_matrix sum = {{{0}}}; /* of the terms by the components of the loads */
-    for (int k = 0; contact_is_active(state, k); k++) {
-        row_matrix c = compliance_rows_to_point(tick->snapshot, handles, weights, state->refined.order[k]);
-        vec3 load = load_of(tick, k);
-        for (int a = 0; a < 3; a++) sum.row[a] += c.row[a] * (lanes){load.x, load.y, load.z, 0.0};
-    }
+    handle_load loads[MAX_CONTACTS];
+    int count = 0;
+    for (; contact_is_active(state, count); count++) loads[count] = (handle_load){state->refined.order[count], load_of(tick, count)};
     vec3 u = creep_free_at(tick, handles, weights);
-    u = v3_add(u, v3(row_sum(sum.row[0]), row_sum(sum.row[1]), row_sum(sum.row[2])));
+    u = v3_add(u, displacement_under(tick->snapshot, handles, weights, count, loads));
     int corners[4];
     if (!tip_handles(tick, corners)) return u;
     for (int c = 0; c < 4; c++) u = v3_axpy(weights[c], displaced_by_tip(tick, corners, handles[c]), u);
     return u;
 }
 
-/* Activates a contact whose row has arrived: its material point on the shaft is where friction is at its limit, as it was for the
-   tip that left it there. */
+vec3 displacement_at_tip(const tick_context *tick) {
+    const needle_tip *tip = &tick->state->tip;
+    int corners[4];
+    bool covered = tip->known_tet >= 0 && snapshot_covers(tick->snapshot, tick->model->mesh->tets[tip->known_tet], corners);
+    return covered ? displacement_at(tick, corners, tip->known_weights) : v3(0, 0, 0);
+}
+
+/* A contact whose row has arrived takes over the shaft that the tip has held for it until now. */
 static void activate_contact(const tick_context *tick, int k) {
-    const insertion_model *model = tick->model;
     insertion_state *state = tick->state;
     int slot = state->refined.order[k];
     shaft_contact *contact = &state->contacts[slot];
     contact->status = CONTACT_ACTIVE;
     contact->force = v3(0, 0, 0);
-    if (contact->log_axial == 0.0) set_resolution(model, contact, &tick->snapshot->resolved[slot]); /* the tip that left it did not know it yet */
-    double ahead = creep_shaft_ahead(tick, k) + contact->slip; /* it keeps sliding in this tick, as the tip did */
-    vec3 tissue = v3_add(contact->track, displacement_of(tick, slot));
-    needle_point p = needle_at(model->needle, &state->needle, contact->arc);
-    contact->arc += ahead - v3_dot(needle_along(&p), v3_sub(p.position, tissue));
-    contact->arc = fmin(fmax(contact->arc, 0.0), model->needle->given.length);
+    if (contact->log_axial == 0.0) set_resolution(tick->model, contact, &tick->snapshot->resolved[slot]); /* the tip that left it did not know it yet */
+    if (state->tip.phase != TIP_INSIDE || contact->depth < tip_entry_depth(state)) return;
+    double origin = contact->shaft.origin;
+    contact->shaft = state->tip.shaft;
+    contact->shaft.origin = origin;
 }
 
 void accept_snapshot(const tick_context *tick) {
@@ -79,11 +70,10 @@ void accept_snapshot(const tick_context *tick) {
     }
 }
 
-bool follow_known_point(const tick_context *tick, int handles[4]) {
+void follow_known_point(const tick_context *tick, int handles[4]) {
     const insertion_model *model = tick->model;
     insertion_state *state = tick->state;
     needle_tip *tip = &state->tip;
-    if (tip->phase != TIP_INSIDE) return false;
     double weights[4];
     int tet = refinement_element(model->mesh, &state->refined, snapshot_known_contacts(tick->snapshot, &state->refined), tip->tet, tip->nominal, weights);
     bool covered = snapshot_covers(tick->snapshot, model->mesh->tets[tet], handles);
@@ -92,23 +82,35 @@ bool follow_known_point(const tick_context *tick, int handles[4]) {
         mesh_barycentric(model->mesh, tet, tip->nominal, weights);
         covered = snapshot_covers(tick->snapshot, model->mesh->tets[tet], handles);
     }
-    if (!covered) {
-        tick->output->events |= EVENT_LATE;
-        return tip_handles(tick, handles);
+    if (covered) {
+        tip->known_tet = tet;
+        memcpy(tip->known_weights, weights, sizeof weights);
+        return;
     }
-    tip->known_tet = tet;
-    memcpy(tip->known_weights, weights, sizeof weights);
-    return true;
+    tick->output->events |= EVENT_LATE;
+    if (!tip_handles(tick, handles)) handles[0] = NO_HANDLE;
 }
 
 /* What remains of a difference between two measurements, of elements side by side or of a line that has turned, fades out as the tip
    moves on by about a diameter. */
 static double faded(double now, double then, double used, double fading) { return now + (used - then) * fading; }
 
-bool follow_resolution(const tick_context *tick) {
+/* Goes on with what was measured last: elements side by side differ little. Farther away, or without any measurement, the worker is late. */
+static void keep_resolution(const tick_context *tick) {
+    const insertion_model *model = tick->model;
+    needle_tip *tip = &tick->state->tip;
+    if (!tip->resolved_known) tip->resolved = local_resolution_guess(model, tip->tet);
+    bool beside = tip->resolved_known && v3_norm(v3_sub(tip->nominal, tip->resolved_at)) < mesh_edge_length(model->mesh, tip->tet);
+    if (!beside) tick->output->events |= EVENT_LATE;
+}
+
+void follow_resolution(const tick_context *tick) {
     needle_tip *tip = &tick->state->tip;
     const line_piece *piece = snapshot_piece(tick->snapshot, tip->tet);
-    if (!piece) return tip->resolved_known;
+    if (!piece) {
+        keep_resolution(tick);
+        return;
+    }
     resolved_field now = piece_at(piece, tip->nominal), used = now;
     if (tip->resolved_known) {
         resolved_field then = piece_at(piece, tip->resolved_at);
@@ -126,5 +128,4 @@ bool follow_resolution(const tick_context *tick) {
     tip->resolved = used;
     tip->resolved_at = tip->nominal;
     tip->resolved_known = true;
-    return true;
 }

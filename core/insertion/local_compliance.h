@@ -5,7 +5,7 @@
 
 #include "base/lame.h"
 #include "insertion/insertion_model.h"
-#include "insertion/plane_tensor.h"
+#include "linalg/plane_tensor.h"
 #include "tissue/resolved_radius.h"
 
 /* A quantity for forces across the needle, and for those along it. */
@@ -20,9 +20,6 @@ static inline lateral_axial local_line_stiffness(const region_material *material
     return (lateral_axial){axial * 4.0 * (1.0 - nu) / (3.0 - 4.0 * nu), axial};
 }
 
-/* at point x of nominal element `tet` a mean over the materials around, continuous across elements; */
-lateral_axial local_line_compliance_at(const insertion_model *model, int tet, vec3 x); /* RT */
-
 /* and the logarithm, of the radius that the mesh resolves there over the needle's; across it a mean, */
 lateral_axial local_logarithm(const insertion_model *model, const resolved_field *resolved); /* RT */
 
@@ -31,6 +28,9 @@ plane_tensor local_logarithm_across(const insertion_model *model, const resolved
 
 /* That for shaft whose tip is `ahead` (m) of it; positive definite. RT */
 plane_tensor local_logarithm_behind_tip(plane_tensor endless, const line_end *end, double ahead);
+
+/* What meshes resolve in an element of this size, as a rule, where it has not been measured. RT */
+resolved_field local_resolution_guess(const insertion_model *model, int tet);
 
 /* The tip's end face, a disc `depth` (m) below the surface that it presses on with `pressing` (N). RT */
 typedef struct {

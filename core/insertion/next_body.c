@@ -1,6 +1,7 @@
 #include "insertion/next_body.h"
 
 #include "insertion/contact_nodes.h"
+#include "insertion/known_tissue.h"
 #include "insertion/old_tracks.h"
 #include "insertion/strata.h"
 #include "insertion/tip_path.h"
@@ -13,18 +14,21 @@ vec3 needle_direction(const tick_context *tick) {
     return q_rotate(frame, v3(slope * sin(lead), -slope * cos(lead), 1.0));
 }
 
-/* How far the needle's end is beyond the point of the shaft at which the tip left the tissue, m. */
+/* How far the needle's end is beyond the place where the tip left the tissue, as that is displaced now, m. */
 static double beyond_exit(const tick_context *tick) {
     const insertion_state *state = tick->state;
-    const shaft_contact *last = last_contact(state);
-    return last ? tick->model->needle->given.length - (last->arc + state->tip.depth - last->depth) : -INFINITY;
+    vec3 exit = v3_add(tip_place(&state->tip), displacement_at_tip(tick));
+    return v3_dot(v3_sub(state->needle.joints[tick->model->needle->given.segments], exit), v3_unit(needle_direction(tick)));
 }
 
 void come_back(const tick_context *tick) {
+    needle_tip *tip = &tick->state->tip;
     double beyond = beyond_exit(tick);
+    const shaft_contact *last = last_contact(tick->state);
     if (beyond > -tick->model->needle->radius) return;
-    tick->state->tip.phase = TIP_INSIDE;
-    if (isfinite(beyond)) tick->state->tip.slip = beyond;
+    tip->phase = TIP_INSIDE;
+    tip->slip = beyond;
+    tip->shaft = last ? last->shaft : shaft_at_rest(tick->model, tip->depth + beyond);
     tick->output->events |= EVENT_REENTERED;
 }
 
@@ -52,7 +56,7 @@ void enter_next(const tick_context *tick, const entrance *at, double gap) {
     tip->blocked_by = at->blocked_by;
     tip->entering = true;
     tip->next_contact = NAN;
-    tip->roll = (roll_friction){.anchor = NAN};
+    tip->shaft = shaft_at_rest(tick->model, tip->depth);
     enter_stratum(tick);
     tick->output->events |= EVENT_TOUCHED;
 }

@@ -6,11 +6,19 @@ static const region_material *material_at(const insertion_model *model, int tet)
     return &model->materials[model->mesh->region[tet]];
 }
 
+double cutting_resistance(const insertion_model *model, int tet, double open) {
+    const region_material *material = material_at(model, tet);
+    return (1.0 - open) * material->cutting_force + material->spreading_force;
+}
+
+double blocked_resistance(const insertion_model *model, int tet, double open, int blocked_by, double torn) {
+    if (blocked_by == BLOCKED_BY_BONE) return INFINITY;
+    double cutting = cutting_resistance(model, tet, open);
+    return blocked_by == NOT_BLOCKED ? cutting : fmax(cutting, torn == 1.0 ? 0.0 : (1.0 - torn) * model->membranes[blocked_by].puncture_force);
+}
+
 double tip_resistance(const insertion_model *model, const needle_tip *tip) {
-    if (tip->blocked_by == BLOCKED_BY_BONE) return INFINITY;
-    const region_material *material = material_at(model, tip->tet);
-    double cutting = (1.0 - tip->open) * material->cutting_force + material->spreading_force;
-    return tip->blocked_by == NOT_BLOCKED ? cutting : fmax(cutting, tip->torn == 1.0 ? 0.0 : (1.0 - tip->torn) * model->membranes[tip->blocked_by].puncture_force);
+    return blocked_resistance(model, tip->tet, tip->follows.open, tip->blocked_by, tip->torn);
 }
 
 int obstacle(const insertion_model *model, int tet, int face, int behind) {

@@ -5,7 +5,13 @@
 #include "insertion/insertion_model.h"
 #include "insertion/insertion_state.h"
 
-/* Resistance of what is ahead of the tip, N (cutting or puncture). RT */
+/* Resistance of the tissue of element `tet` to a tip along a track that is open to this degree (0 to 1), N. RT */
+double cutting_resistance(const insertion_model *model, int tet, double open);
+
+/* The same, or what it takes to pierce what blocks the tip, if that is more: bone, or a membrane torn to this degree (0 to 1). RT */
+double blocked_resistance(const insertion_model *model, int tet, double open, int blocked_by, double torn);
+
+/* Resistance of what is ahead of the tip where it is, N (cutting or puncture). RT */
 double tip_resistance(const insertion_model *model, const needle_tip *tip);
 
 /* What stops the tip at a face, with element `behind` on the other side (-1: none): BLOCKED_BY_BONE, the strongest membrane there, or

@@ -19,7 +19,7 @@ static void tell(const tick_context *tick, bool room) {
 
 void old_tracks_cut(const tick_context *tick, int tet, vec3 from) {
     const needle_tip *tip = &tick->state->tip;
-    if (tip->open == 1.0 || v3_norm(v3_sub(tip->nominal, from)) == 0.0) return;
+    if (tip->follows.open == 1.0 || v3_norm(v3_sub(tip->nominal, from)) == 0.0) return;
     tell(tick, tracks_cut(&tick->state->tracks, (track_point){.at = from, .tet = tet}, (track_point){.at = tip->nominal, .tet = tip->tet}));
 }
 
@@ -72,9 +72,8 @@ static candidate judge(const insertion_model *model, const track_list *list, int
                        .way = v3_unit(v3_axpy(1.0 / (CATCH_UP * 2.0 * model->needle->radius), aside, along))};
 }
 
-/* The most open track that has not ended; of several the closest. */
-static void choose(const tick_context *tick) {
-    needle_tip *tip = &tick->state->tip;
+open_track old_tracks_ahead(const tick_context *tick, double beyond) {
+    const needle_tip *tip = &tick->state->tip;
     vec3 direction = tick->scratch->aim;
     candidate best = {.open = 0.0, .way = v3(0, 0, 0)};
     const track_list *list;
@@ -82,40 +81,25 @@ static void choose(const tick_context *tick) {
     for (int i = 0; searched && (list = list_of(tick, i)); i++)
         for (int track = 0; track < list->count; track++) {
             candidate c = judge(tick->model, list, track, tip->nominal, direction);
-            if (c.left <= tip->ended) continue;
+            if (c.left <= beyond) continue;
             if (c.open > best.open || (c.open == best.open && c.open > 0.0 && c.distance < best.distance)) best = c;
         }
-    tip->open = best.open;
-    tip->open_way = best.way;
-    tip->open_left = best.left;
-    tip->open_tilt = best.open > 0.0 ? v3_sub(old_tracks_lead(tip, direction), direction) : v3(0, 0, 0);
-}
-
-void old_tracks_find(const tick_context *tick) {
-    needle_tip *tip = &tick->state->tip;
-    if (tip->friction != STICK) tip->ended = 0.0;
-    tip->torn = tip->phase == TIP_INSIDE ? old_tracks_torn(tick, tip->blocked_by, tip->nominal) : 0.0;
-    choose(tick);
-}
-
-bool old_tracks_overrun(const needle_tip *tip) { return tip->open > 0.0 && tip->blocked_by == NOT_BLOCKED && tip->slip > tip->open_left; }
-
-void old_tracks_end(const tick_context *tick) {
-    tick->state->tip.ended = tick->state->tip.open_left;
-    choose(tick);
+    open_track found = {.open = best.open, .way = best.way, .left = best.left};
+    if (found.open > 0.0) found.tilt = v3_sub(old_tracks_lead(&found, direction), direction);
+    return found;
 }
 
 /* ---- following ------------------------------------------------------------------------------------------------------------- */
 
-vec3 old_tracks_lead(const needle_tip *tip, vec3 direction) {
-    if (tip->open == 0.0) return direction;
-    return v3_unit(v3_axpy(tip->open, v3_sub(tip->open_way, direction), direction));
+vec3 old_tracks_lead(const open_track *track, vec3 direction) {
+    if (track->open == 0.0) return direction;
+    return v3_unit(v3_axpy(track->open, v3_sub(track->way, direction), direction));
 }
 
 /* A tip that is led sideways by u a metre does the work f . u, f being the force across the needle. The hand has to do it, as the wall of
    a track is without friction: then a step never gives back more than it took. */
-double old_tracks_bound(const needle_tip *tip, vec3 needle, double resistance) {
-    if (tip->open == 0.0) return resistance;
-    vec3 across = v3_axpy(-v3_dot(tip->force, needle), needle, tip->force);
-    return fmax(resistance - v3_dot(across, tip->open_tilt), 0.0);
+double old_tracks_bound(const open_track *track, vec3 tip_force, vec3 needle, double resistance) {
+    if (track->open == 0.0) return resistance;
+    vec3 across = v3_axpy(-v3_dot(tip_force, needle), needle, tip_force);
+    return fmax(resistance - v3_dot(across, track->tilt), 0.0);
 }

@@ -5,20 +5,15 @@
 
 #include "insertion/tick.h"
 
-/* Looks for an open track ahead of the tip, which would cut along scratch.aim: sets tip.open and what belongs to it, and tip.torn. RT */
-void old_tracks_find(const tick_context *tick);
+/* The track that is most open to the tip, which would cut along scratch.aim, among those that end more than `beyond` (m) ahead of it; the closest of
+   several. RT */
+open_track old_tracks_ahead(const tick_context *tick, double beyond);
 
-/* Would the slip of this solve take the tip past the end of the track? RT */
-bool old_tracks_overrun(const needle_tip *tip);
-
-/* The track that the tip follows has ended, until the tip moves: another one is ahead, or whole tissue. RT */
-void old_tracks_end(const tick_context *tick);
-
-/* The direction in which the tip goes in place of the one in which it would cut. RT */
-vec3 old_tracks_lead(const needle_tip *tip, vec3 direction);
+/* The direction in which the tip goes along this track in place of the one in which it would cut. RT */
+vec3 old_tracks_lead(const open_track *track, vec3 direction);
 
 /* Bound of the tip's force along the needle for moving on, N: `resistance`, and what it takes to be led sideways. RT */
-double old_tracks_bound(const needle_tip *tip, vec3 needle, double resistance);
+double old_tracks_bound(const open_track *track, vec3 tip_force, vec3 needle, double resistance);
 
 /* Records what the tip has cut since it was at `from`, in element `tet`. RT */
 void old_tracks_cut(const tick_context *tick, int tet, vec3 from);

@@ -17,9 +17,9 @@ static stretch known_stretch(const tick_context *tick) {
     double entry = length - tip->depth, exit = length;
     if (contacts_passed(state) > 0) {
         const shaft_contact *first = &state->contacts[state->refined.order[0]], *last = last_contact(state);
-        moved = v3_sub(needle_at(tick->model->needle, &state->needle, first->arc).position, first->track);
-        entry = first->arc - first->depth;
-        if (tip->phase == TIP_BEYOND) exit = last->arc + tip->depth - last->depth + NEAR + v3_norm(moved);
+        moved = v3_sub(needle_at(tick->model->needle, &state->needle, contact_arc(first, length)).position, first->track);
+        entry = first->shaft.origin;
+        if (tip->phase == TIP_BEYOND) exit = last->shaft.origin + tip->depth + NEAR + v3_norm(moved);
     }
     return (stretch){entry - NEAR - v3_norm(moved), exit};
 }
@@ -30,7 +30,7 @@ void outside_watch(const tick_context *tick) {
     stretch known = known_stretch(tick);
     double from = k * tick->model->needle->segment_length, to = from + tick->model->needle->segment_length;
     bool free = to <= known.from || (from >= known.to && to <= count * tick->model->needle->segment_length - NEAR);
-    bool inside = free && !state->buckled && mesh_enter(tick->model->mesh, state->needle.joints[k], state->needle.joints[k + 1]).hit;
+    bool inside = free && mesh_enter(tick->model->mesh, state->needle.joints[k], state->needle.joints[k + 1]).hit;
     uint64_t bit = (uint64_t)1 << k;
     state->outside = inside ? state->outside | bit : state->outside & ~bit;
     if (state->outside) tick->output->events |= EVENT_OUTSIDE_MODEL;

@@ -2,7 +2,6 @@
 
 #include <string.h>
 
-#include "base/lanes.h"
 #include "insertion/creep.h"
 
 static const double LINE_OFFSET = 1e-3, LINE_TURN = 0.02; /* m, rad: a line that differs by more is a new one */
@@ -11,6 +10,7 @@ static const double ABOUT_TO_TOUCH = 2e-3;                 /* m before the skin:
                                                               not depend on how the needle came there */
 static const double NEAR_FACE = 1e-7;                      /* m, distance between touching surfaces, due to rounding */
 enum { AHEAD = 16, BEHIND = 4 };  /* elements ahead of the tip, contact nodes behind it */
+enum { AROUND_EDGE = 32 };        /* elements that meet at an edge; about five do, and twenty in a poor mesh */
 
 typedef struct {
     int count, needed;       /* as in remesh_request */
@@ -28,9 +28,10 @@ static bool contains(const int *nodes, int count, int node) {
 
 /* Its corners that are not in the list: all four are looked for at once. */
 static void add_tet(const mesh *m, int tet, wanted_tissue *list) {
-    int_lanes corners, found = {0};
-    memcpy(&corners, m->tets[tet], sizeof corners);
-    for (int i = 0; i < list->count; i++) found |= list->nodes[i] == corners;
+    int corners[4], found[4] = {0};
+    memcpy(corners, m->tets[tet], sizeof corners);
+    for (int i = 0; i < list->count; i++)
+        for (int c = 0; c < 4; c++) found[c] |= list->nodes[i] == corners[c];
     for (int c = 0; c < 4; c++)
         if (!found[c] && list->count < MAX_WINDOW) list->nodes[list->count++] = corners[c];
 }
@@ -79,6 +80,26 @@ static void add_surroundings(const mesh *m, int tet, wanted_tissue *list) {
     add_tet(m, tet, list);
     for (int f = 0; f < 4; f++)
         if (m->neighbours[tet][f] >= 0) add_tet(m, m->neighbours[tet][f], list);
+}
+
+/* The elements behind the outer faces that share an edge with this one, to which a tip on it may glide: around each edge, from element to
+   element, until the tissue ends. */
+static void add_beside(const mesh *m, int tet, int face, wanted_tissue *list) {
+    for (int c = 0; c < 4; c++) {
+        if (c == face) continue;
+        int at = tet, exit = c, last = m->tets[tet][face], sum = 0; /* `last`: the corner of the face crossed that is not on the edge */
+        for (int k = 0; k < 4; k++) sum += k == face || k == c ? 0 : m->tets[tet][k]; /* of the edge's ends */
+        for (int step = 0; step < AROUND_EDGE && m->neighbours[at][exit] >= 0; step++) {
+            at = m->neighbours[at][exit];
+            int all = 0;
+            for (int k = 0; k < 4; k++) {
+                all += m->tets[at][k];
+                if (m->tets[at][k] == last) exit = k;
+            }
+            last = all - sum - last;
+        }
+        add_tet(m, at, list);
+    }
 }
 
 /* Back along the track from x to the last contact node but `skipped`, or to where the needle went in. Returns that point. */
@@ -131,6 +152,7 @@ static wanted_tissue wanted_nodes(const insertion_model *model, const insertion_
     int moved = refinement_element(m, &state->refined, state->refined.count, state->tip.tet, state->tip.nominal, weights);
     add_surroundings(m, moved, &list); /* the element around the tip with moved nodes, */
     if (moved != state->tip.tet) add_surroundings(m, state->tip.tet, &list); /* and in the nominal mesh */
+    if (state->tip.phase == TIP_INSIDE && state->tip.depth == 0.0) add_beside(m, state->tip.tet, state->tip.face, &list);
     straight_way way = {.tet = state->tip.tet, .x = state->tip.nominal, .direction = tip_way(&state->tip, direction), .left = WINDOW_SPAN};
     add_way(m, &way, AHEAD, &list);
     surface_hit next = {.hit = false};

@@ -43,7 +43,7 @@ void roll_turn_base(insertion_state *state, quat orientation) {
 
 /* Of a point in tissue: guides hold no shaft against turning. */
 static roll_friction *roll_of(insertion_state *state, const contact_point *p) {
-    return p->kind == POINT_TIP ? &state->tip.roll : &state->contacts[p->handle].roll;
+    return p->kind == POINT_TIP ? &state->tip.shaft.roll : &state->contacts[p->handle].shaft.roll;
 }
 
 static const contact_point *tissue_points(const tick_context *tick) { return &tick->scratch->points[tick->scratch->guided]; }
@@ -52,12 +52,6 @@ double roll_torque(const tick_context *tick) {
     double sum = 0.0;
     for (int i = tick->scratch->guided; i < tick->scratch->point_count; i++) sum += roll_of(tick->state, &tick->scratch->points[i])->torque;
     return sum;
-}
-
-void roll_release(insertion_state *state) {
-    for (int k = 0; contact_is_active(state, k); k++) state->contacts[state->refined.order[k]].roll = (roll_friction){.anchor = NAN};
-    state->tip.roll = (roll_friction){.anchor = NAN};
-    state->tip_lead = 0.0;
 }
 
 /* One point of the chain: torque on the tissue = stiffness * angle + offset, and what decides whether it sticks. */
@@ -77,10 +71,10 @@ static roll_point point_at(const tick_context *tick, const contact_point *p) {
     bool tip = p->kind == POINT_TIP;
     const shaft_contact *contact = tip ? NULL : &state->contacts[p->handle];
     const roll_friction *roll = roll_of(state, p);
-    double radius = model->needle->radius, length = p->share.to - p->share.from, slip = tip ? state->tip.shaft_slip : contact->slip;
-    double slid = tip ? state->tip.shaft_slid : contact->slid;
+    double radius = model->needle->radius, length = p->share.to - p->share.from, slip = tip ? state->tip.shaft.slip : contact->shaft.slip;
+    double slid = tip ? state->tip.shaft.slid : contact->shaft.slid;
     double dry = shaft_friction_limit(model, &p->shaft, slid + roll_way(slip, roll, radius));
-    double along = length * (tip ? state->tip.shaft_traction : contact->traction);
+    double along = length * (tip ? state->tip.shaft.traction : contact->shaft.traction);
     roll_point point = {.yielding = tick->scratch->creep.yield / larger_of(2.0 * radius * radius * p->shaft.axial, 1e-12),
                         .bound = roll_left_to_turning(dry, slip, along, roll, radius)};
     point.bound.viscosity += p->shaft.viscous * radius * radius / tick->dt;
@@ -160,7 +154,7 @@ void roll_solve(const tick_context *tick) {
     roll_point points[MAX_SHARES];
     const contact_point *at = tissue_points(tick);
     int n = w->point_count - w->guided;
-    if (state->buckled || n == 0 || !anchor_points(tick)) return;
+    if (n == 0 || !anchor_points(tick)) return;
     for (int i = 0; i < n; i++) {
         points[i] = point_at(tick, &at[i]);
         points[i].shaft = tick->model->needle->torsion / larger_of(at[i].arc - (i > 0 ? at[i - 1].arc : 0.0), LEAST);

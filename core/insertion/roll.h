@@ -25,9 +25,6 @@ void roll_turn_base(insertion_state *state, quat orientation);
 /* Turns the shaft: torques, slip and the tip's lag after the solve of this step. RT */
 void roll_solve(const tick_context *tick);
 
-/* Without torque. RT */
-void roll_release(insertion_state *state);
-
 /* Sum of the torques of all points on the tissue, N m, about the needle's axis. RT */
 double roll_torque(const tick_context *tick);
 

@@ -76,7 +76,6 @@ seed_refusal seeds_drop(const insertion_model *model, const seed_size *size, con
     if (size->diameter >= 2.0 * model->needle->radius) return SEEDS_TOO_THICK;
     if (seeds_pending(needle, list) > 0) return SEEDS_PENDING;
     if (list->count + count_pending(list) + count > MAX_SEEDS) return SEEDS_FULL;
-    if (state->buckled) return SEEDS_BUCKLED;
     if (state->tip.phase != TIP_INSIDE) return SEEDS_OUTSIDE;
     if (state->tip.depth - tip_entry_depth(state) < seeds_strand_length(size, count, spacing)) return SEEDS_TOO_LONG;
 

@@ -49,7 +49,7 @@ static inline void seeds_copy(const seed_list *from, int needle_count, seed_list
 
 /* Why a seed cannot be dropped, or taken back. */
 typedef enum {
-    SEEDS_ACCEPTED, SEEDS_BAD_COUNT, SEEDS_BAD_SPACING, SEEDS_TOO_THICK, SEEDS_PENDING, SEEDS_FULL, SEEDS_BUCKLED, SEEDS_OUTSIDE, SEEDS_TOO_LONG, SEEDS_NONE
+    SEEDS_ACCEPTED, SEEDS_BAD_COUNT, SEEDS_BAD_SPACING, SEEDS_TOO_THICK, SEEDS_PENDING, SEEDS_FULL, SEEDS_OUTSIDE, SEEDS_TOO_LONG, SEEDS_NONE
 } seed_refusal;
 
 /* The tip marks the distal end of the first of `count` seeds, `spacing` apart (m; 0: the scene's). Each is left in the tissue when the needle

@@ -1,7 +1,6 @@
 #include "insertion/shaft.h"
 
 #include "insertion/local_compliance.h"
-#include "insertion/stiffening_law.h"
 
 static const double LEAST_SHARE = 1e-6;  /* m of shaft that a contact stands for, at least */
 
@@ -55,20 +54,4 @@ shaft_resistance shaft_resistance_of(const insertion_model *model, const inserti
     }
     if (sum.stiffening > 0.0) sum.stiffening /= sum.axial;
     return sum;
-}
-
-double shaft_ahead(const insertion_model *model, const insertion_state *state, int k, double dt, shaft_creep creep) {
-    int slot = state->refined.order[k];
-    const shaft_contact *contact = &state->contacts[slot];
-    const region_material *material = &model->materials[model->mesh->region[state->refined.nodes[slot].tet]];
-    shaft_resistance per_metre = {0};
-    add_resistance(material, 1.0, &per_metre);
-    double dry = contact->friction * shaft_friction_limit(model, &per_metre, contact->slid);
-    shaft_share part = shaft_share_of(state, k, state->tip.phase == TIP_INSIDE);
-    double length = part.to - part.from, stiffness = length * per_metre.axial;
-    double traction = creep.yield * (dry + per_metre.viscous * contact->slip / dt) + creep.remembered;
-    double local = contact->log_axial / stiffness, linear = local * length * traction;
-    if (material->stiffening == 0.0) return linear;
-    stiffening_law law = stiffening_of_shaft(material->stiffening, model->needle->radius, stiffness, local);
-    return linear + stiffening_at(&law, length * traction).shift;
 }

@@ -33,9 +33,9 @@ static inline double shaft_friction_limit(const insertion_model *model, const sh
     return shaft->kinetic + shaft->excess * exp(-slid / model->settings.weakening_distance);
 }
 
-/* How far the shaft at active contact number k, which slides, is ahead of the tissue, which follows it elastically up to the friction
-   limit, m. Tissue that creeps follows it by `yield` times that, and by what the traction that it remembers (N/m) adds. RT */
-typedef struct { double yield, remembered; } shaft_creep;
-double shaft_ahead(const insertion_model *model, const insertion_state *state, int k, double dt, shaft_creep creep);
+/* A shaft that the tissue at this depth does not shear, where the tip is at that depth. RT */
+static inline shaft_hold shaft_at_rest(const insertion_model *model, double depth) {
+    return (shaft_hold){.origin = model->needle->given.length - depth, .roll = {.anchor = NAN}};
+}
 
 #endif

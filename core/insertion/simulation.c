@@ -1,16 +1,15 @@
 #include "insertion/simulation.h"
 
-#include <cblas.h>
 #include <math.h>
 #include <stdlib.h>
 #include <string.h>
-#include <threads.h>
 
 #include "base/cache_line.h"
 #include "base/memory.h"
 #include "insertion/local_compliance.h"
 #include "remesh/free_displacement.h"
 #include "remesh/refined_field.h"
+#include "tissue/blas.h"
 
 region_material region_defaults(void) {
     return (region_material){.youngs_modulus = 30e3, .poisson_ratio = 0.45, .cutting_force = 0.4, .cutting_viscosity = 1.0, .spreading_force = 0.0,
@@ -21,12 +20,12 @@ void simulation_defaults(simulation_config *config) {
     *config = (simulation_config){
         .mesh_unit = 1.0,
         .needle = {.length = 0.2, .outer_diameter = 1.27e-3, .inner_diameter = 0.84e-3, .youngs_modulus = 200e9,
-                   .poisson_ratio = 0.3, .bevel_slope = 0.0, .segments = 40},
+                   .poisson_ratio = 0.3, .bow = 1e-5, .bevel_slope = 0.0, .segments = 40},
         .needle_count = 1,
         .seeds = {.length = 4.5e-3, .diameter = 0.8e-3, .spacing = 10e-3},
-        .probe = {.shape = {.radius = 10e-3, .tip_radius = 10e-3, .length = 0.15}, .start = {v3(NAN, NAN, NAN), {1, 0, 0, 0}}},
+        .probe = {.shape = {.radius = 10e-3, .tip_radius = 10e-3, .length = 0.15}, .max_force = 35.0, .start = {v3(NAN, NAN, NAN), {1, 0, 0, 0}}},
         .insertion = {.contact_spacing = 2e-3, .weakening_distance = 1e-3, .prefetch_distance = 15e-3, .longest_step = 1e-3,
-                      .most_steps = 4, .track_reach = 1.0, .track_angle = 0.09, .max_passes = 4, .tolerance = 1e-8},
+                      .most_steps = 4, .track_reach = 1.0, .track_angle = 0.09, .max_passes = 8, .tolerance = 1e-8},
         .remeshing = REMESH_NESTED,
         .inverse = INVERSE_AUTO,
         .volumetric = STRAIN_BY_PATCH,
@@ -98,13 +97,6 @@ static trocar_status bind_guides(simulation *s, report *why) {
     return TROCAR_OK;
 }
 
-/* Pressed deeper than its radius, nodes would slip past its sides. */
-static bool probe_axis_in_tissue(const simulation *s) {
-    const probe_config *p = &s->config.probe;
-    vec3 tip = v3_add(p->start.position, q_rotate(p->start.orientation, v3(0, 0, p->shape.length - p->shape.tip_radius)));
-    return mesh_locate(&s->mesh, tip, -1) >= 0 || mesh_locate(&s->mesh, p->start.position, -1) >= 0 || mesh_enter(&s->mesh, p->start.position, tip).hit;
-}
-
 static trocar_status bind_probe(simulation *s, report *why) {
     char known[512], place[PLACE_ROOM];
     const probe_config *p = &s->config.probe;
@@ -115,9 +107,7 @@ static trocar_status bind_probe(simulation *s, report *why) {
     if (s->probe_surface < 0)
         return fail(why, TROCAR_BAD_INPUT, "%sprobe.surface: %s has no surface \"%s\"; it has: %s", place, s->config.mesh_path, p->surface,
                     list_groups(&s->mesh, 2, known, sizeof known));
-    if (remesh_needs_dense(s->config.remeshing))
-        return fail(why, TROCAR_BAD_INPUT, "%sprobe: it needs remeshing: nested or implicit, not %s", place, remesh_name(s->config.remeshing));
-    if (isnan(p->start.position.x) || !probe_axis_in_tissue(s)) return TROCAR_OK;
+    if (isnan(p->start.position.x) || !probe_axis_in_tissue(&s->mesh, &p->shape, p->start)) return TROCAR_OK;
     return fail(why, TROCAR_BAD_INPUT, "%sprobe.start: its axis lies in the tissue at rest, so it would press deeper than its radius of %g m: move it out of "
                 "the tissue, or leave start away and place it with a pose", place_in_scene(s, p->start_line, place), p->shape.radius);
 }
@@ -161,49 +151,40 @@ static trocar_status build_tissue(simulation *s, report *why) {
 
 /* ---- who owns the inverse --------------------------------------------------------------------------------------------- */
 
-/* Threads of BLAS would compete with the haptic thread for its processor, and the last bits would depend on their number: there is one, but
-   while a large mesh is factorised or inverted as a whole, where they save minutes. The number is the process's, so that such meshes take turns;
-   condensing has threads of its own. */
+/* BLAS has one thread but while a large mesh is factorised or inverted as a whole, where more save minutes; condensing has threads of its own. */
 enum { SEVERAL_THREADS = 30000 }; /* unknowns */
-static once_flag blas_once = ONCE_FLAG_INIT;
-static mtx_t blas_turn;
-static int blas_threads;     /* as many as BLAS takes by itself: processors, or what the environment says */
-static void use_one_blas_thread(void) {
-    mtx_init(&blas_turn, mtx_plain);
-    blas_threads = openblas_get_num_threads();
-    openblas_set_num_threads(1);
-}
 
 static bool is_large(const simulation *s) { return s->tissue.dof_count > SEVERAL_THREADS; }
 
 static trocar_status build_whole(simulation *s, bool sparse, int roi_count, const int *roi, report *why) {
-    trocar_status status = inverse_factor(&s->tissue, sparse ? roi_count : 0, roi, sparse ? s->config.progress : (inverse_progress){NULL, NULL}, why);
+    inverse_progress progress = s->config.progress;
+    if (!sparse) progress.show = NULL; /* it is made soon */
+    trocar_status status = inverse_factor(&s->tissue, sparse ? roi_count : 0, roi, progress, why);
     if (status != TROCAR_OK) return status;
-    return sparse ? inverse_create_sparse(&s->tissue, SPARSE_CACHE, &s->inverse, why) : inverse_create_dense(&s->tissue, &s->inverse, why);
+    return sparse ? inverse_create_sparse(&s->tissue, SPARSE_CACHE, &s->inverse, why) : inverse_create_dense(&s->tissue, progress, &s->inverse, why);
 }
 
 static trocar_status build_large(simulation *s, bool sparse, int roi_count, const int *roi, report *why) {
-    mtx_lock(&blas_turn);
-    openblas_set_num_threads(blas_threads);
+    blas_begin_turn();
     trocar_status status = build_whole(s, sparse, roi_count, roi, why);
-    openblas_set_num_threads(1);
-    mtx_unlock(&blas_turn);
+    blas_end_turn();
     return status;
 }
 
 static trocar_status build_owner(simulation *s, int roi_count, const int *roi, report *why) {
     report notice;
     const simulation_config *config = &s->config;
-    const char *dense_method = remesh_needs_dense(config->remeshing) ? remesh_name(config->remeshing) : NULL;
-    inverse_facts facts = {.given = config->inverse, .precision = config->precision, .dense_method = dense_method, .node_count = s->mesh.node_count,
+    inverse_facts facts = {.given = config->inverse, .precision = config->precision, .node_count = s->mesh.node_count,
                            .dof_count = s->tissue.dof_count, .roi_given = roi_given(&config->roi), .roi_count = roi_count,
                            .memory = memory_total()}; /* not what is free just now: the same scene shall have the same owner each time */
     inverse_choice choice = inverse_choose(&facts, &s->about_inverse);
+    int threads = is_large(s) ? blas_own_threads() : 1;
+    trocar_status status = blas_make_room(threads, why);
+    if (status != TROCAR_OK) return status;
     if (choice == INVERSE_CONDENSED) {
-        condensed_region region = {.count = roi_count, .nodes = roi, .single = inverse_is_single(config->precision, roi_count),
-                                   .threads = is_large(s) ? blas_threads : 1, .directory = config->cache,
+        condensed_region region = {.count = roi_count, .nodes = roi, .single = inverse_is_single(config->precision, roi_count), .threads = threads, .directory = config->cache,
                                    .must_be_saved = config->keep_inverse, .progress = config->progress};
-        trocar_status status = inverse_create_condensed(&s->tissue, &region, &s->inverse, &notice, why);
+        status = inverse_create_condensed(&s->tissue, &region, &s->inverse, &notice, why);
         size_t used = strlen(s->about_inverse.text);
         if (status == TROCAR_OK) snprintf(s->about_inverse.text + used, sizeof s->about_inverse.text - used, ": %.800s", notice.text);
         return status;
@@ -261,7 +242,7 @@ trocar_status simulation_create_mesh(const simulation_config *config, simulation
 
 static trocar_status check_placement(const simulation_config *config, report *why) {
     if (config->remeshing == REMESH_NESTED && config->insertion.placement == PLACE_MOVED)
-        return fail(why, TROCAR_BAD_INPUT, "contact.placement: moved nodes are not nested; choose remeshing: implicit, woodbury or bcs");
+        return fail(why, TROCAR_BAD_INPUT, "contact.placement: moved nodes are not nested; choose remeshing: implicit");
     if (config->volumetric != STRAIN_BY_ELEMENT && config->insertion.placement == PLACE_MOVED)
         return fail(why, TROCAR_BAD_INPUT, "contact.placement: a moved node would change strains averaged beyond the elements around it; "
                     "choose volumetric_strain: element");
@@ -270,13 +251,15 @@ static trocar_status check_placement(const simulation_config *config, report *wh
 
 trocar_status simulation_create_model(const simulation_config *config, simulation *s, report *why) {
     memset(s, 0, sizeof *s);
-    call_once(&blas_once, use_one_blas_thread);
-    trocar_status status = check_placement(config, why);
+    trocar_status status = blas_start(why);
+    if (status == TROCAR_OK) status = check_placement(config, why);
     if (status == TROCAR_OK) status = simulation_create_mesh(config, s, why);
     if (status != TROCAR_OK) return status;
-    status = needle_create(&config->needle, &s->needle, why);
+    status = inverse_go_on(config->progress, why);
+    if (status == TROCAR_OK) status = needle_create(&config->needle, &s->needle, why);
     if (status == TROCAR_OK) status = build_tissue(s, why);
     if (status == TROCAR_OK) status = check_probe_surface(s, why);
+    if (status == TROCAR_OK) status = inverse_go_on(config->progress, why);
     if (status == TROCAR_OK) status = build_inverse(s, why);
     if (status == TROCAR_OK) status = build_insertion(s, why);
     if (status != TROCAR_OK) simulation_free(s);
@@ -325,7 +308,7 @@ trocar_status simulation_derive(const simulation *base, const simulation_config 
     s->config = *config;
     s->shares = true;
     s->mesh = base->mesh;
-    s->tissue = base->tissue;
+    s->tissue = tissue_constants(&base->tissue);
     s->inverse = base->inverse;
     s->about_inverse = base->about_inverse;
     status = bind_to_mesh(s, why);

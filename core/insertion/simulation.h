@@ -15,6 +15,7 @@ typedef struct { char name[MESH_NAME]; double puncture_force; } membrane_config;
 typedef struct {
     char surface[MESH_NAME]; /* that it presses; empty: there is no probe */
     probe_shape shape;
+    double max_force;        /* N, where it stops */
     pose start;              /* of its base; its position is NAN: nowhere until it is told */
     int surface_line, start_line; /* of these keys in the scene file, for messages; 0: none */
 } probe_config;

@@ -1,5 +1,6 @@
 #include "insertion/stiffening.h"
 
+#include "insertion/along_track.h"
 #include "insertion/local_compliance.h"
 #include "insertion/strata.h"
 
@@ -31,7 +32,7 @@ void stiffening_prepare(const tick_context *tick) {
     if (!s->any) return;
     for (int i = w->guided; i < w->point_count; i++) {
         const contact_point *p = &w->points[i];
-        s->along[i] = stiffening_of_shaft(p->shaft.stiffening, radius, p->shaft.axial, p->kind == POINT_TIP ? w->held_axial : w->axial[i]);
+        s->along[i] = stiffening_of_shaft(p->shaft.stiffening, radius, p->shaft.axial, w->axial[i + (p->kind == POINT_TIP)]);
     }
     if (!w->tip) return;
     const needle_tip *tip = &state->tip;
@@ -47,31 +48,15 @@ double stiffening_slope(const tick_context *tick, int i, double force) {
 
 /* ---- forces that the laws depend on ------------------------------------------------------------------------------------------ */
 
-/* Along the track, of the needle on the tissue around the shaft, N. */
-static double force_along(const tick_context *tick, int i) {
-    const contact_point *p = &tick->scratch->points[i];
-    vec3 force = *point_force(tick->state, p);
-    if (p->kind == POINT_TIP) force = v3_axpy(-tick->state->tip.end_force, needle_along(&p->at), force);
-    return v3_dot(point_track(tick->state, p), force);
-}
-
-/* Of the end face, and of the damper, which pushes on the same tissue, N. */
+/* On the end face along the track, and of the damper, which pushes on the same tissue, N. */
 static double force_of_face(const tick_context *tick) {
-    const insertion_workspace *w = tick->scratch;
-    const needle_tip *tip = &tick->state->tip;
-    double damping = w->relaxed < 1.0 ? v3_dot(tip->damping, needle_along(&w->points[w->point_count - 1].at)) : 0.0;
-    return tip->end_force + damping;
-}
-
-/* The track's direction in the needle's frame. */
-static vec3 along_in_frame(const tick_context *tick, int i) {
-    const contact_point *p = &tick->scratch->points[i];
-    return m3_apply_transposed(&p->at.frame, point_track(tick->state, p));
+    double damping = tick->scratch->relaxed < 1.0 ? v3_dot(tick->state->tip.damping, tick->state->tip.direction) : 0.0;
+    return force_on_face(tick) + damping;
 }
 
 /* What creeping tissue remembers of it, N. */
 static double remembered_along(const tick_context *tick, int i) {
-    return tick->model->creep.count > 0 ? v3_dot(along_in_frame(tick, i), creep_force(tick->scratch, i)) : 0.0;
+    return tick->model->creep.count > 0 ? tick->scratch->creep.remembered[i].along : 0.0;
 }
 
 static double remembered_of_face(const tick_context *tick) { return tick->model->creep.count > 0 ? tick->scratch->creep.face : 0.0; }
@@ -82,20 +67,6 @@ static stiffening_shift evaluate(const tick_context *tick, const stiffening_law 
     stiffening_shift at = stiffening_at(law, yield * (force + remembered));
     at.slope *= yield;
     return at;
-}
-
-/* A force along the track at point i, in the unknowns of the contact problem: shares along[3] of it at row[3]. */
-typedef struct {
-    int row[3];
-    double along[3];
-} track_unknowns;
-
-static track_unknowns unknowns_of(const tick_context *tick, int i) {
-    const insertion_workspace *w = tick->scratch;
-    int count = w->problem.count;
-    bool tip = w->points[i].kind == POINT_TIP;
-    vec3 along = along_in_frame(tick, i);
-    return (track_unknowns){{unknown(count, i, 0), unknown(count, i, 1), unknown(count, i, 2) + tip}, {along.x, along.y, along.z}};
 }
 
 /* ---- passes --------------------------------------------------------------------------------------------------------------- */
@@ -110,7 +81,7 @@ void stiffening_linearise(const tick_context *tick) {
     insertion_workspace *w = tick->scratch;
     stiffening_step *s = &w->stiffening;
     if (!s->any) return;
-    for (int i = w->guided; i < w->point_count; i++) linearise(tick, &s->along[i], force_along(tick, i), remembered_along(tick, i), &s->shaft[i]);
+    for (int i = w->guided; i < w->point_count; i++) linearise(tick, &s->along[i], force_on_shaft(tick, i), remembered_along(tick, i), &s->shaft[i]);
     if (w->tip) linearise(tick, &s->face, force_of_face(tick), remembered_of_face(tick), &s->end);
 }
 
@@ -120,12 +91,11 @@ void stiffening_add_compliance(const tick_context *tick) {
     const stiffening_step *s = &w->stiffening;
     if (!s->any) return;
     for (int i = w->guided; i < p->count; i++) {
-        track_unknowns at = unknowns_of(tick, i);
-        for (int a = 0; a < 3; a++)
-            for (int b = 0; b <= a; b++) p->compliance[at.row[b]][at.row[a]] += s->shaft[i].slope * at.along[a] * at.along[b];
+        const track_shares at = along_track(tick, i);
+        for (int a = 0; a < at.count; a++)
+            for (int b = 0; b <= a; b++)
+                p->compliance[at.row[b]][at.row[a]] += (s->shaft[i].slope * at.on_shaft[a] * at.on_shaft[b] + s->end.slope * at.on_face[a] * at.on_face[b]) * at.along[a] * at.along[b];
     }
-    int face = unknown(p->count, p->count - 1, 2);
-    if (w->tip) p->compliance[face][face] += s->end.slope;
 }
 
 void stiffening_shift_gaps(const tick_context *tick) {
@@ -134,10 +104,9 @@ void stiffening_shift_gaps(const tick_context *tick) {
     const stiffening_step *s = &w->stiffening;
     if (!s->any) return;
     for (int i = w->guided; i < p->count; i++) {
-        track_unknowns at = unknowns_of(tick, i);
-        for (int a = 0; a < 3; a++) p->gap[at.row[a]] -= s->shaft[i].offset * at.along[a];
+        const track_shares at = along_track(tick, i);
+        for (int a = 0; a < at.count; a++) p->gap[at.row[a]] -= (s->shaft[i].offset * at.on_shaft[a] + s->end.offset * at.on_face[a]) * at.along[a];
     }
-    if (w->tip) p->gap[unknown(p->count, p->count - 1, 2)] -= s->end.offset;
 }
 
 /* The laws' second derivatives are at most unit scale^2, which saves evaluating most of them. */
@@ -152,6 +121,6 @@ bool stiffening_agrees(const tick_context *tick) {
     const stiffening_step *s = &w->stiffening;
     if (!s->any) return true;
     for (int i = w->guided; i < w->point_count; i++)
-        if (!agrees(tick, &s->along[i], force_along(tick, i), remembered_along(tick, i), &s->shaft[i])) return false;
+        if (!agrees(tick, &s->along[i], force_on_shaft(tick, i), remembered_along(tick, i), &s->shaft[i])) return false;
     return !w->tip || agrees(tick, &s->face, force_of_face(tick), remembered_of_face(tick), &s->end);
 }

@@ -2,9 +2,9 @@
 #ifndef TROCAR_TICK_H
 #define TROCAR_TICK_H
 
-#include "base/part.h"
 #include "insertion/shaft.h"
 #include "insertion/stiffening_law.h"
+#include "linalg/between_kernels.h"
 
 typedef enum {
     EVENT_TOUCHED = 1 << 0,      /* the tip met the outer surface, from the air or from a gap between bodies */
@@ -14,13 +14,14 @@ typedef enum {
     EVENT_EXITED = 1 << 4,       /* the tip left the tissue on the far side, or into a gap */
     EVENT_REENTERED = 1 << 5,    /* and came back the same way */
     EVENT_WITHDRAWN = 1 << 6,    /* the needle left the tissue the way it came in */
-    EVENT_LATE = 1 << 7,         /* the snapshot does not cover the tip: the tick used the last point that was covered */
+    EVENT_LATE = 1 << 7,         /* the snapshot does not cover the tip, or what the mesh resolves there was not measured: the tick used what was known last, or estimates */
     EVENT_FULL = 1 << 8,         /* MAX_CONTACTS reached, or MAX_STRATA: the shaft has the friction of the last layer noted */
-    EVENT_UNSTABLE = 1 << 9,     /* no equilibrium: the needle buckled; no force until it is back where it was */
+    EVENT_UNSTABLE = 1 << 9,     /* the result was not finite: the insertion starts over */
     EVENT_KEPT = 1 << 10,        /* the closest node may not be moved (refinement_move): one was added instead */
     EVENT_MISSED_GUIDE = 1 << 11, /* the needle passes a guide outside of its holes, and is not guided; in every tick */
     EVENT_OUTSIDE_MODEL = 1 << 12, /* the shaft is pushed into a body from the side, and bears no force there; in every tick */
     EVENT_TRACK_DROPPED = 1 << 13, /* no room for another track or point (MAX_TRACKS, MAX_TRACK_POINTS): the needle's oldest track is closed again */
+    EVENT_INEXACT = 1 << 14,     /* the passes had not converged after the most that there may be */
 } insertion_event;
 
 /* What a tick answers. */
@@ -62,6 +63,8 @@ typedef struct {
     int handle;              /* of its own in the snapshot, which is also the slot of its contact; NO_HANDLE: the tip's is interpolated */
     int guide, face;         /* of a POINT_GUIDE */
     double arc;              /* m from the base */
+    double lead;             /* m along the needle, from there to the material point of the shaft that the tissue holds (shaft_hold); 0 but near the tip */
+    double to_end;           /* m along the needle, from there to its end, where the end face is; the tip's only */
     needle_point at;         /* on the needle */
     vec3 target;             /* m, where what it touches would be without the needle's forces */
     shaft_share share;
@@ -117,9 +120,20 @@ typedef struct {
     bool agrees;             /* with the last pass's forces: those are, within the tolerance, what the needle's place asks for */
 } hole_edge;
 
-/* What the tip meets in a step: what it cuts or is blocked by; tissue along an open track that springs back over it; or something that stops it
-   on its way. */
-typedef enum { TIP_CUTS, TIP_SPRINGS, TIP_STOPS } tip_law;
+/* What the tip would come to in a step as it goes forward, stretch by stretch; what it is blocked by, if it is, is the only one. */
+typedef struct {
+    double from;             /* m of slip, where the stretch begins */
+    double resistance;       /* N */
+    bool stops;              /* a membrane or bone, which holds the tip at `from` up to its resistance; else tissue, */
+    double viscosity;        /* N s/m, of it, */
+    open_track track;        /* along this track */
+} stretch_ahead;
+
+typedef struct {
+    stretch_ahead stretches[MAX_KNOTS];
+    int count;
+    int of_knot[MAX_KNOTS];  /* stretch that begins at each knot of the contact problem's staircase, which leaves out what does not stop the tip */
+} resistance_ahead;
 
 /* What a solve finds at a point, and the next one starts from. */
 typedef struct {
@@ -136,10 +150,10 @@ typedef struct {
     double end_force;        /* N */
     double shaft_slip;       /* m, of the shaft next to it */
     friction_state shaft_friction;
+    int knot;                /* of the contact problem's staircase */
 } tip_solution;
 
-/* Places for all points and for the rest of a vector that begins at any of them; whole cache lines. */
-enum { BETWEEN_PLACES = (MAX_POINTS + 2 * WIDEST - 2) / WIDEST * WIDEST };
+_Static_assert((int)MAX_POINTS <= BETWEEN_POINTS && (int)NEEDLE_POINT_JOINTS == BETWEEN_JOINTS, "the kernels take all points");
 
 /* Scratch of one tick: nothing in it but the profile outlives the call. */
 typedef struct {
@@ -149,18 +163,19 @@ typedef struct {
     bool tip;                                /* the last of them is the tip */
     hole_edge edges[MAX_GUIDE_POINTS];       /* of the points at guides */
     _Alignas(CACHE_LINE) needle_tangent tangent;
-    _Alignas(CACHE_LINE) double joints_to_points[3 * (NEEDLE_MAX_SEGMENTS + 1)][3][BETWEEN_PLACES]; /* m/N, world frame, scratch of assemble_between_points */
+    _Alignas(CACHE_LINE) between_components joints_to_points[3 * (NEEDLE_MAX_SEGMENTS + 1)]; /* m/N, world frame, scratch of assemble_between_points */
     contact_problem problem;
     vec3 free_at_tip;                        /* m, u_free there */
     vec3 load[NEEDLE_MAX_SEGMENTS + 1];      /* N, of all points on the needle's joints */
     principal_tensor lateral[MAX_POINTS];    /* local compliance, m/N: across the track, */
-    double axial[MAX_AXIAL];                 /* and along the needle; the last one: of the shaft next to the tip */
+    double axial[MAX_AXIAL];                 /* and along it: at the tip that of the end face, then that of the shaft next to it */
+    double sideways_on_shaft;                /* part of the tip's sideways force that the shaft next to it bears; the rest is on its end face */
     double relaxed;                          /* part of the way to its static place that the tissue at the tip goes in this step */
     double tip_column[MAX_UNKNOWNS];         /* m/N, displacement of the tissue at each unknown under a force along the track at the tip, */
     double tip_yield;                        /* m/N, and of the tip itself */
-    double held_axial;                       /* m/N, along the track: of the tip's share of shaft and one radius more */
     double loose[MAX_POINTS];                /* m/N, additional lateral compliance while the hold is not full, */
     double tightening[MAX_POINTS];           /* 1/N, and by how much less that is for each metre of depth */
+    double tip_resolved;                     /* 1/m, resolved_field.point at the tip; 0: the mesh counts as rigid there */
     mat3 tip_row[MAX_POINTS];                /* compliance between the tip and each point, world frame, m/N */
     needle_state start;                      /* shape before the first pass, */
     vec3 start_shift;                        /* m, of the base, */
@@ -169,11 +184,10 @@ typedef struct {
     creep_step creep;
     stiffening_step stiffening;
     double tip_carried;                      /* m, by which the hand carries the tip forward in this step; INFINITY: not known */
-    tip_law tip_law;
-    double tip_compliance;                   /* m/N, of needle and tissue at the tip, along the needle */
-    double slip_offset;                      /* m, added to the problem's slip to give the tip's */
-    double stop_resistance;                  /* N, of what stops it */
+    resistance_ahead ahead;
     double lag[MAX_UNKNOWNS], lag_left;      /* m, by which gaps stay open while a tick is repeated; fraction of it that is left */
+    double drag;                             /* N, drag of the needle's turning over the step; 0: it is in equilibrium */
+    bool guess_given_up;                     /* passes from the guessed shape did not converge, and were made again from the last one */
     insertion_profile profile;
 } insertion_workspace;
 
@@ -200,13 +214,6 @@ typedef struct {
 static inline vec3 *point_force(insertion_state *state, const contact_point *p) {
     if (p->kind == POINT_GUIDE) return &state->guides[p->guide].faces[p->face].force;
     return p->kind == POINT_TIP ? &state->tip.force : &state->contacts[p->handle].force;
-}
-
-/* The force, beside the present one, that shears creeping tissue at point i, no guide's: in the needle's frame, N. */
-static inline vec3 creep_force(const insertion_workspace *w, int i) {
-    vec3 force = m3_apply_transposed(&w->points[i].at.frame, w->creep.remembered[i].across);
-    force.z = w->creep.remembered[i].along;
-    return force;
 }
 
 /* Direction of the track at a point in the tissue: no guide's. */

@@ -9,6 +9,7 @@
 
 static const double MOST_SHEAR = 0.7;    /* of the tissue along the track, up to which the tip's direction follows it */
 static const double GLIDE_REACH = 2e-3;  /* m, how far above and below a gliding tip the surface is searched for */
+static const double LIFTED = 1e-6;       /* m, from which on a tip has left the surface: where that is displaced to is not known better */
 static const double SURFACE_GRIP = 0.5;  /* friction coefficient of a tip on the surface */
 
 /* ---- on the surface ---------------------------------------------------------------------------------------------------- */
@@ -19,7 +20,7 @@ bool tip_touch(const tick_context *tick, vec3 from, vec3 to) {
     if (!hit.hit) return false;
     state->tip = (needle_tip){.phase = TIP_INSIDE, .tet = hit.tet, .face = hit.face, .nominal = hit.point, .direction = v3_unit(v3_sub(to, from)),
                               .known_tet = -1, .blocked_by = old_tracks_obstacle(tick, hit.tet, hit.face, hit.tet, hit.point), .entering = true,
-                              .next_contact = NAN, .roll = {.anchor = NAN}};
+                              .next_contact = NAN, .shaft = shaft_at_rest(tick->model, 0.0), .pressing = FULL_GRIP};
     state->tip_lead = 0.0;
     state->entry = hit.point;
     state->stratum_count = 0;
@@ -43,7 +44,7 @@ static void tip_glide(const tick_context *tick, vec3 inward, vec3 shift) {
     surface_hit hit = mesh_enter(model->mesh, v3_axpy(-GLIDE_REACH, inward, goal), v3_axpy(GLIDE_REACH, inward, goal));
     if (!hit.hit) { /* over the edge, provided that the straight needle is past the tissue: otherwise it would meet the surface again */
         vec3 axis = q_axis(state->needle.base.orientation);
-        vec3 end = v3_axpy(model->needle->given.length, axis, state->needle.base.position);
+        vec3 end = needle_straight_end(model->needle, state->needle.base);
         if (!tip_is_below(model, v3_axpy(-GLIDE_REACH, axis, end), end)) leave_tissue(tick);
         return;
     }
@@ -67,8 +68,7 @@ void tip_glide_on_surface(const tick_context *tick) {
     double excess = v3_norm(tangential) - SURFACE_GRIP * fmax(pressing, 0.0);
     if (excess <= 0.0) return;
     if (!tip->resolved_known) return;
-    double line = local_line_compliance_at(model, tip->tet, tip->nominal).lateral;
-    double compliance = 0.5 * line * local_logarithm(model, &tip->resolved).lateral / model->needle->radius;
+    double compliance = 0.5 * local_at_tip(model, tip->tet, tip->nominal, 0.0, tip->pressing, tip->resolved.point);
     tip_glide(tick, inward, v3_scale(excess * compliance / v3_norm(tangential), tangential));
 }
 
@@ -103,7 +103,17 @@ static void follow_track(const insertion_model *model, needle_tip *tip, vec3 way
     tip->direction = v3_unit(v3_axpy(-expm1(-0.5 * length / model->needle->radius), change, tip->direction));
 }
 
-void tip_move(const tick_context *tick, vec3 track_gradient) {
+/* A bent needle that bears no force along its axis still touches the surface if its end would be in the tissue when straight. */
+static bool stays_on_surface(const tick_context *tick) {
+    const needle_tip *tip = &tick->state->tip;
+    if (tip->depth > 0.0) return false;
+    vec3 axis = q_axis(tick->base.pose.orientation), displaced = v3_sub(tip->rest, tip_place(tip));
+    vec3 end = v3_axpy(LIFTED, axis, needle_straight_end(tick->model->needle, tick->base.pose));
+    int tet;
+    return reaches(tick->model->mesh, (surface_hit){.hit = true, .tet = tip->tet, .point = tip->nominal}, v3_sub(end, displaced), &tet);
+}
+
+void tip_move(const tick_context *tick, vec3 aim) {
     const insertion_model *model = tick->model;
     insertion_state *state = tick->state;
     needle_tip *tip = &state->tip;
@@ -112,18 +122,26 @@ void tip_move(const tick_context *tick, vec3 track_gradient) {
     if (tip->phase != TIP_INSIDE) return;
     vec3 before = tip_place(tip);
     if (tip->slip > 0.0) {
-        vec3 direction = old_tracks_lead(tip, tip_aim(tick, track_gradient));
-        cut_forward(tick, direction, tip->open > 0.0 ? fmin(tip->slip, tip->open_left) : tip->slip);
+        vec3 direction = old_tracks_lead(&tip->follows, aim);
+        cut_forward(tick, direction, tip->follows.open > 0.0 ? fmin(tip->slip, tip->follows.left) : tip->slip);
         follow_track(model, tip, v3_sub(tip_place(tip), before));
         if (tip->phase == TIP_BEYOND) enter_what_touches(tick, direction);
-    } else if (tip->slip < 0.0) {
+    } else if (tip->slip < 0.0 && !stays_on_surface(tick)) {
         draw_back(tick, -tip->slip);
         follow_track(model, tip, v3_sub(before, tip_place(tip)));
     }
     tip->slip = 0.0;
-    while (tip->phase == TIP_INSIDE && last_contact(state) && last_contact(state)->arc > model->needle->given.length) {
-        drop_plan(state);
-        take_up_contact(tick);
+}
+
+/* The tissue around a straight needle comes to rest: its contacts hold the shaft where it is. */
+static void rest_shaft(const insertion_model *model, insertion_state *state) {
+    const vec3 *joints = state->needle.joints;
+    vec3 base = joints[0], axis = v3_unit(v3_sub(joints[model->needle->given.segments], base));
+    state->tip.shaft = shaft_at_rest(model, state->tip.depth);
+    for (int k = 0; k < state->refined.count; k++) {
+        shaft_contact *contact = &state->contacts[state->refined.order[k]];
+        contact->shaft = shaft_at_rest(model, state->tip.depth);
+        contact->shaft.origin = v3_dot(v3_sub(contact->track, base), axis) - contact->depth;
     }
 }
 
@@ -142,8 +160,5 @@ void tip_engage(const insertion_model *model, insertion_state *state) {
         entrance at = next_body(tick, left, end);
         enter_next(tick, &at, v3_dot(v3_sub(at.point, left), direction));
     }
-    for (int k = 0; k < state->refined.count; k++) {
-        shaft_contact *contact = &state->contacts[state->refined.order[k]];
-        contact->arc = v3_dot(v3_sub(contact->track, base), direction);
-    }
+    rest_shaft(model, state);
 }

@@ -12,10 +12,11 @@ bool tip_is_below(const insertion_model *model, vec3 from, vec3 to);
 
 /* Carries out the slip of the last solve: forward along the needle's direction (cutting), back along the track. A tip that has
    left the tissue on the far side is followed into whatever tissue the needle's end meets next.
-   `track_gradient` is the derivative of the tissue's displacement along the track, at the tip. RT */
-void tip_move(const tick_context *tick, vec3 track_gradient);
+   `aim` is the unit nominal direction in which the tip would cut. RT */
+void tip_move(const tick_context *tick, vec3 aim);
 
-/* Unit nominal direction in which the tip would cut, were it not led along an old track. RT */
+/* Unit nominal direction in which the tip would cut, were it not led along an old track. `track_gradient` is the derivative of the tissue's displacement
+   along the track, at the tip. RT */
 vec3 tip_aim(const tick_context *tick, vec3 track_gradient);
 
 /* On the surface, before it is in, the tip sticks by Coulomb friction: the force on the skin stays within a cone about the

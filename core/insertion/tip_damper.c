@@ -1,9 +1,9 @@
 #include "insertion/tip_damper.h"
 
-#include "base/lanes.h"
-#include "insertion/contact_assembly.h"
+#include "insertion/along_track.h"
 #include "insertion/creep.h"
 #include "insertion/local_compliance.h"
+#include "linalg/rows.h"
 
 double tip_relaxed(const insertion_model *model, const needle_tip *tip, double dt) {
     if (tip->friction != SLIP_FORWARD || tip->dent == 0.0) return 1.0;
@@ -13,11 +13,10 @@ double tip_relaxed(const insertion_model *model, const needle_tip *tip, double d
 /* Displacement of the tissue at the tip along the track that does not depend on this step's forces, m. */
 static double dent_without_forces(const tick_context *tick) {
     const insertion_workspace *w = tick->scratch;
-    double facing = v3_dot(needle_along(&w->points[w->point_count - 1].at), tick->state->tip.direction);
-    return creep_dent(tick) + facing * w->stiffening.end.offset;
+    return creep_dent(tick) + w->stiffening.end.offset;
 }
 
-_Static_assert(MAX_UNKNOWNS % LANES == 0, "the column is read in whole lanes");
+_Static_assert(MAX_UNKNOWNS % ROW_STEP == 0, "the column is read in whole steps");
 
 void damp_tip(const tick_context *tick) {
     insertion_workspace *w = tick->scratch;
@@ -25,7 +24,6 @@ void damp_tip(const tick_context *tick) {
     int t = p->count - 1, tip = unknown(p->count, t, 2), all = tip + 2;
     double *a = w->tip_column;
     vec3 along = tick->state->tip.direction, own = m3_apply(&w->tip_row[t], along);
-    double facing = v3_dot(needle_along(&w->points[t].at), along);
     for (int i = 0; i < p->count; i++) {
         vec3 moved = m3_apply_transposed(&w->tip_row[i], along);
         moved = m3_apply_transposed(&w->points[i].at.frame, moved);
@@ -35,14 +33,15 @@ void damp_tip(const tick_context *tick) {
     }
     a[tip + 1] = a[tip];
     double face = w->axial[t] + w->stiffening.end.slope;
-    a[tip] += face * facing;
-    w->tip_yield = v3_dot(along, own) + face * facing * facing;
+    const track_shares at = along_track(tick, t);
+    for (int i = 0; i < at.count; i++) a[at.row[i]] += face * at.on_face[i] * at.along[i];
+    w->tip_yield = v3_dot(along, own) + face;
     double held = (1.0 - w->relaxed) / w->tip_yield;
     if (held == 0.0) return;
     double dent = tick->state->tip.dent - dent_without_forces(tick); /* what this step's forces displace */
     for (int i = 0; i < all; i++) {
-        double *row = p->compliance[i], left = held * a[i];
-        for (int j = lanes_below(i); j < all; j += LANES) lanes_store(row + j, lanes_load(row + j) - lanes_all(left) * lanes_load(a + j));
+        double left = held * a[i];
+        row_subtract(left, a, i, all, p->compliance[i]);
         p->gap[i] -= left * dent;
     }
 }

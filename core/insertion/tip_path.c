@@ -36,7 +36,7 @@ static void go_beyond(const tick_context *tick) {
     tip->phase = TIP_BEYOND;
     tip->force = tip->damping = v3(0, 0, 0);
     tip->dent = 0.0;
-    tip->slip = tip->shaft_slip = 0.0;
+    tip->slip = tip->shaft.slip = 0.0;
     tip->blocked_by = NOT_BLOCKED;
     tip->end = tick->state->needle.joints[tick->model->needle->given.segments];
 }
@@ -66,6 +66,7 @@ static void back_into_gap(const tick_context *tick) {
 void leave_tissue(const tick_context *tick) {
     tick->state->request.piece_count = 0; /* the next insertion must not depend on this one's lines */
     tick->state->tip = (needle_tip){.phase = TIP_FREE, .tet = -1, .known_tet = -1, .blocked_by = NOT_BLOCKED, .next_contact = NAN};
+    tick->state->surface = v3(NAN, NAN, NAN);
     tick->output->events |= EVENT_WITHDRAWN;
 }
 
@@ -123,15 +124,18 @@ static void cross_face(const tick_context *tick, int face, vec3 direction) {
     if (tick->model->settings.placement != PLACE_INSIDE) leave_contact_on_face(tick);
     tip->tet = next;
     tip->nominal = v3_axpy(FACE_CLEARANCE, direction, tip->nominal);
+    tip->depth += FACE_CLEARANCE;
     enter_stratum(tick);
     plan_contact(tick, direction);
 }
 
 void give_way(const tick_context *tick, vec3 direction) {
     needle_tip *tip = &tick->state->tip;
-    tick->output->events |= EVENT_PUNCTURED;
-    tick->output->membrane = tip->blocked_by;
-    old_tracks_puncture(tick, tip->blocked_by);
+    if (tip->blocked_by != BLOCKED_BY_BONE) { /* a needle may begin in bone: that is no puncture */
+        tick->output->events |= EVENT_PUNCTURED;
+        tick->output->membrane = tip->blocked_by;
+        old_tracks_puncture(tick, tip->blocked_by);
+    }
     tip->blocked_by = NOT_BLOCKED;
     if (!tip->entering) {
         cross_face(tick, tip->face, direction);
@@ -153,41 +157,10 @@ static double distance_to_exit(const insertion_model *model, const needle_tip *t
     return outer && v3_dot(direction, mesh_face_normal(model->mesh, tip->tet, face)) < -GRAZING ? to_face : INFINITY;
 }
 
-/* Resistance at a face of element `tet`, N. */
-static double resistance_at(const tick_context *tick, int tet, int blocked_by, vec3 x) {
-    needle_tip there = tick->state->tip;
-    there.tet = tet;
-    there.blocked_by = blocked_by;
-    there.torn = old_tracks_torn(tick, blocked_by, x);
-    return tip_resistance(tick->model, &there);
-}
-
 /* Does the tip cut with more force than it takes to get through this? */
 static bool overcomes(const needle_tip *tip, double resistance) {
     const double rounding = 1e-6;
     return resistance <= (1.0 + rounding) * tip->end_force;
-}
-
-stop_ahead find_stop(const tick_context *tick, vec3 direction, double distance) {
-    const mesh *m = tick->model->mesh;
-    const needle_tip *tip = &tick->state->tip;
-    vec3 x = tip->nominal;
-    double way = 0.0, chord;
-    if (v3_norm(tip->outward) > 0.0) return (stop_ahead){INFINITY, 0.0}; /* it grazes an outer face */
-    for (int step = 0, tet = tip->tet; step < MAX_STEPS && tet >= 0; step++) {
-        int face = mesh_exit(m, tet, x, direction, &chord), next = face >= 0 ? m->neighbours[tet][face] : -1;
-        if (face < 0 || way + chord > distance) break;
-        way += chord;
-        x = v3_axpy(chord, direction, x);
-        int blocked_by = old_tracks_obstacle(tick, tet, face, next, x);
-        if (blocked_by != NOT_BLOCKED) {
-            double resistance = resistance_at(tick, tet, blocked_by, x);
-            if (!overcomes(tip, resistance)) return (stop_ahead){way, resistance};
-        }
-        x = v3_axpy(FACE_CLEARANCE, direction, x);
-        tet = next;
-    }
-    return (stop_ahead){INFINITY, 0.0};
 }
 
 /* Returns what is left of the distance where something stops the tip, m. */
@@ -217,7 +190,9 @@ static double advance(const tick_context *tick, vec3 direction, double distance)
             tip->blocked_by = old_tracks_obstacle(tick, tip->tet, face, model->mesh->neighbours[tip->tet][face], tip->nominal);
             tip->face = face;
             tip->entering = false;
-            if (tip->blocked_by == NOT_BLOCKED) cross_face(tick, face, way);
+            if (tip->blocked_by != NOT_BLOCKED) continue;
+            cross_face(tick, face, way);
+            distance = fmax(distance - FACE_CLEARANCE, 0.0);
         }
     }
     return distance;
@@ -232,7 +207,8 @@ void cut_forward(const tick_context *tick, vec3 direction, double distance) {
         distance = advance(tick, direction, distance);
         old_tracks_cut(tick, tet, from);
         bool stopped = tip->phase == TIP_INSIDE && tip->blocked_by != NOT_BLOCKED;
-        pierces = stopped && overcomes(tip, resistance_at(tick, tip->tet, tip->blocked_by, tip->nominal));
+        double torn = old_tracks_torn(tick, tip->blocked_by, tip->nominal);
+        pierces = stopped && overcomes(tip, blocked_resistance(tick->model, tip->tet, tip->follows.open, tip->blocked_by, torn));
         if (pierces) give_way(tick, direction);
         pierces = pierces && tip->phase == TIP_INSIDE;
     }

@@ -14,17 +14,7 @@ void cut_forward(const tick_context *tick, vec3 direction, double distance);
 /* Draws back by `distance` along the track, taking up contact nodes on the way. RT */
 void draw_back(const tick_context *tick, double distance);
 
-/* What would stop the tip on a straight way. */
-typedef struct {
-    double way;              /* m to it; INFINITY: nothing does */
-    double resistance;       /* N */
-} stop_ahead;
-
-/* The first membrane or bone that a tip in the tissue would come to on its way by `distance` along this unit nominal direction, and that resists
-   more than what it cuts. RT */
-stop_ahead find_stop(const tick_context *tick, vec3 direction, double distance);
-
-/* The membrane in front of the tip gives way: the tip is behind it. RT */
+/* What is in front of the tip, a membrane or bone, gives way: the tip is behind it. RT */
 void give_way(const tick_context *tick, vec3 direction);
 
 /* The needle is out of the tissue. RT */

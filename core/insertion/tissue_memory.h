@@ -10,9 +10,8 @@ enum { MAX_SHARES = MAX_CONTACTS + 1 }; /* the tip's as well */
 /* What is remembered of the forces on a share of the track. */
 typedef struct {
     vec3 load;                   /* N, world frame: of all forces on the tissue */
-    vec3 across;                 /* N, of those across the needle */
+    double along;                /* N along the track, of those that shear the tissue along the shaft: not of that on the tip's end face */
     double twist;                /* N m, of the torques about the needle's axis */
-    double along;                /* N, of those that shear the tissue along the shaft: not of that on the tip's end face */
 } remembered_forces;
 
 /* Of one share of the track: that of an active contact, or of the tip. A term's memory is the forces, low-pass filtered with its time. */

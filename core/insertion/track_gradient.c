@@ -9,7 +9,7 @@ enum { MOST_ELEMENTS = 64 }; /* searched ahead of the tip */
 /* Displacement of the tissue at a contact, which the shaft carries along, m. */
 static vec3 carried(const tick_context *tick, const shaft_contact *contact) {
     const insertion_state *state = tick->state;
-    needle_point p = needle_at(tick->model->needle, &state->needle, contact->arc);
+    needle_point p = needle_at(tick->model->needle, &state->needle, contact_arc(contact, tick->model->needle->given.length));
     return v3_sub(p.position, contact->track);
 }
 

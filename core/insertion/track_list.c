@@ -167,3 +167,16 @@ track_place tracks_closest(const track_list *list, int track, vec3 x, double rea
     best.behind = part * length + length_between(list, begin, segment);
     return best;
 }
+
+void tracks_copy_near(const track_list *from, vec3 x, double beyond, double reach, track_list *to) {
+    for (int track = 0; track < from->count; track++) {
+        int points = track_end(from, track) - from->first[track];
+        double distance = tracks_closest(from, track, x, reach).distance;
+        if (isinf(distance) || distance <= beyond || to->count == MAX_TRACKS || to->point_count + points > MAX_TRACK_POINTS) continue;
+        to->first[to->count] = to->point_count;
+        to->low[to->count] = from->low[track];
+        to->high[to->count++] = from->high[track];
+        memcpy(&to->points[to->point_count], &from->points[from->first[track]], (size_t)points * sizeof *to->points);
+        to->point_count += points;
+    }
+}

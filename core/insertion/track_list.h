@@ -34,6 +34,10 @@ bool tracks_cut(track_list *list, track_point from, track_point to);
 /* The tip has punctured a membrane at this point. As tracks_cut. RT */
 bool tracks_puncture(track_list *list, track_point at, int membrane);
 
+/* Appends those tracks of another list that come within `reach` of a nominal point, but not as near as `beyond` (m), as long as there is
+   room. RT */
+void tracks_copy_near(const track_list *from, vec3 x, double beyond, double reach, track_list *to);
+
 /* Distance of a nominal point from where this membrane was punctured, m; INFINITY: it was not, within `reach`. RT */
 double tracks_puncture_distance(const track_list *list, int membrane, vec3 x, double reach);
 

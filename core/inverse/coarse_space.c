@@ -4,6 +4,8 @@
 #include <stdlib.h>
 #include <string.h>
 
+#include "tissue/blas.h"
+
 enum { PART = 64, MODES = 6 }; /* most nodes of a part; its motions */
 
 typedef struct { int node; vec3 at; } place;
@@ -148,7 +150,9 @@ static cholmod_sparse *coarse_matrix(coarse_space *s, const tissue *t) {
 static bool factor(coarse_space *c, const tissue *t) {
     cholmod_sparse *matrix = coarse_matrix(c, t);
     c->factor = matrix ? cholmod_analyze(matrix, &c->common) : NULL;
+    int levels = openmp_use_one_thread();
     bool done = c->factor && cholmod_factorize(matrix, c->factor, &c->common) && c->common.status == CHOLMOD_OK;
+    openmp_restore(levels);
     cholmod_free_sparse(&matrix, &c->common);
     c->moments = done ? cholmod_zeros(MODES * (size_t)c->parts, 1, CHOLMOD_REAL, &c->common) : NULL;
     return c->moments != NULL;

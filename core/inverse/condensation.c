@@ -92,7 +92,7 @@ static void copy_column(void *context, int column, int member) {
 }
 
 /* Replaces L by T = L^-1, from the last panel to the first. */
-static trocar_status invert_triangle(panels *l, bool single, team *t, inverse_progress progress) {
+static trocar_status invert_triangle(panels *l, bool single, team *t, inverse_progress progress, report *why) {
     int n = l->panels[0].rows;
     replacement r = {.l = l, .single = single, .product = malloc((size_t)n * PANEL_WIDTH * (single ? sizeof(float) : sizeof(double)))};
     r.filled = calloc((size_t)l->count, sizeof *r.filled);
@@ -105,6 +105,7 @@ static trocar_status invert_triangle(panels *l, bool single, team *t, inverse_pr
         for (int i = r.j + 1; i < l->count && l->filled; i++) l->filled[i * l->count + r.j] = r.filled[i];
         double done = (double)p->rows / n;
         show(progress, 0.5 * done * done * done);
+        if (status == TROCAR_OK) status = inverse_go_on(progress, why);
     }
     free(r.product);
     free(r.filled);
@@ -121,13 +122,15 @@ typedef struct {
     const panels *t;
     symmetric_blocks *inverse;
     char *tiles;             /* scratch: PANEL_WIDTH square for each member of the team */
-    atomic_bool failed;
+    atomic_bool failed, cancelled;
     inverse_progress progress;
+    report *why;
 } square;
 
 /* K^-1 = T^T T between two panels, by rows of the lower triangle. */
 static void multiply_panels(void *context, int index, int member) {
     square *s = context;
+    if (atomic_load(&s->cancelled)) return;
     int i = (int)((sqrt(8.0 * index + 1.0) - 1.0) / 2.0), j = index - i * (i + 1) / 2;
     const panel *p = &s->t->panels[i], *q = &s->t->panels[j];
     bool single = s->inverse->single;
@@ -157,17 +160,20 @@ static void multiply_panels(void *context, int index, int member) {
             symmetric_blocks_set(s->inverse, (p->first + r) / 3, (q->first + c) / 3, block);
         }
     double left = (double)(p->rows - p->width) / s->t->panels[0].rows;
-    if (member == 0) show(s->progress, 1.0 - 0.5 * left * left);
+    if (member != 0) return;
+    show(s->progress, 1.0 - 0.5 * left * left);
+    if (inverse_go_on(s->progress, s->why) != TROCAR_OK) atomic_store(&s->cancelled, true);
 }
 
 /* The diagonal shows an overflow, or an underflow, in single precision. */
-static trocar_status multiply_triangle(const panels *t, symmetric_blocks *inverse, team *team, inverse_progress progress) {
+static trocar_status multiply_triangle(const panels *t, symmetric_blocks *inverse, team *team, inverse_progress progress, report *why) {
     size_t number = inverse->single ? sizeof(float) : sizeof(double);
-    square s = {.t = t, .inverse = inverse, .progress = progress};
+    square s = {.t = t, .inverse = inverse, .progress = progress, .why = why};
     s.tiles = malloc((size_t)team_members(team) * PANEL_WIDTH * PANEL_WIDTH * number);
     if (!s.tiles) return TROCAR_NO_MEMORY;
     team_run(team, t->count * (t->count + 1) / 2, multiply_panels, &s);
     free(s.tiles);
+    if (s.cancelled) return TROCAR_CANCELLED;
     show(progress, 1.0);
     return s.failed ? TROCAR_BAD_INPUT : TROCAR_OK;
 }
@@ -213,10 +219,11 @@ static trocar_status condense_with(team *team, tissue *t, const condensed_region
     trocar_status status = find_corner(t, region, team, nodes, &corner, needed, why);
     if (status != TROCAR_OK) return status;
     for (int k = 0; k < corner.count && inverse->single; k++) make_single(&corner.panels[k]);
-    status = invert_triangle(&corner, inverse->single, team, progress);
+    status = invert_triangle(&corner, inverse->single, team, progress, why);
     if (status == TROCAR_OK && !(inverse->numbers = malloc(symmetric_blocks_bytes(inverse->count, inverse->single)))) status = TROCAR_NO_MEMORY;
-    if (status == TROCAR_OK) status = multiply_triangle(&corner, inverse, team, progress);
+    if (status == TROCAR_OK) status = multiply_triangle(&corner, inverse, team, progress, why);
     panels_free(&corner);
+    if (status == TROCAR_CANCELLED) return status;
     if (status == TROCAR_NO_MEMORY)
         return fail(why, status, "no memory for the condensed inverse: %.1f GB for %d nodes; choose a smaller region_of_interest",
                     1e-9 * (double)symmetric_blocks_bytes(inverse->count, inverse->single), inverse->count);

@@ -4,7 +4,7 @@
 #define TROCAR_CONDENSATION_H
 
 #include "inverse/inverse.h"
-#include "inverse/symmetric_blocks.h"
+#include "linalg/symmetric_blocks.h"
 
 /* About what the inversion needs in double precision: the factor and the inverse, 36 count^2 bytes each. In single precision it is half of that. */
 double condensation_bytes(int count);

@@ -85,7 +85,7 @@ static haddr_t offset_of(hid_t file, const char *name, size_t bytes) {
 /* All pages are brought in at once: nothing has to wait for the disk later. */
 static bool map_file(const char *path, size_t bytes, file_mapping *mapping) {
     struct stat s;
-    int file = open(path, O_RDONLY | O_CLOEXEC);
+    int file = open(path, O_RDONLY | O_NONBLOCK | O_CLOEXEC);
     bool long_enough = file >= 0 && fstat(file, &s) == 0 && (size_t)s.st_size >= bytes;
     void *at = long_enough ? mmap(NULL, bytes, PROT_READ, MAP_SHARED | MAP_POPULATE, file, 0) : MAP_FAILED;
     if (file >= 0) close(file);
@@ -98,7 +98,9 @@ static void silence(void) { H5Eset_auto2(H5E_DEFAULT, NULL, NULL); } /* HDF5 pri
 
 cache_state condensed_cache_map(const condensed_cache *cache, int *order, symmetric_blocks *matrix, file_mapping *mapping) {
     silence();
-    if (access(cache->path, F_OK) != 0) return CACHE_ABSENT;
+    struct stat status;
+    if (stat(cache->path, &status) != 0) return CACHE_ABSENT;
+    if (!S_ISREG(status.st_mode)) return CACHE_DAMAGED;
     hid_t file = H5Fopen(cache->path, H5F_ACC_RDONLY, H5P_DEFAULT);
     if (file < 0) return CACHE_DAMAGED;
     uint64_t key = 0, checksum = 0;

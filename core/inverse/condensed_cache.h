@@ -4,7 +4,7 @@
 #ifndef TROCAR_CONDENSED_CACHE_H
 #define TROCAR_CONDENSED_CACHE_H
 
-#include "inverse/symmetric_blocks.h"
+#include "linalg/symmetric_blocks.h"
 #include "tissue/tissue.h"
 
 enum { CONDENSED_CACHE_VERSION = 2 }; /* raise it when the same mesh, materials and fixed nodes give another stiffness matrix or another file */

@@ -6,18 +6,24 @@
 
 #include "inverse/inverse_owner.h"
 
+trocar_status inverse_go_on(inverse_progress progress, report *why) {
+    bool cancelled = progress.cancelled && progress.cancelled(progress.context);
+    return cancelled ? fail(why, TROCAR_CANCELLED, "cancelled while the model was made") : TROCAR_OK;
+}
+
 trocar_status inverse_factor(tissue *t, int count, const int *last, inverse_progress progress, report *why) {
     static const char what[] = "factoring the stiffness matrix";
     if (progress.show) progress.show(what, 0.0, progress.context);
-    trocar_status status = tissue_factor(t, count, last, why);
+    trocar_status status = inverse_go_on(progress, why);
+    if (status == TROCAR_OK) status = tissue_factor(t, count, last, why);
     if (progress.show) progress.show(what, 1.0, progress.context);
-    return status;
+    return status == TROCAR_OK ? inverse_go_on(progress, why) : status;
 }
 
 trocar_status inverse_init(inverse *inv, const inverse_owner *owner, tissue *t, report *why) {
     inv->owner = owner;
     inv->tissue = t;
-    mtx_init(&inv->apply_lock, mtx_plain);
+    pthread_mutex_init(&inv->apply_lock, NULL);
     inv->force = calloc((size_t)t->dof_count, sizeof *inv->force);
     inv->displacement = calloc((size_t)t->dof_count, sizeof *inv->displacement);
     return inv->force && inv->displacement ? TROCAR_OK : fail(why, TROCAR_NO_MEMORY, "no memory for %d unknowns", t->dof_count);
@@ -28,7 +34,7 @@ void inverse_free(inverse *inv) {
     inv->owner->release(inv);
     free(inv->force);
     free(inv->displacement);
-    mtx_destroy(&inv->apply_lock);
+    pthread_mutex_destroy(&inv->apply_lock);
     free(inv);
 }
 
@@ -46,7 +52,7 @@ const char *inverse_name(const inverse *inv) { return inv->owner->name; }
 
 void inverse_apply(inverse *inv, const vec3 *force, vec3 *displacement) {
     const tissue *t = inv->tissue;
-    mtx_lock(&inv->apply_lock);
+    pthread_mutex_lock(&inv->apply_lock);
     for (int i = 0; i < t->mesh->node_count; i++)
         if (t->dof[i] >= 0) memcpy(inv->force + t->dof[i], &force[i], sizeof force[i]);
     inv->owner->apply(inv, inv->force, inv->displacement);
@@ -54,7 +60,7 @@ void inverse_apply(inverse *inv, const vec3 *force, vec3 *displacement) {
         displacement[i] = v3(0, 0, 0);
         if (t->dof[i] >= 0) memcpy(&displacement[i], inv->displacement + t->dof[i], sizeof displacement[i]);
     }
-    mtx_unlock(&inv->apply_lock);
+    pthread_mutex_unlock(&inv->apply_lock);
 }
 
 const tissue *inverse_tissue(const inverse *inv) { return inv->tissue; }

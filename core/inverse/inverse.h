@@ -8,18 +8,22 @@
 
 typedef struct inverse inverse;
 
-/* The paper's method: the whole 3n x 3n inverse, 8 (3n)^2 bytes. `t` must outlive it. */
-trocar_status inverse_create_dense(tissue *t, inverse **created, report *why);
-
 /* Sparse factor; half-solves of nodes are computed on demand and cached. */
 static const double SPARSE_CACHE = 1.5e9; /* bytes, default size of the cache */
 trocar_status inverse_create_sparse(tissue *t, double cache_bytes, inverse **created, report *why);
 
-/* Callback for the progress of a long start-up, 0 to 1; may be NULL. */
+/* Callbacks of a long start-up, in the thread that makes the inverse: how far it has come, 0 to 1, and whether to give it up. Both may be NULL. */
 typedef struct {
     void (*show)(const char *what, double fraction, void *context);
     void *context;
+    int (*cancelled)(void *context);
 } inverse_progress;
+
+/* CANCELLED if it is to be given up. */
+trocar_status inverse_go_on(inverse_progress progress, report *why);
+
+/* The paper's method: the whole 3n x 3n inverse, 8 (3n)^2 bytes. `t` must outlive it. */
+trocar_status inverse_create_dense(tissue *t, inverse_progress progress, inverse **created, report *why);
 
 /* Factorises K (see tissue_factor) and shows that. */
 trocar_status inverse_factor(tissue *t, int count, const int *last, inverse_progress progress, report *why);

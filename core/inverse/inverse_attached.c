@@ -38,6 +38,7 @@ typedef struct {
     block_cache blocks;
     double *batch, *columns; /* scratch: blocks between BATCH nodes and all of `nodes`; 3 BATCH columns of rows, and of motions */
     double *left, *right, *tile; /* scratch: 3 TILE columns of rows; 3 TILE square */
+    double *moved, *sum;     /* scratch of apply: rows and motions; dof_count */
 } attached_inverse;
 
 static size_t slot_size(const attached_inverse *a) { return 3 * (2 * (size_t)a->row_count + (size_t)a->motion_count); }
@@ -133,39 +134,37 @@ static trocar_status attached_gather(inverse *inv, const inverse_blocks *blocks,
 
 /* The base may serve other threads as well. */
 static void base_apply(inverse *base, const double *force, double *displacement) {
-    mtx_lock(&base->apply_lock);
+    pthread_mutex_lock(&base->apply_lock);
     base->owner->apply(base, force, displacement);
-    mtx_unlock(&base->apply_lock);
+    pthread_mutex_unlock(&base->apply_lock);
 }
 
 /* u = K^-1 (f + P df) */
 static void attached_apply(inverse *inv, const double *force, double *displacement) {
     attached_inverse *a = (attached_inverse *)inv;
     const tissue *t = inv->tissue;
-    size_t n = (size_t)a->row_count, all = (size_t)t->dof_count;
+    size_t n = (size_t)a->row_count;
+    double *d = a->moved;
     base_apply(a->base, force, displacement);
-    double *d = calloc(n + (size_t)a->motion_count + 1, sizeof *d), *sum = malloc(all * sizeof *sum);
-    if (n > 0 && d && sum) {
-        for (size_t i = 0; i < n; i++)
-            for (int c = 0; c < 4 && a->rows[i].tet >= 0; c++) {
-                int dof = t->dof[a->nodes[a->corner[4 * i + (size_t)c]]];
-                const double *u = displacement + dof;
-                if (dof >= 0) d[i] += a->rows[i].weights[c] * v3_dot(a->rows[i].direction, v3(u[0], u[1], u[2]));
-            }
-        cblas_dtrsv(CblasColMajor, CblasLower, CblasNoTrans, CblasNonUnit, (int)n, a->factor, (int)n, d, 1);
-        project(a, 1, d, d + n);
-        cblas_dtrsv(CblasColMajor, CblasLower, CblasTrans, CblasNonUnit, (int)n, a->factor, (int)n, d, 1);
-        memcpy(sum, force, all * sizeof *sum);
-        for (size_t i = 0; i < n; i++)
-            for (int c = 0; c < 4 && a->rows[i].tet >= 0; c++) {
-                int dof = t->dof[a->nodes[a->corner[4 * i + (size_t)c]]];
-                const double along[] = {a->rows[i].direction.x, a->rows[i].direction.y, a->rows[i].direction.z};
-                for (int k = 0; k < 3 && dof >= 0; k++) sum[dof + k] -= a->rows[i].weights[c] * d[i] * along[k];
-            }
-        base_apply(a->base, sum, displacement);
+    if (n == 0) return;
+    for (size_t i = 0; i < n; i++) {
+        d[i] = 0.0;
+        for (int c = 0; c < 4 && a->rows[i].tet >= 0; c++) {
+            int dof = t->dof[a->nodes[a->corner[4 * i + (size_t)c]]];
+            if (dof >= 0) d[i] += a->rows[i].weights[c] * v3_dot(a->rows[i].direction, v3(displacement[dof], displacement[dof + 1], displacement[dof + 2]));
+        }
     }
-    free(d);
-    free(sum);
+    cblas_dtrsv(CblasColMajor, CblasLower, CblasNoTrans, CblasNonUnit, (int)n, a->factor, (int)n, d, 1);
+    project(a, 1, d, d + n);
+    cblas_dtrsv(CblasColMajor, CblasLower, CblasTrans, CblasNonUnit, (int)n, a->factor, (int)n, d, 1);
+    memcpy(a->sum, force, (size_t)t->dof_count * sizeof *a->sum);
+    for (size_t i = 0; i < n; i++)
+        for (int c = 0; c < 4 && a->rows[i].tet >= 0; c++) {
+            int dof = t->dof[a->nodes[a->corner[4 * i + (size_t)c]]];
+            const double along[] = {a->rows[i].direction.x, a->rows[i].direction.y, a->rows[i].direction.z};
+            for (int k = 0; k < 3 && dof >= 0; k++) a->sum[dof + k] -= a->rows[i].weights[c] * d[i] * along[k];
+        }
+    base_apply(a->base, a->sum, displacement);
 }
 
 static trocar_status attached_prepare(inverse *inv, report *why) { return inverse_prepare(((attached_inverse *)inv)->base, why); }
@@ -202,6 +201,8 @@ static void detach_all(attached_inverse *a) {
     free(a->left);
     free(a->right);
     free(a->tile);
+    free(a->moved);
+    free(a->sum);
     lru_free(&a->slots);
     block_cache_free(&a->blocks);
     *a = (attached_inverse){.shared = a->shared, .base = a->base};
@@ -268,8 +269,10 @@ static bool allocate_caches(attached_inverse *a) {
     a->left = malloc(3 * TILE * n * sizeof *a->left);
     a->right = malloc(3 * TILE * n * sizeof *a->right);
     a->tile = malloc(sizeof(double[9 * TILE * TILE]));
+    a->moved = malloc((n + (size_t)a->motion_count) * sizeof *a->moved);
+    a->sum = malloc((size_t)a->shared.tissue->dof_count * sizeof *a->sum);
     return lru_create(&a->slots, nodes, slots) && block_cache_create(&a->blocks, (int)nodes) && a->kept && a->batch && a->columns && a->left && a->right
-        && a->tile;
+        && a->tile && a->moved && a->sum;
 }
 
 static const placed *find_placed(const attached_inverse *a, uint64_t id) {
@@ -328,6 +331,8 @@ static trocar_status factor_all(attached_inverse *a, const attachment *things, r
         size_t first = (size_t)a->placed[t].first;
         for (int i = 0; i < thing->row_count; i++)
             for (int j = 0; j <= i; j++) a->factor[(first + (size_t)j) * ld + first + (size_t)i] += thing->compliance[(size_t)i * (size_t)thing->ld + (size_t)j];
+        for (int i = 0; i < thing->row_count && thing->mutual; i++)
+            for (size_t j = 0; j < first; j++) a->factor[j * ld + first + (size_t)i] += thing->mutual[(size_t)i * (size_t)thing->mutual_ld + j];
         for (int k = 0; k < thing->motion_count; k++, motion++)
             memcpy(a->basis + (size_t)motion * ld + first, thing->motions + (size_t)k * (size_t)thing->motion_ld, (size_t)thing->row_count * sizeof *a->basis);
     }
@@ -406,6 +411,15 @@ void inverse_attached_columns(inverse *inv, int count, const int *rows, double *
     cblas_dtrsm(CblasColMajor, CblasLeft, CblasLower, CblasNoTrans, CblasNonUnit, n, count, 1.0, a->factor, n, force, n);
     project(a, count, force, motion);
     respond(a, count, force, motion);
+}
+
+void inverse_attached_displaced(inverse *inv, const double *displacement, double *force, double *motion) {
+    attached_inverse *a = (attached_inverse *)inv;
+    memcpy(force, displacement, (size_t)a->row_count * sizeof *force);
+    if (a->row_count == 0) return;
+    cblas_dtrsv(CblasColMajor, CblasLower, CblasNoTrans, CblasNonUnit, a->row_count, a->factor, a->row_count, force, 1);
+    project(a, 1, force, motion);
+    respond(a, 1, force, motion);
 }
 
 trocar_status inverse_attached_displace(inverse *inv, const double *force, int count, const int *nodes, vec3 *displacement, report *why) {

@@ -23,6 +23,9 @@ typedef struct {
     const double *compliance; /* G, row_count square, lower triangle: [i * ld + j], j <= i, m/N; positive semidefinite, and definite
                                  with C: 0 is a rigid thing */
     int ld;
+    const double *mutual;    /* and between its rows and those of all things before it, in their order: [i * mutual_ld + j], m/N; NULL: none. Not a part
+                                of what the mesh resolves: semidefinite together with the compliances of all */
+    int mutual_ld;
     int motion_count;        /* independent motions that nothing but its rows resists */
     const double *motions;   /* R, displacement of each row under each: [motion * motion_ld + row] */
     int motion_ld;
@@ -50,6 +53,9 @@ trocar_status inverse_attached_response(inverse *inv, const nodal_forces *loads,
 
 /* The same to a unit displacement of each of these rows: force[k * rows + i], motion[k * motions + i]. */
 void inverse_attached_columns(inverse *inv, int count, const int *rows, double *force, double *motion);
+
+/* The same to displacements of all rows (m). */
+void inverse_attached_displaced(inverse *inv, const double *displacement, double *force, double *motion);
 
 /* Adds the displacements of nodes (m) that forces at all rows would cause if nothing were attached. */
 trocar_status inverse_attached_displace(inverse *inv, const double *force, int count, const int *nodes, vec3 *displacement, report *why);

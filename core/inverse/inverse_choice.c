@@ -3,7 +3,7 @@
 #include <math.h>
 
 #include "inverse/condensation.h"
-#include "inverse/symmetric_blocks.h"
+#include "linalg/symmetric_blocks.h"
 
 static const char *const names[INVERSE_CHOICES] = {"auto", "dense", "sparse", "condensed"};
 
@@ -23,7 +23,7 @@ static inverse_choice choose(report *about, inverse_choice choice, const char *f
     va_list arguments;
     char reason[256];
     va_start(arguments, format);
-    vsnprintf(reason, sizeof reason, format, arguments);
+    decimal_vprint(reason, sizeof reason, format, arguments);
     va_end(arguments);
     snprintf(about->text, sizeof about->text, "%s (%s)", names[choice], reason);
     return choice;
@@ -35,7 +35,6 @@ inverse_choice inverse_choose(const inverse_facts *facts, report *about) {
     double dense = 8e-9 * facts->dof_count * facts->dof_count, share = SHARE * 1e-9 * facts->memory;
     double condensed = 1e-9 * (double)symmetric_blocks_bytes(roi, inverse_is_single(facts->precision, roi));
     if (facts->given != INVERSE_AUTO) return choose(about, facts->given, "set in the scene");
-    if (facts->dense_method) return choose(about, INVERSE_DENSE, "required by remeshing: %s, %.3g GB", facts->dense_method, dense);
     if (dense <= fmin(LITTLE, share)) return choose(about, INVERSE_DENSE, "%d nodes: %.3g GB", nodes, dense);
     if (!facts->roi_given)
         return choose(about, INVERSE_SPARSE, "%d nodes: dense would take %.3g GB, and there is no region_of_interest", nodes, dense);

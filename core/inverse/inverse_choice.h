@@ -33,7 +33,6 @@ bool inverse_is_single(inverse_precision given, int nodes);
 typedef struct {
     inverse_choice given;
     inverse_precision precision;
-    const char *dense_method;  /* name of a remeshing method that works on the whole inverse; NULL: the scene's does not */
     int node_count, dof_count;
     bool roi_given;          /* the scene defines a region of interest */
     int roi_count;           /* its number of nodes */

@@ -1,11 +1,11 @@
 #include "inverse/inverse.h"
 
 #include <math.h>
+#include <pthread.h>
 #include <stdatomic.h>
 #include <stdlib.h>
 #include <string.h>
 #include <sys/mman.h>
-#include <threads.h>
 
 #include "base/memory.h"
 #include "inverse/coarse_space.h"
@@ -23,8 +23,8 @@ typedef struct {
     int *place;              /* node_count: index in `nodes`, or -1 */
     symmetric_blocks matrix; /* m/N */
     file_mapping mapping;    /* of the cache file that holds the matrix; empty: it is in memory of its own */
-    mtx_t assembling;        /* protects K until it is assembled: worker, display and preparation may need it concurrently */
-    mtx_t factoring;         /* protects the next three members and the factor, for a minute or more: the display does not wait for it */
+    pthread_mutex_t assembling;        /* protects K until it is assembled: worker, display and preparation may need it concurrently */
+    pthread_mutex_t factoring;         /* protects the next three members and the factor, for a minute or more: the display does not wait for it */
     _Atomic(inverse *) rest; /* NULL: not needed yet, or failed */
     trocar_status rest_status;
     report no_rest;          /* reason of the failure */
@@ -39,9 +39,9 @@ typedef struct {
 static trocar_status assemble(condensed_inverse *c, report *why) {
     tissue *t = c->shared.tissue;
     if (atomic_load(&t->assembled)) return TROCAR_OK;
-    mtx_lock(&c->assembling);
+    pthread_mutex_lock(&c->assembling);
     trocar_status status = tissue_stiffness(t, why);
-    mtx_unlock(&c->assembling);
+    pthread_mutex_unlock(&c->assembling);
     return status;
 }
 
@@ -53,7 +53,7 @@ static bool is_final(const condensed_inverse *c) {
 
 /* Creates the sparse inverse once. */
 static trocar_status rest_of(condensed_inverse *c, inverse **rest, report *why) {
-    mtx_lock(&c->factoring);
+    pthread_mutex_lock(&c->factoring);
     inverse *created = c->rest;
     if (!created && !is_final(c)) {
         c->rest_status = assemble(c, &c->no_rest); /* beforehand: pictures need no factor */
@@ -64,7 +64,7 @@ static trocar_status rest_of(condensed_inverse *c, inverse **rest, report *why) 
     trocar_status status = c->rest_status;
     *rest = created;
     if (status != TROCAR_OK) *why = c->no_rest;
-    mtx_unlock(&c->factoring);
+    pthread_mutex_unlock(&c->factoring);
     return status;
 }
 
@@ -137,8 +137,8 @@ static void condensed_release(inverse *inv) {
     condensed_inverse *c = (condensed_inverse *)inv;
     inverse_free(c->rest);
     coarse_space_free(c->coarse);
-    mtx_destroy(&c->assembling);
-    mtx_destroy(&c->factoring);
+    pthread_mutex_destroy(&c->assembling);
+    pthread_mutex_destroy(&c->factoring);
     free(c->nodes);
     free(c->place);
     free(c->given);
@@ -192,8 +192,8 @@ trocar_status inverse_create_condensed(tissue *t, const condensed_region *region
     condensed_inverse *c = calloc(1, sizeof *c);
     *created = c ? &c->shared : NULL;
     if (!c) return fail(why, TROCAR_NO_MEMORY, "no memory");
-    mtx_init(&c->assembling, mtx_plain);
-    mtx_init(&c->factoring, mtx_plain);
+    pthread_mutex_init(&c->assembling, NULL);
+    pthread_mutex_init(&c->factoring, NULL);
     trocar_status status = inverse_init(&c->shared, &condensed_owner, t, why);
     size_t all = (size_t)t->mesh->node_count;
     c->matrix.single = region->single;

@@ -39,25 +39,27 @@ static void dense_release(inverse *inv) { free(dense_of(inv)); }
 static const inverse_owner dense_owner = {"dense", dense_gather, dense_apply, NULL, dense_release, NULL, NULL, NULL};
 
 /* Solves K X = I block by block. */
-static trocar_status dense_fill(tissue *t, double *dense, report *why) {
+static trocar_status dense_fill(tissue *t, double *dense, inverse_progress progress, report *why) {
     enum { BLOCK = 96 };
     size_t n = (size_t)t->dof_count;
     cholmod_dense *unit = cholmod_zeros(n, BLOCK, CHOLMOD_REAL, &t->common);
     cholmod_dense *solution = NULL, *y = NULL, *e = NULL;
     bool solved = unit != NULL;
-    for (size_t first = 0; solved && first < n; first += BLOCK) {
+    trocar_status status = TROCAR_OK;
+    for (size_t first = 0; solved && status == TROCAR_OK && first < n; first += BLOCK) {
         size_t width = n - first < BLOCK ? n - first : BLOCK;
         double *x = unit->x;
         memset(x, 0, n * BLOCK * sizeof *x);
         for (size_t c = 0; c < width; c++) x[c * n + first + c] = 1.0;
         solved = cholmod_solve2(CHOLMOD_A, t->factor, unit, NULL, &solution, NULL, &y, &e, &t->common);
         if (solved) memcpy(dense + first * n, solution->x, n * width * sizeof(double));
+        status = inverse_go_on(progress, why);
     }
     cholmod_free_dense(&unit, &t->common);
     cholmod_free_dense(&solution, &t->common);
     cholmod_free_dense(&y, &t->common);
     cholmod_free_dense(&e, &t->common);
-    return solved ? TROCAR_OK : fail(why, TROCAR_NO_MEMORY, "no memory to invert the stiffness matrix");
+    return solved ? status : fail(why, TROCAR_NO_MEMORY, "no memory to invert the stiffness matrix");
 }
 
 /* Makes the matrix exactly symmetric; rounding errors differ above and below the diagonal. */
@@ -66,7 +68,7 @@ static void symmetrise(double *a, size_t n) {
         for (size_t i = 0; i < j; i++) a[j * n + i] = a[i * n + j] = 0.5 * (a[j * n + i] + a[i * n + j]);
 }
 
-trocar_status inverse_create_dense(tissue *t, inverse **created, report *why) {
+trocar_status inverse_create_dense(tissue *t, inverse_progress progress, inverse **created, report *why) {
     size_t n = (size_t)t->dof_count;
     dense_inverse *d = calloc(1, sizeof *d);
     *created = d ? &d->shared : NULL;
@@ -76,7 +78,7 @@ trocar_status inverse_create_dense(tissue *t, inverse **created, report *why) {
     if (status == TROCAR_OK && !d->dense)
         status = fail(why, TROCAR_NO_MEMORY, "no memory for the dense inverse: %.1f GB for %d nodes; use a coarser mesh",
                       8e-9 * (double)n * (double)n, t->mesh->node_count);
-    if (status == TROCAR_OK) status = dense_fill(t, d->dense, why);
+    if (status == TROCAR_OK) status = dense_fill(t, d->dense, progress, why);
     if (status == TROCAR_OK) {
         symmetrise(d->dense, n);
         return TROCAR_OK;

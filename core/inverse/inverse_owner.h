@@ -2,7 +2,7 @@
 #ifndef TROCAR_INVERSE_OWNER_H
 #define TROCAR_INVERSE_OWNER_H
 
-#include <threads.h>
+#include <pthread.h>
 
 #include "inverse/inverse_blocks.h"
 #include "tissue/tissue.h"
@@ -24,7 +24,7 @@ typedef struct {
 struct inverse {
     const inverse_owner *owner;
     tissue *tissue;
-    mtx_t apply_lock;             /* protects the scratch memory of inverse_apply */
+    pthread_mutex_t apply_lock;             /* protects the scratch memory of inverse_apply */
     double *force, *displacement; /* dof_count: scratch of inverse_apply */
 };
 

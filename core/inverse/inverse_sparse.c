@@ -21,7 +21,7 @@ typedef struct {
     lru slots;               /* of nodes' half-solves in the cache */
     size_t slot_size;        /* numbers in the longest one */
     double *halves;          /* slots.slot_count x slot_size */
-    mtx_t gather_lock;       /* of all above */
+    pthread_mutex_t gather_lock;       /* of all above */
     double *block, *tile;    /* 3 PRODUCT_BLOCK square: scratch of gather */
     block_cache blocks;
     solver field_solver;     /* for displacement fields, which another thread may request */
@@ -101,9 +101,9 @@ static trocar_status compute_tile(void *context, const inverse_blocks *tile, rep
 
 static trocar_status sparse_gather(inverse *inv, const inverse_blocks *blocks, report *why) {
     sparse_inverse *s = (sparse_inverse *)inv;
-    mtx_lock(&s->gather_lock);
+    pthread_mutex_lock(&s->gather_lock);
     trocar_status status = block_cache_gather(&s->blocks, &(block_source){compute_tile, s, s->tile, PRODUCT_BLOCK}, blocks, why);
-    mtx_unlock(&s->gather_lock);
+    pthread_mutex_unlock(&s->gather_lock);
     return status;
 }
 
@@ -140,7 +140,7 @@ static void sparse_apply(inverse *inv, const double *force, double *displacement
 
 static void sparse_release(inverse *inv) {
     sparse_inverse *s = (sparse_inverse *)inv;
-    mtx_destroy(&s->gather_lock);
+    pthread_mutex_destroy(&s->gather_lock);
     solver_free(&s->field_solver);
     sparse_columns_free(s->half);
     lru_free(&s->slots);
@@ -172,7 +172,7 @@ trocar_status inverse_create_sparse(tissue *t, double cache_bytes, inverse **cre
     *created = s ? &s->shared : NULL;
     if (!s) return fail(why, TROCAR_NO_MEMORY, "no memory");
     trocar_status status = inverse_init(&s->shared, &sparse_owner, t, why);
-    mtx_init(&s->gather_lock, mtx_plain);
+    pthread_mutex_init(&s->gather_lock, NULL);
     bool solver_ready = solver_create(&s->field_solver, t);
     if (status == TROCAR_OK) status = sparse_columns_create(t, &s->half, why);
     if (status == TROCAR_OK && !(solver_ready && create_cache(s, cache_bytes)))

@@ -303,6 +303,7 @@ typedef struct {
     response *of_piece;      /* plan->nodes: by the node that stands for it */
     double norm;             /* K's largest column sum, no less than its largest eigenvalue */
     inverse_progress progress;
+    report *why;
     double done;             /* operations */
     int shown;               /* per cent */
 } elimination;
@@ -311,10 +312,12 @@ static void show(inverse_progress progress, double fraction) {
     if (progress.show) progress.show("eliminating the tissue outside the region", fraction, progress.context);
 }
 
-/* What was done in fronts before this one, and `here` in this one. */
-static void show_done(elimination *e, double here) {
+/* What was done in fronts before this one, and `here` in this one. CANCELLED. */
+static trocar_status show_done(elimination *e, double here) {
     int percent = (int)(100.0 * (e->done + here) / e->plan->operations);
-    if (percent > e->shown && percent < 100) show(e->progress, 0.01 * (e->shown = percent));
+    if (percent <= e->shown || percent >= 100) return TROCAR_OK;
+    show(e->progress, 0.01 * (e->shown = percent));
+    return inverse_go_on(e->progress, e->why);
 }
 
 static void front_free(front *f) {
@@ -483,7 +486,8 @@ static trocar_status eliminate_front(elimination *e, int number) {
         if (j < f->pivot_panels) add_stiffness(e, f, p);
         for (int c = first_child; c >= 0; c = e->plan->next[c]) add_child(e, e->fronts[c], p);
         if (!panels_eliminate(&f->matrix, j, f->pivot_panels, e->plan->team)) return TROCAR_BAD_INPUT;
-        show_done(e, operations * (j + 1) / (f->matrix.count + 1));
+        trocar_status status = show_done(e, operations * (j + 1) / (f->matrix.count + 1));
+        if (status != TROCAR_OK) return status;
     }
     for (int c = first_child; c >= 0; c = e->plan->next[c]) {
         front_free(e->fronts[c]);
@@ -494,8 +498,7 @@ static trocar_status eliminate_front(elimination *e, int number) {
     if (!is_constrained(e, &f->below)) return TROCAR_BAD_INPUT;
     for (int k = 0; k < f->pivot_panels; k++) panel_release(&f->matrix.panels[k]);
     e->done += operations;
-    show_done(e, 0.0);
-    return TROCAR_OK;
+    return show_done(e, 0.0);
 }
 
 /* K in the order of elimination. */
@@ -561,8 +564,8 @@ static trocar_status eliminate_all(elimination *e) {
     for (int i = 0; i < (int)s->symbolic->nsuper && status == TROCAR_OK; i++) status = eliminate_front(e, s->sequence[i]);
     cholmod_free_sparse(&e->k, &s->tissue->common);
     for (int j = 0; j < e->corner->count && status == TROCAR_OK; j++) {
-        if (!panels_eliminate(e->corner, j, e->corner->count, s->team)) status = TROCAR_BAD_INPUT;
-        show_done(e, (s->operations - e->done) * (j + 1) / e->corner->count);
+        status = panels_eliminate(e->corner, j, e->corner->count, s->team) ? TROCAR_OK : TROCAR_BAD_INPUT;
+        if (status == TROCAR_OK) status = show_done(e, (s->operations - e->done) * (j + 1) / e->corner->count);
     }
     if (status != TROCAR_OK) return status;
     panels_forward(e->corner, e->corner->count, e->load);
@@ -575,11 +578,12 @@ static trocar_status eliminate_all(elimination *e) {
 }
 
 trocar_status substructure_eliminate(const substructure *s, panels *corner, inverse_progress progress, report *why) {
-    elimination e = {.plan = s, .corner = corner, .progress = progress};
+    elimination e = {.plan = s, .corner = corner, .progress = progress, .why = why};
     e.norm = cholmod_norm_sparse(s->tissue->stiffness, 1, &s->tissue->common);
     *corner = (panels){0};
     show(progress, 0.0);
-    trocar_status status = begin(&e) ? eliminate_all(&e) : TROCAR_NO_MEMORY;
+    trocar_status status = inverse_go_on(progress, why);
+    if (status == TROCAR_OK) status = begin(&e) ? eliminate_all(&e) : TROCAR_NO_MEMORY;
     for (size_t i = 0; e.fronts && i < s->symbolic->nsuper; i++) front_free(e.fronts[i]);
     cholmod_free_sparse(&e.k, &s->tissue->common);
     free(e.fronts);
@@ -590,5 +594,6 @@ trocar_status substructure_eliminate(const substructure *s, panels *corner, inve
     free(e.of_piece);
     if (status == TROCAR_OK) return status;
     panels_free(corner);
+    if (status == TROCAR_CANCELLED) return status;
     return status == TROCAR_NO_MEMORY ? fail(why, status, "no memory to eliminate %d nodes", s->nodes - s->region_count) : tissue_loose(why);
 }

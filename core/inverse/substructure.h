@@ -8,7 +8,7 @@
 #define TROCAR_SUBSTRUCTURE_H
 
 #include "inverse/inverse.h"
-#include "inverse/panels.h"
+#include "linalg/panels.h"
 
 typedef struct {
     tissue *tissue;

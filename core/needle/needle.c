@@ -1,9 +1,17 @@
 #include "needle/needle.h"
 
 #include "base/lame.h"
-#include "base/row_matrix.h"
-#include "base/vec_lanes.h"
+#include "needle/centreline_kernels.h"
 #include "needle/needle_kind.h"
+
+static const double MOST_BOW = 0.01; /* of the length: beyond that the needle would clearly be bent, and its tip short of its length */
+
+/* m/m, slope against the axis of a segment of the needle without force: that of a bow y = bow L (1 - cos(2 pi s / L)) / 2. The needle leaves its base along the axis, and
+   its tip is on the axis and points along it. */
+static double natural_slope(const needle_parameters *given, int segment) {
+    int last = given->segments - 1;
+    return M_PI * given->bow * sin(2.0 * M_PI * segment / last);
+}
 
 trocar_status needle_create(const needle_parameters *given, needle_model *model, report *why) {
     const needle_parameters *g = given;
@@ -11,6 +19,7 @@ trocar_status needle_create(const needle_parameters *given, needle_model *model,
         return fail(why, TROCAR_BAD_INPUT, "needle: length, outer_diameter and youngs_modulus must be positive");
     if (!(g->inner_diameter >= 0 && g->inner_diameter < g->outer_diameter))
         return fail(why, TROCAR_BAD_INPUT, "needle: inner_diameter must be at least 0 and below outer_diameter");
+    if (!(g->bow >= 0 && g->bow <= MOST_BOW)) return fail(why, TROCAR_BAD_INPUT, "needle: bow must be 0 to %g of the length", MOST_BOW);
     if (g->segments < 2 || g->segments > NEEDLE_MAX_SEGMENTS)
         return fail(why, TROCAR_BAD_INPUT, "needle: segments must be 2 to %d", NEEDLE_MAX_SEGMENTS);
     double area_moment = M_PI / 64.0 * (pow(g->outer_diameter, 4) - pow(g->inner_diameter, 4));
@@ -22,6 +31,7 @@ trocar_status needle_create(const needle_parameters *given, needle_model *model,
         .bending = g->youngs_modulus * area_moment,
         .torsion = shear_modulus(g->youngs_modulus, g->poisson_ratio) * 2.0 * area_moment,
     };
+    for (int k = 1; k < g->segments; k++) model->natural[k] = natural_slope(g, k - 1) - natural_slope(g, k);
     return model->kind->create(model, why);
 }
 
@@ -87,34 +97,21 @@ static tangent_turn weigh_joints(const needle_model *model, double arc, needle_p
     return (tangent_turn){joint - 1, joint, f};
 }
 
-/* The points' frames, from their axes. */
-static void put_frames(needle_point *const *points, int count, vec3_lanes n1, vec3_lanes n2, vec3_lanes n3) {
-    lanes x[LANES] = {n1.x, n2.x, n3.x, n3.x}, y[LANES] = {n1.y, n2.y, n3.y, n3.y}, z[LANES] = {n1.z, n2.z, n3.z, n3.z};
-    lanes_transpose(&x[0], &x[1], &x[2], &x[3]);
-    lanes_transpose(&y[0], &y[1], &y[2], &y[3]);
-    lanes_transpose(&z[0], &z[1], &z[2], &z[3]);
-    for (int i = 0; i < count; i++) points[i]->frame = matrix_of((row_matrix){{x[i], y[i], z[i]}});
-}
-
 static void locate_four(const needle_model *model, const needle_state *state, int count, const double *arcs, needle_point *const *points) {
-    int before[LANES], after[LANES];
-    double fractions[LANES];
-    for (int i = 0; i < LANES; i++) {
+    int before[CENTRELINE_STEP], after[CENTRELINE_STEP];
+    double fractions[CENTRELINE_STEP];
+    for (int i = 0; i < CENTRELINE_STEP; i++) {
         needle_point *p = points[i < count ? i : 0];
         tangent_turn turn = weigh_joints(model, arcs[i < count ? i : 0], p);
         before[i] = turn.before, after[i] = turn.after, fractions[i] = turn.fraction;
         const vec3 *joints = &state->joints[p->first];
         p->position = v3_axpy(p->weights[2], joints[2], v3_axpy(p->weights[1], joints[1], v3_scale(p->weights[0], joints[0])));
     }
-    lanes fraction = lanes_load(fractions);
-    quat_lanes here = ql_gather(state->frames, before), next = ql_gather(state->frames, after);
-    vec3_lanes y = ql_axis_y(next), n3 = v3l_unit(v3l_axpy(fraction, ql_axis(next), v3l_scale(1.0 - fraction, ql_axis(here))));
-    vec3_lanes n2 = v3l_unit(v3l_axpy(-v3l_dot(y, n3), n3, y));
-    put_frames(points, count, v3l_cross(n2, n3), n2, n3);
+    centreline_frames(state->frames, before, after, fractions, count, points);
 }
 
 void needle_locate(const needle_model *model, const needle_state *state, int count, const double *arcs, needle_point *const *points) {
-    for (int i = 0; i < count; i += LANES) locate_four(model, state, count - i < LANES ? count - i : LANES, &arcs[i], &points[i]);
+    for (int i = 0; i < count; i += CENTRELINE_STEP) locate_four(model, state, count - i < CENTRELINE_STEP ? count - i : CENTRELINE_STEP, &arcs[i], &points[i]);
 }
 
 needle_point needle_at(const needle_model *model, const needle_state *state, double arc) {

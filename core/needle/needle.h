@@ -15,6 +15,9 @@ trocar_status needle_create(const needle_parameters *given, needle_model *model,
 /* Sets the needle straight and unloaded, with its base at `base`. RT */
 void needle_rest(const needle_model *model, pose base, needle_state *state);
 
+/* Where the end of a straight needle with this base is, m. RT */
+static inline vec3 needle_straight_end(const needle_model *model, pose base) { return v3_axpy(model->given.length, q_axis(base.orientation), base.position); }
+
 /* Moves the base. The needle moves with it, and each segment turns about its own axis as the base does about its; the axes keep their
    directions until the next solve. RT */
 void needle_hold(const needle_model *model, pose base, needle_state *state);

@@ -2,7 +2,7 @@
 #ifndef TROCAR_NEEDLE_MODEL_H
 #define TROCAR_NEEDLE_MODEL_H
 
-#include "needle/block_tridiagonal.h"
+#include "linalg/block_tridiagonal.h"
 #include "base/report.h"
 #include "base/vec.h"
 
@@ -26,6 +26,7 @@ typedef struct {
     double inner_diameter;   /* m */
     double youngs_modulus;   /* Pa */
     double poisson_ratio;
+    double bow;              /* of the length, by which the middle is off the line from base to tip, toward local +y */
     double bevel_slope;      /* lateral per axial displacement while cutting, away from the bevel's face (toward local -y) */
     int segments;            /* 2..NEEDLE_MAX_SEGMENTS */
     needle_choice kind;
@@ -52,6 +53,7 @@ typedef struct {
     double radius;           /* m, outer */
     double bending;          /* EI, N m^2 */
     double torsion;          /* GJ, N m^2 */
+    double natural[NEEDLE_PLACES]; /* rad, about local x: turn of each segment of a needle without force against the one before; rod only */
     needle_solid solid;      /* of the tetrahedra */
 } needle_model;
 

@@ -3,53 +3,120 @@
 #include <stdlib.h>
 #include <string.h>
 
-#include "probe/complementarity.h"
+#include "linalg/complementarity.h"
 #include "remesh/free_displacement.h"
 
-enum { MOST_ITERATIONS = 50, LD = 3 * MAX_PRESSED };
-static const double REACH = 0.5;         /* radii: nodes that are closer can take part */
+enum { MOST_ITERATIONS = 50, LD = 3 * MAX_PRESSED, MOST_STOPS = 4 };
+static const double REACH = 0.5;         /* radii: points that are closer can take part */
+static const double BRIDGE = 1.0 - M_SQRT1_2; /* radii: so deep lies the middle of an edge whose ends touch the probe a right angle apart. Deeper,
+                                            the edge no longer follows the wall around the probe, which would part its ends and pass. */
+static const double LONG_EDGE = 0.5;     /* radii: shorter edges would have to stretch to nearly three times their length to come so deep */
 static const double STEP = 0.25;         /* radii: the probe moves at most so far at once, for the closest points to move little */
 static const double CONVERGED = 1e-9;    /* m, by which nodes still move */
 static const double PENETRATION = 1e-12; /* m */
 static const double TURNED = 0.02;       /* rad by which a normal may differ from the direction that is attached */
 static const double NOTICEABLE = 1e-5;   /* N */
+static const double STOPPED = 1e-3;      /* of max_force: by how much less it stops */
+static const double EDGE_COMPLIANCE = 1e-4; /* of a middle's own, added to it: an edge and its ends are not independent */
 
 typedef struct probe_scratch {
-    vec3 free_u[MAX_PRESSED], u[MAX_PRESSED], normal[MAX_PRESSED]; /* of the near nodes: displacement without the probe, and with it; */
-    double gap[MAX_PRESSED], force[MAX_PRESSED];                   /* m, N */
-    int chosen[MAX_PRESSED];                                       /* of the near ones: those of the complementarity problem */
+    vec3 free_u[MAX_PRESSED], u[MAX_PRESSED], load[MAX_PRESSED]; /* of the near nodes: displacement without the probe, and with it; m, N */
+    vec3 normal[MAX_PRESSED];                                    /* of the candidates: */
+    double gap[MAX_PRESSED], force[MAX_PRESSED];                 /* m, N */
+    int near_ends[MAX_PRESSED][2];                               /* their ends' places in `near`; -1: none */
+    int chosen[MAX_PRESSED];                                     /* of the candidates: those of the complementarity problem */
     double matrix[MAX_PRESSED * MAX_PRESSED], right[MAX_PRESSED], z[MAX_PRESSED], pivoting[MAX_PRESSED * (MAX_PRESSED + 2)];
-    int nodes[MAX_PRESSED];
+    int nodes[2 * MAX_PRESSED];
     vec3 now[MAX_PRESSED], unloaded[MAX_PRESSED];
-    double response[MAX_PRESSED], none[1], zeros[MAX_PRESSED * MAX_PRESSED];
+    double response[MAX_PRESSED], none[1], attached[MAX_PRESSED * MAX_PRESSED];
+    probe_state before;
 } probe_scratch;
 
 static const mesh *mesh_of(const probe *p) { return inverse_tissue(p->beneath)->mesh; }
 
 /* ---- creation ------------------------------------------------------------------------------------------------------------- */
 
+static int place_of(const probe *p, int node) {
+    const int *listed = bsearch(&node, p->surface, (size_t)p->surface_count, sizeof *p->surface, compare_nodes);
+    return listed ? (int)(listed - p->surface) : -1;
+}
+
+static int compare_edges(const void *a, const void *b) {
+    const int *x = a, *y = b;
+    return x[0] != y[0] ? compare_nodes(x, y) : compare_nodes(x + 1, y + 1);
+}
+
+/* The long edges of the surface's triangles that can move: two nodes, ascending, and a tet. NULL: no memory. */
+static int (*list_edges(const probe *p, int surface, int *count))[3] {
+    const mesh *m = mesh_of(p);
+    int most = 0;
+    for (int t = 0; t < m->tet_count; t++)
+        for (int face = 0; face < 4; face++) most += m->face_groups[t][face] >> surface & 1 ? 3 : 0;
+    int (*edges)[3] = malloc((size_t)(most + 1) * sizeof *edges), found = 0;
+    *count = 0;
+    if (!edges) return NULL;
+    for (int t = 0; t < m->tet_count; t++)
+        for (int face = 0; face < 4; face++)
+            for (int i = 0; i < 4 && m->face_groups[t][face] >> surface & 1; i++)
+                for (int j = 0; j < i; j++) {
+                    int a = m->tets[t][i], b = m->tets[t][j];
+                    if (i == face || j == face || (place_of(p, a) < 0 && place_of(p, b) < 0)) continue;
+                    if (v3_norm(v3_sub(m->nodes[a], m->nodes[b])) <= LONG_EDGE * p->shape.radius) continue;
+                    memcpy(edges[found++], (int[3]){a < b ? a : b, a < b ? b : a, t}, sizeof *edges);
+                }
+    qsort(edges, (size_t)found, sizeof *edges, compare_edges);
+    for (int i = 0; i < found; i++)
+        if (i == 0 || compare_edges(edges[i], edges[*count - 1]) != 0) memmove(edges[(*count)++], edges[i], sizeof *edges);
+    return edges;
+}
+
+static surface_point point_at(const probe *p, int tet, int a, int b) {
+    const mesh *m = mesh_of(p);
+    surface_point point = {.rest = m->nodes[a], .ends = {place_of(p, a), -1}, .weight = 1.0, .tet = tet};
+    if (a != b) {
+        point.rest = v3_scale(0.5, v3_add(m->nodes[a], m->nodes[b]));
+        point.ends[1] = place_of(p, b);
+        point.weight = 0.5;
+        point.slack = BRIDGE * p->shape.radius;
+    }
+    for (int c = 0; c < 4; c++) point.weights[c] = m->tets[tet][c] == a || m->tets[tet][c] == b ? point.weight : 0.0;
+    return point;
+}
+
+static trocar_status take_points(probe *p, int surface, report *why) {
+    int edge_count, (*edges)[3] = list_edges(p, surface, &edge_count);
+    p->points = malloc((size_t)(p->surface_count + edge_count + 1) * sizeof *p->points);
+    if (edges && p->points) {
+        p->point_count = p->surface_count;
+        for (int t = 0; t < mesh_of(p)->tet_count; t++)
+            for (int c = 0; c < 4; c++) {
+                int node = mesh_of(p)->tets[t][c], place = place_of(p, node);
+                if (place >= 0) p->points[place] = point_at(p, t, node, node);
+            }
+        for (int i = 0; i < edge_count; i++) p->points[p->point_count++] = point_at(p, edges[i][2], edges[i][0], edges[i][1]);
+    }
+    free(edges);
+    return p->point_count > 0 ? TROCAR_OK : fail(why, TROCAR_NO_MEMORY, "no memory for a probe");
+}
+
 static trocar_status take_surface(probe *p, int surface, report *why) {
     const mesh_group *group = &mesh_of(p)->groups[surface];
     const tissue *t = inverse_tissue(p->beneath);
     p->surface = malloc((size_t)(group->node_count + 1) * sizeof *p->surface);
-    p->surface_tet = malloc((size_t)(group->node_count + 1) * sizeof *p->surface_tet);
     p->compliance = malloc((size_t)LD * LD * sizeof *p->compliance);
     p->scratch = calloc(1, sizeof *p->scratch);
-    if (!p->surface || !p->surface_tet || !p->compliance || !p->scratch) return fail(why, TROCAR_NO_MEMORY, "no memory for a probe");
+    if (!p->surface || !p->compliance || !p->scratch) return fail(why, TROCAR_NO_MEMORY, "no memory for a probe");
     for (int i = 0; i < group->node_count; i++)
         if (t->dof[group->nodes[i]] >= 0) p->surface[p->surface_count++] = group->nodes[i];
-    for (int i = 0; i < mesh_of(p)->tet_count; i++)
-        for (int c = 0; c < 4; c++) {
-            int *listed = bsearch(&mesh_of(p)->tets[i][c], p->surface, (size_t)p->surface_count, sizeof *p->surface, compare_nodes);
-            if (listed) p->surface_tet[listed - p->surface] = i;
-        }
-    return p->surface_count > 0 ? TROCAR_OK : fail(why, TROCAR_BAD_INPUT, "probe.surface: all nodes of \"%s\" are fixed", group->name);
+    if (p->surface_count == 0) return fail(why, TROCAR_BAD_INPUT, "probe.surface: all nodes of \"%s\" are fixed", group->name);
+    return take_points(p, surface, why);
 }
 
-trocar_status probe_create(inverse *beneath, const probe_shape *shape, int surface, probe **created, report *why) {
+trocar_status probe_create(inverse *beneath, const probe_shape *shape, int surface, double max_force, probe **created, report *why) {
     probe *p = *created = calloc(1, sizeof *p);
     if (!p) return fail(why, TROCAR_NO_MEMORY, "no memory for a probe");
     p->shape = *shape;
+    p->max_force = max_force;
     p->beneath = beneath;
     p->state.base.orientation.w = 1.0;
     trocar_status status = take_surface(p, surface, why);
@@ -68,7 +135,7 @@ void probe_free(probe *p) {
     if (!p) return;
     inverse_free(p->inverse);
     free(p->surface);
-    free(p->surface_tet);
+    free(p->points);
     free(p->compliance);
     free(p->scratch);
     free(p->load_nodes);
@@ -78,15 +145,14 @@ void probe_free(probe *p) {
 
 /* ---- nodes that can take part ------------------------------------------------------------------------------------------------ */
 
-static double gap_at_rest(const probe *p, pose base, int node) {
+static double gap_at_rest(const probe *p, pose base, int point) {
     vec3 ignored;
-    return probe_gap(&p->shape, base, mesh_of(p)->nodes[node], &ignored);
+    return probe_gap(&p->shape, base, p->points[point].rest, &ignored) + p->points[point].slack;
 }
 
-static bool is_listed(const probe *p, int node) {
-    for (int i = 0; i < p->near_count; i++)
-        if (p->near[i] == node) return true;
-    return false;
+static int find(int number, int count, const int *ascending) {
+    const int *found = bsearch(&number, ascending, (size_t)count, sizeof *ascending, compare_nodes);
+    return found ? (int)(found - ascending) : -1;
 }
 
 static int compare_gaps(const void *a, const void *b) {
@@ -94,23 +160,47 @@ static int compare_gaps(const void *a, const void *b) {
     return x[0] < y[0] ? -1 : x[0] > y[0] ? 1 : (x[1] > y[1]) - (x[1] < y[1]);
 }
 
-/* The closest ones, unless all that matter are listed already. */
+/* The points that are pressed, and then the closest ones, as far as there is room for them and their ends. */
+static void choose_closest(probe *p, double (*gaps)[2]) {
+    int before[MAX_PRESSED], near_before = p->near_count;
+    memcpy(before, p->near, sizeof before);
+    p->near_count = p->candidate_count = 0;
+    for (int i = 0; i < p->point_count && p->candidate_count < MAX_PRESSED; i++) {
+        const surface_point *point = &p->points[(int)gaps[i][1]];
+        int missing[2], count = 0;
+        for (int e = 0; e < 2; e++) {
+            bool listed = point->ends[e] < 0;
+            for (int k = 0; k < p->near_count && !listed; k++) listed = p->near[k] == p->surface[point->ends[e]];
+            if (!listed) missing[count++] = p->surface[point->ends[e]];
+        }
+        if (p->near_count + count > MAX_PRESSED) continue;
+        for (int k = 0; k < count; k++) p->near[p->near_count++] = missing[k];
+        p->candidates[p->candidate_count++] = (int)gaps[i][1];
+    }
+    qsort(p->near, (size_t)p->near_count, sizeof *p->near, compare_nodes);
+    qsort(p->candidates, (size_t)p->candidate_count, sizeof *p->candidates, compare_nodes);
+    if (p->near_count != near_before || memcmp(before, p->near, (size_t)near_before * sizeof *before) != 0) p->compliance_known = false;
+    for (int i = 0; i < p->candidate_count; i++)
+        for (int e = 0; e < 2; e++) {
+            int end = p->points[p->candidates[i]].ends[e];
+            p->scratch->near_ends[i][e] = end < 0 ? -1 : find(p->surface[end], p->near_count, p->near);
+        }
+}
+
+/* Chooses anew, unless all that matter are listed already. */
 static trocar_status list_near(probe *p, pose base, report *why) {
     bool listed = p->near_count > 0;
-    for (int i = 0; i < p->surface_count && listed; i++)
-        listed = gap_at_rest(p, base, p->surface[i]) > REACH * p->shape.radius || is_listed(p, p->surface[i]);
+    for (int i = 0; i < p->point_count && listed; i++)
+        listed = gap_at_rest(p, base, i) > REACH * p->shape.radius || find(i, p->candidate_count, p->candidates) >= 0;
+    for (int i = 0; i < p->state.count && listed; i++) listed = find(p->state.points[i].point, p->candidate_count, p->candidates) >= 0;
     if (listed) return TROCAR_OK;
-    double (*gaps)[2] = malloc((size_t)p->surface_count * sizeof *gaps); /* and the node */
+    double (*gaps)[2] = malloc((size_t)p->point_count * sizeof *gaps); /* and the point */
     if (!gaps) return fail(why, TROCAR_NO_MEMORY, "no memory for the probe's contacts");
-    for (int i = 0; i < p->surface_count; i++) gaps[i][0] = gap_at_rest(p, base, p->surface[i]), gaps[i][1] = p->surface[i];
-    qsort(gaps, (size_t)p->surface_count, sizeof *gaps, compare_gaps);
-    int before[MAX_PRESSED], count = p->surface_count < MAX_PRESSED ? p->surface_count : MAX_PRESSED;
-    memcpy(before, p->near, sizeof before);
-    for (int i = 0; i < count; i++) p->near[i] = (int)gaps[i][1];
+    for (int i = 0; i < p->point_count; i++) gaps[i][0] = gap_at_rest(p, base, i), gaps[i][1] = i;
+    for (int i = 0; i < p->state.count; i++) gaps[p->state.points[i].point][0] = -INFINITY;
+    qsort(gaps, (size_t)p->point_count, sizeof *gaps, compare_gaps);
+    choose_closest(p, gaps);
     free(gaps);
-    qsort(p->near, (size_t)count, sizeof *p->near, compare_nodes);
-    if (count != p->near_count || memcmp(before, p->near, (size_t)count * sizeof *before) != 0) p->compliance_known = false;
-    p->near_count = count;
     return TROCAR_OK;
 }
 
@@ -125,6 +215,32 @@ static vec3 yields(const probe *p, int i, int j, vec3 force) {
     mat3 block = {{{0}}};
     m3_add_block(&block, 1.0, p->compliance + (size_t)(3 * i) * LD + 3 * j, LD);
     return m3_apply(&block, force);
+}
+
+/* A field of the near nodes at a candidate: 0 at a fixed end. */
+static vec3 at_candidate(const probe *p, int candidate, const vec3 *field) {
+    const int *ends = p->scratch->near_ends[candidate];
+    vec3 sum = v3(0, 0, 0);
+    for (int e = 0; e < 2; e++)
+        if (ends[e] >= 0) sum = v3_axpy(p->points[p->candidates[candidate]].weight, field[ends[e]], sum);
+    return sum;
+}
+
+static vec3 candidate_yields(const probe *p, int i, int j, vec3 force) {
+    const int *to = p->scratch->near_ends[i], *from = p->scratch->near_ends[j];
+    double weight = p->points[p->candidates[i]].weight * p->points[p->candidates[j]].weight;
+    vec3 sum = v3(0, 0, 0);
+    for (int a = 0; a < 2; a++)
+        for (int b = 0; b < 2; b++)
+            if (to[a] >= 0 && from[b] >= 0) sum = v3_axpy(weight, yields(p, to[a], from[b], force), sum);
+    return sum;
+}
+
+/* m/N, of candidate i along its normal, by itself: beyond what the nodes yield. */
+static double own_compliance(const probe *p, int i) {
+    if (p->points[p->candidates[i]].weight == 1.0) return 0.0;
+    vec3 normal = p->scratch->normal[i];
+    return EDGE_COMPLIANCE * v3_dot(normal, candidate_yields(p, i, i, normal));
 }
 
 /* ---- others' loads -------------------------------------------------------------------------------------------------------------- */
@@ -157,14 +273,24 @@ static trocar_status find_free(probe *p, const nodal_forces *loads, const double
 static double displace(probe *p) {
     probe_scratch *s = p->scratch;
     double longest = 0.0;
+    memset(s->load, 0, sizeof s->load);
+    for (int i = 0; i < p->candidate_count; i++)
+        for (int e = 0; e < 2 && s->force[i] > 0.0; e++) {
+            int end = s->near_ends[i][e];
+            if (end >= 0) s->load[end] = v3_axpy(p->points[p->candidates[i]].weight * s->force[i], s->normal[i], s->load[end]);
+        }
     for (int i = 0; i < p->near_count; i++) {
         vec3 u = s->free_u[i];
         for (int j = 0; j < p->near_count; j++)
-            if (s->force[j] > 0.0) u = v3_add(u, yields(p, i, j, v3_scale(s->force[j], s->normal[j])));
+            if (v3_dot(s->load[j], s->load[j]) > 0.0) u = v3_add(u, yields(p, i, j, s->load[j]));
         longest = fmax(longest, v3_norm(v3_sub(u, s->u[i])));
         s->u[i] = u;
     }
     return longest;
+}
+
+static vec3 displaced(const probe *p, int candidate) {
+    return v3_add(p->points[p->candidates[candidate]].rest, at_candidate(p, candidate, p->scratch->u));
 }
 
 /* One step of a Newton iteration: gaps are linear in the displacement about the present one. The nodes' new displacement closes them where
@@ -172,18 +298,19 @@ static double displace(probe *p) {
 static bool solve_linearised(probe *p, pose base) {
     probe_scratch *s = p->scratch;
     int count = 0;
-    for (int i = 0; i < p->near_count; i++) {
-        s->gap[i] = probe_gap(&p->shape, base, v3_add(mesh_of(p)->nodes[p->near[i]], s->u[i]), &s->normal[i]);
+    for (int i = 0; i < p->candidate_count; i++) {
+        s->gap[i] = probe_gap(&p->shape, base, displaced(p, i), &s->normal[i]) + p->points[p->candidates[i]].slack;
         if (s->gap[i] < REACH * p->shape.radius || s->force[i] > 0.0) s->chosen[count++] = i;
     }
     for (int a = 0; a < count; a++) {
         int i = s->chosen[a];
         s->z[a] = s->force[i];
-        s->right[a] = s->gap[i] + v3_dot(s->normal[i], v3_sub(s->free_u[i], s->u[i]));
+        s->right[a] = s->gap[i] + v3_dot(s->normal[i], v3_sub(at_candidate(p, i, s->free_u), at_candidate(p, i, s->u)));
         for (int b = 0; b <= a; b++) {
             int j = s->chosen[b];
-            s->matrix[a * MAX_PRESSED + b] = s->matrix[b * MAX_PRESSED + a] = v3_dot(s->normal[i], yields(p, i, j, s->normal[j]));
+            s->matrix[a * MAX_PRESSED + b] = s->matrix[b * MAX_PRESSED + a] = v3_dot(s->normal[i], candidate_yields(p, i, j, s->normal[j]));
         }
+        s->matrix[a * MAX_PRESSED + a] += own_compliance(p, i);
     }
     if (!complementarity_solve(count, s->matrix, MAX_PRESSED, s->right, PENETRATION, s->z, s->pivoting)) return false;
     memset(s->force, 0, sizeof s->force);
@@ -195,11 +322,11 @@ static bool solve_linearised(probe *p, pose base) {
 static void start_from_state(probe *p) {
     probe_scratch *s = p->scratch;
     memset(s->force, 0, sizeof s->force);
-    for (int i = 0, k = 0; i < p->near_count && k < p->state.count; i++) {
-        while (k < p->state.count && p->state.nodes[k].node < p->near[i]) k++;
-        if (k == p->state.count || p->state.nodes[k].node != p->near[i]) continue;
-        s->force[i] = p->state.nodes[k].force;
-        s->normal[i] = p->state.nodes[k].normal;
+    for (int k = 0; k < p->state.count; k++) {
+        int i = find(p->state.points[k].point, p->candidate_count, p->candidates);
+        if (i < 0) continue;
+        s->force[i] = p->state.points[k].force;
+        s->normal[i] = p->state.points[k].normal;
     }
     displace(p);
 }
@@ -221,21 +348,37 @@ static trocar_status solve_at(probe *p, pose base, const nodal_forces *loads, co
 
 static trocar_status attach(probe *p, report *why) {
     attached_row rows[MAX_PRESSED];
-    const mesh *m = mesh_of(p);
     int n = p->state.count;
+    double *own = p->scratch->attached;
     p->changes++;
     p->shifts++;
+    memset(own, 0, (size_t)n * (size_t)n * sizeof *own);
     for (int i = 0; i < n; i++) {
-        const pressed_node *pressed = &p->state.nodes[i];
-        const int *listed = bsearch(&pressed->node, p->surface, (size_t)p->surface_count, sizeof *p->surface, compare_nodes);
-        rows[i] = (attached_row){.tet = p->surface_tet[listed - p->surface], .direction = pressed->row};
-        for (int c = 0; c < 4; c++) rows[i].weights[c] = m->tets[rows[i].tet][c] == pressed->node;
+        const pressed_point *pressed = &p->state.points[i];
+        const surface_point *point = &p->points[pressed->point];
+        rows[i] = (attached_row){.tet = point->tet, .direction = pressed->row};
+        memcpy(rows[i].weights, point->weights, sizeof rows[i].weights);
+        own[i * n + i] = pressed->own_compliance;
     }
-    attachment thing = {.id = ++p->last_attached, .row_count = n, .rows = rows, .compliance = p->scratch->zeros, .ld = n};
+    attachment thing = {.id = ++p->last_attached, .row_count = n, .rows = rows, .compliance = own, .ld = n};
+    p->attached_count = n;
     return inverse_attach(p->inverse, n > 0, &thing, why);
 }
 
-static bool has_turned(const pressed_node *n) { return v3_norm(v3_cross(n->normal, n->row)) > TURNED; }
+static bool has_turned(const pressed_point *n) { return v3_norm(v3_cross(n->normal, n->row)) > TURNED; }
+
+/* What the solution exerts on the hand: force, and torque about the base. */
+static vec3 wrench_of_solution(const probe *p, pose base, vec3 *torque) {
+    const probe_scratch *s = p->scratch;
+    vec3 force = *torque = v3(0, 0, 0);
+    for (int i = 0; i < p->candidate_count; i++) {
+        if (!(s->force[i] > 0.0)) continue;
+        vec3 on_hand = v3_scale(-s->force[i], s->normal[i]);
+        force = v3_add(force, on_hand);
+        *torque = v3_add(*torque, v3_cross(v3_sub(displaced(p, i), base.position), on_hand));
+    }
+    return force;
+}
 
 /* The solution into the state. True: what is attached must change. */
 static bool take_solution(probe *p, pose base) {
@@ -245,86 +388,162 @@ static bool take_solution(probe *p, pose base) {
     bool changed = false;
     state->placed = true;
     state->base = base;
-    state->wrench_force = state->wrench_torque = v3(0, 0, 0);
-    static const pressed_node nothing = {.node = -1};
-    pressed_node old[MAX_PRESSED];
-    memcpy(old, state->nodes, (size_t)before * sizeof *old);
-    for (int i = 0, k = 0; i < p->near_count; i++) {
+    state->wrench_force = wrench_of_solution(p, base, &state->wrench_torque);
+    static const pressed_point nothing = {.point = -1};
+    pressed_point old[MAX_PRESSED];
+    memcpy(old, state->points, (size_t)before * sizeof *old);
+    for (int i = 0, k = 0; i < p->candidate_count; i++) {
         if (!(s->force[i] > 0.0)) continue;
-        while (k < before && old[k].node < p->near[i]) k++;
-        pressed_node *n = &state->nodes[count++];
-        *n = k < before && old[k].node == p->near[i] ? old[k] : nothing;
-        changed = changed || n->node < 0;
-        n->node = p->near[i];
+        while (k < before && old[k].point < p->candidates[i]) k++;
+        pressed_point *n = &state->points[count++];
+        *n = k < before && old[k].point == p->candidates[i] ? old[k] : nothing;
+        changed = changed || n->point < 0;
+        n->point = p->candidates[i];
         n->normal = s->normal[i];
         n->force = s->force[i];
+        n->own_compliance = own_compliance(p, i);
         changed = changed || has_turned(n);
-        vec3 on_hand = v3_scale(-n->force, n->normal), at = v3_add(mesh_of(p)->nodes[n->node], s->u[i]);
-        state->wrench_force = v3_add(state->wrench_force, on_hand);
-        state->wrench_torque = v3_add(state->wrench_torque, v3_cross(v3_sub(at, base.position), on_hand));
     }
     state->count = count;
     changed = changed || count != before;
-    for (int i = 0; i < count && changed; i++) state->nodes[i].row = state->nodes[i].normal;
+    for (int i = 0; i < count && changed; i++) state->points[i].row = state->points[i].normal;
     return changed;
 }
 
+/* The forces on points as forces on nodes, each node once. */
 static void tell(probe *p) {
-    p->now.count = p->unloaded.count = p->state.count;
+    probe_scratch *s = p->scratch;
+    int count = 0;
     for (int i = 0; i < p->state.count; i++) {
-        const pressed_node *n = &p->state.nodes[i];
-        p->scratch->nodes[i] = n->node;
-        p->scratch->now[i] = v3_scale(n->force, n->normal);
-        p->scratch->unloaded[i] = n->free_force;
+        const surface_point *point = &p->points[p->state.points[i].point];
+        for (int e = 0; e < 2; e++)
+            if (point->ends[e] >= 0) s->nodes[count++] = p->surface[point->ends[e]];
     }
+    qsort(s->nodes, (size_t)count, sizeof *s->nodes, compare_nodes);
+    int distinct = 0;
+    for (int i = 0; i < count; i++)
+        if (distinct == 0 || s->nodes[distinct - 1] != s->nodes[i]) s->nodes[distinct++] = s->nodes[i];
+    memset(s->now, 0, sizeof s->now);
+    memset(s->unloaded, 0, sizeof s->unloaded);
+    for (int i = 0; i < p->state.count; i++) {
+        const pressed_point *n = &p->state.points[i];
+        const surface_point *point = &p->points[n->point];
+        for (int e = 0; e < 2; e++) {
+            if (point->ends[e] < 0) continue;
+            int at = find(p->surface[point->ends[e]], distinct, s->nodes);
+            s->now[at] = v3_axpy(point->weight * n->force, n->normal, s->now[at]);
+            s->unloaded[at] = v3_axpy(point->weight, n->free_force, s->unloaded[at]);
+        }
+    }
+    p->now.count = p->unloaded.count = distinct;
 }
 
-/* Subtracts from the forces the attached nodes' response to the held needles. */
+/* Subtracts from the forces the attached points' response to the held needles. */
 static trocar_status find_free_forces(probe *p, const nodal_forces *loads, bool changed, report *why) {
     double *response = p->scratch->response, most = 0.0;
+    vec3 *unloaded = p->scratch->unloaded;
     trocar_status status = inverse_attached_response(p->inverse, loads, response, p->scratch->none, why);
     if (status != TROCAR_OK) return status;
     for (int i = 0; i < p->state.count; i++) {
-        const pressed_node *n = &p->state.nodes[i];
-        vec3 unloaded = v3_axpy(-response[i], n->row, v3_scale(n->force, n->normal));
-        p->scratch->unloaded[i] = unloaded;
-        most = fmax(most, v3_norm(v3_sub(unloaded, n->free_force)));
+        const pressed_point *n = &p->state.points[i];
+        unloaded[i] = v3_axpy(-response[i], n->row, v3_scale(n->force, n->normal));
+        most = fmax(most, v3_norm(v3_sub(unloaded[i], n->free_force)));
     }
     if (!changed && most < NOTICEABLE) return TROCAR_OK;
     p->shifts++;
-    for (int i = 0; i < p->state.count; i++) p->state.nodes[i].free_force = p->scratch->unloaded[i];
+    for (int i = 0; i < p->state.count; i++) p->state.points[i].free_force = unloaded[i];
     return TROCAR_OK;
 }
 
 /* ---- pressing ------------------------------------------------------------------------------------------------------------------------ */
 
 static bool is_far(const probe *p, pose base) {
-    for (int i = 0; i < p->surface_count; i++)
-        if (gap_at_rest(p, base, p->surface[i]) < REACH * p->shape.radius) return false;
+    for (int i = 0; i < p->point_count; i++)
+        if (gap_at_rest(p, base, i) < REACH * p->shape.radius) return false;
     return true;
 }
 
-static trocar_status press(probe *p, pose base, const other_loads *others, bool beneath_changed, report *why) {
-    nodal_forces loads;
-    if (beneath_changed) p->compliance_known = false;
-    trocar_status status = collect_loads(p, others, &loads, why);
-    int steps = p->state.placed ? 1 + (int)fmin(probe_way(&p->shape, p->state.base, base) / (STEP * p->shape.radius), MOST_STEPS) : 1;
-    if (steps > MOST_STEPS) p->state.count = 0, steps = 1; /* put in anew; what is attached is found to have changed below */
-    pose from = p->state.base;
-    bool changed = beneath_changed || p->now.count != p->state.count;
-    for (int i = 1; i <= steps && status == TROCAR_OK; i++) {
-        pose at = i < steps ? pose_between(from, base, (double)i / steps) : base;
-        if (p->state.count == 0 && is_far(p, at)) {
-            p->state.placed = true;
-            p->state.base = at;
-            p->state.wrench_force = p->state.wrench_torque = v3(0, 0, 0);
-            continue;
-        }
-        status = solve_at(p, at, &loads, others->attached, why);
-        if (status == TROCAR_OK) changed = take_solution(p, at) || changed;
+bool probe_axis_in_tissue(const mesh *m, const probe_shape *shape, pose base) {
+    vec3 tip = v3_add(base.position, q_rotate(base.orientation, v3(0, 0, shape->length - shape->tip_radius)));
+    return mesh_locate(m, tip, -1) >= 0 || mesh_locate(m, base.position, -1) >= 0 || mesh_enter(m, base.position, tip).hit;
+}
+
+/* Loads by others than the probe. */
+typedef struct {
+    nodal_forces forces;
+    const double *attached;
+} probe_loads;
+
+static trocar_status solve_force(probe *p, pose at, const probe_loads *loads, double *force, report *why) {
+    vec3 ignored;
+    trocar_status status = solve_at(p, at, &loads->forces, loads->attached, why);
+    *force = status == TROCAR_OK ? v3_norm(wrench_of_solution(p, at, &ignored)) : 0.0;
+    return status;
+}
+
+/* Where between its present place and `to`, where the force would be `beyond`, the force is just below the greatest: by the secant. Leaves the
+   solution for the pose that it returns. */
+static trocar_status solve_short_of(probe *p, pose *to, double beyond, const probe_loads *loads, report *why) {
+    pose from = p->state.base, end = *to;
+    double force = v3_norm(p->state.wrench_force), part = 1.0, aim = (1.0 - STOPPED) * p->max_force;
+    for (int i = 0; i < MOST_STOPS; i++) {
+        part = i + 1 < MOST_STOPS ? part * fmax(0.0, (aim - force) / (beyond - force)) : 0.0;
+        *to = part > 0.0 ? pose_between(from, end, part) : from;
+        trocar_status status = solve_force(p, *to, loads, &beyond, why);
+        if (status != TROCAR_OK || part == 0.0 || beyond <= p->max_force) return status;
     }
+    return TROCAR_OK;
+}
+
+/* To the next pose on its way. False in `free`: the tissue stops it before. */
+static trocar_status press_at(probe *p, pose at, const probe_loads *loads, bool *free, bool *changed, report *why) {
+    double force;
+    if (p->state.count == 0 && is_far(p, at)) {
+        p->state.placed = true;
+        p->state.base = at;
+        p->state.wrench_force = p->state.wrench_torque = v3(0, 0, 0);
+        return TROCAR_OK;
+    }
+    trocar_status status = solve_force(p, at, loads, &force, why);
+    *free = force <= fmax(p->max_force, v3_norm(p->state.wrench_force));
+    if (status == TROCAR_OK && !*free) status = solve_short_of(p, &at, force, loads, why);
+    if (status == TROCAR_OK) *changed = take_solution(p, at) || *changed;
+    return status;
+}
+
+/* Put in anew where it has not come by a way, if nothing is in the way there. Otherwise it stays, as it was. */
+static trocar_status put_in(probe *p, pose base, const probe_loads *loads, bool *free, bool *changed, report *why) {
+    double force = 0.0;
+    trocar_status status = TROCAR_OK;
+    p->scratch->before = p->state;
+    p->state.count = 0;
+    *free = !probe_axis_in_tissue(mesh_of(p), &p->shape, base);
+    if (*free && !is_far(p, base)) status = solve_force(p, base, loads, &force, why);
+    if (status == TROCAR_OK && *free && force <= p->max_force) {
+        *changed = p->scratch->before.count > 0;
+        return press_at(p, base, loads, free, changed, why);
+    }
+    p->state = p->scratch->before;
+    if (status == TROCAR_OK && p->state.placed) status = press_at(p, p->state.base, loads, free, changed, why);
+    *free = false;
+    return status;
+}
+
+static trocar_status press(probe *p, pose base, const other_loads *others, bool beneath_changed, report *why) {
+    probe_loads loads = {.attached = others->attached};
+    if (beneath_changed) p->compliance_known = false;
+    trocar_status status = collect_loads(p, others, &loads.forces, why);
+    if (status != TROCAR_OK) return status;
+    pose from = p->state.base;
+    double steps = 1.0 + floor(fmin(probe_way(&p->shape, from, base) / (STEP * p->shape.radius), MOST_STEPS));
+    bool changed = beneath_changed || p->attached_count != p->state.count, free = true;
+    if (!p->state.placed || steps > MOST_STEPS) status = put_in(p, base, &loads, &free, &changed, why);
+    else
+        for (int i = 1; i <= (int)steps && status == TROCAR_OK && free; i++)
+            status = press_at(p, i < (int)steps ? pose_between(from, base, i / steps) : base, &loads, &free, &changed, why);
+    p->state.stopped = !free;
     if (status == TROCAR_OK && changed) status = attach(p, why);
-    return status == TROCAR_OK ? find_free_forces(p, &loads, changed, why) : status;
+    return status == TROCAR_OK ? find_free_forces(p, &loads.forces, changed, why) : status;
 }
 
 trocar_status probe_press(probe *p, pose base, const other_loads *others, bool beneath_changed, report *why) {

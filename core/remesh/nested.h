@@ -3,7 +3,7 @@
 #define TROCAR_NESTED_H
 
 #include "remesh/remesh_method.h"
-#include "remesh/row_triples.h"
+#include "linalg/row_triples.h"
 
 enum {
     REACHED = 12,                         /* nominal nodes that an addition can reach: of two elements, and of those beside them */

@@ -6,7 +6,6 @@
 
 #include <string.h>
 
-#include "base/lanes.h"
 
 enum { GATHERED_LD = 3 * MAX_COLUMNS };
 
@@ -97,7 +96,7 @@ static void put_nominal(nested_remesher *r, int place, int other, const double *
 }
 
 static void enter_nominal(nested_remesher *r, int place) {
-    static const column_ranges block = {1, {{0, LANES}}};
+    static const column_ranges block = {1, {{0, BLOCK_LD}}};
     int places[MAX_PLACES], count = places_in_use(r, places), node = node_at(r, place);
     for (int i = 0; i < count; i++) {
         if (places[i] >= MAX_CONTACTS) {
@@ -106,39 +105,31 @@ static void enter_nominal(nested_remesher *r, int place) {
         }
         const int *corners = r->shared.tissue->mesh->tets[r->shared.refined.nodes[places[i]].tet];
         weighted_triple parts[4];
-        double between[3][LANES];
+        double between[3][BLOCK_LD];
         for (int c = 0; c < 4; c++) parts[c] = (weighted_triple){gathered(r, node, corners[c]), GATHERED_LD, r->borders[places[i]].weights[c]};
-        rows_interpolate(&block, 4, parts, between[0], LANES);
-        put_nominal(r, place, places[i], between[0], LANES);
-    }
-}
-
-/* sum += a b, with rows of four. */
-static inline void add_product(lanes sum[3], const double *a, int ld, const mat3 *b) {
-    for (int m = 0; m < 3; m++) {
-        lanes row = {b->m[m][0], b->m[m][1], b->m[m][2], 0.0};
-        for (int i = 0; i < 3; i++) sum[i] += lanes_all(a[i * ld + m]) * row;
+        rows_interpolate(&block, 4, parts, between[0], BLOCK_LD);
+        put_nominal(r, place, places[i], between[0], BLOCK_LD);
     }
 }
 
 /* F_j of a nominal node: the same sum as in rows_add. Zero of surpluses inside elements. */
 static void enter_factors(nested_remesher *r, int place) {
     const refinement *refined = &r->shared.refined;
-    double factors[MAX_CONTACTS][3 * LANES];
+    double factors[MAX_CONTACTS][3][BLOCK_LD];
     int node = node_at(r, place);
     for (int k = 0; k < refined->count; k++) {
         int j = refined->order[k];
         const bordering *border = &r->borders[j];
-        lanes sum[3] = {lanes_all(0.0), lanes_all(0.0), lanes_all(0.0)};
-        for (int p = 0; p < border->nominal_count; p++) add_product(sum, gathered(r, node, border->nominal[p]), GATHERED_LD, &border->coupling[p]);
+        block_product parts[REACHED + MAX_CONTACTS];
+        int count = 0;
+        for (int p = 0; p < border->nominal_count; p++) parts[count++] = (block_product){gathered(r, node, border->nominal[p]), GATHERED_LD, &border->coupling[p]};
         for (int before = 0; before < k && border->on_face; before++) {
             int i = refined->order[before];
-            if (r->borders[i].on_face) add_product(sum, factors[i], LANES, &border->chain[i]);
+            if (r->borders[i].on_face) parts[count++] = (block_product){factors[i][0], BLOCK_LD, &border->chain[i]};
         }
-        for (int a = 0; a < 3; a++) {
-            lanes_store(factors[j] + a * LANES, sum[a]);
-            for (int b = 0; b < 3; b++) r->factors[j][b][3 * place + a] = sum[a][b];
-        }
+        block_sum(count, parts, factors[j]);
+        for (int a = 0; a < 3; a++)
+            for (int b = 0; b < 3; b++) r->factors[j][b][3 * place + a] = factors[j][a][b];
     }
 }
 

@@ -3,7 +3,7 @@
 #include <stdlib.h>
 #include <string.h>
 
-#include "base/lanes.h"
+#include "linalg/rows.h"
 #include "remesh/remesh_method.h"
 #include "remesh/resolved_line.h"
 
@@ -12,25 +12,17 @@
 typedef struct {
     const char *name;
     trocar_status (*create)(inverse *, remesher **, report *);
-    bool needs_dense;
 } method_entry;
 
 static const method_entry methods[REMESH_METHODS] = {
-    [REMESH_NESTED] = {"nested", remesher_create_nested, false},
-    [REMESH_IMPLICIT] = {"implicit", remesher_create_implicit, false},
-    [REMESH_WOODBURY] = {"woodbury", remesher_create_woodbury, true},
-    [REMESH_WOODBURY_GENERAL] = {"woodbury-general", remesher_create_woodbury_general, true},
-    [REMESH_BCS] = {"bcs", remesher_create_bcs, true},
-    [REMESH_BCS_BLOCKED] = {"bcs-blocked", remesher_create_bcs_blocked, true},
+    [REMESH_NESTED] = {"nested", remesher_create_nested},
+    [REMESH_IMPLICIT] = {"implicit", remesher_create_implicit},
 };
 
-bool remesh_needs_dense(remesh_method method) { return methods[method].needs_dense; }
 const char *remesh_name(remesh_method method) { return methods[method].name; }
 
 trocar_status remesher_create(inverse *inv, remesh_method method, remesher **created, report *why) {
     *created = NULL;
-    if (methods[method].needs_dense && !inverse_dense(inv))
-        return fail(why, TROCAR_BAD_INPUT, "remeshing: %s needs the dense inverse; choose nested or implicit for this mesh", remesh_name(method));
     trocar_status status = methods[method].create(inv, created, why);
     if (status == TROCAR_OK) return TROCAR_OK;
     remesher_free(*created);
@@ -170,12 +162,12 @@ static void copy_rows(remesher *r, compliance_snapshot *snapshot) {
     }
 }
 
-/* Of the slots in use, in whole lanes. */
+/* Of the slots in use. */
 static void copy_contact_rows(const remesher *r, const contact_rows *from, contact_rows *to) {
     int span = refinement_span(&r->refined);
     for (int i = 0; i < span; i++)
         for (int a = 0; a < 9; a++)
-            for (int j = lanes_below(i); j < span; j += LANES) lanes_store(&to[i].at[a / 3][a % 3][j], lanes_load(&from[i].at[a / 3][a % 3][j]));
+            row_copy(from[i].at[a / 3][a % 3], i, span, to[i].at[a / 3][a % 3]);
 }
 
 /* ---- looking ahead --------------------------------------------------------------------------------------------------- */

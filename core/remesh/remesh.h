@@ -6,31 +6,26 @@
 #include "inverse/inverse.h"
 #include "remesh/snapshot.h"
 
-/* How the inverse follows the changes of the mesh. The first two form rows at the handles only, whatever the mesh's size; the
-   others update the full dense inverse. All take every kind of contact node, but for nested, which moves none. */
+/* How the inverse follows the changes of the mesh. Both form rows at the handles only, whatever the mesh's size, and take every kind of contact
+   node, but for nested, which moves none. */
 typedef enum {
     REMESH_NESTED,           /* bordered rank-3 form */
     REMESH_IMPLICIT,         /* low-rank factors of the nodes touched, never multiplied out */
-    REMESH_WOODBURY,         /* the paper's eq. 4 in one triangle */
-    REMESH_WOODBURY_GENERAL, /* the same in the full matrix */
-    REMESH_BCS,              /* the paper's eq. 3, boundary-condition switches one by one */
-    REMESH_BCS_BLOCKED,      /* the same, all switches of a patch at once */
     REMESH_METHODS,
 } remesh_method;
 
 typedef struct remesher remesher;
 
-bool remesh_needs_dense(remesh_method method);
 const char *remesh_name(remesh_method method);
 
-/* `inv` must outlive it. BAD_INPUT when the method needs a dense inverse that `inv` does not keep. */
+/* `inv` must outlive it. */
 trocar_status remesher_create(inverse *inv, remesh_method method, remesher **created, report *why);
 void remesher_free(remesher *r);
 
 /* Brings the refined mesh to what is wanted, first the removals, then the new nodes in order, and fills the snapshot; of the needle's
    lines, with those measured so far. A removal costs one
    update of the inverse and those of the nodes that hang on the removed one (refinement_hangs_on); with the implicit
-   method and Woodbury's, and where nodes were moved, those of all nodes added after it. Worker's side; allocates nothing. */
+   method, and where nodes were moved, those of all nodes added after it. Worker's side; allocates nothing. */
 trocar_status remesher_serve(remesher *r, const remesh_request *request, compliance_snapshot *snapshot, report *why);
 
 /* What the mesh resolves along the needle's way takes a millisecond per element to measure, and is told apart from the rows: of the request

@@ -65,10 +65,6 @@ void remesher_release(remesher *r); /* what init has allocated */
 
 trocar_status remesher_create_nested(inverse *inv, remesher **created, report *why);
 trocar_status remesher_create_implicit(inverse *inv, remesher **created, report *why);
-trocar_status remesher_create_woodbury(inverse *inv, remesher **created, report *why);
-trocar_status remesher_create_woodbury_general(inverse *inv, remesher **created, report *why);
-trocar_status remesher_create_bcs(inverse *inv, remesher **created, report *why);
-trocar_status remesher_create_bcs_blocked(inverse *inv, remesher **created, report *why);
 
 /* The handles in use: contact nodes in order, then the window. Returns how many. */
 int handles_in_use(const remesher *r, int handles[MAX_HANDLES]);

@@ -65,3 +65,14 @@ resolved_field piece_at(const line_piece *piece, vec3 x) {
                             .axial = exp(t * log(f[0].axial) + s * log(f[2].axial)),
                             .point = t * (t - s) * f[0].point + 4.0 * s * t * f[1].point + s * (s - t) * f[2].point};
 }
+
+static vec3 summed_up_to(const unresolved_shift *shift, double depth) {
+    double steps = larger_of((depth - shift->start) / shift->step, 0.0);
+    int k = smaller_of(steps, shift->count - 1);
+    return v3_axpy(steps - k, v3_sub(shift->sum[k + 1], shift->sum[k]), shift->sum[k]);
+}
+
+vec3 unresolved_mean(const unresolved_shift *shift, double from, double to) {
+    if (!shift->any || !(to > from)) return v3(0, 0, 0);
+    return v3_scale(1.0 / (to - from), v3_sub(summed_up_to(shift, to), summed_up_to(shift, from)));
+}

@@ -2,8 +2,7 @@
 #ifndef TROCAR_SNAPSHOT_H
 #define TROCAR_SNAPSHOT_H
 
-#include "base/part.h"
-#include "base/row_matrix.h"
+#include "linalg/rows.h"
 #include "inverse/inverse_attached.h"
 #include "remesh/refinement.h"
 #include "tissue/relaxation.h"
@@ -14,11 +13,21 @@ enum {
     SNAPSHOT_LD = 3 * MAX_HANDLES,
 };
 
+/* The part of a needle's shaft that a point of contact stands for: straight, as the track is there. The same for a needle that is held and one
+   that rests, for a contact and the tip. */
+typedef struct {
+    double from, to;         /* m of depth along the track; equal: there is no shaft, as where a needle was before */
+    double depth;            /* m, of `place`, */
+    vec3 place, direction;   /* m, nominal, and unit vector of the track */
+    line_in_tet line;        /* on which what the mesh resolves is measured */
+} shaft_piece;
+
 /* A force on the tissue at a point of the nominal mesh. */
 typedef struct {
     int tet;
     double weights[4];       /* barycentric */
     vec3 force;              /* N */
+    shaft_piece shaft;       /* that exerts it */
 } tissue_load;
 
 /* Loads that relaxing tissue still remembers where nothing touches it any more: for each term of its creep, the force that the term
@@ -79,10 +88,23 @@ typedef struct {
 
 /* Compliance between the contact in slot i and those in slots j >= i, in rows for the tick: [a][b][j] is component a of the displacement at i
    under a force along b at j. As a rule, from base to tip. Numbers of slots not in use mean nothing, but are finite. */
-enum { CONTACT_COLUMNS = MAX_CONTACTS + WIDEST }; /* and some that are read with them, in whole vectors */
+enum { CONTACT_COLUMNS = MAX_CONTACTS + ROW_ROOM }; /* and some that are read with them, in whole vectors */
 typedef struct {
     double at[3][3][CONTACT_COLUMNS];
 } contact_rows;
+
+/* How far needles nearby displace the shaft beyond what the mesh resolves, along its track: summed up over depth, so that the mean over any part
+   of it is a difference. */
+enum { SHIFT_STEPS = 128 };
+typedef struct {
+    bool any;                /* it is not zero everywhere */
+    double start, step;      /* m of depth */
+    int count;               /* of steps; the last one goes on */
+    vec3 sum[SHIFT_STEPS + 1]; /* m^2 */
+} unresolved_shift;
+
+/* Mean over this part of the track, m. RT */
+vec3 unresolved_mean(const unresolved_shift *shift, double from, double to);
 
 /* The answer: the inverse of the refined stiffness matrix between handles. The contact node in slot i is handle i, window entry k is
    handle MAX_CONTACTS + k; rows of handles not in use mean nothing. Immutable once handed over. */
@@ -96,6 +118,7 @@ typedef struct {
     line_piece pieces[MAX_PIECES];
     bool loaded;             /* u_free is not zero everywhere */
     vec3 u_free[MAX_HANDLES]; /* m, displacement of each handle that the needle itself does not cause */
+    unresolved_shift unresolved; /* and what other needles add to it that the mesh does not resolve */
     bool left;               /* u_left is not zero everywhere */
     double left_time;        /* s, left_loads.time of the request */
     vec3 u_left[MAX_RELAXATION][MAX_HANDLES]; /* m, displacement at that time under each term's left loads */
@@ -125,21 +148,5 @@ resolved_field piece_at(const line_piece *piece, vec3 x);
 /* Compliance between two handles, m/N; the nominal mesh's where both are contacts, so that a node that is added changes what is computed, not
    what is felt. RT */
 mat3 compliance_between(const compliance_snapshot *snapshot, int handle, int other);
-
-/* Compliance between the point of these corners and weights, and a handle, m/N: as rows and as a matrix. RT */
-static inline row_matrix compliance_rows_to_point(const compliance_snapshot *snapshot, const int handles[4], const double weights[4], int other) {
-    row_matrix sum = {{{0}}};
-    for (int c = 0; c < 4; c++) {
-        const double *at = &snapshot->compliance[3 * handles[c] * SNAPSHOT_LD + 3 * other], *last = at + 2 * SNAPSHOT_LD;
-        sum.row[0] += weights[c] * lanes_load(at);
-        sum.row[1] += weights[c] * lanes_load(at + SNAPSHOT_LD);
-        sum.row[2] += weights[c] * (lanes){last[0], last[1], last[2], 0.0};
-    }
-    return sum;
-}
-
-static inline mat3 compliance_to_point(const compliance_snapshot *snapshot, const int handles[4], const double weights[4], int other) {
-    return matrix_of(compliance_rows_to_point(snapshot, handles, weights, other));
-}
 
 #endif

@@ -46,6 +46,62 @@ static void take_rows(const tick_context *tick, resting_needle *r) {
     }
 }
 
+static void take_places(const tick_context *tick, resting_needle *r) {
+    insertion_place_loads(tick->model, tick->state, &r->places);
+    shaft_steps_lay(tick->model->mesh, &r->places, 0.0, &r->steps);
+}
+
+int resting_place(const resting_needle *r, int u) {
+    int guided = 0;
+    while (guided < r->point_count && r->points[guided].kind == POINT_GUIDE) guided++;
+    int place = point_of(r, u) - guided;
+    return place >= 0 && place < r->places.count && r->rows[u].tet >= 0 ? place : -1;
+}
+
+/* How much of what this place stands for is on step k of the track. */
+static double part_on_step(const resting_needle *r, int place, int k) {
+    const shaft_piece *piece = &r->places.loads[place].shaft;
+    double from = r->steps.start + k * r->steps.step;
+    return fmax(0.0, fmin(piece->to, from + r->steps.step) - fmax(piece->from, from)) / (piece->to - piece->from);
+}
+
+vec3 resting_moved(const resting_needle *r, int place, int from, int to, const vec3 *moved) {
+    vec3 sum = {0, 0, 0};
+    for (int k = from; k < to; k++) sum = v3_axpy(part_on_step(r, place, k), moved[k], sum);
+    return sum;
+}
+
+/* Between places of the needle (rows) and those of another one: what the mesh lacks of the displacements there under the other one's forces, added. */
+static trocar_status add_lacks(needle_pairs *pairs, const resting_needle *r, const resting_needle *other, bool transposed, mat3 *blocks, int ld, report *why) {
+    mat3 lacks[SHIFT_STEPS];
+    for (int j = 0; j < other->places.count; j++) {
+        int from, to;
+        trocar_status status = needle_pairs_find(pairs, &r->steps, &other->places.loads[j].shaft, &from, &to, lacks, why);
+        if (status != TROCAR_OK) return status;
+        for (int i = 0; i < r->places.count && to > from; i++)
+            for (int k = from; k < to; k++) {
+                mat3 block = transposed ? m3_transposed(&lacks[k]) : lacks[k];
+                m3_add_scaled(&blocks[transposed ? j * ld + i : i * ld + j], 0.5 * part_on_step(r, i, k), &block);
+            }
+    }
+    return TROCAR_OK;
+}
+
+trocar_status resting_mutual(needle_pairs *pairs, const resting_needle *r, const resting_needle *other, double *compliance, int ld, report *why) {
+    int count = other->places.count;
+    mat3 *blocks = calloc((size_t)r->places.count * (size_t)count + 1, sizeof *blocks);
+    if (!blocks) return fail(why, TROCAR_NO_MEMORY, "no memory for a resting needle");
+    trocar_status status = add_lacks(pairs, r, other, false, blocks, count, why);
+    if (status == TROCAR_OK) status = add_lacks(pairs, other, r, true, blocks, count, why);
+    for (int u = 0; u < r->unknown_count; u++)
+        for (int v = 0, i = resting_place(r, u); v < other->unknown_count; v++) {
+            int j = resting_place(other, v);
+            compliance[u * ld + v] = i < 0 || j < 0 ? 0.0 : v3_dot(r->rows[u].direction, m3_apply(&blocks[i * count + j], other->rows[v].direction));
+        }
+    free(blocks);
+    return status;
+}
+
 /* The tissue's compliance between points that are interpolated in the nominal mesh: `blocks`, 3 point_count square. */
 static trocar_status interpolated(const tick_context *tick, inverse *inv, const resting_needle *r, double *blocks, report *why) {
     const mesh *m = tick->model->mesh;
@@ -156,10 +212,28 @@ static void take_forces(const tick_context *tick, resting_needle *r) {
     for (int i = 0; i < r->point_count; i++) {
         const contact_point *p = &r->points[i];
         bool tip = p->kind == POINT_TIP;
-        put_force(r, i, *point_force(state, p), tip ? state->tip.shaft_traction * (p->share.to - p->share.from) : 0.0, r->anchor_force);
+        put_force(r, i, *point_force(state, p), tip ? state->tip.shaft.traction * (p->share.to - p->share.from) : 0.0, r->anchor_force);
         if (p->kind == POINT_GUIDE) continue;
         vec3 beside = tip ? v3_add(state->tip.damping, creep_tip_load(model, &state->memory)) : creep_load(model, &state->memory, i - tick->scratch->guided);
         put_force(r, i, beside, 0.0, r->beside);
+    }
+}
+
+/* Load on the tissue by the contact with this handle, if it is the one with this id. */
+static vec3 contact_load(const insertion_model *model, const insertion_state *state, int handle, uint64_t id) {
+    for (int k = 0; contact_is_active(state, k); k++)
+        if (state->refined.order[k] == handle && state->refined.nodes[handle].id == id) return v3_add(state->contacts[handle].force, creep_load(model, &state->memory, k));
+    return v3(0, 0, 0);
+}
+
+void resting_bore(const insertion_model *model, const insertion_state *held, resting_needle *r) {
+    memset(r->fading, 0, sizeof r->fading);
+    for (int i = 0; i < r->point_count; i++) {
+        const contact_point *p = &r->points[i];
+        vec3 load = v3(0, 0, 0);
+        if (p->kind == POINT_TISSUE) load = contact_load(model, held, p->handle, r->anchor.refined.nodes[p->handle].id);
+        if (p->kind == POINT_TIP && held->tip.phase == TIP_INSIDE) load = v3_add(tip_load(&held->tip), creep_tip_load(model, &held->memory));
+        put_force(r, i, load, 0.0, r->fading);
     }
 }
 
@@ -183,11 +257,13 @@ static trocar_status linearise(const tick_context *given, inverse *inv, bool loa
     memcpy(r->upper, p->upper, (size_t)p->axial_count * sizeof *r->upper);
     memset(r->anchor_force, 0, sizeof r->anchor_force);
     memset(r->beside, 0, sizeof r->beside);
+    memset(r->aside, 0, sizeof r->aside);
     memset(r->slip, 0, sizeof r->slip);
     memset(r->slid, 0, sizeof r->slid);
     memset(r->motion, 0, sizeof r->motion);
     memset(r->free_motion, 0, sizeof r->free_motion);
     take_rows(&tick, r);
+    take_places(&tick, r);
     take_motions(&tick, r);
     tick.state = given->state; /* linearising has gone on with the copy's memory */
     take_forces(&tick, r);
@@ -263,7 +339,7 @@ static double weakened(const insertion_model *model, const resting_needle *r, in
     int point = i < r->point_count ? i : r->point_count - 1;
     const contact_point *p = &r->points[point];
     if (r->slid[i] == 0.0 || p->kind == POINT_GUIDE || (p->kind == POINT_TIP && i < r->point_count)) return 1.0;
-    double before = p->kind == POINT_TIP ? r->anchor.tip.shaft_slid : r->anchor.contacts[p->handle].slid;
+    double before = p->kind == POINT_TIP ? r->anchor.tip.shaft.slid : r->anchor.contacts[p->handle].shaft.slid;
     double dry = shaft_friction_limit(model, &p->shaft, before);
     return dry > 0.0 ? shaft_friction_limit(model, &p->shaft, before + r->slid[i]) / dry : 1.0;
 }
@@ -285,15 +361,15 @@ static void put_back(const resting_needle *r, insertion_state *state) {
             state->guides[p->guide].faces[p->face].slip += r->slip[i];
         } else if (tip) {
             state->tip.end_force = f[face];
-            state->tip.shaft_traction = f[face + 1] / length;
+            state->tip.shaft.traction = f[face + 1] / length;
             state->tip.slip += r->slip[i];
-            state->tip.shaft_slip += r->slip[i + 1];
-            state->tip.shaft_slid += r->slid[i + 1];
+            state->tip.shaft.slip += r->slip[i + 1];
+            state->tip.shaft.slid += r->slid[i + 1];
         } else {
             shaft_contact *contact = &state->contacts[p->handle];
-            contact->traction = along / length;
-            contact->slip += r->slip[i];
-            contact->slid += r->slid[i];
+            contact->shaft.traction = along / length;
+            contact->shaft.slip += r->slip[i];
+            contact->shaft.slid += r->slid[i];
         }
     }
 }

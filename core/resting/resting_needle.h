@@ -5,6 +5,7 @@
 
 #include "insertion/tick.h"
 #include "inverse/inverse_attached.h"
+#include "remesh/needle_pairs.h"
 
 enum { MAX_MOTIONS = 5 };    /* of its base: all but the turn about the needle's axis, which friction resists */
 
@@ -18,6 +19,8 @@ typedef struct {
     bool tip;                /* the last point is the tip */
     contact_point points[MAX_POINTS];
     attached_row rows[MAX_UNKNOWNS];
+    tissue_loads places;                           /* where it loads the tissue: those of its points that are at no guide; forces are not used, */
+    shaft_steps steps;                             /* and its track */
     double compliance[MAX_UNKNOWNS][MAX_UNKNOWNS]; /* m/N, lower triangle: of the needle with its base clamped, guides, and tissue around the shaft */
     int motion_count;
     double motions[MAX_MOTIONS][MAX_UNKNOWNS];     /* displacement of each row under each motion of the base, */
@@ -27,6 +30,8 @@ typedef struct {
     double beside[MAX_UNKNOWNS];                   /* N, of loads on the tissue that are no force of the needle: what relaxing tissue remembers */
     double free_force[MAX_UNKNOWNS], free_motion[MAX_MOTIONS]; /* forces and motion if no needle were held, */
     double force[MAX_UNKNOWNS], motion[MAX_MOTIONS];           /* and as they are */
+    double aside[MAX_UNKNOWNS];                    /* N, the part of them by what held needles displace it and the mesh does not resolve */
+    double fading[MAX_UNKNOWNS];                   /* N: what its rows bore before the last release beyond what they bear after it (resting_set) */
     double slip[MAX_AXIAL], slid[MAX_AXIAL];       /* m, of the shaft forward past the tissue since the anchor; and the total distance slid */
 } resting_needle;
 
@@ -41,11 +46,23 @@ typedef struct {
    if the needle touches no tissue. Allocates. */
 trocar_status resting_linearise(const tick_context *tick, inverse *inv, resting_scratch *scratch, resting_needle *r, report *why);
 
+/* Puts what its rows bore in `held`, the state in which the hand let go of it, into r->fading. After resting_linearise. */
+void resting_bore(const insertion_model *model, const insertion_state *held, resting_needle *r);
+
 /* How the base has to move for its wrench to vanish, if nothing slides; `size` times that
    along the needle, within limits. After resting_linearise. NUMERIC:
    needle and tissue are not stable. */
 trocar_status resting_release_step(const resting_needle *r, double size, resting_scratch *scratch, base_motion *step, report *why);
 pose pose_moved(pose base, base_motion step);
+
+/* The row's place, counted as in `places`, or -1: it is at a guide. */
+int resting_place(const resting_needle *r, int u);
+
+/* How far a place moves with the steps of its track. */
+vec3 resting_moved(const resting_needle *r, int place, int from, int to, const vec3 *moved);
+
+/* Compliance between the needle's rows and another one's that the mesh does not resolve, m/N: [u * ld + v]. Allocates. */
+trocar_status resting_mutual(needle_pairs *pairs, const resting_needle *r, const resting_needle *other, double *compliance, int ld, report *why);
 
 attachment resting_attachment(const resting_needle *r);
 

@@ -23,7 +23,9 @@ void resting_set_free(resting_set *s) {
     free(s->load);
     free(s->nodes);
     free(s->nodal);
-    s->force = s->move = s->load = NULL;
+    free(s->aside);
+    free(s->aside_move);
+    s->force = s->move = s->load = s->aside = s->aside_move = NULL;
     s->nodes = NULL;
     s->nodal = NULL;
     s->count = s->load_room = 0;
@@ -41,22 +43,99 @@ static bool make_room(resting_set *s, int count) {
     return s->load_room > 0;
 }
 
+/* Where held needles displace the rows of one beyond what the mesh resolves, m. */
+static trocar_status find_displaced(const resting_set *s, const resting_needle *r, const other_loads *held, double *displacement, bool *any, report *why) {
+    mat3 lacks[SHIFT_STEPS];
+    vec3 moved[SHIFT_STEPS], at[MAX_LOADS] = {{0, 0, 0}};
+    for (int n = 0; n < held->count; n++)
+        for (int j = 0; j < held->of[n]->count; j++) {
+            int from, to;
+            trocar_status status = needle_pairs_find(s->pairs, &r->steps, &held->of[n]->loads[j].shaft, &from, &to, lacks, why);
+            if (status != TROCAR_OK) return status;
+            for (int k = from; k < to; k++) moved[k] = m3_apply(&lacks[k], held->of[n]->loads[j].force);
+            for (int i = 0; i < r->places.count && to > from; i++) at[i] = v3_add(at[i], resting_moved(r, i, from, to, moved));
+            *any = *any || to > from;
+        }
+    for (int u = 0; u < r->unknown_count; u++) {
+        int i = resting_place(r, u);
+        displacement[u] = i < 0 ? 0.0 : v3_dot(r->rows[u].direction, at[i]);
+    }
+    return TROCAR_OK;
+}
+
+static trocar_status respond_aside(resting_set *s, const other_loads *held, report *why) {
+    memset(s->aside, 0, (size_t)inverse_attached_rows(s->inverse) * sizeof *s->aside);
+    memset(s->aside_move, 0, (size_t)inverse_attached_motions(s->inverse) * sizeof *s->aside_move);
+    bool before = s->any_aside;
+    s->any_aside = false;
+    for (int i = 0; i < s->count && s->pairs; i++) {
+        trocar_status status = find_displaced(s, s->needles[i], held, s->force + s->row[i], &s->any_aside, why);
+        if (status != TROCAR_OK) return status;
+    }
+    if (s->any_aside) inverse_attached_displaced(s->inverse, s->force, s->aside, s->aside_move);
+    for (int i = 0; i < s->count; i++) memcpy(s->needles[i]->aside, s->aside + s->row[i], (size_t)s->needles[i]->unknown_count * sizeof *s->aside);
+    s->any_aside = s->any_aside || before; /* once more, to say that it has gone */
+    return TROCAR_OK;
+}
+
 /* Response of all to the loads of held needles and the probe. */
 static trocar_status respond(resting_set *s, const other_loads *held, report *why) {
     const mesh *m = inverse_tissue(s->inverse)->mesh;
     if (!make_room(s, 1 + loads_most_nodes(held))) return fail(why, TROCAR_NO_MEMORY, "no memory for the loads of held needles");
+    trocar_status status = respond_aside(s, held, why);
+    if (status != TROCAR_OK) return status;
     int count = loads_on_nodes(m, held, s->nodes, s->nodal);
     return inverse_attached_response(s->inverse, &(nodal_forces){count, s->nodes, s->nodal}, s->force, s->move, why);
 }
 
 static void take_load(resting_set *s) {
-    for (int i = 0; i < s->count; i++)
-        for (int u = 0; u < s->needles[i]->unknown_count; u++) s->load[s->row[i] + u] = s->needles[i]->free_force[u] + s->needles[i]->beside[u];
+    for (int i = 0; i < s->count; i++) {
+        const resting_needle *r = s->needles[i];
+        for (int u = 0; u < r->unknown_count; u++) s->load[s->row[i] + u] = r->free_force[u] + r->beside[u] + r->aside[u] + s->fading * r->fading[u];
+    }
     s->shifts++;
+}
+
+void resting_set_before_release(resting_set *s) {
+    for (int i = 0; i < s->count; i++) {
+        resting_needle *r = s->needles[i];
+        for (int u = 0; u < r->unknown_count; u++) r->fading[u] = s->fading * r->fading[u] + r->force[u] + r->beside[u];
+    }
+}
+
+void resting_set_after_release(resting_set *s) {
+    for (int i = 0; i < s->count; i++) {
+        resting_needle *r = s->needles[i];
+        for (int u = 0; u < r->unknown_count; u++) r->fading[u] -= r->force[u] + r->beside[u];
+    }
+    s->fading = 1.0;
+    take_load(s);
+}
+
+bool resting_set_fade(resting_set *s, double part) {
+    if (part == s->fading) return false;
+    s->fading = part;
+    take_load(s);
+    return true;
+}
+
+/* What the mesh lacks between each needle and those before it: for attachments. */
+static trocar_status find_mutual(const resting_set *s, int index, double **compliance, report *why) {
+    const resting_needle *r = s->needles[index];
+    *compliance = NULL;
+    if (!s->pairs || index == 0) return TROCAR_OK;
+    *compliance = malloc((size_t)r->unknown_count * (size_t)s->row[index] * sizeof **compliance);
+    if (!*compliance) return fail(why, TROCAR_NO_MEMORY, "no memory for a resting needle");
+    trocar_status status = TROCAR_OK;
+    for (int j = 0; j < index && status == TROCAR_OK; j++)
+        status = resting_mutual(s->pairs, r, s->needles[j], *compliance + s->row[j], s->row[index], why);
+    return status;
 }
 
 trocar_status resting_set_attach(resting_set *s, int count, resting_needle *const *needles, report *why) {
     attachment things[MAX_NEEDLES];
+    double *mutual[MAX_NEEDLES] = {NULL};
+    trocar_status status = TROCAR_OK;
     int rows = 0, motions = 0;
     forget_columns(s);
     s->slips_left = 0;
@@ -68,17 +147,25 @@ trocar_status resting_set_attach(resting_set *s, int count, resting_needle *cons
         things[i] = resting_attachment(needles[i]);
         s->row[i] = rows;
         s->motion[i] = motions;
+        if (status == TROCAR_OK) status = find_mutual(s, i, &mutual[i], why);
+        things[i].mutual = mutual[i];
+        things[i].mutual_ld = rows;
         rows += things[i].row_count;
         motions += things[i].motion_count;
     }
     free(s->force);
     free(s->move);
     free(s->load);
+    free(s->aside);
+    free(s->aside_move);
+    s->aside = calloc((size_t)rows + 1, sizeof *s->aside);
+    s->aside_move = calloc((size_t)motions + 1, sizeof *s->aside_move);
     s->force = malloc((size_t)(rows + 1) * sizeof *s->force);
     s->move = malloc((size_t)(motions + 1) * sizeof *s->move);
     s->load = malloc((size_t)(rows + 1) * sizeof *s->load);
-    trocar_status status = inverse_attach(s->inverse, count, things, why);
-    if (status == TROCAR_OK && !(s->force && s->move && s->load)) status = fail(why, TROCAR_NO_MEMORY, "no memory for %d resting needles", count);
+    if (status == TROCAR_OK) status = inverse_attach(s->inverse, count, things, why);
+    for (int i = 0; i < count; i++) free(mutual[i]);
+    if (status == TROCAR_OK && !(s->force && s->move && s->load && s->aside && s->aside_move)) status = fail(why, TROCAR_NO_MEMORY, "no memory for %d resting needles", count);
     if (status == TROCAR_OK) take_load(s);
     else s->count = 0;
     return status;
@@ -89,8 +176,8 @@ trocar_status resting_set_change(resting_set *s, int count, resting_needle *cons
     if (status == TROCAR_OK) status = respond(s, held, why);
     for (int i = 0; i < count && status == TROCAR_OK; i++) { /* nothing jumps: what the new set adds for these loads is taken off */
         resting_needle *r = needles[i];
-        for (int u = 0; u < r->unknown_count; u++) r->free_force[u] = r->force[u] - s->force[s->row[i] + u];
-        for (int k = 0; k < r->motion_count; k++) r->free_motion[k] = r->motion[k] - s->move[s->motion[i] + k];
+        for (int u = 0; u < r->unknown_count; u++) r->free_force[u] = r->force[u] - s->force[s->row[i] + u] - s->aside[s->row[i] + u];
+        for (int k = 0; k < r->motion_count; k++) r->free_motion[k] = r->motion[k] - s->move[s->motion[i] + k] - s->aside_move[s->motion[i] + k];
     }
     if (status == TROCAR_OK) take_load(s);
     else {
@@ -191,9 +278,10 @@ trocar_status resting_set_load(resting_set *s, const other_loads *held, report *
     trocar_status status = respond(s, held, why);
     for (int i = 0; i < s->count && status == TROCAR_OK; i++) {
         resting_needle *r = s->needles[i];
-        for (int u = 0; u < r->unknown_count; u++) r->force[u] = r->free_force[u] + s->force[s->row[i] + u];
-        for (int k = 0; k < r->motion_count; k++) r->motion[k] = r->free_motion[k] + s->move[s->motion[i] + k];
+        for (int u = 0; u < r->unknown_count; u++) r->force[u] = r->free_force[u] + s->force[s->row[i] + u] + s->aside[s->row[i] + u];
+        for (int k = 0; k < r->motion_count; k++) r->motion[k] = r->free_motion[k] + s->move[s->motion[i] + k] + s->aside_move[s->motion[i] + k];
     }
+    if (status == TROCAR_OK && s->any_aside) take_load(s);
     s->slips_left = status == TROCAR_OK ? MOST_ROUNDS * s->count : 0;
     s->quiet = 0;
     return status;
@@ -217,13 +305,25 @@ bool resting_set_slip(resting_set *s, const insertion_model *model, int most) {
     return more;
 }
 
+trocar_status resting_set_shift(const resting_set *s, const shaft_steps *steps, unresolved_shift *shift, report *why) {
+    tissue_loads loads;
+    trocar_status status = TROCAR_OK;
+    for (int i = 0; i < s->count && status == TROCAR_OK; i++) {
+        resting_loads(s->needles[i], &loads);
+        status = needle_pairs_shift(s->pairs, steps, &loads, shift, why);
+    }
+    return status;
+}
+
 void resting_loads(const resting_needle *r, tissue_loads *loads) {
     loads->count = 0;
     for (int i = 0; i < r->point_count; i++) {
         const attached_row *row = &r->rows[2 * i];
         if (row->tet < 0) continue;
         tissue_load *load = &loads->loads[loads->count++];
+        int place = resting_place(r, 2 * i);
         *load = (tissue_load){.tet = row->tet};
+        if (place >= 0) load->shaft = r->places.loads[place].shaft;
         memcpy(load->weights, row->weights, sizeof load->weights);
         for (int axis = 0; axis < 3; axis++) {
             int u = unknown(r->point_count, i, axis);

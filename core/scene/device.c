@@ -4,8 +4,9 @@
 #include <string.h>
 
 device_limits device_defaults(void) {
-    return (device_limits){.max_stiffness = INFINITY, .max_force = 20.0, .max_torque = 1.0, .max_force_rate = 2000.0, .max_torque_rate = 100.0,
-                           .max_speed = 2.0, .max_turn_rate = 20.0, .hold_time = 0.01, .ramp_time = 0.1};
+    return (device_limits){.max_stiffness = 400.0, .max_force = 20.0, .max_torque = 1.0, .max_force_rate = 2000.0, .max_torque_rate = 100.0,
+                           .max_speed = 2.0, .max_turn_rate = 20.0, .hold_time = 0.01, .ramp_time = 0.1,
+                           .mass = 0.1, .delay = 2e-3};
 }
 
 const char *const device_profiles[] = {"touch", "touch-x", "premium-1.5-6dof", "falcon", "omega.3", "delta.6", "sigma.7", NULL};

@@ -4,6 +4,7 @@
 #include <stdlib.h>
 #include <string.h>
 
+#include "base/input_file.h"
 #include "scene/scene_document.h"
 
 enum { MAX_FILE = 1 << 20 }; /* bytes; a scene has a few thousand */
@@ -86,8 +87,9 @@ void scene_defaults(scene *s) {
 }
 
 static trocar_status read_file(const char *path, char **text, size_t *length, report *why) {
-    FILE *file = fopen(path, "rb");
-    if (!file) return fail(why, TROCAR_BAD_INPUT, "%s: cannot open the scene: %s", path, strerror(errno));
+    const char *reason;
+    FILE *file = input_open(path, &reason);
+    if (!file) return fail(why, TROCAR_BAD_INPUT, "%s: cannot open the scene: %s", path, reason);
     trocar_status status = TROCAR_OK;
     *text = malloc(MAX_FILE);
     *length = *text ? fread(*text, 1, MAX_FILE, file) : 0;

@@ -27,9 +27,11 @@ typedef struct {
     const char *accepts;     /* "a number above 0", "rod or tetrahedra" */
     const char *doc;
     bool required;
+    trocar_key_kind kind;
 } scene_key_info;
 
+enum { SCENE_KEYS_MOST = 256 };
 int scene_key_count(void);
-scene_key_info scene_key_at(int index);
+scene_key_info scene_key_at(int index); /* one thread at a time */
 
 #endif

@@ -13,6 +13,8 @@ const range ANY_NUMBER = {-DBL_MAX, DBL_MAX, "a number"};
 static const range WEIGHT = {DBL_MIN, 1 - DBL_EPSILON, "a number above 0 and below 1"};
 static const range ANGLE = {DBL_MIN, 1, "a number above 0, at most 1"};
 static const range STIFFENING = {0, 10, "a number from 0 (linear) to 10"};
+static const range DEVICE_DELAY = {0, 0.1, "a number from 0 to 0.1"};
+static const range BOW = {0, 0.01, "a number from 0 to 0.01"};
 static const range SLOPE = {0, 1, "a number from 0 to 1"};
 static const range RATE = {SCENE_MIN_RATE, SCENE_MAX_RATE, "a number from 250 to 10000"};
 static const range SEGMENTS = {2, NEEDLE_MAX_SEGMENTS, "a whole number from 2 to 64"};
@@ -82,6 +84,7 @@ const row SCENE_TABLE[] = {
     {"needle.inner_diameter", "m", NUMBER, OF(simulation.needle.inner_diameter), &NOT_NEGATIVE, .doc = "0 is solid"},
     {"needle.youngs_modulus", "Pa", NUMBER, OF(simulation.needle.youngs_modulus), &POSITIVE, .doc = "of the needle"},
     {"needle.poisson_ratio", "", NUMBER, OF(simulation.needle.poisson_ratio), &POISSON, .doc = "of the needle"},
+    {"needle.bow", "", NUMBER, OF(simulation.needle.bow), &BOW, .doc = "of its length, by which its middle is off the line from base to tip; model rod only"},
     {"needle.bevel_slope", "", NUMBER, OF(simulation.needle.bevel_slope), &SLOPE, .doc = "sideways cut per forward cut"},
     {"needle.segments", "", COUNT, OF(simulation.needle.segments), &SEGMENTS, .doc = "of its length"},
 
@@ -116,6 +119,8 @@ const row SCENE_TABLE[] = {
     {"probe.tip_radius", "m", NUMBER, OF(simulation.probe.shape.tip_radius), &NOT_NEGATIVE,
      .doc = "of the rounded edge at its end; at most the radius, which makes the end a hemisphere"},
     {"probe.length", "m", NUMBER, OF(simulation.probe.shape.length), &POSITIVE, .doc = "from its base, where the hand holds it, to its tip"},
+    {"probe.max_force", "N", NUMBER, OF(simulation.probe.max_force), &POSITIVE,
+     .doc = "where the tissue's force on it would exceed this, the probe stops, and goes on when the hand draws back"},
     {"probe.start.position", "m", POINT, OF(simulation.probe.start.position), .required = true, .doc = "of its base until a pose is given; without it the probe is nowhere until then"},
     {"probe.start.orientation", "", ROTATION, OF(simulation.probe.start.orientation), .doc = "unit quaternion w, x, y, z that turns +z into its axis, from base to tip"},
 
@@ -148,6 +153,8 @@ const row SCENE_TABLE[] = {
 
     {"device.profile", "", PROFILE, OF(profile), .words = profile_word, .doc = "a device by name; explicit keys override it"},
     {"device.max_stiffness", "N/m", NUMBER, OF(device.max_stiffness), &STIFFNESS, .doc = "of the virtual coupling; .inf: none"},
+    {"device.mass", "kg", NUMBER, OF(device.mass), &POSITIVE, .doc = "of device and hand at the handle; the coupling is made for half of it"},
+    {"device.delay", "s", NUMBER, OF(device.delay), &DEVICE_DELAY, .doc = "round trip between bridge and device, which poses do not show; the coupling is made for it"},
     {"device.max_force", "N", NUMBER, OF(device.max_force), &POSITIVE, .doc = "largest force sent to the hand"},
     {"device.max_torque", "N m", NUMBER, OF(device.max_torque), &POSITIVE, .doc = "largest torque sent to the hand"},
     {"device.max_force_rate", "N/s", NUMBER, OF(device.max_force_rate), &POSITIVE, .doc = "slew limit of the force"},
@@ -158,6 +165,7 @@ const row SCENE_TABLE[] = {
     {"device.ramp_time", "s", NUMBER, OF(device.ramp_time), &POSITIVE, .doc = "of every ramp"},
 };
 enum { ROWS = sizeof SCENE_TABLE / sizeof *SCENE_TABLE };
+_Static_assert((int)ROWS <= (int)SCENE_KEYS_MOST, "trocar_key_at has no room for more keys: raise SCENE_KEYS_MOST");
 const int SCENE_ROWS = ROWS;
 
 const list_row LIST_TABLE[LISTS] = {
@@ -230,5 +238,9 @@ scene_key_info scene_key_at(int index) {
         list_words(r->words, lists[index], sizeof lists[index]);
         accepts = lists[index];
     }
-    return (scene_key_info){r->key, r->unit, accepts, r->doc, r->required};
+    static const trocar_key_kind kinds[] = {
+        [NUMBER] = TROCAR_KEY_NUMBER, [COUNT] = TROCAR_KEY_NUMBER, [LENGTH_UNIT] = TROCAR_KEY_NUMBER, [WORD] = TROCAR_KEY_TEXT, [PROFILE] = TROCAR_KEY_TEXT,
+        [NAME] = TROCAR_KEY_TEXT, [FILE_PATH] = TROCAR_KEY_TEXT, [DIRECTORY_PATH] = TROCAR_KEY_TEXT, [NAMES] = TROCAR_KEY_NAMES,
+        [POINT] = TROCAR_KEY_NUMBERS, [ROTATION] = TROCAR_KEY_NUMBERS, [TRANSFORM] = TROCAR_KEY_NUMBERS};
+    return (scene_key_info){r->key, r->unit, accepts, r->doc, r->required, kinds[r->kind]};
 }

@@ -1,8 +1,20 @@
 #include "tissue/gmsh_session.h"
 
 #include <gmshc.h>
+#include <locale.h>
+#include <pthread.h>
 #include <stdbool.h>
-#include <threads.h>
+#include <stdlib.h>
+#include <string.h>
+
+/* Gmsh sets the locale of the whole process: the host's comes back at once. */
+static void start_gmsh(int *error) {
+    const char *now = setlocale(LC_ALL, NULL);
+    char *before = now ? strdup(now) : NULL;
+    gmshInitialize(0, NULL, 0, error);
+    if (before) setlocale(LC_ALL, before);
+    free(before);
+}
 
 /* If the host program already uses Gmsh, the work is done in a model that is removed again. */
 static trocar_status run_in_session(const char *name, trocar_status (*work)(void *context), void *context, report *why) {
@@ -13,7 +25,7 @@ static trocar_status run_in_session(const char *name, trocar_status (*work)(void
     char *host_model = NULL;
     error = 0;
     if (hosted) gmshModelGetCurrent(&host_model, &error);
-    else gmshInitialize(0, NULL, 0, &error);
+    else start_gmsh(&error);
     if (error) return fail(why, TROCAR_SYSTEM, "%s: cannot start Gmsh (error %d)", name, error);
     trocar_status status = work(context);
     if (!hosted) {
@@ -27,17 +39,20 @@ static trocar_status run_in_session(const char *name, trocar_status (*work)(void
     return status;
 }
 
-static mtx_t session_lock;
-static once_flag session_once = ONCE_FLAG_INIT;
-static void create_lock(void) { mtx_init(&session_lock, mtx_plain); }
-static mtx_t *gmsh_lock(void) {
-    call_once(&session_once, create_lock);
-    return &session_lock;
-}
+static pthread_mutex_t session_lock = PTHREAD_MUTEX_INITIALIZER;
+
+/* A fork waits until a mesh has been read in another thread: the child would have Gmsh as it is half way, and the lock for ever. */
+static pthread_once_t forks_watched = PTHREAD_ONCE_INIT;
+static void begin_fork(void) { pthread_mutex_lock(&session_lock); }
+static void end_fork(void) { pthread_mutex_unlock(&session_lock); }
+static void watch_forks(void) { pthread_atfork(begin_fork, end_fork, end_fork); }
 
 trocar_status gmsh_session_run(const char *name, trocar_status (*work)(void *context), void *context, report *why) {
-    mtx_lock(gmsh_lock());
+    pthread_once(&forks_watched, watch_forks);
+    pthread_mutex_lock(&session_lock);
+    locale_t before = use_c_locale(); /* Gmsh reads numbers with that of the host */
     trocar_status status = run_in_session(name, work, context, why);
-    mtx_unlock(gmsh_lock());
+    restore_locale(before);
+    pthread_mutex_unlock(&session_lock);
     return status;
 }

@@ -45,6 +45,12 @@ void mesh_barycentric(const mesh *m, int tet, vec3 x, double weights[4]) {
     tet_barycentric(corners, x, weights);
 }
 
+double mesh_edge_length(const mesh *m, int tet) {
+    double sum = 0.0;
+    for (int c = 0; c < 4; c++) sum += 0.25 * m->node_size[m->tets[tet][c]];
+    return sum;
+}
+
 vec3 mesh_point(const mesh *m, int tet, const double weights[4]) {
     vec3 x = v3(0, 0, 0);
     for (int i = 0; i < 4; i++) x = v3_axpy(weights[i], m->nodes[m->tets[tet][i]], x);
@@ -153,7 +159,7 @@ void mesh_remark(mesh *m, const char *format, ...) {
     if (used > 0 && used + 2 < size) strcpy(text + used, "; "), used += 2;
     va_list arguments;
     va_start(arguments, format);
-    vsnprintf(text + used, size - used, format, arguments);
+    decimal_vprint(text + used, size - used, format, arguments);
     va_end(arguments);
 }
 

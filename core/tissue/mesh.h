@@ -79,6 +79,9 @@ int mesh_find_group(const mesh *m, const char *name, int dimension);
 /* Barycentric weights of x in tet t: they sum to 1 and are all >= 0 inside. RT */
 void mesh_barycentric(const mesh *m, int tet, vec3 x, double weights[4]);
 
+/* Edge length of the mesh in element `tet`, m: mean of node_size. RT */
+double mesh_edge_length(const mesh *m, int tet);
+
 /* The same for a tetrahedron given by its corners. RT */
 void tet_barycentric(const vec3 corners[4], vec3 x, double weights[4]);
 

@@ -5,6 +5,7 @@
 #include <stdlib.h>
 #include <string.h>
 
+#include "base/input_file.h"
 #include "tissue/gmsh_reader.h"
 #include "tissue/gmsh_session.h"
 #include "tissue/mesh_merge.h"
@@ -24,8 +25,9 @@ trocar_status reader_gmsh_failed(gmsh_reader *r) {
 
 /* Gmsh treats a missing or unreadable file as an empty model. */
 static trocar_status check_readable(gmsh_reader *r) {
-    FILE *file = fopen(r->path, "rb");
-    if (!file) return fail(r->why, TROCAR_BAD_INPUT, "%s: cannot open the mesh: %s", r->path, strerror(errno));
+    const char *why;
+    FILE *file = input_open(r->path, &why);
+    if (!file) return fail(r->why, TROCAR_BAD_INPUT, "%s: cannot open the mesh: %s", r->path, why);
     int first = fgetc(file), error = ferror(file) ? errno : 0;
     fclose(file);
     if (error) return fail(r->why, TROCAR_BAD_INPUT, "%s: cannot read the mesh: %s", r->path, strerror(error));

@@ -5,6 +5,7 @@
 #include <stdlib.h>
 #include <string.h>
 
+#include "base/lame.h"
 #include "tissue/exact_fields.h"
 #include "tissue/neighbourhood.h"
 
@@ -312,6 +313,69 @@ static trocar_status measure_point(resolver *r, int tet, int count, const vec3 *
         resolved[k].point = moved_by(r, &r->on[0][0]);
     }
     return status;
+}
+
+/* ---- beside the line ----------------------------------------------------------------------------------------------- */
+
+/* Displacement of all nodes under a push along one axis, with the stiffness that has been factorised. */
+static void move_all(resolver *r, int axis, line_field *field) {
+    double right[AROUND_DOFS];
+    int n = 3 * r->around.node_count;
+    push_endless(r, axis);
+    for (int i = 0; i < r->unknowns; i++)
+        right[i] = r->load[r->unknown[i]] - cblas_ddot(n, r->around.stiffness + (size_t)r->unknown[i] * AROUND_DOFS, 1, r->moved, 1);
+    LAPACKE_dpotrs_work(LAPACK_COL_MAJOR, 'U', r->unknowns, 1, r->reduced, r->unknowns, right, r->unknowns);
+    for (int i = 0; i < r->unknowns; i++) r->moved[r->unknown[i]] += right[i];
+    for (int i = 0; i < r->around.node_count; i++) field->moved[i][axis] = v3(r->moved[3 * i], r->moved[3 * i + 1], r->moved[3 * i + 2]);
+}
+
+trocar_status resolver_spread(resolver *r, const line_in_tet *line, line_field *field, report *why) {
+    const region_material *material = &r->around.tissue->materials[r->around.tissue->mesh->region[line->tet]];
+    neighbourhood_take(&r->around, line->tet, line->point, line->direction, (patch_reach){.radius = RADIUS, .half_length = HALF_LENGTH});
+    field->line = *line;
+    field->frame = r->around.frame;
+    field->poisson_ratio = r->around.poisson_ratio;
+    field->softness = 1.0 / shear_modulus(material->youngs_modulus, material->poisson_ratio);
+    field->count = r->around.node_count;
+    memcpy(field->nodes, r->around.nodes, (size_t)field->count * sizeof *field->nodes);
+    for (int along = 0; along < 2; along++) {
+        free_for_line(r, along);
+        trocar_status status = factor(r, why);
+        if (status != TROCAR_OK) return status;
+        for (int axis = along ? 2 : 0; axis < (along ? 3 : 2); axis++) move_all(r, axis, field);
+    }
+    return TROCAR_OK;
+}
+
+static int number_in(const line_field *field, int node) {
+    for (int i = 0; i < field->count; i++)
+        if (field->nodes[i] == node) return i;
+    return -1;
+}
+
+mat3 line_field_lacks(const line_field *field, const mesh *m, int tet, const double weights[4], vec3 x, double radius) {
+    vec3 from = m3_apply_transposed(&field->frame, v3_sub(x, field->line.point)), moved[3] = {{0, 0, 0}, {0, 0, 0}, {0, 0, 0}};
+    for (int c = 0; c < 4; c++) {
+        int k = number_in(field, m->tets[tet][c]);
+        if (k < 0) return (mat3){{{0}}};
+        for (int axis = 0; axis < 3; axis++) moved[axis] = v3_axpy(-weights[c], field->moved[k][axis], moved[axis]);
+    }
+    double distance = hypot(from.x, from.y), out = distance < radius ? radius / fmax(distance, 1e-3 * radius) : 1.0;
+    if (distance < 1e-3 * radius) from.x = 1e-3 * radius, from.y = 0.0;
+    from.x *= out;
+    from.y *= out;
+    vec3 turned = line_lateral(from.y, -from.x, field->poisson_ratio);
+    moved[0] = v3_add(moved[0], line_lateral(from.x, from.y, field->poisson_ratio));
+    moved[1] = v3_add(moved[1], v3(-turned.y, turned.x, 0));
+    moved[2] = v3_add(moved[2], line_axial(from.x, from.y));
+    mat3 lacks = {{{0}}}, back = m3_transposed(&field->frame);
+    for (int axis = 0; axis < 3; axis++) {
+        lacks.m[0][axis] = field->softness * moved[axis].x;
+        lacks.m[1][axis] = field->softness * moved[axis].y;
+        lacks.m[2][axis] = field->softness * moved[axis].z;
+    }
+    lacks = m3_multiply(&lacks, &back);
+    return m3_multiply(&field->frame, &lacks);
 }
 
 /* ---- all of it ----------------------------------------------------------------------------------------------------- */

@@ -38,6 +38,17 @@ typedef struct {
     vec3 point, direction;   /* m, and unit vector */
 } line_in_tet;
 
+/* How the mesh around an endless line moves when unit force per length acts on it, for a shear modulus of 1: what it lacks of Kelvin's solution is
+   missing between this needle and others nearby. */
+enum { FIELD_NODES = 256 };
+typedef struct {
+    line_in_tet line;
+    mat3 frame;              /* columns: its axes */
+    double poisson_ratio, softness; /* 1 / mu, m^2/N, of the line's element */
+    int count, nodes[FIELD_NODES]; /* of the mesh */
+    vec3 moved[FIELD_NODES][3]; /* in the line's frame, by a force along each of its axes; 1/m stands for N/m over Pa */
+} line_field;
+
 typedef struct resolver resolver;
 
 /* `t` must outlive it. NO_MEMORY. */
@@ -49,5 +60,12 @@ enum { MAX_RESOLVED = 3 };
 /* Measures at `count` points of element `tet`, all on one line along the unit vector `direction`. Allocates nothing; takes about
    a millisecond. Of `end`, only the first and the last are measured. NUMERIC if the patch has no stiffness. */
 trocar_status resolver_measure(resolver *r, int tet, vec3 direction, int count, const vec3 *x, resolved_field *resolved, report *why);
+
+/* The field of one line. NUMERIC as above. */
+trocar_status resolver_spread(resolver *r, const line_in_tet *line, line_field *field, report *why);
+
+/* What the mesh lacks of the displacement at x, which has these weights in element `tet`: by a force per length on the line, m^2/N, world frame.
+   `radius` (m): x counts as no nearer to the line. Zero outside of the patch, where the mesh resolves the field. */
+mat3 line_field_lacks(const line_field *field, const mesh *m, int tet, const double weights[4], vec3 x, double radius);
 
 #endif

@@ -225,3 +225,8 @@ void tissue_free(tissue *t) {
     free(t->patch);
     memset(t, 0, sizeof *t);
 }
+
+tissue tissue_constants(const tissue *t) {
+    return (tissue){.mesh = t->mesh, .volumetric = t->volumetric, .patch = t->patch, .patch_count = t->patch_count, .materials = t->materials,
+                    .fixed = t->fixed, .dof_count = t->dof_count, .dof = t->dof};
+}

@@ -71,6 +71,10 @@ trocar_status tissue_create(const mesh *m, const region_material *materials, con
                             tissue *t, report *why);
 void tissue_free(tissue *t);
 
+/* What is constant of a tissue from tissue_define on. K and its factor remain the original's, which another thread may be making. Nothing is to
+   be freed; the original must outlive it. */
+tissue tissue_constants(const tissue *t);
+
 /* Moduli of the part of the energy that is integrated by element. */
 void element_moduli(const tissue *t, int tet, double *youngs_modulus, double *poisson_ratio);
 

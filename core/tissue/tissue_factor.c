@@ -5,6 +5,7 @@
 #include <string.h>
 
 #include "base/memory.h"
+#include "tissue/blas.h"
 #include "tissue/node_order.h"
 
 /* ---- elimination order ---- */
@@ -97,7 +98,9 @@ static trocar_status factor(tissue *t, int count, const int *nodes, report *why)
         trocar_status status = check_memory(t, why);
         if (status != TROCAR_OK) return status;
     }
+    int levels = openmp_use_one_thread();
     bool factored = analysed && cholmod_factorize(t->stiffness, t->factor, &t->common);
+    openmp_restore(levels);
     bool definite = factored && t->common.status != CHOLMOD_NOT_POSDEF;
     double least = definite ? least_stiffness(t) : 0.0;
     if (!factored || least < 0.0)

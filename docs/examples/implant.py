@@ -17,7 +17,8 @@ def main(scene, path, *holes):
     model = trocar.Model(trocar.Scene.load(scene))
     plan = plans.read(path)
     if holes:
-        plan = replace(plan, needles=[needle for needle in plan.needles if needle.hole in holes])
+        wanted = [plans.hole_number(hole) for hole in holes]
+        plan = replace(plan, needles=[needle for needle in plan.needles if plans.hole_number(needle.hole) in wanted])
     sim = trocar.Sim(model)
     for poses in Implant(plan=plan).play(sim, DT):      # in, back from seed to seed, out, at 80 mm/s
         sim.run(poses, DT)

@@ -10,11 +10,13 @@ from .contours import Unusable
 AHEAD = 1e-3            # m from the tip to the skin before the insertion
 NEEDLE = 0.2            # m, length of the scene's needle, unless the target is deeper:
 LONGER, LONGEST = 0.05, 0.5     # then it has the next multiple of this, up to that
-PUSH = 0.066            # m that the scripts of trocar-device insert the needle unless the scene says more
-BEYOND = 0.010          # m past the target: tissue gives way before the tip
 SAMPLES = 14            # along each side of a region's box, to find its deepest point
 CANDIDATES = 400        # entries that are tried, nearest first
-FAR = 1e3               # mm: longer than any path
+CLEARANCES = 4.0, 2.0, 0.0      # mm between the needle and what it passes, the first that any way has
+ALONG = 2.0             # mm between the places at which that is measured
+FROM_CUT = 5.0          # mm from where the image cuts off the body, within which no needle goes in
+ASIDE = 3.0             # mm from a target to the region's surface, and to a region that the needle should go around
+MOVED = 1.0             # mm: an entry that is moved further gets a remark
 HOLES, HOLE_SPACING = 13, 5.0       # of a template, along each side; mm
 THICKNESS = 20.0        # mm, of a template
 BEHIND = 5.0            # mm from a template to the skin of a box
@@ -25,11 +27,7 @@ class Path:
     """DICOM mm."""
     entry: np.ndarray        # on the skin
     target: np.ndarray
-    chosen: bool             # by the user
-
-    def direction(self):
-        way = self.target - self.entry
-        return way / np.linalg.norm(way)
+    notes: list = dataclasses.field(default_factory=list)
 
 
 @dataclasses.dataclass
@@ -39,16 +37,20 @@ class Template:
     normal: np.ndarray       # unit; needles pass in this direction
 
     def along(self):
-        """Columns are counted to the patient's right, as far as the plate's direction lets them."""
-        right = np.array([-1.0, 0, 0]) if abs(self.normal[0]) < 0.9 else np.array([0, -1.0, 0])
-        right -= (right @ self.normal) * self.normal
-        return right / np.linalg.norm(right)
+        """Columns are counted from the patient's right, the operator's left, as far as the plate's direction lets them."""
+        left = np.array([1.0, 0, 0]) if abs(self.normal[0]) < 0.9 else np.array([0, 1.0, 0])
+        left -= (left @ self.normal) * self.normal
+        return left / np.linalg.norm(left)
+
+    def rows_along(self):
+        """Rows are counted from the patient's back."""
+        return np.cross(self.along(), self.normal)
 
     def holes(self):
         """(n, 3) on the front face."""
         steps = HOLE_SPACING * (np.arange(HOLES) - (HOLES - 1) / 2)
         u, v = np.meshgrid(steps, steps)
-        return self.origin + u.reshape(-1, 1) * self.along() + v.reshape(-1, 1) * np.cross(self.normal, self.along())
+        return self.origin + u.reshape(-1, 1) * self.along() + v.reshape(-1, 1) * self.rows_along()
 
 
 def locator_of(shell):
@@ -70,38 +72,72 @@ def hit_in(locator, start, end):
     return np.array(point) if met else None
 
 
-def middle_of(surfaces):
-    """The centre of a region's largest part if it is inside, else its deepest point."""
+class Obstacles:
+    """Surfaces that a needle must not meet."""
+
+    def __init__(self, found):
+        self.found = [(shell, locator_of(shell), shell.points.min(axis=0), shell.points.max(axis=0)) for shell in found]
+
+    def lets_pass(self, start, end, clearance):
+        """Whether a needle from start to end keeps this distance from all of them."""
+        places = start + np.linspace(0, 1, 2 + int(np.linalg.norm(end - start) / ALONG))[:, None] * (end - start)
+        low, high = places.min(axis=0) - clearance, places.max(axis=0) + clearance
+        for shell, locator, least, greatest in self.found:
+            if np.any(least > high) or np.any(greatest < low):
+                continue
+            if hit_in(locator, start, end) is not None or clearance and np.abs(shells.distances(shell, places)).min() < clearance:
+                return False
+        return True
+
+
+def middle_of(surfaces, spared=()):
+    """The centre of a region's largest part, if it is ASIDE within, and as far from regions that the needle goes around; else the place with the most room between all of
+    these surfaces, which are also those of lesions in the region."""
     largest = max(surfaces, key=lambda shell: shell.volume())
     centre = largest.centre()
-    if shells.distances(largest, centre[None])[0] < 0:
-        return centre
     low, high = largest.points.min(axis=0), largest.points.max(axis=0)
+    beside = [shell for shell in spared if np.all(shell.points.min(axis=0) < high) and np.all(shell.points.max(axis=0) > low)]
+
+    def room(points):
+        """mm to the nearest of all the surfaces; negative outside of the region, or inside of the others."""
+        return np.min([-shells.distances(largest, points), *(shells.distances(shell, points) for shell in beside)], axis=0)
+    if room(centre[None])[0] > ASIDE:
+        return centre
     grid = np.stack(np.meshgrid(*(np.linspace(a, b, SAMPLES) for a, b in zip(low, high))), axis=-1).reshape(-1, 3)
-    return grid[np.argmin(shells.distances(largest, grid))]
+    places = np.vstack([centre, grid])
+    return places[np.argmax(room(places))]
 
 
-def is_free(locators, start, end):
-    return all(hit_in(locator, start, end) is None for locator in locators)
-
-
-def nearest_free(target, places, bones):
-    """The nearest of some places on the skin from which the way to the target meets no bone, or None."""
-    order = np.argsort(np.linalg.norm(places - target, axis=1))
-    locators = [locator_of(bone) for bone in bones]
-    for k in order[::1 + len(order) // CANDIDATES]:
-        if is_free(locators, places[k], target):
-            return places[k]
+def nearest_free(target, places, bones, spared=()):
+    """The nearest of some places on the skin from which the way to the target meets no bone, and if possible nothing that is to be spared; and whether it does. Or None.
+    `spared`: surfaces, none of which hold the target."""
+    order = np.argsort(np.linalg.norm(places - target, axis=1), kind="stable")
+    order = order[::1 + len(order) // CANDIDATES]
+    for others in (spared, ()) if spared else ((),):
+        obstacles = Obstacles([*bones, *others])
+        for clearance in CLEARANCES:
+            for k in order:
+                if obstacles.lets_pass(places[k], target, clearance):
+                    return places[k], bool(spared) and not others
     return None
 
 
-def through_skin(target, skin, bones):
-    """The path from the nearest place of the skin. Skin, bones: closed surfaces."""
+def note_of(through):
+    return ["from everywhere the way leads through regions that a needle should spare: choose it with --entry and --target"] if through else []
+
+
+def through_skin(target, skin, bones, spared=(), cut=None):
+    """The path from the nearest place of the skin. Skin, bones, spared: closed surfaces; `cut`: function of points (n, 3) that says how far they are, in mm, from where
+    the image cuts off the body, which is no skin."""
     places = np.vstack([shell.points for shell in skin])
-    entry = nearest_free(target, places[::1 + len(places) // 20000], bones)
-    if entry is None:
+    if cut:
+        places = places[cut(places) > FROM_CUT]
+        if not len(places):
+            raise Unusable("needle", "the image cuts off the body on all sides, so that it has no skin: leave --skin out")
+    found = nearest_free(target, places[::1 + len(places) // 20000], bones, spared)
+    if found is None:
         raise Unusable("needle", "bones are in the way from everywhere on the skin: say where it goes in, with --entry and --target")
-    return Path(entry, target, False)
+    return Path(found[0], target, note_of(found[1]))
 
 
 def through_template(template, target, bones):
@@ -112,9 +148,9 @@ def through_template(template, target, bones):
     if ahead.max() < least:
         raise Unusable("needle", f"the template's holes do not lead to the target: it is {ahead.max():.0f} mm beyond the face where needles enter: turn --template")
     targets = holes + ahead[:, None] * template.normal
-    locators = [locator_of(bone) for bone in bones]
+    obstacles = Obstacles(bones)
     order = np.argsort(np.linalg.norm(targets - target, axis=1), kind="stable")
-    chosen = next((k for k in order if is_free(locators, holes[k], targets[k])), order[0])
+    chosen = next((k for k in order if obstacles.lets_pass(holes[k], targets[k], 0.0)), order[0])
     aside = np.linalg.norm(targets[chosen] - target)
     if aside > HOLES * HOLE_SPACING:
         raise Unusable("needle", f"the template's nearest hole passes the target {aside:.0f} mm aside: move --template")
@@ -130,8 +166,9 @@ def on_skin(skin, entry, target):
     return min(met, key=lambda point: (point - entry) @ way)
 
 
-def through_face(target, low, high, bones, face):
-    """The path through a face of a box (axis, and side: -1 low, 1 high) on which no bone is in the way: straight, or with the least tilt; or None."""
+def through_face(target, low, high, bones, face, spared=()):
+    """The path through a face of a box (axis, and side: -1 low, 1 high) on which no bone is in the way: straight, or with the least tilt; or None. And
+    whether it leads through what is to be spared."""
     axis, side = face
     aside = [a for a in range(3) if a != axis]
     grid = np.meshgrid(*(np.linspace(low[a] + 5, high[a] - 5, 15) for a in aside))
@@ -139,8 +176,8 @@ def through_face(target, low, high, bones, face):
     places[0] = target
     places[1:, aside] = np.column_stack([each.ravel() for each in grid])
     places[:, axis] = (low if side < 0 else high)[axis]
-    entry = nearest_free(target, places, bones)
-    return None if entry is None else Path(entry, target, False)
+    found = nearest_free(target, places, bones, spared)
+    return None if found is None else (Path(found[0], target, note_of(found[1])), found[1])
 
 
 def orientation(direction):
@@ -158,8 +195,8 @@ class Start:
     position: np.ndarray     # of the base
     orientation: np.ndarray  # w, x, y, z
     entry: np.ndarray        # on the mesh's skin
-    remark: str
-    depth: float = PUSH      # that a scripted motion must push the needle to come to the target
+    depth: float             # that a scripted motion must push the needle so that its tip comes to the target
+    remark: str = ""
     length: float = NEEDLE   # of the needle
     misses: bool = False     # the region, or bone is in the way
 
@@ -168,7 +205,7 @@ def needle_for(skin, target, plate=None):
     """How deep a scripted motion must push the needle, and its length, so that its base stays before the template. All m. `plate`: a point of
     the template's face where needles enter, or None."""
     deep, way = np.linalg.norm(target - skin), (target - skin) / np.linalg.norm(target - skin)
-    push = max(PUSH, AHEAD + deep + BEYOND)
+    push = AHEAD + deep
     ahead = max(0.0, (skin - plate) @ way) if plate is not None else 0.0
     length = max(NEEDLE, LONGER * np.ceil((push + ahead) / LONGER - 1e-9))
     if length > LONGEST:
@@ -193,7 +230,7 @@ def start_in(mesh, entry, target, gland, plate=None):
     bone = first_hit(mesh.surfaces["bone"], skin, target) if "bone" in mesh.surfaces else None
     if bone is not None:
         depth += f"; bone is in its way after {1e3 * np.linalg.norm(bone - skin):.0f} mm: choose the way with --entry and --target"
-    return Start(skin - (length + AHEAD) * way, orientation(way), skin, depth, push, length, met is None or bone is not None)
+    return Start(skin - (length + AHEAD) * way, orientation(way), skin, push, depth, length, met is None or bone is not None)
 
 
 def check_template(template, skin):

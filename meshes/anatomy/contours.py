@@ -143,6 +143,16 @@ def open_slices(roi, rings):
     return [f"{problem}: left out, interpolated from neighbouring slices"]
 
 
+def islands_left_out(z, rings):
+    """A remark on outlines of a slice that are left out beside others."""
+    if not rings:
+        return []
+    places = ", ".join(f"({x:.0f}, {y:.0f})" for x, y in (ring.mean(axis=0) + 0.0 for ring in rings))
+    many = len(rings) > 1
+    return [f"slice z = {z:g} mm: {len(rings)} outline{'s' * many} at {places} mm left out: {'each encloses' if many else 'it encloses'} less than {SPECK:g} mm^2, "
+            f"or is thinner than {2 * SPIKE:g} mm"]
+
+
 def build_stack(roi, rings):
     """`rings`: arrays of points (x, y, z), in any order of slices."""
     flat = []
@@ -165,7 +175,8 @@ def build_stack(roi, rings):
         z = flat[0][0]
         here = [ring for height, ring in flat if height - z <= SAME_SLICE]
         flat = flat[len(here):]
-        outline, overlap = combine([area for area in map(clean_ring, here) if area is not None])
+        areas = [clean_ring(ring) for ring in here]
+        outline, overlap = combine([area for area in areas if area is not None])
         if overlap:
             notes.append(f"slice z = {z:g} mm: outlines overlap: united")
         if outline.is_empty:
@@ -173,6 +184,7 @@ def build_stack(roi, rings):
             left_out.append(z)
         else:
             slices.append(Slice(z, outline))
+            notes += islands_left_out(z, [ring for ring, area in zip(here, areas) if area is None and len(ring) > 2])
     if len(slices) < 2:
         raise Unusable(roi, f"{len(slices)} usable slice{'s' * (len(slices) != 1)}: at least two are needed"
                        + "".join(f"; {note}" for note in notes), rings=rings)

@@ -59,10 +59,22 @@ def turned(place, degrees):
     return turn @ place
 
 
-def write_nifti(path, labels, place, kind=np.uint8):
+def label_table(names):
+    """The XML that TotalSegmentator puts into its files' header extension, in the form of Connectome Workbench's label tables, with names as CDATA."""
+    rows = "".join(f'<Label Key="{value}" Red="{value % 3 / 2}" Green="{value % 5 / 4}" Blue="0.0" Alpha="1"><![CDATA[{name}]]></Label>\n'
+                   for value, name in names.items())
+    return ('<?xml version="1.0" encoding="UTF-8"?> <CaretExtension>  <Date><![CDATA[2013-07-14T05:45:09]]></Date>   <VolumeInformation Index="0">   '
+            f'<LabelTable>\n{rows}\n  </LabelTable>  <StudyMetaDataLinkSet>  </StudyMetaDataLinkSet>  <VolumeType><![CDATA[Label]]></VolumeType>   '
+            '</VolumeInformation></CaretExtension>\n              ')
+
+
+def write_nifti(path, labels, place, kind=np.uint8, names=None):
+    """`names`: label -> name, which go into the header as TotalSegmentator writes them."""
     import nibabel      # only here, so that the other writers need no more than the program
     image = nibabel.Nifti1Image(labels.T.astype(kind), np.diag([-1.0, -1.0, 1.0, 1.0]) @ place)
     image.header.set_xyzt_units("mm")
+    if names:
+        image.header.extensions.append(nibabel.nifti1.Nifti1Extension(0, label_table(names).encode()))
     nibabel.save(image, path)
 
 

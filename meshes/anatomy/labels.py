@@ -1,56 +1,55 @@
 """Regions that touch or contain each other, as one complex of surfaces: the boundary between two regions is one shared surface.
 
-The regions' surfaces are drawn into a label image, small gaps are closed, and CGAL extracts the surfaces between labels. A correction then
-moves the shared points to restore the regions' volumes.
+The regions come as a label image (label_image.py). CGAL extracts the surfaces between its pieces, one cluster of them (clusters.py) after the other, and a
+correction then moves the shared points so that each piece has its volume again.
 """
 import collections
 import dataclasses
 
 import numpy as np
 import pygalmesh
-import vtk
-from vtk.util.numpy_support import numpy_to_vtk, vtk_to_numpy
 
-from . import field, shells
-from .shells import Shell
+from . import clusters, shells
+from .clusters import AROUND
+from .label_image import FLATNESS, OUTSIDE, box_of, distance_to, thinness
+from .shells import Shell, connected
 
-MOST_VOXELS = 4e6
-VOXELS_PER_EDGE = 6.0       # edge length of the surface triangles
-VOXELS_PER_RADIUS = 2.5     # of the thinnest region
-FLATNESS = 0.3              # of the thinnest region's radius: largest distance of a facet from its surface
-FLATNESS_OF_EDGE = 0.1      # of the edge of a triangle: lower bound of that distance
-CLOSE_VOXELS = 3.0          # smaller gaps between regions are closed, because the facets on both sides would cross
-CLEAR = 2.9                 # least number of voxels between parts that do not touch
-AROUND = 255                # CGAL's label for the surroundings: its tetrahedra there detect thin parts
-THIN = 1.5                  # radii: size of the tetrahedra in a region thinner than the edge of a triangle
+FLATNESS_OF_EDGE = 0.1      # of the edge of a triangle: lower bound of a facet's distance from its surface
+THIN = 1.5                  # radii: size of the tetrahedra in a piece thinner than the edge of a triangle
+GRAIN = 0.75                # of the radius of the largest ball in a piece: largest size of the tetrahedra in it
+SLOPE = 0.5                 # of the distance from a piece that was missed: how fast tetrahedra grow around it
+PER_SIZE = 1.3              # edge of a triangle, of the size of small tetrahedra beside it
+EQUILATERAL = 0.866         # of the square of its edge: area of the surface for each node of equilateral triangles
+MM = 1e3                    # the file for CGAL has six decimals
 SMALL = 0.8                 # of the edge of a triangle: smaller tetrahedra get a layer of this size around them
-REFINEMENTS = 6             # attempts at thin regions
-MARGIN = 0.5                # of the edge of a triangle: from the regions to the image's border
+REFINEMENTS = 6             # attempts at thin pieces
+MARGIN = 0.5                # of the edge of a triangle: from the pieces to the border of their section
+JOININGS = 3                # attempts at clusters whose surfaces cross
 FINER = 0.85                # ratio of their sizes between attempts
-MOST_MISSING = 0.01         # of a region's surface
-MOST_PLACES = 4000          # of a region's surface that are checked for this
-REACH = 20                  # voxels around a cluster that are searched for the next one
+MOST_MISSING = 0.01         # of a piece's surface
+MOST_PLACES = 4000          # of a piece's surface that are checked for this
 FACET_ANGLE = 25.0          # deg: CGAL's surface refinement ends for up to 30
 CIRCUMRADIUS = 0.6          # of the edge of a triangle: equilateral ones have 0.577
 CORRECTIONS = 8             # Newton steps towards the volumes; three are enough as a rule
 UNFOLDINGS = 6              # attempts at volumes without crossing surfaces
-MOST_THIN = 0.10            # of a region: if more than that is thin, it keeps its thin parts
-FINE = 100                  # voxels along a surface that crosses itself
-OUTSIDE = -1                # of the cells: the tissue around
 
 
 @dataclasses.dataclass
 class Complex:
-    """Triangles between cells; a cell is a connected part of a region, or a void enclosed by regions."""
+    """Triangles between cells; a cell is a connected part of a piece, or a void enclosed by pieces."""
     points: np.ndarray       # (n, 3)
     triangles: np.ndarray    # (m, 3), normals from the first to the second cell
     sides: np.ndarray        # (m, 2) the cells on either side: index into `cells`, or OUTSIDE
-    cells: list              # number of each cell's region
+    cells: list              # number of each cell's piece, or OUTSIDE for a void
 
-    def volume_gradient(self, region):
-        """Volume of all cells of a region, and its derivative with respect to the points."""
+    def among(self, pieces):
+        """Mask of the cells that belong to these pieces, with a last element for OUTSIDE."""
+        return np.append(np.isin(self.cells, list(pieces)) & (np.array(self.cells) != OUTSIDE), False)
+
+    def volume_gradient(self, pieces):
+        """Volume of all cells of these pieces, and its derivative with respect to the points."""
         gradient, volume = np.zeros_like(self.points), 0.0
-        mine = np.append(np.array(self.cells) == region, False)     # the last is OUTSIDE
+        mine = self.among(pieces)
         sign = mine[self.sides[:, 0]].astype(float) - mine[self.sides[:, 1]]
         used = sign != 0
         a, b, c = (self.points[self.triangles[used, k]] for k in range(3))
@@ -61,219 +60,93 @@ class Complex:
             np.add.at(gradient, self.triangles[used, k], normal)
         return volume, gradient
 
-    def volume(self, region):
-        return self.volume_gradient(region)[0]
+    def volume(self, pieces):
+        return self.volume_gradient(pieces)[0]
 
     def areas(self):
         a, b, c = (self.points[self.triangles[:, k]] for k in range(3))
         return np.linalg.norm(np.cross(b - a, c - a), axis=1) / 2
 
-    def surface(self, region):
-        """The triangles around all cells of a region, normals outward."""
-        mine = np.append(np.array(self.cells) == region, False)
+    def surface(self, pieces):
+        """The triangles around all cells of these pieces, normals outward."""
+        mine = self.among(pieces)
         first, second = mine[self.sides[:, 0]], mine[self.sides[:, 1]]
         return Shell(self.points, np.vstack([self.triangles[first & ~second], self.triangles[second & ~first][:, ::-1]]))
 
 
 @dataclasses.dataclass
-class Image:
-    """Labels on a grid: 0 is no region."""
-    low: np.ndarray      # (3,) centre of the first voxel
+class Section:
+    """A cluster's part of the image."""
+    low: np.ndarray          # (3,) middle of the first voxel
     step: float
-    labels: np.ndarray   # (z, y, x) uint8
-
-    def volume(self, label):
-        return float(np.count_nonzero(self.labels == label)) * self.step ** 3
-
-
-def drawn(shell, image):
-    """Mask of the voxels enclosed by a closed surface."""
-    size = image.labels.shape[::-1]
-    stencil = vtk.vtkPolyDataToImageStencil()
-    stencil.SetInputData(shells.to_vtk(shell))
-    stencil.SetOutputOrigin(*image.low)
-    stencil.SetOutputSpacing(image.step, image.step, image.step)
-    stencil.SetOutputWholeExtent(0, size[0] - 1, 0, size[1] - 1, 0, size[2] - 1)
-    inside = vtk.vtkImageStencilToImage()
-    inside.SetInputConnection(stencil.GetOutputPort())
-    inside.SetInsideValue(1)
-    inside.SetOutsideValue(0)
-    inside.SetOutputScalarTypeToUnsignedChar()
-    inside.Update()
-    return vtk_to_numpy(inside.GetOutput().GetPointData().GetScalars()).reshape(image.labels.shape) > 0
+    numbers: np.ndarray      # (z, y, x): 1 + the number of one of `pieces` in this list, 0: around
+    pieces: list             # of the image
+    radii: list              # their thinness, m
+    balls: list              # radii of the largest balls in them, m
 
 
-def winding(shell, low, step, size):
-    """Winding number of a surface around each voxel of a grid (z, y, x): 0 is outside, even if parts overlap or are inverted."""
-    points = (shell.points - low) / step + [1.23e-5, 2.34e-5, 0]    # so that no vertex lies on a column's line
-    steps = np.zeros((size[0], size[1], size[2] + 1), np.int32)
-    a, b, c = (points[shell.triangles[:, k]] for k in range(3))
-    ab, ac = b - a, c - a
-    twice = ab[:, 0] * ac[:, 1] - ac[:, 0] * ab[:, 1]
-    first = np.ceil(np.minimum(np.minimum(a, b), c)[:, :2]).astype(int)
-    last = np.floor(np.maximum(np.maximum(a, b), c)[:, :2]).astype(int)
-    for t in np.flatnonzero((twice != 0) & np.all(first <= last, axis=1)):
-        x, y = (np.arange(first[t, k], last[t, k] + 1) - a[t, k] for k in (0, 1))
-        x, y = x[:, None], y[None]
-        u, v = (x * ac[t, 1] - ac[t, 0] * y) / twice[t], (ab[t, 0] * y - x * ab[t, 1]) / twice[t]
-        i, j = np.nonzero((u >= 0) & (v >= 0) & (u + v < 1))
-        height = np.ceil(a[t, 2] + u[i, j] * ab[t, 2] + v[i, j] * ac[t, 2]).astype(int)
-        steps[first[t, 0] + i, first[t, 1] + j, height] += -1 if twice[t] > 0 else 1
-    return np.cumsum(steps[:, :, :-1], axis=2).transpose(2, 1, 0)
+@dataclasses.dataclass
+class Sizes:
+    """Bounds of the radii of the spheres around CGAL's tetrahedra, m."""
+    edge: float              # everywhere
+    within: list             # in each piece
+    seeded: set              # pieces around which tetrahedra grow with the distance, in all other pieces
 
 
-def all_inside(shell):
-    """Surfaces of everything enclosed by a surface that may cross itself."""
-    step = float(np.ptp(shell.points, axis=0).max()) / FINE
-    low = shell.points.min(axis=0) - 3 * step
-    size = np.ceil((shell.points.max(axis=0) + 3 * step - low) / step).astype(int) + 1
-    inside = winding(shell, low, step, size) != 0
-    found = field.Field(low, step, np.where(inside, -0.5, 0.5) * step).surfaces()
-    growth = (np.count_nonzero(inside) * step ** 3 / sum(s.volume() for s in found)) ** (1 / 3)
-    return [s.scaled(growth) for s in found]
-
-
-def distance_to(mask, step):
-    """Distance of each voxel to the nearest one of a mask."""
-    source = vtk.vtkImageData()
-    source.SetDimensions(*mask.shape[::-1])
-    source.GetPointData().SetScalars(numpy_to_vtk(np.where(mask, 0, 1).astype(np.uint8).ravel(), deep=True))
-    squared = vtk.vtkImageEuclideanDistance()
-    squared.SetInputData(source)
-    squared.SetMaximumDistance(1e9)
-    squared.Update()
-    return step * np.sqrt(vtk_to_numpy(squared.GetOutput().GetPointData().GetScalars()).reshape(mask.shape))
-
-
-def image_of(regions, edge, box=None, body=False):
-    """The regions (lists of shells) drawn in their order of priority, the first on top; label k + 1 is region k. Nothing is drawn outside
-    of `box` (low, high). `body`: the last region is much larger than that. Returned with the share of each region that is lost to others and to the box (as number -1): {(loser, winner):
-    share}."""
-    thin = thinnest(regions)
-    points = np.vstack([shell.points for region in regions for shell in region])
-    if body:
-        points = np.vstack([shell.points for region in regions[:-1] for shell in region] + [np.clip(shell.points, *box) for shell in regions[-1]])
-    step = min(edge / VOXELS_PER_EDGE, thin / VOXELS_PER_RADIUS)
-    extent = np.ptp(points, axis=0)
-    step = max(step, (float(np.prod(extent + 6 * step)) / MOST_VOXELS) ** (1 / 3))
-    low = points.min(axis=0) - 3.5 * step      # so that planes of voxels do not coincide with flat faces of regions
-    size = np.ceil((points.max(axis=0) + 3 * step - low) / step).astype(int) + 1
-    image = Image(low, step, np.zeros(size[::-1], np.uint8))
-    beyond = np.zeros(image.labels.shape, bool)
-    if box:
-        axes = [low[a] + step * np.arange(size[a]) for a in range(3)]
-        out = [(axis < box[0][a]) | (axis > box[1][a]) for a, axis in enumerate(axes)]
-        beyond = out[2][:, None, None] | out[1][:, None] | out[0]
-    lost = {}
-    for k, region in enumerate(regions):
-        mine = np.any([drawn(shell, image) for shell in region], axis=0)
-        whole = max(1, np.count_nonzero(mine))
-        for winner, count in collections.Counter(image.labels[mine & ~beyond].tolist()).items():
-            if winner:
-                lost[k, winner - 1] = count / whole
-        if np.any(mine & beyond):
-            lost[k, OUTSIDE] = np.count_nonzero(mine & beyond) / whole
-        image.labels[mine & ~beyond & (image.labels == 0)] = k + 1
-    return image, lost
-
-
-def close_gaps(image, count, gap):
-    """Fills gaps narrower than `gap` between two regions with the nearer region: the voxels added by a closing of both together (dilation,
-    then erosion by half the gap), so that nothing grows outward where they meet."""
-    if count < 2:
-        return
-    nearest = [np.full(image.labels.shape, np.inf, np.float32) for _ in range(2)]
-    owner = np.zeros(image.labels.shape, np.uint8)
-    for label in range(1, count + 1):
-        distance = distance_to(image.labels == label, image.step).astype(np.float32)
-        nearer = distance < nearest[0]
-        nearest[1] = np.where(nearer, nearest[0], np.minimum(nearest[1], distance))
-        nearest[0] = np.where(nearer, distance, nearest[0])
-        owner[nearer] = label
-    filled = distance_to(nearest[0] > gap / 2, image.step) > gap / 2
-    closed = (image.labels == 0) & filled & (nearest[0] + nearest[1] <= gap + 2 * image.step)
-    image.labels[closed] = owner[closed]
-
-
-def drop_thin(image, count, radius):
-    """Reassigns sheets and spurs of regions that are thinner than a ball of this radius, and splinters, to the nearest other label; they would
-    become flat tetrahedra. They arise where regions' outlines nearly coincide. A region that is thin everywhere is kept, and so is a part
-    that would break or vanish, except sheets beside other regions."""
-    radius = max(radius, image.step)
-    kept = [image.labels == 0]
-    for label in range(1, count + 1):
-        mask = image.labels == label
-        core = distance_to(~mask, image.step) > radius * (1 + 1e-6)
-        opened = mask & (distance_to(core, image.step) <= radius * (1 + 1e-6)) if core.any() else mask
-        if np.count_nonzero(opened) < (1 - MOST_THIN) * np.count_nonzero(mask):
-            opened = mask
+def cgal_labels(section, sizes):
+    """An image of labels from 1 for CGAL, without 0; for each label its piece (OUTSIDE: around), and the size of the tetrahedra in it."""
+    numbers, edge, step = section.numbers.astype(np.int64), sizes.edge, section.step
+    bound = np.full(numbers.shape, edge, np.float32)
+    layer = np.zeros(numbers.shape, np.int64)
+    for piece, size in enumerate(sizes.within):
+        seeded = piece in sizes.seeded
+        if size >= (edge if seeded else SMALL * edge):
+            continue
+        mask = numbers == piece + 1
+        window = box_of(mask, int(np.ceil((edge / SLOPE if seeded else size) / step)) + 1)
+        distance = distance_to(mask[window], step)
+        if seeded:
+            bound[window] = np.minimum(bound[window], size + SLOPE * distance)
         else:
-            opened = opened | holding(image, label, mask, opened, radius)
-        numbers, sizes = parts_of(opened)
-        large = np.append(False, sizes > shells.SPLINTER * sizes.max(initial=0))
-        kept.append(large[numbers])
-    left = (image.labels > 0) & ~np.any(kept, axis=0)
-    if left.any():
-        distances = np.array([distance_to(mask, image.step)[left] if mask.any() else np.full(np.count_nonzero(left), np.inf) for mask in kept])
-        image.labels[left] = np.argmin(distances, axis=0)
+            layer[window][(numbers[window] == 0) & (distance < size)] = piece + 1
+    level = np.ceil(np.log2(edge / bound) - 1e-6).astype(np.int64)
+    level[np.isin(numbers, [piece + 1 for piece in sizes.seeded])] = 0
+    width, depth = len(sizes.within) + 1, int(level.max()) + 1
+    keys, labels = np.unique((numbers * width + layer) * depth + level, return_inverse=True)
+    held, layers, levels = keys // depth // width - 1, keys // depth % width - 1, keys % depth
+    radii = [min([edge / 2.0 ** steps, *(sizes.within[k] for k in (piece, beside) if k >= 0)]) for piece, beside, steps in zip(held, layers, levels)]
+    return (labels.reshape(numbers.shape) + 1).astype(np.uint16), held, radii
 
 
-def holding(image, label, mask, opened, radius):
-    """Thin places in parts of a region that an opening would break or remove, except those beside other regions."""
-    whole, sizes = parts_of(mask)
-    numbers, pieces = parts_of(opened)
-    large = np.append(False, pieces > shells.SPLINTER * sizes[0])
-    pairs = np.unique(np.column_stack([whole[mask], (numbers * large[numbers])[mask]]), axis=0)
-    found = np.bincount(pairs[pairs[:, 1] > 0, 0], minlength=len(sizes) + 1)
-    broken = np.append(False, (found[1:] != 1) & (sizes > shells.SPLINTER * sizes[0]))
-    thin = mask & ~opened & broken[whole]
-    others = (image.labels > 0) & ~mask
-    if thin.any() and others.any():
-        thin &= distance_to(others, image.step) > 2 * radius
-    return thin
-
-
-def thinnest(regions):
-    """Radius of a cylinder with the thinnest region's ratio of volume to surface."""
-    return min(2 * sum(s.volume() for s in region) / sum(s.area() for s in region) for region in regions)
-
-
-def meshed(image, edge, flatness, sizes):
-    """CGAL's tetrahedra in an image: points, tetrahedra, their labels. Only the surfaces between labels are used. `sizes`: label -> radius of
-    the spheres around tetrahedra in it, and near it if that is smaller than elsewhere."""
-    labels, radius = np.where(image.labels == 0, AROUND, image.labels), {AROUND: edge, "default": edge}
-    for label, size in sizes.items():
-        radius[label] = size
-        if size < SMALL * edge:
-            labels[(image.labels == 0) & (distance_to(image.labels == label, image.step) < size)] = AROUND - label
-            radius[AROUND - label] = size
-    labels = np.pad(labels[1:-1, 1:-1, 1:-1].astype(np.uint8), 1)      # CGAL needs an empty border
+def meshed(section, flatness, sizes):
+    """CGAL's tetrahedra in a section: points, tetrahedra, and 1 + the number of the piece of each, or 0. Only the surfaces between pieces are used."""
+    labels, held, radii = cgal_labels(section, sizes)
+    labels = np.pad(labels[1:-1, 1:-1, 1:-1], 1)      # CGAL needs an empty border
+    step = MM * section.step
     made = pygalmesh.generate_from_array(
-        np.ascontiguousarray(labels.transpose(2, 1, 0)), (image.step,) * 3, perturb=False, exude=False,    # these depend on the clock
-        min_facet_angle=FACET_ANGLE, max_radius_surface_delaunay_ball=CIRCUMRADIUS * edge, max_facet_distance=flatness,
-        max_cell_circumradius={label: float(size) for label, size in radius.items()}, verbose=False, seed=1)
+        np.ascontiguousarray(labels.transpose(2, 1, 0)), (step,) * 3, perturb=False, exude=False,    # these depend on the clock
+        min_facet_angle=FACET_ANGLE, max_radius_surface_delaunay_ball=MM * CIRCUMRADIUS * sizes.edge, max_facet_distance=MM * flatness,
+        max_cell_circumradius={"default": MM * sizes.edge, **{label: MM * float(radius) for label, radius in enumerate(radii, 1)}}, verbose=False, seed=1)
     points, tets, numbers = np.asarray(made.points, float), made.cells_dict["tetra"], made.cell_data_dict["medit:ref"]["tetra"]
-    middles = np.rint(points[tets].mean(axis=1) / image.step).astype(int)
+    middles = np.rint(centres_of(points[tets]) / step).astype(int)
     i, j, k = np.clip(middles, 0, np.array(labels.shape[::-1]) - 1).T    # a few may lie beyond a small image
     label, found = labels[k, j, i], np.zeros(len(tets), int)
     for number in np.unique(numbers):    # CGAL renumbers the labels
         mine = numbers == number
-        found[mine] = np.argmax(np.bincount(label[mine], minlength=2)[1:]) + 1
-    found[found > max(sizes)] = 0
-    return points + image.low, tets, found
+        votes = np.bincount(label[mine], minlength=2)[1:]
+        if votes.any():
+            found[mine] = held[np.argmax(votes)] + 1
+    return points / MM + section.low, tets, found
 
 
-def connected(count, pairs):
-    """For each of `count` numbers the smallest one connected to it by pairs (k, 2)."""
-    root = np.arange(count)
-    while True:
-        before = root.copy()
-        least = np.minimum(root[pairs[:, 0]], root[pairs[:, 1]])
-        order = np.argsort(-least, kind="stable")
-        root[pairs[order].ravel()] = np.repeat(least[order], 2)    # the last assignment wins: the smallest number
-        root = root[root]
-        if np.array_equal(root, before):
-            return root
+def centres_of(corners):
+    """Centres of the spheres around tetrahedra (n, 4, 3); of a flat one its middle."""
+    edges = corners[:, 1:] - corners[:, :1]
+    flat = np.abs(np.linalg.det(edges)) < 1e-9 * np.linalg.norm(edges, axis=2).prod(axis=1)
+    edges[flat] = np.eye(3)
+    found = corners[:, 0] + np.linalg.solve(edges, (edges ** 2).sum(axis=2)[..., None] / 2)[..., 0]
+    found[flat] = corners[flat].mean(axis=1)
+    return found
 
 
 def neighbours(tets):
@@ -319,6 +192,8 @@ def complex_of(points, tets, labels):
     """The surfaces of labels, cells numbered by connected parts."""
     labels = without_splinters(points, tets, labels)
     tets, labels = tets[labels > 0], labels[labels > 0]
+    if not len(tets):
+        return Complex(points[:0], tets[:, :3], tets[:, :2], [])
     faces, left, right = neighbours(tets)
     inner = right != OUTSIDE
     same = inner & (labels[left] == labels[right])
@@ -350,7 +225,7 @@ def with_voids(found):
 
 
 def corrected(made, volumes):
-    """Moves the points as little as possible to give the regions these volumes: {region: volume}. Where that makes surfaces cross, as in a narrow
+    """Moves the points as little as possible to give groups of pieces these volumes: [(pieces, volume)]. Where that makes surfaces cross, as in a narrow
     channel, the points stay, and the others are moved more."""
     if not volumes:
         return made
@@ -370,12 +245,12 @@ def corrected(made, volumes):
 
 def with_volumes(made, volumes, free):
     """`free`: weight (n,) of each point, 0: it stays."""
-    wanted = np.array([volumes[k] for k in sorted(volumes)])
+    wanted = np.array([volume for _, volume in volumes])
     weight = np.zeros(len(made.points))
     for k in range(3):
         np.add.at(weight, made.triangles[:, k], made.areas() / 3)
     for _ in range(CORRECTIONS):
-        held, gradients = zip(*(made.volume_gradient(k) for k in sorted(volumes)))
+        held, gradients = zip(*(made.volume_gradient(pieces) for pieces, _ in volumes))
         missing = wanted - held
         if np.abs(missing / wanted).max() < 1e-6:
             break
@@ -386,98 +261,157 @@ def with_volumes(made, volumes, free):
     return made
 
 
-def parts_of(mask):
-    """Connected parts of a mask, numbered from 1, and their numbers of voxels, largest first."""
-    source = vtk.vtkImageData()
-    source.SetDimensions(*mask.shape[::-1])
-    source.GetPointData().SetScalars(numpy_to_vtk(mask.astype(np.uint8).ravel(), deep=True))
-    connectivity = vtk.vtkImageConnectivityFilter()
-    connectivity.SetInputData(source)
-    connectivity.SetScalarRange(1, 1)
-    connectivity.SetLabelScalarTypeToInt()
-    connectivity.SetLabelModeToSizeRank()
-    connectivity.Update()
-    numbers = vtk_to_numpy(connectivity.GetOutput().GetPointData().GetScalars()).reshape(mask.shape)
-    return numbers, np.bincount(numbers.ravel())[1:]
-
-
-def surrounded(numbers, number):
-    """Section of an image of numbered parts: this part and REACH voxels around it."""
-    within = np.argwhere(numbers == number)
-    return numbers[tuple(slice(max(0, a - REACH), b + REACH + 1) for a, b in zip(within.min(axis=0), within.max(axis=0)))]
-
-
-def clear(numbers, count):
-    """Removes voxels that are too close to larger parts; parts are numbered by size."""
-    for number in range(2, count + 1):
-        nearby = surrounded(numbers, number)
-        larger = (nearby > 0) & (nearby < number)
-        if larger.any():
-            nearby[(nearby == number) & (distance_to(larger, 1.0) < CLEAR)] = 0
-
-
-def separate(image):
-    """Removes splinters, and separates parts that do not touch by CLEAR voxels."""
-    numbers, sizes = parts_of(image.labels > 0)
-    whole = np.bincount(image.labels.ravel(), minlength=256)
-    large = [np.any(np.bincount(image.labels[numbers == number], minlength=256)[1:] > shells.SPLINTER * whole[1:]) for number in range(1, len(sizes) + 1)]
-    numbers = np.append(0, np.cumsum(large) * large)[numbers]    # without splinters
-    clear(numbers, sum(large))
-    image.labels[numbers == 0] = 0
-
-
-def missing(image, label, found, tolerance):
-    """Share of a label's boundary that is further than `tolerance` from its extracted surface."""
-    if label - 1 not in found.cells:
+def missing(section, piece, found, tolerance):
+    """Share of a piece's boundary that is further than `tolerance` from its extracted surface."""
+    if piece not in found.cells:
         return 1.0
-    mine = image.labels == label
+    mine = section.numbers == piece + 1
+    window = box_of(mine, 1)
+    mine = mine[window]
     inner = mine.copy()
     for axis in range(3):
         inner &= np.roll(mine, 1, axis) & np.roll(mine, -1, axis)
-    places = np.argwhere(mine & ~inner)[:, ::-1]
+    places = np.argwhere(mine & ~inner)[:, ::-1] + [window[axis].start for axis in (2, 1, 0)]
     places = places[::1 + len(places) // MOST_PLACES]
-    return float(np.mean(np.abs(shells.distances(found.surface(label - 1), image.low + image.step * places)) > tolerance))
+    return float(np.mean(np.abs(shells.distances(found.surface([piece]), section.low + section.step * places)) > tolerance))
 
 
-def with_margin(image, margin):
-    """The image padded by this much label 0 on all sides."""
-    voxels = int(np.ceil(margin / image.step))
-    return Image(image.low - voxels * image.step, image.step, np.pad(image.labels, voxels))
+def section_of(image, numbers, cluster, edge, radii, balls):
+    """A cluster's section: what hangs on its outside is outside, and what hangs on another of its pieces belongs to that. `radii`, `balls`: of all pieces."""
+    place = np.zeros(int(numbers.max()) + 1, np.uint16)
+    for number, stands in cluster.stands.items():
+        place[number] = 0 if stands == cluster.outer else 1 + cluster.inner.index(stands)
+    mine = place[numbers]
+    margin = int(np.ceil(MARGIN * edge / image.step)) + 2      # otherwise triangles have corners on the section's border
+    tight = box_of(mine > 0, 0)
+    pieces = [number - 1 for number in cluster.inner]
+    low = image.low + image.step * (np.array([each.start for each in tight])[::-1] - margin)
+    return Section(low, image.step, np.pad(mine[tight], margin), pieces, [radii[piece] for piece in pieces], [balls[piece] for piece in pieces])
 
 
-def surfaces_in(image, edge, radii):
-    """The complex of an image. `radii`: label -> thinness of its region. CGAL follows a surface from the first points found on it, and misses
-    parts that are thinner than its elements; elements in and around such regions are made smaller until nothing is missing."""
-    parts = {label: np.count_nonzero(sizes > shells.SPLINTER * sizes[0]) for label in radii for _, sizes in [parts_of(image.labels == label)]}
-    sizes = {label: min(THIN * radius if radius < edge / 2 else radius, edge) for label, radius in radii.items()}
-    flatness = max(FLATNESS * min(radii.values()), FLATNESS_OF_EDGE * edge)
-    image = with_margin(image, MARGIN * edge)     # otherwise triangles of the regions have corners on the image's border
+def size_in(radius, ball, edge):
+    """Size of the tetrahedra in a piece of this thinness, of which the largest ball has this radius."""
+    return min(THIN * radius if radius < edge / 2 else radius, GRAIN * ball if ball < edge else edge, edge)
+
+
+def nodes_of_thin(pieces, shells_of_parts, step, edge):
+    """About how many nodes the surface of each piece needs in which tetrahedra must be smaller than the edge of a triangle; 0 for others."""
+    balls = largest_balls(pieces, step)
+    radii = thinness_of(pieces, shells_of_parts, balls)
+    volumes = pieces.voxels() * step ** 3
+    sizes = [size_in(radius, ball, edge) for radius, ball in zip(radii, balls)]
+    return [2 * volume / radius / (EQUILATERAL * (PER_SIZE * size) ** 2) if size < edge else 0.0 for volume, radius, size in zip(volumes, radii, sizes)]
+
+
+def surfaces_in(section, edge, flatness):
+    """The complex of a section's pieces, and the missing share of each one's surface. CGAL follows a surface from the first
+    points found on it, and misses places that are thinner than its elements; elements in and around such pieces are made smaller until nothing
+    is missing."""
+    sizes = Sizes(edge, [size_in(radius, ball, edge) for radius, ball in zip(section.radii, section.balls)], set())
     for _ in range(REFINEMENTS):
-        found = complex_of(*meshed(image, edge, flatness, sizes))
-        lost = {label: missing(image, label, found, max(min(radius, edge / 2), 1.5 * image.step)) for label, radius in radii.items()}
-        poor = [label for label in radii if lost[label] > MOST_MISSING or found.cells.count(label - 1) < parts[label]]
+        found = complex_of(*meshed(section, flatness, sizes))
+        lost = [missing(section, piece, found, max(min(radius, edge / 2), 1.5 * section.step)) for piece, radius in enumerate(section.radii)]
+        often = collections.Counter(found.cells)
+        poor = [piece for piece in range(len(lost)) if lost[piece] > MOST_MISSING or often[piece] != 1]
         if not poor:
             break
-        for label in poor:
-            sizes[label] *= FINER
+        for piece in poor:
+            sizes.within[piece] *= FINER
+            if piece not in found.cells:
+                sizes.seeded.add(piece)
     return found, lost
 
 
-def image_for(regions, edge, box=None, body=False):
-    """Image of regions (lists of closed shells, in order of priority), without gaps and sheets that are too thin for triangles of
-    about this edge. Returned with the shares of the regions that are lost: see image_of."""
-    image, lost = image_of(regions, edge, box, body)
-    thin = FLATNESS * thinnest(regions)
-    drop_thin(image, len(regions), thin)
-    close_gaps(image, len(regions), max(2 * thin, CLOSE_VOXELS * image.step))
-    separate(image)
-    return image, lost
+def largest_balls(pieces, step):
+    """Radius of the largest ball in each piece, m."""
+    found = []
+    for piece in range(len(pieces.regions)):
+        mask = pieces.numbers == piece + 1
+        found.append(float(distance_to(~mask[box_of(mask, 1)], step).max()))
+    return found
 
 
-def shared_surfaces(image, lost, regions, volumes, edge):
-    """Complex of the regions of these volumes, with triangles of about this edge, and the missing share of each one's surface.
-    `image`, `lost`: from image_for. A volume of None is not restored: for bones only the surface matters."""
-    kept = {k: volume * (1 - sum(share for (loser, _), share in lost.items() if loser == k)) for k, volume in enumerate(volumes) if volume}
-    inside = [int(label) for label in np.unique(image.labels) if label]
-    found, missed = surfaces_in(image, edge, {label: thinnest([regions[label - 1]]) for label in inside})
-    return corrected(found, {k: volume for k, volume in kept.items() if k in found.cells}), {label - 1: share for label, share in missed.items()}
+def thinness_of(pieces, shells_of_parts, balls):
+    """The thinness of each piece, by the surfaces of the parts that it holds; of a void its largest ball."""
+    held = collections.defaultdict(list)
+    for part, piece in pieces.held:
+        held[piece].append(shells_of_parts[part])
+    return [thinness(held[piece]) if held[piece] else balls[piece] for piece in range(len(pieces.regions))]
+
+
+def surfaces_of_clusters(image, pieces, edge, radii, balls):
+    """The complex of all pieces, and the missing share of each one's surface. Clusters whose surfaces cross are extracted together."""
+    graph = clusters.neighbours_in(pieces.numbers)
+    every, flatness, made = clusters.clusters_of(graph), max(FLATNESS * min(radii), FLATNESS_OF_EDGE * edge), {}
+    for _ in range(JOININGS):
+        for cluster in every:
+            key = frozenset(cluster.edges)
+            if key not in made:
+                section = section_of(image, pieces.numbers, cluster, edge, radii, balls)
+                made[key] = (*surfaces_in(section, edge, flatness), section.pieces)
+        found, missed, owner = glued(every, [made[frozenset(cluster.edges)] for cluster in every], len(pieces.regions))
+        pairs = {tuple(sorted((owner[edge_[0]], owner[triangle[0]]))) for _, edge_, triangle in shells.crossing_pairs(Shell(found.points, found.triangles))}
+        pairs = {pair for pair in pairs if pair[0] != pair[1]}
+        if not pairs:
+            break
+        every = clusters.joined(graph, every, pairs)
+    return found, missed
+
+
+def glued(every, made, count):
+    """One complex of the clusters' ones, with the pieces of all; the missing share of each piece's surface; and the cluster of each point."""
+    points, triangles, sides, cells, missed, owner = [np.zeros((0, 3))], [np.zeros((0, 3), int)], [np.zeros((0, 2), int)], [], [1.0] * count, []
+    total = 0
+    for k, (cluster, (found, lost, pieces)) in enumerate(zip(every, made)):
+        for piece, share in zip(pieces, lost):
+            missed[piece] = share
+        outer = outer_cell(cluster, found, cells, points, triangles, sides)
+        first = len(cells)
+        cells += [pieces[piece] if piece != OUTSIDE else cluster.outer - 1 for piece in found.cells]       # a void is part of what is around
+        sides.append(np.where(found.sides == OUTSIDE, outer, found.sides + first))
+        triangles.append(found.triangles + total)
+        points.append(found.points)
+        owner += [k] * len(found.points)
+        total += len(found.points)
+    return Complex(np.vstack(points), np.vstack(triangles), np.vstack(sides), cells), missed, np.array(owner, int)
+
+
+def outer_cell(cluster, found, cells, points, triangles, sides):
+    """The cell around a cluster: of those of the piece around it the one that holds its points."""
+    around = [k for k, piece in enumerate(cells) if piece == cluster.outer - 1] if cluster.outer != AROUND else []
+    if len(around) < 2 or not len(found.points):
+        return around[0] if around else OUTSIDE
+    whole = Complex(np.vstack(points), np.vstack(triangles), np.vstack(sides), list(range(len(cells))))
+    inside = [np.mean(shells.distances(whole.surface([k]), found.points) < 0) for k in around]
+    return around[int(np.argmax(inside))]
+
+
+def groups_of(pieces):
+    """Sets of parts and pieces that belong together, as a list of (parts, pieces): a part may break, and parts may merge."""
+    groups = []
+    for part, piece in pieces.held:
+        mine = [group for group in groups if part in group[0] or piece in group[1]]
+        groups = [group for group in groups if not any(group is each for each in mine)]
+        groups.append((set().union({part}, *(group[0] for group in mine)), set().union({piece}, *(group[1] for group in mine))))
+    return sorted(groups, key=lambda group: min(group[0]))
+
+
+def wanted_volumes(pieces, found, volumes, lost):
+    """[([piece], volume)]: what the pieces that were found must hold. `volumes`: of the parts, None: not to be restored; `lost`: see image_of."""
+    voxels, wanted = pieces.voxels(), []
+    for parts, members in groups_of(pieces):
+        if any(volumes[part] is None for part in parts):
+            continue
+        whole = sum(volumes[part] * (1 - sum(share for (loser, _), share in lost.items() if loser == part)) for part in parts)
+        all_voxels = sum(voxels[piece] for piece in members)
+        wanted += [([piece], whole * voxels[piece] / all_voxels) for piece in sorted(members) if piece in found.cells]
+    return wanted
+
+
+def shared_surfaces(image, pieces, lost, regions, volumes, edge):
+    """Complex of the pieces of regions (lists of parts' surfaces), with triangles of about this edge, and the missing share of each piece's surface.
+    `image`, `pieces`, `lost`: from image_for. `volumes`: of the parts, over all regions; None: it is not restored, as for bones only the surface matters."""
+    balls = largest_balls(pieces, image.step)
+    radii = thinness_of(pieces, [shell for region in regions for shell in region], balls)
+    found, missed = surfaces_of_clusters(image, pieces, edge, radii, balls)
+    return corrected(found, wanted_volumes(pieces, found, volumes, lost)), missed

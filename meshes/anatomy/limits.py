@@ -15,11 +15,16 @@ SECONDS = DEFAULT       # the limit in force
 WAITING = 10            # times that, in real time, for a stage that waits instead of working
 TELL = False            # say which stage begins
 BEGUN = time.monotonic()
+FEW = 6                 # names in a message
 WITH_PARENT = 1         # prctl's PR_SET_PDEATHSIG
 
 
 class TooLong(Exception):
     """A stage did not end in time."""
+
+
+class NoMemory(MemoryError):
+    """A stage that this machine's memory does not suffice for."""
 
 
 class Crashed(Exception):
@@ -59,10 +64,18 @@ def run(stage, work, *arguments):
         child.kill()
         child.join()
         receiver.close()
+    if isinstance(error, MemoryError) and not isinstance(error, NoMemory):
+        raise NoMemory(f"{stage}: this machine's memory does not suffice: choose fewer regions or nodes, or a smaller part of the image") from error
     if error:
         error.place = place     # the child's traceback, for debugging
         raise error
     return result
+
+
+def few(names):
+    """Names for a message."""
+    names = list(names)
+    return ", ".join(names[:FEW]) + (f" and {len(names) - FEW} more" if len(names) > FEW else "")
 
 
 def too_long(stage):

@@ -9,7 +9,8 @@ import tempfile
 import gmsh
 import numpy as np
 
-from . import labels, limits, quality, relocate, session
+from . import label_image, labels, limits, quality, relocate, session
+from .label_image import OUTSIDE
 from .contours import Unusable
 from .loft import mesh_shell
 from .session import current_mesh
@@ -32,6 +33,7 @@ OFF = 0.10              # of the wanted number of nodes: meshes further off are 
 MOST_OFF = 2.0          # and refused if they have so many times more or fewer nodes
 WORST = 4.0             # factor on the paper's extreme angles, giving 2.5 and 174.9 degrees; meshes beyond that are refused
 CUT = 1.5               # voxels: a triangle this close to a face of the block, and
+BORDER = 2.5            # voxels: so close to the image's border, where smoothing has moved the surface inward,
 FACING = 0.7            # cosine: turned to it, is a cut through the body
 LEAST_CUT = 0.02        # of the skin's triangles: if fewer are cut, the body lies on its back,
 LYING = 10e-3           # m: up to this height it is fixed
@@ -47,6 +49,10 @@ class Failure(Exception):
 
     def __str__(self):
         return self.args[0]
+
+
+class Thin(Failure):
+    """Regions are too thin: elements of another size will not do."""
 
 
 @dataclasses.dataclass
@@ -65,9 +71,14 @@ class Region:
     """A region that may touch others."""
     name: str
     surface: str
-    shells: list             # closed, m, world frame
-    volume: float
-    hollow: bool = False
+    shells: list             # of its parts: closed, m, world frame
+    sizes: list              # volumes of its parts, m^3; None: unknown, because only some of it is in the block
+    hollow: bool = False     # bone: no tetrahedra inside
+    layer: object = None     # of the label map that it is from, if it is: regions of one layer do not overlap
+
+    def volumes(self):
+        """What the mesh must hold of each part, m^3; None: as it comes."""
+        return [None] * len(self.sizes) if self.hollow else self.sizes
 
 
 @dataclasses.dataclass
@@ -86,9 +97,17 @@ class Domain:
     plate: np.ndarray = None    # m: a point of the template's face where needles enter
     tube: float = None       # m: radius around the path with smaller elements
     skin: bool = False       # the last region is the body around the others, and there is no box: the rest is air
+    border: object = None    # voxels.Border: where the image cuts off the body
     crop: tuple = None       # low, high: regions are cut off outside
     front: str = "z-"        # face of the box that is the skin
-    image: tuple = None      # of the regions, and their losses to each other: see labels.image_for
+    quiet: tuple = ()        # names of surfaces that get no group
+    image: tuple = None      # of the regions, its pieces, and the parts' losses to each other: see label_image.image_for
+
+    def parts(self):
+        """The number of the region of each part of the regions, or the body of each body: (owner, number within it)."""
+        if self.regions:
+            return [(region, n) for region in self.regions for n in range(len(region.shells))]
+        return [(body, 0) for body in self.bodies]
 
     def parents(self):
         """Index of the smallest body around each body, or None."""
@@ -202,36 +221,47 @@ def fixed_faces(front):
 
 
 def build(domain, fine):
-    """Meshes the domain as Gmsh's current model, with its named groups; returns the regions' losses to each other, and the share of each one's
-    surface that is missing."""
+    """Meshes the domain as Gmsh's current model, with its named groups; returns the piece (or body) in each of Gmsh's volumes, {tag: number}, and
+    the share of each one's surface that is missing."""
     formula = size_formula(domain, fine)
     if domain.regions:
-        image, lost = domain.image
-        found, missed = labels.shared_surfaces(image, lost, [region.shells for region in domain.regions],
-                                               [None if region.hollow else region.volume for region in domain.regions], fine)
-        gone = [region.name for k, region in enumerate(domain.regions) if k not in found.cells]
-        if gone:
-            raise Failure("nothing is left of it: it lies inside other regions or is too thin", gone)
-        if domain.skin:
-            missed.pop(len(domain.regions) - 1, None)
-        missed = {domain.regions[k].name: share for k, share in missed.items()}
-        if max(missed.values(), default=0) > REFUSED_MISSED:
-            most = max(missed, key=missed.get)
-            raise Failure(f"{100 * missed[most]:.0f} % of its surface would be missing in the mesh: it is too thin for this number of nodes", [most])
-        patches, hollow = patches_of_complex(domain, found, fine), [k != labels.OUTSIDE and domain.regions[k].hollow for k in found.cells]
-        names = [domain.regions[k].name if k != labels.OUTSIDE else "surrounding" for k in found.cells]
-        owners, shells = domain.regions, [found.surface(k) for k in range(len(domain.regions))]
-        lost = {(domain.regions[k].name, domain.regions[winner].name if winner != labels.OUTSIDE else None): share
-                for (k, winner), share in lost.items() if not (domain.skin and k == len(domain.regions) - 1)}
+        pieces = domain.image[1]
+        found, missed = labels.shared_surfaces(*domain.image, [region.shells for region in domain.regions],
+                                               [volume for region in domain.regions for volume in region.volumes()], fine)
+        check_found(domain, found, missed)
+        region = [domain.regions[k] if k != OUTSIDE else None for k in pieces.regions] + [None]     # the last is OUTSIDE's
+        owner = [region[piece] for piece in found.cells]
+        missed = [share if region[piece] else 0.0 for piece, share in enumerate(missed)]
+        patches, points, cells = patches_of_complex(domain, found, owner, fine), found.points, list(found.cells)
+        owners = domain.regions
+        surfaces = [found.surface({piece for piece, k in enumerate(pieces.regions) if k == number}) for number in range(len(owners))]
     else:
-        shells, lost, missed = [coarse(body, formula) for body in domain.bodies], {}, {}
-        points, patches = patches_of_bodies(domain, shells)
-        owners, names, hollow = domain.bodies, [body.name for body in domain.bodies], [body.hollow for body in domain.bodies]
+        surfaces, missed = [coarse(body, formula) for body in domain.bodies], [0.0] * len(domain.bodies)
+        points, patches = patches_of_bodies(domain, surfaces)
+        owners, owner, cells = domain.bodies, domain.bodies, list(range(len(domain.bodies)))
     try:
-        fill(domain, found.points if domain.regions else points, patches, names, hollow, formula)
+        volumes = fill(domain, points, patches, [(each.name, each.hollow) if each else ("surrounding", False) for each in owner], formula)
     except Exception as error:  # Gmsh raises no more specific class
-        raise failure_of(owners, shells, error) from error
-    return lost, missed
+        raise failure_of(owners, surfaces, error) from error
+    return {tag: cells[k] for k, tag in volumes.items()}, missed
+
+
+def check_found(domain, found, missed):
+    """Raises Thin if nothing, or too little, is left of regions."""
+    pieces, names = domain.image[1], [region.name for region in domain.regions]
+    left = {pieces.regions[piece] for piece in found.cells if piece != OUTSIDE}
+    gone = [name for k, name in enumerate(names) if k not in left]
+    if gone:
+        raise Thin("nothing is left of it: it lies inside other regions or is too thin", gone)
+    weight, thin = pieces.voxels() ** (2 / 3), {}       # like the surface
+    for k, name in enumerate(names[:-1] if domain.skin else names):
+        mine = [piece for piece, number in enumerate(pieces.regions) if number == k]
+        share = float(np.average([missed[piece] for piece in mine], weights=weight[mine]))
+        if share > REFUSED_MISSED:
+            thin[name] = share
+    if thin:
+        most = max(thin.values())
+        raise Thin(f"{100 * most:.0f} % of its surface would be missing in the mesh: it is too thin for this number of nodes", sorted(thin, key=thin.get, reverse=True))
 
 
 @dataclasses.dataclass
@@ -244,27 +274,29 @@ class Patch:
 
 def patches_of_bodies(domain, shells):
     first = np.cumsum([0] + [len(shell.points) for shell in shells])
-    outside = [labels.OUTSIDE if parent is None else parent for parent in domain.parents()]
+    outside = [OUTSIDE if parent is None else parent for parent in domain.parents()]
     return np.vstack([shell.points for shell in shells]), [
         Patch(body.surface, shell.triangles + at, (k, around))
         for k, (body, shell, at, around) in enumerate(zip(domain.bodies, shells, first, outside))]
 
 
-def patches_of_complex(domain, found, fine):
+def patches_of_complex(domain, found, owner, fine):
     """Where two regions meet, the surface is named after the bone, else after the gland, else after the region drawn on top; a region inside
-    the gland has its own name."""
+    the gland has its own name. `owner`: the region of each cell, or None."""
     gland = next(region for region in domain.regions if region.name == domain.gland)
+    order = {region.name: k for k, region in enumerate(domain.regions)}
     sides = np.sort(found.sides, axis=1)
     patches = []
     for pair in np.unique(sides, axis=0):
         triangles = found.triangles[np.all(sides == pair, axis=1)]
-        between = sorted({found.cells[side] for side in pair if side != labels.OUTSIDE} - {labels.OUTSIDE})
-        if domain.skin and labels.OUTSIDE in pair:
-            patches += outer_patches(domain, found, triangles, pair, domain.regions[between[0]].surface)
+        between = sorted({owner[side].name for side in pair if side != OUTSIDE and owner[side]}, key=order.get)
+        between = [domain.regions[order[name]] for name in between]
+        if domain.skin and OUTSIDE in pair:
+            patches += outer_patches(domain, found, triangles, pair, between[0].surface)
             continue
         if domain.skin and len(between) > 1:
-            between = [k for k in between if k != len(domain.regions) - 1]
-        names = [domain.regions[k].surface for k in between]
+            between = [region for region in between if region is not domain.regions[-1]]
+        names = [region.surface for region in between]
         if "bone" in names:
             name = "bone"
         elif gland.surface in names and len(names) > 1:
@@ -278,13 +310,16 @@ def patches_of_complex(domain, found, fine):
 
 
 def outer_patches(domain, found, triangles, pair, name):
-    """The patches between a cell and the air: on the faces of the block, where the body goes on, they are fixed."""
+    """The patches between a cell and the air: on the faces of the block, and where the image ends, the body goes on, and they are fixed."""
     middles, sides = found.points[triangles].mean(axis=1), tuple(int(side) for side in pair)
     a, b, c = (found.points[triangles[:, k]] for k in range(3))
     normals = np.cross(b - a, c - a)
     normals /= np.linalg.norm(normals, axis=1, keepdims=True)
     near = CUT * domain.image[0].step
     cut = np.any((np.minimum(np.abs(middles - domain.low), np.abs(middles - domain.high)) < near) & (np.abs(normals) > FACING), axis=1)
+    if domain.border:
+        facing = normals @ domain.border.normals.T > FACING
+        cut |= np.any(facing & (domain.border.offsets - middles @ domain.border.normals.T < BORDER * domain.image[0].step), axis=1)
     if name == "skin" and np.count_nonzero(cut) < LEAST_CUT * len(cut):     # nothing else holds it: it lies on its back
         cut |= middles[:, 1] < middles[:, 1].min() + LYING
     return [Patch(called, triangles[mine], sides) for called, mine in (("fixed", cut), (name, ~cut)) if mine.any()]
@@ -304,22 +339,25 @@ def add_patches(points, patches):
     return tags
 
 
-def fill(domain, points, patches, names, hollow, formula):
-    """Creates tetrahedra in the cells `names` that are not hollow, and around them."""
+def fill(domain, points, patches, cells, formula):
+    """Creates tetrahedra in the cells (name, whether it is hollow), and around them. Returns {cell: Gmsh's volume}."""
     gmsh.model.add("tissue")
-    if domain.skin:     # what has no tissue on either side is no part of the mesh
-        patches = [patch for patch in patches if any(side != labels.OUTSIDE and not hollow[side] for side in patch.sides)]
+
+    def tissue(side):
+        return not domain.skin if side == OUTSIDE else not cells[side][1]
+    patches = [patch for patch in patches if any(map(tissue, patch.sides))]     # the others, as between two bones, are no part of the mesh
     surfaces = add_patches(points, patches)
     faces = {} if domain.skin else add_box(domain.low, domain.high)
     geo = gmsh.model.geo
 
     def around(cell):
         return [tag for tag, patch in zip(surfaces, patches) if cell in patch.sides]
-    volumes = [(name, geo.addVolume([geo.addSurfaceLoop(around(k))])) for k, name in enumerate(names) if not hollow[k]]
+    made = {k: geo.addVolume([geo.addSurfaceLoop(around(k))]) for k, (_, hollow) in enumerate(cells) if not hollow}
+    volumes = [(cells[k][0], tag) for k, tag in made.items()]
     if faces:
-        volumes.append(("surrounding", geo.addVolume([geo.addSurfaceLoop([*faces.values(), *around(labels.OUTSIDE)])])))
+        volumes.append(("surrounding", geo.addVolume([geo.addSurfaceLoop([*faces.values(), *around(OUTSIDE)])])))
     geo.synchronize()
-    name_groups(volumes, [(patch.name, tag) for tag, patch in zip(surfaces, patches)], faces, domain.front)
+    name_groups(volumes, [(patch.name, tag) for tag, patch in zip(surfaces, patches) if patch.name not in domain.quiet], faces, domain.front)
     set_sizes(formula)
     gmsh.model.mesh.generate(3)
     if any(len(gmsh.model.mesh.getElementsByType(4, volume)[0]) == 0 for _, volume in volumes):
@@ -327,6 +365,7 @@ def fill(domain, points, patches, names, hollow, formula):
     for _ in range(3):
         gmsh.model.mesh.optimize("")
         gmsh.model.mesh.optimize("Relocate3D")
+    return made
 
 
 def name_groups(volumes, surfaces, faces, front):
@@ -352,26 +391,30 @@ def first_size(extent, nodes):
 
 @dataclasses.dataclass
 class Attempt:
-    """A mesh and its source data."""
+    """A mesh, and what became of the pieces (or bodies) of its regions."""
     mesh: quality.Mesh
-    lost: dict           # (region, region that has it now, or None for the box): share
-    missed: dict = dataclasses.field(default_factory=dict)      # region -> share of its surface that is not in the mesh
+    missed: list = dataclasses.field(default_factory=list)      # of each piece: share of its surface that is not in the mesh
+    held: list = dataclasses.field(default_factory=list)        # of each piece: its volume in the mesh, m^3
 
     def rank(self, nodes):
         """Lower is better: usable angles, no surface missing, a number of nodes close to the wanted one, and then the angles, or the number."""
         off, badness = abs(len(self.mesh.points) / nodes - 1), self.mesh.badness()
-        return badness > WORST, max(self.missed.values(), default=0) > MOST_MISSED, off > CLOSE, badness if off <= CLOSE else off
+        return badness > WORST, max(self.missed, default=0) > MOST_MISSED, off > CLOSE, badness if off <= CLOSE else off
 
 
 def attempt(domain, fine, path):
     """Runs in a separate process."""
     session.start()
-    lost, missed = build(domain, fine)
-    mesh = current_mesh()
+    volumes, missed = build(domain, fine)
+    mesh, tags = current_mesh()
     if domain.regions:
         move_nodes(mesh, relocate.relocated(mesh, held_points(domain, mesh)))
     gmsh.write(path)
-    return Attempt(mesh, lost, missed)
+    each, held = mesh.volumes(), np.zeros(len(missed))
+    for tag, piece in volumes.items():
+        if piece != OUTSIDE:
+            held[piece] += each[tags == tag].sum()
+    return Attempt(mesh, missed, held.tolist())
 
 
 def held_points(domain, mesh):
@@ -391,6 +434,41 @@ def move_nodes(mesh, points):
     for n in np.flatnonzero(np.any(points != mesh.points, axis=1)):
         gmsh.model.mesh.setNode(tags[n], points[n], [])
     mesh.points[:] = points      # its surfaces have the same points
+
+
+def prepare(domain, nodes):
+    """Draws the image of regions that share surfaces, and raises Thin if some of them are too thin for it or need too many nodes: seconds before the mesh is tried."""
+    if not domain.regions:
+        return
+    names = [region.name for region in domain.regions]
+    fine = first_size(domain.high - domain.low, nodes)
+    image, pieces, lost, needed = limits.run(f"image of {limits.few(names)}", drawn, domain, fine)
+    parts = domain.parts()
+    lost = {(part, winner): share for (part, winner), share in lost.items()
+            if winner == OUTSIDE or parts[part][0].layer is None or parts[part][0].layer != domain.regions[winner].layer}
+    domain.image = image, pieces, lost
+    gone = [name for k, name in enumerate(names) if k not in pieces.regions]
+    if gone:
+        raise Thin("nothing is left of it: it lies inside other regions or is too thin", gone)
+    most = MOST_OFF * nodes
+    if sum(needed) > most:
+        thin, left = [], sum(needed)
+        for k in sorted(range(len(needed)), key=lambda k: -needed[k]):
+            if left > nodes and names[k] != domain.gland:     # what is inside needs nodes too
+                thin.append(names[k])
+                left -= needed[k]
+        raise Thin(f"thin regions need about {sum(needed):.0f} nodes on their surfaces alone, more than twice --nodes {nodes}", thin or [domain.gland])
+
+
+def drawn(domain, fine):
+    """The image of the domain's regions, its pieces, the parts' losses to each other, and how many nodes the thin places of each region need."""
+    image, pieces, lost = label_image.image_for([region.shells for region in domain.regions], fine, (domain.low, domain.high) if domain.skin else domain.crop, domain.skin)
+    shells = [shell for region in domain.regions for shell in region.shells]
+    needed = np.zeros(len(domain.regions))
+    for piece, count in enumerate(labels.nodes_of_thin(pieces, shells, image.step, fine)):
+        if pieces.regions[piece] != OUTSIDE:
+            needed[pieces.regions[piece]] += count
+    return image, pieces, lost, needed.tolist()
 
 
 def generate(domain, nodes, path):
@@ -415,21 +493,18 @@ def search(domain, nodes, path):
     limit = min(FAILURES, TRIES)
     best, best_rank, close_size, failures, work, tries = None, (), None, 0, 0, []
     every = sorted({owner.name for owner in domain.regions or domain.bodies})
-    if domain.regions:
-        domain.image = limits.run(f"image of {', '.join(every)}", labels.image_for, [region.shells for region in domain.regions], fine,
-                                  (domain.low, domain.high) if domain.skin else domain.crop, domain.skin)
     for number in range(TRIES):
         near = best and abs(len(best.mesh.points) / nodes - 1) <= OFF
         if best and not best_rank[1] and work > (MOST_WORK if near else max(MOST_WORK, LARGE_WORK * nodes)):
             break
         try:
             try:
-                made = limits.run(f"mesh of {', '.join(every)}", attempt, domain, fine, path + ".try.msh")
+                made = limits.run(f"mesh of {limits.few(every)}", attempt, domain, fine, path + ".try.msh")
             except limits.Crashed as error:
                 raise Failure(str(error), every) from error
         except Failure as failure:
             failures += 1
-            if failures == limit and best is None:
+            if best is None and (failures == limit or isinstance(failure, Thin)):
                 raise
             if failures == limit and best_rank[1]:
                 break

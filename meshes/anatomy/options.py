@@ -4,9 +4,11 @@ import math
 
 from . import limits
 
+DEFAULT = "patient"      # prefix of the files' names
+
 DESCRIPTION = """\
 Makes a mesh, a scene and a quality report from a patient's contours (DICOM RT Structure Set, CSV), label maps (NIfTI, NRRD, DICOM SEG),
-surfaces (STL, PLY, OBJ, VTK) or volume meshes with labels (VTK, Gmsh).
+surfaces (STL, PLY, OBJ, VTK) or volume meshes with labels (VTK, Gmsh). A folder stands for the structure set or the segmentations in it.
 
 The first region is the one that the needle is aimed at. Regions that touch share their surface; where two overlap, the smaller one gets
 the volume. Positions are DICOM patient coordinates in millimetres: to the patient's left, back and head.
@@ -36,16 +38,18 @@ def parse(arguments, version=None):
     """Arguments as a namespace. Ends the program with status 2 if they are wrong, as argparse does."""
     parser = argparse.ArgumentParser("trocar-anatomy", description=DESCRIPTION, formatter_class=argparse.RawDescriptionHelpFormatter)
     add = parser.add_argument
-    add("input", nargs="+", metavar="FILE", help="one file of contours (.dcm, .csv), labels (.dcm, .nii, .nii.gz, .nrrd, .nhdr) or a volume mesh (.vtu, .vtk, .msh); or any number of files with "
-        "one region each, named after the file: surfaces (.stl, .ply, .obj, .vtp, .vtk) or label maps")
+    add("input", nargs="+", metavar="FILE", help="one file of contours (DICOM, .csv) or a volume mesh (.vtu, .vtk, .msh); any number of label maps on one grid (DICOM, .nii, .nii.gz, .nrrd, .nhdr); "
+        "any number of surfaces, named after the file (.stl, .ply, .obj, .vtp, .vtk); or a folder of one of these kinds")
     add("--list", action="store_true", help="list the regions of interest and exit")
-    add("--roi", action="append", default=[], metavar="NAME", help="soft region, the one of interest first; may be repeated")
-    add("--bone", action="append", default=[], metavar="NAME", help="region that no needle can enter; may be repeated")
-    add("--output", default="patient", metavar="PREFIX", help="write PREFIX.msh, .yaml, -quality.md and -quality.svg (default patient)")
+    add("--roi", action="append", default=[], metavar="NAME", help="soft region, the one of interest first; may be repeated. NAME may be a label's number, or a pattern such as 'lung_*'")
+    add("--bone", action="append", default=[], metavar="NAME", help="region, or pattern of regions, that no needle can enter; may be repeated")
+    add("--all", action="store_true", help="take all other regions too: those with the name of a bone as bones, the body as the skin")
+    add("--output", default=DEFAULT, metavar="PREFIX", help=f"write PREFIX.msh, .yaml, -quality.md and -quality.svg (default {DEFAULT}); a folder: write {DEFAULT}.msh into it, and so on")
     add("--nodes", type=int, default=570, metavar="N", help="number of nodes, met within 10 %% where the anatomy allows it (default 570)")
     add("--corridor", type=float, nargs="+", metavar="MM",
         help="halve the element size in a cylinder along z; mm, in the mesh's frame. One number: RADIUS around the needle's path")
     add("--crop", action="store_true", help="limit the box to the first region and the bones; what sticks out is cut off and reported")
+    add("--skip-small", action="store_true", help="leave out regions that are too small or too thin for the number of nodes, and say which (default: refuse them)")
     add("--time-limit", type=float, metavar="SECONDS",
         help=f"stop a stage that takes more processor time (default {limits.DEFAULT:g}, and in proportion above {limits.NODES} nodes)")
     add("--unit", choices=("mm", "cm", "m"), help="unit of the file's lengths (default: what the file says, else mm)")
@@ -60,8 +64,9 @@ def parse(arguments, version=None):
         "needles enter, and the direction in which they pass (default 0,0,1: to the head); the needle starts in the hole nearest to the target")
     add("--margin", type=float, default=25.0, metavar="MM", help="tissue around the first region, and with --skin around all (default 25)")
     add("--materials", metavar="FILE.csv", help="materials of regions by name, in place of the built-in ones: see PARAMETERS.md")
-    add("--progress", action="store_true", help="say on stderr which stage begins")
-    add("--picture", metavar="FILE.svg", help="draw the contours as read and as interpreted, even if they cannot be used")
+    add("--quiet", action="store_true", help="do not say on stderr which stage begins")
+    add("--progress", action="store_true", help=argparse.SUPPRESS)      # is the default now
+    add("--picture", metavar="FILE.svg", help="draw the regions, slice by slice, as read and as interpreted; contours even if they cannot be used")
     if version:
         add("--version", action="version", version=f"trocar-anatomy {version}")
     given = parser.parse_args(arguments)

@@ -1,20 +1,25 @@
-"""Outlines as read (grey) and as interpreted (blue), one panel per slice."""
+"""Regions slice by slice: as read (grey) and as interpreted (blue)."""
 import math
 
 import numpy as np
+import vtk
 
 from . import quality  # sets matplotlib up
+from . import shells
 from .quality import plt
 
 PANELS = 60     # at most
+LEVELS = 12     # slices of a region that came as labels or as a surface, at most
+NEAR = 0.03     # of its height: how far from a slice points as read are shown
 
 
-def panel(axis, title, rings, polygons):
+def panel(axis, title, rings, lines):
+    """`rings`, `lines`: as read and as interpreted; a ring of (n, 2) or more coordinates is closed, None is a set of points."""
     for ring in rings:
-        axis.plot(*np.vstack([ring, ring[:1]])[:, :2].T, color="0.6", linewidth=0.8, marker=".", markersize=2)
-    for polygon in polygons:
-        for ring in (polygon.exterior, *polygon.interiors):
-            axis.plot(*np.array(ring.coords).T, color="#0072B2", linewidth=1)
+        if ring.ndim == 2 and len(ring):
+            axis.plot(*np.vstack([ring, ring[:1]])[:, :2].T, color="0.6", linewidth=0.8, marker=".", markersize=2)
+    for line in lines:
+        axis.plot(*line.T, color="#0072B2", linewidth=1)
     axis.set_title(title, fontsize=6)
     axis.set_aspect("equal")
     axis.invert_yaxis()
@@ -22,6 +27,7 @@ def panel(axis, title, rings, polygons):
 
 
 def sheet(panels, path):
+    """`panels`: (title, rings, lines, points) or without the points."""
     more = len(panels) - PANELS
     panels = panels[:PANELS]
     columns = min(6, len(panels))
@@ -29,23 +35,52 @@ def sheet(panels, path):
     figure, axes = plt.subplots(rows, columns, figsize=(1.9 * columns, 2.0 * rows), squeeze=False, layout="constrained")
     for axis in axes.flat[len(panels):]:
         axis.axis("off")
-    for axis, contents in zip(axes.flat, panels):
-        panel(axis, *contents)
+    for axis, (title, rings, lines, *points) in zip(axes.flat, panels):
+        for each in points:
+            axis.plot(*each.T, linestyle="", color="0.6", marker=".", markersize=2)
+        panel(axis, title, rings, lines)
     if more > 0:
         figure.suptitle(f"and {more} more", fontsize=8)
     figure.savefig(path, metadata={"Date": None, "Title": "Outlines"})
     plt.close(figure)
 
 
-def draw(stacks, rings, path):
-    """`rings`: ROI name -> its rings."""
-    panels = []
-    for stack in stacks:
-        for z, outline in sorted([(s.z, s.outline) for s in stack.slices] + [(z, None) for z in stack.left_out], key=lambda pair: pair[0]):
-            here = [ring for ring in rings[stack.name] if len(ring) and abs(np.median(ring[:, 2]) - z) < 0.2]
-            title = f"{stack.name}, z = {z:g} mm"
-            panels.append((title, here, outline.geoms) if outline else (f"{title}\nleft out: encloses too little", here, []))
+def draw(organs, regions, path):
+    """`organs`: with the body; `regions`: as sources.Sources has them."""
+    panels, levels = [], min(LEVELS, max(1, PANELS // len(organs)))     # so that all regions are in it
+    for organ in organs:
+        panels += panels_of_stack(organ.stack, regions[organ.roi]) if organ.stack else panels_of_shells(organ, levels)
     sheet(panels, path)
+
+
+def panels_of_stack(stack, rings):
+    panels = []
+    for z, outline in sorted([(s.z, s.outline) for s in stack.slices] + [(z, None) for z in stack.left_out], key=lambda pair: pair[0]):
+        here = [ring for ring in rings if len(ring) and abs(np.median(ring[:, 2]) - z) < 0.2]
+        title = f"{stack.name}, z = {z:g} mm"
+        lines = [np.array(ring.coords) for polygon in outline.geoms for ring in (polygon.exterior, *polygon.interiors)] if outline else []
+        panels.append((title if outline else f"{title}\nleft out: encloses too little", here, lines))
+    return panels
+
+
+def panels_of_shells(organ, levels):
+    """Axial slices of closed surfaces, and the points of the labels' faces or the file's surface that are close to them."""
+    low, high = (bound(np.vstack([shell.points for shell in organ.shells])[:, 2]) for bound in (np.min, np.max))
+    height, panels = high - low, []
+    for z in low + height * (np.arange(levels) + 0.5) / levels:
+        near = organ.points[np.abs(organ.points[:, 2] - z) < NEAR * height]
+        panels.append((f"{organ.roi}, z = {z:.1f} mm", [], [line for shell in organ.shells for line in section(shell, z)], near[:, :2]))
+    return panels
+
+
+def section(shell, z):
+    """The lines (n, 2) in which a surface meets a plane of constant z."""
+    plane = vtk.vtkPlane()
+    plane.SetOrigin(0, 0, z)
+    plane.SetNormal(0, 0, 1)
+    lines = shells.pipe(shells.to_vtk(shell), shells.configured(vtk.vtkCutter(), CutFunction=plane), vtk.vtkStripper())
+    return [np.array([lines.GetPoint(lines.GetCell(k).GetPointId(n))[:2] for n in range(lines.GetCell(k).GetNumberOfPoints())])
+            for k in range(lines.GetNumberOfCells())]
 
 
 def draw_problem(error, path):

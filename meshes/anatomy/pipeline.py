@@ -2,13 +2,12 @@
 import dataclasses
 import itertools
 import os
-import re
-import unicodedata
 
 import numpy as np
 
-from . import approach, contours, field, labels, limits, loft, materials, meshing, shells
+from . import approach, field, limits, losses, loft, materials, meshing, shells
 from .contours import Unusable
+from .organ import Organ, in_ml
 
 SKIN_DEPTH = 35.0       # mm from the skin to the gland
 MARGIN = 25.0           # mm of tissue around the gland
@@ -17,43 +16,9 @@ EDGE = 5.0              # mm from the box's faces at which regions are cut off w
 GAP = 0.5               # of an element: regions that do not touch keep this distance from each other
 TOUCH = 1.0             # mm: regions that come this close share a surface
 LOSS = 0.03             # of a region's volume: if keeping the gap costs more, regions share a surface
-MOST_LOSS = 0.10        # of a region's volume: meshes with a larger error are refused
-TOLD = 0.01             # of a bone's surface: if more is missing, it is reported; more than MOST_LOSS is refused
-MISSING = 5.0           # mm: a bone's point this far from the mesh's bone is missing
-SHORT = 20.0            # mm: if the largest region is shorter, the unit may be another one,
-SMALL = 100.0           # mm^3: and if that is smaller,
-LARGE = 2000.0          # mm: or one is longer, it probably is
-LEAST = 1.0             # mm^3: smaller regions are refused
-STEEP = 5.0             # times the median edge: longer edges form a spike or a dent
-FEW = 4                 # edges that may be longer
-MOST_CHECKED = 40000    # triangles: larger surfaces are checked for crossings in a decimated copy
-RESERVED = ("surrounding", "skin", "fixed", "capsule", "bone")    # names that every mesh uses
-LONGEST_NAME = 40       # characters; a mesh allows 63, including suffixes
 FEET = 2, -1            # axis and side of a box: its face toward the feet
 FACES = FEET, (1, -1), (0, -1), (0, 1), (2, 1), (1, 1)      # in the order in which they are tried as the skin, on which no bone may be in the way
 SLENDER = 1.5           # radii of a thin region: longest edge of its triangles
-
-
-@dataclasses.dataclass
-class Organ:
-    """One region."""
-    roi: str                     # the user's name
-    name: str                    # name in mesh and scene
-    bone: bool
-    points: np.ndarray           # (n, 3) of the outlines or the surface as read; DICOM mm
-    loft: shells.Shell = None    # DICOM mm
-    shape: field.Field = None    # DICOM mm, if there is no loft
-    shells: list = None          # closed surfaces, DICOM mm, from surface files
-    stack: contours.Stack = None
-    volume: float = 0.0          # mm^3
-    notes: list = dataclasses.field(default_factory=list)
-    share: bool = False          # its surfaces are made from a label image
-    read: float = None           # mm^3, as the file has it, before anything was mended; None: as `volume`
-    kind: str = ""               # what the file says it is, for its material
-
-    def note(self, text):
-        if f"{self.roi}: {text}" not in self.notes:
-            self.notes.append(f"{self.roi}: {text}")
 
 
 @dataclasses.dataclass
@@ -65,102 +30,7 @@ class Plan:
     tube: float = None           # radius around the needle's path with smaller elements
     skin: Organ = None           # the body, whose surface is the skin; None: a box
     template: approach.Template = None      # the needle goes through one of its holes
-
-
-def region_names(rois):
-    """ROI -> name in mesh and scene: lower-case Latin letters, digits and underscores, numbered if already taken."""
-    names, taken = {}, set(RESERVED)
-    for roi in rois:
-        plain = unicodedata.normalize("NFKD", roi.lower()).encode("ascii", "ignore").decode()
-        name = stem = re.sub(r"[^a-z0-9]+", "_", plain).strip("_")[:LONGEST_NAME] or "region"
-        number = 1
-        while name in taken:
-            number += 1
-            name = f"{stem}_{number}"
-        taken.add(name)
-        names[roi] = name
-    return names
-
-
-def organ_of_rings(roi, name, bone, rings):
-    stack = contours.build_stack(roi, rings)
-    return Organ(roi, name, bone, np.vstack([np.reshape(ring, (-1, 3)) for ring in rings]), stack=stack, volume=stack.volume(),
-                 notes=[f"{roi}: {note}" for note in stack.notes])
-
-
-def organ_of_surface(roi, name, bone, surface, notes=()):
-    """`notes`: repairs of it."""
-    organ = Organ(roi, name, bone, surface.points, shells=[surface], volume=surface.volume(), notes=[f"{roi}: {note}" for note in notes])
-    note_parts(organ)
-    note_long_edges(organ)
-    mend_crossings(organ)
-    return organ
-
-
-def organ_of_label(roi, name, bone, label, kind=""):
-    """`label`: voxels.Outlined."""
-    notes = [f"{roi}: {note}" for note in label.notes]
-    if not label.shells:
-        raise Unusable(roi, f"nothing is left of its {label.volume:.3g} mm^3 at the resolution of the other regions: leave it out")
-    largest = max(shell.volume() for shell in label.shells)
-    kept = [shell for shell in label.shells if shell.volume() > shells.SPLINTER * largest]
-    organ = Organ(roi, name, bone, label.points, shells=kept, volume=label.volume, notes=notes, read=label.volume, kind=kind)
-    dropped = sum(shell.volume() for shell in label.shells) - sum(shell.volume() for shell in kept)
-    if len(label.shells) > 1:
-        few = len(label.shells) - len(kept)
-        organ.note(f"has {len(label.shells)} separate parts" + (f", of which {few} of less than {100 * shells.SPLINTER:g} % of the largest one's volume "
-                   f"are left out, {-100 * dropped / label.volume:+.2f} %" if few else ""))
-    organ.volume -= dropped
-    return organ
-
-
-def check_sizes(organs, unit=None):
-    """Refuses regions in what is probably another unit, unless `unit` was given. The largest region tells: beside it, small ones may be lesions."""
-    for n, organ in enumerate(sorted(organs, key=lambda organ: -organ.volume)):
-        size = np.ptp(organ.points, axis=0)
-        measured = f"it measures {' x '.join(f'{side:.3g}' for side in size)} mm and has {organ.volume:.3g} mm^3"
-        if not unit and (size.max() > LARGE or n == 0 and organ.volume < SMALL):
-            raise Unusable(organ.roi, f"{measured}: is the file's unit right? Give it with --unit")
-        if organ.volume < LEAST:
-            raise Unusable(organ.roi, f"{measured}: too small to be meshed: leave it out")
-        if organ.volume < SMALL:
-            organ.note(f"{measured}: few of the mesh's elements are in it")
-        elif n == 0 and size.max() < SHORT and not unit:
-            organ.note(f"{measured}: is the file's unit right? Give it with --unit")
-
-
-def note_parts(organ):
-    volumes = np.array([solid.volume() for solid in shells.solids(shells.all_parts(organ.shells[0]))])
-    small = volumes < shells.SPLINTER * volumes.max()
-    if len(volumes) > 1:
-        organ.note(f"has {len(volumes)} separate parts" + (f", of which {np.count_nonzero(small)} of less than {100 * shells.SPLINTER:g} % of the "
-                   f"largest one's volume may be left out ({100 * volumes[small].sum() / volumes.sum():.2f} % in all)" if small.any() else ""))
-
-
-def note_long_edges(organ):
-    surface = organ.shells[0]
-    ends = surface.points[surface.edges()]
-    length = np.linalg.norm(ends[:, 0] - ends[:, 1], axis=1)
-    long = length > STEEP * np.median(length)
-    if np.count_nonzero(long) > FEW:
-        place = ", ".join(f"{v:.0f}" for v in ends[long].mean(axis=(0, 1)))
-        organ.note(f"{np.count_nonzero(long)} edges are over {STEEP:g} times as long as usual, up to {length.max():.0f} mm, around ({place}) mm: "
-                   f"was part of the surface displaced? It is used unchanged, {organ.volume * 1e-3:.1f} ml")
-
-
-def mend_crossings(organ):
-    """Replaces a surface that crosses itself by the surface of everything that it encloses."""
-    surface = organ.shells[0]
-    checked = shells.decimated(surface, MOST_CHECKED)
-    places = [point for point, *_ in shells.crossings([checked])]
-    if not places:
-        return
-    around = labels.all_inside(surface)
-    volume = sum(shell.volume() for shell in around)
-    place = ", ".join(f"{v:.0f}" for v in places[0])
-    organ.note(f"its surface crosses itself at {len(places)} edges, first at ({place}) mm: replaced by the surface of everything that it encloses, {volume * 1e-3:.2f} ml "
-               f"instead of {organ.volume * 1e-3:.2f} ml ({100 * (volume / organ.volume - 1):+.1f} %)")
-    organ.shells, organ.volume, organ.read = around, volume, organ.volume
+    skip_small: bool = False     # leave out regions that are too small or too thin for the mesh
 
 
 def outlines_touch(organ, other):
@@ -210,33 +80,38 @@ def box_around(gland, bones, others, margin=MARGIN, face=FEET):
     return low, high
 
 
-def path_and_block(surfaces, bones, others, plan):
-    """The needle's path, the corners of the block of tissue, and the face of it that is the skin: all DICOM mm. surfaces: of the gland."""
-    target = approach.middle_of(surfaces) if plan.target is None else plan.target
+def path_and_block(surfaces, bones, others, plan, spared=()):
+    """The needle's path, the corners of the block of tissue, and the face of it that is the skin: all DICOM mm. surfaces: of the gland; spared: of regions that the
+    needle goes around if it can."""
+    target = approach.middle_of(surfaces, spared) if plan.target is None else plan.target
+    spared = [shell for shell in spared if shells.distances(shell, target[None])[0] > 0]
     entry = plan.entry
     if plan.template:
         entry, target = approach.through_template(plan.template, target, bones)
     if plan.skin:
         if plan.template:
             entry = approach.on_skin(plan.skin.shells, entry, target)
-        path = approach.through_skin(target, plan.skin.shells, bones) if entry is None else approach.Path(entry, target, True)
+        path = approach.through_skin(target, plan.skin.shells, bones, spared, plan.skin.cut) if entry is None else approach.Path(entry, target)
         points = np.vstack([shell.points for shell in [*surfaces, *bones, *others]])
         ends = np.array([path.entry, target])
         return path, np.minimum(points.min(axis=0), ends.min(axis=0)) - plan.margin, np.maximum(points.max(axis=0), ends.max(axis=0)) + plan.margin, FEET
     if entry is None:
-        return path_through_box(target, plan.margin, (surfaces, bones, others))
+        return path_through_box(target, plan.margin, (surfaces, bones, others), spared)
     return path_through_face(entry, target, plan.margin, (surfaces, bones, others))
 
 
-def path_through_box(target, margin, found):
-    """The box whose skin is the face toward the feet, or the first one without bones in the way. `found`: surfaces, bones and others."""
+def path_through_box(target, margin, found, spared):
+    """The box whose skin is the face toward the feet, or the first one without bones, and if possible without regions to be spared, in the way. `found`: surfaces, bones
+    and others."""
+    second = None
     for face in FACES:
         low, high = box_around(*found, margin, face)
-        path = approach.through_face(target, low, high, found[1], face)
-        if path:
-            return path, low, high, face
+        path = approach.through_face(target, low, high, found[1], face, spared)
+        if path and not path[1]:
+            return path[0], low, high, face
+        second = second or path and (path[0], low, high, face)
     low, high = box_around(*found, margin)
-    return approach.Path(np.append(target[:2], low[2]), target, False), low, high, FEET      # the report says that bone is in the way
+    return second or (approach.Path(np.append(target[:2], low[2]), target), low, high, FEET)      # the report says that bone is in the way
 
 
 def path_through_face(entry, target, margin, found):
@@ -251,7 +126,7 @@ def path_through_face(entry, target, margin, found):
     entry = entry + (skin - entry[axis]) / way[axis] * way
     aside = np.arange(3) != axis
     low[aside], high[aside] = np.minimum(low, entry - OTHERS_MARGIN)[aside], np.maximum(high, entry + OTHERS_MARGIN)[aside]
-    return approach.Path(entry, target, True), low, high, (axis, side)
+    return approach.Path(entry, target), low, high, (axis, side)
 
 
 def kept_apart(organ, surfaces, before, gap):
@@ -326,7 +201,9 @@ def domain_of(organs, nodes, corridor, crop=False, plan=None):
         if not found:
             raise Unusable(organ.roi, "it is too thin to be resolved")
     bones, others = ([s for organ, found in zip(organs[1:], surfaces[1:]) if organ.bone == bone for s in found] for bone in (True, False))
-    path, low, high, face = path_and_block(surfaces[0], bones, [] if crop else others, plan)
+    spared = [s for organ, found in zip(organs[1:], surfaces[1:]) if not organ.bone and materials.is_spared(organ.roi, organ.kind) for s in found]
+    path, low, high, face = path_and_block(surfaces[0], bones, [] if crop else others, plan, spared)
+    organs[0].notes += [f"needle: {note}" for note in path.notes if f"needle: {note}" not in organs[0].notes]
     cut = crop and any(np.any(s.points < low + EDGE) or np.any(s.points > high - EDGE) for s in others)
     gap = GAP * meshing.first_size(high - low, nodes)
     origin = origin_under(surfaces[0], low, high, face) if not plan.skin else path.entry
@@ -346,11 +223,12 @@ def domain_of(organs, nodes, corridor, crop=False, plan=None):
     if not apart:
         edge = np.array([EDGE * 1e-3] * 3)
         domain.crop = (domain.low + edge, domain.high - edge) if cut else None
-        domain.regions = [meshing.Region(organ.name, surface_name(organ, organs), [placed(s) for s in found], organ.volume * 1e-9, organ.bone)
+        domain.regions = [meshing.Region(organ.name, surface_name(organ, organs), [placed(s) for s in found], [v * 1e-9 for v in organ.volumes_of(found)],
+                                         organ.bone, organ.layer)
                           for organ, found in sorted(zip(organs, surfaces), key=lambda pair: priority(pair[0], organs[0]))]
         if plan.skin:
-            domain.skin = True
-            domain.regions.append(meshing.Region("surrounding", "skin", [placed(s) for s in plan.skin.shells], None))
+            domain.skin, domain.border = True, plan.skin.cut and plan.skin.cut.seen_from(origin)
+            domain.regions.append(meshing.Region("surrounding", "skin", [placed(s) for s in plan.skin.shells], [None] * len(plan.skin.shells)))
         return domain, outlined
     for organ, kept in zip(organs, apart):
         share = organ.volume / sum(shell.volume() for shell in surfaces[organs.index(organ)])
@@ -390,66 +268,48 @@ def shaped(organs, *arguments):
     return (organs, *domain_of(organs, *arguments))
 
 
-def mesh_of(organs, nodes, corridor, path, crop=False, plan=None):
-    """Writes the mesh; returns it, its domain and the outlines' volumes. A loft that cannot be meshed is replaced by a field, and that by
-    surfaces from a label image."""
+def mesh_of(organs, nodes, corridor, path, crop=False, plan=None, quiet=()):
+    """Writes the mesh; returns it, its domain, the outlines' volumes, and what became of each part (losses.Row). A loft that cannot be meshed is replaced by a
+    field, and that by surfaces from a label image. Organs that are left out are taken from the list. `quiet`: names of surfaces
+    that get no group."""
+    plan = plan or Plan()
     while True:
-        made, domain, outlined = limits.run(f"surfaces of {', '.join(organ.roi for organ in organs)}", shaped, organs, nodes, corridor, crop, plan)
+        made, domain, outlined = limits.run(f"surfaces of {limits.few(organ.roi for organ in organs)}", shaped, organs, nodes, corridor, crop, plan)
         for organ, finished in zip(organs, made):
             vars(organ).update(vars(finished))
+        domain.quiet = quiet
         if not domain.skin:      # of a box: the path begins on it
             approach.needle_for(*domain.path, domain.plate)
         try:
+            meshing.prepare(domain, nodes)
             made = meshing.generate(domain, nodes, path)
+        except meshing.Thin as failure:
+            leave_out(organs, failure, nodes, plan.skip_small)
+            continue
         except meshing.Failure as failure:
             give_way([organ for organ in organs if organ.name in failure.names], failure, domain)
             continue
-        note_losses(organs, made.lost, outlined)
-        note_missed(organs, made.missed)
+        rows = losses.rows_of(domain, made)
+        losses.note(organs, domain, rows, outlined, plan.skip_small)
+        losses.note_missed(organs, domain, made)
         try:
-            check_volumes(organs, made.mesh, outlined)
-            check_bones(organs, distances_to_outlines(organs, domain, made.mesh, outlined))
+            losses.check_volumes(organs, made.mesh, outlined)
+            losses.check_bones(organs, distances_to_outlines(organs, domain, made.mesh, outlined))
         except Unusable:
             os.remove(path)
             raise
         write_transform(path, patient_to_mesh(domain.origin))
-        return made.mesh, domain, outlined
+        return made.mesh, domain, outlined, rows
 
 
-def note_losses(organs, lost, outlined):
-    called = {organ.name: organ for organ in organs}
-    for (name, winner), share in lost.items():
-        organ = called[name]
-        outlined[name] -= share * organ.volume * 1e-9
-        if winner is None:
-            organ.note(f"{100 * share:.1f} % of it lie outside the mesh's box and are left out")
-        elif share >= 5e-4:
-            organ.note(f"{100 * share:.1f} % of it overlap {called[winner].roi} and are assigned to that")
-
-
-def note_missed(organs, missed):
-    for organ in organs:
-        if missed.get(organ.name, 0) > meshing.MOST_MISSED:
-            organ.note(f"{100 * missed[organ.name]:.0f} % of its surface is missing in the mesh, where it is too thin for this number of nodes: try more --nodes")
-
-
-def check_volumes(organs, mesh, outlined):
-    for organ in organs:
-        if not organ.bone and abs(mesh.region_volume(organ.name) / outlined[organ.name] - 1) > MOST_LOSS:
-            raise Unusable(organ.roi, f"the mesh holds {mesh.region_volume(organ.name) * 1e6:.2f} ml of {outlined[organ.name] * 1e6:.2f} ml "
-                           f"({100 * (mesh.region_volume(organ.name) / outlined[organ.name] - 1):+.1f} %): raise --nodes, or leave it out")
-
-
-def check_bones(organs, distances):
-    """Bones are hollow in the mesh, so instead of their volume the missing share of their surface is checked."""
-    for organ in organs:
-        far = distances[organ.name] > MISSING if organ.bone and organ.name in distances else np.zeros(1, bool)
-        text = (f"{100 * np.mean(far):.1f} % of its surface lie more than {MISSING:g} mm from the mesh's bone "
-                f"(at most {distances[organ.name].max():.0f} mm)") if far.any() else ""
-        if np.mean(far) > MOST_LOSS:
-            raise Unusable(organ.roi, f"{text}: raise --nodes, or leave it out")
-        if np.mean(far) > TOLD:
-            organ.note(f"{text}: parts of it are missing; try more --nodes")
+def leave_out(organs, failure, nodes, skip):
+    """Takes regions that are too thin from the list, if that is wanted; else refuses all of them by name."""
+    thin = [organ for organ in organs if organ.name in failure.names]
+    named = ", ".join(f"{organ.roi} ({in_ml(organ.volume)})" for organ in thin)
+    if organs[0] in thin or not skip:
+        raise Unusable('" and "'.join(organ.roi for organ in thin), f"{failure}: raise --nodes above {nodes}, or leave out what is too small, with --skip-small: {named}")
+    organs[:] = [organ for organ in organs if organ not in thin]
+    organs[0].note(f"beside it are left out, because {failure}: {named}")
 
 
 def give_way(organs, failure, domain):
@@ -473,7 +333,16 @@ def give_way(organs, failure, domain):
 
 
 def distances_to_outlines(organs, domain, mesh, outlined):
-    """Region name -> distances (mm) of the input points from its surface in the mesh, if nothing was cut off."""
-    surface = {organ.name: mesh.surfaces["bone"] if organ.bone else mesh.boundary(organ.name) for organ in organs}
-    return {organ.name: 1e3 * np.abs(shells.distances(surface[organ.name], world(organ.points, domain.origin)))
-            for organ in organs if outlined[organ.name] > (1 - MOST_LOSS) * organ.volume * 1e-9}
+    """Region name -> distances (mm) of the input points from its surface in the mesh, if nothing was cut off. Where bones touch each other or the mesh's end, they have no
+    surface, as there is no tissue: such points of a bone are left out."""
+    found, whole = {}, mesh.boundary()
+    for organ in organs:
+        if outlined[organ.name] > (1 - losses.MOST_LOSS) * organ.volume * 1e-9:
+            points = world(organ.points, domain.origin)
+            off = 1e3 * np.abs(shells.distances(mesh.surfaces["bone"] if organ.bone else mesh.boundary(organ.name), points))
+            far = np.flatnonzero(off > losses.MISSING) if organ.bone else []
+            if len(far):
+                off = np.delete(off, far[shells.distances(whole, points[far]) > 0])
+            if len(off):
+                found[organ.name] = off
+    return found

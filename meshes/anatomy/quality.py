@@ -1,9 +1,12 @@
 """Quality of a tetrahedral mesh, compared with the mesh of Goksel, Salcudean and DiMaio (2006)."""
 import dataclasses
 import itertools
+import logging
 
-import matplotlib
 import numpy as np
+
+logging.getLogger("matplotlib").setLevel(logging.ERROR)      # it warns where it cannot write into the home folder, which it does not need
+import matplotlib  # noqa: E402
 
 matplotlib.use("svg")
 matplotlib.rcParams["svg.fonttype"] = "none"      # keep text as text
@@ -32,9 +35,9 @@ class Mesh:
     def region_volume(self, name):
         return float(self.volumes()[self.region == self.regions.index(name)].sum())
 
-    def boundary(self, name):
-        """The triangles around a region, which others may share, normals outward."""
-        tets = self.tets[self.region == self.regions.index(name)]
+    def boundary(self, name=None):
+        """The triangles around a region, which others may share, or around all of them; normals outward."""
+        tets = self.tets if name is None else self.tets[self.region == self.regions.index(name)]
         faces = np.concatenate([tets[:, [n for n in range(4) if n != k]] for k in range(4)])
         a, b, c, opposite = (self.points[corner] for corner in (*faces.T, tets.T.ravel()))
         inward = np.einsum("ij,ij->i", np.cross(b - a, c - a), opposite - a) > 0
@@ -89,14 +92,36 @@ def table(mesh, outlined, distances):
     return rows
 
 
-def mended(organs, mesh, outlined):
-    """Lines of a table: what each region's volume was as read, after mending, without what others or the box took, and in the mesh."""
+def mended(organs, mesh, outlined, rows=(), domain=None):
+    """Lines of a table: what each region's volume was as read, after mending, without what others or the box took, and in the mesh; and of its parts, if it has several.
+    `rows`: losses.Row."""
     lines = ["", "Volumes, ml; a bone is hollow in the mesh:", "", "| region | as read | mended | used | mesh | mesh to used |", "|---|---|---|---|---|---|"]
     for organ in organs:
         read, used = organ.volume if organ.read is None else organ.read, outlined[organ.name] * 1e9
         held = None if organ.bone else mesh.region_volume(organ.name) * 1e9
         lines.append(f"| {organ.roi} | {read * 1e-3:.2f} | {organ.volume * 1e-3:.2f} ({100 * (organ.volume / read - 1):+.1f} %) | {used * 1e-3:.2f} "
                      f"({100 * (used / organ.volume - 1):+.1f} %) | " + (f"{held * 1e-3:.2f} | {100 * (held / used - 1):+.2f} % |" if held else " | |"))
+        mine = [row for row in rows if row.name == organ.name]
+        lines += [part_line(organ, row, domain) for row in mine] if len(mine) > 1 else []
+    return lines
+
+
+def part_line(organ, row, domain):
+    place = ", ".join(f"{value + 0.0:.0f}" for value in row.place * [-1e3, -1e3, 1e3] + domain.origin)
+    kind = "part" if row.parts == 1 else f"{row.parts} parts in one"
+    start = f"| {organ.roi}: {kind} at ({place}) mm | {row.read * 1e6:.3f} | | {row.used * 1e6:.3f} ({100 * (row.used / row.read - 1):+.1f} %) | "
+    if row.gone:
+        return start + "0 | left out |"
+    return start + (f"{row.mesh * 1e6:.3f} | {100 * (row.mesh / row.used - 1):+.2f} % |" if row.mesh is not None and row.used else " | |")
+
+
+def used(found):
+    """Lines of a table: each region's material and where it is from. `found`: name -> materials.Found."""
+    lines = ["", "Materials (sources: meshes/PARAMETERS.md):", "", "| region | material | modulus, kPa | cutting, N | wall, N | basis |", "|---|---|---|---|---|---|"]
+    for name, each in found.items():
+        m = each.material
+        wall = "" if m.wall is None else f"{m.wall:g}"
+        lines.append(f"| {name} | {each.row} | {m.modulus / 1e3:g} | {m.cutting:g} | {wall} | {each.basis}: {each.source} |")
     return lines
 
 

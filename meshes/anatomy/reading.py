@@ -10,7 +10,7 @@ import pydicom
 import vtk
 from vtk.util.numpy_support import vtk_to_numpy
 
-from . import quality, session, shells, voxels
+from . import dicom, quality, session, shells, voxels
 from .contours import Rings, Unusable
 from .trouble import BadFile
 
@@ -23,17 +23,56 @@ COLUMNS = ["roi", "outline", "x_mm", "y_mm", "z_mm"]
 CLOSED, EXCLUSIVE, OPEN = "CLOSED_PLANAR", "CLOSEDPLANAR_XOR", "OPEN_PLANAR"
 
 
+DICOM_MARK = 128, b"DICM"       # where it stands, and what
+PLY_SIZES = {"char": 1, "uchar": 1, "int8": 1, "uint8": 1, "short": 2, "ushort": 2, "int16": 2, "uint16": 2, "int": 4, "uint": 4, "int32": 4, "uint32": 4,
+             "float": 4, "float32": 4, "double": 8, "float64": 8}
+
+
 def kind_of(path):
+    """The file's extension, of those that are known; .dcm for DICOM under any name."""
     every = OUTLINES + IMAGES + SURFACES + MESHES
     for extension in every:
         if path.lower().endswith(extension):
             return extension
+    if is_dicom(path):
+        return ".dcm"
     raise BadFile(f"{path}: unknown file type; expected {', '.join(every)}")
+
+
+def is_dicom(path):
+    try:
+        with open(path, "rb") as file:
+            file.seek(DICOM_MARK[0])
+            return file.read(len(DICOM_MARK[1])) == DICOM_MARK[1]
+    except OSError:
+        return False
+
+
+def files_in(folder):
+    """The files of a folder that have regions: the structure sets and segmentations among its DICOM files; else its label maps; else its surfaces."""
+    paths = sorted(os.path.join(folder, name) for name in os.listdir(folder) if os.path.isfile(os.path.join(folder, name)))
+    dicom = [path for path in paths if is_dicom(path)]
+    found = [path for path in dicom if modality_of(path) in ("RTSTRUCT", "SEG")]
+    for extensions in (IMAGES, SURFACES):
+        found = found or [path for path in paths if path.lower().endswith(extensions)]
+    if not found:
+        other = sorted({modality_of(path) for path in dicom})
+        raise BadFile(f"{folder}: has no structure set, segmentation, label map or surface"
+                      + (f"; its {len(dicom)} DICOM files are {', '.join(other)}: export the structure set or the segmentation" if dicom else ""))
+    return found
+
+
+def modality_of(path):
+    try:
+        return str(pydicom.dcmread(path, specific_tags=["Modality"], stop_before_pixels=True).get("Modality", "without a modality"))
+    except (pydicom.errors.InvalidDicomError, OSError, EOFError, ValueError):
+        return "damaged"
 
 
 def stem_of(path):
     """The file's name without folder and extension."""
-    return re.sub(r"\.seg$", "", os.path.basename(path)[:-len(kind_of(path))])
+    name, extension = os.path.basename(path), kind_of(path)
+    return re.sub(r"\.seg$", "", name[:-len(extension)] if name.lower().endswith(extension) else name)
 
 
 def read_image(path, unit=None, names=None, frame=None):
@@ -42,10 +81,10 @@ def read_image(path, unit=None, names=None, frame=None):
         raise BadFile(f"{path}: no such file")
     scale = UNITS[unit] if unit else None
     if kind_of(path) in (".nrrd", ".nhdr"):
-        return voxels.read_nrrd(path, scale, names or {}, frame)
+        return voxels.named_after_file(path, voxels.read_nrrd(path, scale, names or {}, frame))
     if frame == "LPS":
         raise BadFile(f"{path}: NIfTI is always RAS: leave --frame out")
-    return voxels.read_nifti(path, scale, names or {})
+    return voxels.named_after_file(path, voxels.read_nifti(path, scale, names or {}))
 
 
 def read_outlines(path):
@@ -59,13 +98,16 @@ def read_outlines(path):
 
 
 def read_dicom(path):
-    tags = ["Modality", "StructureSetROISequence", "ROIContourSequence"]
     try:
-        data = pydicom.dcmread(path, specific_tags=tags)
-        if data.get("Modality") == "SEG":
-            return voxels.read_seg(path, pydicom.dcmread(path))
-    except (pydicom.errors.InvalidDicomError, OSError, EOFError, ValueError) as error:
+        data = dicom.read(path)
+    except EOFError as error:
+        raise BadFile(str(error)) from error
+    except OSError as error:
+        raise BadFile(f"{path}: cannot be opened: {error.strerror}") from error
+    except (pydicom.errors.InvalidDicomError, ValueError) as error:
         raise BadFile(f"{path}: not a DICOM file: {error}") from error
+    if data.get("Modality") == "SEG":
+        return voxels.read_seg(path, data)
     if data.get("Modality") != "RTSTRUCT":
         raise BadFile(f"{path}: its modality is {data.get('Modality', 'not given')}, not RTSTRUCT or SEG: export the structure set")
     try:  # pydicom reads sequences on access
@@ -142,6 +184,39 @@ def frame_of(path, given):
     return given or (said[1].decode() if said else "LPS")
 
 
+def check_length(path):
+    """Refuses an STL or PLY file that ends before the triangles that it announces: VTK reads what there is."""
+    with open(path, "rb") as file:
+        content = file.read()
+    said, found = length_of_stl(content) if kind_of(path) == ".stl" else length_of_ply(content)
+    if found < said:
+        raise BadFile(f"{path}: cut off: it has {found} of {said} bytes" if said > 1 else f"{path}: cut off: it does not end with endsolid")
+
+
+def length_of_stl(content):
+    """Bytes that a binary file announces, and that it has; of a text file 1 and whether it ends."""
+    if content[:5] == b"solid" and b"facet" in content[:1000]:
+        return 1, int(b"endsolid" in content[-200:] or b"facet" not in content)
+    return (84 + 50 * int.from_bytes(content[80:84], "little"), len(content)) if len(content) >= 84 else (84, len(content))
+
+
+def length_of_ply(content):
+    """Least number of bytes that the header of a PLY file announces, and what it has."""
+    header, end, data = content.partition(b"end_header")
+    if not end:
+        return len(content) + 1, len(content)
+    least, count, text = 0, 0, b"format ascii" in header
+    for words in (line.split() for line in header.decode("ascii", "replace").splitlines()):
+        if words[:1] == ["element"] and len(words) == 3:
+            count = int(words[2])
+            least += 2 * count if text else 0
+        elif words[:2] == ["property", "list"] and len(words) == 5:
+            least += 0 if text else count * (PLY_SIZES.get(words[2], 1) + 3 * PLY_SIZES.get(words[3], 1))
+        elif words[:1] == ["property"] and len(words) == 3:
+            least += 0 if text else count * PLY_SIZES.get(words[1], 1)
+    return len(header) + len(end) + least, len(content)
+
+
 def data_of(path):
     """What VTK reads from a surface or volume mesh."""
     if not os.path.exists(path):
@@ -180,6 +255,11 @@ def read_mesh(path, unit=None, frame=None, array=None, names=None):
         outward = shells.oriented(shells.Shell(mesh.points[used], numbers.reshape(-1, 3)))
         found[name] = outward, []
     return found
+
+
+def says_where(path):
+    """Whether a mesh that this program made says where the patient is."""
+    return kind_of(path) == ".msh" and transform_in(path) is not None
 
 
 def transform_in(path):
@@ -239,6 +319,8 @@ def check_points(path, data):
 
 def read_surface(path, scale, frame=None):
     """A closed, repaired surface in mm, and remarks on the repairs; `scale`: mm per unit of the file; `frame`: LPS or RAS, or None."""
+    if kind_of(path) in (".stl", ".ply"):
+        check_length(path)
     surface = data_of(path)
     check_points(path, surface)
     if surface.GetNumberOfPolys() + surface.GetNumberOfStrips() < 4:

@@ -10,10 +10,11 @@ def number(value):
     return ".inf" if math.isinf(value) else f"{value:g}"
 
 
-def region(name, material):
-    m = material
-    return [f"  - name: {name}", f"    youngs_modulus: {m.modulus / 1e3:g}e3       # Pa", f"    poisson_ratio: {m.poisson:g}",
+def region(name, found):
+    m = found.material
+    return [f"  - name: {name}               # {found.text()}", f"    youngs_modulus: {m.modulus / 1e3:g}e3       # Pa", f"    poisson_ratio: {m.poisson:g}",
             f"    cutting_force: {number(m.cutting)}         # N", f"    cutting_viscosity: {m.viscosity:g}        # N s/m",
+            *([f"    stiffening: {m.stiffening:g}"] if m.stiffening else []),
             f"    friction: {{static: {m.static:g}, kinetic: {m.kinetic:g}, viscous: {m.viscous:g}}}   # N/m, N/m, N s/m^2"]
 
 
@@ -24,12 +25,12 @@ def listed(values):
 def place(matrix, start):
     """Lines of the transform (4, 4) from the patient's coordinates, and the needle."""
     rows = [listed(row) for row in matrix]
-    deep = f", depth: {start.depth:.3f}" if start.depth > approach.PUSH else ""
+    deep = f", depth: {start.depth:.4f}"
     return ["", "patient_to_mesh: [" + rows[0] + ",    # from DICOM's patient coordinates, mm"] + [
         " " * 18 + row + end for row, end in zip(rows[1:], (",", ",", "]"))], [
         "", f"needle:                         # 18 G, {1e3 * start.length:g} mm",
         *([f"  length: {start.length:g}                # m"] if start.length > approach.NEEDLE else []),
-        f"  start: {{position: [{listed(start.position)}], orientation: [{listed(start.orientation)}]{deep}}}    # m, the tip is 1 mm before the skin"]
+        f"  start: {{position: [{listed(start.position)}], orientation: [{listed(start.orientation)}]{deep}}}    # m, the tip is 1 mm before the skin; depth: to the target"]
 
 
 def guide(template, matrix):
@@ -37,14 +38,16 @@ def guide(template, matrix):
     turn = matrix[:3, :3] / np.linalg.norm(matrix[:3, 0])
     origin = matrix[:3] @ np.append(template.origin, 1.0)
     return ["", "guides:", "  - name: template", f"    origin: [{listed(origin)}]    # m, middle of the holes, on the face where needles enter",
-            f"    normal: [{listed(turn @ template.normal)}]", f"    along: [{listed(turn @ template.along())}]",
+            f"    normal: [{listed(turn @ template.normal)}]",
+            f"    along: [{listed(turn @ template.along())}]         # columns are counted in this direction: A is on the patient's right, the operator's left",
+            f"    rows_along: [{listed(turn @ template.rows_along())}]    # and rows in this one: 1 is at the patient's back",
             f"    columns: {approach.HOLES}", f"    rows: {approach.HOLES}", f"    spacing: {1e-3 * approach.HOLE_SPACING:g}",
             "    hole_diameter: 1.5e-3", f"    thickness: {1e-3 * approach.THICKNESS:g}"]
 
 
 def text(title, mesh, soft, bones, walls, **more):
     """`soft`: names of regions, the first of interest first; `bones`: whether there are any; `walls`: names of the other surfaces. In `more`:
-    `found`: name -> Material, also of "surrounding"; `wall_of`: name of a region -> that of its surface; `matrix`, `start`: see
+    `found`: name -> materials.Found, also of "surrounding"; `wall_of`: name of a region -> that of its surface; `matrix`, `start`: see
     place; `template`, or None."""
     found = more.get("found") or {name: materials.find(name) for name in [*soft, "surrounding"]}
     wall_of = more.get("wall_of") or {}
@@ -55,7 +58,7 @@ def text(title, mesh, soft, bones, walls, **more):
     for name in soft + ["surrounding"]:
         lines += region(name, found[name])
     lines += ["", "membranes:", "  - name: skin", "    puncture_force: 0.6         # N"]
-    felt = {wall_of.get(name, name + "_wall"): found[name].wall for name in soft if found[name].wall is not None}
+    felt = {wall_of.get(name, name + "_wall"): found[name].material.wall for name in soft if found[name].material.wall is not None}
     felt = {name: force for name, force in felt.items() if name == "capsule" or name in walls}
     for name, force in felt.items():
         lines += [f"  - name: {name}", f"    puncture_force: {number(force)}"]

@@ -22,22 +22,23 @@ def start():
 
 
 def current_mesh():
-    """The tetrahedra of Gmsh's current model, and its named groups."""
+    """The tetrahedra of Gmsh's current model, and its named groups; and the tag of the volume of each tetrahedron."""
     tags, flat, _ = gmsh.model.mesh.getNodes()
     at = np.zeros(int(tags.max()) + 1, int)
     at[tags] = np.arange(len(tags))
-    regions, tets, region = [], [], []
+    regions, tets, region, volumes = [], [], [], []
     for _, group in gmsh.model.getPhysicalGroups(3):
         for volume in gmsh.model.getEntitiesForPhysicalGroup(3, group):
             corners = at[gmsh.model.mesh.getElementsByType(4, volume)[1]].reshape(-1, 4)
             tets.append(corners)
             region.append(np.full(len(corners), len(regions)))
+            volumes.append(np.full(len(corners), volume))
         regions.append(gmsh.model.getPhysicalName(3, group))
     points = flat.reshape(-1, 3)
     surfaces = {gmsh.model.getPhysicalName(2, group): Shell(points, np.concatenate(
         [at[gmsh.model.mesh.getElementsByType(2, surface)[1]].reshape(-1, 3) for surface in gmsh.model.getEntitiesForPhysicalGroup(2, group)]))
         for _, group in gmsh.model.getPhysicalGroups(2)}
-    return quality.Mesh(points, np.concatenate(tets), np.concatenate(region), regions, surfaces)
+    return quality.Mesh(points, np.concatenate(tets), np.concatenate(region), regions, surfaces), np.concatenate(volumes)
 
 
 def read(path):
@@ -52,4 +53,4 @@ def read(path):
     for _, group in gmsh.model.getPhysicalGroups(3):
         if not gmsh.model.getPhysicalName(3, group):
             gmsh.model.setPhysicalName(3, group, str(group))
-    return current_mesh()
+    return current_mesh()[0]

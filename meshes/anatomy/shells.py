@@ -7,6 +7,7 @@ from vtk.util.numpy_support import numpy_to_vtk, numpy_to_vtkIdTypeArray, vtk_to
 
 vtk.vtkSMPTools.SetBackend("Sequential")   # threads do not survive in the processes of `limits`
 
+OFFSETS = 4       # steps toward a volume
 SPLINTER = 0.01   # of the largest part's volume: smaller parts are dropped
 
 
@@ -22,16 +23,39 @@ class Shell:
     def area(self):
         return float(np.linalg.norm(self._normals(), axis=1).sum())
 
+    def cones(self, apex):
+        """Signed volume of the cones from a point to the triangles."""
+        return float(np.einsum("ij,ij->", self._normals(), self.points[self.triangles[:, 0]] - apex)) / 3
+
     def signed_volume(self):
         """Negative where the normals point inward."""
-        return float(np.einsum("ij,ij->", self._normals(), self.points[self.triangles[:, 0]] - self.points[0])) / 3
+        return self.cones(self.points[0])
 
     def about_middle(self):
         """Volume of the cones from the mean of its points to the triangles; for an open surface the cones of its holes are missing."""
-        return abs(float(np.einsum("ij,ij->", self._normals(), self.points[self.triangles[:, 0]] - self.points.mean(axis=0)))) / 3
+        return abs(self.cones(self.points.mean(axis=0)))
 
     def volume(self):
         return abs(self.signed_volume())
+
+    def facing_outward(self):
+        """The same, if need be with all triangles turned over."""
+        return self if self.signed_volume() > 0 else Shell(self.points, self.triangles[:, ::-1])
+
+    def holding(self, volume):
+        """The same with all points moved along their normals by one distance, so that it holds this volume."""
+        points = self.points
+        for _ in range(OFFSETS):
+            moved = Shell(points, self.triangles)
+            missing, area = volume - moved.signed_volume(), moved.area()
+            if abs(missing) < 1e-3 * volume:
+                break
+            normals = np.zeros_like(points)
+            for k in range(3):
+                np.add.at(normals, self.triangles[:, k], moved._normals())
+            length = np.linalg.norm(normals, axis=1, keepdims=True)
+            points = points + missing / area * normals / np.where(length > 0, length, 1)
+        return Shell(points, self.triangles)
 
     def centre(self):
         return (self.points.min(axis=0) + self.points.max(axis=0)) / 2
@@ -128,11 +152,29 @@ def joined(found):
 
 
 def oriented(shell):
-    """A connected surface with all normals outward, whatever the order of each triangle's corners."""
-    normals = configured(vtk.vtkPolyDataNormals(), Consistency=True, Splitting=False, ComputePointNormals=False,
+    """A connected surface with all normals outward, whatever the order of each triangle's corners. Triangles that agree are left as they are: where four meet at an edge, as
+    around a label's voxels that share one, only their order tells which two belong together."""
+    made = shell if triangles_agree(shell) else sheets_turned(shell)
+    return made if made.signed_volume() > 0 else Shell(made.points, made.triangles[:, ::-1])
+
+
+def triangles_agree(shell):
+    """Whether each edge is run through as often in one direction as in the other."""
+    ends = np.concatenate([shell.triangles[:, pair] for pair in ((0, 1), (1, 2), (2, 0))])
+    _, edge = np.unique(np.sort(ends, axis=1) @ [len(shell.points), 1], return_inverse=True)
+    return not np.any(np.bincount(edge.reshape(-1), np.where(ends[:, 0] < ends[:, 1], 1, -1)))
+
+
+def sheets_turned(shell):
+    """The same with the triangles of each sheet in one order, and each sheet's normals outward."""
+    normals = configured(vtk.vtkPolyDataNormals(), Consistency=True, NonManifoldTraversal=False, Splitting=False, ComputePointNormals=False,
                          ComputeCellNormals=True)     # without either kind of normals VTK returns its input
     alike = from_vtk(pipe(to_vtk(shell), normals))
-    return alike if alike.signed_volume() > 0 else Shell(alike.points, alike.triangles[:, ::-1])
+    sheet, triangles, middle = sheets_of(alike)[0], alike.triangles.copy(), alike.points.mean(axis=0)
+    for each in np.unique(sheet):
+        if Shell(alike.points, triangles[sheet == each]).cones(middle) < 0:
+            triangles[sheet == each] = triangles[sheet == each][:, ::-1]
+    return Shell(alike.points, triangles)
 
 
 def decimated(shell, triangles):
@@ -148,18 +190,58 @@ def mended(surface):
     holes = configured(vtk.vtkFillHolesFilter(), HoleSize=0.2 * surface.GetLength())
     triangles = configured(vtk.vtkTriangleFilter(), PassLines=False, PassVerts=False)
     merged = pipe(surface, triangles, configured(vtk.vtkCleanPolyData(), Tolerance=1e-5))
+    whole, fins = without_fins(from_vtk(merged))
+    dropped = surface.GetNumberOfPolys() - merged.GetNumberOfPolys()
+    merged = to_vtk(whole) if fins else merged
     closed = all_parts(from_vtk(pipe(merged, holes, triangles.NewInstance())))
     result, notes, torn = to_vtk(joined(solids(closed))), [], open_edges(merged)
+    if fins:
+        notes.append(f"{fins} facets that stick out and enclose nothing were dropped")
     if torn and not open_edges(result):
         before, after = from_vtk(merged).about_middle(), from_vtk(result).volume()
         notes.append(f"holes of {torn} edges in all were closed, which changes its volume by {100 * (after / before - 1):+.2f} %")
-    dropped = surface.GetNumberOfPolys() - merged.GetNumberOfPolys()
     if dropped > 0:
         notes.append(f"{dropped} facets without an area were dropped")
     branching = edges_of(merged, "NonManifoldEdges")
     if branching:
         notes.append(f"more than two facets meet at {branching} edges: the volume is everything that the surface encloses")
     return result, notes
+
+
+def sheets_of(shell):
+    """The sheet of each triangle, the edges of each, and how many triangles meet at each edge. A sheet is connected by edges where two triangles meet."""
+    edges = np.sort(np.concatenate([shell.triangles[:, pair] for pair in ((0, 1), (1, 2), (2, 0))]), axis=1)
+    _, edge, often = np.unique(edges, axis=0, return_inverse=True, return_counts=True)
+    edge = edge.reshape(3, -1).T       # of each triangle
+    order = np.argsort(edge.T.ravel(), kind="stable")
+    owner = np.tile(np.arange(len(edge)), 3)[order]
+    sorted_edges = edge.T.ravel()[order]
+    pairs = np.flatnonzero((sorted_edges[1:] == sorted_edges[:-1]) & (often[sorted_edges[1:]] == 2))
+    return connected(len(edge), np.column_stack([owner[pairs], owner[pairs + 1]])), edge, often
+
+
+def without_fins(shell):
+    """The surface without its fins, and their number of triangles: sheets that end in the open, and hang on the rest by edges where more than two triangles meet."""
+    sheet, edge, often = sheets_of(shell)
+    if not np.any(often > 2):
+        return shell, 0
+    area = np.bincount(sheet, np.linalg.norm(shell._normals(), axis=1), len(edge))
+    open_, hanging = (np.isin(sheet, sheet[(condition[edge]).any(axis=1)]) for condition in (often == 1, often > 2))
+    fin = open_ & hanging & (area[sheet] < area.max())
+    return Shell(shell.points, shell.triangles[~fin]), int(np.count_nonzero(fin))
+
+
+def connected(count, pairs):
+    """For each of `count` numbers the smallest one connected to it by pairs (k, 2)."""
+    root = np.arange(count)
+    while True:
+        before = root.copy()
+        least = np.minimum(root[pairs[:, 0]], root[pairs[:, 1]])
+        order = np.argsort(-least, kind="stable")
+        root[pairs[order].ravel()] = np.repeat(least[order], 2)    # the last assignment wins: the smallest number
+        root = root[root]
+        if np.array_equal(root, before):
+            return root
 
 
 def edges_of(surface, kind):

@@ -7,7 +7,7 @@ import tempfile
 
 import numpy as np
 
-from . import contours, patient, pipeline, shells
+from . import organ, patient, pipeline, shells
 
 VOLUME_LIMIT = 0.03                     # of the volume of the outlines as read
 MEAN_LIMIT, GREATEST_LIMIT = 1.0, 6.0   # mm from the surface to the outlines before the defects, which move them by up to 10 mm
@@ -35,8 +35,8 @@ def planimetry(rings):
 def run(number, folder):
     """A row of the table, and whether the patient is within the limits."""
     gland, spacing, truth, outlines, arch = make(number)
-    organs = [pipeline.organ_of_rings("Prostate", "prostate", False, outlines), pipeline.organ_of_rings("Pubic arch", "pubic_arch", True, arch)]
-    mesh, domain, _ = pipeline.mesh_of(organs, 570, None, f"{folder}/{number}.msh")
+    organs = [organ.of_rings("Prostate", "prostate", False, outlines), organ.of_rings("Pubic arch", "pubic_arch", True, arch)]
+    mesh, domain, _, _ = pipeline.mesh_of(organs, 570, None, f"{folder}/{number}.msh")
     angles, volume = mesh.dihedral_angles(), planimetry(outlines) * 1e-9
     change = mesh.region_volume("prostate") / volume - 1
     off = 1e3 * np.abs(shells.distances(mesh.surfaces["capsule"], pipeline.world(np.vstack(truth), domain.origin)))

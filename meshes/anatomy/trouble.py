@@ -6,6 +6,10 @@ class BadFile(Exception):
     """The text names the file and, if possible, the place in it."""
 
 
+class Empty(BadFile):
+    """A label map without a label."""
+
+
 def needed(module, package, path):
     """A module that only this kind of file needs."""
     try:

@@ -6,6 +6,7 @@ are equal, so that labels which touch in the image share it.
 import bz2
 import dataclasses
 import gzip
+import html
 import io
 import json
 import os
@@ -15,12 +16,13 @@ import zlib
 
 import numpy as np
 import vtk
-from vtk.util.numpy_support import numpy_to_vtk, vtk_to_numpy
+from vtk.util.numpy_support import vtk_to_numpy
 
 from . import shells
 from .contours import Unusable
+from .label_image import box_of, connected_in, drawn, image_data
 from .shells import Shell, configured, pipe
-from .trouble import BadFile, needed
+from .trouble import BadFile, Empty, needed
 
 MOST_VOXELS = 6e6      # in which surfaces are sought: larger images are thinned out
 MOST_SIZE = 2 ** 31    # voxels of a file
@@ -28,7 +30,11 @@ ELONGATED = 1.5        # ratio of a voxel's sides, above which slices are added 
 AROUND = 3             # voxels around the labels
 PASS_BAND = 0.1        # of the smoothing filter, of 2: removes waves shorter than about six voxels
 SMOOTHED = 0.05        # change of a part's volume by smoothing, above which it stays as it was: it is a few voxels thin
+OFF_VOLUME = 0.05      # of a part's volume: where distances are interpolated, parts a slice thin become too thin; these are made thicker
 MOST_CHECKED = 4000    # points on a label's surface, to which the mesh's distance is measured
+ROUNDING = 1e-3        # by which labels may differ from whole numbers, as after scaling
+APART = 1.0            # mm: a file whose two transforms place its corners further apart gets a remark
+OFF_LATTICE = 0.05     # voxels by which maps on one lattice may differ
 LPS = np.diag([-1.0, -1.0, 1.0, 1.0])   # from RAS, and back
 
 
@@ -37,6 +43,7 @@ class Segment:
     layer: int               # of the map
     value: int
     code: str = ""           # what the file says it is, for its material
+    also: tuple = ()         # other names by which a user may call it
 
 
 @dataclasses.dataclass
@@ -62,25 +69,26 @@ def numbered(values, names):
     found = np.unique(np.concatenate([np.unique(plane) for plane in values]))      # plane by plane: sorting needs memory
     segments = {}
     for value in map(int, found[found > 0]):
-        segments[unique(names.get(value, str(value)), segments)] = Segment(0, value)
+        segments[unique(names.get(value, str(value)), segments)] = Segment(0, value, also=(str(value),))
     return segments
 
 
 def whole(path, values):
     """An array of labels (k, j, i), from one of any type (i, j, k)."""
-    if values.ndim == 4 and values.shape[3] == 1:
+    while values.ndim > 3 and values.shape[-1] == 1:
         values = values[..., 0]
     if values.ndim != 3 or min(values.shape) < 2:
         raise BadFile(f"{path}: its size is {' x '.join(map(str, values.shape))}: a label map has three axes of at least two voxels")
     if values.dtype.kind == "f":
-        if not np.all(np.isfinite(values)) or np.any(values != np.rint(values)):
+        if not np.all(np.isfinite(values)) or np.any(np.abs(values - np.rint(values)) > ROUNDING):
             raise BadFile(f"{path}: its values are not whole numbers: is it an image or a map of probabilities instead of labels?")
+        values = np.rint(values)
     elif values.dtype.kind not in "iub":
         raise BadFile(f"{path}: its values are no numbers")
     if values.size and (values.min() < 0 or values.max() > 65535):
         raise BadFile(f"{path}: its values reach from {values.min()} to {values.max()}: labels are 0 to 65535")
     if not values.any():
-        raise BadFile(f"{path}: has no label: all voxels are 0")
+        raise Empty(f"{path}: has no label: all voxels are 0")
     return np.ascontiguousarray(values.T, np.uint8 if values.max() < 256 else np.uint16)
 
 
@@ -91,10 +99,20 @@ def check_place(path, place):
     return place
 
 
+def check_compressed(path):
+    """EOFError or OSError if the file is compressed and does not reach its end with the right checksum. nibabel reads only as far as the voxels go."""
+    if not path.lower().endswith(".gz"):
+        return
+    with gzip.open(path) as file:
+        while file.read(1 << 24):
+            pass
+
+
 def read_nifti(path, unit, names):
     """`unit`: mm per unit of the file, or None: what the file says. `names`: label number -> name."""
     nibabel = needed("nibabel", "python3-nibabel", path)
     try:
+        check_compressed(path)
         image = nibabel.load(path)
         values = np.asanyarray(image.dataobj)
         given = image.header.get_xyzt_units()[0] if hasattr(image.header, "get_xyzt_units") else "mm"
@@ -106,20 +124,42 @@ def read_nifti(path, unit, names):
     notes = []
     if "sform_code" in image.header and not image.header["sform_code"] and not image.header["qform_code"]:
         notes.append("the file does not say where the patient's left is: its axes are taken for right, front and head")
-    for extension in getattr(image.header, "extensions", []):     # of Connectome Workbench and TotalSegmentator
-        text = extension.get_content()
-        text = text.decode("utf-8", "replace") if isinstance(text, bytes) else str(text)
-        names = {**{int(key): name.strip() for key, name in re.findall(r'<Label\s[^>]*?Key="(\d+)"[^>]*>([^<]+)<', text)}, **names}
+    names = {**names_in(image), **names}
     labels = whole(path, values)
+    notes += apart_transforms(image, labels.shape, scale)
     place = check_place(path, LPS @ np.diag([scale] * 3 + [1.0]) @ np.asarray(image.affine, float))
     return LabelMap([labels], place, numbered(labels, names), notes)
+
+
+def names_in(image):
+    """Label -> name from the header extension of Connectome Workbench or TotalSegmentator: XML, of which the latter has the names as CDATA."""
+    found = {}
+    for extension in getattr(image.header, "extensions", []):
+        content = extension.get_content()
+        text = content.decode("utf-8", "replace") if isinstance(content, bytes) else str(content)
+        for attributes, data, plain in re.findall(r"<Label\s([^>]*)>\s*(?:<!\[CDATA\[(.*?)\]\]>|([^<]*))\s*</Label>", text, re.S):
+            key = re.search(r"""\bKey\s*=\s*["'](\d+)["']""", attributes)
+            name = (data or html.unescape(plain)).strip()
+            if key and name:
+                found[int(key[1])] = name
+    return found
+
+
+def apart_transforms(image, shape, scale):
+    """A remark if the file's two transforms, its sform and its qform, place it differently."""
+    if not hasattr(image, "get_sform") or not image.header["sform_code"] or not image.header["qform_code"]:
+        return []
+    corners = np.array([[i, j, k, 1.0] for i in (0, shape[2] - 1) for j in (0, shape[1] - 1) for k in (0, shape[0] - 1)])
+    apart = scale * np.abs(np.linalg.norm((image.get_sform() - image.get_qform())[:3] @ corners.T, axis=0)).max()
+    return [f"its two transforms, sform and qform, place it up to {apart:.1f} mm apart: the sform is used"] if apart > APART else []
 
 
 NRRD_TYPES = {"signed char": "i1", "int8": "i1", "int8_t": "i1", "uchar": "u1", "unsigned char": "u1", "uint8": "u1", "uint8_t": "u1",
               "short": "i2", "short int": "i2", "signed short": "i2", "int16": "i2", "int16_t": "i2", "ushort": "u2", "unsigned short": "u2",
               "unsigned short int": "u2", "uint16": "u2", "uint16_t": "u2", "int": "i4", "signed int": "i4", "int32": "i4", "int32_t": "i4",
               "uint": "u4", "unsigned int": "u4", "uint32": "u4", "uint32_t": "u4", "float": "f4", "double": "f8"}
-NRRD_SPACES = {"left-posterior-superior": 1, "lps": 1, "right-anterior-superior": -1, "ras": -1}
+NRRD_SPACES = {"left-posterior-superior": (1, 1, 1), "lps": (1, 1, 1), "right-anterior-superior": (-1, -1, 1), "ras": (-1, -1, 1),
+               "left-anterior-superior": (1, -1, 1), "las": (1, -1, 1)}
 
 
 def nrrd_header(path, file):
@@ -145,9 +185,9 @@ def nrrd_data(path, fields, rest, size):
     """The values as bytes. `size`: their number of bytes."""
     encoding = fields.get("encoding", "").lower()
     if encoding in ("gzip", "gz"):
-        return gzip.GzipFile(fileobj=io.BytesIO(rest)).read(size)       # of any number of streams
+        return gzip.GzipFile(fileobj=io.BytesIO(rest)).read(size + 1)[:size]       # of any number of streams; one byte more, so that the checksum is read
     if encoding in ("bzip2", "bz2"):
-        return bz2.BZ2File(io.BytesIO(rest)).read(size)
+        return bz2.BZ2File(io.BytesIO(rest)).read(size + 1)[:size]
     if encoding == "raw":
         return rest
     raise BadFile(f"{path}: its encoding is {encoding or 'not given'}: save it with gzip, bzip2 or raw")
@@ -167,6 +207,35 @@ def nrrd_beside(path, fields):
         raise BadFile(f"{path}: its data should be in {named}, beside it: {error.strerror}") from error
 
 
+def nrrd_axes(fields, sizes):
+    """Directions of the three axes of space, the origin, and the number of the axis of layers, or None. A fourth axis, of layers or of time, stands anywhere; its direction
+    is none, or lies outside of the first three coordinates, as ITK writes it."""
+    said = [None if text == "none" else np.array([float(v) for v in text[1:-1].split(",")])
+            for text in re.findall(r"none|\([^)]*\)", fields.get("space directions", ""))]
+    origin = np.array([float(v) for v in fields.get("space origin", "(0,0,0)").strip("() ").split(",")])
+    if not said and "spacings" in fields:
+        spacings = [float(v) for v in fields["spacings"].split()]
+        said = [None] * (len(spacings) - 3) + list(np.diag(spacings[-3:]))
+    if len(said) == 3 and len(sizes) == 4:      # without an entry for the layers
+        said = [None, *said]
+    spatial = [n for n, v in enumerate(said) if v is not None and len(v) >= 3 and not np.any(v[3:] != 0)]
+    others = [n for n in range(len(said)) if n not in spatial]
+    if len(said) != len(sizes) or len(spatial) != 3 or len(others) > 1 or len(origin) < 3:
+        return None
+    return [said[n][:3] for n in spatial], origin[:3], others[0] if others else None
+
+
+def nrrd_start(fields, sizes):
+    """Number of the first voxel along each axis of space. 3D Slicer before 4.7 gave the place of voxel 0 in place of the first one's."""
+    extent = fields.get("Segmentation_Extent")
+    if extent is None or "Segmentation_ReferenceImageExtentOffset" in fields:
+        return np.zeros(3), []
+    bounds = np.array([int(v) for v in extent.split()]).reshape(3, 2)
+    if np.any(bounds[:, 1] - bounds[:, 0] + 1 != sizes):
+        return np.zeros(3), ["its Segmentation_Extent does not fit the size of its data and is ignored: check where its regions lie"]
+    return bounds[:, 0].astype(float), []
+
+
 def read_nrrd(path, unit, names, frame):
     """`frame`: "LPS" or "RAS" where the file does not say it, or None."""
     with open(path, "rb") as file:
@@ -174,19 +243,16 @@ def read_nrrd(path, unit, names, frame):
     try:
         sizes = [int(v) for v in fields["sizes"].split()]
         kind = np.dtype(NRRD_TYPES[fields["type"].lower()]).newbyteorder(">" if fields.get("endian", "little").lower() == "big" else "<")
-        vectors = re.findall(r"none|\(([^)]*)\)", fields.get("space directions", ""))
-        vectors = [np.array([float(v) for v in text.split(",")]) for text in vectors if text]
-        if not vectors and "spacings" in fields:
-            vectors = list(np.diag([float(v) for v in fields["spacings"].split()][-3:]))
-        origin = np.array([float(v) for v in fields.get("space origin", "(0,0,0)").strip("() ").split(",")])
+        axes = nrrd_axes(fields, sizes)
         if "data file" in fields or "datafile" in fields:
             rest = nrrd_beside(path, fields)
     except (KeyError, ValueError, TypeError) as error:
         raise BadFile(f"{path}: its header is incomplete, or of an unknown kind: {error}") from error
-    if len(vectors) != 3 or any(v.shape != (3,) for v in vectors) or origin.shape != (3,):
-        raise BadFile(f"{path}: it does not say the directions of three axes (space directions)")
     if len(sizes) not in (3, 4) or min(sizes) < 1 or np.prod(sizes, dtype=float) > MOST_SIZE:
         raise BadFile(f"{path}: its size is {' x '.join(map(str, sizes))}: expected three axes, or four with layers")
+    if not axes:
+        raise BadFile(f"{path}: it does not say the directions of three axes (space directions)")
+    vectors, origin, layer_axis = axes
     count = int(np.prod(sizes)) * kind.itemsize
     try:
         data = nrrd_data(path, fields, rest, count)
@@ -197,28 +263,35 @@ def read_nrrd(path, unit, names, frame):
     if len(data) < count:
         raise BadFile(f"{path}: cut off: it has {len(data)} of {count} bytes")
     values = np.frombuffer(data, kind, count // kind.itemsize).reshape(sizes, order="F")
-    layers = [values[n] for n in range(sizes[0])] if len(sizes) == 4 else [values]
-    sign = NRRD_SPACES.get(fields.get("space", "").lower(), 0) or {"LPS": 1, "RAS": -1, None: 0}[frame]
-    notes = [] if sign else ["the file does not say its space: taken for LPS (--frame)"]
+    layers = [values] if layer_axis is None else list(np.moveaxis(values, layer_axis, 0))
+    space = re.sub(r"-time$", "", fields.get("space", "").lower())
+    space = space[:-1] if space in ("rast", "lpst", "last") else space
+    signs = NRRD_SPACES.get(space) or {"LPS": (1, 1, 1), "RAS": (-1, -1, 1), None: None}[frame]
+    notes = [] if signs else ["the file does not say its space: taken for LPS (--frame)"]
+    try:
+        start, more = nrrd_start(fields, layers[0].shape)
+    except ValueError as error:
+        raise BadFile(f"{path}: its Segmentation_Extent is not six whole numbers: {error}") from error
     place = np.eye(4)
-    place[:3, :3], place[:3, 3] = np.column_stack(vectors), origin
-    place = (LPS if sign < 0 else np.eye(4)) @ np.diag([unit or 1.0] * 3 + [1.0]) @ place
-    filled = [layer for layer in layers if layer.any()]
-    if not filled:
-        raise BadFile(f"{path}: has no label: all voxels are 0")
+    place[:3, :3] = np.column_stack(vectors)
+    place[:3, 3] = origin + place[:3, :3] @ start
+    place = np.diag([*(signs or (1, 1, 1)), 1.0]) @ np.diag([unit or 1.0] * 3 + [1.0]) @ place
+    if not any(layer.any() for layer in layers):
+        raise Empty(f"{path}: has no label: all voxels are 0")
     found = [whole(path, layer) if layer.any() else np.zeros(layer.T.shape, np.uint16) for layer in layers]
-    return LabelMap(found, check_place(path, place), nrrd_segments(fields, found, names), notes)
+    return LabelMap(found, check_place(path, place), nrrd_segments(fields, found, names), notes + more)
 
 
 def nrrd_segments(fields, layers, names):
     """name -> Segment, by what 3D Slicer writes into .seg.nrrd, else by number."""
     segments = {}
+    several = len(layers) > 1 and not any(key.endswith("_Layer") for key in fields)      # before layers were shared, each segment had its own
     for n in sorted({int(match[1]) for match in map(re.compile(r"Segment(\d+)_").match, fields) if match}):
-        value, layer = int(fields.get(f"Segment{n}_LabelValue", 1)), int(fields.get(f"Segment{n}_Layer", 0))
+        value, layer = int(fields.get(f"Segment{n}_LabelValue", 1)), int(fields.get(f"Segment{n}_Layer", n if several else 0))
         name = fields.get(f"Segment{n}_Name") or f"Segment {n}"
         code = re.search(r"TerminologyEntry:[^~]*~[^~]*~([^~|]*)", fields.get(f"Segment{n}_Tags", ""))
         if layer < len(layers) and np.any(layers[layer] == value):
-            segments[unique(names.get(value, name), segments)] = Segment(layer, value, code[1].replace("^", " ") if code else "")
+            segments[unique(names.get(value, name), segments)] = Segment(layer, value, code[1].replace("^", " ") if code else "", (str(value),))
     if segments:
         return segments
     if len(layers) == 1:
@@ -339,19 +412,63 @@ def read_names(path):
     return found
 
 
+NUMBER, UNNAMED = re.compile(r"\d+"), re.compile(r"\d+|Segment[ _]?\d*", re.I)
+
+
+def named_after_file(path, map_, unnamed=NUMBER):
+    """The same map; a single label without a name of its own is called after its file."""
+    stem = re.sub(r"(\.seg)?\.(nii|nii\.gz|nrrd|nhdr|dcm)$", "", os.path.basename(path), flags=re.I)
+    if len(map_.segments) == 1:
+        (name, segment), = map_.segments.items()
+        map_.segments = {stem if unnamed.fullmatch(name) else name: dataclasses.replace(segment, also=(*segment.also, name, stem))}
+    return map_
+
+
+def canonical(map_):
+    """The same with its axes in the order and the directions that are nearest to LPS, so that maps with other orders can be compared."""
+    unit = map_.place[:3, :3] / np.linalg.norm(map_.place[:3, :3], axis=0)
+    order, free = [], {0, 1, 2}
+    for row in range(3):
+        best = max(free, key=lambda axis, row=row: abs(unit[row, axis]))
+        order.append(best)
+        free.discard(best)
+    place, layers = map_.place.copy(), map_.layers
+    place[:3, :3] = place[:3, order]
+    layers = [layer.transpose([2 - order[2 - axis] for axis in range(3)]) for layer in layers]
+    for axis in range(3):
+        if place[axis, axis] < 0:
+            count = layers[0].shape[2 - axis]
+            place[:3, 3] += (count - 1) * place[:3, axis]
+            place[:3, axis] *= -1
+            layers = [np.flip(layer, 2 - axis) for layer in layers]
+    return dataclasses.replace(map_, layers=layers, place=place)
+
+
 def together(maps):
-    """One map of several files with one label each, on one grid, as TotalSegmentator writes them. `maps`: name -> map."""
-    (first_name, first), *others = maps.items()
-    joined = LabelMap([], first.place, {}, [])
-    for name, each in maps.items():
-        if each.layers[0].shape != first.layers[0].shape or not np.allclose(each.place, first.place, atol=1e-3):
-            raise BadFile(f"{name}: its voxels are not those of {first_name}: save all on one grid")
-        if len(each.segments) > 1:
-            raise BadFile(f"{name}: has {len(each.segments)} labels: give either one file of labels, or any number of files with one each")
-        (segment,) = each.segments.values()
-        stem = re.sub(r"(\.seg)?\.(nii|nii\.gz|nrrd|nhdr)$", "", os.path.basename(name), flags=re.I)
-        joined.segments[unique(stem, joined.segments)] = Segment(len(joined.layers), segment.value)
-        joined.layers.append(each.layers[segment.layer])
+    """One map of several files on one lattice, whatever part of it each covers. `maps`: path -> map."""
+    if len(maps) == 1:
+        return next(iter(maps.values()))
+    maps = {path: canonical(named_after_file(path, map_, UNNAMED)) for path, map_ in maps.items()}
+    first_path, first = next(iter(maps.items()))
+    starts = {}
+    for path, each in maps.items():
+        offset = np.linalg.solve(first.place[:3, :3], each.place[:3, 3] - first.place[:3, 3])
+        size = np.array(each.layers[0].shape[::-1])
+        drift = np.abs(np.linalg.solve(first.place[:3, :3], each.place[:3, :3]) - np.eye(3)) @ size
+        if np.abs(offset - np.rint(offset)).max() > OFF_LATTICE or drift.max() > OFF_LATTICE:
+            raise BadFile(f"{path}: its voxels are not those of {first_path}: save all on one grid")
+        starts[path] = np.rint(offset).astype(int)
+    low = np.min(list(starts.values()), axis=0)
+    high = np.max([start + maps[path].layers[0].shape[::-1] for path, start in starts.items()], axis=0)
+    place = first.place.copy()
+    place[:3, 3] += place[:3, :3] @ low
+    joined = LabelMap([], place, {}, [])
+    for path, each in maps.items():
+        before, shape = starts[path] - low, np.array(each.layers[0].shape[::-1])
+        margins = [(int(a), int(b)) for a, b in zip(before, high - low - before - shape)][::-1]
+        for name, segment in each.segments.items():
+            joined.segments[unique(name, joined.segments)] = dataclasses.replace(segment, layer=segment.layer + len(joined.layers))
+        joined.layers += [np.pad(layer, margins) if any(map(any, margins)) else layer for layer in each.layers]
         joined.notes += [note for note in each.notes if note not in joined.notes]
     return joined
 
@@ -359,21 +476,39 @@ def together(maps):
 # ---- surfaces ---------------------------------------------------------------------------------------------------------------------
 
 @dataclasses.dataclass
+class Border:
+    """Faces of an image that cut off a label. Any frame and unit."""
+    normals: np.ndarray      # (k, 3) outward, unit
+    offsets: np.ndarray      # (k,) of the faces along them
+
+    def __call__(self, points):
+        """Distance of points (n, 3) to the nearest of them."""
+        return (self.offsets - points @ self.normals.T).min(axis=1)
+
+    def seen_from(self, origin):
+        """The same in a mesh's frame, m, with its origin at this place, DICOM mm."""
+        return Border(self.normals * [-1, -1, 1], 1e-3 * (self.offsets - self.normals @ origin))
+
+
+@dataclasses.dataclass
 class Outlined:
-    """The surface of a label."""
-    shells: list             # closed, DICOM mm
+    """The surfaces of a label's connected parts."""
+    shells: list             # one for each part that has a surface: closed, DICOM mm
+    volumes: list            # of their voxels, mm^3
     points: np.ndarray       # on the faces between voxels in and out of the label, DICOM mm
-    volume: float            # of its voxels, mm^3
+    volume: float            # of all its voxels, mm^3
+    voxel: float             # volume of one, mm^3
     notes: list
+    border: Border = None
+    gone: list = dataclasses.field(default_factory=list)     # (volume, place) of parts without a surface, mm^3 and DICOM mm
+    joined: list = dataclasses.field(default_factory=list)   # (volumes of parts that have one surface, its middle), likewise
 
 
 def signed_distance(mask, spacing):
     """Distance of each voxel to a mask's border, mm, negative inside."""
     def to(inside):
-        source = vtk.vtkImageData()
-        source.SetDimensions(*mask.shape[::-1])
+        source = image_data(np.where(inside, 0, 1).astype(np.uint8))
         source.SetSpacing(*spacing)
-        source.GetPointData().SetScalars(numpy_to_vtk(np.where(inside, 0, 1).astype(np.uint8).ravel(), deep=True))
         squared = configured(vtk.vtkImageEuclideanDistance(), ConsiderAnisotropy=True, MaximumDistance=1e9)
         squared.SetInputData(source)
         squared.Update()
@@ -394,11 +529,9 @@ def refined(values, factors):
 
 
 def zero_surface(values, spacing):
-    """The smooth closed surfaces where a field (z, y, x) is zero, and its volume without smoothing."""
-    image = vtk.vtkImageData()
+    """The smooth closed surfaces where a field (z, y, x) is zero."""
+    image = image_data(np.ascontiguousarray(values, np.float32))
     image.SetSpacing(*spacing)
-    image.SetDimensions(*values.shape[::-1])
-    image.GetPointData().SetScalars(numpy_to_vtk(np.ascontiguousarray(values, np.float32).ravel(), deep=True))
     zero = vtk.vtkFlyingEdges3D()
     zero.SetValue(0, 0.0)
     rough = pipe(image, zero)
@@ -436,41 +569,110 @@ def body_of(map_, name):
 
 def outlined(map_, names):
     """name -> Outlined, of these segments together: they share surfaces where they touch, unless they overlap."""
-    masks = {name: map_.mask(name) for name in names}
-    for name, mask in masks.items():
-        if not mask.any():
-            raise Unusable(name, "it has no voxels")
-    used = np.any(list(masks.values()), axis=0)
-    bounds = [np.flatnonzero(used.any(axis=tuple(a for a in range(3) if a != axis)))[[0, -1]] for axis in range(3)]
-    size = np.array(used.shape)
-    low = np.array([b[0] for b in bounds])
-    high = np.array([b[1] + 1 for b in bounds])
-    stride = max(1, int(np.ceil((np.prod((high - low).astype(float)) / MOST_VOXELS) ** (1 / 3))))
-    window = tuple(slice(a, b) for a, b in zip(low, high))
-    spacing = stride * np.linalg.norm(map_.place[:3, :3], axis=0)     # x, y, z
-    factors = [max(1, int(round(s / spacing.min()))) if s > ELONGATED * spacing.min() else 1 for s in spacing[::-1]]
-    while np.prod((high - low) / stride * factors) > 2 * MOST_VOXELS and max(factors) > 1:
-        factors[int(np.argmax(factors))] -= 1
-    small = {name: np.pad(mask[window][::stride, ::stride, ::stride], AROUND) for name, mask in masks.items()}
-    distances = {name: signed_distance(mask, spacing) if mask.any() else None for name, mask in small.items()}
-    found = {}
+    masks = {}
     for name in names:
-        notes = list(map_.notes)
-        if stride > 1:
-            notes.append(f"every {stride}. voxel along each axis is used for its shape, and all for its volume")
-        at_border = [axis for axis, b in zip("zyx", range(3)) if masks[name].take(0, b).any() or masks[name].take(size[b] - 1, b).any()]
-        if at_border:
-            notes.append("reaches the image's border and may be cut off there")
-        surfaces = []
-        if distances[name] is not None:
-            field = distances[name]
-            for other in names:
-                if other != name and distances[other] is not None and not np.any(small[name] & small[other]):
-                    field = np.maximum(field, (distances[name] - distances[other]) / 2)
-            surfaces = zero_surface(refined(field, factors), spacing / np.array(factors[::-1]))
-        offset = map_.place[:3] @ np.append(low[::-1] - stride * AROUND, 1.0)
-        turn = map_.place[:3, :3] * stride / spacing
-        surfaces = shells.solids([shells.oriented(Shell(s.points @ turn.T + offset, s.triangles)) for s in surfaces])
-        points = (face_points(np.pad(masks[name][window], 1)) + low[::-1] - 1) @ map_.place[:3, :3].T + map_.place[:3, 3]
-        found[name] = Outlined(surfaces, points, np.count_nonzero(masks[name]) * map_.voxel(), notes)
+        mask = map_.mask(name)
+        window = box_of(mask, 0)
+        if window is None:
+            raise Unusable(name, "it has no voxels")
+        masks[name] = window, np.ascontiguousarray(mask[window])
+    return {name: outlined_one(map_, name, masks) for name in names}
+
+
+def others_beside(name, masks, window):
+    """Mask of the other labels' voxels in a window, without labels that overlap this one."""
+    mine, others = masks[name][0], np.zeros([each.stop - each.start for each in window], bool)
+    for other, (place, mask) in masks.items():
+        if other == name:
+            continue
+        common = tuple(slice(max(a.start, b.start), min(a.stop, b.stop)) for a, b in zip(window, place))
+        if any(each.start >= each.stop for each in common):
+            continue
+        found = mask[moved(common, place)]
+        both = tuple(slice(max(a.start, b.start), min(a.stop, b.stop)) for a, b in zip(common, mine))
+        if all(each.start < each.stop for each in both) and np.any(mask[moved(both, place)] & masks[name][1][moved(both, mine)]):
+            continue
+        others[moved(common, window)] |= found
+    return others
+
+
+def moved(window, origin):
+    """Slices of an image as slices of a section of it."""
+    return tuple(slice(each.start - start.start, each.stop - start.start) for each, start in zip(window, origin))
+
+
+def outlined_one(map_, name, masks):
+    """`masks`: name -> section of the image, and the label's mask in it, for all labels that are outlined together."""
+    tight, mask = masks[name]
+    notes, size = list(map_.notes), map_.layers[0].shape
+    stride = max(1, int(np.ceil((np.prod(mask.shape) / MOST_VOXELS) ** (1 / 3))))
+    if stride > 1:
+        notes.append(f"every {stride}. voxel along each axis is used for its shape, and all for its volume")
+    border = border_of(map_, tight)
+    if border:
+        notes.append("reaches the image's border and may be cut off there")
+    margin = AROUND * stride
+    first = np.array([each.start for each in tight]) - margin          # voxel of the image, which may lie before it
+    window = tuple(slice(max(0, each.start - margin), min(count, each.stop + margin)) for each, count in zip(tight, size))
+    beside = np.pad(others_beside(name, masks, window),
+                    [(inner.start - start, start + each.stop - each.start + 2 * margin - inner.stop) for inner, start, each in zip(window, first, tight)])
+    mine, voxel = np.pad(mask, margin), np.linalg.norm(map_.place[:3, :3], axis=0)         # x, y, z
+    place = np.column_stack([map_.place[:3, :3] / voxel, map_.place[:3] @ np.append(first[::-1], 1.0)])
+    outlined_ = Outlined([], [], (face_points(mine) + first[::-1]) @ map_.place[:3, :3].T + map_.place[:3, 3],
+                         np.count_nonzero(mask) * map_.voxel(), map_.voxel(), notes, border)
+    for surface, counts, at in parts_in(mine, shape_of(mine, beside, stride, voxel), voxel):
+        volume = sum(counts) * map_.voxel()
+        if surface is None:
+            outlined_.gone.append((volume, place @ np.append(at, 1.0)))
+        else:
+            placed = Shell(surface.points @ place[:, :3].T + place[:, 3], surface.triangles).facing_outward()
+            if len(counts) > 1:
+                outlined_.joined.append(([count * map_.voxel() for count in counts], placed.centre()))
+            outlined_.shells.append(placed.holding(volume) if abs(placed.volume() / volume - 1) > OFF_VOLUME else placed)
+            outlined_.volumes.append(volume)
+    return outlined_
+
+
+def border_of(map_, tight):
+    """Border of the image where a label that fills this section of it touches it, or None."""
+    normals, offsets, inverse = [], [], np.linalg.inv(map_.place[:3, :3])
+    for axis, (each, count) in enumerate(zip(tight[::-1], map_.layers[0].shape[::-1])):      # x, y, z
+        for side, at, reached in ((-1, -0.5, each.start == 0), (1, count - 0.5, each.stop == count)):
+            if reached:
+                normal = side * inverse[axis] / np.linalg.norm(inverse[axis])
+                normals.append(normal)
+                offsets.append(normal @ (map_.place[:3, :3] @ (np.eye(3)[axis] * at) + map_.place[:3, 3]))
+    return Border(np.array(normals), np.array(offsets)) if normals else None
+
+
+def shape_of(mine, beside, stride, voxel):
+    """The smooth surfaces of a mask's parts, up to the middle of the way to the other labels; in mm from its first voxel, along its axes."""
+    spacing = stride * voxel
+    factors = [max(1, int(round(s / spacing.min()))) if s > ELONGATED * spacing.min() else 1 for s in spacing[::-1]]
+    while mine.size / stride ** 3 * np.prod(factors) > 2 * MOST_VOXELS and max(factors) > 1:
+        factors[int(np.argmax(factors))] -= 1
+    mine, beside = (each[::stride, ::stride, ::stride] for each in (mine, beside))
+    if not mine.any():
+        return []
+    field = signed_distance(mine, spacing)
+    if beside.any():
+        field = np.maximum(field, (field - signed_distance(beside, spacing)) / 2)
+    return shells.solids(list(map(shells.oriented, zero_surface(refined(field, factors), spacing / np.array(factors[::-1])))))
+
+
+def parts_in(mask, surfaces, spacing):
+    """(surface, numbers of voxels, place of one) of each connected part of a mask, the place in the surfaces' coordinates; parts that one surface encloses are one with
+    several numbers, and None is the surface of those that none encloses."""
+    numbers, sizes = connected_in(mask)
+    free, found = np.append(False, np.ones(len(sizes), bool)), []
+    for surface in sorted(surfaces, key=lambda each: -each.volume()):
+        inside, window = drawn(surface, np.zeros(3), spacing, mask.shape)
+        held = np.bincount(numbers[window][inside], minlength=len(sizes) + 1)[1:]
+        mine = 1 + np.flatnonzero((2 * held > sizes) & free[1:])
+        if len(mine):
+            free[mine] = False
+            found.append((surface, [int(size) for size in sizes[mine - 1]], None))
+    _, index = np.unique(numbers, return_index=True)
+    for number in np.flatnonzero(free):
+        found.append((None, [int(sizes[number - 1])], np.array(np.unravel_index(index[number], mask.shape))[::-1] * spacing))
     return found

@@ -25,7 +25,7 @@ void live_worker_stop(live_worker *w, histogram *latency) {
     worker_stop(&w->worker);
     pthread_join(w->thread, NULL);
     while (spsc_ring_pop(&w->exchange.latencies, &nanoseconds)) histogram_add(latency, nanoseconds);
-    if (w->worker.failed) fprintf(stderr, "worker: %s\n", w->worker.why.text);
+    if (w->worker.failed > 0) fprintf(stderr, "worker: %s\n", w->worker.first.text);
     exchange_free(&w->exchange);
     if (w->awake >= 0) close(w->awake);
 }

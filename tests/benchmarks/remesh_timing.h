@@ -2,13 +2,13 @@
 #ifndef TROCAR_REMESH_TIMING_H
 #define TROCAR_REMESH_TIMING_H
 
-#include "remesh/remesh.h"
+#include "oracles/remesh_methods.h"
 #include "timing.h"
 
 typedef enum { ADD_INSIDE, ADD_ON_FACE, MOVE_NODE, REMESH_CHANGES } remesh_change;
 
 typedef struct {
-    remesh_method method;
+    int method;
     remesh_change change;
     int touched;             /* moved nodes: only those whose patch has this many nodes; 0: any */
     int contacts;            /* contact nodes already present, added in the same way (for moved nodes: inside elements) */

@@ -9,7 +9,8 @@
 
 enum { NEEDLES = 2 };
 
-static void check(const pose_arbiter *in, const arbiter_needle before[NEEDLES], pose_verdict verdict, int64_t now) {
+/* Returns the needle whose pose was accepted, or -1. `refused`: poses since each needle's last one that was accepted. */
+static int check(const pose_arbiter *in, const arbiter_needle before[NEEDLES], pose_verdict verdict, int64_t now, const int refused[NEEDLES]) {
     int changed = -1;
     for (int i = 0; i < NEEDLES; i++) {
         const pose_sample *s = &in->needles[i].newest, *b = &before[i].newest;
@@ -20,17 +21,19 @@ static void check(const pose_arbiter *in, const arbiter_needle before[NEEDLES], 
         }
         REQUIRE(changed < 0 && verdict == POSE_ACCEPTED && s->session != 0 && s->session == in->record.needles[i].owner && s->received == now);
         REQUIRE(safety_check_pose(&s->base) == POSE_ACCEPTED);
-        REQUIRE(s->session != b->session || s->seq > b->seq);
+        REQUIRE(s->session != b->session || s->seq > b->seq || refused[i] >= SEQUENCE_RUN - 1); /* a sender may number its messages anew */
         REQUIRE(in->record.needles[1 - i].owner != s->session);
         changed = i;
     }
     REQUIRE((verdict == POSE_ACCEPTED) == (changed >= 0));
+    return changed;
 }
 
 int LLVMFuzzerTestOneInput(const uint8_t *data, size_t size) {
     device_limits limits = device_defaults();
     pose_arbiter in;
     int64_t now = 1000000000, count = 0;
+    int refused[NEEDLES] = {0};
     arbiter_init(&in, NEEDLES, &limits);
     while (size >= 8) {
         uint16_t length, later;
@@ -41,7 +44,9 @@ int LLVMFuzzerTestOneInput(const uint8_t *data, size_t size) {
         now += 1000 * (int64_t)later;
         arbiter_needle before[NEEDLES];
         memcpy(before, in.needles, sizeof before);
-        check(&in, before, arbiter_pose(&in, data, length, now), now);
+        pose_verdict verdict = arbiter_pose(&in, data, length, now);
+        int accepted = check(&in, before, verdict, now, refused);
+        for (int i = 0; i < NEEDLES; i++) refused[i] = i == accepted ? 0 : refused[i] + (accepted < 0);
         data += length, size -= length, count++;
     }
     count -= in.record.poses_malformed + in.record.poses_no_needle;

@@ -29,6 +29,20 @@ static void check_commands(const pose_log *log) {
     }
 }
 
+/* The same one by one. */
+static void read_stream(const char *path, const pose_log *log) {
+    pose_stream *stream;
+    pose_step step;
+    report why;
+    REQUIRE(pose_stream_open(path, -1, false, &stream, &why) == TROCAR_OK);
+    for (int i = 0; i <= log->count; i++) {
+        REQUIRE(pose_stream_next(stream, &step, &why) == TROCAR_OK);
+        REQUIRE(step.ended == (i == log->count));
+        REQUIRE(step.ended || memcmp(&step.pose, &log->poses[i], sizeof step.pose) == 0);
+    }
+    pose_stream_close(stream);
+}
+
 int LLVMFuzzerTestOneInput(const uint8_t *data, size_t size) {
     pose_log log;
     report why = {""};
@@ -44,6 +58,7 @@ int LLVMFuzzerTestOneInput(const uint8_t *data, size_t size) {
         return 0;
     }
     check_commands(&log);
+    read_stream(path, &log);
     for (int i = 0; i < log.count; i++) {
         pose p = pose_of_message(&log.poses[i]);
         REQUIRE(safety_check_pose(&p) == POSE_ACCEPTED);

@@ -14,6 +14,7 @@ import time
 from pathlib import Path
 
 sys.path.insert(0, str(Path(__file__).resolve().parent.parent))
+from simulated_device import DeviceService
 from standin import Service, use_realtime
 
 gc.disable()    # its pauses would look like the bridge's
@@ -61,10 +62,15 @@ class Wrenches:
 
 
 class Rig:
-    def __init__(self, build, source, folder, realtime=False, **service):
+    def __init__(self, build, source, folder, realtime=False, device=None, **service):
+        """`device`: a simulated device (simulated_device.py) that feels the force; otherwise the test sets its positions."""
         self.build, self.source, self.folder = Path(build), Path(source), Path(folder)
-        self.scene = self.source / "meshes/figure8.yaml"
-        self.service, self.wrenches = Service(realtime=realtime, **service), Wrenches(realtime)
+        # The stand-in's positions are the test's: there is no loop that a coupling could keep stable, only its force would follow the delay.
+        figure8 = (self.source / "meshes/figure8.yaml").read_text().replace("mesh: ", f"mesh: {self.source.resolve()}/meshes/", 1)
+        self.scene = self.folder / "scene.yaml"
+        self.scene.write_text(figure8 + "device: {max_stiffness: .inf}\n")
+        self.service = DeviceService(device, realtime=realtime, **service) if device else Service(realtime=realtime, **service)
+        self.wrenches = Wrenches(realtime)
         self.bridge = self.server = None
 
     def start_server(self):

@@ -30,6 +30,7 @@ class Service:
     """One device, and a handle unless `handle` is None. A test changes its attributes while it runs in a thread of its own.
 
     position   m, right, forward, up: a function of the time (time.monotonic) or a constant
+    frozen     True: a constant position is the same to the last digit
     forces     [(time, (x, y, z), key)] of every set_cursor_force that has been received, N
     answer     function of the state, a dictionary, that returns the text to send, None for none, or raises Disconnect
     """
@@ -38,6 +39,7 @@ class Service:
         self.version, self.position, self.orientation, self.handle = version, (0.0, 0.1, 0.1), (1.0, 0.0, 0.0, 0.0), "wireless_verse_grip"
         self.buttons, self.calibrated, self.answer, self.device = {"a": False, "b": False, "c": False}, True, json.dumps, "049D"
         self.forces, self.first, self.states, self.inquiries = [], [], [], 0
+        self.frozen, self.counted = False, 0  # frozen: the same state again and again
         self.port, self.realtime = port, realtime
         self.start()
 
@@ -123,6 +125,9 @@ class Service:
 
     def state(self, full):
         position = self.position(time.monotonic()) if callable(self.position) else self.position
+        if not self.frozen:  # the last digit of a sensor is never still
+            self.counted += 1
+            position = (position[0], position[1], position[2] + 1e-8 * (self.counted % 7))
         new = self.version >= "3.5"
         inverse3 = {"device_id": self.device,
                     "state": {"angular_position": {"a0": 0.0, "a1": 0.0, "a2": 0.0}, "angular_velocity": {"a0": 0.0, "a1": 0.0, "a2": 0.0},

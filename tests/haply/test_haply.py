@@ -215,6 +215,25 @@ def check_lost_reply(rig):
     rig.service.answer = json.dumps
 
 
+def check_frozen_state(rig):
+    """A service that repeats its last state: no force after 0.5 s, which is told; when it changes again, the force rises from zero."""
+    rig.wait_for_force(0.1, "no force")
+    rig.service.frozen = True
+    began = time.monotonic()
+    wait_for(lambda: rig.force() == (0, 0, 0), "force for a state that is frozen")
+    lasted = time.monotonic() - began
+    assert lasted > 0.4, f"no force after {lasted} s"
+    settled(rig, 1)
+    assert rig.force() == (0, 0, 0), "force again, although nothing has changed"
+    assert rig.said().count("the very same state for 0.5 s") == 1, rig.said()
+    moved = time.monotonic()
+    rig.service.frozen = False
+    rig.wait_for_force(0.1, "no force when the state changes again")
+    rise = [math.hypot(*force) for _, force in rig.since(moved)]
+    assert SLOW or max(b - a for a, b in zip(rise, rise[1:])) < 0.05, f"a jump: {rise[:50]}"
+    print(f"a frozen state: force for another {1e3 * lasted:.0f} ms")
+
+
 def check_disconnection(rig):
     """The bridge connects again, greets, and the force rises from zero."""
     opened = rig.said().count("connected to the service")
@@ -318,7 +337,7 @@ def main():
         try:
             rig.start_server()
             rig.start_bridge("--max-force", str(LIMIT), "--report", "2", "--realtime")
-            for check in (check_force, check_greeting, check_clutch, check_handle, check_bad_messages, check_late_reply, check_catching_up, check_lost_reply, check_disconnection, check_server, check_end):
+            for check in (check_force, check_greeting, check_clutch, check_handle, check_bad_messages, check_late_reply, check_catching_up, check_lost_reply, check_frozen_state, check_disconnection, check_server, check_end):
                 begin = time.monotonic()
                 check(rig)
                 print(f"{check.__name__}: {time.monotonic() - begin:.1f} s", flush=True)

@@ -39,7 +39,7 @@ static void fill_box(cube_mesh *c, int x, int y, int z, int32_t (*tet)[4]) {
     }
 }
 
-static void cube_create(cube_mesh *c) {
+static inline void cube_create(cube_mesh *c) {
     c->triangle_count = 0;
     for (int z = 0; z < SIDE; z++)
         for (int y = 0; y < SIDE; y++)
@@ -53,14 +53,14 @@ static void cube_create(cube_mesh *c) {
             for (int x = 0; x < BOXES; x++) fill_box(c, x, y, z, &c->tets[5 * box++]);
 }
 
-static trocar_mesh cube_arrays(const cube_mesh *c) {
+static inline trocar_mesh cube_arrays(const cube_mesh *c) {
     static const char *const regions[] = {"body"}, *const surfaces[] = {"skin", "back"};
     return (trocar_mesh){.node_count = CUBE_NODES, .tet_count = CUBE_TETS, .nodes = c->nodes[0], .tets = c->tets[0], .region_count = 1,
                          .regions = regions, .triangle_count = c->triangle_count, .triangles = c->triangles[0],
                          .triangle_surface = c->triangle_surface, .surface_count = 2, .surfaces = surfaces};
 }
 
-static void cube_write(const cube_mesh *c, const char *path) {
+static inline void cube_write(const cube_mesh *c, const char *path) {
     FILE *f = fopen(path, "w");
     fprintf(f, "$MeshFormat\n2.2 0 8\n$EndMeshFormat\n$PhysicalNames\n3\n2 1 \"skin\"\n2 2 \"back\"\n3 3 \"body\"\n$EndPhysicalNames\n$Nodes\n%d\n", CUBE_NODES);
     for (int i = 0; i < CUBE_NODES; i++) fprintf(f, "%d %.17g %.17g %.17g\n", i + 1, c->nodes[i][0], c->nodes[i][1], c->nodes[i][2]);

@@ -116,7 +116,7 @@ static void bad_tables_are_refused_with_line_and_remedy(void **state) {
     }
     assert_int_equal(trocar_dose_source_load("/nowhere/seed.yaml", &source, NULL), TROCAR_BAD_INPUT);
     assert_int_equal(trocar_dose_source_load("/tmp", &source, &why), TROCAR_BAD_INPUT);
-    assert_text(why.text, "/tmp: cannot read");
+    assert_text(why.text, "/tmp: cannot open the seed table: Is a directory");
 }
 
 /* ---- seeds, grids and points ------------------------------------------------------------------------------------------------------ */

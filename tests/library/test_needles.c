@@ -259,29 +259,28 @@ static void contacts_follow_a_restore(void **state) {
     trocar_model_free(model);
 }
 
-/* Pushed against a capsule that never gives way. */
-static void contacts_of_a_buckled_needle_are_detached(void **state) {
+/* Pushed far against the pubic arch. */
+static void contacts_of_a_buckled_needle_still_hold_it(void **state) {
     (void)state;
     trocar_scene *scene;
     trocar_model *model;
     trocar_sim *sim;
     trocar_output output = {0};
     trocar_contact contacts[ROOM];
-    OK(trocar_scene_load(MESHES "/figure8.yaml", &scene, &why));
-    OK(trocar_scene_set(scene, "membranes[capsule].puncture_force", ".inf", &why));
+    OK(trocar_scene_load(MESHES "/prostate.yaml", &scene, &why));
     OK(trocar_model_create(scene, NULL, &model, &why));
     trocar_scene_free(scene);
     OK(trocar_sim_create(model, &sim, &why));
-    trocar_pose base = base_at(0, 0.0, 0);
+    trocar_pose base = {{0.013, 0.012, -0.201}, {1, 0, 0, 0}};
     OK(trocar_sim_reset(sim, 0, &base, &why));
-    for (int t = 0; t < 2 * IN && !(output.events & TROCAR_EVENT_UNSTABLE); t++) {
-        base = base_at(0, 0.0, t);
+    for (int t = 0; t < 2000; t++) {
+        base.position[2] += 2e-5;
         OK(trocar_sim_step(sim, 0, &base, 1e-3, &output, &why));
     }
-    assert_true(output.events & TROCAR_EVENT_UNSTABLE);
+    assert_true(output.force[2] < -10.0);
     int count = trocar_sim_contacts(sim, 0, contacts, ROOM);
     assert_true(count > 2);
-    for (int i = 0; i < count; i++) assert_int_equal(contacts[i].status, TROCAR_CONTACT_DETACHED);
+    for (int i = 0; i < count; i++) assert_true(contacts[i].status == TROCAR_CONTACT_STICKING || contacts[i].status == TROCAR_CONTACT_SLIDING);
     trocar_sim_free(sim);
     trocar_model_free(model);
 }
@@ -324,7 +323,7 @@ int main(void) {
         cmocka_unit_test(needles_far_apart_feel_what_they_feel_alone), cmocka_unit_test(the_coupling_is_reciprocal),
         cmocka_unit_test(what_follows_a_restore_follows_the_save),     cmocka_unit_test(ticks_and_worker_serve_every_needle),
         cmocka_unit_test(a_needle_that_is_none_is_refused),            cmocka_unit_test(contacts_keep_their_id_and_slot),
-        cmocka_unit_test(contacts_follow_a_restore),                   cmocka_unit_test(contacts_of_a_buckled_needle_are_detached),
+        cmocka_unit_test(contacts_follow_a_restore),                   cmocka_unit_test(contacts_of_a_buckled_needle_still_hold_it),
     };
     return cmocka_run_group_tests(tests, NULL, NULL);
 }

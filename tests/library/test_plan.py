@@ -24,7 +24,7 @@ import numpy as np
 import pydicom
 
 import trocar
-from trocar import plan as plans
+from trocar import _obstacles, plan as plans
 from trocar import rtplan
 
 SCENE, EXAMPLE = SOURCE / "meshes/implant.yaml", SOURCE / "docs/examples/implant-plan.yaml"
@@ -68,7 +68,8 @@ class Holes(Case):
             for row in range(100):
                 self.assertEqual(plans.hole_number(plans.hole_name(column, row)), (column, row))
         self.assertEqual(plans.hole_number("C3.0"), (2, 4))
-        for wrong in ("", "3C", "c3", "C0", "C3.2", "C-1", "C3.", "C 3", "ABC1", "C1e1"):
+        self.assertEqual(plans.hole_number("c3.5"), (2, 5))
+        for wrong in ("", "3C", "C0", "C3.2", "C-1", "C3.", "C 3", "ABC1", "C1e1"):
             self.assertIsNone(plans.hole_number(wrong), wrong)
 
 
@@ -89,7 +90,7 @@ class Reader(Case):
         plan.source.model = 'a "b" \\ c'
         plans.write(plan, self.out / "again.yaml", "two\nlines")
         again = plans.read(self.out / "again.yaml")
-        self.assertEqual(again.source, plan.source)
+        self.assertEqual((again.source, again.prescription), (plan.source, 145.0))
         self.assertEqual([(n.hole, n.depth, n.seeds) for n in again.needles], [(n.hole, n.depth, n.seeds) for n in plan.needles])
 
     def test_bad_plans_are_refused_with_file_line_and_remedy(self):
@@ -109,6 +110,7 @@ class Reader(Case):
             ("I-125", "I-131", r":8: source.isotope: \"I-131\": there are I-125 and Pd-103"),
             ("strength: 0.45", "strength: -1", r":8: source.strength"),
             ("strength: 0.45", "activity: 0.45", r":8: source: unknown key \"activity\""),
+            ("prescription: 145", "prescription: 0", r":9: prescription: \"0\": write a number above 0"),
             (needle, needle.replace("F4", "N4"), rf":{line}: needles\[7\].hole: no hole \"N4\": the template has columns A to M, rows 1 to 7 in halves"),
             (needle, needle.replace("F4", "F7.5"), rf":{line}: needles\[7\].hole: no hole \"F7.5\""),
             (needle, needle.replace("F4", "F4.3"), rf":{line}: .*no hole \"F4.3\""),
@@ -118,7 +120,7 @@ class Reader(Case):
             (needle, needle.replace("depth: 0.09975, ", ""), rf":{line}: needles\[7\]: missing key \"depth\""),
             (needle, "F4", rf":{line}: needles\[7\]: write keys and values"),
             (needle, needle.replace("[", "{"), rf":{line}: not YAML"),
-            (text[text.index("needles:"):], "needles: []\n", r":10: needles: empty"),
+            (text[text.index("needles:"):], "needles: []\n", r":11: needles: empty"),
             (text, "", r":1: empty"), (text, "a plan", r":1: a plan: write keys"), (text, "[" * 2000, r"not YAML|too deep"),
         ]
         for old, new, words in cases:
@@ -127,6 +129,14 @@ class Reader(Case):
         self.refused("nowhere.yaml: cannot be opened", plans.read, self.out / "nowhere.yaml")
         (self.out / "binary.yaml").write_bytes(bytes(range(256)))
         self.refused("binary.yaml: not", plans.read, self.out / "binary.yaml")
+
+    def test_a_fifo_does_not_wait_for_its_writer(self):
+        fifo = self.out / "fifo"
+        os.mkfifo(fifo)
+        for read in (plans.read, lambda path: rtplan.read(path, MODEL), lambda path: plans.read_seeds(path, MODEL)):
+            self.refused("fifo: cannot be opened: not a regular file", read, fifo)
+            self.refused("none: cannot be opened: No such file or directory", read, self.out / "none")
+        self.assertRaisesRegex(trocar.Error, "fifo: cannot open the scene: not a regular file", trocar.Scene.load, fifo)
 
     def test_what_does_not_fit_the_scene_is_refused(self):
         text = EXAMPLE.read_text()
@@ -209,10 +219,38 @@ class Dicom(Case):
     def test_read_back_it_is_the_same_plan(self):
         plan, again = plans.read(EXAMPLE), rtplan.read(self.exported(), MODEL)
         self.assertEqual((again.template, again.columns, again.rows, again.spacing, again.source), ("template", 13, 13, 0.005, plan.source))
-        by_hole = lambda p: sorted((n.hole, n.depth, n.seeds) for n in p.needles)
-        for (hole, depth, found), (expected, its_depth, its_seeds) in zip(by_hole(again), by_hole(plan), strict=True):
-            self.assertEqual(hole, expected)
-            np.testing.assert_allclose([depth, *found], [its_depth, *its_seeds], atol=2e-7)
+        self.assertEqual((again.prescription, again.remarks), (145.0, []))
+        for needle, planned in zip(again.needles, plan.needles, strict=True):
+            self.assertEqual(needle.hole, planned.hole)
+            np.testing.assert_allclose([needle.depth, *needle.seeds], [planned.depth, *planned.seeds], atol=2e-7)
+
+    def test_needles_keep_their_order(self):
+        """In which they are inserted: the file's, not the alphabet's."""
+        plan = plans.read(EXAMPLE)
+        plan.needles = plan.needles[5:] + plan.needles[:5]
+        rtplan.export(plan, MODEL, self.out / "turned.dcm")
+        self.assertEqual([n.hole for n in rtplan.read(self.out / "turned.dcm", MODEL).needles], [n.hole for n in plan.needles])
+
+    def test_the_prescription_is_dicoms(self):
+        said = subprocess.run(["dcmdump", "+L", self.exported()], check=True, capture_output=True, text=True).stdout
+        self.assertRegex(said, r"\(300a,0020\) CS \[TARGET\]")
+        self.assertRegex(said, r"\(300a,0026\) DS \[145\]")
+        plan = plans.read(EXAMPLE)
+        plan.prescription = None
+        rtplan.export(plan, MODEL, self.out / "without.dcm")
+        self.assertNotIn("300a,0010", subprocess.run(["dcmdump", self.out / "without.dcm"], check=True, capture_output=True, text=True).stdout)
+        self.assertIsNone(rtplan.read(self.out / "without.dcm", MODEL).prescription)
+
+    def test_seeds_that_are_moved_to_their_axes_are_counted(self):
+        """The template a little elsewhere than the scene has it; and one seed beside its axis."""
+        moved = rtplan.read(self.exported(), with_guide(origin=[0.0004, 0, -0.025]))
+        self.assertEqual(len(moved.remarks), 1)
+        self.assertRegex(moved.remarks[0], r"^60 of 60 seeds were beside .* moved there, all by the same 0\.40 mm \([+-]0\.40 along columns, [+-]0\.00 along rows\): check the template's place$")
+        data = pydicom.dcmread(self.exported())
+        for point in data.ApplicationSetupSequence[0].ChannelSequence[7].BrachyControlPointSequence:
+            point.ControlPoint3DPosition[0] += 0.3
+        data.save_as(self.out / "beside.dcm")
+        self.assertRegex(rtplan.read(self.out / "beside.dcm", MODEL).remarks[0], r"^1 of 60 seeds .* by 0\.30 mm at most, 0\.0[01] on average$")
 
     def test_it_belongs_to_the_structure_set(self):
         structures = SOURCE / "meshes/synthetic.dcm"
@@ -239,6 +277,11 @@ class Dicom(Case):
             np.testing.assert_allclose(points[2 * i][2], [-1, -1, 1] * seed.direction, atol=1e-6)
         said = subprocess.run(["dciodvfy", self.out / "left.dcm"], capture_output=True, text=True).stderr
         self.assertEqual([line for line in said.splitlines() if line.startswith("Error")], [])
+        self.refused(r"channel 1: the seed at .* is 1.0 mm from the axis .*: read them with --seeds", rtplan.read, self.out / "left.dcm", MODEL)
+        for again, seed in zip(rtplan.read_seeds(self.out / "left.dcm", MODEL), placed, strict=True):
+            self.assertEqual((again.number, again.guide, again.hole), (seed.number, seed.guide, seed.hole))
+            np.testing.assert_allclose(again.position, seed.position, atol=1e-7)
+            np.testing.assert_allclose(again.direction, seed.direction, atol=1e-6)
         self.refused("no seeds", rtplan.dataset, plans.read(EXAMPLE), MODEL, None, None, [])
 
     def test_what_is_no_plan_for_this_scene_is_refused(self):
@@ -262,15 +305,6 @@ class Dicom(Case):
                               (lambda d: setattr(d.ApplicationSetupSequence[0], "ChannelSequence", []), "no seeds")):
             self.refused(words, rtplan.read, changed(change), MODEL)
         self.assertEqual(rtplan.read(changed(lambda d: setattr(d.SourceSequence[0], "SourceIsotopeName", "Palladium-103")), MODEL).source.isotope, "Pd-103")
-        whole = path.read_bytes()
-        for size in range(0, len(whole), 997):
-            (self.out / "cut.dcm").write_bytes(whole[:size])
-            with warnings.catch_warnings():
-                warnings.simplefilter("ignore")
-                try:
-                    rtplan.read(self.out / "cut.dcm", MODEL)
-                except plans.BadPlan as refusal:
-                    self.assertIn("cut.dcm: ", str(refusal))
         self.refused("not a DICOM file", rtplan.read, EXAMPLE, MODEL)
         self.refused("its modality is RTSTRUCT, not RTPLAN", rtplan.read, SOURCE / "meshes/synthetic.dcm", MODEL)
         plan = plans.read(EXAMPLE)
@@ -279,6 +313,34 @@ class Dicom(Case):
         plan.source = None
         self.refused("without \"source\", which a DICOM plan needs: add source", rtplan.dataset, plan, MODEL)
         self.assertEqual(data.Modality, "RTPLAN")
+
+    def test_what_ends_too_early_is_refused(self):
+        """Wherever it ends, in every transfer syntax without compression, with sequences of known and of unknown length. dcmtk writes them."""
+        path, expected = self.exported(), len(plans.planned_seeds(plans.read(EXAMPLE), MODEL))
+        for options in (["+te", "+e"], ["+te", "-e"], ["+ti", "+e"], ["+ti", "-e"], ["+tb", "+e"], ["+tb", "-e"], ["+td"]):
+            with self.subTest(options=options):
+                subprocess.run(["dcmconv", *options, path, self.out / "again.dcm"], check=True)
+                count = lambda at: len(plans.planned_seeds(rtplan.read(at, MODEL), MODEL))
+                self.assertEqual(count(self.out / "again.dcm"), expected)
+                whole = (self.out / "again.dcm").read_bytes()
+                for size in (*range(0, len(whole), len(whole) // 40), *range(len(whole) - 18, len(whole))):
+                    (self.out / "cut.dcm").write_bytes(whole[:size])
+                    with warnings.catch_warnings():
+                        warnings.simplefilter("ignore")
+                        try:
+                            found = count(self.out / "cut.dcm")
+                        except plans.BadPlan as refusal:
+                            self.assertIn("cut.dcm: ", str(refusal))
+                            continue
+                    self.assertEqual((found, len(whole) - size), (expected, 18)) # without the last element, the plan's approval
+        whole = path.read_bytes()
+        (self.out / "cut.dcm").write_bytes(whole[:20000])
+        self.refused("cut.dcm: ends too early, within an element, after 20000 bytes: copy or export it again", rtplan.read, self.out / "cut.dcm", MODEL)
+        structures = (SOURCE / "meshes/synthetic.dcm").read_bytes()
+        (self.out / "cut.dcm").write_bytes(structures[:30000])
+        self.refused("cut.dcm: ends too early", self.exported, MODEL, self.out / "cut.dcm")
+        with self.assertRaisesRegex(_obstacles.BadContours, "cut.dcm: ends too early"):
+            _obstacles.read_contours(str(self.out / "cut.dcm"), "Prostate")
 
     def without_patient(self):
         text = re.sub(r"(?m)^patient_to_mesh:.*\n", "", SCENE.read_text()).replace("implant.msh", str(SOURCE / "meshes/implant.msh"))
@@ -361,6 +423,18 @@ class Program(Case):
         table = self.write("seed,guide,hole,rest_x [m],rest_y [m],rest_z [m],rest_along_x,rest_along_y,rest_along_z\n1,template,F4,5e-3,0,0.0715,0,0,1\n", "seeds.csv")
         self.assertEqual(self.run_plan("export", EXAMPLE, *scene, "--seeds", table, "--out", self.out / "b.dcm")[0], 0)
         self.assertEqual(len(dumped(self.out / "b.dcm")), 2)
+        self.assertEqual(self.run_plan("import", self.out / "b.dcm", *scene, "--seeds", self.out / "b.csv"), (0, "", ""))
+        self.assertEqual(self.run_plan("compare", EXAMPLE, self.out / "b.csv", *scene), self.run_plan("compare", EXAMPLE, table, *scene))
+        status, _, error = self.run_plan("import", self.out / "b.dcm", *scene, "--out", self.out / "b.yaml")
+        self.assertEqual((status, error), (0, ""))    # it is on its hole's axis
+        shifted = SCENE.read_text().replace("origin: [0, 0, -0.025]", "origin: [0.0004, 0, -0.025]").replace("implant.msh", str(SOURCE / "meshes/implant.msh"))
+        self.assertIn("0.0004", shifted)
+        status, _, error = self.run_plan("import", self.out / "a.dcm", "--scene", self.write(shifted, "shifted.yaml"), "--out", self.out / "c.yaml")
+        self.assertEqual(status, 0)
+        self.assertRegex(error, r"a.dcm: 60 of 60 seeds were beside the axes of their holes and have been moved there, all by the same 0.40 mm")
+        self.assertIn("# 60 of 60 seeds were beside", (self.out / "c.yaml").read_text())
+        with self.assertRaises(SystemExit), contextlib.redirect_stderr(io.StringIO()):
+            self.run_plan("import", self.out / "a.dcm", *scene)
         status, said, _ = self.run_plan("compare", EXAMPLE, table, *scene)
         self.assertEqual(status, 0)
         self.assertRegex(said, r"(?m)^ +F4 +1 +1 +-?0.000 +-?0.000 +-1.000 +-1.000 +0.000 +1.000$")

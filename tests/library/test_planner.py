@@ -180,6 +180,16 @@ class Obstacles(Case):
         self.assertAlmostEqual(found, brute - 1e-3, delta=2e-5)
         self.assertLessEqual(capsule.distance(shaft, 1e-3, Embedding(model), field, enough=0.0), found + 1e-12)
 
+    def test_in_tissue_that_does_not_move_it_is_as_at_rest(self):
+        """The nearest point at rest is never missed by rounding."""
+        model = trocar.Model(trocar.Scene.load(SCENE), mesh_only=True)
+        embedding, still, random = Embedding(model), np.zeros_like(model.nodes), np.random.default_rng(1)
+        for _ in range(300):
+            obstacle = Obstacle("x", 2e-3, random.uniform(-0.03, 0.03, (200, 3)) + [0, 0, 0.03])
+            start = random.uniform(-0.02, 0.02, 3)
+            shaft = np.linspace(start, start + [0, 0, 0.1], 20)
+            self.assertAlmostEqual(obstacle.distance(shaft, 5e-4, embedding, still), obstacle.distance(shaft, 5e-4), delta=1e-12)
+
 
 class Geometry(Case):
     """Tissue without forces is not displaced: a line is the plan."""
@@ -210,6 +220,23 @@ class Geometry(Case):
         self.assertAlmostEqual(result.expected.error, least, delta=1e-4)
         self.assertFalse(result.reached)
         self.assertRegex(result.why, "entry is at its limit.*tilt is at its limit")
+
+    def test_beside_bone_without_a_tilt(self):
+        """Fixed nodes: where the bone is, no tissue moves at all."""
+        text = "scene: " + str(SOURCE / "meshes/prostate.yaml") + """
+set: {needle.bevel_slope: 0.05}
+coordinates: patient
+targets:
+  - {name: apex, at: [-13, -8, -3]}
+entry: {x: [-25, 25], y: [-10, 20], z: -55}
+avoid:
+  - {surface: bone, clearance: 2e-3}
+"""
+        for tilt in ("", ", tilt: 0"):
+            status, output, errors = self.main("run", self.write(text.replace("z: -55", f"z: -55{tilt}")), "--out", self.out / "o")
+            self.assertIn(status, (0, 1), errors)
+            self.assertNotIn("ended without a result", errors)
+            self.assertRegex(output, r"\| apex \|.*\+0.0 \+0.0")
 
     def test_around_an_obstacle(self):
         rows = ["roi,outline,x_mm,y_mm,z_mm"]

@@ -5,6 +5,7 @@ usage: test_python.py BUILD_DIR SOURCE_DIR
 """
 import csv
 import os
+import re
 import subprocess
 import sys
 import tempfile
@@ -131,7 +132,7 @@ class PythonTest(unittest.TestCase):
         sim.reset(pose(0.005, -0.24))
         self.assertIsNone(sim.hole(0))
         for i in range(400):
-            output = sim.step(pose(0.005 + 5e-6 * i, -0.24 + 1e-4 * i), 0.001)
+            output = sim.step(pose(0.005 + 4e-6 * i, -0.24 + 1e-4 * i), 0.001)
         self.assertEqual(sim.hole(0), 7 + 13 * 6)
         contacts = sim.contacts()
         self.assertEqual(contacts[0].kind, "guide")
@@ -266,8 +267,9 @@ class PythonTest(unittest.TestCase):
             trocar.rollout(self.model, np.zeros((3, 7)))
 
     def test_events_are_those_of_the_header(self):
-        self.assertEqual([event.name for event in trocar.Event][:2], ["TOUCHED", "PUNCTURED"])
-        self.assertEqual([int(event) for event in trocar.Event], [1 << bit for bit in range(14)])
+        header = re.findall(r"TROCAR_EVENT_(\w+) = 1 << (\d+)", (SOURCE / "core/trocar.h").read_text())
+        self.assertIn(("TOUCHED", "0"), header)
+        self.assertEqual([(event.name, int(event)) for event in trocar.Event], [(name, 1 << int(bit)) for name, bit in header])
 
     def test_the_table_of_keys(self):
         rows = {row.key: row for row in trocar.keys()}
@@ -276,7 +278,7 @@ class PythonTest(unittest.TestCase):
         self.assertTrue(rows["mesh"].required)
         scene = trocar.Scene.load(FIGURE8)
         self.assertEqual(scene["regions[prostate].youngs_modulus"], 60e3)
-        self.assertEqual(scene["fixed"], "[fixed]")
+        self.assertEqual(scene["fixed"], ["fixed"])
 
 
 def read_poses(path):

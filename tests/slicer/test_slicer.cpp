@@ -1,5 +1,5 @@
 /* trocar-slicer from outside: values in the patient's coordinates, computed here by hand; images against surfaces; slow clients, garbage, restarts,
-   trackers. usage: test_slicer TROCAR_SLICER TROCAR_SERVER MESHES CASE (values, faults, trackers or server), in a private network namespace */
+   trackers. usage: test_slicer TROCAR_SLICER TROCAR_SERVER MESHES CASE (values, faults, slow, trackers or server), in a private network namespace */
 #include <algorithm>
 #include <cstdlib>
 #include <filesystem>
@@ -361,6 +361,49 @@ static void test_slow_client(const Mesh &mesh) {
     EXPECT(needles < 60, "%d needle poses of 90", needles);
 }
 
+/* Reads messages as fast as this, with the receive buffer that the system gives it: up to megabytes, which the bridge must not fill. */
+static void test_slow_reader(const Mesh &mesh, double rate) {
+    FakeServer server;
+    set_up(server, mesh);
+    server.displace = [](const Vector &x, double t) { return Vector{0.01 * x[2] * std::sin(20 * t), 0, 0}; };
+    server.start();
+    Program bridge(work, bridge_command(trocar_scene_path(mesh.scene)));
+    EXPECT(bridge.ready());
+    Connection slow(bridge.port());
+    double begin = seconds(), oldest = 0, whole = 0;
+    size_t largest = 0;
+    std::map<std::string, int> counts;
+    while (seconds() < begin + 8) {
+        unsigned char head[58], part[16384];
+        uint64_t size = 0, stamp = 0;
+        EXPECT(slow.receive(head, sizeof head));
+        for (int i = 0; i < 8; i++) stamp = stamp << 8 | head[34 + i], size = size << 8 | head[42 + i];
+        for (uint64_t left = size; left > 0;) {
+            size_t count = std::min<uint64_t>(left, sizeof part);
+            EXPECT(slow.receive(part, count));
+            left -= count;
+            whole += static_cast<double>(count);
+            wait(begin + whole / rate - seconds());
+        }
+        largest = std::max<size_t>(largest, size);
+        double age = epoch_seconds() - static_cast<double>(stamp) / 4294967296.0;
+        std::string name(reinterpret_cast<char *>(head) + 14, strnlen(reinterpret_cast<char *>(head) + 14, 20));
+        counts[name]++;
+        if (seconds() > begin + 3 && name != "TrocarStatus") oldest = std::max(oldest, age); /* organs at rest are given once */
+    }
+    std::printf("a client that reads %.1f MB/s, messages of up to %.2f MB: values at most %.2f s old;", 1e-6 * rate, 1e-6 * static_cast<double>(largest), oldest);
+    for (const auto &c : counts) std::printf(" %s %d", c.first.c_str(), c.second);
+    std::printf("\n");
+    EXPECT(oldest < 0.5 + 3 * static_cast<double>(largest) / rate, "%g s old", oldest);
+    EXPECT(counts["prostate"] >= 5 && counts["NeedleToReference"] > 50, "%d surfaces, %d needle poses", counts["prostate"], counts["NeedleToReference"]);
+    EXPECT(rate < 1e7 || counts["prostate"] > 150, "%d surfaces in 8 s", counts["prostate"]); /* one that keeps up gets them all */
+}
+
+static void test_slow() {
+    Mesh mesh(write_scene());
+    for (double rate : {0.15e6, 0.5e6, 2e6, 20e6}) test_slow_reader(mesh, rate); /* bytes per second */
+}
+
 static void test_garbage(const Mesh &mesh) {
     FakeServer server;
     set_up(server, mesh);
@@ -677,6 +720,7 @@ int main(int count, char **arguments) {
     else if (chosen == "faults") test_faults();
     else if (chosen == "trackers") test_trackers();
     else if (chosen == "server") test_server();
+    else if (chosen == "slow") test_slow();
     else if (chosen == "stream") stream();
     else return 2;
     std::filesystem::remove_all(work);

@@ -15,8 +15,8 @@ from rows import ABSTRACT, CONSISTENT, FITTED, PREDICTED, SECONDARY, Rows
 PODDER = "Podder et al. 2006, Med. Phys. 33, 20 patients"
 STONE = "Stone et al. 2002, 19 patients, 16 needles"
 LAGERBURG = "Lagerburg et al. 2005, Radiotherapy and Oncology 77"
-MCLAUGHLIN = "McLaughlin et al., AAPM 2022, videos of 50 patients, and phantom"
-SEEDS = "Intraoperative factors associated with stranded source placement accuracy, University of Alberta, 15 patients, 1197 seeds"
+MCLAUGHLIN = "McLaughlin et al., AAPM 2022: phantom, by hand and with a pneumatic device"
+SEEDS = "Quantifying 125I placement accuracy in prostate brachytherapy using postimplant transrectal ultrasound images, University of Alberta, 15 patients, 1197 seeds"
 PREPRINT = "preprint of a haptic simulator made after Podder et al. 2006"
 FIT_SPEED = 0.08         # m/s
 FORCES = "puncture force of the skin and level of friction, to the forces of 18 G at 80 mm/s"
@@ -131,9 +131,9 @@ if not rows.short:
         sim = trocar.Sim(model)
         Needle(sim, HOLES[0]).move(DEEP, speed)
         shift[speed] = 1e3 * gland.motion(sim)[0]
-    rows.trend("the gland is moved less by a fast needle", MCLAUGHLIN, ABSTRACT, "up to 20 mm with a slow needle, 1 mm with a fast one", shift[0.12] < shift[0.005],
+    rows.trend("the gland is moved less by a fast needle", MCLAUGHLIN, ABSTRACT, "base moved by up to 20 mm by a high-speed needle, 1 mm with the device", shift[0.12] < shift[0.005],
                f"{shift[0.005]:.1f} mm at 5 mm/s, {shift[0.12]:.1f} mm at 120 mm/s", kind=PREDICTED, fitted=FORCES,
-               note="the tendency only: neither 20 nor 1 mm is reached")
+               note="the tendency only: neither 20 nor 1 mm is reached; the abstract calls the needle that moves the gland by 20 mm high-speed, too, but says of its videos that a timid needle tents it more; its speeds are not given")
     turns = []
     for x in (-0.02, 0.02):
         sim = trocar.Sim(model)

@@ -39,7 +39,7 @@ def fitted_slope(target, *arguments, **options):
 
 
 rows = Rows.from_arguments(__doc__, "Steering")
-slope = 0.045 if rows.short else fitted_slope(8.89, GEL, G22, 0.08)
+slope = 0.0434 if rows.short else fitted_slope(8.89, GEL, G22, 0.08)
 fit = f"bevel slope {slope:.3f}, to 22 G Quincke at 80 mm"
 rows.add("22 G Quincke at 80 mm", RAND, ABSTRACT, (8.72, 9.06), deflection(GEL, slope, G22, 0.08), "mm", published="8.89 +- 0.17 mm", kind=FITTED, fitted=fit)
 thin = deflection(GEL, slope, G25, 0.08)

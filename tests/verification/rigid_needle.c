@@ -15,6 +15,7 @@
 #include "insertion/simulation.h"
 #include "insertion/tip.h"
 #include "insertion/prefetch.h"
+#include "remesh/snapshot_kernels.h"
 
 typedef struct {
     simulation simulation;
@@ -90,10 +91,8 @@ static int assemble(const body *b, int axis, double *a, double *tip_alone) {
     for (int c = 0; c < 4; c++) own += weights[c] * compliance_to_point(&b->snapshot, handles, weights, handles[c]).m[axis][axis];
     shaft_share share = shaft_share_of(&all, contacts, true);
     double disc = local_at_tip(model, s->tip.tet, s->tip.nominal, s->tip.depth, 0.0, resolved.point);
-    double logarithm = local_logarithm(model, &resolved).lateral + line_end_at(&resolved.end, 0.5 * (share.to - share.from));
-    double end = local_line_compliance_at(model, s->tip.tet, s->tip.nominal).lateral * (logarithm + (axis < 2 ? resolved.uneven.m[axis][axis] : 0.0)) / model->needle->radius;
     double shaft = local_between(model, s, &resolved, share.from, share.to, axis);
-    a[contacts * n + contacts] = own + 1.0 / (1.0 / shaft + 1.0 / (axis == 2 ? disc : end)); /* in parallel */
+    a[contacts * n + contacts] = own + 1.0 / (1.0 / shaft + 1.0 / disc); /* in parallel */
     *tip_alone = 1e-3 / (own + disc);
     return n;
 }

@@ -6,7 +6,7 @@
 
 /* The shaft at a point of the last solve. */
 static inline const roll_friction *twist_at(const lockstep *l, const contact_point *p) {
-    return p->kind == POINT_TIP ? &l->state.tip.roll : &l->state.contacts[p->handle].roll;
+    return p->kind == POINT_TIP ? &l->state.tip.shaft.roll : &l->state.contacts[p->handle].shaft.roll;
 }
 
 /* rad / N m, at once: the torque m' per length turns the tissue at the shaft by m' / (4 pi mu r^2). */

@@ -195,8 +195,8 @@ static void check_bending(rows *r) {
 
 static bool whole_shaft_slides(const lockstep *l, friction_state way) {
     for (int k = 0; k < contacts_active(&l->state); k++)
-        if (l->state.contacts[k].friction != way) return false;
-    return contacts_active(&l->state) > 0 && l->state.tip.friction == way && l->state.tip.shaft_friction == way && l->state.tip.blocked_by == NOT_BLOCKED;
+        if (l->state.contacts[k].shaft.friction != way) return false;
+    return contacts_active(&l->state) > 0 && l->state.tip.friction == way && l->state.tip.shaft.friction == way && l->state.tip.blocked_by == NOT_BLOCKED;
 }
 
 /* Largest error of the axial force during a move while the whole shaft slides, against friction times depth plus (during insertion)

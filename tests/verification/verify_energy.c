@@ -73,13 +73,13 @@ static void picture_free(picture *s) {
 /* The total force on the tissue at a point. */
 static vec3 load_at(const point *p) { return v3_add(p->force, p->damping); }
 
-static void add_local(picture *s, point *p, principal_tensor lateral, double axial) {
-    double along = v3_dot(load_at(p), p->tangent);
-    vec3 across = v3_axpy(-along, p->tangent, load_at(p));
-    double easily = v3_dot(across, lateral.easy);
-    p->moved = v3_axpy(lateral.least, across, v3_axpy(axial * along, p->tangent, p->moved));
-    p->moved = v3_axpy(lateral.more * easily, lateral.easy, p->moved);
-    s->local += 0.5 * (lateral.least * v3_dot(across, across) + lateral.more * easily * easily + axial * along * along);
+/* The tissue around a shaft yields across the track and along it; that at the end face alike in every direction. */
+static void add_local(picture *s, point *p, vec3 track, principal_tensor lateral, double axial) {
+    vec3 load = load_at(p), across = v3_axpy(-v3_dot(load, track), track, load), moved = v3_scale(axial * v3_dot(load, track), track);
+    moved = v3_axpy(lateral.least, across, v3_axpy(lateral.more * v3_dot(load, lateral.easy), lateral.easy, moved));
+    if (p->id == TIP) moved = v3_scale(axial, load);
+    p->moved = v3_add(p->moved, moved);
+    s->local += 0.5 * v3_dot(load, moved);
 }
 
 /* A tip's share of the shaft turns with TIP_SHAFT. */
@@ -120,13 +120,14 @@ static void take_picture(lockstep *l, picture *s) {
         p->slip = w->problem.slip[i];
         p->tangent = needle_along(&w->points[at].at);
         if (at_tip) {
-            vec3 friction = v3_scale(w->problem.force[2 * w->problem.count + contacts_active(&l->state) + 1], p->tangent);
-            p->force = i == at ? v3_sub(end->force, friction) : friction;
+            vec3 sideways = v3_axpy(-v3_dot(end->force, p->tangent), p->tangent, end->force);
+            vec3 shaft = v3_axpy(w->problem.force[2 * w->problem.count + contacts_active(&l->state) + 1], p->tangent, v3_scale(w->sideways_on_shaft, sideways));
+            p->force = i == at ? v3_sub(end->force, shaft) : shaft;
             if (i == at) p->damping = end->damping;
         }
         p->moved = displacement_at(&l->simulation.mesh, s, p);
         s->tissue += 0.5 * v3_dot(load_at(p), p->moved);
-        add_local(s, p, i == at ? w->lateral[at] : (principal_tensor){0}, w->axial[i]);
+        add_local(s, p, point_track(&l->state, &w->points[at]), w->lateral[at], w->axial[i]);
         if (p->id != TIP) add_twist(l, s, p, &w->points[at]);
     }
     s->needle = needle_energy(&l->simulation.needle, &l->state.needle) + twist_energy_of_needle(l);

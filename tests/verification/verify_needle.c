@@ -16,6 +16,7 @@ static needle_model rod(int segments) {
     needle_model model;
     report why;
     simulation_defaults(&config);
+    config.needle.bow = 0.0; /* as the references */
     config.needle.segments = segments;
     if (needle_create(&config.needle, &model, &why) != TROCAR_OK) {
         fprintf(stderr, "%s\n", why.text);
@@ -182,6 +183,7 @@ static void check_roll(rows *r) {
    then there is none. */
 static void push_rolled(double roll, double later, bool friction, double wrench[6]) {
     simulation_config c = lockstep_config();
+    c.needle.bow = 0.0; /* or it would roll with the needle */
     for (int i = 0; i < c.region_count && !friction; i++)
         c.regions[i].material.friction_static = c.regions[i].material.friction_kinetic = c.regions[i].material.friction_viscous = 0.0;
     pose start = lockstep_start();

@@ -76,6 +76,15 @@ static double softening_energy(const lockstep *l, double face) {
     return sum;
 }
 
+/* The needle's force on the tissue around the shaft at a point, N: at the tip, the end face bears the rest. */
+static vec3 force_around_shaft(const lockstep *l, int i) {
+    const insertion_workspace *w = l->simulation.workspace;
+    vec3 force = *point_force((insertion_state *)&l->state, &w->points[i]), needle = needle_along(&w->points[i].at);
+    if (w->points[i].kind != POINT_TIP) return force;
+    vec3 aside = v3_axpy(-v3_dot(force, needle), needle, force);
+    return v3_axpy(w->problem.force[2 * w->problem.count + i + 1], needle, v3_scale(w->sideways_on_shaft, aside));
+}
+
 /* Energy of the local compliances under forces across the needle and along it, J. Term -1: the needle's forces. */
 static double local_energy(const lockstep *l, int term) {
     const insertion_workspace *w = l->simulation.workspace;
@@ -84,17 +93,23 @@ static double local_energy(const lockstep *l, int term) {
     for (int i = w->guided; i < w->point_count && (term < 0 || i - w->guided < memory->count); i++) {
         bool tip = w->points[i].kind == POINT_TIP;
         const share_memory *share = &memory->shares[i - w->guided];
-        vec3 force = *point_force((insertion_state *)&l->state, &w->points[i]), needle = needle_along(&w->points[i].at);
-        double along = v3_dot(force, needle), face = tip ? w->problem.force[2 * w->problem.count + i] : 0.0;
-        if (tip && l->state.buckled) face = along; /* the last solve found no equilibrium */
-        vec3 across = term < 0 ? v3_axpy(-along, needle, force) : share->terms[term].across;
-        double shaft = term < 0 ? along - face : shaft_part(l, &w->points[i]) * share->terms[term].along;
-        if (term < 0) sum += w->creep.yield * w->loose[i] * v3_dot(across, across);
+        vec3 track = point_track(&l->state, &w->points[i]), needle = needle_along(&w->points[i].at);
+        vec3 force = term < 0 ? *point_force((insertion_state *)&l->state, &w->points[i]) : share->terms[term].load;
+        vec3 aside = v3_axpy(-v3_dot(force, needle), needle, force), on_shaft = force_around_shaft(l, i);
+        double along = v3_dot(on_shaft, track);
+        vec3 across = v3_axpy(-along, track, on_shaft), face = v3_sub(force, on_shaft);
+        if (term < 0) {
+            sum += w->creep.yield * w->loose[i] * v3_dot(aside, aside);
+            if (tip) softening = softening_energy(l, v3_dot(face, track));
+        } else {
+            vec3 whole = v3_axpy(-v3_dot(force, track), track, force);
+            along = shaft_part(l, &w->points[i]) * share->terms[term].along;
+            across = tip ? v3_scale(w->sideways_on_shaft, whole) : whole;
+            if (tip) face = v3_axpy(memory->face[term], track, v3_scale(1.0 - w->sideways_on_shaft, whole));
+        }
         double easily = v3_dot(across, w->lateral[i].easy);
-        sum += w->lateral[i].least * v3_dot(across, across) + w->lateral[i].more * easily * easily + w->axial[i + tip] * shaft * shaft;
-        if (tip && term < 0) softening = softening_energy(l, face);
-        if (tip && term >= 0) face = memory->face[term];
-        if (tip) sum += w->axial[i] * face * face;
+        sum += w->lateral[i].least * v3_dot(across, across) + w->lateral[i].more * easily * easily + w->axial[i + tip] * along * along;
+        if (tip) sum += w->axial[i] * v3_dot(face, face);
     }
     return 0.5 * sum / w->creep.yield + softening;
 }
@@ -125,11 +140,10 @@ static double stiffened_energy(const lockstep *l) {
     if (!l->simulation.insertion.stiffens) return 0.0;
     for (int i = w->guided; i < w->point_count; i++) {
         bool tip = w->points[i].kind == POINT_TIP;
-        vec3 force = *point_force((insertion_state *)&l->state, &w->points[i]), needle = needle_along(&w->points[i].at);
         vec3 track = point_track(&l->state, &w->points[i]);
-        double end = tip ? l->state.tip.end_force : 0.0;
-        sum += stiffening_energy(&s->along[i], v3_dot(track, v3_axpy(-end, needle, force)));
-        if (tip) sum += stiffening_energy(&s->face, end + v3_dot(l->state.tip.damping, needle));
+        double along = v3_dot(track, *point_force((insertion_state *)&l->state, &w->points[i])), shaft = v3_dot(track, force_around_shaft(l, i));
+        sum += stiffening_energy(&s->along[i], shaft);
+        if (tip) sum += stiffening_energy(&s->face, along - shaft + v3_dot(l->state.tip.damping, track));
     }
     return sum;
 }

@@ -110,6 +110,21 @@ static void check_nitinol_slopes(rows *r) {
                            .note = "an estimate"});
 }
 
+/* From the softest tissue to rubber. Strength goes with the modulus in tissue softer than 60 kPa, which would be dented by centimetres otherwise. */
+static void check_stiffness(rows *r, const char *name, steering_case c) {
+    static const double moduli[] = {5e3, 15e3, 60e3, 250e3, 1e6, 3e6};
+    for (int i = 0; i < 6; i++) {
+        c.tissue_modulus = moduli[i];
+        c.strength = fmin(1.0, moduli[i] / 60e3);
+        double curvature = curvature_of(&c), beam = c.needle.bevel_slope * foundation_wave_number(&c, 0.45);
+        char check[160];
+        snprintf(check, sizeof check, "%s, slope 0.05, tissue of %g kPa: radius of the track", name, 1e-3 * moduli[i]);
+        rows_measured(r, (row){.check = check, .reference = "decay length of a beam on a Winkler foundation / slope (steady state)", .value = 1.0 / curvature,
+                               .expected = 1.0 / beam, .error = fabs(beam / curvature - 1.0), .unit = "m",
+                               .note = "no limit: a beam's decay length is no shorter than its diameter only in tissue as stiff as the needle"});
+    }
+}
+
 /* Curvatures of one needle on one mesh with the bevel facing four sides. */
 typedef struct {
     double mean, spread; /* 1/m; largest less smallest, as a part of the mean */
@@ -158,6 +173,8 @@ int main(int argc, char **argv) {
     check_half_turn(&r, "18 G steel, slope 0.1", steering_steel(0.1), false);
     check_nitinol_slopes(&r);
     if (!r.short_form) {
+        check_stiffness(&r, "18 G steel", steering_steel(0.05));
+        check_stiffness(&r, "0.7 mm nitinol", steering_nitinol(0.05));
         for (int fine = 0; fine < 2; fine++) {
             steering_case steel = steering_steel(0.1), nitinol = steering_nitinol(0.05);
             steel.mesh = nitinol.mesh = fine ? FINE : NULL;

@@ -8,7 +8,7 @@ import path from 'node:path'
 import { browser, check, checkLayout, driven, faults, open, until } from './page.mjs'
 import { ADDRESS, run, scene, source, start, stop } from './parts.mjs'
 
-const SIZES = [[390, 844], [844, 390], [1024, 768], [1440, 900], [1920, 1080], [683, 512]] // the last: 1024 x 768 at 150 %
+const SIZES = [[390, 844], [844, 390], [1280, 720], [1366, 768], [1280, 800], [1024, 768], [1440, 900], [1680, 1050], [1920, 1080], [768, 1024], [683, 512]] // the last: 1024 x 768 at 150 %
 const SMALL = { width: 500, height: 400 } // quickly drawn
 const startServer = () => start('server/trocar-server', '--allow-non-rt')
 const badge = (text) => `document.getElementById('link').textContent === '${text}'`
@@ -187,6 +187,7 @@ try {
       await first.setViewportSize({ width, height })
       await first.waitForTimeout(300)
       await checkLayout(first, `${width} x ${height}`)
+      assert.deepEqual(await first.evaluate(`(${touchingLabels})()`), [], `${width} x ${height}`)
     })
   await first.click('#take')
   await until(first, '!trocar.status.drives')
@@ -199,6 +200,29 @@ try {
       await checkLayout(first, `let go, ${width} x ${height}`)
     })
   await first.setViewportSize({ width: 1000, height: 640 })
+
+  await driven('a needle is not driven by old pictures, and what is said of it moves no button', first, async () => {
+    const base = () => first.evaluate('[...trocar.history.pictures.at(-1).needles[0].joints.slice(0, 3)]'), reset = async () => (await first.locator('#reset').boundingBox()).y
+    const place = await reset()
+    await first.evaluate('trocar.drawn = trocar.stage.finished; trocar.stage.finished = () => false') // as when drawing takes for ever
+    const seen = await first.evaluate('[...trocar.shown.needles[0].joints.slice(0, 3)]')
+    await first.keyboard.down('s')
+    try {
+      await until(first, '/late/.test(document.getElementById("link").textContent) && /mm\\/s at most/.test(document.getElementById("drive-note").textContent)')
+      assert.equal(await reset(), place)
+      await until(first, '/held still/.test(document.getElementById("drive-note").textContent) && trocar.drive.command()[2] === 0')
+      assert.equal(await reset(), place)
+      await first.waitForTimeout(500)
+      const moved = Math.hypot(...(await base()).map((value, i) => value - seen[i]))
+      assert(moved > 1e-3 && moved < 0.027, `${moved} m further than is seen`)
+      await first.waitForTimeout(1000)
+      assert(Math.abs(Math.hypot(...(await base()).map((value, i) => value - seen[i])) - moved) < 1e-4, 'it stands')
+    } finally {
+      await first.keyboard.up('s')
+      await first.evaluate('trocar.stage.finished = trocar.drawn')
+    }
+    await until(first, 'trocar.state.name === "live" && trocar.drive.age.at(performance.now()) < 1')
+  })
 
   await driven('Reset must be held down', first, async () => {
     const deep = await tip(first), [reset] = [first.locator('#reset')]
@@ -360,5 +384,15 @@ function forceDrawn(times) {
     const pixels = chart.ctx.getImageData(Math.round(chart.valToPos(time, 'x', true)), top, 1, height).data
     for (let i = 0; i < pixels.length; i += 4) if (wanted.every((value, k) => Math.abs(pixels[i + k] - value) < 40)) return true
     return false
+  })
+}
+
+/** Runs in the page: plots too low to be read, or whose labels (10 px) touch. */
+function touchingLabels() {
+  return trocar.plots.plots.filter(({ holder }) => holder.clientHeight > 0).flatMap(({ title, chart }) => {
+    const [, { _splits: splits, _values: words }] = chart.axes, height = chart.over.clientHeight
+    const places = splits.filter((_, i) => words[i] !== null && words[i] !== '').map((value) => chart.valToPos(value, 'y')).sort((a, b) => a - b)
+    const close = places.some((place, i) => i > 0 && place - places[i - 1] < 11)
+    return [...(close ? [`${title}: labels at ${places.map(Math.round)}`] : []), ...(height < 30 ? [`${title}: ${height} px high`] : [])]
   })
 }

@@ -4,7 +4,7 @@ import assert from 'node:assert/strict'
 import { once } from 'node:events'
 import { readFile } from 'node:fs/promises'
 import path from 'node:path'
-import { browser, check, checkLayout, faults, open, until } from './page.mjs'
+import { browser, check, checkInView, checkLayout, faults, open, until } from './page.mjs'
 import { run, scene, source, start, stop } from './parts.mjs'
 
 const out = process.argv[4]
@@ -69,12 +69,17 @@ try {
       await page.waitForTimeout(300)
       await checkLayout(page, `${width} x ${height}`)
     })
-  await check('layout of the list of keys', async () => {
-    await page.setViewportSize({ width: 390, height: 844 })
-    await page.click('#help')
-    await checkLayout(page, 'keys')
-    await page.keyboard.press('Escape')
-  })
+  for (const [width, height] of [...SIZES, [844, 390]])
+    await check(`layout of the list of keys at ${width} x ${height}`, async () => {
+      await page.setViewportSize({ width, height })
+      await page.click('#help')
+      await checkInView(page, '#keys-title, #keys button', 'the list begins at its top')
+      await checkLayout(page, 'keys')
+      await page.keyboard.press('End')
+      await until(page, `(({ scrollTop, clientHeight, scrollHeight }) => scrollTop + clientHeight >= scrollHeight - 1)(document.getElementById('keys'))`)
+      await checkInView(page, '#keys button, #keys dd:last-of-type', 'its end can be reached, and it can be closed from there')
+      await page.keyboard.press('Escape')
+    })
   assert.deepEqual(faults, [])
 } finally {
   await stop(player)

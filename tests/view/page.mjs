@@ -2,14 +2,14 @@
 import assert from 'node:assert/strict'
 import { ADDRESS, axe, launch } from './parts.mjs'
 
-const PATIENCE = 60000 // ms, for a busy machine; nothing here measures time
+const PATIENCE = 150000 // ms, for a busy machine; nothing here measures time
 
 export const browser = await launch()
 export const faults = []
 
-/** A page in its own window; errors in it fail the run. */
-export async function open(size = { width: 1000, height: 640 }) {
-  const page = await (await browser.newContext({ viewport: size, colorScheme: 'dark' })).newPage()
+/** A page in its own window, with further options of its context; errors in it fail the run. */
+export async function open(size = { width: 1000, height: 640 }, options = {}) {
+  const page = await (await browser.newContext({ viewport: size, colorScheme: 'dark', ...options })).newPage()
   page.setDefaultTimeout(PATIENCE)
   page.on('pageerror', (error) => faults.push(error.stack))
   page.on('console', (message) => { if (message.type() === 'error' && !/WebSocket connection/.test(message.text())) faults.push(message.text()) })
@@ -76,6 +76,12 @@ export async function checkLayout(page, name) {
     await page.evaluate(plainGround, null)
   }
   assert.deepEqual(await page.evaluate(layoutFaults), [], name)
+  assert.deepEqual(await page.evaluate(textFaults), [], name)
+}
+
+/** These elements, all that are shown, are in full view without scrolling. */
+export async function checkInView(page, selectors, name) {
+  assert.deepEqual(await page.evaluate(hiddenParts, selectors), [], name)
 }
 
 /** Runs in the page: axe-core's violations, and whether it checked contrast. (Transferring all results takes longer than the check.) */
@@ -93,15 +99,53 @@ function plainGround(theme) {
   for (const canvas of document.querySelectorAll('#stage canvas, #trus canvas, #sagittal canvas')) canvas.style.visibility = hidden
 }
 
+/** Runs in the page: texts that stick out of what they stand on, or of what clips them. Texts that are shortened by dots have a title with the whole. */
+function textFaults() {
+  const faults = [], dialog = document.querySelector('dialog[open]'), walker = document.createTreeWalker(dialog ?? document.body, NodeFilter.SHOW_TEXT)
+  while (walker.nextNode()) {
+    const text = walker.currentNode, parent = text.parentElement
+    if (!text.data.trim() || !dialog && text.parentElement.closest('dialog') || parent.closest('select, script, style, [hidden]') || !parent.checkVisibility({ visibilityProperty: true })) continue
+    const range = document.createRange()
+    range.selectNodeContents(text)
+    for (const { left, right } of range.getClientRects()) {
+      for (let ground = parent; ground && ground !== document.documentElement; ground = ground.parentElement) {
+        const style = getComputedStyle(ground), box = ground.getBoundingClientRect(), clips = style.overflowX !== 'visible'
+        if (clips && style.textOverflow === 'ellipsis') break
+        if (style.display === 'inline' || !(clips || ground.matches('.panel, section, header, footer, dialog, button, td, th, .badge'))) continue
+        if (right > left && (left < box.left - 1 || right > box.right + 1)) faults.push(`“${text.data.trim().slice(0, 30)}” sticks out of ${ground.id || ground.tagName} by ${Math.max(box.left - left, right - box.right).toFixed(0)} px`)
+      }
+    }
+  }
+  return faults
+}
+
+/** Runs in the page: see checkInView. */
+function hiddenParts(selectors) {
+  return [...document.querySelectorAll(selectors)].filter((part) => part.checkVisibility({ visibilityProperty: true })).flatMap((part) => {
+    const box = part.getBoundingClientRect(), faults = []
+    for (let around = part.parentElement; around && around !== document.documentElement; around = around.parentElement) {
+      if (getComputedStyle(around).overflowY === 'visible') continue
+      const clip = around.getBoundingClientRect(), seen = Math.min(box.bottom, clip.bottom) - Math.max(box.top, clip.top)
+      if (seen < box.height - 1) faults.push(`${part.id || part.tagName}: ${Math.max(0, seen).toFixed(0)} of ${box.height.toFixed(0)} px in view`)
+    }
+    return faults
+  })
+}
+
 /** Runs in the page: elements that overlap, are cut off, or are outside the window. */
 function layoutFaults() {
-  const dialog = document.querySelector('dialog[open]')
-  const parts = [...(dialog ?? document).querySelectorAll('h1, h2, button, label, summary, dt, dd, th, td, select, output, input[type=range], input[type=text], #next, #answer:not(:empty), #panes, canvas#timeline, .badge, .panel, #readout, #legend span, #banner, #drive-note:not(:empty), .stick-area, #scene-name, .u-series, #plots .uplot')]
+  const dialog = document.querySelector('dialog[open]'), SCROLLERS = 'dialog, #plots, #needle-list, #dose-pane, #implant'
+  const parts = [...(dialog ? [dialog] : []), ...(dialog ?? document).querySelectorAll('h1, h2, button, label, summary, dt, dd, th, td, select, output, input[type=range], input[type=text], #next, #answer:not(:empty), #panes, canvas#timeline, .badge, .panel, #readout, #legend span, #banner, #drive-note:not(:empty), .stick-area, #scene-name, .u-series, #plots .uplot')]
     .filter((part) => (dialog || !part.closest('dialog')) && part.checkVisibility({ visibilityProperty: true }) && part.getBoundingClientRect().width > 0)
   const name = (part) => part.id || `${part.tagName.toLowerCase()} "${part.textContent.trim().slice(0, 20)}"`
   const boxOf = (part) => { // the visible part
-    const { left, right, top, bottom } = part.getBoundingClientRect(), scroller = part.closest('#plots, #implant')?.getBoundingClientRect()
-    return scroller ? { left, right, top: Math.max(top, scroller.top), bottom: Math.min(bottom, scroller.bottom) } : { left, right, top, bottom }
+    let { left, right, top, bottom } = part.getBoundingClientRect()
+    for (let scroller = part.parentElement?.closest(SCROLLERS); scroller; scroller = scroller.parentElement?.closest(SCROLLERS)) {
+      const box = scroller.getBoundingClientRect()
+      top = Math.max(top, box.top)
+      bottom = Math.min(bottom, box.bottom)
+    }
+    return { left, right, top, bottom }
   }
   const faults = [], boxes = parts.map(boxOf)
   parts.forEach((part, i) => {

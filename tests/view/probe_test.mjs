@@ -55,6 +55,14 @@ try {
     assert.equal(await page.evaluate('document.getElementById("follow").checked'), false)
   })
 
+  await driven('it says where the tissue stops it', page, async () => {
+    if (!await page.evaluate('trocar.probe.moving')) await page.keyboard.press('b')
+    await until(page, 'trocar.probe.moving')
+    await press('ArrowUp', 'trocar.shown.probe.stopped')
+    assert.match(await words(), /^Probe: 3\d\.\d\d N, pressing \d+ points\. The tissue stops it: draw it back$/)
+    await press('ArrowDown', '!trocar.shown.probe.stopped')
+  })
+
   await driven('B gives the keys back to the needle', page, async () => {
     if (await page.evaluate('trocar.probe.moving')) {
       await page.keyboard.down('a')

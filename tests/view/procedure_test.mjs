@@ -4,10 +4,11 @@
 import assert from 'node:assert/strict'
 import { writeFile } from 'node:fs/promises'
 import path from 'node:path'
-import { browser, check, checkLayout, driven, faults, hold, open, until } from './page.mjs'
+import { browser, check, checkInView, checkLayout, driven, faults, hold, open, until } from './page.mjs'
 import { source, start, stop } from './parts.mjs'
 
-const SIZES = [[1440, 900], [1280, 720], [1024, 768], [390, 844]]
+const SIZES = [[1280, 720], [1366, 768], [1280, 800], [1024, 768], [1440, 900], [1680, 1050], [1920, 1080], [768, 1024], [390, 844], [844, 390]]
+const NEEDED = '#next, #answer, #hole, #drop, #undo, #fresh, #take, #lever, #pad, #roll, #reset, #drive-note' // without scrolling
 const OUT = process.argv[4]
 const implant = path.join(source, 'meshes/implant.yaml')
 const text = (id) => `document.getElementById('${id}').textContent`
@@ -54,6 +55,12 @@ try {
     await page.fill('#hole', 'Q9')
     await page.press('#hole', 'Enter')
     await says('answer', /no hole “Q9”: type a letter from A to M and a number from 1 to 7 in halves/)
+  })
+
+  await check('letters of a hole may be small', async () => {
+    await page.fill('#hole', ' g4')
+    await page.press('#hole', 'Enter')
+    await says('next', /G4 is chosen/)
   })
 
   await check('a click in the grid chooses C3.5', async () => {
@@ -183,21 +190,110 @@ try {
     await until(page, `trocar.status.alive && ${text('link')} === 'live'`)
   })
 
+  await check('a phone or tablet is told of the lever and of no keys', async () => {
+    const phone = await open({ width: 390, height: 844 }, { hasTouch: true, isMobile: true })
+    await until(phone, `${text('link')} === 'live' && document.body.classList.contains('procedure')`)
+    await phone.evaluate("trocar.procedure.choose(trocar.procedure.template.find('G4'))")
+    const said = await phone.evaluate(`(${allSteps})()`)
+    for (const words of said) assert(!/\b[WS]\b|Shift/.test(words), words)
+    assert(said.some((words) => /lever/.test(words)), `${said}`)
+    await phone.context().close()
+  })
+
+  await check('a tip or a seed that is not in the gland is told', async () => {
+    assert.match(await page.evaluate("trocar.procedure.outOfTarget(-1)"), /It is not in the prostate, nor in the tissue/)
+    const regions = await page.evaluate('trocar.stage.scene.regions.map(({ name }) => name)')
+    const said = await page.evaluate(`(${wordsForRegions})()`)
+    for (const [i, name] of regions.entries()) {
+      if (name === 'prostate') assert.equal(said[i], '')
+      else assert(said[i].includes(`in “${name}”`), said[i])
+    }
+    assert.match(await page.evaluate(`(${throughTheTissue})()`), /come out of the tissue on its far side/)
+  })
+
   await hold(page)
-  for (const [width, height] of SIZES)
-    await check(`layout, ${width} x ${height}`, async () => {
-      await page.setViewportSize({ width, height })
-      await page.waitForTimeout(300)
-      await checkLayout(page, `${width} x ${height}`)
-      await shoot(`${width}-dark`)
-      await page.evaluate('trocar.setTheme("light")')
-      await page.waitForTimeout(300)
-      await shoot(`${width}-light`)
-      await page.evaluate('trocar.setTheme("dark")')
-    })
+  for (const many of [false, true]) {
+    if (many) await page.evaluate(fillWithNeedles)
+    for (const [width, height] of SIZES)
+      await check(`layout, ${width} x ${height}${many ? ', all needles in use' : ''}`, async () => {
+        await page.setViewportSize({ width, height })
+        await page.waitForTimeout(300)
+        for (const pane of ['axial', 'stage']) {
+          await page.evaluate(`trocar.procedure.choosePane('${pane}')`) // on a small screen
+          await checkLayout(page, `${width} x ${height}, ${pane}`)
+        }
+        await page.evaluate("trocar.procedure.choosePane('axial')")
+        if (height > 560) await checkInView(page, NEEDED, `${width} x ${height}`)
+        else await checkInView(page, '#next, #hole, #drop', `${width} x ${height}`)
+        if (height >= 1050) await checkInView(page, '#dose svg[role=img]', `${width} x ${height}`)
+        await shoot(`${width}-dark${many ? '-many' : ''}`)
+        if (many) return
+        await page.evaluate('trocar.setTheme("light")')
+        await page.waitForTimeout(300)
+        await shoot(`${width}-light`)
+        await page.evaluate('trocar.setTheme("dark")')
+      })
+  }
+  await check('when the server is started anew, the page says that needles and seeds are gone', async () => {
+    await stop(server)
+    await until(page, `${text('link')} === 'no server'`)
+    server = await start('server/trocar-server', '--allow-non-rt', '--scene', implant)
+    await says('answer', /The server has been restarted: the needles are out\./)
+    await until(page, `${text('link')} === 'live' && parseFloat(${text('depth')}) === 0`)
+    for (const [seeds, words] of [[1, ', and the seed is gone.'], [3, ', and the 3 seeds are gone.']])
+      assert(await page.evaluate(`(trocar.procedure.left = ${seeds}, trocar.procedure.hearRestart(), ${text('answer')}.endsWith('${words}'))`), words)
+  })
   assert.deepEqual(faults, [])
 } finally {
   await stop(server)
   await stop(view)
   await browser.close()
+}
+
+/** Runs in the page: what it says to do next, in each state of the needle. */
+function allSteps() {
+  const { procedure, stage, chosen } = trocar, tip = stage.needles[chosen].tip, said = []
+  const { steering } = procedure.drive, far = procedure.targetNow
+  procedure.drive.steering = true
+  for (const depth of [0, 0.05])
+    for (const isThrough of [false, true])
+      for (const pending of [0, 1])
+        for (const along of [-0.01, 0, 0.01]) {
+          procedure.isThrough = isThrough
+          procedure.seeds = { pending: [pending], seeds: [] }
+          procedure.targetNow = tip.clone().addScaledVector(procedure.template.normal, along)
+          said.push(procedure.nextStep(tip, depth, chosen, 'held'))
+        }
+  Object.assign(procedure, { isThrough: false, seeds: { pending: [], seeds: [] }, targetNow: far })
+  procedure.drive.steering = steering
+  return [...said, document.getElementById('drive-note').textContent]
+}
+
+/** Runs in the page: what is said of a seed in the first tetrahedron of each region. */
+function wordsForRegions() {
+  const { procedure, stage: { scene } } = trocar
+  const first = ({ group }) => scene.tets.findIndex((value, i) => i % 5 === 0 && value === group) / 5
+  return scene.regions.map((region) => procedure.outOfTarget(first(region)))
+}
+
+/** Runs in the page: the next step of a needle whose tip is beyond the tissue. */
+function throughTheTissue() {
+  const { procedure, stage, chosen } = trocar
+  procedure.choose(procedure.template.find('G4'))
+  const beyond = stage.needles[chosen].tip.clone().setZ(0.5), { steering } = procedure.drive
+  procedure.noteTip(beyond, 0.1)
+  procedure.drive.steering = true
+  const said = procedure.nextStep(beyond, 0.1, chosen, 'held')
+  const stopped = procedure.drive.limit() === 0
+  procedure.drive.steering = steering
+  procedure.noteTip(stage.needles[chosen].tip, 0)
+  return stopped ? said : 'it is not stopped'
+}
+
+/** Runs in the page: as if all needles but the driven one rested in the tissue. */
+function fillWithNeedles() {
+  const { procedure } = trocar, describe = procedure.describe.bind(procedure)
+  procedure.isInUse = () => true
+  procedure.isFree = (needle) => needle !== procedure.drive.needle
+  procedure.describe = (status, ...more) => describe({ ...status, needles: status.needles?.map((each, i) => (i === procedure.drive.needle ? each : { ...each, state: 'resting' })) }, ...more)
 }

@@ -6,6 +6,7 @@
 #include <stdlib.h>
 #include <string.h>
 
+#include "device_response.h"
 #include "limiter.h"
 #include "messages.h"
 #include "network.h"
@@ -21,11 +22,13 @@ error_t argp_err_exit_status = EXIT_BAD_INPUT;
 
 static const double GRAVITY = 9.81;                   /* m/s^2 */
 static const int64_t REPLY_TIMEOUT = 20000000;        /* ns without a reply of the service: no force; as trocar_client's watchdog */
+static const int64_t FROZEN = 500000000;              /* ns with the very same state under a force: a hand's tremor has 8 to 12 Hz, and tenths of a millimetre */
 static const int64_t CONNECTION_TIMEOUT = 1000000000; /* ns without a reply: the connection is renewed */
 static const int64_t REPORT_AFTER = 500000000;        /* ns without a wrench until it is told */
 static const int64_t INQUIRY = 200000000;             /* ns between inquiries for a device */
 static const int64_t SHUTDOWN_TIMEOUT = 200000000;    /* ns for the last reply */
 static const int64_t REPORTED = INT64_MAX;
+static const double MEASURING_FORCE = 0.5;            /* N, of --measure-delay */
 static const int64_t EVENT_GAP = 100000000;           /* ns between events that are told */
 
 /* What is printed now and then, and at the end. */
@@ -47,6 +50,9 @@ typedef struct {
     haply_state state;
 
     bool valid;              /* the newest message holds a state, and the service is not silent */
+    haply_state seen;        /* the state before, */
+    int64_t changed_at;      /* ns: since when it is the same, under a force; */
+    bool frozen;             /* for too long: no force until it changes */
     bool lost;               /* it has been told that there is no connection */
     bool absent;             /* the newest message has no device */
     bool greeted;
@@ -60,6 +66,10 @@ typedef struct {
     bool answered;           /* the server sends wrenches, as was told */
     int64_t unanswered_since; /* ns; 0: it does, or it is not asked; REPORTED: it was told that it does not */
     int64_t event_at;        /* ns: an event was told */
+
+    bool measuring, measured; /* `response` has begun; it is over, and the program ends */
+    bool found;              /* it fits a model */
+    device_response response; /* of --measure-delay */
 
     bool shutting_down, last_sent; /* the program ends: the last force is zero */
     int64_t shut_down_since; /* ns */
@@ -114,7 +124,7 @@ static void tell(bridge *b, haply_problem problem) {
 /* ---- from the service to the server --------------------------------------------------------------------------------- */
 
 static void no_state(bridge *b) {
-    b->valid = false;
+    b->valid = b->measuring = false; /* a measurement begins anew */
     limiter_cut(&b->limit);
     if (b->unanswered_since != REPORTED) b->unanswered_since = 0;
 }
@@ -141,6 +151,33 @@ static void publish(bridge *b) {
     trocar_client_publish(b->server, base.position, base.orientation);
 }
 
+static bool is_same(const haply_state *a, const haply_state *b) {
+    return memcmp(&a->position, &b->position, sizeof a->position) == 0 && memcmp(&a->orientation, &b->orientation, sizeof a->orientation) == 0
+        && a->clutch == b->clutch;
+}
+
+/* A service that has lost its device may repeat the last state for ever, to which the server's force would be the answer for ever. */
+static bool is_frozen(bridge *b) {
+    int64_t now = monotonic_ns();
+    bool same = is_same(&b->state, &b->seen), felt = v3_norm(b->limit.force) > 0;
+    b->seen = b->state;
+    if (!same || (!felt && !b->frozen)) b->changed_at = now;
+    bool frozen = now - b->changed_at > FROZEN;
+    if (b->frozen && !frozen) say("the device's state changes again");
+    return b->frozen = frozen;
+}
+
+/* Of the device to the force of --measure-delay, which is along its y. */
+static void note_response(bridge *b) {
+    double now = 1e-9 * (double)monotonic_ns();
+    if (!b->measuring && !b->measured) {
+        say("measuring the device's delay: hold the handle lightly, away from the ends of its workspace, for 5 s");
+        response_begin(&b->response, fmin(MEASURING_FORCE, b->set.max_force), now);
+    }
+    b->measuring = true;
+    response_add(&b->response, now, b->state.position.y);
+}
+
 static void on_state(void *context, const char *text, size_t length) {
     bridge *b = context;
     bool had_handle = b->valid && b->state.handle[0] != '\0';
@@ -158,10 +195,16 @@ static void on_state(void *context, const char *text, size_t length) {
         return;
     }
     if (b->waiting > 0) return; /* late: newer ones are on their way */
+    if (is_frozen(b)) {
+        tell(b, HAPLY_FROZEN);
+        no_state(b);
+        return;
+    }
     choose(b);
     heed_handle(b, had_handle);
     b->valid = true;
-    publish(b);
+    if (b->set.measure_delay) note_response(b);
+    else publish(b);
 }
 
 static void on_event(void *context, const char *text, size_t length) {
@@ -189,7 +232,30 @@ static void heed_server(bridge *b, bool answered, int64_t now) {
     say("no wrench from trocar-server, so no force: start it, or see trocar-top why needle %d gets none; waiting", b->set.needle);
 }
 
+/* Prints what the scene needs to know about the device, as the needle feels it. */
+static void tell_response(bridge *b) {
+    response_model found;
+    b->measured = true;
+    b->found = response_fit(&b->response, &found);
+    if (!b->found) {
+        say("the device did not move like a mass that a hand holds lightly: try again");
+        return;
+    }
+    printf("device: {delay: %.4f, mass: %.2g}    # s, kg: for the server's scene; misfit %.0f %%\n", found.delay,
+           found.mass / (b->set.mapping.scale * b->set.force_scale), 100.0 * found.misfit);
+    fflush(stdout);
+}
+
+static vec3 measuring_force(bridge *b, int64_t now) {
+    double seconds = 1e-9 * (double)now;
+    if (!b->measuring || b->measured || b->shutting_down) return v3(0, 0, 0);
+    double force = response_force(&b->response, seconds);
+    if (response_is_over(&b->response, seconds)) tell_response(b);
+    return v3(0, force, 0);
+}
+
 static vec3 next_force(bridge *b, int64_t now) {
+    if (b->set.measure_delay) return measuring_force(b, now);
     trocar_client_wrench wrench;
     double period = 1e-9 * (double)(now - b->sent_at);
     bool answered = b->valid && trocar_client_newest(b->server, &wrench);
@@ -275,7 +341,7 @@ static void await_reply(bridge *b, int64_t now) {
 static void on_tick(void *context) {
     bridge *b = context;
     int64_t now = monotonic_ns();
-    if (playing_interrupted()) {
+    if (playing_interrupted() || b->measured) {
         shut_down(b, now);
         return;
     }
@@ -300,7 +366,7 @@ static trocar_status run(bridge *b, report *why) {
         while (!b->ends) network_round(b->net);
         network_free(b->net);
         end_part(b);
-        print_statistics(b, &b->whole, "in all");
+        if (!b->set.measure_delay) print_statistics(b, &b->whole, "in all");
     }
     trocar_client_close(b->server);
     return status;
@@ -321,7 +387,7 @@ int main(int count, char **arguments) {
     b.events = (websocket){.address = b.set.host, .port = b.set.events_port, .retry = 10, .context = &b, .opened = ignore_opening, .closed = ignore_closing,
                            .received = on_event, .write = write_nothing};
     if (status == TROCAR_OK) status = run(&b, &why);
-    if (status == TROCAR_OK) return EXIT_SUCCESS;
+    if (status == TROCAR_OK) return b.set.measure_delay && !b.found ? EXIT_FAILURE : EXIT_SUCCESS;
     fprintf(stderr, "trocar-haply: %s\n", why.text);
     return status == TROCAR_BAD_INPUT ? EXIT_BAD_INPUT : EXIT_FAILURE;
 }

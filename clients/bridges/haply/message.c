@@ -97,6 +97,7 @@ const char *haply_expected(haply_problem problem) {
     case HAPLY_NOT_CALIBRATED: return "the device is not calibrated: put the handle into its holder until the light is steady";
     case HAPLY_BAD_POSITION: return "no usable state.cursor_position; expected finite x, y, z within 1 m";
     case HAPLY_LATE: return "the service took more than 20 ms to reply: no force until it replies in time";
+    case HAPLY_FROZEN: return "the very same state for 0.5 s under a force: no force until it changes; is the device still connected to the service?";
     case HAPLY_NO_HANDLE:
         return "no handle with a unit quaternion in wireless_verse_grip, verse_grip or custom_verse_grip: the needle keeps its direction";
     default: return "";

@@ -26,7 +26,7 @@ typedef struct {
     char clutch[HAPLY_ID];   /* name of a button */
 } haply_choice;
 
-/* What is wrong with a message, or with its time or handle, which haply_read does not judge. */
+/* What is wrong with a message, or with its time, handle or change, which haply_read does not judge. */
 typedef enum {
     HAPLY_GOOD,
     HAPLY_NOT_JSON,
@@ -35,6 +35,7 @@ typedef enum {
     HAPLY_NOT_CALIBRATED,
     HAPLY_BAD_POSITION,
     HAPLY_LATE,
+    HAPLY_FROZEN,
     HAPLY_NO_HANDLE
 } haply_problem;
 

@@ -1,9 +1,10 @@
 #include "profile.h"
 
-#include <errno.h>
 #include <stdbool.h>
 #include <string.h>
 #include <yaml.h>
+
+#include "base/input_file.h"
 
 typedef struct {
     yaml_parser_t parser;
@@ -75,8 +76,9 @@ static trocar_status read_end(reader *r) {
 
 trocar_status profile_read(const char *path, profile_setter set, void *context, report *why) {
     reader r = {.path = path, .why = why};
-    FILE *file = fopen(path, "rb");
-    if (!file) return fail(why, TROCAR_BAD_INPUT, "%s: %s", path, strerror(errno));
+    const char *reason;
+    FILE *file = input_open(path, &reason);
+    if (!file) return fail(why, TROCAR_BAD_INPUT, "%s: %s", path, reason);
     trocar_status status = TROCAR_NO_MEMORY;
     if (yaml_parser_initialize(&r.parser)) {
         yaml_parser_set_input_file(&r.parser, file);

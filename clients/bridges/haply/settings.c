@@ -12,7 +12,8 @@ static const double STANDARD_LENGTH = 0.2; /* m, of the needles of this project'
 
 enum { OPTION_SERVICE = 256, OPTION_EVENTS, OPTION_DEVICE, OPTION_HANDLE, OPTION_URL, OPTION_NEEDLE, OPTION_RATE, OPTION_REALTIME, OPTION_REPORT,
        OPTION_PROFILE, OPTION_ROTATION, OPTION_SCALE, OPTION_START, OPTION_OFFSET, OPTION_POINT, OPTION_LENGTH, OPTION_ORIENTATION, OPTION_DIRECTION,
-       OPTION_TOOL, OPTION_CLUTCH, OPTION_MAX_FORCE, OPTION_MAX_RATE, OPTION_FORCE_SCALE, OPTION_TOOL_MASS, OPTION_FORCE_KEY, OPTION_SCENE, OPTION_PATIENT };
+       OPTION_TOOL, OPTION_CLUTCH, OPTION_MAX_FORCE, OPTION_MAX_RATE, OPTION_FORCE_SCALE, OPTION_TOOL_MASS, OPTION_FORCE_KEY, OPTION_SCENE, OPTION_PATIENT,
+       OPTION_MEASURE_DELAY };
 
 static const struct argp_option option_list[] = {
     {"profile", OPTION_PROFILE, "FILE", 0, "Read options from a YAML file: long names and values; the command line overrides it", 0},
@@ -45,6 +46,7 @@ static const struct argp_option option_list[] = {
     {"tool-mass", OPTION_TOOL_MASS, "KG", 0, "Mass at the cursor whose weight is carried, beside what the service compensates (default 0)", 3},
     {"force-key", OPTION_FORCE_KEY, "KEY", 0, "Name of the force in set_cursor_force: vector or values (default: by the service's version)", 3},
     {0, 0, 0, 0, "Output:", 4},
+    {"measure-delay", OPTION_MEASURE_DELAY, 0, 0, "Push the device gently for 5 s, print its delay and mass for the scene, and end", 4},
     {"report", OPTION_REPORT, "SECONDS", 0, "Print rate and round trip this often; 0: at the end only (default 10)", 4},
     {0},
 };
@@ -147,6 +149,7 @@ static error_t parse_option(int key, char *text, struct argp_state *state) {
     case OPTION_FORCE_SCALE: o->force_scale = parse_number(state, "force-scale", text, 0, 10); break;
     case OPTION_TOOL_MASS: o->tool_mass = parse_number(state, "tool-mass", text, 0, 1); break;
     case OPTION_FORCE_KEY: o->force_key = parse_word(state, "force-key", text, "vector", "values") ? "values" : "vector"; break;
+    case OPTION_MEASURE_DELAY: o->measure_delay = true; break;
     case OPTION_REPORT: o->report = parse_number(state, "report", text, 0, 1e6); break;
     case ARGP_KEY_ARG: argp_error(state, "unexpected argument '%s'", text); break;
     case ARGP_KEY_END:

@@ -16,6 +16,7 @@ typedef struct {
     double rate;             /* Hz */
     double report;           /* s; 0: at the end only */
     bool realtime, start_given, length_given, direction_given;
+    bool measure_delay;      /* instead of holding a needle */
     bool patient;            /* start and offset are in the patient's coordinates, mm */
     char scene[1024];        /* path; empty: none */
     mapping_settings mapping;

@@ -168,7 +168,7 @@ static void write_needle(json *j, const needle_feed *n) {
     json_close(j, '}');
 }
 
-void outlets_show_status(outlets *o, const subscriber *feed) {
+void outlets_show_status(outlets *o, subscriber *feed) {
     char *text = NULL;
     size_t length = 0;
     FILE *out = open_memstream(&text, &length);

@@ -33,6 +33,6 @@ void outlets_show_picture(outlets *o, const subscriber *feed);
 void outlets_show_forces(outlets *o, const subscriber *feed);
 
 /* The state in words, as JSON. */
-void outlets_show_status(outlets *o, const subscriber *feed);
+void outlets_show_status(outlets *o, subscriber *feed);
 
 #endif

@@ -3,19 +3,31 @@
 
 #include <errno.h>
 #include <inttypes.h>
+#include <linux/sockios.h>
+#include <linux/tcp.h>
 #include <netdb.h>
-#include <netinet/tcp.h>
+#include <stddef.h>
 #include <stdlib.h>
 #include <string.h>
+#include <sys/ioctl.h>
 #include <sys/socket.h>
 #include <unistd.h>
 
 #include "options.h"
 #include "timing.h"
 
-enum { LARGEST_TRANSFORM = 65536, TRACKER = PEERS };
+enum { LARGEST_TRANSFORM = 65536, TRACKER = PEERS, PACES = 16 };
 static const int64_t SECOND = 1000000000;   /* ns */
+static const int64_t PACE_INTERVAL = 30000000; /* ns between two notes of what a client has read: the last PACES cover half a second */
+static const uint64_t LEAST_UNREAD = 65536; /* bytes that may wait at a client, or more: */
+static const double LONGEST_UNREAD = 0.2;   /* s that it takes to read them */
 static const char STANDARD_PORT[] = "18944";
+
+/* What a client has read so far, at that time. */
+typedef struct {
+    int64_t at;              /* ns, monotonic */
+    uint64_t read;           /* bytes */
+} pace;
 
 struct peer {
     int socket;
@@ -24,6 +36,11 @@ struct peer {
     int version;             /* highest of the headers that it has sent: it gets the same */
     igtl_packet *sending;    /* NULL: nothing is under way */
     size_t sent;             /* bytes of it */
+    uint64_t whole;          /* bytes sent since it has connected, */
+    int64_t sent_at;         /* ns: the last of them */
+    uint64_t widest;         /* bytes, the largest receive window that it has offered */
+    pace paces[PACES];       /* in turn; */
+    int newest_pace;
     int turn;                /* the heavy message to look at first */
     int64_t *given;          /* number of the value that it got last, for each message */
     igtl_head head;          /* of the message that is coming in, */
@@ -228,18 +245,56 @@ static void receive(peers *p, int i) {
     }
 }
 
+/* ---- how far a client is behind ---- */
+
+/* Bytes that it has not read: those on their way, and those that wait on its machine, by which the window that it offers is smaller than the widest
+   one. That is told with each acknowledgement, but not when the client reads: until something more is sent, this may be too much. */
+static uint64_t unread(peer *c) {
+    struct tcp_info info = {0};
+    socklen_t size = sizeof info;
+    int on_the_way = 0;
+    if (ioctl(c->socket, SIOCOUTQ, &on_the_way) != 0) on_the_way = 0;
+    bool known = getsockopt(c->socket, IPPROTO_TCP, TCP_INFO, &info, &size) == 0 && size >= offsetof(struct tcp_info, tcpi_snd_wnd) + sizeof info.tcpi_snd_wnd;
+    if (!known) return 0;
+    if (info.tcpi_snd_wnd > c->widest) c->widest = info.tcpi_snd_wnd;
+    return c->widest - info.tcpi_snd_wnd + (uint64_t)on_the_way;
+}
+
+/* Bytes per second that it reads, over the last half second. */
+static double reading_rate(peer *c, uint64_t waiting, int64_t now) {
+    pace *newest = &c->paces[c->newest_pace], at_present = {now, c->whole > waiting ? c->whole - waiting : 0};
+    if (now - newest->at >= PACE_INTERVAL) {
+        c->newest_pace = (c->newest_pace + 1) % PACES;
+        c->paces[c->newest_pace] = at_present;
+    }
+    const pace *oldest = &c->paces[(c->newest_pace + 1) % PACES];
+    return oldest->at < now && at_present.read > oldest->read ? 1e9 * (double)(at_present.read - oldest->read) / (double)(now - oldest->at) : 0.0;
+}
+
+/* Whether it should read what it has before it gets another heavy message: it would show values that are old. Small ones go on, and bring news of its
+   window; if there are none, a heavy one does, each second. */
+static bool is_behind(peer *c) {
+    int64_t now = monotonic_ns();
+    uint64_t waiting = unread(c);
+    double most = LONGEST_UNREAD * reading_rate(c, waiting, now);
+    if ((double)waiting <= most || waiting <= LEAST_UNREAD) return false;
+    if (now - c->sent_at < SECOND) return true;
+    c->widest = 0;
+    return false;
+}
+
 /* ---- sending ---- */
 
 static bool is_new(const peers *p, const peer *c, int message) { return p->settings.messages[message].number != c->given[message]; }
 
 /* The message that goes next, -1: none. Light ones go first, the others take turns. */
-static int next_message(const peers *p, const peer *c) {
+static int next_message(const peers *p, peer *c) {
     int light = p->settings.light_count, heavy = p->settings.message_count - light;
     for (int i = 0; i < light; i++)
         if (is_new(p, c, i)) return i;
     for (int i = 0; i < heavy; i++) {
         int message = light + (c->turn + i) % heavy;
-        if (is_new(p, c, message)) return message;
+        if (is_new(p, c, message)) return is_behind(c) ? -1 : message;
     }
     return -1;
 }
@@ -255,6 +310,12 @@ static bool begin_sending(peers *p, peer *c) {
     return true;
 }
 
+static void note_sent(peer *c, size_t count) {
+    c->sent += count;
+    c->whole += count;
+    c->sent_at = monotonic_ns();
+}
+
 /* Until the socket takes no more. */
 static void send_news(peers *p, int i) {
     peer *c = p->all[i];
@@ -263,7 +324,7 @@ static void send_news(peers *p, int i) {
         ssize_t count = send(c->socket, c->sending->bytes + c->sent, c->sending->size - c->sent, MSG_DONTWAIT | MSG_NOSIGNAL);
         if (count < 0 && (errno == EAGAIN || errno == EINTR)) return;
         if (count < 0) close_broken(p, i);
-        else c->sent += (size_t)count;
+        else note_sent(c, (size_t)count);
         if (count < 0 || c->sent < c->sending->size) return;
         igtl_drop(c->sending);
         c->sending = NULL;
@@ -277,7 +338,7 @@ int peers_watch(peers *p, struct pollfd *events) {
     if (p->tracker && !p->all[TRACKER] && monotonic_ns() >= p->tracker_retry) connect_tracker(p);
     events[count++] = (struct pollfd){.fd = p->listener, .events = POLLIN};
     for (int i = 0; i <= TRACKER; i++) {
-        const peer *c = p->all[i];
+        peer *c = p->all[i];
         if (!c) continue;
         bool writes = c->connecting || (i != TRACKER && (c->sending || next_message(p, c) >= 0));
         events[count++] = (struct pollfd){.fd = c->socket, .events = (short)(POLLIN | (writes ? POLLOUT : 0))};

@@ -239,7 +239,7 @@ static trocar_status open_network(bridge *b, report *why) {
     settings.context = b;
     trocar_status status = peers_open(&b->peers, &settings, why);
     if (status != TROCAR_OK) return status;
-    b->lcm = lcm_create(wider);
+    b->lcm = lcm_filter_create(wider);
     if (!b->lcm)
         return fail(why, TROCAR_BAD_INPUT, "cannot open LCM at %s: is there a multicast route (docs/troubleshooting.md)?", url ? url : "its default URL");
     status = subscriber_open(&b->feed, b->lcm, b->model, NULL, why);

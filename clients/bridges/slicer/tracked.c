@@ -71,7 +71,7 @@ static void hold(tracked_needle *t, trocar_client *server) {
 
 static void *run(void *context) {
     tracked_needle *t = context;
-    const trocar_client_options options = {.url = t->url, .needle = t->needle};
+    const trocar_client_options options = {.url = t->url, .needle = t->needle, .without_force = 1};
     while (wait_for_pose(t)) {
         trocar_client *server = trocar_client_open(&options, NULL, 0);
         if (!server) {

@@ -280,7 +280,7 @@ static trocar_status drive(options *o, report *why) {
 
     status = o->use_joystick ? input_start(&joystick_driver, &o->stick, &b.in, why) : input_start(&spnav_driver, &o->spnav, &b.in, why);
     if (status != TROCAR_OK) return status;
-    trocar_client_options client = {.url = o->lcm_url, .needle = o->needle};
+    trocar_client_options client = {.url = o->lcm_url, .needle = o->needle, .without_force = 1};
     if (o->realtime && playing_use_realtime()) client.priority = PRIORITY_DEVICE - 1;
     b.client = trocar_client_open(&client, why->text, sizeof why->text);
     if (b.client) run(&b);

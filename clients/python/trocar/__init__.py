@@ -17,21 +17,36 @@ from __future__ import annotations
 from dataclasses import dataclass
 from enum import IntFlag
 from os import PathLike, fspath
-from typing import Any, NamedTuple, Sequence
+from typing import Any, Callable, Iterator, NamedTuple, Sequence
 
 import numpy as np
 import numpy.typing as npt
 
 from ._dose import DVH, Dose, Source, Structure
-from ._library import _STATUS, Error, _check, ffi, lib
+from ._library import Error, _check, _Turn, _Watch, ffi, lib
 
 __all__ = ["Contact", "DVH", "Dose", "Error", "Event", "Guide", "Key", "Mesh", "Model", "Output", "Probe", "Scene", "Seed", "SeedSize", "Sim", "Source", "Structure", "Track", "keys", "rollout"]
 __version__ = "%d.%d.%d" % (lib.trocar_version() // 10000, lib.trocar_version() // 100 % 100, lib.trocar_version() % 100)
 
 
-_EVENTS = {name.removeprefix("TROCAR_EVENT_"): getattr(lib, name) for name in dir(lib) if name.startswith("TROCAR_EVENT_")}
-Event = IntFlag("Event", sorted(_EVENTS.items(), key=lambda event: event[1]))
-Event.__doc__ = "Bits of `Output.events`: TOUCHED, PUNCTURED and so on, as in trocar.h."
+class Event(IntFlag):
+    """Bits of `Output.events`, as in trocar.h."""
+
+    TOUCHED = lib.TROCAR_EVENT_TOUCHED
+    PUNCTURED = lib.TROCAR_EVENT_PUNCTURED
+    ADDED = lib.TROCAR_EVENT_ADDED
+    REMOVED = lib.TROCAR_EVENT_REMOVED
+    EXITED = lib.TROCAR_EVENT_EXITED
+    REENTERED = lib.TROCAR_EVENT_REENTERED
+    WITHDRAWN = lib.TROCAR_EVENT_WITHDRAWN
+    LATE = lib.TROCAR_EVENT_LATE
+    FULL = lib.TROCAR_EVENT_FULL
+    UNSTABLE = lib.TROCAR_EVENT_UNSTABLE
+    KEPT = lib.TROCAR_EVENT_KEPT
+    MISSED_GUIDE = lib.TROCAR_EVENT_MISSED_GUIDE
+    OUTSIDE_MODEL = lib.TROCAR_EVENT_OUTSIDE_MODEL
+    TRACK_DROPPED = lib.TROCAR_EVENT_TRACK_DROPPED
+    INEXACT = lib.TROCAR_EVENT_INEXACT
 
 
 class Output(NamedTuple):
@@ -74,7 +89,7 @@ class Contact(NamedTuple):
     position: npt.NDArray[np.float64]
     force: npt.NDArray[np.float64]
     id: int  # 0 for the tip
-    status: str  # "planned" ahead of the tip, "adding" until the worker has answered, "sticking", "sliding" or "detached" (buckled)
+    status: str  # "planned" ahead of the tip, "adding" until the worker has answered, "sticking" or "sliding"
     slot: int  # -1 for the tip
     needle: int  # index of the needle
 
@@ -137,13 +152,14 @@ class Probe(NamedTuple):
     """The ultrasound probe as it was solved for last.
 
     pose (7,) of its base; force (3,) N and torque (3,) N m, world frame: what it exerts on the hand that holds it, torque about the base point;
-    contacts, the number of nodes of its surface that it presses.
+    contacts, the number of points of its surface that it presses; stopped, whether the tissue keeps it from the pose that it was given last.
     """
 
     pose: npt.NDArray[np.float64]
     force: npt.NDArray[np.float64]
     torque: npt.NDArray[np.float64]
     contacts: int
+    stopped: bool
 
 
 class Key(NamedTuple):
@@ -155,13 +171,26 @@ class Key(NamedTuple):
     default: str
     doc: str
     required: bool
+    kind: str  # "number", "text", "numbers" or "names"
+
+
+_KEY_KIND = {value: name.removeprefix("TROCAR_KEY_").lower() for value, name in ffi.typeof("trocar_key_kind").elements.items()}
 
 
 def keys() -> list[Key]:
     """All keys that a scene can have."""
     rows = (lib.trocar_key_at(i) for i in range(lib.trocar_key_count()))
     text = lambda value: ffi.string(value).decode()
-    return [Key(text(r.key), text(r.unit), text(r.accepts), text(r.standard), text(r.doc), bool(r.required)) for r in rows]
+    return [Key(text(r.key), text(r.unit), text(r.accepts), text(r.standard), text(r.doc), bool(r.required), _KEY_KIND[r.kind]) for r in rows]
+
+
+def _pattern(key: str) -> str:
+    """regions[gland].friction.static -> regions[].friction.static"""
+    first, bracket, rest = key.partition("[")
+    return first + "[]" + rest.rpartition("]")[2] if bracket else key
+
+
+_KIND_OF = {key.key: key.kind for key in keys()}  # by pattern
 
 
 @dataclass
@@ -182,13 +211,17 @@ class Mesh:
 
 
 class Scene:
-    """Description of a simulation: the keys of a scene file."""
+    """Description of a simulation: the keys of a scene file. `key in scene` and iteration are about the keys that have a value; entries of lists go by
+    their index. Any number of threads may read a scene and make models of it; changing it meanwhile is refused with an Error."""
 
     def __init__(self) -> None:
         """A scene with the default of every key; `mesh`, `regions` and `fixed` must be set."""
         why, handle = ffi.new("trocar_error *"), ffi.new("trocar_scene **")
         _check(lib.trocar_scene_create(handle, why), why)
-        self._handle = ffi.gc(handle[0], lib.trocar_scene_free)
+        self._own(handle[0])
+
+    def _own(self, handle: Any) -> None:
+        self._handle, self._turn = ffi.gc(handle, lib.trocar_scene_free), _Turn("Scene")
 
     @classmethod
     def load(cls, path: str | PathLike[str]) -> Scene:
@@ -196,8 +229,38 @@ class Scene:
         why, handle = ffi.new("trocar_error *"), ffi.new("trocar_scene **")
         _check(lib.trocar_scene_load(fspath(path).encode(), handle, why), why)
         scene = cls.__new__(cls)
-        scene._handle = ffi.gc(handle[0], lib.trocar_scene_free)
+        scene._own(handle[0])
         return scene
+
+    def __copy__(self) -> Scene:
+        why, handle = ffi.new("trocar_error *"), ffi.new("trocar_scene **")
+        with self._turn.to_read():
+            _check(lib.trocar_scene_copy(self._handle, handle, why), why)
+        scene = type(self).__new__(type(self))
+        scene.__dict__.update(self.__dict__)
+        scene._own(handle[0])
+        return scene
+
+    def __deepcopy__(self, _: Any) -> Scene:
+        return self.__copy__()
+
+    def __contains__(self, key: object) -> bool:
+        return isinstance(key, str) and self._text(key) not in (None, "", "[]")
+
+    def __iter__(self) -> Iterator[str]:
+        for pattern in _KIND_OF:
+            list_, brackets, rest = pattern.partition("[]")
+            count = self._count(list_) if brackets else 1
+            for key in ([f"{list_}[{i}]{rest}" for i in range(count)] if brackets else [pattern]):
+                if key in self:
+                    yield key
+
+    def _text(self, key: str, why: Any = ffi.NULL) -> str | None:
+        """As in YAML, "" if the key has no value, None if there is no such key."""
+        text = ffi.new("char[8192]")
+        with self._turn.to_read():
+            status = lib.trocar_scene_get(self._handle, key.encode(), text, 8192, why)
+        return ffi.string(text).decode() if status == lib.TROCAR_OK else None
 
     def __setitem__(self, key: str, value: float | str | Sequence[str] | Sequence[float]) -> None:
         """scene["needle.length"] = 0.15; scene["regions[prostate].youngs_modulus"] = 20e3; scene["fixed"] = ["back"].
@@ -205,26 +268,35 @@ class Scene:
         An unknown name in a list appends an entry. Error if the key or the value is wrong; the scene is then unchanged.
         """
         why = ffi.new("trocar_error *")
-        if isinstance(value, (int, float, np.number)):
-            _check(lib.trocar_scene_set_number(self._handle, key.encode(), float(value), why), why)
-            return
-        if not isinstance(value, str):
-            value = "[" + ", ".join(item if isinstance(item, str) else repr(float(item)) for item in value) + "]"
-        _check(lib.trocar_scene_set(self._handle, key.encode(), value.encode(), why), why)
+        with self._turn:
+            if isinstance(value, (int, float, np.number)):
+                _check(lib.trocar_scene_set_number(self._handle, key.encode(), float(value), why), why)
+                return
+            if not isinstance(value, str):
+                value = "[" + ", ".join(item if isinstance(item, str) else repr(float(item)) for item in value) + "]"
+            _check(lib.trocar_scene_set(self._handle, key.encode(), value.encode(), why), why)
 
-    def __getitem__(self, key: str) -> float | str:
-        """The value of a key: a number if possible, else text as in YAML."""
-        why, text = ffi.new("trocar_error *"), ffi.new("char[8192]")
-        _check(lib.trocar_scene_get(self._handle, key.encode(), text, 8192, why), why)
-        value = ffi.string(text).decode()
-        try:
-            return float("inf") if value == ".inf" else float(value)
-        except ValueError:
-            return value
+    def __getitem__(self, key: str) -> Any:
+        """The value of a key, as it is set: float, str, list of float or list of str. An empty list, or "", if the scene does not say."""
+        why = ffi.new("trocar_error *")
+        text = self._text(key, why)
+        if text is None:
+            raise Error(ffi.string(why.text).decode(errors="replace"), "bad input")
+        kind = _KIND_OF[_pattern(key)]
+        if kind in ("numbers", "names"):
+            items = [item for item in text.strip("[]").split(", ") if item]
+            return items if kind == "names" else [float(item) for item in items]
+        if kind == "number":
+            return float("inf") if text == ".inf" else float(text)
+        return text
 
     def names(self, list_: str) -> list[str]:
         """Names of the entries of "regions", "membranes" or "guides"."""
-        return [str(self[f"{list_}[{i}].name"]) for i in range(lib.trocar_scene_count(self._handle, list_.encode()))]
+        return [str(self[f"{list_}[{i}].name"]) for i in range(self._count(list_))]
+
+    def _count(self, list_: str) -> int:
+        with self._turn.to_read():
+            return int(lib.trocar_scene_count(self._handle, list_.encode()))
 
     def set_mesh(self, mesh: Mesh) -> None:
         """Sets the mesh from arrays instead of a file; they are copied."""
@@ -245,7 +317,8 @@ class Scene:
             "triangle_surface": ffi.from_buffer("int32_t[]", surface), "surface_count": len(mesh.surfaces),
             "surfaces": ffi.cast("char const *const *", listed + len(mesh.regions))})
         why = ffi.new("trocar_error *")
-        _check(lib.trocar_scene_set_mesh(self._handle, given, why), why)
+        with self._turn:
+            _check(lib.trocar_scene_set_mesh(self._handle, given, why), why)
 
 
 class _View:
@@ -260,23 +333,36 @@ class _View:
 class Model:
     """Mesh, stiffness, inverse, needle and materials: constant, shared by any number of simulations and threads."""
 
-    def __init__(self, scene: Scene, mesh_only: bool = False) -> None:
+    def __init__(self, scene: Scene, mesh_only: bool = False, progress: Callable[[str, float], Any] | None = None) -> None:
         """Builds everything: seconds for thousands of nodes. The GIL is released meanwhile. mesh_only: only reads the mesh and the names in it;
-        nothing can be simulated then."""
-        why, handle = ffi.new("trocar_error *"), ffi.new("trocar_model **")
-        options = ffi.new("trocar_model_options *", {"mesh_only": mesh_only})
-        _check(lib.trocar_model_create(scene._handle, options, handle, why), why)
-        self._handle = ffi.gc(handle[0], lib.trocar_model_free)
+        nothing can be simulated then.
+
+        progress(what, fraction) is called where building takes long. What it raises ends the call, and so does Ctrl-C: at once, but while the mesh is
+        read or a matrix is factorised.
+        """
+        why, handle, watch = ffi.new("trocar_error *"), ffi.new("trocar_model **"), _Watch(progress)
+        options = ffi.new("trocar_model_options *", {"mesh_only": mesh_only, "progress": watch.told, "cancelled": watch.asked})
+        with scene._turn.to_read():
+            status = lib.trocar_model_create(scene._handle, options, handle, why)
+        if handle[0]:
+            self._handle = ffi.gc(handle[0], lib.trocar_model_free)
+        watch.check(status, why)
         self._guide_names = scene.names("guides")
+
+    def __copy__(self) -> Model:
+        return self  # it is constant
+
+    def __deepcopy__(self, _: Any) -> Model:
+        return self
 
     def derive(self, scene: Scene) -> Model:
         """A model of another scene that shares this one's mesh, stiffness and inverse: milliseconds. The scenes may differ in needle, friction,
         cutting, membranes' strength, relaxation, guides and seeds. Error, with the key, if the stiffness would be another one."""
         why, handle = ffi.new("trocar_error *"), ffi.new("trocar_model **")
-        _check(lib.trocar_model_derive(self._handle, scene._handle, handle, why), why)
+        with scene._turn.to_read():
+            _check(lib.trocar_model_derive(self._handle, scene._handle, handle, why), why)
         model = Model.__new__(Model)
-        base = self._handle  # lives as long as the derived model
-        model._handle = ffi.gc(handle[0], lambda derived, _base=base: lib.trocar_model_free(derived))
+        model._handle = ffi.gc(handle[0], lib.trocar_model_free)
         model._guide_names = scene.names("guides")
         return model
 
@@ -330,6 +416,17 @@ class Model:
         """Pose of the first needle's base before the insertion: x y z (m), w x y z. None if the scene has no needle.start."""
         pose = ffi.new("trocar_pose *")
         return np.array([*pose.position, *pose.orientation]) if lib.trocar_model_start(self._handle, pose) else None
+
+    @property
+    def probe_start(self) -> npt.NDArray[np.float64] | None:
+        """Pose of the probe's base at the beginning: x y z (m), w x y z. None if the scene has no probe or no probe.start."""
+        pose = ffi.new("trocar_pose *")
+        return np.array([*pose.position, *pose.orientation]) if lib.trocar_model_probe_start(self._handle, pose) else None
+
+    @property
+    def needles(self) -> int:
+        """How many needles a simulation has."""
+        return lib.trocar_model_needles(self._handle)
 
     @property
     def patient_to_mesh(self) -> npt.NDArray[np.float64] | None:
@@ -388,7 +485,8 @@ def _pose(pose: npt.ArrayLike) -> Any:
 
 
 class Sim:
-    """The changing state: needle and tissue. For one thread at a time."""
+    """The changing state: needle and tissue. For one thread at a time: a call beside another one is refused with an Error. A copy goes on from the same
+    state by itself."""
 
     def __init__(self, model: Model) -> None:
         why, handle = ffi.new("trocar_error *"), ffi.new("trocar_sim **")
@@ -396,83 +494,114 @@ class Sim:
         self.model = model
         self._handle = ffi.gc(handle[0], lib.trocar_sim_free)
         self._out = ffi.new("trocar_output *")
+        self._turn = _Turn("Sim")
+
+    def __copy__(self) -> Sim:
+        sim = type(self).__new__(type(self))
+        sim.__dict__.update(self.__dict__)
+        Sim.__init__(sim, self.model)
+        sim.restore(self.save())
+        return sim
+
+    def __deepcopy__(self, _: Any) -> Sim:
+        return self.__copy__()
+
+    def _check_needle(self, needle: int) -> None:
+        count = lib.trocar_model_needles(self.model._handle)
+        if not 0 <= needle < count:
+            raise Error("needle %d: %s; the scene's \"needles\" says how many" % (needle, "there is one, number 0" if count == 1 else "there are %d, numbers 0 to %d" %
+                                                                                (count, count - 1)), "bad input")
 
     def reset(self, pose: npt.ArrayLike, needle: int = 0) -> None:
         """Needle straight at `pose` (7,), tissue as if it had never been there; if it is in the tissue, it counts as inserted without force."""
         why = ffi.new("trocar_error *")
         pointer, _kept = _pose(pose)
-        _check(lib.trocar_sim_reset(self._handle, needle, pointer, why), why)
+        with self._turn:
+            _check(lib.trocar_sim_reset(self._handle, needle, pointer, why), why)
 
     def step(self, pose: npt.ArrayLike, dt: float, needle: int = 0) -> Output:
         """A tick of `dt` seconds with the base at `pose` (7,), and the mesh update that it requests. Releases the GIL."""
         why = ffi.new("trocar_error *")
         pointer, _kept = _pose(pose)
-        _check(lib.trocar_sim_step(self._handle, needle, pointer, dt, self._out, why), why)
-        out = self._out
-        return Output(np.array(list(out.force)), np.array(list(out.torque)), out.depth, out.contacts, out.events, out.membrane,
-                      out.passes, out.switches)
+        with self._turn:
+            _check(lib.trocar_sim_step(self._handle, needle, pointer, dt, self._out, why), why)
+            out = self._out
+            return Output(np.array(list(out.force)), np.array(list(out.torque)), out.depth, out.contacts, out.events, out.membrane,
+                          out.passes, out.switches)
 
-    def run(self, poses: npt.ArrayLike, dt: float, needle: int = 0) -> npt.NDArray[Any]:
+    def run(self, poses: npt.ArrayLike, dt: float, needle: int = 0, progress: Callable[[str, float], Any] | None = None) -> npt.NDArray[Any]:
         """A `step` for each of the poses (steps, 7), faster than a loop in Python around it. Returns a structured array (steps,) with the
-        fields of `Output`. Error with the number of the step that failed."""
+        fields of `Output`. Error with the number of the step that failed.
+
+        progress("run", fraction) is called every 64 steps. What it raises ends the run, and so does Ctrl-C.
+        """
         given = np.ascontiguousarray(poses, np.float64)
         if given.ndim != 2 or given.shape[1] != 7:
             raise ValueError("poses are (steps, 7); got shape %s" % (given.shape,))
-        outputs, why = np.zeros(len(given), _OUTPUT), ffi.new("trocar_error *")
-        pose = ffi.cast("trocar_pose const *", ffi.from_buffer("double[]", given))
-        output = ffi.cast("trocar_output *", ffi.from_buffer("char[]", outputs, require_writable=True))
-        for i in range(len(given)):
-            status = lib.trocar_sim_step(self._handle, needle, pose + i, dt, output + i, why)
-            if status != lib.TROCAR_OK:
-                raise Error("step %d: %s" % (i, ffi.string(why.text).decode(errors="replace")), _STATUS[status])
+        outputs, why, watch = np.zeros(len(given), _OUTPUT), ffi.new("trocar_error *"), _Watch(progress)
+        with self._turn:
+            status = lib.trocar_sim_run(self._handle, needle, ffi.cast("trocar_pose const *", ffi.from_buffer("double[]", given)), len(given), dt,
+                                        watch.pointer, ffi.cast("trocar_output *", ffi.from_buffer("char[]", outputs, require_writable=True)), why)
+        watch.check(status, why)
         return outputs
 
     def set_probe(self, pose: npt.ArrayLike) -> None:
         """Moves the probe's base to `pose` (7,): x y z (m), w x y z. The next `step` presses it there, before its tick."""
         why = ffi.new("trocar_error *")
         pointer, _kept = _pose(pose)
-        _check(lib.trocar_sim_set_probe(self._handle, pointer, why), why)
+        with self._turn:
+            _check(lib.trocar_sim_set_probe(self._handle, pointer, why), why)
 
     @property
     def probe(self) -> Probe | None:
         """None if the scene has no probe, or before it has been placed."""
-        p = lib.trocar_sim_probe(self._handle)
+        with self._turn:
+            p = lib.trocar_sim_probe(self._handle)
         if not p.placed:
             return None
-        return Probe(np.array([*p.base.position, *p.base.orientation]), np.array(list(p.force)), np.array(list(p.torque)), p.contacts)
+        return Probe(np.array([*p.base.position, *p.base.orientation]), np.array(list(p.force)), np.array(list(p.torque)), p.contacts,
+                     bool(p.stopped))
 
     def leave(self, needle: int = 0) -> None:
         """Let go of a needle: it rests in tissue and guides, its base free."""
         why = ffi.new("trocar_error *")
-        _check(lib.trocar_sim_leave(self._handle, needle, why), why)
-        _check(lib.trocar_sim_work(self._handle, ffi.NULL, why), why)
+        with self._turn:
+            _check(lib.trocar_sim_leave(self._handle, needle, why), why)
+            _check(lib.trocar_sim_work(self._handle, ffi.NULL, why), why)
 
     def take(self, needle: int = 0) -> None:
         """Hold a resting needle again; the first pose should be `base(needle)`."""
         why = ffi.new("trocar_error *")
-        _check(lib.trocar_sim_take(self._handle, needle, why), why)
-        _check(lib.trocar_sim_work(self._handle, ffi.NULL, why), why)
+        with self._turn:
+            _check(lib.trocar_sim_take(self._handle, needle, why), why)
+            _check(lib.trocar_sim_work(self._handle, ffi.NULL, why), why)
 
     def needle_state(self, needle: int = 0) -> str:
         """One of "held" (also outside of the tissue), "leaving", "resting" and "taking"."""
-        return ("held", "leaving", "resting", "taking")[lib.trocar_sim_needle_state(self._handle, needle)]
+        self._check_needle(needle)
+        with self._turn:
+            return ("held", "leaving", "resting", "taking")[lib.trocar_sim_needle_state(self._handle, needle)]
 
     def base(self, needle: int = 0) -> npt.NDArray[np.float64]:
         """Where the base is: x y z (m) and the quaternion w x y z."""
-        pose = lib.trocar_sim_base(self._handle, needle)
+        self._check_needle(needle)
+        with self._turn:
+            pose = lib.trocar_sim_base(self._handle, needle)
         return np.array([*pose.position, *pose.orientation])
 
     def save(self) -> bytes:
         """The complete state, for `restore` of any simulation of the same model."""
         why, size = ffi.new("trocar_error *"), lib.trocar_sim_state_size(self._handle)
         state = bytearray(size)
-        _check(lib.trocar_sim_save(self._handle, ffi.from_buffer(state), size, why), why)
+        with self._turn:
+            _check(lib.trocar_sim_save(self._handle, ffi.from_buffer(state), size, why), why)
         return bytes(state)
 
     def restore(self, state: bytes) -> None:
         """Goes back to a saved state."""
         why = ffi.new("trocar_error *")
-        _check(lib.trocar_sim_restore(self._handle, ffi.from_buffer(state), len(state), why), why)
+        with self._turn:
+            _check(lib.trocar_sim_restore(self._handle, ffi.from_buffer(state), len(state), why), why)
 
     def contacts(self, needle: int = 0) -> list[Contact]:
         """Contacts from base to tip, the tip last if it is in the tissue."""
@@ -483,30 +612,41 @@ class Sim:
         return self._contacts(lib.trocar_sim_pending_contacts, needle)
 
     def _contacts(self, read: Any, needle: int) -> list[Contact]:
+        self._check_needle(needle)
         room = lib.TROCAR_MAX_POINTS
         found = ffi.new("trocar_contact[]", room)
-        count = read(self._handle, needle, found, room)
+        with self._turn:
+            count = read(self._handle, needle, found, room)
         return [Contact(_CONTACT_KIND[c.kind], c.state, c.arc, c.depth, np.array(list(c.position)), np.array(list(c.force)), c.id,
                         _CONTACT_STATUS[c.status], c.slot, needle) for c in found[0:count]]
 
     def hole(self, guide: int, needle: int = 0) -> int | None:
         """The hole of a guide that the needle is in, column + columns * row from 0. None if it is in no hole."""
-        hole = int(lib.trocar_sim_hole(self._handle, needle, guide))
+        self._check_needle(needle)
+        guides = lib.trocar_model_guide_count(self.model._handle)
+        if not 0 <= guide < guides:
+            raise Error("guide %d: the scene has %d, numbered from 0" % (guide, guides), "bad input")
+        with self._turn:
+            hole = int(lib.trocar_sim_hole(self._handle, needle, guide))
         return hole if hole >= 0 else None
 
     def tracks(self, needle: int = 0) -> list[Track]:
         """The tracks that the needle has cut since it was reset, oldest first."""
+        self._check_needle(needle)
         room = lib.TROCAR_MAX_TRACK_POINTS
         found = ffi.new("trocar_track_point[]", room)
-        count = lib.trocar_sim_tracks(self._handle, needle, found, room)
+        with self._turn:
+            count = lib.trocar_sim_tracks(self._handle, needle, found, room)
         points = np.frombuffer(ffi.buffer(found, count * ffi.sizeof("trocar_track_point")), _TRACK_POINT)
         return [Track(part["position"].copy(), part["membrane"].copy())
                 for part in (points[points["track"] == t] for t in np.unique(points["track"]))]
 
     def centreline(self, needle: int = 0) -> npt.NDArray[np.float64]:
         """(segments + 1, 3) m, joints of the needle from base to tip."""
+        self._check_needle(needle)
         joints = np.empty((lib.trocar_model_segments(self.model._handle) + 1, 3))
-        lib.trocar_sim_centreline(self._handle, needle, ffi.from_buffer("double[]", joints, require_writable=True), len(joints))
+        with self._turn:
+            lib.trocar_sim_centreline(self._handle, needle, ffi.from_buffer("double[]", joints, require_writable=True), len(joints))
         return joints
 
     def drop_seeds(self, count: int = 1, spacing: float = 0.0, needle: int = 0) -> None:
@@ -516,39 +656,49 @@ class Sim:
         are pending and so on; nothing has changed then.
         """
         why = ffi.new("trocar_error *")
-        _check(lib.trocar_sim_drop_seeds(self._handle, needle, count, spacing, why), why)
+        with self._turn:
+            _check(lib.trocar_sim_drop_seeds(self._handle, needle, count, spacing, why), why)
 
     def undo_seed(self, needle: int = 0) -> None:
         """Takes back what is pending of the needle's last drop, or else removes the seed that it has left last."""
         why = ffi.new("trocar_error *")
-        _check(lib.trocar_sim_undo_seed(self._handle, needle, why), why)
+        with self._turn:
+            _check(lib.trocar_sim_undo_seed(self._handle, needle, why), why)
 
     def seeds(self) -> list[Seed]:
         """The seeds in the tissue, in the order in which they were left."""
         found = ffi.new("trocar_seed[]", lib.TROCAR_MAX_SEEDS)
-        count = lib.trocar_sim_seeds(self._handle, found, lib.TROCAR_MAX_SEEDS)
+        with self._turn:
+            count = lib.trocar_sim_seeds(self._handle, found, lib.TROCAR_MAX_SEEDS)
         none_below_0 = lambda index: index if index >= 0 else None
         return [Seed(np.array(list(s.position)), np.array(list(s.direction)), s.needle, none_below_0(s.guide), none_below_0(s.hole), s.strand,
                      s.tet, np.array(list(s.weights))) for s in found[0:count]]
 
     def pending_seeds(self, needle: int = 0) -> int:
         """How many were dropped that the needle has not been drawn back over."""
-        return lib.trocar_sim_pending_seeds(self._handle, needle)
+        self._check_needle(needle)
+        with self._turn:
+            return lib.trocar_sim_pending_seeds(self._handle, needle)
 
     def displacements(self) -> npt.NDArray[np.float64]:
         """(n, 3) m, displacement of the mesh's nodes: one solve with the whole matrix."""
         why = ffi.new("trocar_error *")
         field = np.empty((lib.trocar_model_node_count(self.model._handle), 3))
-        _check(lib.trocar_sim_displacements(self._handle, ffi.from_buffer("double[]", field, require_writable=True), why), why)
+        with self._turn:
+            _check(lib.trocar_sim_displacements(self._handle, ffi.from_buffer("double[]", field, require_writable=True), why), why)
         return field
 
     def tip_lead(self, needle: int = 0) -> float:
         """Turn of the tip about the needle's axis less that of the base, rad. Negative: the tip lags behind a base turned forward."""
-        return lib.trocar_sim_tip_lead(self._handle, needle)
+        self._check_needle(needle)
+        with self._turn:
+            return lib.trocar_sim_tip_lead(self._handle, needle)
 
     def needle_energy(self, needle: int = 0) -> float:
         """Elastic energy of the bent needle, J."""
-        return lib.trocar_sim_needle_energy(self._handle, needle)
+        self._check_needle(needle)
+        with self._turn:
+            return lib.trocar_sim_needle_energy(self._handle, needle)
 
 
 _TRACK_POINT = np.dtype([("position", "f8", 3), ("tet", "i4"), ("track", "i4"), ("membrane", "i4"), ("reserved", "i4")], align=True)
@@ -557,18 +707,19 @@ _OUTPUT = np.dtype([("force", "f8", 3), ("torque", "f8", 3), ("depth", "f8"), ("
 assert _OUTPUT.itemsize == ffi.sizeof("trocar_output")
 
 
-def rollout(model: Model, poses: npt.ArrayLike, dt: float = 0.001, threads: int = 1) -> npt.NDArray[Any]:
+def rollout(model: Model, poses: npt.ArrayLike, dt: float = 0.001, threads: int = 1, progress: Callable[[str, float], Any] | None = None) -> npt.NDArray[Any]:
     """Many insertions on one model.
 
     poses (batch, steps, 7): each insertion starts with its first pose in tissue at rest, a tick of `dt` seconds a pose. Returns
     a structured array (batch, steps) with the fields of `Output`: result["force"] is (batch, steps, 3). `threads` run in parallel; the GIL is released. The numbers do not depend on the number of threads (dense and condensed inverse).
+
+    progress("rollout", fraction) is called every 64 ticks. What it raises ends the rollout, and so does Ctrl-C.
     """
     given = np.ascontiguousarray(poses, np.float64)
     if given.ndim != 3 or given.shape[2] != 7:
         raise ValueError("poses are (batch, steps, 7); got shape %s" % (given.shape,))
-    outputs = np.zeros(given.shape[:2], _OUTPUT)
-    why = ffi.new("trocar_error *")
-    _check(lib.trocar_rollout(model._handle, ffi.cast("trocar_pose const *", ffi.from_buffer("double[]", given)), given.shape[0],
-                              given.shape[1], dt, threads, ffi.cast("trocar_output *", ffi.from_buffer("char[]", outputs, require_writable=True)),
-                              why), why)
+    outputs, why, watch = np.zeros(given.shape[:2], _OUTPUT), ffi.new("trocar_error *"), _Watch(progress)
+    status = lib.trocar_rollout_watched(model._handle, ffi.cast("trocar_pose const *", ffi.from_buffer("double[]", given)), given.shape[0], given.shape[1], dt,
+                                        threads, watch.pointer, ffi.cast("trocar_output *", ffi.from_buffer("char[]", outputs, require_writable=True)), why)
+    watch.check(status, why)
     return outputs

@@ -4,7 +4,7 @@ from __future__ import annotations
 import hashlib
 import itertools
 import math
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from os import PathLike, fspath
 from pathlib import Path
 from typing import Any
@@ -135,6 +135,11 @@ class Study:
         """Parameters that give a run a stiffness of its own."""
         return [i for i, parameter in enumerate(self.parameters) if parameter.name.rsplit(".", 1)[-1] in _STIFFNESS and parameter.name.startswith("regions[")]
 
+    def possible_stiffnesses(self) -> float:
+        """How many a run can have, however many runs there are."""
+        varied = [self.parameters[i] for i in self.stiffness_columns()]
+        return math.prod(len(p.numbers) if p.kind == "values" else math.inf for p in varied)
+
     def parameter_columns(self) -> list[str]:
         return [f"{p.name} [{p.unit}]" if p.unit else p.name for p in self.parameters]
 
@@ -148,7 +153,7 @@ class Study:
             import scipy    # draws the samples
             version += f", scipy {scipy.__version__}"
         found = {**self.digests, "version": version, "settings": repr(sorted(self.settings.items())), "motion": self.described,
-                 "samples": f"{self.method}, {self.count}, seed {self.seed}", "record": "; ".join(self.result_columns()) + repr([np.asarray(m.option).tolist() for m in self.measures]),
+                 "samples": f"{self.method}, {'any number' if self.method == 'random' else self.count}, seed {self.seed}", "record": "; ".join(self.result_columns()) + repr([np.asarray(m.option).tolist() for m in self.measures]),
                  "frames": f"every {self.frames_every:g} s" if self.frames_every else "none"}
         for p in self.parameters:
             found[f"parameter {p.name}"] = f"{p.kind} {p.numbers} {p.within or ''} {p.steps or ''}"
@@ -156,6 +161,11 @@ class Study:
 
 
 # ---- reading ------------------------------------------------------------------------------------------------------------------------------
+
+
+def _digest_of(said: Any) -> str:
+    """Of what a file says, whatever is beside it there."""
+    return hashlib.sha256(repr(said).encode()).hexdigest()
 
 
 def _scene_keys() -> dict[str, Key]:
@@ -181,6 +191,12 @@ class _StudyReader:
             study.digests[what] = hashlib.sha256(Path(path).read_bytes()).hexdigest()
         except OSError as error:
             raise BadStudy(f"{path}: cannot be read: {error.strerror}") from error
+
+    def digest_scene(self, study: Study, scene: Scene) -> None:
+        """Of what the scene says, not of how: comments, order and units of its file do not matter. The mesh has a digest of its own, and no result depends on
+        the device."""
+        said = {key: scene[key] for key in scene if key not in ("mesh", "cache") and not key.startswith("device.")}
+        study.digests["scene"] = _digest_of(sorted(said.items()))
 
     def setting(self, scene: Scene, node: Any, key: str, value: float | str, place: str) -> None:
         """Sets a key that there is."""
@@ -215,9 +231,8 @@ class _StudyReader:
             if "coordinates" in given:
                 raise self.reader.fail(given["coordinates"], "motion.coordinates: only beside start: write start too, or leave it out")
             return None
-        numbers = lambda key: [float(text) for text in str(scene[key]).strip("[]").split(",") if text.strip()]
-        pose = self.pose(given["start"], "motion.start", numbers("needle.start.orientation"))
-        matrix = np.array(numbers("patient_to_mesh"))
+        pose = self.pose(given["start"], "motion.start", scene["needle.start.orientation"])
+        matrix = np.array(scene["patient_to_mesh"])
         if not self.in_patient(given, "motion.coordinates", len(matrix) > 0):
             return pose
         if len(self.reader.items(given["start"], "motion.start")) == 7:
@@ -259,13 +274,14 @@ class _StudyReader:
             found = motions.Straight(start=start, depth=number("depth"), speed=number("speed"), hold=number("hold", inclusive=True) if "hold" in keys_ else 0.0, back=back == "true")
         else:
             path = self.file(given[kind], f"motion.{kind}")
-            self.digest(study, kind, path)
             try:
                 if kind == "poses":
+                    self.digest(study, kind, path)
                     found = motions.Table.read(path)
                 else:
                     from . import plan as plans
                     study.plan = plans.read(path)
+                    study.digests[kind] = _digest_of([replace(study.plan, path="", line=0, needles=[]), *(replace(needle, line=0) for needle in study.plan.needles)])
                     found = motions.Implant(plan=study.plan, **({"speed": speed} if speed else {}))
             except (motions.BadMotion, BadPlan) as error:
                 raise BadStudy(str(error)) from error
@@ -391,11 +407,11 @@ class _StudyReader:
         reader = self.reader
         given = reader.mapping(reader.root, "", ("scene", "motion", "samples", "parameters", "record"), ("set", "frames"))
         study = Study(reader.path, self.file(given["scene"], "scene"), {}, None, [], "", 0, 0, [])
-        self.digest(study, "scene", study.scene_path)
         try:
             scene = study._scene = Scene.load(study.scene_path)
         except Error as error:
             raise BadStudy(str(error)) from error
+        self.digest_scene(study, scene)
         if "set" in given:
             for key, value in self.pairs(given["set"], "set"):
                 text = value.value if isinstance(value, reader.yaml.ScalarNode) else None

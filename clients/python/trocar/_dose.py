@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 import numpy.typing as npt
 
-from ._library import _check, ffi, lib
+from ._library import _check, _Turn, ffi, lib
 
 if TYPE_CHECKING:
     from . import Model
@@ -65,6 +65,12 @@ class Source:
         self.capsule_diameter: float = data.capsule_diameter
         self.half_life: float = data.half_life
 
+    def __copy__(self) -> Source:
+        return self  # it is constant
+
+    def __deepcopy__(self, _: Any) -> Source:
+        return self
+
     def rates(self, positions: npt.ArrayLike, directions: npt.ArrayLike, strengths: npt.ArrayLike, points: npt.ArrayLike) -> npt.NDArray[np.float64]:
         """(n,) Gy/h: initial dose rate at points (n, 3) m of seeds at positions (m, 3) m along directions (m, 3), of strengths (m,) U.
 
@@ -110,23 +116,32 @@ class Dose:
         why, handle = ffi.new("trocar_error *"), ffi.new("trocar_dose **")
         _check(create(handle, why), why)
         self.source, self.shape = source, shape
-        self._handle = ffi.gc(handle[0], lib.trocar_dose_free)
+        self._handle, self._turn = ffi.gc(handle[0], lib.trocar_dose_free), _Turn("Dose")
+
+    def __copy__(self) -> Dose:
+        raise TypeError("a Dose cannot be copied: add its seeds to a second one")
+
+    def __deepcopy__(self, _: Any) -> Dose:
+        return self.__copy__()
 
     def add(self, position: npt.ArrayLike, direction: npt.ArrayLike, strength: float) -> int:
         """Adds a seed at `position` (3,) m along `direction` (3,), of air-kerma strength `strength` U. Returns its id."""
         why, seed = ffi.new("trocar_error *"), ffi.new("int32_t *")
-        _check(lib.trocar_dose_add(self._handle, _seed(position, direction, strength), seed, why), why)
+        with self._turn:
+            _check(lib.trocar_dose_add(self._handle, _seed(position, direction, strength), seed, why), why)
         return seed[0]
 
     def remove(self, seed: int) -> None:
         """Takes out the seed of this id."""
         why = ffi.new("trocar_error *")
-        _check(lib.trocar_dose_remove(self._handle, seed, why), why)
+        with self._turn:
+            _check(lib.trocar_dose_remove(self._handle, seed, why), why)
 
     def move(self, seed: int, position: npt.ArrayLike, direction: npt.ArrayLike, strength: float) -> None:
         """Gives the seed of this id another place, direction and strength."""
         why = ffi.new("trocar_error *")
-        _check(lib.trocar_dose_move(self._handle, seed, _seed(position, direction, strength), why), why)
+        with self._turn:
+            _check(lib.trocar_dose_move(self._handle, seed, _seed(position, direction, strength), why), why)
 
     def displace(self, displacements: npt.ArrayLike | None) -> None:
         """Puts the points at their places at rest plus displacements (n, 3), m; None: back at rest. Seeds stay where they are."""
@@ -135,18 +150,21 @@ class Dose:
             moved = np.ascontiguousarray(displacements, np.float64).reshape(-1, 3)
             if len(moved) != lib.trocar_dose_point_count(self._handle):
                 raise ValueError("%d displacements for %d points" % (len(moved), lib.trocar_dose_point_count(self._handle)))
-        _check(lib.trocar_dose_displace(self._handle, ffi.NULL if moved is None else _inputs(moved), why), why)
+        with self._turn:
+            _check(lib.trocar_dose_displace(self._handle, ffi.NULL if moved is None else _inputs(moved), why), why)
 
     @property
     def seeds(self) -> int:
         """Number of seeds."""
-        return lib.trocar_dose_seed_count(self._handle)
+        with self._turn:
+            return lib.trocar_dose_seed_count(self._handle)
 
     @property
     def values(self) -> npt.NDArray[np.float64]:
         """Gy, a copy: (nx, ny, nz) on a grid, else (n,)."""
         values = np.empty(self.shape)
-        lib.trocar_dose_values(self._handle, _outputs(values))
+        with self._turn:
+            lib.trocar_dose_values(self._handle, _outputs(values))
         return values
 
 
@@ -163,6 +181,12 @@ class Structure:
         self.points.flags.writeable = False
         self.voxel: float = lib.trocar_structure_voxel(self._handle)
         self._nodes: int | None = None  # of the model's mesh
+
+    def __copy__(self) -> Structure:
+        return self  # it is constant
+
+    def __deepcopy__(self, _: Any) -> Structure:
+        return self
 
     @classmethod
     def from_surface(cls, nodes: npt.ArrayLike, triangles: npt.ArrayLike, spacing: float = 1e-3) -> Structure:

@@ -1,8 +1,13 @@
 """libtrocar.so through cffi: the declarations come from the header that the build copies into this folder."""
+from __future__ import annotations
+
 import os
 import re
+import threading
+from contextlib import contextmanager
 from pathlib import Path
-from typing import Any
+from types import TracebackType
+from typing import Any, Callable, Iterator
 
 from cffi import FFI
 
@@ -31,19 +36,73 @@ ffi, lib = _load()
 
 
 class Error(Exception):
-    """The library's message; `status` is "bad input", "no memory", "numeric" or "system"."""
+    """The library's message; `status` is "bad input", "no memory", "numeric", "system" or "cancelled"."""
 
     def __init__(self, text: str, status: str):
         super().__init__(text)
         self.status = status
 
+    def __reduce__(self) -> tuple[Any, ...]:
+        return type(self), (str(self), self.status)
+
 
 Error.__module__ = "trocar"  # where it is imported from
 
 
-_STATUS = ("ok", "bad input", "no memory", "numeric", "system")
+_STATUS = ("ok", "bad input", "no memory", "numeric", "system", "no real time", "cancelled")
 
 
 def _check(status: int, why: Any) -> None:
     if status != lib.TROCAR_OK:
         raise Error(ffi.string(why.text).decode(errors="replace"), _STATUS[status])
+
+
+class _Turn:
+    """Lets one thread at a time use an object of the library, whose calls release the GIL, or several that only read it. Another one gets an Error."""
+
+    def __init__(self, what: str):
+        self._what, self._lock = what, threading.Lock()
+        self._readers, self._counting = 0, threading.Lock()
+
+    def __enter__(self) -> None:
+        if not self._lock.acquire(blocking=False):
+            raise Error("this %s is in use: another thread, or a callback, calls it at the same time; make one for each thread" % self._what, "bad input")
+
+    def __exit__(self, *_: object) -> None:
+        self._lock.release()
+
+    @contextmanager
+    def to_read(self) -> Iterator[None]:
+        with self._counting:
+            if self._readers == 0:
+                self.__enter__()
+            self._readers += 1
+        try:
+            yield
+        finally:
+            with self._counting:
+                self._readers -= 1
+                if self._readers == 0:
+                    self._lock.release()
+
+
+class _Watch:
+    """Makes a long call tell `progress(what, fraction)` how far it has come, and end when that raises, or a signal's handler, such as that of Ctrl-C."""
+
+    def __init__(self, progress: Callable[[str, float], Any] | None):
+        self._raised: BaseException | None = None
+        self.told = ffi.NULL
+        if progress is not None:
+            tell = progress
+            self.told = ffi.callback("void(const char *, double, void *)", lambda what, fraction, _: tell(ffi.string(what).decode(), fraction) and None,
+                                     onerror=self._note)
+        self.asked = ffi.callback("int(void *)", lambda _: int(self._raised is not None), error=1, onerror=self._note)
+        self.pointer = ffi.new("trocar_watch *", {"progress": self.told, "cancelled": self.asked})
+
+    def _note(self, _: type[BaseException], raised: BaseException, __: TracebackType | None) -> None:
+        self._raised = self._raised or raised
+
+    def check(self, status: int, why: Any) -> None:
+        if self._raised is not None:
+            raise self._raised
+        _check(status, why)

@@ -10,6 +10,7 @@ import numpy as np
 import numpy.typing as npt
 
 from . import Model
+from ._files import open_input
 
 Array = npt.NDArray[np.float64]
 
@@ -69,8 +70,9 @@ class Obstacle:
         if nearest - moved - radius > enough:
             return nearest - moved - radius
         from scipy.spatial import cKDTree
-        # Whatever can be nearest in the displaced tissue is not further than this at rest.
-        close = np.unique(np.concatenate(self._tree.query_ball_point(line, nearest + 2.0 * moved)).astype(int))
+        # Whatever can be nearest in the displaced tissue is not further than this at rest: by a little more, for rounding, what is nearest at rest.
+        reach = (nearest + 2.0 * moved) * (1.0 + 1e-9)
+        close = np.unique(np.concatenate(self._tree.query_ball_point(line, reach)).astype(int))
         points = self.points[close]
         nodes, weights = embedding.locate(points)
         points = points + np.einsum("nk,nki->ni", weights, field[nodes])
@@ -131,7 +133,7 @@ def read_contours(path: str, roi: str) -> list[Array]:
 def _read_table(path: str) -> dict[str, list[Array]]:
     found: dict[str, dict[str, list[list[float]]]] = {}
     try:
-        with open(path, newline="", encoding="utf-8") as file:
+        with open_input(path, newline="", encoding="utf-8") as file:
             rows = list(csv.reader(file))
     except (OSError, UnicodeDecodeError, csv.Error) as error:
         raise BadContours(f"{path}: cannot be read: {error}") from error
@@ -151,13 +153,17 @@ def _read_table(path: str) -> dict[str, list[Array]]:
 
 def _read_structures(path: str) -> dict[str, list[Array]]:
     try:
-        import pydicom
-        data = pydicom.dcmread(path)
+        from . import _dicom
+        data = _dicom.read(path)
         names = {item.ROINumber: str(item.ROIName) for item in data.StructureSetROISequence}
         return {names[item.ReferencedROINumber]: [np.array(c.ContourData, np.float64).reshape(-1, 3) for c in item.get("ContourSequence", [])]
                 for item in data.ROIContourSequence}
     except ImportError as missing:
         raise BadContours(f"{path}: DICOM files need Debian's python3-pydicom: {missing}") from missing
+    except EOFError as error:
+        raise BadContours(str(error)) from error
+    except OSError as error:
+        raise BadContours(f"{path}: cannot be opened: {error.strerror}") from error
     except Exception as error:  # noqa: BLE001    whatever a damaged file makes pydicom raise
         raise BadContours(f"{path}: not an RT Structure Set: {error}") from error
 

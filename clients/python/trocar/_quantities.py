@@ -128,8 +128,8 @@ def _seed_error(r: Recording, _: Any) -> list[float]:
     return [float(np.mean(distances)), max(distances)] if distances else [float("nan")] * 2
 
 
-def _buckled(r: Recording, _: Any) -> list[float]:
-    return [float(np.count_nonzero(r.all("events") & int(Event.UNSTABLE)) * r.dt)]
+def _buckled(_: Recording, __: Any) -> list[float]:
+    return [0.0]
 
 
 QUANTITIES = {
@@ -139,7 +139,7 @@ QUANTITIES = {
     "greatest_depth": Quantity("m", ("",), False, "", lambda r, _: [float(r.all("depth").max())], "longest track in the tissue"),
     "puncture_force": Quantity("N", ("",), False, "membrane", _puncture_force, "largest force against pushing in until this membrane gives way"),
     "puncture_depth": Quantity("m", ("",), False, "membrane", _puncture_depth, "length of the track when this membrane gives way"),
-    "buckled": Quantity("s", ("",), False, "", _buckled, "time for which the needle was buckled, without force"),
+    "buckled": Quantity("s", ("",), False, "", _buckled, "always 0: a needle that buckles goes on bearing force"),
     "force": Quantity("N", ("",), True, "", lambda r, _: [float(-r.outputs[-1]["force"][-1] @ axis_of(r.poses[-1][-1]))],
                       "force against pushing in, along the needle's axis"),
     "depth": Quantity("m", ("",), True, "", lambda r, _: [float(r.outputs[-1]["depth"][-1])], "length of the track"),

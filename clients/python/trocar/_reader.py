@@ -4,6 +4,8 @@ from __future__ import annotations
 import math
 from typing import Any, Sequence
 
+from ._files import open_input
+
 
 class Reader:
     """A YAML document read key by key, with file and line of what is wrong."""
@@ -17,7 +19,7 @@ class Reader:
             raise error(f"{path}: reading a {kind} needs Debian's python3-yaml: {missing}") from missing
         self.yaml = yaml
         try:
-            with open(path, encoding="utf-8") as file:
+            with open_input(path, encoding="utf-8") as file:
                 root = yaml.compose(file, Loader=yaml.SafeLoader)
         except OSError as fault:
             raise error(f"{path}: cannot be opened: {fault.strerror}") from fault

@@ -2,7 +2,6 @@
 from __future__ import annotations
 
 import csv
-import ctypes
 import errno
 import fcntl
 import gc
@@ -13,6 +12,7 @@ import selectors
 import signal
 import sys
 import time
+import zlib
 from pathlib import Path
 from typing import Any, Callable, Iterable, Iterator, NamedTuple, Sequence
 
@@ -21,6 +21,7 @@ import numpy.typing as npt
 
 from . import Error, Model, Sim
 from ._definition import BadStudy, Study
+from ._files import open_input, open_regular
 from ._quantities import Recording
 from .plan import BadPlan
 
@@ -94,8 +95,12 @@ def groups_of(study: Study, samples: npt.NDArray[np.float64]) -> Groups:
     if not columns:
         return Groups(np.zeros(len(samples), np.int64), False)
     _, of_run = np.unique(samples[:, columns], axis=0, return_inverse=True)
-    few = len(samples) < FEW * (of_run.max() + 1)
-    return Groups(of_run.reshape(-1), few and study.inverse == "auto")
+    of_run = of_run.reshape(-1)
+    if study.method == "random":    # it may grow: runs that are done must not depend on how many will be
+        few = study.possible_stiffnesses() > FEW
+    else:
+        few = len(samples) < FEW * (of_run.max() + 1)
+    return Groups(of_run, few and study.inverse == "auto")
 
 
 def runs_of_task(groups: Groups, task: tuple[int, int]) -> list[int]:
@@ -126,6 +131,12 @@ def line_of(cells: Iterable[Any]) -> str:
     return text.getvalue()
 
 
+def checked(line: str) -> bytes:
+    """A line of a task's file: with a last cell, the CRC-32 of what is before it."""
+    cells = line.rstrip("\n").encode()
+    return cells + b",%08x\n" % zlib.crc32(cells)
+
+
 def cells_of(row: Row) -> list[Any]:
     return [row.index, row.status, *map(repr, row.parameters), *map(repr, row.results)]
 
@@ -136,7 +147,8 @@ def heading(study: Study) -> list[str]:
 
 def read_rows(path: Path, study: Study, samples: npt.NDArray[np.float64]) -> list[Row]:
     """The whole rows of a task's file. BadStudy unless they are of this study, whose samples these are."""
-    return _parse_rows(path, path.read_bytes(), study, samples)[0]
+    with open_input(path, "rb") as file:
+        return _parse_rows(path, file.read(), study, samples)[0]
 
 
 def _parse_rows(path: Path, data: bytes, study: Study, samples: npt.NDArray[np.float64]) -> tuple[list[Row], int]:
@@ -146,18 +158,23 @@ def _parse_rows(path: Path, data: bytes, study: Study, samples: npt.NDArray[np.f
         return [], 0
     first, *lines = data[:end].split(b"\n")[:-1]
     columns = heading(study)
-    if first + b"\n" != line_of(columns).encode():
+    if first + b"\n" != checked(line_of(columns)):
         raise BadStudy(f"{path}:1: rows of another study: choose another folder with --out")
     rows, parameters = [], len(study.parameters)
     for number, line in enumerate(lines, 2):
         try:
+            line, _, check = line.rpartition(b",")
+            if check != b"%08x" % zlib.crc32(line):
+                raise ValueError
             cells, = csv.reader([line.decode("utf-8")])
             if len(cells) != len(columns):
                 raise ValueError
             numbers = tuple(map(float, cells[2:]))
             row = Row(int(cells[0]), cells[1], numbers[:parameters], numbers[parameters:])
         except (ValueError, csv.Error):
-            raise BadStudy(f"{path}:{number}: not a row of this study: remove the line, and the run is done again") from None
+            raise BadStudy(f"{path}:{number}: not a row as it was written: it has been damaged or changed: remove the line, and the run is done again") from None
+        if study.method == "random" and row.index >= len(samples):    # of the time when the study had more runs
+            continue
         if not 0 <= row.index < len(samples) or row.parameters != tuple(samples[row.index].tolist()):
             raise BadStudy(f"{path}:{number}: run {row.index} has other parameters than the study: choose another folder with --out")
         rows.append(row)
@@ -180,7 +197,7 @@ class TaskFile:
 
     def __init__(self, path: Path, study: Study, samples: npt.NDArray[np.float64]):
         self.path = path
-        self._file = os.open(path, os.O_RDWR | os.O_CREAT | os.O_APPEND, 0o666)
+        self._file = open_regular(path, os.O_RDWR | os.O_CREAT | os.O_APPEND)
         try:
             self._lock()
             size = os.fstat(self._file).st_size
@@ -188,7 +205,7 @@ class TaskFile:
             self.torn = size - end    # bytes
             os.ftruncate(self._file, end)
             if end == 0:
-                os.write(self._file, line_of(heading(study)).encode())
+                os.write(self._file, checked(line_of(heading(study))))
         except BaseException:
             os.close(self._file)
             raise
@@ -204,7 +221,7 @@ class TaskFile:
 
     def append(self, row: Row) -> None:
         """Survives a kill of this process at once, and a power failure a second later."""
-        data = line_of(cells_of(row)).encode()
+        data = checked(line_of(cells_of(row)))
         if os.write(self._file, data) != len(data):
             raise OSError(28, "No space left on device", str(self.path))
         if time.monotonic() - self._synced > SYNC:
@@ -222,19 +239,10 @@ class TaskFile:
 # ---- processes ------------------------------------------------------------------------------------------------------------------------------
 
 
-def _use_one_thread() -> None:
-    """In a child: OpenMP's threads stayed in the parent, and CHOLMOD, which asks for a fixed number of them, would wait for them for ever."""
-    try:
-        ctypes.CDLL("libgomp.so.1").omp_set_max_active_levels(0)
-    except OSError:    # CHOLMOD without OpenMP
-        pass
-
-
 def _child(write: int, work: Callable[[], Any], program: str) -> None:
     """In the child: sends the outcome and ends."""
     status = 1
     try:
-        _use_one_thread()
         signal.signal(signal.SIGINT, signal.SIG_IGN)     # of the terminal: the parent ends its children
         signal.signal(signal.SIGTERM, signal.SIG_DFL)
         with os.fdopen(write, "wb") as pipe:
@@ -313,7 +321,8 @@ def check_manifest(study: Study, out: Path) -> None:
     path, own = out / "study.json", study.manifest()
     if path.exists():
         try:
-            there = dict(json.loads(path.read_text(encoding="utf-8")))
+            with open_input(path, encoding="utf-8") as file:
+                there = dict(json.load(file))
         except (ValueError, TypeError):
             raise BadStudy(f"{path}: not as trocar-study has written it: choose another folder with --out") from None
         different = [key for key in sorted({*own, *there}) if own.get(key) != there.get(key)]
@@ -330,7 +339,8 @@ def check_manifest(study: Study, out: Path) -> None:
 def has_frames(out: Path) -> bool:
     """True if the study in this folder records frames, as its manifest says."""
     try:
-        return dict(json.loads((out / "study.json").read_text(encoding="utf-8"))).get("frames", "none") != "none"
+        with open_input(out / "study.json", encoding="utf-8") as file:
+            return dict(json.load(file)).get("frames", "none") != "none"
     except (OSError, ValueError, TypeError):    # check_manifest reports it
         return False
 
@@ -361,6 +371,7 @@ def carry_out(study: Study, out: Path, task: tuple[int, int], workers: int, prog
     if study.frames_every:
         from . import frames as _frames    # before the first child
         (out / "frames").mkdir(exist_ok=True)
+        say(_frames.size_in_words(study, out))
 
     def finished(index: int, outcome: tuple[str, list[float]] | None, why: str) -> None:
         nonlocal count, failed

@@ -17,7 +17,9 @@ chunked by run and compressed:
 """
 from __future__ import annotations
 
+import math
 import os
+import shutil
 from pathlib import Path
 from types import TracebackType
 from typing import Any
@@ -26,14 +28,33 @@ import h5py
 import numpy as np
 
 from . import Model
+from ._definition import Study
 from ._library import lib
 from ._quantities import Recording
 
-__all__ = ["Writer", "collect"]
+__all__ = ["Writer", "collect", "size_in_words"]
 
 _KINDS = {"tissue": 0, "tip": 1, "guide": 2}
 _MESH = ("nodes", "tets", "tet_regions")
 _COMPRESSED = {"compression": "gzip", "compression_opts": 4, "shuffle": True}
+_LEFT = 0.65    # size of a run's file over that of its displacements and centrelines before compression: figure 8's insertion
+
+
+def size_in_words(study: Study, folder: Path) -> str:
+    """How much the frames of all runs of a study take, about, if they are kept in this folder, and how much is free there. "" for a study without frames."""
+    samples = study.samples()
+    if not study.frames_every or not len(samples):
+        return ""
+    model = Model(study.run_scene(samples[0]), mesh_only=True)
+    count = math.floor(study.run_motion(samples[0]).duration() / study.frames_every + 1e-9) + 1
+    joints = lib.trocar_model_segments(model._handle) + 1
+    each = _LEFT * count * (12 * len(model.nodes) + 24 * joints)
+    return (f"frames: about {_bytes(each * len(samples))} for {len(samples)} runs ({count} frames of {len(model.nodes)} nodes each), and as much again once they are "
+            f"collected in frames.h5; {_bytes(shutil.disk_usage(folder).free)} are free in {folder}")
+
+
+def _bytes(size: float) -> str:
+    return f"{size / 1e9:.0f} GB" if size >= 10e9 else f"{size / 1e9:.1f} GB" if size >= 1e9 else f"{size / 1e6:.0f} MB" if size >= 10e6 else f"{size / 1e6:.1f} MB"
 
 
 class Writer:

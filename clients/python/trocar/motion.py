@@ -19,6 +19,7 @@ import numpy as np
 import numpy.typing as npt
 
 from . import Sim
+from ._files import open_input
 
 if TYPE_CHECKING:
     from .plan import Needle, Plan
@@ -238,7 +239,7 @@ class Table(_Motion):
         """A CSV file with the columns t (s), x, y, z (m), qw, qx, qy, qz. BadMotion with file, line and remedy."""
         name, rows = fspath(path), []
         try:
-            with open(path, newline="", encoding="utf-8") as file:
+            with open_input(path, newline="", encoding="utf-8") as file:
                 for line, cells in enumerate(csv.reader(file), 1):
                     if line == 1:
                         if tuple(cell.split("[")[0].strip() for cell in cells) != _COLUMNS:

@@ -7,6 +7,7 @@ A plan is a YAML file:
     rows: 13
     spacing: 5e-3                  # m
     source: {isotope: I-125, model: "6711", strength: 0.5}    # of all seeds; U, air kerma strength; may be left out
+    prescription: 145              # Gy, the dose that the target is to get at least; may be left out
     needles:
       - hole: C3.5                 # a letter for the column, from A; a number for the row, from 1 in halves
         depth: 0.115               # m, from the face of the template where needles enter to the tip
@@ -40,6 +41,7 @@ import numpy as np
 import numpy.typing as npt
 
 from . import Error, Guide, Model, Scene, Sim
+from ._files import open_input
 from ._locate import locate
 from ._reader import Reader
 
@@ -102,6 +104,8 @@ class Plan:
     source: Source | None = None
     path: str = "plan"
     line: int = 0   # of `template`
+    prescription: float | None = None                    # Gy
+    remarks: list[str] = field(default_factory=list)     # what its reader had to change, for people
 
 
 class Planned(NamedTuple):
@@ -144,8 +148,8 @@ def hole_name(column: int, row: int) -> str:
 
 
 def hole_number(name: str) -> tuple[int, int] | None:
-    """(column, row) from 0 of a hole's name. None if it is not a name."""
-    match = re.fullmatch(r"([A-Z]{1,2})([1-9]\d?)(?:\.([05]))?", name)
+    """(column, row) from 0 of a hole's name, in capital or small letters. None if it is not a name."""
+    match = re.fullmatch(r"([A-Z]{1,2})([1-9]\d?)(?:\.([05]))?", name.upper())
     if not match:
         return None
     column = 0
@@ -230,10 +234,11 @@ def read(path: str | PathLike[str]) -> Plan:
     """Reads a plan. BadPlan with file, line and remedy for anything that it does not understand."""
     of_template = ("template", "columns", "rows", "spacing")
     reader = Reader(fspath(path), "plan", BadPlan, "template, columns, rows, spacing and needles")
-    keys = reader.mapping(reader.root, "", (), (*of_template, "needles", "source"))
+    others = ("source", "prescription")
+    keys = reader.mapping(reader.root, "", (), (*of_template, "needles", *others))
     plan = Plan("", 0, 0, 0.0, path=fspath(path))
     if "needles" not in keys or any(key in keys for key in of_template) or not _all_have_entries(reader, keys["needles"]):
-        keys = reader.mapping(reader.root, "", (*of_template, "needles"), ("source",))
+        keys = reader.mapping(reader.root, "", (*of_template, "needles"), others)
         plan.template, plan.line = reader.text(keys["template"], "template"), reader.line(keys["template"])
         plan.columns, plan.rows = reader.count(keys["columns"], "columns"), reader.count(keys["rows"], "rows")
         plan.spacing = reader.number(keys["spacing"], "spacing")
@@ -243,6 +248,8 @@ def read(path: str | PathLike[str]) -> Plan:
         if isotope not in ("I-125", "Pd-103"):
             raise reader.fail(given["isotope"], f"source.isotope: \"{isotope}\": there are I-125 and Pd-103")
         plan.source = Source(isotope, reader.text(given["model"], "source.model"), reader.number(given["strength"], "source.strength"))
+    if "prescription" in keys:
+        plan.prescription = reader.number(keys["prescription"], "prescription")
     for i, node in enumerate(reader.items(keys["needles"], "needles")):
         plan.needles.append(_read_needle(reader, node, f"needles[{i}]", plan))
     if not plan.needles:
@@ -260,6 +267,8 @@ def write(plan: Plan, path: str | PathLike[str], comment: str = "") -> None:
         lines += [f"template: {quoted(plan.template)}", f"columns: {plan.columns}", f"rows: {plan.rows}", f"spacing: {number(plan.spacing)}    # m"]
     if plan.source:
         lines.append(f"source: {{isotope: {plan.source.isotope}, model: {quoted(plan.source.model)}, strength: {number(plan.source.strength)}}}")
+    if plan.prescription is not None:
+        lines.append(f"prescription: {number(plan.prescription)}    # Gy")
     lines.append("needles:    # m: depth of the tip behind the template's face, or the entry; seeds from the tip back to their centres; rad: roll, turn.by")
     for needle in plan.needles:
         cells = [f"name: {quoted(needle.name)}"] if needle.name else []
@@ -383,7 +392,7 @@ def read_seeds(path: str | PathLike[str], model: Model, now: bool = False) -> li
     """The table that `trocar-replay --seeds` writes. now: where the seeds were at the end of the replay, else in the tissue at rest."""
     name, prefix, frame = fspath(path), "" if now else "rest_", Frame(model)
     try:
-        with open(path, newline="", encoding="utf-8") as file:
+        with open_input(path, newline="", encoding="utf-8") as file:
             rows = list(csv.reader(file))
     except OSError as error:
         raise BadPlan(f"{name}: cannot be opened: {error.strerror}") from error
@@ -491,6 +500,12 @@ def _planned_table(seeds: Sequence[Planned], frame: Frame) -> list[list[str]]:
     return rows
 
 
+def _seed_table(seeds: Sequence[Placed]) -> list[list[str]]:
+    """As `read_seeds` reads it, of places at rest."""
+    head = ["seed", "guide", "hole", *(f"rest_{axis} [m]" for axis in "xyz"), *(f"rest_along_{axis}" for axis in "xyz")]
+    return [head] + [[str(seed.number), seed.guide, seed.hole, *(f"{value:.9g}" for value in (*seed.position, *seed.direction))] for seed in seeds]
+
+
 def _misplacement_table(rows: Sequence[Misplacement], frame: Frame) -> list[list[str]]:
     table = [["hole", "planned", "seed", *(f"{name} [mm]" for name in frame.names), "along [mm]", "across [mm]", "distance [mm]", "remark"]]
     for r in rows:
@@ -544,9 +559,14 @@ def _export(given: argparse.Namespace, model: Model) -> None:
 
 def _import(given: argparse.Namespace, model: Model) -> None:
     from . import rtplan
-    plan = rtplan.read(given.file, model, given.template)
-    planned_seeds(plan, model)
-    write(plan, given.out, f"From {given.file}")
+    if given.seeds:
+        _save(_seed_table(rtplan.read_seeds(given.file, model, given.template)), given.seeds)
+    if given.out:
+        plan = rtplan.read(given.file, model, given.template)
+        planned_seeds(plan, model)
+        write(plan, given.out, "\n".join([f"From {given.file}", *plan.remarks]))
+        for remark in plan.remarks:
+            print(f"trocar.plan: {given.file}: {remark}", file=sys.stderr)
 
 
 def _compare(given: argparse.Namespace, model: Model) -> None:
@@ -583,7 +603,8 @@ def _options() -> argparse.ArgumentParser:
     added.add_argument("--now", action="store_true", help="with --seeds: where they are at the end of the replay (default: in the tissue at rest)")
     added.add_argument("--structures", help="RT Structure Set that the scene was made from: the plan gets its patient and frame of reference", metavar="FILE")
     added = command("import", _import, "make a plan from a DICOM RT Plan", ("file", "RT Plan with permanent seeds"))
-    added.add_argument("--out", required=True, help="plan, a YAML file (required)", metavar="FILE")
+    added.add_argument("--out", help="plan, a YAML file: the seeds are on the axes of the template's holes", metavar="FILE")
+    added.add_argument("--seeds", help="table of the seeds where the file has them, as trocar-replay --seeds writes it: also of seeds that were left in the tissue", metavar="FILE")
     added.add_argument("--template", help="the scene's guide that is meant, if the file has another name for it", metavar="NAME")
     added = command("compare", _compare, "list how far seeds are from their places in the plan", plan, ("seeds", "table that trocar-replay --seeds has written"))
     added.add_argument("--now", action="store_true", help="where the seeds are at the end of the replay (default: in the tissue at rest)")
@@ -593,7 +614,10 @@ def _options() -> argparse.ArgumentParser:
 
 def main(arguments: Sequence[str] | None = None) -> int:
     """The program; returns its exit status."""
-    given = _options().parse_args(arguments)
+    parser = _options()
+    given = parser.parse_args(arguments)
+    if given.command == "import" and not (given.out or given.seeds):
+        parser.error("import: give --out, --seeds or both")
     try:
         given.run(given, Model(Scene.load(given.scene), mesh_only=True))
     except (BadPlan, Error) as error:

@@ -6,32 +6,36 @@ point's relative position says how far the seed is behind the distal-most place 
 """
 from __future__ import annotations
 
+import contextlib
 import datetime
 import math
 import re
 import struct
 from os import PathLike, fspath
-from typing import Any
+from typing import Any, Iterator, NamedTuple
 
 import numpy as np
 
 from . import Guide, Model, __version__
-from .plan import BadPlan, Frame, Needle, Placed, Plan, Source, guide_of, hole_name, planned_seeds
+from .plan import BadPlan, Frame, Needle, Placed, Plan, Source, guide_of, hole_name, hole_number, planned_seeds
 
 try:
     import pydicom
     from pydicom.dataset import Dataset, FileDataset, FileMetaDataset
     from pydicom.sequence import Sequence
     from pydicom.uid import ExplicitVRLittleEndian, generate_uid
+
+    from . import _dicom
 except ImportError as missing:
     raise BadPlan(f"DICOM files need Debian's python3-pydicom: {missing}") from missing
 
-__all__ = ["export", "read"]
+__all__ = ["export", "read", "read_seeds"]
 
 RT_PLAN = "1.2.840.10008.5.1.4.1.1.481.5"
 RT_STRUCTURES = "1.2.840.10008.5.1.4.1.1.481.3"
 HALF_LIFE = {"I-125": 59.40, "Pd-103": 16.991}  # days, as in TG-43's consensus data
 FROM_AXIS = 0.5e-3                              # m, how far from a hole's axis a seed may be and still count as planned through it
+ON_AXIS = 0.01e-3                               # m, rounding: seeds further from it are moved there, which is said
 
 
 # ---- writing ------------------------------------------------------------------------------------------------------------------------
@@ -48,11 +52,19 @@ def _decimals(values: Any) -> list[str]:
     return [f"{value + 0.0:.4f}" for value in np.asarray(values)]
 
 
-def _structures_of(path: str) -> Dataset:
+def _read_file(path: str) -> Dataset:
     try:
-        data = pydicom.dcmread(path)
-    except (pydicom.errors.InvalidDicomError, OSError, EOFError, ValueError) as error:
+        return _dicom.read(path)
+    except EOFError as error:
+        raise BadPlan(str(error)) from error
+    except OSError as error:
+        raise BadPlan(f"{path}: cannot be opened: {error.strerror}") from error
+    except (pydicom.errors.InvalidDicomError, ValueError) as error:
         raise BadPlan(f"{path}: not a DICOM file: {error}") from error
+
+
+def _structures_of(path: str) -> Dataset:
+    data = _read_file(path)
     if data.get("Modality") != "RTSTRUCT":
         raise BadPlan(f"{path}: its modality is {data.get('Modality', 'not given')}, not RTSTRUCT: give the structure set that the scene was made from")
     return data
@@ -127,6 +139,9 @@ def dataset(plan: Plan, model: Model, structures: Dataset | None = None, date: d
         data.ReferencedStructureSetSequence = Sequence([_item(ReferencedSOPClassUID=of.get("SOPClassUID", RT_STRUCTURES), ReferencedSOPInstanceUID=of.SOPInstanceUID)])
     data.FractionGroupSequence = Sequence([_item(FractionGroupNumber=1, NumberOfFractionsPlanned=1, NumberOfBeams=0, NumberOfBrachyApplicationSetups=1,
                                                  ReferencedBrachyApplicationSetupSequence=Sequence([_item(ReferencedBrachyApplicationSetupNumber=1)]))])
+    if plan.prescription is not None:
+        data.DoseReferenceSequence = Sequence([_item(DoseReferenceNumber=1, DoseReferenceStructureType="SITE", DoseReferenceDescription="target", DoseReferenceType="TARGET",
+                                                     TargetPrescriptionDose=f"{plan.prescription:.6g}")])
     data.BrachyTreatmentTechnique, data.BrachyTreatmentType = "PERMANENT", "MANUAL"
     data.TreatmentMachineSequence = Sequence([_item(TreatmentMachineName="", Manufacturer="", InstitutionName="", ManufacturerModelName="", DeviceSerialNumber="")])
     data.SourceSequence = _source_sequence(plan.source, day)
@@ -183,8 +198,16 @@ def _source_of(path: str, data: Dataset) -> Source | None:
     return Source(isotope, model, strength) if strength > 0 else None
 
 
-def _seeds_of(path: str, setup: Dataset) -> list[tuple[int, np.ndarray, float]]:
-    """(channel, centre in mm, mm behind the distal-most place) of each seed: one for each place of a channel's control points."""
+class _Seed(NamedTuple):
+    channel: int
+    place: np.ndarray      # (3,) mm, its centre, in the patient's coordinates
+    behind: float          # mm, behind the distal-most place in its needle
+    along: np.ndarray      # (3,) unit vector to its distal end, in the patient's coordinates; zero if it is not given
+    hole: str              # as the file names its applicator
+
+
+def _seeds_of(path: str, setup: Dataset) -> list[_Seed]:
+    """One seed for each place of a channel's control points."""
     seeds = []
     for channel in setup.get("ChannelSequence") or []:
         number, places = int(channel.get("ChannelNumber", 0)), []
@@ -197,58 +220,110 @@ def _seeds_of(path: str, setup: Dataset) -> list[tuple[int, np.ndarray, float]]:
                 raise BadPlan(f"{path}: channel {number}: a position is not finite")
             if not any(np.array_equal(place, other) for other in places):
                 places.append(place)
-                seeds.append((number, place, float(point.get("ControlPointRelativePosition") or 0.0)))
+                along = np.array([float(v) for v in point.get("ControlPointOrientation") or (0.0, 0.0, 0.0)])
+                seeds.append(_Seed(number, place, float(point.get("ControlPointRelativePosition") or 0.0), along, str(channel.get("SourceApplicatorID") or "").strip()))
     return seeds
 
 
-def _needles_of(path: str, seeds: list[tuple[int, np.ndarray, float]], guide: Guide, model: Model) -> list[Needle]:
+def _hole_at(off: np.ndarray, guide: Guide) -> tuple[int, int, np.ndarray]:
+    """(column, row, (2,) m beside its axis) of the hole that is closest to a place, m from the guide's origin."""
+    grid = np.array([off @ guide.across[a] / guide.spacing + 0.5 * (count - 1) for a, count in enumerate((guide.columns, guide.rows))])
+    column, row = (min(max(round(g), 0), count - 1) for g, count in zip(grid, (guide.columns, guide.rows)))
+    return column, row, guide.spacing * (grid - [column, row])
+
+
+def _needles_of(path: str, seeds: list[_Seed], guide: Guide, model: Model) -> tuple[list[Needle], list[str]]:
+    """The needles in the order of the file's channels, and what had to be changed."""
     frame, length = Frame(model), model.seed_size.length
     holes: dict[tuple[int, int], list[tuple[float, float]]] = {}
-    for number, place, behind in seeds:
-        off = frame.to_mesh(place) - guide.origin
-        grid = [off @ guide.across[a] / guide.spacing + 0.5 * (count - 1) for a, count in enumerate((guide.columns, guide.rows))]
-        column, row = (min(max(round(g), 0), count - 1) for g, count in zip(grid, (guide.columns, guide.rows)))
-        aside = guide.spacing * math.hypot(grid[0] - column, grid[1] - row)
-        where = ", ".join(f"{v:.1f}" for v in place)
-        if aside > FROM_AXIS:
-            raise BadPlan(f"{path}: channel {number}: the seed at ({where}) mm is {1e3 * aside:.1f} mm from the axis of the closest hole, {hole_name(column, row)}: was "
-                          "the plan made for this scene's template and its place?")
+    moved = []
+    for seed in seeds:
+        off = frame.to_mesh(seed.place) - guide.origin
+        column, row, aside = _hole_at(off, guide)
+        where = ", ".join(f"{v:.1f}" for v in seed.place)
+        if np.linalg.norm(aside) > FROM_AXIS:
+            raise BadPlan(f"{path}: channel {seed.channel}: the seed at ({where}) mm is {1e3 * np.linalg.norm(aside):.1f} mm from the axis of the closest hole, "
+                          f"{hole_name(column, row)}: was the plan made for this scene's template and its place? Seeds where they were left are no plan: read them with --seeds")
         depth = float(off @ guide.normal)
         if depth <= 0:
-            raise BadPlan(f"{path}: channel {number}: the seed at ({where}) mm is in front of the template")
-        holes.setdefault((column, row), []).append((depth, max(behind, 0.0) * 1e-3))
+            raise BadPlan(f"{path}: channel {seed.channel}: the seed at ({where}) mm is in front of the template")
+        moved.append(aside)
+        holes.setdefault((column, row), []).append((depth, max(seed.behind, 0.0) * 1e-3))
     needles = []
-    for (column, row), found in sorted(holes.items()):
+    for (column, row), found in holes.items():
         tip = round(max(depth + behind for depth, behind in found) + 0.5 * length, 7)
         needles.append(Needle(hole_name(column, row), tip, sorted(round(tip - depth, 7) for depth, _ in found)))
-    return needles
+    return needles, _remarks_on(np.array(moved), guide)
 
 
-def read(path: str | PathLike[str], model: Model, template: str | None = None) -> Plan:
-    """The plan that an RT Plan with permanent seeds contains, for this scene's template. template: the guide that is meant if the file has another
-    name for it. BadPlan if it is no such file, or was made for another template."""
-    name = fspath(path)
-    try:
-        data = pydicom.dcmread(name)
-    except (pydicom.errors.InvalidDicomError, OSError, EOFError, ValueError) as error:
-        raise BadPlan(f"{name}: not a DICOM file: {error}") from error
+def _remarks_on(moved: np.ndarray, guide: Guide) -> list[str]:
+    """In words, how far (m, beside their axes) seeds have been moved to the axes of their holes."""
+    far = np.linalg.norm(moved, axis=1)
+    if far.max() <= ON_AXIS:
+        return []
+    mean = 1e3 * moved.mean(axis=0)
+    all_alike = np.linalg.norm(moved - moved.mean(axis=0), axis=1).max() <= ON_AXIS
+    words = f"all by the same {1e3 * far.max():.2f} mm ({mean[0]:+.2f} along columns, {mean[1]:+.2f} along rows): check the template's place" if all_alike else \
+            f"by {1e3 * far.max():.2f} mm at most, {1e3 * far.mean():.2f} on average"
+    return [f"{int(np.sum(far > ON_AXIS))} of {len(far)} seeds were beside the axes of their holes and have been moved there, {words}"]
+
+
+def _prescription_of(data: Dataset) -> float | None:
+    """Gy; None if the file has none, or several."""
+    found = {float(item.TargetPrescriptionDose) for item in data.get("DoseReferenceSequence") or [] if item.get("DoseReferenceType") == "TARGET" and item.get("TargetPrescriptionDose")}
+    return found.pop() if len(found) == 1 else None
+
+
+def _open(name: str, model: Model, template: str | None) -> tuple[Dataset, Guide, list[_Seed]]:
+    data = _read_file(name)
     if data.get("Modality") != "RTPLAN" or "ApplicationSetupSequence" not in data:
         raise BadPlan(f"{name}: its modality is {data.get('Modality', 'not given')}, {'without seeds' if data.get('Modality') == 'RTPLAN' else 'not RTPLAN'}: "
                       "export the plan of a brachytherapy")
     if not Frame(model).is_patient:
         raise BadPlan(f"{name}: the scene has no patient_to_mesh, which DICOM's coordinates need: trocar-anatomy writes it")
-    try:  # pydicom reads sequences on access
-        if data.get("BrachyTreatmentTechnique") != "PERMANENT":
-            raise BadPlan(f"{name}: its technique is {data.get('BrachyTreatmentTechnique', 'not given')}, not PERMANENT: it has no seeds that stay")
-        setups = list(data.ApplicationSetupSequence)
-        if not setups:
-            raise BadPlan(f"{name}: no application setup")
-        guide = _guide_named(name, setups[0], model, template)
-        seeds = [seed for setup in setups for seed in _seeds_of(name, setup)]
-        if not seeds:
-            raise BadPlan(f"{name}: no seeds")
-        source = _source_of(name, data)
-        needles = _needles_of(name, seeds, guide, model)
+    if data.get("BrachyTreatmentTechnique") != "PERMANENT":
+        raise BadPlan(f"{name}: its technique is {data.get('BrachyTreatmentTechnique', 'not given')}, not PERMANENT: it has no seeds that stay")
+    setups = list(data.ApplicationSetupSequence)
+    if not setups:
+        raise BadPlan(f"{name}: no application setup")
+    guide = _guide_named(name, setups[0], model, template)
+    seeds = [seed for setup in setups for seed in _seeds_of(name, setup)]
+    if not seeds:
+        raise BadPlan(f"{name}: no seeds")
+    return data, guide, seeds
+
+
+@contextlib.contextmanager
+def _damage(name: str) -> Iterator[None]:
+    """pydicom reads sequences on access."""
+    try:
+        yield
     except (AttributeError, EOFError, KeyError, OSError, TypeError, ValueError, struct.error) as error:
-        raise BadPlan(f"{name}: damaged or truncated: {error}") from error
-    return Plan(guide.name, guide.columns, guide.rows, guide.spacing, needles, source, name)
+        raise BadPlan(f"{name}: damaged: {error}") from error
+
+
+def read(path: str | PathLike[str], model: Model, template: str | None = None) -> Plan:
+    """The plan that an RT Plan with permanent seeds contains, for this scene's template. template: the guide that is meant if the file has another
+    name for it. Needles come in the order of the file's channels. Seeds up to half a millimetre beside a hole's axis are moved there, as `Plan.remarks` say.
+    BadPlan if it is no such file, or was made for another template."""
+    name = fspath(path)
+    with _damage(name):
+        data, guide, seeds = _open(name, model, template)
+        needles, remarks = _needles_of(name, seeds, guide, model)
+        return Plan(guide.name, guide.columns, guide.rows, guide.spacing, needles, _source_of(name, data), name, prescription=_prescription_of(data), remarks=remarks)
+
+
+def read_seeds(path: str | PathLike[str], model: Model, template: str | None = None) -> list[Placed]:
+    """The seeds of such a file where it has them, at any distance from the template's axes: those that were left in the tissue. A seed's hole is the one that the file
+    names, or none. BadPlan as `read`."""
+    name, frame = fspath(path), Frame(model)
+    with _damage(name):
+        _, guide, seeds = _open(name, model, template)
+        found = []
+        for i, seed in enumerate(seeds):
+            at, ahead = frame.to_mesh([seed.place, seed.place + seed.along])
+            along = 1e3 * (ahead - at) if np.any(seed.along) else guide.normal
+            hole = hole_number(seed.hole)
+            known = hole is not None and hole[0] < guide.columns and hole[1] < guide.rows
+            found.append(Placed(i + 1, guide.name if known else "", hole_name(*hole) if hole is not None and known else "", at, along))
+        return found

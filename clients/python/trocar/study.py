@@ -130,6 +130,9 @@ def _submit(given: argparse.Namespace, study: Study) -> int:
     out = Path(given.out).resolve()
     out.mkdir(parents=True, exist_ok=True)
     check_manifest(study, out)
+    if study.frames_every:
+        from . import frames
+        _say(frames.size_in_words(study, out))
     script = out / "study.sbatch"
     _replace(script, _batch_script(given, out))
     if not shutil.which("sbatch"):

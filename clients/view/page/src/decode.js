@@ -6,7 +6,7 @@ const NEEDLE_BYTES = 48 // before a needle's joints
 const PROBE_BYTES = 64
 export const CONTACT_NUMBERS = 9 // of each contact
 export const TRACK_NUMBERS = 6 // of each point of a track
-export const GUIDE = 2 // kind of a contact
+export const TIP = 1, GUIDE = 2 // kinds of a contact
 const names = { [SCENE]: 'scene', [PICTURE]: 'picture', [SAMPLES]: 'samples', [STATUS]: 'status', [SEEDS]: 'seeds', [REPLY]: 'reply', [DOSE]: 'dose', [PLAN]: 'plan' }
 const decoders = { [SCENE]: decodeScene, [PICTURE]: decodePicture, [SAMPLES]: decodeSamples, [STATUS]: decodeText,
                    [SEEDS]: decodeSeeds, [REPLY]: decodeText, [DOSE]: decodeDose, [PLAN]: decodeText }
@@ -61,10 +61,10 @@ function decodePicture(message, at, length) {
   }
 }
 
-/** Of its base (m; w x y z), and force (N) on the hand that holds it. */
+/** Of its base (m; w x y z), and force (N) on the hand that holds it; `stopped`: by the tissue, short of the pose that it was given. */
 function decodeProbe(body, at) {
-  const numbers = new Float32Array(body, at, 13)
-  return { position: numbers.slice(0, 3), orientation: numbers.slice(3, 7), force: numbers.slice(7, 10), torque: numbers.slice(10, 13), contacts: new DataView(body).getUint32(at + 52, true) }
+  const numbers = new Float32Array(body, at, 13), counts = new DataView(body)
+  return { position: numbers.slice(0, 3), orientation: numbers.slice(3, 7), force: numbers.slice(7, 10), torque: numbers.slice(10, 13), contacts: counts.getUint32(at + 52, true), stopped: counts.getUint32(at + 56, true) !== 0 }
 }
 
 /** `joints`: 3 per joint (m); `contacts`: CONTACT_NUMBERS each, position, force on tissue or guide (N), arc (m), state, kind; `tipLead`: rad, the tip's roll less the base's. */

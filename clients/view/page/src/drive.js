@@ -1,11 +1,14 @@
 // Manual control of a needle: combines pads, keys and a gamepad into one command, sent while this page has the needle.
+import { speedAt, wordsAt } from './age.js'
 
 const PERIOD = 30 // ms between commands
 const SLOW = 0.25
 const KEYS = { KeyW: [2, 1], KeyS: [2, -1], ArrowRight: [0, -1], ArrowLeft: [0, 1], ArrowUp: [1, 1], ArrowDown: [1, -1],
                KeyI: [3, -1], KeyK: [3, 1], KeyJ: [4, 1], KeyL: [4, -1], KeyD: [5, 1], KeyA: [5, -1] }
 const DEAD = 0.12 // dead zone of a gamepad's stick
-const LOST = { server: 'the server stopped', unconnected: 'the connection ended', refused: 'the connection ended' } // by the state's name
+const UNCONNECTED = 'the connection ended'
+export const TOUCH = matchMedia('(pointer: coarse)').matches // a phone or tablet, without keys
+const HELP = TOUCH ? 'The lever pushes in and pulls out.' : 'W pushes in, S pulls out.'
 const HOLD = 800 // ms, also in style.css
 
 /** Self-centring pad: `value` [x, y] in -1 .. 1, y up. */
@@ -60,10 +63,13 @@ class Hold {
 }
 
 export class Drive {
-  constructor(link, elements) {
+  constructor(link, age, elements) {
     this.link = link
     this.elements = elements
-    this.send = (command) => link.steer(command) // the probe has its own: see probe.js
+    this.send = (command, number) => link.steer(command, number) // the probe has its own: see probe.js
+    this.age = age        // of the picture
+    this.limit = () => 1  // part of the speed forward that is allowed; the procedure mode has its own
+    this.letGo = () => link.release() // likewise
     this.needle = 0       // the one to take
     this.pressed = new Set()
     this.driving = false  // this page has the needle
@@ -75,7 +81,7 @@ export class Drive {
     this.roll = new Spring(elements.roll, true, false)
     elements.tilt.addEventListener('change', () => { elements.does.textContent = elements.tilt.checked ? 'tilt' : 'move' })
     addEventListener('blur', () => this.rest())
-    setInterval(() => { if (this.driving) this.send(this.command()) }, PERIOD)
+    setInterval(() => { if (this.driving) this.send(this.command(), this.age.count(performance.now())) }, PERIOD)
   }
 
   /** Returns whether the key steers. Releases are processed even if this page no longer has the needle. */
@@ -107,7 +113,9 @@ export class Drive {
     if (this.elements.tilt.checked) { c[3] -= y; c[4] -= x } else { c[0] -= x; c[1] += y }
     c[5] += this.roll.value[0]
     this.addGamepad(c)
-    return c.map((v) => Math.max(-1, Math.min(1, v)) * (this.slow ? SLOW : 1))
+    const part = (this.slow ? SLOW : 1) * speedAt(this.age.at(performance.now()))
+    if (c[2] > 0) c[2] = Math.min(c[2], 1) * this.limit()
+    return c.map((v) => Math.max(-1, Math.min(1, v)) * part)
   }
 
   addGamepad(c) {
@@ -127,7 +135,7 @@ export class Drive {
     if (!this.driving) return this.take()
     this.asked = true
     this.lost = ''
-    this.link.release()
+    this.letGo()
   }
 
   take() {
@@ -140,17 +148,19 @@ export class Drive {
    *  in the past nor without data. */
   show(status, state) {
     const { take, note, controls } = this.elements, rests = status.state === 'resting', past = state.name === 'past', driving = status.drives && status.alive
-    if (this.driving && !driving && !this.asked) this.lost = status.alive && status.owned === 'elsewhere' ? 'Another client has taken the needle.' : `The needle was let go: ${LOST[state.name] ?? 'the server was restarted'}.`
+    if (this.driving && !driving && !this.asked) this.lost = 'The needle was let go.'
+    if (this.lost && !this.driving && (status.lost || ['unconnected', 'refused'].includes(state.name))) this.lost = `The needle was let go: ${status.lost || UNCONNECTED}.`
     if (driving !== this.driving) this.asked = false
     this.driving = driving
     this.steering = driving && ['live', 'stale'].includes(state.name) && !['leaving', 'resting', 'taking'].includes(status.state)
     if (!this.steering) this.rest()
     controls.hidden = !this.driving
     controls.inert = !this.steering
-    take.textContent = this.driving ? 'Let go' : rests ? 'Take the needle' : 'Drive the needle'
+    take.textContent = this.driving ? (this.lies ? 'Leave it in' : 'Let go') : rests || this.lies ? 'Take the needle' : 'Drive the needle'
+    take.title = this.driving && this.lies ? 'Let go of the needle: it stays in template and tissue (E, T)' : 'Control the needle from this page (T)'
     take.classList.toggle('held', this.driving)
     take.disabled = !this.driving && (state.name !== 'live' || status.driven || status.owned === 'elsewhere')
-    note.textContent = this.driving ? (past ? 'The needle is held still until you are back to live.' : !this.steering ? 'The needle is held still.' : 'W pushes in, S pulls out.') : this.lost || this.reason(status, state)
+    note.textContent = this.driving ? (past ? 'The needle is held still until you are back to live.' : !this.steering ? 'The needle is held still.' : wordsAt(this.age.at(performance.now())) || HELP) : this.lost ? `${this.lost}${rests ? ' It rests in the tissue.' : ''}` : this.reason(status, state)
   }
 
   /** Why the needle cannot be taken. */

@@ -20,7 +20,7 @@ export const EVENTS = [
   { bit: 1 << 0, name: 'touched', quiet: true }, { bit: 1 << 1, name: 'puncture' }, { bit: 1 << 2, name: 'contact added', quiet: true },
   { bit: 1 << 3, name: 'contact removed', quiet: true }, { bit: 1 << 4, name: 'exit' }, { bit: 1 << 5, name: 're-entry' },
   { bit: 1 << 6, name: 'withdrawn' }, { bit: 1 << 7, name: 'late worker', alarm: true }, { bit: 1 << 8, name: 'no room for contacts', alarm: true },
-  { bit: 1 << 9, name: 'buckled', alarm: true }, { bit: 1 << 10, name: 'node kept', quiet: true },
+  { bit: 1 << 9, name: 'starts over', alarm: true }, { bit: 1 << 10, name: 'node kept', quiet: true },
   { bit: 1 << 11, name: 'guide missed', alarm: true }, { bit: 1 << 12, name: 'outside the model', alarm: true },
   { bit: 1 << 13, name: 'oldest track dropped', alarm: true },
 ]

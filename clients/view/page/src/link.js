@@ -46,18 +46,18 @@ export class Link {
   take(needle) { this.send(TAKE, [], null, needle) }
   release() { this.send(RELEASE) }
   reset() { this.send(RESET) }
-  /** right, up, forward, pitch, yaw, roll: fractions -1 .. 1 of the maximum speed. */
-  steer(command) { this.send(STEER, command) }
+  /** right, up, forward, pitch, yaw, roll: fractions -1 .. 1 of the maximum speed. The next status returns the number. */
+  steer(command, number) { this.send(STEER, command, null, number) }
   /** The driven needle goes in front of this hole, unless it is in the tissue. */
   goToHole(guide, column, row) { this.send(HOLE, [guide, column, row]) }
   /** A seed, or a strand of several. */
   drop(seeds) { this.send(DROP, [seeds]) }
   undo() { this.send(UNDO) }
-  /** The driven needle is to rest. */
+  /** The driven needle is to rest. A needle of a scene with a template also does once it is released in the tissue. */
   leave() { this.send(LEAVE) }
-  /** Pulls out a needle that rests. */
+  /** Pulls out a needle that rests, or that nobody holds. */
   remove(needle) { this.send(REMOVE, [], null, needle) }
   /** As steer, of the probe. */
-  moveProbe(command) { this.send(PROBE, command) }
+  moveProbe(command, number) { this.send(PROBE, command, null, number) }
   sendPicture(png) { this.send(PICTURE, [], png) }
 }

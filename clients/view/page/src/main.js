@@ -1,5 +1,6 @@
 // Main module of the page: connects received data, displayed time, 3D view, slice, plots and control of the needle.
 import './style.css'
+import { LATE, PictureAge } from './age.js'
 import { CONTACT, GUIDED, hubColour, rampCss, regionColour, TRACK } from './colours.js'
 import { CONTACT_NUMBERS } from './decode.js'
 import { Drive } from './drive.js'
@@ -13,7 +14,7 @@ import { Plots, Strip } from './plots.js'
 import { Probe } from './probe.js'
 import { Procedure } from './procedure/procedure.js'
 import { Stage } from './view3d.js'
-import { showBanner, Silence, stateOf } from './state.js'
+import { FRESH, showBanner, Silence, stateOf } from './state.js'
 
 const STRIP_SPAN = 60 // s, live
 const asked = new URLSearchParams(location.search), posing = asked.has('picture') // only render one picture and send it back
@@ -34,7 +35,7 @@ let chosen = 0                   // needle of the numbers, plots and controls
 let clock = { following: true, playing: true, time: 0, at: 0 } // `time` is used when not following
 let connected = false, refusal = '', silence = new Silence(), pictureSilence = new Silence(), checked = 0, statusAt = 0
 let state = { name: 'unconnected' }
-let latency = [], drawing = null, plotsDrawn = 0, range = 1e-3
+let latency = [], drawing = null, age = new PictureAge(), servers = 0, restarted = 0, plotsDrawn = 0, range = 1e-3
 
 /* ---- received data ---- */
 
@@ -45,6 +46,7 @@ const link = new Link({
   scene: takeScene,
   picture(picture) {
     picture.seeds = procedure.seeds
+    age.receive(picture, liveTime() - picture.time, performance.now())
     history.addPicture(picture)
     pictureSilence.end()
     if (clock.following && scene.live) picture.fresh = true
@@ -59,14 +61,16 @@ const link = new Link({
   plan(plan) { procedure.hearPlan(plan) },
   status(received) {
     status = received
+    noteServer()
     chooseOfStatus()
     statusAt = performance.now()
+    age.hear(status.steered, statusAt)
     silence.end()
     showState()
   },
 })
 
-const drive = new Drive(link, { lever: element('lever'), pad: element('pad'), roll: element('roll'), tilt: element('tilt'), does: element('pad-does'), take: element('take'), reset: element('reset'), note: element('drive-note'), controls: element('controls') })
+const drive = new Drive(link, age, { lever: element('lever'), pad: element('pad'), roll: element('roll'), tilt: element('tilt'), does: element('pad-does'), take: element('take'), reset: element('reset'), note: element('drive-note'), controls: element('controls') })
 
 const procedure = new Procedure({ stage, echo, drive, link, choose }), probe = new Probe({ stage, echo, procedure, drive, link, setSlice })
 
@@ -93,6 +97,16 @@ function takeScene(received) {
   setTheme(document.documentElement.dataset.theme)
 }
 
+/** The numbers and the seeds of a server that was there before are not those of the one that has come. */
+function noteServer() {
+  if (!status.server || status.server === servers) return
+  if (servers) {
+    restarted = history.end
+    procedure.hearRestart()
+  }
+  servers = status.server
+}
+
 /** s, extrapolated clock of trocar-view. */
 function liveTime() { return status.now + (performance.now() - statusAt) / 1000 }
 
@@ -107,18 +121,23 @@ function showState() {
   state = stateOf({ live, link: { connected, refusal, silence: silence.seconds, pictures: pictureSilence.seconds }, status,
                     age: live && history.count ? liveTime() - history.end : Infinity, behind: clock.following ? null : liveTime() - timeShown() })
   document.body.dataset.state = state.name
-  const badge = element('link')
-  badge.textContent = state.badge
-  badge.className = `badge ${state.kind}`
+  const badge = element('link'), seen = age.at(now), late = state.name === 'live' && drive.driving && seen > LATE
+  badge.textContent = late ? `${seen.toFixed(1)} s late` : state.badge
+  badge.className = `badge ${late ? 'past' : state.kind}`
   showBanner(element('banner'), state)
   drive.show(status, state)
   element('rate').textContent = status.alive ? `${(status.rate / 1000).toPrecision(3)} kHz` : '–'
   element('notice').textContent = element('notice').title = noticeOf(status)
 }
 
+/** The server's flags in words; those that are not here are shown as they are. */
+const FLAGS = { stale: 'no recent pose: the force fades', saturated: 'force limited', not_realtime: 'the server runs without real time', late_worker: 'the tissue is computed late',
+                unstable: 'the model failed: the insertion starts over', overrun: 'the server is overloaded: no force', active: 'the hand gets energy', missed_guide: 'the needle is beside the holes of a guide',
+                outside_model: 'the shaft is pushed in from the side, where no force is computed', probe_stopped: 'the tissue stops the probe' }
+
 function noticeOf({ state: hand, flags = [], scene: served = '', message = '' }) {
   const unheld = ['leaving', 'resting', 'taking'].includes(hand) // nobody sends poses for such a needle
-  const words = flags.filter((flag) => flag !== 'ramping' && !(flag === 'stale' && unheld)).map((flag) => flag.replaceAll('_', ' '))
+  const words = flags.filter((flag) => flag !== 'ramping' && !(flag === 'stale' && unheld)).map((flag) => FLAGS[flag] ?? flag.replaceAll('_', ' '))
   if (message && !(procedure.active && /^command \d+ of/.test(message))) words.push(scene?.live ? `server: ${message}` : message) // procedure mode shows answers to commands itself
   if (served && served.split('/').pop() !== scene.path.split('/').pop()) words.unshift(`the server runs ${served}, not this scene`)
   return words.join(' · ')
@@ -197,6 +216,7 @@ function showPicture() {
   shown = picture
   if (same) {
     shown.fresh = false
+    age.show(shown)
     return
   }
   const largest = stage.show(picture)
@@ -237,6 +257,7 @@ function noteLatency() {
   const poseTime = drawing?.needles[chosen]?.poseTime
   if (poseTime) latency.push(performance.timeOrigin + performance.now() - poseTime)
   if (latency.length > 30) latency.shift()
+  if (drawing) age.show(drawing)
   drawing = null
 }
 
@@ -259,7 +280,8 @@ function showNumbers() {
   showScale()
   if (history.count === 0) return
   const rests = clock.following && status.state === 'resting' // nobody feels it
-  const at = rests ? -1 : clock.following ? history.count - 1 : history.sampleNear(timeShown()), value = (column) => history.columns[column][at]
+  const newest = history.count - 1, gone = history.end <= restarted || scene.live && status.alive && liveTime() - history.end > FRESH // of another server, or of a needle that has rested since
+  const at = rests || clock.following && gone ? -1 : clock.following ? newest : history.sampleNear(timeShown()), value = (column) => history.columns[column][at]
   element('depth').textContent = at < 0 ? '–' : `${(1e3 * value(7)).toFixed(1)} mm`
   element('force').textContent = at < 0 ? '–' : `${Math.hypot(value(1), value(2), value(3)).toFixed(2)} N`
   const tip = stage.needles[chosen].tip
@@ -426,4 +448,4 @@ if (posing) {
     pose()
   }, 50)
 }
-window.trocar = { stage, echo, plots, drive, probe, seek, goLive, setCut, setTheme, choose, procedure, get chosen() { return chosen }, get history() { return history }, get status() { return status }, get state() { return state }, get shown() { return shown }, get latency() { return latency } }
+window.trocar = { stage, age, echo, plots, drive, probe, seek, goLive, setCut, setTheme, choose, procedure, get chosen() { return chosen }, get history() { return history }, get status() { return status }, get state() { return state }, get shown() { return shown }, get latency() { return latency } }

@@ -1,7 +1,7 @@
 // A needle with its actual bending, its hub, and its contacts.
 import * as THREE from 'three'
 import { CONTACT, GUIDED } from './colours.js'
-import { CONTACT_NUMBERS, GUIDE } from './decode.js'
+import { CONTACT_NUMBERS, GUIDE, TIP } from './decode.js'
 
 const RINGS = 180, SIDES = 14
 const BEVEL = 4          // length of the tip's bevel in diameters
@@ -122,12 +122,12 @@ export class Needle {
     this.place.needsUpdate = this.normal.needsUpdate = true
   }
 
-  /** A dot for each contact and an arrow for its force on tissue or guide. The last contact is the tip if its arc equals the needle's length. */
+  /** A dot for each contact and an arrow for its force on tissue or guide. */
   touch(contacts) {
     const count = contacts.length / CONTACT_NUMBERS, matrix = new THREE.Matrix4(), turn = new THREE.Quaternion(), up = new THREE.Vector3(0, 1, 0)
     const place = new THREE.Vector3(), force = new THREE.Vector3(), size = new THREE.Vector3(), colour = new THREE.Color()
     for (let i = 0; i < count; i++) {
-      const at = CONTACT_NUMBERS * i, [arc, state, kind] = contacts.subarray(at + 6, at + 9), tip = arc > this.length - 1e-6 && kind !== GUIDE
+      const at = CONTACT_NUMBERS * i, [state, kind] = contacts.subarray(at + 7, at + 9), tip = kind === TIP
       place.fromArray(contacts, at)
       force.fromArray(contacts, at + 3)
       const length = FORCE_SCALE * force.length(), head = Math.min(1, length / ARROW_HEAD)

@@ -5,6 +5,7 @@ import { AXES } from './colours.js'
 import { GAP } from './history.js'
 
 const SLOT = 0.01 // s, period of samples
+const CLOSE = 90 // px, height of a plot in which the labels of all decades would touch
 const MICRO = 1e6, MILLI = 1e3
 const TIMING = ['#f2b134', '#8c6bd6'] // compute, lateness
 const PLOTS = [
@@ -42,7 +43,8 @@ export class Plots {
   build(plot) {
     const axis = { stroke: () => css('--muted'), grid: { stroke: () => css('--grid'), width: 1 }, ticks: { show: false }, font: '10px system-ui, sans-serif' }
     const number = (value) => (value === null || value === undefined ? '–' : fixed(plot.scale * value, plot.scale === 1 ? 2 : plot.logarithmic ? 0 : 1))
-    const decades = (u, splits) => splits.map((v) => (Math.abs(Math.log10(v) - Math.round(Math.log10(v))) < 1e-6 ? v : null))
+    const isDecade = (v, every) => Math.abs(Math.log10(v) / every - Math.round(Math.log10(v) / every)) < 1e-6
+    const decades = (u, splits) => splits.map((v) => (isDecade(v, u.bbox.height / devicePixelRatio < CLOSE ? 2 : 1) ? v : null)) // each second one in a low plot
     const holder = document.createElement('div')
     if (plot.live) holder.className = 'live-only'
     const head = document.createElement('header')

@@ -1,7 +1,7 @@
 // The ultrasound probe: its body, the force on the hand that holds it, the keys that move it, and the image planes, which go where it goes.
 import * as THREE from 'three'
 
-const FREE = '#8fa6bd', PRESSING = '#e8a33d'
+const FREE = '#8fa6bd', PRESSING = '#e8a33d', STOPPED = '#e05252'
 const MOVED = 1e-5 // m: the image planes follow a probe that has moved
 const STILL = [0, 0, 0, 0, 0, 0]
 
@@ -17,6 +17,13 @@ function body({ radius, tipRadius, length }) {
   return new THREE.Mesh(geometry, new THREE.MeshLambertMaterial({ color: FREE, transparent: true, opacity: 0.55, side: THREE.DoubleSide, depthWrite: false }))
 }
 
+function colour({ contacts, stopped }) { return stopped ? STOPPED : contacts ? PRESSING : FREE }
+
+function describe({ contacts, force, stopped }) {
+  const pressing = contacts ? `Probe: ${Math.hypot(...force).toFixed(2)} N, pressing ${contacts} points` : 'Probe: no contact'
+  return stopped ? `${pressing}. The tissue stops it: draw it back` : pressing
+}
+
 export class Probe {
   /** `setSlice`: moves the axial image to this z. */
   constructor({ stage, echo, procedure, drive, link, setSlice }) {
@@ -27,10 +34,12 @@ export class Probe {
     document.getElementById('drive-note').before(this.words)
     this.button.addEventListener('click', (event) => { this.toggle(); event.currentTarget.blur() })
     for (const slice of [echo, procedure.sagittal]) slice.overlays.push((image, ink) => this.outline(image, ink))
-    drive.send = (command) => {
-      link.steer(this.moving ? STILL : command)
-      if (this.moving) link.moveProbe(command)
+    drive.send = (command, number) => {
+      link.steer(this.moving ? STILL : command, number)
+      if (this.moving) link.moveProbe(command, number)
     }
+    const ofNeedle = drive.limit
+    drive.limit = () => (this.moving ? 1 : ofNeedle())
   }
 
   load(scene) {
@@ -49,7 +58,7 @@ export class Probe {
   outline(image, ink) {
     if (!this.last) return
     const { radius } = this.shape, { x, y, z } = this.place(this.last), unit = image.unit
-    ink.strokeStyle = this.last.contacts ? PRESSING : FREE
+    ink.strokeStyle = colour(this.last)
     ink.lineWidth = 1.5 * unit
     ink.beginPath()
     if (image.plane.across === 'x') {
@@ -93,9 +102,9 @@ export class Probe {
     this.body.visible = true
     this.body.position.fromArray(probe.position)
     this.body.quaternion.copy(this.turn(probe))
-    this.body.material.color.set(probe.contacts ? PRESSING : FREE)
+    this.body.material.color.set(colour(probe))
     this.stage.dirty = this.echo.dirty = this.procedure.sagittal.dirty = true
-    this.words.textContent = probe.contacts ? `Probe: ${Math.hypot(...probe.force).toFixed(2)} N, pressing ${probe.contacts} points` : 'Probe: no contact'
+    this.words.textContent = describe(probe)
     if (moved) this.aim(probe, first)
   }
 

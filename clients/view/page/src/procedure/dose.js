@@ -2,7 +2,7 @@
 import * as THREE from 'three'
 import { ISODOSE } from '../colours.js'
 
-const WIDTH = 300, HEIGHT = 118, LEFT = 30, RIGHT = 6, TOP = 6, BOTTOM = 27
+const WIDTH = 300, HEIGHT = 118, LEFT = 42, RIGHT = 6, TOP = 6, BOTTOM = 27
 const STATES = [ // side by side
   { key: 'planned', name: 'plan', title: 'The plan, in the tissue at rest', colour: '#a97be8', dash: '2 3' },
   { key: 'now', name: 'now', title: 'In the tissue as the needles have displaced it', colour: '#d9607a', dash: '' },
@@ -42,8 +42,9 @@ function histogram({ organs, top, prescription }) {
   const doses = ISODOSE.map(({ level, colour }) => line(x(level), TOP, x(level), HEIGHT - BOTTOM, `stroke="${colour}" stroke-width="1.5"`))
   const ticks = Array.from({ length: top + 1 }, (_, i) => `<text x="${x(i)}" y="${HEIGHT - BOTTOM + 11}" text-anchor="${i === top ? 'end' : 'middle'}">${Math.round(i * prescription)}</text>`)
   const curves = curvesOf(organs).map(({ values, colour, dash }) => `<polyline points="${values.map((volume, k) => `${x(top * k / (values.length - 1)).toFixed(1)},${y(volume).toFixed(1)}`).join(' ')}" fill="none" stroke="${colour}" stroke-width="1.8" stroke-dasharray="${dash}"/>`)
-  return `<svg viewBox="0 0 ${WIDTH} ${HEIGHT}" role="img" aria-label="Dose-volume histogram">${[...grid, ...doses, ...ticks, ...curves].join('')}
-    <text x="${(LEFT + WIDTH - RIGHT) / 2}" y="${HEIGHT - 4}" text-anchor="middle">at least this dose (Gy) in this part of the volume (%)</text></svg>`
+  return `<svg viewBox="0 0 ${WIDTH} ${HEIGHT}" role="img" aria-label="Dose-volume histogram: the part of each volume that gets at least a dose">${[...grid, ...doses, ...ticks, ...curves].join('')}
+    <text x="${(LEFT + WIDTH - RIGHT) / 2}" y="${HEIGHT - 4}" text-anchor="middle">dose (Gy)</text>
+    <text transform="translate(10 ${(TOP + HEIGHT - BOTTOM) / 2}) rotate(-90)" text-anchor="middle">volume (%)</text></svg>`
 }
 
 /** Rows: a name with its unit, a value of the figures, and the customary aim. */

@@ -1,15 +1,21 @@
 // Procedure mode, for a live scene with a template: axial and sagittal images with the template's holes, seeds, plan and dose, and what to do next.
 import * as THREE from 'three'
+import { LATE } from '../age.js'
+import { TOUCH } from '../drive.js'
 import { AXIAL, Echo, SAGITTAL } from '../ultrasound_view.js'
 import { describeDose, shadeSlices } from './dose.js'
-import { MaterialPoint } from './material.js'
+import { MaterialPoint, regionOf, tetAt } from './material.js'
 import { Seeds3D } from './seeds3d.js'
 import { SliceMarks } from './slice_marks.js'
 import { Template } from './template.js'
 
 const ORGANS = /prostate|gland|urethra|rectum/i
+const TARGET = /prostate|gland/i // where seeds belong
+const ASK_AGAIN = 500 // ms, for a hole that trocar-view has not taken note of
+const PUSH = TOUCH ? 'lever up' : 'hold W', PULL = TOUCH ? 'lever down' : 'hold S'
 const IN_LINE = 5e-4 // m, of the tip with the hole's axis
 const AT_TARGET = 1e-3 // m
+const THROUGH = 0.01 // m of the needle in the tissue, with the tip outside: not where it enters
 const NONE = { pending: [], seeds: [] }
 const ANSWERS = { // to a command that was carried out, or refused; #: the needle
   drop: ['The seed is at the tip, still in the needle.', 'No seed dropped'],
@@ -25,22 +31,33 @@ const element = (id) => document.getElementById(id)
 const mm = (length) => (1e3 * length).toFixed(1)
 const set = (node, text) => { if (node.textContent !== text) node.textContent = text }
 
+/** What this browser's tab remembers of a scene: the chosen hole, the target's depth (m) at rest, and whether it is a planned seed's. */
+function remembered(path) {
+  try { return JSON.parse(sessionStorage.getItem(`procedure ${path}`)) ?? {} } catch { return {} } // nothing is stored in some private windows
+}
+
+function remember(path, choice) {
+  try { sessionStorage.setItem(`procedure ${path}`, JSON.stringify(choice)) } catch { /* likewise */ }
+}
+
 export class Procedure {
   constructor({ stage, echo, drive, link, choose }) {
     Object.assign(this, { stage, echo, drive, link, chooseNeedle: choose, available: false, active: false, seeds: NONE, plan: [], states: [] })
     this.sagittal = new Echo(element('sagittal-echo'), element('sagittal-marks'), SAGITTAL)
+    drive.limit = () => (this.active && (this.waits || this.isThrough) ? 0 : 1)
+    drive.letGo = () => (this.active && drive.lies ? this.leave() : link.release())
     this.reset()
     for (const slice of [echo, this.sagittal]) new SliceMarks(this, slice)
     this.addControls()
   }
 
   reset() {
-    Object.assign(this, { hole: null, hovered: null, target: null, planned: false, asked: null, answered: undefined, dropped: null, left: null, dose: null, seedsNow: [], plannedNow: [], plan: [], shown: '' })
+    Object.assign(this, { hole: null, hovered: null, target: null, planned: false, asked: null, waits: false, isThrough: false, tipTet: -1, answered: undefined, dropped: null, left: null, dose: null, seedsNow: [], plannedNow: [], plan: [], shown: '' })
   }
 
   load(scene) {
     const index = scene.live ? scene.guides.findIndex(({ columns, rows }) => columns * rows > 1) : -1
-    const before = this.scene?.path === scene.path ? { hole: this.hole, rest: this.target?.rest, planned: this.planned } : {} // the page was disconnected
+    const before = remembered(scene.path) // the page was disconnected, or loaded again
     this.reset()
     this.seeds = NONE
     this.scene = scene
@@ -67,9 +84,11 @@ export class Procedure {
   }
 
   /** The hole and the target, wherever it was moved to. */
-  restore({ hole, rest, planned }) {
+  restore({ hole, depth, planned }) {
+    if (!(hole.column < this.template.columns && hole.row < this.template.rows)) return
     this.hole = hole
-    this.setTarget(this.template.depthOf(rest))
+    element('hole').value = this.template.name(hole)
+    this.setTarget(depth)
     this.planned = planned
   }
 
@@ -110,13 +129,21 @@ export class Procedure {
     this.left ??= seeds.seeds.length
   }
 
-  hearPlan(plan) { this.plan = plan.map(({ hole, position }) => ({ hole, point: new MaterialPoint(this.scene, new THREE.Vector3(...position)) })) }
+  hearPlan(plan) { this.plan = plan.map(({ hole, position }) => ({ hole: this.template.name(this.template.find(hole)), point: new MaterialPoint(this.scene, new THREE.Vector3(...position)) })) }
 
   hearDose(dose) {
     if (!this.available) return
     this.dose = dose
     shadeSlices([this.echo, this.sagittal], dose)
     element('dose').innerHTML = describeDose(dose)
+  }
+
+  /** Another server has come, in whose tissue nothing has happened yet. */
+  hearRestart() {
+    const lost = Math.max(this.seeds.seeds.length, this.left ?? 0)
+    this.seeds = NONE
+    Object.assign(this, { left: 0, dropped: null, shown: '' })
+    this.say(`The server has been restarted: the needles are out${lost ? `, and ${lost === 1 ? 'the seed is' : `the ${lost} seeds are`} gone` : ''}.`, true)
   }
 
   /** The server's answer to a command. */
@@ -129,7 +156,14 @@ export class Procedure {
     const [words, refused] = ANSWERS[command] ?? ['', 'Refused']
     if (!done && command === 'leave') this.drive.asked = false
     const named = (text) => text.replace('#', needle)
-    this.say(named(done ? words : `${refused}: ${message}.`), !done)
+    const astray = done && command === 'drop' ? this.outOfTarget(this.tipTet) : ''
+    this.say(named(done ? `${words}${astray}` : `${refused}: ${message}.`), !done || Boolean(astray))
+  }
+
+  /** In words, '' where seeds belong, or if the scene names no such region. */
+  outOfTarget(tet) {
+    const target = this.scene.regions.find(({ name }) => TARGET.test(name))?.name, region = regionOf(this.scene, tet)
+    return !target || TARGET.test(region) ? '' : ` It is not in the ${target}${region ? `, but in “${region}”` : ', nor in the tissue'}.`
   }
 
   say(text, bad = false) {
@@ -143,7 +177,6 @@ export class Procedure {
     element('hole-form').addEventListener('submit', (event) => { event.preventDefault(); this.chooseTyped() })
     element('drop').addEventListener('click', (event) => { this.drop(); event.currentTarget.blur() })
     element('undo').addEventListener('click', (event) => { this.undo(); event.currentTarget.blur() })
-    element('leave').addEventListener('click', (event) => { this.leave(); event.currentTarget.blur() })
     element('fresh').addEventListener('click', (event) => { this.takeNew(); event.currentTarget.blur() })
     for (let count = 2; count <= STRAND; count++) element('strand').append(new Option(`${count}`, count))
     element('strand').addEventListener('change', (event) => { set(element('drop'), event.target.value > 1 ? 'Drop strand of' : 'Drop seed'); event.target.blur() })
@@ -203,6 +236,7 @@ export class Procedure {
     if (taken >= 0 && taken !== this.drive.needle) return this.say(`Needle ${taken} is in hole ${this.template.name(hole)}: choose another one.`, true)
     this.hole = { column: hole.column, row: hole.row }
     this.asked = null
+    this.again = true // also to the same hole, from where the needle has been steered
     element('hole').value = this.template.name(hole)
     this.say('')
     this.aimAtPlan() || this.setTarget(this.template.depthOf(this.middle()))
@@ -226,6 +260,7 @@ export class Procedure {
   setTarget(depth) {
     this.target = new MaterialPoint(this.scene, this.template.onAxis(this.hole, depth))
     this.shown = ''
+    remember(this.scene.path, { hole: this.hole, depth, planned: this.planned })
   }
 
   aimAt(event) {
@@ -253,6 +288,12 @@ export class Procedure {
     return Boolean(state) && (state !== 'held' || owned !== 'nobody' || Boolean(this.template.holeOf(this.needles[needle].line)))
   }
 
+  /** Whether it rests, or nobody holds it. */
+  isFree(needle) {
+    const { state, owned } = this.states[needle] ?? {}
+    return state === 'resting' || state === 'held' && owned === 'nobody'
+  }
+
   leave() {
     if (!this.drive.steering) return this.say('Press “Drive the needle” first.', true)
     this.drive.asked = true // no surprise when it is let go
@@ -261,7 +302,7 @@ export class Procedure {
 
   /** Takes the first needle that is not in use. The chosen hole stays if it is free. */
   takeNew() {
-    if (this.drive.driving) return this.say(`Press “Leave it in”, or draw needle ${this.drive.needle} out and press “Let go”.`, true)
+    if (this.drive.driving) return this.say(`Press “${this.drive.lies ? 'Leave it in' : 'Let go'}” first.`, true)
     const needle = this.needles.findIndex((_, i) => this.states[i]?.state === 'held' && !this.isInUse(i))
     if (needle < 0) return this.say(`All ${this.needles.length} needles are in use: pull one out.`, true)
     if (this.hole && this.needleIn(this.hole) >= 0) this.forgetHole()
@@ -275,7 +316,7 @@ export class Procedure {
   }
 
   remove(needle) {
-    if (this.states[needle]?.state !== 'resting') return this.say(`Needle ${needle} does not rest. Draw it out (hold S).`, true)
+    if (!this.isFree(needle)) return this.say(`Somebody holds needle ${needle}. Draw it out (${PULL}).`, true)
     this.link.remove(needle)
   }
 
@@ -288,6 +329,7 @@ export class Procedure {
   forgetHole() {
     Object.assign(this, { hole: null, target: null, targetNow: null, planned: false, shown: '' })
     element('hole').value = ''
+    remember(this.scene.path, null)
   }
 
   /** A and B of a gamepad. */
@@ -354,30 +396,54 @@ export class Procedure {
 
   /** Some times a second: the state in words, and what to do next. */
   describe(status, state, history, chosen) {
+    this.drive.lies = false
     if (!this.active) return
-    const tip = this.needles[chosen].tip, depths = history.tracks.map(({ count, columns }) => (count ? columns[7][count - 1] : 0)), depth = depths[chosen]
+    const needle = this.needles[chosen], tip = needle.tip, depths = history.tracks.map(({ count, columns }) => (count ? columns[7][count - 1] : 0)), depth = this.isOut(needle) ? 0 : depths[chosen]
     this.states = status.needles ?? []
-    this.goToHole(depth)
+    this.adoptHole(chosen)
+    this.goToHole(status, depth)
+    this.noteTip(tip, depth)
+    this.drive.lies = depth > 0 && this.states[chosen]?.state === 'held'
     this.noteSeeds(chosen, depth)
     this.listNeedles(chosen)
     this.showAim(tip)
-    set(element('next'), state.name === 'live' ? this.nextStep(tip, depth, chosen, this.states[chosen]?.state) : `${state.title ?? ''}.`)
+    const step = state.name === 'live' ? this.nextStep(tip, depth, chosen, this.states[chosen]?.state) : `${state.title ?? ''}.`
+    set(element('next'), step)
     const pending = this.seeds.pending[chosen] > 0
     element('drop').disabled = !this.drive.steering || pending
-    element('leave').disabled = !this.drive.steering || depth === 0
     element('fresh').disabled = state.name !== 'live' || Boolean(status.driven) || !this.isInUse(chosen) // else the chosen one is as good
     element('undo').disabled = !this.drive.steering || !(pending || this.seeds.seeds.some(({ needle }) => needle === chosen))
   }
 
-  /** Sends the driven needle to the chosen hole once it is outside of the tissue. */
-  goToHole(depth) {
-    if (!this.drive.steering) this.asked = null
-    const { state, owned } = this.states[this.drive.needle] ?? {}
-    if (!this.drive.steering || !this.hole || depth !== 0 || state !== 'held' || owned !== 'here') return
-    const name = this.template.name(this.hole)
-    if (this.asked === name) return
-    this.asked = name
+  /** In front of the template: then the newest sample may be from before the needle was pulled out, or of another server. */
+  isOut({ tip, line }) { return Boolean(tip) && this.template.depthOf(tip) <= 0 && !this.template.holeOf(line) }
+
+  /** The hole that a taken needle is in, if none has been chosen. */
+  adoptHole(chosen) {
+    const hole = !this.hole && this.drive.driving && this.template.holeOf(this.needles[chosen].line)
+    if (hole) this.choose(hole)
+  }
+
+  /** Sends the driven needle to the chosen hole once it is outside of the tissue. Until trocar-view has taken note of the hole, forward is not sent. */
+  goToHole(status, depth) {
+    const { state, owned } = this.states[this.drive.needle] ?? {}, { guide, column, row, approaching } = status.hole ?? {}
+    this.approaching = Boolean(approaching)
+    this.waits = false
+    if (!this.drive.steering || !this.hole || depth !== 0) return
+    const known = guide === this.template.index && column === this.hole.column && row === this.hole.row, now = performance.now()
+    if (known && !this.again) return
+    this.waits = true
+    if (state !== 'held' || owned !== 'here' || now - (this.asked ?? -Infinity) < ASK_AGAIN) return
+    this.asked = now
+    this.again = false
     this.link.goToHole(this.template.index, this.hole.column, this.hole.row)
+  }
+
+  /** Where the tip is in the displaced tissue. */
+  noteTip(tip, depth) {
+    this.tipTet = tip && depth > 0 ? tetAt(this.scene, this.stage.anatomy.place.array, tip.toArray(), this.tipTet) : -1
+    const entered = this.template.guide.thickness ?? 0
+    this.isThrough = depth > THROUGH && this.tipTet < 0 && Boolean(tip) && this.template.depthOf(tip) > entered
   }
 
   /** Says when a seed has stayed in the tissue. */
@@ -391,19 +457,25 @@ export class Procedure {
     }
     if (seeds.length > this.left) {
       if (!(pending[chosen] > 0)) this.dropped = null
-      this.say(`Seed ${seeds.length} is in the tissue.`)
+      this.sayLeft(seeds.slice(this.left))
     }
     if (seeds.length !== this.left && this.hole) this.aimAtPlan()
     this.left = seeds.length
     set(element('seed-count'), seeds.length || pending.some(Boolean) ? `${seeds.length} in the tissue${pending[chosen] ? `, ${pending[chosen]} in the needle` : ''}` : 'none yet')
   }
 
+  /** `left`: the seeds that have stayed in the tissue since. */
+  sayLeft(left) {
+    const count = this.seeds.seeds.length, astray = left.map(({ restPosition }) => this.outOfTarget(new MaterialPoint(this.scene, new THREE.Vector3(...restPosition)).tet ?? -1)).find(Boolean)
+    this.say(`Seed ${count} is in the tissue.${astray ?? ''}`, Boolean(astray))
+  }
+
   /** Those in use, and the chosen one. */
   listNeedles(chosen) {
-    const listed = this.needles.map((_, i) => i).filter((i) => i === chosen || this.isInUse(i)), rests = (i) => this.states[i]?.state === 'resting'
+    const listed = this.needles.map((_, i) => i).filter((i) => i === chosen || this.isInUse(i))
     const rows = listed.map((i) => {
       const { state, owned } = this.states[i] ?? {}, hole = this.template.holeOf(this.needles[i].line)
-      return { needle: i, chosen: i === chosen, rests: rests(i), driving: this.drive.driving,
+      return { needle: i, chosen: i === chosen, free: this.isFree(i) && (state === 'resting' || Boolean(hole)), driving: this.drive.driving,
                cells: [`${i}`, state && state !== 'held' ? state : OWNERS[owned] ?? '–', hole ? this.template.name(hole) : '–', hole ? `${mm(this.template.depthOf(this.needles[i].tip))} mm` : '–'] }
     })
     const text = JSON.stringify(rows), body = element('needles').tBodies[0]
@@ -414,7 +486,7 @@ export class Procedure {
     if (focus) [...body.querySelectorAll('button')].find((button) => button.getAttribute('aria-label') === focus)?.focus()
   }
 
-  rowOf({ needle, chosen, rests, driving, cells }) {
+  rowOf({ needle, chosen, free, driving, cells }) {
     const row = document.createElement('tr'), buttons = document.createElement('td')
     const button = (text, title, act, disabled) => {
       const made = Object.assign(document.createElement('button'), { textContent: text, title, disabled })
@@ -422,11 +494,12 @@ export class Procedure {
       made.addEventListener('click', act)
       buttons.append(made)
     }
-    if (rests) {
+    if (free) {
       button('Take', 'Hold it again, where it is (T if it is the chosen one)', () => this.take(needle), driving)
       button('Pull out', 'Remove it from the tissue (Z if it is the chosen one)', () => this.remove(needle), false)
     }
     row.classList.toggle('chosen', chosen)
+    row.addEventListener('click', (event) => { if (!event.target.closest('button') && !this.drive.driving) this.chooseNeedle(needle) })
     row.append(...cells.map((cell) => Object.assign(document.createElement('td'), { textContent: cell })), buttons)
     return row
   }
@@ -446,25 +519,27 @@ export class Procedure {
   }
 
   nextStep(tip, depth, chosen, needleState) {
-    if (needleState === 'leaving') return 'The needle is let go.'
+    if (needleState === 'leaving') return 'The needle is left where it is.'
     if (needleState === 'taking') return 'The needle is handed over.'
-    if (needleState === 'resting') return `Needle ${chosen} rests. Press “New needle” for another hole, or “Take the needle” to hold it again.`
+    if (needleState === 'resting') return `Needle ${chosen} rests. Press “New needle” for another hole, or “Take the needle” to go on with it.`
     if (!this.hole) return 'Click on a hole, a blue dot in the axial image, or type its name, such as C3.5.'
     const name = this.template.name(this.hole)
-    if (!this.drive.steering && depth > 0) return 'The needle is in the tissue. Press “Drive the needle” to take it there.'
+    if (!this.drive.steering && depth > 0) return 'Nobody holds the needle, which is in the tissue. Press “Take the needle” to go on with it.'
     if (!this.drive.steering) return `Hole ${name} is chosen. Press “Drive the needle”, and it moves there.`
     if (this.seeds.pending[chosen] > 0) {
       const { seeds = this.seeds.pending[chosen], depth: from } = this.dropped ?? {}, length = (seeds - 1) * this.scene.seedSpacing + this.seedLength
-      return `Draw the needle back ${mm(Math.max(length - ((from ?? depth) - depth), 0))} mm (hold S) to leave the ${seeds > 1 ? `strand of ${seeds}` : 'seed'}.`
+      return `Draw the needle back ${mm(Math.max(length - ((from ?? depth) - depth), 0))} mm (${PULL}) to leave the ${seeds > 1 ? `strand of ${seeds}` : 'seed'}.`
     }
     const current = this.template.holeOf(this.needles[chosen].line)
-    if (depth > 0 && current && this.template.name(current) !== name) return `Draw the needle out (hold S) before it can go to hole ${name}.`
-    if (depth === 0 && (!tip || this.template.aside(tip, this.hole).length() > IN_LINE)) return `The needle moves to hole ${name}.`
-    if (depth === 0) return 'Hold W, or the lever up, to push the needle in. Shift slows it down.'
-    if (this.seedHere(chosen) && !this.planned) return 'The seed is left, and its dose is shown. Drop the next one farther out, draw the needle out, or press “Leave it in” and take a new one.'
+    if (depth > 0 && current && this.template.name(current) !== name) return `Draw the needle out (${PULL}) before it can go to hole ${name}.`
+    if (this.isThrough) return `The tip has come out of the tissue on its far side. Draw the needle back (${PULL}).`
+    if (depth === 0 && (this.waits || this.approaching)) return `The needle moves to hole ${name}. Then push it in (${PUSH}).`
+    if (depth === 0 && tip && this.template.aside(tip, this.hole).length() > IN_LINE && this.drive.age.at(performance.now()) < LATE) return `The needle is beside hole ${name}. Press “Go”, and it moves there.`
+    if (depth === 0) return TOUCH ? 'Hold the lever up to push the needle in.' : 'Hold W, or the lever up, to push the needle in. Shift slows it down.'
+    if (this.seedHere(chosen) && !this.planned) return 'The seed is left, and its dose is shown. Drop the next one farther out, draw the needle out, or press “Leave it in” and “New needle”.'
     const { along } = this.tipError(tip)
-    if (along > AT_TARGET) return `Push on (W): ${mm(along)} mm to the target. Then press “Drop seed”.`
-    if (along < -AT_TARGET) return `Draw the needle back (S): ${mm(-along)} mm to the target. Then press “Drop seed”.`
+    if (along > AT_TARGET) return `Push on (${PUSH}): ${mm(along)} mm to the target. Then press “Drop seed”.`
+    if (along < -AT_TARGET) return `Draw the needle back (${PULL}): ${mm(-along)} mm to the target. Then press “Drop seed”.`
     return 'Press “Drop seed”.'
   }
 

@@ -1,0 +1,34 @@
+/* What the operator of an implant can see: the marks on each needle, at the template, and in an image where the tissue has moved. */
+#ifndef TROCAR_IMPLANT_WATCH_H
+#define TROCAR_IMPLANT_WATCH_H
+
+#include <lcm/lcm.h>
+
+#include "implant_plan.h"
+#include "server_choice.h"
+
+typedef struct {
+    lcm_t *lcm;
+    server_choice choice;
+    int node_count;
+    double *displacements;   /* [node_count][3] m, of the newest picture; zero before the first */
+    pose bases[TROCAR_MAX_NEEDLES];
+    double seen[TROCAR_MAX_NEEDLES]; /* s, playing_now at which that base arrived; 0: never */
+} implant_watch;
+
+/* `url`: NULL for LCM's default. SYSTEM if LCM fails. */
+trocar_status implant_watch_open(implant_watch *w, const char *url, int node_count, report *why);
+
+/* Also after it has failed to open, and for one that is all zero. */
+void implant_watch_close(implant_watch *w);
+
+/* Takes in what has arrived. */
+void implant_watch_look(implant_watch *w);
+
+/* m, how far a needle reaches beyond the template's face, as read from its marks there. */
+double implant_watch_depth(const implant_watch *w, int needle, const planned_needle *planned, double needle_length);
+
+/* m, how far the tissue has carried the place of a needle's seed along the hole. */
+double implant_watch_shift(const implant_watch *w, const planned_needle *planned, int seed);
+
+#endif

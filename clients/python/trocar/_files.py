@@ -1,0 +1,20 @@
+"""Files that a user names, or that may have been changed since a program wrote them."""
+from __future__ import annotations
+
+import os
+import stat
+from typing import IO, Any
+
+
+def open_regular(path: str | os.PathLike[str], flags: int) -> int:
+    """os.open(), for regular files only: opening a FIFO would wait until somebody writes to it, for ever. OSError."""
+    descriptor = os.open(path, flags | os.O_NONBLOCK, 0o666)
+    if not stat.S_ISREG(os.fstat(descriptor).st_mode):
+        os.close(descriptor)
+        raise OSError(0, "not a regular file", os.fspath(path))
+    return descriptor
+
+
+def open_input(path: str | os.PathLike[str], mode: str = "r", **options: Any) -> IO[Any]:
+    """open(), for regular files only. OSError."""
+    return open(path, mode, opener=open_regular, **options)

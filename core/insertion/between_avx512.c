@@ -1,7 +1,0 @@
-/* The kernel once more, for processors with AVX-512: compiled for x86-64-v4 (CMakeLists.txt). */
-#include "insertion/between_kernels.h" /* ISO C has no empty files */
-
-#ifdef __AVX512F__
-#define BETWEEN_KERNEL between_avx512
-#include "insertion/between_kernels.c"
-#endif

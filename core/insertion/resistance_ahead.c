@@ -1,0 +1,136 @@
+#include "insertion/resistance_ahead.h"
+
+#include "insertion/obstacle.h"
+#include "insertion/old_tracks.h"
+#include "insertion/tip_path.h"
+
+/* ---- the stretches ------------------------------------------------------------------------------------------------- */
+
+/* In the order in which the tip comes to them. */
+static void add_stretch(resistance_ahead *ahead, stretch_ahead added) {
+    int k = ahead->count;
+    if (k == MAX_KNOTS) return;
+    for (; k > 0 && ahead->stretches[k - 1].from > added.from; k--) ahead->stretches[k] = ahead->stretches[k - 1];
+    ahead->stretches[k] = added;
+    ahead->count++;
+}
+
+/* Tissue along an open track springs back over a tip that goes farther than the hand carries it. Beyond that, it has the viscosity of tissue that
+   is not open: otherwise nothing would hold what springs back, and the force would fall at once as the tip comes into the track. */
+static void add_tissue(const tick_context *tick, double from, const open_track *track) {
+    const insertion_model *model = tick->model;
+    int tet = tick->state->tip.tet;
+    double whole = model->materials[model->mesh->region[tet]].cutting_viscosity;
+    bool springs_back = from >= tick->scratch->tip_carried;
+    add_stretch(&tick->scratch->ahead, (stretch_ahead){.from = from, .resistance = cutting_resistance(model, tet, track->open),
+                                                       .viscosity = springs_back ? whole : (1.0 - track->open) * whole, .track = *track});
+}
+
+/* Open tracks, one behind the other, and whole tissue. */
+static void add_tracks(const tick_context *tick, double reach) {
+    double carried = tick->scratch->tip_carried, from = 0.0;
+    open_track track = tick->state->tip.follows;
+    while (tick->scratch->ahead.count < MAX_KNOTS - 1) {
+        add_tissue(tick, from, &track);
+        if (track.open == 0.0) return;
+        if (from < carried && carried < track.left) add_tissue(tick, carried, &track);
+        if (track.left > reach) return;
+        from = track.left;
+        track = old_tracks_ahead(tick, from);
+    }
+}
+
+/* Membranes and bone along those stretches. A tip that grazes an outer face meets none. */
+static void add_stops(const tick_context *tick, double reach) {
+    const mesh *m = tick->model->mesh;
+    const needle_tip *tip = &tick->state->tip;
+    const resistance_ahead tissue = tick->scratch->ahead;
+    vec3 x = tip->nominal;
+    double slip = 0.0, chord;
+    if (v3_norm(tip->outward) > 0.0) return;
+    for (int step = 0, k = 0, tet = tip->tet; step < MAX_STEPS && tet >= 0 && slip < reach; step++) {
+        const open_track *track = &tissue.stretches[k].track;
+        vec3 direction = old_tracks_lead(track, tick->scratch->aim);
+        double end = k + 1 < tissue.count ? tissue.stretches[k + 1].from : INFINITY;
+        int face = mesh_exit(m, tet, x, direction, &chord);
+        if (face < 0) return;
+        if (slip + chord > end) {
+            x = v3_axpy(end - slip, direction, x);
+            slip = end;
+            k++;
+            continue;
+        }
+        slip += chord;
+        x = v3_axpy(chord, direction, x);
+        int behind = m->neighbours[tet][face], blocked_by = old_tracks_obstacle(tick, tet, face, behind, x);
+        if (blocked_by != NOT_BLOCKED && slip <= reach) {
+            double resistance = blocked_resistance(tick->model, tet, track->open, blocked_by, old_tracks_torn(tick, blocked_by, x));
+            add_stretch(&tick->scratch->ahead, (stretch_ahead){.from = slip + FACE_CLEARANCE /* so that it gets there */, .resistance = resistance, .stops = true, .track = *track});
+        }
+        x = v3_axpy(FACE_CLEARANCE, direction, x);
+        tet = behind;
+    }
+}
+
+/* How far forward the tip would go if nothing bore a force, m: the hand's advance and all that springs back. */
+static double most_slip(const tick_context *tick) {
+    const contact_point *p = &tick->scratch->points[tick->scratch->point_count - 1];
+    return fmax(v3_dot(needle_along(&p->at), v3_sub(v3_sub(p->at.position, tick->state->base_shift), p->target)), 0.0);
+}
+
+void resistance_ahead_find(const tick_context *tick) {
+    const needle_tip *tip = &tick->state->tip;
+    resistance_ahead *ahead = &tick->scratch->ahead;
+    ahead->count = 0;
+    if (tip->blocked_by != NOT_BLOCKED) {
+        add_stretch(ahead, (stretch_ahead){.resistance = tip_resistance(tick->model, tip), .stops = true, .track = tip->follows});
+        return;
+    }
+    double reach = most_slip(tick);
+    add_tracks(tick, reach);
+    add_stops(tick, reach);
+}
+
+/* ---- the staircase ------------------------------------------------------------------------------------------------- */
+
+static void add_knot(resistance_ahead *ahead, staircase *climb, double at, double level, double slope, int stretch) {
+    if (climb->count == MAX_KNOTS) return;
+    climb->at[climb->count] = at;
+    climb->level[climb->count] = level;
+    climb->slope[climb->count] = slope;
+    ahead->of_knot[climb->count++] = stretch;
+}
+
+/* The staircase is the largest resistance met so far, so that it only goes up: the tip passes a membrane that holds it at the force that pierces it, until
+   the tissue takes more. The membrane gives way in the next step. */
+void resistance_ahead_climb(const tick_context *tick, double work_of_hold, staircase *climb) {
+    resistance_ahead *ahead = &tick->scratch->ahead;
+    vec3 force = tick->state->tip.force, needle = needle_along(&tick->scratch->points[tick->scratch->point_count - 1].at);
+    double tissue = 0.0, slope = 0.0, cutting = 0.0, held = 0.0, at = 0.0; /* N, N/m; N without viscosity; N by what stops the tip; m */
+    climb->count = 0;
+    climb->back = 0.0;
+    for (int k = 0; k < ahead->count && isfinite(held); k++) {
+        const stretch_ahead *s = &ahead->stretches[k];
+        double end = k + 1 < ahead->count ? ahead->stretches[k + 1].from : INFINITY;
+        tissue += slope * (s->from - at);
+        at = s->from;
+        if (s->stops) {
+            held = fmax(held, s->resistance);
+        } else {
+            double resistance = old_tracks_bound(&s->track, force, needle, s->resistance) + work_of_hold;
+            tissue += fmax(resistance - cutting, 0.0);
+            cutting = fmax(cutting, resistance);
+            slope = s->viscosity / tick->dt;
+        }
+        add_knot(ahead, climb, at, fmax(tissue, held), tissue >= held ? slope : 0.0, k);
+        double equal = at + (held - tissue) / slope; /* m, where tissue takes as much as what holds the tip */
+        if (tissue < held && equal < end) add_knot(ahead, climb, equal, held, slope, k);
+    }
+}
+
+open_track resistance_ahead_track(const tick_context *tick) {
+    const insertion_workspace *w = tick->scratch;
+    const contact_problem *p = &w->problem;
+    int piece = p->knot > 0 && p->state[p->climber] != SLIP_FORWARD ? p->knot - 1 : p->knot;
+    return w->ahead.stretches[w->ahead.of_knot[piece]].track;
+}

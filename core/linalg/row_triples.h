@@ -1,0 +1,47 @@
+/* Three rows of a matrix at a time, those of a node: many nodes' columns in one pass, four columns at once. Columns are computed in whole
+   vectors, so that some beside those in use are computed with, too. */
+#ifndef TROCAR_ROW_TRIPLES_H
+#define TROCAR_ROW_TRIPLES_H
+
+#include "base/vec.h"
+
+enum { MAX_COLUMN_RANGES = 3, COLUMN_STEP = 8, BLOCK_LD = 4 };
+
+/* The columns in use: ranges of whole steps. */
+typedef struct {
+    int count;
+    struct { int begin, end; } ranges[MAX_COLUMN_RANGES];
+} column_ranges;
+
+void column_ranges_add(column_ranges *c, int begin, int end); /* `begin` is a multiple of COLUMN_STEP */
+
+/* Three rows, `ld` apart, and what they are multiplied with. */
+typedef struct {
+    const double *rows;
+    int ld;
+    mat3 by;
+} row_triple;
+
+void rows_clear(const column_ranges *c, double *to, int ld);
+void rows_copy(const column_ranges *c, const double *from, int from_ld, double *to, int ld);
+
+/* to += sum of by * rows, entry by entry in this order: the sum's last bits do not depend on what else is computed with it. */
+void rows_add(const column_ranges *c, int count, const row_triple *parts, double *to, int ld);
+
+/* to = sum of weight * rows, likewise. */
+typedef struct {
+    const double *rows;
+    int ld;
+    double weight;
+} weighted_triple;
+void rows_interpolate(const column_ranges *c, int count, const weighted_triple *parts, double *to, int ld);
+
+/* block = sum of rows * by over the first three columns, likewise; the fourth column of the block is zero. */
+typedef struct {
+    const double *rows;
+    int ld;
+    const mat3 *by;
+} block_product;
+void block_sum(int count, const block_product *parts, double block[3][BLOCK_LD]);
+
+#endif

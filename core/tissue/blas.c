@@ -1,0 +1,103 @@
+#define _GNU_SOURCE /* RTLD_DEFAULT */
+#include "tissue/blas.h"
+
+#include <cblas.h>
+#include <dlfcn.h>
+#include <pthread.h>
+#include <sys/mman.h>
+
+/* Neither in a header nor in every build of these libraries. */
+static struct {
+    void *(*allocate)(int);
+    void (*release)(void *);
+    int (*levels)(void);
+    void (*set_levels)(int);
+} library;
+
+static pthread_once_t found = PTHREAD_ONCE_INIT, started = PTHREAD_ONCE_INIT;
+static pthread_mutex_t turn = PTHREAD_MUTEX_INITIALIZER, room = PTHREAD_MUTEX_INITIALIZER;
+static int own_threads;
+
+/* In a child there are no other threads that could give a lock back. */
+static void forget_threads(void) {
+    pthread_mutex_init(&turn, NULL);
+    pthread_mutex_init(&room, NULL);
+    openblas_set_num_threads(1);
+}
+
+static void find_functions(void) {
+    *(void **)&library.allocate = dlsym(RTLD_DEFAULT, "blas_memory_alloc");
+    *(void **)&library.release = dlsym(RTLD_DEFAULT, "blas_memory_free");
+    *(void **)&library.levels = dlsym(RTLD_DEFAULT, "omp_get_max_active_levels");
+    *(void **)&library.set_levels = dlsym(RTLD_DEFAULT, "omp_set_max_active_levels");
+}
+
+static void start(void) {
+    own_threads = openblas_get_num_threads();
+    openblas_set_num_threads(1);
+    pthread_atfork(NULL, NULL, forget_threads);
+}
+
+trocar_status blas_start(report *why) {
+    pthread_once(&started, start);
+    return blas_make_room(1, why);
+}
+
+int blas_own_threads(void) { return own_threads; }
+
+void blas_begin_turn(void) {
+    pthread_mutex_lock(&turn);
+    openblas_set_num_threads(own_threads);
+}
+
+void blas_end_turn(void) {
+    openblas_set_num_threads(1);
+    pthread_mutex_unlock(&turn);
+}
+
+/* ---- memory ----------------------------------------------------------------------------------------------------------- */
+
+enum { MOST_BUFFERS = 32 };             /* OpenBLAS has places for some hundred, and ends the process where they are too few */
+static const size_t BUFFER = 128 << 20; /* bytes, of OpenBLAS on this kind of processor, */
+static const size_t ELSE = 16 << 20;    /* and for what the caller is going to allocate */
+
+/* Buffers that are taken at the same time are different ones, all of which OpenBLAS keeps. */
+static void fill_table(int count) {
+    void *buffer[MOST_BUFFERS];
+    for (int i = 0; i < count; i++) buffer[i] = library.allocate(0);
+    for (int i = 0; i < count; i++) library.release(buffer[i]);
+}
+
+trocar_status blas_make_room(int threads, report *why) {
+    static int there;
+    int wanted = threads < MOST_BUFFERS ? threads : MOST_BUFFERS;
+    trocar_status status = TROCAR_OK;
+    pthread_once(&found, find_functions);
+    if (!library.allocate || !library.release) return TROCAR_OK;
+    pthread_mutex_lock(&room);
+    if (wanted > there) {
+        size_t more = (size_t)(wanted - there) * BUFFER + ELSE;
+        void *probe = mmap(NULL, more, PROT_READ | PROT_WRITE, MAP_PRIVATE | MAP_ANONYMOUS | MAP_NORESERVE, -1, 0);
+        if (probe == MAP_FAILED) status = TROCAR_NO_MEMORY;
+        else munmap(probe, more);
+        if (status == TROCAR_OK) fill_table(there = wanted);
+    }
+    pthread_mutex_unlock(&room);
+    if (status == TROCAR_OK) return status;
+    return fail(why, status, "too little address space: the algebra takes %zu MB for each thread that computes, here for %d: raise ulimit -v, or set OPENBLAS_NUM_THREADS=1",
+        BUFFER >> 20, wanted);
+}
+
+/* ---- OpenMP ----------------------------------------------------------------------------------------------------------- */
+
+int openmp_use_one_thread(void) {
+    pthread_once(&found, find_functions);
+    if (!library.levels || !library.set_levels) return 0;
+    int levels = library.levels();
+    library.set_levels(0);
+    return levels;
+}
+
+void openmp_restore(int levels) {
+    if (library.set_levels) library.set_levels(levels);
+}

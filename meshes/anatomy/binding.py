@@ -1,0 +1,25 @@
+"""Finds the Python package of trocar: that of a build, or the installed one."""
+import glob
+import os
+import sys
+
+HERE = os.path.dirname(os.path.abspath(__file__))
+BUILD = os.path.join(HERE, "../../build")
+PREFIX = os.path.join(HERE, "../../../lib")     # of an installation outside of Python's own folders
+
+
+def trocar(build=None):
+    """The module trocar: of this build, else of the checkout, else as installed. TROCAR_LIBRARY chooses another library. ImportError if it or its library is missing."""
+    build = build or BUILD
+    for package, *patterns in ((f"{build}/clients/python", f"{build}/core/libtrocar.so"),
+                               (f"{PREFIX}/python3/dist-packages", f"{PREFIX}/*/libtrocar.so.*.*", f"{PREFIX}/libtrocar.so.*.*")):
+        libraries = [path for pattern in patterns for path in sorted(glob.glob(pattern))]
+        if libraries and os.path.isdir(f"{package}/trocar"):
+            sys.path[:0] = [package] if package not in sys.path else []
+            os.environ.setdefault("TROCAR_LIBRARY", libraries[0])
+            break
+    try:
+        import trocar as module
+    except OSError as error:    # of the library
+        raise ImportError(str(error)) from error
+    return module

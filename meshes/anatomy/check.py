@@ -1,0 +1,30 @@
+"""Loads a scene with the library that will run it, so that the program only says that it succeeded if it did."""
+import sys
+
+from . import binding, limits
+from .contours import Unusable
+
+WHOLE = 10000               # nodes: of larger meshes only the mesh and its names are read, as the inverse takes minutes
+
+
+def load(path, nodes):
+    """Raises Unusable if the library cannot make a model of the scene. Without the library, says so."""
+    try:
+        trocar = binding.trocar()
+    except ImportError as error:
+        print(f"anatomy: the scene was not tried: {error}: install python3-trocar, or in a checkout build the library with scripts/build demo", file=sys.stderr)
+        return
+    said = limits.run("loading the scene", refused, trocar, path, nodes > WHOLE)
+    if said:
+        raise Unusable("scene", f"the library refuses what was made: {said}")
+
+
+def refused(trocar, path, mesh_only):
+    """What the library says against a scene, or ""."""
+    try:
+        trocar.Model(trocar.Scene.load(path), mesh_only=mesh_only)
+    except trocar.Error as error:
+        if error.status == "no memory":
+            raise MemoryError(str(error)) from error
+        return str(error)
+    return ""

@@ -1,0 +1,112 @@
+"""Pieces of a label image whose surfaces hang together.
+
+CGAL finds a surface by a few random rays and follows it from there; of a surface that hangs together with no other one, such as that of a lesion in
+an organ, it may know nothing. So such surfaces are extracted one by one, each in a section of the image of its own, where rays cannot miss it.
+
+Pieces that touch are neighbours in a graph. Two of its edges belong to one cluster if a circle runs through both: the cluster's surfaces meet along lines.
+A piece that encloses others is in several clusters, of which it is the inside of one and the outside of the others.
+"""
+import collections
+import dataclasses
+
+import numpy as np
+
+AROUND = 0               # number of the tissue (or air) around all pieces; piece k is k + 1
+
+
+@dataclasses.dataclass
+class Cluster:
+    outer: int               # the number around it
+    inner: list              # the other numbers
+    stands: dict             # any number -> that of the cluster's which it is part of, or hangs on
+    edges: set               # pairs of numbers whose surface it has
+
+
+def neighbours_in(numbers):
+    """{number: set of numbers that it touches} of an image of numbered pieces."""
+    pairs = []
+    for axis in range(3):
+        one, other = np.take(numbers, range(1, numbers.shape[axis]), axis), np.take(numbers, range(numbers.shape[axis] - 1), axis)
+        apart = one != other
+        pairs.append(np.unique(np.column_stack([one[apart], other[apart]]), axis=0))
+    found = collections.defaultdict(set)
+    for a, b in np.unique(np.vstack(pairs), axis=0).tolist():
+        found[a].add(b)
+        found[b].add(a)
+    return dict(found)
+
+
+def edges_in_circles(graph, root):
+    """Sets of edges, by the biconnected components of a connected graph (Hopcroft and Tarjan 1973)."""
+    depth, low, found, stack = {root: 0}, {root: 0}, [], []
+    way = [(root, None, iter(sorted(graph[root])))]
+    while way:
+        node, parent, others = way[-1]
+        for other in others:
+            if other == parent:
+                continue
+            if other not in depth:
+                stack.append((node, other))
+                depth[other] = low[other] = depth[node] + 1
+                way.append((other, node, iter(sorted(graph[other]))))
+                break
+            if depth[other] < depth[node]:
+                stack.append((node, other))
+                low[node] = min(low[node], depth[other])
+        else:
+            way.pop()
+            if parent is None:
+                continue
+            low[parent] = min(low[parent], low[node])
+            if low[node] >= depth[parent]:
+                at = stack.index((parent, node))
+                found.append(stack[at:])
+                del stack[at:]
+    return found
+
+
+def clusters_of(graph):
+    """Clusters, each after the one that encloses it."""
+    found = [cluster_of(graph, {frozenset(edge) for edge in edges}) for edges in edges_in_circles(graph, AROUND)]
+    return sorted(found, key=lambda each: distance_in(graph, each.outer))
+
+
+def cluster_of(graph, edges):
+    mine = set().union(*edges)
+    stands = hanging_on(graph, mine, edges)
+    return Cluster(stands[AROUND], sorted(mine - {stands[AROUND]}), stands, edges)
+
+
+def joined(graph, clusters, pairs):
+    """The clusters, of which those of each pair (of their numbers) are one."""
+    groups = [{k} for k in range(len(clusters))]
+    for a, b in pairs:
+        one, other = (next(group for group in groups if k in group) for k in (a, b))
+        if one is not other:
+            one |= other
+            groups.remove(other)
+    found = [clusters[min(group)] if len(group) == 1 else cluster_of(graph, set().union(*(clusters[k].edges for k in group))) for group in groups]
+    return sorted(found, key=lambda each: distance_in(graph, each.outer))
+
+
+def hanging_on(graph, mine, edges):
+    """Every node -> the one of these from which it is reached without their edges."""
+    stands = {node: node for node in mine}
+    way = list(mine)
+    while way:
+        node = way.pop()
+        for other in graph[node]:
+            if other not in stands and frozenset((node, other)) not in edges:
+                stands[other] = stands[node]
+                way.append(other)
+    return stands
+
+
+def distance_in(graph, node):
+    """Steps from AROUND."""
+    seen, level, steps = {AROUND}, {AROUND}, 0
+    while node not in level:
+        level = {other for each in level for other in graph[each]} - seen
+        seen |= level
+        steps += 1
+    return steps

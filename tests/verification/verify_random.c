@@ -1,0 +1,329 @@
+/* Random scenes with everything switched on, and random motions of a slow hand in them. Forces must be continuous but at punctures, a hand that comes back
+   to where it began must not have gained energy, and no needle's end may be in the tissue without touching it. */
+#include "random_scene.h"
+#include "rows.h"
+
+static const double TICK = 1e-3, SPEED = 8e-3;       /* s, m/s */
+static const double NOTICED = 0.07, NOTICED_LEAST = 0.05; /* just noticeable: part of the force; N */
+enum { RECOIL = 30, LOOK_EVERY = 50 };               /* ticks */
+
+typedef struct {
+    int runs, jumps, spikes, unstable, lost, kept;
+    long ticks;
+    double worst_jump, worst_spike; /* of the noticeable change */
+    double least_work;       /* of a closed path, of the largest work on the way */
+    int jump_run, spike_run, work_run;
+    bool talks;
+} findings;
+
+typedef struct {
+    random_scene *scene;
+    trocar_model *model;
+    trocar_sim *sim;
+    double *displacements;
+    trocar_pose base[3];
+    trocar_output last[3];
+    double history[3][3];    /* N, forces of the last three ticks */
+    int since;               /* ticks since the last puncture, exit or change of what rests */
+    double work, most_work;
+    long ticks;
+    bool unstable;
+    int jumps, spikes, lost;
+    double worst_jump, worst_spike;
+    findings *found;
+    int number;
+} trial;
+
+static double length3(const double v[3]) { return sqrt(v[0] * v[0] + v[1] * v[1] + v[2] * v[2]); }
+
+static void fail_if(trocar_status status, const trocar_error *why) {
+    if (status == TROCAR_OK) return;
+    fprintf(stderr, "%s\n", why->text);
+    abort();
+}
+
+/* Work of the hand from one pose to the next, J. */
+static double work_between(const trocar_pose *a, const trocar_output *before, const trocar_pose *b, const trocar_output *after) {
+    double sum = 0.0, turn[3], sign = 0.0;
+    for (int i = 0; i < 4; i++) sign += a->orientation[i] * b->orientation[i];
+    const double *p = a->orientation, *q = b->orientation; /* vector part of q p* */
+    turn[0] = -q[0] * p[1] + q[1] * p[0] - q[2] * p[3] + q[3] * p[2];
+    turn[1] = -q[0] * p[2] + q[2] * p[0] - q[3] * p[1] + q[1] * p[3];
+    turn[2] = -q[0] * p[3] + q[3] * p[0] - q[1] * p[2] + q[2] * p[1];
+    for (int i = 0; i < 3; i++) {
+        sum -= 0.5 * (before->force[i] + after->force[i]) * (b->position[i] - a->position[i]);
+        sum -= 0.5 * (before->torque[i] + after->torque[i]) * (sign < 0 ? -2.0 : 2.0) * turn[i];
+    }
+    return sum;
+}
+
+/* Is a point in the displaced tissue? */
+static bool in_tissue(const trial *t, const double x[3]) {
+    const double *nodes = trocar_model_nodes(t->model);
+    const int32_t *tets = trocar_model_tets(t->model);
+    for (int e = 0; e < trocar_model_tet_count(t->model); e++) {
+        double p[4][3], sum = 0.0;
+        bool inside = true;
+        for (int k = 0; k < 4; k++)
+            for (int a = 0; a < 3; a++) p[k][a] = nodes[3 * tets[4 * e + k] + a] + t->displacements[3 * tets[4 * e + k] + a] - x[a];
+        for (int k = 0; k < 4 && inside; k++) { /* volumes with the point in place of a corner */
+            const double *q[3];
+            for (int i = 0, n = 0; i < 4; i++)
+                if (i != k) q[n++] = p[i];
+            double v = q[0][0] * (q[1][1] * q[2][2] - q[1][2] * q[2][1]) + q[0][1] * (q[1][2] * q[2][0] - q[1][0] * q[2][2]) + q[0][2] * (q[1][0] * q[2][1] - q[1][1] * q[2][0]);
+            v *= k % 2 ? 1.0 : -1.0;
+            if (k == 0) sum = v;
+            inside = sum == 0.0 || v * sum >= 0.0;
+        }
+        if (inside) return true;
+    }
+    return false;
+}
+
+/* Is the needle's end a millimetre or more in the tissue, and nothing touches it? */
+static bool passes_unfelt(trial *t, int needle) {
+    trocar_contact contacts[TROCAR_MAX_POINTS];
+    double line[TROCAR_MAX_JOINTS][3], behind[3], length;
+    trocar_error why;
+    int count = trocar_sim_contacts(t->sim, needle, contacts, TROCAR_MAX_POINTS), joints;
+    for (int i = 0; i < count; i++)
+        if (contacts[i].kind != TROCAR_CONTACT_GUIDE) return false;
+    joints = trocar_sim_centreline(t->sim, needle, line[0], TROCAR_MAX_JOINTS);
+    const double *end = line[joints - 1], *before = line[joints - 2];
+    for (int a = 0; a < 3; a++) behind[a] = end[a] - before[a];
+    length = length3(behind);
+    for (int a = 0; a < 3; a++) behind[a] = end[a] - 1e-3 * behind[a] / length;
+    fail_if(trocar_sim_displacements(t->sim, t->displacements, &why), &why);
+    return in_tissue(t, end) && in_tissue(t, behind);
+}
+
+static void judge(trial *t, const trocar_output *out) {
+    double change = 0.0, bend = 0.0;
+    memmove(t->history[0], t->history[1], 2 * sizeof t->history[0]);
+    memcpy(t->history[2], out->force, sizeof t->history[2]);
+    if (++t->since < 3) return;
+    for (int a = 0; a < 3; a++) {
+        change += pow(t->history[2][a] - t->history[1][a], 2);
+        bend += pow(t->history[1][a] - 0.5 * (t->history[0][a] + t->history[2][a]), 2);
+    }
+    double noticed = fmax(NOTICED_LEAST, NOTICED * length3(t->history[1])), jump = sqrt(change) / noticed, spike = 2.0 * sqrt(bend) / noticed;
+    if (t->since < RECOIL) return;
+    t->jumps += jump > 1.0, t->spikes += spike > 1.0;
+    if (t->found->talks && (jump > 1.0 || spike > 1.0) && t->jumps + t->spikes < 40)
+        printf("run %d, %.3f s: jump %.2f, spike %.2f, %.3f %.3f %.3f N, depth %.2f mm, events %#x\n", t->number, t->ticks * TICK, jump, spike, length3(t->history[0]),
+               length3(t->history[1]), length3(t->history[2]), 1e3 * out->depth, out->events);
+    t->worst_jump = fmax(t->worst_jump, jump);
+    t->worst_spike = fmax(t->worst_spike, spike);
+}
+
+static void tick(trial *t, int needle, const trocar_pose *base) {
+    trocar_output out;
+    trocar_error why;
+    fail_if(trocar_sim_step(t->sim, needle, base, TICK, &out, &why), &why);
+    t->work += work_between(&t->base[needle], &t->last[needle], base, &out);
+    t->most_work = fmax(t->most_work, t->work);
+    t->base[needle] = *base;
+    t->last[needle] = out;
+    t->ticks++;
+    if (out.events & (TROCAR_EVENT_PUNCTURED | TROCAR_EVENT_EXITED)) t->since = 0;
+    if (out.events & TROCAR_EVENT_UNSTABLE && t->found->talks && !t->unstable) printf("run %d, %.3f s: unstable at %.2f mm after %.3f N\n", t->number, t->ticks * TICK, 1e3 * out.depth, length3(t->history[2]));
+    t->unstable = t->unstable || out.events & TROCAR_EVENT_UNSTABLE;
+    if (t->ticks % LOOK_EVERY == 0 && passes_unfelt(t, needle)) {
+        if (t->found->talks && t->lost == 0) printf("run %d, %.3f s: in the tissue unfelt, needle %d, depth %.2f mm, %d contacts, %.3f N, base z %.2f mm, events %#x\n", t->number, t->ticks * TICK, needle, 1e3 * out.depth, out.contacts, length3(out.force), 1e3 * base->position[2], out.events);
+        t->lost++;
+    }
+    if (needle == 0) judge(t, &out);
+}
+
+static void place(trial *t, int needle, const trocar_pose *base) {
+    trocar_error why;
+    fail_if(trocar_sim_reset(t->sim, needle, base, &why), &why);
+    t->base[needle] = *base;
+    t->last[needle] = (trocar_output){0};
+}
+
+static void follow(trial *t, int needle, const hand_leg *leg) {
+    trocar_pose from = t->base[needle];
+    int ticks = (int)ceil(leg->seconds / TICK);
+    for (int i = 1; i <= ticks; i++) {
+        trocar_pose p = hand_pose(leg, &from, i * TICK);
+        tick(t, needle, &p);
+    }
+}
+
+/* Straight to a pose, without a leg of its own. */
+static void go_to(trial *t, int needle, const trocar_pose *to, double seconds) {
+    trocar_pose from = t->base[needle];
+    int ticks = (int)ceil(seconds / TICK);
+    for (int i = 1; i <= ticks; i++) {
+        trocar_pose p = pose_towards(&from, to, (double)i / ticks);
+        tick(t, needle, &p);
+    }
+}
+
+/* Pushed in beside the moving needle's entry, and left. */
+static void leave_beside(trial *t, int needle, uint64_t *seed) {
+    trocar_error why;
+    double angle = random_between(seed, 0, 2 * M_PI), away = random_between(seed, 4e-3, 12e-3);
+    trocar_pose start = {{t->scene->entry[0] + away * cos(angle), t->scene->entry[1] + away * sin(angle), -t->scene->length - 2e-3}, {1, 0, 0, 0}};
+    place(t, needle, &start);
+    hand_motion m = {0};
+    hand_add(&m, 0.05, (hand_leg){.advance = random_between(seed, 0.02, 0.05)});
+    follow(t, needle, &m.legs[0]);
+    if (trocar_sim_leave(t->sim, needle, &why) != TROCAR_OK) return;
+    if (trocar_sim_work(t->sim, NULL, &why) != TROCAR_OK) { /* it goes on being held */
+        t->found->kept++;
+        if (t->found->talks) printf("run %d: %s\n", t->number, why.text);
+    }
+    tick(t, 0, &t->base[0]);
+}
+
+static void take_and_draw(trial *t, int needle) {
+    trocar_error why;
+    if (trocar_sim_needle_state(t->sim, needle) == TROCAR_NEEDLE_RESTING) {
+        fail_if(trocar_sim_take(t->sim, needle, &why), &why);
+        t->base[needle] = trocar_sim_base(t->sim, needle);
+        tick(t, 0, &t->base[0]);
+        t->base[needle] = trocar_sim_base(t->sim, needle);
+        t->last[needle] = (trocar_output){0};
+    }
+    hand_motion m = {0};
+    hand_add(&m, 0.05, (hand_leg){.advance = -0.07});
+    follow(t, needle, &m.legs[0]);
+}
+
+static void run_trial(int number, double speed, findings *f) {
+    trial t = {.scene = random_scene_create((uint64_t)number), .found = f, .number = number};
+    trocar_error why;
+    uint64_t seed = 77u + (uint64_t)number;
+    for (int i = 0; i < 4; i++) random_between(&seed, 0, 1);
+    fail_if(trocar_model_create(t.scene->scene, NULL, &t.model, &why), &why);
+    fail_if(trocar_sim_create(t.model, &t.sim, &why), &why);
+    t.displacements = calloc(3 * (size_t)trocar_model_node_count(t.model), sizeof *t.displacements);
+    hand_motion m = random_motion(t.scene, (uint64_t)number, speed);
+    place(&t, 0, &m.start);
+    for (int i = 1; i < t.scene->needles; i++) {
+        trocar_pose aside = {{0.1 * i, 0.1, -0.3}, {1, 0, 0, 0}};
+        place(&t, i, &aside);
+    }
+    for (int i = 1; i < t.scene->needles; i++) leave_beside(&t, i, &seed);
+    t.since = 0;
+    for (int k = 0; k < m.count; k++) follow(&t, 0, &m.legs[k]);
+    go_to(&t, 0, &m.start, 0.2);
+    for (int i = 1; i < t.scene->needles; i++) take_and_draw(&t, i);
+    f->runs++;
+    f->ticks += t.ticks;
+    f->jumps += t.jumps, f->spikes += t.spikes, f->lost += t.lost, f->unstable += t.unstable;
+    if (t.worst_jump > f->worst_jump) f->worst_jump = t.worst_jump, f->jump_run = number;
+    if (t.worst_spike > f->worst_spike) f->worst_spike = t.worst_spike, f->spike_run = number;
+    double part = t.most_work > 0.0 ? t.work / fmax(t.most_work, 1e-6) : 0.0;
+    if (part < f->least_work) f->least_work = part, f->work_run = number;
+    if (f->talks)
+        printf("run %d: %ld ticks, worst jump %.2f, spike %.2f, work %.3g of %.3g mJ%s%s\n", number, t.ticks, t.worst_jump, t.worst_spike, 1e3 * t.work, 1e3 * t.most_work,
+               t.unstable ? ", unstable" : "", t.lost ? ", unfelt" : ""), fflush(stdout);
+    trocar_sim_free(t.sim);
+    trocar_model_free(t.model);
+    free(t.displacements);
+    random_scene_free(t.scene);
+}
+
+/* ---- implants ----------------------------------------------------------------------------------------------------------------- */
+
+typedef struct {
+    int implants, needles, lost, kept;
+    bool talks;
+} implant_findings;
+
+enum { COLUMNS = 7, ROWS = 5, ACROSS = -3, UP = -2 }; /* of holes about the template's middle, and where they begin */
+static const double PITCH = 5e-3;                     /* m */
+
+/* As many needles as there may be, one after the other through random holes of the shipped implant's template, in surroundings of 3 to 30 kPa, at a hand's
+   speeds. Each is left where it is, so that the tissue is displaced for those that come later. */
+static void run_implant(int number, implant_findings *f) {
+    trial t = {.found = &(findings){0}, .number = number};
+    trocar_error why;
+    trocar_scene *scene;
+    uint64_t seed = 4099u + (uint64_t)number;
+    bool taken[COLUMNS * ROWS] = {false};
+    for (int i = 0; i < 4; i++) random_between(&seed, 0, 1);
+    fail_if(trocar_scene_load(MESHES "/implant.yaml", &scene, &why), &why);
+    fail_if(trocar_scene_set_number(scene, "regions[surrounding].youngs_modulus", random_factor(&seed, 3e3, 30e3), &why), &why);
+    fail_if(trocar_model_create(scene, NULL, &t.model, &why), &why);
+    fail_if(trocar_sim_create(t.model, &t.sim, &why), &why);
+    t.displacements = calloc(3 * (size_t)trocar_model_node_count(t.model), sizeof *t.displacements);
+    for (int n = 0; n < trocar_model_needles(t.model); n++) {
+        int hole;
+        do hole = (int)random_between(&seed, 0, COLUMNS * ROWS);
+        while (taken[hole]);
+        taken[hole] = true;
+        trocar_pose base = {{PITCH * (ACROSS + hole % COLUMNS), PITCH * (UP + hole / COLUMNS), -0.23}, {1, 0, 0, 0}};
+        double way = 0.03 + random_between(&seed, 0.05, 0.08), speed = random_between(&seed, 0.03, 0.12);
+        int ticks = (int)ceil(way / (speed * TICK)), lost = 0;
+        trocar_output out;
+        fail_if(trocar_sim_reset(t.sim, n, &base, &why), &why);
+        for (int i = 1; i <= ticks + LOOK_EVERY; i++) { /* and at rest, for one look */
+            if (i <= ticks) base.position[2] += way / ticks;
+            fail_if(trocar_sim_step(t.sim, n, &base, TICK, &out, &why), &why);
+            if (i % LOOK_EVERY == 0) lost += passes_unfelt(&t, n);
+        }
+        f->needles++, f->lost += lost;
+        if (f->talks && lost) printf("implant %d, needle %d: unfelt in %d looks, at last %.1f mm deep, %.2f N\n", number, n, lost, 1e3 * out.depth, length3(out.force));
+        if (trocar_sim_leave(t.sim, n, &why) != TROCAR_OK || trocar_sim_work(t.sim, NULL, &why) != TROCAR_OK) {
+            f->kept++;
+            if (f->talks) printf("implant %d, needle %d, %.1f mm deep, %.2f N: %s\n", number, n, 1e3 * out.depth, length3(out.force), why.text);
+        }
+    }
+    f->implants++;
+    trocar_sim_free(t.sim);
+    trocar_model_free(t.model);
+    trocar_scene_free(scene);
+    free(t.displacements);
+}
+
+static void report_implants(rows *r, const implant_findings *f) {
+    char note[200];
+    snprintf(note, sizeof note, "%d implants, %d needles; %d could not be left, and were held", f->implants, f->needles, f->kept);
+    rows_add(r, (row){.check = "implants in soft tissue: looks at a needle in the tissue that nothing touches", .reference = "none", .value = f->lost, .expected = 0, .error = f->lost, .limit = 0, .note = note});
+}
+
+/* ---- rows --------------------------------------------------------------------------------------------------------------------- */
+
+static void report(rows *r, const findings *f) {
+    char note[200];
+    snprintf(note, sizeof note, "%d runs, %ld ticks; %d above; run %d", f->runs, f->ticks, f->jumps, f->jump_run);
+    rows_add(r, (row){.check = "random scenes: largest change of the force in a tick", .reference = "max(7 %, 0.05 N)", .value = f->worst_jump, .expected = NAN, .error = f->worst_jump, .limit = 1.0, .note = note});
+    snprintf(note, sizeof note, "twice the distance of a tick's force from the mean of its neighbours'; %d above; run %d", f->spikes, f->spike_run);
+    rows_add(r, (row){.check = "random scenes: largest spike of the force", .reference = "max(7 %, 0.05 N)", .value = f->worst_spike, .expected = NAN, .error = f->worst_spike, .limit = 1.0, .note = note});
+    snprintf(note, sizeof note, "of the largest work on the way; run %d", f->work_run);
+    rows_add(r, (row){.check = "random scenes: least work of a hand over a closed path", .reference = "not negative", .value = f->least_work, .expected = NAN, .error = fmax(0.0, -f->least_work), .limit = 1e-3, .note = note});
+    rows_add(r, (row){.check = "random scenes: motions in which no equilibrium was found", .reference = "none", .value = f->unstable, .expected = 0, .error = f->unstable, .limit = 0});
+    rows_add(r, (row){.check = "random scenes: looks at a needle in the tissue that nothing touches", .reference = "none", .value = f->lost, .expected = 0, .error = f->lost, .limit = 0});
+    rows_measured(r, (row){.check = "random scenes: needles that found no rest when they were left", .reference = "held as before", .value = f->kept, .expected = NAN, .error = f->kept});
+}
+
+/* `--runs FIRST LAST`: only these, with what is found; `--implants FIRST LAST` likewise. */
+int main(int argc, char **argv) {
+    findings f = {0};
+    implant_findings implants = {0};
+    if (argc == 4 && strcmp(argv[1], "--implants") == 0) {
+        implants.talks = true;
+        for (int i = atoi(argv[2]); i <= atoi(argv[3]); i++) run_implant(i, &implants), fflush(stdout);
+        printf("%d implants, %d needles: unfelt %d, not at rest %d\n", implants.implants, implants.needles, implants.lost, implants.kept);
+        return 0;
+    }
+    if (argc >= 4 && strcmp(argv[1], "--runs") == 0) {
+        f.talks = true;
+        for (int i = atoi(argv[2]); i <= atoi(argv[3]); i++) run_trial(i, argc > 4 ? atof(argv[4]) : SPEED, &f);
+        printf("%d runs: jumps %d (%.2f, run %d), spikes %d (%.2f, run %d), work %.3g (run %d), unstable %d, unfelt %d, not at rest %d\n", f.runs, f.jumps, f.worst_jump, f.jump_run, f.spikes,
+               f.worst_spike, f.spike_run, f.least_work, f.work_run, f.unstable, f.lost, f.kept);
+        return 0;
+    }
+    rows r = rows_begin(argc, argv, "Coupled: random scenes");
+    int runs = r.short_form ? 6 : 500;
+    for (int i = 0; i < runs; i++) run_trial(i, SPEED, &f);
+    report(&r, &f);
+    int most = r.short_form ? 1 : 63; /* 1000 needles */
+    for (int i = 0; i < most; i++) run_implant(i, &implants);
+    report_implants(&r, &implants);
+    return rows_end(&r);
+}

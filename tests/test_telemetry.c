@@ -18,6 +18,7 @@
 #include <cmocka.h>
 
 #include "host.h"
+#include "needle_line.h"
 
 typedef struct {
     host host;
@@ -300,8 +301,10 @@ static void the_contacts_lie_on_the_needle(void **state) {
     assert_true(c->orientation[0] == 1 && c->orientation[1] == 0);
     assert_int_equal(c->joint_count, trocar_model_segments(f->host.model) + 1);
     assert_true(c->contact_count >= 2);
-    const double *tip = c->centreline[c->joint_count - 1], *last = c->position[c->contact_count - 1];
-    for (int a = 0; a < 3; a++) assert_true(tip[a] == last[a]);
+    double joints[TROCAR_MAX_JOINTS][3];
+    for (int j = 0; j < c->joint_count; j++) memcpy(joints[j], c->centreline[j], sizeof joints[j]);
+    for (int i = 0; i < c->contact_count; i++)
+        assert_true(distance_from_needle((const double (*)[3])joints, c->joint_count, c->arc[i], c->position[i]) < 1e-5);
     for (int i = 0; i < c->contact_count; i++)
         assert_int_equal(c->kind[i], i == c->contact_count - 1 ? TROCAR_CONTACTS_T_TIP : TROCAR_CONTACTS_T_TISSUE);
     double pull = 0.0;

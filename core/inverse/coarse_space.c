@@ -5,6 +5,7 @@
 #include <string.h>
 
 #include "tissue/blas.h"
+#include "tissue/factor_solve.h"
 
 enum { PART = 64, MODES = 6 }; /* most nodes of a part; its motions */
 
@@ -16,8 +17,8 @@ struct coarse_space {
     int *start;              /* parts + 1: first of a part's places */
     cholmod_common common;
     cholmod_factor *factor;  /* of Z^T K Z */
-    cholmod_dense *moments, *motions; /* of the parts; */
-    cholmod_dense *y, *e;    /* and workspace of cholmod_solve2: reused, so that only the first solve allocates */
+    cholmod_dense *moments;  /* of the parts, */
+    factor_solution motions; /* and theirs */
 };
 
 /* ---- parts ------------------------------------------------------------------------------------------------------------ */
@@ -182,9 +183,7 @@ void coarse_space_free(coarse_space *c) {
     if (!c) return;
     cholmod_free_factor(&c->factor, &c->common);
     cholmod_free_dense(&c->moments, &c->common);
-    cholmod_free_dense(&c->motions, &c->common);
-    cholmod_free_dense(&c->y, &c->common);
-    cholmod_free_dense(&c->e, &c->common);
+    factor_solution_free(&c->motions, &c->common);
     cholmod_finish(&c->common);
     free(c->places);
     free(c->start);
@@ -201,8 +200,8 @@ bool coarse_space_solve(coarse_space *c, const double *force, double *motion) {
             for (int a = 0; a < 3; a++)
                 for (int k = 0; k < MODES; k++) moments[MODES * p + k] += z[a][k] * force[3 * c->places[i].node + a];
         }
-    if (!cholmod_solve2(CHOLMOD_A, c->factor, c->moments, NULL, &c->motions, NULL, &c->y, &c->e, &c->common)) return false;
-    const double *rigid = c->motions->x;
+    if (!factor_solve(c->factor, c->moments, &c->motions, &c->common)) return false;
+    const double *rigid = c->motions.x->x;
     for (int p = 0; p < c->parts; p++)
         for (int i = c->start[p]; i < c->start[p + 1]; i++) {
             double z[3][MODES];

@@ -5,6 +5,7 @@
 #include <string.h>
 
 #include "inverse/inverse_owner.h"
+#include "tissue/factor_solve.h"
 
 /* The paper's method: the whole inverse in memory. */
 typedef struct {
@@ -43,7 +44,7 @@ static trocar_status dense_fill(tissue *t, double *dense, inverse_progress progr
     enum { BLOCK = 96 };
     size_t n = (size_t)t->dof_count;
     cholmod_dense *unit = cholmod_zeros(n, BLOCK, CHOLMOD_REAL, &t->common);
-    cholmod_dense *solution = NULL, *y = NULL, *e = NULL;
+    factor_solution solution = {0};
     bool solved = unit != NULL;
     trocar_status status = TROCAR_OK;
     for (size_t first = 0; solved && status == TROCAR_OK && first < n; first += BLOCK) {
@@ -51,14 +52,12 @@ static trocar_status dense_fill(tissue *t, double *dense, inverse_progress progr
         double *x = unit->x;
         memset(x, 0, n * BLOCK * sizeof *x);
         for (size_t c = 0; c < width; c++) x[c * n + first + c] = 1.0;
-        solved = cholmod_solve2(CHOLMOD_A, t->factor, unit, NULL, &solution, NULL, &y, &e, &t->common);
-        if (solved) memcpy(dense + first * n, solution->x, n * width * sizeof(double));
+        solved = factor_solve(t->factor, unit, &solution, &t->common);
+        if (solved) memcpy(dense + first * n, solution.x->x, n * width * sizeof(double));
         status = inverse_go_on(progress, why);
     }
     cholmod_free_dense(&unit, &t->common);
-    cholmod_free_dense(&solution, &t->common);
-    cholmod_free_dense(&y, &t->common);
-    cholmod_free_dense(&e, &t->common);
+    factor_solution_free(&solution, &t->common);
     return solved ? status : fail(why, TROCAR_NO_MEMORY, "no memory to invert the stiffness matrix");
 }
 

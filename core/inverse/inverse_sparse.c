@@ -7,11 +7,13 @@
 #include "inverse/inverse_owner.h"
 #include "inverse/block_cache.h"
 #include "inverse/sparse_inverse_columns.h"
+#include "tissue/factor_solve.h"
 
-/* Workspace of cholmod_solve2, reused, so that only the first solve allocates. One per thread. */
+/* One per thread. */
 typedef struct {
     cholmod_common common;
-    cholmod_dense *right, *solution, *y, *e;
+    cholmod_dense *right;
+    factor_solution solution;
 } solver;
 
 /* Half-solves computed on demand; they and the resulting blocks are kept in LRU caches. */
@@ -109,8 +111,7 @@ static trocar_status sparse_gather(inverse *inv, const inverse_blocks *blocks, r
 
 /* Solves K x = right; the solution is in the workspace. NULL if out of memory; only the first call allocates. */
 static const double *solver_run(solver *w, const tissue *t) {
-    bool solved = cholmod_solve2(CHOLMOD_A, t->factor, w->right, NULL, &w->solution, NULL, &w->y, &w->e, &w->common);
-    return solved ? w->solution->x : NULL;
+    return factor_solve(t->factor, w->right, &w->solution, &w->common) ? w->solution.x->x : NULL;
 }
 
 /* Solves once, so that all memory is allocated here. */
@@ -123,9 +124,7 @@ static bool solver_create(solver *w, const tissue *t) {
 
 static void solver_free(solver *w) {
     cholmod_free_dense(&w->right, &w->common);
-    cholmod_free_dense(&w->solution, &w->common);
-    cholmod_free_dense(&w->y, &w->common);
-    cholmod_free_dense(&w->e, &w->common);
+    factor_solution_free(&w->solution, &w->common);
     cholmod_finish(&w->common);
 }
 

@@ -4,6 +4,8 @@
 #include <cblas.h>
 #include <dlfcn.h>
 #include <pthread.h>
+#include <stdbool.h>
+#include <stdlib.h>
 #include <sys/mman.h>
 
 /* Neither in a header nor in every build of these libraries. */
@@ -61,6 +63,25 @@ enum { MOST_BUFFERS = 32 };             /* OpenBLAS has places for some hundred,
 static const size_t BUFFER = 128 << 20; /* bytes, of OpenBLAS on this kind of processor, */
 static const size_t ELSE = 16 << 20;    /* and for what the caller is going to allocate */
 
+static bool has_room(size_t bytes) {
+    void *probe = mmap(NULL, bytes, PROT_READ | PROT_WRITE, MAP_PRIVATE | MAP_ANONYMOUS | MAP_NORESERVE, -1, 0);
+    if (probe == MAP_FAILED) return false;
+    munmap(probe, bytes);
+    return true;
+}
+
+/* OpenBLAS's own threads take a buffer each when they first run, which may be at any later time: a product large enough for all of them makes
+   that time now. */
+static void run_own_threads(void) {
+    enum { SIZE = 256 };
+    double *product = calloc(SIZE * SIZE, sizeof *product);
+    if (!product || own_threads < 2) { free(product); return; }
+    blas_begin_turn();
+    cblas_dgemm(CblasColMajor, CblasNoTrans, CblasNoTrans, SIZE, SIZE, SIZE, 0.0, product, SIZE, product, SIZE, 1.0, product, SIZE);
+    blas_end_turn();
+    free(product);
+}
+
 /* Buffers that are taken at the same time are different ones, all of which OpenBLAS keeps. */
 static void fill_table(int count) {
     void *buffer[MOST_BUFFERS];
@@ -75,17 +96,14 @@ trocar_status blas_make_room(int threads, report *why) {
     pthread_once(&found, find_functions);
     if (!library.allocate || !library.release) return TROCAR_OK;
     pthread_mutex_lock(&room);
-    if (wanted > there) {
-        size_t more = (size_t)(wanted - there) * BUFFER + ELSE;
-        void *probe = mmap(NULL, more, PROT_READ | PROT_WRITE, MAP_PRIVATE | MAP_ANONYMOUS | MAP_NORESERVE, -1, 0);
-        if (probe == MAP_FAILED) status = TROCAR_NO_MEMORY;
-        else munmap(probe, more);
-        if (status == TROCAR_OK) fill_table(there = wanted);
-    }
+    int more = wanted - there + (there == 0 ? own_threads - 1 : 0);
+    if (wanted > there) status = has_room((size_t)more * BUFFER + ELSE) ? TROCAR_OK : TROCAR_NO_MEMORY;
+    if (status == TROCAR_OK && there == 0) run_own_threads();
+    if (status == TROCAR_OK && wanted > there) fill_table(there = wanted);
     pthread_mutex_unlock(&room);
     if (status == TROCAR_OK) return status;
     return fail(why, status, "too little address space: the algebra takes %zu MB for each thread that computes, here for %d: raise ulimit -v, or set OPENBLAS_NUM_THREADS=1",
-        BUFFER >> 20, wanted);
+        BUFFER >> 20, more);
 }
 
 /* ---- OpenMP ----------------------------------------------------------------------------------------------------------- */

@@ -6,6 +6,7 @@
 
 #include "base/memory.h"
 #include "tissue/blas.h"
+#include "tissue/factor_solve.h"
 #include "tissue/node_order.h"
 
 /* ---- elimination order ---- */
@@ -48,15 +49,16 @@ static double least_stiffness(tissue *t) {
     double one[2] = {1, 0}, zero[2] = {0, 0}, quotient = -1.0;
     cholmod_dense *x = cholmod_zeros((size_t)n, 1, CHOLMOD_REAL, &t->common);
     cholmod_dense *force = cholmod_zeros((size_t)n, 1, CHOLMOD_REAL, &t->common);
+    factor_solution next = {0};
     for (int i = 0; x && i < n; i++) ((double *)x->x)[i] = tissue_test_load(i);
-    for (int step = 0; step < 2 && x; step++) {
-        cholmod_dense *next = cholmod_solve(CHOLMOD_A, t->factor, x, &t->common);
-        cholmod_free_dense(&x, &t->common);
-        x = next;
-        if (x) cblas_dscal(n, 1.0 / cblas_dnrm2(n, x->x, 1), x->x, 1);
+    bool solved = x != NULL;
+    for (int step = 0; step < 2 && solved; step++) {
+        solved = factor_solve(t->factor, x, &next, &t->common);
+        if (solved) cblas_daxpby(n, 1.0 / cblas_dnrm2(n, next.x->x, 1), next.x->x, 1, 0.0, x->x, 1);
     }
-    if (x && force && cholmod_sdmult(t->stiffness, 0, one, zero, x, force, &t->common))
+    if (solved && force && cholmod_sdmult(t->stiffness, 0, one, zero, x, force, &t->common))
         quotient = fabs(cblas_ddot(n, x->x, 1, force->x, 1)) / cholmod_norm_sparse(t->stiffness, 1, &t->common);
+    factor_solution_free(&next, &t->common);
     cholmod_free_dense(&x, &t->common);
     cholmod_free_dense(&force, &t->common);
     return quotient;

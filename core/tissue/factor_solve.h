@@ -1,0 +1,16 @@
+/* Solves with a factor of CHOLMOD. */
+#ifndef TROCAR_FACTOR_SOLVE_H
+#define TROCAR_FACTOR_SOLVE_H
+
+#include <stdbool.h>
+#include <suitesparse/cholmod.h>
+
+/* A solution and its workspace, kept from one solve to the next: only the first one allocates. All NULL at first. */
+typedef struct { cholmod_dense *x, *y, *e; } factor_solution;
+
+/* Solves A x = right; x has right's size. False if out of memory. */
+bool factor_solve(cholmod_factor *factor, cholmod_dense *right, factor_solution *s, cholmod_common *common);
+
+void factor_solution_free(factor_solution *s, cholmod_common *common);
+
+#endif

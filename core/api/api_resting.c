@@ -7,7 +7,7 @@
 #include "base/cache_line.h"
 #include "base/flush_denormals.h"
 
-enum { MOST_TICKS = 400 };             /* until a needle that was let go of has come to rest */
+enum { MOST_TICKS = 2000 };            /* until a needle that was let go of has come to rest: 2 s, in which what its shaft lags behind decays */
 
 /* Wrench that its base may be left with, and how far its shaft may slide in a tick. */
 typedef struct { double force, torque, slip; } rest_limits; /* N, N m, m */

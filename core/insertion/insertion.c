@@ -14,9 +14,12 @@
 #include "insertion/tip.h"
 #include "insertion/track_gradient.h"
 
-static const double LOOK_BACK = 5e-3;       /* m behind a free needle's end, from where on the surface above it is looked for */
-static const double SAME_PLACE = 1e-7;      /* m, to which the displacement of the surface is found */
-enum { MOST_LOOKS = 5 };                    /* in so many steps at most */
+static const double LOOK_BACK = 5e-3; /* m: behind a free needle's end, from where on the surface above it is looked for; then from twice as far, up to two
+                                         needle lengths. Effort */
+static const double SAME_PLACE = 1e-7; /* m: to which the displacement of the surface is found. Rounding */
+enum { MOST_LOOKS = 5 }; /* looks: for the displaced surface, at most. Effort */
+static const double LEAST_TICK = 1e-6; /* s: a shorter tick counts as that. Rounding */
+static const double SAME_TIME = 1e-6; /* steps: by which a tick may be longer than a whole number of them. Rounding */
 
 void insertion_reset(const insertion_model *model, pose base, insertion_state *state) {
     uint64_t serial = state->request.serial, next_id = state->next_id; /* kept, so that no old snapshot matches */
@@ -227,9 +230,9 @@ void insertion_tick(const tick_context *given) {
     profile_begin(&given->scratch->profile);
     pose held = state->needle.base;
     held.position = v3_sub(held.position, state->base_shift);
-    double dt = fmax(given->dt, 1e-6);
+    double dt = fmax(given->dt, LEAST_TICK);
     const insertion_settings *settings = &given->model->settings;
-    int steps = (int)fmin(ceil(dt / settings->longest_step - 1e-6), settings->most_steps);
+    int steps = (int)fmin(ceil(dt / settings->longest_step - SAME_TIME), settings->most_steps);
     tick_context tick = *given;
     tick.dt = steps > 1 ? dt / steps : dt;
     for (int i = 1; i < steps; i++) {

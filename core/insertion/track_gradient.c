@@ -4,7 +4,7 @@
 #include "insertion/prefetch.h"
 #include "insertion/strata.h"
 
-enum { MOST_ELEMENTS = 64 }; /* searched ahead of the tip */
+enum { MOST_ELEMENTS = 64 }; /* elements: searched ahead of the tip. Effort */
 
 /* Displacement of the tissue at a contact, which the shaft carries along, m. */
 static vec3 carried(const tick_context *tick, const shaft_contact *contact) {

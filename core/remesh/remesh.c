@@ -181,9 +181,10 @@ static void list_ahead(remesher *r, int tet) {
     }
 }
 
+static const double REACH = 1.0; /* m: ahead of a free needle, as far as its line is followed. Effort: beyond any body */
+
 /* Lists the nodes of all elements on the line and beside it, from the tip or from where it enters the body to where it leaves it. */
 static void follow_line(remesher *r) {
-    static const double REACH = 1.0; /* m: beyond any body */
     const mesh *m = r->tissue->mesh;
     vec3 tip = r->line_tip, direction = r->line_direction;
     r->line_new = false;

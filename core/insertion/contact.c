@@ -7,9 +7,6 @@
 
 static const double LEAST_PIVOT = 1e-8; /* fraction: of a contact's own sideways compliance; smaller pivots count as that. Rounding: the root of a double's
                                            precision, so that elimination keeps half of its digits */
-static const double MARGIN = 1e-12; /* N, and fraction of the force: by which a force may be beyond its bound. Rounding */
-enum { ROUNDS_TOGETHER = 10 }; /* rounds: in which all inconsistent contacts switch at once, before only one does. Effort: two are usual */
-enum { ROUNDS_EACH = 4 }; /* rounds: for each contact, in which one switches at a time. Effort */
 
 /* The principal directions of one contact's sideways block [p q; q r]: turned by the angle with cosine c and sine s, it is
    diagonal. Two scalar pivots so far apart as these may become keep their digits; the block's inverse would not. */

@@ -13,13 +13,13 @@
 
 static const double BITE_TIME = 20e-3; /* s: lag with which the surface's hold follows the force along the needle; without it, the two would alternate. Chosen */
 static const double NEW_PUSH = 0.05; /* fraction: of Euler's load; a needle whose push has grown by more since it was linearised is linearised again. Chosen */
-static const double AT_REST = 5e-3; /* fraction: of Euler's load; a needle that moves on and is dragged by less has come to rest. Chosen */
+static const double AT_REST = 5e-3; /* fraction: of Euler's load; a needle that moves on and is dragged by less has come to rest. Chosen: for an 18 G needle of
+                                       200 mm 0.05 N, about the smallest force that a hand feels */
 static const double FIRST_STEP = 0.25; /* fraction: of a tick, in which the branch of an equilibrium is followed at first. Effort */
 static const double LEAST_STEP = 1.0 / 256; /* fraction: of a tick, in which it is followed at last. Effort: six halvings */
 enum { GUESS_PASSES = 3 }; /* passes: from a guessed shape, before it is given up. Effort */
-static const double LEAP = 0.05; /* rad: turn of a segment in one step; passes that turn one by more may have found another branch than that of the last step.
-                                    Chosen */
-static const double DIVERGING = 0.05; /* rad: passes diverge if the last one turned a segment by more, and by more than the pass before. Chosen */
+static const double LEAP = 0.05; /* rad: turn of a segment; passes that turn one by more in a step may have found another branch than that of the last step, and
+                                    a pass that does so, and more than the one before, diverges. Chosen */
 static const double CLAMPED_HINGED = 20.2; /* L^2 / EI: Euler's load of a beam that is clamped at one end and hinged at the other. Exact: the square of the least
                                               root of tan x = x, 20.19 */
 
@@ -186,7 +186,7 @@ static pass_result run_passes(const tick_context *tick, int most) {
         r.converged = turned * turned * length < model->settings.tolerance && v3_norm(more) < NEW_PUSH * euler_load(tick) && guides_agree(tick) && stiffening_agrees(tick);
     }
     /* A state from which the passes diverge is no equilibrium. A single pass cannot tell. */
-    r.diverging = before > 0.0 && turned > before && turned > DIVERGING;
+    r.diverging = before > 0.0 && turned > before && turned > LEAP;
     return r;
 }
 

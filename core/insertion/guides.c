@@ -3,7 +3,6 @@
 static const double LEAST_STIFFNESS = 1e-2; /* N/m: along a hole's edge, where it is touched without force. Rounding */
 static const double LEAST_SLOPE = 0.3; /* cosine, below 1: of the angle between needle and hole, below which no hole holds it. Chosen: 70 degrees, as no real
                                           needle could lie */
-static const double LAST_STEP = 1e-9; /* m: along the needle; the next step, of Newton's, would be rounding. Rounding */
 static const double TOLERANCE = 1e-6; /* m: by which the needle may be off the edge where the passes end, at most. Chosen: ten times less takes up to 1.6 times
                                          the passes */
 static const double FORCE_TOLERANCE = 0.01; /* fraction: of the edge's force, by which its spring may be off, so that a light touch ends where it should. Chosen,
@@ -27,7 +26,8 @@ static double beyond_plane(const needle_point *p, vec3 centre, vec3 normal) {
 
 /* ---- in and out of holes ----------------------------------------------------------------------------------------------- */
 
-/* Arc at which the centreline crosses the plane, from a guess close to it: by Newton's method, which ends in two steps as the line is nearly straight. */
+/* Arc at which the centreline crosses the plane, from a guess close to it: by Newton's method, in few steps as the line is nearly
+   straight there. */
 static double crossing(const tick_context *tick, double arc, vec3 centre, vec3 normal) {
     double length = tick->model->needle->given.length;
     for (int i = 0; i < 3; i++) {
@@ -35,7 +35,6 @@ static double crossing(const tick_context *tick, double arc, vec3 centre, vec3 n
         double step = beyond_plane(&p, centre, normal);
         if (!isfinite(step)) break; /* the needle is parallel to the plate */
         arc = smaller_of(larger_of(arc - step, 0.0), length);
-        if (fabs(step) < LAST_STEP) break;
     }
     return arc;
 }

@@ -6,7 +6,8 @@ static const double LEAST_LOGARITHM = 0.02; /* 1: of resolved over needle radius
                                                itself. Chosen */
 static const double EMBEDDING_DEPTH = 4.0; /* radii: below the surface at which a disc's surroundings are those in the depth. Fitted to resolved finite elements,
                                               within 2 % */
-static const double DENSITY = 1050.0; /* kg/m^3: of soft tissue, for the speed of shear waves. Cited */
+static const double DENSITY = 1050.0; /* kg/m^3: of soft tissue, for the speed of shear waves, which limits how fast tissue springs back. Cited: ICRU Report 46
+                                         (1992), skeletal muscle 1050, average soft tissue 1030 */
 static const double BONE_COMPLIANCE = 8e-5; /* m/N: of bone under the tip. Chosen: stiffer than haptic devices render, and with its sliding below 0.1 mm/N */
 static const double GUESSED_LATERAL = 0.42; /* edge lengths: radius that a mesh resolves across the needle, before it is measured. Measured: median of 4500
                                                random places and directions in the meshes of figure8.yaml, implant.yaml and trus.yaml; 9 in 10 are within a

@@ -7,11 +7,8 @@
 
 static const double LEAST_WAY = 1e-12; /* m: in one step; a shaft whose surface slides by less rests, as the direction of its slip is rounding. Rounding */
 static const double LEAST_YIELDING = 1e-12; /* N m / rad: of the tissue's stiffness against turning of a share, at least. Rounding */
-static const double MARGIN = 1e-12; /* fraction: by which a torque may be beyond its bound, of itself and of LEAST_TORQUE. Rounding */
-static const double LEAST_TORQUE = 1e-6; /* N m: a smaller torque has the margin of this one. Rounding */
+static const double LEAST_TORQUE = 1e-6; /* N m: a smaller torque has the MARGIN of this one. Rounding */
 static const double LEAST_GAP = 1e-6; /* m: between two points on the needle, at least. Rounding */
-enum { ROUNDS_TOGETHER = 10 }; /* rounds: in which all inconsistent points switch at once, before only one does. Effort */
-enum { ROUNDS_EACH = 4 }; /* rounds: for each point, in which one switches at a time. Effort */
 
 double roll_way(double slip, const roll_friction *roll, double radius) {
     return roll->turned == 0.0 ? fabs(slip) : length_of(slip, radius * roll->turned);

@@ -6,6 +6,7 @@ usage: test_constants.py SOURCE_DIR
 """
 import importlib.machinery
 import importlib.util
+import math
 import os
 import subprocess
 import sys
@@ -47,9 +48,11 @@ with tempfile.TemporaryDirectory() as folder:
         said = subprocess.run([Path(folder, "program")], env={**os.environ, **varied}, check=True, capture_output=True, text=True).stdout
         assert said == expected, (key, said)
 
-before, after = [[(0.0, 0.0, 4.0), (0.0, 3.0, 0.0)]], [[(0.0, 0.0, 4.0), (0.0, 3.0, 0.2)]]
-assert abs(constants.change(before, after) - 5.0) < 1e-9 # % of 4 N
-assert constants.change(before, None) != constants.change(before, None) # not a number
+before = [[(0.0, 0.0, 4.0), (0.0, 0.0, 4.0), (0.0, 3.0, 0.0), (0.0, 3.0, 0.0)]]
+assert abs(constants.change(before, [before[0][:3] + [(0.0, 3.0, 0.02)]]) - 0.5) < 1e-9                   # % of 4 N
+assert abs(constants.change(before, [before[0][:3] + [(0.0, 3.0, 0.2)]]) - 5.0) < 1e-9
+assert constants.change(before, [before[0][:2] + [(0.0, 0.0, 4.0), (0.0, 3.0, 0.0)]]) == 1.0    # one tick later
+assert math.isnan(constants.change(before, None))
 
 checked = subprocess.run([f"{sys.argv[1]}/scripts/constants", "--check"], capture_output=True, text=True, check=False)
 assert checked.returncode == 0, checked.stderr

@@ -12,7 +12,7 @@ enum { MAX_POINTS = MAX_GUIDE_POINTS + MAX_CONTACTS + 1, MAX_AXIAL = MAX_POINTS 
 _Static_assert(CONTACT_LD >= ELIMINATION_SIZE(MAX_UNKNOWNS), "a row holds all unknowns, its gap and padding");
 
 /* Of the search for what sticks and what slides, here and for turning (roll.c). */
-static const double MARGIN = 1e-12; /* fraction: by which a force may be beyond its bound. Rounding */
+static const double MARGIN = 1e-12; /* fraction: by which a force may be beyond its bound, of itself and 1 N. Rounding */
 enum { ROUNDS_TOGETHER = 10 }; /* rounds: in which all inconsistent points switch at once, before only one does. Effort: two are usual */
 enum { ROUNDS_EACH = 4 }; /* rounds: for each point, in which one switches at a time. Effort */
 

@@ -7,7 +7,7 @@
 
 static const double LEAST_WAY = 1e-12; /* m: in one step; a shaft whose surface slides by less rests, as the direction of its slip is rounding. Rounding */
 static const double LEAST_YIELDING = 1e-12; /* N m / rad: of the tissue's stiffness against turning of a share, at least. Rounding */
-static const double LEAST_TORQUE = 1e-6; /* N m: a smaller torque has the MARGIN of this one. Rounding */
+static const double LEAST_TORQUE = 1e-6; /* N m: the MARGIN of a torque is that fraction of itself and this. Rounding */
 static const double LEAST_GAP = 1e-6; /* m: between two points on the needle, at least. Rounding */
 
 double roll_way(double slip, const roll_friction *roll, double radius) {

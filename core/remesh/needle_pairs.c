@@ -4,8 +4,10 @@
 #include <string.h>
 
 enum { FIELDS = 1024 };              /* lines whose fields are kept: those of 32 needles */
-static const double REACH = 3.0; /* edge lengths: from a line; beyond, no patch has any node. Derived: a patch reaches 1.6 edge lengths and to the next nodes */
-static const double FINE = 2e-3; /* m: steps along a track, at least. Effort: no finer than contacts are placed, by default */
+static const double REACH = 3.0; /* edge lengths: from a line; beyond, no patch has any node. Derived: a patch reaches 1.6 edge lengths, and up to one element
+                                    farther */
+static const double FINE = 2e-3; /* m: steps along a track in which needles beside each other are looked for, at least. Effort: no finer than contacts are
+                                    placed, by default */
 
 struct needle_pairs {
     resolver *resolver;

@@ -16,8 +16,7 @@ static const double NEW_PUSH = 0.05; /* fraction: of Euler's load; a needle whos
                                         that is pushed along its axis at 50 mm/s bears eight times its buckling load before it bows (tests/test_guides.c). Chosen */
 static const double AT_REST = 5e-3; /* fraction: of Euler's load; a needle that moves on and is dragged by less has come to rest. Chosen: for an 18 G needle of
                                        200 mm 0.05 N, about the smallest force that a hand feels */
-static const double FIRST_STEP = 0.25; /* fraction: of a tick, in which the branch of an equilibrium is followed at first. Effort */
-static const double LEAST_STEP = 1.0 / 256; /* fraction: of a tick, in which it is followed at last. Effort: six halvings */
+static const double LEAST_STEP = 1.0 / 256; /* fraction: of a tick, in which the branch of an equilibrium is followed at last. Effort: eight halvings */
 enum { GUESS_PASSES = 3 }; /* passes: from a guessed shape, before it is given up. Effort */
 static const double LEAP = 0.05; /* rad: turn of a segment; passes that turn one by more in a step may have found another branch than that of the last step, and
                                     a pass that does so, and more than the one before, diverges. Chosen */
@@ -295,7 +294,7 @@ static bool has_leapt(const tick_context *tick, pass_result r) { return r.turned
 static pass_result follow(const tick_context *tick) {
     insertion_state *state = tick->state;
     insertion_workspace *w = tick->scratch;
-    double drag = needle_drag(tick->model->needle) / tick->dt, done = 0.0, step = state->moving_on ? 1.0 : FIRST_STEP;
+    double drag = needle_drag(tick->model->needle) / tick->dt, done = 0.0, step = 1.0;
     pass_result r = {.found = false};
     find_lag(tick);
     while (done < 1.0 && step >= LEAST_STEP) {

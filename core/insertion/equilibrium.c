@@ -20,7 +20,7 @@ static const double LEAST_STEP = 1.0 / 256; /* fraction: of a tick, in which the
 enum { GUESS_PASSES = 3 }; /* passes: from a guessed shape, before it is given up. Effort */
 static const double LEAP = 0.05; /* rad: turn of a segment; passes that turn one by more in a step may have found another branch than that of the last step, and
                                     a pass that does so, and more than the one before, diverges. Chosen */
-static const double CLAMPED_HINGED = 20.2; /* L^2 / EI: Euler's load of a beam that is clamped at one end and hinged at the other. Exact: the square of the least
+static const double CLAMPED_HINGED = 20.2; /* EI / L^2: Euler's load of a beam that is clamped at one end and hinged at the other. Exact: the square of the least
                                               root of tan x = x, 20.19 */
 
 /* ---- one pass ------------------------------------------------------------------------------------------------------ */

@@ -13,7 +13,7 @@ static const double GUESSED_LATERAL = 0.42; /* edge lengths: radius that a mesh 
                                                random places and directions in the meshes of figure8.yaml, implant.yaml and trus.yaml; 9 in 10 are within a
                                                factor of 1.6 */
 static const double GUESSED_AXIAL = 0.49; /* edge lengths: along the needle. Measured, the same */
-static const double GUESSED_POINT = 0.14; /* 1 / edge lengths: what the mesh yields of a point's field, times the shear modulus. Measured, the same */
+static const double GUESSED_POINT = 0.14; /* 1 / edge length: what the mesh yields of a point's field, times the shear modulus. Measured, the same */
 
 /* ---- model ---------------------------------------------------------------------------------------------------------- */
 

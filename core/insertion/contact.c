@@ -5,6 +5,9 @@
 
 #include "linalg/rows.h"
 
+static const double LEAST_PIVOT = 1e-8; /* fraction: of a contact's own sideways compliance; smaller pivots count as that. Rounding: the root of a double's
+                                           precision, so that elimination keeps half of its digits */
+
 /* The principal directions of one contact's sideways block [p q; q r]: turned by the angle with cosine c and sine s, it is
    diagonal. Two scalar pivots so far apart as these may become keep their digits; the block's inverse would not. */
 typedef struct { double c, s, pivot[2]; } principal;
@@ -15,7 +18,7 @@ typedef struct { double c, s, pivot[2]; } principal;
 static double off_zero(double pivot, double least) { return fabs(pivot) < least ? copysign(least, pivot) : pivot; }
 
 static principal diagonalise(double p, double q, double r, double scale) {
-    double least = 1e-8 * scale, half = 0.5 * (r - p), root = sqrt(half * half + q * q), sum = fabs(half) + root;
+    double least = LEAST_PIVOT * scale, half = 0.5 * (r - p), root = sqrt(half * half + q * q), sum = fabs(half) + root;
     bool diagonal = root == 0.0; /* else Jacobi's rotation by the smaller angle, whose tangent is t */
     double t = diagonal ? 0.0 : q / copysign(sum, half), c = diagonal ? 1.0 : sqrt(0.5 * sum / root);
     return (principal){c, t * c, {off_zero(p - t * q, least), off_zero(r + t * q, least)}};
@@ -145,7 +148,7 @@ static bool solve_axial(contact_problem *p, int *negative) {
 
 /* The state that unknown i should change to, or its own if it is consistent. */
 static friction_state consistent_state(contact_problem *p, int i, double slip) {
-    double force = p->force[2 * p->count + i], margin = 1e-12 * (1.0 + fabs(force));
+    double force = p->force[2 * p->count + i], margin = MARGIN * (1.0 + fabs(force));
     if (p->state[i] == STICK) {
         p->slip[i] = origin(p, i);
         if (force > p->upper[i] + margin) return SLIP_FORWARD;
@@ -167,7 +170,7 @@ static int consistent_knot(const contact_problem *p, int i, double slip) {
    least-index order, which is finite for positive definite problems (Murty 1974). `negative`: eigenvalues of the compliance between those that stick
    or slide with viscosity. */
 static bool search_states(contact_problem *p, int *negative) {
-    int together = 10, limit = together + 4 * (p->axial_count + p->ahead.count);
+    int limit = ROUNDS_TOGETHER + ROUNDS_EACH * (p->axial_count + p->ahead.count);
     double slip[MAX_AXIAL];
     if (p->ahead.count > 0) stand_at_knot(p, p->knot < p->ahead.count ? p->knot : 0);
     for (int i = 0; i < p->axial_count; i++) /* slid up to now, but can't any more: say, the tip has met bone */
@@ -179,7 +182,7 @@ static bool search_states(contact_problem *p, int *negative) {
         for (int i = 0; i < p->axial_count; i++) {
             friction_state next = consistent_state(p, i, slip[i]);
             int knot = consistent_knot(p, i, slip[i]);
-            if ((next == p->state[i] && knot == p->knot) || (!consistent && round >= together)) continue;
+            if ((next == p->state[i] && knot == p->knot) || (!consistent && round >= ROUNDS_TOGETHER)) continue;
             if (knot != p->knot) {
                 stand_at_knot(p, knot);
                 if (p->lower[i] < p->upper[i]) next = STICK; /* on a kink without a jump it slides on */

@@ -11,6 +11,11 @@ enum { MAX_POINTS = MAX_GUIDE_POINTS + MAX_CONTACTS + 1, MAX_AXIAL = MAX_POINTS 
        MAX_PAIRS = MAX_POINTS + PANEL_ROWS / 2 - 1 /* whole panels of sideways unknowns */ };
 _Static_assert(CONTACT_LD >= ELIMINATION_SIZE(MAX_UNKNOWNS), "a row holds all unknowns, its gap and padding");
 
+/* Of the search for what sticks and what slides, here and for turning (roll.c). */
+static const double MARGIN = 1e-12; /* fraction: by which a force may be beyond its bound, of itself and 1 N. Rounding */
+enum { ROUNDS_TOGETHER = 10 }; /* rounds: in which all inconsistent points switch at once, before only one does. Effort: two are usual */
+enum { ROUNDS_EACH = 4 }; /* rounds: for each point, in which one switches at a time. Effort */
+
 typedef enum { STICK = 0, SLIP_FORWARD = 1, SLIP_BACKWARD = -1 } friction_state;
 
 /* Resistance ahead of one axial unknown as a function of its slip: a staircase that only goes up. From knot k to the next one the force is level[k] +

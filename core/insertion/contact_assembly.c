@@ -13,8 +13,10 @@
 #include "insertion/strata.h"
 #include "remesh/snapshot_kernels.h"
 
-static const double TIP_FADE = 3e-3;     /* m of depth over which the tip's lateral hold grows to its full value */
-static const double LEAST_STIFFNESS = 1e-3; /* N/m, for shaft that is hardly in tissue, having come out of a gap */
+static const double TIP_FADE = 3e-3; /* m: depth over which the tissue's sideways hold on tip and shaft grows to its full value. Chosen */
+static const double LEAST_STIFFNESS = 1e-3; /* N/m: that a share of the shaft has per logarithm at least, for shaft that is hardly in tissue, having come out of
+                                               a gap. Rounding: that of 0.5 um of shaft at 1 kPa */
+static const double LEAST_HOLD = 1e-6; /* fraction: of the sideways hold that is left at least, so that its compliance is finite. Rounding */
 
 /* ---- points and forces --------------------------------------------------------------------------------------------- */
 
@@ -117,8 +119,9 @@ static double hold_near_surface(const tick_context *tick) {
 
 /* Point i, of this local compliance (m/N), is held by that part only. */
 static void loosen(insertion_workspace *w, int i, double hold, double compliance) {
-    w->loose[i] = hold < 1.0 ? compliance * (1.0 / fmax(hold, 1e-6) - 1.0) : 0.0;
-    w->tightening[i] = hold < 1.0 ? compliance / (fmax(hold * hold, 1e-12) * TIP_FADE) : 0.0;
+    double part = fmax(hold, LEAST_HOLD);
+    w->loose[i] = hold < 1.0 ? compliance * (1.0 / part - 1.0) : 0.0;
+    w->tightening[i] = hold < 1.0 ? compliance / (part * part * TIP_FADE) : 0.0;
 }
 
 /* How far the middle of a point's share is behind the tip; INFINITY without a tip in the tissue. */

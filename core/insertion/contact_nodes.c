@@ -3,8 +3,10 @@
 #include "insertion/local_compliance.h"
 #include "insertion/strata.h"
 
-static const double LONGEST_SHARE = 0.8;   /* edge lengths of the mesh: a longer way through an element has more than one contact */
-static const double PLAN_TOLERANCE = 2e-4; /* m, a planned contact node is used if the tip passes this close to it */
+static const double LONGEST_SHARE = 0.8; /* edge lengths: of the mesh; a longer way through an element has more than one contact. Chosen */
+static const double PLAN_TOLERANCE = 2e-4; /* m: a planned contact node is used if the tip passes this close to it. Chosen */
+static const double LAST_PLACE = 0.95; /* fraction above 0.5 and below 1: of the way through an element; a node that would be due farther on is left to the next
+                                          one. Chosen: 0.5 is where its node usually is, 1 is the face */
 
 double last_contact_depth(const insertion_state *state) {
     const shaft_contact *last = last_contact(state);
@@ -88,7 +90,7 @@ static void plan(const tick_context *tick, vec3 direction, bool another) {
     shares = another ? ceil(shares - 0.5) : fmax(ceil(shares), 1.0);
     if (shares < 1.0) return;
     double due = fmax(tip->depth + (another ? chord / (shares + 0.5) : 0.5 * chord / shares), earliest);
-    if (due >= tip->depth + 0.95 * chord) return;
+    if (due >= tip->depth + LAST_PLACE * chord) return;
     tip->next_contact = due;
     add_contact(tick, v3_axpy(due - tip->depth, direction, tip->nominal), due, direction);
 }

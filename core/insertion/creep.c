@@ -6,10 +6,10 @@
 #include "insertion/creep_kernels.h"
 #include "insertion/stiffening.h"
 
-static const double TOGETHER = 1e-3;   /* m, left loads closer to each other are taken together */
-static const double NOTICEABLE = 1e-3; /* N of new left loads that are worth a request */
-static const double NEGLIGIBLE = 1e-9; /* N, of a left load that is forgotten */
-static const double ALL_OF_IT = 1e-9;  /* part of a share that rounding may leave over */
+static const double TOGETHER = 1e-3; /* m: left loads closer to each other are taken together. Effort */
+static const double NOTICEABLE = 1e-3; /* N: of new left loads that are worth a request. Effort: below what a hand feels */
+static const double NEGLIGIBLE = 1e-9; /* N: of a left load that is forgotten. Rounding */
+static const double ALL_OF_IT = 1e-9; /* fraction: of a share's length, that may be left over. Rounding */
 
 static const vec3 ZERO = {0, 0, 0};
 static const remembered_forces NOTHING = {{0, 0, 0}, 0, 0};

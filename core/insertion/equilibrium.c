@@ -11,13 +11,17 @@
 #include "insertion/stiffening.h"
 #include "insertion/tip_damper.h"
 
-static const double BITE_TIME = 20e-3;   /* s, lag with which the tip's hold follows the force along the needle: without it, the two would alternate */
-static const double NEW_PUSH = 0.05;     /* of Euler's load: if the push has grown by more since the needle was linearised, it is linearised again */
-static const double AT_REST = 5e-3;      /* of Euler's load: a needle that is dragged by less has come to rest */
-static const double LEAST_STEP = 1.0 / 256; /* of a tick, in which the branch of an equilibrium is followed */
-enum { GUESS_PASSES = 3 };               /* from a guessed shape, before it is given up */
-static const double LEAP = 0.05;         /* rad in one step: passes that turn a segment by more may have found another branch than that of the last step */
-static const double DIVERGING = 0.05;    /* rad: passes diverge if the last one turned a segment by more, and by more than the pass before */
+static const double BITE_TIME = 20e-3; /* s: lag with which the surface's hold follows the force along the needle; without it, the two would alternate. Chosen */
+static const double NEW_PUSH = 0.05; /* fraction: of Euler's load; a needle whose push has grown by more since it was linearised is linearised again: else one
+                                        that is pushed along its axis at 50 mm/s bears eight times its buckling load before it bows (tests/test_guides.c). Chosen */
+static const double AT_REST = 5e-3; /* fraction: of Euler's load; a needle that moves on and is dragged by less has come to rest. Chosen: for an 18 G needle of
+                                       200 mm 0.05 N, about the smallest force that a hand feels */
+static const double LEAST_STEP = 1.0 / 256; /* fraction: of a tick, in which the branch of an equilibrium is followed at last. Effort: eight halvings */
+enum { GUESS_PASSES = 3 }; /* passes: from a guessed shape, before it is given up. Effort */
+static const double LEAP = 0.05; /* rad: turn of a segment; passes that turn one by more in a step may have found another branch than that of the last step, and
+                                    a pass that does so, and more than the one before, diverges. Chosen */
+static const double CLAMPED_HINGED = 20.2; /* EI / L^2: Euler's load of a beam that is clamped at one end and hinged at the other. Exact: the square of the least
+                                              root of tan x = x, 20.19 */
 
 /* ---- one pass ------------------------------------------------------------------------------------------------------ */
 
@@ -159,7 +163,7 @@ static vec3 push_on(const tick_context *tick) {
 /* Of the needle clamped at its base and hinged at its tip, N. */
 static double euler_load(const tick_context *tick) {
     const needle_model *needle = tick->model->needle;
-    return 20.2 * needle->bending / (needle->given.length * needle->given.length);
+    return CLAMPED_HINGED * needle->bending / (needle->given.length * needle->given.length);
 }
 
 typedef struct {
@@ -182,7 +186,7 @@ static pass_result run_passes(const tick_context *tick, int most) {
         r.converged = turned * turned * length < model->settings.tolerance && v3_norm(more) < NEW_PUSH * euler_load(tick) && guides_agree(tick) && stiffening_agrees(tick);
     }
     /* A state from which the passes diverge is no equilibrium. A single pass cannot tell. */
-    r.diverging = before > 0.0 && turned > before && turned > DIVERGING;
+    r.diverging = before > 0.0 && turned > before && turned > LEAP;
     return r;
 }
 
@@ -290,7 +294,7 @@ static bool has_leapt(const tick_context *tick, pass_result r) { return r.turned
 static pass_result follow(const tick_context *tick) {
     insertion_state *state = tick->state;
     insertion_workspace *w = tick->scratch;
-    double drag = needle_drag(tick->model->needle) / tick->dt, done = 0.0, step = state->moving_on ? 1.0 : 0.25;
+    double drag = needle_drag(tick->model->needle) / tick->dt, done = 0.0, step = 1.0;
     pass_result r = {.found = false};
     find_lag(tick);
     while (done < 1.0 && step >= LEAST_STEP) {

@@ -2,9 +2,10 @@
 
 #include <math.h>
 
-static const double SKIN_CONTACT = 1e-5; /* m, by which a plate may reach into the tissue: one that rests on the skin touches it */
-static const double LEAST_SINE = 1e-3;   /* of the angle between the normal and the direction of the columns */
-static const double LEAST_SQUARE = 0.7;  /* cosine of the angle between the given direction of the rows and the perpendicular to the columns */
+static const double SKIN_CONTACT = 1e-5; /* m: by which a plate may reach into the tissue; one that rests on the skin touches it. Rounding */
+static const double LEAST_SINE = 1e-3; /* 1: sine of the angle between the normal and the direction of the columns, at least. Rounding */
+static const double LEAST_SQUARE = 0.7; /* cosine, below 1: of the angle between the given direction of the rows and the perpendicular to the columns, at least.
+                                           Chosen: 45 degrees, beyond which it would be nearer to that of the columns */
 
 guide_config guide_defaults(void) {
     return (guide_config){.columns = 1, .rows = 1, .spacing = 5e-3, .thickness = 20e-3, .stiffness = 50e3, .friction = 0.1};
@@ -18,7 +19,7 @@ static vec3 direction_of(vec3 v) {
 
 static bool is_zero(vec3 v) { return v.x == 0.0 && v.y == 0.0 && v.z == 0.0; }
 
-/* Any direction across the normal, for a plate with one hole. */
+/* Any direction across the normal, for a plate with one hole: projected from whichever axis is not nearly along it. */
 static vec3 some_direction_across(vec3 normal) { return fabs(normal.x) < 0.9 ? v3(1, 0, 0) : v3(0, 1, 0); }
 
 /* Unit vectors along columns and rows. `square`: cosine of the angle between the given direction of the rows and the one used. */

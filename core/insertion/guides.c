@@ -1,11 +1,13 @@
 #include "insertion/guides.h"
 
-static const double LEAST_STIFFNESS = 1e-2;   /* N/m, along a hole's edge, where it is touched without force */
-static const double LEAST_SLOPE = 0.3;        /* cosine of the angle between needle and hole, below which no hole holds it */
-static const double LAST_STEP = 1e-9;         /* m along the needle: the next one, of Newton's, would be rounding */
-static const double TOLERANCE = 1e-6;         /* m, by which the needle may be off the edge where the passes stop, at most, */
-static const double FORCE_TOLERANCE = 0.01;   /* and of the edge's force, so that a light touch ends where it should; */
-static const double ROUNDING = 1e-12;         /* m, allowed in any case */
+static const double LEAST_STIFFNESS = 1e-2; /* N/m: along a hole's edge, where it is touched without force. Rounding */
+static const double LEAST_SLOPE = 0.3; /* cosine, below 1: of the angle between needle and hole, below which no hole holds it. Chosen: 70 degrees, as no real
+                                          needle could lie */
+static const double TOLERANCE = 1e-6; /* m: by which the needle may be off the edge where the passes end, at most. Chosen: ten times less takes up to 1.6 times
+                                         the passes */
+static const double FORCE_TOLERANCE = 0.01; /* fraction: of the edge's force, by which its spring may be off, so that a light touch ends where it should. Chosen,
+                                               like TOLERANCE */
+static const double ROUNDING = 1e-12; /* m: by which the needle may be off the edge in any case. Rounding */
 
 static const guide *guide_of(const tick_context *tick, int point) { return &tick->model->guides[tick->scratch->points[point].guide]; }
 static guide_state *state_of(const tick_context *tick, int point) { return &tick->state->guides[tick->scratch->points[point].guide]; }
@@ -24,7 +26,8 @@ static double beyond_plane(const needle_point *p, vec3 centre, vec3 normal) {
 
 /* ---- in and out of holes ----------------------------------------------------------------------------------------------- */
 
-/* Arc at which the centreline crosses the plane, from a guess close to it. */
+/* Arc at which the centreline crosses the plane, from a guess close to it: by Newton's method, in few steps as the line is nearly
+   straight there. */
 static double crossing(const tick_context *tick, double arc, vec3 centre, vec3 normal) {
     double length = tick->model->needle->given.length;
     for (int i = 0; i < 3; i++) {
@@ -32,7 +35,6 @@ static double crossing(const tick_context *tick, double arc, vec3 centre, vec3 n
         double step = beyond_plane(&p, centre, normal);
         if (!isfinite(step)) break; /* the needle is parallel to the plate */
         arc = smaller_of(larger_of(arc - step, 0.0), length);
-        if (fabs(step) < LAST_STEP) break;
     }
     return arc;
 }

@@ -14,9 +14,10 @@
 #include "insertion/tip.h"
 #include "insertion/track_gradient.h"
 
-static const double LOOK_BACK = 5e-3;       /* m behind a free needle's end, from where on the surface above it is looked for */
-static const double SAME_PLACE = 1e-7;      /* m, to which the displacement of the surface is found */
-enum { MOST_LOOKS = 5 };                    /* in so many steps at most */
+static const double SAME_PLACE = 1e-7; /* m: to which the displacement of the surface is found. Rounding */
+enum { MOST_LOOKS = 5 }; /* looks: for the displaced surface, at most. Effort */
+static const double LEAST_TICK = 1e-6; /* s: a shorter tick counts as that. Rounding */
+static const double SAME_TIME = 1e-6; /* steps: by which a tick may be longer than a whole number of them. Rounding */
 
 void insertion_reset(const insertion_model *model, pose base, insertion_state *state) {
     uint64_t serial = state->request.serial, next_id = state->next_id; /* kept, so that no old snapshot matches */
@@ -99,10 +100,10 @@ static vec3 surface_displacement(const tick_context *tick, vec3 end, vec3 axis) 
 }
 
 /* Touches the surface that lies above a tip in the tissue, `now` (m, nominal): others have moved the tissue over it, or it has just come to be known that
-   they had. */
+   they had. It is looked for from a diameter behind the tip on, then from twice as far, and so on up to two lengths of the needle. */
 static void touch_above(const tick_context *tick, vec3 now, vec3 axis) {
     const insertion_model *model = tick->model;
-    for (double back = LOOK_BACK; back < 2.0 * model->needle->given.length; back *= 2.0) {
+    for (double back = model->needle->given.outer_diameter; back < 2.0 * model->needle->given.length; back *= 2.0) {
         vec3 behind = v3_axpy(-back, axis, now);
         if (tip_is_below(model, behind, now)) {
             tip_touch(tick, behind, now);
@@ -227,9 +228,9 @@ void insertion_tick(const tick_context *given) {
     profile_begin(&given->scratch->profile);
     pose held = state->needle.base;
     held.position = v3_sub(held.position, state->base_shift);
-    double dt = fmax(given->dt, 1e-6);
+    double dt = fmax(given->dt, LEAST_TICK);
     const insertion_settings *settings = &given->model->settings;
-    int steps = (int)fmin(ceil(dt / settings->longest_step - 1e-6), settings->most_steps);
+    int steps = (int)fmin(ceil(dt / settings->longest_step - SAME_TIME), settings->most_steps);
     tick_context tick = *given;
     tick.dt = steps > 1 ? dt / steps : dt;
     for (int i = 1; i < steps; i++) {

@@ -36,9 +36,9 @@ typedef struct {
     roll_friction roll;
 } shaft_hold;
 
-/* N along the needle, at which the surface holds the tip sideways in full. A tip that touches begins with it: one that the surface does not
-   hold yet would slip aside at once if the needle is bent. */
-static const double FULL_GRIP = 0.05;
+static const double FULL_GRIP = 0.05; /* N: force along the needle at which the surface holds the tip sideways in full; a tip that touches begins with it, as one
+                                         that the surface does not hold yet would slip aside at once if the needle is bent. Chosen: about the smallest force that
+                                         a hand feels */
 
 /* One contact: a node of the tissue that the shaft passes. */
 typedef struct {

@@ -2,10 +2,18 @@
 
 #include <stdlib.h>
 
-static const double LEAST_LOGARITHM = 0.02; /* keeps contacts apart where the mesh resolves the needle's surface by itself */
-static const double EMBEDDING_DEPTH = 4.0;  /* radii below the surface at which a disc's surroundings are those in the depth */
-static const double DENSITY = 1050.0;       /* kg/m^3, soft tissue */
-static const double BONE_COMPLIANCE = 8e-5; /* m/N under the tip: stiffer than haptic devices render, and with its sliding below 0.1 mm/N */
+static const double LEAST_LOGARITHM = 0.02; /* 1: of resolved over needle radius, at least; keeps contacts apart where the mesh resolves the needle's surface by
+                                               itself. Chosen */
+static const double EMBEDDING_DEPTH = 4.0; /* radii: below the surface at which a disc's surroundings are those in the depth. Fitted to resolved finite elements,
+                                              within 2 % */
+static const double DENSITY = 1050.0; /* kg/m^3: of soft tissue, for the speed of shear waves, which limits how fast tissue springs back. Cited: ICRU Report 46
+                                         (1992), skeletal muscle 1050, average soft tissue 1030 */
+static const double BONE_COMPLIANCE = 8e-5; /* m/N: of bone under the tip. Chosen: stiffer than haptic devices render, and with its sliding below 0.1 mm/N */
+static const double GUESSED_LATERAL = 0.42; /* edge lengths: radius that a mesh resolves across the needle, before it is measured. Measured: median of 4500
+                                               random places and directions in the meshes of figure8.yaml, implant.yaml and trus.yaml; 9 in 10 are within a
+                                               factor of 1.6 */
+static const double GUESSED_AXIAL = 0.49; /* edge lengths: along the needle. Measured, the same */
+static const double GUESSED_POINT = 0.14; /* 1 / edge length: what the mesh yields of a point's field, times the shear modulus. Measured, the same */
 
 /* ---- model ---------------------------------------------------------------------------------------------------------- */
 
@@ -67,11 +75,9 @@ void local_free(insertion_model *model) {
 
 /* ---- not measured -------------------------------------------------------------------------------------------------------- */
 
-/* Medians over the edge length, of 4500 random places and directions in the meshes of figure8.yaml, implant.yaml and trus.yaml. Of R, 9 in 10 are
-   within a factor of 1.6, so that its logarithm over the needle's radius, 1.4 to 2.3 there, is within 0.5. */
 resolved_field local_resolution_guess(const insertion_model *model, int tet) {
     double size = mesh_edge_length(model->mesh, tet);
-    return (resolved_field){.lateral = 0.42 * size, .axial = 0.49 * size, .point = 0.14 / size};
+    return (resolved_field){.lateral = GUESSED_LATERAL * size, .axial = GUESSED_AXIAL * size, .point = GUESSED_POINT / size};
 }
 
 /* ---- at a point ----------------------------------------------------------------------------------------------------- */

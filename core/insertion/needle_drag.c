@@ -1,6 +1,7 @@
 #include "insertion/needle_drag.h"
 
-static const double STEEL = 7900.0; /* kg/m^3 */
+static const double STEEL = 7900.0; /* kg/m^3: density of the needle, which with its stiffness sets the drag of one on its way to another shape. Cited:
+                                       austenitic stainless steel (AISI 304), 7900 to 8000 */
 
 /* A wave of bending with the wavenumber q has the inertia rho A, the stiffness EI q^4 and the drag eta q^2: with this eta, it is damped critically whatever
    its length. */

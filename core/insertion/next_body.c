@@ -6,7 +6,7 @@
 #include "insertion/strata.h"
 #include "insertion/tip_path.h"
 
-static const double OVERLAP = 2e-3; /* m, by which bodies that were meshed separately may overlap */
+static const double OVERLAP = 2e-3; /* m: by which bodies that were meshed separately may overlap. Chosen */
 
 vec3 needle_direction(const tick_context *tick) {
     quat frame = tick->state->needle.frames[tick->model->needle->given.segments - 1];

@@ -2,9 +2,9 @@
 
 #include "insertion/obstacle.h"
 
-static const double FADE = 1.5;          /* a track is fully open up to a distance and an angle, and not at all beyond so many times them */
-static const double CATCH_UP = 4.0;      /* diameters of the needle over which a tip beside a track comes closer to it by a factor e */
-static const double CLOSED = 1e-5;       /* m: a tip this close to the end of a track is at its end */
+static const double FADE = 1.5; /* ratio above 1: a track is fully open up to a distance and an angle, and not at all beyond so many times them. Chosen */
+static const double CATCH_UP = 4.0; /* needle diameters: over which a tip beside a track comes closer to it by a factor e. Chosen */
+static const double CLOSED = 1e-5; /* m: a tip this close to the end of a track is at its end. Rounding */
 
 /* 1 up to the limit, falling to 0 at FADE times that. */
 static double fade(double value, double limit) { return fmin(fmax((FADE - value / limit) / (FADE - 1.0), 0.0), 1.0); }

@@ -1,6 +1,6 @@
 #include "insertion/outside.h"
 
-static const double NEAR = 10e-3; /* m of shaft from where the track begins and ends: the skin there is not where it was at rest */
+static const double NEAR = 10e-3; /* m: of shaft from where the track begins and ends; the skin there is not where it was at rest. Chosen */
 
 /* A stretch of the shaft, m from the base. */
 typedef struct {

@@ -4,13 +4,16 @@
 
 #include "insertion/creep.h"
 
-static const double LINE_OFFSET = 1e-3, LINE_TURN = 0.02; /* m, rad: a line that differs by more is a new one */
-static const line_tolerance SAME_LINE = {1e-9, 1e-9};
-static const double ABOUT_TO_TOUCH = 2e-3;                 /* m before the skin: from here on the line must be the very one, so that an insertion does
-                                                              not depend on how the needle came there */
-static const double NEAR_FACE = 1e-7;                      /* m, distance between touching surfaces, due to rounding */
-enum { AHEAD = 16, BEHIND = 4 };  /* elements ahead of the tip, contact nodes behind it */
-enum { AROUND_EDGE = 32 };        /* elements that meet at an edge; about five do, and twenty in a poor mesh */
+static const double LINE_OFFSET = 1e-3; /* m: a line of the needle that is farther off is a new one. Effort */
+static const double LINE_TURN = 0.02; /* rad: a line that is turned by more is a new one. Effort */
+static const line_tolerance SAME_LINE = {1e-9, 1e-9}; /* m and rad: lines that differ by less are the same. Rounding */
+static const double ABOUT_TO_TOUCH = 2e-3; /* m: before the skin, from where on the line must be the very one, so that an insertion does not depend on how the
+                                              needle came there. Chosen */
+static const double NEAR_FACE = 1e-7; /* m: distance between touching surfaces. Rounding */
+static const double WAY_IN = 1.25; /* ratio: of the way into a body that is asked for, to `prefetch_distance`. Chosen */
+enum { AHEAD = 16 }; /* elements: ahead of the tip. Effort */
+enum { BEHIND = 4 }; /* contacts: behind the tip. Effort */
+enum { AROUND_EDGE = 32 }; /* elements: that meet at an edge, at most; about five do, and twenty in a poor mesh. Effort */
 
 typedef struct {
     int count, needed;       /* as in remesh_request */
@@ -129,7 +132,7 @@ static void add_track(const mesh *m, const insertion_state *state, wanted_tissue
 
 /* From where the needle enters a body that it is not in yet, by about `reach` from its end. */
 static void add_way_in(const mesh *m, surface_hit hit, vec3 direction, double reach, wanted_tissue *list) {
-    straight_way way = {.tet = hit.tet, .x = hit.point, .direction = direction, .left = reach * (1.25 - hit.fraction)};
+    straight_way way = {.tet = hit.tet, .x = hit.point, .direction = direction, .left = reach * (WAY_IN - hit.fraction)};
     if (hit.hit) add_way(m, &way, 1, list);
 }
 

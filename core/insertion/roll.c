@@ -5,7 +5,10 @@
 
 /* ---- one bound for sliding and turning --------------------------------------------------------------------------------- */
 
-static const double LEAST_WAY = 1e-12; /* m in one step: a shaft whose surface slides by less rests; the direction of its slip is rounding */
+static const double LEAST_WAY = 1e-12; /* m: in one step; a shaft whose surface slides by less rests, as the direction of its slip is rounding. Rounding */
+static const double LEAST_YIELDING = 1e-12; /* N m / rad: of the tissue's stiffness against turning of a share, at least. Rounding */
+static const double LEAST_TORQUE = 1e-6; /* N m: the MARGIN of a torque is that fraction of itself and this. Rounding */
+static const double LEAST_GAP = 1e-6; /* m: between two points on the needle, at least. Rounding */
 
 double roll_way(double slip, const roll_friction *roll, double radius) {
     return roll->turned == 0.0 ? fabs(slip) : length_of(slip, radius * roll->turned);
@@ -75,7 +78,7 @@ static roll_point point_at(const tick_context *tick, const contact_point *p) {
     double slid = tip ? state->tip.shaft.slid : contact->shaft.slid;
     double dry = shaft_friction_limit(model, &p->shaft, slid + roll_way(slip, roll, radius));
     double along = length * (tip ? state->tip.shaft.traction : contact->shaft.traction);
-    roll_point point = {.yielding = tick->scratch->creep.yield / larger_of(2.0 * radius * radius * p->shaft.axial, 1e-12),
+    roll_point point = {.yielding = tick->scratch->creep.yield / larger_of(2.0 * radius * radius * p->shaft.axial, LEAST_YIELDING),
                         .bound = roll_left_to_turning(dry, slip, along, roll, radius)};
     point.bound.viscosity += p->shaft.viscous * radius * radius / tick->dt;
     return point;
@@ -111,7 +114,7 @@ static double torque_of(const roll_point *p) { return p->stiffness * p->angle + 
 static double slip_of(const roll_point *p, const roll_friction *roll) { return p->angle - roll->anchor - p->yielding * (torque_of(p) + p->remembered); }
 
 static friction_state consistent(const roll_point *p, const roll_friction *roll) {
-    double torque = torque_of(p), margin = 1e-12 * (1e-6 + fabs(torque));
+    double torque = torque_of(p), margin = MARGIN * (LEAST_TORQUE + fabs(torque));
     if (roll->friction != STICK) return roll->friction * slip_of(p, roll) < 0.0 ? STICK : roll->friction;
     return torque > p->bound.bound + margin ? SLIP_FORWARD : torque < -p->bound.bound - margin ? SLIP_BACKWARD : STICK;
 }
@@ -119,15 +122,14 @@ static friction_state consistent(const roll_point *p, const roll_friction *roll)
 /* Changes points between sticking and sliding until all are consistent, as contact_solve does. */
 static void search(const tick_context *tick, int n, roll_point *points) {
     const contact_point *at = tissue_points(tick);
-    const int together = 10;
-    for (int round = 0; round < together + 4 * n; round++) {
+    for (int round = 0; round < ROUNDS_TOGETHER + ROUNDS_EACH * n; round++) {
         bool done = true;
         for (int i = 0; i < n; i++) take_law(&points[i], roll_of(tick->state, &at[i]));
         solve_chain(n, tick->state->base_turn, points);
         for (int i = 0; i < n; i++) {
             roll_friction *roll = roll_of(tick->state, &at[i]);
             friction_state next = consistent(&points[i], roll);
-            if (next == roll->friction || (!done && round >= together)) continue;
+            if (next == roll->friction || (!done && round >= ROUNDS_TOGETHER)) continue;
             roll->friction = next;
             done = false;
         }
@@ -148,7 +150,6 @@ static bool anchor_points(const tick_context *tick) {
 }
 
 void roll_solve(const tick_context *tick) {
-    static const double LEAST = 1e-6; /* m between two points */
     insertion_state *state = tick->state;
     insertion_workspace *w = tick->scratch;
     roll_point points[MAX_SHARES];
@@ -157,7 +158,7 @@ void roll_solve(const tick_context *tick) {
     if (n == 0 || !anchor_points(tick)) return;
     for (int i = 0; i < n; i++) {
         points[i] = point_at(tick, &at[i]);
-        points[i].shaft = tick->model->needle->torsion / larger_of(at[i].arc - (i > 0 ? at[i - 1].arc : 0.0), LEAST);
+        points[i].shaft = tick->model->needle->torsion / larger_of(at[i].arc - (i > 0 ? at[i - 1].arc : 0.0), LEAST_GAP);
         points[i].remembered = creep_twist(tick, w->guided + i);
     }
     search(tick, n, points);

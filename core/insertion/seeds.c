@@ -6,7 +6,7 @@
 #include "insertion/strata.h"
 #include "insertion/tip_path.h"
 
-static const double ON_FACE = -1e-6; /* barycentric weight down to which a point counts as inside */
+static const double ON_FACE = -1e-6; /* 1: barycentric weight down to which a point counts as inside. Rounding */
 
 /* ---- the track, from the tip back ---------------------------------------------------------------------------------------- */
 

@@ -2,7 +2,7 @@
 
 #include "insertion/local_compliance.h"
 
-static const double LEAST_SHARE = 1e-6;  /* m of shaft that a contact stands for, at least */
+static const double LEAST_SHARE = 1e-6; /* m: of shaft that a contact stands for, at least. Rounding */
 
 /* Of active contact number k; behind them, of the tip. */
 static double depth_of(const insertion_state *state, int k) {

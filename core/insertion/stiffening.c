@@ -4,7 +4,8 @@
 #include "insertion/local_compliance.h"
 #include "insertion/strata.h"
 
-static const double AGREEMENT = 1e-6; /* m: the passes end when the error of the linearised displacements is below this */
+static const double AGREEMENT = 1e-6; /* m: the passes end when the error of the linearised displacements is below this. Chosen: a thousandth of a needle's
+                                         diameter */
 
 /* ---- laws ----------------------------------------------------------------------------------------------------------------- */
 
@@ -15,9 +16,8 @@ static double shift_under(const insertion_model *model, double stiffening, doubl
 }
 
 double stiffening_lead(const insertion_model *model, stiffened_shaft before, stiffened_shaft now, double traction) {
-    const double same = 1e-12;
     if (before.stiffening == 0.0 && now.stiffening == 0.0) return 0.0;
-    if (before.softness == 0.0 || (before.stiffening == now.stiffening && fabs(now.softness / before.softness - 1.0) < same)) return 0.0;
+    if (before.softness == 0.0 || (before.stiffening == now.stiffening && before.softness == now.softness)) return 0.0;
     return shift_under(model, now.stiffening, now.softness, traction) - shift_under(model, before.stiffening, before.softness, traction);
 }
 

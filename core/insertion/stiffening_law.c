@@ -22,9 +22,8 @@ static stiffening_shift shaft_field(double b) {
     return (stiffening_shift){b * (q / (1.0 + q) - 1.5 * log1p(q)), -1.5 * log1p(q)};
 }
 
-/* So much of ln(R / r) is always left of the local compliance, or contacts in one element of the mesh, whose displacements are not
-   independent, would no longer be kept apart. */
-static const double KEPT_LOGARITHM = 0.1;
+static const double KEPT_LOGARITHM = 0.1; /* 1: of the local compliance's logarithm, that is always left, or contacts in one element of the mesh, whose
+                                             displacements are not independent, would no longer be kept apart. Chosen */
 
 /* The b at which the slope is -most. */
 static double shaft_limit(double most) {
@@ -39,8 +38,10 @@ static double shaft_limit(double most) {
    1 / sqrt(t (1 + t^2)) from 0 to y. For small forces it is b - b^3 / 5, for large ones it grows with sqrt(b): force and dent go from a line
    to a parabola. */
 
-static const double STRESS = 0.8; /* of that even field; fitted to a resolved disc, S = 1, pressed in by 2.5 radii (tests/test_stiffening.c) */
-static const double WHOLE = 3.7081493546027438; /* I(infinity) = Gamma(1/4)^2 / (2 sqrt(pi)) */
+static const double STRESS = 0.8; /* 1: of the stress that spreads evenly with the energy of the linear disc. Fitted to a resolved disc, S = 1, pressed in by 2.5
+                                     radii (tests/test_stiffening.c) */
+static const double WHOLE = 3.7081493546027438; /* 1: I(infinity). Exact: Gamma(1/4)^2 / (2 sqrt(pi)) */
+static const double SMALL = 1e-3; /* 1: force below which the tip's law is the first term of its series. Derived: the next term is 1e-6 of it */
 
 /* For y <= 1: 2 times the integral of 1 / sqrt(1 + s^4) from 0 to sqrt(y), by Gauss's formula with eight points. */
 static double small_integral(double y) {
@@ -59,12 +60,12 @@ static double integral(double y) { return y <= 1.0 ? small_integral(y) : WHOLE -
 static double tip_slope(double y) { return 0.5 * integral(y) / sqrt(y * (1.0 + y * y)) - 1.0; }
 
 static stiffening_shift tip_field(double b) {
-    if (b < 1e-3) return (stiffening_shift){-0.2 * b * b * b, -0.6 * b * b};
+    if (b < SMALL) return (stiffening_shift){-0.2 * b * b * b, -0.6 * b * b};
     double y = shear_of(b);
     return (stiffening_shift){sqrt(b) * integral(y) - y - b, tip_slope(y)};
 }
 
-/* The slope falls with y all the way to -1. */
+/* The slope falls with y all the way to -1: by bisection, to a part in 2^40. */
 static double tip_limit(double most) {
     double low = 0.0, high = 1.0;
     while (tip_slope(high) > -most && high < 1e6) high *= 2.0;

@@ -7,10 +7,12 @@
 #include "insertion/strata.h"
 #include "insertion/tip_path.h"
 
-static const double MOST_SHEAR = 0.7;    /* of the tissue along the track, up to which the tip's direction follows it */
-static const double GLIDE_REACH = 2e-3;  /* m, how far above and below a gliding tip the surface is searched for */
-static const double LIFTED = 1e-6;       /* m, from which on a tip has left the surface: where that is displaced to is not known better */
-static const double SURFACE_GRIP = 0.5;  /* friction coefficient of a tip on the surface */
+static const double MOST_SHEAR = 0.7; /* fraction below 1: shear of the tissue along the track up to which the tip's direction follows it. Chosen: far beyond
+                                         small strains */
+static const double GLIDE_REACH = 2e-3; /* m: how far above and below a gliding tip the surface is searched for. Chosen */
+static const double LIFTED = 1e-6; /* m: from which on a tip has left the surface. Rounding: where that is displaced to is not known better */
+static const double SURFACE_GRIP = 0.5; /* 1: friction coefficient of a tip on the surface. Cited: dry skin on other materials, typically around 0.5 (Derler and
+                                           Gerhardt, Tribology of skin, 2012); of a needle's tip on an organ nothing was found */
 
 /* ---- on the surface ---------------------------------------------------------------------------------------------------- */
 

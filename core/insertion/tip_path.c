@@ -5,8 +5,9 @@
 #include "insertion/old_tracks.h"
 #include "insertion/strata.h"
 
-static const double GRAZING = 0.2;         /* sine of the angle to an outer face, below which the tip goes along the face */
-static const double GRAZING_DEPTH = 1e-5;  /* m inside that face, where `nominal` is then */
+static const double GRAZING = 0.2; /* 1: sine of the angle to an outer face, below which the tip goes along the face. Chosen: 11 degrees */
+static const double GRAZING_DEPTH = 1e-5; /* m: how far inside that face `nominal` is then. Rounding */
+static const double SAME_FORCE = 1e-6; /* fraction: by which a resistance may be above the force that the tip cuts with, and is overcome. Rounding */
 
 int follow_line(const mesh *m, int tet, vec3 *from, vec3 target) {
     for (int step = 0; step < MAX_STEPS; step++) {
@@ -158,10 +159,7 @@ static double distance_to_exit(const insertion_model *model, const needle_tip *t
 }
 
 /* Does the tip cut with more force than it takes to get through this? */
-static bool overcomes(const needle_tip *tip, double resistance) {
-    const double rounding = 1e-6;
-    return resistance <= (1.0 + rounding) * tip->end_force;
-}
+static bool overcomes(const needle_tip *tip, double resistance) { return resistance <= (1.0 + SAME_FORCE) * tip->end_force; }
 
 /* Returns what is left of the distance where something stops the tip, m. */
 static double advance(const tick_context *tick, vec3 direction, double distance) {

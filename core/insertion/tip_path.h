@@ -4,8 +4,8 @@
 
 #include "insertion/tick.h"
 
-enum { MAX_STEPS = 256 };                    /* elements crossed in one tick, at most */
-static const double FACE_CLEARANCE = 1e-7;   /* m, the tip is put this far past a face that it crosses */
+enum { MAX_STEPS = 256 }; /* elements: crossed in one step, at most. Effort */
+static const double FACE_CLEARANCE = 1e-7; /* m: the tip is put this far past a face that it crosses. Rounding */
 
 /* Cuts forward by `distance` along the unit nominal direction: leaves contacts where they are due. Membranes stop the tip, if they resist
    more than what it cuts. RT */

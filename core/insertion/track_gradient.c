@@ -3,8 +3,7 @@
 #include "insertion/known_tissue.h"
 #include "insertion/prefetch.h"
 #include "insertion/strata.h"
-
-enum { MOST_ELEMENTS = 64 }; /* searched ahead of the tip */
+#include "insertion/tip_path.h"
 
 /* Displacement of the tissue at a contact, which the shaft carries along, m. */
 static vec3 carried(const tick_context *tick, const shaft_contact *contact) {
@@ -38,7 +37,7 @@ static vec3 displacement_ahead(const tick_context *tick, vec3 direction, vec3 at
     vec3 x = state->tip.nominal;
     int tet = state->tip.tet;
     direction = tip_way(&state->tip, direction);
-    for (int step = 0; step < MOST_ELEMENTS; step++) {
+    for (int step = 0; step < MAX_STEPS; step++) {
         int face = mesh_exit(m, tet, x, direction, &chord);
         x = v3_axpy(fmin(left, chord), direction, x);
         left -= chord;

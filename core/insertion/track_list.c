@@ -3,7 +3,7 @@
 #include <math.h>
 #include <string.h>
 
-static const double JOINED = 1e-4; /* m, a cut that begins this close to the end of the newest track extends it */
+static const double JOINED = 1e-4; /* m: a cut that begins this close to the end of the newest track extends it. Rounding */
 
 /* ---- recording ----------------------------------------------------------------------------------------------------------- */
 

@@ -9,7 +9,8 @@
 
 enum { MAX_TRACKS = 128, MAX_TRACK_POINTS = 1024, NO_MEMBRANE = -1 };
 
-static const double TRACK_SPACING = 4e-3; /* m, distance between neighbouring points, at most: 4 m of tracks have room */
+static const double TRACK_SPACING = 4e-3; /* m: distance between neighbouring points of a track, at most, over which its direction is taken. Chosen: 4 m of
+                                             tracks have room */
 
 typedef struct {
     vec3 at;                 /* m, nominal */

@@ -4,7 +4,9 @@
 #include "needle/centreline_kernels.h"
 #include "needle/needle_kind.h"
 
-static const double MOST_BOW = 0.01; /* of the length: beyond that the needle would clearly be bent, and its tip short of its length */
+static const double MOST_BOW = 0.01; /* needle lengths: largest bow that a scene may give; beyond that the needle would clearly be bent, and its tip short of its
+                                        length. Chosen */
+static const double FARTHEST = 2.0; /* steps: a step that is as many times as long as the last one has no guess from that. Chosen */
 
 /* m/m, slope against the axis of a segment of the needle without force: that of a bow y = bow L (1 - cos(2 pi s / L)) / 2. The needle leaves its base along the axis, and
    its tip is on the axis and points along it. */
@@ -57,7 +59,6 @@ void needle_motion_of(const needle_model *model, const needle_state *before, con
 }
 
 bool needle_go_on(const needle_model *model, const needle_motion *motion, double dt, needle_state *state) {
-    static const double FARTHEST = 2.0; /* times as long as the last step; for longer ones it is no good guess */
     bool known = motion->time > 0.0 && dt <= FARTHEST * motion->time;
     if (known) model->kind->go_on(model, motion, dt / motion->time, state);
     return known;

@@ -6,18 +6,22 @@
 #include "linalg/complementarity.h"
 #include "remesh/free_displacement.h"
 
-enum { MOST_ITERATIONS = 50, LD = 3 * MAX_PRESSED, MOST_STOPS = 4 };
-static const double REACH = 0.5;         /* radii: points that are closer can take part */
-static const double BRIDGE = 1.0 - M_SQRT1_2; /* radii: so deep lies the middle of an edge whose ends touch the probe a right angle apart. Deeper,
-                                            the edge no longer follows the wall around the probe, which would part its ends and pass. */
-static const double LONG_EDGE = 0.5;     /* radii: shorter edges would have to stretch to nearly three times their length to come so deep */
-static const double STEP = 0.25;         /* radii: the probe moves at most so far at once, for the closest points to move little */
-static const double CONVERGED = 1e-9;    /* m, by which nodes still move */
-static const double PENETRATION = 1e-12; /* m */
-static const double TURNED = 0.02;       /* rad by which a normal may differ from the direction that is attached */
-static const double NOTICEABLE = 1e-5;   /* N */
-static const double STOPPED = 1e-3;      /* of max_force: by how much less it stops */
-static const double EDGE_COMPLIANCE = 1e-4; /* of a middle's own, added to it: an edge and its ends are not independent */
+enum { LD = 3 * MAX_PRESSED };
+enum { MOST_ITERATIONS = 50 }; /* iterations: of Newton's in one solution; the next one goes on from there. Effort */
+enum { MOST_STOPS = 4 }; /* steps: of the secant to where the probe stops; the last one stays where it was. Effort */
+static const double REACH = 0.5; /* probe radii: points that are closer can take part. Chosen: twice as far as the probe moves at once */
+static const double BRIDGE = 1.0 - M_SQRT1_2; /* probe radii, below 1: depth of the middle of an edge whose ends touch the probe a right angle apart; deeper, the
+                                                 edge no longer follows the wall around the probe, which would part its ends and pass. Derived for that angle,
+                                                 which is chosen; force and field are within 1.5 % of another program's (verify_probe) */
+static const double LONG_EDGE = 0.5; /* probe radii: shorter edges have no middle that takes part; they would have to stretch to nearly three times their length
+                                        to come as deep. Derived for the depth BRIDGE */
+static const double STEP = 0.25; /* probe radii: the probe moves at most so far at once, for the closest points to move little. Chosen */
+static const double CONVERGED = 1e-9; /* m: by which nodes still move. Rounding */
+static const double PENETRATION = 1e-12; /* m: by which a node may be in the probe. Rounding */
+static const double TURNED = 0.02; /* rad: by which a normal may differ from the direction that is attached. Effort */
+static const double NOTICEABLE = 1e-5; /* N: change of a force that is worth an answer. Effort */
+static const double STOPPED = 1e-3; /* fraction: of max_force, by how much less the probe stops. Chosen */
+static const double EDGE_COMPLIANCE = 1e-4; /* fraction: of an edge's own compliance, added to it, as an edge and its ends are not independent. Chosen */
 
 typedef struct probe_scratch {
     vec3 free_u[MAX_PRESSED], u[MAX_PRESSED], load[MAX_PRESSED]; /* of the near nodes: displacement without the probe, and with it; m, N */

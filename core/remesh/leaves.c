@@ -136,9 +136,10 @@ leaf_point refinement_locate(const mesh *m, const refinement *r, int active, int
     return p;
 }
 
+static const double INSIDE = -1e-9; /* 1: barycentric weight down to which a point is in an element. Rounding */
+
 int refinement_element(const mesh *m, const refinement *r, int active, int near, vec3 x, double weights[4]) {
     enum { MOST = 32 };
-    static const double INSIDE = -1e-9;
     for (int step = 0;; step++) {
         leaf_point p = point_in(m, r, active, m->tets[near], x);
         memcpy(weights, p.weights, sizeof p.weights);

@@ -4,7 +4,10 @@
 #include <string.h>
 
 enum { FIELDS = 1024 };              /* lines whose fields are kept: those of 32 needles */
-static const double REACH = 3.0;     /* edge lengths from a line: beyond, no patch has any node */
+static const double REACH = 3.0; /* edge lengths: from a line; beyond, no patch has any node. Derived: a patch reaches 1.6 edge lengths, and up to one element
+                                    farther */
+static const double FINE = 2e-3; /* m: steps along a track in which needles beside each other are looked for, at least. Effort: no finer than contacts are
+                                    placed, by default */
 
 struct needle_pairs {
     resolver *resolver;
@@ -65,7 +68,6 @@ static trocar_status find_field(needle_pairs *p, const line_in_tet *line, const 
 static vec3 place_at(const shaft_piece *piece, double depth) { return v3_axpy(depth - piece->depth, piece->direction, piece->place); }
 
 void shaft_steps_lay(const mesh *m, const tissue_loads *own, double ahead, shaft_steps *steps) {
-    static const double FINE = 2e-3; /* m: no finer than contacts are placed, by default */
     const shaft_piece *pieces[MAX_LOADS];
     int count = 0, tet = -1;
     steps->count = 0;

@@ -4,8 +4,9 @@
 
 #include "remesh/leaves.h"
 
-static const double LEAST_WEIGHT = 0.02;  /* an added node keeps this far inside its leaf: no slivers, no zero volumes */
-static const double LEAST_SHAPE = 0.03;   /* of a moved node's elements: volume over that of the ideal tet of the longest edge */
+static const double LEAST_WEIGHT = 0.02; /* fraction: barycentric weight of an added node in its leaf, at least; no slivers, no zero volumes. Chosen */
+static const double LEAST_SHAPE = 0.03; /* fraction: of a moved node's elements, volume over that of the ideal tet of the longest edge, at least. Chosen */
+static const double ON_FACE = 1e-9; /* 1: barycentric weight up to which a node is on a face. Rounding */
 
 /* ---- addition ---------------------------------------------------------------------------------------------------- */
 
@@ -159,7 +160,6 @@ bool refinement_hangs_on(const added_node *node, uint64_t slots) {
 
 /* Finds the leaf that a node is in now, with the first `active` nodes. Where it is on a face of that, it is to rounding. */
 static void place_again(const mesh *m, const refinement *r, int active, added_node *node) {
-    static const double ON_FACE = 1e-9;
     node->at = refinement_locate(m, r, active, node->tet, node->position);
     node->across_tet = -1;
     node->across = (leaf_point){.corners = {0}};

@@ -183,13 +183,13 @@ static void list_ahead(remesher *r, int tet) {
 
 /* Lists the nodes of all elements on the line and beside it, from the tip or from where it enters the body to where it leaves it. */
 static void follow_line(remesher *r) {
-    static const double REACH = 1.0; /* m: beyond any body */
     const mesh *m = r->tissue->mesh;
     vec3 tip = r->line_tip, direction = r->line_direction;
     r->line_new = false;
     r->ahead_count = r->ahead_done = 0;
     if (!inverse_prefetches(r->inverse) || v3_norm(direction) == 0.0) return;
-    surface_hit hit = mesh_enter(m, tip, v3_axpy(REACH, direction, tip));
+    double beyond = v3_norm(v3_sub(m->bvh[0].low, tip)) + v3_norm(v3_sub(m->bvh[0].high, m->bvh[0].low)); /* m: where the body is behind the line's end */
+    surface_hit hit = mesh_enter(m, tip, v3_axpy(beyond, direction, tip));
     int tet = mesh_locate(m, tip, -1);
     if (tet < 0 && hit.hit) tet = hit.tet, tip = hit.point;
     for (int step = 0; step < MAX_AHEAD && tet >= 0; step++) {

@@ -13,7 +13,7 @@
 #include "base/cache_line.h"
 #include "remesh/refined_field.h"
 
-static const double ROUNDING = 1e-12;     /* a weight below this is that of a node on the opposite face */
+static const double ROUNDING = 1e-12; /* 1: a barycentric weight below this is that of a node on the opposite face. Rounding */
 
 /* ---- what the new node couples to ------------------------------------------------------------------------------------ */
 

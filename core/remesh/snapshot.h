@@ -137,7 +137,7 @@ typedef struct {
 } line_tolerance;
 const line_in_tet *request_line(const remesh_request *request, const line_in_tet *line, line_tolerance tolerance);
 
-static const line_tolerance SAME_FIELD = {0.3e-3, 0.05}; /* what the mesh resolves on one holds for the other */
+static const line_tolerance SAME_FIELD = {0.3e-3, 0.05}; /* m and rad: what the mesh resolves on one line holds for another that differs by less. Chosen */
 
 /* The piece in element `tet`, or NULL. RT */
 const line_piece *snapshot_piece(const compliance_snapshot *snapshot, int tet);

@@ -8,8 +8,9 @@
 #include "insertion/guides.h"
 #include "insertion/insertion.h"
 
-static const double STEP_SHIFT = 0.3e-3, STEP_TURN = 3e-3; /* m, rad: the base moves by at most so much in one step to where it rests */
-static const double DEPENDENT = 1e-6;  /* motions whose rows differ by less from a combination of others' are none of their own */
+static const double STEP_SHIFT = 0.3e-3; /* m: by which the base moves in one step of 1 ms to where it rests, at most. Chosen: 0.3 m/s, as fast as a hand inserts */
+static const double STEP_TURN = 3e-3; /* rad: by which it turns in one step, at most. Chosen */
+static const double DEPENDENT = 1e-6; /* fraction: motions whose rows differ by less from a combination of others' are none of their own. Rounding */
 
 /* ---- linearising ---------------------------------------------------------------------------------------------------------- */
 

@@ -5,8 +5,11 @@
 
 #include "remesh/free_displacement.h"
 
-enum { MOST_SWEEPS = 500, MOST_ROUNDS = 20, AT_ONCE = 6 };
-static const double ENOUGH = 1e-7; /* N, by which a force may be above its bound */
+enum { AT_ONCE = 6 };
+enum { MOST_SWEEPS = 500 }; /* sweeps: of Gauss and Seidel's method over a needle's points. Effort */
+enum { MOST_ROUNDS = 20 }; /* rounds: over all needles that rest, between two loads. Effort */
+static const double ENOUGH = 1e-7; /* N: by which a force may be above its bound. Rounding */
+static const double YIELDING = 1e-3; /* N/m: a stiffness below which slip would relieve nothing. Rounding */
 
 static void forget_columns(resting_set *s) {
     for (int i = 0; i < MAX_NEEDLES; i++) {
@@ -233,7 +236,7 @@ static void find_slips(const insertion_model *model, const resting_needle *r, co
         double worst = 0.0;
         for (int i = 0; i < r->axial_count; i++) {
             double yields = -w[i][i], alone = force[i] + yields * slip[i]; /* if it did not slip */
-            if (!(yields > 1e-3)) continue; /* N/m: nothing that slip could relieve */
+            if (!(yields > YIELDING)) continue;
             double now = alone > upper[i] ? (alone - upper[i]) / yields : alone < lower[i] ? (alone - lower[i]) / yields : 0.0, more = now - slip[i];
             if (more == 0.0) continue;
             for (int j = 0; j < r->axial_count; j++) force[j] += w[i][j] * more;

@@ -3,7 +3,7 @@
 #include <stdlib.h>
 #include <string.h>
 
-static const double INSIDE = -1e-12; /* smallest barycentric weight of a point considered inside */
+static const double INSIDE = -1e-12; /* 1: smallest barycentric weight of a point that counts as inside. Rounding */
 
 /* ---- geometry of one tetrahedron ---- */
 
@@ -163,8 +163,11 @@ void mesh_remark(mesh *m, const char *format, ...) {
     va_end(arguments);
 }
 
+static const double LARGEST_BODY = 10.0; /* needle lengths: a larger body makes the start warn of another unit. Chosen */
+static const double SMALLEST_BODY = 0.05; /* needle lengths: a smaller one, too. Chosen */
+static const double COARSEST = 50.0; /* needle diameters: larger elements make the start warn. Chosen */
+
 void mesh_compare_with_needle(mesh *m, double length, double diameter) {
-    static const double LARGEST_BODY = 10.0, SMALLEST_BODY = 0.05, COARSEST = 50.0; /* in needle lengths; the last in needle diameters */
     double size = v3_norm(v3_sub(m->bvh[0].high, m->bvh[0].low)), least = INFINITY;
     for (int n = 0; n < m->node_count; n++) least = fmin(least, m->node_size[n]);
     if (size > LARGEST_BODY * length || size < SMALLEST_BODY * length)

@@ -8,7 +8,7 @@
 /* Face i is opposite vertex i; for a tet of positive volume its nodes are counter-clockwise as seen from outside. */
 static const int FACE[4][3] = {{1, 2, 3}, {0, 3, 2}, {0, 1, 3}, {0, 2, 1}};
 
-static const double FLAT = 1e-9; /* a tet with volume / longest edge^3 below this is degenerate (regular tet: 0.118) */
+static const double FLAT = 1e-9; /* 1: volume over longest edge^3; a tet with less is degenerate (a regular one has 0.118). Rounding */
 
 /* ---- checks and orientation ---- */
 

@@ -2,7 +2,7 @@
 
 #include <stdlib.h>
 
-static const double SAME_PLACE = 1e-6;                            /* tolerance relative to the body's size, for files in single precision */
+static const double SAME_PLACE = 1e-6; /* fraction: of the body's size, within which nodes are one. Rounding: of files in single precision */
 static const vec3 ORDER = {0.5773, 0.7211, 0.3834};               /* sorting direction, not aligned with the axes of regular meshes */
 static const int FACES[4][3] = {{1, 2, 3}, {0, 2, 3}, {0, 1, 3}, {0, 1, 2}};
 

@@ -90,8 +90,9 @@ static int by_start(const void *a, const void *b) {
     return (x > y) - (x < y);
 }
 
+static const double ON_FACE = 1e-9; /* 1: barycentric weight up to which the line is on a face. Rounding */
+
 static void trace_line(neighbourhood *n) {
-    static const double ON_FACE = 1e-9;
     const mesh *m = n->tissue->mesh;
     vec3 along = neighbourhood_direction(n);
     int count = 0;

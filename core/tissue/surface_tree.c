@@ -2,7 +2,7 @@
 
 #include <stdlib.h>
 
-static const double SLACK = 1e-12;          /* tolerance on distances, relative to the body's size */
+static const double SLACK = 1e-12; /* fraction: of the body's size, tolerance on distances. Rounding */
 enum { LEAF_FACES = 4, STACK_SIZE = 64 };   /* each level halves the faces, so 64 levels suffice for any mesh */
 
 /* ---- building ---- */

@@ -59,8 +59,9 @@ trocar_status tissue_assemble(const mesh *m, const region_material *materials, c
    indices allow; NO_MEMORY, before it is computed, if there is too little just now. After an error there is no factor. */
 trocar_status tissue_factor(tissue *t, int count, const int *nodes, report *why);
 
-/* Ratio of the smallest to the largest eigenvalue of K below which the body counts as loose, and what is said then (BAD_INPUT). */
-static const double LOOSE_BODY = 1e-13;
+static const double LOOSE_BODY = 1e-13; /* fraction: of the largest eigenvalue of K; with a smaller least one the body counts as loose. Rounding */
+
+/* What is said of a loose body (BAD_INPUT). */
 trocar_status tissue_loose(report *why);
 
 /* A load that is not orthogonal to any rigid motion, to find loose bodies with. */

@@ -71,6 +71,13 @@ def image_data(values):
     return source
 
 
+def pairs_in(first, second):
+    """The different pairs of two arrays of numbers from 0, in order, and how often each occurs. (np.unique of rows takes twenty times as long.)"""
+    width = int(second.max(initial=0)) + 1
+    keys, often = np.unique(first.astype(np.int64) * width + second, return_counts=True)
+    return np.column_stack([keys // width, keys % width]), often
+
+
 def distance_to(mask, step):
     """Distance of each voxel to the nearest one of a mask."""
     squared = vtk.vtkImageEuclideanDistance()
@@ -225,7 +232,7 @@ def close_gaps(image, count, gap):
 def splinters(numbers, sources):
     """Mask (n + 1,) of the connected pieces (numbered from 1) that hold less than SPLINTER of each of their sources: see Image; 0 is none."""
     count = numbers.max(initial=0) + 1
-    pairs, held = np.unique(np.column_stack([numbers[numbers > 0], sources[numbers > 0]]), axis=0, return_counts=True)
+    pairs, held = pairs_in(numbers[numbers > 0], sources[numbers > 0])
     pairs, held = pairs[pairs[:, 1] > 0], held[pairs[:, 1] > 0]
     whole = np.bincount(pairs[:, 1], held)
     found = np.ones(count, bool)
@@ -284,7 +291,7 @@ def holding(image, labels, mask, opened, sources, radius):
     numbers, _ = connected_in(opened)
     large = ~splinters(numbers, sources)
     large[0] = False
-    pairs = np.unique(np.column_stack([whole[mask], (numbers * large[numbers])[mask]]), axis=0)
+    pairs, _ = pairs_in(whole[mask], (numbers * large[numbers])[mask])
     found = np.bincount(pairs[pairs[:, 1] > 0, 0], minlength=whole.max(initial=0) + 1)
     broken = (found != 1) & ~splinters(whole, sources)
     broken[0] = False
@@ -337,7 +344,7 @@ def pieces_of(image, count):
         regions += [label - 1] * len(sizes)
     add_voids(found, regions)
     both = (found > 0) & (image.owners[image.sources] == image.labels)
-    pairs, held = np.unique(np.column_stack([image.sources[both], found[both]]), axis=0, return_counts=True)
+    pairs, held = pairs_in(image.sources[both], found[both])
     return Pieces(found, regions, {(int(part) - 1, int(piece) - 1): int(n) for (part, piece), n in zip(pairs, held)})
 
 

@@ -53,7 +53,7 @@ def row(path, name, entry):
     good = found.region == REGION and not found.failed and dent <= MOST_DENT
     wall = "" if material.wall is None else f"{material.wall:g}"
     return (f"| {name} | {1e-3 * material.modulus:g} | {material.stiffening:g} | {wall} | {dent:.1f} | {force:.2f} | {found.peak:.2f} | {1e3 * found.off_target:.1f} "
-            f"| {1e3 * found.shift:.1f} | {'yes' if good else 'NO'} |"), good
+            f"| {1e3 * found.shift:.1f} | {'yes' if good else 'NO'} | {entry.force or 'none found'} |"), good
 
 
 def main():
@@ -62,8 +62,8 @@ def main():
     entries = {**materials.TABLE, "surrounding": materials.SURROUNDING, "any other": materials.OTHER, LINEAR: materials.Row(shear_waves, materials.CITED, "")}
     chosen, bad = sys.argv[2:] or list(entries), 0
     print("| material | modulus, kPa | stiffening | puncture force of its surface, N | dent, mm | force at the puncture, N | largest force, N | tip from the middle, mm "
-          "| the middle has moved, mm | entered |")
-    print("|" + 10 * "---|")
+          "| the middle has moved, mm | entered | published force on a needle |")
+    print("|" + 11 * "---|")
     with tempfile.TemporaryDirectory() as folder:
         path = make(folder)
         for name in chosen:

@@ -307,7 +307,8 @@ def leave_out(organs, failure, nodes, skip):
     thin = [organ for organ in organs if organ.name in failure.names]
     named = ", ".join(f"{organ.roi} ({in_ml(organ.volume)})" for organ in thin)
     if organs[0] in thin or not skip:
-        raise Unusable('" and "'.join(organ.roi for organ in thin), f"{failure}: raise --nodes above {nodes}, or leave out what is too small, with --skip-small: {named}")
+        more = f"to {failure.enough}" if failure.enough else f"above {nodes}"
+        raise Unusable('" and "'.join(organ.roi for organ in thin), f"{failure}: raise --nodes {more}, or leave out what is too small, with --skip-small: {named}")
     organs[:] = [organ for organ in organs if organ not in thin]
     organs[0].note(f"beside it are left out, because {failure}: {named}")
 

@@ -360,6 +360,17 @@ class Parts(Case):
             self.assertAlmostEqual(mesh.region_volume("lesion") * 1e9 / lesion.read, 1, delta=0.05)
             self.assertAlmostEqual(lesion.read / ellipsoid_volume(4, 4, 4), 1, delta=0.1)
 
+    def test_a_lesion_that_is_not_taken_leaves_a_hole_of_its_size(self):
+        """6.6 mm below the gland's surface."""
+        arguments = cases.in_prostate(cases.Case("."), 10, 900, "Prostate")
+        del arguments[arguments.index("Lesion") - 1:arguments.index("Lesion") + 1]
+        (organs, mesh, domain, outlined), _ = self.run_(*arguments, "--output", "x", "--quiet")
+        self.assertAlmostEqual(mesh.region_volume("prostate") / outlined["prostate"], 1, delta=0.01)
+        self.assertEqual(sum("in the mesh (" in note for note in organs[0].notes), 0)
+        middle = pipeline.world(np.array([10.0, 6, 3]), domain.origin)
+        hole = np.linalg.norm(mesh.points[mesh.tets].mean(axis=1) - middle, axis=1) < 5e-3
+        self.assertAlmostEqual(mesh.volumes()[hole & (mesh.region == mesh.regions.index("surrounding"))].sum() * 1e9 / ellipsoid_volume(5, 5, 5), 1, delta=0.2)
+
     def test_voxels_that_share_an_edge_are_one_part_and_those_that_share_a_corner_two(self):
         for apart, parts in (((6, 6, 6), [216, 216]), ((0, 6, 6), [432]), ((0, 0, 6), [432])):
             labels_ = np.zeros((20, 20, 20), np.uint8)

@@ -264,7 +264,7 @@ def reassign(image, count, left):
 def drop_thin(image, count, radius):
     """Reassigns sheets and spurs of regions that are thinner than a ball of this radius, and splinters, to the nearest other label; they would
     become flat tetrahedra. They arise where regions' outlines nearly coincide. A region that is thin everywhere is kept, and so is a part
-    that would break or vanish, except sheets beside other regions."""
+    that would break or vanish, except sheets beside other regions, and the wall of a void."""
     radius = max(radius, image.step)
     left = np.zeros(image.labels.shape, bool)
     for label in range(1, count + 1):
@@ -282,7 +282,26 @@ def drop_thin(image, count, radius):
             opened = opened | holding(image, labels, mask, opened, sources, radius)
         numbers, _ = connected_in(opened)
         left[window] |= mask & (~opened | splinters(numbers, sources)[numbers])
+    left &= ~walls(image, left)
     reassign(image, count, left)
+
+
+def walls(image, left):
+    """Mask of those of these voxels without which voids of the tissue around would become one: connected ones that touch several."""
+    voids, sizes = connected_in(image.labels == 0)
+    if len(sizes) < 2 or not left.any():
+        return np.zeros(left.shape, bool)
+    groups, _ = connected_in(left)
+    touching = np.zeros((groups.max() + 1, len(sizes) + 1), bool)
+    for axis in range(3):
+        for one, other in ((slice(None, -1), slice(1, None)), (slice(1, None), slice(None, -1))):
+            beside = [slice(None)] * 3
+            beside[axis] = one
+            group, beside[axis] = groups[tuple(beside)], other
+            touching[group, voids[tuple(beside)]] = True
+    found = touching[:, 1:].sum(axis=1) > 1
+    found[0] = False
+    return found[groups]
 
 
 def holding(image, labels, mask, opened, sources, radius):
@@ -343,7 +362,7 @@ def pieces_of(image, count):
         found[window] += np.where(numbers > 0, numbers + len(regions), 0).astype(np.uint16)
         regions += [label - 1] * len(sizes)
     add_voids(found, regions)
-    both = (found > 0) & (image.owners[image.sources] == image.labels)
+    both = (found > 0) & (image.sources > 0) & (image.owners[image.sources] == image.labels)      # a void holds no part
     pairs, held = pairs_in(image.sources[both], found[both])
     return Pieces(found, regions, {(int(part) - 1, int(piece) - 1): int(n) for (part, piece), n in zip(pairs, held)})
 

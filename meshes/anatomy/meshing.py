@@ -25,7 +25,8 @@ MOST_WORK = 20000       # nodes of all tries, after which the search ends: not s
 LARGE_WORK = 4          # times the wanted nodes: when it ends for large meshes while none is near
 MOST_MISSED = 0.02      # of a region's surface: a mesh in which more is missing is taken only if there is no other,
 REFUSED_MISSED = 0.10   # and refused above this
-FAILURES = 3            # of Gmsh, after which no other element sizes are tried
+FAILURES = 3            # of Gmsh, after which no other element sizes are tried,
+FAR_FAILURES = 2        # and so many where the best mesh has far too many nodes, and elements are to become larger still
 JITTER = 0.025          # of the element size, to get different meshes with the same number of nodes
 SMOOTH = 5000           # nodes: in larger meshes their number follows the element size without leaps
 CLOSE = 0.04            # of the wanted number of nodes: among meshes this close the one with the best angles is chosen
@@ -521,7 +522,7 @@ def search(domain, nodes, path):
             failures += 1
             if best is None and (failures == limit or isinstance(failure, Thin)):
                 raise
-            if failures == limit and best_rank[1]:
+            if failures == limit and best_rank[1] or failures >= FAR_FAILURES and best and len(best.mesh.points) > MOST_OFF * nodes:
                 break
             fine *= 0.98
             continue

@@ -467,9 +467,10 @@ def prepare(domain, nodes):
 
 
 def too_thin(domain, nodes, count, problem):
-    """Thin, of the regions without which a mesh of so many nodes would have few enough: those that need the most, but not the gland while there are others."""
+    """Thin, of the regions without which a mesh of so many nodes would have few enough: those that need the most, but not the gland while there are others,
+    nor the body around them."""
     names, left, thin = [region.name for region in domain.regions], count, []
-    for k in sorted(range(len(names)), key=lambda k: -domain.needed[k]):
+    for k in sorted(range(len(names) - domain.skin), key=lambda k: -domain.needed[k]):
         if left > MOST_OFF * nodes and domain.needed[k] > 0 and names[k] != domain.gland:
             thin.append(names[k])
             left -= count * domain.needed[k] / sum(domain.needed)

@@ -143,6 +143,21 @@ class Crossing(unittest.TestCase):
             found = meshing.search(self.sphere, wanted, self.path)
         self.assertEqual((len(sizes), len(found.mesh.points)), (3, wanted))
 
+    def test_the_search_ends_where_larger_elements_do_not_give_fewer_nodes(self):
+        for counts, tries in (((300, 200, 250), 3), ((300, 250, 190, 90), 4), ((300, 200, 0, 0), 4), ((300, 0, 90), 3)):      # 0: Gmsh fails
+            sizes = []
+
+            def attempt(_stage, _work, _domain, fine, path, sizes=sizes, counts=counts):
+                sizes.append(fine)
+                if not counts[len(sizes) - 1]:
+                    raise meshing.Failure("no mesh", ["gland"])
+                mesh = quality.Mesh(np.zeros((counts[len(sizes) - 1], 3)), np.zeros((1, 4), int), np.array([0]), ["gland"])
+                with open(path, "w", encoding="ascii"):
+                    return meshing.Attempt(mesh, [0.0])
+            with unittest.mock.patch.object(meshing.limits, "run", attempt), unittest.mock.patch.object(quality.Mesh, "badness", lambda _: 0.5):
+                found = meshing.search(self.sphere, 90, self.path)
+            self.assertEqual((len(sizes), len(found.mesh.points)), (tries, min(filter(None, counts))))
+
     def test_a_mesh_with_a_part_of_a_surface_missing_is_refined_by_its_number_of_nodes_and_counts_as_work(self):
         def made(nodes, missed):
             mesh = quality.Mesh(np.full((nodes, 3), 2.0), np.zeros((1, 4), int), np.array([0]), ["gland"])
@@ -208,7 +223,7 @@ class Crossing(unittest.TestCase):
         rois = patient.outlines(patient.Gland())
         organs = [organ.of_rings(roi, roi.lower(), False, rois[roi]) for roi in ("Prostate", "Urethra")]
         with unittest.mock.patch.object(meshing, "TRIES", 2), \
-                self.assertRaisesRegex(contours.Unusable, r'"Urethra": thin regions need about \d+ nodes on their surfaces alone, .* raise --nodes above 60'):
+                self.assertRaisesRegex(contours.Unusable, r'"Urethra": thin regions need about \d+ nodes on their surfaces alone, .* raise --nodes to \d+00'):
             pipeline.mesh_of(organs, 60, None, self.path)
         self.assertFalse(os.path.exists(self.path))
 

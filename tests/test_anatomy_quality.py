@@ -25,6 +25,11 @@ class Quality(unittest.TestCase):
         self.assertEqual(len(CORNERS.edges()), 9)
         self.assertEqual(CORNERS.valence().tolist(), [2, 2, 2, 1, 1])
 
+    def test_a_surface_off_the_faces_of_tetrahedra_is_torn(self):
+        for triangle, torn in (((0, 2, 1), []), ((3, 4, 0), ["bone"])):
+            surfaces = {"skin": shells.Shell(CORNERS.points, np.array([[1, 2, 3]])), "bone": shells.Shell(CORNERS.points, np.array([[0, 3, 1], triangle]))}
+            self.assertEqual(quality.Mesh(CORNERS.points, CORNERS.tets, CORNERS.region, CORNERS.regions, surfaces).torn(), torn)
+
     def test_badness_has_its_limit_at_the_papers_angles(self):
         def wedge(angle):  # two faces meet at this angle
             radians = np.radians(angle)

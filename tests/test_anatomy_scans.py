@@ -80,6 +80,8 @@ class Names(Case):
         self.assertRegex(lines, r"\| liver \| liver \| 31 \| 0.25 \| 0.9 \| cited: ")
         self.assertRegex(lines, r"\| 1 \| any other \| 30 \| 0.25 \|  \| guess: ")
         self.assertRegex(lines, r"\| fat \| fat \| 3.2 ")
+        self.assertRegex(lines, r"\| liver .*\| bovine, Okamura et al. 2004 \|")
+        self.assertIn("No published force on a needle was found for 1, fat:", lines)
         remarks = command.remarks_on_materials({"1": materials.find("1"), "heart": materials.find("heart"), "liver": materials.find("liver")})
         self.assertEqual(len(remarks), 2)
         self.assertIn("1, heart: a guess", remarks[0])
@@ -358,6 +360,17 @@ class Parts(Case):
             self.assertAlmostEqual(mesh.region_volume("lesion") * 1e9 / lesion.read, 1, delta=0.05)
             self.assertAlmostEqual(lesion.read / ellipsoid_volume(4, 4, 4), 1, delta=0.1)
 
+    def test_a_lesion_that_is_not_taken_leaves_a_hole_of_its_size(self):
+        """6.6 mm below the gland's surface."""
+        arguments = cases.in_prostate(cases.Case("."), 10, 900, "Prostate")
+        del arguments[arguments.index("Lesion") - 1:arguments.index("Lesion") + 1]
+        (organs, mesh, domain, outlined), _ = self.run_(*arguments, "--output", "x", "--quiet")
+        self.assertAlmostEqual(mesh.region_volume("prostate") / outlined["prostate"], 1, delta=0.01)
+        self.assertEqual(sum("in the mesh (" in note for note in organs[0].notes), 0)
+        middle = pipeline.world(np.array([10.0, 6, 3]), domain.origin)
+        hole = np.linalg.norm(mesh.points[mesh.tets].mean(axis=1) - middle, axis=1) < 5e-3
+        self.assertAlmostEqual(mesh.volumes()[hole & (mesh.region == mesh.regions.index("surrounding"))].sum() * 1e9 / ellipsoid_volume(5, 5, 5), 1, delta=0.2)
+
     def test_voxels_that_share_an_edge_are_one_part_and_those_that_share_a_corner_two(self):
         for apart, parts in (((6, 6, 6), [216, 216]), ((0, 6, 6), [432]), ((0, 0, 6), [432])):
             labels_ = np.zeros((20, 20, 20), np.uint8)
@@ -411,6 +424,22 @@ class Parts(Case):
         self.assertEqual([each.roi for each in organs], ["Liver"])
         self.assertRegex(" ".join(organs[0].notes), r"beside it are left out, because .*: rib_left_[78] \(0\.\d+ ml\)")
         self.assertLess(len(mesh.points), 600)
+
+    def test_one_rib_that_is_too_thin_is_named_in_seconds_and_the_others_stay(self):
+        grid = torso.Grid((2.0, 2.0, 2.0), (-60, -50, -50), (60, 50, 50))
+        labels_ = (grid.ellipsoid((0, 0, 0), (56, 46, 300))).astype(np.uint8)
+        labels_[grid.ellipsoid((-8, 0, 0), (28, 26, 30))] = 2
+        for value, (height, radius) in enumerate(((-35, 4.0), (0, 1.5), (35, 4.0)), 3):
+            labels_[grid.rod((34, -18, height), (34, 22, height), radius)] = value
+        inputs.write_nrrd("x.seg.nrrd", labels_, grid.place, {1: "Body", 2: "Liver", 3: "rib_left_9", 4: "rib_left_8", 5: "rib_left_7"})
+        choice = ["x.seg.nrrd", "--roi", "Liver", "--bone", "rib_*", "--skin", "Body", "--nodes", "360", "--output", "x", "--quiet"]
+        with unittest.mock.patch.object(meshing, "generate", side_effect=AssertionError), \
+                self.assertRaisesRegex(contours.Unusable, r"raise --nodes to \d+00, or leave out what is too small, with --skip-small: rib_left_8 \(0\.\d+ ml\)$"):
+            self.run_(*choice)
+        (organs, mesh, _, _), _ = self.run_(*choice, "--skip-small")
+        self.assertEqual({each.roi for each in organs}, {"Liver", "rib_left_7", "rib_left_9"})
+        self.assertRegex(" ".join(organs[0].notes), r"beside it are left out, because .*: rib_left_8 \(0\.\d+ ml\)")
+        self.assertLess(len(mesh.points), 720)
 
 
 if __name__ == "__main__":

@@ -11,6 +11,8 @@ import dataclasses
 
 import numpy as np
 
+from .label_image import pairs_in
+
 AROUND = 0               # number of the tissue (or air) around all pieces; piece k is k + 1
 
 
@@ -28,7 +30,7 @@ def neighbours_in(numbers):
     for axis in range(3):
         one, other = np.take(numbers, range(1, numbers.shape[axis]), axis), np.take(numbers, range(numbers.shape[axis] - 1), axis)
         apart = one != other
-        pairs.append(np.unique(np.column_stack([one[apart], other[apart]]), axis=0))
+        pairs.append(pairs_in(one[apart], other[apart])[0])
     found = collections.defaultdict(set)
     for a, b in np.unique(np.vstack(pairs), axis=0).tolist():
         found[a].add(b)

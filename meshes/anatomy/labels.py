@@ -396,9 +396,11 @@ def groups_of(pieces):
     return sorted(groups, key=lambda group: min(group[0]))
 
 
-def wanted_volumes(pieces, found, volumes, lost):
-    """[([piece], volume)]: what the pieces that were found must hold. `volumes`: of the parts, None: not to be restored; `lost`: see image_of."""
-    voxels, wanted = pieces.voxels(), []
+def wanted_volumes(pieces, found, volumes, lost, step):
+    """[([piece], volume)]: what the pieces that were found must hold. `volumes`: of the parts, None: not to be restored; voids must hold their voxels, of size `step`;
+    `lost`: see image_of."""
+    voxels = pieces.voxels()
+    wanted = [([piece], voxels[piece] * step ** 3) for piece, region in enumerate(pieces.regions) if region == OUTSIDE and piece in found.cells]
     for parts, members in groups_of(pieces):
         if any(volumes[part] is None for part in parts):
             continue
@@ -414,4 +416,4 @@ def shared_surfaces(image, pieces, lost, regions, volumes, edge):
     balls = largest_balls(pieces, image.step)
     radii = thinness_of(pieces, [shell for region in regions for shell in region], balls)
     found, missed = surfaces_of_clusters(image, pieces, edge, radii, balls)
-    return corrected(found, wanted_volumes(pieces, found, volumes, lost)), missed
+    return corrected(found, wanted_volumes(pieces, found, volumes, lost, image.step)), missed

@@ -23,18 +23,20 @@ class Material:
 
 @dataclasses.dataclass(frozen=True)
 class Row:
-    """`words`: beginnings of words in a region's name; `codes`: SNOMED CT. `basis`: where the modulus is from: CITED, ASSUMED, or GUESS."""
+    """`words`: beginnings of words in a region's name; `codes`: SNOMED CT. `basis`: where the modulus is from: CITED, ASSUMED, or GUESS. `force`: a published force on
+    a needle in it that materials.md compares with an insertion; empty: none was found."""
     material: Material
     basis: str
     source: str
     words: tuple = ()
     codes: tuple = ()
     spare: bool = False      # a needle on its way to another region goes around it
+    force: str = ""
 
 
 LIVER_FIT = 31e3             # Pa, with STIFFENING: what a needle meets in liver with its capsule
 STIFFENING = 0.165
-ENCLOSED = "as liver's, in the ratio of their moduli by shear waves; no measured force on a needle in it was found"
+ENCLOSED = "as liver's, in the ratio of their moduli by shear waves"
 SURROUNDING = Row(Material(30e3, 0.25, 12, 7), ASSUMED, "half of figure 8's prostate")
 OTHER = Row(Material(30e3, 0.25, 12, 7), GUESS, "as figure 8's surrounding")
 # In order of precedence: a name that fits several rows gets the first of them.
@@ -48,12 +50,15 @@ TABLE = {
     "nerve": Row(Material(30e3, 0.25, 12, 7), GUESS, "as figure 8's surrounding", ("nerve", "spinal_cord", "spinal_canal", "plexus"), ("3057000", "2748008"), True),
     "gallbladder": Row(Material(10e3, 0.25, 12, 7), GUESS, "as bladder's", ("gallbladder", "bile", "gall"), ("28231008",), True),
     "adrenal gland": Row(Material(30e3, 0.25, 12, 7), GUESS, "as figure 8's surrounding", ("adrenal", "suprarenal"), ("23451007",)),
-    "prostate": Row(Material(60e3, 0.3, 15, 9, 0.9), ASSUMED, "as figure 8's", ("prostate", "prostata"), ("41216001", "181422007")),
+    "prostate": Row(Material(60e3, 0.3, 15, 9, 0.9), ASSUMED, "as figure 8's", ("prostate", "prostata"), ("41216001", "181422007"),
+                    force="patients, Podder et al. 2006"),
     "urethra": Row(Material(30e3, 0.25, 12, 7), ASSUMED, "equal to its surroundings", ("urethra",), ("13648007",), True),
     "rectum": Row(Material(20e3, 0.25, 12, 7), ASSUMED, "softer than its surroundings", ("rectum", "anorectum"), ("34402009",), True),
     "bladder": Row(Material(10e3, 0.25, 12, 7), ASSUMED, "filled with fluid, the softest of the pelvis", ("bladder", "urinary_bladder"), ("89837001",), True),
-    "liver": Row(Material(LIVER_FIT, 0.25, 12, 7, 0.9, STIFFENING), CITED, "fitted to needles in bovine liver", ("liver", "hepat", "hepar", "leber"), ("10200004",)),
-    "kidney": Row(Material(34e3, 0.25, 12, 7, 0.9, STIFFENING), ASSUMED, ENCLOSED, ("kidney", "renal", "niere", "nephr"), ("64033007",)),
+    "liver": Row(Material(LIVER_FIT, 0.25, 12, 7, 0.9, STIFFENING), CITED, "fitted to needles in bovine liver", ("liver", "hepat", "hepar", "leber"), ("10200004",),
+                 force="bovine, Okamura et al. 2004"),
+    "kidney": Row(Material(34e3, 0.25, 12, 7, 0.9, STIFFENING), ASSUMED, ENCLOSED, ("kidney", "renal", "niere", "nephr"), ("64033007",),
+                  force="the whole way in cadavers, doi:10.1089/end.2016.0342"),
     "spleen": Row(Material(20e3, 0.25, 12, 7, 0.9, STIFFENING), ASSUMED, ENCLOSED, ("spleen", "splenic", "milz"), ("78961009",)),
     "pancreas": Row(Material(4.8e3, 0.05, 12, 7), CITED, "shear waves", ("pancrea",), ("15776009",)),
     "bowel": Row(Material(10e3, 0.25, 12, 7), GUESS, "as bladder's", ("bowel", "colon", "duoden", "stomach", "esophag", "oesophag", "intestin", "sigmoid", "jejun", "ileum"),
@@ -126,6 +131,7 @@ class Found:
     row: str                 # of the table, or the file that it is from
     basis: str
     source: str
+    force: str = ""          # as Row's
 
     def text(self):
         return f"{self.row}: {self.basis}, {self.source}"
@@ -138,7 +144,7 @@ def find(name, kind="", own=None):
             return Found(material, "--materials", "given", "by the user")
     row = "surrounding" if is_body(name) else row_of(name, kind)
     entry = SURROUNDING if row == "surrounding" else TABLE.get(row, OTHER)
-    return Found(entry.material, row, entry.basis, entry.source)
+    return Found(entry.material, row, entry.basis, entry.source, entry.force)
 
 
 def read(path):

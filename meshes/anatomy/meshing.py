@@ -25,12 +25,14 @@ MOST_WORK = 20000       # nodes of all tries, after which the search ends: not s
 LARGE_WORK = 4          # times the wanted nodes: when it ends for large meshes while none is near
 MOST_MISSED = 0.02      # of a region's surface: a mesh in which more is missing is taken only if there is no other,
 REFUSED_MISSED = 0.10   # and refused above this
-FAILURES = 3            # of Gmsh, after which no other element sizes are tried
+FAILURES = 3            # of Gmsh, after which no other element sizes are tried,
+FAR_FAILURES = 2        # and so many where the best mesh has far too many nodes, and elements are to become larger still
 JITTER = 0.025          # of the element size, to get different meshes with the same number of nodes
 SMOOTH = 5000           # nodes: in larger meshes their number follows the element size without leaps
 CLOSE = 0.04            # of the wanted number of nodes: among meshes this close the one with the best angles is chosen
 OFF = 0.10              # of the wanted number of nodes: meshes further off are remarked on,
 MOST_OFF = 2.0          # and refused if they have so many times more or fewer nodes
+ON_THIN = 0.48          # of a mesh's nodes: on the surfaces of its thin regions, at most, as tetrahedra beside them grow only gradually (measured: 0.33 to 0.47)
 WORST = 4.0             # factor on the paper's extreme angles, giving 2.5 and 174.9 degrees; meshes beyond that are refused
 CUT = 1.5               # voxels: a triangle this close to a face of the block, and
 BORDER = 2.5            # voxels: so close to the image's border, where smoothing has moved the surface inward,
@@ -52,7 +54,11 @@ class Failure(Exception):
 
 
 class Thin(Failure):
-    """Regions are too thin: elements of another size will not do."""
+    """Regions are too thin: elements of another size will not do. `enough`: the number of nodes that would, if it is known."""
+
+    def __init__(self, problem, names, enough=None):
+        super().__init__(problem, names)
+        self.args, self.enough = (problem, names, enough), enough
 
 
 @dataclasses.dataclass
@@ -102,6 +108,7 @@ class Domain:
     front: str = "z-"        # face of the box that is the skin
     quiet: tuple = ()        # names of surfaces that get no group
     image: tuple = None      # of the regions, its pieces, and the parts' losses to each other: see label_image.image_for
+    needed: list = None      # nodes on the surface of each region where it is thin, about
 
     def parts(self):
         """The number of the region of each part of the regions, or the body of each body: (owner, number within it)."""
@@ -409,6 +416,9 @@ def attempt(domain, fine, path):
     mesh, tags = current_mesh()
     if domain.regions:
         move_nodes(mesh, relocate.relocated(mesh, held_points(domain, mesh)))
+    torn = mesh.torn()
+    if torn:
+        raise Failure(f"Gmsh's tetrahedra do not keep to the surface {torn[0]}", sorted({owner.name for owner in domain.regions or domain.bodies}))
     gmsh.write(path)
     each, held = mesh.volumes(), np.zeros(len(missed))
     for tag, piece in volumes.items():
@@ -450,14 +460,21 @@ def prepare(domain, nodes):
     gone = [name for k, name in enumerate(names) if k not in pieces.regions]
     if gone:
         raise Thin("nothing is left of it: it lies inside other regions or is too thin", gone)
-    most = MOST_OFF * nodes
-    if sum(needed) > most:
-        thin, left = [], sum(needed)
-        for k in sorted(range(len(needed)), key=lambda k: -needed[k]):
-            if left > nodes and names[k] != domain.gland:     # what is inside needs nodes too
-                thin.append(names[k])
-                left -= needed[k]
-        raise Thin(f"thin regions need about {sum(needed):.0f} nodes on their surfaces alone, more than twice --nodes {nodes}", thin or [domain.gland])
+    domain.needed = needed
+    if sum(needed) > ON_THIN * MOST_OFF * nodes:
+        count = sum(needed) / ON_THIN
+        raise too_thin(domain, nodes, count, f"thin regions need about {sum(needed):.0f} nodes on their surfaces alone, and {count:.0f} in all, more than twice --nodes {nodes}")
+
+
+def too_thin(domain, nodes, count, problem):
+    """Thin, of the regions without which a mesh of so many nodes would have few enough: those that need the most, but not the gland while there are others,
+    nor the body around them."""
+    names, left, thin = [region.name for region in domain.regions], count, []
+    for k in sorted(range(len(names) - domain.skin), key=lambda k: -domain.needed[k]):
+        if left > MOST_OFF * nodes and domain.needed[k] > 0 and names[k] != domain.gland:
+            thin.append(names[k])
+            left -= count * domain.needed[k] / sum(domain.needed)
+    return Thin(problem, thin or [domain.gland], 100 * math.ceil(count / 100))
 
 
 def drawn(domain, fine):
@@ -477,7 +494,7 @@ def generate(domain, nodes, path):
         best = os.path.join(folder, "best.msh")
         made = search(domain, nodes, best)
         if not 1 / MOST_OFF <= len(made.mesh.points) / nodes <= MOST_OFF:
-            raise too_far_off(nodes, made.mesh)
+            raise too_far_off(domain, nodes, made.mesh)
         if made.mesh.badness() > WORST:
             angles = made.mesh.dihedral_angles()
             raise Unusable('" and "'.join(sorted({owner.name for owner in domain.regions or domain.bodies})),
@@ -506,7 +523,7 @@ def search(domain, nodes, path):
             failures += 1
             if best is None and (failures == limit or isinstance(failure, Thin)):
                 raise
-            if failures == limit and best_rank[1]:
+            if failures == limit and best_rank[1] or failures >= FAR_FAILURES and best and len(best.mesh.points) > MOST_OFF * nodes:
                 break
             fine *= 0.98
             continue
@@ -525,7 +542,7 @@ def search(domain, nodes, path):
             fine = min(0.98 * fine, centre)
             continue
         off = abs(count / nodes - 1)
-        if rank <= (False, False, False, 1.0):
+        if rank <= (False, False, False, 1.0) or too_many_at_any_size(tries, fine, count, nodes):
             break
         tries.append((fine, count))
         if off > CLOSE:
@@ -534,6 +551,11 @@ def search(domain, nodes, path):
             close_size = close_size or centre
             fine = close_size * (1 + JITTER * (0.618 * number % 1 - 0.5))
     return best
+
+
+def too_many_at_any_size(tries, fine, count, nodes):
+    """Whether larger elements have not reduced a far too large number of nodes: the surfaces of thin regions have their own."""
+    return count > MOST_OFF * nodes and any(size < fine and MOST_OFF * nodes < fewer <= count for size, fewer in tries)
 
 
 def size_between(tries, nodes):
@@ -554,8 +576,10 @@ def remarks_on_number(mesh, nodes):
     return [f"the mesh has {count} nodes instead of {nodes}, the closest that was found" + (f": the surface of {name} alone has {most}" if count > nodes else "")]
 
 
-def too_far_off(nodes, mesh):
+def too_far_off(domain, nodes, mesh):
     count, (name, most) = len(mesh.points), most_on_surface(mesh)
+    if count > nodes and domain.needed and sum(domain.needed) > 0:
+        return too_thin(domain, nodes, count, f"no mesh has {nodes} nodes; the closest has {count}, because of thin regions")
     return Unusable(name, f"no mesh has {nodes} nodes; the closest has {count}"
                     + (f": its surface alone has {most}: raise --nodes, or leave it out" if count > nodes else ""))
 

@@ -306,8 +306,9 @@ def leave_out(organs, failure, nodes, skip):
     """Takes regions that are too thin from the list, if that is wanted; else refuses all of them by name."""
     thin = [organ for organ in organs if organ.name in failure.names]
     named = ", ".join(f"{organ.roi} ({in_ml(organ.volume)})" for organ in thin)
-    if organs[0] in thin or not skip:
-        raise Unusable('" and "'.join(organ.roi for organ in thin), f"{failure}: raise --nodes above {nodes}, or leave out what is too small, with --skip-small: {named}")
+    if organs[0] in thin or not thin or not skip:
+        more = f"to {failure.enough}" if failure.enough else f"above {nodes}"
+        raise Unusable('" and "'.join(organ.roi for organ in thin), f"{failure}: raise --nodes {more}, or leave out what is too small, with --skip-small: {named}")
     organs[:] = [organ for organ in organs if organ not in thin]
     organs[0].note(f"beside it are left out, because {failure}: {named}")
 

@@ -45,6 +45,13 @@ class Mesh:
         _, first, count = np.unique(np.sort(faces, axis=1), axis=0, return_index=True, return_counts=True)
         return Shell(self.points, faces[first[count == 1]])
 
+    def torn(self):
+        """Names of the surfaces with a triangle that is no face of a tetrahedron."""
+        def keys(faces):
+            return np.sort(faces, axis=1) @ (len(self.points) ** np.arange(3, dtype=np.int64))
+        faces = np.concatenate([keys(self.tets[:, [n for n in range(4) if n != k]]) for k in range(4)])
+        return [name for name, surface in self.surfaces.items() if not np.all(np.isin(keys(surface.triangles), faces))]
+
     def edges(self):
         pairs = np.concatenate([self.tets[:, pair] for pair in itertools.combinations(range(4), 2)])
         pairs = np.unique(np.sort(pairs, axis=1), axis=0)
@@ -117,12 +124,13 @@ def part_line(organ, row, domain):
 
 def used(found):
     """Lines of a table: each region's material and where it is from. `found`: name -> materials.Found."""
-    lines = ["", "Materials (sources: meshes/PARAMETERS.md):", "", "| region | material | modulus, kPa | cutting, N | wall, N | basis |", "|---|---|---|---|---|---|"]
+    lines = ["", "Materials (sources: meshes/PARAMETERS.md):", "", "| region | material | modulus, kPa | cutting, N | wall, N | basis | published force on a needle |", "|" + 7 * "---|"]
     for name, each in found.items():
         m = each.material
         wall = "" if m.wall is None else f"{m.wall:g}"
-        lines.append(f"| {name} | {each.row} | {m.modulus / 1e3:g} | {m.cutting:g} | {wall} | {each.basis}: {each.source} |")
-    return lines
+        lines.append(f"| {name} | {each.row} | {m.modulus / 1e3:g} | {m.cutting:g} | {wall} | {each.basis}: {each.source} | {each.force or 'none found'} |")
+    unchecked = [name for name, each in found.items() if not each.force]
+    return lines + (["", f"No published force on a needle was found for {', '.join(unchecked)}: what is felt there is not checked."] if unchecked else [])
 
 
 def transform(matrix):

@@ -23,7 +23,11 @@ for standard in c++11 c++17 c++20; do
     ${CXX:-c++} -std=$standard -Wall -Wextra -pedantic-errors -Werror -fsyntax-only -x c++ "$source/core/trocar.h" || fail "$standard"
 done
 
-dump() { abidw --no-corpus-path --no-comp-dir-path --exported-interfaces-only --drop-undefined-syms --drop-private-types --header-file "$source/core/trocar.h" --no-show-locs "$library"; }
+# The sources' paths in it are those of whoever built the library: from core on they are the same everywhere.
+dump() {
+    abidw --no-corpus-path --no-comp-dir-path --exported-interfaces-only --drop-undefined-syms --drop-private-types --header-file "$source/core/trocar.h" \
+        --no-show-locs "$library" | sed "s| path='[^']*/core/| path='core/|"
+}
 if [ "${3:-}" = --renew ]; then
     dump >"$source/tests/library/libtrocar.abi"
 else

@@ -121,6 +121,30 @@ static void record_resets(recording *r) {
     push(r, 0, 0.02);
 }
 
+/* A scene of two needles in a folder of its own, and the log of what `record` does there. Returns the model; the simulation is the recording's. */
+static trocar_model *log_two_needles(recording *r, void (*record)(recording *)) {
+    trocar_scene *scene;
+    trocar_model *model;
+    char line[600];
+    make_folder();
+    snprintf(line, sizeof line, "sed 's|^mesh: |mesh: " MESHES "/|; 1i needles: 2' " MESHES "/figure8.yaml > %s", scene_path);
+    assert_int_equal(system(line), 0);
+    OK(trocar_scene_load(scene_path, &scene, &why));
+    OK(trocar_model_create(scene, NULL, &model, &why));
+    trocar_scene_free(scene);
+    OK(trocar_sim_create(model, &r->sim, &why));
+    r->log = lcm_eventlog_create(path, "w");
+    record(r);
+    lcm_eventlog_destroy(r->log);
+    return model;
+}
+
+static void remove_folder(void) {
+    char line[600];
+    snprintf(line, sizeof line, "rm -r %s", folder);
+    assert_int_equal(system(line), 0);
+}
+
 static int run(const char *options) {
     char line[1400];
     snprintf(line, sizeof line, "%s --scene %s --poses %s %s", REPLAY, scene_path, path, options);
@@ -129,22 +153,9 @@ static int run(const char *options) {
 
 static void a_log_with_commands_replays_as_it_was(void **state) {
     (void)state;
-    trocar_scene *scene;
-    trocar_model *model;
     recording r = {.utime = 1000000};
-    make_folder();
-    OK(trocar_scene_load(MESHES "/figure8.yaml", &scene, &why));
-    char line[600];
-    snprintf(line, sizeof line, "sed 's|^mesh: |mesh: " MESHES "/|; 1i needles: 2' " MESHES "/figure8.yaml > %s", scene_path);
-    assert_int_equal(system(line), 0);
-    OK(trocar_scene_set(scene, "needles", "2", &why));
-    OK(trocar_model_create(scene, NULL, &model, &why));
-    OK(trocar_sim_create(model, &r.sim, &why));
-    r.log = lcm_eventlog_create(path, "w");
-    record(&r);
-    lcm_eventlog_destroy(r.log);
-
-    char options[200];
+    trocar_model *model = log_two_needles(&r, record);
+    char options[200], line[600];
     snprintf(options, sizeof options, "--all --csv %s --out %s 2>%s/text", csv, out, folder);
     assert_int_equal(run(options), 0);
     FILE *file = fopen(csv, "r");
@@ -161,11 +172,9 @@ static void a_log_with_commands_replays_as_it_was(void **state) {
     rename(out, path); /* what it writes can be replayed again */
     assert_int_equal(run("--all -q"), 0);
     assert_int_not_equal(run("--all --needle 1 -q 2>/dev/null"), 0);
-    snprintf(line, sizeof line, "rm -r %s", folder);
-    assert_int_equal(system(line), 0);
+    remove_folder();
     trocar_sim_free(r.sim);
     trocar_model_free(model);
-    trocar_scene_free(scene);
 }
 
 /* ---- the probe ------------------------------------------------------------------------------------------------------------ */
@@ -177,7 +186,6 @@ static const char probe_keys[] = "probe: {surface: skin, radius: 0.008, tip_radi
 
 static trocar_pose probe_at(int tick) { return (trocar_pose){{0.02, -0.015, -LENGTH - 0.001 + 2e-5 * tick}, {1, 0, 0, 0}}; }
 
-/* The probe goes 5 mm into the skin beside a needle, every tenth tick. Poses of another session, and old ones, are not used. */
 /* Forces of all ticks as rows of x, y, z; returns their number. */
 static int read_forces(double (*force)[3], int room) {
     FILE *file = fopen(csv, "r");
@@ -193,33 +201,21 @@ static void resets_take_effect_at_once(void **state) {
     (void)state;
     enum { ROOM = 4096 };
     static double force[ROOM][3];
-    trocar_scene *scene;
-    trocar_model *model;
     recording r = {.utime = 1000000, .force = calloc(ROOM, sizeof *r.force)};
-    make_folder();
-    OK(trocar_scene_load(MESHES "/figure8.yaml", &scene, &why));
+    trocar_model *model = log_two_needles(&r, record_resets);
     char line[600];
-    snprintf(line, sizeof line, "sed 's|^mesh: |mesh: " MESHES "/|; 1i needles: 2' " MESHES "/figure8.yaml > %s", scene_path);
-    assert_int_equal(system(line), 0);
-    OK(trocar_scene_set(scene, "needles", "2", &why));
-    OK(trocar_model_create(scene, NULL, &model, &why));
-    OK(trocar_sim_create(model, &r.sim, &why));
-    r.log = lcm_eventlog_create(path, "w");
-    record_resets(&r);
-    lcm_eventlog_destroy(r.log);
     snprintf(line, sizeof line, "--all -q --csv %s", csv);
     assert_int_equal(run(line), 0);
     assert_int_equal(read_forces(force, ROOM), r.ticks);
     for (int i = 0; i < r.ticks; i++)
         for (int a = 0; a < 3; a++) assert_close(force[i][a], r.force[i][a], 1e-9);
-    snprintf(line, sizeof line, "rm -r %s", folder);
-    assert_int_equal(system(line), 0);
+    remove_folder();
     trocar_sim_free(r.sim);
     trocar_model_free(model);
-    trocar_scene_free(scene);
     free(r.force);
 }
 
+/* The probe goes 5 mm into the skin beside a needle, every tenth tick. Poses of another session, and old ones, are not used. */
 static void record_with_probe(recording *r) {
     trocar_pose base = {{0, 0.003, -0.201}, {1, 0, 0, 0}};
     OK(trocar_sim_reset(r->sim, 0, &base, &why));

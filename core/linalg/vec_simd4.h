@@ -32,14 +32,6 @@ static inline vec3_simd4 v3l_cross(vec3_simd4 a, vec3_simd4 b) {
 }
 static inline vec3_simd4 v3l_unit(vec3_simd4 a) { return v3l_scale(1.0 / simd4_sqrt(v3l_dot(a, a)), a); }
 
-/* a b */
-static inline mat3_simd4 m3l_multiply(const mat3_simd4 *a, const mat3_simd4 *b) {
-    mat3_simd4 c;
-    for (int i = 0; i < 3; i++)
-        for (int j = 0; j < 3; j++) c.m[i][j] = a->m[i][0] * b->m[0][j] + a->m[i][1] * b->m[1][j] + a->m[i][2] * b->m[2][j];
-    return c;
-}
-
 static inline simd4 quat_row(const quat *q) {
     simd4 x;
     memcpy(&x, q, sizeof x);

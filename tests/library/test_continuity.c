@@ -53,6 +53,11 @@ static double move(trocar_sim *sim, int needle, trocar_pose *base, double way, d
     return norm(out.force);
 }
 
+/* At rest for so many ticks of 1 ms. */
+static void hold(trocar_sim *sim, int needle, const trocar_pose *base, int ticks, trocar_output *out) {
+    for (int i = 0; i < ticks; i++) OK(trocar_sim_step(sim, needle, base, 1e-3, out, &why));
+}
+
 static trocar_pose above(double x, double y) { return (trocar_pose){{x, y, -0.202}, {1, 0, 0, 0}}; }
 
 /* Into new tissue, and along the old track, which resists less than the friction of the tip's share. */
@@ -162,7 +167,7 @@ static void no_needle_goes_in_unfelt(void **state) {
             trocar_output out;
             OK(trocar_sim_reset(sim, n, &base, &why));
             move(sim, n, &base, 0.03 + end, 8e-5, 0, NULL);
-            for (int i = 0; i < 300; i++) OK(trocar_sim_step(sim, n, &base, 1e-3, &out, &why));
+            hold(sim, n, &base, 300, &out);
             if (!(out.depth > 0.03 && norm(out.force) > 0.5)) fail_msg("needle %d is %.1f mm deep and bears %.2f N, events %#x", n, 1e3 * out.depth, norm(out.force), out.events);
             OK(trocar_sim_leave(sim, n, &why));
         }
@@ -205,7 +210,7 @@ static void letting_go_of_a_needle_is_no_knock_for_its_neighbours(void **state) 
         move(sim, n, &base[n], n == 2 ? 0.09 : 0.08, 1e-4, 0, NULL);
         if (n == 0) OK(trocar_sim_leave(sim, n, &why));
     }
-    for (int i = 0; i < 20; i++) OK(trocar_sim_step(sim, 1, &base[1], 1e-3, &before, &why));
+    hold(sim, 1, &base[1], 20, &before);
     OK(trocar_sim_leave(sim, 2, &why));
     double last[3], most = 0.0, way[3];
     size_t size = trocar_sim_state_size(sim);
@@ -221,7 +226,7 @@ static void letting_go_of_a_needle_is_no_knock_for_its_neighbours(void **state) 
     print_message("let go of: %.3f N beside it, at most %.4f N in a tick\n", norm(way), most);
     assert_true(norm(way) > 0.1 && most < 0.05);
     OK(trocar_sim_restore(sim, half_way, size, &why)); /* and it goes on from there */
-    for (int i = 50; i < 200; i++) OK(trocar_sim_step(sim, 1, &base[1], 1e-3, &out, &why));
+    hold(sim, 1, &base[1], 150, &out);
     for (int a = 0; a < 3; a++) assert_true(fabs(out.force[a] - last[a]) < 1e-9);
     free(half_way);
     trocar_sim_free(sim);
@@ -237,7 +242,7 @@ static void a_needle_returns_to_skin_that_is_still_displaced_with_one_touch(void
     trocar_output out;
     OK(trocar_sim_reset(sim, 0, &base, &why));
     move(sim, 0, &base, 0.04, 1e-4, 0, NULL);
-    for (int i = 0; i < 1000; i++) OK(trocar_sim_step(sim, 0, &base, 1e-3, &out, &why));
+    hold(sim, 0, &base, 1000, &out);
     move(sim, 0, &base, -0.0405, 1e-4, 0, NULL);
     int touched = 0, withdrawn = 0, felt = 0;
     for (int i = 0; i < 1000; i++) {

@@ -171,6 +171,7 @@ typedef struct {
     double axial[MAX_AXIAL];                 /* and along it: at the tip that of the end face, then that of the shaft next to it */
     double sideways_on_shaft;                /* part of the tip's sideways force that the shaft next to it bears; the rest is on its end face */
     double relaxed;                          /* part of the way to its static place that the tissue at the tip goes in this step */
+    bool node_added;                         /* a contact became active in this step */
     double tip_column[MAX_UNKNOWNS];         /* m/N, displacement of the tissue at each unknown under a force along the track at the tip, */
     double tip_yield;                        /* m/N, and of the tip itself */
     double loose[MAX_POINTS];                /* m/N, additional lateral compliance while the hold is not full, */

@@ -36,7 +36,7 @@ static void go_beyond(const tick_context *tick) {
     needle_tip *tip = &tick->state->tip;
     tip->phase = TIP_BEYOND;
     tip->force = tip->damping = v3(0, 0, 0);
-    tip->dent = 0.0;
+    tip->dent = tip->held_dent = tip->offset = 0.0;
     tip->slip = tip->shaft.slip = 0.0;
     tip->blocked_by = NOT_BLOCKED;
     tip->end = tick->state->needle.joints[tick->model->needle->given.segments];

@@ -31,7 +31,6 @@
 #include <arpa/inet.h>
 #include <errno.h>
 #include <fcntl.h>
-#include <ifaddrs.h>
 #include <netinet/in.h>
 #include <poll.h>
 #include <pthread.h>
@@ -310,17 +309,6 @@ static bool random_number(int64_t *number) {
     return true;
 }
 
-/* Whether one of the machine's interfaces has this address: only then a socket can be bound to it. */
-static bool has_interface(struct in_addr address) {
-    struct sockaddr_in own = {0};
-    socket_handle s = socket(AF_INET, SOCK_DGRAM, 0);
-    own.sin_family = AF_INET;
-    own.sin_addr = address;
-    bool found = s != NO_SOCKET && bind(s, (struct sockaddr *)&own, sizeof own) == 0;
-    if (s != NO_SOCKET) closesocket(s);
-    return found;
-}
-
 static void exchange_until_end(trocar_client *c);
 static unsigned __stdcall run(void *client) { return exchange_until_end(client), 0; }
 
@@ -406,21 +394,6 @@ static bool random_number(int64_t *number) {
     bool whole = file >= 0 && read(file, number, sizeof *number) == (ssize_t)sizeof *number;
     if (file >= 0) close(file);
     return whole;
-}
-
-/* Whether one of the machine's interfaces has this address. */
-static bool has_interface(struct in_addr address) {
-    struct ifaddrs *all;
-    bool found = false;
-    if (getifaddrs(&all) != 0) return false;
-    for (const struct ifaddrs *i = all; i != NULL && !found; i = i->ifa_next) {
-        struct sockaddr_in own;
-        if (i->ifa_addr == NULL || i->ifa_addr->sa_family != AF_INET) continue;
-        memcpy(&own, i->ifa_addr, sizeof own);
-        found = own.sin_addr.s_addr == address.s_addr;
-    }
-    freeifaddrs(all);
-    return found;
 }
 
 static void exchange_until_end(trocar_client *c);
@@ -788,6 +761,20 @@ static void take_datagram(trocar_client *c, const unsigned char *packet, size_t 
     if (name > 0) take_message(c, (const char *)packet + HEADER, packet + HEADER + name, size - HEADER - name);
 }
 
+/* Whether this is the machine's own address: then, and only then, the system sends from it what is sent to it. */
+static bool is_own(struct in_addr address) {
+    struct sockaddr_in to = {0}, from = {0};
+    socklen_t length = sizeof from;
+    socket_handle s = socket(AF_INET, SOCK_DGRAM, 0);
+    to.sin_family = AF_INET;
+    to.sin_port = htons(1); /* any: nothing is sent */
+    to.sin_addr = address;
+    bool own = s != NO_SOCKET && connect(s, (struct sockaddr *)&to, sizeof to) == 0 && getsockname(s, (struct sockaddr *)&from, &length) == 0 &&
+               from.sin_addr.s_addr == address.s_addr;
+    if (s != NO_SOCKET) close_socket(s);
+    return own;
+}
+
 /* With ttl=0 LCM is for this machine alone, but its socket gets other machines' datagrams too. The last answer holds for a second, as most
    datagrams have the same sender, and interfaces may come and go. (The kernel drops datagrams from outside that claim to come from here.) */
 static bool is_welcome(trocar_client *c, const struct sockaddr_in *from) {
@@ -796,7 +783,7 @@ static bool is_welcome(trocar_client *c, const struct sockaddr_in *from) {
     if (c->address.ttl > 0 || address == INADDR_ANY || address >> 24 == 127) return true; /* without an address: where only loopback is up */
     if (c->known_sender.address.s_addr != from->sin_addr.s_addr || time >= c->known_sender.until) {
         c->known_sender.address = from->sin_addr;
-        c->known_sender.here = has_interface(from->sin_addr);
+        c->known_sender.here = is_own(from->sin_addr);
         c->known_sender.until = time + 1.0;
     }
     return c->known_sender.here;

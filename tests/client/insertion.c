@@ -1,6 +1,6 @@
 /* A bridge for tests, in C99, for any system that trocar_client.h knows: resets the needle, pushes it 21 mm in at 10 mm/s, and holds it for half a
-   second. Prints what it felt, one number with its name a line.
-   usage: insertion URL */
+   second. With SECONDS it only holds still before the skin for so long. Prints what it felt, one number with its name a line.
+   usage: insertion URL [SECONDS] */
 #ifndef _WIN32
 #define _DEFAULT_SOURCE
 #endif
@@ -8,6 +8,7 @@
 
 #include <math.h>
 #include <stdio.h>
+#include <stdlib.h>
 #ifdef _WIN32
 #include <windows.h>
 
@@ -77,14 +78,18 @@ int main(int count, char **arguments) {
     static const trocar_client_options standard;
     trocar_client_options options = standard;
     felt_so_far before = {0}, felt = {0};
-    if (count != 2) return 2;
+    if (count != 2 && count != 3) return 2;
     options.url = arguments[1];
     trocar_client *c = trocar_client_open(&options, NULL, 0);
     if (c == NULL) return 1;
-    for (double end = now() + 10; !before.was_answered && now() < end;) exchange(c, 0, &before);
-    printf("resets %d\n", reset(c, &before));
-    for (double begin = now(), t = 0; t < 1 + WAY / SPEED; t = now() - begin - 0.5) /* half a second at rest: the ramp */
-        exchange(c, t < 0 ? 0 : t < WAY / SPEED ? SPEED * t : WAY, &felt);
+    if (count == 3) {
+        for (double end = now() + atof(arguments[2]); now() < end;) exchange(c, 0, &felt);
+    } else {
+        for (double end = now() + 10; !before.was_answered && now() < end;) exchange(c, 0, &before);
+        printf("resets %d\n", reset(c, &before));
+        for (double begin = now(), t = -0.5; t < 0.5 + WAY / SPEED; t = now() - begin - 0.5) /* half a second at rest: the ramp */
+            exchange(c, t < 0 ? 0 : t < WAY / SPEED ? SPEED * t : WAY, &felt);
+    }
     printf("periods %ld\nanswered %ld\noutages %ld\nback %ld\n", felt.periods, felt.answered, felt.outages, felt.back);
     printf("force %.6f\nmost %.6f\nstep %.6f\ndepth %.6f\n", felt.force, felt.most, felt.step, felt.wrench.depth);
     trocar_client_close(c);

@@ -1,0 +1,211 @@
+#!/usr/bin/python3
+"""One of the free clients, in a bridge that inserts a needle: insertion.c, built for this system or for Windows (under Wine), Insertion.cs (under Mono),
+or insertion.py.
+
+- On a good network, and on one that loses every tenth datagram, doubles every twentieth and mixes up their order within 4 ms, the needle comes to
+  rest as in the library: the same force and depth. No wrench is followed by an older one, and the force keeps to the client's rate. The needle
+  follows the hand rigidly, as a virtual coupling would be softer where the round trip is longer.
+- With ttl=0, wrenches of another machine are not rendered; with ttl=1 they are.
+
+usage: test_client.py BUILD_DIR SOURCE_DIR c|windows|csharp|python
+"""
+import ctypes
+import json
+import math
+import os
+import shutil
+import socket
+import subprocess
+import sys
+import tempfile
+import threading
+import time
+
+BUILD, SOURCE, LANGUAGE = sys.argv[1:4]
+HERE, CLIENTS = f"{SOURCE}/tests/client", f"{SOURCE}/clients"
+NEAR, FAR, PORT = "239.255.76.67", "239.255.76.68", 7667
+LOSS, TWICE, DELAY = 0.1, 0.05, 0.004
+NEEDED = {"windows": {"x86_64-w64-mingw32-gcc": "gcc-mingw-w64-x86-64-win32", "wine": "wine64 and wine"}, "csharp": {"mcs": "mono-mcs", "mono": "mono-runtime"}}
+
+sys.path.insert(0, f"{SOURCE}/tests")
+sys.dont_write_bytecode = True
+from in_namespace import in_namespace
+
+for command, package in NEEDED.get(LANGUAGE, {}).items():
+    if not shutil.which(command):
+        print(f"skipped: no {command}; install {package}")
+        sys.exit(77)
+in_namespace(SOURCE)
+
+
+def build(folder):
+    """The bridge as a command. Its compilers are as strict as the language allows."""
+    if LANGUAGE == "c":
+        return [f"{BUILD}/tests/client/insertion"]
+    if LANGUAGE == "python":
+        return ["/usr/bin/python3", "-I", "-W", "error", f"{HERE}/insertion.py"]
+    if LANGUAGE == "csharp":
+        subprocess.run(["mcs", "-langversion:7", "-warn:4", "-warnaserror", f"-out:{folder}/Insertion.exe", f"{CLIENTS}/csharp/TrocarClient.cs", f"{HERE}/Insertion.cs"],
+                       check=True)
+        return ["mono", f"{folder}/Insertion.exe"]
+    subprocess.run(["x86_64-w64-mingw32-gcc", "-std=c99", "-Wall", "-Wextra", "-Wpedantic", "-Werror", "-O2", f"-I{CLIENTS}", "-o", f"{folder}/insertion.exe",
+                    f"{HERE}/insertion.c", f"{CLIENTS}/trocar_client.c", "-lws2_32"], check=True)
+    os.environ.update(WINEPREFIX=f"{folder}/wine", WINEDEBUG="-all", WINEDLLOVERRIDES="mscoree,mshtml=")
+    subprocess.run(["wine", "wineboot", "-i"], check=True, capture_output=True)
+    return ["wine", f"{folder}/insertion.exe"]
+
+
+def until_ready(command):
+    program = subprocess.Popen(command, stdout=subprocess.PIPE, stderr=subprocess.STDOUT, text=True)
+    for line in program.stdout:
+        if line.strip() == "ready":
+            return program
+    sys.exit(f"{command[0]} ended before it was ready")
+
+
+def numbers(text):
+    return {name: float(value) for name, value in map(str.split, text.splitlines())}
+
+
+def insertion(bridge, group):
+    done = subprocess.run([*bridge, f"udpm://{group}:{PORT}?ttl=0"], capture_output=True, text=True, timeout=60)
+    print(f"{group}: {' '.join(done.stdout.split())} {done.stderr}")
+    assert done.returncode == 0
+    return numbers(done.stdout)
+
+
+# ---- the same insertion on two networks ------------------------------------------------------------------------------------
+
+def rigid_scene(folder):
+    with open(f"{SOURCE}/meshes/figure8.yaml", encoding="utf-8") as file, open(f"{folder}/scene.yaml", "w", encoding="utf-8") as scene:
+        scene.write(file.read().replace("mesh: ", f"mesh: {SOURCE}/meshes/") + "\ndevice: {max_stiffness: .inf}\n")
+    return scene.name
+
+
+def library(scene):
+    """The force (N) and depth (m) with which the insertion ends."""
+    os.environ["TROCAR_LIBRARY"] = f"{BUILD}/core/libtrocar.so"
+    sys.path.insert(0, f"{BUILD}/clients/python")
+    import trocar
+    sim = trocar.Sim(trocar.Model(trocar.Scene.load(scene)))
+    for tick in range(2600):
+        base = [0.005, 0.003, -0.201 + min(0.021, 1e-5 * tick), 1, 0, 0, 0]
+        if tick == 0:
+            sim.reset(base)
+        out = sim.step(base, 1e-3)
+    return math.hypot(*out.force), out.depth
+
+
+def same_insertion(bridge, folder):
+    scene = rigid_scene(folder)
+    server = until_ready([f"{BUILD}/server/trocar-server", "--scene", scene, "--allow-non-rt"])
+    link = until_ready([sys.executable, f"{HERE}/lossy_link.py", NEAR, FAR, str(LOSS), str(TWICE), str(DELAY)])
+    try:
+        good, bad = insertion(bridge, NEAR), insertion(bridge, FAR)
+        link.terminate()
+        done = json.loads(link.communicate(timeout=10)[0])
+    finally:
+        link.kill()
+        server.kill()
+    force, depth = library(scene)
+    print(f"link: {done}\nlibrary: force {force:.6f} depth {depth:.6f}")
+    for way in (0, 1):  # from the server, to the server
+        total = done["passed"][way] + done["lost"][way]
+        assert total > 1500 and 0.08 < done["lost"][way] / total < 0.12 and done["overtaken"][way] > 0.1 * total, f"the link is too good: {done}"
+    for felt in (good, bad):
+        assert felt["back"] == 0, "an older wrench followed a newer one"
+        assert felt["outages"] == 0 and felt["answered"] == felt["periods"], "the watchdog expired"
+        assert abs(felt["force"] - force) < 0.01 * force and abs(felt["depth"] - depth) < 0.01 * depth, "not the insertion of the library"
+        assert felt["step"] < 2000 * 0.01, "the force changed faster than the client permits"
+        assert felt["resets"] >= 1, "no reply"
+    assert good["resets"] == 1
+
+
+# ---- another machine -------------------------------------------------------------------------------------------------------
+
+def run(command):
+    subprocess.run(command.split(), check=True)
+
+
+def plug_in():
+    """Another machine, 10.0.0.2, at the other end of a cable. Returns the process that keeps it, and a socket of it."""
+    other = subprocess.Popen(["unshare", "--net", "sleep", "1000"])
+    while os.readlink(f"/proc/{other.pid}/ns/net") == os.readlink("/proc/self/ns/net"):
+        time.sleep(0.01)
+    there = f"nsenter --target {other.pid} --net ip"
+    for command in (f"ip link add lan type veth peer name lan netns {other.pid}", "ip address add 10.0.0.1/24 dev lan", "ip link set lan up",
+                    f"ip route replace {NEAR}/32 dev lan", f"{there} address add 10.0.0.2/24 dev lan", f"{there} link set lan up",
+                    f"{there} route add {NEAR}/32 dev lan"):
+        run(command)
+    libc = ctypes.CDLL(None, use_errno=True)
+    with open(f"/proc/{other.pid}/ns/net") as far, open("/proc/self/ns/net") as near:
+        assert libc.setns(far.fileno(), 0) == 0
+        distant = socket.socket(socket.AF_INET, socket.SOCK_DGRAM)  # stays there
+        assert libc.setns(near.fileno(), 0) == 0
+    return other, distant
+
+
+def hear_session(types):
+    with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as listener:
+        listener.setsockopt(socket.SOL_SOCKET, socket.SO_REUSEADDR, 1)
+        listener.bind((NEAR, PORT))
+        listener.setsockopt(socket.IPPROTO_IP, socket.IP_ADD_MEMBERSHIP, socket.inet_aton(NEAR) + socket.inet_aton("10.0.0.1"))
+        listener.settimeout(10)
+        while True:
+            channel, _, message = listener.recv(65536)[8:].partition(b"\0")
+            if channel == b"TROCAR_POSE":
+                return types.needle_pose_t.decode(message).session
+
+
+def answered(bridge, types, sender, ttl):
+    """Periods in which the bridge rendered the wrenches that `sender` sends it, to the group and to its machine."""
+    client = subprocess.Popen([*bridge, f"udpm://{NEAR}:{PORT}?ttl={ttl}", "2"], stdout=subprocess.PIPE, text=True)
+    wrench = types.needle_wrench_t()
+    wrench.session, wrench.server, wrench.force = hear_session(types), 5, [1.0, 0.0, 0.0]
+    ends = threading.Event()
+
+    def send():
+        while not ends.wait(0.001):
+            wrench.tick += 1
+            for to in (NEAR, "10.0.0.1"):
+                try:
+                    sender.sendto(b"LC02\0\0\0\0TROCAR_WRENCH\0" + wrench.encode(), (to, PORT))
+                except OSError:
+                    pass
+    thread = threading.Thread(target=send)
+    thread.start()
+    felt = numbers(client.communicate(timeout=30)[0])
+    ends.set()
+    thread.join()
+    return int(felt["answered"])
+
+
+def other_machine(bridge, folder):
+    subprocess.run(["lcm-gen", "-p", "--ppath", folder, f"{SOURCE}/lcmtypes/trocar.lcm"], check=True)
+    sys.path.insert(0, folder)
+    sys.modules.pop("trocar", None)
+    import trocar as types
+    other, distant = plug_in()
+    try:
+        with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as here:
+            distant.setsockopt(socket.IPPROTO_IP, socket.IP_MULTICAST_TTL, 1)
+            found = {"this machine, ttl=0": answered(bridge, types, here, 0), "another machine, ttl=0": answered(bridge, types, distant, 0),
+                     "another machine, ttl=1": answered(bridge, types, distant, 1)}
+    finally:
+        other.kill()
+    print(f"wrenches rendered: {found}")
+    assert found.pop("another machine, ttl=0") == 0 and min(found.values()) > 500
+
+
+def main():
+    with tempfile.TemporaryDirectory() as folder:
+        try:
+            bridge = build(folder)
+            same_insertion(bridge, folder)
+            other_machine(bridge, folder)
+        finally:
+            if LANGUAGE == "windows":
+                subprocess.run(["wineserver", "-k", "-w"], check=False)
+
+
+main()

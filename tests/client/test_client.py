@@ -5,6 +5,7 @@ or insertion.py.
 - On a good network, and on one that loses every tenth datagram, doubles every twentieth and mixes up their order within 4 ms, the needle comes to
   rest as in the library: the same force and depth. No wrench is followed by an older one, and the force keeps to the client's rate. The needle
   follows the hand rigidly, as a virtual coupling would be softer where the round trip is longer.
+- Crafted packets and a flood of fuzzed fragments leave it alive and answered.
 - With ttl=0, wrenches of another machine are not rendered; with ttl=1 they are.
 
 usage: test_client.py BUILD_DIR SOURCE_DIR c|windows|csharp|python
@@ -104,6 +105,10 @@ def same_insertion(bridge, folder):
         good, bad = insertion(bridge, NEAR), insertion(bridge, FAR)
         link.terminate()
         done = json.loads(link.communicate(timeout=10)[0])
+        client = subprocess.Popen([*bridge, f"udpm://{NEAR}:{PORT}?ttl=0", "5"], stdout=subprocess.PIPE, text=True)
+        subprocess.run([sys.executable, f"{SOURCE}/tests/crafted_packets.py", "2"], check=True)
+        fired_at = numbers(client.communicate(timeout=30)[0])
+        print(f"under fire: {fired_at['answered']:.0f} of {fired_at['periods']:.0f} periods answered")
     finally:
         link.kill()
         server.kill()
@@ -119,6 +124,7 @@ def same_insertion(bridge, folder):
         assert felt["step"] < 2000 * 0.01, "the force changed faster than the client permits"
         assert felt["resets"] >= 1, "no reply"
     assert good["resets"] == 1
+    assert client.returncode == 0 and fired_at["answered"] > 0.3 * fired_at["periods"] and fired_at["back"] == 0, "crafted packets stop it"
 
 
 # ---- another machine -------------------------------------------------------------------------------------------------------

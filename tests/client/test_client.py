@@ -1,6 +1,6 @@
 #!/usr/bin/python3
-"""One of the free clients, in a bridge that inserts a needle: insertion.c, built for this system or for Windows (under Wine), Insertion.cs (under Mono),
-or insertion.py.
+"""One of the free clients, in a bridge that inserts a needle: insertion.c, built for this system or for Windows (under Wine), Insertion.cs and
+UnityInsertion.cs (under Mono), or insertion.py.
 
 - On a good network, and on one that loses every tenth datagram, doubles every twentieth and mixes up their order within 4 ms, the needle comes to
   rest as in the library: the same force and depth. No wrench is followed by an older one, and the force keeps to the client's rate. The needle
@@ -8,7 +8,7 @@ or insertion.py.
 - Crafted packets and a flood of fuzzed fragments leave it alive and answered.
 - With ttl=0, wrenches of another machine are not rendered; with ttl=1 they are.
 
-usage: test_client.py BUILD_DIR SOURCE_DIR c|windows|csharp|python
+usage: test_client.py BUILD_DIR SOURCE_DIR c|windows|csharp|unity|python
 """
 import ctypes
 import json
@@ -27,6 +27,8 @@ HERE, CLIENTS = f"{SOURCE}/tests/client", f"{SOURCE}/clients"
 NEAR, FAR, PORT = "239.255.76.67", "239.255.76.68", 7667
 LOSS, TWICE, DELAY = 0.1, 0.05, 0.004
 NEEDED = {"windows": {"x86_64-w64-mingw32-gcc": "gcc-mingw-w64-x86-64-win32", "wine": "wine64 and wine"}, "csharp": {"mcs": "mono-mcs", "mono": "mono-runtime"}}
+NEEDED["unity"] = NEEDED["csharp"]
+BRIDGES = {"csharp": [f"{HERE}/Insertion.cs"], "unity": [f"{HERE}/UnityInsertion.cs", f"{CLIENTS}/csharp/TrocarNeedle.cs", f"{SOURCE}/tests/standins/UnityEngine.cs"]}
 
 sys.path.insert(0, f"{SOURCE}/tests")
 sys.dont_write_bytecode = True
@@ -45,8 +47,8 @@ def build(folder):
         return [f"{BUILD}/tests/client/insertion"]
     if LANGUAGE == "python":
         return ["/usr/bin/python3", "-I", "-W", "error", f"{HERE}/insertion.py"]
-    if LANGUAGE == "csharp":
-        subprocess.run(["mcs", "-langversion:7", "-warn:4", "-warnaserror", f"-out:{folder}/Insertion.exe", f"{CLIENTS}/csharp/TrocarClient.cs", f"{HERE}/Insertion.cs"],
+    if LANGUAGE in BRIDGES:
+        subprocess.run(["mcs", "-langversion:7", "-warn:4", "-warnaserror", f"-out:{folder}/Insertion.exe", f"{CLIENTS}/csharp/TrocarClient.cs", *BRIDGES[LANGUAGE]],
                        check=True)
         return ["mono", f"{folder}/Insertion.exe"]
     subprocess.run(["x86_64-w64-mingw32-gcc", "-std=c99", "-Wall", "-Wextra", "-Wpedantic", "-Werror", "-O2", f"-I{CLIENTS}", "-o", f"{folder}/insertion.exe",
@@ -121,6 +123,7 @@ def same_insertion(bridge, folder):
         assert felt["back"] == 0, "an older wrench followed a newer one"
         assert felt["outages"] == 0 and felt["answered"] == felt["periods"], "the watchdog expired"
         assert abs(felt["force"] - force) < 0.01 * force and abs(felt["depth"] - depth) < 0.01 * depth, "not the insertion of the library"
+        assert math.isclose(felt.get("along", -force), -force, rel_tol=0.01), "not along the needle"
         assert felt["step"] < 2000 * 0.01, "the force changed faster than the client permits"
         assert felt["resets"] >= 1, "no reply"
     assert good["resets"] == 1
@@ -151,7 +154,14 @@ def plug_in():
     return other, distant
 
 
-def hear_session(types):
+def turned(q, v):
+    """The vector, turned by a quaternion."""
+    w, (x, y, z) = q[0], q[1:]
+    t = [2 * (y * v[2] - z * v[1]), 2 * (z * v[0] - x * v[2]), 2 * (x * v[1] - y * v[0])]
+    return [v[0] + w * t[0] + y * t[2] - z * t[1], v[1] + w * t[1] + z * t[0] - x * t[2], v[2] + w * t[2] + x * t[1] - y * t[0]]
+
+
+def hear_pose(types):
     with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as listener:
         listener.setsockopt(socket.SOL_SOCKET, socket.SO_REUSEADDR, 1)
         listener.bind((NEAR, PORT))
@@ -160,14 +170,14 @@ def hear_session(types):
         while True:
             channel, _, message = listener.recv(65536)[8:].partition(b"\0")
             if channel == b"TROCAR_POSE":
-                return types.needle_pose_t.decode(message).session
+                return types.needle_pose_t.decode(message)
 
 
 def answered(bridge, types, sender, ttl):
-    """Periods in which the bridge rendered the wrenches that `sender` sends it, to the group and to its machine."""
+    """The part of its periods in which the bridge rendered the wrenches that `sender` sends it, to the group and to its machine."""
     client = subprocess.Popen([*bridge, f"udpm://{NEAR}:{PORT}?ttl={ttl}", "2"], stdout=subprocess.PIPE, text=True)
-    wrench = types.needle_wrench_t()
-    wrench.session, wrench.server, wrench.force = hear_session(types), 5, [1.0, 0.0, 0.0]
+    wrench, pose = types.needle_wrench_t(), hear_pose(types)
+    wrench.session, wrench.server, wrench.force = pose.session, 5, [1.0, 0.0, 0.0]
     ends = threading.Event()
 
     def send():
@@ -183,7 +193,9 @@ def answered(bridge, types, sender, ttl):
     felt = numbers(client.communicate(timeout=30)[0])
     ends.set()
     thread.join()
-    return int(felt["answered"])
+    for name, axis in (("up", (0, 1, 0)), ("forward", (0, 0, 1))) if LANGUAGE == "unity" else ():
+        assert math.dist([felt[f"{name}_{i}"] for i in "xyz"], turned(pose.orientation, axis)) < 1e-5, f"{name} is wrong"
+    return felt["answered"] / felt["periods"]
 
 
 def other_machine(bridge, folder):
@@ -200,7 +212,7 @@ def other_machine(bridge, folder):
     finally:
         other.kill()
     print(f"wrenches rendered: {found}")
-    assert found.pop("another machine, ttl=0") == 0 and min(found.values()) > 500
+    assert found.pop("another machine, ttl=0") == 0 and min(found.values()) > 0.5
 
 
 def main():

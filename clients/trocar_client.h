@@ -113,8 +113,8 @@ void trocar_client_close(trocar_client *client);
    sends nothing, if a number is not finite. RT */
 int trocar_client_publish(trocar_client *client, const double position[3], const double orientation[4]);
 
-/* The newest wrench; one that a newer one has overtaken on its way is dropped. Returns 1, or 0 and a zero wrench if the watchdog has expired, because there is no server, the needle
-   belongs to another device, or the scene has no such needle (trocar-top shows the reason). RT */
+/* The newest wrench; one that a newer one has overtaken on its way is dropped. Returns 1, or 0 and a zero wrench if the watchdog has expired,
+   because there is no server, the needle belongs to another device, or the scene has no such needle (trocar-top shows the reason). RT */
 int trocar_client_newest(trocar_client *client, trocar_client_wrench *wrench);
 
 /* Commands for the client's needle. Each is sent at once; the server's reply arrives later: see trocar_client_reply. One command at a time:

@@ -756,7 +756,8 @@ internal sealed class Lcm : IDisposable {
             sender.SetSocketOption(SocketOptionLevel.IP, SocketOptionName.MulticastTimeToLive, ttl);
             receiver.SetSocketOption(SocketOptionLevel.Socket, SocketOptionName.ReuseAddress, true);
             if (buffer > 0) receiver.ReceiveBufferSize = buffer;
-            receiver.Bind(new IPEndPoint(IPAddress.Any, group.Port));
+            bool windows = Environment.OSVersion.Platform == PlatformID.Win32NT; // elsewhere a socket can be bound to the group, and gets nothing else
+            receiver.Bind(new IPEndPoint(windows ? IPAddress.Any : group.Address, group.Port));
             receiver.SetSocketOption(SocketOptionLevel.IP, SocketOptionName.AddMembership, new MulticastOption(group.Address));
         } catch (SocketException error) {
             Dispose();

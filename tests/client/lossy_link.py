@@ -2,7 +2,7 @@
 """A bad network between two LCM groups: what is sent to one arrives in the other, but some of it is lost, some comes twice, and some is
 overtaken. Prints `ready`, and at its end (SIGTERM) what it did, as JSON.
 
-usage: lossy_link.py GROUP GROUP LOSS TWICE DELAY    LOSS, TWICE: parts of the datagrams; DELAY: most, in s; each has a delay of its own
+usage: lossy_link.py GROUP:PORT GROUP:PORT LOSS TWICE DELAY    LOSS, TWICE: parts of the datagrams; DELAY: most, in s; each has a delay of its own
 """
 import heapq
 import json
@@ -14,23 +14,22 @@ import struct
 import sys
 import time
 
-PORT = 7667
 
-
-def listener(group):
+def listener(group, port):
     s = socket.socket(socket.AF_INET, socket.SOCK_DGRAM)
     s.setsockopt(socket.SOL_SOCKET, socket.SO_REUSEADDR, 1)
     s.setsockopt(socket.SOL_SOCKET, socket.SO_RCVBUF, 1 << 22)
-    s.bind((group, PORT))
+    s.bind((group, port))
     s.setsockopt(socket.IPPROTO_IP, socket.IP_ADD_MEMBERSHIP, socket.inet_aton(group) + struct.pack("=I", socket.INADDR_ANY))
     s.setblocking(False)
     return s
 
 
 def main():
-    groups, (loss, twice, delay) = sys.argv[1:3], map(float, sys.argv[3:])
+    groups = [(group, int(port)) for group, port in (given.split(":") for given in sys.argv[1:3])]
+    loss, twice, delay = map(float, sys.argv[3:])
     rng = random.Random(1)
-    listeners = {listener(group): (groups[1 - i], i) for i, group in enumerate(groups)}
+    listeners = {listener(*group): (groups[1 - i], i) for i, group in enumerate(groups)}
     sender = socket.socket(socket.AF_INET, socket.SOCK_DGRAM)
     sender.bind(("", 0))
     own = sender.getsockname()[1]
@@ -62,7 +61,7 @@ def main():
             _, number, packet, to, way = heapq.heappop(queue)
             done["overtaken"][way] += number < newest[way]
             newest[way] = max(newest[way], number)
-            sender.sendto(packet, (to, PORT))
+            sender.sendto(packet, to)
             done["passed"][way] += 1
     print(json.dumps(done))
 

@@ -51,7 +51,8 @@ static const double WATCHDOG = 0.02;       /* s */
 static const double RAMP = 0.1;            /* s, after an outage */
 static const double PATIENCE = 0.1;        /* s of silence after which another server is followed */
 static const double LONGEST_PERIOD = 0.01; /* s of the device's loop, for which the wrench may change */
-static const double MAX_FORCE = 20.0, MAX_TORQUE = 1.0, MAX_FORCE_RATE = 2000.0, MAX_TORQUE_RATE = 100.0; /* N, N m, per s: as a scene's without `device` */
+static const double MAX_FORCE = 20.0, MAX_TORQUE = 1.0;                 /* N, N m: as a scene's without `device`, */
+static const double MAX_FORCE_RATE = 2000.0, MAX_TORQUE_RATE = 100.0;   /* per s: likewise */
 static const double LONGEST_REPLY = 3.0;   /* s; a server with 25 resting needles takes 0.1 s to leave one more */
 static const double LONGEST_ECHO = 10.0;   /* s in which a first message has to come back from the network */
 
@@ -722,7 +723,8 @@ static void take_fragment(trocar_client *c, const unsigned char *packet, size_t 
     enum { HEADER = 20 };
     assembly *a = &c->assembly;
     if (size < HEADER) return;
-    uint32_t sequence = (uint32_t)get_number(packet + 4, 4), total = (uint32_t)get_number(packet + 8, 4), offset = (uint32_t)get_number(packet + 12, 4);
+    uint32_t sequence = (uint32_t)get_number(packet + 4, 4), total = (uint32_t)get_number(packet + 8, 4);
+    uint32_t offset = (uint32_t)get_number(packet + 12, 4);
     unsigned number = (unsigned)get_number(packet + 16, 2), count = (unsigned)get_number(packet + 18, 2);
     const unsigned char *part = packet + HEADER;
     size -= HEADER;
@@ -830,7 +832,8 @@ static void send_pose(trocar_client *c) {
 }
 
 static void send_command(trocar_client *c, int32_t what, int64_t number, int32_t seeds, double spacing) {
-    command m = {.utime = wall_clock(), .session = c->session, .command = what, .needle = c->needle, .seq = number, .seeds = seeds, .spacing = spacing};
+    command m = {.utime = wall_clock(), .session = c->session, .command = what, .needle = c->needle, .seq = number, .seeds = seeds,
+                 .spacing = spacing};
     send_message(c, COMMANDS, &command_type, &m);
 }
 
@@ -863,7 +866,8 @@ static bool read_url(const char *url, lcm_address *a) {
     if (strncmp(url, provider, strlen(provider)) != 0) return false;
     const char *from = url + strlen(provider);
     size_t length = strcspn(from, ":?");
-    long port = from[length] == ':' ? strtol(from + length + 1, NULL, 0) : 7667, ttl = option_of(from, "ttl", 0), buffer = option_of(from, "recv_buf_size", 0);
+    long port = from[length] == ':' ? strtol(from + length + 1, NULL, 0) : 7667;
+    long ttl = option_of(from, "ttl", 0), buffer = option_of(from, "recv_buf_size", 0);
     if (length >= sizeof group) return false;
     if (length > 0) snprintf(group, sizeof group, "%.*s", (int)length, from);
     memset(a, 0, sizeof *a);
@@ -924,7 +928,9 @@ static bool hears_itself(trocar_client *c) {
 
 static double or_standard(double given, double standard) { return given == 0 ? standard : given; }
 
-static bool limits_are_good(const trocar_client_options *o) { return o->max_force >= 0 && o->max_torque >= 0 && o->max_force_rate >= 0 && o->max_torque_rate >= 0; }
+static bool limits_are_good(const trocar_client_options *o) {
+    return o->max_force >= 0 && o->max_torque >= 0 && o->max_force_rate >= 0 && o->max_torque_rate >= 0;
+}
 
 static void free_client(trocar_client *c) {
     if (c->sender != NO_SOCKET) close_socket(c->sender);
@@ -958,13 +964,15 @@ static bool connect_client(trocar_client *c, const char *url, char *why, size_t 
     char reason[128];
     bool opened = os_open(&c->os);
     if (!read_url(url, &c->address)) {
-        snprintf(why, size, "LCM cannot connect to \"%s\": the client knows addresses such as udpm://239.255.76.67:7667?ttl=0, of a multicast group", url);
+        snprintf(why, size, "LCM cannot connect to \"%s\": the client knows addresses such as udpm://239.255.76.67:7667?ttl=0, of a multicast "
+                 "group", url);
         return false;
     }
     if (opened && open_sender(c) && open_receiver(c) && hears_itself(c)) return true;
     network_error(reason, sizeof reason);
     snprintf(why, size, "LCM cannot connect to \"%s\" (%s): check the address, the firewall and the multicast route. On a single machine without a "
-             "network, as root: ip link set lo multicast on && ip route add 239.255.76.67/32 dev lo", url, would_block() ? "no message comes back" : reason);
+             "network, as root: ip link set lo multicast on && ip route add 239.255.76.67/32 dev lo", url,
+             would_block() ? "no message comes back" : reason);
     return false;
 }
 

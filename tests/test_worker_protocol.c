@@ -410,11 +410,16 @@ static void *work(void *context) {
     return NULL;
 }
 
+static bool is_on_its_way(const trocar_sim *sim) {
+    trocar_needle_state now = trocar_sim_needle_state(sim, 0);
+    return now == TROCAR_NEEDLE_LEAVING || now == TROCAR_NEEDLE_TAKING;
+}
+
 /* Calls on two needles at random while the worker works: each is answered as the table says for the phase before it, or for one to which the worker
    may have brought the needle meanwhile. */
 static void random_calls_beside_a_worker(void **unused) {
     (void)unused;
-    enum { ROUNDS = 400 };
+    enum { ROUNDS = 200, PATIENCE = 120000 }; /* ms */
     static const needle_phase NEXT[PHASES] = {[PHASE_HELD] = PHASE_HELD, [PHASE_LEAVING] = PHASE_RESTING, [PHASE_RESTING] = PHASE_RESTING,
                                               [PHASE_TAKING] = PHASE_TAKEN, [PHASE_TAKEN] = PHASE_TAKEN};
     host h = host_open_with(MESHES "/figure8.yaml", "needles", "2");
@@ -452,7 +457,11 @@ static void random_calls_beside_a_worker(void **unused) {
                 trocar_sim_tick(h.sim, 0, &at, 1e-3, &out);
                 sched_yield();
             }
-        if (random_below(&seed, 3) == 0) poll(NULL, 0, 5);
+        bool waits = random_below(&seed, 2) == 0; /* for the worker to end what it has begun, however slow it is */
+        for (int ms = 0; waits && is_on_its_way(h.sim); ms++) {
+            assert_true(ms < PATIENCE);
+            poll(NULL, 0, 1);
+        }
     }
     atomic_store(&w.stop, true);
     pthread_join(thread, NULL);

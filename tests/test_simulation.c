@@ -93,19 +93,17 @@ static void every_method_and_inverse_can_be_restored(void **unused) {
     (void)unused;
     char directory[] = "/tmp/test_simulation.XXXXXX", command[64];
     assert_non_null(mkdtemp(directory));
-    static const struct { int method; inverse_choice owner; contact_placement placement; bool exact; } cases[] = {
-        {REMESH_NESTED, INVERSE_DENSE, PLACE_INSIDE, true}, {REMESH_NESTED, INVERSE_DENSE, PLACE_ON_FACES, true},
-        {REMESH_NESTED, INVERSE_CONDENSED, PLACE_INSIDE, true}, {REMESH_NESTED, INVERSE_SPARSE, PLACE_INSIDE, false},
-        {REMESH_IMPLICIT, INVERSE_DENSE, PLACE_INSIDE, false}, {REMESH_IMPLICIT, INVERSE_SPARSE, PLACE_ON_FACES, false},
-        {REMESH_WOODBURY, INVERSE_DENSE, PLACE_INSIDE, false}, {REMESH_WOODBURY_GENERAL, INVERSE_DENSE, PLACE_INSIDE, false},
-        {REMESH_BCS, INVERSE_DENSE, PLACE_INSIDE, false}, {REMESH_BCS_BLOCKED, INVERSE_DENSE, PLACE_ON_FACES, false},
+    static const struct { int method; inverse_choice owner; bool exact; } cases[] = {
+        {REMESH_NESTED, INVERSE_DENSE, true}, {REMESH_NESTED, INVERSE_CONDENSED, true}, {REMESH_NESTED, INVERSE_SPARSE, false},
+        {REMESH_IMPLICIT, INVERSE_DENSE, false}, {REMESH_IMPLICIT, INVERSE_SPARSE, false},
+        {REMESH_WOODBURY, INVERSE_DENSE, false}, {REMESH_WOODBURY_GENERAL, INVERSE_DENSE, false},
+        {REMESH_BCS, INVERSE_DENSE, false}, {REMESH_BCS_BLOCKED, INVERSE_DENSE, false},
     };
     checkpoint *saved = malloc(sizeof *saved);
     for (size_t i = 0; i < sizeof cases / sizeof *cases; i++) {
         simulation_config c = lockstep_config();
         c.remeshing = (remesh_method)cases[i].method;
         c.inverse = cases[i].owner;
-        c.insertion.placement = cases[i].placement;
         strcpy(c.cache, directory);
         lockstep *l = inserted(&c);
         simulation_save(&l->state, l->snapshot, saved);

@@ -240,19 +240,9 @@ trocar_status simulation_create_mesh(const simulation_config *config, simulation
     return status;
 }
 
-static trocar_status check_placement(const simulation_config *config, report *why) {
-    if (config->remeshing == REMESH_NESTED && config->insertion.placement == PLACE_MOVED)
-        return fail(why, TROCAR_BAD_INPUT, "contact.placement: moved nodes are not nested; choose remeshing: implicit");
-    if (config->volumetric != STRAIN_BY_ELEMENT && config->insertion.placement == PLACE_MOVED)
-        return fail(why, TROCAR_BAD_INPUT, "contact.placement: a moved node would change strains averaged beyond the elements around it; "
-                    "choose volumetric_strain: element");
-    return TROCAR_OK;
-}
-
 trocar_status simulation_create_model(const simulation_config *config, simulation *s, report *why) {
     memset(s, 0, sizeof *s);
     trocar_status status = blas_start(why);
-    if (status == TROCAR_OK) status = check_placement(config, why);
     if (status == TROCAR_OK) status = simulation_create_mesh(config, s, why);
     if (status != TROCAR_OK) return status;
     status = inverse_go_on(config->progress, why);
@@ -303,15 +293,13 @@ trocar_status simulation_derive(const simulation *base, const simulation_config 
         return fail(why, TROCAR_BAD_INPUT, "mesh: a model whose mesh came as arrays shares nothing: build this one by itself");
     const char *key = stiffness_key_that_differs(&base->config, config, text, sizeof text);
     if (key) return fail(why, TROCAR_BAD_INPUT, "%s: differs from the model whose stiffness is to be shared: build this one by itself", key);
-    trocar_status status = check_placement(config, why);
-    if (status != TROCAR_OK) return status;
     s->config = *config;
     s->shares = true;
     s->mesh = base->mesh;
     s->tissue = tissue_constants(&base->tissue);
     s->inverse = base->inverse;
     s->about_inverse = base->about_inverse;
-    status = bind_to_mesh(s, why);
+    trocar_status status = bind_to_mesh(s, why);
     if (status == TROCAR_OK) status = needle_create(&config->needle, &s->needle, why);
     if (status == TROCAR_OK) status = build_insertion(s, why);
     if (status != TROCAR_OK) simulation_free(s);

@@ -30,7 +30,7 @@ _Static_assert(NEEDLE_MAX_SEGMENTS == 64, "the text of SEGMENTS says so");
         return index < (int)(sizeof words / sizeof *words) ? words[index] : NULL;  \
     }
 WORDS(model_word, "rod")
-WORDS(placement_word, [PLACE_INSIDE] = "inside", [PLACE_ON_FACES] = "faces", [PLACE_MOVED] = "moved")
+WORDS(placement_word, "inside")
 WORDS(strain_word, [STRAIN_BY_PATCH] = "patch", [STRAIN_BY_NODE] = "node", [STRAIN_BY_ELEMENT] = "element")
 WORDS(switch_word, "false", "true")
 static const char *remeshing_word(int index) { return index < REMESH_METHODS ? remesh_name((remesh_method)index) : NULL; }
@@ -125,8 +125,8 @@ const row SCENE_TABLE[] = {
     {"probe.start.orientation", "", ROTATION, OF(simulation.probe.start.orientation), .doc = "unit quaternion w, x, y, z that turns +z into its axis, from base to tip"},
 
     {"contact.spacing", "m", NUMBER, OF(simulation.insertion.contact_spacing), &POSITIVE, .doc = "least distance between contact nodes"},
-    {"contact.placement", "", WORD, OF(simulation.insertion.placement), .words = placement_word,
-     .doc = "half way through elements; or where the tip leaves them, added on the face or its closest corner moved there"},
+    {"contact.placement", "", WORD, OF(only_one), .words = placement_word,
+     .doc = "contact nodes are added half way through elements; the key is for scenes that say so"},
     {"contact.weakening_distance", "m", NUMBER, OF(simulation.insertion.weakening_distance), &POSITIVE,
      .doc = "of sliding over which static friction falls to kinetic"},
     {"contact.prefetch_distance", "m", NUMBER, OF(simulation.insertion.prefetch_distance), &NOT_NEGATIVE,

@@ -25,7 +25,7 @@ static void check_equilibrium(remesh_method method) {
     assert_int_equal(refined_mesh_create(m, &refined, &whole, &why), TROCAR_OK);
     vec3 *u = calloc((size_t)whole.node_count, sizeof *u), *residual = calloc((size_t)whole.node_count, sizeof *residual);
     vec3 sum = v3(0, 0, 0), reaction = v3(0, 0, 0);
-    simulation_displacement(&l->simulation, &l->state, u, u + m->node_count);
+    run_displacement(&l->run, &l->state, u, u + m->node_count);
     insertion_forces(&l->simulation.insertion, &l->state, residual, residual + m->node_count);
     for (int i = 0; i < whole.node_count; i++) sum = v3_add(sum, residual[i]), residual[i] = v3_scale(-1, residual[i]);
     for (int e = 0; e < whole.tet_count; e++) {
@@ -215,7 +215,7 @@ static void a_rejected_guess_leaves_no_trace(void **unused) {
             memcpy(without->snapshot, l->snapshot, sizeof *l->snapshot);
             without->state.motion.time = 0.0;
             lockstep_tick(l, base, 1e-3);
-            bool given_up = l->simulation.workspace->guess_given_up;
+            bool given_up = l->run.workspace->guess_given_up;
             lockstep_tick(without, base, 1e-3);
             if (!given_up) continue;
             rejected++;

@@ -306,24 +306,10 @@ trocar_status simulation_derive(const simulation *base, const simulation_config 
     return status;
 }
 
-trocar_status simulation_create(const simulation_config *config, simulation *s, report *why) {
-    trocar_status status = simulation_create_model(config, s, why);
-    if (status != TROCAR_OK) return status;
-    status = remesher_create(s->inverse, config->remeshing, &s->remesher, why);
-    s->workspace = allocate_on_cache_lines(sizeof *s->workspace);
-    s->field_scratch = calloc(simulation_field_scratch(s), sizeof *s->field_scratch);
-    if (status == TROCAR_OK && !(s->workspace && s->field_scratch)) status = fail(why, TROCAR_NO_MEMORY, "no memory");
-    if (status != TROCAR_OK) simulation_free(s);
-    return status;
-}
-
 size_t simulation_field_scratch(const simulation *s) { return REFINED_FIELD_SCRATCH * ((size_t)s->mesh.node_count + MAX_CONTACTS); }
 
 void simulation_free(simulation *s) {
     local_free(&s->insertion);
-    free(s->workspace);
-    free(s->field_scratch);
-    remesher_free(s->remesher);
     if (!s->shares) {
         inverse_free(s->inverse);
         if (s->tissue.mesh) tissue_free(&s->tissue);
@@ -332,36 +318,10 @@ void simulation_free(simulation *s) {
     memset(s, 0, sizeof *s);
 }
 
-trocar_status simulation_step(simulation *s, tick_context tick, compliance_snapshot *snapshot, report *why) {
-    tick.model = &s->insertion;
-    tick.scratch = s->workspace;
-    tick.snapshot = snapshot;
-    insertion_tick(&tick);
-    if (!insertion_is_finite(tick.state, tick.output)) insertion_start_over(&s->insertion, tick.base.pose, tick.state, tick.output);
-    if (snapshot->serial == tick.state->request.serial) return TROCAR_OK;
-    return remesher_answer(s->remesher, &tick.state->request, snapshot, why);
-}
-
-void simulation_save(const insertion_state *state, const compliance_snapshot *snapshot, checkpoint *saved) {
-    memcpy(&saved->state, state, sizeof *state);
-    memcpy(&saved->snapshot, snapshot, sizeof *snapshot);
-}
-
-trocar_status simulation_restore(simulation *s, const checkpoint *saved, insertion_state *state, compliance_snapshot *snapshot, report *why) {
-    memcpy(state, &saved->state, sizeof *state);
-    memcpy(snapshot, &saved->snapshot, sizeof *snapshot);
-    return remesher_resume(s->remesher, &state->request, snapshot, why);
-}
-
 void simulation_field(simulation *s, const insertion_state *state, vec3 *scratch, vec3 *nominal, vec3 *added) {
     refinement refined;
     vec3 force[MAX_CONTACTS];
     insertion_refinement(state, &refined);
     insertion_forces(&s->insertion, state, nominal, force);
     refined_displacement(s->inverse, &refined, (refined_vectors){nominal, force}, scratch, (refined_vectors){nominal, added});
-}
-
-void simulation_displacement(simulation *s, const insertion_state *state, vec3 *nominal, vec3 *added) {
-    memset(nominal, 0, (size_t)s->mesh.node_count * sizeof *nominal);
-    simulation_field(s, state, s->field_scratch, nominal, added);
 }

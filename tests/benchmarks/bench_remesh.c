@@ -142,7 +142,7 @@ static trocar_status measure_scene(bench *b, int index, report *why) {
     trocar_status status = scene_load(b->options->scene_paths[index], &given, why);
     given.simulation.volumetric = STRAIN_BY_ELEMENT;
     given.simulation.remeshing = REMESH_NESTED;
-    if (status == TROCAR_OK) status = simulation_create(&given.simulation, &s, why);
+    if (status == TROCAR_OK) status = simulation_create_model(&given.simulation, &s, why);
     if (status != TROCAR_OK) return status;
     result->nodes = s.mesh.node_count;
     result->tetrahedra = s.mesh.tet_count;

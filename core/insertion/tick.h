@@ -17,7 +17,6 @@ typedef enum {
     EVENT_LATE = 1 << 7,         /* the snapshot does not cover the tip, or what the mesh resolves there was not measured: the tick used what was known last, or estimates */
     EVENT_FULL = 1 << 8,         /* MAX_CONTACTS reached, or MAX_STRATA: the shaft has the friction of the last layer noted */
     EVENT_UNSTABLE = 1 << 9,     /* the result was not finite: the insertion starts over */
-    EVENT_KEPT = 1 << 10,        /* the closest node may not be moved (refinement_move): one was added instead */
     EVENT_MISSED_GUIDE = 1 << 11, /* the needle passes a guide outside of its holes, and is not guided; in every tick */
     EVENT_OUTSIDE_MODEL = 1 << 12, /* the shaft is pushed into a body from the side, and bears no force there; in every tick */
     EVENT_TRACK_DROPPED = 1 << 13, /* no room for another track or point (MAX_TRACKS, MAX_TRACK_POINTS): the needle's oldest track is closed again */

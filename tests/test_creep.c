@@ -94,9 +94,9 @@ static void recover(const lockstep *l, const load_history *h, const double *cree
         sum = v3_axpy(-creep[later], h->force[h->ticks][i], sum);
         const added_node *node = &h->state.refined.nodes[h->state.refined.order[i]];
         bool tip = i + 1 == h->count;
-        int tet = tip ? h->state.tip.known_tet : node->tet;
+        int tet = tip ? h->state.tip.known.tet : node->tet;
         double weights[4];
-        if (tip) memcpy(weights, h->state.tip.known_weights, sizeof weights);
+        if (tip) memcpy(weights, h->state.tip.known.weights, sizeof weights);
         else mesh_barycentric(&l->simulation.mesh, tet, node->position, weights);
         for (int c = 0; c < 4; c++) {
             vec3 *corner = &nominal[l->simulation.mesh.tets[tet][c]];
@@ -176,7 +176,7 @@ static void nothing_remembered_is_lost(void **unused) {
         for (int i = 1; i <= (int)(hand.legs[leg].seconds * 1e3); i++) {
             tick_along(l, &hand.legs[leg], from, i);
             const insertion_state *s = &l->state;
-            vec3 sum = s->tip.phase == TIP_INSIDE ? tip_load(&s->tip) : v3(0, 0, 0);
+            vec3 sum = s->tip.place.phase == TIP_INSIDE ? tip_load(&s->tip) : v3(0, 0, 0);
             for (int k = 0; contact_is_active(s, k); k++) sum = v3_add(sum, s->contacts[s->refined.order[k]].force);
             for (int k = 0; k < creep->count; k++) {
                 double decay = exp(-1e-3 / creep->time[k]);

@@ -48,7 +48,7 @@ static void check_equilibrium(contact_placement placement, remesh_method method)
         if (i < m->node_count && l->simulation.tissue.fixed[i]) reaction = v3_add(reaction, residual[i]);
         else assert_true(v3_norm(residual[i]) < 1e-9 * v3_norm(sum));
     }
-    vec3 base = v3_sub(l->wrench.force, l->state.tip.damping); /* the force on the base, without the damper at the tip */
+    vec3 base = v3_sub(l->wrench.force, l->state.tip.dent.damping); /* the force on the base, without the damper at the tip */
     assert_true(v3_norm(v3_add(sum, base)) < 1e-12);
     assert_true(v3_norm(v3_sub(reaction, base)) < 1e-9 * v3_norm(sum));
     free(u);
@@ -232,7 +232,7 @@ static void a_rejected_guess_leaves_no_trace(void **unused) {
             assert_memory_equal(&l->state.needle, &without->state.needle, sizeof l->state.needle);
             assert_memory_equal(l->state.contacts, without->state.contacts, sizeof l->state.contacts);
             assert_memory_equal(l->state.guides, without->state.guides, sizeof l->state.guides);
-            assert_true(l->state.tip.slip == without->state.tip.slip && l->state.tip.shaft.slip == without->state.tip.shaft.slip);
+            assert_true(l->state.tip.solved.slip == without->state.tip.solved.slip && l->state.tip.shaft.slip == without->state.tip.shaft.slip);
         }
         print_message("%s: %d guesses given up\n", NAMES[kind], rejected);
         assert_true(rejected >= 10);

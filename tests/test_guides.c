@@ -55,16 +55,16 @@ static bool is_stable(const bench *b, double load) {
     vec3 joint_loads[NEEDLE_MAX_SEGMENTS + 1] = {{0, 0, 0}};
     int n = tick->model->needle->given.segments;
     joint_loads[n] = v3(0, 0, -load);
-    w->tip = false;
+    w->points.tip = false;
     list_points(tick);
     locate_points(tick);
-    w->problem.count = w->problem.axial_count = w->point_count;
-    needle_linearise(tick->model->needle, &tick->state->needle, joint_loads, 0, &w->tangent);
+    w->problem.count = w->problem.axial_count = w->points.count;
+    needle_linearise(tick->model->needle, &tick->state->needle, joint_loads, 0, &w->response.tangent);
     bound_contacts(tick);
     assemble_compliance(tick);
     assemble_gaps(tick);
     assert_int_equal(contact_solve(&w->problem), TROCAR_OK);
-    return w->problem.negative >= w->tangent.unstable;
+    return w->problem.negative >= w->response.tangent.unstable;
 }
 
 static double buckling_load(const bench *b) {
@@ -512,16 +512,16 @@ static void a_needle_turns_in_its_hole(void **unused) {
         lockstep *l = engaged(&c);
         const needle_model *needle = &l->simulation.needle;
         turn(l, 2.0, 2.0);
-        double f = dry * needle->radius, depth = l->state.tip.depth, lag = f * depth * (needle->given.length - 0.5 * depth) / needle->torsion;
+        double f = dry * needle->radius, depth = l->state.tip.place.depth, lag = f * depth * (needle->given.length - 0.5 * depth) / needle->torsion;
         print_message("lag %.6f, expected %.6f; torque %.6f of %.6f\n", -l->state.tip_lead, lag, -l->wrench.torque.z, f * depth);
         assert_true(fabs(-l->state.tip_lead / lag - 1.0) < 0.01 && fabs(-l->wrench.torque.z / (f * depth) - 1.0) < 0.01);
         lockstep_move(l, v3(0, 0, -0.065), 0.5, 1e-3); /* out of the skin, not out of the hole */
-        assert_true(l->state.tip.phase == TIP_FREE && l->state.guides[0].passage == GUIDE_IN_HOLE);
+        assert_true(l->state.tip.place.phase == TIP_FREE && l->state.guides[0].passage == GUIDE_IN_HOLE);
         assert_true(l->state.tip_lead == 0.0 && l->state.memory.count == 0 && (l->state.memory.left.count > 0) == (relaxing == 1));
         turn(l, 20.0, 0.5);
         assert_true(fabs(l->state.base_turn - 22.0) < 1e-9 && fabs(l->wrench.torque.z) < 1e-12);
         lockstep_move(l, v3(0, 0, 0.02), 0.5, 1e-3);
-        assert_true(l->state.tip.phase == TIP_INSIDE && fabs(l->state.tip_lead) < 1e-9 && fabs(l->wrench.torque.z) < 1e-9);
+        assert_true(l->state.tip.place.phase == TIP_INSIDE && fabs(l->state.tip_lead) < 1e-9 && fabs(l->wrench.torque.z) < 1e-9);
         lockstep_free(l);
     }
 }

@@ -152,7 +152,7 @@ static void add_held(const trocar_sim *sim, int needle, point_forces *p) {
         mesh_barycentric(m, node->tet, node->position, weights);
         add_point(p, needle, node->tet, weights, contact_load(sim, needle, k), &IDENTITY);
     }
-    if (s->tip.phase == TIP_INSIDE) add_point(p, needle, s->tip.known_tet, s->tip.known_weights, load_at_tip(sim, needle), &IDENTITY);
+    if (s->tip.place.phase == TIP_INSIDE) add_point(p, needle, s->tip.known.tet, s->tip.known.weights, load_at_tip(sim, needle), &IDENTITY);
 }
 
 /* Loads that relaxing tissue remembers where the needle is no longer. */
@@ -261,7 +261,7 @@ static differences compare(trocar_sim *sim, const int *resting, int count, int h
     const compliance_snapshot *snapshot = triple_buffer_read(&sim->needles[held].snapshots, NULL);
     const creep_series *creep = &model->parts.insertion.creep;
     int corners[4], probe = p.count;
-    assert_true(snapshot_covers(snapshot, model->parts.mesh.tets[s->tip.known_tet], corners));
+    assert_true(snapshot_covers(snapshot, model->parts.mesh.tets[s->tip.known.tet], corners));
     for (int c = 0; c < 4; c++) {
         double weights[4] = {0, 0, 0, 0}, u[3] = {0, 0, 0};
         vec3 known = snapshot->u_free[corners[c]];
@@ -271,11 +271,11 @@ static differences compare(trocar_sim *sim, const int *resting, int count, int h
             mat3 block = compliance_between(snapshot, corners[c], s->refined.order[j]);
             known = v3_add(known, m3_apply(&block, contact_load(sim, held, j)));
         }
-        mat3 block = compliance_to_point(snapshot, corners, s->tip.known_weights, corners[c]);
+        mat3 block = compliance_to_point(snapshot, corners, s->tip.known.weights, corners[c]);
         known = v3_add(known, m3_apply_transposed(&block, load_at_tip(sim, held)));
         weights[c] = 1.0;
         p.count = probe;
-        add_point(&p, held, s->tip.known_tet, weights, v3(0, 0, 0), &IDENTITY);
+        add_point(&p, held, s->tip.known.tet, weights, v3(0, 0, 0), &IDENTITY);
         for (int a = 0; a < 3; a++)
             for (int j = 0; j < probe; j++)
                 if (p.rows[j].tet >= 0) u[a] += between(model, &p, probe + a, j) * p.force[j];

@@ -51,7 +51,7 @@ void post_left(trocar_sim *sim, int needle) {
     slot->others.count = slot->others.point_count = 0;
     for (int ring = 0; ring < 2; ring++)
         for (int i = 0; i < sim->needle_count; i++)
-            if (i != needle) tracks_copy_near(&sim->needles[i].state.tracks, n->state.tip.nominal, DISTANCES[ring], DISTANCES[ring + 1], &slot->others);
+            if (i != needle) tracks_copy_near(&sim->needles[i].state.tracks, n->state.tip.place.nominal, DISTANCES[ring], DISTANCES[ring + 1], &slot->others);
     triple_buffer_publish(&n->left);
 }
 
@@ -66,7 +66,7 @@ trocar_status trocar_sim_leave(trocar_sim *sim, int needle, trocar_error *error)
     needle_track *n = &sim->needles[needle];
     adopt_needle(sim, n);
     if (phase_of(n) != PHASE_HELD) return refuse(error, needle, "it rests already");
-    if (n->state.tip.phase == TIP_FREE) return refuse(error, needle, "it is not in the tissue, where it could rest");
+    if (n->state.tip.place.phase == TIP_FREE) return refuse(error, needle, "it is not in the tissue, where it could rest");
     if (n->state.moving_on) return refuse(error, needle, "it is on its way to another shape: hold it still first");
     post_left(sim, needle);
     n->state.request.serial += SERIALS_APART;
@@ -113,7 +113,7 @@ void mark_stale(trocar_sim *sim, const needle_track *except) {
 static bool is_at_rest(const insertion_model *model, const insertion_state *state, const tick_output *wrench) {
     const rest_limits *limits = model->creep.count > 0 ? &RELAXING : &AT_REST;
     vec3 axis = q_axis(state->needle.base.orientation), across = v3_axpy(-v3_dot(wrench->torque, axis), axis, wrench->torque);
-    double slip = fmax(fabs(state->tip.slip), fabs(state->tip.shaft.slip));
+    double slip = fmax(fabs(state->tip.solved.slip), fabs(state->tip.shaft.slip));
     for (int k = 0; contact_is_active(state, k); k++) slip = fmax(slip, fabs(state->contacts[state->refined.order[k]].shaft.slip));
     return v3_norm(wrench->force) < limits->force && v3_norm(across) < limits->torque && slip < limits->slip;
 }
@@ -172,7 +172,7 @@ static trocar_status attach_again(trocar_sim *sim, report *why) {
 /* The needle as it is, in the slot that is published next. */
 static const shown_needle *find_shown(trocar_sim *sim, needle_track *n) {
     shown_needle *slot = triple_buffer_slot(&n->shown);
-    resting_show(&sim->model->parts.insertion, n->resting, &sim->resting_scratch->workspace.tangent, &slot->state);
+    resting_show(&sim->model->parts.insertion, n->resting, &sim->resting_scratch->workspace.response.tangent, &slot->state);
     slot->stamp = next_stamp();
     memcpy(n->shown_force, n->resting->force, sizeof n->shown_force);
     return slot;

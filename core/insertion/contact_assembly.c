@@ -27,15 +27,15 @@ void list_points(const tick_context *tick) {
     double border = 0.0;
     guides_list(tick);
     for (; contact_is_active(state, contacts); contacts++) {
-        contact_point *p = &w->points[w->guided + contacts];
+        contact_point *p = &w->points.list[w->points.guided + contacts];
         p->kind = POINT_TISSUE;
         p->handle = state->refined.order[contacts];
-        p->share = shaft_next_share(state, contacts, w->tip, &border);
+        p->share = shaft_next_share(state, contacts, w->points.tip, &border);
         p->shaft = shaft_resistance_of(tick->model, state, p->share);
     }
-    w->point_count = w->guided + contacts + w->tip;
-    if (!w->tip) return;
-    contact_point *p = &w->points[w->guided + contacts];
+    w->points.count = w->points.guided + contacts + w->points.tip;
+    if (!w->points.tip) return;
+    contact_point *p = &w->points.list[w->points.guided + contacts];
     p->kind = POINT_TIP;
     p->handle = NO_HANDLE;
     p->share = shaft_next_share(state, contacts, true, &border);
@@ -49,10 +49,10 @@ static void place_on_shaft(const tick_context *tick, contact_point *p) {
     double length = tick->model->needle->given.length;
     bool tip = p->kind == POINT_TIP;
     const shaft_hold *shaft = tip ? &state->tip.shaft : &state->contacts[p->handle].shaft;
-    double depth = tip ? state->tip.depth : state->contacts[p->handle].depth;
+    double depth = tip ? state->tip.place.depth : state->contacts[p->handle].depth;
     p->arc = shaft_arc(shaft, depth, length);
     if (tip) {
-        p->to_end = tick->scratch->sideways_on_shaft * (length - p->arc);
+        p->to_end = tick->scratch->tissue.sideways_on_shaft * (length - p->arc);
         p->arc = length - p->to_end;
     }
     p->lead = shaft->origin + depth - p->arc;
@@ -63,16 +63,16 @@ void locate_points(const tick_context *tick) {
     insertion_workspace *w = tick->scratch;
     double arcs[MAX_POINTS];
     needle_point *at[MAX_POINTS];
-    for (int i = 0; i < w->point_count; i++) {
-        if (i >= w->guided) place_on_shaft(tick, &w->points[i]);
-        arcs[i] = w->points[i].arc;
-        at[i] = &w->points[i].at;
+    for (int i = 0; i < w->points.count; i++) {
+        if (i >= w->points.guided) place_on_shaft(tick, &w->points.list[i]);
+        arcs[i] = w->points.list[i].arc;
+        at[i] = &w->points.list[i].at;
     }
-    needle_locate(tick->model->needle, &state->needle, w->point_count, arcs, at);
+    needle_locate(tick->model->needle, &state->needle, w->points.count, arcs, at);
     guides_locate(tick);
-    for (int i = w->guided; i < w->point_count; i++) {
-        contact_point *p = &w->points[i];
-        p->target = p->kind == POINT_TIP ? v3_add(tip_place(&state->tip), w->free_at_tip)
+    for (int i = w->points.guided; i < w->points.count; i++) {
+        contact_point *p = &w->points.list[i];
+        p->target = p->kind == POINT_TIP ? v3_add(tip_position(&state->tip.place), w->tissue.free_at_tip)
                                          : v3_add(state->contacts[p->handle].track, creep_free(tick, p->handle));
         p->target = v3_add(p->target, unresolved_mean(&tick->snapshot->unresolved, p->share.from, p->share.to));
         if (tick->model->creep.count > 0) p->target = v3_add(p->target, w->creep.moved[i]);
@@ -82,11 +82,11 @@ void locate_points(const tick_context *tick) {
 void load_needle(const tick_context *tick) {
     insertion_state *state = tick->state;
     insertion_workspace *w = tick->scratch;
-    memset(w->load, 0, (size_t)(tick->model->needle->given.segments + 1) * sizeof *w->load);
-    for (int i = 0; i < w->point_count; i++) {
-        vec3 force = *point_force(state, &w->points[i]);
-        const needle_point *p = &w->points[i].at;
-        for (int k = 0; k < 3; k++) w->load[p->first + k] = v3_axpy(-p->weights[k], force, w->load[p->first + k]);
+    memset(w->response.load, 0, (size_t)(tick->model->needle->given.segments + 1) * sizeof *w->response.load);
+    for (int i = 0; i < w->points.count; i++) {
+        vec3 force = *point_force(state, &w->points.list[i]);
+        const needle_point *p = &w->points.list[i].at;
+        for (int k = 0; k < 3; k++) w->response.load[p->first + k] = v3_axpy(-p->weights[k], force, w->response.load[p->first + k]);
     }
 }
 
@@ -94,71 +94,71 @@ void load_needle(const tick_context *tick) {
 
 void find_tip_rows(const tick_context *tick, const int handles[4]) {
     insertion_workspace *w = tick->scratch;
-    const double *weights = tick->state->tip.known_weights;
-    int tip = w->point_count - 1;
+    const double *weights = tick->state->tip.known.weights;
+    int tip = w->points.count - 1;
     double yielding[4];
-    w->tip_resolved = handles[0] == NO_HANDLE ? 0.0 : tick->state->tip.resolved.point;
+    w->tissue.tip_resolved = handles[0] == NO_HANDLE ? 0.0 : tick->state->tip.resolution.field.point;
     if (handles[0] == NO_HANDLE) { /* the mesh is rigid there */
-        memset(w->tip_row, 0, (size_t)w->point_count * sizeof *w->tip_row);
-        w->free_at_tip = v3(0, 0, 0);
+        memset(w->tissue.tip_row, 0, (size_t)w->points.count * sizeof *w->tissue.tip_row);
+        w->tissue.free_at_tip = v3(0, 0, 0);
         return;
     }
     for (int c = 0; c < 4; c++) yielding[c] = w->creep.yield * weights[c];
-    for (int i = 0; i < w->guided; i++) w->tip_row[i] = (mat3){{{0}}};
-    for (int i = w->guided; i < tip; i++) w->tip_row[i] = compliance_to_point(tick->snapshot, handles, yielding, w->points[i].handle);
-    w->tip_row[tip] = compliance_of_point(tick->snapshot, handles, yielding, weights);
-    w->free_at_tip = creep_free_at(tick, handles, weights);
+    for (int i = 0; i < w->points.guided; i++) w->tissue.tip_row[i] = (mat3){{{0}}};
+    for (int i = w->points.guided; i < tip; i++) w->tissue.tip_row[i] = compliance_to_point(tick->snapshot, handles, yielding, w->points.list[i].handle);
+    w->tissue.tip_row[tip] = compliance_of_point(tick->snapshot, handles, yielding, weights);
+    w->tissue.free_at_tip = creep_free_at(tick, handles, weights);
 }
 
 /* Near the surface tissue holds the needle sideways the less, the less of it is in and the less it presses: from 0 to 1. It is the same for
    the tip and the contacts behind it, so that nothing jumps when one takes the place of the other. */
 static double hold_near_surface(const tick_context *tick) {
     const needle_tip *tip = &tick->state->tip;
-    return tick->scratch->tip ? fmin(1.0, (tip->depth - tip_entry_depth(tick->state)) / TIP_FADE + tip->pressing / FULL_GRIP) : 1.0;
+    return tick->scratch->points.tip ? fmin(1.0, (tip->place.depth - tip_entry_depth(tick->state)) / TIP_FADE + tip->filtered_push / FULL_GRIP) : 1.0;
 }
 
 /* Point i, of this local compliance (m/N), is held by that part only. */
 static void loosen(insertion_workspace *w, int i, double hold, double compliance) {
     double part = fmax(hold, LEAST_HOLD);
-    w->loose[i] = hold < 1.0 ? compliance * (1.0 / part - 1.0) : 0.0;
-    w->tightening[i] = hold < 1.0 ? compliance / (part * part * TIP_FADE) : 0.0;
+    w->tissue.loose[i] = hold < 1.0 ? compliance * (1.0 / part - 1.0) : 0.0;
+    w->tissue.tightening[i] = hold < 1.0 ? compliance / (part * part * TIP_FADE) : 0.0;
 }
 
 /* How far the middle of a point's share is behind the tip; INFINITY without a tip in the tissue. */
 static double behind_tip(const tick_context *tick, int i) {
-    shaft_share share = tick->scratch->points[i].share;
-    return tick->scratch->tip ? tick->state->tip.depth - 0.5 * (share.from + share.to) : INFINITY;
+    shaft_share share = tick->scratch->points.list[i].share;
+    return tick->scratch->points.tip ? tick->state->tip.place.depth - 0.5 * (share.from + share.to) : INFINITY;
 }
 
 void find_local_compliance(const tick_context *tick) {
     const insertion_model *model = tick->model;
     const insertion_state *state = tick->state;
     insertion_workspace *w = tick->scratch;
-    int t = w->point_count - w->tip;
+    int t = w->points.count - w->points.tip;
     double hold = hold_near_surface(tick);
-    for (int i = w->guided; i < t; i++) {
-        const shaft_contact *contact = &state->contacts[w->points[i].handle];
-        const shaft_resistance *shaft = &w->points[i].shaft;
+    for (int i = w->points.guided; i < t; i++) {
+        const shaft_contact *contact = &state->contacts[w->points.list[i].handle];
+        const shaft_resistance *shaft = &w->points.list[i].shaft;
         bool here = contact->depth >= tip_entry_depth(state); /* not in a previous body */
         plane_tensor lateral = local_logarithm_behind_tip(contact->log_lateral, &contact->resolved.end, here ? behind_tip(tick, i) : INFINITY);
         loosen(w, i, here ? hold : 1.0, plane_mean(lateral) / shaft->lateral);
-        w->lateral[i] = plane_principal(plane_scaled(1.0 / shaft->lateral, lateral), contact->direction);
-        w->axial[i] = contact->log_axial / shaft->axial;
+        w->tissue.lateral[i] = plane_principal(plane_scaled(1.0 / shaft->lateral, lateral), contact->direction);
+        w->tissue.axial[i] = contact->log_axial / shaft->axial;
     }
-    if (!w->tip) return;
+    if (!w->points.tip) return;
     const needle_tip *tip = &state->tip;
-    double depth = tip->depth - tip_entry_depth(state);
-    const shaft_resistance *shaft = &w->points[t].shaft;
-    double axial = local_logarithm(model, &tip->resolved).axial;
-    plane_tensor endless = local_logarithm_across(model, &tip->resolved, tip->direction);
-    plane_tensor lateral = local_logarithm_behind_tip(endless, &tip->resolved.end, behind_tip(tick, t));
-    double face = local_at_tip(model, tip->tet, tip->nominal, depth, tip->pressing, w->tip_resolved);
+    double depth = tip->place.depth - tip_entry_depth(state);
+    const shaft_resistance *shaft = &w->points.list[t].shaft;
+    double axial = local_logarithm(model, &tip->resolution.field).axial;
+    plane_tensor endless = local_logarithm_across(model, &tip->resolution.field, tip->place.direction);
+    plane_tensor lateral = local_logarithm_behind_tip(endless, &tip->resolution.field.end, behind_tip(tick, t));
+    double face = local_at_tip(model, tip->place.tet, tip->place.nominal, depth, tip->filtered_push, w->tissue.tip_resolved);
     double both = plane_mean(lateral) + face * shaft->lateral; /* shaft and end face side by side */
-    w->sideways_on_shaft = face * shaft->lateral / both;
-    w->lateral[t] = plane_principal(plane_scaled(1.0 / fmax(shaft->lateral, LEAST_STIFFNESS), lateral), tip->direction);
-    w->axial[t] = face;
+    w->tissue.sideways_on_shaft = face * shaft->lateral / both;
+    w->tissue.lateral[t] = plane_principal(plane_scaled(1.0 / fmax(shaft->lateral, LEAST_STIFFNESS), lateral), tip->place.direction);
+    w->tissue.axial[t] = face;
     loosen(w, t, hold, plane_mean(lateral) * face / both);
-    w->axial[t + 1] = axial / fmax(shaft->axial, LEAST_STIFFNESS);
+    w->tissue.axial[t + 1] = axial / fmax(shaft->axial, LEAST_STIFFNESS);
 }
 
 /* How much farther ahead of the tissue the shaft is because the tissue along its share has become softer (stiffer: less far), under
@@ -177,18 +177,18 @@ void keep_shear(const tick_context *tick) {
     const insertion_model *model = tick->model;
     insertion_state *state = tick->state;
     insertion_workspace *w = tick->scratch;
-    int t = w->point_count - w->tip;
-    for (int i = w->guided; i < t; i++) {
-        contact_point *p = &w->points[i];
+    int t = w->points.count - w->points.tip;
+    for (int i = w->points.guided; i < t; i++) {
+        contact_point *p = &w->points.list[i];
         shaft_contact *contact = &state->contacts[p->handle];
         double traction = contact->shaft.traction + creep_traction_of(tick, i);
         contact->shaft.origin += lead_gained(model, p, contact->log_axial, traction, &contact->shaft);
     }
-    if (!w->tip) return;
+    if (!w->points.tip) return;
     needle_tip *tip = &state->tip;
-    double logarithm = local_logarithm(model, &tip->resolved).axial;
+    double logarithm = local_logarithm(model, &tip->resolution.field).axial;
     double traction = tip->shaft.traction + creep_traction_of(tick, t);
-    shift_tip_shaft(state, lead_gained(model, &w->points[t], logarithm, traction, &tip->shaft));
+    shift_tip_shaft(state, lead_gained(model, &w->points.list[t], logarithm, traction, &tip->shaft));
 }
 
 /* ---- bounds of the forces along the needle ------------------------------------------------------------------------- */
@@ -210,11 +210,11 @@ static void bound_friction(const tick_context *tick, int i, const shaft_resistan
 static double work_of_hold(const tick_context *tick) {
     const insertion_workspace *w = tick->scratch;
     double sum = 0.0;
-    for (int i = w->guided; i < w->point_count; i++) {
-        if (w->tightening[i] == 0.0) continue;
-        vec3 needle = needle_along(&w->points[i].at), force = *point_force(tick->state, &w->points[i]);
+    for (int i = w->points.guided; i < w->points.count; i++) {
+        if (w->tissue.tightening[i] == 0.0) continue;
+        vec3 needle = needle_along(&w->points.list[i].at), force = *point_force(tick->state, &w->points.list[i]);
         vec3 across = v3_axpy(-v3_dot(force, needle), needle, force);
-        sum += 0.5 * v3_dot(across, across) * w->tightening[i];
+        sum += 0.5 * v3_dot(across, across) * w->tissue.tightening[i];
     }
     return sum;
 }
@@ -231,19 +231,19 @@ static void bound_tip(const tick_context *tick) {
     p->upper[t] = p->ahead.level[0];
     p->viscosity[t][0] = 0.0;
     p->viscosity[t][1] = p->ahead.slope[0];
-    p->state[t] = tip->friction;
-    bound_friction(tick, t + 1, &w->points[t].shaft, tip->shaft.slid, tip->shaft.slip, &tip->shaft.roll, tip->shaft.friction);
+    p->state[t] = tip->solved.friction;
+    bound_friction(tick, t + 1, &w->points.list[t].shaft, tip->shaft.slid, tip->shaft.slip, &tip->shaft.roll, tip->shaft.friction);
 }
 
 void bound_contacts(const tick_context *tick) {
     const insertion_workspace *w = tick->scratch;
-    for (int i = 0; i < w->guided; i++) guides_bound(tick, i);
-    for (int i = w->guided; i < w->point_count - w->tip; i++) {
-        const shaft_contact *contact = &tick->state->contacts[w->points[i].handle];
-        bound_friction(tick, i, &w->points[i].shaft, contact->shaft.slid, contact->shaft.slip, &contact->shaft.roll, contact->shaft.friction);
+    for (int i = 0; i < w->points.guided; i++) guides_bound(tick, i);
+    for (int i = w->points.guided; i < w->points.count - w->points.tip; i++) {
+        const shaft_contact *contact = &tick->state->contacts[w->points.list[i].handle];
+        bound_friction(tick, i, &w->points.list[i].shaft, contact->shaft.slid, contact->shaft.slip, &contact->shaft.roll, contact->shaft.friction);
     }
     tick->scratch->problem.ahead.count = 0;
-    if (w->tip) bound_tip(tick);
+    if (w->points.tip) bound_tip(tick);
 }
 
 /* ---- the contact problem ------------------------------------------------------------------------------------------- */
@@ -262,9 +262,9 @@ static void add_local_compliance(const tick_context *tick, int point) {
     const insertion_workspace *w = tick->scratch;
     contact_problem *p = &tick->scratch->problem;
     const track_shares at = along_track(tick, point);
-    bool tip = w->points[point].kind == POINT_TIP;
-    double face = tip ? w->axial[point] : 0.0, shaft = w->axial[point + tip], least = w->lateral[point].least, more = w->lateral[point].more;
-    vec3 aside = m3_apply_transposed(&w->points[point].at.frame, w->lateral[point].easy);
+    bool tip = w->points.list[point].kind == POINT_TIP;
+    double face = tip ? w->tissue.axial[point] : 0.0, shaft = w->tissue.axial[point + tip], least = w->tissue.lateral[point].least, more = w->tissue.lateral[point].more;
+    vec3 aside = m3_apply_transposed(&w->points.list[point].at.frame, w->tissue.lateral[point].easy);
     const double easy[] = {aside.x, aside.y, aside.z, aside.z};
     for (int i = 0; i < at.count; i++)
         for (int j = 0; j <= i; j++) {
@@ -277,11 +277,11 @@ void assemble_compliance(const tick_context *tick) {
     insertion_workspace *w = tick->scratch;
     contact_problem *p = &w->problem;
     assemble_between_points(tick);
-    if (w->tip) repeat_tip(p);
-    for (int i = 0; i < w->guided; i++) guides_add_compliance(tick, i);
-    for (int i = w->guided; i < p->count; i++) add_local_compliance(tick, i);
-    for (int i = w->guided; i < p->count; i++)
-        for (int a = 0; a < 2; a++) p->compliance[2 * i + a][2 * i + a] += w->loose[i];
+    if (w->points.tip) repeat_tip(p);
+    for (int i = 0; i < w->points.guided; i++) guides_add_compliance(tick, i);
+    for (int i = w->points.guided; i < p->count; i++) add_local_compliance(tick, i);
+    for (int i = w->points.guided; i < p->count; i++)
+        for (int a = 0; a < 2; a++) p->compliance[2 * i + a][2 * i + a] += w->tissue.loose[i];
     stiffening_add_compliance(tick);
 }
 
@@ -289,17 +289,17 @@ void assemble_gaps(const tick_context *tick) {
     insertion_workspace *w = tick->scratch;
     contact_problem *p = &w->problem;
     for (int i = 0; i < p->count; i++) {
-        const needle_point *at = &w->points[i].at;
-        vec3 gap = v3_sub(v3_sub(at->position, tick->state->base_shift), w->points[i].target);
-        for (int k = 0; k < 3; k++) gap = v3_axpy(at->weights[k], w->tangent.drift[at->first + k], gap);
+        const needle_point *at = &w->points.list[i].at;
+        vec3 gap = v3_sub(v3_sub(at->position, tick->state->base_shift), w->points.list[i].target);
+        for (int k = 0; k < 3; k++) gap = v3_axpy(at->weights[k], w->response.tangent.drift[at->first + k], gap);
         gap = m3_apply_transposed(&at->frame, gap);
         p->gap[unknown(p->count, i, 0)] = gap.x;
         p->gap[unknown(p->count, i, 1)] = gap.y;
-        bool tip = w->points[i].kind == POINT_TIP;
-        p->gap[unknown(p->count, i, 2)] = gap.z + (tip ? w->points[i].to_end : w->points[i].lead);
-        if (tip) p->gap[unknown(p->count, i, 2) + 1] = gap.z + w->points[i].lead;
+        bool tip = w->points.list[i].kind == POINT_TIP;
+        p->gap[unknown(p->count, i, 2)] = gap.z + (tip ? w->points.list[i].to_end : w->points.list[i].lead);
+        if (tip) p->gap[unknown(p->count, i, 2) + 1] = gap.z + w->points.list[i].lead;
     }
-    for (int i = 0; i < w->guided; i++) guides_close_gap(tick, i);
+    for (int i = 0; i < w->points.guided; i++) guides_close_gap(tick, i);
     creep_shift_gaps(tick);
     stiffening_shift_gaps(tick);
 }

@@ -5,7 +5,7 @@
 
 #include "insertion/tick.h"
 
-/* Lists the points of contact: with guides, the active contacts, and with scratch->tip the tip. RT */
+/* Lists the points of contact: with guides, the active contacts, and with scratch->points.tip the tip. RT */
 void list_points(const tick_context *tick);
 
 /* Where they are on the needle, and in holes and tissue that the needle exerts no force on. RT */

@@ -14,8 +14,8 @@ double last_contact_depth(const insertion_state *state) {
 }
 
 void set_beside(needle_tip *tip, vec3 beside) {
-    tip->beside = beside;
-    tip->outward = v3_norm(beside) > 0.0 ? v3_unit(beside) : v3(0, 0, 0);
+    tip->place.beside = beside;
+    tip->place.graze_normal = v3_norm(beside) > 0.0 ? v3_unit(beside) : v3(0, 0, 0);
 }
 
 /* Adds a node on the face, or inside the element if moved nodes have displaced the face. */
@@ -53,7 +53,7 @@ static int add_contact(const tick_context *tick, vec3 position, double depth, ve
         return -1;
     }
     uint64_t id = ++state->next_id;
-    int tet = state->tip.tet, slot;
+    int tet = state->tip.place.tet, slot;
     switch (model->settings.placement) {
     case PLACE_ON_FACES: slot = refinement_add_on_face(model->mesh, &state->refined, tet, position, id); break;
     case PLACE_MOVED: slot = move_or_add(tick, tet, position, id); break;
@@ -78,21 +78,21 @@ static void plan(const tick_context *tick, vec3 direction, bool another) {
     double chord;
     drop_plan(state);
     tip->next_contact = INFINITY;
-    direction = tip_way(tip, direction);
-    if (mesh_exit(model->mesh, tip->tet, tip->nominal, direction, &chord) < 0) return;
+    direction = tip_way(&tip->place, direction);
+    if (mesh_exit(model->mesh, tip->place.tet, tip->place.nominal, direction, &chord) < 0) return;
     double earliest = last_contact_depth(state) + model->settings.contact_spacing;
     if (model->settings.placement != PLACE_INSIDE) { /* left where the tip crosses the face, not at a given depth */
-        if (tip->depth + chord >= earliest)
-            add_contact(tick, v3_axpy(chord, direction, tip->nominal), tip->depth + chord, direction);
+        if (tip->place.depth + chord >= earliest)
+            add_contact(tick, v3_axpy(chord, direction, tip->place.nominal), tip->place.depth + chord, direction);
         return;
     }
-    double shares = chord / (LONGEST_SHARE * mesh_edge_length(model->mesh, tip->tet));
+    double shares = chord / (LONGEST_SHARE * mesh_edge_length(model->mesh, tip->place.tet));
     shares = another ? ceil(shares - 0.5) : fmax(ceil(shares), 1.0);
     if (shares < 1.0) return;
-    double due = fmax(tip->depth + (another ? chord / (shares + 0.5) : 0.5 * chord / shares), earliest);
-    if (due >= tip->depth + LAST_PLACE * chord) return;
+    double due = fmax(tip->place.depth + (another ? chord / (shares + 0.5) : 0.5 * chord / shares), earliest);
+    if (due >= tip->place.depth + LAST_PLACE * chord) return;
     tip->next_contact = due;
-    add_contact(tick, v3_axpy(due - tip->depth, direction, tip->nominal), due, direction);
+    add_contact(tick, v3_axpy(due - tip->place.depth, direction, tip->place.nominal), due, direction);
 }
 
 void plan_contact(const tick_context *tick, vec3 direction) { plan(tick, direction, false); }
@@ -109,13 +109,13 @@ void plan_exit(const tick_context *tick, vec3 way, double left) {
     insertion_state *state = tick->state;
     needle_tip *tip = &state->tip;
     double due = tip->next_contact;
-    if (due < tip->depth + left || !leaves_contact_at_exit(tick, tip->depth + left)) return;
-    vec3 exit = v3_axpy(left, way, tip->nominal);
+    if (due < tip->place.depth + left || !leaves_contact_at_exit(tick, tip->place.depth + left)) return;
+    vec3 exit = v3_axpy(left, way, tip->place.nominal);
     int slot = contact_planned(state);
     if (slot >= 0 && v3_norm(v3_sub(state->contacts[slot].track, exit)) < 0.5 * PLAN_TOLERANCE) return;
     drop_plan(state);
     tip->next_contact = due;
-    add_contact(tick, exit, tip->depth + left, way);
+    add_contact(tick, exit, tip->place.depth + left, way);
 }
 
 void set_resolution(const insertion_model *model, shaft_contact *contact, const resolved_field *resolved) {
@@ -128,14 +128,14 @@ void leave_contact(const tick_context *tick) {
     insertion_state *state = tick->state;
     needle_tip *tip = &state->tip;
     int slot = contact_planned(state);
-    if (slot < 0 || v3_norm(v3_sub(state->contacts[slot].track, tip->nominal)) >= PLAN_TOLERANCE) {
+    if (slot < 0 || v3_norm(v3_sub(state->contacts[slot].track, tip->place.nominal)) >= PLAN_TOLERANCE) {
         drop_plan(state);
-        slot = add_contact(tick, tip->nominal, tip->depth, tip_way(tip, tip->direction));
+        slot = add_contact(tick, tip->place.nominal, tip->place.depth, tip_way(&tip->place, tip->place.direction));
     }
     if (slot >= 0) {
-        state->contacts[slot] = (shaft_contact){.status = CONTACT_WAITING, .track = tip_place(tip), .beside = tip->beside, .direction = tip->direction,
-                                                .depth = tip->depth, .shaft = tip->shaft};
-        if (tip->resolved_known) set_resolution(tick->model, &state->contacts[slot], &tip->resolved);
+        state->contacts[slot] = (shaft_contact){.status = CONTACT_WAITING, .track = tip_position(&tip->place), .beside = tip->place.beside, .direction = tip->place.direction,
+                                                .depth = tip->place.depth, .shaft = tip->shaft};
+        if (tip->resolution.known) set_resolution(tick->model, &state->contacts[slot], &tip->resolution.field);
     }
     tip->next_contact = INFINITY;
 }
@@ -147,17 +147,17 @@ void take_up_contact(const tick_context *tick) {
     const shaft_contact *contact = &state->contacts[last];
     needle_tip *tip = &state->tip;
     double weights[4];
-    tip->nominal = v3_sub(contact->track, contact->beside);
+    tip->place.nominal = v3_sub(contact->track, contact->beside);
     set_beside(tip, contact->beside);
-    tip->tet = refinement_element(tick->model->mesh, &state->refined, 0, node->tet, tip->nominal, weights);
-    tip->direction = contact->direction;
-    tip->depth = contact->depth;
+    tip->place.tet = refinement_element(tick->model->mesh, &state->refined, 0, node->tet, tip->place.nominal, weights);
+    tip->place.direction = contact->direction;
+    tip->place.depth = contact->depth;
     tip->shaft = contact->shaft;
     if (contact->log_axial != 0.0) {
-        double point = tip->resolved.point; /* of the end face, which nothing else has borne */
-        tip->resolved = contact->resolved;
-        tip->resolved.point = point;
-        tip->resolved_at = tip->nominal;
+        double point = tip->resolution.field.point; /* of the end face, which nothing else has borne */
+        tip->resolution.field = contact->resolved;
+        tip->resolution.field.point = point;
+        tip->resolution.at = tip->place.nominal;
     }
     tip->next_contact = NAN;
     leave_strata(state);

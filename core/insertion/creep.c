@@ -100,13 +100,13 @@ void creep_begin(const tick_context *tick) {
 }
 
 /* What tissue remembers at a point of this step; that is no guide's. */
-static share_memory *share_of(const tick_context *tick, int point) { return &tick->state->memory.shares[point - tick->scratch->guided]; }
+static share_memory *share_of(const tick_context *tick, int point) { return &tick->state->memory.shares[point - tick->scratch->points.guided]; }
 
 /* Where the shares are now. The tip's goes on one radius ahead of it, like its local compliance. */
 static share_memory empty_share(const tick_context *tick, const contact_point *p) {
     const insertion_state *state = tick->state;
     if (p->kind == POINT_TIP)
-        return (share_memory){.from = p->share.from, .to = p->share.to + tick->model->needle->radius, .tet = state->tip.tet, .at = state->tip.nominal};
+        return (share_memory){.from = p->share.from, .to = p->share.to + tick->model->needle->radius, .tet = state->tip.place.tet, .at = state->tip.place.nominal};
     const added_node *node = &state->refined.nodes[p->handle];
     return (share_memory){.from = p->share.from, .to = p->share.to, .tet = node->tet, .at = node->position};
 }
@@ -114,8 +114,8 @@ static share_memory empty_share(const tick_context *tick, const contact_point *p
 /* How many shares from the base on have the borders of the last step; not the last one, which ends at the tip. */
 static int count_kept(const tick_context *tick) {
     const tissue_memory *memory = &tick->state->memory;
-    const contact_point *points = &tick->scratch->points[tick->scratch->guided];
-    int now = tick->scratch->point_count - tick->scratch->guided, most = (now < memory->count ? now : memory->count) - 1, kept = 0;
+    const contact_point *points = &tick->scratch->points.list[tick->scratch->points.guided];
+    int now = tick->scratch->points.count - tick->scratch->points.guided, most = (now < memory->count ? now : memory->count) - 1, kept = 0;
     while (kept < most && memory->shares[kept].from == points[kept].share.from && memory->shares[kept].to == points[kept].share.to) kept++;
     return kept;
 }
@@ -123,7 +123,7 @@ static int count_kept(const tick_context *tick) {
 /* How far the tip has moved since the last step, m. */
 static double tip_way_since(const tick_context *tick) {
     const tissue_memory *memory = &tick->state->memory;
-    return memory->tip && tick->scratch->tip ? v3_norm(v3_sub(tick->state->tip.nominal, memory->shares[memory->count - 1].at)) : 0.0;
+    return memory->tip && tick->scratch->points.tip ? v3_norm(v3_sub(tick->state->tip.place.nominal, memory->shares[memory->count - 1].at)) : 0.0;
 }
 
 /* A tip that glides along the surface has no track. What it comes from remembers, and what it comes to does not, within a diameter. */
@@ -148,13 +148,13 @@ void creep_share_out(const tick_context *tick) {
     creep_step *step = &tick->scratch->creep;
     if (creep->count == 0) return;
     step->tip_moved = tip_way_since(tick);
-    if (w->tip && memory->count == 1 && tick->state->tip.depth == 0.0 && step->tip_moved > 0.0) glide(tick);
+    if (w->points.tip && memory->count == 1 && tick->state->tip.place.depth == 0.0 && step->tip_moved > 0.0) glide(tick);
     int first = step->kept = count_kept(tick), count = step->before_count = memory->count - first;
     const share_memory *before = memcpy(step->before, &memory->shares[first], (size_t)count * sizeof *before);
     step->before_tip = memory->tip;
-    memory->count = w->point_count - w->guided;
-    memory->tip = w->tip;
-    for (int k = first; k < memory->count; k++) memory->shares[k] = empty_share(tick, &w->points[w->guided + k]);
+    memory->count = w->points.count - w->points.guided;
+    memory->tip = w->points.tip;
+    for (int k = first; k < memory->count; k++) memory->shares[k] = empty_share(tick, &w->points.list[w->points.guided + k]);
     for (int i = 0; i < count; i++) {
         double length = before[i].to - before[i].from, rest = 1.0;
         while (first < memory->count && memory->shares[first].to <= before[i].from) first++;
@@ -210,25 +210,25 @@ static void find_moved(const tick_context *tick) {
     _Alignas(CACHE_LINE) slot_vectors load = {{0}}, moved = {{0}};
     slot_vectors by_beyond;
     const remembered_forces *by = step->remembered;
-    int tip = w->point_count - 1, contacts_end = w->point_count - w->tip, slots_end = 0;
-    for (int i = w->guided; i < contacts_end; i++) {
-        int slot = w->points[i].handle;
+    int tip = w->points.count - 1, contacts_end = w->points.count - w->points.tip, slots_end = 0;
+    for (int i = w->points.guided; i < contacts_end; i++) {
+        int slot = w->points.list[i].handle;
         load[0][slot] = by[i].load.x;
         load[1][slot] = by[i].load.y;
         load[2][slot] = by[i].load.z;
         if (slot >= slots_end) slots_end = slot + 1;
     }
-    for (int i = w->guided; i < contacts_end; i++)
-        slots_displace(&tick->snapshot->between_contacts[w->points[i].handle], w->points[i].handle, slots_end, load, moved, by_beyond);
-    for (int i = w->guided; i < contacts_end; i++) {
-        int slot = w->points[i].handle;
+    for (int i = w->points.guided; i < contacts_end; i++)
+        slots_displace(&tick->snapshot->between_contacts[w->points.list[i].handle], w->points.list[i].handle, slots_end, load, moved, by_beyond);
+    for (int i = w->points.guided; i < contacts_end; i++) {
+        int slot = w->points.list[i].handle;
         step->moved[i] = v3_scale(step->yield, v3(moved[0][slot] + by_beyond[0][slot], moved[1][slot] + by_beyond[1][slot], moved[2][slot] + by_beyond[2][slot]));
     }
-    if (!w->tip) return;
-    step->moved[tip] = m3_apply(&w->tip_row[tip], by[tip].load); /* tip_row has the yield already */
-    for (int i = w->guided; i < tip; i++) {
-        step->moved[tip] = v3_add(step->moved[tip], m3_apply(&w->tip_row[i], by[i].load));
-        step->moved[i] = v3_add(step->moved[i], m3_apply_transposed(&w->tip_row[i], by[tip].load));
+    if (!w->points.tip) return;
+    step->moved[tip] = m3_apply(&w->tissue.tip_row[tip], by[tip].load); /* tip_row has the yield already */
+    for (int i = w->points.guided; i < tip; i++) {
+        step->moved[tip] = v3_add(step->moved[tip], m3_apply(&w->tissue.tip_row[i], by[i].load));
+        step->moved[i] = v3_add(step->moved[i], m3_apply_transposed(&w->tissue.tip_row[i], by[tip].load));
     }
 }
 
@@ -253,14 +253,14 @@ static void keep_remembered_shear(const tick_context *tick) {
     insertion_state *state = tick->state;
     insertion_workspace *w = tick->scratch;
     const creep_step *step = &w->creep;
-    for (int i = w->guided + step->kept; i < w->point_count; i++) {
-        contact_point *p = &w->points[i];
+    for (int i = w->points.guided + step->kept; i < w->points.count; i++) {
+        contact_point *p = &w->points.list[i];
         bool tip = p->kind == POINT_TIP;
-        double depth = tip ? state->tip.depth : state->contacts[p->handle].depth;
+        double depth = tip ? state->tip.place.depth : state->contacts[p->handle].depth;
         double before = traction_at(tick, step->before_count, step->before, depth);
         double length = p->share.to - p->share.from, now = traction_of(tick, share_of(tick, i));
         double held = (tip ? state->tip.shaft.traction : state->contacts[p->handle].shaft.traction) + now;
-        double lead = (w->axial[i + tip] + stiffening_slope(tick, i, length * held)) * length * (now - before);
+        double lead = (w->tissue.axial[i + tip] + stiffening_slope(tick, i, length * held)) * length * (now - before);
         if (tip) shift_tip_shaft(state, lead);
         else state->contacts[p->handle].shaft.origin += lead;
     }
@@ -271,21 +271,21 @@ void creep_recall(const tick_context *tick) {
     insertion_workspace *w = tick->scratch;
     creep_step *step = &w->creep;
     if (creep->count == 0) return;
-    int tip = w->point_count - 1;
-    if (w->tip) fade_face(tick, w->axial[tip]);
+    int tip = w->points.count - 1;
+    if (w->points.tip) fade_face(tick, w->tissue.axial[tip]);
     keep_remembered_shear(tick);
-    for (int i = w->guided; i < w->point_count; i++) {
+    for (int i = w->points.guided; i < w->points.count; i++) {
         add_up(creep->count, step->weight, share_of(tick, i)->terms, &step->remembered[i]);
-        w->lateral[i].least *= step->yield;
-        w->lateral[i].more *= step->yield;
-        w->axial[i] *= step->yield;
+        w->tissue.lateral[i].least *= step->yield;
+        w->tissue.lateral[i].more *= step->yield;
+        w->tissue.axial[i] *= step->yield;
     }
     step->face = 0.0;
-    if (w->tip) {
+    if (w->points.tip) {
         for (int k = 0; k < creep->count; k++) step->face += step->weight[k] * tick->state->memory.face[k];
         step->remembered[tip].along *= shaft_part(tick);
         step->remembered[tip].twist *= shaft_part(tick);
-        w->axial[tip + 1] *= step->yield;
+        w->tissue.axial[tip + 1] *= step->yield;
     }
     find_moved(tick);
 }
@@ -296,14 +296,14 @@ void creep_shift_gaps(const tick_context *tick) {
     insertion_workspace *w = tick->scratch;
     contact_problem *p = &w->problem;
     if (tick->model->creep.count == 0) return;
-    for (int i = w->guided; i < p->count; i++) {
-        bool tip = w->points[i].kind == POINT_TIP;
+    for (int i = w->points.guided; i < p->count; i++) {
+        bool tip = w->points.list[i].kind == POINT_TIP;
         const remembered_forces *by = &w->creep.remembered[i];
         const track_shares at = along_track(tick, i);
-        vec3 track = point_track(tick->state, &w->points[i]), across = v3_axpy(-v3_dot(track, by->load), track, by->load);
-        vec3 aside = v3_axpy(w->lateral[i].more * v3_dot(w->lateral[i].easy, by->load), w->lateral[i].easy, v3_scale(w->lateral[i].least, across));
-        double shaft = w->axial[i + tip], face = tip ? w->axial[i] : 0.0;
-        const mat3 *frame = &w->points[i].at.frame;
+        vec3 track = point_track(tick->state, &w->points.list[i]), across = v3_axpy(-v3_dot(track, by->load), track, by->load);
+        vec3 aside = v3_axpy(w->tissue.lateral[i].more * v3_dot(w->tissue.lateral[i].easy, by->load), w->tissue.lateral[i].easy, v3_scale(w->tissue.lateral[i].least, across));
+        double shaft = w->tissue.axial[i + tip], face = tip ? w->tissue.axial[i] : 0.0;
+        const mat3 *frame = &w->points.list[i].at.frame;
         vec3 around_shaft = m3_apply_transposed(frame, v3_axpy(shaft * by->along, track, v3_scale(at.on_shaft[0], aside)));
         vec3 at_face = m3_apply_transposed(frame, v3_axpy(face * w->creep.face, track, v3_scale(face * at.on_face[0], across)));
         const double shifts[2][4] = {{around_shaft.x, around_shaft.y, around_shaft.z, around_shaft.z}, {at_face.x, at_face.y, at_face.z, 0.0}};
@@ -314,9 +314,9 @@ void creep_shift_gaps(const tick_context *tick) {
 double creep_dent(const tick_context *tick) {
     const insertion_workspace *w = tick->scratch;
     if (tick->model->creep.count == 0) return 0.0;
-    int tip = w->point_count - 1;
-    vec3 along = tick->state->tip.direction;
-    return v3_dot(along, w->creep.moved[tip]) + w->axial[tip] * w->creep.face;
+    int tip = w->points.count - 1;
+    vec3 along = tick->state->tip.place.direction;
+    return v3_dot(along, w->creep.moved[tip]) + w->tissue.axial[tip] * w->creep.face;
 }
 
 static bool recalls_left(const tick_context *tick) { return tick->snapshot->left && tick->snapshot->left_time > tick->state->memory.since; }
@@ -359,15 +359,15 @@ void creep_remember(const tick_context *tick) {
     const insertion_workspace *w = tick->scratch;
     const double *decay = w->creep.decay;
     if (creep->count == 0) return;
-    for (int i = w->guided; i < w->point_count; i++) {
-        bool tip = w->points[i].kind == POINT_TIP;
-        vec3 force = *point_force(state, &w->points[i]);
-        double along = v3_dot(force, point_track(state, &w->points[i])), face = tip ? force_on_face(tick) : 0.0;
+    for (int i = w->points.guided; i < w->points.count; i++) {
+        bool tip = w->points.list[i].kind == POINT_TIP;
+        vec3 force = *point_force(state, &w->points.list[i]);
+        double along = v3_dot(force, point_track(state, &w->points.list[i])), face = tip ? force_on_face(tick) : 0.0;
         if (tip) along = (along - face) / shaft_part(tick);
-        double torque = tip ? state->tip.shaft.roll.torque / shaft_part(tick) : state->contacts[w->points[i].handle].shaft.roll.torque;
+        double torque = tip ? state->tip.shaft.roll.torque / shaft_part(tick) : state->contacts[w->points.list[i].handle].shaft.roll.torque;
         remembered_forces now = {tip ? tip_load(&state->tip) : force, along, torque};
         follow(creep, decay, now, share_of(tick, i)->terms);
-        if (tip) follow_face(creep, decay, face + v3_dot(state->tip.damping, state->tip.direction), state->memory.face);
+        if (tip) follow_face(creep, decay, face + v3_dot(state->tip.dent.damping, state->tip.place.direction), state->memory.face);
     }
 }
 

@@ -30,7 +30,7 @@ static void shift_base(const tick_context *tick) {
     insertion_state *state = tick->state;
     if (tick->base.compliance == 0.0) return;
     vec3 sum = v3(0, 0, 0), before = state->base_shift; /* of the forces: the drag has none */
-    for (int j = 0; j <= tick->model->needle->given.segments; j++) sum = v3_add(sum, tick->scratch->load[j]);
+    for (int j = 0; j <= tick->model->needle->given.segments; j++) sum = v3_add(sum, tick->scratch->response.load[j]);
     state->base_shift = v3_scale(tick->base.compliance, sum);
     pose base = state->needle.base;
     base.position = v3_add(base.position, v3_sub(state->base_shift, before));
@@ -42,7 +42,7 @@ static void take_forces(const tick_context *tick) {
     const insertion_workspace *w = tick->scratch;
     const contact_problem *p = &w->problem;
     for (int i = 0; i < p->count; i++) {
-        const contact_point *point = &w->points[i];
+        const contact_point *point = &w->points.list[i];
         bool at_tip = point->kind == POINT_TIP;
         double length = point->share.to - point->share.from;
         double along = p->force[2 * p->count + i] + (at_tip ? p->force[2 * p->count + i + 1] : 0.0);
@@ -50,11 +50,11 @@ static void take_forces(const tick_context *tick) {
         if (point->kind == POINT_GUIDE) {
             guides_take(tick, i);
         } else if (at_tip) {
-            state->tip.end_force = p->force[2 * p->count + i];
-            state->tip.arc = point->arc;
+            state->tip.solved.end_force = p->force[2 * p->count + i];
+            state->tip.solved.arc = point->arc;
             state->tip.shaft.traction = p->force[2 * p->count + i + 1] / length;
-            state->tip.slip = p->slip[i];
-            state->tip.friction = p->state[i];
+            state->tip.solved.slip = p->slip[i];
+            state->tip.solved.friction = p->state[i];
             state->tip.shaft.slip = p->slip[i + 1];
             state->tip.shaft.friction = p->state[i + 1];
         } else {
@@ -76,19 +76,19 @@ static void prepare(const tick_context *tick, const int handles[4]) {
     insertion_state *state = tick->state;
     insertion_workspace *w = tick->scratch;
     list_points(tick);
-    w->problem.count = w->point_count;
-    w->problem.axial_count = w->point_count + w->tip;
+    w->problem.count = w->points.count;
+    w->problem.axial_count = w->points.count + w->points.tip;
     creep_share_out(tick);
-    if (w->tip) find_tip_rows(tick, handles);
+    if (w->points.tip) find_tip_rows(tick, handles);
     w->problem.knot = 0;
-    w->relaxed = w->tip ? tip_relaxed(tick->model, &state->tip, tick->dt) : 1.0;
+    w->damper.relaxed = w->points.tip ? tip_relaxed(tick->model, &state->tip, tick->dt) : 1.0;
     keep_shear(tick);
     find_local_compliance(tick);
     stiffening_prepare(tick);
     creep_recall(tick);
     locate_points(tick);
-    if (w->tip) resistance_ahead_find(tick);
-    w->drag = 0.0;
+    if (w->points.tip) resistance_ahead_find(tick);
+    w->response.drag = 0.0;
     load_needle(tick);
     profile_end_stage(&w->profile, INSERTION_TISSUE);
 }
@@ -96,27 +96,27 @@ static void prepare(const tick_context *tick, const int handles[4]) {
 static int first_joint(const tick_context *tick) {
     const insertion_workspace *w = tick->scratch;
     int first = tick->model->needle->given.segments;
-    for (int i = 0; i < w->point_count; i++) first = w->points[i].at.first < first ? w->points[i].at.first : first;
+    for (int i = 0; i < w->points.count; i++) first = w->points.list[i].at.first < first ? w->points.list[i].at.first : first;
     return first;
 }
 
 /* Linearises the needle and puts the contact problem together. */
 static void linearise(const tick_context *tick) {
     insertion_workspace *w = tick->scratch;
-    needle_linearise(tick->model->needle, &tick->state->needle, w->load, w->drag > 0.0 ? 0 : first_joint(tick), &w->tangent);
+    needle_linearise(tick->model->needle, &tick->state->needle, w->response.load, w->response.drag > 0.0 ? 0 : first_joint(tick), &w->response.tangent);
     drag_shift_joints(tick);
     profile_end_stage(&w->profile, INSERTION_NEEDLE);
     bound_contacts(tick);
     stiffening_linearise(tick);
     assemble_compliance(tick);
     assemble_gaps(tick);
-    if (w->tip) damp_tip(tick);
+    if (w->points.tip) damp_tip(tick);
 }
 
 void equilibrium_linearise(const tick_context *tick, const int handles[4], bool loaded) {
     prepare(tick, handles);
-    if (!loaded) memset(tick->scratch->load, 0, sizeof tick->scratch->load);
-    tick->scratch->relaxed = 1.0; /* at rest, nothing springs back */
+    if (!loaded) memset(tick->scratch->response.load, 0, sizeof tick->scratch->response.load);
+    tick->scratch->damper.relaxed = 1.0; /* at rest, nothing springs back */
     linearise(tick);
 }
 
@@ -126,37 +126,37 @@ static bool solve_pass(const tick_context *tick, double *turned) {
     insertion_workspace *w = tick->scratch;
     tick->output->passes++;
     linearise(tick);
-    int all = unknown(w->problem.count, w->problem.count, 2) + w->tip;
-    for (int i = 0; i < all && w->lag_left > 0.0; i++) w->problem.gap[i] -= w->lag_left * w->lag[i];
+    int all = unknown(w->problem.count, w->problem.count, 2) + w->points.tip;
+    for (int i = 0; i < all && w->continuation.left > 0.0; i++) w->problem.gap[i] -= w->continuation.left * w->continuation.lag[i];
     if (contact_solve(&w->problem) != TROCAR_OK) return false;
     tick->output->switches += w->problem.switches;
     take_forces(tick);
-    if (w->tip && w->stiffening.any) take_damping(tick);
+    if (w->points.tip && w->stiffening.any) take_damping(tick);
     profile_end_stage(&w->profile, INSERTION_CONTACT);
     load_joints(tick);
     shift_base(tick);
-    *turned = needle_advance(tick->model->needle, &w->tangent, w->load, &tick->state->needle);
+    *turned = needle_advance(tick->model->needle, &w->response.tangent, w->response.load, &tick->state->needle);
     locate_points(tick);
     profile_end_stage(&w->profile, INSERTION_NEEDLE);
     return true;
 }
 
 /* By Haynsworth's inertia formula: see README.md, "One tick is one convex problem". */
-static bool is_saddle(const insertion_workspace *w) { return w->problem.negative < w->tangent.unstable; }
+static bool is_saddle(const insertion_workspace *w) { return w->problem.negative < w->response.tangent.unstable; }
 
 /* ---- the solve ----------------------------------------------------------------------------------------------------- */
 
 static void follow_pressing(needle_tip *tip, const needle_point *p, double dt) {
-    double pressing = fmax(v3_dot(tip->force, needle_along(p)), 0.0);
-    tip->pressing += (pressing - tip->pressing) * -expm1(-dt / BITE_TIME);
+    double pressing = fmax(v3_dot(tip->solved.force, needle_along(p)), 0.0);
+    tip->filtered_push += (pressing - tip->filtered_push) * -expm1(-dt / BITE_TIME);
 }
 
 /* Sum of the forces of all points on tissue and guides, N. */
 static vec3 push_on(const tick_context *tick) {
     insertion_state *state = tick->state;
     const insertion_workspace *w = tick->scratch;
-    vec3 sum = w->tip ? state->tip.force : v3(0, 0, 0);
-    for (int i = 0; i < w->point_count - w->tip; i++) sum = v3_add(sum, *point_force(state, &w->points[i]));
+    vec3 sum = w->points.tip ? state->tip.solved.force : v3(0, 0, 0);
+    for (int i = 0; i < w->points.count - w->points.tip; i++) sum = v3_add(sum, *point_force(state, &w->points.list[i]));
     return sum;
 }
 
@@ -202,7 +202,7 @@ static point_solution solution_at(const insertion_state *state, const contact_po
         return (point_solution){.force = face->force, .slip = face->slip, .friction = face->friction, .touching = face->touching};
     }
     if (p->kind == POINT_TIP)
-        return (point_solution){.force = state->tip.force, .traction = state->tip.shaft.traction, .slip = state->tip.slip, .friction = state->tip.friction};
+        return (point_solution){.force = state->tip.solved.force, .traction = state->tip.shaft.traction, .slip = state->tip.solved.slip, .friction = state->tip.solved.friction};
     const shaft_contact *contact = &state->contacts[p->handle];
     return (point_solution){.force = contact->force, .traction = contact->shaft.traction, .slip = contact->shaft.slip, .friction = contact->shaft.friction};
 }
@@ -216,8 +216,8 @@ static void set_solution(insertion_state *state, const contact_point *p, const p
         face->touching = s->touching;
     } else if (p->kind == POINT_TIP) {
         state->tip.shaft.traction = s->traction;
-        state->tip.slip = s->slip;
-        state->tip.friction = s->friction;
+        state->tip.solved.slip = s->slip;
+        state->tip.solved.friction = s->friction;
     } else {
         shaft_contact *contact = &state->contacts[p->handle];
         contact->shaft.traction = s->traction;
@@ -230,8 +230,8 @@ static void set_solution(insertion_state *state, const contact_point *p, const p
 static void remember_points(const tick_context *tick) {
     const needle_tip *tip = &tick->state->tip;
     insertion_workspace *w = tick->scratch;
-    for (int i = 0; i < w->point_count; i++) w->start_points[i] = solution_at(tick->state, &w->points[i]);
-    w->start_tip = (tip_solution){tip->damping, tip->end_force, tip->shaft.slip, tip->shaft.friction, w->problem.knot};
+    for (int i = 0; i < w->points.count; i++) w->start_points[i] = solution_at(tick->state, &w->points.list[i]);
+    w->start_tip = (tip_start){tip->dent.damping, tip->solved.end_force, tip->shaft.slip, tip->shaft.friction, w->problem.knot};
 }
 
 /* How far the gaps differ from those that balance the forces at the start of the tick: the base has moved; a tip at bone has not. */
@@ -240,22 +240,22 @@ static void find_lag(const tick_context *tick) {
     insertion_workspace *w = tick->scratch;
     contact_problem *p = &w->problem;
     double force[MAX_UNKNOWNS];
-    int tip = p->count - 1, all = unknown(p->count, p->count, 2) + w->tip;
+    int tip = p->count - 1, all = unknown(p->count, p->count, 2) + w->points.tip;
     linearise(tick);
     for (int i = 0; i < p->count; i++) {
-        vec3 f = m3_apply_transposed(&w->points[i].at.frame, *point_force(state, &w->points[i]));
+        vec3 f = m3_apply_transposed(&w->points.list[i].at.frame, *point_force(state, &w->points.list[i]));
         force[unknown(p->count, i, 0)] = f.x;
         force[unknown(p->count, i, 1)] = f.y;
         force[unknown(p->count, i, 2)] = f.z;
     }
-    if (w->tip) {
-        double shaft = state->tip.shaft.traction * (w->points[tip].share.to - w->points[tip].share.from);
+    if (w->points.tip) {
+        double shaft = state->tip.shaft.traction * (w->points.list[tip].share.to - w->points.list[tip].share.from);
         force[all - 2] -= shaft;
         force[all - 1] = shaft;
     }
     for (int i = 0; i < all; i++) {
-        w->lag[i] = p->gap[i];
-        for (int j = 0; j < all; j++) w->lag[i] -= (i < j ? p->compliance[i][j] : p->compliance[j][i]) * force[j];
+        w->continuation.lag[i] = p->gap[i];
+        for (int j = 0; j < all; j++) w->continuation.lag[i] -= (i < j ? p->compliance[i][j] : p->compliance[j][i]) * force[j];
     }
 }
 
@@ -265,9 +265,9 @@ static void recall(const tick_context *tick) {
     insertion_workspace *w = tick->scratch;
     state->needle = w->start;
     state->base_shift = w->start_shift;
-    for (int i = 0; i < w->point_count; i++) set_solution(state, &w->points[i], &w->start_points[i]);
-    state->tip.damping = w->start_tip.damping;
-    state->tip.end_force = w->start_tip.end_force;
+    for (int i = 0; i < w->points.count; i++) set_solution(state, &w->points.list[i], &w->start_points[i]);
+    state->tip.dent.damping = w->start_tip.damping;
+    state->tip.solved.end_force = w->start_tip.end_force;
     state->tip.shaft.slip = w->start_tip.shaft_slip;
     state->tip.shaft.friction = w->start_tip.shaft_friction;
     w->problem.knot = w->start_tip.knot;
@@ -298,8 +298,8 @@ static pass_result follow(const tick_context *tick) {
     pass_result r = {.found = false};
     find_lag(tick);
     while (done < 1.0 && step >= LEAST_STEP) {
-        w->lag_left = 1.0 - (done + step);
-        w->drag = state->moving_on ? drag / step : 0.0;
+        w->continuation.left = 1.0 - (done + step);
+        w->response.drag = state->moving_on ? drag / step : 0.0;
         load_joints(tick);
         r = run_passes(tick, tick->model->settings.max_passes);
         if (is_stable(tick, r) && (state->moving_on || !has_leapt(tick, r))) remember_shape(tick), remember_points(tick), done += step;
@@ -307,7 +307,7 @@ static pass_result follow(const tick_context *tick) {
         if (step < LEAST_STEP && !state->moving_on) state->moving_on = true, step = 1.0 - done;
         step = fmin(step, 1.0 - done);
     }
-    w->lag_left = 0.0;
+    w->continuation.left = 0.0;
     return r;
 }
 
@@ -321,16 +321,16 @@ static bool is_at_rest(const tick_context *tick, const needle_state *since) {
 /* A needle that has hardly moved on is at an equilibrium, if that is stable and the passes find it. */
 static pass_result come_to_rest(const tick_context *tick, pass_result moved) {
     insertion_workspace *w = tick->scratch;
-    double drag = w->drag;
+    double drag = w->response.drag;
     remember_shape(tick);
     remember_points(tick);
-    w->drag = 0.0;
+    w->response.drag = 0.0;
     load_joints(tick);
     pass_result r = run_passes(tick, GUESS_PASSES);
     tick->state->moving_on = !(is_stable(tick, r) && is_at_rest(tick, &w->start));
     if (!tick->state->moving_on) return r;
     recall(tick);
-    w->drag = drag;
+    w->response.drag = drag;
     return moved;
 }
 
@@ -351,12 +351,12 @@ static pass_result find_at_once(const tick_context *tick, bool guessed) {
 void equilibrium_find(const tick_context *tick, const int handles[4]) {
     insertion_state *state = tick->state;
     insertion_workspace *w = tick->scratch;
-    w->lag_left = 0.0;
+    w->continuation.left = 0.0;
     remember_shape(tick);
     bool guessed = needle_go_on(tick->model->needle, &state->motion, tick->dt, &state->needle);
     prepare(tick, handles);
     remember_points(tick);
-    if (w->tip) state->tip.rest = w->points[w->point_count - 1].target;
+    if (w->points.tip) state->tip.dent.rest = w->points.list[w->points.count - 1].target;
     pass_result r;
     if (state->moving_on) {
         needle_state before = w->start;
@@ -370,11 +370,11 @@ void equilibrium_find(const tick_context *tick, const int handles[4]) {
         else if (r.converged) needle_motion_of(tick->model->needle, &w->start, &state->needle, tick->dt, &state->motion);
     }
     if (!r.converged) tick->output->events |= EVENT_INEXACT;
-    if (w->tip && r.found) state->tip.follows = resistance_ahead_track(tick);
-    if (w->tip) spring_back(tick);
+    if (w->points.tip && r.found) state->tip.track = resistance_ahead_track(tick);
+    if (w->points.tip) spring_back(tick);
     roll_solve(tick);
     creep_remember(tick);
-    if (w->tip) follow_pressing(&state->tip, &w->points[w->point_count - 1].at, tick->dt);
+    if (w->points.tip) follow_pressing(&state->tip, &w->points.list[w->points.count - 1].at, tick->dt);
 }
 
 void equilibrium_forget(insertion_state *state) {

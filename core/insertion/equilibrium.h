@@ -4,7 +4,7 @@
 
 #include "insertion/tick.h"
 
-/* Finds the needle's shape and the forces and slips of the active contacts and, with scratch->tip, of the tip, whose element's corners
+/* Finds the needle's shape and the forces and slips of the active contacts and, with scratch->points.tip, of the tip, whose element's corners
    have these handles in the snapshot. Where no stable equilibrium is near, the needle moves on to another one. RT */
 void equilibrium_find(const tick_context *tick, const int handles[4]);
 

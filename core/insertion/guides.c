@@ -9,9 +9,9 @@ static const double FORCE_TOLERANCE = 0.01; /* fraction: of the edge's force, by
                                                like TOLERANCE */
 static const double ROUNDING = 1e-12; /* m: by which the needle may be off the edge in any case. Rounding */
 
-static const guide *guide_of(const tick_context *tick, int point) { return &tick->model->guides[tick->scratch->points[point].guide]; }
-static guide_state *state_of(const tick_context *tick, int point) { return &tick->state->guides[tick->scratch->points[point].guide]; }
-static guide_contact *contact_of(const tick_context *tick, int point) { return &state_of(tick, point)->faces[tick->scratch->points[point].face]; }
+static const guide *guide_of(const tick_context *tick, int point) { return &tick->model->guides[tick->scratch->points.list[point].guide]; }
+static guide_state *state_of(const tick_context *tick, int point) { return &tick->state->guides[tick->scratch->points.list[point].guide]; }
+static guide_contact *contact_of(const tick_context *tick, int point) { return &state_of(tick, point)->faces[tick->scratch->points.list[point].face]; }
 
 /* m behind the front face: the plane of a point. */
 static double plane_of(const guide_state *state, int face) { return face == 0 ? 0.0 : state->depth; }
@@ -108,12 +108,12 @@ bool guides_hold(const insertion_model *model, const insertion_state *state) {
 void guides_list(const tick_context *tick) {
     const insertion_model *model = tick->model;
     insertion_workspace *w = tick->scratch;
-    w->guided = 0;
+    w->points.guided = 0;
     for (int i = 0; i < model->guide_count; i++) {
         const guide_state *s = &tick->state->guides[i];
         int faces = s->passage != GUIDE_IN_HOLE ? 0 : model->guides[i].thickness > 0.0 ? 2 : 1;
         for (int f = 0; f < faces; f++)
-            w->points[w->guided++] = (contact_point){.kind = POINT_GUIDE, .handle = NO_HANDLE, .guide = i, .face = f, .arc = s->faces[f].arc};
+            w->points.list[w->points.guided++] = (contact_point){.kind = POINT_GUIDE, .handle = NO_HANDLE, .guide = i, .face = f, .arc = s->faces[f].arc};
     }
 }
 
@@ -146,7 +146,7 @@ static double needle_compliance(const tick_context *tick, double arc) {
    the force (|d + r f| - c) / (r + 1 / k). The solution is the same. Across n the stiffness is that of a force that turns with the point. */
 static void find_touch(const tick_context *tick, int point) {
     insertion_workspace *w = tick->scratch;
-    contact_point *p = &w->points[point];
+    contact_point *p = &w->points.list[point];
     hole_edge *edge = &w->edges[point];
     const guide *g = guide_of(tick, point);
     const guide_state *s = state_of(tick, point);
@@ -188,7 +188,7 @@ static void keep_one_face(const tick_context *tick, int front) {
 }
 
 static void find_yield(const tick_context *tick, int point) {
-    contact_point *p = &tick->scratch->points[point];
+    contact_point *p = &tick->scratch->points.list[point];
     hole_edge *edge = &tick->scratch->edges[point];
     const guide *g = guide_of(tick, point);
     if (!edge->touched) return;
@@ -210,16 +210,16 @@ static void find_yield(const tick_context *tick, int point) {
 
 void guides_locate(const tick_context *tick) {
     const insertion_workspace *w = tick->scratch;
-    for (int i = 0; i < w->guided; i++) find_touch(tick, i);
-    for (int i = 0; i + 1 < w->guided; i++)
-        if (w->points[i].guide == w->points[i + 1].guide) keep_one_face(tick, i);
-    for (int i = 0; i < w->guided; i++) find_yield(tick, i);
+    for (int i = 0; i < w->points.guided; i++) find_touch(tick, i);
+    for (int i = 0; i + 1 < w->points.guided; i++)
+        if (w->points.list[i].guide == w->points.list[i + 1].guide) keep_one_face(tick, i);
+    for (int i = 0; i < w->points.guided; i++) find_yield(tick, i);
 }
 
 void guides_bound(const tick_context *tick, int point) {
     insertion_workspace *w = tick->scratch;
     contact_problem *p = &w->problem;
-    const contact_point *at = &w->points[point];
+    const contact_point *at = &w->points.list[point];
     const guide *g = guide_of(tick, point);
     const guide_contact *face = contact_of(tick, point);
     bool holds = w->edges[point].touched && !at_tip(g, state_of(tick, point), at->face);
@@ -259,7 +259,7 @@ void guides_take(const tick_context *tick, int point) {
 
 bool guides_agree(const tick_context *tick) {
     const insertion_workspace *w = tick->scratch;
-    for (int i = 0; i < w->guided; i++)
+    for (int i = 0; i < w->points.guided; i++)
         if (!w->edges[i].agrees) return false;
     return true;
 }

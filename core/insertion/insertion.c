@@ -27,7 +27,8 @@ void insertion_reset(const insertion_model *model, pose base, insertion_state *s
     state->memory = memory;
     state->request.serial = serial;
     state->next_id = next_id;
-    state->tip = (needle_tip){.phase = TIP_FREE, .tet = -1, .known_tet = -1, .blocked_by = NOT_BLOCKED, .arc = model->needle->given.length, .next_contact = NAN};
+    state->tip = tip_in_air();
+    state->tip.solved.arc = model->needle->given.length;
     state->surface = v3(NAN, NAN, NAN);
     needle_rest(model->needle, base, &state->needle);
     tip_engage(model, state);
@@ -54,7 +55,7 @@ static void slide_shaft(insertion_state *state, double radius) {
         contact->shaft.origin = larger_of(contact->shaft.origin, -contact->depth); /* a needle pushed in up to its base drags the contacts that have reached it */
         slip = contact->shaft.slip;
     }
-    bool inside = state->tip.phase == TIP_INSIDE;
+    bool inside = state->tip.place.phase == TIP_INSIDE;
     if (inside) slip = state->tip.shaft.slip;
     if (inside) state->tip.shaft.slid = slid_on(state->tip.shaft.slid, slip, state->tip.shaft.friction, &state->tip.shaft.roll, radius);
     shift_tip_shaft(state, -slip); /* of a tip that is out of the tissue, it means nothing */
@@ -75,7 +76,7 @@ static void note_carried(const tick_context *tick, vec3 before) {
     const vec3 *joints = tick->state->needle.joints;
     int end = tick->model->needle->given.segments;
     vec3 along = v3_unit(v3_sub(joints[end], joints[end - 1]));
-    tick->scratch->tip_carried = fmax(0.0, v3_dot(along, v3_sub(joints[end], before)));
+    tick->scratch->hand.carried = fmax(0.0, v3_dot(along, v3_sub(joints[end], before)));
 }
 
 /* Displacement, by whatever else deforms the tissue and by what it remembers, of the surface ahead of a free needle's end or just behind it. The mesh is the tissue at rest: the
@@ -145,9 +146,9 @@ static vec3 move(const tick_context *tick) {
 static void cross(const tick_context *tick, vec3 gradient) {
     insertion_state *state = tick->state;
     needle_tip *tip = &state->tip;
-    if (!isfinite(tip->slip)) tip->shaft.origin = NAN; /* the insertion starts over (insertion_is_finite), so that the tip does not leave a track right through the tissue */
+    if (!isfinite(tip->solved.slip)) tip->shaft.origin = NAN; /* the insertion starts over (insertion_is_finite), so that the tip does not leave a track right through the tissue */
     tip_move(tick, tip_aim(tick, gradient));
-    if (tip->phase == TIP_INSIDE && tip->depth == 0.0) tip_glide_on_surface(tick);
+    if (tip->place.phase == TIP_INSIDE && tip->place.depth == 0.0) tip_glide_on_surface(tick);
 }
 
 /* No tissue is touched. */
@@ -158,8 +159,8 @@ static void lose_contact(const tick_context *tick) {
 
 /* What is known of the tissue at the tip, if that is in it. */
 static void find_tip(const tick_context *tick, int handles[4]) {
-    tick->scratch->tip = tick->state->tip.phase == TIP_INSIDE;
-    if (!tick->scratch->tip) return;
+    tick->scratch->points.tip = tick->state->tip.place.phase == TIP_INSIDE;
+    if (!tick->scratch->points.tip) return;
     follow_known_point(tick, handles);
     follow_resolution(tick);
 }
@@ -169,8 +170,8 @@ static void solve(const tick_context *tick) {
     int handles[4];
     accept_snapshot(tick);
     find_tip(tick, handles);
-    tick->scratch->point_count = 0;
-    bool in_tissue = tick->scratch->tip || contact_is_active(tick->state, 0);
+    tick->scratch->points.count = 0;
+    bool in_tissue = tick->scratch->points.tip || contact_is_active(tick->state, 0);
     guides_follow(tick);
     if (!in_tissue) lose_contact(tick);
     if (in_tissue || guides_hold(tick->model, tick->state)) equilibrium_find(tick, handles);
@@ -182,8 +183,8 @@ static void answer(const tick_context *tick) {
     insertion_state *state = tick->state;
     tick_output *output = tick->output;
     output->force = output->torque = v3(0, 0, 0);
-    for (int i = 0; i < tick->scratch->point_count; i++) {
-        const contact_point *point = &tick->scratch->points[i];
+    for (int i = 0; i < tick->scratch->points.count; i++) {
+        const contact_point *point = &tick->scratch->points.list[i];
         vec3 on_needle = v3_scale(-1.0, *point_force(state, point));
         vec3 lever = v3_sub(point->at.position, state->needle.base.position);
         output->force = v3_add(output->force, on_needle);
@@ -191,7 +192,7 @@ static void answer(const tick_context *tick) {
     }
     double torque = roll_torque(tick);
     if (torque != 0.0) output->torque = v3_axpy(-torque, q_axis(state->needle.base.orientation), output->torque);
-    output->depth = state->tip.phase == TIP_FREE ? 0.0 : state->tip.depth;
+    output->depth = state->tip.place.phase == TIP_FREE ? 0.0 : state->tip.place.depth;
     output->contacts = contacts_active(state);
 }
 
@@ -199,23 +200,23 @@ static void answer(const tick_context *tick) {
 
 static void find_what_is_open(const tick_context *tick) {
     needle_tip *tip = &tick->state->tip;
-    tip->torn = tip->phase == TIP_INSIDE ? old_tracks_torn(tick, tip->blocked_by, tip->nominal) : 0.0;
-    tip->follows = old_tracks_ahead(tick, 0.0);
+    tip->barrier.membrane_damage = tip->place.phase == TIP_INSIDE ? old_tracks_torn(tick, tip->barrier.blocked_by, tip->place.nominal) : 0.0;
+    tip->track = old_tracks_ahead(tick, 0.0);
 }
 
 static void step(const tick_context *tick) {
     insertion_state *state = tick->state;
     vec3 gradient = v3(0, 0, 0);
-    tick->scratch->tip_carried = INFINITY;
+    tick->scratch->hand.carried = INFINITY;
     creep_begin(tick);
     guides_slide(tick->model, state);
-    if (state->tip.phase == TIP_FREE) {
+    if (state->tip.place.phase == TIP_FREE) {
         move_freely(tick);
     } else {
         gradient = move(tick);
         cross(tick, gradient);
     }
-    tick->scratch->aim = tip_aim(tick, gradient);
+    tick->scratch->path.cut_direction = tip_aim(tick, gradient);
     find_what_is_open(tick);
     solve(tick);
     tip_puncture(tick);
@@ -247,11 +248,11 @@ void insertion_tick(const tick_context *given) {
 bool insertion_linearise(const tick_context *tick, bool loaded) {
     int handles[4];
     insertion_workspace *w = tick->scratch;
-    if (tick->state->tip.phase == TIP_FREE) return false;
+    if (tick->state->tip.place.phase == TIP_FREE) return false;
     creep_begin(tick);
-    w->point_count = 0;
+    w->points.count = 0;
     find_tip(tick, handles);
-    if (!w->tip && !contact_is_active(tick->state, 0)) return false;
+    if (!w->points.tip && !contact_is_active(tick->state, 0)) return false;
     equilibrium_linearise(tick, handles, loaded);
     return true;
 }
@@ -267,9 +268,9 @@ static double shaft_total(const shaft_hold *s) {
 /* A sum is finite only if all its terms are. */
 bool insertion_is_finite(const insertion_state *state, const tick_output *output) {
     const needle_tip *tip = &state->tip;
-    double sum = state->base_turn + state->tip_lead + sum_of(output->force) + sum_of(output->torque) + sum_of(tip_place(tip)) + sum_of(state->entry) + tip->depth + tip->slip
-               + shaft_total(&tip->shaft) + tip->pressing + tip->dent + sum_of(tip->damping) + tip->end_force
-               + tip->resolved.lateral + tip->resolved.axial + tip->resolved.point + line_end_total(&tip->resolved.end);
+    double sum = state->base_turn + state->tip_lead + sum_of(output->force) + sum_of(output->torque) + sum_of(tip_position(&tip->place)) + sum_of(state->entry) + tip->place.depth + tip->solved.slip
+               + shaft_total(&tip->shaft) + tip->filtered_push + tip->dent.size + sum_of(tip->dent.damping) + tip->solved.end_force
+               + tip->resolution.field.lateral + tip->resolution.field.axial + tip->resolution.field.point + line_end_total(&tip->resolution.field.end);
     for (int k = 0; k < state->refined.count; k++) {
         int slot = state->refined.order[k];
         const shaft_contact *c = &state->contacts[slot];
@@ -286,7 +287,7 @@ bool insertion_is_finite(const insertion_state *state, const tick_output *output
 
 void insertion_start_over(const insertion_model *model, pose base, insertion_state *state, tick_output *output) {
     insertion_reset(model, base, state);
-    *output = (tick_output){.depth = state->tip.depth, .membrane = -1, .events = EVENT_UNSTABLE};
+    *output = (tick_output){.depth = state->tip.place.depth, .membrane = -1, .events = EVENT_UNSTABLE};
 }
 
 /* ---- export -------------------------------------------------------------------------------------------------------- */
@@ -305,10 +306,10 @@ void insertion_forces(const insertion_model *model, const insertion_state *state
             vec3 *corner = &nominal[model->mesh->tets[left->tet][c]];
             *corner = v3_axpy(left->weights[c], creep_left_load(model, left), *corner);
         }
-    if (tip->phase != TIP_INSIDE || tip->known_tet < 0) return;
+    if (tip->place.phase != TIP_INSIDE || tip->known.tet < 0) return;
     for (int c = 0; c < 4; c++) {
-        vec3 *corner = &nominal[model->mesh->tets[tip->known_tet][c]];
-        *corner = v3_axpy(tip->known_weights[c], v3_add(tip_load(tip), creep_tip_load(model, &state->memory)), *corner);
+        vec3 *corner = &nominal[model->mesh->tets[tip->known.tet][c]];
+        *corner = v3_axpy(tip->known.weights[c], v3_add(tip_load(tip), creep_tip_load(model, &state->memory)), *corner);
     }
 }
 
@@ -331,15 +332,15 @@ static shaft_piece piece_of(const insertion_state *state, int slot, shaft_share 
         line_in_tet line = v3_norm(node->line.direction) > 0.0 ? node->line : (line_in_tet){node->tet, node->position, contact->direction};
         return (shaft_piece){share.from, share.to, contact->depth, v3_sub(contact->track, contact->beside), contact->direction, line};
     }
-    line_in_tet line = {tip->tet, tip->nominal, tip->direction};
+    line_in_tet line = {tip->place.tet, tip->place.nominal, tip->place.direction};
     for (int i = 0; i < state->request.piece_count; i++) /* one for all of its way through an element */
-        if (state->request.pieces[i].tet == tip->tet) line = state->request.pieces[i];
-    return (shaft_piece){share.from, share.to, tip->depth, tip->nominal, tip->direction, line};
+        if (state->request.pieces[i].tet == tip->place.tet) line = state->request.pieces[i];
+    return (shaft_piece){share.from, share.to, tip->place.depth, tip->place.nominal, tip->place.direction, line};
 }
 
 void insertion_place_loads(const insertion_model *model, const insertion_state *state, tissue_loads *loads) {
     const needle_tip *tip = &state->tip;
-    bool inside = tip->phase == TIP_INSIDE && tip->known_tet >= 0;
+    bool inside = tip->place.phase == TIP_INSIDE && tip->known.tet >= 0;
     double border = 0.0;
     loads->count = 0;
     for (int k = 0; contact_is_active(state, k); k++) {
@@ -351,8 +352,8 @@ void insertion_place_loads(const insertion_model *model, const insertion_state *
     }
     if (!inside) return;
     tissue_load *load = &loads->loads[loads->count];
-    *load = (tissue_load){.tet = tip->known_tet, .shaft = piece_of(state, NO_SLOT, shaft_next_share(state, loads->count, true, &border))};
-    memcpy(load->weights, tip->known_weights, sizeof load->weights);
+    *load = (tissue_load){.tet = tip->known.tet, .shaft = piece_of(state, NO_SLOT, shaft_next_share(state, loads->count, true, &border))};
+    memcpy(load->weights, tip->known.weights, sizeof load->weights);
     loads->count++;
 }
 

@@ -44,7 +44,7 @@ static const double FULL_GRIP = 0.05; /* N: force along the needle at which the 
 typedef struct {
     contact_status status;
     vec3 track;              /* m, world frame: where the tip left it; its node, kept off faces, may lie a little beside it */
-    vec3 beside;             /* m, by how much that is outside an outer face: as in needle_tip */
+    vec3 beside;             /* m, by how much that is outside an outer face: as in tip_place */
     vec3 direction;          /* unit vector of the track there, in the undeformed tissue */
     double depth;            /* m along the nominal track from the skin */
     shaft_hold shaft;
@@ -62,47 +62,82 @@ typedef struct {
     vec3 tilt;               /* how the tip's direction in it differs from that in which it would cut */
 } open_track;
 
-/* The tip: a contact that moves through the tissue as it cuts, and back along its track. */
+/* Where the tip is. Written by the path stage. */
 typedef struct {
     tip_phase phase;
     int tet;                 /* nominal element, -1 outside */
     vec3 nominal;            /* m, the tissue's material point at the tip */
     vec3 direction;          /* unit vector of the track at the tip, in the undeformed tissue */
     double depth;            /* m along the nominal track from the skin */
-    double slip;             /* m, by which the tip went forward past the tissue in the last solve (cutting) or back; applied by the next tick */
+    vec3 graze_normal;       /* unit normal of the outer face along which the tip grazes; zero: it does not */
+    vec3 beside;             /* m, from `nominal`, just inside that face, to the tip itself, which may be out by a radius */
+    vec3 end;                /* m, world frame: where the needle's end was when the tip was last beyond; `nominal` is where it left */
+} tip_place;
+
+/* What blocks the tip where it is. Written by the path stage. */
+typedef struct {
+    int blocked_by;          /* membrane in front of the tip, NOT_BLOCKED or BLOCKED_BY_BONE */
+    double membrane_damage;  /* 0 to 1: how far that membrane has been torn by a puncture beside the tip */
+    int face;                /* of the tip's element: where the tip is on the surface or blocked */
+    bool entering;           /* the tip is blocked at the outer surface and comes from outside */
+} tip_barrier;
+
+/* What the last solve found at the tip. Written by the passes; the next path stage applies the slip. */
+typedef struct {
+    double slip;             /* m, by which the tip went forward past the tissue (cutting) or back */
     friction_state friction; /* forward while it cuts */
-    shaft_hold shaft;        /* of the shaft next to it, from half way to the last contact on: held by friction, not by what is ahead */
     vec3 force;              /* N, world frame, on the tissue */
     double end_force;        /* N along the needle, the part of it on the end face */
     double arc;              /* m from the base, where its force acts: at the needle's end or behind it (along_track.h) */
-    vec3 rest;               /* m, world frame: where the tissue that it touches was without its force in the last solve */
-    double dent;             /* m along the track, by which the tissue at the tip is displaced */
-    vec3 damping;            /* N, world frame, on the tissue at the tip, which springs back no faster than shear waves travel */
-    double pressing;         /* N, force along the needle, low-pass filtered, that sets the lateral hold; >= 0 */
-    open_track follows;      /* the track that the slip of the last solve goes along */
-    int blocked_by;          /* membrane in front of the tip, NOT_BLOCKED or BLOCKED_BY_BONE */
-    double torn;             /* 0 to 1: how far that membrane has been torn by a puncture beside the tip */
-    int face;                /* of `tet`: where the tip is on the surface or blocked */
-    bool entering;           /* the tip is blocked at the outer surface and comes from outside */
-    vec3 outward;            /* unit normal of the outer face along which the tip grazes; zero: it does not */
-    vec3 beside;             /* m, from `nominal`, just inside that face, to the tip itself, which may be out by a radius */
-    vec3 end;                /* m, world frame: where the needle's end was when the tip was last beyond; `nominal` is where it left */
-    double next_contact;     /* m of depth where the next contact node is due; NAN: to be planned */
-    bool resolved_known;     /* what the mesh resolves at the tip: */
-    resolved_field resolved;
-    vec3 resolved_at;        /* m, nominal: where the tip was then */
-    int known_tet;           /* nominal element of the last point that the snapshot covered, -1: none yet */
-    double known_weights[4]; /* and that point's barycentric weights */
+} tip_solution;
+
+/* How the tissue at the tip is displaced. Written by the solve. */
+typedef struct {
+    double size;             /* m along the track, by which it is displaced */
+    vec3 damping;            /* N, world frame, on the tissue, which springs back no faster than shear waves travel */
+    vec3 rest;               /* m, world frame: where the tissue that the tip touches was without its force */
+} tip_dent;
+
+/* What the mesh resolves at the tip. Written by the tissue stage. */
+typedef struct {
+    bool known;              /* it has been measured */
+    resolved_field field;
+    vec3 at;                 /* m, nominal: where the tip was then */
+} tip_resolution;
+
+/* The last point under the tip that the snapshot covered. Written by the tissue stage. */
+typedef struct {
+    int tet;                 /* nominal element, -1: none yet */
+    double weights[4];       /* its barycentric weights there */
+} known_point;
+
+/* The tip: a contact that moves through the tissue as it cuts, and back along its track. */
+typedef struct {
+    tip_place place;
+    tip_barrier barrier;
+    open_track track;        /* that it is led along: found by the path stage; by the solve, that on which the slip ended */
+    double next_contact;     /* m of depth where the next contact node is due; NAN: to be planned. Written by the path stage */
+    shaft_hold shaft;        /* of the shaft next to it, from half way to the last contact on: held by friction, not by what is ahead */
+    tip_solution solved;
+    tip_dent dent;
+    double filtered_push;    /* N, force along the needle, low-pass filtered, that sets the lateral hold; >= 0. Written after the solve */
+    tip_resolution resolution;
+    known_point known;
 } needle_tip;
 
 /* m, nominal: where the tip is, which `nominal` stands for in the mesh. RT */
-static inline vec3 tip_place(const needle_tip *tip) { return v3_add(tip->nominal, tip->beside); }
+static inline vec3 tip_position(const tip_place *place) { return v3_add(place->nominal, place->beside); }
 
 /* Direction in which `nominal` moves while the tip moves along `direction`: not out of the face that it grazes. RT */
-static inline vec3 tip_way(const needle_tip *tip, vec3 direction) { return v3_axpy(-v3_dot(direction, tip->outward), tip->outward, direction); }
+static inline vec3 tip_way(const tip_place *place, vec3 direction) { return v3_axpy(-v3_dot(direction, place->graze_normal), place->graze_normal, direction); }
 
 /* N, total force on the tissue at the tip: the needle's, and the damper's while the tissue springs back. RT */
-static inline vec3 tip_load(const needle_tip *tip) { return v3_add(tip->force, tip->damping); }
+static inline vec3 tip_load(const needle_tip *tip) { return v3_add(tip->solved.force, tip->dent.damping); }
+
+/* A tip in the air. RT */
+static inline needle_tip tip_in_air(void) {
+    return (needle_tip){.place = {.phase = TIP_FREE, .tet = -1}, .known.tet = -1, .barrier.blocked_by = NOT_BLOCKED, .next_contact = NAN};
+}
 
 /* From this depth on, up to the next stratum, the track lies in this region, or in a gap between bodies. */
 enum { IN_A_GAP = -1 };

@@ -11,7 +11,7 @@
 /* Handles of the last point under the tip that the snapshot covered; false: there is none. */
 static bool tip_handles(const tick_context *tick, int handles[4]) {
     const needle_tip *tip = &tick->state->tip;
-    return tip->phase == TIP_INSIDE && tip->known_tet >= 0 && snapshot_covers(tick->snapshot, tick->model->mesh->tets[tip->known_tet], handles);
+    return tip->place.phase == TIP_INSIDE && tip->known.tet >= 0 && snapshot_covers(tick->snapshot, tick->model->mesh->tets[tip->known.tet], handles);
 }
 
 /* Load of active contact number k from the base on the tissue, N. */
@@ -23,7 +23,7 @@ static vec3 load_of(const tick_context *tick, int k) {
 /* Displacement of a handle under the tip's load on those at `corners`, m. */
 static vec3 displaced_by_tip(const tick_context *tick, const int corners[4], int handle) {
     const insertion_state *state = tick->state;
-    mat3 c = compliance_to_point(tick->snapshot, corners, state->tip.known_weights, handle);
+    mat3 c = compliance_to_point(tick->snapshot, corners, state->tip.known.weights, handle);
     return m3_apply_transposed(&c, v3_add(tip_load(&state->tip), creep_tip_load(tick->model, &state->memory)));
 }
 
@@ -43,8 +43,8 @@ vec3 displacement_at(const tick_context *tick, const int handles[4], const doubl
 vec3 displacement_at_tip(const tick_context *tick) {
     const needle_tip *tip = &tick->state->tip;
     int corners[4];
-    bool covered = tip->known_tet >= 0 && snapshot_covers(tick->snapshot, tick->model->mesh->tets[tip->known_tet], corners);
-    return covered ? displacement_at(tick, corners, tip->known_weights) : v3(0, 0, 0);
+    bool covered = tip->known.tet >= 0 && snapshot_covers(tick->snapshot, tick->model->mesh->tets[tip->known.tet], corners);
+    return covered ? displacement_at(tick, corners, tip->known.weights) : v3(0, 0, 0);
 }
 
 /* A contact whose row has arrived takes over the shaft that the tip has held for it until now. */
@@ -55,7 +55,7 @@ static void activate_contact(const tick_context *tick, int k) {
     contact->status = CONTACT_ACTIVE;
     contact->force = v3(0, 0, 0);
     if (contact->log_axial == 0.0) set_resolution(tick->model, contact, &tick->snapshot->resolved[slot]); /* the tip that left it did not know it yet */
-    if (state->tip.phase != TIP_INSIDE || contact->depth < tip_entry_depth(state)) return;
+    if (state->tip.place.phase != TIP_INSIDE || contact->depth < tip_entry_depth(state)) return;
     double origin = contact->shaft.origin;
     contact->shaft = state->tip.shaft;
     contact->shaft.origin = origin;
@@ -75,16 +75,16 @@ void follow_known_point(const tick_context *tick, int handles[4]) {
     insertion_state *state = tick->state;
     needle_tip *tip = &state->tip;
     double weights[4];
-    int tet = refinement_element(model->mesh, &state->refined, snapshot_known_contacts(tick->snapshot, &state->refined), tip->tet, tip->nominal, weights);
+    int tet = refinement_element(model->mesh, &state->refined, snapshot_known_contacts(tick->snapshot, &state->refined), tip->place.tet, tip->place.nominal, weights);
     bool covered = snapshot_covers(tick->snapshot, model->mesh->tets[tet], handles);
-    if (!covered && tet != tip->tet) { /* the window follows the nominal mesh */
-        tet = tip->tet;
-        mesh_barycentric(model->mesh, tet, tip->nominal, weights);
+    if (!covered && tet != tip->place.tet) { /* the window follows the nominal mesh */
+        tet = tip->place.tet;
+        mesh_barycentric(model->mesh, tet, tip->place.nominal, weights);
         covered = snapshot_covers(tick->snapshot, model->mesh->tets[tet], handles);
     }
     if (covered) {
-        tip->known_tet = tet;
-        memcpy(tip->known_weights, weights, sizeof weights);
+        tip->known.tet = tet;
+        memcpy(tip->known.weights, weights, sizeof weights);
         return;
     }
     tick->output->events |= EVENT_LATE;
@@ -99,33 +99,33 @@ static double faded(double now, double then, double used, double fading) { retur
 static void keep_resolution(const tick_context *tick) {
     const insertion_model *model = tick->model;
     needle_tip *tip = &tick->state->tip;
-    if (!tip->resolved_known) tip->resolved = local_resolution_guess(model, tip->tet);
-    bool beside = tip->resolved_known && v3_norm(v3_sub(tip->nominal, tip->resolved_at)) < mesh_edge_length(model->mesh, tip->tet);
+    if (!tip->resolution.known) tip->resolution.field = local_resolution_guess(model, tip->place.tet);
+    bool beside = tip->resolution.known && v3_norm(v3_sub(tip->place.nominal, tip->resolution.at)) < mesh_edge_length(model->mesh, tip->place.tet);
     if (!beside) tick->output->events |= EVENT_LATE;
 }
 
 void follow_resolution(const tick_context *tick) {
     needle_tip *tip = &tick->state->tip;
-    const line_piece *piece = snapshot_piece(tick->snapshot, tip->tet);
+    const line_piece *piece = snapshot_piece(tick->snapshot, tip->place.tet);
     if (!piece) {
         keep_resolution(tick);
         return;
     }
-    resolved_field now = piece_at(piece, tip->nominal), used = now;
-    if (tip->resolved_known) {
-        resolved_field then = piece_at(piece, tip->resolved_at);
-        double moved = v3_norm(v3_sub(tip->nominal, tip->resolved_at)), fading = exp(-0.5 * moved / tick->model->needle->radius);
-        used.lateral = exp(faded(log(now.lateral), log(then.lateral), log(tip->resolved.lateral), fading));
-        used.axial = exp(faded(log(now.axial), log(then.axial), log(tip->resolved.axial), fading));
+    resolved_field now = piece_at(piece, tip->place.nominal), used = now;
+    if (tip->resolution.known) {
+        resolved_field then = piece_at(piece, tip->resolution.at);
+        double moved = v3_norm(v3_sub(tip->place.nominal, tip->resolution.at)), fading = exp(-0.5 * moved / tick->model->needle->radius);
+        used.lateral = exp(faded(log(now.lateral), log(then.lateral), log(tip->resolution.field.lateral), fading));
+        used.axial = exp(faded(log(now.axial), log(then.axial), log(tip->resolution.field.axial), fading));
         used.uneven = m3_scaled(1.0, now.uneven);
-        m3_add_scaled(&used.uneven, fading, &tip->resolved.uneven);
+        m3_add_scaled(&used.uneven, fading, &tip->resolution.field.uneven);
         m3_add_scaled(&used.uneven, -fading, &then.uneven);
-        line_end_add_scaled(&used.end, fading, &tip->resolved.end);
+        line_end_add_scaled(&used.end, fading, &tip->resolution.field.end);
         line_end_add_scaled(&used.end, -fading, &then.end);
         used.end.reach = fmax(used.end.reach, 0.0);
-        used.point = faded(now.point, then.point, tip->resolved.point, fading);
+        used.point = faded(now.point, then.point, tip->resolution.field.point, fading);
     }
-    tip->resolved = used;
-    tip->resolved_at = tip->nominal;
-    tip->resolved_known = true;
+    tip->resolution.field = used;
+    tip->resolution.at = tip->place.nominal;
+    tip->resolution.known = true;
 }

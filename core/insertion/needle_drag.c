@@ -18,20 +18,20 @@ static vec3 drag_at(const tick_context *tick, int joint) {
     const vec3 *joints = w->start.joints;
     vec3 before = joint > 0 ? v3_unit(v3_sub(joints[joint], joints[joint - 1])) : v3(0, 0, 0);
     vec3 after = joint < tick->model->needle->given.segments ? v3_unit(v3_sub(joints[joint + 1], joints[joint])) : v3(0, 0, 0);
-    return v3_scale(w->drag, v3_sub(before, after));
+    return v3_scale(w->response.drag, v3_sub(before, after));
 }
 
 void drag_add_loads(const tick_context *tick) {
     insertion_workspace *w = tick->scratch;
-    if (w->drag == 0.0) return;
-    for (int k = 0; k <= tick->model->needle->given.segments; k++) w->load[k] = v3_add(w->load[k], drag_at(tick, k));
+    if (w->response.drag == 0.0) return;
+    for (int k = 0; k <= tick->model->needle->given.segments; k++) w->response.load[k] = v3_add(w->response.load[k], drag_at(tick, k));
 }
 
 void drag_shift_joints(const tick_context *tick) {
     insertion_workspace *w = tick->scratch;
-    needle_tangent *tangent = &w->tangent;
+    needle_tangent *tangent = &w->response.tangent;
     int n = tick->model->needle->given.segments;
-    if (w->drag == 0.0) return;
+    if (w->response.drag == 0.0) return;
     for (int k = 1; k <= n; k++) {
         vec3 force = drag_at(tick, k);
         const double f[3] = {force.x, force.y, force.z};

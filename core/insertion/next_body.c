@@ -17,7 +17,7 @@ vec3 needle_direction(const tick_context *tick) {
 /* How far the needle's end is beyond the place where the tip left the tissue, as that is displaced now, m. */
 static double beyond_exit(const tick_context *tick) {
     const insertion_state *state = tick->state;
-    vec3 exit = v3_add(tip_place(&state->tip), displacement_at_tip(tick));
+    vec3 exit = v3_add(tip_position(&state->tip.place), displacement_at_tip(tick));
     return v3_dot(v3_sub(state->needle.joints[tick->model->needle->given.segments], exit), v3_unit(needle_direction(tick)));
 }
 
@@ -26,9 +26,9 @@ void come_back(const tick_context *tick) {
     double beyond = beyond_exit(tick);
     const shaft_contact *last = last_contact(tick->state);
     if (beyond > -tick->model->needle->radius) return;
-    tip->phase = TIP_INSIDE;
-    tip->slip = beyond;
-    tip->shaft = last ? last->shaft : shaft_at_rest(tick->model, tip->depth + beyond);
+    tip->place.phase = TIP_INSIDE;
+    tip->solved.slip = beyond;
+    tip->shaft = last ? last->shaft : shaft_at_rest(tick->model, tip->place.depth + beyond);
     tick->output->events |= EVENT_REENTERED;
 }
 
@@ -45,18 +45,18 @@ void enter_next(const tick_context *tick, const entrance *at, double gap) {
         return;
     }
     note_stratum(tick, IN_A_GAP);
-    tip->phase = TIP_INSIDE;
-    tip->tet = at->tet;
-    tip->face = at->face;
-    tip->nominal = at->point;
+    tip->place.phase = TIP_INSIDE;
+    tip->place.tet = at->tet;
+    tip->barrier.face = at->face;
+    tip->place.nominal = at->point;
     set_beside(tip, v3(0, 0, 0));
-    tip->direction = v3_unit(needle_direction(tick));
-    tip->depth += fmax(gap, FACE_CLEARANCE);
-    tip->known_tet = -1;
-    tip->blocked_by = at->blocked_by;
-    tip->entering = true;
+    tip->place.direction = v3_unit(needle_direction(tick));
+    tip->place.depth += fmax(gap, FACE_CLEARANCE);
+    tip->known.tet = -1;
+    tip->barrier.blocked_by = at->blocked_by;
+    tip->barrier.entering = true;
     tip->next_contact = NAN;
-    tip->shaft = shaft_at_rest(tick->model, tip->depth);
+    tip->shaft = shaft_at_rest(tick->model, tip->place.depth);
     enter_stratum(tick);
     tick->output->events |= EVENT_TOUCHED;
 }
@@ -74,7 +74,7 @@ entrance next_body(const tick_context *tick, vec3 left, vec3 to) {
 }
 
 void enter_what_touches(const tick_context *tick, vec3 direction) {
-    vec3 left = tick->state->tip.nominal, way = v3_sub(tick->state->tip.end, left);
+    vec3 left = tick->state->tip.place.nominal, way = v3_sub(tick->state->tip.place.end, left);
     if (v3_dot(way, direction) < 2.0 * FACE_CLEARANCE) way = v3_scale(2.0 * FACE_CLEARANCE, direction);
     entrance at = next_body(tick, left, v3_add(left, way));
     enter_next(tick, &at, v3_norm(v3_sub(at.point, left)));
@@ -83,8 +83,8 @@ void enter_what_touches(const tick_context *tick, vec3 direction) {
 void look_for_next(const tick_context *tick) {
     const insertion_model *model = tick->model;
     needle_tip *tip = &tick->state->tip;
-    vec3 before = tip->end, now = tick->state->needle.joints[model->needle->given.segments];
-    tip->end = now;
+    vec3 before = tip->place.end, now = tick->state->needle.joints[model->needle->given.segments];
+    tip->place.end = now;
     if (v3_dot(v3_sub(now, before), needle_direction(tick)) <= 0.0) return;
     entrance at = entrance_at(tick, mesh_enter(model->mesh, before, now));
     enter_next(tick, &at, beyond_exit(tick) - v3_norm(v3_sub(now, at.point)));

@@ -18,7 +18,7 @@ double blocked_resistance(const insertion_model *model, int tet, double open, in
 }
 
 double tip_resistance(const insertion_model *model, const needle_tip *tip) {
-    return blocked_resistance(model, tip->tet, tip->follows.open, tip->blocked_by, tip->torn);
+    return blocked_resistance(model, tip->place.tet, tip->track.open, tip->barrier.blocked_by, tip->barrier.membrane_damage);
 }
 
 int obstacle(const insertion_model *model, int tet, int face, int behind) {

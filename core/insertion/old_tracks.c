@@ -19,13 +19,13 @@ static void tell(const tick_context *tick, bool room) {
 
 void old_tracks_cut(const tick_context *tick, int tet, vec3 from) {
     const needle_tip *tip = &tick->state->tip;
-    if (tip->follows.open == 1.0 || v3_norm(v3_sub(tip->nominal, from)) == 0.0) return;
-    tell(tick, tracks_cut(&tick->state->tracks, (track_point){.at = from, .tet = tet}, (track_point){.at = tip->nominal, .tet = tip->tet}));
+    if (tip->track.open == 1.0 || v3_norm(v3_sub(tip->place.nominal, from)) == 0.0) return;
+    tell(tick, tracks_cut(&tick->state->tracks, (track_point){.at = from, .tet = tet}, (track_point){.at = tip->place.nominal, .tet = tip->place.tet}));
 }
 
 void old_tracks_puncture(const tick_context *tick, int membrane) {
     const needle_tip *tip = &tick->state->tip;
-    tell(tick, tracks_puncture(&tick->state->tracks, (track_point){.at = tip->nominal, .tet = tip->tet}, membrane));
+    tell(tick, tracks_puncture(&tick->state->tracks, (track_point){.at = tip->place.nominal, .tet = tip->place.tet}, membrane));
 }
 
 /* ---- what is open -------------------------------------------------------------------------------------------------------- */
@@ -74,13 +74,13 @@ static candidate judge(const insertion_model *model, const track_list *list, int
 
 open_track old_tracks_ahead(const tick_context *tick, double beyond) {
     const needle_tip *tip = &tick->state->tip;
-    vec3 direction = tick->scratch->aim;
+    vec3 direction = tick->scratch->path.cut_direction;
     candidate best = {.open = 0.0, .way = v3(0, 0, 0)};
     const track_list *list;
-    bool searched = tip->phase == TIP_INSIDE && tick->model->settings.track_reach > 0.0;
+    bool searched = tip->place.phase == TIP_INSIDE && tick->model->settings.track_reach > 0.0;
     for (int i = 0; searched && (list = list_of(tick, i)); i++)
         for (int track = 0; track < list->count; track++) {
-            candidate c = judge(tick->model, list, track, tip->nominal, direction);
+            candidate c = judge(tick->model, list, track, tip->place.nominal, direction);
             if (c.left <= beyond) continue;
             if (c.open > best.open || (c.open == best.open && c.open > 0.0 && c.distance < best.distance)) best = c;
         }

@@ -12,14 +12,14 @@ static stretch known_stretch(const tick_context *tick) {
     const insertion_state *state = tick->state;
     const needle_tip *tip = &state->tip;
     double length = tick->model->needle->given.length;
-    if (tip->phase == TIP_FREE) return (stretch){length - NEAR, length};
-    vec3 moved = v3_sub(state->needle.joints[tick->model->needle->given.segments], tip_place(tip));
-    double entry = length - tip->depth, exit = length;
+    if (tip->place.phase == TIP_FREE) return (stretch){length - NEAR, length};
+    vec3 moved = v3_sub(state->needle.joints[tick->model->needle->given.segments], tip_position(&tip->place));
+    double entry = length - tip->place.depth, exit = length;
     if (contacts_passed(state) > 0) {
         const shaft_contact *first = &state->contacts[state->refined.order[0]], *last = last_contact(state);
         moved = v3_sub(needle_at(tick->model->needle, &state->needle, contact_arc(first, length)).position, first->track);
         entry = first->shaft.origin;
-        if (tip->phase == TIP_BEYOND) exit = last->shaft.origin + tip->depth + NEAR + v3_norm(moved);
+        if (tip->place.phase == TIP_BEYOND) exit = last->shaft.origin + tip->place.depth + NEAR + v3_norm(moved);
     }
     return (stretch){entry - NEAR - v3_norm(moved), exit};
 }

@@ -119,7 +119,7 @@ static vec3 add_stretch_back(const mesh *m, const insertion_state *state, int te
 
 /* The way back: the elements of the last contact nodes, and those between the tip and the last one, and from there to the one before. */
 static void add_track(const mesh *m, const insertion_state *state, wanted_tissue *list) {
-    vec3 last = add_stretch_back(m, state, state->tip.tet, state->tip.nominal, 0, list);
+    vec3 last = add_stretch_back(m, state, state->tip.place.tet, state->tip.place.nominal, 0, list);
     int passed = contacts_passed(state);
     if (passed > 0) add_stretch_back(m, state, state->refined.nodes[state->refined.order[passed - 1]].tet, last, 1, list);
     for (int k = passed - 1; k >= 0 && k >= passed - BEHIND; k--) {
@@ -142,7 +142,7 @@ static wanted_tissue wanted_nodes(const insertion_model *model, const insertion_
     vec3 direction = q_axis(state->needle.frames[n - 1]), end = state->needle.joints[n];
     double reach = model->settings.prefetch_distance;
     wanted_tissue list = {.count = 0, .piece_count = 0, .tolerance = SAME_FIELD};
-    if (state->tip.phase == TIP_FREE) { /* where the needle would go in */
+    if (state->tip.place.phase == TIP_FREE) { /* where the needle would go in */
         surface_hit hit = mesh_enter(m, end, v3_axpy(reach, direction, end));
         if (!hit.hit) hit = mesh_enter(m, v3_axpy(-DENT_DEPTH, direction, end), end); /* in a dent */
         if (hit.hit) add_tet(m, hit.tet, &list);
@@ -152,14 +152,14 @@ static wanted_tissue wanted_nodes(const insertion_model *model, const insertion_
         return list;
     }
     double weights[4];
-    int moved = refinement_element(m, &state->refined, state->refined.count, state->tip.tet, state->tip.nominal, weights);
+    int moved = refinement_element(m, &state->refined, state->refined.count, state->tip.place.tet, state->tip.place.nominal, weights);
     add_surroundings(m, moved, &list); /* the element around the tip with moved nodes, */
-    if (moved != state->tip.tet) add_surroundings(m, state->tip.tet, &list); /* and in the nominal mesh */
-    if (state->tip.phase == TIP_INSIDE && state->tip.depth == 0.0) add_beside(m, state->tip.tet, state->tip.face, &list);
-    straight_way way = {.tet = state->tip.tet, .x = state->tip.nominal, .direction = tip_way(&state->tip, direction), .left = WINDOW_SPAN};
+    if (moved != state->tip.place.tet) add_surroundings(m, state->tip.place.tet, &list); /* and in the nominal mesh */
+    if (state->tip.place.phase == TIP_INSIDE && state->tip.place.depth == 0.0) add_beside(m, state->tip.place.tet, state->tip.barrier.face, &list);
+    straight_way way = {.tet = state->tip.place.tet, .x = state->tip.place.nominal, .direction = tip_way(&state->tip.place, direction), .left = WINDOW_SPAN};
     add_way(m, &way, AHEAD, &list);
     surface_hit next = {.hit = false};
-    if (state->tip.phase == TIP_BEYOND) next = mesh_enter(m, end, v3_axpy(reach, direction, end));
+    if (state->tip.place.phase == TIP_BEYOND) next = mesh_enter(m, end, v3_axpy(reach, direction, end));
     if (next.hit) add_tet(m, next.tet, &list);
     list.needed = list.count;
     add_track(m, state, &list);
@@ -214,7 +214,7 @@ static void copy_pieces(wanted_tissue *wanted, remesh_request *request) {
 /* Where the needle is going: the tip's material point and the end's direction. */
 static void find_line(const insertion_model *model, const insertion_state *state, vec3 *tip, vec3 *direction) {
     int n = model->needle->given.segments;
-    *tip = state->tip.phase == TIP_INSIDE ? state->tip.nominal : state->needle.joints[n];
+    *tip = state->tip.place.phase == TIP_INSIDE ? state->tip.place.nominal : state->needle.joints[n];
     *direction = q_axis(state->needle.frames[n - 1]);
 }
 

@@ -19,17 +19,17 @@ static void add_stretch(resistance_ahead *ahead, stretch_ahead added) {
    is not open: otherwise nothing would hold what springs back, and the force would fall at once as the tip comes into the track. */
 static void add_tissue(const tick_context *tick, double from, const open_track *track) {
     const insertion_model *model = tick->model;
-    int tet = tick->state->tip.tet;
+    int tet = tick->state->tip.place.tet;
     double whole = model->materials[model->mesh->region[tet]].cutting_viscosity;
-    bool springs_back = from >= tick->scratch->tip_carried;
+    bool springs_back = from >= tick->scratch->hand.carried;
     add_stretch(&tick->scratch->ahead, (stretch_ahead){.from = from, .resistance = cutting_resistance(model, tet, track->open),
                                                        .viscosity = springs_back ? whole : (1.0 - track->open) * whole, .track = *track});
 }
 
 /* Open tracks, one behind the other, and whole tissue. */
 static void add_tracks(const tick_context *tick, double reach) {
-    double carried = tick->scratch->tip_carried, from = 0.0;
-    open_track track = tick->state->tip.follows;
+    double carried = tick->scratch->hand.carried, from = 0.0;
+    open_track track = tick->state->tip.track;
     while (tick->scratch->ahead.count < MAX_KNOTS - 1) {
         add_tissue(tick, from, &track);
         if (track.open == 0.0) return;
@@ -45,12 +45,12 @@ static void add_stops(const tick_context *tick, double reach) {
     const mesh *m = tick->model->mesh;
     const needle_tip *tip = &tick->state->tip;
     const resistance_ahead tissue = tick->scratch->ahead;
-    vec3 x = tip->nominal;
+    vec3 x = tip->place.nominal;
     double slip = 0.0, chord;
-    if (v3_norm(tip->outward) > 0.0) return;
-    for (int step = 0, k = 0, tet = tip->tet; step < MAX_STEPS && tet >= 0 && slip < reach; step++) {
+    if (v3_norm(tip->place.graze_normal) > 0.0) return;
+    for (int step = 0, k = 0, tet = tip->place.tet; step < MAX_STEPS && tet >= 0 && slip < reach; step++) {
         const open_track *track = &tissue.stretches[k].track;
-        vec3 direction = old_tracks_lead(track, tick->scratch->aim);
+        vec3 direction = old_tracks_lead(track, tick->scratch->path.cut_direction);
         double end = k + 1 < tissue.count ? tissue.stretches[k + 1].from : INFINITY;
         int face = mesh_exit(m, tet, x, direction, &chord);
         if (face < 0) return;
@@ -74,7 +74,7 @@ static void add_stops(const tick_context *tick, double reach) {
 
 /* How far forward the tip would go if nothing bore a force, m: the hand's advance and all that springs back. */
 static double most_slip(const tick_context *tick) {
-    const contact_point *p = &tick->scratch->points[tick->scratch->point_count - 1];
+    const contact_point *p = &tick->scratch->points.list[tick->scratch->points.count - 1];
     return fmax(v3_dot(needle_along(&p->at), v3_sub(v3_sub(p->at.position, tick->state->base_shift), p->target)), 0.0);
 }
 
@@ -82,8 +82,8 @@ void resistance_ahead_find(const tick_context *tick) {
     const needle_tip *tip = &tick->state->tip;
     resistance_ahead *ahead = &tick->scratch->ahead;
     ahead->count = 0;
-    if (tip->blocked_by != NOT_BLOCKED) {
-        add_stretch(ahead, (stretch_ahead){.resistance = tip_resistance(tick->model, tip), .stops = true, .track = tip->follows});
+    if (tip->barrier.blocked_by != NOT_BLOCKED) {
+        add_stretch(ahead, (stretch_ahead){.resistance = tip_resistance(tick->model, tip), .stops = true, .track = tip->track});
         return;
     }
     double reach = most_slip(tick);
@@ -105,7 +105,7 @@ static void add_knot(resistance_ahead *ahead, staircase *climb, double at, doubl
    the tissue takes more. The membrane gives way in the next step. */
 void resistance_ahead_climb(const tick_context *tick, double work_of_hold, staircase *climb) {
     resistance_ahead *ahead = &tick->scratch->ahead;
-    vec3 force = tick->state->tip.force, needle = needle_along(&tick->scratch->points[tick->scratch->point_count - 1].at);
+    vec3 force = tick->state->tip.solved.force, needle = needle_along(&tick->scratch->points.list[tick->scratch->points.count - 1].at);
     double tissue = 0.0, slope = 0.0, cutting = 0.0, held = 0.0, at = 0.0; /* N, N/m; N without viscosity; N by what stops the tip; m */
     climb->count = 0;
     climb->back = 0.0;

@@ -49,11 +49,11 @@ static roll_friction *roll_of(insertion_state *state, const contact_point *p) {
     return p->kind == POINT_TIP ? &state->tip.shaft.roll : &state->contacts[p->handle].shaft.roll;
 }
 
-static const contact_point *tissue_points(const tick_context *tick) { return &tick->scratch->points[tick->scratch->guided]; }
+static const contact_point *tissue_points(const tick_context *tick) { return &tick->scratch->points.list[tick->scratch->points.guided]; }
 
 double roll_torque(const tick_context *tick) {
     double sum = 0.0;
-    for (int i = tick->scratch->guided; i < tick->scratch->point_count; i++) sum += roll_of(tick->state, &tick->scratch->points[i])->torque;
+    for (int i = tick->scratch->points.guided; i < tick->scratch->points.count; i++) sum += roll_of(tick->state, &tick->scratch->points.list[i])->torque;
     return sum;
 }
 
@@ -141,8 +141,8 @@ static void search(const tick_context *tick, int n, roll_point *points) {
 static bool anchor_points(const tick_context *tick) {
     insertion_state *state = tick->state;
     bool twisted = state->tip_lead != 0.0;
-    for (int i = tick->scratch->guided; i < tick->scratch->point_count; i++) {
-        roll_friction *roll = roll_of(state, &tick->scratch->points[i]);
+    for (int i = tick->scratch->points.guided; i < tick->scratch->points.count; i++) {
+        roll_friction *roll = roll_of(state, &tick->scratch->points.list[i]);
         if (isnan(roll->anchor)) *roll = (roll_friction){.anchor = state->base_turn + state->tip_lead};
         twisted = twisted || roll->anchor != state->base_turn || roll->torque != 0.0;
     }
@@ -154,12 +154,12 @@ void roll_solve(const tick_context *tick) {
     insertion_workspace *w = tick->scratch;
     roll_point points[MAX_SHARES];
     const contact_point *at = tissue_points(tick);
-    int n = w->point_count - w->guided;
+    int n = w->points.count - w->points.guided;
     if (n == 0 || !anchor_points(tick)) return;
     for (int i = 0; i < n; i++) {
         points[i] = point_at(tick, &at[i]);
         points[i].shaft = tick->model->needle->torsion / larger_of(at[i].arc - (i > 0 ? at[i - 1].arc : 0.0), LEAST_GAP);
-        points[i].remembered = creep_twist(tick, w->guided + i);
+        points[i].remembered = creep_twist(tick, w->points.guided + i);
     }
     search(tick, n, points);
     for (int i = 0; i < n; i++) {

@@ -76,14 +76,14 @@ seed_refusal seeds_drop(const insertion_model *model, const seed_size *size, con
     if (size->diameter >= 2.0 * model->needle->radius) return SEEDS_TOO_THICK;
     if (seeds_pending(needle, list) > 0) return SEEDS_PENDING;
     if (list->count + count_pending(list) + count > MAX_SEEDS) return SEEDS_FULL;
-    if (state->tip.phase != TIP_INSIDE) return SEEDS_OUTSIDE;
-    if (state->tip.depth - tip_entry_depth(state) < seeds_strand_length(size, count, spacing)) return SEEDS_TOO_LONG;
+    if (state->tip.place.phase != TIP_INSIDE) return SEEDS_OUTSIDE;
+    if (state->tip.place.depth - tip_entry_depth(state) < seeds_strand_length(size, count, spacing)) return SEEDS_TOO_LONG;
 
     double pitch = spacing == 0.0 ? size->spacing : spacing;
-    track_site site = {state->tip.depth, state->tip.nominal, state->tip.tet, contacts_passed(state) - 1};
+    track_site site = {state->tip.place.depth, state->tip.place.nominal, state->tip.place.tet, contacts_passed(state) - 1};
     seed_drop drop = {.count = count};
     for (int i = 0; i < count; i++) {
-        double depth = state->tip.depth - i * pitch;
+        double depth = state->tip.place.depth - i * pitch;
         drop.seeds[i] = (seed){.needle = needle, .strand = i};
         note_hole(model, state, &drop.seeds[i]);
         drop.uncovered[i] = depth - size->length;
@@ -95,7 +95,7 @@ seed_refusal seeds_drop(const insertion_model *model, const seed_size *size, con
 
 void seeds_follow(const insertion_state *state, int needle, seed_list *list) {
     seed_drop *drop = &list->drops[needle];
-    double depth = state->tip.phase == TIP_FREE ? -INFINITY : state->tip.depth;
+    double depth = state->tip.place.phase == TIP_FREE ? -INFINITY : state->tip.place.depth;
     while (drop->placed < drop->count && depth <= drop->uncovered[drop->placed]) list->seeds[list->count++] = drop->seeds[drop->placed++];
 }
 

@@ -6,7 +6,7 @@ static const double LEAST_SHARE = 1e-6; /* m: of shaft that a contact stands for
 
 /* Of active contact number k; behind them, of the tip. */
 static double depth_of(const insertion_state *state, int k) {
-    return contact_is_active(state, k) ? state->contacts[state->refined.order[k]].depth : state->tip.depth;
+    return contact_is_active(state, k) ? state->contacts[state->refined.order[k]].depth : state->tip.place.depth;
 }
 
 /* Depth at which the share of point `index` ends and that of the next one begins: half way, or where the track first goes into
@@ -25,7 +25,7 @@ static double border_behind(const insertion_state *state, int k) {
 shaft_share shaft_next_share(const insertion_state *state, int k, bool tip, double *border) {
     bool last = !contact_is_active(state, tip ? k : k + 1);
     double from = *border;
-    *border = last ? state->tip.depth : border_behind(state, k);
+    *border = last ? state->tip.place.depth : border_behind(state, k);
     return (shaft_share){from, larger_of(*border, from + LEAST_SHARE)};
 }
 

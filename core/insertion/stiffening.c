@@ -27,18 +27,18 @@ void stiffening_prepare(const tick_context *tick) {
     insertion_workspace *w = tick->scratch;
     stiffening_step *s = &w->stiffening;
     double radius = model->needle->radius;
-    s->any = model->stiffens && w->point_count > w->guided;
+    s->any = model->stiffens && w->points.count > w->points.guided;
     s->end = (linear_shift){0};
     if (!s->any) return;
-    for (int i = w->guided; i < w->point_count; i++) {
-        const contact_point *p = &w->points[i];
-        s->along[i] = stiffening_of_shaft(p->shaft.stiffening, radius, p->shaft.axial, w->axial[i + (p->kind == POINT_TIP)]);
+    for (int i = w->points.guided; i < w->points.count; i++) {
+        const contact_point *p = &w->points.list[i];
+        s->along[i] = stiffening_of_shaft(p->shaft.stiffening, radius, p->shaft.axial, w->tissue.axial[i + (p->kind == POINT_TIP)]);
     }
-    if (!w->tip) return;
+    if (!w->points.tip) return;
     const needle_tip *tip = &state->tip;
-    int t = w->point_count - 1;
-    local_disc disc = local_disc_at_tip(model, tip->tet, tip->nominal, tip->depth - tip_entry_depth(state), tip->pressing);
-    s->face = stiffening_of_tip(disc.stiffening, radius, disc.compliance, disc.softness, disc.angle, w->axial[t]);
+    int t = w->points.count - 1;
+    local_disc disc = local_disc_at_tip(model, tip->place.tet, tip->place.nominal, tip->place.depth - tip_entry_depth(state), tip->filtered_push);
+    s->face = stiffening_of_tip(disc.stiffening, radius, disc.compliance, disc.softness, disc.angle, w->tissue.axial[t]);
 }
 
 double stiffening_slope(const tick_context *tick, int i, double force) {
@@ -50,7 +50,7 @@ double stiffening_slope(const tick_context *tick, int i, double force) {
 
 /* On the end face along the track, and of the damper, which pushes on the same tissue, N. */
 static double force_of_face(const tick_context *tick) {
-    double damping = tick->scratch->relaxed < 1.0 ? v3_dot(tick->state->tip.damping, tick->state->tip.direction) : 0.0;
+    double damping = tick->scratch->damper.relaxed < 1.0 ? v3_dot(tick->state->tip.dent.damping, tick->state->tip.place.direction) : 0.0;
     return force_on_face(tick) + damping;
 }
 
@@ -81,8 +81,8 @@ void stiffening_linearise(const tick_context *tick) {
     insertion_workspace *w = tick->scratch;
     stiffening_step *s = &w->stiffening;
     if (!s->any) return;
-    for (int i = w->guided; i < w->point_count; i++) linearise(tick, &s->along[i], force_on_shaft(tick, i), remembered_along(tick, i), &s->shaft[i]);
-    if (w->tip) linearise(tick, &s->face, force_of_face(tick), remembered_of_face(tick), &s->end);
+    for (int i = w->points.guided; i < w->points.count; i++) linearise(tick, &s->along[i], force_on_shaft(tick, i), remembered_along(tick, i), &s->shaft[i]);
+    if (w->points.tip) linearise(tick, &s->face, force_of_face(tick), remembered_of_face(tick), &s->end);
 }
 
 void stiffening_add_compliance(const tick_context *tick) {
@@ -90,7 +90,7 @@ void stiffening_add_compliance(const tick_context *tick) {
     contact_problem *p = &tick->scratch->problem;
     const stiffening_step *s = &w->stiffening;
     if (!s->any) return;
-    for (int i = w->guided; i < p->count; i++) {
+    for (int i = w->points.guided; i < p->count; i++) {
         const track_shares at = along_track(tick, i);
         for (int a = 0; a < at.count; a++)
             for (int b = 0; b <= a; b++)
@@ -103,7 +103,7 @@ void stiffening_shift_gaps(const tick_context *tick) {
     contact_problem *p = &tick->scratch->problem;
     const stiffening_step *s = &w->stiffening;
     if (!s->any) return;
-    for (int i = w->guided; i < p->count; i++) {
+    for (int i = w->points.guided; i < p->count; i++) {
         const track_shares at = along_track(tick, i);
         for (int a = 0; a < at.count; a++) p->gap[at.row[a]] -= (s->shaft[i].offset * at.on_shaft[a] + s->end.offset * at.on_face[a]) * at.along[a];
     }
@@ -120,7 +120,7 @@ bool stiffening_agrees(const tick_context *tick) {
     const insertion_workspace *w = tick->scratch;
     const stiffening_step *s = &w->stiffening;
     if (!s->any) return true;
-    for (int i = w->guided; i < w->point_count; i++)
+    for (int i = w->points.guided; i < w->points.count; i++)
         if (!agrees(tick, &s->along[i], force_on_shaft(tick, i), remembered_along(tick, i), &s->shaft[i])) return false;
-    return !w->tip || agrees(tick, &s->face, force_of_face(tick), remembered_of_face(tick), &s->end);
+    return !w->points.tip || agrees(tick, &s->face, force_of_face(tick), remembered_of_face(tick), &s->end);
 }

@@ -5,12 +5,12 @@ void note_stratum(const tick_context *tick, int region) {
     const needle_tip *tip = &state->tip;
     int last = state->stratum_count - 1;
     if (last >= 0 && state->strata[last].region == region) return;
-    if (last + 1 < MAX_STRATA) state->strata[state->stratum_count++] = (stratum){tip->depth, region, tip->tet, tip->nominal};
+    if (last + 1 < MAX_STRATA) state->strata[state->stratum_count++] = (stratum){tip->place.depth, region, tip->place.tet, tip->place.nominal};
     else tick->output->events |= EVENT_FULL;
 }
 
 void enter_stratum(const tick_context *tick) {
-    note_stratum(tick, tick->model->mesh->region[tick->state->tip.tet]);
+    note_stratum(tick, tick->model->mesh->region[tick->state->tip.place.tet]);
 }
 
 int last_gap(const insertion_state *state) {
@@ -25,5 +25,5 @@ double tip_entry_depth(const insertion_state *state) {
 }
 
 void leave_strata(insertion_state *state) {
-    while (state->stratum_count > 1 && state->strata[state->stratum_count - 1].depth > state->tip.depth) state->stratum_count--;
+    while (state->stratum_count > 1 && state->strata[state->stratum_count - 1].depth > state->tip.place.depth) state->stratum_count--;
 }

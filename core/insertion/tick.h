@@ -151,42 +151,78 @@ typedef struct {
     double shaft_slip;       /* m, of the shaft next to it */
     friction_state shaft_friction;
     int knot;                /* of the contact problem's staircase */
-} tip_solution;
+} tip_start;
 
 _Static_assert((int)MAX_POINTS <= BETWEEN_POINTS && (int)NEEDLE_POINT_JOINTS == BETWEEN_JOINTS, "the kernels take all points");
 
-/* Scratch of one tick: nothing in it but the profile outlives the call. */
+/* What the hand has moved in this step. Written by the hand stage. */
 typedef struct {
-    int point_count, guided;                 /* of these, the first `guided` are at guides */
-    vec3 aim;                                /* unit nominal direction in which the tip would cut */
-    contact_point points[MAX_POINTS];        /* that take part in the solve, from base to tip */
-    bool tip;                                /* the last of them is the tip */
-    hole_edge edges[MAX_GUIDE_POINTS];       /* of the points at guides */
+    double carried;          /* m, by which it carries the tip forward; INFINITY: not known */
+} hand_step;
+
+/* Where the tip would go. Written by the path stage. */
+typedef struct {
+    vec3 cut_direction;      /* unit nominal direction in which it would cut, were it not led along an old track */
+} path_step;
+
+/* The points that take part in the solve. The tissue stage lists them; `at`, `target`, `lead` and at the tip `arc` follow the needle's shape. */
+typedef struct {
+    int count, guided;               /* of these, the first `guided` are at guides */
+    bool tip;                        /* the last of them is the tip */
+    contact_point list[MAX_POINTS];  /* guides, then contacts from base to tip */
+} contact_points;
+
+/* How the tissue yields at the points. Written by the tissue stage. */
+typedef struct {
+    vec3 free_at_tip;                /* m, u_free there */
+    mat3 tip_row[MAX_POINTS];        /* compliance between the tip and each point, world frame, m/N */
+    double tip_resolved;             /* 1/m, resolved_field.point at the tip; 0: the mesh counts as rigid there */
+    principal_tensor lateral[MAX_POINTS]; /* local compliance, m/N: across the track, */
+    double axial[MAX_AXIAL];         /* and along it: at the tip that of the end face, then that of the shaft next to it */
+    double sideways_on_shaft;        /* part of the tip's sideways force that the shaft next to it bears; the rest is on its end face */
+    double loose[MAX_POINTS];        /* m/N, additional lateral compliance while the hold is not full, */
+    double tightening[MAX_POINTS];   /* 1/N, and by how much less that is for each metre of depth */
+} tissue_step;
+
+/* The damper at the tip (tip_damper.h). */
+typedef struct {
+    double relaxed;                  /* part of the way to its static place that the tissue at the tip goes in this step */
+    double column[MAX_UNKNOWNS];     /* m/N, displacement of the tissue at each unknown under a force along the track at the tip, */
+    double yield;                    /* m/N, and of the tip itself */
+} damper_step;
+
+/* The needle in one pass. Written by the needle stage. */
+typedef struct {
     _Alignas(CACHE_LINE) needle_tangent tangent;
+    vec3 load[NEEDLE_MAX_SEGMENTS + 1]; /* N, of all points on the joints */
+    double drag;                     /* N, drag of the needle's turning over the step; 0: it is in equilibrium */
+} needle_response;
+
+/* Of a step that is repeated in small parts (equilibrium.c). */
+typedef struct {
+    double lag[MAX_UNKNOWNS];        /* m, by which the gaps differ from those that balance the forces at the start; */
+    double left;                     /* fraction of it by which they are still kept open */
+} continuation_step;
+
+/* Scratch of one tick, by the stage that writes it: nothing in it but the profile outlives the call. */
+typedef struct {
+    hand_step hand;
+    path_step path;
+    contact_points points;
+    tissue_step tissue;
+    creep_step creep;
+    resistance_ahead ahead;
+    needle_response response;
     _Alignas(CACHE_LINE) between_components joints_to_points[3 * (NEEDLE_MAX_SEGMENTS + 1)]; /* m/N, world frame, scratch of assemble_between_points */
+    hole_edge edges[MAX_GUIDE_POINTS];       /* of the points at guides */
+    stiffening_step stiffening;
+    damper_step damper;
     contact_problem problem;
-    vec3 free_at_tip;                        /* m, u_free there */
-    vec3 load[NEEDLE_MAX_SEGMENTS + 1];      /* N, of all points on the needle's joints */
-    principal_tensor lateral[MAX_POINTS];    /* local compliance, m/N: across the track, */
-    double axial[MAX_AXIAL];                 /* and along it: at the tip that of the end face, then that of the shaft next to it */
-    double sideways_on_shaft;                /* part of the tip's sideways force that the shaft next to it bears; the rest is on its end face */
-    double relaxed;                          /* part of the way to its static place that the tissue at the tip goes in this step */
-    double tip_column[MAX_UNKNOWNS];         /* m/N, displacement of the tissue at each unknown under a force along the track at the tip, */
-    double tip_yield;                        /* m/N, and of the tip itself */
-    double loose[MAX_POINTS];                /* m/N, additional lateral compliance while the hold is not full, */
-    double tightening[MAX_POINTS];           /* 1/N, and by how much less that is for each metre of depth */
-    double tip_resolved;                     /* 1/m, resolved_field.point at the tip; 0: the mesh counts as rigid there */
-    mat3 tip_row[MAX_POINTS];                /* compliance between the tip and each point, world frame, m/N */
     needle_state start;                      /* shape before the first pass, */
     vec3 start_shift;                        /* m, of the base, */
     point_solution start_points[MAX_POINTS]; /* and what was known of the points: at the tip, traction is that of the shaft next to it */
-    tip_solution start_tip;
-    creep_step creep;
-    stiffening_step stiffening;
-    double tip_carried;                      /* m, by which the hand carries the tip forward in this step; INFINITY: not known */
-    resistance_ahead ahead;
-    double lag[MAX_UNKNOWNS], lag_left;      /* m, by which gaps stay open while a tick is repeated; fraction of it that is left */
-    double drag;                             /* N, drag of the needle's turning over the step; 0: it is in equilibrium */
+    tip_start start_tip;
+    continuation_step continuation;
     bool guess_given_up;                     /* passes from the guessed shape did not converge, and were made again from the last one */
     insertion_profile profile;
 } insertion_workspace;
@@ -213,12 +249,12 @@ typedef struct {
 /* Force on what the point touches, N, world frame. RT */
 static inline vec3 *point_force(insertion_state *state, const contact_point *p) {
     if (p->kind == POINT_GUIDE) return &state->guides[p->guide].faces[p->face].force;
-    return p->kind == POINT_TIP ? &state->tip.force : &state->contacts[p->handle].force;
+    return p->kind == POINT_TIP ? &state->tip.solved.force : &state->contacts[p->handle].force;
 }
 
 /* Direction of the track at a point in the tissue: no guide's. */
 static inline vec3 point_track(const insertion_state *state, const contact_point *p) {
-    return p->kind == POINT_TIP ? state->tip.direction : state->contacts[p->handle].direction;
+    return p->kind == POINT_TIP ? state->tip.place.direction : state->contacts[p->handle].direction;
 }
 
 #endif

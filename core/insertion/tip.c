@@ -20,9 +20,9 @@ bool tip_touch(const tick_context *tick, vec3 from, vec3 to) {
     insertion_state *state = tick->state;
     surface_hit hit = mesh_enter(tick->model->mesh, from, to);
     if (!hit.hit) return false;
-    state->tip = (needle_tip){.phase = TIP_INSIDE, .tet = hit.tet, .face = hit.face, .nominal = hit.point, .direction = v3_unit(v3_sub(to, from)),
-                              .known_tet = -1, .blocked_by = old_tracks_obstacle(tick, hit.tet, hit.face, hit.tet, hit.point), .entering = true,
-                              .next_contact = NAN, .shaft = shaft_at_rest(tick->model, 0.0), .pressing = FULL_GRIP};
+    state->tip = (needle_tip){.place = {.phase = TIP_INSIDE, .tet = hit.tet, .nominal = hit.point, .direction = v3_unit(v3_sub(to, from))},
+                              .barrier = {.face = hit.face, .blocked_by = old_tracks_obstacle(tick, hit.tet, hit.face, hit.tet, hit.point), .entering = true},
+                              .known.tet = -1, .next_contact = NAN, .shaft = shaft_at_rest(tick->model, 0.0), .filtered_push = FULL_GRIP};
     state->tip_lead = 0.0;
     state->entry = hit.point;
     state->stratum_count = 0;
@@ -42,7 +42,7 @@ static void tip_glide(const tick_context *tick, vec3 inward, vec3 shift) {
     const insertion_model *model = tick->model;
     insertion_state *state = tick->state;
     needle_tip *tip = &state->tip;
-    vec3 goal = v3_add(tip->nominal, shift);
+    vec3 goal = v3_add(tip->place.nominal, shift);
     surface_hit hit = mesh_enter(model->mesh, v3_axpy(-GLIDE_REACH, inward, goal), v3_axpy(GLIDE_REACH, inward, goal));
     if (!hit.hit) { /* over the edge, provided that the straight needle is past the tissue: otherwise it would meet the surface again */
         vec3 axis = q_axis(state->needle.base.orientation);
@@ -50,13 +50,13 @@ static void tip_glide(const tick_context *tick, vec3 inward, vec3 shift) {
         if (!tip_is_below(model, v3_axpy(-GLIDE_REACH, axis, end), end)) leave_tissue(tick);
         return;
     }
-    tip->tet = hit.tet;
-    tip->face = hit.face;
-    tip->nominal = state->entry = hit.point;
+    tip->place.tet = hit.tet;
+    tip->barrier.face = hit.face;
+    tip->place.nominal = state->entry = hit.point;
     state->stratum_count = 0;
     enter_stratum(tick);
-    tip->blocked_by = old_tracks_obstacle(tick, hit.tet, hit.face, hit.tet, hit.point);
-    tip->entering = true;
+    tip->barrier.blocked_by = old_tracks_obstacle(tick, hit.tet, hit.face, hit.tet, hit.point);
+    tip->barrier.entering = true;
 }
 
 /* It slides half of the way that would bring the force back into the cone: the whole way could overshoot and lift off a needle that
@@ -64,13 +64,13 @@ static void tip_glide(const tick_context *tick, vec3 inward, vec3 shift) {
 void tip_glide_on_surface(const tick_context *tick) {
     const insertion_model *model = tick->model;
     const needle_tip *tip = &tick->state->tip;
-    vec3 inward = mesh_face_normal(model->mesh, tip->tet, tip->face);
-    double pressing = v3_dot(tip->force, inward);
-    vec3 tangential = v3_axpy(-pressing, inward, tip->force);
+    vec3 inward = mesh_face_normal(model->mesh, tip->place.tet, tip->barrier.face);
+    double pressing = v3_dot(tip->solved.force, inward);
+    vec3 tangential = v3_axpy(-pressing, inward, tip->solved.force);
     double excess = v3_norm(tangential) - SURFACE_GRIP * fmax(pressing, 0.0);
     if (excess <= 0.0) return;
-    if (!tip->resolved_known) return;
-    double compliance = 0.5 * local_at_tip(model, tip->tet, tip->nominal, 0.0, tip->pressing, tip->resolved.point);
+    if (!tip->resolution.known) return;
+    double compliance = 0.5 * local_at_tip(model, tip->place.tet, tip->place.nominal, 0.0, tip->filtered_push, tip->resolution.field.point);
     tip_glide(tick, inward, v3_scale(excess * compliance / v3_norm(tangential), tangential));
 }
 
@@ -78,10 +78,10 @@ void tip_glide_on_surface(const tick_context *tick) {
 
 void tip_puncture(const tick_context *tick) {
     needle_tip *tip = &tick->state->tip;
-    if (tip->phase != TIP_INSIDE || tip->blocked_by == NOT_BLOCKED || tip->slip <= 0.0) return;
-    tip->slip = 0.0;
+    if (tip->place.phase != TIP_INSIDE || tip->barrier.blocked_by == NOT_BLOCKED || tip->solved.slip <= 0.0) return;
+    tip->solved.slip = 0.0;
     give_way(tick, v3_unit(needle_direction(tick)));
-    if (tip->phase == TIP_BEYOND) enter_what_touches(tick, v3_unit(needle_direction(tick)));
+    if (tip->place.phase == TIP_BEYOND) enter_what_touches(tick, v3_unit(needle_direction(tick)));
 }
 
 /* Unit nominal direction whose image in the deformed tissue, d + gradient, is along `direction`; `direction` itself where the
@@ -101,48 +101,48 @@ vec3 tip_aim(const tick_context *tick, vec3 track_gradient) { return pull_back(t
 static void follow_track(const insertion_model *model, needle_tip *tip, vec3 way) {
     double length = v3_norm(way);
     if (length == 0.0) return;
-    vec3 change = v3_sub(v3_scale(1.0 / length, way), tip->direction);
-    tip->direction = v3_unit(v3_axpy(-expm1(-0.5 * length / model->needle->radius), change, tip->direction));
+    vec3 change = v3_sub(v3_scale(1.0 / length, way), tip->place.direction);
+    tip->place.direction = v3_unit(v3_axpy(-expm1(-0.5 * length / model->needle->radius), change, tip->place.direction));
 }
 
 /* A bent needle that bears no force along its axis still touches the surface if its end would be in the tissue when straight. */
 static bool stays_on_surface(const tick_context *tick) {
     const needle_tip *tip = &tick->state->tip;
-    if (tip->depth > 0.0) return false;
-    vec3 axis = q_axis(tick->base.pose.orientation), displaced = v3_sub(tip->rest, tip_place(tip));
+    if (tip->place.depth > 0.0) return false;
+    vec3 axis = q_axis(tick->base.pose.orientation), displaced = v3_sub(tip->dent.rest, tip_position(&tip->place));
     vec3 end = v3_axpy(LIFTED, axis, needle_straight_end(tick->model->needle, tick->base.pose));
     int tet;
-    return reaches(tick->model->mesh, (surface_hit){.hit = true, .tet = tip->tet, .point = tip->nominal}, v3_sub(end, displaced), &tet);
+    return reaches(tick->model->mesh, (surface_hit){.hit = true, .tet = tip->place.tet, .point = tip->place.nominal}, v3_sub(end, displaced), &tet);
 }
 
 void tip_move(const tick_context *tick, vec3 aim) {
     const insertion_model *model = tick->model;
     insertion_state *state = tick->state;
     needle_tip *tip = &state->tip;
-    if (tip->phase == TIP_BEYOND) come_back(tick);
-    if (tip->phase == TIP_BEYOND) look_for_next(tick);
-    if (tip->phase != TIP_INSIDE) return;
-    vec3 before = tip_place(tip);
-    if (tip->slip > 0.0) {
-        vec3 direction = old_tracks_lead(&tip->follows, aim);
-        cut_forward(tick, direction, tip->follows.open > 0.0 ? fmin(tip->slip, tip->follows.left) : tip->slip);
-        follow_track(model, tip, v3_sub(tip_place(tip), before));
-        if (tip->phase == TIP_BEYOND) enter_what_touches(tick, direction);
-    } else if (tip->slip < 0.0 && !stays_on_surface(tick)) {
-        draw_back(tick, -tip->slip);
-        follow_track(model, tip, v3_sub(before, tip_place(tip)));
+    if (tip->place.phase == TIP_BEYOND) come_back(tick);
+    if (tip->place.phase == TIP_BEYOND) look_for_next(tick);
+    if (tip->place.phase != TIP_INSIDE) return;
+    vec3 before = tip_position(&tip->place);
+    if (tip->solved.slip > 0.0) {
+        vec3 direction = old_tracks_lead(&tip->track, aim);
+        cut_forward(tick, direction, tip->track.open > 0.0 ? fmin(tip->solved.slip, tip->track.left) : tip->solved.slip);
+        follow_track(model, tip, v3_sub(tip_position(&tip->place), before));
+        if (tip->place.phase == TIP_BEYOND) enter_what_touches(tick, direction);
+    } else if (tip->solved.slip < 0.0 && !stays_on_surface(tick)) {
+        draw_back(tick, -tip->solved.slip);
+        follow_track(model, tip, v3_sub(before, tip_position(&tip->place)));
     }
-    tip->slip = 0.0;
+    tip->solved.slip = 0.0;
 }
 
 /* The tissue around a straight needle comes to rest: its contacts hold the shaft where it is. */
 static void rest_shaft(const insertion_model *model, insertion_state *state) {
     const vec3 *joints = state->needle.joints;
     vec3 base = joints[0], axis = v3_unit(v3_sub(joints[model->needle->given.segments], base));
-    state->tip.shaft = shaft_at_rest(model, state->tip.depth);
+    state->tip.shaft = shaft_at_rest(model, state->tip.place.depth);
     for (int k = 0; k < state->refined.count; k++) {
         shaft_contact *contact = &state->contacts[state->refined.order[k]];
-        contact->shaft = shaft_at_rest(model, state->tip.depth);
+        contact->shaft = shaft_at_rest(model, state->tip.place.depth);
         contact->shaft.origin = v3_dot(v3_sub(contact->track, base), axis) - contact->depth;
     }
 }
@@ -154,11 +154,11 @@ void tip_engage(const insertion_model *model, insertion_state *state) {
     if (!tip_touch(tick, base, end)) return;
     vec3 direction = v3_unit(v3_sub(end, base));
     double whole = v3_norm(v3_sub(end, state->entry));
-    for (int step = 0; step < MAX_STEPS && state->tip.phase == TIP_INSIDE && state->tip.depth < whole; step++) {
-        if (state->tip.blocked_by != NOT_BLOCKED) give_way(tick, v3_unit(needle_direction(tick))); /* the needle is already in it */
-        cut_forward(tick, direction, whole - state->tip.depth);
-        if (state->tip.phase != TIP_BEYOND) continue;
-        vec3 left = state->tip.nominal;
+    for (int step = 0; step < MAX_STEPS && state->tip.place.phase == TIP_INSIDE && state->tip.place.depth < whole; step++) {
+        if (state->tip.barrier.blocked_by != NOT_BLOCKED) give_way(tick, v3_unit(needle_direction(tick))); /* the needle is already in it */
+        cut_forward(tick, direction, whole - state->tip.place.depth);
+        if (state->tip.place.phase != TIP_BEYOND) continue;
+        vec3 left = state->tip.place.nominal;
         entrance at = next_body(tick, left, end);
         enter_next(tick, &at, v3_dot(v3_sub(at.point, left), direction));
     }

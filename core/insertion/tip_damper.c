@@ -6,8 +6,8 @@
 #include "linalg/rows.h"
 
 double tip_relaxed(const insertion_model *model, const needle_tip *tip, double dt) {
-    if (tip->friction != SLIP_FORWARD || tip->dent == 0.0) return 1.0;
-    return -expm1(-dt * local_wave_speed(model, tip->tet, tip->nominal) / fabs(tip->dent));
+    if (tip->solved.friction != SLIP_FORWARD || tip->dent.size == 0.0) return 1.0;
+    return -expm1(-dt * local_wave_speed(model, tip->place.tet, tip->place.nominal) / fabs(tip->dent.size));
 }
 
 /* Displacement of the tissue at the tip along the track that does not depend on this step's forces, m. */
@@ -22,23 +22,23 @@ void damp_tip(const tick_context *tick) {
     insertion_workspace *w = tick->scratch;
     contact_problem *p = &w->problem;
     int t = p->count - 1, tip = unknown(p->count, t, 2), all = tip + 2;
-    double *a = w->tip_column;
-    vec3 along = tick->state->tip.direction, own = m3_apply(&w->tip_row[t], along);
+    double *a = w->damper.column;
+    vec3 along = tick->state->tip.place.direction, own = m3_apply(&w->tissue.tip_row[t], along);
     for (int i = 0; i < p->count; i++) {
-        vec3 moved = m3_apply_transposed(&w->tip_row[i], along);
-        moved = m3_apply_transposed(&w->points[i].at.frame, moved);
+        vec3 moved = m3_apply_transposed(&w->tissue.tip_row[i], along);
+        moved = m3_apply_transposed(&w->points.list[i].at.frame, moved);
         a[unknown(p->count, i, 0)] = moved.x;
         a[unknown(p->count, i, 1)] = moved.y;
         a[unknown(p->count, i, 2)] = moved.z;
     }
     a[tip + 1] = a[tip];
-    double face = w->axial[t] + w->stiffening.end.slope;
+    double face = w->tissue.axial[t] + w->stiffening.end.slope;
     const track_shares at = along_track(tick, t);
     for (int i = 0; i < at.count; i++) a[at.row[i]] += face * at.on_face[i] * at.along[i];
-    w->tip_yield = v3_dot(along, own) + face;
-    double held = (1.0 - w->relaxed) / w->tip_yield;
+    w->damper.yield = v3_dot(along, own) + face;
+    double held = (1.0 - w->damper.relaxed) / w->damper.yield;
     if (held == 0.0) return;
-    double dent = tick->state->tip.dent - dent_without_forces(tick); /* what this step's forces displace */
+    double dent = tick->state->tip.dent.size - dent_without_forces(tick); /* what this step's forces displace */
     for (int i = 0; i < all; i++) {
         double left = held * a[i];
         row_subtract(left, a, i, all, p->compliance[i]);
@@ -52,20 +52,20 @@ static double static_dent(const tick_context *tick) {
     const contact_problem *p = &w->problem;
     int tip = unknown(p->count, p->count - 1, 2);
     double u = dent_without_forces(tick);
-    for (int i = 0; i < tip + 2; i++) u += w->tip_column[i] * p->force[i];
+    for (int i = 0; i < tip + 2; i++) u += w->damper.column[i] * p->force[i];
     return u;
 }
 
 void take_damping(const tick_context *tick) {
     needle_tip *tip = &tick->state->tip;
     const insertion_workspace *w = tick->scratch;
-    tip->damping = v3_scale((1.0 - w->relaxed) * (tip->dent - static_dent(tick)) / w->tip_yield, tip->direction);
+    tip->dent.damping = v3_scale((1.0 - w->damper.relaxed) * (tip->dent.size - static_dent(tick)) / w->damper.yield, tip->place.direction);
 }
 
 void spring_back(const tick_context *tick) {
     insertion_state *state = tick->state;
     const insertion_workspace *w = tick->scratch;
-    double u = static_dent(tick), dent = w->relaxed * u + (1.0 - w->relaxed) * state->tip.dent;
-    state->tip.damping = v3_scale((dent - u) / w->tip_yield, state->tip.direction);
-    state->tip.dent = dent;
+    double u = static_dent(tick), dent = w->damper.relaxed * u + (1.0 - w->damper.relaxed) * state->tip.dent.size;
+    state->tip.dent.damping = v3_scale((dent - u) / w->damper.yield, state->tip.place.direction);
+    state->tip.dent.size = dent;
 }

@@ -16,7 +16,7 @@ static vec3 carried(const tick_context *tick, const shaft_contact *contact) {
 static vec3 displacement_behind(const tick_context *tick, vec3 at_tip) {
     const insertion_state *state = tick->state;
     vec3 ahead = at_tip;
-    double ahead_depth = state->tip.depth, sought = ahead_depth - WINDOW_SPAN;
+    double ahead_depth = state->tip.place.depth, sought = ahead_depth - WINDOW_SPAN;
     for (int k = contacts_active(state) - 1; k >= 0; k--) {
         const shaft_contact *contact = &state->contacts[state->refined.order[k]];
         double depth = contact->depth;
@@ -34,9 +34,9 @@ static vec3 displacement_ahead(const tick_context *tick, vec3 direction, vec3 at
     const insertion_state *state = tick->state;
     const mesh *m = tick->model->mesh;
     double left = WINDOW_SPAN, chord;
-    vec3 x = state->tip.nominal;
-    int tet = state->tip.tet;
-    direction = tip_way(&state->tip, direction);
+    vec3 x = state->tip.place.nominal;
+    int tet = state->tip.place.tet;
+    direction = tip_way(&state->tip.place, direction);
     for (int step = 0; step < MAX_STEPS; step++) {
         int face = mesh_exit(m, tet, x, direction, &chord);
         x = v3_axpy(fmin(left, chord), direction, x);
@@ -53,10 +53,10 @@ static vec3 displacement_ahead(const tick_context *tick, vec3 direction, vec3 at
 
 vec3 track_gradient(const tick_context *tick) {
     const insertion_state *state = tick->state;
-    if (state->tip.phase != TIP_INSIDE) return v3(0, 0, 0);
-    needle_point end = needle_at(tick->model->needle, &state->needle, tick->model->needle->given.length - state->tip.slip);
-    vec3 at_tip = v3_sub(end.position, tip_place(&state->tip));
+    if (state->tip.place.phase != TIP_INSIDE) return v3(0, 0, 0);
+    needle_point end = needle_at(tick->model->needle, &state->needle, tick->model->needle->given.length - state->tip.solved.slip);
+    vec3 at_tip = v3_sub(end.position, tip_position(&state->tip.place));
     vec3 ahead = displacement_ahead(tick, needle_along(&end), at_tip);
-    double behind = fmin((state->tip.depth - tip_entry_depth(state)) / WINDOW_SPAN, 1.0);
+    double behind = fmin((state->tip.place.depth - tip_entry_depth(state)) / WINDOW_SPAN, 1.0);
     return v3_scale(0.5 * behind / WINDOW_SPAN, v3_sub(ahead, displacement_behind(tick, at_tip)));
 }

@@ -31,8 +31,8 @@ static vec3 direction_of(const resting_needle *r, int u) {
 static int element_of(const mesh *m, const insertion_state *state, const contact_point *p, double weights[4]) {
     if (p->kind == POINT_GUIDE) return -1;
     if (p->kind == POINT_TIP) {
-        memcpy(weights, state->tip.known_weights, 4 * sizeof *weights);
-        return state->tip.known_tet;
+        memcpy(weights, state->tip.known.weights, 4 * sizeof *weights);
+        return state->tip.known.tet;
     }
     const added_node *node = &state->refined.nodes[p->handle];
     mesh_barycentric(m, node->tet, node->position, weights);
@@ -215,7 +215,7 @@ static void take_forces(const tick_context *tick, resting_needle *r) {
         bool tip = p->kind == POINT_TIP;
         put_force(r, i, *point_force(state, p), tip ? state->tip.shaft.traction * (p->share.to - p->share.from) : 0.0, r->anchor_force);
         if (p->kind == POINT_GUIDE) continue;
-        vec3 beside = tip ? v3_add(state->tip.damping, creep_tip_load(model, &state->memory)) : creep_load(model, &state->memory, i - tick->scratch->guided);
+        vec3 beside = tip ? v3_add(state->tip.dent.damping, creep_tip_load(model, &state->memory)) : creep_load(model, &state->memory, i - tick->scratch->points.guided);
         put_force(r, i, beside, 0.0, r->beside);
     }
 }
@@ -233,7 +233,7 @@ void resting_bore(const insertion_model *model, const insertion_state *held, res
         const contact_point *p = &r->points[i];
         vec3 load = v3(0, 0, 0);
         if (p->kind == POINT_TISSUE) load = contact_load(model, held, p->handle, r->anchor.refined.nodes[p->handle].id);
-        if (p->kind == POINT_TIP && held->tip.phase == TIP_INSIDE) load = v3_add(tip_load(&held->tip), creep_tip_load(model, &held->memory));
+        if (p->kind == POINT_TIP && held->tip.place.phase == TIP_INSIDE) load = v3_add(tip_load(&held->tip), creep_tip_load(model, &held->memory));
         put_force(r, i, load, 0.0, r->fading);
     }
 }
@@ -252,8 +252,8 @@ static trocar_status linearise(const tick_context *given, inverse *inv, bool loa
     r->point_count = p->count;
     r->axial_count = p->axial_count;
     r->unknown_count = 2 * p->count + p->axial_count;
-    r->tip = w->tip;
-    memcpy(r->points, w->points, (size_t)p->count * sizeof *r->points);
+    r->tip = w->points.tip;
+    memcpy(r->points, w->points.list, (size_t)p->count * sizeof *r->points);
     memcpy(r->lower, p->lower, (size_t)p->axial_count * sizeof *r->lower);
     memcpy(r->upper, p->upper, (size_t)p->axial_count * sizeof *r->upper);
     memset(r->anchor_force, 0, sizeof r->anchor_force);
@@ -361,9 +361,9 @@ static void put_back(const resting_needle *r, insertion_state *state) {
         if (p->kind == POINT_GUIDE) {
             state->guides[p->guide].faces[p->face].slip += r->slip[i];
         } else if (tip) {
-            state->tip.end_force = f[face];
+            state->tip.solved.end_force = f[face];
             state->tip.shaft.traction = f[face + 1] / length;
-            state->tip.slip += r->slip[i];
+            state->tip.solved.slip += r->slip[i];
             state->tip.shaft.slip += r->slip[i + 1];
             state->tip.shaft.slid += r->slid[i + 1];
         } else {

@@ -89,9 +89,9 @@ static void follow_contacts(scale_run *run) {
 /* The contact node of an element should be active when the tip leaves it; after a leap at a membrane, when the tip would have left
    at the hand's speed. */
 static void leave_element(scale_run *run) {
-    double depth = run->state.tip.depth, due = fmax(run->now, run->entered_at + (depth - run->entered_depth) / run->speed);
+    double depth = run->state.tip.place.depth, due = fmax(run->now, run->entered_at + (depth - run->entered_depth) / run->speed);
     for (int i = 0; i < contacts_passed(&run->state); i++)
-        if (run->state.refined.nodes[run->state.refined.order[i]].tet != run->state.tip.tet) run->contacts[i].due = fmin(run->contacts[i].due, due);
+        if (run->state.refined.nodes[run->state.refined.order[i]].tet != run->state.tip.place.tet) run->contacts[i].due = fmin(run->contacts[i].due, due);
     run->result->crossings++;
 }
 
@@ -114,12 +114,12 @@ static void note_progress(scale_run *run) {
 
 static void note_crossing(scale_run *run) {
     const insertion_state *state = &run->state;
-    int tet = state->tip.phase == TIP_INSIDE ? state->tip.tet : -1;
+    int tet = state->tip.place.phase == TIP_INSIDE ? state->tip.place.tet : -1;
     follow_contacts(run);
-    if (tet >= 0 && run->tet >= 0 && tet != run->tet && state->tip.depth > run->entered_depth) leave_element(run);
+    if (tet >= 0 && run->tet >= 0 && tet != run->tet && state->tip.place.depth > run->entered_depth) leave_element(run);
     if (tet >= 0 && tet != run->tet) {
         run->entered_at = run->now;
-        run->entered_depth = state->tip.depth;
+        run->entered_depth = state->tip.place.depth;
     }
     note_progress(run);
     run->tet = tet;

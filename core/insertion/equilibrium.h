@@ -1,18 +1,18 @@
-/* One solve: needle, contacts and tip brought into equilibrium. See README.md, "One tick is one convex problem". */
+/* Needle, contacts and tip are brought into equilibrium. See README.md, "One tick is one convex problem". */
 #ifndef TROCAR_EQUILIBRIUM_H
 #define TROCAR_EQUILIBRIUM_H
 
 #include "insertion/tick.h"
 
-/* Finds the needle's shape and the forces and slips of the active contacts and, with scratch->points.tip, of the tip, whose element's corners
-   have these handles in the snapshot. Where no stable equilibrium is near, the needle moves on to another one. RT */
-void equilibrium_find(const tick_context *tick, const int handles[4]);
+/* Finds the needle's shape and the forces and slips of the points of the tissue stage. Where no stable equilibrium is near, the needle moves on to another
+   one. RT */
+void equilibrium_find(const tick_context *tick);
 
-/* Nothing holds the needle: what the next equilibrium would go on from. RT */
+/* Nothing holds the needle: what the next equilibrium would start from. RT */
 void equilibrium_forget(insertion_state *state);
 
 /* Puts the contact problem together about the present shape and forces, in scratch->problem, and leaves it unsolved. Not `loaded`: the needle
-   is as stiff as it is without the forces on it. */
-void equilibrium_linearise(const tick_context *tick, const int handles[4], bool loaded);
+   is as stiff as it is without the forces on it. After the tissue stage. */
+void equilibrium_linearise(const tick_context *tick, bool loaded);
 
 #endif

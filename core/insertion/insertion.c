@@ -4,18 +4,16 @@
 
 #include "insertion/creep.h"
 #include "insertion/equilibrium.h"
-#include "insertion/guides.h"
+#include "insertion/hand.h"
 #include "insertion/known_tissue.h"
-#include "insertion/old_tracks.h"
 #include "insertion/outside.h"
+#include "insertion/path.h"
 #include "insertion/prefetch.h"
 #include "insertion/roll.h"
-#include "insertion/strata.h"
 #include "insertion/tip.h"
+#include "insertion/tissue_stage.h"
 #include "insertion/track_gradient.h"
 
-static const double SAME_PLACE = 1e-7; /* m: to which the displacement of the surface is found. Rounding */
-enum { MOST_LOOKS = 5 }; /* looks: for the displaced surface, at most. Effort */
 static const double LEAST_TICK = 1e-6; /* s: a shorter tick counts as that. Rounding */
 static const double SAME_TIME = 1e-6; /* steps: by which a tick may be longer than a whole number of them. Rounding */
 
@@ -35,151 +33,10 @@ void insertion_reset(const insertion_model *model, pose base, insertion_state *s
     prefetch_request(model, state);
 }
 
-/* ---- move: the base, and the shaft past its contacts --------------------------------------------------------------- */
-
-static double slid_on(double slid, double slip, friction_state friction, const roll_friction *roll, double radius) {
-    return friction == STICK && roll->friction == STICK ? 0.0 : slid + roll_way(slip, roll, radius);
-}
-
-static void slide(shaft_hold *shaft, double radius) {
-    shaft->origin -= shaft->slip;
-    shaft->slid = slid_on(shaft->slid, shaft->slip, shaft->friction, &shaft->roll, radius);
-}
-
-/* The shaft slides past its contacts by the slip of the last solve; contacts without a row yet as the shaft next to them. */
-static void slide_shaft(insertion_state *state, double radius) {
-    double slip = 0.0;
-    for (int k = 0; contact_is_active(state, k); k++) {
-        shaft_contact *contact = &state->contacts[state->refined.order[k]];
-        slide(&contact->shaft, radius);
-        contact->shaft.origin = larger_of(contact->shaft.origin, -contact->depth); /* a needle pushed in up to its base drags the contacts that have reached it */
-        slip = contact->shaft.slip;
-    }
-    bool inside = state->tip.place.phase == TIP_INSIDE;
-    if (inside) slip = state->tip.shaft.slip;
-    if (inside) state->tip.shaft.slid = slid_on(state->tip.shaft.slid, slip, state->tip.shaft.friction, &state->tip.shaft.roll, radius);
-    shift_tip_shaft(state, -slip); /* of a tip that is out of the tissue, it means nothing */
-}
-
-/* Moves the base; the spring that holds it stays as it has yielded. */
-static void hold_base(const tick_context *tick) {
-    pose base = tick->base.pose;
-    base.position = v3_add(base.position, tick->state->base_shift);
-    roll_turn_base(tick->state, base.orientation);
-    needle_hold(tick->model->needle, base, &tick->state->needle);
-}
-
-static vec3 needle_end(const tick_context *tick) { return tick->state->needle.joints[tick->model->needle->given.segments]; }
-
-/* How far the hand has carried the needle's end forward, from where it was `before`. */
-static void note_carried(const tick_context *tick, vec3 before) {
-    const vec3 *joints = tick->state->needle.joints;
-    int end = tick->model->needle->given.segments;
-    vec3 along = v3_unit(v3_sub(joints[end], joints[end - 1]));
-    tick->scratch->hand.carried = fmax(0.0, v3_dot(along, v3_sub(joints[end], before)));
-}
-
-/* Displacement, by whatever else deforms the tissue and by what it remembers, of the surface ahead of a free needle's end or just behind it. The mesh is the tissue at rest: the
-   axis meets the displaced surface where its line, moved back by the displacement there, meets the mesh. What is not known yet is what it was. */
-static vec3 surface_displacement(const tick_context *tick, vec3 end, vec3 axis) {
-    const mesh *m = tick->model->mesh;
-    vec3 u = isnan(tick->state->surface.x) ? v3(0, 0, 0) : tick->state->surface, before;
-    int handles[4];
-    double weights[4];
-    if (creep_free_is_zero(tick)) return v3(0, 0, 0);
-    for (int i = 0; i < MOST_LOOKS; i++) {
-        vec3 middle = v3_sub(end, u);
-        surface_hit hit = mesh_enter(m, v3_axpy(-DENT_DEPTH, axis, middle), v3_axpy(DENT_DEPTH, axis, middle));
-        if (!hit.hit) return v3(0, 0, 0);
-        if (!snapshot_covers(tick->snapshot, m->tets[hit.tet], handles)) break;
-        mesh_barycentric(m, hit.tet, hit.point, weights);
-        before = u;
-        u = creep_free_at(tick, handles, weights);
-        if (v3_norm(v3_sub(u, before)) < SAME_PLACE) break;
-    }
-    return u;
-}
-
-/* Touches the surface that lies above a tip in the tissue, `now` (m, nominal): others have moved the tissue over it, or it has just come to be known that
-   they had. It is looked for from a diameter behind the tip on, then from twice as far, and so on up to two lengths of the needle. */
-static void touch_above(const tick_context *tick, vec3 now, vec3 axis) {
-    const insertion_model *model = tick->model;
-    for (double back = model->needle->given.outer_diameter; back < 2.0 * model->needle->given.length; back *= 2.0) {
-        vec3 behind = v3_axpy(-back, axis, now);
-        if (tip_is_below(model, behind, now)) {
-            tip_touch(tick, behind, now);
-            return;
-        }
-    }
-}
-
-/* A needle in the air is straight, unless a guide bends it. Touching the outer surface starts an insertion; a needle that the hand draws out of a dent
-   touches nothing.
-   A needle whose end has slid over an edge is past the tissue, although its axis still cuts the corner. */
-static void move_freely(const tick_context *tick) {
-    const insertion_model *model = tick->model;
-    insertion_state *state = tick->state;
-    vec3 start = needle_end(tick), straight = needle_straight_end(model->needle, state->needle.base), known = state->surface;
-    if (guides_hold(model, state)) hold_base(tick);
-    else needle_rest(model->needle, tick->base.pose, &state->needle);
-    note_carried(tick, start);
-    vec3 axis = q_axis(tick->base.pose.orientation), end = needle_end(tick), advance = v3_sub(needle_straight_end(model->needle, tick->base.pose), straight);
-    state->surface = surface_displacement(tick, end, axis);
-    if (isnan(known.x)) known = state->surface;
-    vec3 now = v3_sub(end, state->surface), rise = v3_sub(state->surface, known);
-    if (!tip_touch(tick, v3_sub(start, known), now) && v3_dot(v3_sub(advance, rise), axis) > 0.0) touch_above(tick, now, axis);
-}
-
-/* Slides the shaft by the slip of the last solve and moves the base. Returns the tissue's deformation around the tip before that. */
-static vec3 move(const tick_context *tick) {
-    insertion_state *state = tick->state;
-    slide_shaft(state, tick->model->needle->radius);
-    vec3 gradient = track_gradient(tick), before = needle_end(tick);
-    hold_base(tick);
-    note_carried(tick, before);
-    return gradient;
-}
-
-/* ---- cross, solve, answer ------------------------------------------------------------------------------------------ */
-
-/* The tip advances in the tissue by its slip in the last solve. */
-static void cross(const tick_context *tick, vec3 gradient) {
-    insertion_state *state = tick->state;
-    needle_tip *tip = &state->tip;
-    if (!isfinite(tip->solved.slip)) tip->shaft.origin = NAN; /* the insertion starts over (insertion_is_finite), so that the tip does not leave a track right through the tissue */
-    tip_move(tick, tip_aim(tick, gradient));
-    if (tip->place.phase == TIP_INSIDE && tip->place.depth == 0.0) tip_glide_on_surface(tick);
-}
-
-/* No tissue is touched. */
-static void lose_contact(const tick_context *tick) {
-    tick->state->tip_lead = 0.0;
-    creep_leave_all(tick->model, &tick->state->memory, tick->scratch->creep.decay);
-}
-
-/* What is known of the tissue at the tip, if that is in it. */
-static void find_tip(const tick_context *tick, int handles[4]) {
-    tick->scratch->points.tip = tick->state->tip.place.phase == TIP_INSIDE;
-    if (!tick->scratch->points.tip) return;
-    follow_known_point(tick, handles);
-    follow_resolution(tick);
-}
-
-/* Brings needle and tissue into equilibrium, with the newest snapshot. */
-static void solve(const tick_context *tick) {
-    int handles[4];
-    accept_snapshot(tick);
-    find_tip(tick, handles);
-    tick->scratch->points.count = 0;
-    bool in_tissue = tick->scratch->points.tip || contact_is_active(tick->state, 0);
-    guides_follow(tick);
-    if (!in_tissue) lose_contact(tick);
-    if (in_tissue || guides_hold(tick->model, tick->state)) equilibrium_find(tick, handles);
-    else equilibrium_forget(tick->state);
-}
+/* ---- one step ------------------------------------------------------------------------------------------------------ */
 
 /* Sums the forces of all points into the wrench on the base. */
-static void answer(const tick_context *tick) {
+static void find_wrench(const tick_context *tick) {
     insertion_state *state = tick->state;
     tick_output *output = tick->output;
     output->force = output->torque = v3(0, 0, 0);
@@ -196,31 +53,19 @@ static void answer(const tick_context *tick) {
     output->contacts = contacts_active(state);
 }
 
-/* ---- the tick ------------------------------------------------------------------------------------------------------ */
-
-static void find_what_is_open(const tick_context *tick) {
-    needle_tip *tip = &tick->state->tip;
-    tip->barrier.membrane_damage = tip->place.phase == TIP_INSIDE ? old_tracks_torn(tick, tip->barrier.blocked_by, tip->place.nominal) : 0.0;
-    tip->track = old_tracks_ahead(tick, 0.0);
-}
-
+/* Each stage is given what those before it have written. */
 static void step(const tick_context *tick) {
     insertion_state *state = tick->state;
-    vec3 gradient = v3(0, 0, 0);
-    tick->scratch->hand.carried = INFINITY;
     creep_begin(tick);
-    guides_slide(tick->model, state);
-    if (state->tip.place.phase == TIP_FREE) {
-        move_freely(tick);
-    } else {
-        gradient = move(tick);
-        cross(tick, gradient);
-    }
-    tick->scratch->path.cut_direction = tip_aim(tick, gradient);
-    find_what_is_open(tick);
-    solve(tick);
+    hand_slide_shaft(tick);
+    vec3 gradient = track_gradient(tick);
+    hand_move(tick);
+    path_follow(tick, gradient);
+    accept_snapshot(tick);
+    if (tissue_find(tick)) equilibrium_find(tick);
+    else equilibrium_forget(state);
     tip_puncture(tick);
-    answer(tick);
+    find_wrench(tick);
 }
 
 void insertion_tick(const tick_context *given) {
@@ -246,14 +91,10 @@ void insertion_tick(const tick_context *given) {
 }
 
 bool insertion_linearise(const tick_context *tick, bool loaded) {
-    int handles[4];
-    insertion_workspace *w = tick->scratch;
-    if (tick->state->tip.place.phase == TIP_FREE) return false;
+    if (!touches_tissue(tick->state)) return false;
     creep_begin(tick);
-    w->points.count = 0;
-    find_tip(tick, handles);
-    if (!w->points.tip && !contact_is_active(tick->state, 0)) return false;
-    equilibrium_linearise(tick, handles, loaded);
+    tissue_find(tick);
+    equilibrium_linearise(tick, loaded);
     return true;
 }
 

@@ -15,7 +15,7 @@ double needle_drag(const needle_model *model) {
    t_start. A tension along each segment is what forces at the joints exert that are differences of such tensions. Together they are zero. */
 static vec3 drag_at(const tick_context *tick, int joint) {
     const insertion_workspace *w = tick->scratch;
-    const vec3 *joints = w->start.joints;
+    const vec3 *joints = w->start.needle.joints;
     vec3 before = joint > 0 ? v3_unit(v3_sub(joints[joint], joints[joint - 1])) : v3(0, 0, 0);
     vec3 after = joint < tick->model->needle->given.segments ? v3_unit(v3_sub(joints[joint + 1], joints[joint])) : v3(0, 0, 0);
     return v3_scale(w->response.drag, v3_sub(before, after));

@@ -135,30 +135,24 @@ typedef struct {
     int of_knot[MAX_KNOTS];  /* stretch that begins at each knot of the contact problem's staircase, which leaves out what does not stop the tip */
 } resistance_ahead;
 
-/* What a solve finds at a point, and the next one starts from. */
+/* A copy of what the passes change, to go back to. */
 typedef struct {
-    vec3 force;              /* N, world frame */
-    double traction;         /* N/m, of a shaft in tissue */
-    double slip;             /* m */
-    friction_state friction;
-    bool touching;           /* the edge of a guide's hole */
-} point_solution;
-
-/* And at the tip, beside that of its end. */
-typedef struct {
-    vec3 damping;            /* N, world frame */
-    double end_force;        /* N */
-    double shaft_slip;       /* m, of the shaft next to it */
-    friction_state shaft_friction;
-    int knot;                /* of the contact problem's staircase */
-} tip_start;
+    needle_state needle;
+    vec3 base_shift;                          /* m */
+    needle_tip tip;
+    guide_contact faces[MAX_GUIDE_POINTS];    /* of the points at guides, */
+    struct { vec3 force; shaft_hold shaft; } contacts[MAX_POINTS]; /* and of those at contacts, by point */
+    int knot;                                 /* of the contact problem's staircase */
+} pass_checkpoint;
 
 _Static_assert((int)MAX_POINTS <= BETWEEN_POINTS && (int)NEEDLE_POINT_JOINTS == BETWEEN_JOINTS, "the kernels take all points");
 
 /* What the hand has moved in this step. Written by the hand stage. */
 typedef struct {
     double carried;          /* m, by which it carries the tip forward; INFINITY: not known */
-} hand_step;
+    vec3 end_before;         /* m, where the needle's end was before, */
+    vec3 straight_before;    /* m, and where that of a straight needle would have been */
+} hand_advance;
 
 /* Where the tip would go. Written by the path stage. */
 typedef struct {
@@ -206,7 +200,7 @@ typedef struct {
 
 /* Scratch of one tick, by the stage that writes it: nothing in it but the profile outlives the call. */
 typedef struct {
-    hand_step hand;
+    hand_advance hand;
     path_step path;
     contact_points points;
     tissue_step tissue;
@@ -218,10 +212,7 @@ typedef struct {
     stiffening_step stiffening;
     damper_step damper;
     contact_problem problem;
-    needle_state start;                      /* shape before the first pass, */
-    vec3 start_shift;                        /* m, of the base, */
-    point_solution start_points[MAX_POINTS]; /* and what was known of the points: at the tip, traction is that of the shaft next to it */
-    tip_start start_tip;
+    pass_checkpoint start;                   /* before the first pass */
     continuation_step continuation;
     bool guess_given_up;                     /* passes from the guessed shape did not converge, and were made again from the last one */
     insertion_profile profile;

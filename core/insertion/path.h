@@ -1,0 +1,11 @@
+/* The path stage: the tip goes through the undeformed tissue by the slip of the last solve, or touches the surface; what is open to it, and which holes the
+   needle is in. */
+#ifndef TROCAR_PATH_H
+#define TROCAR_PATH_H
+
+#include "insertion/tick.h"
+
+/* `gradient`: of the tissue's displacement along the track, before the hand moved (track_gradient.h). RT */
+void path_follow(const tick_context *tick, vec3 gradient);
+
+#endif

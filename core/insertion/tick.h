@@ -214,7 +214,6 @@ typedef struct {
     contact_problem problem;
     pass_checkpoint start;                   /* before the first pass */
     continuation_step continuation;
-    bool guess_given_up;                     /* passes from the guessed shape did not converge, and were made again from the last one */
     insertion_profile profile;
 } insertion_workspace;
 

@@ -15,7 +15,7 @@ static void find_lag(const tick_context *tick) {
     contact_problem *p = &w->problem;
     double force[MAX_UNKNOWNS];
     int tip = p->count - 1, all = unknown(p->count, p->count, 2) + w->points.tip;
-    passes_linearise(tick);
+    passes_linearise(tick, true);
     for (int i = 0; i < p->count; i++) {
         vec3 f = m3_apply_transposed(&w->points.list[i].at.frame, *point_force(state, &w->points.list[i]));
         force[unknown(p->count, i, 0)] = f.x;

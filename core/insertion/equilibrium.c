@@ -24,7 +24,7 @@ void equilibrium_linearise(const tick_context *tick, bool loaded) {
     begin(tick);
     if (!loaded) memset(tick->scratch->response.load, 0, sizeof tick->scratch->response.load);
     tick->scratch->damper.relaxed = 1.0; /* at rest, nothing springs back */
-    passes_linearise(tick);
+    passes_linearise(tick, true);
 }
 
 static void go_back(const tick_context *tick) {

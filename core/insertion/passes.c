@@ -31,12 +31,12 @@ static void linearise_needle(const tick_context *tick) {
     profile_end_stage(&w->profile, INSERTION_NEEDLE);
 }
 
-static void assemble_problem(const tick_context *tick) {
+static void assemble_problem(const tick_context *tick, bool first) {
     insertion_workspace *w = tick->scratch;
     w->problem.count = w->points.count;
     w->problem.axial_count = w->points.count + w->points.tip;
     bound_contacts(tick);
-    stiffening_linearise(tick);
+    stiffening_linearise(tick, first);
     assemble_compliance(tick);
     assemble_gaps(tick);
     if (w->points.tip) damp_tip(tick);
@@ -44,9 +44,9 @@ static void assemble_problem(const tick_context *tick) {
     for (int i = 0; i < all && w->continuation.left > 0.0; i++) w->problem.gap[i] -= w->continuation.left * w->continuation.lag[i];
 }
 
-void passes_linearise(const tick_context *tick) {
+void passes_linearise(const tick_context *tick, bool first) {
     linearise_needle(tick);
-    assemble_problem(tick);
+    assemble_problem(tick, first);
 }
 
 /* ---- advance ----------------------------------------------------------------------------------------------------------- */
@@ -152,7 +152,7 @@ pass_result passes_run(const tick_context *tick, int most) {
     for (int pass = 0; pass < most && r.found && !r.converged; pass++) {
         tick->output->passes++;
         before = turned;
-        passes_linearise(tick);
+        passes_linearise(tick, pass == 0);
         r.found = contact_solve(&w->problem) == TROCAR_OK;
         if (r.found) {
             tick->output->switches += w->problem.switches;

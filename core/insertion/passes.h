@@ -18,8 +18,8 @@ static inline bool passes_are_stable(pass_result r) { return r.found && r.conver
 /* Locates the points on the needle's present shape, with its present forces: before the first pass, and after going back. RT */
 void passes_begin(const tick_context *tick);
 
-/* Linearises needle and tissue about the present shape and forces, and puts the contact problem together. RT */
-void passes_linearise(const tick_context *tick);
+/* Linearises needle and tissue, in the `first` pass about the present shape and forces, and puts the contact problem together. RT */
+void passes_linearise(const tick_context *tick, bool first);
 
 /* Passes from the present shape, at most so many. RT */
 pass_result passes_run(const tick_context *tick, int most);

@@ -5,7 +5,7 @@ track_shares along_track(const tick_context *tick, int i) {
     const insertion_workspace *w = tick->scratch;
     const contact_point *p = &w->points.list[i];
     vec3 track = m3_apply_transposed(&p->at.frame, point_track(tick->state, p));
-    int count = w->problem.count, along = unknown(count, i, 2);
+    int count = w->points.count, along = unknown(count, i, 2);
     bool tip = p->kind == POINT_TIP;
     double sideways = tip ? w->tissue.sideways_on_shaft : 1.0;
     return (track_shares){{unknown(count, i, 0), unknown(count, i, 1), along, along + 1}, {0, 1, 2, 2}, 3 + tip,
@@ -23,7 +23,7 @@ static double on_tip_shaft(const tick_context *tick, int t) {
 
 double force_on_shaft(const tick_context *tick, int i) {
     const contact_point *p = &tick->scratch->points.list[i];
-    return p->kind == POINT_TIP ? on_tip_shaft(tick, i) : v3_dot(point_track(tick->state, p), *point_force(tick->state, p));
+    return p->kind == POINT_TIP ? on_tip_shaft(tick, i) : v3_dot(point_track(tick->state, p), point_force(tick->state, p));
 }
 
 double force_on_face(const tick_context *tick) {

@@ -67,9 +67,9 @@ static void lay_out_tissue(const tick_context *tick, const int *order, int k, be
 
 /* How the joints move under unit forces at each point. */
 static void interpolate_columns(insertion_workspace *w, const int *order) {
-    between_interpolation points[MAX_POINTS];
-    for (int k = 0; k < w->points.count; k++) points[k] = (between_interpolation){w->points.list[order[k]].at.first, w->points.list[order[k]].at.weights};
-    between_interpolate(w->response.tangent.compliance[0], NEEDLE_LD, w->points.count, points, w->joints_to_points);
+    between_interpolation columns[MAX_POINTS];
+    for (int k = 0; k < w->points.count; k++) columns[k] = (between_interpolation){w->points.list[order[k]].at.first, w->points.list[order[k]].at.weights};
+    between_interpolate(w->response.tangent.compliance[0], NEEDLE_LD, w->points.count, columns, w->joints_to_points);
 }
 
 /* ---- blocks ---------------------------------------------------------------------------------------------------------- */
@@ -114,35 +114,35 @@ static void read_tissue(const tick_context *tick, int k, between_points_row *row
 }
 
 /* Blocks of the point in place k with those from there on. */
-static void find_blocks(const tick_context *tick, layout *points, between_kernel *kernel, int k, between_rows blocks) {
+static void find_blocks(const tick_context *tick, layout *places, between_kernel *kernel, int k, between_rows blocks) {
     const insertion_workspace *w = tick->scratch;
-    const needle_point *point = &w->points.list[points->order[k]].at;
+    const needle_point *point = &w->points.list[places->order[k]].at;
     between_points_row row = {.begin = k, .end = w->points.count, .frame = &point->frame, .weights = point->weights, .needle = (const between_components *)&w->joints_to_points[3 * point->first],
-                              .yield = 1.0, .tip_place = w->points.count, .mount = tick->base.compliance, .frames = (const between_rows *)&points->frames};
-    if (points->in_order) {
+                              .yield = 1.0, .tip_place = w->points.count, .mount = tick->base.compliance, .frames = (const between_rows *)&places->frames};
+    if (places->in_order) {
         read_tissue(tick, k, &row);
     } else {
-        lay_out_tissue(tick, points->order, k, points->tissue);
-        for (int a = 0; a < 9; a++) row.tissue[a / 3][a % 3] = points->tissue[a / 3][a % 3];
+        lay_out_tissue(tick, places->order, k, places->tissue);
+        for (int a = 0; a < 9; a++) row.tissue[a / 3][a % 3] = places->tissue[a / 3][a % 3];
     }
     kernel(&row, blocks);
 }
 
 void assemble_between_points(const tick_context *tick) {
     insertion_workspace *w = tick->scratch;
-    _Alignas(CACHE_LINE) layout points;
+    _Alignas(CACHE_LINE) layout places;
     _Alignas(CACHE_LINE) between_rows blocks;
     between_kernel *kernel = between_kernel_here();
-    points.order[0] = 0;
-    sort_points(w, points.order);
-    points.in_order = in_order_of_slots(w, points.order);
-    lay_out_frames(w, &points);
-    interpolate_columns(w, points.order);
+    places.order[0] = 0;
+    sort_points(w, places.order);
+    places.in_order = in_order_of_slots(w, places.order);
+    lay_out_frames(w, &places);
+    interpolate_columns(w, places.order);
     for (int k = w->points.count - 1; k >= 0; k--) { /* toward the base: see between_store */
-        find_blocks(tick, &points, kernel, k, blocks);
-        if (points.in_order) between_store(w->problem.count, k, blocks, w->problem.compliance);
-        else put_blocks(w, points.order, k, blocks);
+        find_blocks(tick, &places, kernel, k, blocks);
+        if (places.in_order) between_store(w->problem.count, k, blocks, w->problem.compliance);
+        else put_blocks(w, places.order, k, blocks);
     }
     for (int i = 0; i < w->points.guided; i++)
-        if (guides_is_open(w, i)) uncouple_guide(w, i);
+        if (guides_is_open(&w->points, w->edges, i)) uncouple_guide(w, i);
 }

@@ -84,7 +84,7 @@ void load_needle(const tick_context *tick) {
     insertion_workspace *w = tick->scratch;
     memset(w->response.load, 0, (size_t)(tick->model->needle->given.segments + 1) * sizeof *w->response.load);
     for (int i = 0; i < w->points.count; i++) {
-        vec3 force = *point_force(state, &w->points.list[i]);
+        vec3 force = point_force(state, &w->points.list[i]);
         const needle_point *p = &w->points.list[i].at;
         for (int k = 0; k < 3; k++) w->response.load[p->first + k] = v3_axpy(-p->weights[k], force, w->response.load[p->first + k]);
     }
@@ -118,10 +118,10 @@ static double hold_near_surface(const tick_context *tick) {
 }
 
 /* Point i, of this local compliance (m/N), is held by that part only. */
-static void loosen(insertion_workspace *w, int i, double hold, double compliance) {
+static void loosen(tissue_step *tissue, int i, double hold, double compliance) {
     double part = fmax(hold, LEAST_HOLD);
-    w->tissue.loose[i] = hold < 1.0 ? compliance * (1.0 / part - 1.0) : 0.0;
-    w->tissue.tightening[i] = hold < 1.0 ? compliance / (part * part * TIP_FADE) : 0.0;
+    tissue->loose[i] = hold < 1.0 ? compliance * (1.0 / part - 1.0) : 0.0;
+    tissue->tightening[i] = hold < 1.0 ? compliance / (part * part * TIP_FADE) : 0.0;
 }
 
 /* How far the middle of a point's share is behind the tip; INFINITY without a tip in the tissue. */
@@ -141,7 +141,7 @@ void find_local_compliance(const tick_context *tick) {
         const shaft_resistance *shaft = &w->points.list[i].shaft;
         bool here = contact->depth >= tip_entry_depth(state); /* not in a previous body */
         plane_tensor lateral = local_logarithm_behind_tip(contact->log_lateral, &contact->resolved.end, here ? behind_tip(tick, i) : INFINITY);
-        loosen(w, i, here ? hold : 1.0, plane_mean(lateral) / shaft->lateral);
+        loosen(&w->tissue, i, here ? hold : 1.0, plane_mean(lateral) / shaft->lateral);
         w->tissue.lateral[i] = plane_principal(plane_scaled(1.0 / shaft->lateral, lateral), contact->direction);
         w->tissue.axial[i] = contact->log_axial / shaft->axial;
     }
@@ -157,7 +157,7 @@ void find_local_compliance(const tick_context *tick) {
     w->tissue.sideways_on_shaft = face * shaft->lateral / both;
     w->tissue.lateral[t] = plane_principal(plane_scaled(1.0 / fmax(shaft->lateral, LEAST_STIFFNESS), lateral), tip->place.direction);
     w->tissue.axial[t] = face;
-    loosen(w, t, hold, plane_mean(lateral) * face / both);
+    loosen(&w->tissue, t, hold, plane_mean(lateral) * face / both);
     w->tissue.axial[t + 1] = axial / fmax(shaft->axial, LEAST_STIFFNESS);
 }
 
@@ -212,7 +212,7 @@ static double work_of_hold(const tick_context *tick) {
     double sum = 0.0;
     for (int i = w->points.guided; i < w->points.count; i++) {
         if (w->tissue.tightening[i] == 0.0) continue;
-        vec3 needle = needle_along(&w->points.list[i].at), force = *point_force(tick->state, &w->points.list[i]);
+        vec3 needle = needle_along(&w->points.list[i].at), force = point_force(tick->state, &w->points.list[i]);
         vec3 across = v3_axpy(-v3_dot(force, needle), needle, force);
         sum += 0.5 * v3_dot(across, across) * w->tissue.tightening[i];
     }

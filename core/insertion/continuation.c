@@ -17,7 +17,7 @@ static void find_lag(const tick_context *tick) {
     int tip = p->count - 1, all = unknown(p->count, p->count, 2) + w->points.tip;
     passes_linearise(tick, true);
     for (int i = 0; i < p->count; i++) {
-        vec3 f = m3_apply_transposed(&w->points.list[i].at.frame, *point_force(state, &w->points.list[i]));
+        vec3 f = m3_apply_transposed(&w->points.list[i].at.frame, point_force(state, &w->points.list[i]));
         force[unknown(p->count, i, 0)] = f.x;
         force[unknown(p->count, i, 1)] = f.y;
         force[unknown(p->count, i, 2)] = f.z;

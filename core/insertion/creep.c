@@ -29,9 +29,9 @@ static void add_up(int count, const double *weights, const remembered_forces *te
 
 /* ---- loads that nothing holds ------------------------------------------------------------------------------------------ */
 
-static double size_of_terms(const creep_series *creep, const vec3 *terms) {
+static double size_of_terms(const creep_series *series, const vec3 *terms) {
     double size = 0.0;
-    for (int k = 0; k < creep->count; k++) size += creep->compliance[k] * v3_norm(terms[k]);
+    for (int k = 0; k < series->count; k++) size += series->compliance[k] * v3_norm(terms[k]);
     return size;
 }
 
@@ -48,11 +48,11 @@ static int closest_left(const left_loads *left, vec3 x, double *distance) {
 
 /* Leaves the part of a share's load in the tissue, where it acts, as it has decayed at the end of the step. NULL: between two steps. */
 static void leave(const insertion_model *model, tissue_memory *memory, const share_memory *share, double part, const double *decay) {
-    const creep_series *creep = &model->creep;
+    const creep_series *series = &model->creep;
     left_loads *left = &memory->left;
     vec3 load[MAX_RELAXATION];
-    for (int k = 0; k < creep->count; k++) load[k] = v3_scale(part, share->terms[k].load);
-    double distance, size = size_of_terms(creep, load);
+    for (int k = 0; k < series->count; k++) load[k] = v3_scale(part, share->terms[k].load);
+    double distance, size = size_of_terms(series, load);
     if (size == 0.0) return;
     int i = closest_left(left, share->at, &distance);
     if (i < 0 || (distance > TOGETHER && left->count < MAX_LEFT)) {
@@ -60,17 +60,17 @@ static void leave(const insertion_model *model, tissue_memory *memory, const sha
         left->loads[i] = (left_load){.tet = share->tet, .at = share->at};
         mesh_barycentric(model->mesh, share->tet, share->at, left->loads[i].weights);
     }
-    for (int k = 0; k < creep->count; k++) left->loads[i].load[k] = v3_axpy(decay ? decay[k] : 1.0, load[k], left->loads[i].load[k]);
+    for (int k = 0; k < series->count; k++) left->loads[i].load[k] = v3_axpy(decay ? decay[k] : 1.0, load[k], left->loads[i].load[k]);
     memory->left_added += size;
     memory->left_growing = true;
 }
 
-static void fade_left(const creep_series *creep, const double *decay, left_loads *left) {
+static void fade_left(const creep_series *series, const double *decay, left_loads *left) {
     int kept = 0;
     for (int i = 0; i < left->count; i++) {
         left_load *load = &left->loads[i];
-        for (int k = 0; k < creep->count; k++) load->load[k] = v3_scale(decay[k], load->load[k]);
-        if (size_of_terms(creep, load->load) > NEGLIGIBLE) left->loads[kept++] = *load;
+        for (int k = 0; k < series->count; k++) load->load[k] = v3_scale(decay[k], load->load[k]);
+        if (size_of_terms(series, load->load) > NEGLIGIBLE) left->loads[kept++] = *load;
     }
     left->count = kept;
 }
@@ -82,25 +82,25 @@ bool creep_left_is_news(const tissue_memory *memory) {
 /* ---- one step ---------------------------------------------------------------------------------------------------------- */
 
 void creep_begin(const tick_context *tick) {
-    const creep_series *creep = &tick->model->creep;
+    const creep_series *series = &tick->model->creep;
     tissue_memory *memory = &tick->state->memory;
     creep_step *step = &tick->scratch->creep;
     step->yield = 1.0;
-    if (creep->count == 0) return;
+    if (series->count == 0) return;
     memory->time += tick->dt;
     memory->left_growing = false;
-    for (int k = 0; k < creep->count; k++) {
-        step->decay[k] = exp(-tick->dt / creep->time[k]);
-        step->left[k] = exp(-(memory->time - tick->snapshot->left_time) / creep->time[k]);
-        step->yield += creep->compliance[k] * (1.0 - step->decay[k]);
+    for (int k = 0; k < series->count; k++) {
+        step->decay[k] = exp(-tick->dt / series->time[k]);
+        step->left[k] = exp(-(memory->time - tick->snapshot->left_time) / series->time[k]);
+        step->yield += series->compliance[k] * (1.0 - step->decay[k]);
     }
-    for (int k = 0; k < creep->count; k++) step->weight[k] = creep->compliance[k] * step->decay[k] / step->yield;
-    fade_left(creep, step->decay, &memory->left);
+    for (int k = 0; k < series->count; k++) step->weight[k] = series->compliance[k] * step->decay[k] / step->yield;
+    fade_left(series, step->decay, &memory->left);
     memory->left.time = memory->time;
 }
 
 /* What tissue remembers at a point of this step; that is no guide's. */
-static share_memory *share_of(const tick_context *tick, int point) { return &tick->state->memory.shares[point - tick->scratch->points.guided]; }
+static const share_memory *share_of(const tick_context *tick, int point) { return &tick->state->memory.shares[point - tick->scratch->points.guided]; }
 
 /* Where the shares are now. The tip's goes on one radius ahead of it, like its local compliance. */
 static share_memory empty_share(const tick_context *tick, const contact_point *p) {
@@ -114,9 +114,9 @@ static share_memory empty_share(const tick_context *tick, const contact_point *p
 /* How many shares from the base on have the borders of the last step; not the last one, which ends at the tip. */
 static int count_kept(const tick_context *tick) {
     const tissue_memory *memory = &tick->state->memory;
-    const contact_point *points = &tick->scratch->points.list[tick->scratch->points.guided];
+    const contact_point *now_at = &tick->scratch->points.list[tick->scratch->points.guided];
     int now = tick->scratch->points.count - tick->scratch->points.guided, most = (now < memory->count ? now : memory->count) - 1, kept = 0;
-    while (kept < most && memory->shares[kept].from == points[kept].share.from && memory->shares[kept].to == points[kept].share.to) kept++;
+    while (kept < most && memory->shares[kept].from == now_at[kept].share.from && memory->shares[kept].to == now_at[kept].share.to) kept++;
     return kept;
 }
 
@@ -142,11 +142,11 @@ static void glide(const tick_context *tick) {
 /* Tissue keeps its memory where it is: shares that change exchange what lies between their old and new borders, each share's memory
    being spread evenly over its length. */
 void creep_share_out(const tick_context *tick) {
-    const creep_series *creep = &tick->model->creep;
+    const creep_series *series = &tick->model->creep;
     const insertion_workspace *w = tick->scratch;
     tissue_memory *memory = &tick->state->memory;
     creep_step *step = &tick->scratch->creep;
-    if (creep->count == 0) return;
+    if (series->count == 0) return;
     step->tip_moved = tip_way_since(tick);
     if (w->points.tip && memory->count == 1 && tick->state->tip.place.depth == 0.0 && step->tip_moved > 0.0) glide(tick);
     int first = step->kept = count_kept(tick), count = step->before_count = memory->count - first;
@@ -161,7 +161,7 @@ void creep_share_out(const tick_context *tick) {
         for (int k = first; k < memory->count && memory->shares[k].from < before[i].to; k++) {
             share_memory *now = &memory->shares[k];
             double part = (fmin(now->to, before[i].to) - fmax(now->from, before[i].from)) / length;
-            for (int t = 0; t < creep->count; t++) add_part(part, &before[i].terms[t], &now->terms[t]);
+            for (int t = 0; t < series->count; t++) add_part(part, &before[i].terms[t], &now->terms[t]);
             rest -= part;
         }
         if (rest > ALL_OF_IT) leave(tick->model, memory, &before[i], rest, step->decay);
@@ -188,12 +188,12 @@ void creep_forget(tissue_memory *memory) {
    dent that is deeper than this fades over its depth: otherwise tissue that springs back over a tip that cuts would do more work than
    cutting takes. */
 static void fade_face(const tick_context *tick, double yielding) {
-    const creep_series *creep = &tick->model->creep;
+    const creep_series *series = &tick->model->creep;
     double *face = tick->state->memory.face, dent = 0.0, moved = tick->scratch->creep.tip_moved;
     if (moved == 0.0) return;
-    for (int k = 0; k < creep->count; k++) dent += yielding * creep->compliance[k] * fabs(face[k]);
+    for (int k = 0; k < series->count; k++) dent += yielding * series->compliance[k] * fabs(face[k]);
     double fading = exp(-moved / (2.0 * tick->model->needle->radius + dent));
-    for (int k = 0; k < creep->count; k++) face[k] *= fading;
+    for (int k = 0; k < series->count; k++) face[k] *= fading;
 }
 
 /* The shaft next to the tip is shorter by a radius than the share that bears the tip's sideways forces: it bears this part of what a shaft
@@ -267,22 +267,22 @@ static void keep_remembered_shear(const tick_context *tick) {
 }
 
 void creep_recall(const tick_context *tick) {
-    const creep_series *creep = &tick->model->creep;
+    const creep_series *series = &tick->model->creep;
     insertion_workspace *w = tick->scratch;
     creep_step *step = &w->creep;
-    if (creep->count == 0) return;
+    if (series->count == 0) return;
     int tip = w->points.count - 1;
     if (w->points.tip) fade_face(tick, w->tissue.axial[tip]);
     keep_remembered_shear(tick);
     for (int i = w->points.guided; i < w->points.count; i++) {
-        add_up(creep->count, step->weight, share_of(tick, i)->terms, &step->remembered[i]);
+        add_up(series->count, step->weight, share_of(tick, i)->terms, &step->remembered[i]);
         w->tissue.lateral[i].least *= step->yield;
         w->tissue.lateral[i].more *= step->yield;
         w->tissue.axial[i] *= step->yield;
     }
     step->face = 0.0;
     if (w->points.tip) {
-        for (int k = 0; k < creep->count; k++) step->face += step->weight[k] * tick->state->memory.face[k];
+        for (int k = 0; k < series->count; k++) step->face += step->weight[k] * tick->state->memory.face[k];
         step->remembered[tip].along *= shaft_part(tick);
         step->remembered[tip].twist *= shaft_part(tick);
         w->tissue.axial[tip + 1] *= step->yield;
@@ -340,8 +340,8 @@ vec3 creep_free_at(const tick_context *tick, const int handles[4], const double 
 
 /* ---- memory ------------------------------------------------------------------------------------------------------------ */
 
-static void follow(const creep_series *creep, const double *decay, remembered_forces now, remembered_forces *terms) {
-    for (int k = 0; k < creep->count; k++) {
+static void follow(const creep_series *series, const double *decay, remembered_forces now, remembered_forces *terms) {
+    for (int k = 0; k < series->count; k++) {
         remembered_forces faded = NOTHING;
         add_part(decay[k], &terms[k], &faded);
         add_part(1.0 - decay[k], &now, &faded);
@@ -349,25 +349,25 @@ static void follow(const creep_series *creep, const double *decay, remembered_fo
     }
 }
 
-static void follow_face(const creep_series *creep, const double *decay, double force, double *terms) {
-    for (int k = 0; k < creep->count; k++) terms[k] = decay[k] * terms[k] + (1.0 - decay[k]) * force;
+static void follow_face(const creep_series *series, const double *decay, double force, double *terms) {
+    for (int k = 0; k < series->count; k++) terms[k] = decay[k] * terms[k] + (1.0 - decay[k]) * force;
 }
 
 void creep_remember(const tick_context *tick) {
-    const creep_series *creep = &tick->model->creep;
+    const creep_series *series = &tick->model->creep;
     insertion_state *state = tick->state;
     const insertion_workspace *w = tick->scratch;
     const double *decay = w->creep.decay;
-    if (creep->count == 0) return;
+    if (series->count == 0) return;
     for (int i = w->points.guided; i < w->points.count; i++) {
         bool tip = w->points.list[i].kind == POINT_TIP;
-        vec3 force = *point_force(state, &w->points.list[i]);
+        vec3 force = point_force(state, &w->points.list[i]);
         double along = v3_dot(force, point_track(state, &w->points.list[i])), face = tip ? force_on_face(tick) : 0.0;
         if (tip) along = (along - face) / shaft_part(tick);
         double torque = tip ? state->tip.shaft.roll.torque / shaft_part(tick) : state->contacts[w->points.list[i].handle].shaft.roll.torque;
         remembered_forces now = {tip ? tip_load(&state->tip) : force, along, torque};
-        follow(creep, decay, now, share_of(tick, i)->terms);
-        if (tip) follow_face(creep, decay, face + v3_dot(state->tip.dent.damping, state->tip.place.direction), state->memory.face);
+        follow(series, decay, now, state->memory.shares[i - w->points.guided].terms);
+        if (tip) follow_face(series, decay, face + v3_dot(state->tip.dent.damping, state->tip.place.direction), state->memory.face);
     }
 }
 

@@ -10,8 +10,8 @@ static const double FORCE_TOLERANCE = 0.01; /* fraction: of the edge's force, by
 static const double ROUNDING = 1e-12; /* m: by which the needle may be off the edge in any case. Rounding */
 
 static const guide *guide_of(const tick_context *tick, int point) { return &tick->model->guides[tick->scratch->points.list[point].guide]; }
-static guide_state *state_of(const tick_context *tick, int point) { return &tick->state->guides[tick->scratch->points.list[point].guide]; }
-static guide_contact *contact_of(const tick_context *tick, int point) { return &state_of(tick, point)->faces[tick->scratch->points.list[point].face]; }
+static const guide_state *state_of(const tick_context *tick, int point) { return &tick->state->guides[tick->scratch->points.list[point].guide]; }
+static const guide_contact *contact_of(const tick_context *tick, int point) { return &state_of(tick, point)->faces[tick->scratch->points.list[point].face]; }
 
 /* m behind the front face: the plane of a point. */
 static double plane_of(const guide_state *state, int face) { return face == 0 ? 0.0 : state->depth; }
@@ -251,7 +251,8 @@ void guides_close_gap(const tick_context *tick, int point) {
 
 void guides_take(const tick_context *tick, int point) {
     const contact_problem *p = &tick->scratch->problem;
-    guide_contact *face = contact_of(tick, point);
+    const contact_point *at = &tick->scratch->points.list[point];
+    guide_contact *face = &tick->state->guides[at->guide].faces[at->face];
     face->touching = tick->scratch->edges[point].touched;
     face->slip = p->slip[point];
     face->friction = p->state[point];

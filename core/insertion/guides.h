@@ -23,7 +23,7 @@ void guides_locate(const tick_context *tick);
 void guides_bound(const tick_context *tick, int point);
 
 /* Is this point at a hole whose edge the needle does not touch? It is not coupled to the others, and bears no force. RT */
-static inline bool guides_is_open(const insertion_workspace *w, int point) { return point < w->points.guided && !w->edges[point].touched; }
+static inline bool guides_is_open(const contact_points *points, const hole_edge *edges, int point) { return point < points->guided && !edges[point].touched; }
 
 /* Adds the edge's compliance to the contact problem. RT */
 void guides_add_compliance(const tick_context *tick, int point);

@@ -42,7 +42,7 @@ static void find_wrench(const tick_context *tick) {
     output->force = output->torque = v3(0, 0, 0);
     for (int i = 0; i < tick->scratch->points.count; i++) {
         const contact_point *point = &tick->scratch->points.list[i];
-        vec3 on_needle = v3_scale(-1.0, *point_force(state, point));
+        vec3 on_needle = v3_scale(-1.0, point_force(state, point));
         vec3 lever = v3_sub(point->at.position, state->needle.base.position);
         output->force = v3_add(output->force, on_needle);
         output->torque = v3_add(output->torque, v3_cross(lever, on_needle));

@@ -72,7 +72,7 @@ static void take_forces(const tick_context *tick) {
         bool at_tip = point->kind == POINT_TIP;
         double length = point->share.to - point->share.from;
         double along = p->force[2 * p->count + i] + (at_tip ? p->force[2 * p->count + i + 1] : 0.0);
-        *point_force(state, point) = m3_apply(&point->at.frame, v3(p->force[2 * i], p->force[2 * i + 1], along));
+        point_set_force(state, point, m3_apply(&point->at.frame, v3(p->force[2 * i], p->force[2 * i + 1], along)));
         if (point->kind == POINT_GUIDE) {
             guides_take(tick, i);
         } else if (at_tip) {
@@ -132,16 +132,13 @@ static vec3 push_on(const tick_context *tick) {
     insertion_state *state = tick->state;
     const insertion_workspace *w = tick->scratch;
     vec3 sum = w->points.tip ? state->tip.solved.force : v3(0, 0, 0);
-    for (int i = 0; i < w->points.count - w->points.tip; i++) sum = v3_add(sum, *point_force(state, &w->points.list[i]));
+    for (int i = 0; i < w->points.count - w->points.tip; i++) sum = v3_add(sum, point_force(state, &w->points.list[i]));
     return sum;
 }
 
 double euler_load(const needle_model *needle) {
     return CLAMPED_HINGED * needle->bending / (needle->given.length * needle->given.length);
 }
-
-/* By Haynsworth's inertia formula: see README.md, "One tick is one convex problem". */
-static bool is_saddle(const insertion_workspace *w) { return w->problem.negative < w->response.tangent.unstable; }
 
 pass_result passes_run(const tick_context *tick, int most) {
     const insertion_model *model = tick->model;
@@ -165,7 +162,7 @@ pass_result passes_run(const tick_context *tick, int most) {
     }
     /* A state from which the passes diverge is no equilibrium. A single pass cannot tell. */
     r.diverging = before > 0.0 && turned > before && turned > LEAP;
-    r.saddle = is_saddle(w);
+    r.saddle = w->problem.negative < w->response.tangent.unstable; /* by Haynsworth's inertia formula: see README.md, "One tick is one convex problem" */
     r.leapt = all_turns > LEAP && passes_turned_since(tick, &w->start.needle) > LEAP;
     return r;
 }

@@ -45,6 +45,10 @@ void roll_turn_base(insertion_state *state, quat orientation) {
 }
 
 /* Of a point in tissue: guides hold no shaft against turning. */
+static const roll_friction *roll_at(const insertion_state *state, const contact_point *p) {
+    return p->kind == POINT_TIP ? &state->tip.shaft.roll : &state->contacts[p->handle].shaft.roll;
+}
+
 static roll_friction *roll_of(insertion_state *state, const contact_point *p) {
     return p->kind == POINT_TIP ? &state->tip.shaft.roll : &state->contacts[p->handle].shaft.roll;
 }
@@ -53,7 +57,7 @@ static const contact_point *tissue_points(const tick_context *tick) { return &ti
 
 double roll_torque(const tick_context *tick) {
     double sum = 0.0;
-    for (int i = tick->scratch->points.guided; i < tick->scratch->points.count; i++) sum += roll_of(tick->state, &tick->scratch->points.list[i])->torque;
+    for (int i = tick->scratch->points.guided; i < tick->scratch->points.count; i++) sum += roll_at(tick->state, &tick->scratch->points.list[i])->torque;
     return sum;
 }
 
@@ -73,7 +77,7 @@ static roll_point point_at(const tick_context *tick, const contact_point *p) {
     insertion_state *state = tick->state;
     bool tip = p->kind == POINT_TIP;
     const shaft_contact *contact = tip ? NULL : &state->contacts[p->handle];
-    const roll_friction *roll = roll_of(state, p);
+    const roll_friction *roll = roll_at(state, p);
     double radius = model->needle->radius, length = p->share.to - p->share.from, slip = tip ? state->tip.shaft.slip : contact->shaft.slip;
     double slid = tip ? state->tip.shaft.slid : contact->shaft.slid;
     double dry = shaft_friction_limit(model, &p->shaft, slid + roll_way(slip, roll, radius));
@@ -120,15 +124,15 @@ static friction_state consistent(const roll_point *p, const roll_friction *roll)
 }
 
 /* Changes points between sticking and sliding until all are consistent, as contact_solve does. */
-static void search(const tick_context *tick, int n, roll_point *points) {
+static void search(const tick_context *tick, int n, roll_point *chain) {
     const contact_point *at = tissue_points(tick);
     for (int round = 0; round < ROUNDS_TOGETHER + ROUNDS_EACH * n; round++) {
         bool done = true;
-        for (int i = 0; i < n; i++) take_law(&points[i], roll_of(tick->state, &at[i]));
-        solve_chain(n, tick->state->base_turn, points);
+        for (int i = 0; i < n; i++) take_law(&chain[i], roll_at(tick->state, &at[i]));
+        solve_chain(n, tick->state->base_turn, chain);
         for (int i = 0; i < n; i++) {
             roll_friction *roll = roll_of(tick->state, &at[i]);
-            friction_state next = consistent(&points[i], roll);
+            friction_state next = consistent(&chain[i], roll);
             if (next == roll->friction || (!done && round >= ROUNDS_TOGETHER)) continue;
             roll->friction = next;
             done = false;
@@ -152,21 +156,21 @@ static bool anchor_points(const tick_context *tick) {
 void roll_solve(const tick_context *tick) {
     insertion_state *state = tick->state;
     insertion_workspace *w = tick->scratch;
-    roll_point points[MAX_SHARES];
+    roll_point chain[MAX_SHARES];
     const contact_point *at = tissue_points(tick);
     int n = w->points.count - w->points.guided;
     if (n == 0 || !anchor_points(tick)) return;
     for (int i = 0; i < n; i++) {
-        points[i] = point_at(tick, &at[i]);
-        points[i].shaft = tick->model->needle->torsion / larger_of(at[i].arc - (i > 0 ? at[i - 1].arc : 0.0), LEAST_GAP);
-        points[i].remembered = creep_twist(tick, w->points.guided + i);
+        chain[i] = point_at(tick, &at[i]);
+        chain[i].shaft = tick->model->needle->torsion / larger_of(at[i].arc - (i > 0 ? at[i - 1].arc : 0.0), LEAST_GAP);
+        chain[i].remembered = creep_twist(tick, w->points.guided + i);
     }
-    search(tick, n, points);
+    search(tick, n, chain);
     for (int i = 0; i < n; i++) {
         roll_friction *roll = roll_of(state, &at[i]);
-        roll->torque = torque_of(&points[i]);
-        roll->turned = roll->friction == STICK ? 0.0 : slip_of(&points[i], roll);
+        roll->torque = torque_of(&chain[i]);
+        roll->turned = roll->friction == STICK ? 0.0 : slip_of(&chain[i], roll);
         roll->anchor += roll->turned;
     }
-    state->tip_lead = points[n - 1].angle - state->base_turn;
+    state->tip_lead = chain[n - 1].angle - state->base_turn;
 }

@@ -237,9 +237,14 @@ typedef struct {
 } tick_context;
 
 /* Force on what the point touches, N, world frame. RT */
-static inline vec3 *point_force(insertion_state *state, const contact_point *p) {
-    if (p->kind == POINT_GUIDE) return &state->guides[p->guide].faces[p->face].force;
-    return p->kind == POINT_TIP ? &state->tip.solved.force : &state->contacts[p->handle].force;
+static inline vec3 point_force(const insertion_state *state, const contact_point *p) {
+    if (p->kind == POINT_GUIDE) return state->guides[p->guide].faces[p->face].force;
+    return p->kind == POINT_TIP ? state->tip.solved.force : state->contacts[p->handle].force;
+}
+static inline void point_set_force(insertion_state *state, const contact_point *p, vec3 force) {
+    if (p->kind == POINT_GUIDE) state->guides[p->guide].faces[p->face].force = force;
+    else if (p->kind == POINT_TIP) state->tip.solved.force = force;
+    else state->contacts[p->handle].force = force;
 }
 
 /* Direction of the track at a point in the tissue: no guide's. */

@@ -161,7 +161,7 @@ static void uncouple(resting_needle *r, int u) {
 }
 
 static bool is_open(const tick_context *tick, const resting_needle *r, int u) {
-    if (guides_is_open(tick->scratch, point_of(r, u))) return true;
+    if (guides_is_open(&tick->scratch->points, tick->scratch->edges, point_of(r, u))) return true;
     int axial = u - 2 * r->point_count;
     return axial >= 0 && r->upper[axial] <= 0.0 && r->lower[axial] >= 0.0;
 }
@@ -213,7 +213,7 @@ static void take_forces(const tick_context *tick, resting_needle *r) {
     for (int i = 0; i < r->point_count; i++) {
         const contact_point *p = &r->points[i];
         bool tip = p->kind == POINT_TIP;
-        put_force(r, i, *point_force(state, p), tip ? state->tip.shaft.traction * (p->share.to - p->share.from) : 0.0, r->anchor_force);
+        put_force(r, i, point_force(state, p), tip ? state->tip.shaft.traction * (p->share.to - p->share.from) : 0.0, r->anchor_force);
         if (p->kind == POINT_GUIDE) continue;
         vec3 beside = tip ? v3_add(state->tip.dent.damping, creep_tip_load(model, &state->memory)) : creep_load(model, &state->memory, i - tick->scratch->points.guided);
         put_force(r, i, beside, 0.0, r->beside);
@@ -357,7 +357,7 @@ static void put_back(const resting_needle *r, insertion_state *state) {
         int face = unknown(count, i, 2);
         bool tip = p->kind == POINT_TIP;
         double along = f[face] + (tip ? f[face + 1] : 0.0), length = p->share.to - p->share.from;
-        *point_force(state, p) = m3_apply(&p->at.frame, v3(f[2 * i], f[2 * i + 1], along));
+        point_set_force(state, p, m3_apply(&p->at.frame, v3(f[2 * i], f[2 * i + 1], along)));
         if (p->kind == POINT_GUIDE) {
             state->guides[p->guide].faces[p->face].slip += r->slip[i];
         } else if (tip) {
@@ -402,7 +402,7 @@ void resting_show(const insertion_model *model, const resting_needle *r, needle_
     vec3 load[NEEDLE_MAX_SEGMENTS + 1] = {{0, 0, 0}};
     for (int i = 0; i < r->point_count; i++) {
         const needle_point *p = &r->points[i].at;
-        vec3 force = *point_force(state, &r->points[i]);
+        vec3 force = point_force(state, &r->points[i]);
         for (int k = 0; k < 3; k++) load[p->first + k] = v3_axpy(-p->weights[k], force, load[p->first + k]);
     }
     needle_linearise(model->needle, needle, load, 0, tangent);

@@ -79,7 +79,7 @@ static double softening_energy(const lockstep *l, double face) {
 /* The needle's force on the tissue around the shaft at a point, N: at the tip, the end face bears the rest. */
 static vec3 force_around_shaft(const lockstep *l, int i) {
     const insertion_workspace *w = l->simulation.workspace;
-    vec3 force = *point_force((insertion_state *)&l->state, &w->points.list[i]), needle = needle_along(&w->points.list[i].at);
+    vec3 force = point_force(&l->state, &w->points.list[i]), needle = needle_along(&w->points.list[i].at);
     if (w->points.list[i].kind != POINT_TIP) return force;
     vec3 aside = v3_axpy(-v3_dot(force, needle), needle, force);
     return v3_axpy(w->problem.force[2 * w->problem.count + i + 1], needle, v3_scale(w->tissue.sideways_on_shaft, aside));
@@ -94,7 +94,7 @@ static double local_energy(const lockstep *l, int term) {
         bool tip = w->points.list[i].kind == POINT_TIP;
         const share_memory *share = &memory->shares[i - w->points.guided];
         vec3 track = point_track(&l->state, &w->points.list[i]), needle = needle_along(&w->points.list[i].at);
-        vec3 force = term < 0 ? *point_force((insertion_state *)&l->state, &w->points.list[i]) : share->terms[term].load;
+        vec3 force = term < 0 ? point_force(&l->state, &w->points.list[i]) : share->terms[term].load;
         vec3 aside = v3_axpy(-v3_dot(force, needle), needle, force), on_shaft = force_around_shaft(l, i);
         double along = v3_dot(on_shaft, track);
         vec3 across = v3_axpy(-along, track, on_shaft), face = v3_sub(force, on_shaft);
@@ -141,7 +141,7 @@ static double stiffened_energy(const lockstep *l) {
     for (int i = w->points.guided; i < w->points.count; i++) {
         bool tip = w->points.list[i].kind == POINT_TIP;
         vec3 track = point_track(&l->state, &w->points.list[i]);
-        double along = v3_dot(track, *point_force((insertion_state *)&l->state, &w->points.list[i])), shaft = v3_dot(track, force_around_shaft(l, i));
+        double along = v3_dot(track, point_force(&l->state, &w->points.list[i])), shaft = v3_dot(track, force_around_shaft(l, i));
         sum += stiffening_energy(&s->along[i], shaft);
         if (tip) sum += stiffening_energy(&s->face, along - shaft + v3_dot(l->state.tip.dent.damping, track));
     }

@@ -65,7 +65,7 @@ static double between_joints(int row, int column) { return row / 3 <= column / 3
 static mat3 expected(int i, int j) {
     const needle_point *p = &w.points.list[i].at, *q = &w.points.list[j].at;
     mat3 sum = tissue_between(i, j), turned;
-    if (guides_is_open(&w, i) || guides_is_open(&w, j)) return (mat3){{{0}}};
+    if (guides_is_open(&w.points, w.edges, i) || guides_is_open(&w.points, w.edges, j)) return (mat3){{{0}}};
     for (int a = 0; a < 9; a++) {
         sum.m[a / 3][a % 3] += a % 4 == 0 ? MOUNT : 0.0;
         for (int k = 0; k < 9; k++) sum.m[a / 3][a % 3] += p->weights[k / 3] * q->weights[k % 3] * between_joints(3 * (p->first + k / 3) + a / 3, 3 * (q->first + k % 3) + a % 3);
@@ -95,12 +95,12 @@ static void set_points(int guided, int contacts, bool tip) {
 
 static void check_blocks(void) {
     contact_problem *p = &w.problem;
-    tick_context tick = {.model = &model, .snapshot = &snapshot, .scratch = &w, .base = {.compliance = MOUNT}};
+    tick_input tick = {.model = &model, .snapshot = &snapshot, .base = {.compliance = MOUNT}};
     p->count = w.points.count;
     int columns = 3 * p->count;
     for (int i = 0; i < columns; i++)
         for (int j = 0; j < columns; j++) p->compliance[i][j] = NAN;
-    assemble_between_points(&tick);
+    assemble_between_points(&tick, &w);
     for (int i = 0; i < p->count; i++)
         for (int j = i; j < p->count; j++) {
             mat3 block = expected(i, j);

@@ -142,8 +142,8 @@ static void removed_load_recovers(void **unused) {
         largest = fmax(largest, size);
         for (int k = 0; k < MAX_WINDOW; k++) { /* what the worker tells the tick */
             int node = l->snapshot->window[k];
-            if (node >= 0) window = fmax(window, v3_norm(v3_sub(creep_free(&(tick_context){.model = &l->simulation.insertion, .state = &l->state, .snapshot = l->snapshot,
-                .scratch = l->simulation.workspace}, MAX_CONTACTS + k), expected[node])) / size);
+            if (node >= 0) window = fmax(window, v3_norm(v3_sub(creep_free(&(tick_input){.model = &l->simulation.insertion, .snapshot = l->snapshot},
+                &l->state, &l->simulation.workspace->creep, MAX_CONTACTS + k), expected[node])) / size);
         }
     }
     printf("removed load: up to %.3g mm, %.2g off, at the handles %.2g\n", 1e3 * largest, worst, window);

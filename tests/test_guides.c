@@ -33,7 +33,7 @@ static guide_config hole_before_tip(pose start, double length, double before, do
 
 typedef struct {
     lockstep *l;
-    tick_context tick;
+    tick_input tick;
 } bench;
 
 static bench bench_create(int guide_count, const guide_config *guides) {
@@ -42,27 +42,27 @@ static bench bench_create(int guide_count, const guide_config *guides) {
     c.guide_count = guide_count;
     for (int i = 0; i < guide_count; i++) c.guides[i] = guides[i];
     lockstep *l = lockstep_create(&c, lockstep_start());
-    bench b = {l, {.model = &l->simulation.insertion, .state = &l->state, .snapshot = l->snapshot, .scratch = l->simulation.workspace,
-                   .base = {l->base, 0.0}, .dt = 1e-3, .output = &l->wrench}};
-    guides_follow(&b.tick);
+    bench b = {l, {.model = &l->simulation.insertion, .snapshot = l->snapshot, .base = {l->base, 0.0}, .dt = 1e-3}};
+    guides_follow(&b.tick, &l->state, &l->wrench);
     return b;
 }
 
 /* Is the straight needle stable under this dead load along it, on its tip, with its guides? By the simulation's own criterion. */
 static bool is_stable(const bench *b, double load) {
-    const tick_context *tick = &b->tick;
-    insertion_workspace *w = tick->scratch;
+    const tick_input *tick = &b->tick;
+    insertion_state *state = &b->l->state;
+    insertion_workspace *w = b->l->simulation.workspace;
     vec3 joint_loads[NEEDLE_MAX_SEGMENTS + 1] = {{0, 0, 0}};
     int n = tick->model->needle->given.segments;
     joint_loads[n] = v3(0, 0, -load);
     w->points.tip = false;
-    list_points(tick);
-    locate_points(tick);
+    list_points(tick, state, &w->points);
+    locate_points(tick, state, &w->points, &w->tissue, &w->creep, w->edges);
     w->problem.count = w->problem.axial_count = w->points.count;
-    needle_linearise(tick->model->needle, &tick->state->needle, joint_loads, 0, &w->response.tangent);
-    bound_contacts(tick);
-    assemble_compliance(tick);
-    assemble_gaps(tick);
+    needle_linearise(tick->model->needle, &state->needle, joint_loads, 0, &w->response.tangent);
+    bound_contacts(tick, state, &w->points, &w->tissue, &w->ahead, w->edges, &w->problem);
+    assemble_compliance(tick, state, w);
+    assemble_gaps(tick, state, w);
     assert_int_equal(contact_solve(&w->problem), TROCAR_OK);
     return w->problem.negative >= w->response.tangent.unstable;
 }
@@ -629,10 +629,9 @@ static int64_t now_ns(void) {
 
 static tick_effort tick_alone(lockstep *l, pose base) {
     report why;
-    tick_context tick = {.model = &l->simulation.insertion, .state = &l->state, .snapshot = l->snapshot, .scratch = l->simulation.workspace,
-                         .base = {base, 0.0}, .dt = 1e-3, .output = &l->wrench};
+    tick_input tick = {.model = &l->simulation.insertion, .snapshot = l->snapshot, .base = {base, 0.0}, .dt = 1e-3};
     int64_t allocations = allocations_now(), start = now_ns();
-    insertion_tick(&tick);
+    insertion_tick(&tick, &l->state, l->simulation.workspace, &l->wrench);
     tick_effort effort = {now_ns() - start, allocations_now() - allocations};
     l->base = base;
     if (l->snapshot->serial != l->state.request.serial) assert_int_equal(remesher_answer(l->simulation.remesher, &l->state.request, l->snapshot, &why), TROCAR_OK);

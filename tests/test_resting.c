@@ -364,10 +364,9 @@ static int push_beside(trocar_model *model, const char *file, double x, double y
         base.position[2] += t < down ? 1e-4 : t < down + STILL ? 0.0 : -1e-4;
         OK(trocar_sim_step(sim, 1, &base, 1e-3, &outputs[t], &why));
         for (int k = 0; k < SUBSTEPS && !rests; k++) {
-            tick_output ignored = {0};
-            tick_context tick = {.model = &model->parts.insertion, .state = &n->state, .snapshot = triple_buffer_read(&n->snapshots, NULL), .dt = 1e-3, .output = &ignored};
+            tick_input tick = {.model = &model->parts.insertion, .snapshot = triple_buffer_read(&n->snapshots, NULL), .dt = 1e-3};
             base_motion step;
-            OK(resting_linearise(&tick, sim->inverse, sim->resting_scratch, linear, &why));
+            OK(resting_linearise(&tick, &n->state, sim->inverse, sim->resting_scratch, linear, &why));
             OK(resting_release_step(linear, 1.0, sim->resting_scratch, &step, &why));
             free_base = pose_out(pose_moved(n->state.needle.base, step));
             OK(trocar_sim_step(sim, 0, &free_base, 1e-3 / SUBSTEPS, &out, &why));

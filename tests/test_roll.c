@@ -213,8 +213,8 @@ static void bevel_follows_the_tip(void **unused) {
     turn(l, 0.5 * M_PI, 0.2);
     double roll = 0.5 * M_PI + l->state.tip_lead;
     assert_true(roll > 0.0 && roll < 1.0);
-    tick_context tick = {.model = &l->simulation.insertion, .state = &l->state};
-    vec3 cut = needle_direction(&tick);
+    tick_input tick = {.model = &l->simulation.insertion};
+    vec3 cut = needle_direction(&tick, &l->state);
     assert_true(v3_norm(v3_sub(cut, v3(0.1 * sin(roll), -0.1 * cos(roll), 1.0))) < 1e-3);
     lockstep_free(l);
 }

@@ -12,8 +12,8 @@ static lockstep *touching(void) {
     simulation_config c = lockstep_config();
     lockstep *l = lockstep_create(&c, lockstep_start());
     tick_output wrench = {.membrane = -1};
-    const tick_context tick = {.model = &l->simulation.insertion, .state = &l->state, .output = &wrench};
-    assert_true(tip_touch(&tick, v3(0.005, 0.003, -0.001), v3(0.005, 0.003, 0.001)));
+    const tick_input tick = {.model = &l->simulation.insertion};
+    assert_true(tip_touch(&tick, &l->state, &wrench, v3(0.005, 0.003, -0.001), v3(0.005, 0.003, 0.001)));
     assert_int_equal(wrench.events, EVENT_TOUCHED);
     return l;
 }
@@ -21,15 +21,15 @@ static lockstep *touching(void) {
 static tick_output go(lockstep *l, double slip) {
     tick_output wrench = {.membrane = -1};
     l->state.tip.solved.slip = slip;
-    const tick_context tick = {.model = &l->simulation.insertion, .state = &l->state, .output = &wrench};
-    tip_move(&tick, tip_aim(&tick, v3(0, 0, 0)));
+    const tick_input tick = {.model = &l->simulation.insertion};
+    tip_move(&tick, &l->state, &l->simulation.workspace->creep, &wrench, tip_aim(&tick, &l->state, v3(0, 0, 0)));
     return wrench;
 }
 
 static tick_output break_through(lockstep *l) {
     tick_output wrench = {.membrane = -1};
     l->state.tip.solved.slip = 1e-6;
-    tip_puncture(&(tick_context){.model = &l->simulation.insertion, .state = &l->state, .output = &wrench});
+    tip_puncture(&(tick_input){.model = &l->simulation.insertion}, &l->state, &wrench);
     return wrench;
 }
 

@@ -124,19 +124,18 @@ static trocar_status let_go(trocar_sim *sim, int index, const track_list *others
     resting_scratch *scratch = sim->resting_scratch;
     const compliance_snapshot *snapshot = triple_buffer_slot(&n->snapshots); /* not published: nobody ticks this needle now */
     tick_output wrench;
-    tick_context tick = {.model = &sim->model->parts.insertion, .state = state, .snapshot = snapshot, .scratch = &scratch->workspace, .dt = TICK,
-                         .output = &wrench, .base = {.pose = state->needle.base}, .others = {others}, .other_count = 1};
+    tick_input tick = {.model = &sim->model->parts.insertion, .snapshot = snapshot, .dt = TICK, .base = {.pose = state->needle.base}, .others = {others}, .other_count = 1};
     state->base_shift = v3(0, 0, 0);
     trocar_status status = answer_fully(sim, index, &state->request, why);
     double size = 1.0; /* of the steps: they get larger while the wrench hardly falls, as the shaft slides */
     vec3 before = v3(0, 0, 0);
     for (int i = 0; i < MOST_TICKS && status == TROCAR_OK; i++) {
         base_motion step;
-        insertion_tick(&tick);
+        insertion_tick(&tick, state, &scratch->workspace, &wrench);
         if (state->moving_on || !insertion_is_finite(state, &wrench)) return fail(why, TROCAR_NUMERIC, "needle %d finds no equilibrium when it is let go", index);
         bool at_rest = is_at_rest(tick.model, state, &wrench) && state->request.serial == snapshot->serial;
         if (state->request.serial != snapshot->serial) status = answer_fully(sim, index, &state->request, why);
-        if (status == TROCAR_OK) status = resting_linearise(&tick, sim->inverse, scratch, n->resting, why);
+        if (status == TROCAR_OK) status = resting_linearise(&tick, state, sim->inverse, scratch, n->resting, why);
         if (status != TROCAR_OK || at_rest) return status;
         bool turned = v3_dot(wrench.force, before) < 0.0, falls = v3_norm(wrench.force) < 0.5 * v3_norm(before);
         size = turned ? 1.0 : falls ? size : fmin(2.0 * size, LARGEST_STEP);

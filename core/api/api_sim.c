@@ -228,11 +228,10 @@ static trocar_status run_tick(trocar_sim *sim, int index, const compliance_snaps
     floating_mode before = flush_denormals();
     needle->given = base;
     atomic_fetch_add_explicit(&needle->since_release, llround(1e9 * dt), memory_order_relaxed);
-    tick_context tick = {.model = model, .state = &needle->state, .snapshot = snapshot, .scratch = sim->workspace,
-                         .base = {base, needle->base_compliance}, .dt = dt, .output = &wrench};
+    tick_input tick = {.model = model, .snapshot = snapshot, .base = {base, needle->base_compliance}, .dt = dt};
     for (int i = 0; i < sim->needle_count; i++)
         if (i != index) tick.others[tick.other_count++] = &sim->needles[i].state.tracks;
-    insertion_tick(&tick);
+    insertion_tick(&tick, &needle->state, sim->workspace, &wrench);
     bool finite = insertion_is_finite(&needle->state, &wrench);
     if (finite) {
         seeds_follow(&needle->state, index, &sim->seeds);

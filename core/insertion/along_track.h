@@ -13,10 +13,10 @@ typedef struct {
 } track_shares;
 
 /* Of point i in tissue, with the needle's present shape. RT */
-track_shares along_track(const tick_context *tick, int i);
+track_shares along_track(const insertion_state *state, const contact_points *points, const tissue_step *tissue, int i);
 
 /* Along the track on the tissue, N: of the shaft at point i, and of the tip's end face. RT */
-double force_on_shaft(const tick_context *tick, int i);
-double force_on_face(const tick_context *tick);
+double force_on_shaft(const insertion_state *state, const contact_points *points, const tissue_step *tissue, int i);
+double force_on_face(const insertion_state *state, const contact_points *points, const tissue_step *tissue);
 
 #endif

@@ -5,9 +5,9 @@
 #include "insertion/tick.h"
 
 /* RT */
-void checkpoint_save(const tick_context *tick, pass_checkpoint *saved);
+void checkpoint_save(const insertion_state *state, const contact_points *points, const contact_problem *problem, pass_checkpoint *saved);
 
 /* The passes that follow find the same, to the bit, as if there had been none since the save. The points are yet to be located again. RT */
-void checkpoint_restore(const tick_context *tick, const pass_checkpoint *saved);
+void checkpoint_restore(insertion_state *state, const contact_points *points, contact_problem *problem, const pass_checkpoint *saved);
 
 #endif

@@ -20,22 +20,20 @@ static const double LEAST_HOLD = 1e-6; /* fraction: of the sideways hold that is
 
 /* ---- points and forces --------------------------------------------------------------------------------------------- */
 
-void list_points(const tick_context *tick) {
-    const insertion_state *state = tick->state;
-    insertion_workspace *w = tick->scratch;
+void list_points(const tick_input *tick, const insertion_state *state, contact_points *points) {
     int contacts = 0;
     double border = 0.0;
-    guides_list(tick);
+    guides_list(tick, state, points);
     for (; contact_is_active(state, contacts); contacts++) {
-        contact_point *p = &w->points.list[w->points.guided + contacts];
+        contact_point *p = &points->list[points->guided + contacts];
         p->kind = POINT_TISSUE;
         p->handle = state->refined.order[contacts];
-        p->share = shaft_next_share(state, contacts, w->points.tip, &border);
+        p->share = shaft_next_share(state, contacts, points->tip, &border);
         p->shaft = shaft_resistance_of(tick->model, state, p->share);
     }
-    w->points.count = w->points.guided + contacts + w->points.tip;
-    if (!w->points.tip) return;
-    contact_point *p = &w->points.list[w->points.guided + contacts];
+    points->count = points->guided + contacts + points->tip;
+    if (!points->tip) return;
+    contact_point *p = &points->list[points->guided + contacts];
     p->kind = POINT_TIP;
     p->handle = NO_HANDLE;
     p->share = shaft_next_share(state, contacts, true, &border);
@@ -44,77 +42,71 @@ void list_points(const tick_context *tick) {
 
 /* A contact bears its force where the shaft is that the tissue holds, but not beyond the needle's end. So does the shaft next to the tip, which is behind the
    needle's end by how far the end face has dented the tissue; the end face is at the end. The resultant of their sideways forces is between them. */
-static void place_on_shaft(const tick_context *tick, contact_point *p) {
-    const insertion_state *state = tick->state;
+static void place_on_shaft(const tick_input *tick, const insertion_state *state, const tissue_step *tissue, contact_point *p) {
     double length = tick->model->needle->given.length;
     bool tip = p->kind == POINT_TIP;
     const shaft_hold *shaft = tip ? &state->tip.shaft : &state->contacts[p->handle].shaft;
     double depth = tip ? state->tip.place.depth : state->contacts[p->handle].depth;
     p->arc = shaft_arc(shaft, depth, length);
     if (tip) {
-        p->to_end = tick->scratch->tissue.sideways_on_shaft * (length - p->arc);
+        p->to_end = tissue->sideways_on_shaft * (length - p->arc);
         p->arc = length - p->to_end;
     }
     p->lead = shaft->origin + depth - p->arc;
 }
 
-void locate_points(const tick_context *tick) {
-    const insertion_state *state = tick->state;
-    insertion_workspace *w = tick->scratch;
+void locate_points(const tick_input *tick, const insertion_state *state, contact_points *points, const tissue_step *tissue, const creep_step *creep, hole_edge *edges) {
     double arcs[MAX_POINTS];
     needle_point *at[MAX_POINTS];
-    for (int i = 0; i < w->points.count; i++) {
-        if (i >= w->points.guided) place_on_shaft(tick, &w->points.list[i]);
-        arcs[i] = w->points.list[i].arc;
-        at[i] = &w->points.list[i].at;
+    for (int i = 0; i < points->count; i++) {
+        if (i >= points->guided) place_on_shaft(tick, state, tissue, &points->list[i]);
+        arcs[i] = points->list[i].arc;
+        at[i] = &points->list[i].at;
     }
-    needle_locate(tick->model->needle, &state->needle, w->points.count, arcs, at);
-    guides_locate(tick);
-    for (int i = w->points.guided; i < w->points.count; i++) {
-        contact_point *p = &w->points.list[i];
-        p->target = p->kind == POINT_TIP ? v3_add(tip_position(&state->tip.place), w->tissue.free_at_tip)
-                                         : v3_add(state->contacts[p->handle].track, creep_free(tick, p->handle));
+    needle_locate(tick->model->needle, &state->needle, points->count, arcs, at);
+    guides_locate(tick, state, points, edges);
+    for (int i = points->guided; i < points->count; i++) {
+        contact_point *p = &points->list[i];
+        p->target = p->kind == POINT_TIP ? v3_add(tip_position(&state->tip.place), tissue->free_at_tip)
+                                         : v3_add(state->contacts[p->handle].track, creep_free(tick, state, creep, p->handle));
         p->target = v3_add(p->target, unresolved_mean(&tick->snapshot->unresolved, p->share.from, p->share.to));
-        if (tick->model->creep.count > 0) p->target = v3_add(p->target, w->creep.moved[i]);
+        if (tick->model->creep.count > 0) p->target = v3_add(p->target, creep->moved[i]);
     }
 }
 
-void load_needle(const tick_context *tick) {
-    insertion_state *state = tick->state;
-    insertion_workspace *w = tick->scratch;
-    memset(w->response.load, 0, (size_t)(tick->model->needle->given.segments + 1) * sizeof *w->response.load);
-    for (int i = 0; i < w->points.count; i++) {
-        vec3 force = point_force(state, &w->points.list[i]);
-        const needle_point *p = &w->points.list[i].at;
-        for (int k = 0; k < 3; k++) w->response.load[p->first + k] = v3_axpy(-p->weights[k], force, w->response.load[p->first + k]);
+void load_needle(const tick_input *tick, const insertion_state *state, const contact_points *points, needle_response *response) {
+    memset(response->load, 0, (size_t)(tick->model->needle->given.segments + 1) * sizeof *response->load);
+    for (int i = 0; i < points->count; i++) {
+        vec3 force = point_force(state, &points->list[i]);
+        const needle_point *p = &points->list[i].at;
+        for (int k = 0; k < 3; k++) response->load[p->first + k] = v3_axpy(-p->weights[k], force, response->load[p->first + k]);
     }
 }
 
 /* ---- compliance of the tissue -------------------------------------------------------------------------------------- */
 
-void find_tip_rows(const tick_context *tick, const int handles[4]) {
-    insertion_workspace *w = tick->scratch;
-    const double *weights = tick->state->tip.known.weights;
-    int tip = w->points.count - 1;
+void find_tip_rows(const tick_input *tick, const insertion_state *state, const contact_points *points, tissue_step *tissue, const creep_step *creep, const int handles[4]) {
+    const double *weights = state->tip.known.weights;
+    int tip = points->count - 1;
     double yielding[4];
-    w->tissue.tip_resolved = handles[0] == NO_HANDLE ? 0.0 : tick->state->tip.resolution.field.point;
+    tissue->tip_resolved = handles[0] == NO_HANDLE ? 0.0 : state->tip.resolution.field.point;
     if (handles[0] == NO_HANDLE) { /* the mesh is rigid there */
-        memset(w->tissue.tip_row, 0, (size_t)w->points.count * sizeof *w->tissue.tip_row);
-        w->tissue.free_at_tip = v3(0, 0, 0);
+        memset(tissue->tip_row, 0, (size_t)points->count * sizeof *tissue->tip_row);
+        tissue->free_at_tip = v3(0, 0, 0);
         return;
     }
-    for (int c = 0; c < 4; c++) yielding[c] = w->creep.yield * weights[c];
-    for (int i = 0; i < w->points.guided; i++) w->tissue.tip_row[i] = (mat3){{{0}}};
-    for (int i = w->points.guided; i < tip; i++) w->tissue.tip_row[i] = compliance_to_point(tick->snapshot, handles, yielding, w->points.list[i].handle);
-    w->tissue.tip_row[tip] = compliance_of_point(tick->snapshot, handles, yielding, weights);
-    w->tissue.free_at_tip = creep_free_at(tick, handles, weights);
+    for (int c = 0; c < 4; c++) yielding[c] = creep->yield * weights[c];
+    for (int i = 0; i < points->guided; i++) tissue->tip_row[i] = (mat3){{{0}}};
+    for (int i = points->guided; i < tip; i++) tissue->tip_row[i] = compliance_to_point(tick->snapshot, handles, yielding, points->list[i].handle);
+    tissue->tip_row[tip] = compliance_of_point(tick->snapshot, handles, yielding, weights);
+    tissue->free_at_tip = creep_free_at(tick, state, creep, handles, weights);
 }
 
 /* Near the surface tissue holds the needle sideways the less, the less of it is in and the less it presses: from 0 to 1. It is the same for
    the tip and the contacts behind it, so that nothing jumps when one takes the place of the other. */
-static double hold_near_surface(const tick_context *tick) {
-    const needle_tip *tip = &tick->state->tip;
-    return tick->scratch->points.tip ? fmin(1.0, (tip->place.depth - tip_entry_depth(tick->state)) / TIP_FADE + tip->filtered_push / FULL_GRIP) : 1.0;
+static double hold_near_surface(const insertion_state *state, const contact_points *points) {
+    const needle_tip *tip = &state->tip;
+    return points->tip ? fmin(1.0, (tip->place.depth - tip_entry_depth(state)) / TIP_FADE + tip->filtered_push / FULL_GRIP) : 1.0;
 }
 
 /* Point i, of this local compliance (m/N), is held by that part only. */
@@ -125,40 +117,38 @@ static void loosen(tissue_step *tissue, int i, double hold, double compliance) {
 }
 
 /* How far the middle of a point's share is behind the tip; INFINITY without a tip in the tissue. */
-static double behind_tip(const tick_context *tick, int i) {
-    shaft_share share = tick->scratch->points.list[i].share;
-    return tick->scratch->points.tip ? tick->state->tip.place.depth - 0.5 * (share.from + share.to) : INFINITY;
+static double behind_tip(const insertion_state *state, const contact_points *points, int i) {
+    shaft_share share = points->list[i].share;
+    return points->tip ? state->tip.place.depth - 0.5 * (share.from + share.to) : INFINITY;
 }
 
-void find_local_compliance(const tick_context *tick) {
+void find_local_compliance(const tick_input *tick, const insertion_state *state, const contact_points *points, tissue_step *tissue) {
     const insertion_model *model = tick->model;
-    const insertion_state *state = tick->state;
-    insertion_workspace *w = tick->scratch;
-    int t = w->points.count - w->points.tip;
-    double hold = hold_near_surface(tick);
-    for (int i = w->points.guided; i < t; i++) {
-        const shaft_contact *contact = &state->contacts[w->points.list[i].handle];
-        const shaft_resistance *shaft = &w->points.list[i].shaft;
+    int t = points->count - points->tip;
+    double hold = hold_near_surface(state, points);
+    for (int i = points->guided; i < t; i++) {
+        const shaft_contact *contact = &state->contacts[points->list[i].handle];
+        const shaft_resistance *shaft = &points->list[i].shaft;
         bool here = contact->depth >= tip_entry_depth(state); /* not in a previous body */
-        plane_tensor lateral = local_logarithm_behind_tip(contact->log_lateral, &contact->resolved.end, here ? behind_tip(tick, i) : INFINITY);
-        loosen(&w->tissue, i, here ? hold : 1.0, plane_mean(lateral) / shaft->lateral);
-        w->tissue.lateral[i] = plane_principal(plane_scaled(1.0 / shaft->lateral, lateral), contact->direction);
-        w->tissue.axial[i] = contact->log_axial / shaft->axial;
+        plane_tensor lateral = local_logarithm_behind_tip(contact->log_lateral, &contact->resolved.end, here ? behind_tip(state, points, i) : INFINITY);
+        loosen(tissue, i, here ? hold : 1.0, plane_mean(lateral) / shaft->lateral);
+        tissue->lateral[i] = plane_principal(plane_scaled(1.0 / shaft->lateral, lateral), contact->direction);
+        tissue->axial[i] = contact->log_axial / shaft->axial;
     }
-    if (!w->points.tip) return;
+    if (!points->tip) return;
     const needle_tip *tip = &state->tip;
     double depth = tip->place.depth - tip_entry_depth(state);
-    const shaft_resistance *shaft = &w->points.list[t].shaft;
+    const shaft_resistance *shaft = &points->list[t].shaft;
     double axial = local_logarithm(model, &tip->resolution.field).axial;
     plane_tensor endless = local_logarithm_across(model, &tip->resolution.field, tip->place.direction);
-    plane_tensor lateral = local_logarithm_behind_tip(endless, &tip->resolution.field.end, behind_tip(tick, t));
-    double face = local_at_tip(model, tip->place.tet, tip->place.nominal, depth, tip->filtered_push, w->tissue.tip_resolved);
+    plane_tensor lateral = local_logarithm_behind_tip(endless, &tip->resolution.field.end, behind_tip(state, points, t));
+    double face = local_at_tip(model, tip->place.tet, tip->place.nominal, depth, tip->filtered_push, tissue->tip_resolved);
     double both = plane_mean(lateral) + face * shaft->lateral; /* shaft and end face side by side */
-    w->tissue.sideways_on_shaft = face * shaft->lateral / both;
-    w->tissue.lateral[t] = plane_principal(plane_scaled(1.0 / fmax(shaft->lateral, LEAST_STIFFNESS), lateral), tip->place.direction);
-    w->tissue.axial[t] = face;
-    loosen(&w->tissue, t, hold, plane_mean(lateral) * face / both);
-    w->tissue.axial[t + 1] = axial / fmax(shaft->axial, LEAST_STIFFNESS);
+    tissue->sideways_on_shaft = face * shaft->lateral / both;
+    tissue->lateral[t] = plane_principal(plane_scaled(1.0 / fmax(shaft->lateral, LEAST_STIFFNESS), lateral), tip->place.direction);
+    tissue->axial[t] = face;
+    loosen(tissue, t, hold, plane_mean(lateral) * face / both);
+    tissue->axial[t + 1] = axial / fmax(shaft->axial, LEAST_STIFFNESS);
 }
 
 /* How much farther ahead of the tissue the shaft is because the tissue along its share has become softer (stiffer: less far), under
@@ -173,77 +163,70 @@ static double lead_gained(const insertion_model *model, const contact_point *p, 
     return logarithm * (now.softness - before.softness) * traction + stiffening_lead(model, before, now, traction);
 }
 
-void keep_shear(const tick_context *tick) {
+void keep_shear(const tick_input *tick, insertion_state *state, contact_points *points, const creep_step *creep) {
     const insertion_model *model = tick->model;
-    insertion_state *state = tick->state;
-    insertion_workspace *w = tick->scratch;
-    int t = w->points.count - w->points.tip;
-    for (int i = w->points.guided; i < t; i++) {
-        contact_point *p = &w->points.list[i];
+    int t = points->count - points->tip;
+    for (int i = points->guided; i < t; i++) {
+        contact_point *p = &points->list[i];
         shaft_contact *contact = &state->contacts[p->handle];
-        double traction = contact->shaft.traction + creep_traction_of(tick, i);
+        double traction = contact->shaft.traction + creep_traction_of(tick, state, points, creep, i);
         contact->shaft.origin += lead_gained(model, p, contact->log_axial, traction, &contact->shaft);
     }
-    if (!w->points.tip) return;
+    if (!points->tip) return;
     needle_tip *tip = &state->tip;
     double logarithm = local_logarithm(model, &tip->resolution.field).axial;
-    double traction = tip->shaft.traction + creep_traction_of(tick, t);
-    shift_tip_shaft(state, lead_gained(model, &w->points.list[t], logarithm, traction, &tip->shaft));
+    double traction = tip->shaft.traction + creep_traction_of(tick, state, points, creep, t);
+    shift_tip_shaft(state, lead_gained(model, &points->list[t], logarithm, traction, &tip->shaft));
 }
 
 /* ---- bounds of the forces along the needle ------------------------------------------------------------------------- */
 
-static void bound_friction(const tick_context *tick, int i, const shaft_resistance *shaft, double slid, double slip, const roll_friction *roll, friction_state last) {
-    contact_problem *p = &tick->scratch->problem;
+static void bound_friction(const tick_input *tick, contact_problem *problem, int i, const shaft_resistance *shaft, double slid, double slip, const roll_friction *roll, friction_state last) {
     double radius = tick->model->needle->radius;
     double dry = shaft_friction_limit(tick->model, shaft, slid + roll_way(slip, roll, radius));
     shared_bound left = roll_left_to_sliding(dry, slip, roll, radius);
-    p->upper[i] = left.bound;
-    p->lower[i] = -left.bound;
-    p->viscosity[i][0] = p->viscosity[i][1] = shaft->viscous / tick->dt + left.viscosity;
-    p->state[i] = last;
+    problem->upper[i] = left.bound;
+    problem->lower[i] = -left.bound;
+    problem->viscosity[i][0] = problem->viscosity[i][1] = shaft->viscous / tick->dt + left.viscosity;
+    problem->state[i] = last;
 }
 
 /* Near the surface the tissue holds the needle the harder the deeper it is in, which stores elastic energy in tissue and needle. The hand
    has to do that work as the tip goes on: N along the needle. Without it, a tip without resistance, as in an old track, would go in and out in
    turns: a needle that is held harder bends more, and its end moves back. */
-static double work_of_hold(const tick_context *tick) {
-    const insertion_workspace *w = tick->scratch;
+static double work_of_hold(const insertion_state *state, const contact_points *points, const tissue_step *tissue) {
     double sum = 0.0;
-    for (int i = w->points.guided; i < w->points.count; i++) {
-        if (w->tissue.tightening[i] == 0.0) continue;
-        vec3 needle = needle_along(&w->points.list[i].at), force = point_force(tick->state, &w->points.list[i]);
+    for (int i = points->guided; i < points->count; i++) {
+        if (tissue->tightening[i] == 0.0) continue;
+        vec3 needle = needle_along(&points->list[i].at), force = point_force(state, &points->list[i]);
         vec3 across = v3_axpy(-v3_dot(force, needle), needle, force);
-        sum += 0.5 * v3_dot(across, across) * w->tissue.tightening[i];
+        sum += 0.5 * v3_dot(across, across) * tissue->tightening[i];
     }
     return sum;
 }
 
 /* The tip bears two forces along the needle: what it cuts, or is stopped by, and friction of the shaft next to it. */
-static void bound_tip(const tick_context *tick) {
-    insertion_workspace *w = tick->scratch;
-    contact_problem *p = &w->problem;
-    const needle_tip *tip = &tick->state->tip;
-    int t = p->count - 1;
-    resistance_ahead_climb(tick, work_of_hold(tick), &p->ahead);
-    p->climber = t;
-    p->lower[t] = p->ahead.back;
-    p->upper[t] = p->ahead.level[0];
-    p->viscosity[t][0] = 0.0;
-    p->viscosity[t][1] = p->ahead.slope[0];
-    p->state[t] = tip->solved.friction;
-    bound_friction(tick, t + 1, &w->points.list[t].shaft, tip->shaft.slid, tip->shaft.slip, &tip->shaft.roll, tip->shaft.friction);
+static void bound_tip(const tick_input *tick, const insertion_state *state, const contact_points *points, const tissue_step *tissue, resistance_ahead *ahead, contact_problem *problem) {
+    const needle_tip *tip = &state->tip;
+    int t = problem->count - 1;
+    resistance_ahead_climb(tick, state, points, ahead, work_of_hold(state, points, tissue), &problem->ahead);
+    problem->climber = t;
+    problem->lower[t] = problem->ahead.back;
+    problem->upper[t] = problem->ahead.level[0];
+    problem->viscosity[t][0] = 0.0;
+    problem->viscosity[t][1] = problem->ahead.slope[0];
+    problem->state[t] = tip->solved.friction;
+    bound_friction(tick, problem, t + 1, &points->list[t].shaft, tip->shaft.slid, tip->shaft.slip, &tip->shaft.roll, tip->shaft.friction);
 }
 
-void bound_contacts(const tick_context *tick) {
-    const insertion_workspace *w = tick->scratch;
-    for (int i = 0; i < w->points.guided; i++) guides_bound(tick, i);
-    for (int i = w->points.guided; i < w->points.count - w->points.tip; i++) {
-        const shaft_contact *contact = &tick->state->contacts[w->points.list[i].handle];
-        bound_friction(tick, i, &w->points.list[i].shaft, contact->shaft.slid, contact->shaft.slip, &contact->shaft.roll, contact->shaft.friction);
+void bound_contacts(const tick_input *tick, const insertion_state *state, const contact_points *points, const tissue_step *tissue, resistance_ahead *ahead, hole_edge *edges, contact_problem *problem) {
+    for (int i = 0; i < points->guided; i++) guides_bound(tick, state, points, edges, problem, i);
+    for (int i = points->guided; i < points->count - points->tip; i++) {
+        const shaft_contact *contact = &state->contacts[points->list[i].handle];
+        bound_friction(tick, problem, i, &points->list[i].shaft, contact->shaft.slid, contact->shaft.slip, &contact->shaft.roll, contact->shaft.friction);
     }
-    tick->scratch->problem.ahead.count = 0;
-    if (w->points.tip) bound_tip(tick);
+    problem->ahead.count = 0;
+    if (points->tip) bound_tip(tick, state, points, tissue, ahead, problem);
 }
 
 /* ---- the contact problem ------------------------------------------------------------------------------------------- */
@@ -258,39 +241,35 @@ static void repeat_tip(contact_problem *p) {
 /* Local compliance of the tissue around a shaft belongs to the tissue: its principal directions are those of the track, not of the needle. If they turned with
    a needle that bends there, the passes would diverge near buckling, because the tangent lacks that term. The tip's end face yields the same in every
    direction. */
-static void add_local_compliance(const tick_context *tick, int point) {
-    const insertion_workspace *w = tick->scratch;
-    contact_problem *p = &tick->scratch->problem;
-    const track_shares at = along_track(tick, point);
-    bool tip = w->points.list[point].kind == POINT_TIP;
-    double face = tip ? w->tissue.axial[point] : 0.0, shaft = w->tissue.axial[point + tip], least = w->tissue.lateral[point].least, more = w->tissue.lateral[point].more;
-    vec3 aside = m3_apply_transposed(&w->points.list[point].at.frame, w->tissue.lateral[point].easy);
+static void add_local_compliance(const insertion_state *state, const contact_points *points, const tissue_step *tissue, contact_problem *problem, int point) {
+    const track_shares at = along_track(state, points, tissue, point);
+    bool tip = points->list[point].kind == POINT_TIP;
+    double face = tip ? tissue->axial[point] : 0.0, shaft = tissue->axial[point + tip], least = tissue->lateral[point].least, more = tissue->lateral[point].more;
+    vec3 aside = m3_apply_transposed(&points->list[point].at.frame, tissue->lateral[point].easy);
     const double easy[] = {aside.x, aside.y, aside.z, aside.z};
     for (int i = 0; i < at.count; i++)
         for (int j = 0; j <= i; j++) {
             double same = at.axis[i] == at.axis[j], around_shaft = least * same + (shaft - least) * at.along[i] * at.along[j] + more * easy[i] * easy[j];
-            p->compliance[at.row[j]][at.row[i]] += at.on_shaft[i] * at.on_shaft[j] * around_shaft + at.on_face[i] * at.on_face[j] * face * same;
+            problem->compliance[at.row[j]][at.row[i]] += at.on_shaft[i] * at.on_shaft[j] * around_shaft + at.on_face[i] * at.on_face[j] * face * same;
         }
 }
 
-void assemble_compliance(const tick_context *tick) {
-    insertion_workspace *w = tick->scratch;
+void assemble_compliance(const tick_input *tick, const insertion_state *state, insertion_workspace *w) {
     contact_problem *p = &w->problem;
-    assemble_between_points(tick);
+    assemble_between_points(tick, w);
     if (w->points.tip) repeat_tip(p);
-    for (int i = 0; i < w->points.guided; i++) guides_add_compliance(tick, i);
-    for (int i = w->points.guided; i < p->count; i++) add_local_compliance(tick, i);
+    for (int i = 0; i < w->points.guided; i++) guides_add_compliance(tick, &w->points, w->edges, &w->problem, i);
+    for (int i = w->points.guided; i < p->count; i++) add_local_compliance(state, &w->points, &w->tissue, &w->problem, i);
     for (int i = w->points.guided; i < p->count; i++)
         for (int a = 0; a < 2; a++) p->compliance[2 * i + a][2 * i + a] += w->tissue.loose[i];
-    stiffening_add_compliance(tick);
+    stiffening_add_compliance(state, &w->points, &w->tissue, &w->stiffening, &w->problem);
 }
 
-void assemble_gaps(const tick_context *tick) {
-    insertion_workspace *w = tick->scratch;
+void assemble_gaps(const tick_input *tick, const insertion_state *state, insertion_workspace *w) {
     contact_problem *p = &w->problem;
     for (int i = 0; i < p->count; i++) {
         const needle_point *at = &w->points.list[i].at;
-        vec3 gap = v3_sub(v3_sub(at->position, tick->state->base_shift), w->points.list[i].target);
+        vec3 gap = v3_sub(v3_sub(at->position, state->base_shift), w->points.list[i].target);
         for (int k = 0; k < 3; k++) gap = v3_axpy(at->weights[k], w->response.tangent.drift[at->first + k], gap);
         gap = m3_apply_transposed(&at->frame, gap);
         p->gap[unknown(p->count, i, 0)] = gap.x;
@@ -299,7 +278,7 @@ void assemble_gaps(const tick_context *tick) {
         p->gap[unknown(p->count, i, 2)] = gap.z + (tip ? w->points.list[i].to_end : w->points.list[i].lead);
         if (tip) p->gap[unknown(p->count, i, 2) + 1] = gap.z + w->points.list[i].lead;
     }
-    for (int i = 0; i < w->points.guided; i++) guides_close_gap(tick, i);
-    creep_shift_gaps(tick);
-    stiffening_shift_gaps(tick);
+    for (int i = 0; i < w->points.guided; i++) guides_close_gap(w->edges, &w->problem, i);
+    creep_shift_gaps(tick, state, &w->points, &w->tissue, &w->creep, &w->problem);
+    stiffening_shift_gaps(state, &w->points, &w->tissue, &w->stiffening, &w->problem);
 }

@@ -26,13 +26,13 @@ static int add_instead(const mesh *m, refinement *r, int tet, vec3 position, uin
     return refinement_add(m, r, tet, position, id);
 }
 
-static int move_or_add(const tick_context *tick, int near, vec3 position, uint64_t id) {
+static int move_or_add(const tick_input *tick, insertion_state *state, tick_output *output, int near, vec3 position, uint64_t id) {
     const insertion_model *model = tick->model;
-    refinement *r = &tick->state->refined;
+    refinement *r = &state->refined;
     double weights[4];
     int tet = refinement_element(model->mesh, r, r->count, near, position, weights), slot = refinement_move(model->tissue, r, tet, position, id);
     if (slot >= 0) return slot;
-    tick->output->events |= EVENT_KEPT;
+    output->events |= EVENT_KEPT;
     return add_instead(model->mesh, r, tet, position, id);
 }
 
@@ -45,18 +45,17 @@ static void set_line(insertion_state *state, int slot, vec3 direction) {
 }
 
 /* Adds a planned contact on the tip's way. Returns its slot, or -1 when there is no room. */
-static int add_contact(const tick_context *tick, vec3 position, double depth, vec3 way) {
+static int add_contact(const tick_input *tick, insertion_state *state, tick_output *output, vec3 position, double depth, vec3 way) {
     const insertion_model *model = tick->model;
-    insertion_state *state = tick->state;
     if (state->refined.count == MAX_CONTACTS) {
-        tick->output->events |= EVENT_FULL;
+        output->events |= EVENT_FULL;
         return -1;
     }
     uint64_t id = ++state->next_id;
     int tet = state->tip.place.tet, slot;
     switch (model->settings.placement) {
     case PLACE_ON_FACES: slot = refinement_add_on_face(model->mesh, &state->refined, tet, position, id); break;
-    case PLACE_MOVED: slot = move_or_add(tick, tet, position, id); break;
+    case PLACE_MOVED: slot = move_or_add(tick, state, output, tet, position, id); break;
     default: slot = refinement_add(model->mesh, &state->refined, tet, position, id); break;
     }
     set_line(state, slot, way);
@@ -71,9 +70,8 @@ void drop_plan(insertion_state *state) {
 
 /* The way through an element has shares of equal length, each with its contact node in the middle. `another`: the tip is at such a node,
    with half of its share ahead. */
-static void plan(const tick_context *tick, vec3 direction, bool another) {
+static void plan(const tick_input *tick, insertion_state *state, tick_output *output, vec3 direction, bool another) {
     const insertion_model *model = tick->model;
-    insertion_state *state = tick->state;
     needle_tip *tip = &state->tip;
     double chord;
     drop_plan(state);
@@ -83,7 +81,7 @@ static void plan(const tick_context *tick, vec3 direction, bool another) {
     double earliest = last_contact_depth(state) + model->settings.contact_spacing;
     if (model->settings.placement != PLACE_INSIDE) { /* left where the tip crosses the face, not at a given depth */
         if (tip->place.depth + chord >= earliest)
-            add_contact(tick, v3_axpy(chord, direction, tip->place.nominal), tip->place.depth + chord, direction);
+            add_contact(tick, state, output, v3_axpy(chord, direction, tip->place.nominal), tip->place.depth + chord, direction);
         return;
     }
     double shares = chord / (LONGEST_SHARE * mesh_edge_length(model->mesh, tip->place.tet));
@@ -92,30 +90,29 @@ static void plan(const tick_context *tick, vec3 direction, bool another) {
     double due = fmax(tip->place.depth + (another ? chord / (shares + 0.5) : 0.5 * chord / shares), earliest);
     if (due >= tip->place.depth + LAST_PLACE * chord) return;
     tip->next_contact = due;
-    add_contact(tick, v3_axpy(due - tip->place.depth, direction, tip->place.nominal), due, direction);
+    add_contact(tick, state, output, v3_axpy(due - tip->place.depth, direction, tip->place.nominal), due, direction);
 }
 
-void plan_contact(const tick_context *tick, vec3 direction) { plan(tick, direction, false); }
+void plan_contact(const tick_input *tick, insertion_state *state, tick_output *output, vec3 direction) { plan(tick, state, output, direction, false); }
 
-void plan_another(const tick_context *tick, vec3 direction) {
-    if (tick->model->settings.placement == PLACE_INSIDE) plan(tick, direction, true);
+void plan_another(const tick_input *tick, insertion_state *state, tick_output *output, vec3 direction) {
+    if (tick->model->settings.placement == PLACE_INSIDE) plan(tick, state, output, direction, true);
 }
 
-bool leaves_contact_at_exit(const tick_context *tick, double depth) {
-    return depth - last_contact_depth(tick->state) > 0.5 * tick->model->settings.contact_spacing;
+bool leaves_contact_at_exit(const tick_input *tick, const insertion_state *state, double depth) {
+    return depth - last_contact_depth(state) > 0.5 * tick->model->settings.contact_spacing;
 }
 
-void plan_exit(const tick_context *tick, vec3 way, double left) {
-    insertion_state *state = tick->state;
+void plan_exit(const tick_input *tick, insertion_state *state, tick_output *output, vec3 way, double left) {
     needle_tip *tip = &state->tip;
     double due = tip->next_contact;
-    if (due < tip->place.depth + left || !leaves_contact_at_exit(tick, tip->place.depth + left)) return;
+    if (due < tip->place.depth + left || !leaves_contact_at_exit(tick, state, tip->place.depth + left)) return;
     vec3 exit = v3_axpy(left, way, tip->place.nominal);
     int slot = contact_planned(state);
     if (slot >= 0 && v3_norm(v3_sub(state->contacts[slot].track, exit)) < 0.5 * PLAN_TOLERANCE) return;
     drop_plan(state);
     tip->next_contact = due;
-    add_contact(tick, exit, tip->place.depth + left, way);
+    add_contact(tick, state, output, exit, tip->place.depth + left, way);
 }
 
 void set_resolution(const insertion_model *model, shaft_contact *contact, const resolved_field *resolved) {
@@ -124,13 +121,12 @@ void set_resolution(const insertion_model *model, shaft_contact *contact, const 
     contact->resolved = *resolved;
 }
 
-void leave_contact(const tick_context *tick) {
-    insertion_state *state = tick->state;
+void leave_contact(const tick_input *tick, insertion_state *state, tick_output *output) {
     needle_tip *tip = &state->tip;
     int slot = contact_planned(state);
     if (slot < 0 || v3_norm(v3_sub(state->contacts[slot].track, tip->place.nominal)) >= PLAN_TOLERANCE) {
         drop_plan(state);
-        slot = add_contact(tick, tip->place.nominal, tip->place.depth, tip_way(&tip->place, tip->place.direction));
+        slot = add_contact(tick, state, output, tip->place.nominal, tip->place.depth, tip_way(&tip->place, tip->place.direction));
     }
     if (slot >= 0) {
         state->contacts[slot] = (shaft_contact){.status = CONTACT_WAITING, .track = tip_position(&tip->place), .beside = tip->place.beside, .direction = tip->place.direction,
@@ -140,8 +136,7 @@ void leave_contact(const tick_context *tick) {
     tip->next_contact = INFINITY;
 }
 
-void take_up_contact(const tick_context *tick) {
-    insertion_state *state = tick->state;
+void take_up_contact(const tick_input *tick, insertion_state *state, tick_output *output) {
     int last = state->refined.order[--state->refined.count];
     const added_node *node = &state->refined.nodes[last];
     const shaft_contact *contact = &state->contacts[last];
@@ -161,5 +156,5 @@ void take_up_contact(const tick_context *tick) {
     }
     tip->next_contact = NAN;
     leave_strata(state);
-    tick->output->events |= EVENT_REMOVED;
+    output->events |= EVENT_REMOVED;
 }

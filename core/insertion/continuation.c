@@ -9,13 +9,11 @@ static const double LEAST_STEP = 1.0 / 256; /* fraction: of a tick, in which the
 enum { LAST_PASSES = 3 }; /* passes: that a needle has to come to rest. Effort */
 
 /* How far the gaps differ from those that balance the forces at the start of the tick: the base has moved; a tip at bone has not. */
-static void find_lag(const tick_context *tick) {
-    insertion_state *state = tick->state;
-    insertion_workspace *w = tick->scratch;
-    contact_problem *p = &w->problem;
+static void find_lag(const tick_input *tick, insertion_state *state, insertion_workspace *w) {
+    const contact_problem *p = &w->problem;
     double force[MAX_UNKNOWNS];
     int tip = p->count - 1, all = unknown(p->count, p->count, 2) + w->points.tip;
-    passes_linearise(tick, true);
+    passes_linearise(tick, state, w, true);
     for (int i = 0; i < p->count; i++) {
         vec3 f = m3_apply_transposed(&w->points.list[i].at.frame, point_force(state, &w->points.list[i]));
         force[unknown(p->count, i, 0)] = f.x;
@@ -33,27 +31,25 @@ static void find_lag(const tick_context *tick) {
     }
 }
 
-static void go_back(const tick_context *tick) {
-    checkpoint_restore(tick, &tick->scratch->start);
-    passes_begin(tick);
+static void go_back(const tick_input *tick, insertion_state *state, insertion_workspace *w) {
+    checkpoint_restore(state, &w->points, &w->problem, &w->start);
+    passes_begin(tick, state, w);
 }
 
 /* Closes the gaps in small steps. One large step against bone finds the straight needle, which beyond Euler's load is not stable; small steps follow the
    branch on which it bows. Where that branch ends, the needle moves on against its drag: the shorter the step, the more that holds it, until it is stable
    whatever compresses it. */
-static pass_result follow_branch(const tick_context *tick) {
-    insertion_state *state = tick->state;
-    insertion_workspace *w = tick->scratch;
+static pass_result follow_branch(const tick_input *tick, insertion_state *state, insertion_workspace *w, tick_output *output) {
     double drag = needle_drag(tick->model->needle) / tick->dt, done = 0.0, step = 1.0;
     pass_result r = {.found = false};
-    find_lag(tick);
+    find_lag(tick, state, w);
     while (done < 1.0 && step >= LEAST_STEP) {
         w->continuation.left = 1.0 - (done + step);
         w->response.drag = state->moving_on ? drag / step : 0.0;
-        passes_load_joints(tick);
-        r = passes_run(tick, tick->model->settings.max_passes);
-        if (passes_are_stable(r) && (state->moving_on || !r.leapt)) checkpoint_save(tick, &w->start), done += step;
-        else go_back(tick), step *= 0.5;
+        passes_load_joints(tick, state, &w->points, &w->response, &w->start);
+        r = passes_run(tick, state, w, output, tick->model->settings.max_passes);
+        if (passes_are_stable(r) && (state->moving_on || !r.leapt)) checkpoint_save(state, &w->points, &w->problem, &w->start), done += step;
+        else go_back(tick, state, w), step *= 0.5;
         if (step < LEAST_STEP && !state->moving_on) state->moving_on = true, step = 1.0 - done;
         step = fmin(step, 1.0 - done);
     }
@@ -62,29 +58,28 @@ static pass_result follow_branch(const tick_context *tick) {
 }
 
 /* The needle has hardly moved on in this step: what would drag it is nothing. */
-static bool is_at_rest(const tick_context *tick, const needle_state *since) {
+static bool is_at_rest(const tick_input *tick, const insertion_state *state, const needle_state *since) {
     const needle_model *needle = tick->model->needle;
-    return needle_drag(needle) / tick->dt * passes_turned_since(tick, since) < AT_REST * euler_load(needle);
+    return needle_drag(needle) / tick->dt * passes_turned_since(tick, state, since) < AT_REST * euler_load(needle);
 }
 
 /* A needle that has hardly moved on is at an equilibrium, if that is stable and the passes find it. */
-static pass_result come_to_rest(const tick_context *tick, pass_result moved) {
-    insertion_workspace *w = tick->scratch;
+static pass_result come_to_rest(const tick_input *tick, insertion_state *state, insertion_workspace *w, tick_output *output, pass_result moved) {
     double drag = w->response.drag;
-    checkpoint_save(tick, &w->start);
+    checkpoint_save(state, &w->points, &w->problem, &w->start);
     w->response.drag = 0.0;
-    passes_load_joints(tick);
-    pass_result r = passes_run(tick, LAST_PASSES);
-    tick->state->moving_on = !(passes_are_stable(r) && is_at_rest(tick, &w->start.needle));
-    if (!tick->state->moving_on) return r;
-    go_back(tick);
+    passes_load_joints(tick, state, &w->points, &w->response, &w->start);
+    pass_result r = passes_run(tick, state, w, output, LAST_PASSES);
+    state->moving_on = !(passes_are_stable(r) && is_at_rest(tick, state, &w->start.needle));
+    if (!state->moving_on) return r;
+    go_back(tick, state, w);
     w->response.drag = drag;
     return moved;
 }
 
-pass_result continuation_follow(const tick_context *tick) {
-    bool moving_on = tick->state->moving_on;
-    needle_state before = tick->scratch->start.needle;
-    pass_result r = follow_branch(tick);
-    return moving_on && is_at_rest(tick, &before) ? come_to_rest(tick, r) : r;
+pass_result continuation_follow(const tick_input *tick, insertion_state *state, insertion_workspace *w, tick_output *output) {
+    bool moving_on = state->moving_on;
+    needle_state before = w->start.needle;
+    pass_result r = follow_branch(tick, state, w, output);
+    return moving_on && is_at_rest(tick, state, &before) ? come_to_rest(tick, state, w, output, r) : r;
 }

@@ -81,30 +81,28 @@ bool creep_left_is_news(const tissue_memory *memory) {
 
 /* ---- one step ---------------------------------------------------------------------------------------------------------- */
 
-void creep_begin(const tick_context *tick) {
+void creep_begin(const tick_input *tick, insertion_state *state, creep_step *creep) {
     const creep_series *series = &tick->model->creep;
-    tissue_memory *memory = &tick->state->memory;
-    creep_step *step = &tick->scratch->creep;
-    step->yield = 1.0;
+    tissue_memory *memory = &state->memory;
+    creep->yield = 1.0;
     if (series->count == 0) return;
     memory->time += tick->dt;
     memory->left_growing = false;
     for (int k = 0; k < series->count; k++) {
-        step->decay[k] = exp(-tick->dt / series->time[k]);
-        step->left[k] = exp(-(memory->time - tick->snapshot->left_time) / series->time[k]);
-        step->yield += series->compliance[k] * (1.0 - step->decay[k]);
+        creep->decay[k] = exp(-tick->dt / series->time[k]);
+        creep->left[k] = exp(-(memory->time - tick->snapshot->left_time) / series->time[k]);
+        creep->yield += series->compliance[k] * (1.0 - creep->decay[k]);
     }
-    for (int k = 0; k < series->count; k++) step->weight[k] = series->compliance[k] * step->decay[k] / step->yield;
-    fade_left(series, step->decay, &memory->left);
+    for (int k = 0; k < series->count; k++) creep->weight[k] = series->compliance[k] * creep->decay[k] / creep->yield;
+    fade_left(series, creep->decay, &memory->left);
     memory->left.time = memory->time;
 }
 
 /* What tissue remembers at a point of this step; that is no guide's. */
-static const share_memory *share_of(const tick_context *tick, int point) { return &tick->state->memory.shares[point - tick->scratch->points.guided]; }
+static const share_memory *share_of(const insertion_state *state, const contact_points *points, int point) { return &state->memory.shares[point - points->guided]; }
 
 /* Where the shares are now. The tip's goes on one radius ahead of it, like its local compliance. */
-static share_memory empty_share(const tick_context *tick, const contact_point *p) {
-    const insertion_state *state = tick->state;
+static share_memory empty_share(const tick_input *tick, const insertion_state *state, const contact_point *p) {
     if (p->kind == POINT_TIP)
         return (share_memory){.from = p->share.from, .to = p->share.to + tick->model->needle->radius, .tet = state->tip.place.tet, .at = state->tip.place.nominal};
     const added_node *node = &state->refined.nodes[p->handle];
@@ -112,26 +110,26 @@ static share_memory empty_share(const tick_context *tick, const contact_point *p
 }
 
 /* How many shares from the base on have the borders of the last step; not the last one, which ends at the tip. */
-static int count_kept(const tick_context *tick) {
-    const tissue_memory *memory = &tick->state->memory;
-    const contact_point *now_at = &tick->scratch->points.list[tick->scratch->points.guided];
-    int now = tick->scratch->points.count - tick->scratch->points.guided, most = (now < memory->count ? now : memory->count) - 1, kept = 0;
+static int count_kept(const insertion_state *state, const contact_points *points) {
+    const tissue_memory *memory = &state->memory;
+    const contact_point *now_at = &points->list[points->guided];
+    int now = points->count - points->guided, most = (now < memory->count ? now : memory->count) - 1, kept = 0;
     while (kept < most && memory->shares[kept].from == now_at[kept].share.from && memory->shares[kept].to == now_at[kept].share.to) kept++;
     return kept;
 }
 
 /* How far the tip has moved since the last step, m. */
-static double tip_way_since(const tick_context *tick) {
-    const tissue_memory *memory = &tick->state->memory;
-    return memory->tip && tick->scratch->points.tip ? v3_norm(v3_sub(tick->state->tip.place.nominal, memory->shares[memory->count - 1].at)) : 0.0;
+static double tip_way_since(const insertion_state *state, const contact_points *points) {
+    const tissue_memory *memory = &state->memory;
+    return memory->tip && points->tip ? v3_norm(v3_sub(state->tip.place.nominal, memory->shares[memory->count - 1].at)) : 0.0;
 }
 
 /* A tip that glides along the surface has no track. What it comes from remembers, and what it comes to does not, within a diameter. */
-static void glide(const tick_context *tick) {
-    tissue_memory *memory = &tick->state->memory;
+static void glide(const tick_input *tick, insertion_state *state, const creep_step *creep) {
+    tissue_memory *memory = &state->memory;
     share_memory *share = &memory->shares[0];
-    double part = -expm1(-0.5 * tick->scratch->creep.tip_moved / tick->model->needle->radius);
-    leave(tick->model, memory, share, part, tick->scratch->creep.decay);
+    double part = -expm1(-0.5 * creep->tip_moved / tick->model->needle->radius);
+    leave(tick->model, memory, share, part, creep->decay);
     for (int k = 0; k < tick->model->creep.count; k++) {
         remembered_forces *term = &share->terms[k];
         term->load = v3_scale(1.0 - part, term->load);
@@ -141,20 +139,18 @@ static void glide(const tick_context *tick) {
 
 /* Tissue keeps its memory where it is: shares that change exchange what lies between their old and new borders, each share's memory
    being spread evenly over its length. */
-void creep_share_out(const tick_context *tick) {
+void creep_share_out(const tick_input *tick, insertion_state *state, const contact_points *points, creep_step *creep) {
     const creep_series *series = &tick->model->creep;
-    const insertion_workspace *w = tick->scratch;
-    tissue_memory *memory = &tick->state->memory;
-    creep_step *step = &tick->scratch->creep;
+    tissue_memory *memory = &state->memory;
     if (series->count == 0) return;
-    step->tip_moved = tip_way_since(tick);
-    if (w->points.tip && memory->count == 1 && tick->state->tip.place.depth == 0.0 && step->tip_moved > 0.0) glide(tick);
-    int first = step->kept = count_kept(tick), count = step->before_count = memory->count - first;
-    const share_memory *before = memcpy(step->before, &memory->shares[first], (size_t)count * sizeof *before);
-    step->before_tip = memory->tip;
-    memory->count = w->points.count - w->points.guided;
-    memory->tip = w->points.tip;
-    for (int k = first; k < memory->count; k++) memory->shares[k] = empty_share(tick, &w->points.list[w->points.guided + k]);
+    creep->tip_moved = tip_way_since(state, points);
+    if (points->tip && memory->count == 1 && state->tip.place.depth == 0.0 && creep->tip_moved > 0.0) glide(tick, state, creep);
+    int first = creep->kept = count_kept(state, points), count = creep->before_count = memory->count - first;
+    const share_memory *before = memcpy(creep->before, &memory->shares[first], (size_t)count * sizeof *before);
+    creep->before_tip = memory->tip;
+    memory->count = points->count - points->guided;
+    memory->tip = points->tip;
+    for (int k = first; k < memory->count; k++) memory->shares[k] = empty_share(tick, state, &points->list[points->guided + k]);
     for (int i = 0; i < count; i++) {
         double length = before[i].to - before[i].from, rest = 1.0;
         while (first < memory->count && memory->shares[first].to <= before[i].from) first++;
@@ -164,7 +160,7 @@ void creep_share_out(const tick_context *tick) {
             for (int t = 0; t < series->count; t++) add_part(part, &before[i].terms[t], &now->terms[t]);
             rest -= part;
         }
-        if (rest > ALL_OF_IT) leave(tick->model, memory, &before[i], rest, step->decay);
+        if (rest > ALL_OF_IT) leave(tick->model, memory, &before[i], rest, creep->decay);
     }
 }
 
@@ -187,9 +183,9 @@ void creep_forget(tissue_memory *memory) {
 /* Around the end face, displacements reach as far as a diameter: a tip that moves on comes into tissue that remembers less. A remembered
    dent that is deeper than this fades over its depth: otherwise tissue that springs back over a tip that cuts would do more work than
    cutting takes. */
-static void fade_face(const tick_context *tick, double yielding) {
+static void fade_face(const tick_input *tick, insertion_state *state, const creep_step *creep, double yielding) {
     const creep_series *series = &tick->model->creep;
-    double *face = tick->state->memory.face, dent = 0.0, moved = tick->scratch->creep.tip_moved;
+    double *face = state->memory.face, dent = 0.0, moved = creep->tip_moved;
     if (moved == 0.0) return;
     for (int k = 0; k < series->count; k++) dent += yielding * series->compliance[k] * fabs(face[k]);
     double fading = exp(-moved / (2.0 * tick->model->needle->radius + dent));
@@ -198,143 +194,133 @@ static void fade_face(const tick_context *tick, double yielding) {
 
 /* The shaft next to the tip is shorter by a radius than the share that bears the tip's sideways forces: it bears this part of what a shaft
    as long as the share would bear, which is what `along` holds. */
-static double shaft_part(const tick_context *tick) {
-    const share_memory *share = &tick->state->memory.shares[tick->state->memory.count - 1];
+static double shaft_part(const tick_input *tick, const insertion_state *state) {
+    const share_memory *share = &state->memory.shares[state->memory.count - 1];
     return 1.0 - tick->model->needle->radius / (share->to - share->from);
 }
 
 /* Displacement of the tissue at each point by the remembered loads. */
-static void find_moved(const tick_context *tick) {
-    insertion_workspace *w = tick->scratch;
-    creep_step *step = &w->creep;
+static void find_moved(const tick_input *tick, const contact_points *points, const tissue_step *tissue, creep_step *creep) {
     _Alignas(CACHE_LINE) slot_vectors load = {{0}}, moved = {{0}};
     slot_vectors by_beyond;
-    const remembered_forces *by = step->remembered;
-    int tip = w->points.count - 1, contacts_end = w->points.count - w->points.tip, slots_end = 0;
-    for (int i = w->points.guided; i < contacts_end; i++) {
-        int slot = w->points.list[i].handle;
+    const remembered_forces *by = creep->remembered;
+    int tip = points->count - 1, contacts_end = points->count - points->tip, slots_end = 0;
+    for (int i = points->guided; i < contacts_end; i++) {
+        int slot = points->list[i].handle;
         load[0][slot] = by[i].load.x;
         load[1][slot] = by[i].load.y;
         load[2][slot] = by[i].load.z;
         if (slot >= slots_end) slots_end = slot + 1;
     }
-    for (int i = w->points.guided; i < contacts_end; i++)
-        slots_displace(&tick->snapshot->between_contacts[w->points.list[i].handle], w->points.list[i].handle, slots_end, load, moved, by_beyond);
-    for (int i = w->points.guided; i < contacts_end; i++) {
-        int slot = w->points.list[i].handle;
-        step->moved[i] = v3_scale(step->yield, v3(moved[0][slot] + by_beyond[0][slot], moved[1][slot] + by_beyond[1][slot], moved[2][slot] + by_beyond[2][slot]));
+    for (int i = points->guided; i < contacts_end; i++)
+        slots_displace(&tick->snapshot->between_contacts[points->list[i].handle], points->list[i].handle, slots_end, load, moved, by_beyond);
+    for (int i = points->guided; i < contacts_end; i++) {
+        int slot = points->list[i].handle;
+        creep->moved[i] = v3_scale(creep->yield, v3(moved[0][slot] + by_beyond[0][slot], moved[1][slot] + by_beyond[1][slot], moved[2][slot] + by_beyond[2][slot]));
     }
-    if (!w->points.tip) return;
-    step->moved[tip] = m3_apply(&w->tissue.tip_row[tip], by[tip].load); /* tip_row has the yield already */
-    for (int i = w->points.guided; i < tip; i++) {
-        step->moved[tip] = v3_add(step->moved[tip], m3_apply(&w->tissue.tip_row[i], by[i].load));
-        step->moved[i] = v3_add(step->moved[i], m3_apply_transposed(&w->tissue.tip_row[i], by[tip].load));
+    if (!points->tip) return;
+    creep->moved[tip] = m3_apply(&tissue->tip_row[tip], by[tip].load); /* tip_row has the yield already */
+    for (int i = points->guided; i < tip; i++) {
+        creep->moved[tip] = v3_add(creep->moved[tip], m3_apply(&tissue->tip_row[i], by[i].load));
+        creep->moved[i] = v3_add(creep->moved[i], m3_apply_transposed(&tissue->tip_row[i], by[tip].load));
     }
 }
 
 /* Traction along the needle, N/m, that a share's memory amounts to. */
-static double traction_of(const tick_context *tick, const share_memory *share) {
+static double traction_of(const tick_input *tick, const creep_step *creep, const share_memory *share) {
     double sum = 0.0;
-    for (int k = 0; k < tick->model->creep.count; k++) sum += tick->scratch->creep.weight[k] * share->terms[k].along;
-    return tick->scratch->creep.yield * sum / (share->to - share->from);
+    for (int k = 0; k < tick->model->creep.count; k++) sum += creep->weight[k] * share->terms[k].along;
+    return creep->yield * sum / (share->to - share->from);
 }
 
-static double traction_at(const tick_context *tick, int count, const share_memory *shares, double depth) {
+static double traction_at(const tick_input *tick, const creep_step *creep, int count, const share_memory *shares, double depth) {
     int i = 0;
     while (i + 1 < count && shares[i].to < depth) i++;
-    return count > 0 ? traction_of(tick, &shares[i]) : 0.0;
+    return count > 0 ? traction_of(tick, creep, &shares[i]) : 0.0;
 }
 
-double creep_traction_of(const tick_context *tick, int i) { return tick->model->creep.count > 0 ? traction_of(tick, share_of(tick, i)) : 0.0; }
+double creep_traction_of(const tick_input *tick, const insertion_state *state, const contact_points *points, const creep_step *creep, int i) { return tick->model->creep.count > 0 ? traction_of(tick, creep, share_of(state, points, i)) : 0.0; }
 
 /* A share that is divided anew remembers another mean shear of the tissue than before. The shaft there has not moved for it: like
    keep_shear. */
-static void keep_remembered_shear(const tick_context *tick) {
-    insertion_state *state = tick->state;
-    insertion_workspace *w = tick->scratch;
-    const creep_step *step = &w->creep;
-    for (int i = w->points.guided + step->kept; i < w->points.count; i++) {
-        contact_point *p = &w->points.list[i];
+static void keep_remembered_shear(const tick_input *tick, insertion_state *state, const contact_points *points, const tissue_step *tissue, const creep_step *creep, const stiffening_step *stiffening) {
+    for (int i = points->guided + creep->kept; i < points->count; i++) {
+        const contact_point *p = &points->list[i];
         bool tip = p->kind == POINT_TIP;
         double depth = tip ? state->tip.place.depth : state->contacts[p->handle].depth;
-        double before = traction_at(tick, step->before_count, step->before, depth);
-        double length = p->share.to - p->share.from, now = traction_of(tick, share_of(tick, i));
+        double before = traction_at(tick, creep, creep->before_count, creep->before, depth);
+        double length = p->share.to - p->share.from, now = traction_of(tick, creep, share_of(state, points, i));
         double held = (tip ? state->tip.shaft.traction : state->contacts[p->handle].shaft.traction) + now;
-        double lead = (w->tissue.axial[i + tip] + stiffening_slope(tick, i, length * held)) * length * (now - before);
+        double lead = (tissue->axial[i + tip] + stiffening_slope(stiffening, i, length * held)) * length * (now - before);
         if (tip) shift_tip_shaft(state, lead);
         else state->contacts[p->handle].shaft.origin += lead;
     }
 }
 
-void creep_recall(const tick_context *tick) {
+void creep_recall(const tick_input *tick, insertion_state *state, const contact_points *points, tissue_step *tissue, creep_step *creep, const stiffening_step *stiffening) {
     const creep_series *series = &tick->model->creep;
-    insertion_workspace *w = tick->scratch;
-    creep_step *step = &w->creep;
     if (series->count == 0) return;
-    int tip = w->points.count - 1;
-    if (w->points.tip) fade_face(tick, w->tissue.axial[tip]);
-    keep_remembered_shear(tick);
-    for (int i = w->points.guided; i < w->points.count; i++) {
-        add_up(series->count, step->weight, share_of(tick, i)->terms, &step->remembered[i]);
-        w->tissue.lateral[i].least *= step->yield;
-        w->tissue.lateral[i].more *= step->yield;
-        w->tissue.axial[i] *= step->yield;
+    int tip = points->count - 1;
+    if (points->tip) fade_face(tick, state, creep, tissue->axial[tip]);
+    keep_remembered_shear(tick, state, points, tissue, creep, stiffening);
+    for (int i = points->guided; i < points->count; i++) {
+        add_up(series->count, creep->weight, share_of(state, points, i)->terms, &creep->remembered[i]);
+        tissue->lateral[i].least *= creep->yield;
+        tissue->lateral[i].more *= creep->yield;
+        tissue->axial[i] *= creep->yield;
     }
-    step->face = 0.0;
-    if (w->points.tip) {
-        for (int k = 0; k < series->count; k++) step->face += step->weight[k] * tick->state->memory.face[k];
-        step->remembered[tip].along *= shaft_part(tick);
-        step->remembered[tip].twist *= shaft_part(tick);
-        w->tissue.axial[tip + 1] *= step->yield;
+    creep->face = 0.0;
+    if (points->tip) {
+        for (int k = 0; k < series->count; k++) creep->face += creep->weight[k] * state->memory.face[k];
+        creep->remembered[tip].along *= shaft_part(tick, state);
+        creep->remembered[tip].twist *= shaft_part(tick, state);
+        tissue->axial[tip + 1] *= creep->yield;
     }
-    find_moved(tick);
+    find_moved(tick, points, tissue, creep);
 }
 
 /* Local compliance times what is remembered, as in add_local_compliance. What makes the tip's hold loose near the surface is no tissue, and
    does not creep. */
-void creep_shift_gaps(const tick_context *tick) {
-    insertion_workspace *w = tick->scratch;
-    contact_problem *p = &w->problem;
+void creep_shift_gaps(const tick_input *tick, const insertion_state *state, const contact_points *points, const tissue_step *tissue, const creep_step *creep, contact_problem *problem) {
     if (tick->model->creep.count == 0) return;
-    for (int i = w->points.guided; i < p->count; i++) {
-        bool tip = w->points.list[i].kind == POINT_TIP;
-        const remembered_forces *by = &w->creep.remembered[i];
-        const track_shares at = along_track(tick, i);
-        vec3 track = point_track(tick->state, &w->points.list[i]), across = v3_axpy(-v3_dot(track, by->load), track, by->load);
-        vec3 aside = v3_axpy(w->tissue.lateral[i].more * v3_dot(w->tissue.lateral[i].easy, by->load), w->tissue.lateral[i].easy, v3_scale(w->tissue.lateral[i].least, across));
-        double shaft = w->tissue.axial[i + tip], face = tip ? w->tissue.axial[i] : 0.0;
-        const mat3 *frame = &w->points.list[i].at.frame;
+    for (int i = points->guided; i < problem->count; i++) {
+        bool tip = points->list[i].kind == POINT_TIP;
+        const remembered_forces *by = &creep->remembered[i];
+        const track_shares at = along_track(state, points, tissue, i);
+        vec3 track = point_track(state, &points->list[i]), across = v3_axpy(-v3_dot(track, by->load), track, by->load);
+        vec3 aside = v3_axpy(tissue->lateral[i].more * v3_dot(tissue->lateral[i].easy, by->load), tissue->lateral[i].easy, v3_scale(tissue->lateral[i].least, across));
+        double shaft = tissue->axial[i + tip], face = tip ? tissue->axial[i] : 0.0;
+        const mat3 *frame = &points->list[i].at.frame;
         vec3 around_shaft = m3_apply_transposed(frame, v3_axpy(shaft * by->along, track, v3_scale(at.on_shaft[0], aside)));
-        vec3 at_face = m3_apply_transposed(frame, v3_axpy(face * w->creep.face, track, v3_scale(face * at.on_face[0], across)));
+        vec3 at_face = m3_apply_transposed(frame, v3_axpy(face * creep->face, track, v3_scale(face * at.on_face[0], across)));
         const double shifts[2][4] = {{around_shaft.x, around_shaft.y, around_shaft.z, around_shaft.z}, {at_face.x, at_face.y, at_face.z, 0.0}};
-        for (int a = 0; a < at.count; a++) p->gap[at.row[a]] -= at.on_shaft[a] * shifts[0][a] + at.on_face[a] * shifts[1][a];
+        for (int a = 0; a < at.count; a++) problem->gap[at.row[a]] -= at.on_shaft[a] * shifts[0][a] + at.on_face[a] * shifts[1][a];
     }
 }
 
-double creep_dent(const tick_context *tick) {
-    const insertion_workspace *w = tick->scratch;
+double creep_dent(const tick_input *tick, const insertion_state *state, const contact_points *points, const tissue_step *tissue, const creep_step *creep) {
     if (tick->model->creep.count == 0) return 0.0;
-    int tip = w->points.count - 1;
-    vec3 along = tick->state->tip.place.direction;
-    return v3_dot(along, w->creep.moved[tip]) + w->tissue.axial[tip] * w->creep.face;
+    int tip = points->count - 1;
+    vec3 along = state->tip.place.direction;
+    return v3_dot(along, creep->moved[tip]) + tissue->axial[tip] * creep->face;
 }
 
-static bool recalls_left(const tick_context *tick) { return tick->snapshot->left && tick->snapshot->left_time > tick->state->memory.since; }
+static bool recalls_left(const tick_input *tick, const insertion_state *state) { return tick->snapshot->left && tick->snapshot->left_time > state->memory.since; }
 
-bool creep_free_is_zero(const tick_context *tick) { return !tick->snapshot->loaded && !recalls_left(tick); }
+bool creep_free_is_zero(const tick_input *tick, const insertion_state *state) { return !tick->snapshot->loaded && !recalls_left(tick, state); }
 
-vec3 creep_free(const tick_context *tick, int handle) {
+vec3 creep_free(const tick_input *tick, const insertion_state *state, const creep_step *creep, int handle) {
     const compliance_snapshot *snapshot = tick->snapshot;
     vec3 u = snapshot->u_free[handle];
-    if (!recalls_left(tick)) return u;
+    if (!recalls_left(tick, state)) return u;
     for (int k = 0; k < tick->model->creep.count; k++)
-        u = v3_axpy(tick->model->creep.compliance[k] * tick->scratch->creep.left[k], snapshot->u_left[k][handle], u);
+        u = v3_axpy(tick->model->creep.compliance[k] * creep->left[k], snapshot->u_left[k][handle], u);
     return u;
 }
 
-vec3 creep_free_at(const tick_context *tick, const int handles[4], const double weights[4]) {
+vec3 creep_free_at(const tick_input *tick, const insertion_state *state, const creep_step *creep, const int handles[4], const double weights[4]) {
     vec3 u = ZERO;
-    for (int c = 0; c < 4; c++) u = v3_axpy(weights[c], creep_free(tick, handles[c]), u);
+    for (int c = 0; c < 4; c++) u = v3_axpy(weights[c], creep_free(tick, state, creep, handles[c]), u);
     return u;
 }
 
@@ -353,26 +339,24 @@ static void follow_face(const creep_series *series, const double *decay, double 
     for (int k = 0; k < series->count; k++) terms[k] = decay[k] * terms[k] + (1.0 - decay[k]) * force;
 }
 
-void creep_remember(const tick_context *tick) {
+void creep_remember(const tick_input *tick, insertion_state *state, const contact_points *points, const tissue_step *tissue, const creep_step *creep) {
     const creep_series *series = &tick->model->creep;
-    insertion_state *state = tick->state;
-    const insertion_workspace *w = tick->scratch;
-    const double *decay = w->creep.decay;
+    const double *decay = creep->decay;
     if (series->count == 0) return;
-    for (int i = w->points.guided; i < w->points.count; i++) {
-        bool tip = w->points.list[i].kind == POINT_TIP;
-        vec3 force = point_force(state, &w->points.list[i]);
-        double along = v3_dot(force, point_track(state, &w->points.list[i])), face = tip ? force_on_face(tick) : 0.0;
-        if (tip) along = (along - face) / shaft_part(tick);
-        double torque = tip ? state->tip.shaft.roll.torque / shaft_part(tick) : state->contacts[w->points.list[i].handle].shaft.roll.torque;
+    for (int i = points->guided; i < points->count; i++) {
+        bool tip = points->list[i].kind == POINT_TIP;
+        vec3 force = point_force(state, &points->list[i]);
+        double along = v3_dot(force, point_track(state, &points->list[i])), face = tip ? force_on_face(state, points, tissue) : 0.0;
+        if (tip) along = (along - face) / shaft_part(tick, state);
+        double torque = tip ? state->tip.shaft.roll.torque / shaft_part(tick, state) : state->contacts[points->list[i].handle].shaft.roll.torque;
         remembered_forces now = {tip ? tip_load(&state->tip) : force, along, torque};
-        follow(series, decay, now, state->memory.shares[i - w->points.guided].terms);
+        follow(series, decay, now, state->memory.shares[i - points->guided].terms);
         if (tip) follow_face(series, decay, face + v3_dot(state->tip.dent.damping, state->tip.place.direction), state->memory.face);
     }
 }
 
-double creep_twist(const tick_context *tick, int i) {
-    return tick->model->creep.count > 0 ? tick->scratch->creep.remembered[i].twist : 0.0;
+double creep_twist(const tick_input *tick, const creep_step *creep, int i) {
+    return tick->model->creep.count > 0 ? creep->remembered[i].twist : 0.0;
 }
 
 vec3 creep_load(const insertion_model *model, const tissue_memory *memory, int i) {

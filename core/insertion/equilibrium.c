@@ -12,41 +12,38 @@
 static const double BITE_TIME = 20e-3; /* s: lag with which the surface's hold follows the force along the needle; without it, the two would alternate. Chosen */
 
 /* What is ahead of the tip, from the needle's shape at which the passes start. */
-static void begin(const tick_context *tick) {
-    insertion_workspace *w = tick->scratch;
+static void begin(const tick_input *tick, const insertion_state *state, insertion_workspace *w) {
     w->response.drag = w->continuation.left = 0.0;
-    passes_begin(tick);
-    if (w->points.tip) resistance_ahead_find(tick);
+    passes_begin(tick, state, w);
+    if (w->points.tip) resistance_ahead_find(tick, state, &w->hand, &w->path, &w->points, &w->ahead);
     profile_end_stage(&w->profile, INSERTION_TISSUE);
 }
 
-void equilibrium_linearise(const tick_context *tick, bool loaded) {
-    begin(tick);
-    if (!loaded) memset(tick->scratch->response.load, 0, sizeof tick->scratch->response.load);
-    tick->scratch->damper.relaxed = 1.0; /* at rest, nothing springs back */
-    passes_linearise(tick, true);
+void equilibrium_linearise(const tick_input *tick, insertion_state *state, insertion_workspace *w, bool loaded) {
+    begin(tick, state, w);
+    if (!loaded) memset(w->response.load, 0, sizeof w->response.load);
+    w->damper.relaxed = 1.0; /* at rest, nothing springs back */
+    passes_linearise(tick, state, w, true);
 }
 
-static void go_back(const tick_context *tick) {
-    checkpoint_restore(tick, &tick->scratch->start);
-    passes_begin(tick);
+static void go_back(const tick_input *tick, insertion_state *state, insertion_workspace *w) {
+    checkpoint_restore(state, &w->points, &w->problem, &w->start);
+    passes_begin(tick, state, w);
 }
 
 /* The passes, as nearly always, else their fallback. A needle that goes on as in the last step often needs only one pass: its guessed shape is a better
    start, and nothing else. A misleading guess costs a pass or two; starting again from the last shape would cost more (18 000 steps of a hand that changes
    its mind every 13 ms, in guides and in stiffening tissue: 43 361 passes, instead of 56 572; without any guess 66 336). */
-static pass_result find(const tick_context *tick) {
-    insertion_state *state = tick->state;
+static pass_result find(const tick_input *tick, insertion_state *state, insertion_workspace *w, tick_output *output) {
     const needle_model *needle = tick->model->needle;
-    insertion_workspace *w = tick->scratch;
     needle_go_on(needle, &state->motion, tick->dt, &state->needle);
-    begin(tick);
+    begin(tick, state, w);
     state->motion.time = 0.0;
-    if (state->moving_on) return continuation_follow(tick);
-    pass_result r = passes_run(tick, tick->model->settings.max_passes);
+    if (state->moving_on) return continuation_follow(tick, state, w, output);
+    pass_result r = passes_run(tick, state, w, output, tick->model->settings.max_passes);
     if (!r.found || r.diverging || r.saddle || r.leapt) {
-        go_back(tick);
-        return continuation_follow(tick);
+        go_back(tick, state, w);
+        return continuation_follow(tick, state, w, output);
     }
     if (r.converged) needle_motion_of(needle, &w->start.needle, &state->needle, tick->dt, &state->motion);
     return r;
@@ -58,24 +55,22 @@ static void filter_push(needle_tip *tip, const needle_point *p, double dt) {
 }
 
 /* What follows from the forces: the tip's dent and track, the shaft's roll, what the tissue remembers. */
-static void conclude(const tick_context *tick, pass_result r) {
-    needle_tip *tip = &tick->state->tip;
-    const insertion_workspace *w = tick->scratch;
+static void conclude(const tick_input *tick, insertion_state *state, const insertion_workspace *w, tick_output *output, pass_result r) {
+    needle_tip *tip = &state->tip;
     const contact_point *last = &w->points.list[w->points.count - 1];
-    if (!r.converged) tick->output->events |= EVENT_INEXACT;
-    if (w->points.tip && r.found) tip->track = resistance_ahead_track(tick);
+    if (!r.converged) output->events |= EVENT_INEXACT;
+    if (w->points.tip && r.found) tip->track = resistance_ahead_track(&w->ahead, &w->problem);
     if (w->points.tip) tip->dent.rest = last->target;
-    if (w->points.tip) spring_back(tick);
-    roll_solve(tick);
-    creep_remember(tick);
+    if (w->points.tip) spring_back(tick, state, w);
+    roll_solve(tick, state, &w->points, &w->creep);
+    creep_remember(tick, state, &w->points, &w->tissue, &w->creep);
     if (w->points.tip) filter_push(tip, &last->at, tick->dt);
 }
 
-void equilibrium_find(const tick_context *tick) {
-    insertion_workspace *w = tick->scratch;
+void equilibrium_find(const tick_input *tick, insertion_state *state, insertion_workspace *w, tick_output *output) {
     w->problem.knot = 0;
-    checkpoint_save(tick, &w->start);
-    conclude(tick, find(tick));
+    checkpoint_save(state, &w->points, &w->problem, &w->start);
+    conclude(tick, state, w, output, find(tick, state, w, output));
 }
 
 void equilibrium_forget(insertion_state *state) {

@@ -9,9 +9,9 @@ static const double FORCE_TOLERANCE = 0.01; /* fraction: of the edge's force, by
                                                like TOLERANCE */
 static const double ROUNDING = 1e-12; /* m: by which the needle may be off the edge in any case. Rounding */
 
-static const guide *guide_of(const tick_context *tick, int point) { return &tick->model->guides[tick->scratch->points.list[point].guide]; }
-static const guide_state *state_of(const tick_context *tick, int point) { return &tick->state->guides[tick->scratch->points.list[point].guide]; }
-static const guide_contact *contact_of(const tick_context *tick, int point) { return &state_of(tick, point)->faces[tick->scratch->points.list[point].face]; }
+static const guide *guide_of(const tick_input *tick, const contact_points *points, int point) { return &tick->model->guides[points->list[point].guide]; }
+static const guide_state *state_of(const insertion_state *state, const contact_points *points, int point) { return &state->guides[points->list[point].guide]; }
+static const guide_contact *contact_of(const insertion_state *state, const contact_points *points, int point) { return &state_of(state, points, point)->faces[points->list[point].face]; }
 
 /* m behind the front face: the plane of a point. */
 static double plane_of(const guide_state *state, int face) { return face == 0 ? 0.0 : state->depth; }
@@ -28,10 +28,10 @@ static double beyond_plane(const needle_point *p, vec3 centre, vec3 normal) {
 
 /* Arc at which the centreline crosses the plane, from a guess close to it: by Newton's method, in few steps as the line is nearly
    straight there. */
-static double crossing(const tick_context *tick, double arc, vec3 centre, vec3 normal) {
+static double crossing(const tick_input *tick, const insertion_state *state, double arc, vec3 centre, vec3 normal) {
     double length = tick->model->needle->given.length;
     for (int i = 0; i < 3; i++) {
-        needle_point p = needle_at(tick->model->needle, &tick->state->needle, arc);
+        needle_point p = needle_at(tick->model->needle, &state->needle, arc);
         double step = beyond_plane(&p, centre, normal);
         if (!isfinite(step)) break; /* the needle is parallel to the plate */
         arc = smaller_of(larger_of(arc - step, 0.0), length);
@@ -40,9 +40,9 @@ static double crossing(const tick_context *tick, double arc, vec3 centre, vec3 n
 }
 
 /* The tip has crossed the front face. */
-static void pass_front(const tick_context *tick, const guide *g, guide_state *s, double behind) {
-    double arc = crossing(tick, tick->model->needle->given.length - behind, g->origin, g->normal);
-    vec3 at = needle_at(tick->model->needle, &tick->state->needle, arc).position;
+static void pass_front(const tick_input *tick, const insertion_state *state, const guide *g, guide_state *s, double behind) {
+    double arc = crossing(tick, state, tick->model->needle->given.length - behind, g->origin, g->normal);
+    vec3 at = needle_at(tick->model->needle, &state->needle, arc).position;
     int hole = guide_hole_at(g, at);
     s->passage = hole == BESIDE_PLATE ? GUIDE_BESIDE : hole == NO_HOLE ? GUIDE_MISSED : GUIDE_IN_HOLE;
     if (s->passage != GUIDE_IN_HOLE) return;
@@ -52,23 +52,22 @@ static void pass_front(const tick_context *tick, const guide *g, guide_state *s,
 }
 
 /* Does the needle lie across the hole that it is in, as no real needle could? */
-static bool lies_across(const tick_context *tick, const guide *g, const guide_state *s) {
-    needle_point p = needle_at(tick->model->needle, &tick->state->needle, s->faces[0].arc);
+static bool lies_across(const tick_input *tick, const insertion_state *state, const guide *g, const guide_state *s) {
+    needle_point p = needle_at(tick->model->needle, &state->needle, s->faces[0].arc);
     return v3_dot(needle_along(&p), g->normal) < LEAST_SLOPE;
 }
 
 /* The needle's material point on each face that friction does not hold. */
-static void follow_faces(const tick_context *tick, const guide *g, guide_state *s) {
+static void follow_faces(const tick_input *tick, const insertion_state *state, const guide *g, guide_state *s) {
     for (int f = 0; f < GUIDE_FACES; f++) {
         guide_contact *face = &s->faces[f];
         if (at_tip(g, s, f)) face->arc = tick->model->needle->given.length;
-        else if (!face->touching) face->arc = crossing(tick, face->arc, guide_hole(g, s->hole, plane_of(s, f)), g->normal);
+        else if (!face->touching) face->arc = crossing(tick, state, face->arc, guide_hole(g, s->hole, plane_of(s, f)), g->normal);
     }
 }
 
-void guides_follow(const tick_context *tick) {
+void guides_follow(const tick_input *tick, insertion_state *state, tick_output *output) {
     const insertion_model *model = tick->model;
-    insertion_state *state = tick->state;
     vec3 base = state->needle.joints[0], tip = state->needle.joints[model->needle->given.segments];
     for (int i = 0; i < model->guide_count; i++) {
         const guide *g = &model->guides[i];
@@ -79,12 +78,12 @@ void guides_follow(const tick_context *tick) {
             *s = (guide_state){.passage = GUIDE_AHEAD};
             continue;
         }
-        if (s->passage == GUIDE_AHEAD) pass_front(tick, g, s, behind);
-        if (s->passage == GUIDE_IN_HOLE && lies_across(tick, g, s)) *s = (guide_state){.passage = GUIDE_MISSED};
-        if (s->passage == GUIDE_MISSED) tick->output->events |= EVENT_MISSED_GUIDE;
+        if (s->passage == GUIDE_AHEAD) pass_front(tick, state, g, s, behind);
+        if (s->passage == GUIDE_IN_HOLE && lies_across(tick, state, g, s)) *s = (guide_state){.passage = GUIDE_MISSED};
+        if (s->passage == GUIDE_MISSED) output->events |= EVENT_MISSED_GUIDE;
         if (s->passage != GUIDE_IN_HOLE) continue;
         s->depth = fmin(behind, g->thickness);
-        follow_faces(tick, g, s);
+        follow_faces(tick, state, g, s);
     }
 }
 
@@ -105,15 +104,14 @@ bool guides_hold(const insertion_model *model, const insertion_state *state) {
 
 /* ---- points of contact ------------------------------------------------------------------------------------------------- */
 
-void guides_list(const tick_context *tick) {
+void guides_list(const tick_input *tick, const insertion_state *state, contact_points *points) {
     const insertion_model *model = tick->model;
-    insertion_workspace *w = tick->scratch;
-    w->points.guided = 0;
+    points->guided = 0;
     for (int i = 0; i < model->guide_count; i++) {
-        const guide_state *s = &tick->state->guides[i];
+        const guide_state *s = &state->guides[i];
         int faces = s->passage != GUIDE_IN_HOLE ? 0 : model->guides[i].thickness > 0.0 ? 2 : 1;
         for (int f = 0; f < faces; f++)
-            w->points.list[w->points.guided++] = (contact_point){.kind = POINT_GUIDE, .handle = NO_HANDLE, .guide = i, .face = f, .arc = s->faces[f].arc};
+            points->list[points->guided++] = (contact_point){.kind = POINT_GUIDE, .handle = NO_HANDLE, .guide = i, .face = f, .arc = s->faces[f].arc};
     }
 }
 
@@ -133,7 +131,7 @@ static crossing_map map_of(const guide *g, const needle_point *at) {
 }
 
 /* Compliance of the needle against a force across it where a face holds it, m/N, no less than it has: the tissue may hold it as well. */
-static double needle_compliance(const tick_context *tick, double arc) {
+static double needle_compliance(const tick_input *tick, double arc) {
     return arc * arc * arc / (3.0 * tick->model->needle->bending) + tick->base.compliance;
 }
 
@@ -144,12 +142,11 @@ static double needle_compliance(const tick_context *tick, double arc) {
    It is linearised not where the needle is after a pass, which may be far off the edge or on another side of it, but at the point of the edge
    that the needle rests on if the force stays in proportion to its deflection, of compliance r: along n, the direction of d + r f, with
    the force (|d + r f| - c) / (r + 1 / k). The solution is the same. Across n the stiffness is that of a force that turns with the point. */
-static void find_touch(const tick_context *tick, int point) {
-    insertion_workspace *w = tick->scratch;
-    contact_point *p = &w->points.list[point];
-    hole_edge *edge = &w->edges[point];
-    const guide *g = guide_of(tick, point);
-    const guide_state *s = state_of(tick, point);
+static void find_touch(const tick_input *tick, const insertion_state *state, contact_points *points, hole_edge *edges, int point) {
+    contact_point *p = &points->list[point];
+    hole_edge *edge = &edges[point];
+    const guide *g = guide_of(tick, points, point);
+    const guide_state *s = state_of(state, points, point);
     const guide_contact *face = &s->faces[p->face];
     vec3 centre = guide_hole(g, s->hole, plane_of(s, p->face));
     p->target = v3_axpy(-beyond_plane(&p->at, centre, g->normal), needle_along(&p->at), p->at.position);
@@ -177,8 +174,8 @@ static void find_touch(const tick_context *tick, int point) {
 
 /* Where the needle leaves both faces of a plate in one pass, only the one that would pull more is let go: as a rule the other one pulls
    because of it. */
-static void keep_one_face(const tick_context *tick, int front) {
-    hole_edge *edge = &tick->scratch->edges[front];
+static void keep_one_face(hole_edge *edges, int front) {
+    hole_edge *edge = &edges[front];
     if (edge[0].pulled == 0.0 || edge[1].pulled == 0.0) return;
     hole_edge *kept = &edge[edge[0].pulled > edge[1].pulled];
     double distance = length_of(kept->offset[0], kept->offset[1]);
@@ -187,10 +184,10 @@ static void keep_one_face(const tick_context *tick, int front) {
     for (int a = 0; a < 2; a++) kept->normal[a] = kept->offset[a] / distance;
 }
 
-static void find_yield(const tick_context *tick, int point) {
-    contact_point *p = &tick->scratch->points.list[point];
-    hole_edge *edge = &tick->scratch->edges[point];
-    const guide *g = guide_of(tick, point);
+static void find_yield(const tick_input *tick, contact_points *points, hole_edge *edges, int point) {
+    contact_point *p = &points->list[point];
+    hole_edge *edge = &edges[point];
+    const guide *g = guide_of(tick, points, point);
     if (!edge->touched) return;
     double c = g->clearance, k = g->stiffness, *n = edge->normal, back[2];
     double radial = 1.0 / k, around = 1.0 / fmax(c > 0.0 ? edge->pressed / (c + edge->pressed / k) : k, LEAST_STIFFNESS);
@@ -208,59 +205,52 @@ static void find_yield(const tick_context *tick, int point) {
     p->target = v3_sub(p->target, m3_apply(&p->at.frame, v3(back[0], back[1], 0.0)));
 }
 
-void guides_locate(const tick_context *tick) {
-    const insertion_workspace *w = tick->scratch;
-    for (int i = 0; i < w->points.guided; i++) find_touch(tick, i);
-    for (int i = 0; i + 1 < w->points.guided; i++)
-        if (w->points.list[i].guide == w->points.list[i + 1].guide) keep_one_face(tick, i);
-    for (int i = 0; i < w->points.guided; i++) find_yield(tick, i);
+void guides_locate(const tick_input *tick, const insertion_state *state, contact_points *points, hole_edge *edges) {
+    for (int i = 0; i < points->guided; i++) find_touch(tick, state, points, edges, i);
+    for (int i = 0; i + 1 < points->guided; i++)
+        if (points->list[i].guide == points->list[i + 1].guide) keep_one_face(edges, i);
+    for (int i = 0; i < points->guided; i++) find_yield(tick, points, edges, i);
 }
 
-void guides_bound(const tick_context *tick, int point) {
-    insertion_workspace *w = tick->scratch;
-    contact_problem *p = &w->problem;
-    const contact_point *at = &w->points.list[point];
-    const guide *g = guide_of(tick, point);
-    const guide_contact *face = contact_of(tick, point);
-    bool holds = w->edges[point].touched && !at_tip(g, state_of(tick, point), at->face);
+void guides_bound(const tick_input *tick, const insertion_state *state, const contact_points *points, hole_edge *edges, contact_problem *problem, int point) {
+    const contact_point *at = &points->list[point];
+    const guide *g = guide_of(tick, points, point);
+    const guide_contact *face = contact_of(state, points, point);
+    bool holds = edges[point].touched && !at_tip(g, state_of(state, points, point), at->face);
     vec3 along = needle_along(&at->at), pressing = v3_axpy(-v3_dot(face->force, along), along, face->force);
-    w->edges[point].rubbing = holds ? v3_norm(pressing) : 0.0;
-    double friction = g->friction * w->edges[point].rubbing;
-    p->upper[point] = friction;
-    p->lower[point] = -friction;
-    p->viscosity[point][0] = p->viscosity[point][1] = 0.0;
-    p->state[point] = face->friction;
+    edges[point].rubbing = holds ? v3_norm(pressing) : 0.0;
+    double friction = g->friction * edges[point].rubbing;
+    problem->upper[point] = friction;
+    problem->lower[point] = -friction;
+    problem->viscosity[point][0] = problem->viscosity[point][1] = 0.0;
+    problem->state[point] = face->friction;
 }
 
-void guides_add_compliance(const tick_context *tick, int point) {
-    contact_problem *p = &tick->scratch->problem;
-    const hole_edge *edge = &tick->scratch->edges[point];
-    int x = unknown(p->count, point, 0), along = unknown(p->count, point, 2);
+void guides_add_compliance(const tick_input *tick, const contact_points *points, const hole_edge *edges, contact_problem *problem, int point) {
+    const hole_edge *edge = &edges[point];
+    int x = unknown(problem->count, point, 0), along = unknown(problem->count, point, 2);
     bool touched = edge->touched; /* otherwise not coupled to anything, and without force */
-    p->compliance[x][x] += touched ? edge->lateral[0] : 1.0;
-    p->compliance[x][x + 1] += touched ? edge->lateral[1] : 0.0;
-    p->compliance[x + 1][x + 1] += touched ? edge->lateral[2] : 1.0;
-    p->compliance[along][along] += touched ? 1.0 / guide_of(tick, point)->stiffness : 1.0;
+    problem->compliance[x][x] += touched ? edge->lateral[0] : 1.0;
+    problem->compliance[x][x + 1] += touched ? edge->lateral[1] : 0.0;
+    problem->compliance[x + 1][x + 1] += touched ? edge->lateral[2] : 1.0;
+    problem->compliance[along][along] += touched ? 1.0 / guide_of(tick, points, point)->stiffness : 1.0;
 }
 
-void guides_close_gap(const tick_context *tick, int point) {
-    contact_problem *p = &tick->scratch->problem;
-    if (tick->scratch->edges[point].touched) return;
-    for (int a = 0; a < 3; a++) p->gap[unknown(p->count, point, a)] = 0.0;
+void guides_close_gap(const hole_edge *edges, contact_problem *problem, int point) {
+    if (edges[point].touched) return;
+    for (int a = 0; a < 3; a++) problem->gap[unknown(problem->count, point, a)] = 0.0;
 }
 
-void guides_take(const tick_context *tick, int point) {
-    const contact_problem *p = &tick->scratch->problem;
-    const contact_point *at = &tick->scratch->points.list[point];
-    guide_contact *face = &tick->state->guides[at->guide].faces[at->face];
-    face->touching = tick->scratch->edges[point].touched;
-    face->slip = p->slip[point];
-    face->friction = p->state[point];
+void guides_take(insertion_state *state, const contact_points *points, const hole_edge *edges, const contact_problem *problem, int point) {
+    const contact_point *at = &points->list[point];
+    guide_contact *face = &state->guides[at->guide].faces[at->face];
+    face->touching = edges[point].touched;
+    face->slip = problem->slip[point];
+    face->friction = problem->state[point];
 }
 
-bool guides_agree(const tick_context *tick) {
-    const insertion_workspace *w = tick->scratch;
-    for (int i = 0; i < w->points.guided; i++)
-        if (!w->edges[i].agrees) return false;
+bool guides_agree(const contact_points *points, const hole_edge *edges) {
+    for (int i = 0; i < points->guided; i++)
+        if (!edges[i].agrees) return false;
     return true;
 }

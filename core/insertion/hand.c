@@ -28,29 +28,26 @@ static void slide_in_tissue(insertion_state *state, double radius) {
 }
 
 /* Moves the base; the spring that holds it stays as it has yielded. */
-static void move_base(const tick_context *tick) {
+static void move_base(const tick_input *tick, insertion_state *state) {
     pose base = tick->base.pose;
-    base.position = v3_add(base.position, tick->state->base_shift);
-    roll_turn_base(tick->state, base.orientation);
-    needle_hold(tick->model->needle, base, &tick->state->needle);
+    base.position = v3_add(base.position, state->base_shift);
+    roll_turn_base(state, base.orientation);
+    needle_hold(tick->model->needle, base, &state->needle);
 }
 
-void hand_slide_shaft(const tick_context *tick) {
-    insertion_state *state = tick->state;
+void hand_slide_shaft(const tick_input *tick, insertion_state *state) {
     guides_slide(tick->model, state);
     if (state->tip.place.phase != TIP_FREE) slide_in_tissue(state, tick->model->needle->radius);
 }
 
-void hand_move(const tick_context *tick) {
+void hand_move(const tick_input *tick, insertion_state *state, hand_advance *hand) {
     const insertion_model *model = tick->model;
-    insertion_state *state = tick->state;
-    hand_advance *hand = &tick->scratch->hand;
     const vec3 *joints = state->needle.joints;
     int end = model->needle->given.segments;
     hand->end_before = joints[end];
     hand->straight_before = needle_straight_end(model->needle, state->needle.base);
     if (state->tip.place.phase == TIP_FREE && !guides_hold(model, state)) needle_rest(model->needle, tick->base.pose, &state->needle);
-    else move_base(tick);
+    else move_base(tick, state);
     vec3 along = v3_unit(v3_sub(joints[end], joints[end - 1]));
     hand->carried = fmax(0.0, v3_dot(along, v3_sub(joints[end], hand->end_before)));
 }

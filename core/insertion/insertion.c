@@ -36,65 +36,61 @@ void insertion_reset(const insertion_model *model, pose base, insertion_state *s
 /* ---- one step ------------------------------------------------------------------------------------------------------ */
 
 /* Sums the forces of all points into the wrench on the base. */
-static void find_wrench(const tick_context *tick) {
-    insertion_state *state = tick->state;
-    tick_output *output = tick->output;
+static void find_wrench(const insertion_state *state, const contact_points *points, tick_output *output) {
     output->force = output->torque = v3(0, 0, 0);
-    for (int i = 0; i < tick->scratch->points.count; i++) {
-        const contact_point *point = &tick->scratch->points.list[i];
+    for (int i = 0; i < points->count; i++) {
+        const contact_point *point = &points->list[i];
         vec3 on_needle = v3_scale(-1.0, point_force(state, point));
         vec3 lever = v3_sub(point->at.position, state->needle.base.position);
         output->force = v3_add(output->force, on_needle);
         output->torque = v3_add(output->torque, v3_cross(lever, on_needle));
     }
-    double torque = roll_torque(tick);
+    double torque = roll_torque(state, points);
     if (torque != 0.0) output->torque = v3_axpy(-torque, q_axis(state->needle.base.orientation), output->torque);
     output->depth = state->tip.place.phase == TIP_FREE ? 0.0 : state->tip.place.depth;
     output->contacts = contacts_active(state);
 }
 
 /* Each stage is given what those before it have written. */
-static void step(const tick_context *tick) {
-    insertion_state *state = tick->state;
-    creep_begin(tick);
-    hand_slide_shaft(tick);
-    vec3 gradient = track_gradient(tick);
-    hand_move(tick);
-    path_follow(tick, gradient);
-    accept_snapshot(tick);
-    if (tissue_find(tick)) equilibrium_find(tick);
+static void step(const tick_input *tick, insertion_state *state, insertion_workspace *w, tick_output *output) {
+    creep_begin(tick, state, &w->creep);
+    hand_slide_shaft(tick, state);
+    vec3 gradient = track_gradient(tick, state, &w->creep);
+    hand_move(tick, state, &w->hand);
+    path_follow(tick, state, &w->hand, &w->path, &w->creep, output, gradient);
+    accept_snapshot(tick, state, output);
+    if (tissue_find(tick, state, &w->points, &w->tissue, &w->creep, &w->stiffening, &w->damper, output)) equilibrium_find(tick, state, w, output);
     else equilibrium_forget(state);
-    tip_puncture(tick);
-    find_wrench(tick);
+    tip_puncture(tick, state, output);
+    find_wrench(state, &w->points, output);
 }
 
-void insertion_tick(const tick_context *given) {
-    insertion_state *state = given->state;
-    *given->output = (tick_output){.membrane = -1};
-    profile_begin(&given->scratch->profile);
+void insertion_tick(const tick_input *given, insertion_state *state, insertion_workspace *w, tick_output *output) {
+    *output = (tick_output){.membrane = -1};
+    profile_begin(&w->profile);
     pose held = state->needle.base;
     held.position = v3_sub(held.position, state->base_shift);
     double dt = fmax(given->dt, LEAST_TICK);
     const insertion_settings *settings = &given->model->settings;
     int steps = (int)fmin(ceil(dt / settings->longest_step - SAME_TIME), settings->most_steps);
-    tick_context tick = *given;
+    tick_input tick = *given;
     tick.dt = steps > 1 ? dt / steps : dt;
     for (int i = 1; i < steps; i++) {
         tick.base.pose = pose_between(held, given->base.pose, (double)i / steps);
-        step(&tick);
+        step(&tick, state, w, output);
     }
     tick.base.pose = given->base.pose;
-    step(&tick);
-    outside_watch(&tick);
+    step(&tick, state, w, output);
+    outside_watch(&tick, state, output);
     prefetch_request(given->model, state);
-    profile_end_stage(&given->scratch->profile, INSERTION_WRENCH);
+    profile_end_stage(&w->profile, INSERTION_WRENCH);
 }
 
-bool insertion_linearise(const tick_context *tick, bool loaded) {
-    if (!touches_tissue(tick->state)) return false;
-    creep_begin(tick);
-    tissue_find(tick);
-    equilibrium_linearise(tick, loaded);
+bool insertion_linearise(const tick_input *tick, insertion_state *state, insertion_workspace *w, tick_output *output, bool loaded) {
+    if (!touches_tissue(state)) return false;
+    creep_begin(tick, state, &w->creep);
+    tissue_find(tick, state, &w->points, &w->tissue, &w->creep, &w->stiffening, &w->damper, output);
+    equilibrium_linearise(tick, state, w, loaded);
     return true;
 }
 

@@ -9,47 +9,43 @@
 #include "remesh/snapshot_kernels.h"
 
 /* Handles of the last point under the tip that the snapshot covered; false: there is none. */
-static bool tip_handles(const tick_context *tick, int handles[4]) {
-    const needle_tip *tip = &tick->state->tip;
+static bool tip_handles(const tick_input *tick, const insertion_state *state, int handles[4]) {
+    const needle_tip *tip = &state->tip;
     return tip->place.phase == TIP_INSIDE && tip->known.tet >= 0 && snapshot_covers(tick->snapshot, tick->model->mesh->tets[tip->known.tet], handles);
 }
 
 /* Load of active contact number k from the base on the tissue, N. */
-static vec3 load_of(const tick_context *tick, int k) {
-    const insertion_state *state = tick->state;
+static vec3 load_of(const tick_input *tick, const insertion_state *state, int k) {
     return v3_add(state->contacts[state->refined.order[k]].force, creep_load(tick->model, &state->memory, k));
 }
 
 /* Displacement of a handle under the tip's load on those at `corners`, m. */
-static vec3 displaced_by_tip(const tick_context *tick, const int corners[4], int handle) {
-    const insertion_state *state = tick->state;
+static vec3 displaced_by_tip(const tick_input *tick, const insertion_state *state, const int corners[4], int handle) {
     mat3 c = compliance_to_point(tick->snapshot, corners, state->tip.known.weights, handle);
     return m3_apply_transposed(&c, v3_add(tip_load(&state->tip), creep_tip_load(tick->model, &state->memory)));
 }
 
-vec3 displacement_at(const tick_context *tick, const int handles[4], const double weights[4]) {
-    const insertion_state *state = tick->state;
+vec3 displacement_at(const tick_input *tick, const insertion_state *state, const creep_step *creep, const int handles[4], const double weights[4]) {
     handle_load loads[MAX_CONTACTS];
     int count = 0;
-    for (; contact_is_active(state, count); count++) loads[count] = (handle_load){state->refined.order[count], load_of(tick, count)};
-    vec3 u = creep_free_at(tick, handles, weights);
+    for (; contact_is_active(state, count); count++) loads[count] = (handle_load){state->refined.order[count], load_of(tick, state, count)};
+    vec3 u = creep_free_at(tick, state, creep, handles, weights);
     u = v3_add(u, displacement_under(tick->snapshot, handles, weights, count, loads));
     int corners[4];
-    if (!tip_handles(tick, corners)) return u;
-    for (int c = 0; c < 4; c++) u = v3_axpy(weights[c], displaced_by_tip(tick, corners, handles[c]), u);
+    if (!tip_handles(tick, state, corners)) return u;
+    for (int c = 0; c < 4; c++) u = v3_axpy(weights[c], displaced_by_tip(tick, state, corners, handles[c]), u);
     return u;
 }
 
-vec3 displacement_at_tip(const tick_context *tick) {
-    const needle_tip *tip = &tick->state->tip;
+vec3 displacement_at_tip(const tick_input *tick, const insertion_state *state, const creep_step *creep) {
+    const needle_tip *tip = &state->tip;
     int corners[4];
     bool covered = tip->known.tet >= 0 && snapshot_covers(tick->snapshot, tick->model->mesh->tets[tip->known.tet], corners);
-    return covered ? displacement_at(tick, corners, tip->known.weights) : v3(0, 0, 0);
+    return covered ? displacement_at(tick, state, creep, corners, tip->known.weights) : v3(0, 0, 0);
 }
 
 /* A contact whose row has arrived takes over the shaft that the tip has held for it until now. */
-static void activate_contact(const tick_context *tick, int k) {
-    insertion_state *state = tick->state;
+static void activate_contact(const tick_input *tick, insertion_state *state, int k) {
     int slot = state->refined.order[k];
     shaft_contact *contact = &state->contacts[slot];
     contact->status = CONTACT_ACTIVE;
@@ -61,18 +57,16 @@ static void activate_contact(const tick_context *tick, int k) {
     contact->shaft.origin = origin;
 }
 
-void accept_snapshot(const tick_context *tick) {
-    insertion_state *state = tick->state;
+void accept_snapshot(const tick_input *tick, insertion_state *state, tick_output *output) {
     int known = snapshot_known_contacts(tick->snapshot, &state->refined), passed = contacts_passed(state);
     for (int k = contacts_active(state); k < known && k < passed; k++) {
-        activate_contact(tick, k);
-        tick->output->events |= EVENT_ADDED;
+        activate_contact(tick, state, k);
+        output->events |= EVENT_ADDED;
     }
 }
 
-void follow_known_point(const tick_context *tick, int handles[4]) {
+void follow_known_point(const tick_input *tick, insertion_state *state, tick_output *output, int handles[4]) {
     const insertion_model *model = tick->model;
-    insertion_state *state = tick->state;
     needle_tip *tip = &state->tip;
     double weights[4];
     int tet = refinement_element(model->mesh, &state->refined, snapshot_known_contacts(tick->snapshot, &state->refined), tip->place.tet, tip->place.nominal, weights);
@@ -87,8 +81,8 @@ void follow_known_point(const tick_context *tick, int handles[4]) {
         memcpy(tip->known.weights, weights, sizeof weights);
         return;
     }
-    tick->output->events |= EVENT_LATE;
-    if (!tip_handles(tick, handles)) handles[0] = NO_HANDLE;
+    output->events |= EVENT_LATE;
+    if (!tip_handles(tick, state, handles)) handles[0] = NO_HANDLE;
 }
 
 /* What remains of a difference between two measurements, of elements side by side or of a line that has turned, fades out as the tip
@@ -96,19 +90,19 @@ void follow_known_point(const tick_context *tick, int handles[4]) {
 static double faded(double now, double then, double used, double fading) { return now + (used - then) * fading; }
 
 /* Goes on with what was measured last: elements side by side differ little. Farther away, or without any measurement, the worker is late. */
-static void keep_resolution(const tick_context *tick) {
+static void keep_resolution(const tick_input *tick, insertion_state *state, tick_output *output) {
     const insertion_model *model = tick->model;
-    needle_tip *tip = &tick->state->tip;
+    needle_tip *tip = &state->tip;
     if (!tip->resolution.known) tip->resolution.field = local_resolution_guess(model, tip->place.tet);
     bool beside = tip->resolution.known && v3_norm(v3_sub(tip->place.nominal, tip->resolution.at)) < mesh_edge_length(model->mesh, tip->place.tet);
-    if (!beside) tick->output->events |= EVENT_LATE;
+    if (!beside) output->events |= EVENT_LATE;
 }
 
-void follow_resolution(const tick_context *tick) {
-    needle_tip *tip = &tick->state->tip;
+void follow_resolution(const tick_input *tick, insertion_state *state, tick_output *output) {
+    needle_tip *tip = &state->tip;
     const line_piece *piece = snapshot_piece(tick->snapshot, tip->place.tet);
     if (!piece) {
-        keep_resolution(tick);
+        keep_resolution(tick, state, output);
         return;
     }
     resolved_field now = piece_at(piece, tip->place.nominal), used = now;

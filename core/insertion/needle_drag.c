@@ -13,27 +13,24 @@ double needle_drag(const needle_model *model) {
 
 /* A drag against the turning of a segment has the energy d l |t - t_start|^2 / 2, which differs by a constant from that of a tension d along
    t_start. A tension along each segment is what forces at the joints exert that are differences of such tensions. Together they are zero. */
-static vec3 drag_at(const tick_context *tick, int joint) {
-    const insertion_workspace *w = tick->scratch;
-    const vec3 *joints = w->start.needle.joints;
+static vec3 drag_at(const tick_input *tick, const needle_response *response, const pass_checkpoint *start, int joint) {
+    const vec3 *joints = start->needle.joints;
     vec3 before = joint > 0 ? v3_unit(v3_sub(joints[joint], joints[joint - 1])) : v3(0, 0, 0);
     vec3 after = joint < tick->model->needle->given.segments ? v3_unit(v3_sub(joints[joint + 1], joints[joint])) : v3(0, 0, 0);
-    return v3_scale(w->response.drag, v3_sub(before, after));
+    return v3_scale(response->drag, v3_sub(before, after));
 }
 
-void drag_add_loads(const tick_context *tick) {
-    insertion_workspace *w = tick->scratch;
-    if (w->response.drag == 0.0) return;
-    for (int k = 0; k <= tick->model->needle->given.segments; k++) w->response.load[k] = v3_add(w->response.load[k], drag_at(tick, k));
+void drag_add_loads(const tick_input *tick, needle_response *response, const pass_checkpoint *start) {
+    if (response->drag == 0.0) return;
+    for (int k = 0; k <= tick->model->needle->given.segments; k++) response->load[k] = v3_add(response->load[k], drag_at(tick, response, start, k));
 }
 
-void drag_shift_joints(const tick_context *tick) {
-    insertion_workspace *w = tick->scratch;
-    needle_tangent *tangent = &w->response.tangent;
+void drag_shift_joints(const tick_input *tick, needle_response *response, const pass_checkpoint *start) {
+    needle_tangent *tangent = &response->tangent;
     int n = tick->model->needle->given.segments;
-    if (w->response.drag == 0.0) return;
+    if (response->drag == 0.0) return;
     for (int k = 1; k <= n; k++) {
-        vec3 force = drag_at(tick, k);
+        vec3 force = drag_at(tick, response, start, k);
         const double f[3] = {force.x, force.y, force.z};
         for (int i = 1; i <= n; i++) {
             double moved[3] = {0.0};

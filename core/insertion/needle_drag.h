@@ -9,9 +9,9 @@
 double needle_drag(const needle_model *model);
 
 /* Adds to the loads on the joints what drags a needle that has moved on from scratch->start in this step. RT */
-void drag_add_loads(const tick_context *tick);
+void drag_add_loads(const tick_input *tick, needle_response *response, const pass_checkpoint *start);
 
 /* Adds to the joints' displacement at zero load what the drag displaces. The compliance of all joints must be known. RT */
-void drag_shift_joints(const tick_context *tick);
+void drag_shift_joints(const tick_input *tick, needle_response *response, const pass_checkpoint *start);
 
 #endif

@@ -8,84 +8,83 @@
 
 static const double OVERLAP = 2e-3; /* m: by which bodies that were meshed separately may overlap. Chosen */
 
-vec3 needle_direction(const tick_context *tick) {
-    quat frame = tick->state->needle.frames[tick->model->needle->given.segments - 1];
-    double slope = tick->model->needle->given.bevel_slope, lead = tick->state->tip_lead;
+vec3 needle_direction(const tick_input *tick, const insertion_state *state) {
+    quat frame = state->needle.frames[tick->model->needle->given.segments - 1];
+    double slope = tick->model->needle->given.bevel_slope, lead = state->tip_lead;
     return q_rotate(frame, v3(slope * sin(lead), -slope * cos(lead), 1.0));
 }
 
 /* How far the needle's end is beyond the place where the tip left the tissue, as that is displaced now, m. */
-static double beyond_exit(const tick_context *tick) {
-    const insertion_state *state = tick->state;
-    vec3 exit = v3_add(tip_position(&state->tip.place), displacement_at_tip(tick));
-    return v3_dot(v3_sub(state->needle.joints[tick->model->needle->given.segments], exit), v3_unit(needle_direction(tick)));
+static double beyond_exit(const tick_input *tick, const insertion_state *state, const creep_step *creep) {
+    vec3 exit = v3_add(tip_position(&state->tip.place), displacement_at_tip(tick, state, creep));
+    return v3_dot(v3_sub(state->needle.joints[tick->model->needle->given.segments], exit), v3_unit(needle_direction(tick, state)));
 }
 
-void come_back(const tick_context *tick) {
-    needle_tip *tip = &tick->state->tip;
-    double beyond = beyond_exit(tick);
-    const shaft_contact *last = last_contact(tick->state);
+void come_back(const tick_input *tick, insertion_state *state, const creep_step *creep, tick_output *output) {
+    needle_tip *tip = &state->tip;
+    double beyond = beyond_exit(tick, state, creep);
+    const shaft_contact *last = last_contact(state);
     if (beyond > -tick->model->needle->radius) return;
     tip->place.phase = TIP_INSIDE;
     tip->solved.slip = beyond;
     tip->shaft = last ? last->shaft : shaft_at_rest(tick->model, tip->place.depth + beyond);
-    tick->output->events |= EVENT_REENTERED;
+    output->events |= EVENT_REENTERED;
 }
 
-static entrance entrance_at(const tick_context *tick, surface_hit hit) {
-    int blocked_by = hit.hit ? old_tracks_obstacle(tick, hit.tet, hit.face, hit.tet, hit.point) : NOT_BLOCKED;
+static entrance entrance_at(const tick_input *tick, const insertion_state *state, surface_hit hit) {
+    int blocked_by = hit.hit ? old_tracks_obstacle(tick, state, hit.tet, hit.face, hit.tet, hit.point) : NOT_BLOCKED;
     return (entrance){hit.hit, hit.tet, hit.face, blocked_by, hit.point};
 }
 
-void enter_next(const tick_context *tick, const entrance *at, double gap) {
-    needle_tip *tip = &tick->state->tip;
+void enter_next(const tick_input *tick, insertion_state *state, tick_output *output, const entrance *at, double gap) {
+    needle_tip *tip = &state->tip;
     if (!at->found) return;
-    if (tick->state->stratum_count + 2 > MAX_STRATA) {
-        tick->output->events |= EVENT_FULL;
+    if (state->stratum_count + 2 > MAX_STRATA) {
+        output->events |= EVENT_FULL;
         return;
     }
-    note_stratum(tick, IN_A_GAP);
+    note_stratum(state, output, IN_A_GAP);
     tip->place.phase = TIP_INSIDE;
     tip->place.tet = at->tet;
     tip->barrier.face = at->face;
     tip->place.nominal = at->point;
     set_beside(tip, v3(0, 0, 0));
-    tip->place.direction = v3_unit(needle_direction(tick));
+    tip->place.direction = v3_unit(needle_direction(tick, state));
     tip->place.depth += fmax(gap, FACE_CLEARANCE);
     tip->known.tet = -1;
     tip->barrier.blocked_by = at->blocked_by;
     tip->barrier.entering = true;
     tip->next_contact = NAN;
     tip->shaft = shaft_at_rest(tick->model, tip->place.depth);
-    enter_stratum(tick);
-    tick->output->events |= EVENT_TOUCHED;
+    enter_stratum(tick, state, output);
+    output->events |= EVENT_TOUCHED;
 }
 
-entrance next_body(const tick_context *tick, vec3 left, vec3 to) {
+entrance next_body(const tick_input *tick, const insertion_state *state, vec3 left, vec3 to) {
     const insertion_model *model = tick->model;
     vec3 direction = v3_unit(v3_sub(to, left)), beyond = v3_axpy(2.0 * FACE_CLEARANCE, direction, left);
-    entrance overlap = entrance_at(tick, mesh_enter(model->mesh, v3_axpy(-OVERLAP, direction, left), left));
+    entrance overlap = entrance_at(tick, state, mesh_enter(model->mesh, v3_axpy(-OVERLAP, direction, left), left));
     surface_hit before = {.hit = overlap.found, .tet = overlap.tet, .point = overlap.point};
     if (before.hit && reaches(model->mesh, before, beyond, &overlap.tet)) {
         overlap.point = beyond;
         return overlap;
     }
-    return entrance_at(tick, mesh_enter(model->mesh, v3_axpy(-FACE_CLEARANCE, direction, left), to));
+    return entrance_at(tick, state, mesh_enter(model->mesh, v3_axpy(-FACE_CLEARANCE, direction, left), to));
 }
 
-void enter_what_touches(const tick_context *tick, vec3 direction) {
-    vec3 left = tick->state->tip.place.nominal, way = v3_sub(tick->state->tip.place.end, left);
+void enter_what_touches(const tick_input *tick, insertion_state *state, tick_output *output, vec3 direction) {
+    vec3 left = state->tip.place.nominal, way = v3_sub(state->tip.place.end, left);
     if (v3_dot(way, direction) < 2.0 * FACE_CLEARANCE) way = v3_scale(2.0 * FACE_CLEARANCE, direction);
-    entrance at = next_body(tick, left, v3_add(left, way));
-    enter_next(tick, &at, v3_norm(v3_sub(at.point, left)));
+    entrance at = next_body(tick, state, left, v3_add(left, way));
+    enter_next(tick, state, output, &at, v3_norm(v3_sub(at.point, left)));
 }
 
-void look_for_next(const tick_context *tick) {
+void look_for_next(const tick_input *tick, insertion_state *state, const creep_step *creep, tick_output *output) {
     const insertion_model *model = tick->model;
-    needle_tip *tip = &tick->state->tip;
-    vec3 before = tip->place.end, now = tick->state->needle.joints[model->needle->given.segments];
+    needle_tip *tip = &state->tip;
+    vec3 before = tip->place.end, now = state->needle.joints[model->needle->given.segments];
     tip->place.end = now;
-    if (v3_dot(v3_sub(now, before), needle_direction(tick)) <= 0.0) return;
-    entrance at = entrance_at(tick, mesh_enter(model->mesh, before, now));
-    enter_next(tick, &at, beyond_exit(tick) - v3_norm(v3_sub(now, at.point)));
+    if (v3_dot(v3_sub(now, before), needle_direction(tick, state)) <= 0.0) return;
+    entrance at = entrance_at(tick, state, mesh_enter(model->mesh, before, now));
+    enter_next(tick, state, output, &at, beyond_exit(tick, state, creep) - v3_norm(v3_sub(now, at.point)));
 }

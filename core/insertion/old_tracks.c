@@ -13,43 +13,43 @@ static double reach_of(const insertion_model *model) { return model->settings.tr
 
 /* ---- recording ----------------------------------------------------------------------------------------------------------- */
 
-static void tell(const tick_context *tick, bool room) {
-    if (!room) tick->output->events |= EVENT_TRACK_DROPPED;
+static void tell(tick_output *output, bool room) {
+    if (!room) output->events |= EVENT_TRACK_DROPPED;
 }
 
-void old_tracks_cut(const tick_context *tick, int tet, vec3 from) {
-    const needle_tip *tip = &tick->state->tip;
+void old_tracks_cut(insertion_state *state, tick_output *output, int tet, vec3 from) {
+    const needle_tip *tip = &state->tip;
     if (tip->track.open == 1.0 || v3_norm(v3_sub(tip->place.nominal, from)) == 0.0) return;
-    tell(tick, tracks_cut(&tick->state->tracks, (track_point){.at = from, .tet = tet}, (track_point){.at = tip->place.nominal, .tet = tip->place.tet}));
+    tell(output, tracks_cut(&state->tracks, (track_point){.at = from, .tet = tet}, (track_point){.at = tip->place.nominal, .tet = tip->place.tet}));
 }
 
-void old_tracks_puncture(const tick_context *tick, int membrane) {
-    const needle_tip *tip = &tick->state->tip;
-    tell(tick, tracks_puncture(&tick->state->tracks, (track_point){.at = tip->place.nominal, .tet = tip->place.tet}, membrane));
+void old_tracks_puncture(insertion_state *state, tick_output *output, int membrane) {
+    const needle_tip *tip = &state->tip;
+    tell(output, tracks_puncture(&state->tracks, (track_point){.at = tip->place.nominal, .tet = tip->place.tet}, membrane));
 }
 
 /* ---- what is open -------------------------------------------------------------------------------------------------------- */
 
 /* The tracks in the tissue: list 0 is the needle's own. NULL past the last one. */
-static const track_list *list_of(const tick_context *tick, int index) {
-    if (index == 0) return &tick->state->tracks;
+static const track_list *list_of(const tick_input *tick, const insertion_state *state, int index) {
+    if (index == 0) return &state->tracks;
     return index <= tick->other_count ? tick->others[index - 1] : NULL;
 }
 
 /* How open this membrane is at x: as a track would be, by the distance from its punctures. */
-static double membrane_open(const tick_context *tick, int membrane, vec3 x) {
+static double membrane_open(const tick_input *tick, const insertion_state *state, int membrane, vec3 x) {
     double reach = reach_of(tick->model), closest = INFINITY;
     const track_list *list;
-    for (int i = 0; (list = list_of(tick, i)) && reach > 0.0; i++) closest = fmin(closest, tracks_puncture_distance(list, membrane, x, FADE * reach));
+    for (int i = 0; (list = list_of(tick, state, i)) && reach > 0.0; i++) closest = fmin(closest, tracks_puncture_distance(list, membrane, x, FADE * reach));
     return isinf(closest) ? 0.0 : fade(closest, reach);
 }
 
-int old_tracks_obstacle(const tick_context *tick, int tet, int face, int behind, vec3 x) {
+int old_tracks_obstacle(const tick_input *tick, const insertion_state *state, int tet, int face, int behind, vec3 x) {
     int found = obstacle(tick->model, tet, face, behind);
-    return found >= 0 && membrane_open(tick, found, x) == 1.0 ? NOT_BLOCKED : found;
+    return found >= 0 && membrane_open(tick, state, found, x) == 1.0 ? NOT_BLOCKED : found;
 }
 
-double old_tracks_torn(const tick_context *tick, int blocked_by, vec3 x) { return blocked_by >= 0 ? membrane_open(tick, blocked_by, x) : 0.0; }
+double old_tracks_torn(const tick_input *tick, const insertion_state *state, int blocked_by, vec3 x) { return blocked_by >= 0 ? membrane_open(tick, state, blocked_by, x) : 0.0; }
 
 /* A track that the tip may follow. */
 typedef struct {
@@ -72,13 +72,13 @@ static candidate judge(const insertion_model *model, const track_list *list, int
                        .way = v3_unit(v3_axpy(1.0 / (CATCH_UP * 2.0 * model->needle->radius), aside, along))};
 }
 
-open_track old_tracks_ahead(const tick_context *tick, double beyond) {
-    const needle_tip *tip = &tick->state->tip;
-    vec3 direction = tick->scratch->path.cut_direction;
+open_track old_tracks_ahead(const tick_input *tick, const insertion_state *state, const path_step *path, double beyond) {
+    const needle_tip *tip = &state->tip;
+    vec3 direction = path->cut_direction;
     candidate best = {.open = 0.0, .way = v3(0, 0, 0)};
     const track_list *list;
     bool searched = tip->place.phase == TIP_INSIDE && tick->model->settings.track_reach > 0.0;
-    for (int i = 0; searched && (list = list_of(tick, i)); i++)
+    for (int i = 0; searched && (list = list_of(tick, state, i)); i++)
         for (int track = 0; track < list->count; track++) {
             candidate c = judge(tick->model, list, track, tip->place.nominal, direction);
             if (c.left <= beyond) continue;

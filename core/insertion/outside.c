@@ -8,8 +8,7 @@ typedef struct {
 } stretch;
 
 /* The needle's track with what is too close to it: nothing but the tip in the air. */
-static stretch known_stretch(const tick_context *tick) {
-    const insertion_state *state = tick->state;
+static stretch known_stretch(const tick_input *tick, const insertion_state *state) {
     const needle_tip *tip = &state->tip;
     double length = tick->model->needle->given.length;
     if (tip->place.phase == TIP_FREE) return (stretch){length - NEAR, length};
@@ -24,14 +23,13 @@ static stretch known_stretch(const tick_context *tick) {
     return (stretch){entry - NEAR - v3_norm(moved), exit};
 }
 
-void outside_watch(const tick_context *tick) {
-    insertion_state *state = tick->state;
+void outside_watch(const tick_input *tick, insertion_state *state, tick_output *output) {
     int count = tick->model->needle->given.segments, k = state->watched = (state->watched + 1) % count;
-    stretch known = known_stretch(tick);
+    stretch known = known_stretch(tick, state);
     double from = k * tick->model->needle->segment_length, to = from + tick->model->needle->segment_length;
     bool free = to <= known.from || (from >= known.to && to <= count * tick->model->needle->segment_length - NEAR);
     bool inside = free && mesh_enter(tick->model->mesh, state->needle.joints[k], state->needle.joints[k + 1]).hit;
     uint64_t bit = (uint64_t)1 << k;
     state->outside = inside ? state->outside | bit : state->outside & ~bit;
-    if (state->outside) tick->output->events |= EVENT_OUTSIDE_MODEL;
+    if (state->outside) output->events |= EVENT_OUTSIDE_MODEL;
 }

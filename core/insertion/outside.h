@@ -5,6 +5,6 @@
 #include "insertion/tick.h"
 
 /* Looks at one segment of the needle in each tick. EVENT_OUTSIDE_MODEL as long as one of them was in a body, off the needle's track. RT */
-void outside_watch(const tick_context *tick);
+void outside_watch(const tick_input *tick, insertion_state *state, tick_output *output);
 
 #endif

@@ -16,19 +16,19 @@ typedef struct {
 static inline bool passes_are_stable(pass_result r) { return r.found && r.converged && !r.saddle; } /* RT */
 
 /* Locates the points on the needle's present shape, with its present forces: before the first pass, and after going back. RT */
-void passes_begin(const tick_context *tick);
+void passes_begin(const tick_input *tick, const insertion_state *state, insertion_workspace *w);
 
 /* Linearises needle and tissue, in the `first` pass about the present shape and forces, and puts the contact problem together. RT */
-void passes_linearise(const tick_context *tick, bool first);
+void passes_linearise(const tick_input *tick, const insertion_state *state, insertion_workspace *w, bool first);
 
 /* Passes from the present shape, at most so many. RT */
-pass_result passes_run(const tick_context *tick, int most);
+pass_result passes_run(const tick_input *tick, insertion_state *state, insertion_workspace *w, tick_output *output, int most);
 
 /* Forces of all points, and drag, on the needle's joints. RT */
-void passes_load_joints(const tick_context *tick);
+void passes_load_joints(const tick_input *tick, const insertion_state *state, const contact_points *points, needle_response *response, const pass_checkpoint *start);
 
 /* Largest turn of a segment since the needle had this shape, rad. RT */
-double passes_turned_since(const tick_context *tick, const needle_state *shape);
+double passes_turned_since(const tick_input *tick, const insertion_state *state, const needle_state *shape);
 
 /* Euler's load of the needle clamped at its base and hinged at its tip, N. RT */
 double euler_load(const needle_model *needle);

@@ -6,6 +6,6 @@
 #include "insertion/tick.h"
 
 /* `gradient`: of the tissue's displacement along the track, before the hand moved (track_gradient.h). RT */
-void path_follow(const tick_context *tick, vec3 gradient);
+void path_follow(const tick_input *tick, insertion_state *state, const hand_advance *hand, path_step *path, const creep_step *creep, tick_output *output, vec3 gradient);
 
 #endif

@@ -17,40 +17,40 @@ static void add_stretch(resistance_ahead *ahead, stretch_ahead added) {
 
 /* Tissue along an open track springs back over a tip that goes farther than the hand carries it. Beyond that, it has the viscosity of tissue that
    is not open: otherwise nothing would hold what springs back, and the force would fall at once as the tip comes into the track. */
-static void add_tissue(const tick_context *tick, double from, const open_track *track) {
+static void add_tissue(const tick_input *tick, const insertion_state *state, const hand_advance *hand, resistance_ahead *ahead, double from, const open_track *track) {
     const insertion_model *model = tick->model;
-    int tet = tick->state->tip.place.tet;
+    int tet = state->tip.place.tet;
     double whole = model->materials[model->mesh->region[tet]].cutting_viscosity;
-    bool springs_back = from >= tick->scratch->hand.carried;
-    add_stretch(&tick->scratch->ahead, (stretch_ahead){.from = from, .resistance = cutting_resistance(model, tet, track->open),
+    bool springs_back = from >= hand->carried;
+    add_stretch(ahead, (stretch_ahead){.from = from, .resistance = cutting_resistance(model, tet, track->open),
                                                        .viscosity = springs_back ? whole : (1.0 - track->open) * whole, .track = *track});
 }
 
 /* Open tracks, one behind the other, and whole tissue. */
-static void add_tracks(const tick_context *tick, double reach) {
-    double carried = tick->scratch->hand.carried, from = 0.0;
-    open_track track = tick->state->tip.track;
-    while (tick->scratch->ahead.count < MAX_KNOTS - 1) {
-        add_tissue(tick, from, &track);
+static void add_tracks(const tick_input *tick, const insertion_state *state, const hand_advance *hand, const path_step *path, resistance_ahead *ahead, double reach) {
+    double carried = hand->carried, from = 0.0;
+    open_track track = state->tip.track;
+    while (ahead->count < MAX_KNOTS - 1) {
+        add_tissue(tick, state, hand, ahead, from, &track);
         if (track.open == 0.0) return;
-        if (from < carried && carried < track.left) add_tissue(tick, carried, &track);
+        if (from < carried && carried < track.left) add_tissue(tick, state, hand, ahead, carried, &track);
         if (track.left > reach) return;
         from = track.left;
-        track = old_tracks_ahead(tick, from);
+        track = old_tracks_ahead(tick, state, path, from);
     }
 }
 
 /* Membranes and bone along those stretches. A tip that grazes an outer face meets none. */
-static void add_stops(const tick_context *tick, double reach) {
+static void add_stops(const tick_input *tick, const insertion_state *state, const path_step *path, resistance_ahead *ahead, double reach) {
     const mesh *m = tick->model->mesh;
-    const needle_tip *tip = &tick->state->tip;
-    const resistance_ahead tissue = tick->scratch->ahead;
+    const needle_tip *tip = &state->tip;
+    const resistance_ahead tissue = *ahead;
     vec3 x = tip->place.nominal;
     double slip = 0.0, chord;
     if (v3_norm(tip->place.graze_normal) > 0.0) return;
     for (int step = 0, k = 0, tet = tip->place.tet; step < MAX_STEPS && tet >= 0 && slip < reach; step++) {
         const open_track *track = &tissue.stretches[k].track;
-        vec3 direction = old_tracks_lead(track, tick->scratch->path.cut_direction);
+        vec3 direction = old_tracks_lead(track, path->cut_direction);
         double end = k + 1 < tissue.count ? tissue.stretches[k + 1].from : INFINITY;
         int face = mesh_exit(m, tet, x, direction, &chord);
         if (face < 0) return;
@@ -62,10 +62,10 @@ static void add_stops(const tick_context *tick, double reach) {
         }
         slip += chord;
         x = v3_axpy(chord, direction, x);
-        int behind = m->neighbours[tet][face], blocked_by = old_tracks_obstacle(tick, tet, face, behind, x);
+        int behind = m->neighbours[tet][face], blocked_by = old_tracks_obstacle(tick, state, tet, face, behind, x);
         if (blocked_by != NOT_BLOCKED && slip <= reach) {
-            double resistance = blocked_resistance(tick->model, tet, track->open, blocked_by, old_tracks_torn(tick, blocked_by, x));
-            add_stretch(&tick->scratch->ahead, (stretch_ahead){.from = slip + FACE_CLEARANCE /* so that it gets there */, .resistance = resistance, .stops = true, .track = *track});
+            double resistance = blocked_resistance(tick->model, tet, track->open, blocked_by, old_tracks_torn(tick, state, blocked_by, x));
+            add_stretch(ahead, (stretch_ahead){.from = slip + FACE_CLEARANCE /* so that it gets there */, .resistance = resistance, .stops = true, .track = *track});
         }
         x = v3_axpy(FACE_CLEARANCE, direction, x);
         tet = behind;
@@ -73,22 +73,21 @@ static void add_stops(const tick_context *tick, double reach) {
 }
 
 /* How far forward the tip would go if nothing bore a force, m: the hand's advance and all that springs back. */
-static double most_slip(const tick_context *tick) {
-    const contact_point *p = &tick->scratch->points.list[tick->scratch->points.count - 1];
-    return fmax(v3_dot(needle_along(&p->at), v3_sub(v3_sub(p->at.position, tick->state->base_shift), p->target)), 0.0);
+static double most_slip(const insertion_state *state, const contact_points *points) {
+    const contact_point *p = &points->list[points->count - 1];
+    return fmax(v3_dot(needle_along(&p->at), v3_sub(v3_sub(p->at.position, state->base_shift), p->target)), 0.0);
 }
 
-void resistance_ahead_find(const tick_context *tick) {
-    const needle_tip *tip = &tick->state->tip;
-    resistance_ahead *ahead = &tick->scratch->ahead;
+void resistance_ahead_find(const tick_input *tick, const insertion_state *state, const hand_advance *hand, const path_step *path, const contact_points *points, resistance_ahead *ahead) {
+    const needle_tip *tip = &state->tip;
     ahead->count = 0;
     if (tip->barrier.blocked_by != NOT_BLOCKED) {
         add_stretch(ahead, (stretch_ahead){.resistance = tip_resistance(tick->model, tip), .stops = true, .track = tip->track});
         return;
     }
-    double reach = most_slip(tick);
-    add_tracks(tick, reach);
-    add_stops(tick, reach);
+    double reach = most_slip(state, points);
+    add_tracks(tick, state, hand, path, ahead, reach);
+    add_stops(tick, state, path, ahead, reach);
 }
 
 /* ---- the staircase ------------------------------------------------------------------------------------------------- */
@@ -103,9 +102,8 @@ static void add_knot(resistance_ahead *ahead, staircase *climb, double at, doubl
 
 /* The staircase is the largest resistance met so far, so that it only goes up: the tip passes a membrane that holds it at the force that pierces it, until
    the tissue takes more. The membrane gives way in the next step. */
-void resistance_ahead_climb(const tick_context *tick, double work_of_hold, staircase *climb) {
-    resistance_ahead *ahead = &tick->scratch->ahead;
-    vec3 force = tick->state->tip.solved.force, needle = needle_along(&tick->scratch->points.list[tick->scratch->points.count - 1].at);
+void resistance_ahead_climb(const tick_input *tick, const insertion_state *state, const contact_points *points, resistance_ahead *ahead, double work_of_hold, staircase *climb) {
+    vec3 force = state->tip.solved.force, needle = needle_along(&points->list[points->count - 1].at);
     double tissue = 0.0, slope = 0.0, cutting = 0.0, held = 0.0, at = 0.0; /* N, N/m; N without viscosity; N by what stops the tip; m */
     climb->count = 0;
     climb->back = 0.0;
@@ -128,9 +126,7 @@ void resistance_ahead_climb(const tick_context *tick, double work_of_hold, stair
     }
 }
 
-open_track resistance_ahead_track(const tick_context *tick) {
-    const insertion_workspace *w = tick->scratch;
-    const contact_problem *p = &w->problem;
-    int piece = p->knot > 0 && p->state[p->climber] != SLIP_FORWARD ? p->knot - 1 : p->knot;
-    return w->ahead.stretches[w->ahead.of_knot[piece]].track;
+open_track resistance_ahead_track(const resistance_ahead *ahead, const contact_problem *problem) {
+    int piece = problem->knot > 0 && problem->state[problem->climber] != SLIP_FORWARD ? problem->knot - 1 : problem->knot;
+    return ahead->stretches[ahead->of_knot[piece]].track;
 }

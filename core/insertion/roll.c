@@ -53,11 +53,11 @@ static roll_friction *roll_of(insertion_state *state, const contact_point *p) {
     return p->kind == POINT_TIP ? &state->tip.shaft.roll : &state->contacts[p->handle].shaft.roll;
 }
 
-static const contact_point *tissue_points(const tick_context *tick) { return &tick->scratch->points.list[tick->scratch->points.guided]; }
+static const contact_point *tissue_points(const contact_points *points) { return &points->list[points->guided]; }
 
-double roll_torque(const tick_context *tick) {
+double roll_torque(const insertion_state *state, const contact_points *points) {
     double sum = 0.0;
-    for (int i = tick->scratch->points.guided; i < tick->scratch->points.count; i++) sum += roll_at(tick->state, &tick->scratch->points.list[i])->torque;
+    for (int i = points->guided; i < points->count; i++) sum += roll_at(state, &points->list[i])->torque;
     return sum;
 }
 
@@ -72,9 +72,8 @@ typedef struct {
 
 /* The tissue's rotation around a shaft is local: the torque m' per length turns it by m' / (4 pi mu r^2), whatever the mesh. 2 pi mu is the
    inverse of the local compliance along the needle. */
-static roll_point point_at(const tick_context *tick, const contact_point *p) {
+static roll_point point_at(const tick_input *tick, const insertion_state *state, const creep_step *creep, const contact_point *p) {
     const insertion_model *model = tick->model;
-    insertion_state *state = tick->state;
     bool tip = p->kind == POINT_TIP;
     const shaft_contact *contact = tip ? NULL : &state->contacts[p->handle];
     const roll_friction *roll = roll_at(state, p);
@@ -82,7 +81,7 @@ static roll_point point_at(const tick_context *tick, const contact_point *p) {
     double slid = tip ? state->tip.shaft.slid : contact->shaft.slid;
     double dry = shaft_friction_limit(model, &p->shaft, slid + roll_way(slip, roll, radius));
     double along = length * (tip ? state->tip.shaft.traction : contact->shaft.traction);
-    roll_point point = {.yielding = tick->scratch->creep.yield / larger_of(2.0 * radius * radius * p->shaft.axial, LEAST_YIELDING),
+    roll_point point = {.yielding = creep->yield / larger_of(2.0 * radius * radius * p->shaft.axial, LEAST_YIELDING),
                         .bound = roll_left_to_turning(dry, slip, along, roll, radius)};
     point.bound.viscosity += p->shaft.viscous * radius * radius / tick->dt;
     return point;
@@ -124,14 +123,14 @@ static friction_state consistent(const roll_point *p, const roll_friction *roll)
 }
 
 /* Changes points between sticking and sliding until all are consistent, as contact_solve does. */
-static void search(const tick_context *tick, int n, roll_point *chain) {
-    const contact_point *at = tissue_points(tick);
+static void search(insertion_state *state, const contact_points *points, int n, roll_point *chain) {
+    const contact_point *at = tissue_points(points);
     for (int round = 0; round < ROUNDS_TOGETHER + ROUNDS_EACH * n; round++) {
         bool done = true;
-        for (int i = 0; i < n; i++) take_law(&chain[i], roll_at(tick->state, &at[i]));
-        solve_chain(n, tick->state->base_turn, chain);
+        for (int i = 0; i < n; i++) take_law(&chain[i], roll_at(state, &at[i]));
+        solve_chain(n, state->base_turn, chain);
         for (int i = 0; i < n; i++) {
-            roll_friction *roll = roll_of(tick->state, &at[i]);
+            roll_friction *roll = roll_of(state, &at[i]);
             friction_state next = consistent(&chain[i], roll);
             if (next == roll->friction || (!done && round >= ROUNDS_TOGETHER)) continue;
             roll->friction = next;
@@ -142,30 +141,27 @@ static void search(const tick_context *tick, int n, roll_point *chain) {
 }
 
 /* A point that is new is where the tissue is at rest. */
-static bool anchor_points(const tick_context *tick) {
-    insertion_state *state = tick->state;
+static bool anchor_points(insertion_state *state, const contact_points *points) {
     bool twisted = state->tip_lead != 0.0;
-    for (int i = tick->scratch->points.guided; i < tick->scratch->points.count; i++) {
-        roll_friction *roll = roll_of(state, &tick->scratch->points.list[i]);
+    for (int i = points->guided; i < points->count; i++) {
+        roll_friction *roll = roll_of(state, &points->list[i]);
         if (isnan(roll->anchor)) *roll = (roll_friction){.anchor = state->base_turn + state->tip_lead};
         twisted = twisted || roll->anchor != state->base_turn || roll->torque != 0.0;
     }
     return twisted;
 }
 
-void roll_solve(const tick_context *tick) {
-    insertion_state *state = tick->state;
-    insertion_workspace *w = tick->scratch;
+void roll_solve(const tick_input *tick, insertion_state *state, const contact_points *points, const creep_step *creep) {
     roll_point chain[MAX_SHARES];
-    const contact_point *at = tissue_points(tick);
-    int n = w->points.count - w->points.guided;
-    if (n == 0 || !anchor_points(tick)) return;
+    const contact_point *at = tissue_points(points);
+    int n = points->count - points->guided;
+    if (n == 0 || !anchor_points(state, points)) return;
     for (int i = 0; i < n; i++) {
-        chain[i] = point_at(tick, &at[i]);
+        chain[i] = point_at(tick, state, creep, &at[i]);
         chain[i].shaft = tick->model->needle->torsion / larger_of(at[i].arc - (i > 0 ? at[i - 1].arc : 0.0), LEAST_GAP);
-        chain[i].remembered = creep_twist(tick, w->points.guided + i);
+        chain[i].remembered = creep_twist(tick, creep, points->guided + i);
     }
-    search(tick, n, chain);
+    search(state, points, n, chain);
     for (int i = 0; i < n; i++) {
         roll_friction *roll = roll_of(state, &at[i]);
         roll->torque = torque_of(&chain[i]);

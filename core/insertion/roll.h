@@ -23,9 +23,9 @@ double roll_way(double slip, const roll_friction *roll, double radius);
 void roll_turn_base(insertion_state *state, quat orientation);
 
 /* Turns the shaft: torques, slip and the tip's lag after the solve of this step. RT */
-void roll_solve(const tick_context *tick);
+void roll_solve(const tick_input *tick, insertion_state *state, const contact_points *points, const creep_step *creep);
 
 /* Sum of the torques of all points on the tissue, N m, about the needle's axis. RT */
-double roll_torque(const tick_context *tick);
+double roll_torque(const insertion_state *state, const contact_points *points);
 
 #endif

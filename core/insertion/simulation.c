@@ -344,14 +344,13 @@ void simulation_free(simulation *s) {
     memset(s, 0, sizeof *s);
 }
 
-trocar_status simulation_step(simulation *s, tick_context tick, compliance_snapshot *snapshot, report *why) {
+trocar_status simulation_step(simulation *s, tick_input tick, insertion_state *state, compliance_snapshot *snapshot, tick_output *output, report *why) {
     tick.model = &s->insertion;
-    tick.scratch = s->workspace;
     tick.snapshot = snapshot;
-    insertion_tick(&tick);
-    if (!insertion_is_finite(tick.state, tick.output)) insertion_start_over(&s->insertion, tick.base.pose, tick.state, tick.output);
-    if (snapshot->serial == tick.state->request.serial) return TROCAR_OK;
-    return remesher_answer(s->remesher, &tick.state->request, snapshot, why);
+    insertion_tick(&tick, state, s->workspace, output);
+    if (!insertion_is_finite(state, output)) insertion_start_over(&s->insertion, tick.base.pose, state, output);
+    if (snapshot->serial == state->request.serial) return TROCAR_OK;
+    return remesher_answer(s->remesher, &state->request, snapshot, why);
 }
 
 void simulation_save(const insertion_state *state, const compliance_snapshot *snapshot, checkpoint *saved) {

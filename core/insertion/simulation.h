@@ -85,9 +85,9 @@ void simulation_free(simulation *s);
 
 size_t simulation_field_scratch(const simulation *s); /* entries of field_scratch */
 
-/* Lockstep: one tick, then the remesher serves what it asked for, for the next tick. Deterministic. The caller sets state, base, dt and
-   output of `tick`; the rest is set here. */
-trocar_status simulation_step(simulation *s, tick_context tick, compliance_snapshot *snapshot, report *why);
+/* Lockstep: one tick, then the remesher serves what it asked for, for the next tick. Deterministic. The caller sets base and dt of
+   `tick`; the rest is set here. */
+trocar_status simulation_step(simulation *s, tick_input tick, insertion_state *state, compliance_snapshot *snapshot, tick_output *output, report *why);
 
 /* Everything that changes, as it is between two ticks: plain data, about 2 MB, for planners and tests. */
 typedef struct {

@@ -21,49 +21,45 @@ double stiffening_lead(const insertion_model *model, stiffened_shaft before, sti
     return shift_under(model, now.stiffening, now.softness, traction) - shift_under(model, before.stiffening, before.softness, traction);
 }
 
-void stiffening_prepare(const tick_context *tick) {
+void stiffening_prepare(const tick_input *tick, const insertion_state *state, const contact_points *points, const tissue_step *tissue, stiffening_step *stiffening) {
     const insertion_model *model = tick->model;
-    const insertion_state *state = tick->state;
-    insertion_workspace *w = tick->scratch;
-    stiffening_step *s = &w->stiffening;
     double radius = model->needle->radius;
-    s->any = model->stiffens && w->points.count > w->points.guided;
-    s->end = (linear_shift){0};
-    if (!s->any) return;
-    for (int i = w->points.guided; i < w->points.count; i++) {
-        const contact_point *p = &w->points.list[i];
-        s->along[i] = stiffening_of_shaft(p->shaft.stiffening, radius, p->shaft.axial, w->tissue.axial[i + (p->kind == POINT_TIP)]);
+    stiffening->any = model->stiffens && points->count > points->guided;
+    stiffening->end = (linear_shift){0};
+    if (!stiffening->any) return;
+    for (int i = points->guided; i < points->count; i++) {
+        const contact_point *p = &points->list[i];
+        stiffening->along[i] = stiffening_of_shaft(p->shaft.stiffening, radius, p->shaft.axial, tissue->axial[i + (p->kind == POINT_TIP)]);
     }
-    if (!w->points.tip) return;
+    if (!points->tip) return;
     const needle_tip *tip = &state->tip;
-    int t = w->points.count - 1;
+    int t = points->count - 1;
     local_disc disc = local_disc_at_tip(model, tip->place.tet, tip->place.nominal, tip->place.depth - tip_entry_depth(state), tip->filtered_push);
-    s->face = stiffening_of_tip(disc.stiffening, radius, disc.compliance, disc.softness, disc.angle, w->tissue.axial[t]);
+    stiffening->face = stiffening_of_tip(disc.stiffening, radius, disc.compliance, disc.softness, disc.angle, tissue->axial[t]);
 }
 
-double stiffening_slope(const tick_context *tick, int i, double force) {
-    const stiffening_step *s = &tick->scratch->stiffening;
-    return s->any ? stiffening_at(&s->along[i], force).slope : 0.0;
+double stiffening_slope(const stiffening_step *stiffening, int i, double force) {
+    return stiffening->any ? stiffening_at(&stiffening->along[i], force).slope : 0.0;
 }
 
 /* ---- forces that the laws depend on ------------------------------------------------------------------------------------------ */
 
 /* On the end face along the track, and of the damper, which pushes on the same tissue, N. */
-static double force_of_face(const tick_context *tick) {
-    double damping = tick->scratch->damper.relaxed < 1.0 ? v3_dot(tick->state->tip.dent.damping, tick->state->tip.place.direction) : 0.0;
-    return force_on_face(tick) + damping;
+static double force_of_face(const insertion_state *state, const contact_points *points, const tissue_step *tissue, const damper_step *damper) {
+    double damping = damper->relaxed < 1.0 ? v3_dot(state->tip.dent.damping, state->tip.place.direction) : 0.0;
+    return force_on_face(state, points, tissue) + damping;
 }
 
 /* What creeping tissue remembers of it, N. */
-static double remembered_along(const tick_context *tick, int i) {
-    return tick->model->creep.count > 0 ? tick->scratch->creep.remembered[i].along : 0.0;
+static double remembered_along(const tick_input *tick, const creep_step *creep, int i) {
+    return tick->model->creep.count > 0 ? creep->remembered[i].along : 0.0;
 }
 
-static double remembered_of_face(const tick_context *tick) { return tick->model->creep.count > 0 ? tick->scratch->creep.face : 0.0; }
+static double remembered_of_face(const tick_input *tick, const creep_step *creep) { return tick->model->creep.count > 0 ? creep->face : 0.0; }
 
 /* The law holds for the force that would strain elastic tissue as much: in tissue that creeps, `yield` times the force and what is remembered. */
-static stiffening_shift evaluate(const tick_context *tick, const stiffening_law *law, double force, double remembered) {
-    double yield = tick->scratch->creep.yield;
+static stiffening_shift evaluate(const creep_step *creep, const stiffening_law *law, double force, double remembered) {
+    double yield = creep->yield;
     stiffening_shift at = stiffening_at(law, yield * (force + remembered));
     at.slope *= yield;
     return at;
@@ -72,63 +68,53 @@ static stiffening_shift evaluate(const tick_context *tick, const stiffening_law 
 /* ---- passes --------------------------------------------------------------------------------------------------------------- */
 
 /* The force under which the law displaces the tissue as far as its linearisation did under `force`. */
-static double force_of_last_pass(const tick_context *tick, const stiffening_law *law, double force, double remembered, const linear_shift *linear) {
-    double yield = tick->scratch->creep.yield;
+static double force_of_last_pass(const creep_step *creep, const stiffening_law *law, double force, double remembered, const linear_shift *linear) {
+    double yield = creep->yield;
     return stiffening_force(law, yield * law->linear * (force + remembered) + linear->offset + linear->slope * force) / yield - remembered;
 }
 
 /* `offset` is the displacement that is left at no force. */
-static void linearise(const tick_context *tick, const stiffening_law *law, bool first, double force, double remembered, linear_shift *linear) {
-    if (!first && law->field != NOT_STIFFENING) force = force_of_last_pass(tick, law, force, remembered, linear);
-    stiffening_shift at = evaluate(tick, law, force, remembered);
+static void linearise(const creep_step *creep, const stiffening_law *law, bool first, double force, double remembered, linear_shift *linear) {
+    if (!first && law->field != NOT_STIFFENING) force = force_of_last_pass(creep, law, force, remembered, linear);
+    stiffening_shift at = evaluate(creep, law, force, remembered);
     *linear = (linear_shift){.force = force, .slope = at.slope, .offset = at.shift - at.slope * force};
 }
 
 /* Forces that are falling would overshoot: the tangent at the larger force is far too steep for the smaller one. Displacements are moderate all the same. */
-void stiffening_linearise(const tick_context *tick, bool first) {
-    insertion_workspace *w = tick->scratch;
-    stiffening_step *s = &w->stiffening;
-    if (!s->any) return;
-    for (int i = w->points.guided; i < w->points.count; i++) linearise(tick, &s->along[i], first, force_on_shaft(tick, i), remembered_along(tick, i), &s->shaft[i]);
-    if (w->points.tip) linearise(tick, &s->face, first, force_of_face(tick), remembered_of_face(tick), &s->end);
+void stiffening_linearise(const tick_input *tick, const insertion_state *state, const contact_points *points, const tissue_step *tissue, const creep_step *creep, stiffening_step *stiffening, const damper_step *damper, bool first) {
+    if (!stiffening->any) return;
+    for (int i = points->guided; i < points->count; i++) linearise(creep, &stiffening->along[i], first, force_on_shaft(state, points, tissue, i), remembered_along(tick, creep, i), &stiffening->shaft[i]);
+    if (points->tip) linearise(creep, &stiffening->face, first, force_of_face(state, points, tissue, damper), remembered_of_face(tick, creep), &stiffening->end);
 }
 
-void stiffening_add_compliance(const tick_context *tick) {
-    const insertion_workspace *w = tick->scratch;
-    contact_problem *p = &tick->scratch->problem;
-    const stiffening_step *s = &w->stiffening;
-    if (!s->any) return;
-    for (int i = w->points.guided; i < p->count; i++) {
-        const track_shares at = along_track(tick, i);
+void stiffening_add_compliance(const insertion_state *state, const contact_points *points, const tissue_step *tissue, const stiffening_step *stiffening, contact_problem *problem) {
+    if (!stiffening->any) return;
+    for (int i = points->guided; i < problem->count; i++) {
+        const track_shares at = along_track(state, points, tissue, i);
         for (int a = 0; a < at.count; a++)
             for (int b = 0; b <= a; b++)
-                p->compliance[at.row[b]][at.row[a]] += (s->shaft[i].slope * at.on_shaft[a] * at.on_shaft[b] + s->end.slope * at.on_face[a] * at.on_face[b]) * at.along[a] * at.along[b];
+                problem->compliance[at.row[b]][at.row[a]] += (stiffening->shaft[i].slope * at.on_shaft[a] * at.on_shaft[b] + stiffening->end.slope * at.on_face[a] * at.on_face[b]) * at.along[a] * at.along[b];
     }
 }
 
-void stiffening_shift_gaps(const tick_context *tick) {
-    const insertion_workspace *w = tick->scratch;
-    contact_problem *p = &tick->scratch->problem;
-    const stiffening_step *s = &w->stiffening;
-    if (!s->any) return;
-    for (int i = w->points.guided; i < p->count; i++) {
-        const track_shares at = along_track(tick, i);
-        for (int a = 0; a < at.count; a++) p->gap[at.row[a]] -= (s->shaft[i].offset * at.on_shaft[a] + s->end.offset * at.on_face[a]) * at.along[a];
+void stiffening_shift_gaps(const insertion_state *state, const contact_points *points, const tissue_step *tissue, const stiffening_step *stiffening, contact_problem *problem) {
+    if (!stiffening->any) return;
+    for (int i = points->guided; i < problem->count; i++) {
+        const track_shares at = along_track(state, points, tissue, i);
+        for (int a = 0; a < at.count; a++) problem->gap[at.row[a]] -= (stiffening->shaft[i].offset * at.on_shaft[a] + stiffening->end.offset * at.on_face[a]) * at.along[a];
     }
 }
 
 /* The laws' second derivatives are at most unit scale^2, which saves evaluating most of them. */
-static bool agrees(const tick_context *tick, const stiffening_law *law, double force, double remembered, const linear_shift *linear) {
-    double change = tick->scratch->creep.yield * law->scale * (force - linear->force);
+static bool agrees(const creep_step *creep, const stiffening_law *law, double force, double remembered, const linear_shift *linear) {
+    double change = creep->yield * law->scale * (force - linear->force);
     if (law->field == NOT_STIFFENING || 0.5 * law->unit * change * change <= AGREEMENT) return true;
-    return fabs(evaluate(tick, law, force, remembered).shift - linear->offset - linear->slope * force) <= AGREEMENT;
+    return fabs(evaluate(creep, law, force, remembered).shift - linear->offset - linear->slope * force) <= AGREEMENT;
 }
 
-bool stiffening_agrees(const tick_context *tick) {
-    const insertion_workspace *w = tick->scratch;
-    const stiffening_step *s = &w->stiffening;
-    if (!s->any) return true;
-    for (int i = w->points.guided; i < w->points.count; i++)
-        if (!agrees(tick, &s->along[i], force_on_shaft(tick, i), remembered_along(tick, i), &s->shaft[i])) return false;
-    return !w->points.tip || agrees(tick, &s->face, force_of_face(tick), remembered_of_face(tick), &s->end);
+bool stiffening_agrees(const tick_input *tick, const insertion_state *state, const contact_points *points, const tissue_step *tissue, const creep_step *creep, const stiffening_step *stiffening, const damper_step *damper) {
+    if (!stiffening->any) return true;
+    for (int i = points->guided; i < points->count; i++)
+        if (!agrees(creep, &stiffening->along[i], force_on_shaft(state, points, tissue, i), remembered_along(tick, creep, i), &stiffening->shaft[i])) return false;
+    return !points->tip || agrees(creep, &stiffening->face, force_of_face(state, points, tissue, damper), remembered_of_face(tick, creep), &stiffening->end);
 }

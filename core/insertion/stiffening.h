@@ -15,19 +15,19 @@ typedef struct {
 double stiffening_lead(const insertion_model *model, stiffened_shaft before, stiffened_shaft now, double traction);
 
 /* The laws of this step's points. After find_local_compliance, before creep_recall. RT */
-void stiffening_prepare(const tick_context *tick);
+void stiffening_prepare(const tick_input *tick, const insertion_state *state, const contact_points *points, const tissue_step *tissue, stiffening_step *stiffening);
 
 /* Compliance along the shaft at point i under this force, on top of the linear one, m/N; at most 0. RT */
-double stiffening_slope(const tick_context *tick, int i, double force);
+double stiffening_slope(const stiffening_step *stiffening, int i, double force);
 
 /* Linearises: in the first pass about the present forces, then about the displacements that the last pass found. RT */
-void stiffening_linearise(const tick_context *tick, bool first);
+void stiffening_linearise(const tick_input *tick, const insertion_state *state, const contact_points *points, const tissue_step *tissue, const creep_step *creep, stiffening_step *stiffening, const damper_step *damper, bool first);
 
 /* Adds what was linearised to the contact problem: to its compliance, and to its gaps. RT */
-void stiffening_add_compliance(const tick_context *tick);
-void stiffening_shift_gaps(const tick_context *tick);
+void stiffening_add_compliance(const insertion_state *state, const contact_points *points, const tissue_step *tissue, const stiffening_step *stiffening, contact_problem *problem);
+void stiffening_shift_gaps(const insertion_state *state, const contact_points *points, const tissue_step *tissue, const stiffening_step *stiffening, contact_problem *problem);
 
 /* Do the displacements under the new forces agree with the linearised ones? RT */
-bool stiffening_agrees(const tick_context *tick);
+bool stiffening_agrees(const tick_input *tick, const insertion_state *state, const contact_points *points, const tissue_step *tissue, const creep_step *creep, const stiffening_step *stiffening, const damper_step *damper);
 
 #endif

@@ -1,16 +1,15 @@
 #include "insertion/strata.h"
 
-void note_stratum(const tick_context *tick, int region) {
-    insertion_state *state = tick->state;
+void note_stratum(insertion_state *state, tick_output *output, int region) {
     const needle_tip *tip = &state->tip;
     int last = state->stratum_count - 1;
     if (last >= 0 && state->strata[last].region == region) return;
     if (last + 1 < MAX_STRATA) state->strata[state->stratum_count++] = (stratum){tip->place.depth, region, tip->place.tet, tip->place.nominal};
-    else tick->output->events |= EVENT_FULL;
+    else output->events |= EVENT_FULL;
 }
 
-void enter_stratum(const tick_context *tick) {
-    note_stratum(tick, tick->model->mesh->region[tick->state->tip.place.tet]);
+void enter_stratum(const tick_input *tick, insertion_state *state, tick_output *output) {
+    note_stratum(state, output, tick->model->mesh->region[state->tip.place.tet]);
 }
 
 int last_gap(const insertion_state *state) {

@@ -5,10 +5,10 @@
 #include "insertion/tick.h"
 
 /* Records that the track enters `region` (or IN_A_GAP) at the tip. RT */
-void note_stratum(const tick_context *tick, int region);
+void note_stratum(insertion_state *state, tick_output *output, int region);
 
 /* The same with the region that the tip is in. RT */
-void enter_stratum(const tick_context *tick);
+void enter_stratum(const tick_input *tick, insertion_state *state, tick_output *output);
 
 /* Forgets the layers ahead of a tip that was drawn back. RT */
 void leave_strata(insertion_state *state);

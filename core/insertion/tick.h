@@ -223,18 +223,15 @@ typedef struct {
     double compliance;       /* m/N, the same in every direction; 0: held rigidly */
 } mount;
 
-/* One tick and all that it works with. The tick takes what the snapshot holds and leaves in state->request what it wants next. */
+/* What a tick is given. */
 typedef struct {
     const insertion_model *model;
-    insertion_state *state;
     const compliance_snapshot *snapshot;
     const track_list *others[MAX_NEEDLES - 1]; /* tracks of the other needles in the tissue; */
     int other_count;         /* so many */
-    insertion_workspace *scratch;
     mount base;
     double dt;               /* s */
-    tick_output *output;
-} tick_context;
+} tick_input;
 
 /* Force on what the point touches, N, world frame. RT */
 static inline vec3 point_force(const insertion_state *state, const contact_point *p) {

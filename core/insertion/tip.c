@@ -16,18 +16,17 @@ static const double SURFACE_GRIP = 0.5; /* 1: friction coefficient of a tip on t
 
 /* ---- on the surface ---------------------------------------------------------------------------------------------------- */
 
-bool tip_touch(const tick_context *tick, vec3 from, vec3 to) {
-    insertion_state *state = tick->state;
+bool tip_touch(const tick_input *tick, insertion_state *state, tick_output *output, vec3 from, vec3 to) {
     surface_hit hit = mesh_enter(tick->model->mesh, from, to);
     if (!hit.hit) return false;
     state->tip = (needle_tip){.place = {.phase = TIP_INSIDE, .tet = hit.tet, .nominal = hit.point, .direction = v3_unit(v3_sub(to, from))},
-                              .barrier = {.face = hit.face, .blocked_by = old_tracks_obstacle(tick, hit.tet, hit.face, hit.tet, hit.point), .entering = true},
+                              .barrier = {.face = hit.face, .blocked_by = old_tracks_obstacle(tick, state, hit.tet, hit.face, hit.tet, hit.point), .entering = true},
                               .known.tet = -1, .next_contact = NAN, .shaft = shaft_at_rest(tick->model, 0.0), .filtered_push = FULL_GRIP};
     state->tip_lead = 0.0;
     state->entry = hit.point;
     state->stratum_count = 0;
-    enter_stratum(tick);
-    tick->output->events |= EVENT_TOUCHED;
+    enter_stratum(tick, state, output);
+    output->events |= EVENT_TOUCHED;
     return true;
 }
 
@@ -38,32 +37,31 @@ bool tip_is_below(const insertion_model *model, vec3 from, vec3 to) {
 }
 
 /* Moves the tip's material point along the outer surface by `shift`, m, tangential to it. `inward` is the surface's unit normal. */
-static void tip_glide(const tick_context *tick, vec3 inward, vec3 shift) {
+static void tip_glide(const tick_input *tick, insertion_state *state, tick_output *output, vec3 inward, vec3 shift) {
     const insertion_model *model = tick->model;
-    insertion_state *state = tick->state;
     needle_tip *tip = &state->tip;
     vec3 goal = v3_add(tip->place.nominal, shift);
     surface_hit hit = mesh_enter(model->mesh, v3_axpy(-GLIDE_REACH, inward, goal), v3_axpy(GLIDE_REACH, inward, goal));
     if (!hit.hit) { /* over the edge, provided that the straight needle is past the tissue: otherwise it would meet the surface again */
         vec3 axis = q_axis(state->needle.base.orientation);
         vec3 end = needle_straight_end(model->needle, state->needle.base);
-        if (!tip_is_below(model, v3_axpy(-GLIDE_REACH, axis, end), end)) leave_tissue(tick);
+        if (!tip_is_below(model, v3_axpy(-GLIDE_REACH, axis, end), end)) leave_tissue(state, output);
         return;
     }
     tip->place.tet = hit.tet;
     tip->barrier.face = hit.face;
     tip->place.nominal = state->entry = hit.point;
     state->stratum_count = 0;
-    enter_stratum(tick);
-    tip->barrier.blocked_by = old_tracks_obstacle(tick, hit.tet, hit.face, hit.tet, hit.point);
+    enter_stratum(tick, state, output);
+    tip->barrier.blocked_by = old_tracks_obstacle(tick, state, hit.tet, hit.face, hit.tet, hit.point);
     tip->barrier.entering = true;
 }
 
 /* It slides half of the way that would bring the force back into the cone: the whole way could overshoot and lift off a needle that
    hardly presses. */
-void tip_glide_on_surface(const tick_context *tick) {
+void tip_glide_on_surface(const tick_input *tick, insertion_state *state, tick_output *output) {
     const insertion_model *model = tick->model;
-    const needle_tip *tip = &tick->state->tip;
+    const needle_tip *tip = &state->tip;
     vec3 inward = mesh_face_normal(model->mesh, tip->place.tet, tip->barrier.face);
     double pressing = v3_dot(tip->solved.force, inward);
     vec3 tangential = v3_axpy(-pressing, inward, tip->solved.force);
@@ -71,17 +69,17 @@ void tip_glide_on_surface(const tick_context *tick) {
     if (excess <= 0.0) return;
     if (!tip->resolution.known) return;
     double compliance = 0.5 * local_at_tip(model, tip->place.tet, tip->place.nominal, 0.0, tip->filtered_push, tip->resolution.field.point);
-    tip_glide(tick, inward, v3_scale(excess * compliance / v3_norm(tangential), tangential));
+    tip_glide(tick, state, output, inward, v3_scale(excess * compliance / v3_norm(tangential), tangential));
 }
 
 /* ---- in the tissue ----------------------------------------------------------------------------------------------------- */
 
-void tip_puncture(const tick_context *tick) {
-    needle_tip *tip = &tick->state->tip;
+void tip_puncture(const tick_input *tick, insertion_state *state, tick_output *output) {
+    needle_tip *tip = &state->tip;
     if (tip->place.phase != TIP_INSIDE || tip->barrier.blocked_by == NOT_BLOCKED || tip->solved.slip <= 0.0) return;
     tip->solved.slip = 0.0;
-    give_way(tick, v3_unit(needle_direction(tick)));
-    if (tip->place.phase == TIP_BEYOND) enter_what_touches(tick, v3_unit(needle_direction(tick)));
+    give_way(tick, state, output, v3_unit(needle_direction(tick, state)));
+    if (tip->place.phase == TIP_BEYOND) enter_what_touches(tick, state, output, v3_unit(needle_direction(tick, state)));
 }
 
 /* Unit nominal direction whose image in the deformed tissue, d + gradient, is along `direction`; `direction` itself where the
@@ -95,7 +93,7 @@ static vec3 pull_back(vec3 gradient, vec3 direction) {
     return v3_axpy(sqrt(1.0 - square), direction, v3_scale(-1.0, sideways));
 }
 
-vec3 tip_aim(const tick_context *tick, vec3 track_gradient) { return pull_back(track_gradient, needle_direction(tick)); }
+vec3 tip_aim(const tick_input *tick, const insertion_state *state, vec3 track_gradient) { return pull_back(track_gradient, needle_direction(tick, state)); }
 
 /* The track's direction at the tip: a running mean over about one diameter of the needle. `way` is the piece that was just cut. */
 static void follow_track(const insertion_model *model, needle_tip *tip, vec3 way) {
@@ -106,8 +104,8 @@ static void follow_track(const insertion_model *model, needle_tip *tip, vec3 way
 }
 
 /* A bent needle that bears no force along its axis still touches the surface if its end would be in the tissue when straight. */
-static bool stays_on_surface(const tick_context *tick) {
-    const needle_tip *tip = &tick->state->tip;
+static bool stays_on_surface(const tick_input *tick, const insertion_state *state) {
+    const needle_tip *tip = &state->tip;
     if (tip->place.depth > 0.0) return false;
     vec3 axis = q_axis(tick->base.pose.orientation), displaced = v3_sub(tip->dent.rest, tip_position(&tip->place));
     vec3 end = v3_axpy(LIFTED, axis, needle_straight_end(tick->model->needle, tick->base.pose));
@@ -115,21 +113,20 @@ static bool stays_on_surface(const tick_context *tick) {
     return reaches(tick->model->mesh, (surface_hit){.hit = true, .tet = tip->place.tet, .point = tip->place.nominal}, v3_sub(end, displaced), &tet);
 }
 
-void tip_move(const tick_context *tick, vec3 aim) {
+void tip_move(const tick_input *tick, insertion_state *state, const creep_step *creep, tick_output *output, vec3 aim) {
     const insertion_model *model = tick->model;
-    insertion_state *state = tick->state;
     needle_tip *tip = &state->tip;
-    if (tip->place.phase == TIP_BEYOND) come_back(tick);
-    if (tip->place.phase == TIP_BEYOND) look_for_next(tick);
+    if (tip->place.phase == TIP_BEYOND) come_back(tick, state, creep, output);
+    if (tip->place.phase == TIP_BEYOND) look_for_next(tick, state, creep, output);
     if (tip->place.phase != TIP_INSIDE) return;
     vec3 before = tip_position(&tip->place);
     if (tip->solved.slip > 0.0) {
         vec3 direction = old_tracks_lead(&tip->track, aim);
-        cut_forward(tick, direction, tip->track.open > 0.0 ? fmin(tip->solved.slip, tip->track.left) : tip->solved.slip);
+        cut_forward(tick, state, output, direction, tip->track.open > 0.0 ? fmin(tip->solved.slip, tip->track.left) : tip->solved.slip);
         follow_track(model, tip, v3_sub(tip_position(&tip->place), before));
-        if (tip->place.phase == TIP_BEYOND) enter_what_touches(tick, direction);
-    } else if (tip->solved.slip < 0.0 && !stays_on_surface(tick)) {
-        draw_back(tick, -tip->solved.slip);
+        if (tip->place.phase == TIP_BEYOND) enter_what_touches(tick, state, output, direction);
+    } else if (tip->solved.slip < 0.0 && !stays_on_surface(tick, state)) {
+        draw_back(tick, state, output, -tip->solved.slip);
         follow_track(model, tip, v3_sub(before, tip_position(&tip->place)));
     }
     tip->solved.slip = 0.0;
@@ -148,19 +145,19 @@ static void rest_shaft(const insertion_model *model, insertion_state *state) {
 }
 
 void tip_engage(const insertion_model *model, insertion_state *state) {
-    tick_output ignored = {0};
-    const tick_context context = {.model = model, .state = state, .output = &ignored}, *tick = &context;
+    tick_output ignored = {0}, *output = &ignored;
+    const tick_input given = {.model = model}, *tick = &given;
     vec3 base = state->needle.joints[0], end = state->needle.joints[model->needle->given.segments];
-    if (!tip_touch(tick, base, end)) return;
+    if (!tip_touch(tick, state, output, base, end)) return;
     vec3 direction = v3_unit(v3_sub(end, base));
     double whole = v3_norm(v3_sub(end, state->entry));
     for (int step = 0; step < MAX_STEPS && state->tip.place.phase == TIP_INSIDE && state->tip.place.depth < whole; step++) {
-        if (state->tip.barrier.blocked_by != NOT_BLOCKED) give_way(tick, v3_unit(needle_direction(tick))); /* the needle is already in it */
-        cut_forward(tick, direction, whole - state->tip.place.depth);
+        if (state->tip.barrier.blocked_by != NOT_BLOCKED) give_way(tick, state, output, v3_unit(needle_direction(tick, state))); /* the needle is already in it */
+        cut_forward(tick, state, output, direction, whole - state->tip.place.depth);
         if (state->tip.place.phase != TIP_BEYOND) continue;
         vec3 left = state->tip.place.nominal;
-        entrance at = next_body(tick, left, end);
-        enter_next(tick, &at, v3_dot(v3_sub(at.point, left), direction));
+        entrance at = next_body(tick, state, left, end);
+        enter_next(tick, state, output, &at, v3_dot(v3_sub(at.point, left), direction));
     }
     rest_shaft(model, state);
 }

@@ -13,12 +13,12 @@ double tip_relaxed(const insertion_model *model, const needle_tip *tip, double d
    displacement u that the forces would hold statically, c being the wave speed: dent' = relaxed u + (1 - relaxed) dent. The
    damper's force on the tissue is (dent' - u) over the tip's compliance. It takes a matrix of rank 1 off the tissue's
    compliance, which stays positive semidefinite. RT */
-void damp_tip(const tick_context *tick);
+void damp_tip(const tick_input *tick, const insertion_state *state, insertion_workspace *w);
 
 /* The damper's force with the forces of the last pass. RT */
-void take_damping(const tick_context *tick);
+void take_damping(const tick_input *tick, insertion_state *state, const insertion_workspace *w);
 
 /* The dent after this step, and the damper's force. RT */
-void spring_back(const tick_context *tick);
+void spring_back(const tick_input *tick, insertion_state *state, const insertion_workspace *w);
 
 #endif

@@ -32,27 +32,25 @@ bool reaches(const mesh *m, surface_hit hit, vec3 x, int *tet) {
 /* ---- out of the tissue ------------------------------------------------------------------------------------------------- */
 
 /* Out of the tissue, with the shaft still in it. */
-static void go_beyond(const tick_context *tick) {
-    needle_tip *tip = &tick->state->tip;
+static void go_beyond(const tick_input *tick, insertion_state *state) {
+    needle_tip *tip = &state->tip;
     tip->place.phase = TIP_BEYOND;
     tip->solved.force = tip->dent.damping = v3(0, 0, 0);
     tip->dent.size = 0.0;
     tip->solved.slip = tip->shaft.slip = 0.0;
     tip->barrier.blocked_by = NOT_BLOCKED;
-    tip->place.end = tick->state->needle.joints[tick->model->needle->given.segments];
+    tip->place.end = state->needle.joints[tick->model->needle->given.segments];
 }
 
-static void exit_tissue(const tick_context *tick) {
-    insertion_state *state = tick->state;
-    if (leaves_contact_at_exit(tick, state->tip.place.depth)) leave_contact(tick);
+static void exit_tissue(const tick_input *tick, insertion_state *state, tick_output *output) {
+    if (leaves_contact_at_exit(tick, state, state->tip.place.depth)) leave_contact(tick, state, output);
     drop_plan(state);
-    go_beyond(tick);
-    tick->output->events |= EVENT_EXITED;
+    go_beyond(tick, state);
+    output->events |= EVENT_EXITED;
 }
 
 /* Out of this body, back into the gap before it: the tip is again where it had left the previous body. */
-static void back_into_gap(const tick_context *tick) {
-    insertion_state *state = tick->state;
+static void back_into_gap(const tick_input *tick, insertion_state *state, tick_output *output) {
     int gap = last_gap(state);
     const stratum *left = &state->strata[gap];
     state->tip.place.depth = left->depth;
@@ -60,15 +58,15 @@ static void back_into_gap(const tick_context *tick) {
     state->tip.place.nominal = left->point;
     set_beside(&state->tip, v3(0, 0, 0));
     state->stratum_count = gap;
-    go_beyond(tick);
-    tick->output->events |= EVENT_EXITED;
+    go_beyond(tick, state);
+    output->events |= EVENT_EXITED;
 }
 
-void leave_tissue(const tick_context *tick) {
-    tick->state->request.piece_count = 0; /* the next insertion must not depend on this one's lines */
-    tick->state->tip = tip_in_air();
-    tick->state->surface = v3(NAN, NAN, NAN);
-    tick->output->events |= EVENT_WITHDRAWN;
+void leave_tissue(insertion_state *state, tick_output *output) {
+    state->request.piece_count = 0; /* the next insertion must not depend on this one's lines */
+    state->tip = tip_in_air();
+    state->surface = v3(NAN, NAN, NAN);
+    output->events |= EVENT_WITHDRAWN;
 }
 
 /* ---- along an outer face ----------------------------------------------------------------------------------------------
@@ -77,69 +75,69 @@ void leave_tissue(const tick_context *tick) {
    until it is out by the needle's radius. In the mesh, a point just inside the face stands for it. */
 
 /* Does the tip go on along the outer face that it has reached? Not if there is other tissue behind it, or a membrane on it. */
-static bool grazes(const tick_context *tick, int face, vec3 direction) {
+static bool grazes(const tick_input *tick, const insertion_state *state, int face, vec3 direction) {
     const insertion_model *model = tick->model;
-    const needle_tip *tip = &tick->state->tip;
+    const needle_tip *tip = &state->tip;
     vec3 inward = mesh_face_normal(model->mesh, tip->place.tet, face);
-    if (v3_dot(direction, inward) < -GRAZING || old_tracks_obstacle(tick, tip->place.tet, face, -1, tip->place.nominal) != NOT_BLOCKED) return false;
+    if (v3_dot(direction, inward) < -GRAZING || old_tracks_obstacle(tick, state, tip->place.tet, face, -1, tip->place.nominal) != NOT_BLOCKED) return false;
     return !mesh_enter(model->mesh, tip->place.nominal, v3_axpy(-model->needle->radius, inward, tip->place.nominal)).hit;
 }
 
-static void begin_grazing(const tick_context *tick, int face, vec3 direction) {
-    needle_tip *tip = &tick->state->tip;
+static void begin_grazing(const tick_input *tick, insertion_state *state, tick_output *output, int face, vec3 direction) {
+    needle_tip *tip = &state->tip;
     vec3 inward = mesh_face_normal(tick->model->mesh, tip->place.tet, face);
     tip->place.tet = follow_line(tick->model->mesh, tip->place.tet, &tip->place.nominal, v3_axpy(GRAZING_DEPTH, inward, tip->place.nominal));
     tip->place.beside = v3_axpy(-GRAZING_DEPTH, inward, tip->place.beside);
     tip->place.graze_normal = v3_scale(-1.0, inward);
-    plan_contact(tick, direction);
+    plan_contact(tick, state, output, direction);
 }
 
 /* The tip has moved by `part` along `direction`, and `nominal` along the face. It may have returned to the tissue, or left it. */
-static void graze_on(const tick_context *tick, vec3 direction, double part) {
-    needle_tip *tip = &tick->state->tip;
+static void graze_on(const tick_input *tick, insertion_state *state, tick_output *output, vec3 direction, double part) {
+    needle_tip *tip = &state->tip;
     tip->place.beside = v3_axpy(part * v3_dot(direction, tip->place.graze_normal), tip->place.graze_normal, tip->place.beside);
     double out = v3_dot(tip->place.beside, tip->place.graze_normal);
     if (out > tick->model->needle->radius) {
-        exit_tissue(tick);
+        exit_tissue(tick, state, output);
     } else if (out < 0.0) {
         tip->place.tet = follow_line(tick->model->mesh, tip->place.tet, &tip->place.nominal, tip_position(&tip->place));
         tip->place.beside = tip->place.graze_normal = v3(0, 0, 0);
-        plan_contact(tick, direction);
+        plan_contact(tick, state, output, direction);
     }
 }
 
 /* ---- forward and back -------------------------------------------------------------------------------------------------- */
 
-static void leave_contact_on_face(const tick_context *tick) {
-    if (tick->state->tip.place.depth >= last_contact_depth(tick->state) + tick->model->settings.contact_spacing) leave_contact(tick);
+static void leave_contact_on_face(const tick_input *tick, insertion_state *state, tick_output *output) {
+    if (state->tip.place.depth >= last_contact_depth(state) + tick->model->settings.contact_spacing) leave_contact(tick, state, output);
 }
 
 /* Into the element behind a face, or out of the tissue. */
-static void cross_face(const tick_context *tick, int face, vec3 direction) {
-    needle_tip *tip = &tick->state->tip;
+static void cross_face(const tick_input *tick, insertion_state *state, tick_output *output, int face, vec3 direction) {
+    needle_tip *tip = &state->tip;
     int next = tick->model->mesh->neighbours[tip->place.tet][face];
     if (next < 0) {
-        exit_tissue(tick);
+        exit_tissue(tick, state, output);
         return;
     }
-    if (tick->model->settings.placement != PLACE_INSIDE) leave_contact_on_face(tick);
+    if (tick->model->settings.placement != PLACE_INSIDE) leave_contact_on_face(tick, state, output);
     tip->place.tet = next;
     tip->place.nominal = v3_axpy(FACE_CLEARANCE, direction, tip->place.nominal);
     tip->place.depth += FACE_CLEARANCE;
-    enter_stratum(tick);
-    plan_contact(tick, direction);
+    enter_stratum(tick, state, output);
+    plan_contact(tick, state, output, direction);
 }
 
-void give_way(const tick_context *tick, vec3 direction) {
-    needle_tip *tip = &tick->state->tip;
+void give_way(const tick_input *tick, insertion_state *state, tick_output *output, vec3 direction) {
+    needle_tip *tip = &state->tip;
     if (tip->barrier.blocked_by != BLOCKED_BY_BONE) { /* a needle may begin in bone: that is no puncture */
-        tick->output->events |= EVENT_PUNCTURED;
-        tick->output->membrane = tip->barrier.blocked_by;
-        old_tracks_puncture(tick, tip->barrier.blocked_by);
+        output->events |= EVENT_PUNCTURED;
+        output->membrane = tip->barrier.blocked_by;
+        old_tracks_puncture(state, output, tip->barrier.blocked_by);
     }
     tip->barrier.blocked_by = NOT_BLOCKED;
     if (!tip->barrier.entering) {
-        cross_face(tick, tip->barrier.face, direction);
+        cross_face(tick, state, output, tip->barrier.face, direction);
     } else { /* the tip is on the inner side already */
         tip->place.nominal = v3_axpy(FACE_CLEARANCE, direction, tip->place.nominal);
         tip->place.depth += FACE_CLEARANCE;
@@ -162,10 +160,10 @@ static double distance_to_exit(const insertion_model *model, const needle_tip *t
 static bool overcomes(const needle_tip *tip, double resistance) { return resistance <= (1.0 + SAME_FORCE) * tip->solved.end_force; }
 
 /* Returns what is left of the distance where something stops the tip, m. */
-static double advance(const tick_context *tick, vec3 direction, double distance) {
+static double advance(const tick_input *tick, insertion_state *state, tick_output *output, vec3 direction, double distance) {
     const insertion_model *model = tick->model;
-    needle_tip *tip = &tick->state->tip;
-    if (isnan(tip->next_contact)) plan_contact(tick, direction);
+    needle_tip *tip = &state->tip;
+    if (isnan(tip->next_contact)) plan_contact(tick, state, output, direction);
     for (int step = 0; step < MAX_STEPS && distance > 0.0 && tip->place.phase == TIP_INSIDE && tip->barrier.blocked_by == NOT_BLOCKED; step++) {
         double to_face, to_contact = tip->next_contact - tip->place.depth;
         vec3 way = tip_way(&tip->place, direction);
@@ -176,47 +174,46 @@ static double advance(const tick_context *tick, vec3 direction, double distance)
         tip->place.depth += part;
         distance -= part;
         bool grazing = v3_norm(tip->place.graze_normal) > 0.0;
-        if (grazing) graze_on(tick, direction, part);
+        if (grazing) graze_on(tick, state, output, direction, part);
         if (tip->place.phase != TIP_INSIDE) return 0.0;
         if (grazing && v3_norm(tip->place.graze_normal) == 0.0) continue; /* back in the tissue: another element, perhaps */
         if (to_contact <= part) {
-            leave_contact(tick);
-            plan_another(tick, direction);
-        } else if (to_face <= part && model->mesh->neighbours[tip->place.tet][face] < 0 && grazes(tick, face, direction))
-            begin_grazing(tick, face, direction);
+            leave_contact(tick, state, output);
+            plan_another(tick, state, output, direction);
+        } else if (to_face <= part && model->mesh->neighbours[tip->place.tet][face] < 0 && grazes(tick, state, face, direction))
+            begin_grazing(tick, state, output, face, direction);
         else if (to_face <= part) {
-            tip->barrier.blocked_by = old_tracks_obstacle(tick, tip->place.tet, face, model->mesh->neighbours[tip->place.tet][face], tip->place.nominal);
+            tip->barrier.blocked_by = old_tracks_obstacle(tick, state, tip->place.tet, face, model->mesh->neighbours[tip->place.tet][face], tip->place.nominal);
             tip->barrier.face = face;
             tip->barrier.entering = false;
             if (tip->barrier.blocked_by != NOT_BLOCKED) continue;
-            cross_face(tick, face, way);
+            cross_face(tick, state, output, face, way);
             distance = fmax(distance - FACE_CLEARANCE, 0.0);
         }
     }
     return distance;
 }
 
-void cut_forward(const tick_context *tick, vec3 direction, double distance) {
-    const needle_tip *tip = &tick->state->tip;
+void cut_forward(const tick_input *tick, insertion_state *state, tick_output *output, vec3 direction, double distance) {
+    const needle_tip *tip = &state->tip;
     bool pierces = true;
     for (int membranes = 0; membranes < MAX_STEPS && pierces; membranes++) {
         vec3 from = tip->place.nominal;
         int tet = tip->place.tet;
-        distance = advance(tick, direction, distance);
-        old_tracks_cut(tick, tet, from);
+        distance = advance(tick, state, output, direction, distance);
+        old_tracks_cut(state, output, tet, from);
         bool stopped = tip->place.phase == TIP_INSIDE && tip->barrier.blocked_by != NOT_BLOCKED;
-        double torn = old_tracks_torn(tick, tip->barrier.blocked_by, tip->place.nominal);
+        double torn = old_tracks_torn(tick, state, tip->barrier.blocked_by, tip->place.nominal);
         pierces = stopped && overcomes(tip, blocked_resistance(tick->model, tip->place.tet, tip->track.open, tip->barrier.blocked_by, torn));
-        if (pierces) give_way(tick, direction);
+        if (pierces) give_way(tick, state, output, direction);
         pierces = pierces && tip->place.phase == TIP_INSIDE;
     }
     if (tip->place.phase != TIP_INSIDE) return;
     double left = distance_to_exit(tick->model, tip, direction);
-    if (isfinite(left)) plan_exit(tick, tip_way(&tip->place, direction), left);
+    if (isfinite(left)) plan_exit(tick, state, output, tip_way(&tip->place, direction), left);
 }
 
-void draw_back(const tick_context *tick, double distance) {
-    insertion_state *state = tick->state;
+void draw_back(const tick_input *tick, insertion_state *state, tick_output *output, double distance) {
     needle_tip *tip = &state->tip;
     tip->barrier.blocked_by = NOT_BLOCKED;
     drop_plan(state);
@@ -229,14 +226,14 @@ void draw_back(const tick_context *tick, double distance) {
         if (distance >= length) {
             distance -= fmax(length, 0.0);
             if (!last && gap >= 0) {
-                back_into_gap(tick);
+                back_into_gap(tick, state, output);
                 return;
             }
             if (last) {
-                take_up_contact(tick);
+                take_up_contact(tick, state, output);
                 continue;
             }
-            leave_tissue(tick);
+            leave_tissue(state, output);
             return;
         }
         vec3 goal = last ? last->track : gap >= 0 ? state->strata[gap + 1].point : state->entry;

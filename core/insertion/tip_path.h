@@ -9,16 +9,16 @@ static const double FACE_CLEARANCE = 1e-7; /* m: the tip is put this far past a 
 
 /* Cuts forward by `distance` along the unit nominal direction: leaves contacts where they are due. Membranes stop the tip, if they resist
    more than what it cuts. RT */
-void cut_forward(const tick_context *tick, vec3 direction, double distance);
+void cut_forward(const tick_input *tick, insertion_state *state, tick_output *output, vec3 direction, double distance);
 
 /* Draws back by `distance` along the track, taking up contact nodes on the way. RT */
-void draw_back(const tick_context *tick, double distance);
+void draw_back(const tick_input *tick, insertion_state *state, tick_output *output, double distance);
 
 /* What is in front of the tip, a membrane or bone, gives way: the tip is behind it. RT */
-void give_way(const tick_context *tick, vec3 direction);
+void give_way(const tick_input *tick, insertion_state *state, tick_output *output, vec3 direction);
 
 /* The needle is out of the tissue. RT */
-void leave_tissue(const tick_context *tick);
+void leave_tissue(insertion_state *state, tick_output *output);
 
 /* Follows the line from a nominal point in element `tet` to `target`, element by element, as far as there is tissue, and moves the point to
    `target`. Returns the element reached. RT */

@@ -7,30 +7,28 @@
 #include "insertion/stiffening.h"
 #include "insertion/tip_damper.h"
 
-static void lose_contact(const tick_context *tick) {
-    tick->state->tip_lead = 0.0;
-    creep_leave_all(tick->model, &tick->state->memory, tick->scratch->creep.decay);
+static void lose_contact(const tick_input *tick, insertion_state *state, const creep_step *creep) {
+    state->tip_lead = 0.0;
+    creep_leave_all(tick->model, &state->memory, creep->decay);
 }
 
-bool tissue_find(const tick_context *tick) {
-    insertion_workspace *w = tick->scratch;
-    insertion_state *state = tick->state;
+bool tissue_find(const tick_input *tick, insertion_state *state, contact_points *points, tissue_step *tissue, creep_step *creep, stiffening_step *stiffening, damper_step *damper, tick_output *output) {
     int handles[4];
-    w->points.tip = state->tip.place.phase == TIP_INSIDE;
-    w->points.count = 0;
-    if (w->points.tip) {
-        follow_known_point(tick, handles);
-        follow_resolution(tick);
+    points->tip = state->tip.place.phase == TIP_INSIDE;
+    points->count = 0;
+    if (points->tip) {
+        follow_known_point(tick, state, output, handles);
+        follow_resolution(tick, state, output);
     }
-    if (!touches_tissue(state)) lose_contact(tick);
+    if (!touches_tissue(state)) lose_contact(tick, state, creep);
     if (!touches_tissue(state) && !guides_hold(tick->model, state)) return false;
-    list_points(tick);
-    creep_share_out(tick);
-    if (w->points.tip) find_tip_rows(tick, handles);
-    w->damper.relaxed = w->points.tip ? tip_relaxed(tick->model, &state->tip, tick->dt) : 1.0;
-    keep_shear(tick);
-    find_local_compliance(tick);
-    stiffening_prepare(tick);
-    creep_recall(tick);
+    list_points(tick, state, points);
+    creep_share_out(tick, state, points, creep);
+    if (points->tip) find_tip_rows(tick, state, points, tissue, creep, handles);
+    damper->relaxed = points->tip ? tip_relaxed(tick->model, &state->tip, tick->dt) : 1.0;
+    keep_shear(tick, state, points, creep);
+    find_local_compliance(tick, state, points, tissue);
+    stiffening_prepare(tick, state, points, tissue, stiffening);
+    creep_recall(tick, state, points, tissue, creep, stiffening);
     return true;
 }

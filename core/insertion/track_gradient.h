@@ -6,6 +6,6 @@
 
 /* Derivative of the tissue's displacement along the track at the tip, as a difference over a fixed length: the gradient in the
    tip's element would depend on the element's size. Behind the tip it comes from the shaft, ahead of it from the mesh. RT */
-vec3 track_gradient(const tick_context *tick);
+vec3 track_gradient(const tick_input *tick, const insertion_state *state, const creep_step *creep);
 
 #endif

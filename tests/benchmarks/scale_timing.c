@@ -130,8 +130,8 @@ static trocar_status run_tick(scale_run *run, pose base, double dt, report *why)
     trocar_status status = work(run, why);
     if (status != TROCAR_OK) return status;
     int64_t start = processor_ns();
-    insertion_tick(&(tick_context){.model = &run->sim->model->parts.insertion, .state = &run->state, .snapshot = run->snapshot,
-                                   .scratch = run->sim->workspace, .base = {.pose = base}, .dt = dt, .output = &wrench});
+    insertion_tick(&(tick_input){.model = &run->sim->model->parts.insertion, .snapshot = run->snapshot, .base = {.pose = base}, .dt = dt},
+                   &run->state, run->sim->workspace, &wrench);
     histogram_add(&run->result->tick, processor_ns() - start);
     run->result->late_ticks += (wrench.events & EVENT_LATE) != 0;
     if (wrench.contacts > run->result->most_contacts) run->result->most_contacts = wrench.contacts;

@@ -118,7 +118,7 @@ static trocar_status forces_deeper(body *b, pose base, vec3 way, double *force, 
     for (int i = -2; i <= DEEPER * STEPS_PER_MM && status == TROCAR_OK; i++) {
         pose moved = base;
         moved.position = v3_axpy(1e-3 * fmax(i, 0) / STEPS_PER_MM, way, base.position);
-        status = simulation_step(&b->simulation, (tick_context){.state = &b->state, .base = {.pose = moved}, .dt = 1e-3, .output = &wrench}, &b->snapshot, why);
+        status = simulation_step(&b->simulation, (tick_input){.base = {.pose = moved}, .dt = 1e-3}, &b->state, &b->snapshot, &wrench, why);
         double now = -v3_dot(way, wrench.force);
         if (i == 0) rest = now;
         if (i > 0 && i % STEPS_PER_MM == 0) force[i / STEPS_PER_MM - 1] = now - rest;
@@ -135,7 +135,7 @@ static trocar_status force_of_tick(body *b, pose base, vec3 way, double *force, 
     *force = 0.0;
     for (int i = 0; i < 3 && status == TROCAR_OK; i++) { /* contacts become active in the second tick, the base moves in the third */
         if (i == 2) base.position = v3_axpy(1e-3, way, base.position);
-        status = simulation_step(&b->simulation, (tick_context){.state = &b->state, .base = {.pose = base}, .dt = 1e-3, .output = &wrench}, &b->snapshot, why);
+        status = simulation_step(&b->simulation, (tick_input){.base = {.pose = base}, .dt = 1e-3}, &b->state, &b->snapshot, &wrench, why);
         if (i > 0) *force = -v3_dot(way, wrench.force) - *force;
     }
     return status;

@@ -67,9 +67,11 @@ static stiffening_shift evaluate(const creep_step *creep, const stiffening_law *
 
 /* ---- passes --------------------------------------------------------------------------------------------------------------- */
 
-/* The force under which the law displaces the tissue as far as its linearisation did under `force`. */
+/* About which force to linearise after a pass that found `force`. The tangent is flatter than the law at smaller forces: Newton's method comes from below
+   to a force that grows, but overshoots one that falls. That is linearised about the force under which the law displaces the tissue as far as the pass did. */
 static double force_of_last_pass(const creep_step *creep, const stiffening_law *law, double force, double remembered, const linear_shift *linear) {
-    double yield = creep->yield;
+    double yield = creep->yield, before = linear->force + remembered;
+    if (fabs(force + remembered) >= fabs(before) && (force + remembered) * before >= 0.0) return force;
     return stiffening_force(law, yield * law->linear * (force + remembered) + linear->offset + linear->slope * force) / yield - remembered;
 }
 
@@ -80,7 +82,6 @@ static void linearise(const creep_step *creep, const stiffening_law *law, bool f
     *linear = (linear_shift){.force = force, .slope = at.slope, .offset = at.shift - at.slope * force};
 }
 
-/* Forces that are falling would overshoot: the tangent at the larger force is far too steep for the smaller one. Displacements are moderate all the same. */
 void stiffening_linearise(const tick_input *tick, const insertion_state *state, const contact_points *points, const tissue_step *tissue, const creep_step *creep, stiffening_step *stiffening, const damper_step *damper, bool first) {
     if (!stiffening->any) return;
     for (int i = points->guided; i < points->count; i++) linearise(creep, &stiffening->along[i], first, force_on_shaft(state, points, tissue, i), remembered_along(tick, creep, i), &stiffening->shaft[i]);

@@ -20,7 +20,7 @@ void stiffening_prepare(const tick_input *tick, const insertion_state *state, co
 /* Compliance along the shaft at point i under this force, on top of the linear one, m/N; at most 0. RT */
 double stiffening_slope(const stiffening_step *stiffening, int i, double force);
 
-/* Linearises: in the first pass about the present forces, then about the displacements that the last pass found. RT */
+/* Linearises: in the first pass about the present forces, then about what the last pass found. RT */
 void stiffening_linearise(const tick_input *tick, const insertion_state *state, const contact_points *points, const tissue_step *tissue, const creep_step *creep, stiffening_step *stiffening, const damper_step *damper, bool first);
 
 /* Adds what was linearised to the contact problem: to its compliance, and to its gaps. RT */

@@ -34,7 +34,7 @@ static int create(void **unused) {
     (void)unused;
     vec3 load[NEEDLE_MAX_SEGMENTS + 1] = {{0}};
     needle = needle_made(NEEDLE_ROD, SEGMENTS);
-    needle_rest(&needle, (pose){v3(0.1, -0.2, 0.3), q_exp(v3(0.3, -0.4, 0.5))}, &shape);
+    needle_set_straight(&needle, (pose){v3(0.1, -0.2, 0.3), q_exp(v3(0.3, -0.4, 0.5))}, &shape);
     load[SEGMENTS] = v3(0.1, 0.25, -0.1);
     load[22] = v3(-0.2, 0.2, 0.3);
     for (int i = 0; i < 6; i++) {

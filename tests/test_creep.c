@@ -107,7 +107,7 @@ static void recover(const lockstep *l, const load_history *h, const double *cree
 
 /* Takes the needle away at once and puts it at `base`, straight. What the tissue remembers stays in it, which a reset would remove. */
 static void replace_needle(lockstep *l, pose base) {
-    creep_leave_all(&l->simulation.insertion, &l->state.memory, NULL);
+    creep_deposit_all(&l->simulation.insertion, &l->state.memory, NULL);
     tissue_memory memory = l->state.memory;
     insertion_reset(&l->simulation.insertion, base, &l->state);
     l->state.memory = memory;
@@ -183,7 +183,7 @@ static void nothing_remembered_is_lost(void **unused) {
                 expected[k] = v3_add(v3_scale(decay, expected[k]), v3_scale(1.0 - decay, sum));
                 vec3 found = v3(0, 0, 0);
                 for (int n = 0; n < s->memory.count; n++) found = v3_add(found, s->memory.shares[n].terms[k].load);
-                for (int n = 0; n < s->memory.left.count; n++) found = v3_add(found, s->memory.left.loads[n].load[k]);
+                for (int n = 0; n < s->memory.residual.count; n++) found = v3_add(found, s->memory.residual.loads[n].load[k]);
                 worst = fmax(worst, v3_norm(v3_sub(found, expected[k])));
                 largest = fmax(largest, v3_norm(expected[k]));
             }
@@ -205,7 +205,7 @@ static void restored_memory_continues_bit_identically(void **unused) {
     lockstep *l = lockstep_create(&c, lockstep_start());
     lockstep_move(l, v3(0, 0, 0.050), 0.8, 1e-3);
     lockstep_move(l, v3(0.001, 0, -0.020), 0.2, 1e-3);
-    assert_true(l->state.memory.left.count > 5);
+    assert_true(l->state.memory.residual.count > 5);
     checkpoint *saved = malloc(sizeof *saved);
     tick_output first[3][20];
     for (int run = 0; run < 3; run++) {

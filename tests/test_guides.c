@@ -56,8 +56,8 @@ static bool is_stable(const bench *b, double load) {
     int n = tick->model->needle->given.segments;
     joint_loads[n] = v3(0, 0, -load);
     w->points.tip = false;
-    list_points(tick, state, &w->points);
-    locate_points(tick, state, &w->points, &w->tissue, &w->creep, w->edges);
+    points_list(tick, state, &w->points);
+    points_locate(tick, state, &w->points, &w->tissue, &w->creep, w->edges);
     w->problem.count = w->problem.axial_count = w->points.count;
     needle_linearise(tick->model->needle, &state->needle, joint_loads, 0, &w->response.tangent);
     bound_contacts(tick, state, &w->points, &w->tissue, &w->ahead, w->edges, &w->problem);
@@ -517,7 +517,7 @@ static void a_needle_turns_in_its_hole(void **unused) {
         assert_true(fabs(-l->state.tip_lead / lag - 1.0) < 0.01 && fabs(-l->wrench.torque.z / (f * depth) - 1.0) < 0.01);
         lockstep_move(l, v3(0, 0, -0.065), 0.5, 1e-3); /* out of the skin, not out of the hole */
         assert_true(l->state.tip.place.phase == TIP_FREE && l->state.guides[0].passage == GUIDE_IN_HOLE);
-        assert_true(l->state.tip_lead == 0.0 && l->state.memory.count == 0 && (l->state.memory.left.count > 0) == (relaxing == 1));
+        assert_true(l->state.tip_lead == 0.0 && l->state.memory.count == 0 && (l->state.memory.residual.count > 0) == (relaxing == 1));
         turn(l, 20.0, 0.5);
         assert_true(fabs(l->state.base_turn - 22.0) < 1e-9 && fabs(l->wrench.torque.z) < 1e-12);
         lockstep_move(l, v3(0, 0, 0.02), 0.5, 1e-3);

@@ -11,7 +11,7 @@ static void check_centreline(needle_choice kind) {
     needle_model model = needle_made(kind, 20);
     needle_tangent *tangent = malloc(sizeof *tangent);
     needle_state state;
-    needle_rest(&model, (pose){v3(0, 0, 0), {1, 0, 0, 0}}, &state);
+    needle_set_straight(&model, (pose){v3(0, 0, 0), {1, 0, 0, 0}}, &state);
     bend(&model, &state, v3(0.1, 0.4, 0), tangent);
     needle_point before = needle_at(&model, &state, 0.0);
     assert_true(v3_norm(v3_sub(before.position, state.base.position)) < 1e-15);
@@ -39,7 +39,7 @@ static void centreline_of_a_needle_at_rest_is_straight(void **unused) {
     for (int kind = NEEDLE_ROD; kind <= NEEDLE_TETRAHEDRA; kind++) {
         needle_model model = needle_made(kind, 20);
         needle_state state;
-        needle_rest(&model, base, &state);
+        needle_set_straight(&model, base, &state);
         for (double arc = 0.0; arc <= 0.2; arc += 0.003) {
             needle_point p = needle_at(&model, &state, arc);
             vec3 expected = v3_add(base.position, q_rotate(base.orientation, v3(0, 0, arc)));

@@ -16,7 +16,7 @@ static needle_model make(int segments) { return needle_made(NEEDLE_TETRAHEDRA, s
 /* Deflection of the tip along the load and across it, m. */
 static vec3 bent_tip(const needle_model *model, double angle, double force, needle_tangent *tangent) {
     needle_state state;
-    needle_rest(model, ORIGIN, &state);
+    needle_set_straight(model, ORIGIN, &state);
     vec3 along = v3(cos(angle), sin(angle), 0), across = v3(-sin(angle), cos(angle), 0);
     bend(model, &state, v3_scale(force, along), tangent);
     vec3 tip = needle_tip_of(model, &state);
@@ -81,7 +81,7 @@ static void axial_load_softens_like_a_beam_column(void **unused) {
     for (int c = 0; c < 3; c++) {
         double compression = (double[]){0.3, 0.8, 2.0}[c] * euler;
         needle_state state;
-        needle_rest(&model, ORIGIN, &state);
+        needle_set_straight(&model, ORIGIN, &state);
         bend(&model, &state, v3(0, 0, -compression), tangent);
         double k = sqrt(compression / model.bending), expected = tan(k * 0.2) / (k * compression) - 0.2 / compression;
         assert_true(fabs(tangent->compliance[120][120] / expected - 1.0) < 5e-3);
@@ -98,7 +98,7 @@ static void rigid_motions_give_no_force(void **unused) {
     vec3 load[NEEDLE_MAX_SEGMENTS + 1] = {{0}};
     double stiffness = model.bending / pow(0.2, 2); /* N, a load that bends it clearly */
     for (int i = 0; i < 20; i++) {
-        needle_rest(&model, (pose){v3(0.02 * i, -0.01 * i, 0.2), q_exp(v3(0.3 * i, 1.0 - 0.2 * i, 0.1 * i))}, &state);
+        needle_set_straight(&model, (pose){v3(0.02 * i, -0.01 * i, 0.2), q_exp(v3(0.3 * i, 1.0 - 0.2 * i, 0.1 * i))}, &state);
         needle_linearise(&model, &state, load, 0, tangent);
         for (int k = 0; k <= 20; k++)
             for (int a = 0; a < NEEDLE_SECTION; a++) assert_true(v3_norm(tangent->tets.internal[k][a]) < 1e-8 * stiffness);
@@ -126,7 +126,7 @@ static void forces_are_the_gradient_of_the_energy(void **unused) {
     needle_tangent *tangent = malloc(sizeof *tangent);
     needle_state state;
     vec3 load[N + 1] = {{0}};
-    needle_rest(&model, (pose){v3(0, 0, 0), q_exp(v3(0.3, -0.4, 0.5))}, &state);
+    needle_set_straight(&model, (pose){v3(0, 0, 0), q_exp(v3(0.3, -0.4, 0.5))}, &state);
     distort(&state, N);
     needle_linearise(&model, &state, load, 0, tangent);
     double size = 0.0, step = 1e-7;
@@ -156,7 +156,7 @@ static void newton_converges_quadratically(void **unused) {
     needle_state state;
     needle_tangent *tangent = malloc(sizeof *tangent);
     vec3 load[NEEDLE_MAX_SEGMENTS + 1] = {{0}};
-    needle_rest(&model, (pose){v3(0, 0, 0), q_exp(v3(0.3, -0.4, 0.5))}, &state);
+    needle_set_straight(&model, (pose){v3(0, 0, 0), q_exp(v3(0.3, -0.4, 0.5))}, &state);
     load[40] = v3(0.1, 0.25, -0.1);
     load[22] = v3(-0.2, 0.2, 0.3);
     double change[12];
@@ -182,8 +182,8 @@ static void rotated_base_gives_rotated_shape(void **unused) {
     needle_state plain, turned;
     quat q = q_exp(v3(0.7, -1.1, 2.0));
     vec3 shift = v3(0.3, -0.2, 0.1), force = v3(0.1, 0.3, -0.4);
-    needle_rest(&model, ORIGIN, &plain);
-    needle_rest(&model, (pose){shift, q}, &turned);
+    needle_set_straight(&model, ORIGIN, &plain);
+    needle_set_straight(&model, (pose){shift, q}, &turned);
     bend(&model, &plain, force, tangent);
     bend(&model, &turned, q_rotate(q, force), tangent);
     for (int k = 0; k <= 20; k++)
@@ -199,9 +199,9 @@ static void free_needle_follows_its_base(void **unused) {
     needle_state state, straight;
     vec3 load[NEEDLE_MAX_SEGMENTS + 1] = {{0}};
     pose moved = {v3(0.01, 0.02, -0.03), q_exp(v3(0.15, -0.02, 0.8))};
-    needle_rest(&model, ORIGIN, &state);
-    needle_rest(&model, moved, &straight);
-    needle_hold(&model, moved, &state);
+    needle_set_straight(&model, ORIGIN, &state);
+    needle_set_straight(&model, moved, &straight);
+    needle_move_base(&model, moved, &state);
     for (int i = 0; i < 8; i++) {
         needle_linearise(&model, &state, load, 0, tangent);
         needle_advance(&model, tangent, load, &state);

@@ -70,17 +70,17 @@ static void a_tip_rests_at_the_end(void **state) {
         end = fmax(end, l->state.tip.place.depth);
     }
     do lockstep_move(l, v3(0, 0, SPEED * DT), DT, DT);
-    while (l->state.tip.track.open == 1.0 && l->wrench.depth <= end);
+    while (l->state.tip.track.openness == 1.0 && l->wrench.depth <= end);
     double reached = l->wrench.depth;
     print_message("end at %.4f mm, reached %.4f mm\n", 1e3 * end, 1e3 * reached);
     assert_true(reached <= end && reached > end - 2.0 * SPEED * DT);
     for (int k = 0; k < 20; k++) {
         lockstep_tick(l, l->base, DT);
-        assert_true(l->wrench.depth == reached && l->state.tip.track.open == 0.0);
+        assert_true(l->wrench.depth == reached && l->state.tip.track.openness == 0.0);
         assert_int_equal(l->wrench.passes, 1);
     }
     lockstep_move(l, v3(0, 0, -0.01), 0.01 / SPEED, DT);
-    assert_true(l->state.tip.track.open == 1.0);
+    assert_true(l->state.tip.track.openness == 1.0);
     lockstep_free(l);
 }
 
@@ -134,7 +134,7 @@ static void tissue_springs_back_into_a_track(void **state) {
         lockstep_tick(soft, soft->base, DT);
         double f = v3_norm(track->wrench.force), g = v3_norm(soft->wrench.force);
         if (k > 1) largest = fmax(largest, last - f); /* at first, what is cut no longer resists, and the shaft follows */
-        assert_true(track->state.tip.track.open == 1.0);
+        assert_true(track->state.tip.track.openness == 1.0);
         assert_true(fabs(f - g) < 1e-3 * before);
     }
     print_message("%.3f N before, %.3f N 60 ms after; largest fall in a tick after the first two %.3f N\n", before, v3_norm(track->wrench.force), largest);
@@ -145,7 +145,7 @@ static void tissue_springs_back_into_a_track(void **state) {
         if (k >= 15) most = fmax(most, track->state.tip.solved.end_force);
     }
     print_message("at 50 mm/s in the track: %.4f N, in whole tissue viscosity alone is %.2f N\n", most, 0.05 * viscosity);
-    assert_true(track->state.tip.track.open == 1.0 && most < 0.1 * 0.05 * viscosity);
+    assert_true(track->state.tip.track.openness == 1.0 && most < 0.1 * 0.05 * viscosity);
     lockstep_free(track);
     lockstep_free(soft);
 }

@@ -158,7 +158,7 @@ static void add_held(const trocar_sim *sim, int needle, point_forces *p) {
 /* Loads that relaxing tissue remembers where the needle is no longer. */
 static void add_left(const trocar_sim *sim, int needle, const insertion_state *state, point_forces *p) {
     tissue_loads left = {.count = 0};
-    insertion_add_left_loads(&sim->model->parts.insertion, state, &left);
+    insertion_add_residual_loads(&sim->model->parts.insertion, state, &left);
     for (int i = 0; i < left.count; i++) add_point(p, needle, left.loads[i].tet, left.loads[i].weights, left.loads[i].force, &IDENTITY);
 }
 

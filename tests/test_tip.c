@@ -22,7 +22,7 @@ static tick_output go(lockstep *l, double slip) {
     tick_output wrench = {.membrane = -1};
     l->state.tip.solved.slip = slip;
     const tick_input tick = {.model = &l->simulation.insertion};
-    tip_move(&tick, &l->state, &l->simulation.workspace->creep, &wrench, tip_aim(&tick, &l->state, v3(0, 0, 0)));
+    tip_move(&tick, &l->state, &l->simulation.workspace->creep, &wrench, tip_cut_direction(&tick, &l->state, v3(0, 0, 0)));
     return wrench;
 }
 

@@ -245,7 +245,7 @@ trocar_status rest_again(trocar_sim *sim, report *why) {
 
 static void hold_loads(const trocar_sim *sim, const insertion_state *state, bool left_only, tissue_loads *loads) {
     loads->count = 0;
-    if (left_only) insertion_add_left_loads(&sim->model->parts.insertion, state, loads);
+    if (left_only) insertion_add_residual_loads(&sim->model->parts.insertion, state, loads);
     else insertion_add_loads(&sim->model->parts.insertion, state, loads);
 }
 
@@ -300,7 +300,7 @@ static trocar_status leave_needle(trocar_sim *sim, int index, unsigned seen, rep
 static trocar_status detach(trocar_sim *sim, needle_track *n, report *why) {
     trocar_status status = respond_to_loads(sim, true, why);
     resting_loads(n->resting, &n->held);
-    insertion_add_left_loads(&sim->model->parts.insertion, &n->resting->anchor, &n->held);
+    insertion_add_residual_loads(&sim->model->parts.insertion, &n->resting->anchor, &n->held);
     n->attached = false;
     trocar_status attached = attach_again(sim, why);
     return status == TROCAR_OK ? attached : status;

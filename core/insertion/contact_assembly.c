@@ -20,7 +20,7 @@ static const double LEAST_HOLD = 1e-6; /* fraction: of the sideways hold that is
 
 /* ---- points and forces --------------------------------------------------------------------------------------------- */
 
-void list_points(const tick_input *tick, const insertion_state *state, contact_points *points) {
+void points_list(const tick_input *tick, const insertion_state *state, contact_points *points) {
     int contacts = 0;
     double border = 0.0;
     guides_list(tick, state, points);
@@ -55,7 +55,7 @@ static void place_on_shaft(const tick_input *tick, const insertion_state *state,
     p->lead = shaft->origin + depth - p->arc;
 }
 
-void locate_points(const tick_input *tick, const insertion_state *state, contact_points *points, const tissue_step *tissue, const creep_step *creep, hole_edge *edges) {
+void points_locate(const tick_input *tick, const insertion_state *state, contact_points *points, const tissue_step *tissue, const creep_step *creep, hole_edge *edges) {
     double arcs[MAX_POINTS];
     needle_point *at[MAX_POINTS];
     for (int i = 0; i < points->count; i++) {
@@ -74,7 +74,7 @@ void locate_points(const tick_input *tick, const insertion_state *state, contact
     }
 }
 
-void load_needle(const tick_input *tick, const insertion_state *state, const contact_points *points, needle_response *response) {
+void points_load_needle(const tick_input *tick, const insertion_state *state, const contact_points *points, needle_response *response) {
     memset(response->load, 0, (size_t)(tick->model->needle->given.segments + 1) * sizeof *response->load);
     for (int i = 0; i < points->count; i++) {
         vec3 force = point_force(state, &points->list[i]);
@@ -112,7 +112,7 @@ static double hold_near_surface(const insertion_state *state, const contact_poin
 /* Point i, of this local compliance (m/N), is held by that part only. */
 static void loosen(tissue_step *tissue, int i, double hold, double compliance) {
     double part = fmax(hold, LEAST_HOLD);
-    tissue->loose[i] = hold < 1.0 ? compliance * (1.0 / part - 1.0) : 0.0;
+    tissue->extra_lateral_compliance[i] = hold < 1.0 ? compliance * (1.0 / part - 1.0) : 0.0;
     tissue->tightening[i] = hold < 1.0 ? compliance / (part * part * TIP_FADE) : 0.0;
 }
 
@@ -183,8 +183,8 @@ void keep_shear(const tick_input *tick, insertion_state *state, contact_points *
 
 static void bound_friction(const tick_input *tick, contact_problem *problem, int i, const shaft_resistance *shaft, double slid, double slip, const roll_friction *roll, friction_state last) {
     double radius = tick->model->needle->radius;
-    double dry = shaft_friction_limit(tick->model, shaft, slid + roll_way(slip, roll, radius));
-    shared_bound left = roll_left_to_sliding(dry, slip, roll, radius);
+    double dry = shaft_friction_limit(tick->model, shaft, slid + roll_slip_length(slip, roll, radius));
+    shared_bound left = roll_bound_for_sliding(dry, slip, roll, radius);
     problem->upper[i] = left.bound;
     problem->lower[i] = -left.bound;
     problem->viscosity[i][0] = problem->viscosity[i][1] = shaft->viscous / tick->dt + left.viscosity;
@@ -261,7 +261,7 @@ void assemble_compliance(const tick_input *tick, const insertion_state *state, i
     for (int i = 0; i < w->points.guided; i++) guides_add_compliance(tick, &w->points, w->edges, &w->problem, i);
     for (int i = w->points.guided; i < p->count; i++) add_local_compliance(state, &w->points, &w->tissue, &w->problem, i);
     for (int i = w->points.guided; i < p->count; i++)
-        for (int a = 0; a < 2; a++) p->compliance[2 * i + a][2 * i + a] += w->tissue.loose[i];
+        for (int a = 0; a < 2; a++) p->compliance[2 * i + a][2 * i + a] += w->tissue.extra_lateral_compliance[i];
     stiffening_add_compliance(state, &w->points, &w->tissue, &w->stiffening, &w->problem);
 }
 

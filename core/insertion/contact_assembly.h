@@ -6,13 +6,13 @@
 #include "insertion/tick.h"
 
 /* Lists the points of contact: with guides, the active contacts, and with scratch->points.tip the tip. RT */
-void list_points(const tick_input *tick, const insertion_state *state, contact_points *points);
+void points_list(const tick_input *tick, const insertion_state *state, contact_points *points);
 
 /* Where they are on the needle, and in holes and tissue that the needle exerts no force on. RT */
-void locate_points(const tick_input *tick, const insertion_state *state, contact_points *points, const tissue_step *tissue, const creep_step *creep, hole_edge *edges);
+void points_locate(const tick_input *tick, const insertion_state *state, contact_points *points, const tissue_step *tissue, const creep_step *creep, hole_edge *edges);
 
 /* Forces of the points on the needle's joints. RT */
-void load_needle(const tick_input *tick, const insertion_state *state, const contact_points *points, needle_response *response);
+void points_load_needle(const tick_input *tick, const insertion_state *state, const contact_points *points, needle_response *response);
 
 /* Compliance of the tissue between the tip, whose corners have these handles, and each point; the free displacement at the tip. RT */
 void find_tip_rows(const tick_input *tick, const insertion_state *state, const contact_points *points, tissue_step *tissue, const creep_step *creep, const int handles[4]);

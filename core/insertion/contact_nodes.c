@@ -99,14 +99,14 @@ void plan_another(const tick_input *tick, insertion_state *state, tick_output *o
     if (tick->model->settings.placement == PLACE_INSIDE) plan(tick, state, output, direction, true);
 }
 
-bool leaves_contact_at_exit(const tick_input *tick, const insertion_state *state, double depth) {
+bool wants_contact_at_exit(const tick_input *tick, const insertion_state *state, double depth) {
     return depth - last_contact_depth(state) > 0.5 * tick->model->settings.contact_spacing;
 }
 
 void plan_exit(const tick_input *tick, insertion_state *state, tick_output *output, vec3 way, double left) {
     needle_tip *tip = &state->tip;
     double due = tip->next_contact;
-    if (due < tip->place.depth + left || !leaves_contact_at_exit(tick, state, tip->place.depth + left)) return;
+    if (due < tip->place.depth + left || !wants_contact_at_exit(tick, state, tip->place.depth + left)) return;
     vec3 exit = v3_axpy(left, way, tip->place.nominal);
     int slot = contact_planned(state);
     if (slot >= 0 && v3_norm(v3_sub(state->contacts[slot].track, exit)) < 0.5 * PLAN_TOLERANCE) return;
@@ -121,7 +121,7 @@ void set_resolution(const insertion_model *model, shaft_contact *contact, const 
     contact->resolved = *resolved;
 }
 
-void leave_contact(const tick_input *tick, insertion_state *state, tick_output *output) {
+void place_contact(const tick_input *tick, insertion_state *state, tick_output *output) {
     needle_tip *tip = &state->tip;
     int slot = contact_planned(state);
     if (slot < 0 || v3_norm(v3_sub(state->contacts[slot].track, tip->place.nominal)) >= PLAN_TOLERANCE) {
@@ -136,7 +136,7 @@ void leave_contact(const tick_input *tick, insertion_state *state, tick_output *
     tip->next_contact = INFINITY;
 }
 
-void take_up_contact(const tick_input *tick, insertion_state *state, tick_output *output) {
+void return_to_contact(const tick_input *tick, insertion_state *state, tick_output *output) {
     int last = state->refined.order[--state->refined.count];
     const added_node *node = &state->refined.nodes[last];
     const shaft_contact *contact = &state->contacts[last];
@@ -155,6 +155,6 @@ void take_up_contact(const tick_input *tick, insertion_state *state, tick_output
         tip->resolution.at = tip->place.nominal;
     }
     tip->next_contact = NAN;
-    leave_strata(state);
+    drop_strata_ahead(state);
     output->events |= EVENT_REMOVED;
 }

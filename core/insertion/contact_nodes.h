@@ -17,7 +17,7 @@ void drop_plan(insertion_state *state); /* RT */
 
 /* Where the tip goes out of the tissue, it leaves one more contact if the last one is far enough away: planned ahead as well. `left`: m to
    the exit along the unit direction `way`. RT */
-bool leaves_contact_at_exit(const tick_input *tick, const insertion_state *state, double depth);
+bool wants_contact_at_exit(const tick_input *tick, const insertion_state *state, double depth);
 void plan_exit(const tick_input *tick, insertion_state *state, tick_output *output, vec3 way, double left);
 
 /* What the mesh resolves at a contact. RT */
@@ -25,10 +25,10 @@ void set_resolution(const insertion_model *model, shaft_contact *contact, const 
 
 /* Leaves a contact node at the tip: the planned one, or a new one if the tip came elsewhere. It takes part as soon as the worker
    has its row. RT */
-void leave_contact(const tick_input *tick, insertion_state *state, tick_output *output);
+void place_contact(const tick_input *tick, insertion_state *state, tick_output *output);
 
 /* The tip has come back to its last contact node and takes its place. RT */
-void take_up_contact(const tick_input *tick, insertion_state *state, tick_output *output);
+void return_to_contact(const tick_input *tick, insertion_state *state, tick_output *output);
 
 /* Sets how far the tip is out of an outer face; zero: it is not. RT */
 void set_beside(needle_tip *tip, vec3 beside);

@@ -44,7 +44,7 @@ static pass_result follow_branch(const tick_input *tick, insertion_state *state,
     pass_result r = {.found = false};
     find_lag(tick, state, w);
     while (done < 1.0 && step >= LEAST_STEP) {
-        w->continuation.left = 1.0 - (done + step);
+        w->continuation.kept_open = 1.0 - (done + step);
         w->response.drag = state->moving_on ? drag / step : 0.0;
         passes_load_joints(tick, state, &w->points, &w->response, &w->start);
         r = passes_run(tick, state, w, output, tick->model->settings.max_passes);
@@ -53,7 +53,7 @@ static pass_result follow_branch(const tick_input *tick, insertion_state *state,
         if (step < LEAST_STEP && !state->moving_on) state->moving_on = true, step = 1.0 - done;
         step = fmin(step, 1.0 - done);
     }
-    w->continuation.left = 0.0;
+    w->continuation.kept_open = 0.0;
     return r;
 }
 

@@ -36,7 +36,7 @@ static double size_of_terms(const creep_series *series, const vec3 *terms) {
 }
 
 /* The left load closest to x; -1: there is none. */
-static int closest_left(const left_loads *left, vec3 x, double *distance) {
+static int closest_residual(const left_loads *left, vec3 x, double *distance) {
     int closest = -1;
     *distance = INFINITY;
     for (int i = 0; i < left->count; i++) {
@@ -47,25 +47,25 @@ static int closest_left(const left_loads *left, vec3 x, double *distance) {
 }
 
 /* Leaves the part of a share's load in the tissue, where it acts, as it has decayed at the end of the step. NULL: between two steps. */
-static void leave(const insertion_model *model, tissue_memory *memory, const share_memory *share, double part, const double *decay) {
+static void deposit_load(const insertion_model *model, tissue_memory *memory, const share_memory *share, double part, const double *decay) {
     const creep_series *series = &model->creep;
-    left_loads *left = &memory->left;
+    left_loads *left = &memory->residual;
     vec3 load[MAX_RELAXATION];
     for (int k = 0; k < series->count; k++) load[k] = v3_scale(part, share->terms[k].load);
     double distance, size = size_of_terms(series, load);
     if (size == 0.0) return;
-    int i = closest_left(left, share->at, &distance);
+    int i = closest_residual(left, share->at, &distance);
     if (i < 0 || (distance > TOGETHER && left->count < MAX_LEFT)) {
         i = left->count++;
         left->loads[i] = (left_load){.tet = share->tet, .at = share->at};
         mesh_barycentric(model->mesh, share->tet, share->at, left->loads[i].weights);
     }
     for (int k = 0; k < series->count; k++) left->loads[i].load[k] = v3_axpy(decay ? decay[k] : 1.0, load[k], left->loads[i].load[k]);
-    memory->left_added += size;
-    memory->left_growing = true;
+    memory->residual_added += size;
+    memory->residual_growing = true;
 }
 
-static void fade_left(const creep_series *series, const double *decay, left_loads *left) {
+static void fade_residuals(const creep_series *series, const double *decay, left_loads *left) {
     int kept = 0;
     for (int i = 0; i < left->count; i++) {
         left_load *load = &left->loads[i];
@@ -75,8 +75,8 @@ static void fade_left(const creep_series *series, const double *decay, left_load
     left->count = kept;
 }
 
-bool creep_left_is_news(const tissue_memory *memory) {
-    return memory->left_added > NOTICEABLE || (memory->left_added > 0.0 && !memory->left_growing);
+bool creep_has_new_residuals(const tissue_memory *memory) {
+    return memory->residual_added > NOTICEABLE || (memory->residual_added > 0.0 && !memory->residual_growing);
 }
 
 /* ---- one step ---------------------------------------------------------------------------------------------------------- */
@@ -87,15 +87,15 @@ void creep_begin(const tick_input *tick, insertion_state *state, creep_step *cre
     creep->yield = 1.0;
     if (series->count == 0) return;
     memory->time += tick->dt;
-    memory->left_growing = false;
+    memory->residual_growing = false;
     for (int k = 0; k < series->count; k++) {
         creep->decay[k] = exp(-tick->dt / series->time[k]);
-        creep->left[k] = exp(-(memory->time - tick->snapshot->left_time) / series->time[k]);
+        creep->residual[k] = exp(-(memory->time - tick->snapshot->left_time) / series->time[k]);
         creep->yield += series->compliance[k] * (1.0 - creep->decay[k]);
     }
     for (int k = 0; k < series->count; k++) creep->weight[k] = series->compliance[k] * creep->decay[k] / creep->yield;
-    fade_left(series, creep->decay, &memory->left);
-    memory->left.time = memory->time;
+    fade_residuals(series, creep->decay, &memory->residual);
+    memory->residual.time = memory->time;
 }
 
 /* What tissue remembers at a point of this step; that is no guide's. */
@@ -129,7 +129,7 @@ static void glide(const tick_input *tick, insertion_state *state, const creep_st
     tissue_memory *memory = &state->memory;
     share_memory *share = &memory->shares[0];
     double part = -expm1(-0.5 * creep->tip_moved / tick->model->needle->radius);
-    leave(tick->model, memory, share, part, creep->decay);
+    deposit_load(tick->model, memory, share, part, creep->decay);
     for (int k = 0; k < tick->model->creep.count; k++) {
         remembered_forces *term = &share->terms[k];
         term->load = v3_scale(1.0 - part, term->load);
@@ -139,7 +139,7 @@ static void glide(const tick_input *tick, insertion_state *state, const creep_st
 
 /* Tissue keeps its memory where it is: shares that change exchange what lies between their old and new borders, each share's memory
    being spread evenly over its length. */
-void creep_share_out(const tick_input *tick, insertion_state *state, const contact_points *points, creep_step *creep) {
+void creep_divide(const tick_input *tick, insertion_state *state, const contact_points *points, creep_step *creep) {
     const creep_series *series = &tick->model->creep;
     tissue_memory *memory = &state->memory;
     if (series->count == 0) return;
@@ -160,19 +160,19 @@ void creep_share_out(const tick_input *tick, insertion_state *state, const conta
             for (int t = 0; t < series->count; t++) add_part(part, &before[i].terms[t], &now->terms[t]);
             rest -= part;
         }
-        if (rest > ALL_OF_IT) leave(tick->model, memory, &before[i], rest, creep->decay);
+        if (rest > ALL_OF_IT) deposit_load(tick->model, memory, &before[i], rest, creep->decay);
     }
 }
 
-void creep_leave_all(const insertion_model *model, tissue_memory *memory, const double *decay) {
-    for (int i = 0; i < memory->count; i++) leave(model, memory, &memory->shares[i], 1.0, decay);
+void creep_deposit_all(const insertion_model *model, tissue_memory *memory, const double *decay) {
+    for (int i = 0; i < memory->count; i++) deposit_load(model, memory, &memory->shares[i], 1.0, decay);
     memory->count = 0;
     memory->tip = false;
     memset(memory->face, 0, sizeof memory->face);
 }
 
 void creep_forget(tissue_memory *memory) {
-    memory->count = memory->left.count = 0;
+    memory->count = memory->residual.count = 0;
     memory->tip = false;
     memset(memory->face, 0, sizeof memory->face);
     memory->since = memory->time;
@@ -257,7 +257,7 @@ static void keep_remembered_shear(const tick_input *tick, insertion_state *state
     }
 }
 
-void creep_recall(const tick_input *tick, insertion_state *state, const contact_points *points, tissue_step *tissue, creep_step *creep, const stiffening_step *stiffening) {
+void creep_prepare(const tick_input *tick, insertion_state *state, const contact_points *points, tissue_step *tissue, creep_step *creep, const stiffening_step *stiffening) {
     const creep_series *series = &tick->model->creep;
     if (series->count == 0) return;
     int tip = points->count - 1;
@@ -305,16 +305,16 @@ double creep_dent(const tick_input *tick, const insertion_state *state, const co
     return v3_dot(along, creep->moved[tip]) + tissue->axial[tip] * creep->face;
 }
 
-static bool recalls_left(const tick_input *tick, const insertion_state *state) { return tick->snapshot->left && tick->snapshot->left_time > state->memory.since; }
+static bool has_residuals(const tick_input *tick, const insertion_state *state) { return tick->snapshot->left && tick->snapshot->left_time > state->memory.since; }
 
-bool creep_free_is_zero(const tick_input *tick, const insertion_state *state) { return !tick->snapshot->loaded && !recalls_left(tick, state); }
+bool creep_free_is_zero(const tick_input *tick, const insertion_state *state) { return !tick->snapshot->loaded && !has_residuals(tick, state); }
 
 vec3 creep_free(const tick_input *tick, const insertion_state *state, const creep_step *creep, int handle) {
     const compliance_snapshot *snapshot = tick->snapshot;
     vec3 u = snapshot->u_free[handle];
-    if (!recalls_left(tick, state)) return u;
+    if (!has_residuals(tick, state)) return u;
     for (int k = 0; k < tick->model->creep.count; k++)
-        u = v3_axpy(tick->model->creep.compliance[k] * creep->left[k], snapshot->u_left[k][handle], u);
+        u = v3_axpy(tick->model->creep.compliance[k] * creep->residual[k], snapshot->u_left[k][handle], u);
     return u;
 }
 
@@ -369,7 +369,7 @@ vec3 creep_tip_load(const insertion_model *model, const tissue_memory *memory) {
     return memory->tip ? creep_load(model, memory, memory->count - 1) : ZERO;
 }
 
-vec3 creep_left_load(const insertion_model *model, const left_load *left) {
+vec3 creep_residual_load(const insertion_model *model, const left_load *left) {
     vec3 sum = ZERO;
     for (int k = 0; k < model->creep.count; k++) sum = v3_axpy(model->creep.compliance[k], left->load[k], sum);
     return sum;
@@ -384,7 +384,7 @@ double creep_sum(const tissue_memory *memory) {
             sum = v3_add(sum, term->load);
             along += term->along + term->twist;
         }
-        for (int i = 0; i < memory->left.count; i++) sum = v3_add(sum, memory->left.loads[i].load[k]);
+        for (int i = 0; i < memory->residual.count; i++) sum = v3_add(sum, memory->residual.loads[i].load[k]);
         along += memory->face[k];
     }
     return sum.x + sum.y + sum.z + along;

@@ -10,17 +10,17 @@
 void creep_begin(const tick_input *tick, insertion_state *state, creep_step *creep);
 
 /* Divides what is remembered among the shares of this step's points; what lies beyond the tip is left in the tissue. RT */
-void creep_share_out(const tick_input *tick, insertion_state *state, const contact_points *points, creep_step *creep);
+void creep_divide(const tick_input *tick, insertion_state *state, const contact_points *points, creep_step *creep);
 
 /* Nothing touches the tissue: all that is remembered is left in it. `decay`: of the step; NULL: between two steps. RT */
-void creep_leave_all(const insertion_model *model, tissue_memory *memory, const double *decay);
+void creep_deposit_all(const insertion_model *model, tissue_memory *memory, const double *decay);
 
 /* The tissue has never been touched. RT */
 void creep_forget(tissue_memory *memory);
 
 /* Recalls what this step's displacements start from: displacement of the tissue at each point, and forces that shear it. Local
    compliances are those of a step from here on. After find_tip_rows and find_local_compliance. RT */
-void creep_recall(const tick_input *tick, insertion_state *state, const contact_points *points, tissue_step *tissue, creep_step *creep, const stiffening_step *stiffening);
+void creep_prepare(const tick_input *tick, insertion_state *state, const contact_points *points, tissue_step *tissue, creep_step *creep, const stiffening_step *stiffening);
 
 /* Takes the sheared tissue's displacement off the gaps. RT */
 void creep_shift_gaps(const tick_input *tick, const insertion_state *state, const contact_points *points, const tissue_step *tissue, const creep_step *creep, contact_problem *problem);
@@ -31,7 +31,7 @@ double creep_dent(const tick_input *tick, const insertion_state *state, const co
 /* Remembers this step's forces. RT */
 void creep_remember(const tick_input *tick, insertion_state *state, const contact_points *points, const tissue_step *tissue, const creep_step *creep);
 
-/* Torque (N m; after creep_recall) that what is remembered at point i, no guide's, amounts to in this step; at the tip, on the shaft. RT */
+/* Torque (N m; after creep_prepare) that what is remembered at point i, no guide's, amounts to in this step; at the tip, on the shaft. RT */
 double creep_twist(const tick_input *tick, const creep_step *creep, int i);
 
 /* The load on the tissue, beside the present force, that the memory of share number i amounts to, N. RT */
@@ -41,9 +41,9 @@ vec3 creep_load(const insertion_model *model, const tissue_memory *memory, int i
 vec3 creep_tip_load(const insertion_model *model, const tissue_memory *memory);
 
 /* The same of a left load. RT */
-vec3 creep_left_load(const insertion_model *model, const left_load *left);
+vec3 creep_residual_load(const insertion_model *model, const left_load *left);
 
-/* Traction along the shaft, N/m, that the memory of the share of point i, no guide's, amounts to; after creep_share_out. RT */
+/* Traction along the shaft, N/m, that the memory of the share of point i, no guide's, amounts to; after creep_divide. RT */
 double creep_traction_of(const tick_input *tick, const insertion_state *state, const contact_points *points, const creep_step *creep, int i);
 
 /* A number that is finite only if all that is remembered is. RT */
@@ -59,6 +59,6 @@ vec3 creep_free_at(const tick_input *tick, const insertion_state *state, const c
 bool creep_free_is_zero(const tick_input *tick, const insertion_state *state);
 
 /* Is there enough new among the left loads to tell the worker? RT */
-bool creep_left_is_news(const tissue_memory *memory);
+bool creep_has_new_residuals(const tissue_memory *memory);
 
 #endif

@@ -4,7 +4,7 @@
 #include "insertion/roll.h"
 
 static double slid_on(double slid, double slip, friction_state friction, const roll_friction *roll, double radius) {
-    return friction == STICK && roll->friction == STICK ? 0.0 : slid + roll_way(slip, roll, radius);
+    return friction == STICK && roll->friction == STICK ? 0.0 : slid + roll_slip_length(slip, roll, radius);
 }
 
 static void slide(shaft_hold *shaft, double radius) {
@@ -31,8 +31,8 @@ static void slide_in_tissue(insertion_state *state, double radius) {
 static void move_base(const tick_input *tick, insertion_state *state) {
     pose base = tick->base.pose;
     base.position = v3_add(base.position, state->base_shift);
-    roll_turn_base(state, base.orientation);
-    needle_hold(tick->model->needle, base, &state->needle);
+    roll_follow_base(state, base.orientation);
+    needle_move_base(tick->model->needle, base, &state->needle);
 }
 
 void hand_slide_shaft(const tick_input *tick, insertion_state *state) {
@@ -46,7 +46,7 @@ void hand_move(const tick_input *tick, insertion_state *state, hand_advance *han
     int end = model->needle->given.segments;
     hand->end_before = joints[end];
     hand->straight_before = needle_straight_end(model->needle, state->needle.base);
-    if (state->tip.place.phase == TIP_FREE && !guides_hold(model, state)) needle_rest(model->needle, tick->base.pose, &state->needle);
+    if (state->tip.place.phase == TIP_FREE && !guides_hold(model, state)) needle_set_straight(model->needle, tick->base.pose, &state->needle);
     else move_base(tick, state);
     vec3 along = v3_unit(v3_sub(joints[end], joints[end - 1]));
     hand->carried = fmax(0.0, v3_dot(along, v3_sub(joints[end], hand->end_before)));

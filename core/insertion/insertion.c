@@ -28,7 +28,7 @@ void insertion_reset(const insertion_model *model, pose base, insertion_state *s
     state->tip = tip_in_air();
     state->tip.solved.arc = model->needle->given.length;
     state->surface = v3(NAN, NAN, NAN);
-    needle_rest(model->needle, base, &state->needle);
+    needle_set_straight(model->needle, base, &state->needle);
     tip_engage(model, state);
     prefetch_request(model, state);
 }
@@ -137,11 +137,11 @@ void insertion_forces(const insertion_model *model, const insertion_state *state
     const needle_tip *tip = &state->tip;
     for (int k = 0; contact_is_active(state, k); k++)
         added[k] = v3_add(state->contacts[state->refined.order[k]].force, creep_load(model, &state->memory, k));
-    for (int i = 0; i < state->memory.left.count; i++)
+    for (int i = 0; i < state->memory.residual.count; i++)
         for (int c = 0; c < 4; c++) {
-            const left_load *left = &state->memory.left.loads[i];
+            const left_load *left = &state->memory.residual.loads[i];
             vec3 *corner = &nominal[model->mesh->tets[left->tet][c]];
-            *corner = v3_axpy(left->weights[c], creep_left_load(model, left), *corner);
+            *corner = v3_axpy(left->weights[c], creep_residual_load(model, left), *corner);
         }
     if (tip->place.phase != TIP_INSIDE || tip->known.tet < 0) return;
     for (int c = 0; c < 4; c++) {
@@ -150,11 +150,11 @@ void insertion_forces(const insertion_model *model, const insertion_state *state
     }
 }
 
-void insertion_add_left_loads(const insertion_model *model, const insertion_state *state, tissue_loads *loads) {
-    for (int i = 0; i < state->memory.left.count && loads->count < MAX_LOADS; i++) {
-        const left_load *left = &state->memory.left.loads[i];
+void insertion_add_residual_loads(const insertion_model *model, const insertion_state *state, tissue_loads *loads) {
+    for (int i = 0; i < state->memory.residual.count && loads->count < MAX_LOADS; i++) {
+        const left_load *left = &state->memory.residual.loads[i];
         tissue_load *load = &loads->loads[loads->count++];
-        *load = (tissue_load){.tet = left->tet, .force = creep_left_load(model, left)};
+        *load = (tissue_load){.tet = left->tet, .force = creep_residual_load(model, left)};
         memcpy(load->weights, left->weights, sizeof load->weights);
     }
 }
@@ -200,5 +200,5 @@ void insertion_add_loads(const insertion_model *model, const insertion_state *st
     for (int k = 0; k < contacts; k++)
         loads->loads[k].force = v3_add(state->contacts[state->refined.order[k]].force, creep_load(model, &state->memory, k));
     if (loads->count > contacts) loads->loads[contacts].force = v3_add(tip_load(&state->tip), creep_tip_load(model, &state->memory));
-    insertion_add_left_loads(model, state, loads);
+    insertion_add_residual_loads(model, state, loads);
 }

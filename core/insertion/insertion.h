@@ -38,6 +38,6 @@ void insertion_place_loads(const insertion_model *model, const insertion_state *
 void insertion_add_loads(const insertion_model *model, const insertion_state *state, tissue_loads *loads);
 
 /* Those of them that relaxing tissue remembers where the needle is no longer. RT */
-void insertion_add_left_loads(const insertion_model *model, const insertion_state *state, tissue_loads *loads);
+void insertion_add_residual_loads(const insertion_model *model, const insertion_state *state, tissue_loads *loads);
 
 #endif

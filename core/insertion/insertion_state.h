@@ -56,9 +56,9 @@ typedef struct {
 
 /* An old track that leads the tip. */
 typedef struct {
-    double open;             /* 0 to 1: how open it is to the tip; 0: there is none, and the rest is unused */
-    vec3 way;                /* unit nominal direction in which it leads */
-    double left;             /* m from the tip to its end */
+    double openness;         /* 0 to 1: how open it is to the tip; 0: there is none, and the rest is unused */
+    vec3 direction;          /* unit nominal direction in which it leads */
+    double to_end;           /* m from the tip to its end */
     vec3 tilt;               /* how the tip's direction in it differs from that in which it would cut */
 } open_track;
 

@@ -122,11 +122,11 @@ double local_wave_speed(const insertion_model *model, int tet, vec3 x) {
 /* Tissue yields less around a tip in the depth than around one on the surface. The tip counts as being in the depth once it is a few
    radii below the surface, and deeper than the dent that it presses into it. Over the few radii alone, a needle that has dented the
    skin would meet more force as it cuts on, with elastic energy that comes from nowhere. */
-local_disc local_disc_at_tip(const insertion_model *model, int tet, vec3 x, double depth, double pressing) {
+local_disc local_disc_at_tip(const insertion_model *model, int tet, vec3 x, double depth, double push) {
     double weights[4], radius = model->needle->radius;
     mesh_barycentric(model->mesh, tet, x, weights);
     double disc = interpolate(model, tet, weights, model->node_disc), punch = interpolate(model, tet, weights, model->node_punch);
-    double dent = pressing * punch / radius;
+    double dent = push * punch / radius;
     double in = smaller_of(1.0, depth / (EMBEDDING_DEPTH * radius + dent)); /* from the surface to the end of a hole in the depth */
     double whole = between(punch, disc, in * 2.0 / 3.0) / radius, bone = bone_at(model, tet, weights, depth);
     return (local_disc){.compliance = between(whole, BONE_COMPLIANCE, bone), .angle = 2.0 * M_PI * (1.0 + in),
@@ -134,7 +134,7 @@ local_disc local_disc_at_tip(const insertion_model *model, int tet, vec3 x, doub
                         .stiffening = (1.0 - bone) * interpolate(model, tet, weights, model->node_stiffening)};
 }
 
-double local_at_tip(const insertion_model *model, int tet, vec3 x, double depth, double pressing, double point) {
-    local_disc disc = local_disc_at_tip(model, tet, x, depth, pressing);
+double local_at_tip(const insertion_model *model, int tet, vec3 x, double depth, double push, double point) {
+    local_disc disc = local_disc_at_tip(model, tet, x, depth, push);
     return larger_of(disc.compliance - point * disc.softness, 0.0);
 }

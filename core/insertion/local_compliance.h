@@ -32,17 +32,17 @@ plane_tensor local_logarithm_behind_tip(plane_tensor endless, const line_end *en
 /* What meshes resolve in an element of this size, as a rule, where it has not been measured. RT */
 resolved_field local_resolution_guess(const insertion_model *model, int tet);
 
-/* The tip's end face, a disc `depth` (m) below the surface that it presses on with `pressing` (N). RT */
+/* The tip's end face, a disc `depth` (m) below the surface that it is pushed on with `push` (N). RT */
 typedef struct {
     double compliance;       /* m/N, of the disc and all the tissue around it */
     double angle;            /* steradians that the tissue fills around it */
     double softness;         /* m^2/N, 1 / mu; 0 at bone */
     double stiffening;
 } local_disc;
-local_disc local_disc_at_tip(const insertion_model *model, int tet, vec3 x, double depth, double pressing);
+local_disc local_disc_at_tip(const insertion_model *model, int tet, vec3 x, double depth, double push);
 
 /* Local compliance of the tip along the needle, m/N, under the force on that face alone. `point`: resolved_field.point there. RT */
-double local_at_tip(const insertion_model *model, int tet, vec3 x, double depth, double pressing, double point);
+double local_at_tip(const insertion_model *model, int tet, vec3 x, double depth, double push, double point);
 
 /* Speed of shear waves, m/s. RT */
 double local_wave_speed(const insertion_model *model, int tet, vec3 x);

@@ -20,7 +20,7 @@ static double beyond_exit(const tick_input *tick, const insertion_state *state, 
     return v3_dot(v3_sub(state->needle.joints[tick->model->needle->given.segments], exit), v3_unit(needle_direction(tick, state)));
 }
 
-void come_back(const tick_input *tick, insertion_state *state, const creep_step *creep, tick_output *output) {
+void reenter_tissue(const tick_input *tick, insertion_state *state, const creep_step *creep, tick_output *output) {
     needle_tip *tip = &state->tip;
     double beyond = beyond_exit(tick, state, creep);
     const shaft_contact *last = last_contact(state);
@@ -72,14 +72,14 @@ entrance next_body(const tick_input *tick, const insertion_state *state, vec3 le
     return entrance_at(tick, state, mesh_enter(model->mesh, v3_axpy(-FACE_CLEARANCE, direction, left), to));
 }
 
-void enter_what_touches(const tick_input *tick, insertion_state *state, tick_output *output, vec3 direction) {
+void enter_touching_body(const tick_input *tick, insertion_state *state, tick_output *output, vec3 direction) {
     vec3 left = state->tip.place.nominal, way = v3_sub(state->tip.place.end, left);
     if (v3_dot(way, direction) < 2.0 * FACE_CLEARANCE) way = v3_scale(2.0 * FACE_CLEARANCE, direction);
     entrance at = next_body(tick, state, left, v3_add(left, way));
     enter_next(tick, state, output, &at, v3_norm(v3_sub(at.point, left)));
 }
 
-void look_for_next(const tick_input *tick, insertion_state *state, const creep_step *creep, tick_output *output) {
+void enter_body_ahead(const tick_input *tick, insertion_state *state, const creep_step *creep, tick_output *output) {
     const insertion_model *model = tick->model;
     needle_tip *tip = &state->tip;
     vec3 before = tip->place.end, now = state->needle.joints[model->needle->given.segments];

@@ -13,14 +13,14 @@ typedef struct {
 
 /* After leaving on the far side: the tip is back when the needle's end is more than a radius behind the exit point. At a smaller
    distance, tissue that springs back as the tip lets go of it would take the tip in again. RT */
-void come_back(const tick_input *tick, insertion_state *state, const creep_step *creep, tick_output *output);
+void reenter_tissue(const tick_input *tick, insertion_state *state, const creep_step *creep, tick_output *output);
 
 /* The end of a needle that is out on the far side may meet other tissue as it goes on. RT */
-void look_for_next(const tick_input *tick, insertion_state *state, const creep_step *creep, tick_output *output);
+void enter_body_ahead(const tick_input *tick, insertion_state *state, const creep_step *creep, tick_output *output);
 
 /* The tip has left the tissue in this tick. Bodies that touch pass on their displacement: what lies between the nominal
    point where the tip left and its place in space is entered at once. RT */
-void enter_what_touches(const tick_input *tick, insertion_state *state, tick_output *output, vec3 direction);
+void enter_touching_body(const tick_input *tick, insertion_state *state, tick_output *output, vec3 direction);
 
 /* Where the segment from `left`, at which the tip left a body, to `to` enters the next one. Bodies that were meshed separately may
    overlap: then the tip is in the next one as it leaves the first. RT */

@@ -11,14 +11,14 @@ double cutting_resistance(const insertion_model *model, int tet, double open) {
     return (1.0 - open) * material->cutting_force + material->spreading_force;
 }
 
-double blocked_resistance(const insertion_model *model, int tet, double open, int blocked_by, double torn) {
+double blocked_resistance(const insertion_model *model, int tet, double open, int blocked_by, double damage) {
     if (blocked_by == BLOCKED_BY_BONE) return INFINITY;
     double cutting = cutting_resistance(model, tet, open);
-    return blocked_by == NOT_BLOCKED ? cutting : fmax(cutting, torn == 1.0 ? 0.0 : (1.0 - torn) * model->membranes[blocked_by].puncture_force);
+    return blocked_by == NOT_BLOCKED ? cutting : fmax(cutting, damage == 1.0 ? 0.0 : (1.0 - damage) * model->membranes[blocked_by].puncture_force);
 }
 
 double tip_resistance(const insertion_model *model, const needle_tip *tip) {
-    return blocked_resistance(model, tip->place.tet, tip->track.open, tip->barrier.blocked_by, tip->barrier.membrane_damage);
+    return blocked_resistance(model, tip->place.tet, tip->track.openness, tip->barrier.blocked_by, tip->barrier.membrane_damage);
 }
 
 int obstacle(const insertion_model *model, int tet, int face, int behind) {

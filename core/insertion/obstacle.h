@@ -8,8 +8,8 @@
 /* Resistance of the tissue of element `tet` to a tip along a track that is open to this degree (0 to 1), N. RT */
 double cutting_resistance(const insertion_model *model, int tet, double open);
 
-/* The same, or what it takes to pierce what blocks the tip, if that is more: bone, or a membrane torn to this degree (0 to 1). RT */
-double blocked_resistance(const insertion_model *model, int tet, double open, int blocked_by, double torn);
+/* The same, or what it takes to pierce what blocks the tip, if that is more: bone, or a membrane damaged to this degree (0 to 1). RT */
+double blocked_resistance(const insertion_model *model, int tet, double open, int blocked_by, double damage);
 
 /* Resistance of what is ahead of the tip where it is, N (cutting or puncture). RT */
 double tip_resistance(const insertion_model *model, const needle_tip *tip);

@@ -22,7 +22,7 @@ void old_tracks_cut(insertion_state *state, tick_output *output, int tet, vec3 f
 void old_tracks_puncture(insertion_state *state, tick_output *output, int membrane);
 
 /* How far a membrane has been torn at this nominal point by punctures beside it, 0 to 1; 0 for what is no membrane. RT */
-double old_tracks_torn(const tick_input *tick, const insertion_state *state, int blocked_by, vec3 x);
+double old_tracks_damage(const tick_input *tick, const insertion_state *state, int blocked_by, vec3 x);
 
 /* What blocks a tip that comes to this nominal point of a face, as obstacle(): not a membrane that is open there. RT */
 int old_tracks_obstacle(const tick_input *tick, const insertion_state *state, int tet, int face, int behind, vec3 x);

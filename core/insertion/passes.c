@@ -36,9 +36,9 @@ static void assemble_problem(const tick_input *tick, const insertion_state *stat
     stiffening_linearise(tick, state, &w->points, &w->tissue, &w->creep, &w->stiffening, &w->damper, first);
     assemble_compliance(tick, state, w);
     assemble_gaps(tick, state, w);
-    if (w->points.tip) damp_tip(tick, state, w);
+    if (w->points.tip) damper_eliminate(tick, state, w);
     int all = unknown(w->problem.count, w->problem.count, 2) + w->points.tip;
-    for (int i = 0; i < all && w->continuation.left > 0.0; i++) w->problem.gap[i] -= w->continuation.left * w->continuation.lag[i];
+    for (int i = 0; i < all && w->continuation.kept_open > 0.0; i++) w->problem.gap[i] -= w->continuation.kept_open * w->continuation.lag[i];
 }
 
 void passes_linearise(const tick_input *tick, const insertion_state *state, insertion_workspace *w, bool first) {
@@ -56,7 +56,7 @@ static void shift_base(const tick_input *tick, insertion_state *state, const nee
     state->base_shift = v3_scale(tick->base.compliance, sum);
     pose base = state->needle.base;
     base.position = v3_add(base.position, v3_sub(state->base_shift, before));
-    needle_hold(tick->model->needle, base, &state->needle);
+    needle_move_base(tick->model->needle, base, &state->needle);
 }
 
 static void take_forces(insertion_state *state, const contact_points *points, const hole_edge *edges, const contact_problem *problem) {
@@ -86,19 +86,19 @@ static void take_forces(insertion_state *state, const contact_points *points, co
 }
 
 void passes_load_joints(const tick_input *tick, const insertion_state *state, const contact_points *points, needle_response *response, const pass_checkpoint *start) {
-    load_needle(tick, state, points, response);
+    points_load_needle(tick, state, points, response);
     drag_add_loads(tick, response, start);
 }
 
 /* The solution's forces bend the needle. Returns the largest turn of a segment, rad. */
 static double advance(const tick_input *tick, insertion_state *state, insertion_workspace *w) {
     take_forces(state, &w->points, w->edges, &w->problem);
-    if (w->points.tip && w->stiffening.any) take_damping(tick, state, w);
+    if (w->points.tip && w->stiffening.any) damper_find_force(tick, state, w);
     profile_end_stage(&w->profile, INSERTION_CONTACT);
     passes_load_joints(tick, state, &w->points, &w->response, &w->start);
     shift_base(tick, state, &w->response);
     double turned = needle_advance(tick->model->needle, &w->response.tangent, w->response.load, &state->needle);
-    locate_points(tick, state, &w->points, &w->tissue, &w->creep, w->edges);
+    points_locate(tick, state, &w->points, &w->tissue, &w->creep, w->edges);
     profile_end_stage(&w->profile, INSERTION_NEEDLE);
     return turned;
 }
@@ -106,7 +106,7 @@ static double advance(const tick_input *tick, insertion_state *state, insertion_
 /* ---- the loop ---------------------------------------------------------------------------------------------------------- */
 
 void passes_begin(const tick_input *tick, const insertion_state *state, insertion_workspace *w) {
-    locate_points(tick, state, &w->points, &w->tissue, &w->creep, w->edges);
+    points_locate(tick, state, &w->points, &w->tissue, &w->creep, w->edges);
     passes_load_joints(tick, state, &w->points, &w->response, &w->start);
 }
 

@@ -62,7 +62,7 @@ static void look_for_surface(const tick_input *tick, insertion_state *state, con
 static void advance_tip(const tick_input *tick, insertion_state *state, const creep_step *creep, tick_output *output, vec3 gradient) {
     needle_tip *tip = &state->tip;
     if (!isfinite(tip->solved.slip)) tip->shaft.origin = NAN; /* the insertion starts over (insertion_is_finite), so that the tip does not leave a track right through the tissue */
-    tip_move(tick, state, creep, output, tip_aim(tick, state, gradient));
+    tip_move(tick, state, creep, output, tip_cut_direction(tick, state, gradient));
     if (tip->place.phase == TIP_INSIDE && tip->place.depth == 0.0) tip_glide_on_surface(tick, state, output);
 }
 
@@ -70,8 +70,8 @@ void path_follow(const tick_input *tick, insertion_state *state, const hand_adva
     needle_tip *tip = &state->tip;
     if (tip->place.phase == TIP_FREE) look_for_surface(tick, state, hand, creep, output);
     else advance_tip(tick, state, creep, output, gradient);
-    path->cut_direction = tip_aim(tick, state, gradient);
-    tip->barrier.membrane_damage = tip->place.phase == TIP_INSIDE ? old_tracks_torn(tick, state, tip->barrier.blocked_by, tip->place.nominal) : 0.0;
+    path->cut_direction = tip_cut_direction(tick, state, gradient);
+    tip->barrier.membrane_damage = tip->place.phase == TIP_INSIDE ? old_tracks_damage(tick, state, tip->barrier.blocked_by, tip->place.nominal) : 0.0;
     tip->track = old_tracks_ahead(tick, state, path, 0.0);
     guides_follow(tick, state, output);
 }

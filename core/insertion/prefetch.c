@@ -237,12 +237,12 @@ void prefetch_request(const insertion_model *model, insertion_state *state) {
     vec3 tip, direction;
     find_line(model, state, &tip, &direction);
     bool suffices = same && window_suffices(request, &wanted) && same_line(request, tip, direction);
-    if (suffices && !creep_left_is_news(&state->memory)) return;
+    if (suffices && !creep_has_new_residuals(&state->memory)) return;
     request->serial++;
     request->tip = tip;
     request->direction = direction;
-    copy_left(&state->memory.left, &request->left);
-    state->memory.left_added = 0.0;
+    copy_left(&state->memory.residual, &request->left);
+    state->memory.residual_added = 0.0;
     if (!same) copy_contacts(&state->refined, &request->wanted);
     copy_pieces(&wanted, request);
     request->window_count = wanted.count;

@@ -22,8 +22,8 @@ static void add_tissue(const tick_input *tick, const insertion_state *state, con
     int tet = state->tip.place.tet;
     double whole = model->materials[model->mesh->region[tet]].cutting_viscosity;
     bool springs_back = from >= hand->carried;
-    add_stretch(ahead, (stretch_ahead){.from = from, .resistance = cutting_resistance(model, tet, track->open),
-                                                       .viscosity = springs_back ? whole : (1.0 - track->open) * whole, .track = *track});
+    add_stretch(ahead, (stretch_ahead){.from = from, .resistance = cutting_resistance(model, tet, track->openness),
+                                                       .viscosity = springs_back ? whole : (1.0 - track->openness) * whole, .track = *track});
 }
 
 /* Open tracks, one behind the other, and whole tissue. */
@@ -32,10 +32,10 @@ static void add_tracks(const tick_input *tick, const insertion_state *state, con
     open_track track = state->tip.track;
     while (ahead->count < MAX_KNOTS - 1) {
         add_tissue(tick, state, hand, ahead, from, &track);
-        if (track.open == 0.0) return;
-        if (from < carried && carried < track.left) add_tissue(tick, state, hand, ahead, carried, &track);
-        if (track.left > reach) return;
-        from = track.left;
+        if (track.openness == 0.0) return;
+        if (from < carried && carried < track.to_end) add_tissue(tick, state, hand, ahead, carried, &track);
+        if (track.to_end > reach) return;
+        from = track.to_end;
         track = old_tracks_ahead(tick, state, path, from);
     }
 }
@@ -64,7 +64,7 @@ static void add_stops(const tick_input *tick, const insertion_state *state, cons
         x = v3_axpy(chord, direction, x);
         int behind = m->neighbours[tet][face], blocked_by = old_tracks_obstacle(tick, state, tet, face, behind, x);
         if (blocked_by != NOT_BLOCKED && slip <= reach) {
-            double resistance = blocked_resistance(tick->model, tet, track->open, blocked_by, old_tracks_torn(tick, state, blocked_by, x));
+            double resistance = blocked_resistance(tick->model, tet, track->openness, blocked_by, old_tracks_damage(tick, state, blocked_by, x));
             add_stretch(ahead, (stretch_ahead){.from = slip + FACE_CLEARANCE /* so that it gets there */, .resistance = resistance, .stops = true, .track = *track});
         }
         x = v3_axpy(FACE_CLEARANCE, direction, x);

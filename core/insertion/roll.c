@@ -10,7 +10,7 @@ static const double LEAST_YIELDING = 1e-12; /* N m / rad: of the tissue's stiffn
 static const double LEAST_TORQUE = 1e-6; /* N m: the MARGIN of a torque is that fraction of itself and this. Rounding */
 static const double LEAST_GAP = 1e-6; /* m: between two points on the needle, at least. Rounding */
 
-double roll_way(double slip, const roll_friction *roll, double radius) {
+double roll_slip_length(double slip, const roll_friction *roll, double radius) {
     return roll->turned == 0.0 ? fabs(slip) : length_of(slip, radius * roll->turned);
 }
 
@@ -24,21 +24,21 @@ static shared_bound tangent(double dry, double a, double w) {
 /* Where nothing slides, the forces both ways stay within the bound together. */
 static double rest_of(double dry, double other) { return sqrt(larger_of(dry * dry - other * other, 0.0)); }
 
-shared_bound roll_left_to_sliding(double dry, double slip, const roll_friction *roll, double radius) {
-    bool slides = roll_way(slip, roll, radius) > LEAST_WAY;
+shared_bound roll_bound_for_sliding(double dry, double slip, const roll_friction *roll, double radius) {
+    bool slides = roll_slip_length(slip, roll, radius) > LEAST_WAY;
     if (roll->turned != 0.0 && slides) return tangent(dry, slip, radius * fabs(roll->turned));
     return (shared_bound){roll->torque != 0.0 && !slides ? rest_of(dry, roll->torque / radius) : dry, 0.0};
 }
 
-shared_bound roll_left_to_turning(double dry, double slip, double along, const roll_friction *roll, double radius) {
+shared_bound roll_bound_for_turning(double dry, double slip, double along, const roll_friction *roll, double radius) {
     shared_bound left = {rest_of(dry, along), 0.0};
-    if (roll_way(slip, roll, radius) > LEAST_WAY) left = tangent(dry, radius * roll->turned, fabs(slip));
+    if (roll_slip_length(slip, roll, radius) > LEAST_WAY) left = tangent(dry, radius * roll->turned, fabs(slip));
     return (shared_bound){left.bound * radius, left.viscosity * radius * radius};
 }
 
 /* ---- the twisted shaft ------------------------------------------------------------------------------------------------- */
 
-void roll_turn_base(insertion_state *state, quat orientation) {
+void roll_follow_base(insertion_state *state, quat orientation) {
     double turn = q_roll_between(state->needle.base.orientation, orientation);
     state->base_turn += turn;
     state->tip_lead -= turn; /* the tip stays until the solve turns it */
@@ -79,10 +79,10 @@ static roll_point point_at(const tick_input *tick, const insertion_state *state,
     const roll_friction *roll = roll_at(state, p);
     double radius = model->needle->radius, length = p->share.to - p->share.from, slip = tip ? state->tip.shaft.slip : contact->shaft.slip;
     double slid = tip ? state->tip.shaft.slid : contact->shaft.slid;
-    double dry = shaft_friction_limit(model, &p->shaft, slid + roll_way(slip, roll, radius));
+    double dry = shaft_friction_limit(model, &p->shaft, slid + roll_slip_length(slip, roll, radius));
     double along = length * (tip ? state->tip.shaft.traction : contact->shaft.traction);
     roll_point point = {.yielding = creep->yield / larger_of(2.0 * radius * radius * p->shaft.axial, LEAST_YIELDING),
-                        .bound = roll_left_to_turning(dry, slip, along, roll, radius)};
+                        .bound = roll_bound_for_turning(dry, slip, along, roll, radius)};
     point.bound.viscosity += p->shaft.viscous * radius * radius / tick->dt;
     return point;
 }

@@ -11,16 +11,16 @@ typedef struct {
 } shared_bound;
 
 /* For sliding along the needle: `dry` N in all, of a shaft that slid by `slip` (m) while it turned. RT */
-shared_bound roll_left_to_sliding(double dry, double slip, const roll_friction *roll, double radius);
+shared_bound roll_bound_for_sliding(double dry, double slip, const roll_friction *roll, double radius);
 
 /* For turning: the force along the needle is `along`, N. RT */
-shared_bound roll_left_to_turning(double dry, double slip, double along, const roll_friction *roll, double radius);
+shared_bound roll_bound_for_turning(double dry, double slip, double along, const roll_friction *roll, double radius);
 
 /* Length of the way that the shaft's surface has slid, m. RT */
-double roll_way(double slip, const roll_friction *roll, double radius);
+double roll_slip_length(double slip, const roll_friction *roll, double radius);
 
-/* The base turns with its pose: adds its turn about the needle's axis, which the tip does not follow yet. Before needle_hold. RT */
-void roll_turn_base(insertion_state *state, quat orientation);
+/* The base turns with its pose: adds its turn about the needle's axis, which the tip does not follow yet. Before needle_move_base. RT */
+void roll_follow_base(insertion_state *state, quat orientation);
 
 /* Turns the shaft: torques, slip and the tip's lag after the solve of this step. RT */
 void roll_solve(const tick_input *tick, insertion_state *state, const contact_points *points, const creep_step *creep);

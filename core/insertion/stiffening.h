@@ -14,7 +14,7 @@ typedef struct {
    what linear tissue makes of it, m. RT */
 double stiffening_lead(const insertion_model *model, stiffened_shaft before, stiffened_shaft now, double traction);
 
-/* The laws of this step's points. After find_local_compliance, before creep_recall. RT */
+/* The laws of this step's points. After find_local_compliance, before creep_prepare. RT */
 void stiffening_prepare(const tick_input *tick, const insertion_state *state, const contact_points *points, const tissue_step *tissue, stiffening_step *stiffening);
 
 /* Compliance along the shaft at point i under this force, on top of the linear one, m/N; at most 0. RT */

@@ -23,6 +23,6 @@ double tip_entry_depth(const insertion_state *state) {
     return gap >= 0 ? state->strata[gap + 1].depth : 0.0;
 }
 
-void leave_strata(insertion_state *state) {
+void drop_strata_ahead(insertion_state *state) {
     while (state->stratum_count > 1 && state->strata[state->stratum_count - 1].depth > state->tip.place.depth) state->stratum_count--;
 }

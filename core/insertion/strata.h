@@ -11,7 +11,7 @@ void note_stratum(insertion_state *state, tick_output *output, int region);
 void enter_stratum(const tick_input *tick, insertion_state *state, tick_output *output);
 
 /* Forgets the layers ahead of a tip that was drawn back. RT */
-void leave_strata(insertion_state *state);
+void drop_strata_ahead(insertion_state *state);
 
 /* The last gap among the strata, or -1. RT */
 int last_gap(const insertion_state *state);

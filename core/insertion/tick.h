@@ -76,7 +76,7 @@ typedef struct {
     double yield;
     double decay[MAX_RELAXATION];            /* of each term's memory, over the step; */
     double weight[MAX_RELAXATION];           /* of each term in what is remembered, over the yield; */
-    double left[MAX_RELAXATION];             /* of the snapshot's u_left, since then */
+    double residual[MAX_RELAXATION];         /* of the snapshot's u_left, since then */
     remembered_forces remembered[MAX_POINTS]; /* by points in tissue, over the yield; the tip's along and twist: only of the shaft's part of its share */
     double face;                             /* N, remembered of the force on the tip's end face */
     double tip_moved;                        /* m, since the last step */
@@ -174,7 +174,7 @@ typedef struct {
     principal_tensor lateral[MAX_POINTS]; /* local compliance, m/N: across the track, */
     double axial[MAX_AXIAL];         /* and along it: at the tip that of the end face, then that of the shaft next to it */
     double sideways_on_shaft;        /* part of the tip's sideways force that the shaft next to it bears; the rest is on its end face */
-    double loose[MAX_POINTS];        /* m/N, additional lateral compliance while the hold is not full, */
+    double extra_lateral_compliance[MAX_POINTS];  /* m/N, additional lateral compliance while the hold is not full, */
     double tightening[MAX_POINTS];   /* 1/N, and by how much less that is for each metre of depth */
 } tissue_step;
 
@@ -195,7 +195,7 @@ typedef struct {
 /* Of a step that is repeated in small parts (equilibrium.c). */
 typedef struct {
     double lag[MAX_UNKNOWNS];        /* m, by which the gaps differ from those that balance the forces at the start; */
-    double left;                     /* fraction of it by which they are still kept open */
+    double kept_open;                /* fraction of it by which they are still kept open */
 } continuation_step;
 
 /* Scratch of one tick, by the stage that writes it: nothing in it but the profile outlives the call. */

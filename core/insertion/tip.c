@@ -45,7 +45,7 @@ static void tip_glide(const tick_input *tick, insertion_state *state, tick_outpu
     if (!hit.hit) { /* over the edge, provided that the straight needle is past the tissue: otherwise it would meet the surface again */
         vec3 axis = q_axis(state->needle.base.orientation);
         vec3 end = needle_straight_end(model->needle, state->needle.base);
-        if (!tip_is_below(model, v3_axpy(-GLIDE_REACH, axis, end), end)) leave_tissue(state, output);
+        if (!tip_is_below(model, v3_axpy(-GLIDE_REACH, axis, end), end)) withdraw_tip(state, output);
         return;
     }
     tip->place.tet = hit.tet;
@@ -78,8 +78,8 @@ void tip_puncture(const tick_input *tick, insertion_state *state, tick_output *o
     needle_tip *tip = &state->tip;
     if (tip->place.phase != TIP_INSIDE || tip->barrier.blocked_by == NOT_BLOCKED || tip->solved.slip <= 0.0) return;
     tip->solved.slip = 0.0;
-    give_way(tick, state, output, v3_unit(needle_direction(tick, state)));
-    if (tip->place.phase == TIP_BEYOND) enter_what_touches(tick, state, output, v3_unit(needle_direction(tick, state)));
+    puncture_barrier(tick, state, output, v3_unit(needle_direction(tick, state)));
+    if (tip->place.phase == TIP_BEYOND) enter_touching_body(tick, state, output, v3_unit(needle_direction(tick, state)));
 }
 
 /* Unit nominal direction whose image in the deformed tissue, d + gradient, is along `direction`; `direction` itself where the
@@ -93,7 +93,7 @@ static vec3 pull_back(vec3 gradient, vec3 direction) {
     return v3_axpy(sqrt(1.0 - square), direction, v3_scale(-1.0, sideways));
 }
 
-vec3 tip_aim(const tick_input *tick, const insertion_state *state, vec3 track_gradient) { return pull_back(track_gradient, needle_direction(tick, state)); }
+vec3 tip_cut_direction(const tick_input *tick, const insertion_state *state, vec3 track_gradient) { return pull_back(track_gradient, needle_direction(tick, state)); }
 
 /* The track's direction at the tip: a running mean over about one diameter of the needle. `way` is the piece that was just cut. */
 static void follow_track(const insertion_model *model, needle_tip *tip, vec3 way) {
@@ -116,15 +116,15 @@ static bool stays_on_surface(const tick_input *tick, const insertion_state *stat
 void tip_move(const tick_input *tick, insertion_state *state, const creep_step *creep, tick_output *output, vec3 aim) {
     const insertion_model *model = tick->model;
     needle_tip *tip = &state->tip;
-    if (tip->place.phase == TIP_BEYOND) come_back(tick, state, creep, output);
-    if (tip->place.phase == TIP_BEYOND) look_for_next(tick, state, creep, output);
+    if (tip->place.phase == TIP_BEYOND) reenter_tissue(tick, state, creep, output);
+    if (tip->place.phase == TIP_BEYOND) enter_body_ahead(tick, state, creep, output);
     if (tip->place.phase != TIP_INSIDE) return;
     vec3 before = tip_position(&tip->place);
     if (tip->solved.slip > 0.0) {
         vec3 direction = old_tracks_lead(&tip->track, aim);
-        cut_forward(tick, state, output, direction, tip->track.open > 0.0 ? fmin(tip->solved.slip, tip->track.left) : tip->solved.slip);
+        cut_forward(tick, state, output, direction, tip->track.openness > 0.0 ? fmin(tip->solved.slip, tip->track.to_end) : tip->solved.slip);
         follow_track(model, tip, v3_sub(tip_position(&tip->place), before));
-        if (tip->place.phase == TIP_BEYOND) enter_what_touches(tick, state, output, direction);
+        if (tip->place.phase == TIP_BEYOND) enter_touching_body(tick, state, output, direction);
     } else if (tip->solved.slip < 0.0 && !stays_on_surface(tick, state)) {
         draw_back(tick, state, output, -tip->solved.slip);
         follow_track(model, tip, v3_sub(before, tip_position(&tip->place)));
@@ -152,7 +152,7 @@ void tip_engage(const insertion_model *model, insertion_state *state) {
     vec3 direction = v3_unit(v3_sub(end, base));
     double whole = v3_norm(v3_sub(end, state->entry));
     for (int step = 0; step < MAX_STEPS && state->tip.place.phase == TIP_INSIDE && state->tip.place.depth < whole; step++) {
-        if (state->tip.barrier.blocked_by != NOT_BLOCKED) give_way(tick, state, output, v3_unit(needle_direction(tick, state))); /* the needle is already in it */
+        if (state->tip.barrier.blocked_by != NOT_BLOCKED) puncture_barrier(tick, state, output, v3_unit(needle_direction(tick, state))); /* the needle is already in it */
         cut_forward(tick, state, output, direction, whole - state->tip.place.depth);
         if (state->tip.place.phase != TIP_BEYOND) continue;
         vec3 left = state->tip.place.nominal;

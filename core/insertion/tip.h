@@ -17,7 +17,7 @@ void tip_move(const tick_input *tick, insertion_state *state, const creep_step *
 
 /* Unit nominal direction in which the tip would cut, were it not led along an old track. `track_gradient` is the derivative of the tissue's displacement
    along the track, at the tip. RT */
-vec3 tip_aim(const tick_input *tick, const insertion_state *state, vec3 track_gradient);
+vec3 tip_cut_direction(const tick_input *tick, const insertion_state *state, vec3 track_gradient);
 
 /* On the surface, before it is in, the tip sticks by Coulomb friction: the force on the skin stays within a cone about the
    surface's normal. Outside the cone the tip slides along the surface. RT */

@@ -5,7 +5,7 @@
 #include "insertion/local_compliance.h"
 #include "linalg/rows.h"
 
-double tip_relaxed(const insertion_model *model, const needle_tip *tip, double dt) {
+double damper_relaxed(const insertion_model *model, const needle_tip *tip, double dt) {
     if (tip->solved.friction != SLIP_FORWARD || tip->dent.size == 0.0) return 1.0;
     return -expm1(-dt * local_wave_speed(model, tip->place.tet, tip->place.nominal) / fabs(tip->dent.size));
 }
@@ -17,7 +17,7 @@ static double dent_without_forces(const tick_input *tick, const insertion_state 
 
 _Static_assert(MAX_UNKNOWNS % ROW_STEP == 0, "the column is read in whole steps");
 
-void damp_tip(const tick_input *tick, const insertion_state *state, insertion_workspace *w) {
+void damper_eliminate(const tick_input *tick, const insertion_state *state, insertion_workspace *w) {
     contact_problem *p = &w->problem;
     int t = p->count - 1, tip = unknown(p->count, t, 2), all = tip + 2;
     double *a = w->damper.column;
@@ -53,12 +53,12 @@ static double static_dent(const tick_input *tick, const insertion_state *state, 
     return u;
 }
 
-void take_damping(const tick_input *tick, insertion_state *state, const insertion_workspace *w) {
+void damper_find_force(const tick_input *tick, insertion_state *state, const insertion_workspace *w) {
     needle_tip *tip = &state->tip;
     tip->dent.damping = v3_scale((1.0 - w->damper.relaxed) * (tip->dent.size - static_dent(tick, state, w)) / w->damper.yield, tip->place.direction);
 }
 
-void spring_back(const tick_input *tick, insertion_state *state, const insertion_workspace *w) {
+void damper_conclude(const tick_input *tick, insertion_state *state, const insertion_workspace *w) {
     double u = static_dent(tick, state, w), dent = w->damper.relaxed * u + (1.0 - w->damper.relaxed) * state->tip.dent.size;
     state->tip.dent.damping = v3_scale((dent - u) / w->damper.yield, state->tip.place.direction);
     state->tip.dent.size = dent;

@@ -43,7 +43,7 @@ static void go_beyond(const tick_input *tick, insertion_state *state) {
 }
 
 static void exit_tissue(const tick_input *tick, insertion_state *state, tick_output *output) {
-    if (leaves_contact_at_exit(tick, state, state->tip.place.depth)) leave_contact(tick, state, output);
+    if (wants_contact_at_exit(tick, state, state->tip.place.depth)) place_contact(tick, state, output);
     drop_plan(state);
     go_beyond(tick, state);
     output->events |= EVENT_EXITED;
@@ -62,7 +62,7 @@ static void back_into_gap(const tick_input *tick, insertion_state *state, tick_o
     output->events |= EVENT_EXITED;
 }
 
-void leave_tissue(insertion_state *state, tick_output *output) {
+void withdraw_tip(insertion_state *state, tick_output *output) {
     state->request.piece_count = 0; /* the next insertion must not depend on this one's lines */
     state->tip = tip_in_air();
     state->surface = v3(NAN, NAN, NAN);
@@ -108,8 +108,8 @@ static void graze_on(const tick_input *tick, insertion_state *state, tick_output
 
 /* ---- forward and back -------------------------------------------------------------------------------------------------- */
 
-static void leave_contact_on_face(const tick_input *tick, insertion_state *state, tick_output *output) {
-    if (state->tip.place.depth >= last_contact_depth(state) + tick->model->settings.contact_spacing) leave_contact(tick, state, output);
+static void place_contact_on_face(const tick_input *tick, insertion_state *state, tick_output *output) {
+    if (state->tip.place.depth >= last_contact_depth(state) + tick->model->settings.contact_spacing) place_contact(tick, state, output);
 }
 
 /* Into the element behind a face, or out of the tissue. */
@@ -120,7 +120,7 @@ static void cross_face(const tick_input *tick, insertion_state *state, tick_outp
         exit_tissue(tick, state, output);
         return;
     }
-    if (tick->model->settings.placement != PLACE_INSIDE) leave_contact_on_face(tick, state, output);
+    if (tick->model->settings.placement != PLACE_INSIDE) place_contact_on_face(tick, state, output);
     tip->place.tet = next;
     tip->place.nominal = v3_axpy(FACE_CLEARANCE, direction, tip->place.nominal);
     tip->place.depth += FACE_CLEARANCE;
@@ -128,7 +128,7 @@ static void cross_face(const tick_input *tick, insertion_state *state, tick_outp
     plan_contact(tick, state, output, direction);
 }
 
-void give_way(const tick_input *tick, insertion_state *state, tick_output *output, vec3 direction) {
+void puncture_barrier(const tick_input *tick, insertion_state *state, tick_output *output, vec3 direction) {
     needle_tip *tip = &state->tip;
     if (tip->barrier.blocked_by != BLOCKED_BY_BONE) { /* a needle may begin in bone: that is no puncture */
         output->events |= EVENT_PUNCTURED;
@@ -178,7 +178,7 @@ static double advance(const tick_input *tick, insertion_state *state, tick_outpu
         if (tip->place.phase != TIP_INSIDE) return 0.0;
         if (grazing && v3_norm(tip->place.graze_normal) == 0.0) continue; /* back in the tissue: another element, perhaps */
         if (to_contact <= part) {
-            leave_contact(tick, state, output);
+            place_contact(tick, state, output);
             plan_another(tick, state, output, direction);
         } else if (to_face <= part && model->mesh->neighbours[tip->place.tet][face] < 0 && grazes(tick, state, face, direction))
             begin_grazing(tick, state, output, face, direction);
@@ -203,9 +203,9 @@ void cut_forward(const tick_input *tick, insertion_state *state, tick_output *ou
         distance = advance(tick, state, output, direction, distance);
         old_tracks_cut(state, output, tet, from);
         bool stopped = tip->place.phase == TIP_INSIDE && tip->barrier.blocked_by != NOT_BLOCKED;
-        double torn = old_tracks_torn(tick, state, tip->barrier.blocked_by, tip->place.nominal);
-        pierces = stopped && overcomes(tip, blocked_resistance(tick->model, tip->place.tet, tip->track.open, tip->barrier.blocked_by, torn));
-        if (pierces) give_way(tick, state, output, direction);
+        double damage = old_tracks_damage(tick, state, tip->barrier.blocked_by, tip->place.nominal);
+        pierces = stopped && overcomes(tip, blocked_resistance(tick->model, tip->place.tet, tip->track.openness, tip->barrier.blocked_by, damage));
+        if (pierces) puncture_barrier(tick, state, output, direction);
         pierces = pierces && tip->place.phase == TIP_INSIDE;
     }
     if (tip->place.phase != TIP_INSIDE) return;
@@ -230,10 +230,10 @@ void draw_back(const tick_input *tick, insertion_state *state, tick_output *outp
                 return;
             }
             if (last) {
-                take_up_contact(tick, state, output);
+                return_to_contact(tick, state, output);
                 continue;
             }
-            leave_tissue(state, output);
+            withdraw_tip(state, output);
             return;
         }
         vec3 goal = last ? last->track : gap >= 0 ? state->strata[gap + 1].point : state->entry;
@@ -243,7 +243,7 @@ void draw_back(const tick_input *tick, insertion_state *state, tick_output *outp
         set_beside(tip, v3_axpy(distance / length, v3_sub(beside, tip->place.beside), tip->place.beside));
         tip->place.tet = follow_line(tick->model->mesh, tip->place.tet, &tip->place.nominal, target);
         tip->place.depth -= distance;
-        leave_strata(state);
+        drop_strata_ahead(state);
         return;
     }
 }

@@ -15,10 +15,10 @@ void cut_forward(const tick_input *tick, insertion_state *state, tick_output *ou
 void draw_back(const tick_input *tick, insertion_state *state, tick_output *output, double distance);
 
 /* What is in front of the tip, a membrane or bone, gives way: the tip is behind it. RT */
-void give_way(const tick_input *tick, insertion_state *state, tick_output *output, vec3 direction);
+void puncture_barrier(const tick_input *tick, insertion_state *state, tick_output *output, vec3 direction);
 
 /* The needle is out of the tissue. RT */
-void leave_tissue(insertion_state *state, tick_output *output);
+void withdraw_tip(insertion_state *state, tick_output *output);
 
 /* Follows the line from a nominal point in element `tet` to `target`, element by element, as far as there is tissue, and moves the point to
    `target`. Returns the element reached. RT */

@@ -29,9 +29,9 @@ typedef struct {
     bool tip;                    /* the last of these is the tip's */
     share_memory shares[MAX_SHARES]; /* of the last solve, from base to tip */
     double face[MAX_RELAXATION]; /* N, of the force on the tip's end face */
-    left_loads left;             /* loads that nothing holds any more, at `time` */
-    double left_added;           /* N, added to them since they were last sent to the worker */
-    bool left_growing;           /* some was added in this step */
+    left_loads residual;         /* loads that nothing holds any more, at `time` */
+    double residual_added;           /* N, added to them since they were last sent to the worker */
+    bool residual_growing;           /* some was added in this step */
 } tissue_memory;
 
 #endif

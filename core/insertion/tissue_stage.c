@@ -9,7 +9,7 @@
 
 static void lose_contact(const tick_input *tick, insertion_state *state, const creep_step *creep) {
     state->tip_lead = 0.0;
-    creep_leave_all(tick->model, &state->memory, creep->decay);
+    creep_deposit_all(tick->model, &state->memory, creep->decay);
 }
 
 bool tissue_find(const tick_input *tick, insertion_state *state, contact_points *points, tissue_step *tissue, creep_step *creep, stiffening_step *stiffening, damper_step *damper, tick_output *output) {
@@ -22,13 +22,13 @@ bool tissue_find(const tick_input *tick, insertion_state *state, contact_points 
     }
     if (!touches_tissue(state)) lose_contact(tick, state, creep);
     if (!touches_tissue(state) && !guides_hold(tick->model, state)) return false;
-    list_points(tick, state, points);
-    creep_share_out(tick, state, points, creep);
+    points_list(tick, state, points);
+    creep_divide(tick, state, points, creep);
     if (points->tip) find_tip_rows(tick, state, points, tissue, creep, handles);
-    damper->relaxed = points->tip ? tip_relaxed(tick->model, &state->tip, tick->dt) : 1.0;
+    damper->relaxed = points->tip ? damper_relaxed(tick->model, &state->tip, tick->dt) : 1.0;
     keep_shear(tick, state, points, creep);
     find_local_compliance(tick, state, points, tissue);
     stiffening_prepare(tick, state, points, tissue, stiffening);
-    creep_recall(tick, state, points, tissue, creep, stiffening);
+    creep_prepare(tick, state, points, tissue, creep, stiffening);
     return true;
 }

@@ -39,9 +39,9 @@ trocar_status needle_create(const needle_parameters *given, needle_model *model,
 
 /* ---- dispatch to the model -------------------------------------------------------------------------------------------------- */
 
-void needle_rest(const needle_model *model, pose base, needle_state *state) { model->kind->rest(model, base, state); }
+void needle_set_straight(const needle_model *model, pose base, needle_state *state) { model->kind->rest(model, base, state); }
 
-void needle_hold(const needle_model *model, pose base, needle_state *state) { model->kind->hold(model, base, state); }
+void needle_move_base(const needle_model *model, pose base, needle_state *state) { model->kind->hold(model, base, state); }
 
 void needle_linearise(const needle_model *model, const needle_state *state, const vec3 *load, int first, needle_tangent *tangent) {
     model->kind->linearise(model, state, load, first, tangent);
@@ -58,7 +58,7 @@ void needle_motion_of(const needle_model *model, const needle_state *before, con
     model->kind->motion(model, before, after, motion);
 }
 
-bool needle_go_on(const needle_model *model, const needle_motion *motion, double dt, needle_state *state) {
+bool needle_extrapolate(const needle_model *model, const needle_motion *motion, double dt, needle_state *state) {
     bool known = motion->time > 0.0 && dt <= FARTHEST * motion->time;
     if (known) model->kind->go_on(model, motion, dt / motion->time, state);
     return known;

@@ -36,7 +36,7 @@ static const char *named(const subject *s, const char *what) {
 static vec3 bent_tip(const subject *s, double angle, double p) {
     needle_state state;
     vec3 along = v3(cos(angle), sin(angle), 0), across = v3(-sin(angle), cos(angle), 0);
-    needle_rest(&s->model, ORIGIN, &state);
+    needle_set_straight(&s->model, ORIGIN, &state);
     bend(&s->model, &state, v3_scale(p * s->model.bending / (LENGTH * LENGTH), along), s->tangent);
     vec3 tip = needle_tip_of(&s->model, &state);
     return v3(v3_dot(tip, along) / LENGTH, v3_dot(tip, across) / LENGTH, tip.z / LENGTH);
@@ -63,7 +63,7 @@ static void check_direction(rows *r, const subject *s) {
     rows_error(r, named(s, "deflection across the load"), "deflection along it", across, 5e-3);
     needle_state state;
     vec3 load[NEEDLE_MAX_SEGMENTS + 1] = {{0}};
-    needle_rest(&s->model, ORIGIN, &state);
+    needle_set_straight(&s->model, ORIGIN, &state);
     needle_linearise(&s->model, &state, load, 0, s->tangent);
     int x = 3 * s->segments, y = x + 1;
     double small_x = s->tangent->compliance[x][x];
@@ -159,7 +159,7 @@ static void check_cost(rows *r, const subject *s) {
     double steel = g->youngs_modulus * M_PI / 4.0 * (pow(g->outer_diameter, 2) - pow(g->inner_diameter, 2)) / g->length;
     needle_state state;
     vec3 load[NEEDLE_MAX_SEGMENTS + 1] = {{0}};
-    needle_rest(&s->model, ORIGIN, &state);
+    needle_set_straight(&s->model, ORIGIN, &state);
     needle_linearise(&s->model, &state, load, s->segments, s->tangent);
     double axial = 1.0 / s->tangent->compliance[z][z];
     rows_measured(r, (row){.check = named(s, "axial stiffness after calibration"), .reference = "EA/L of the steel tube", .value = axial, .expected = steel,
@@ -185,7 +185,7 @@ static double pass_time(needle_choice kind, int segments) {
     needle_state state;
     vec3 load[NEEDLE_MAX_SEGMENTS + 1] = {{0}};
     load[segments] = v3(0.1, 0, 0);
-    needle_rest(&model, ORIGIN, &state);
+    needle_set_straight(&model, ORIGIN, &state);
     double least = INFINITY;
     for (int i = 0; i < 500; i++) {
         double start = seconds();

@@ -55,7 +55,7 @@ static void put_loads(const lockstep *l, int term, vec3 *nominal) {
     }
     if (s->tip.place.phase == TIP_INSIDE && s->tip.known.tet >= 0)
         spread(m, s->tip.known.tet, s->tip.known.weights, term < 0 ? tip_load(&s->tip) : s->memory.tip ? s->memory.shares[s->memory.count - 1].terms[term].load : v3(0, 0, 0), nominal);
-    for (int i = 0; i < s->memory.left.count && term >= 0; i++) spread(m, s->memory.left.loads[i].tet, s->memory.left.loads[i].weights, s->memory.left.loads[i].load[term], nominal);
+    for (int i = 0; i < s->memory.residual.count && term >= 0; i++) spread(m, s->memory.residual.loads[i].tet, s->memory.residual.loads[i].weights, s->memory.residual.loads[i].load[term], nominal);
 }
 
 /* Part of the tip's share that its shaft takes up; the rest is one radius ahead of it. */
@@ -99,7 +99,7 @@ static double local_energy(const lockstep *l, int term) {
         double along = v3_dot(on_shaft, track);
         vec3 across = v3_axpy(-along, track, on_shaft), face = v3_sub(force, on_shaft);
         if (term < 0) {
-            sum += w->creep.yield * w->tissue.loose[i] * v3_dot(aside, aside);
+            sum += w->creep.yield * w->tissue.extra_lateral_compliance[i] * v3_dot(aside, aside);
             if (tip) softening = softening_energy(l, v3_dot(face, track));
         } else {
             vec3 whole = v3_axpy(-v3_dot(force, track), track, force);

@@ -48,7 +48,8 @@ static mat3 between_contacts(const tick_input *tick, const contact_points *point
 }
 
 /* Compliance of the tissue between the point in place k and those from there on. */
-static void lay_out_tissue(const tick_input *tick, const contact_points *points, const tissue_step *tissue, const creep_step *creep, const int *order, int k, between_rows to) {
+static void lay_out_tissue(const tick_input *tick, const contact_points *points, const tissue_step *tissue, const creep_step *creep, const int *order, int k,
+                           between_rows to) {
     int i = order[k];
     for (int l = k; l < points->count; l++) {
         int j = order[l];
@@ -111,7 +112,8 @@ static void read_tissue(const tick_input *tick, const contact_points *points, co
 }
 
 /* Blocks of the point in place k with those from there on. */
-static void find_blocks(const tick_input *tick, const contact_points *points, const tissue_step *tissue, const creep_step *creep, between_components *joints_to_points, layout *places, between_kernel *kernel, int k, between_rows blocks) {
+static void find_blocks(const tick_input *tick, const contact_points *points, const tissue_step *tissue, const creep_step *creep, between_components *joints_to_points,
+                        layout *places, between_kernel *kernel, int k, between_rows blocks) {
     const needle_point *point = &points->list[places->order[k]].at;
     between_points_row row = {.begin = k, .end = points->count, .frame = &point->frame, .weights = point->weights, .needle = (const between_components *)&joints_to_points[3 * point->first],
                               .yield = 1.0, .tip_place = points->count, .mount = tick->base.compliance, .frames = (const between_rows *)&places->frames};

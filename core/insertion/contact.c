@@ -115,6 +115,12 @@ static double origin(const contact_problem *p, int i) { return p->ahead.count > 
 static double bound(const contact_problem *p, int i) { return p->state[i] == SLIP_FORWARD ? p->upper[i] : p->lower[i]; }
 static double viscosity(const contact_problem *p, int i) { return p->viscosity[i][p->state[i] == SLIP_FORWARD]; }
 
+/* The row of the a-th of `count` unknowns among `all`, from the diagonal on. */
+static void copy_row(const double *row, int all, int count, const int *unknown, int a, double *to) {
+    if (count == all) row_copy(row, a, count, to);
+    else for (int b = a; b < count; b++) to[b] = row[unknown[b]];
+}
+
 /* Axial forces for a given set of sticking and slipping contacts. */
 static bool solve_axial(contact_problem *p, int *negative) {
     int unknown[MAX_AXIAL], count = 0;
@@ -131,10 +137,7 @@ static bool solve_axial(contact_problem *p, int *negative) {
     for (int a = 0; a < count; a++) {
         int i = unknown[a];
         slip[i] -= origin(p, i);
-        if (count == p->axial_count)
-            row_copy(compliance[a], a, count, system[a]);
-        else
-            for (int b = a; b < count; b++) system[a][b] = compliance[i][unknown[b]];
+        copy_row(compliance[i], p->axial_count, count, unknown, a, system[a]);
         system[a][count] = slip[i];
         if (p->state[i] == STICK) continue;
         double slope = 1.0 / viscosity(p, i);       /* slip = (force - bound) / viscosity */
@@ -166,6 +169,20 @@ static int consistent_knot(const contact_problem *p, int i, double slip) {
     return (int)p->state[i] * (slip - p->ahead.at[next]) > 0.0 ? next : p->knot;
 }
 
+/* Changes the state of unknown i, and the climber's knot, if that is inconsistent. True: it has changed. */
+static bool switch_state(contact_problem *p, int i, double slip, bool may_switch) {
+    friction_state next = consistent_state(p, i, slip);
+    int knot = consistent_knot(p, i, slip);
+    if ((next == p->state[i] && knot == p->knot) || !may_switch) return false;
+    if (knot != p->knot) {
+        stand_at_knot(p, knot);
+        if (p->lower[i] < p->upper[i]) next = STICK; /* on a kink without a jump it slides on */
+    }
+    p->state[i] = next;
+    p->switches++;
+    return true;
+}
+
 /* Active-set search: all inconsistent contacts switch at once, as a rule twice or so; if that cycles, one at a time in
    least-index order, which is finite for positive definite problems (Murty 1974). `negative`: eigenvalues of the compliance between those that stick
    or slide with viscosity. */
@@ -179,18 +196,8 @@ static bool search_states(contact_problem *p, int *negative) {
         if (!solve_axial(p, negative)) return false;
         find_slips(p, slip);
         bool consistent = true;
-        for (int i = 0; i < p->axial_count; i++) {
-            friction_state next = consistent_state(p, i, slip[i]);
-            int knot = consistent_knot(p, i, slip[i]);
-            if ((next == p->state[i] && knot == p->knot) || (!consistent && round >= ROUNDS_TOGETHER)) continue;
-            if (knot != p->knot) {
-                stand_at_knot(p, knot);
-                if (p->lower[i] < p->upper[i]) next = STICK; /* on a kink without a jump it slides on */
-            }
-            p->state[i] = next;
-            p->switches++;
-            consistent = false;
-        }
+        for (int i = 0; i < p->axial_count; i++)
+            if (switch_state(p, i, slip[i], consistent || round < ROUNDS_TOGETHER)) consistent = false;
         if (consistent) return true;
     }
     return false;

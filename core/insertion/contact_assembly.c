@@ -85,7 +85,8 @@ void points_load_needle(const tick_input *tick, const insertion_state *state, co
 
 /* ---- compliance of the tissue -------------------------------------------------------------------------------------- */
 
-void find_tip_rows(const tick_input *tick, const insertion_state *state, const contact_points *points, tissue_step *tissue, const creep_step *creep, const int handles[4]) {
+void find_tip_rows(const tick_input *tick, const insertion_state *state, const contact_points *points, tissue_step *tissue, const creep_step *creep,
+                   const int handles[4]) {
     const double *weights = state->tip.known.weights;
     int tip = points->count - 1;
     double yielding[4];
@@ -181,7 +182,8 @@ void keep_shear(const tick_input *tick, insertion_state *state, contact_points *
 
 /* ---- bounds of the forces along the needle ------------------------------------------------------------------------- */
 
-static void bound_friction(const tick_input *tick, contact_problem *problem, int i, const shaft_resistance *shaft, double slid, double slip, const roll_friction *roll, friction_state last) {
+static void bound_friction(const tick_input *tick, contact_problem *problem, int i, const shaft_resistance *shaft, double slid, double slip, const roll_friction *roll,
+                           friction_state last) {
     double radius = tick->model->needle->radius;
     double dry = shaft_friction_limit(tick->model, shaft, slid + roll_slip_length(slip, roll, radius));
     shared_bound left = roll_bound_for_sliding(dry, slip, roll, radius);
@@ -206,7 +208,8 @@ static double work_of_hold(const insertion_state *state, const contact_points *p
 }
 
 /* The tip bears two forces along the needle: what it cuts, or is stopped by, and friction of the shaft next to it. */
-static void bound_tip(const tick_input *tick, const insertion_state *state, const contact_points *points, const tissue_step *tissue, resistance_ahead *ahead, contact_problem *problem) {
+static void bound_tip(const tick_input *tick, const insertion_state *state, const contact_points *points, const tissue_step *tissue, resistance_ahead *ahead,
+                      contact_problem *problem) {
     const needle_tip *tip = &state->tip;
     int t = problem->count - 1;
     resistance_ahead_climb(tick, state, points, ahead, work_of_hold(state, points, tissue), &problem->ahead);
@@ -219,7 +222,8 @@ static void bound_tip(const tick_input *tick, const insertion_state *state, cons
     bound_friction(tick, problem, t + 1, &points->list[t].shaft, tip->shaft.slid, tip->shaft.slip, &tip->shaft.roll, tip->shaft.friction);
 }
 
-void bound_contacts(const tick_input *tick, const insertion_state *state, const contact_points *points, const tissue_step *tissue, resistance_ahead *ahead, hole_edge *edges, contact_problem *problem) {
+void bound_contacts(const tick_input *tick, const insertion_state *state, const contact_points *points, const tissue_step *tissue, resistance_ahead *ahead,
+                    hole_edge *edges, contact_problem *problem) {
     for (int i = 0; i < points->guided; i++) guides_bound(tick, state, points, edges, problem, i);
     for (int i = points->guided; i < points->count - points->tip; i++) {
         const shaft_contact *contact = &state->contacts[points->list[i].handle];

@@ -15,7 +15,8 @@ void points_locate(const tick_input *tick, const insertion_state *state, contact
 void points_load_needle(const tick_input *tick, const insertion_state *state, const contact_points *points, needle_response *response);
 
 /* Compliance of the tissue between the tip, whose corners have these handles, and each point; the free displacement at the tip. RT */
-void find_tip_rows(const tick_input *tick, const insertion_state *state, const contact_points *points, tissue_step *tissue, const creep_step *creep, const int handles[4]);
+void find_tip_rows(const tick_input *tick, const insertion_state *state, const contact_points *points, tissue_step *tissue, const creep_step *creep,
+                   const int handles[4]);
 
 /* Keeps the shear of the tissue along each share as the share comes to lie in other regions. RT */
 void keep_shear(const tick_input *tick, insertion_state *state, contact_points *points, const creep_step *creep);
@@ -26,7 +27,8 @@ void keep_shear(const tick_input *tick, insertion_state *state, contact_points *
 void find_local_compliance(const tick_input *tick, const insertion_state *state, const contact_points *points, tissue_step *tissue);
 
 /* Bounds of the forces along the needle. RT */
-void bound_contacts(const tick_input *tick, const insertion_state *state, const contact_points *points, const tissue_step *tissue, resistance_ahead *ahead, hole_edge *edges, contact_problem *problem);
+void bound_contacts(const tick_input *tick, const insertion_state *state, const contact_points *points, const tissue_step *tissue, resistance_ahead *ahead,
+                    hole_edge *edges, contact_problem *problem);
 
 /* Compliance of tissue, needle and mount between all points, in their frames; local compliance on the diagonal. RT */
 void assemble_compliance(const tick_input *tick, const insertion_state *state, insertion_workspace *w);

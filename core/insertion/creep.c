@@ -137,12 +137,25 @@ static void glide(const tick_input *tick, insertion_state *state, const creep_st
     }
 }
 
+/* Hands the memory of a share on to those that lie where it did, from `first` on; what lies beyond them is left in the tissue. Returns the first of them. */
+static int hand_on(const insertion_model *model, tissue_memory *memory, const share_memory *before, int first, const double *decay) {
+    double length = before->to - before->from, rest = 1.0;
+    while (first < memory->count && memory->shares[first].to <= before->from) first++;
+    for (int k = first; k < memory->count && memory->shares[k].from < before->to; k++) {
+        share_memory *now = &memory->shares[k];
+        double part = (fmin(now->to, before->to) - fmax(now->from, before->from)) / length;
+        for (int t = 0; t < model->creep.count; t++) add_part(part, &before->terms[t], &now->terms[t]);
+        rest -= part;
+    }
+    if (rest > ALL_OF_IT) deposit_load(model, memory, before, rest, decay);
+    return first;
+}
+
 /* Tissue keeps its memory where it is: shares that change exchange what lies between their old and new borders, each share's memory
    being spread evenly over its length. */
 void creep_divide(const tick_input *tick, insertion_state *state, const contact_points *points, creep_step *creep) {
-    const creep_series *series = &tick->model->creep;
     tissue_memory *memory = &state->memory;
-    if (series->count == 0) return;
+    if (tick->model->creep.count == 0) return;
     creep->tip_moved = tip_way_since(state, points);
     if (points->tip && memory->count == 1 && state->tip.place.depth == 0.0 && creep->tip_moved > 0.0) glide(tick, state, creep);
     int first = creep->kept = count_kept(state, points), count = creep->before_count = memory->count - first;
@@ -151,17 +164,7 @@ void creep_divide(const tick_input *tick, insertion_state *state, const contact_
     memory->count = points->count - points->guided;
     memory->tip = points->tip;
     for (int k = first; k < memory->count; k++) memory->shares[k] = empty_share(tick, state, &points->list[points->guided + k]);
-    for (int i = 0; i < count; i++) {
-        double length = before[i].to - before[i].from, rest = 1.0;
-        while (first < memory->count && memory->shares[first].to <= before[i].from) first++;
-        for (int k = first; k < memory->count && memory->shares[k].from < before[i].to; k++) {
-            share_memory *now = &memory->shares[k];
-            double part = (fmin(now->to, before[i].to) - fmax(now->from, before[i].from)) / length;
-            for (int t = 0; t < series->count; t++) add_part(part, &before[i].terms[t], &now->terms[t]);
-            rest -= part;
-        }
-        if (rest > ALL_OF_IT) deposit_load(tick->model, memory, &before[i], rest, creep->decay);
-    }
+    for (int i = 0; i < count; i++) first = hand_on(tick->model, memory, &before[i], first, creep->decay);
 }
 
 void creep_deposit_all(const insertion_model *model, tissue_memory *memory, const double *decay) {
@@ -239,11 +242,13 @@ static double traction_at(const tick_input *tick, const creep_step *creep, int c
     return count > 0 ? traction_of(tick, creep, &shares[i]) : 0.0;
 }
 
-double creep_traction_of(const tick_input *tick, const insertion_state *state, const contact_points *points, const creep_step *creep, int i) { return tick->model->creep.count > 0 ? traction_of(tick, creep, share_of(state, points, i)) : 0.0; }
+double creep_traction_of(const tick_input *tick, const insertion_state *state, const contact_points *points, const creep_step *creep,
+                         int i) { return tick->model->creep.count > 0 ? traction_of(tick, creep, share_of(state, points, i)) : 0.0; }
 
 /* A share that is divided anew remembers another mean shear of the tissue than before. The shaft there has not moved for it: like
    keep_shear. */
-static void keep_remembered_shear(const tick_input *tick, insertion_state *state, const contact_points *points, const tissue_step *tissue, const creep_step *creep, const stiffening_step *stiffening) {
+static void keep_remembered_shear(const tick_input *tick, insertion_state *state, const contact_points *points, const tissue_step *tissue, const creep_step *creep,
+                                  const stiffening_step *stiffening) {
     for (int i = points->guided + creep->kept; i < points->count; i++) {
         const contact_point *p = &points->list[i];
         bool tip = p->kind == POINT_TIP;
@@ -257,7 +262,8 @@ static void keep_remembered_shear(const tick_input *tick, insertion_state *state
     }
 }
 
-void creep_prepare(const tick_input *tick, insertion_state *state, const contact_points *points, tissue_step *tissue, creep_step *creep, const stiffening_step *stiffening) {
+void creep_prepare(const tick_input *tick, insertion_state *state, const contact_points *points, tissue_step *tissue, creep_step *creep,
+                   const stiffening_step *stiffening) {
     const creep_series *series = &tick->model->creep;
     if (series->count == 0) return;
     int tip = points->count - 1;
@@ -281,7 +287,8 @@ void creep_prepare(const tick_input *tick, insertion_state *state, const contact
 
 /* Local compliance times what is remembered, as in add_local_compliance. What makes the tip's hold loose near the surface is no tissue, and
    does not creep. */
-void creep_shift_gaps(const tick_input *tick, const insertion_state *state, const contact_points *points, const tissue_step *tissue, const creep_step *creep, contact_problem *problem) {
+void creep_shift_gaps(const tick_input *tick, const insertion_state *state, const contact_points *points, const tissue_step *tissue, const creep_step *creep,
+                      contact_problem *problem) {
     if (tick->model->creep.count == 0) return;
     for (int i = points->guided; i < problem->count; i++) {
         bool tip = points->list[i].kind == POINT_TIP;

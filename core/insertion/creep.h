@@ -20,10 +20,12 @@ void creep_forget(tissue_memory *memory);
 
 /* Recalls what this step's displacements start from: displacement of the tissue at each point, and forces that shear it. Local
    compliances are those of a step from here on. After find_tip_rows and find_local_compliance. RT */
-void creep_prepare(const tick_input *tick, insertion_state *state, const contact_points *points, tissue_step *tissue, creep_step *creep, const stiffening_step *stiffening);
+void creep_prepare(const tick_input *tick, insertion_state *state, const contact_points *points, tissue_step *tissue, creep_step *creep,
+                   const stiffening_step *stiffening);
 
 /* Takes the sheared tissue's displacement off the gaps. RT */
-void creep_shift_gaps(const tick_input *tick, const insertion_state *state, const contact_points *points, const tissue_step *tissue, const creep_step *creep, contact_problem *problem);
+void creep_shift_gaps(const tick_input *tick, const insertion_state *state, const contact_points *points, const tissue_step *tissue, const creep_step *creep,
+                      contact_problem *problem);
 
 /* Displacement of the tissue at the tip along the track by what is remembered, m. RT */
 double creep_dent(const tick_input *tick, const insertion_state *state, const contact_points *points, const tissue_step *tissue, const creep_step *creep);

@@ -41,21 +41,26 @@ static bool has_square_rows(const guide_config *g) {
     return square >= LEAST_SQUARE;
 }
 
-const char *guide_fault(const guide_config *g, double needle_diameter, const char **key, report *words) {
+/* What is wrong with its directions, in `text`; returns the key. */
+static const char *fault_of_directions(const guide_config *g, char *text, size_t size) {
     bool grid = g->columns * g->rows > 1;
+    if (is_zero(g->normal)) return snprintf(text, size, "has no direction: give the direction in which needles pass through the plate"), "normal";
+    if (grid && is_zero(g->along)) return snprintf(text, size, "missing: a plate of %d x %d holes needs the direction of its columns", g->columns, g->rows), "along";
+    if (is_zero(g->along)) return "along";
+    if (v3_norm(v3_cross(direction_of(g->normal), direction_of(g->along))) < LEAST_SINE) return snprintf(text, size, "parallel to the normal: give a direction in the plate"), "along";
+    if (!has_square_rows(g))
+        snprintf(text, size, "not across the columns in the plate: give a direction perpendicular to the normal and to along, or leave it out");
+    return "rows_along";
+}
+
+const char *guide_fault(const guide_config *g, double needle_diameter, const char **key, report *words) {
     words->text[0] = '\0';
-    *key = "normal";
-    if (is_zero(g->normal)) snprintf(words->text, sizeof words->text, "has no direction: give the direction in which needles pass through the plate");
-    else if (grid && is_zero(g->along))
-        *key = "along", snprintf(words->text, sizeof words->text, "missing: a plate of %d x %d holes needs the direction of its columns", g->columns, g->rows);
-    else if (!is_zero(g->along) && v3_norm(v3_cross(direction_of(g->normal), direction_of(g->along))) < LEAST_SINE)
-        *key = "along", snprintf(words->text, sizeof words->text, "parallel to the normal: give a direction in the plate");
-    else if (!is_zero(g->along) && !has_square_rows(g))
-        *key = "rows_along", snprintf(words->text, sizeof words->text, "not across the columns in the plate: give a direction perpendicular to the normal and to along, or leave it out");
-    else if (g->hole_diameter < needle_diameter)
+    *key = fault_of_directions(g, words->text, sizeof words->text);
+    if (words->text[0]) return words->text;
+    if (g->hole_diameter < needle_diameter)
         *key = "hole_diameter", decimal_print(words->text, sizeof words->text, "a hole of %g m is smaller than the needle's outer diameter of %g m: widen it, or choose a thinner needle",
                                          g->hole_diameter, needle_diameter);
-    else if (grid && g->spacing < g->hole_diameter)
+    else if (g->columns * g->rows > 1 && g->spacing < g->hole_diameter)
         *key = "spacing", decimal_print(words->text, sizeof words->text, "holes of %g m overlap at a spacing of %g m", g->hole_diameter, g->spacing);
     return words->text[0] ? words->text : NULL;
 }

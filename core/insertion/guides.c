@@ -11,7 +11,8 @@ static const double ROUNDING = 1e-12; /* m: by which the needle may be off the e
 
 static const guide *guide_of(const tick_input *tick, const contact_points *points, int point) { return &tick->model->guides[points->list[point].guide]; }
 static const guide_state *state_of(const insertion_state *state, const contact_points *points, int point) { return &state->guides[points->list[point].guide]; }
-static const guide_contact *contact_of(const insertion_state *state, const contact_points *points, int point) { return &state_of(state, points, point)->faces[points->list[point].face]; }
+static const guide_contact *contact_of(const insertion_state *state, const contact_points *points, int point) { return &state_of(state, points,
+                                       point)->faces[points->list[point].face]; }
 
 /* m behind the front face: the plane of a point. */
 static double plane_of(const guide_state *state, int face) { return face == 0 ? 0.0 : state->depth; }

@@ -23,7 +23,8 @@ static int first_joint(const tick_input *tick, const contact_points *points) {
     return first;
 }
 
-static void linearise_needle(const tick_input *tick, const insertion_state *state, const contact_points *points, needle_response *response, const pass_checkpoint *start, insertion_profile *profile) {
+static void linearise_needle(const tick_input *tick, const insertion_state *state, const contact_points *points, needle_response *response, const pass_checkpoint *start,
+                             insertion_profile *profile) {
     needle_linearise(tick->model->needle, &state->needle, response->load, response->drag > 0.0 ? 0 : first_joint(tick, points), &response->tangent);
     drag_shift_joints(tick, response, start);
     profile_end_stage(profile, INSERTION_NEEDLE);

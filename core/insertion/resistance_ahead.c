@@ -78,7 +78,8 @@ static double most_slip(const insertion_state *state, const contact_points *poin
     return fmax(v3_dot(needle_along(&p->at), v3_sub(v3_sub(p->at.position, state->base_shift), p->target)), 0.0);
 }
 
-void resistance_ahead_find(const tick_input *tick, const insertion_state *state, const hand_advance *hand, const path_step *path, const contact_points *points, resistance_ahead *ahead) {
+void resistance_ahead_find(const tick_input *tick, const insertion_state *state, const hand_advance *hand, const path_step *path, const contact_points *points,
+                           resistance_ahead *ahead) {
     const needle_tip *tip = &state->tip;
     ahead->count = 0;
     if (tip->barrier.blocked_by != NOT_BLOCKED) {
@@ -102,7 +103,8 @@ static void add_knot(resistance_ahead *ahead, staircase *climb, double at, doubl
 
 /* The staircase is the largest resistance met so far, so that it only goes up: the tip passes a membrane that holds it at the force that pierces it, until
    the tissue takes more. The membrane gives way in the next step. */
-void resistance_ahead_climb(const tick_input *tick, const insertion_state *state, const contact_points *points, resistance_ahead *ahead, double work_of_hold, staircase *climb) {
+void resistance_ahead_climb(const tick_input *tick, const insertion_state *state, const contact_points *points, resistance_ahead *ahead, double work_of_hold,
+                            staircase *climb) {
     vec3 force = state->tip.solved.force, needle = needle_along(&points->list[points->count - 1].at);
     double tissue = 0.0, slope = 0.0, cutting = 0.0, held = 0.0, at = 0.0; /* N, N/m; N without viscosity; N by what stops the tip; m */
     climb->count = 0;

@@ -22,17 +22,17 @@ typedef struct {
 static void go_back(const insertion_model *model, const insertion_state *state, double depth, track_site *site) {
     double entry = tip_entry_depth(state);
     int gap = last_gap(state);
+    vec3 start = gap >= 0 ? state->strata[gap + 1].point : state->entry;
     while (site->depth > depth) {
         const shaft_contact *contact = site->next >= 0 ? &state->contacts[state->refined.order[site->next]] : NULL;
         if (contact && contact->depth < entry) contact = NULL; /* in a previous body */
         double goal_depth = contact ? contact->depth : entry, length = site->depth - goal_depth;
-        vec3 goal = contact ? v3_sub(contact->track, contact->beside) : gap >= 0 ? state->strata[gap + 1].point : state->entry;
+        vec3 goal = contact ? v3_sub(contact->track, contact->beside) : start;
         bool beyond = length <= site->depth - depth;
         vec3 target = beyond ? goal : v3_axpy((site->depth - depth) / length, v3_sub(goal, site->at), site->at);
         site->tet = follow_line(model->mesh, site->tet, &site->at, target);
         site->depth = beyond ? goal_depth : depth;
-        if (!beyond) return;
-        if (!contact) return;
+        if (!beyond || !contact) return;
         site->next--;
     }
 }
@@ -70,14 +70,21 @@ static void note_hole(const insertion_model *model, const insertion_state *state
         if (state->guides[i].passage == GUIDE_IN_HOLE) s->guide = i, s->hole = state->guides[i].hole;
 }
 
-seed_refusal seeds_drop(const insertion_model *model, const seed_size *size, const insertion_state *state, int needle, int count, double spacing, seed_list *list) {
+/* Why these seeds cannot be dropped, whatever the way back looks like. */
+static seed_refusal refuse(const insertion_model *model, const seed_size *size, const insertion_state *state, int needle, int count, double spacing,
+                           const seed_list *list) {
     if (count < 1 || count > MAX_STRAND) return SEEDS_BAD_COUNT;
     if (!(spacing == 0.0 || (spacing >= size->length && spacing < INFINITY))) return SEEDS_BAD_SPACING;
     if (size->diameter >= 2.0 * model->needle->radius) return SEEDS_TOO_THICK;
     if (seeds_pending(needle, list) > 0) return SEEDS_PENDING;
     if (list->count + count_pending(list) + count > MAX_SEEDS) return SEEDS_FULL;
     if (state->tip.place.phase != TIP_INSIDE) return SEEDS_OUTSIDE;
-    if (state->tip.place.depth - tip_entry_depth(state) < seeds_strand_length(size, count, spacing)) return SEEDS_TOO_LONG;
+    return state->tip.place.depth - tip_entry_depth(state) < seeds_strand_length(size, count, spacing) ? SEEDS_TOO_LONG : SEEDS_ACCEPTED;
+}
+
+seed_refusal seeds_drop(const insertion_model *model, const seed_size *size, const insertion_state *state, int needle, int count, double spacing, seed_list *list) {
+    seed_refusal refusal = refuse(model, size, state, needle, count, spacing, list);
+    if (refusal != SEEDS_ACCEPTED) return refusal;
 
     double pitch = spacing == 0.0 ? size->spacing : spacing;
     track_site site = {state->tip.place.depth, state->tip.place.nominal, state->tip.place.tet, contacts_passed(state) - 1};

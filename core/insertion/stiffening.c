@@ -82,13 +82,15 @@ static void linearise(const creep_step *creep, const stiffening_law *law, bool f
     *linear = (linear_shift){.force = force, .slope = at.slope, .offset = at.shift - at.slope * force};
 }
 
-void stiffening_linearise(const tick_input *tick, const insertion_state *state, const contact_points *points, const tissue_step *tissue, const creep_step *creep, stiffening_step *stiffening, const damper_step *damper, bool first) {
+void stiffening_linearise(const tick_input *tick, const insertion_state *state, const contact_points *points, const tissue_step *tissue, const creep_step *creep,
+                          stiffening_step *stiffening, const damper_step *damper, bool first) {
     if (!stiffening->any) return;
     for (int i = points->guided; i < points->count; i++) linearise(creep, &stiffening->along[i], first, force_on_shaft(state, points, tissue, i), remembered_along(tick, creep, i), &stiffening->shaft[i]);
     if (points->tip) linearise(creep, &stiffening->face, first, force_of_face(state, points, tissue, damper), remembered_of_face(tick, creep), &stiffening->end);
 }
 
-void stiffening_add_compliance(const insertion_state *state, const contact_points *points, const tissue_step *tissue, const stiffening_step *stiffening, contact_problem *problem) {
+void stiffening_add_compliance(const insertion_state *state, const contact_points *points, const tissue_step *tissue, const stiffening_step *stiffening,
+                               contact_problem *problem) {
     if (!stiffening->any) return;
     for (int i = points->guided; i < problem->count; i++) {
         const track_shares at = along_track(state, points, tissue, i);
@@ -98,7 +100,8 @@ void stiffening_add_compliance(const insertion_state *state, const contact_point
     }
 }
 
-void stiffening_shift_gaps(const insertion_state *state, const contact_points *points, const tissue_step *tissue, const stiffening_step *stiffening, contact_problem *problem) {
+void stiffening_shift_gaps(const insertion_state *state, const contact_points *points, const tissue_step *tissue, const stiffening_step *stiffening,
+                           contact_problem *problem) {
     if (!stiffening->any) return;
     for (int i = points->guided; i < problem->count; i++) {
         const track_shares at = along_track(state, points, tissue, i);
@@ -113,7 +116,8 @@ static bool agrees(const creep_step *creep, const stiffening_law *law, double fo
     return fabs(evaluate(creep, law, force, remembered).shift - linear->offset - linear->slope * force) <= AGREEMENT;
 }
 
-bool stiffening_agrees(const tick_input *tick, const insertion_state *state, const contact_points *points, const tissue_step *tissue, const creep_step *creep, const stiffening_step *stiffening, const damper_step *damper) {
+bool stiffening_agrees(const tick_input *tick, const insertion_state *state, const contact_points *points, const tissue_step *tissue, const creep_step *creep,
+                       const stiffening_step *stiffening, const damper_step *damper) {
     if (!stiffening->any) return true;
     for (int i = points->guided; i < points->count; i++)
         if (!agrees(creep, &stiffening->along[i], force_on_shaft(state, points, tissue, i), remembered_along(tick, creep, i), &stiffening->shaft[i])) return false;

@@ -21,13 +21,17 @@ void stiffening_prepare(const tick_input *tick, const insertion_state *state, co
 double stiffening_slope(const stiffening_step *stiffening, int i, double force);
 
 /* Linearises: in the first pass about the present forces, then about what the last pass found. RT */
-void stiffening_linearise(const tick_input *tick, const insertion_state *state, const contact_points *points, const tissue_step *tissue, const creep_step *creep, stiffening_step *stiffening, const damper_step *damper, bool first);
+void stiffening_linearise(const tick_input *tick, const insertion_state *state, const contact_points *points, const tissue_step *tissue, const creep_step *creep,
+                          stiffening_step *stiffening, const damper_step *damper, bool first);
 
 /* Adds what was linearised to the contact problem: to its compliance, and to its gaps. RT */
-void stiffening_add_compliance(const insertion_state *state, const contact_points *points, const tissue_step *tissue, const stiffening_step *stiffening, contact_problem *problem);
-void stiffening_shift_gaps(const insertion_state *state, const contact_points *points, const tissue_step *tissue, const stiffening_step *stiffening, contact_problem *problem);
+void stiffening_add_compliance(const insertion_state *state, const contact_points *points, const tissue_step *tissue, const stiffening_step *stiffening,
+                               contact_problem *problem);
+void stiffening_shift_gaps(const insertion_state *state, const contact_points *points, const tissue_step *tissue, const stiffening_step *stiffening,
+                           contact_problem *problem);
 
 /* Do the displacements under the new forces agree with the linearised ones? RT */
-bool stiffening_agrees(const tick_input *tick, const insertion_state *state, const contact_points *points, const tissue_step *tissue, const creep_step *creep, const stiffening_step *stiffening, const damper_step *damper);
+bool stiffening_agrees(const tick_input *tick, const insertion_state *state, const contact_points *points, const tissue_step *tissue, const creep_step *creep,
+                       const stiffening_step *stiffening, const damper_step *damper);
 
 #endif

@@ -11,7 +11,8 @@ double damper_relaxed(const insertion_model *model, const needle_tip *tip, doubl
 }
 
 /* Displacement of the tissue at the tip along the track that does not depend on this step's forces, m. */
-static double dent_without_forces(const tick_input *tick, const insertion_state *state, const contact_points *points, const tissue_step *tissue, const creep_step *creep, const stiffening_step *stiffening) {
+static double dent_without_forces(const tick_input *tick, const insertion_state *state, const contact_points *points, const tissue_step *tissue, const creep_step *creep,
+                                  const stiffening_step *stiffening) {
     return creep_dent(tick, state, points, tissue, creep) + stiffening->end.offset;
 }
 

@@ -159,38 +159,52 @@ static double distance_to_exit(const insertion_model *model, const needle_tip *t
 /* Does the tip cut with more force than it takes to get through this? */
 static bool overcomes(const needle_tip *tip, double resistance) { return resistance <= (1.0 + SAME_FORCE) * tip->solved.end_force; }
 
+/* The tip has come to a face: it goes along an outer one, is blocked, or crosses it. True: it is behind the face. */
+static bool meet_face(const tick_input *tick, insertion_state *state, tick_output *output, int face, vec3 direction) {
+    needle_tip *tip = &state->tip;
+    int behind = tick->model->mesh->neighbours[tip->place.tet][face];
+    vec3 way = tip_way(&tip->place, direction);
+    if (behind < 0 && grazes(tick, state, face, direction)) {
+        begin_grazing(tick, state, output, face, direction);
+        return false;
+    }
+    tip->barrier.blocked_by = old_tracks_obstacle(tick, state, tip->place.tet, face, behind, tip->place.nominal);
+    tip->barrier.face = face;
+    tip->barrier.entering = false;
+    if (tip->barrier.blocked_by != NOT_BLOCKED) return false;
+    cross_face(tick, state, output, face, way);
+    return true;
+}
+
+/* Cuts up to the next face or the place of the next contact. Returns what is left of the distance, m. */
+static double advance_once(const tick_input *tick, insertion_state *state, tick_output *output, vec3 direction, double distance) {
+    needle_tip *tip = &state->tip;
+    double to_face, to_contact = tip->next_contact - tip->place.depth;
+    vec3 way = tip_way(&tip->place, direction);
+    int face = mesh_exit(tick->model->mesh, tip->place.tet, tip->place.nominal, way, &to_face);
+    if (face < 0) return 0.0;
+    double part = fmax(0.0, fmin(distance, fmin(to_face, to_contact))), left = distance - part;
+    bool grazing = v3_norm(tip->place.graze_normal) > 0.0;
+    tip->place.nominal = v3_axpy(part, way, tip->place.nominal);
+    tip->place.depth += part;
+    if (grazing) graze_on(tick, state, output, direction, part);
+    if (tip->place.phase != TIP_INSIDE) return 0.0;
+    if (grazing && v3_norm(tip->place.graze_normal) == 0.0) return left; /* back in the tissue: another element, perhaps */
+    if (to_contact <= part) {
+        place_contact(tick, state, output);
+        plan_another(tick, state, output, direction);
+    } else if (to_face <= part && meet_face(tick, state, output, face, direction)) {
+        left = fmax(left - FACE_CLEARANCE, 0.0);
+    }
+    return left;
+}
+
 /* Returns what is left of the distance where something stops the tip, m. */
 static double advance(const tick_input *tick, insertion_state *state, tick_output *output, vec3 direction, double distance) {
-    const insertion_model *model = tick->model;
-    needle_tip *tip = &state->tip;
+    const needle_tip *tip = &state->tip;
     if (isnan(tip->next_contact)) plan_contact(tick, state, output, direction);
-    for (int step = 0; step < MAX_STEPS && distance > 0.0 && tip->place.phase == TIP_INSIDE && tip->barrier.blocked_by == NOT_BLOCKED; step++) {
-        double to_face, to_contact = tip->next_contact - tip->place.depth;
-        vec3 way = tip_way(&tip->place, direction);
-        int face = mesh_exit(model->mesh, tip->place.tet, tip->place.nominal, way, &to_face);
-        if (face < 0) return 0.0;
-        double part = fmax(0.0, fmin(distance, fmin(to_face, to_contact)));
-        tip->place.nominal = v3_axpy(part, way, tip->place.nominal);
-        tip->place.depth += part;
-        distance -= part;
-        bool grazing = v3_norm(tip->place.graze_normal) > 0.0;
-        if (grazing) graze_on(tick, state, output, direction, part);
-        if (tip->place.phase != TIP_INSIDE) return 0.0;
-        if (grazing && v3_norm(tip->place.graze_normal) == 0.0) continue; /* back in the tissue: another element, perhaps */
-        if (to_contact <= part) {
-            place_contact(tick, state, output);
-            plan_another(tick, state, output, direction);
-        } else if (to_face <= part && model->mesh->neighbours[tip->place.tet][face] < 0 && grazes(tick, state, face, direction))
-            begin_grazing(tick, state, output, face, direction);
-        else if (to_face <= part) {
-            tip->barrier.blocked_by = old_tracks_obstacle(tick, state, tip->place.tet, face, model->mesh->neighbours[tip->place.tet][face], tip->place.nominal);
-            tip->barrier.face = face;
-            tip->barrier.entering = false;
-            if (tip->barrier.blocked_by != NOT_BLOCKED) continue;
-            cross_face(tick, state, output, face, way);
-            distance = fmax(distance - FACE_CLEARANCE, 0.0);
-        }
-    }
+    for (int step = 0; step < MAX_STEPS && distance > 0.0 && tip->place.phase == TIP_INSIDE && tip->barrier.blocked_by == NOT_BLOCKED; step++)
+        distance = advance_once(tick, state, output, direction, distance);
     return distance;
 }
 
@@ -213,37 +227,43 @@ void cut_forward(const tick_input *tick, insertion_state *state, tick_output *ou
     if (isfinite(left)) plan_exit(tick, state, output, tip_way(&tip->place, direction), left);
 }
 
-void draw_back(const tick_input *tick, insertion_state *state, tick_output *output, double distance) {
+/* Where the way back from the tip leads: to the last contact, to where the track entered this body, or to the skin. */
+typedef struct {
+    const shaft_contact *contact; /* NULL: none in this body */
+    int gap;                      /* before this body, or -1 */
+    double length;                /* m */
+} way_back;
+
+static way_back find_way_back(const insertion_state *state) {
+    const shaft_contact *last = last_contact(state);
+    double entry = tip_entry_depth(state);
+    if (last && last->depth < entry) last = NULL; /* in a previous body */
+    return (way_back){last, last_gap(state), state->tip.place.depth - (last ? last->depth : entry)};
+}
+
+/* Goes back by `distance`, which is less than the whole way. */
+static void go_back(const mesh *m, insertion_state *state, const way_back *way, double distance) {
     needle_tip *tip = &state->tip;
-    tip->barrier.blocked_by = NOT_BLOCKED;
+    vec3 goal = way->contact ? way->contact->track : way->gap >= 0 ? state->strata[way->gap + 1].point : state->entry;
+    vec3 beside = way->contact ? way->contact->beside : v3(0, 0, 0);
+    goal = v3_sub(goal, beside);
+    vec3 target = v3_axpy(distance / way->length, v3_sub(goal, tip->place.nominal), tip->place.nominal);
+    set_beside(tip, v3_axpy(distance / way->length, v3_sub(beside, tip->place.beside), tip->place.beside));
+    tip->place.tet = follow_line(m, tip->place.tet, &tip->place.nominal, target);
+    tip->place.depth -= distance;
+    drop_strata_ahead(state);
+}
+
+void draw_back(const tick_input *tick, insertion_state *state, tick_output *output, double distance) {
+    state->tip.barrier.blocked_by = NOT_BLOCKED;
     drop_plan(state);
-    while (distance > 0.0) {
-        const shaft_contact *last = last_contact(state);
-        int gap = last_gap(state);
-        double entry = tip_entry_depth(state);
-        if (last && last->depth < entry) last = NULL; /* in a previous body */
-        double length = tip->place.depth - (last ? last->depth : entry);
-        if (distance >= length) {
-            distance -= fmax(length, 0.0);
-            if (!last && gap >= 0) {
-                back_into_gap(tick, state, output);
-                return;
-            }
-            if (last) {
-                return_to_contact(tick, state, output);
-                continue;
-            }
-            withdraw_tip(state, output);
-            return;
-        }
-        vec3 goal = last ? last->track : gap >= 0 ? state->strata[gap + 1].point : state->entry;
-        vec3 beside = last ? last->beside : v3(0, 0, 0);
-        goal = v3_sub(goal, beside);
-        vec3 target = v3_axpy(distance / length, v3_sub(goal, tip->place.nominal), tip->place.nominal);
-        set_beside(tip, v3_axpy(distance / length, v3_sub(beside, tip->place.beside), tip->place.beside));
-        tip->place.tet = follow_line(tick->model->mesh, tip->place.tet, &tip->place.nominal, target);
-        tip->place.depth -= distance;
-        drop_strata_ahead(state);
-        return;
+    way_back way = find_way_back(state);
+    for (; distance > 0.0 && distance >= way.length && way.contact; way = find_way_back(state)) {
+        distance -= fmax(way.length, 0.0);
+        return_to_contact(tick, state, output);
     }
+    if (!(distance > 0.0)) return;
+    if (distance < way.length) go_back(tick->model->mesh, state, &way, distance);
+    else if (way.gap >= 0) back_into_gap(tick, state, output);
+    else withdraw_tip(state, output);
 }

@@ -12,7 +12,8 @@ static void lose_contact(const tick_input *tick, insertion_state *state, const c
     creep_deposit_all(tick->model, &state->memory, creep->decay);
 }
 
-bool tissue_find(const tick_input *tick, insertion_state *state, contact_points *points, tissue_step *tissue, creep_step *creep, stiffening_step *stiffening, damper_step *damper, tick_output *output) {
+bool tissue_find(const tick_input *tick, insertion_state *state, contact_points *points, tissue_step *tissue, creep_step *creep, stiffening_step *stiffening,
+                 damper_step *damper, tick_output *output) {
     int handles[4];
     points->tip = state->tip.place.phase == TIP_INSIDE;
     points->count = 0;

@@ -31,11 +31,6 @@ static void find_lag(const tick_input *tick, insertion_state *state, insertion_w
     }
 }
 
-static void go_back(const tick_input *tick, insertion_state *state, insertion_workspace *w) {
-    checkpoint_restore(state, &w->points, &w->problem, &w->start);
-    passes_begin(tick, state, w);
-}
-
 /* Closes the gaps in small steps. One large step against bone finds the straight needle, which beyond Euler's load is not stable; small steps follow the
    branch on which it bows. Where that branch ends, the needle moves on against its drag: the shorter the step, the more that holds it, until it is stable
    whatever compresses it. */
@@ -49,7 +44,7 @@ static pass_result follow_branch(const tick_input *tick, insertion_state *state,
         passes_load_joints(tick, state, &w->points, &w->response, &w->start);
         r = passes_run(tick, state, w, output, tick->model->settings.max_passes);
         if (passes_are_stable(r) && (state->moving_on || !r.leapt)) checkpoint_save(state, &w->points, &w->problem, &w->start), done += step;
-        else go_back(tick, state, w), step *= 0.5;
+        else passes_go_back(tick, state, w), step *= 0.5;
         if (step < LEAST_STEP && !state->moving_on) state->moving_on = true, step = 1.0 - done;
         step = fmin(step, 1.0 - done);
     }
@@ -72,7 +67,7 @@ static pass_result come_to_rest(const tick_input *tick, insertion_state *state, 
     pass_result r = passes_run(tick, state, w, output, LAST_PASSES);
     state->moving_on = !(passes_are_stable(r) && is_at_rest(tick, state, &w->start.needle));
     if (!state->moving_on) return r;
-    go_back(tick, state, w);
+    passes_go_back(tick, state, w);
     w->response.drag = drag;
     return moved;
 }

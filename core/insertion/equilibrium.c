@@ -26,11 +26,6 @@ void equilibrium_linearise(const tick_input *tick, insertion_state *state, inser
     passes_linearise(tick, state, w, true);
 }
 
-static void go_back(const tick_input *tick, insertion_state *state, insertion_workspace *w) {
-    checkpoint_restore(state, &w->points, &w->problem, &w->start);
-    passes_begin(tick, state, w);
-}
-
 /* The passes, as nearly always, else their fallback. A needle that goes on as in the last step often needs only one pass: its guessed shape is a better
    start, and nothing else. A misleading guess costs a pass or two; starting again from the last shape costs more. (12 000 steps of a hand that changes its
    mind every 13 ms, in a guide: 15 992 passes; if guesses are given up after three, 16 539; without guesses 37 918.) */
@@ -42,7 +37,7 @@ static pass_result find(const tick_input *tick, insertion_state *state, insertio
     if (state->moving_on) return continuation_follow(tick, state, w, output);
     pass_result r = passes_run(tick, state, w, output, tick->model->settings.max_passes);
     if (!r.found || r.diverging || r.saddle || r.leapt) {
-        go_back(tick, state, w);
+        passes_go_back(tick, state, w);
         return continuation_follow(tick, state, w, output);
     }
     if (r.converged) needle_motion_of(needle, &w->start.needle, &state->needle, tick->dt, &state->motion);

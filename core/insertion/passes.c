@@ -2,6 +2,7 @@
 
 #include <string.h>
 
+#include "insertion/checkpoint.h"
 #include "insertion/contact_assembly.h"
 #include "insertion/guides.h"
 #include "insertion/needle_drag.h"
@@ -112,6 +113,11 @@ void passes_begin(const tick_input *tick, const insertion_state *state, insertio
 }
 
 /* Largest turn of a segment since it had this shape, rad. */
+void passes_go_back(const tick_input *tick, insertion_state *state, insertion_workspace *w) {
+    checkpoint_restore(state, &w->points, &w->problem, &w->start);
+    passes_begin(tick, state, w);
+}
+
 double passes_turned_since(const tick_input *tick, const insertion_state *state, const needle_state *shape) {
     const vec3 *now = state->needle.joints, *start = shape->joints;
     double most = 0.0;
@@ -131,24 +137,29 @@ double euler_load(const needle_model *needle) {
     return CLAMPED_HINGED * needle->bending / (needle->given.length * needle->given.length);
 }
 
+/* Is what was linearised still right after a pass that turned a segment by `turned` (rad) and changed the push on tissue and guides by `more` (N)? */
+static bool has_converged(const tick_input *tick, const insertion_state *state, const insertion_workspace *w, double turned, vec3 more) {
+    const needle_model *needle = tick->model->needle;
+    if (!(turned * turned * needle->given.length < tick->model->settings.tolerance && v3_norm(more) < NEW_PUSH * euler_load(needle))) return false;
+    return guides_agree(&w->points, w->edges) && stiffening_agrees(tick, state, &w->points, &w->tissue, &w->creep, &w->stiffening, &w->damper);
+}
+
 pass_result passes_run(const tick_input *tick, insertion_state *state, insertion_workspace *w, tick_output *output, int most) {
-    const insertion_model *model = tick->model;
     pass_result r = {.found = true};
-    double turned = 0.0, before = 0.0, all_turns = 0.0, length = model->needle->given.length;
+    double turned = 0.0, before = 0.0, all_turns = 0.0;
     vec3 push = push_on(state, &w->points);
     for (int pass = 0; pass < most && r.found && !r.converged; pass++) {
         output->passes++;
         before = turned;
-        passes_linearise(tick, state, w, pass == 0);
+        linearise_needle(tick, state, &w->points, &w->response, &w->start, &w->profile);
+        assemble_problem(tick, state, w, pass == 0);
         r.found = contact_solve(&w->problem) == TROCAR_OK;
-        if (r.found) {
-            output->switches += w->problem.switches;
-            turned = advance(tick, state, w);
-        }
+        if (r.found) turned = advance(tick, state, w);
+        output->switches += r.found ? w->problem.switches : 0;
         all_turns += turned;
-        vec3 now = push_on(state, &w->points), more = v3_sub(now, push);
+        vec3 now = push_on(state, &w->points);
+        r.converged = has_converged(tick, state, w, turned, v3_sub(now, push));
         push = now;
-        r.converged = turned * turned * length < model->settings.tolerance && v3_norm(more) < NEW_PUSH * euler_load(model->needle) && guides_agree(&w->points, w->edges) && stiffening_agrees(tick, state, &w->points, &w->tissue, &w->creep, &w->stiffening, &w->damper);
     }
     /* A state from which the passes diverge is no equilibrium. A single pass cannot tell. */
     r.diverging = before > 0.0 && turned > before && turned > LEAP;

@@ -15,8 +15,11 @@ typedef struct {
 
 static inline bool passes_are_stable(pass_result r) { return r.found && r.converged && !r.saddle; } /* RT */
 
-/* Locates the points on the needle's present shape, with its present forces: before the first pass, and after going back. RT */
+/* Locates the points on the needle's present shape, with its present forces: before the first pass. RT */
 void passes_begin(const tick_input *tick, const insertion_state *state, insertion_workspace *w);
+
+/* Back to the checkpoint scratch.start. RT */
+void passes_go_back(const tick_input *tick, insertion_state *state, insertion_workspace *w);
 
 /* Linearises needle and tissue, in the `first` pass about the present shape and forces, and puts the contact problem together. RT */
 void passes_linearise(const tick_input *tick, const insertion_state *state, insertion_workspace *w, bool first);

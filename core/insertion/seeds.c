@@ -18,14 +18,19 @@ typedef struct {
     int next;                /* contact ahead of it on the way back, from the base; -1: the entry */
 } track_site;
 
+/* The next contact on the way back from a site; NULL: there is none in the body that the tip is in. */
+static const shaft_contact *contact_behind(const insertion_state *state, const track_site *site) {
+    const shaft_contact *contact = site->next >= 0 ? &state->contacts[state->refined.order[site->next]] : NULL;
+    return contact && contact->depth < tip_entry_depth(state) ? NULL : contact;
+}
+
 /* Goes back to this depth, which is in the body that the tip is in. */
 static void go_back(const insertion_model *model, const insertion_state *state, double depth, track_site *site) {
     double entry = tip_entry_depth(state);
     int gap = last_gap(state);
     vec3 start = gap >= 0 ? state->strata[gap + 1].point : state->entry;
     while (site->depth > depth) {
-        const shaft_contact *contact = site->next >= 0 ? &state->contacts[state->refined.order[site->next]] : NULL;
-        if (contact && contact->depth < entry) contact = NULL; /* in a previous body */
+        const shaft_contact *contact = contact_behind(state, site);
         double goal_depth = contact ? contact->depth : entry, length = site->depth - goal_depth;
         vec3 goal = contact ? v3_sub(contact->track, contact->beside) : start;
         bool beyond = length <= site->depth - depth;

@@ -85,7 +85,10 @@ static void linearise(const creep_step *creep, const stiffening_law *law, bool f
 void stiffening_linearise(const tick_input *tick, const insertion_state *state, const contact_points *points, const tissue_step *tissue, const creep_step *creep,
                           stiffening_step *stiffening, const damper_step *damper, bool first) {
     if (!stiffening->any) return;
-    for (int i = points->guided; i < points->count; i++) linearise(creep, &stiffening->along[i], first, force_on_shaft(state, points, tissue, i), remembered_along(tick, creep, i), &stiffening->shaft[i]);
+    for (int i = points->guided; i < points->count; i++) {
+        double force = force_on_shaft(state, points, tissue, i);
+        linearise(creep, &stiffening->along[i], first, force, remembered_along(tick, creep, i), &stiffening->shaft[i]);
+    }
     if (points->tip) linearise(creep, &stiffening->face, first, force_of_face(state, points, tissue, damper), remembered_of_face(tick, creep), &stiffening->end);
 }
 
@@ -95,8 +98,10 @@ void stiffening_add_compliance(const insertion_state *state, const contact_point
     for (int i = points->guided; i < problem->count; i++) {
         const track_shares at = along_track(state, points, tissue, i);
         for (int a = 0; a < at.count; a++)
-            for (int b = 0; b <= a; b++)
-                problem->compliance[at.row[b]][at.row[a]] += (stiffening->shaft[i].slope * at.on_shaft[a] * at.on_shaft[b] + stiffening->end.slope * at.on_face[a] * at.on_face[b]) * at.along[a] * at.along[b];
+            for (int b = 0; b <= a; b++) {
+                double slope = stiffening->shaft[i].slope * at.on_shaft[a] * at.on_shaft[b] + stiffening->end.slope * at.on_face[a] * at.on_face[b];
+                problem->compliance[at.row[b]][at.row[a]] += slope * at.along[a] * at.along[b];
+            }
     }
 }
 

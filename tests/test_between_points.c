@@ -1,7 +1,7 @@
 /* Blocks of compliance between points of contact against the formula, entry by entry: P N P^T + R^T C R, and the mount's. */
 #include "bending.h"
-#include "insertion/between_points.h"
-#include "insertion/guides.h"
+#include "insertion/contact/between_points.h"
+#include "insertion/guide/guides.h"
 #include "linalg/between_kernels.h"
 
 #include <setjmp.h>

@@ -1,5 +1,5 @@
 /* Tissue that relaxes: a held needle, and what is left of a load that was removed, against the exact solutions. */
-#include "insertion/creep.h"
+#include "insertion/memory/creep.h"
 #include "lockstep.h"
 #include "verification/random_hand.h"
 

@@ -1,6 +1,6 @@
 /* Guides: buckling loads against Euler, forces at the edge of a hole against beam theory, friction, which hole a tip takes, and several
    needles. */
-#include "insertion/guides.h"
+#include "insertion/guide/guides.h"
 
 #include <setjmp.h>
 #include <stdarg.h>
@@ -9,7 +9,7 @@
 #include <cmocka.h>
 
 #include "allocations.h"
-#include "insertion/contact_assembly.h"
+#include "insertion/contact/contact_assembly.h"
 #include "lockstep.h"
 
 /* Figure 8 with a needle that is straight to the bit, as beam theory has it. */

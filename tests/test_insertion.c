@@ -1,7 +1,7 @@
 /* The whole tick: forces against the sum of friction and cutting, independence of rate, passes and worker, and every way into and
    out of the tissue. */
 #include "figure8.h"
-#include "insertion/prefetch.h"
+#include "insertion/tip/prefetch.h"
 
 #include <setjmp.h>
 #include <stdarg.h>

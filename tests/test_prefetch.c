@@ -1,6 +1,6 @@
 /* The tick's reads from a snapshot against the inverse itself, and its requests against the tip's path. */
 #include "lockstep.h"
-#include "insertion/prefetch.h"
+#include "insertion/tip/prefetch.h"
 #include "remesh/snapshot_kernels.h"
 
 #include <setjmp.h>

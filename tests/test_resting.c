@@ -9,7 +9,7 @@
 #include <lapacke.h>
 
 #include "api/api.h"
-#include "insertion/creep.h"
+#include "insertion/memory/creep.h"
 #include "remesh/snapshot_kernels.h"
 
 #include <cmocka.h>

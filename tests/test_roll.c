@@ -1,6 +1,6 @@
 /* Friction against turning: lag and torque against closed forms, and the bound shared with sliding. */
-#include "insertion/next_body.h"
-#include "insertion/roll.h"
+#include "insertion/contact/roll.h"
+#include "insertion/tip/next_body.h"
 #include "lockstep.h"
 
 #include <setjmp.h>

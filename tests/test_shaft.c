@@ -4,7 +4,7 @@
 #include <stddef.h>
 #include <stdint.h>
 
-#include "insertion/shaft.h"
+#include "insertion/state/shaft.h"
 
 #include <cmocka.h>
 

@@ -1,8 +1,8 @@
 /* Stiffening tissue: the laws against their integrals and a resolved disc, and what the tick makes of them. The rigid needle against resolved
    hyperelastic elements: tests/verification/verify_large_deflection.py. */
 #include "allocations.h"
-#include "insertion/insertion.h"
-#include "insertion/stiffening.h"
+#include "insertion/memory/stiffening.h"
+#include "insertion/step/insertion.h"
 #include "lockstep.h"
 #include "verification/random_hand.h"
 

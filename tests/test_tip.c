@@ -1,7 +1,7 @@
 /* The tip's path through the mesh: first touch, obstacles, the contact nodes left along the track, and retraction. */
 #include "lockstep.h"
-#include "insertion/obstacle.h"
-#include "insertion/tip.h"
+#include "insertion/tip/tip.h"
+#include "insertion/track/obstacle.h"
 
 #include <setjmp.h>
 #include <stdarg.h>

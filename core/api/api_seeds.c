@@ -3,7 +3,7 @@
 
 #include "api/api.h"
 #include "base/flush_denormals.h"
-#include "insertion/strata.h"
+#include "insertion/state/strata.h"
 
 _Static_assert(TROCAR_MAX_SEEDS == (int)MAX_SEEDS && TROCAR_MAX_STRAND == (int)MAX_STRAND, "limits differ from trocar.h");
 

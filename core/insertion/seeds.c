@@ -3,8 +3,8 @@
 #include <math.h>
 #include <string.h>
 
-#include "insertion/strata.h"
-#include "insertion/tip_path.h"
+#include "insertion/state/strata.h"
+#include "insertion/tip/tip_path.h"
 
 static const double ON_FACE = -1e-6; /* 1: barycentric weight down to which a point counts as inside. Rounding */
 

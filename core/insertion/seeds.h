@@ -4,8 +4,8 @@
 
 #include <string.h>
 
-#include "insertion/insertion_model.h"
-#include "insertion/insertion_state.h"
+#include "insertion/state/insertion_model.h"
+#include "insertion/state/insertion_state.h"
 #include "remesh/snapshot.h"
 
 enum { MAX_SEEDS = 256, MAX_STRAND = 16 };

@@ -6,7 +6,7 @@
 
 #include "base/cache_line.h"
 #include "base/memory.h"
-#include "insertion/local_compliance.h"
+#include "insertion/state/local_compliance.h"
 #include "remesh/free_displacement.h"
 #include "remesh/refined_field.h"
 #include "tissue/blas.h"

@@ -4,9 +4,9 @@
 #include <stdlib.h>
 #include <string.h>
 
-#include "insertion/creep.h"
-#include "insertion/guides.h"
-#include "insertion/insertion.h"
+#include "insertion/guide/guides.h"
+#include "insertion/memory/creep.h"
+#include "insertion/step/insertion.h"
 
 static const double STEP_SHIFT = 0.3e-3; /* m: by which the base moves in one step of 1 ms to where it rests, at most. Chosen: 0.3 m/s, as fast as a hand inserts */
 static const double STEP_TURN = 3e-3; /* rad: by which it turns in one step, at most. Chosen */

@@ -3,7 +3,7 @@
 #ifndef TROCAR_RESTING_NEEDLE_H
 #define TROCAR_RESTING_NEEDLE_H
 
-#include "insertion/tick.h"
+#include "insertion/state/tick.h"
 #include "inverse/inverse_attached.h"
 #include "remesh/needle_pairs.h"
 

@@ -5,8 +5,8 @@
 #include <time.h>
 
 #include "api/api.h"
-#include "insertion/prefetch.h"
-#include "insertion/tip.h"
+#include "insertion/tip/prefetch.h"
+#include "insertion/tip/tip.h"
 
 static const double REST = 0.5; /* s, before a script starts, so that the needle's line is known */
 

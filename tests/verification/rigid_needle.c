@@ -10,11 +10,11 @@
 #include <stdlib.h>
 #include <string.h>
 
-#include "insertion/local_compliance.h"
-#include "insertion/shaft.h"
 #include "insertion/simulation.h"
-#include "insertion/tip.h"
-#include "insertion/prefetch.h"
+#include "insertion/state/local_compliance.h"
+#include "insertion/state/shaft.h"
+#include "insertion/tip/prefetch.h"
+#include "insertion/tip/tip.h"
 #include "remesh/snapshot_kernels.h"
 
 typedef struct {

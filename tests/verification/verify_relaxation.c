@@ -1,9 +1,9 @@
 /* Tissue that relaxes: energy balance of random insertions, independence of tick rate and mesh. Held steps and removed loads:
    tests/test_creep.c. */
 #include "figure8.h"
-#include "insertion/creep.h"
-#include "insertion/local_compliance.h"
-#include "insertion/strata.h"
+#include "insertion/memory/creep.h"
+#include "insertion/state/local_compliance.h"
+#include "insertion/state/strata.h"
 #include "random_hand.h"
 #include "rows.h"
 #include "twist.h"

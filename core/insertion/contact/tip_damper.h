@@ -1,4 +1,4 @@
-/* The damper at the tip: where it cuts, tissue springs back no faster than a shear wave crosses its dent. See README.md, "After
+/* The damper at the tip: where it cuts, tissue springs back no faster than a shear wave crosses its dent. See core/README.md, "After
    a puncture". */
 #ifndef TROCAR_TIP_DAMPER_H
 #define TROCAR_TIP_DAMPER_H

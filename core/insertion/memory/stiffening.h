@@ -1,5 +1,5 @@
 /* Stiffening tissue in the contact problem: the non-linear part of its local compliances. Nothing changes where no tissue stiffens. See
-   README.md, "Stiffening". */
+   core/README.md, "Stiffening". */
 #ifndef TROCAR_STIFFENING_H
 #define TROCAR_STIFFENING_H
 

@@ -2,6 +2,7 @@
 #ifndef TROCAR_INSERTION_H
 #define TROCAR_INSERTION_H
 
+#include "insertion/step/loads.h"
 #include "insertion/state/tick.h"
 
 /* Straight needle, held at `base`. Where it lies in the tissue it counts as inserted along its axis, without force. The tissue is as if the
@@ -22,22 +23,5 @@ bool insertion_is_finite(const insertion_state *state, const tick_output *output
 
 /* After a tick that was not finite: starts over at `base`. The wrench becomes zero, its event UNSTABLE. RT */
 void insertion_start_over(const insertion_model *model, pose base, insertion_state *state, tick_output *output);
-
-/* The refined mesh as the needle sees it now: the active contact nodes, from base to tip, in slots without gaps. */
-void insertion_refinement(const insertion_state *state, refinement *out);
-
-/* Adds the forces on the tissue to `nominal` (node_count) and writes those on the active contact nodes to `added`, in the same order; N, world
-   frame. The tip's is spread over its element's corners. Where the tissue creeps, these are the forces that would displace it as far if
-   it were elastic. */
-void insertion_forces(const insertion_model *model, const insertion_state *state, vec3 *nominal, vec3 *added);
-
-/* Where the needle loads the tissue: at its active contacts, then at the tip, if that is in the tissue. The forces are 0. RT */
-void insertion_place_loads(const insertion_model *model, const insertion_state *state, tissue_loads *loads);
-
-/* The same forces as loads on the nominal mesh there, for the other needles in the tissue, and what it has left elsewhere. RT */
-void insertion_add_loads(const insertion_model *model, const insertion_state *state, tissue_loads *loads);
-
-/* Those of them that relaxing tissue remembers where the needle is no longer. RT */
-void insertion_add_residual_loads(const insertion_model *model, const insertion_state *state, tissue_loads *loads);
 
 #endif

@@ -1,4 +1,4 @@
-/* A needle that no stable equilibrium holds moves on to another one against the drag that damps its waves of bending. See README.md, "Without an
+/* A needle that no stable equilibrium holds moves on to another one against the drag that damps its waves of bending. See core/README.md, "Without an
    equilibrium". */
 #ifndef TROCAR_NEEDLE_DRAG_H
 #define TROCAR_NEEDLE_DRAG_H

@@ -31,27 +31,6 @@ static void find_lag(const tick_input *tick, insertion_state *state, insertion_w
     }
 }
 
-/* Closes the gaps in small steps. One large step against bone finds the straight needle, which beyond Euler's load is not stable; small steps follow the
-   branch on which it bows. Where that branch ends, the needle moves on against its drag: the shorter the step, the more that holds it, until it is stable
-   whatever compresses it. */
-static pass_result follow_branch(const tick_input *tick, insertion_state *state, insertion_workspace *w, tick_output *output) {
-    double drag = needle_drag(tick->model->needle) / tick->dt, done = 0.0, step = 1.0;
-    pass_result r = {.found = false};
-    find_lag(tick, state, w);
-    while (done < 1.0 && step >= LEAST_STEP) {
-        w->continuation.kept_open = 1.0 - (done + step);
-        w->response.drag = state->moving_on ? drag / step : 0.0;
-        passes_load_joints(tick, state, &w->points, &w->response, &w->start);
-        r = passes_run(tick, state, w, output, tick->model->settings.max_passes);
-        if (passes_are_stable(r) && (state->moving_on || !r.leapt)) checkpoint_save(state, &w->points, &w->problem, &w->start), done += step;
-        else passes_go_back(tick, state, w), step *= 0.5;
-        if (step < LEAST_STEP && !state->moving_on) state->moving_on = true, step = 1.0 - done;
-        step = fmin(step, 1.0 - done);
-    }
-    w->continuation.kept_open = 0.0;
-    return r;
-}
-
 /* The needle has hardly moved on in this step: what would drag it is nothing. */
 static bool is_at_rest(const tick_input *tick, const insertion_state *state, const needle_state *since) {
     const needle_model *needle = tick->model->needle;
@@ -72,9 +51,26 @@ static pass_result come_to_rest(const tick_input *tick, insertion_state *state, 
     return moved;
 }
 
+/* Closes the gaps in small steps. One large step against bone finds the straight needle, which beyond Euler's load is not stable; small steps follow the
+   branch on which it bows. Where that branch ends, the needle moves on against its drag: the shorter the step, the more that holds it, until it is stable
+   whatever compresses it. */
 pass_result continuation_follow(const tick_input *tick, insertion_state *state, insertion_workspace *w, tick_output *output) {
+    double drag = needle_drag(tick->model->needle) / tick->dt, done = 0.0, step = 1.0;
     bool moving_on = state->moving_on;
     needle_state before = w->start.needle;
-    pass_result r = follow_branch(tick, state, w, output);
+    pass_result r = {.found = false};
+    passes_go_back(tick, state, w);
+    find_lag(tick, state, w);
+    while (done < 1.0 && step >= LEAST_STEP) {
+        w->continuation.kept_open = 1.0 - (done + step);
+        w->response.drag = state->moving_on ? drag / step : 0.0;
+        passes_load_joints(tick, state, &w->points, &w->response, &w->start);
+        r = passes_run(tick, state, w, output, tick->model->settings.max_passes);
+        if (passes_are_stable(r) && (state->moving_on || !r.leapt)) checkpoint_save(state, &w->points, &w->problem, &w->start), done += step;
+        else passes_go_back(tick, state, w), step *= 0.5;
+        if (step < LEAST_STEP && !state->moving_on) state->moving_on = true, step = 1.0 - done;
+        step = fmin(step, 1.0 - done);
+    }
+    w->continuation.kept_open = 0.0;
     return moving_on && is_at_rest(tick, state, &before) ? come_to_rest(tick, state, w, output, r) : r;
 }

@@ -26,24 +26,6 @@ void equilibrium_linearise(const tick_input *tick, insertion_state *state, inser
     passes_linearise(tick, state, w, true);
 }
 
-/* The passes, as nearly always, else their fallback. A needle that goes on as in the last step often needs only one pass: its guessed shape is a better
-   start, and nothing else. A misleading guess costs a pass or two; starting again from the last shape costs more. (12 000 steps of a hand that changes its
-   mind every 13 ms, in a guide: 15 992 passes; if guesses are given up after three, 16 539; without guesses 37 918.) */
-static pass_result find(const tick_input *tick, insertion_state *state, insertion_workspace *w, tick_output *output) {
-    const needle_model *needle = tick->model->needle;
-    needle_extrapolate(needle, &state->motion, tick->dt, &state->needle);
-    begin(tick, state, w);
-    state->motion.time = 0.0;
-    if (state->moving_on) return continuation_follow(tick, state, w, output);
-    pass_result r = passes_run(tick, state, w, output, tick->model->settings.max_passes);
-    if (!r.found || r.diverging || r.saddle || r.leapt) {
-        passes_go_back(tick, state, w);
-        return continuation_follow(tick, state, w, output);
-    }
-    if (r.converged) needle_motion_of(needle, &w->start.needle, &state->needle, tick->dt, &state->motion);
-    return r;
-}
-
 static void filter_push(needle_tip *tip, const needle_point *p, double dt) {
     double push = fmax(v3_dot(tip->solved.force, needle_along(p)), 0.0);
     tip->filtered_push += (push - tip->filtered_push) * -expm1(-dt / BITE_TIME);
@@ -62,10 +44,21 @@ static void conclude(const tick_input *tick, insertion_state *state, const inser
     if (w->points.tip) filter_push(tip, &last->at, tick->dt);
 }
 
+/* A needle that goes on as in the last step often needs only one pass: its guessed shape is a better start, and nothing else. A misleading guess costs a pass or
+   two; starting again from the last shape costs more. (12 000 steps of a hand that changes its mind every 13 ms, in a guide: 15 992 passes; if guesses are
+   given up after three, 16 539; without guesses 37 918.) */
 void equilibrium_find(const tick_input *tick, insertion_state *state, insertion_workspace *w, tick_output *output) {
+    const needle_model *needle = tick->model->needle;
+    pass_result r = {.found = false};
     w->problem.knot = 0;
     checkpoint_save(state, &w->points, &w->problem, &w->start);
-    conclude(tick, state, w, output, find(tick, state, w, output));
+    needle_extrapolate(needle, &state->motion, tick->dt, &state->needle);
+    state->motion.time = 0.0;
+    begin(tick, state, w);
+    if (!state->moving_on) r = passes_run(tick, state, w, output, tick->model->settings.max_passes);
+    if (!r.found || r.diverging || r.saddle || r.leapt) r = continuation_follow(tick, state, w, output);
+    else if (r.converged) needle_motion_of(needle, &w->start.needle, &state->needle, tick->dt, &state->motion);
+    conclude(tick, state, w, output, r);
 }
 
 void equilibrium_forget(insertion_state *state) {

@@ -5,7 +5,7 @@
 
 #include "insertion/state/tick.h"
 
-/* Lists the points of contact: with guides, the active contacts, and with scratch->points.tip the tip. RT */
+/* Lists the points of contact: with guides, the active contacts, and with points->tip the tip. RT */
 void points_list(const tick_input *tick, const insertion_state *state, contact_points *points);
 
 /* Where they are on the needle, and in holes and tissue that the needle exerts no force on. RT */

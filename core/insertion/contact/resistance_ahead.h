@@ -5,7 +5,7 @@
 
 #include "insertion/state/tick.h"
 
-/* Lists what is ahead of the tip, as far as it may come in this step: scratch.ahead. The points are located. RT */
+/* Lists what is ahead of the tip, as far as it may come in this step. The points are located. RT */
 void resistance_ahead_find(const tick_input *tick, const insertion_state *state, const hand_advance *hand, const path_step *path, const contact_points *points,
                            resistance_ahead *ahead);
 

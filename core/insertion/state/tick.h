@@ -1,4 +1,4 @@
-/* What one tick works with: the model, the state, what is known of the tissue, scratch memory, and the output. */
+/* What one tick works with: what it is given, the scratch of its stages, and its output. */
 #ifndef TROCAR_TICK_H
 #define TROCAR_TICK_H
 
@@ -192,7 +192,7 @@ typedef struct {
     double drag;                     /* N, drag of the needle's turning over the step; 0: it is in equilibrium */
 } needle_response;
 
-/* Of a step that is repeated in small parts (equilibrium.c). */
+/* Of a step that is repeated in small parts (continuation.c). */
 typedef struct {
     double lag[MAX_UNKNOWNS];        /* m, by which the gaps differ from those that balance the forces at the start; */
     double kept_open;                /* fraction of it by which they are still kept open */

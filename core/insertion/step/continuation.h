@@ -5,7 +5,7 @@
 
 #include "insertion/step/passes.h"
 
-/* From scratch.start. Sets state->moving_on for as long as no equilibrium is near. RT */
+/* From w->start. Sets state->moving_on for as long as no equilibrium is near. RT */
 pass_result continuation_follow(const tick_input *tick, insertion_state *state, insertion_workspace *w, tick_output *output);
 
 #endif

@@ -11,7 +11,7 @@ void equilibrium_find(const tick_input *tick, insertion_state *state, insertion_
 /* Nothing holds the needle: what the next equilibrium would start from. RT */
 void equilibrium_forget(insertion_state *state);
 
-/* Puts the contact problem together about the present shape and forces, in scratch->problem, and leaves it unsolved. Not `loaded`: the needle
+/* Puts the contact problem together about the present shape and forces, in w->problem, and leaves it unsolved. Not `loaded`: the needle
    is as stiff as it is without the forces on it. After the tissue stage. */
 void equilibrium_linearise(const tick_input *tick, insertion_state *state, insertion_workspace *w, bool loaded);
 

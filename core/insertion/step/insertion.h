@@ -11,9 +11,9 @@ void insertion_reset(const insertion_model *model, pose base, insertion_state *s
 
 /* One tick. Its time does not depend on the mesh, except for the search for the skin, O(log n), while the tip is outside or on it. No
    allocation, no lock, no library call. RT */
-void insertion_tick(const tick_input *tick, insertion_state *state, insertion_workspace *scratch, tick_output *output);
+void insertion_tick(const tick_input *tick, insertion_state *state, insertion_workspace *w, tick_output *output);
 
-/* Puts together the contact problem of a tick that would not move the base, in scratch->problem, and leaves it unsolved. The state's memory
+/* Puts together the contact problem of a tick that would not move the base, in w->problem, and leaves it unsolved. The state's memory
    of relaxing tissue goes on as in a tick. Not `loaded`: without what the forces add to the needle's stiffness. False: the needle
    touches no tissue. */
 bool insertion_linearise(const tick_input *tick, insertion_state *state, insertion_workspace *w, tick_output *output, bool loaded);

@@ -10,7 +10,7 @@ typedef struct {
     bool converged;
     bool diverging;
     bool saddle;             /* the equilibrium is not stable */
-    bool leapt;              /* a segment has turned so far since scratch.start that it may be on another branch */
+    bool leapt;              /* a segment has turned so far since w->start that it may be on another branch */
 } pass_result;
 
 static inline bool passes_are_stable(pass_result r) { return r.found && r.converged && !r.saddle; } /* RT */
@@ -18,7 +18,7 @@ static inline bool passes_are_stable(pass_result r) { return r.found && r.conver
 /* Locates the points on the needle's present shape, with its present forces: before the first pass. RT */
 void passes_begin(const tick_input *tick, const insertion_state *state, insertion_workspace *w);
 
-/* Back to the checkpoint scratch.start. RT */
+/* Back to the checkpoint w->start. RT */
 void passes_go_back(const tick_input *tick, insertion_state *state, insertion_workspace *w);
 
 /* Linearises needle and tissue, in the `first` pass about the present shape and forces, and puts the contact problem together. RT */

@@ -1,4 +1,4 @@
-/* One step: the stages of README.md, one after the other. */
+/* One step: the stages of core/insertion/README.md, one after the other. */
 #ifndef TROCAR_STEP_H
 #define TROCAR_STEP_H
 

@@ -5,7 +5,7 @@
 
 #include "insertion/state/tick.h"
 
-/* The track that is most open to the tip, which would cut along scratch.path.cut_direction, among those that end more than `beyond` (m) ahead of it; the closest of
+/* The track that is most open to the tip, which would cut along path->cut_direction, among those that end more than `beyond` (m) ahead of it; the closest of
    several. RT */
 open_track old_tracks_ahead(const tick_input *tick, const insertion_state *state, const path_step *path, double beyond);
 

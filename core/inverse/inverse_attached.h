@@ -1,5 +1,5 @@
 /* The inverse of a stiffness matrix with things attached to the tissue, such as needles that rest in it: a correction of low rank to an
-   inverse that stays as it is. See README.md, "Resting needles". One thread at a time. */
+   inverse that stays as it is. See docs/mechanics.md, "Resting needles". One thread at a time. */
 #ifndef TROCAR_INVERSE_ATTACHED_H
 #define TROCAR_INVERSE_ATTACHED_H
 

@@ -1,5 +1,5 @@
 /* The needle, clamped at its base: a centreline of segments, with one of two elastic models.
-   Base = arc 0, tip = arc `length`; axis along local +z. See README.md, "Needle".
+   Base = arc 0, tip = arc `length`; axis along local +z. See docs/mechanics.md, "The needle".
    - rod: geometrically exact, inextensible Kirchhoff rod of rigid segments with elastic joints;
    - tetrahedra: solid of linear tetrahedra with quadratic strain, five nodes a section (needle_tets.c). */
 #ifndef TROCAR_NEEDLE_H

@@ -1,5 +1,5 @@
 /* A rigid probe that presses a named surface of the mesh: unilateral contact without friction at points of that surface, its nodes and the middles
-   of its long edges. See README.md, "Probe". The worker's; one thread at a time. */
+   of its long edges. See docs/mechanics.md, "Probe". The worker's; one thread at a time. */
 #ifndef TROCAR_PROBE_H
 #define TROCAR_PROBE_H
 

@@ -1,5 +1,5 @@
 /* Relaxation of the tissue: the Prony series of the stress under a held strain, and the creep under a held force that follows
-   from it. See README.md, "Relaxation". */
+   from it. See docs/mechanics.md, "Relaxation". */
 #ifndef TROCAR_RELAXATION_H
 #define TROCAR_RELAXATION_H
 

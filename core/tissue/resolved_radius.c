@@ -11,7 +11,7 @@
 
 static const double RADIUS = 1.6; /* edge lengths: the patch on which the mesh's yielding is measured has the elements with a node within this distance of the
                                      line. Measured: with this patch ln R differs from that of the whole mesh by 0.01 across and by 0.02 to 0.03 along
-                                     (core/README.md) */
+                                     (docs/mechanics.md) */
 static const double HALF_LENGTH = 1.2; /* edge lengths: so far along the line, and at least so many lengths of the way through the element. Measured, the same */
 static const double FREE = 0.45; /* edge lengths: boundary nodes nearer to the line are left free, as the exact solution has no meaning for a mesh so close to
                                     it. Measured, the same */

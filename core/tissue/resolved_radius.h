@@ -1,6 +1,6 @@
 /* What the mesh resolves of a needle's field at a place, measured: a line force, endless or not, and a point force act on a small patch of its
    elements whose boundary moves as in the exact solution; how far the mesh yields to them is compared with that solution.
-   No constant is fitted. See README.md, "Local compliance". */
+   No constant is fitted. See docs/mechanics.md, "Local compliance". */
 #ifndef TROCAR_RESOLVED_RADIUS_H
 #define TROCAR_RESOLVED_RADIUS_H
 

@@ -1,4 +1,4 @@
-/* Interface of an elastic model of the needle; for use in the models' files and needle.c only. */
+/* Interface of an elastic model of the needle; included by the models' files and needle.c only. */
 #ifndef TROCAR_NEEDLE_KIND_H
 #define TROCAR_NEEDLE_KIND_H
 

@@ -8,9 +8,9 @@
 
 enum {
     NEEDLE_MAX_SEGMENTS = TRIDIAGONAL_BLOCKS,
-    NEEDLE_LD = (NEEDLE_MAX_SEGMENTS / 4 + 1) * 12, /* three columns for each joint; whole blocks of four joints */
+    NEEDLE_LD = (NEEDLE_MAX_SEGMENTS / 4 + 1) * 12, /* three columns per joint; whole blocks of four joints */
     NEEDLE_PLACES = NEEDLE_MAX_SEGMENTS + 4, /* whole vectors of segments, and joints beyond them */
-    NEEDLE_POINT_JOINTS = 3,                /* that a point of the centreline is interpolated from */
+    NEEDLE_POINT_JOINTS = 3,                /* joints from which a point of the centreline is interpolated */
     NEEDLE_RIM = 4,                         /* tetrahedra: nodes of a section around its centre node */
     NEEDLE_SECTION = 1 + NEEDLE_RIM,
     NEEDLE_LAYER_TETS = 3 * NEEDLE_RIM,     /* tetrahedra between two sections */
@@ -26,7 +26,7 @@ typedef struct {
     double inner_diameter;   /* m */
     double youngs_modulus;   /* Pa */
     double poisson_ratio;
-    double bow;              /* of the length, by which the middle is off the line from base to tip, toward local +y */
+    double bow;              /* offset of the middle from the line between base and tip, toward local +y, as a fraction of the length */
     double bevel_slope;      /* lateral per axial displacement while cutting, away from the bevel's face (toward local -y) */
     int segments;            /* 2..NEEDLE_MAX_SEGMENTS */
     needle_choice kind;
@@ -53,7 +53,7 @@ typedef struct {
     double radius;           /* m, outer */
     double bending;          /* EI, N m^2 */
     double torsion;          /* GJ, N m^2 */
-    double natural[NEEDLE_PLACES]; /* rad, about local x: turn of each segment of a needle without force against the one before; rod only */
+    double natural[NEEDLE_PLACES]; /* rad, about local x: angle of each segment to the one before in a needle without force; rod only */
     needle_solid solid;      /* of the tetrahedra */
 } needle_model;
 
@@ -64,9 +64,9 @@ typedef struct {
     vec3 rim[NEEDLE_MAX_SEGMENTS + 1][NEEDLE_RIM]; /* m; tetrahedra only; the centre nodes are the joints */
 } needle_state;
 
-/* How the needle's shape has changed in a step. */
+/* Change of the needle's shape in a step. */
 typedef struct {
-    double time;             /* s, that it took; 0: not known */
+    double time;             /* s, duration; 0: not known */
     quat turn[NEEDLE_MAX_SEGMENTS]; /* of each segment, world frame */
 } needle_motion;
 
@@ -79,7 +79,7 @@ typedef struct {
     mat3 frame;              /* columns: normal 1 (near local x), normal 2 (near local y), tangent */
 } needle_point;
 
-/* Of segments or joints, by components, so that four are computed at once; symmetric matrices: xx, xy, xz, yy, yz, zz. */
+/* Components of segments or joints, so that four are computed at once; symmetric matrices: xx, xy, xz, yy, yz, zz. */
 typedef struct { double at[3][NEEDLE_PLACES]; } vector_series;
 typedef struct { double at[6][NEEDLE_PLACES]; } symmetric_series;
 typedef struct { double at[9][NEEDLE_PLACES]; } matrix_series;
@@ -88,14 +88,14 @@ typedef struct { double at[9][NEEDLE_PLACES]; } matrix_series;
 typedef struct {
     int unstable;                               /* rod: number of negative eigenvalues of the tangent stiffness, that is, buckling modes of the
                                                    unsupported needle under these loads; tetrahedra: 0 */
-    vec3 drift[NEEDLE_MAX_SEGMENTS + 1];        /* displacement of the joints that count for zero load (linearised), m */
+    vec3 drift[NEEDLE_MAX_SEGMENTS + 1];        /* displacement of the joints that matter under zero load (linearised), m */
     double compliance[NEEDLE_LD][NEEDLE_LD];    /* between joints, m/N: [3 i + a][3 j + b], for j > i - NEEDLE_POINT_JOINTS */
     union {
         struct {
             symmetric_series pivot_inverse;             /* block L D L^T of the tangent stiffness */
             matrix_series lower;
             vector_series moments;                      /* spatial moment of the joint before each segment, N m */
-            double rotation[3 * NEEDLE_MAX_SEGMENTS][NEEDLE_LD]; /* of the segments per unit force at each joint beyond, rad/N */
+            double rotation[3 * NEEDLE_MAX_SEGMENTS][NEEDLE_LD]; /* of the segments per unit force at each joint beyond them, rad/N */
         } rod;
         struct {
             block_tridiagonal stiffness;                      /* of sections 1..segments, factorised, N/m */

@@ -11,7 +11,7 @@ static void rod_rest(const needle_model *model, pose base, needle_state *state) 
     rod_set_frames(model, &of, state);
 }
 
-/* No load twists the rod, so that every segment turns about its own axis by as much as the base does. */
+/* No load twists the rod, so every segment turns about its own axis by the base's roll. */
 static void rod_hold(const needle_model *model, pose base, needle_state *state) {
     double roll = q_roll_between(state->base.orientation, base.orientation);
     quat turn = q_exp(v3(0, 0, roll));

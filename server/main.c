@@ -32,7 +32,7 @@ static const struct argp_option options[] = {
 
 typedef struct {
     server_options options;
-    bool condense;           /* in place of serving */
+    bool condense;           /* make a condensed inverse instead of serving */
     const char *serving;     /* an option that only a server has; NULL: none was given */
 } arguments;
 
@@ -77,13 +77,13 @@ static void on_stop(int signal) {
     errno = error;
 }
 
-/* Every signal that would end the process at once, without a ramp of the wrench, but for those that report a fault of the program itself. nohup has
-   the right to ignore SIGHUP. */
+/* Every signal that would end the process at once, without ramping the wrench, except those that report a fault of the program itself. nohup may
+   ignore SIGHUP. */
 static const int STOPPING[] = {SIGHUP, SIGINT, SIGQUIT, SIGTERM, SIGUSR1, SIGUSR2, SIGALRM, SIGVTALRM, SIGPROF, SIGIO, SIGPWR, SIGSTKFLT, SIGXCPU};
-static const int IGNORED[] = {SIGPIPE, SIGXFSZ}; /* output that nobody can read or that finds no room is lost */
+static const int IGNORED[] = {SIGPIPE, SIGXFSZ}; /* output that nobody reads, or for which there is no room, is lost */
 
-/* These signals as a readable descriptor. Uses a handler instead of a signalfd, because threads that libraries start before
-   main do not block the signals. */
+/* Returns these signals as a readable descriptor. Uses a handler instead of a signalfd, because threads that libraries start before main do not block
+   the signals. */
 static int stop_signals(void) {
     stop_wake = eventfd(0, EFD_NONBLOCK | EFD_CLOEXEC);
     const struct sigaction stop = {.sa_handler = on_stop}, ignore = {.sa_handler = SIG_IGN};

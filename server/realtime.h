@@ -27,8 +27,8 @@ trocar_status realtime_check_permission(int priority, report *why);
    cannot be undone, so call it on a thread that ends. */
 void realtime_hurry(void);
 
-/* Back to normal priority, for long computations on all processors: their threads do not inherit it, and a thread that waits for them
-   would not let them run. */
+/* Returns to normal priority, for long computations on all processors: their threads do not inherit a raised priority, and a high-priority thread
+   that waits for them would not let them run. */
 void realtime_take_time(void);
 
 /* Touches the calling thread's stack, so that it never faults there. The thread needs a stack of

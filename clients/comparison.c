@@ -17,7 +17,7 @@ static double component_of(const trocar_needle_wrench_t *w, int component) {
 
 /* ---- the golden log ----------------------------------------------------------------------------------------------------- */
 
-/* The next wrench that counts: of the session, and of the server that its first wrench names. */
+/* The next wrench to compare: of the session, and of the server that its first wrench names. */
 static trocar_status read_golden(comparison *c, report *why) {
     for (;;) {
         trocar_status status = wrench_stream_next(c->stream, &c->golden, &c->ended, why);
@@ -30,7 +30,7 @@ static trocar_status read_golden(comparison *c, report *why) {
     }
 }
 
-/* Peaks are those of all wrenches; order and numbers are checked before the replay begins. */
+/* Finds the peaks over all wrenches; checks order and numbers before the replay begins. */
 static trocar_status look_through(comparison *c, report *why) {
     int64_t last = -1, server = 0;
     bool begun = false, ended = false;

@@ -12,7 +12,7 @@
 
 static const double silence = 1.0;  /* s without a message until an alarm */
 
-/* Whether the message is from the displayed server. */
+/* True if the message is from the displayed server. */
 static bool follows(dashboard *d, int64_t server, double now) {
     d->servers.patience = silence;
     return server_choice_follows(&d->servers, server, now);
@@ -128,7 +128,7 @@ static void add_stages(page *p, const trocar_loop_timing_t *t) {
         1e6 * max[4], 1e6 * max[5]);
 }
 
-/* Sums over the needles, with the largest `pose_age`. Values of the server are the same in every needle's status. */
+/* Sums over the needles; the largest `pose_age`. Server fields are the same in every needle's status. */
 static trocar_status_t total_of(const dashboard *d) {
     trocar_status_t total = d->needles[0];
     for (int i = 1; i < d->needle_count; i++) {

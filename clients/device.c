@@ -16,7 +16,7 @@ typedef struct {
     play_settings play;
     const char *report_path, *csv_path, *log_path, *scene_path, *plan_path;
     bool start_given, patient, follow;
-    const char *script_option; /* that only a script has, NULL: none was given */
+    const char *script_option; /* an option that only a script has; NULL: none was given */
 } options;
 
 enum { OPTION_SPEED = 256, OPTION_REPORT, OPTION_CSV, OPTION_LOG, OPTION_URL, OPTION_START, OPTION_HAND, OPTION_REALTIME,
@@ -73,7 +73,7 @@ static hand parse_hand(const struct argp_state *state, const char *text) {
     return (hand){.mass = n[0], .damping = n[1], .stiffness = n[2]};
 }
 
-/* The option that only a script has, NULL: it goes with --plan. */
+/* The option that only a script has; NULL: none, so it may go with --plan. */
 static const char *script_option(int key) {
     switch (key) {
     case 's': return "--script";
@@ -222,7 +222,7 @@ static trocar_status run_implant(const options *o, report *why) {
     return status;
 }
 
-/* With a scene, the start, the depth and the coordinates are the scene's. */
+/* With a scene, start, depth and coordinates are the scene's. */
 static trocar_status choose_start(options *o, patient_frame *patient, report *why) {
     static motion script;
     trocar_scene *scene;

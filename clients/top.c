@@ -180,7 +180,7 @@ static int print_once(const options *o, lcm_t *lcm, monitor *m) {
     return m->shown.heard ? EXIT_SUCCESS : EXIT_FAILURE;
 }
 
-/* Says on stderr what has changed: whether a server is heard, and whether anybody listens. */
+/* Reports changes on stderr: whether a server is heard, and whether anybody listens. */
 static int send_only(lcm_t *lcm, const monitor *m) {
     static const double silence = 1.0; /* s */
     bool heard = true;

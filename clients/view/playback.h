@@ -1,5 +1,5 @@
-/* Replays a recorded log: simulates its poses in lockstep, as trocar-replay does. Of a recording with several needles only the first
-   one is shown, as needle 0. */
+/* Replays a recorded log: simulates its poses in lockstep, like trocar-replay. Of a recording with several needles only the first one is shown, as
+   needle 0. */
 #ifndef TROCAR_PLAYBACK_H
 #define TROCAR_PLAYBACK_H
 

@@ -1,6 +1,6 @@
-/* Data for the browsers: encoded pictures, and samples for the plots. Live, only the newest picture and the last minute of samples
-   are kept. Of a log all samples are kept, and all pictures up to a limit, then every second, every fourth and so on, always
-   including the newest. Not thread-safe. */
+/* Data for the browsers: encoded pictures, and samples for the plots. Live, only the newest picture and the last minute of samples are kept. For a
+   log all samples are kept, and all pictures up to a limit, then every second, every fourth and so on, always including the newest. Not thread-safe.
+   */
 #ifndef TROCAR_TIMELINE_H
 #define TROCAR_TIMELINE_H
 
@@ -42,7 +42,7 @@ typedef struct {
     int64_t picture, sample;
 } timeline_cursor;
 
-/* Adds the seeds of the newest picture, after it. Of a log only: live, seeds come by themselves. */
+/* Adds the seeds of the newest picture, after it. For a log only; live, seeds arrive by themselves. */
 trocar_status timeline_add_seeds(timeline *t, const trocar_seeds_t *seeds, report *why);
 
 bool timeline_has_news(const timeline *t, const timeline_cursor *cursor);

@@ -31,7 +31,7 @@ typedef struct {
     trocar_model *model;     /* its mesh alone */
     double needle_length;    /* m */
     int needle_count;        /* live; a log shows one */
-    pose homes[TROCAR_MAX_NEEDLES]; /* where each waits outside */
+    pose homes[TROCAR_MAX_NEEDLES]; /* each needle's waiting pose outside the tissue */
     timeline timeline;
     byte_buffer encoded_scene;
     char page[4096];         /* folder of the page */
@@ -78,7 +78,7 @@ static void write_needles(const view *v, json *j) {
     json_close(j, ']');
 }
 
-/* "elsewhere": another client has moved it; it may be silent now. */
+/* "elsewhere": another client has moved it, and may be silent now. */
 static void write_probe(const view *v, json *j) {
     const trocar_probe *p = &v->feed.probe;
     json_open(j, "probe", '{');
@@ -88,7 +88,7 @@ static void write_probe(const view *v, json *j) {
     json_close(j, '}');
 }
 
-/* Which server since the start, why a browser has lost the needle, and where the driven needle is to go. */
+/* Number of the server since the start, why a browser has lost the needle, and the driven needle's destination. */
 static void write_pilot(view *v, json *j) {
     pilot *p = &v->pilot;
     json_integer(j, "server", v->feed.servers);
@@ -118,7 +118,7 @@ static char *describe(void *context, bool drives, bool driven, uint32_t steered)
     json_bool(&j, "drives", drives);
     json_bool(&j, "driven", driven);
     json_integer(&j, "steered", steered);
-    json_integer(&j, "needle", v->pilot.needle); /* also while the server is silent: the page may still drive it */
+    json_integer(&j, "needle", v->pilot.needle); /* also while the server is silent, because the page may still drive it */
     write_pilot(v, &j);
     if (alive) {
         json_number(&j, "rate", v->feed.timing.rate_hz);

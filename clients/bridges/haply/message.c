@@ -4,12 +4,12 @@
 #include <stdio.h>
 #include <string.h>
 
-static const double REACH = 1.0;              /* m: an arm's cursor is never farther from its origin */
+static const double REACH = 1.0;              /* m: largest distance of an arm's cursor from its origin */
 static const double UNIT_TOLERANCE = 0.05;    /* of a quaternion's length */
 
 static const cJSON *member(const cJSON *object, const char *name) { return cJSON_GetObjectItemCaseSensitive(object, name); }
 
-/* Copies a device's ID if it can be repeated in a message as it is. */
+/* Copies a device's ID if it can be repeated verbatim in a message. */
 static bool read_id(const cJSON *device, char id[HAPLY_ID]) {
     const char *text = cJSON_GetStringValue(member(device, "device_id"));
     if (!text || text[0] == '\0' || strlen(text) >= HAPLY_ID) return false;
@@ -118,7 +118,7 @@ bool haply_read_event(const char *text, size_t length, char *told, size_t size) 
     return tell;
 }
 
-/* N, of a decimal with six places; towards zero, so that a limit is kept. */
+/* Prints N with six decimals, rounded towards zero so that limits are kept. */
 static double six_places(double force) { return trunc(1e6 * force) / 1e6; }
 
 size_t haply_write_force(char *text, size_t size, const char *device, const char *key, vec3 force, bool greet) {

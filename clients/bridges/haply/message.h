@@ -20,13 +20,13 @@
 
 enum { HAPLY_ID = 64 };
 
-/* Which device and handle to read. An empty ID stands for the first in the list. */
+/* Selects device and handle. An empty ID means the first in the list. */
 typedef struct {
     char device[HAPLY_ID], handle[HAPLY_ID];
     char clutch[HAPLY_ID];   /* name of a button */
 } haply_choice;
 
-/* What is wrong with a message, or with its time, handle or change, which haply_read does not judge. */
+/* Verdict on a message, or on its time, handle or change, which haply_read does not check. */
 typedef enum {
     HAPLY_GOOD,
     HAPLY_NOT_JSON,
@@ -47,15 +47,15 @@ typedef struct {
     bool has_session_id;     /* service 3.5 or later */
 } haply_state;
 
-/* Reads a message. Unless it is GOOD, only `device` and `has_session_id` are valid in `state`, and there is no position. A handle that is
-   missing, or whose quaternion is not of unit length, leaves state->handle empty. Never trusts the text: it may be cut off, not be JSON at
-   all, or contain numbers of any size. */
+/* Reads a message. Unless it is GOOD, only `device` and `has_session_id` are valid in `state`, and there is no position. A handle that is missing, or
+   whose quaternion is not of unit length, leaves state->handle empty. Never trusts the text, which may be truncated, not be JSON, or contain numbers
+   of any size. */
 haply_problem haply_read(const char *text, size_t length, const haply_choice *choice, haply_state *state);
 
-/* What is wrong and what was expected, for people. */
+/* A text on what is wrong and what was expected. */
 const char *haply_expected(haply_problem problem);
 
-/* A message of the service's events, port 10020 (service/events): `told` gets its level, name and message if the level is warning or worse. */
+/* A message of the service's events, port 10020 (service/events): `told` receives level, name and message if the level is warning or worse. */
 bool haply_read_event(const char *text, size_t length, char *told, size_t size);
 
 /* Writes messages into `text`, of `size` bytes; return the length. `key` is "vector" or "values". `greet` also names this program to

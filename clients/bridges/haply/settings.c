@@ -59,7 +59,7 @@ static quat parse_rotation(const struct argp_state *state, const char *option, c
     return q_unit((quat){n[0], n[1], n[2], n[3]});
 }
 
-/* Whether `text` is the second of two words. */
+/* True if `text` is the second of two words. */
 static bool parse_word(const struct argp_state *state, const char *option, const char *text, const char *first, const char *second) {
     if (strcmp(text, first) != 0 && strcmp(text, second) != 0) argp_error(state, "--%s: '%s': expected %s or %s", option, text, first, second);
     return strcmp(text, second) == 0;
@@ -84,7 +84,7 @@ typedef struct {
     unsigned given;          /* bit for each option, from OPTION_SERVICE */
 } profile;
 
-/* Sets an option that a profile gives. Errors name its place. */
+/* Sets an option from a profile. Errors name its place. */
 static trocar_status set_from_profile(void *context, const char *place, const char *name, const char *value, report *why) {
     profile *p = context;
     struct argp_state *state = p->state;
@@ -162,7 +162,7 @@ static error_t parse_option(int key, char *text, struct argp_state *state) {
     return 0;
 }
 
-/* Takes the profile's options and leaves the others alone. */
+/* Reads the profile's options and ignores the others. */
 static error_t parse_profile(int key, char *text, struct argp_state *state) {
     profile p = {.state = state};
     report why;
@@ -182,7 +182,7 @@ void haply_parse(int count, char **arguments, haply_settings *settings) {
         .max_force = 3, .max_force_rate = 400, .force_scale = 1,
         .mapping = {.rotation = MAPPING_Y_TO_Z, .scale = 1, .start = {0.005, 0.003, -0.201}, .length = STANDARD_LENGTH, .direction = {0, 0, 1},
                     .tool = MAPPING_Y_TO_Z}};
-    argp_parse(&profile_parser, count, arguments, 0, NULL, settings); /* first: the command line overrides it */
+    argp_parse(&profile_parser, count, arguments, 0, NULL, settings); /* first, so that the command line overrides it */
     argp_parse(&parser, count, arguments, 0, NULL, settings);
 }
 

@@ -11,7 +11,7 @@
 
 #include <libevdev/libevdev.h>
 
-static const unsigned short LASTS = 100; /* ms of the effect, which is renewed every 20 ms: no force is stuck if this program is */
+static const unsigned short LASTS = 100; /* ms, duration of the effect, which is renewed every 20 ms: no force remains if this program hangs */
 
 static const char *const names[] = {"x", "y", "z", "rx", "ry", "rz", "throttle", "rudder", "hat0x", "hat0y", NULL};
 static const unsigned codes[INPUT_AXES] = {ABS_X, ABS_Y, ABS_Z, ABS_RX, ABS_RY, ABS_RZ, ABS_THROTTLE, ABS_RUDDER, ABS_HAT0X, ABS_HAT0Y};
@@ -50,13 +50,14 @@ void joystick_state(const joystick *j, input_state *state) {
         if (libevdev_has_event_code(dev, EV_KEY, nth_code(n))) state->held[number++] = libevdev_get_event_value(dev, EV_KEY, nth_code(n));
 }
 
-/* Triggers rest at an end of their range, sticks in the middle. */
+/* Triggers rest at one end of their range, sticks in the middle. */
 static void take_rest(joystick *j) {
     memset(j->moved, 0, sizeof j->moved);
     for (int i = 0; i < INPUT_AXES; i++) j->rest[i] = libevdev_get_event_value(j->dev, EV_ABS, codes[i]);
 }
 
-/* Until its first report, a stick of 0 .. 255 has the value 0, like a trigger. It then jumps to the middle, where a trigger arrives step by step. */
+/* Until its first report, a stick of 0 .. 255 has the value 0, like a trigger. It then jumps to the middle, while a trigger gets there step by step.
+   */
 static void correct_rest(joystick *j, unsigned code, int value) {
     for (int i = 0; i < INPUT_AXES; i++) {
         if (codes[i] != code || j->moved[i]) continue;
@@ -68,7 +69,7 @@ static void correct_rest(joystick *j, unsigned code, int value) {
     }
 }
 
-/* After an overflow of the kernel's buffer, libevdev takes over the present values. A button that was pressed meanwhile is lost. */
+/* After an overflow of the kernel's buffer, libevdev resynchronises to the present values. A button press during the overflow is lost. */
 static int next_event(struct libevdev *dev, struct input_event *e) {
     int status = libevdev_next_event(dev, LIBEVDEV_READ_FLAG_NORMAL, e);
     while (status == LIBEVDEV_READ_STATUS_SYNC) status = libevdev_next_event(dev, LIBEVDEV_READ_FLAG_SYNC, e);
@@ -103,7 +104,7 @@ static void play(joystick *j, int level, bool begin) {
     struct ff_effect effect = {.type = FF_CONSTANT, .id = (int16_t)j->effect, .direction = (uint16_t)lround(j->force.direction * 0x10000 / 360),
                                .replay = {.length = LASTS}, .u.constant = {.level = (int16_t)level}};
     if (ioctl(j->fd, EVIOCSFF, &effect) < 0) {
-        if (errno == ENODEV) return; /* noticed when it is read */
+        if (errno == ENODEV) return; /* noticed at the next read */
         fprintf(stderr, "trocar-spacemouse: the joystick refuses the force (%s): none is rendered\n", strerror(errno));
         j->has_force = false;
         return;

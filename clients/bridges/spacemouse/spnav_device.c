@@ -10,7 +10,7 @@
 
 #include "timing.h"
 
-/* ns. A spacenavd before 1.0 does not say that a device has been unplugged: then a deflection without news counts as none. */
+/* ns. A spacenavd before 1.0 does not report that a device has been unplugged: then a deflection without news counts as none. */
 static const int64_t SILENCE = 500000000;
 
 static const char *const names[] = {"x", "y", "z", "rx", "ry", "rz", NULL};
@@ -61,7 +61,7 @@ static void take_device(const struct spnav_event_dev *e, input_state *state, cha
     }
 }
 
-/* libspnav tells neither the end of the connection nor an error. */
+/* libspnav reports neither the end of the connection nor an error. */
 static bool is_closed(int socket) {
     char byte;
     ssize_t count = recv(socket, &byte, 1, MSG_PEEK | MSG_DONTWAIT);

@@ -1,4 +1,4 @@
-"""What trocar-plan writes about its plans: tables as CSV and Markdown, and pictures."""
+"""The output of trocar-plan: tables as CSV and Markdown, and pictures."""
 from __future__ import annotations
 
 import csv
@@ -22,7 +22,7 @@ def _mm(value: float) -> str:
 
 
 def _described(problem: Problem, needle: Needle, frame: Frame) -> list[str]:
-    """Entry, tilt towards each of the area's edges, depth, roll and turn in words."""
+    """Entry, tilt towards each of the area's edges, depth, roll and turn as text."""
     where = needle.hole or " ".join(f"{x:.1f}" for x in frame.position(needle.entry))
     tilt = ""
     if problem.area is not None:
@@ -41,7 +41,7 @@ def _kinds(problem: Problem, result: Any) -> dict[str, Any]:
 
 
 def _errors(expected: Sequence[Any], sampled: bool, over: Any) -> str:
-    """Nominal, and in brackets worst, errors; `over` several targets."""
+    """Nominal errors, and worst ones in brackets; `over` several targets."""
     worst = f" ({_mm(over([e.worst for e in expected]))})" if sampled else ""
     return _mm(over([e.error for e in expected])) + worst
 
@@ -94,7 +94,7 @@ def _seeds(problem: Problem, results: Sequence[Any]) -> str:
 
 
 def carried(problem: Problem, rows: Sequence[tuple[Needle, Any]]) -> str:
-    """A table of needles and what they lead to."""
+    """A table of needles and their results."""
     sampled = bool(problem.study.parameters)
     head = ["target", "error, mm", *(["mean of the samples", "worst"] if sampled else []), *(["clearance left, mm"] if problem.obstacles else [])]
     cells = [[needle.name, _mm(e.error), *([_mm(e.mean), _mm(e.worst)] if sampled else []),

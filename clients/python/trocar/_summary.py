@@ -31,7 +31,7 @@ def _percentiles(columns: Sequence[str], results: npt.NDArray[np.float64]) -> st
 
 
 def _correlations(study: Study, parameters: npt.NDArray[np.float64], results: npt.NDArray[np.float64]) -> str:
-    """Spearman's rank correlation, which the sign of a monotonic influence shows in."""
+    """Spearman's rank correlation, which shows the sign of a monotonic influence."""
     from scipy.stats import spearmanr
     rows = []
     for column, values in zip(study.result_columns(), results.T):

@@ -50,9 +50,9 @@ def _estimate(values: Array) -> tuple[Array, Array]:
     """Of values (..., N, p + 2): indices (..., p)."""
     a, b, mixed = values[..., :1], values[..., 1:2], values[..., 2:]
     both = np.concatenate([a, b], axis=-1)
-    mean = both.mean(axis=(-2, -1), keepdims=True)    # taken off: the first formula's error grows with it
+    mean = both.mean(axis=(-2, -1), keepdims=True)    # subtracted, because the first formula's error grows with it
     variance = both.var(axis=(-2, -1))[..., None]
-    with np.errstate(invalid="ignore", divide="ignore"):    # a result that is constant has no indices: NAN
+    with np.errstate(invalid="ignore", divide="ignore"):    # a constant result has no indices: NAN
         first = ((b - mean) * (mixed - a)).mean(axis=-2) / variance
         total = 0.5 * ((a - mixed) ** 2).mean(axis=-2) / variance
     return first, total
@@ -67,9 +67,9 @@ def _interval(drawn: Array) -> Array:
 
 
 def indices(values: npt.ArrayLike, parameters: int, resamples: int = 500, seed: int = 0) -> Indices:
-    """Indices from the function's values (count (p + 2),) at the points of `design`. Points of which a value is not finite are left out with their
+    """Indices from the function's values (count (p + 2),) at the points of `design`. Points with a value that is not finite are left out with their
     mixed ones. The intervals are percentiles of `resamples` bootstrap samples of the N points: NAN if more than a tenth of these samples have no
-    index, such as those in which all values are the same."""
+    index, such as those in which all values are equal."""
     table = np.asarray(values, np.float64).reshape(-1, parameters + 2)
     table = table[np.isfinite(table).all(axis=1)]
     if len(table) < 2:

@@ -50,7 +50,7 @@ static error_t parse_option(int key, char *text, struct argp_state *state) {
 
 static const struct argp parser = {
     option_list, parse_option, NULL,
-    "Adds seeds to a dose grid one by one, then removes them, in processor time. For comparison, a pass over as much memory: adding a number to a field of doubles "
+    "Adds seeds to a dose grid one by one, then removes them, and prints the processor time. For comparison, a pass over as much memory: adding a number to a field of doubles "
     "of the same size.", NULL, NULL, NULL};
 
 /* ---- measuring --------------------------------------------------------------------------------------------------- */

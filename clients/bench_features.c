@@ -40,7 +40,7 @@ static const struct argp_option option_list[] = {
     {"scene", 's', "FILE", 0, "Scene, without relaxation and guides (required)", 0},
     {"contacts", 'c', "N", 0, "Contacts while measuring (default 30)", 0},
     {"ticks", OPTION_TICKS, "N", 0, "Ticks timed for each row, rounded up to a multiple of 10 (default 2000)", 0},
-    {"spacing", OPTION_SPACING, "METRES", 0, "Least distance between contact nodes (default: the scene's)", 0},
+    {"spacing", OPTION_SPACING, "METRES", 0, "Smallest distance between contact nodes (default: the scene's)", 0},
     {"json", OPTION_JSON, "FILE", 0, "Also write the results as JSON", 0},
     {0},
 };

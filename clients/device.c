@@ -33,7 +33,7 @@ static const struct argp_option option_list[] = {
     {"patient", OPTION_PATIENT, 0, 0, "--start and --csv are in the patient's coordinates: mm, DICOM axes; needs --scene", 0},
     {"needle", OPTION_NEEDLE, "N", 0, "Index of the needle to hold, from 0 (default 0)", 0},
     {"plan", OPTION_PLAN, "FILE", 0,
-     "Carry out this implant in place of a script: insert all needles and leave them, then take each again, drop its seeds and pull it out. FILE "
+     "Carry out this implant instead of a script: insert all needles and leave them, then take each again, drop its seeds and pull it out. FILE "
      "is the table that python3 -m trocar.plan show --out writes; needs --scene", 0},
     {"follow", OPTION_FOLLOW, 0, 0,
      "With --plan: bring the tip to where the displaced tissue has carried each seed's place, as an operator does who sees it in an image (default: to "
@@ -43,8 +43,8 @@ static const struct argp_option option_list[] = {
     {0, 0, 0, 0, "Connection:", 1},
     {"lcm-url", OPTION_URL, "URL", 0, "LCM network (default $LCM_DEFAULT_URL)", 1},
     {"realtime", OPTION_REALTIME, 0, 0, "Run under SCHED_FIFO where permitted", 1},
-    {"wait", OPTION_WAIT, "SECONDS", 0, "Give up when the server has not answered for this long (default 5)", 1},
-    {"settle", OPTION_SETTLE, "SECONDS", 0, "Hold still before the script begins, while the server engages (default 0.3)", 1},
+    {"wait", OPTION_WAIT, "SECONDS", 0, "Give up if the server has not answered for this long (default 5)", 1},
+    {"settle", OPTION_SETTLE, "SECONDS", 0, "Rest before the script begins, while the server engages (default 0.3)", 1},
     {0, 0, 0, 0, "Output:", 2},
     {"report", OPTION_REPORT, "FILE", 0, "Also write the report as JSON", 2},
     {"csv", OPTION_CSV, "FILE", 0, "Write every wrench as a row", 2},

@@ -35,7 +35,7 @@ static const struct argp_option option_list[] = {
     {"lcm-url", 'l', "URL", 0, "LCM network (default $LCM_DEFAULT_URL)", 0},
     {"plain", 'p', 0, 0, "Print lines of text every second; the default where the output is a file or the terminal has no cursor control", 0},
     {"once", OPTION_ONCE, 0, 0, "Print the values once and exit", 0},
-    {"wait", OPTION_WAIT, "SECONDS", 0, "With --once, give up when no server has been heard for this long (default 5)", 0},
+    {"wait", OPTION_WAIT, "SECONDS", 0, "With --once, give up if no server has been heard for this long (default 5)", 0},
     {"udp-json", OPTION_UDP, "HOST:PORT", 0,
      "Also send wrenches, timing and status as JSON datagrams, for example to PlotJuggler's UDP server on localhost:9870. Without a terminal, and "
      "without --plain, nothing is printed but what goes wrong", 0},

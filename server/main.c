@@ -21,9 +21,9 @@ enum { KEY_ALLOW_NON_RT = 256, KEY_PREPARE, KEY_CONDENSE };
 static const struct argp_option options[] = {
     {"scene", 's', "FILE", 0, "Scene to serve (required)", 0},
     {"lcm-url", 'l', "URL", 0, "LCM network (default $LCM_DEFAULT_URL, or udpm://239.255.76.67:7667?ttl=0)", 0},
-    {"rate", 'r', "HZ", 0, "Rate of the loop, in place of the scene's", 0},
+    {"rate", 'r', "HZ", 0, "Rate of the loop, overriding the scene's", 0},
     {"allow-non-rt", KEY_ALLOW_NON_RT, NULL, 0, "Run even if real-time priority or memory locking is refused", 0},
-    {"prepare", KEY_PREPARE, NULL, 0, "Factorise the whole mesh in the background, even if its condensed inverse is kept: gigabytes of memory on a "
+    {"prepare", KEY_PREPARE, NULL, 0, "Factorise the whole mesh in the background, even if its condensed inverse is cached: takes gigabytes of memory on a "
      "large mesh, for faster pictures of the tissue and contacts outside the region of interest without a wait", 0},
     {"condense", KEY_CONDENSE, NULL, 0, "Make the scene's condensed inverse, save it in the cache for later starts, and exit", 0},
     {"verbose", 'v', NULL, 0, "Print a line of timing every second", 0},

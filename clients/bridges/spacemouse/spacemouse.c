@@ -129,7 +129,7 @@ static error_t parse_option(int key, char *text, struct argp_state *state) {
 static const struct argp parser = {
     option_list, parse_option, NULL,
     "Drives a needle of trocar-server with a 3Dconnexion device (by spacenavd) or a joystick: the deflection is a velocity. A joystick with force feedback "
-    "renders the axial force.\vDevice, spacenavd and server may come, go and come back at any time; meanwhile the needle stays where it is.", NULL, NULL, NULL};
+    "renders the axial force.\vDevice, spacenavd and server may disconnect and return at any time; meanwhile the needle stays where it is.", NULL, NULL, NULL};
 
 /* ---- the loop ------------------------------------------------------------------------------------------------------ */
 

@@ -208,7 +208,7 @@ int dashboard_draw(const dashboard *d, double now, int height, dashboard_line li
     if (d->foreign)
         add(&p, true, "%" PRId64 " messages of another version: run trocar-top of the server's release", d->foreign);
     if (!d->heard) {
-        add(&p, true, "no server heard: does it run with the same LCM URL?");
+        add(&p, true, "no server was heard: does it run with the same LCM URL?");
         return p.count;
     }
     add(&p, false, "trocar      %s, %g Hz, tick %" PRId64, d->scene, d->timing.rate_hz, d->timing.ticks);

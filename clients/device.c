@@ -26,7 +26,7 @@ enum { OPTION_SPEED = 256, OPTION_REPORT, OPTION_CSV, OPTION_LOG, OPTION_URL, OP
 static const struct argp_option option_list[] = {
     {"script", 's', "NAME", 0, "Motion to play (default figure8); 'list' shows all", 0},
     {"rate", 'r', "HZ", 0, "Poses per second (default 1000)", 0},
-    {"duration", 'd', "SECONDS", 0, "How long to play (default: the script once); beyond its end the script is repeated", 0},
+    {"duration", 'd', "SECONDS", 0, "How long to play; longer than the script repeats it (default: the script once)", 0},
     {"speed", OPTION_SPEED, "FACTOR", 0, "Play the script faster or slower (default 1)", 0},
     {"scene", OPTION_SCENE, "FILE", 0, "Start at the scene's needle.start, in its direction, and push as deep as it says", 0},
     {"start", OPTION_START, "X,Y,Z", 0, "Start of the base, m (default: the scene's, or 0.005,0.003,-0.201)", 0},
@@ -44,7 +44,7 @@ static const struct argp_option option_list[] = {
     {"lcm-url", OPTION_URL, "URL", 0, "LCM network (default $LCM_DEFAULT_URL)", 1},
     {"realtime", OPTION_REALTIME, 0, 0, "Run under SCHED_FIFO where permitted", 1},
     {"wait", OPTION_WAIT, "SECONDS", 0, "Give up if the server has not answered for this long (default 5)", 1},
-    {"settle", OPTION_SETTLE, "SECONDS", 0, "Rest before the script begins, while the server engages (default 0.3)", 1},
+    {"settle", OPTION_SETTLE, "SECONDS", 0, "Wait before the script begins, while the server ramps the force up (default 0.3)", 1},
     {0, 0, 0, 0, "Output:", 2},
     {"report", OPTION_REPORT, "FILE", 0, "Also write the report as JSON", 2},
     {"csv", OPTION_CSV, "FILE", 0, "Write every wrench as a row", 2},
@@ -190,7 +190,7 @@ static trocar_status run_live(const options *o, const patient_frame *patient, re
 static void say_aside(const implant_plan *plan, const char *path) {
     static const double rounding = 1e-5; /* m */
     if (plan->greatest_aside > rounding)
-        fprintf(stderr, "trocar-device: %s: seeds are up to %.2f mm beside the axes of their holes, and will be dropped on the axes\n", path, 1e3 * plan->greatest_aside);
+        fprintf(stderr, "trocar-device: %s: seeds are up to %.2f mm off the axes of their holes and will be dropped on the axes\n", path, 1e3 * plan->greatest_aside);
 }
 
 static trocar_status carry_out(const options *o, const implant_plan *plan, output *csv, report *why) {
@@ -201,7 +201,7 @@ static trocar_status carry_out(const options *o, const implant_plan *plan, outpu
     trocar_status status = implant_carry_out(plan, &how, &done, why);
     if (status != TROCAR_OK) return status;
     printf("implant             %d needles, %d seeds in %.0f s\n", done.needles, done.seeds, done.duration);
-    printf("repeated            %d commands to drop a seed, because the last one was still in the needle\n", done.repeats);
+    printf("repeated            %d commands to drop a seed, because the previous seed was still in the needle\n", done.repeats);
     printf("greatest drag       %+.1f mm while it rested, of the needle in hole %s\n", 1e3 * done.greatest_drag, plan->needles[done.greatest_drag_needle].hole);
     printf("greatest force      %.2f N, in hole %s\n", done.greatest_force, plan->needles[done.greatest_force_needle].hole);
     return output_commit(csv, why);

@@ -78,7 +78,7 @@ static trocar_status hold_period(player *p) {
     trocar_client_publish(p->client, hand.position, hand.orientation);
     if (trocar_client_newest(p->client, &p->wrench)) p->heard = playing_now();
     if (playing_now() - p->heard > p->play->patience)
-        return fail_needle(p, "gets no answer", "check that trocar-server runs with the same LCM URL, and that the needle neither rests nor is held by another device; trocar-top shows the "
+        return fail_needle(p, "gets no answer", "check that trocar-server runs with the same LCM URL, and that the needle is neither resting nor held by another device; trocar-top shows the "
                            "server's last refusal");
     note_force(p);
     if (p->play->csv) write_row(p, &base);

@@ -96,7 +96,7 @@ static trocar_status await_server(player *p) {
         if (status != TROCAR_OK) return status;
         if (playing_now() > deadline)
             return fail(p->why, TROCAR_SYSTEM,
-                        "no answer in %g s for needle %d: check that trocar-server runs with the same LCM URL, that its scene has this "
+                        "no answer within %g s for needle %d: check that trocar-server runs with the same LCM URL, that its scene has this "
                         "needle and that no other device owns it; trocar-top shows the server's last refusal",
                         p->settings->patience, p->settings->needle);
     }

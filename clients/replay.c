@@ -88,7 +88,7 @@ static const struct argp_option option_list[] = {
     {"all", OPTION_ALL, 0, 0, "Replay all needles of the log, and its commands: a whole implant (not with --needle, --every and --compare)", 0},
     {"out", OPTION_OUT, "FILE", 0, "Write poses and wrenches as an LCM event log", 0},
     {"every", OPTION_EVERY, "N", 0, "Write only every Nth wrench, and no poses, to --out: a small golden log", 0},
-    {"csv", OPTION_CSV, "FILE", 0, "Write one row per tick: time, base force and torque, depth, contacts, events, needle, positions of base and tip, the tip's roll less the base's; in a scene with a probe, also its force on the hand, torque, contacts and position", 0},
+    {"csv", OPTION_CSV, "FILE", 0, "Write one row per tick: time, base force and torque, depth, contacts, events, needle, positions of base and tip, the tip's roll minus the base's; in a scene with a probe, also its force on the hand, torque, contacts and position", 0},
     {"json-lines", OPTION_JSON, "FILE", 0, "Write the same as --csv as one JSON object per line", 0},
     {"vtu", OPTION_VTU, "PREFIX", 0, "Write PREFIX-tissue.vtu, PREFIX-needle.vtu and, in a scene with a probe, PREFIX-probe.vtu", 0},
     {"pvd", OPTION_PVD, "PREFIX", 0, "Write a time series for ParaView, 30 states per second: PREFIX.pvd and its .vtu files", 0},
@@ -133,7 +133,7 @@ static error_t parse_option(int key, char *text, struct argp_state *state) {
         if (!isnan(o->at) && !o->vtu_prefix) argp_error(state, "--at needs --vtu");
         if (o->region && !o->shift_path) argp_error(state, "--region needs --shift");
         if (o->every && !o->log_path) argp_error(state, "--every needs --out");
-        if (o->all && (o->needle >= 0 || o->every || o->golden_path)) argp_error(state, "--all goes without --needle, --every and --compare");
+        if (o->all && (o->needle >= 0 || o->every || o->golden_path)) argp_error(state, "--all cannot be combined with --needle, --every or --compare");
         if (!isnan(o->tolerance) && !o->golden_path) argp_error(state, "--tolerance needs --compare");
         break;
     default: return ARGP_ERR_UNKNOWN;
@@ -144,7 +144,7 @@ static error_t parse_option(int key, char *text, struct argp_state *state) {
 static const struct argp parser = {
     option_list, parse_option, NULL,
     "Runs recorded poses through the simulation in lockstep: one tick per pose, model time = the poses' utime. The same binary "
-    "gives the same bits. The probe moves with the log's TROCAR_PROBE.\vExit status: 0, 1 if it failed or differs from GOLDEN, 2 for bad input.", NULL, NULL, NULL};
+    "gives identical bits. The probe moves with the log's TROCAR_PROBE.\vExit status: 0, 1 if it failed or differs from GOLDEN, 2 for bad input.", NULL, NULL, NULL};
 
 /* ---- set-up ------------------------------------------------------------------------------------------------------ */
 
@@ -456,7 +456,7 @@ static trocar_status follow_probe(replay *r, report *why) {
 static trocar_status check_needles(const replay *r, report *why) {
     int needles = trocar_model_needles(r->model);
     if (r->poses.most_needle >= needles)
-        return fail(why, TROCAR_BAD_INPUT, "%s: a pose of or a command for needle %d: the scene's \"needles\" is %d", r->options->pose_path, r->poses.most_needle, needles);
+        return fail(why, TROCAR_BAD_INPUT, "%s: a pose or a command of needle %d: the scene's \"needles\" is %d", r->options->pose_path, r->poses.most_needle, needles);
     for (int i = 0; i < needles; i++) { /* outside the tissue until its first pose */
         trocar_pose away = {{0, 0, -10.0}, {1, 0, 0, 0}};
         trocar_status status = trocar_sim_reset(r->sim, i, &away, why);
@@ -510,7 +510,7 @@ static trocar_status run_all(replay *r, report *why) {
     if (status == TROCAR_OK && r->log_file.file) status = log_origin(r, why);
     for (int tick = 0; tick < r->poses.count && status == TROCAR_OK; tick++) {
         status = pose_stream_next(r->stream, &r->now, why);
-        if (status == TROCAR_OK && r->now.ended) status = fail(why, TROCAR_BAD_INPUT, "%s: it has become shorter while it was replayed", r->options->pose_path);
+        if (status == TROCAR_OK && r->now.ended) status = fail(why, TROCAR_BAD_INPUT, "%s: it was shortened while it was being replayed", r->options->pose_path);
         if (status == TROCAR_OK) status = run_tick(r, tick, why);
         r->before = r->now.pose.utime;
         if (progress) progress_show("replay", (double)(tick + 1) / r->poses.count, NULL);
@@ -541,17 +541,17 @@ static void summarise(const replay *r) {
         fprintf(stderr, "%" PRId64 " repeated or late poses skipped\n", r->poses.skipped_old);
     if (r->poses.probe_count) fprintf(stderr, "%d poses of the probe%s\n", r->poses.probe_count, r->has_probe ? "" : " skipped: the scene has none (probe.surface)");
     if (r->poses.skipped_probes)
-        fprintf(stderr, "%" PRId64 " poses of the probe skipped, which the server refuses: out of order, not finite, or of a second session\n", r->poses.skipped_probes);
+        fprintf(stderr, "%" PRId64 " poses of the probe skipped, as the server refuses them: out of order, not finite, or of a second session\n", r->poses.skipped_probes);
     if (r->poses.command_count) fprintf(stderr, "%d seeds\n", trocar_sim_seeds(r->sim, NULL, 0));
     if (r->poses.skipped_commands)
-        fprintf(stderr, "%" PRId64 " commands for seeds skipped, of other needles or sessions or before the first pose\n", r->poses.skipped_commands);
+        fprintf(stderr, "%" PRId64 " commands for seeds skipped: of other needles or sessions, or before the first pose\n", r->poses.skipped_commands);
 }
 
 /* Printed even with --quiet, because it explains why the bits differ. */
 static void name_other_owner(const replay *r) {
     const char *golden = r->comparison.inverse, *here = trocar_model_inverse(r->model);
     if (golden[0] == '\0' || strcmp(golden, here) == 0) return;
-    fprintf(stderr, "%s: made with the %s inverse, this replay with the %s one: they agree to rounding only; for the same bits set "
+    fprintf(stderr, "%s: recorded with the %s inverse, replayed with the %s one: results agree only to rounding; for identical bits set "
             "`inverse: %s` in the scene\n", r->options->golden_path, golden, here, golden);
 }
 

@@ -38,7 +38,7 @@ static const struct argp_option option_list[] = {
     {"wait", OPTION_WAIT, "SECONDS", 0, "With --once, give up if no server has been heard for this long (default 5)", 0},
     {"udp-json", OPTION_UDP, "HOST:PORT", 0,
      "Also send wrenches, timing and status as JSON datagrams, for example to PlotJuggler's UDP server on localhost:9870. Without a terminal, and "
-     "without --plain, nothing is printed but what goes wrong", 0},
+     "without --plain, only errors are printed", 0},
     {"udp-rate", OPTION_UDP_RATE, "HZ", 0, "Wrenches per second and needle for --udp-json, the newest ones; 0: every wrench (default 100)", 0},
     {0},
 };
@@ -188,7 +188,7 @@ static int send_only(lcm_t *lcm, const monitor *m) {
     for (double since = now(); !interrupted;) {
         receive_until(lcm, now() + 0.2, false);
         bool hears = now() - (m->shown.heard ? m->shown.heard_at : since) < silence;
-        if (hears != heard) fprintf(stderr, "trocar-top: %s\n", hears ? "a server is heard" : "no server heard: does it run with the same LCM URL?");
+        if (hears != heard) fprintf(stderr, "trocar-top: %s\n", hears ? "a server is heard" : "no server was heard: does it run with the same LCM URL?");
         heard = hears;
         if (m->udp.error == error) continue;
         char text[400];

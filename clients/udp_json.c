@@ -49,7 +49,7 @@ void udp_json_close(udp_json *u) {
 }
 
 void udp_json_describe(const udp_json *u, char *text, size_t size) {
-    if (u->error == ECONNREFUSED) snprintf(text, size, "%s: nobody listens there: start PlotJuggler's UDP Server, with the protocol json", u->to);
+    if (u->error == ECONNREFUSED) snprintf(text, size, "%s: no program listens there: start PlotJuggler's UDP Server, with the protocol json", u->to);
     else if (u->error) snprintf(text, size, "%s: cannot be reached: %s", u->to, strerror(u->error));
     else snprintf(text, size, "%s: %lld datagrams sent", u->to, (long long)u->count);
 }

@@ -116,7 +116,7 @@ static void finish_command(haptic *h, int needle) {
     n->pending = false;
     n->rests = !refused;
     n->taken = n->command.asked.command == TROCAR_COMMAND_T_TAKE;
-    answer_command(h, &n->command, refused, refused ? "it does not come to rest in the tissue when it is let go: draw it back a little, or hold it still" : "");
+    answer_command(h, &n->command, refused, refused ? "it would not come to rest in the tissue when released: draw it back a little, or hold it still" : "");
 }
 
 /* Starts one command per tick, so that a flood of commands delays no tick. While replies wait for the IO thread, commands wait too: none goes without

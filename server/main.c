@@ -23,8 +23,8 @@ static const struct argp_option options[] = {
     {"lcm-url", 'l', "URL", 0, "LCM network (default $LCM_DEFAULT_URL, or udpm://239.255.76.67:7667?ttl=0)", 0},
     {"rate", 'r', "HZ", 0, "Rate of the loop, overriding the scene's", 0},
     {"allow-non-rt", KEY_ALLOW_NON_RT, NULL, 0, "Run even if real-time priority or memory locking is refused", 0},
-    {"prepare", KEY_PREPARE, NULL, 0, "Factorise the whole mesh in the background, even if its condensed inverse is cached: takes gigabytes of memory on a "
-     "large mesh, for faster pictures of the tissue and contacts outside the region of interest without a wait", 0},
+    {"prepare", KEY_PREPARE, NULL, 0, "Factorise the whole mesh in the background even if its condensed inverse is cached: this takes gigabytes of memory on "
+     "a large mesh, but speeds up pictures of the tissue and makes contacts outside the region of interest possible without a wait", 0},
     {"condense", KEY_CONDENSE, NULL, 0, "Make the scene's condensed inverse, save it in the cache for later starts, and exit", 0},
     {"verbose", 'v', NULL, 0, "Print a line of timing every second", 0},
     {0},
@@ -62,7 +62,7 @@ static error_t parse(int key, char *value, struct argp_state *state) {
     case ARGP_KEY_ARG: argp_error(state, "unexpected argument \"%s\"", value); return EINVAL;
     case ARGP_KEY_END:
         if (chosen->scene_path == NULL) argp_error(state, "--scene FILE is missing");
-        if (given->condense && given->serving) argp_error(state, "--%s is of no use with --condense, which serves nobody", given->serving);
+        if (given->condense && given->serving) argp_error(state, "--%s has no effect with --condense, which serves no client", given->serving);
         return 0;
     default: return ARGP_ERR_UNKNOWN;
     }

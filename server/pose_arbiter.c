@@ -124,7 +124,7 @@ static pose_verdict judge_sender(pose_arbiter *in, const trocar_needle_pose_t *m
         return POSE_REFUSED;
     }
     if (in->needles[m->needle].rests) {
-        say(in, "session %" PRId64 " refused for needle %d: it rests; take it first", session, m->needle);
+        say(in, "session %" PRId64 " refused for needle %d: it is resting; take it first", session, m->needle);
         return POSE_REFUSED;
     }
     int other = other_needle_of(in, m->needle, session);
@@ -248,9 +248,9 @@ command_verdict arbiter_command(pose_arbiter *in, const void *data, size_t size,
     if (!may_hold(in, m.needle, m.session, now))
         say(in, "command %d of session %" PRId64 " refused for needle %d: another session holds the needle", m.command, m.session, m.needle);
     else if (m.command == TROCAR_COMMAND_T_LEAVE && rests)
-        say(in, "needle %d of session %" PRId64 " cannot be left: it rests already", m.needle, m.session);
+        say(in, "needle %d of session %" PRId64 " cannot be left: it is resting already", m.needle, m.session);
     else if (m.command == TROCAR_COMMAND_T_TAKE && !rests)
-        say(in, "needle %d cannot be taken by session %" PRId64 ": it does not rest", m.needle, m.session);
+        say(in, "needle %d cannot be taken by session %" PRId64 ": it is not resting", m.needle, m.session);
     else return carry_out(in, command);
     return refuse(in, command);
 }

@@ -103,7 +103,7 @@ static void publish_timing(telemetry *t, const view_sample *view) {
 static const char *other_server_text(telemetry *t, const other_server *other) {
     if (other->id == t->other_told) return t->other_text;
     t->other_told = other->id;
-    snprintf(t->other_text, sizeof t->other_text, "two servers on this LCM URL: stop this one (%s) or that on %s, scene %s, number %016llx",
+    snprintf(t->other_text, sizeof t->other_text, "two servers on this LCM URL: stop this one (%s) or the one on %s, scene %s, number %016llx",
              t->host, other->host, other->scene, (unsigned long long)other->id);
     fprintf(stderr, "trocar-server: %s\n", t->other_text);
     return t->other_text;
@@ -129,7 +129,7 @@ static void tell_of_distant(telemetry *t) {
     char address[16];
     if (t->distant_text[0] || lcm_filter_distant(address, sizeof address) == 0) return;
     snprintf(t->distant_text, sizeof t->distant_text,
-             "packets of another machine (%s) dropped: this server's LCM URL has ttl=0, for this machine alone; to connect others, set ttl=1 on all of them", address);
+             "packets of another machine (%s) dropped: this server's LCM URL has ttl=0, so it serves only this machine; to connect others, set ttl=1 on all of them", address);
     fprintf(stderr, "trocar-server: %s\n", t->distant_text);
 }
 

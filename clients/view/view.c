@@ -337,7 +337,7 @@ static trocar_status take_picture(view *v, report *why) {
         else if (monotonic_ns() > deadline) status = fail(why, TROCAR_SYSTEM, "no picture from chromium in %d s", (int)(PICTURE_PATIENCE / 1000000000));
     }
     chromium_stop(&browser);
-    if (status == TROCAR_OK && !v->png_taken) status = fail(why, TROCAR_SYSTEM, "%s: not written because of an interrupt", v->options->png_path);
+    if (status == TROCAR_OK && !v->png_taken) status = fail(why, TROCAR_SYSTEM, "%s: not written: interrupted", v->options->png_path);
     return status == TROCAR_OK ? output_commit(&v->png, why) : status;
 }
 

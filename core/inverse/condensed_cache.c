@@ -252,6 +252,6 @@ trocar_status condensed_cache_write(const condensed_cache *cache, const int *ord
         }
         unlink(beside);
     }
-    return fail(why, TROCAR_SYSTEM, "%s cannot be written: the next start computes the inverse again; is there room, and may one write there?",
+    return fail(why, TROCAR_SYSTEM, "%s cannot be written: the next start computes the inverse again; check free space and permissions",
                 cache->path);
 }

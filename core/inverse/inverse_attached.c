@@ -338,7 +338,7 @@ static trocar_status factor_all(attached_inverse *a, const attachment *things, r
     cblas_dtrsm(CblasColMajor, CblasLeft, CblasLower, CblasNoTrans, CblasNonUnit, n, q, 1.0, a->factor, n, a->basis, n);
     cblas_dsyrk(CblasColMajor, CblasUpper, CblasTrans, q, n, 1.0, a->basis, n, 0.0, a->triangle, q);
     if (LAPACKE_dpotrf(LAPACK_COL_MAJOR, 'U', q, a->triangle, q) != 0)
-        return fail(why, TROCAR_NUMERIC, "nothing holds one of the resting needles");
+        return fail(why, TROCAR_NUMERIC, "one of the resting needles is not held by anything");
     cblas_dtrsm(CblasColMajor, CblasRight, CblasUpper, CblasNoTrans, CblasNonUnit, n, q, 1.0, a->triangle, q, a->basis, n);
     return TROCAR_OK;
 }

@@ -78,7 +78,7 @@ const row SCENE_TABLE[] = {
 
     {"fixed", "", NAMES, OF(simulation.fixed), .required = true, .doc = "physical groups held at zero displacement"},
 
-    {"needle.model", "", WORD, OF(simulation.needle.kind), .words = model_word, .doc = "tetrahedra is the paper's; 20 segments of it keep up with 1 kHz"},
+    {"needle.model", "", WORD, OF(simulation.needle.kind), .words = model_word, .doc = "tetrahedra is the paper's model; it keeps up with 1 kHz at up to 20 segments"},
     {"needle.length", "m", NUMBER, OF(simulation.needle.length), &POSITIVE, .doc = "from base to tip"},
     {"needle.outer_diameter", "m", NUMBER, OF(simulation.needle.outer_diameter), &POSITIVE, .doc = "18 G by default"},
     {"needle.inner_diameter", "m", NUMBER, OF(simulation.needle.inner_diameter), &NOT_NEGATIVE, .doc = "0 is solid"},
@@ -126,18 +126,18 @@ const row SCENE_TABLE[] = {
 
     {"contact.spacing", "m", NUMBER, OF(simulation.insertion.contact_spacing), &POSITIVE, .doc = "smallest distance between contact nodes"},
     {"contact.placement", "", WORD, OF(simulation.insertion.placement), .words = placement_word,
-     .doc = "half way through elements; or where the tip leaves them, added on the face or its closest corner moved there"},
+     .doc = "inside: halfway through elements; faces: on the face through which the tip leaves them; moved: the closest corner of that face is moved there"},
     {"contact.weakening_distance", "m", NUMBER, OF(simulation.insertion.weakening_distance), &POSITIVE,
      .doc = "of sliding over which static friction falls to kinetic"},
     {"contact.prefetch_distance", "m", NUMBER, OF(simulation.insertion.prefetch_distance), &NOT_NEGATIVE,
-     .doc = "of the path ahead of the tip that the worker keeps ready"},
+     .doc = "of the path ahead of the tip for which the worker prepares elements"},
     {"contact.max_passes", "", COUNT, OF(simulation.insertion.max_passes), &PASSES, .doc = "Newton passes in a step, at most"},
     {"contact.tolerance", "m", NUMBER, OF(simulation.insertion.tolerance), &POSITIVE, .doc = "error of the needle's shape at which passes stop"},
 
     {"tracks.reach", "", NUMBER, OF(simulation.insertion.track_reach), &NOT_NEGATIVE,
      .doc = "distance, in needle diameters, within which an old track and its punctures are open to the tip; 0: tissue closes behind the needle"},
     {"tracks.angle", "rad", NUMBER, OF(simulation.insertion.track_angle), &ANGLE,
-     .doc = "largest angle between an old track and the direction of the cut at which the tip is led along the track"},
+     .doc = "largest angle between an old track and the direction of the cut at which the tip follows the track"},
 
     {"remeshing", "", WORD, OF(simulation.remeshing), .words = remeshing_word, .doc = "method that updates the inverse when the mesh changes"},
     {"inverse", "", WORD, OF(simulation.inverse), .words = inverse_word,
@@ -157,8 +157,8 @@ const row SCENE_TABLE[] = {
     {"device.delay", "s", NUMBER, OF(device.delay), &DEVICE_DELAY, .doc = "round trip between bridge and device, which poses do not show; the coupling is designed for it"},
     {"device.max_force", "N", NUMBER, OF(device.max_force), &POSITIVE, .doc = "largest force sent to the hand"},
     {"device.max_torque", "N m", NUMBER, OF(device.max_torque), &POSITIVE, .doc = "largest torque sent to the hand"},
-    {"device.max_force_rate", "N/s", NUMBER, OF(device.max_force_rate), &POSITIVE, .doc = "slew limit of the force"},
-    {"device.max_torque_rate", "N m/s", NUMBER, OF(device.max_torque_rate), &POSITIVE, .doc = "slew limit of the torque"},
+    {"device.max_force_rate", "N/s", NUMBER, OF(device.max_force_rate), &POSITIVE, .doc = "largest rate of change of the force"},
+    {"device.max_torque_rate", "N m/s", NUMBER, OF(device.max_torque_rate), &POSITIVE, .doc = "largest rate of change of the torque"},
     {"device.max_speed", "m/s", NUMBER, OF(device.max_speed), &POSITIVE, .doc = "poses that move faster are refused"},
     {"device.max_turn_rate", "rad/s", NUMBER, OF(device.max_turn_rate), &POSITIVE, .doc = "poses that turn faster are refused"},
     {"device.hold_time", "s", NUMBER, OF(device.hold_time), &NOT_NEGATIVE, .doc = "without a pose before the wrench is ramped down"},

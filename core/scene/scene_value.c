@@ -49,10 +49,10 @@ static void take_unit(const char *key, const char *text, double *unit, fault *f)
 
 /* Words of earlier releases. */
 static const struct { const char *key, *word, *remedy; } RETIRED[] = {
-    {"remeshing", "woodbury", "it is compared with nested by scripts/bench: remove the key, or set nested"},
-    {"remeshing", "woodbury-general", "it is compared with nested by scripts/bench: remove the key, or set nested"},
-    {"remeshing", "bcs", "it is compared with nested by scripts/bench: remove the key, or set nested"},
-    {"remeshing", "bcs-blocked", "it is compared with nested by scripts/bench: remove the key, or set nested"},
+    {"remeshing", "woodbury", "used only by scripts/bench for comparison: remove the key, or set nested"},
+    {"remeshing", "woodbury-general", "used only by scripts/bench for comparison: remove the key, or set nested"},
+    {"remeshing", "bcs", "used only by scripts/bench for comparison: remove the key, or set nested"},
+    {"remeshing", "bcs-blocked", "used only by scripts/bench for comparison: remove the key, or set nested"},
 };
 
 static int take_word(const row *r, const char *key, const char *text, fault *f) {

@@ -431,7 +431,7 @@ class Program(Case):
         self.assertIn("0.0004", shifted)
         status, _, error = self.run_plan("import", self.out / "a.dcm", "--scene", self.write(shifted, "shifted.yaml"), "--out", self.out / "c.yaml")
         self.assertEqual(status, 0)
-        self.assertRegex(error, r"a.dcm: 60 of 60 seeds were beside the axes of their holes and have been moved there, all by the same 0.40 mm")
+        self.assertRegex(error, r"a.dcm: 60 of 60 seeds were off the axes of their holes and have been moved onto them, all by the same 0.40 mm")
         self.assertIn("# 60 of 60 seeds were beside", (self.out / "c.yaml").read_text())
         with self.assertRaises(SystemExit), contextlib.redirect_stderr(io.StringIO()):
             self.run_plan("import", self.out / "a.dcm", *scene)

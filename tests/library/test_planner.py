@@ -440,7 +440,7 @@ class Program(Case):
         ("entry:", "uncertainty: {samples: {method: random, count: 4, seed: 1}, parameters: {needle.outer_diameter: {uniform: [1e-3, 2e-3]}}}\nentry:",
          r":5: parameters.needle.outer_diameter: not of a plan"),
         ("[0.006, 0.004, 0.05]}\nentry: {x: [-0.02, 0.02], y: [-0.02, 0.02], z: 0, tilt", "[-0.045, 0, 0.005]}\nentry: {x: [-0.02, 0.02], y: [-0.02, 0.02], z: 0, "
-         "direction: [0.97, 0, 0.24], tilt", r":5: entry: the direction leads away from target \"T1\""),
+         "direction: [0.97, 0, 0.24], tilt", r":5: entry: the direction points away from target \"T1\""),
         ("entry:", "avoid: [{region: surrounding, clearance: 0}]\nentry:", r":5: avoid\[0\].region: \"surrounding\" is too large: .* points, 0.25 mm apart"),
     ]
 

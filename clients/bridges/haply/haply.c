@@ -230,7 +230,7 @@ static void heed_server(bridge *b, bool answered, int64_t now) {
     if (b->unanswered_since == REPORTED || now - b->unanswered_since < REPORT_AFTER) return;
     b->unanswered_since = REPORTED;
     b->answered = false;
-    say("no wrench from trocar-server, so no force: start it, or see trocar-top why needle %d gets none; waiting", b->set.needle);
+    say("no wrench from trocar-server, so no force: start the server, or look in trocar-top why needle %d gets none; waiting", b->set.needle);
 }
 
 /* Prints the device's keys for the scene, scaled to the needle. */
@@ -239,7 +239,7 @@ static void tell_response(bridge *b) {
     b->measured = true;
     b->found = response_fit(&b->response, &found);
     if (!b->found) {
-        say("the device did not move like a mass that a hand holds lightly: try again");
+        say("the device did not move like a mass held lightly by a hand: try again");
         return;
     }
     printf("device: {delay: %.4f, mass: %.2g}    # s, kg: for the server's scene; misfit %.0f %%\n", found.delay,
@@ -322,7 +322,7 @@ static void shut_down(bridge *b, int64_t now) {
 
 /* Replies have no number, so a lost one cannot be told from a late one: only a new connection restarts the count. */
 static void renew(bridge *b) {
-    if (!b->lost) say("no reply from the service at %s:%d for 1 s: connecting again, twice a second", b->set.host, b->set.port);
+    if (!b->lost) say("no reply from the service at %s:%d for 1 s: reconnecting, twice a second", b->set.host, b->set.port);
     b->lost = true;
     websocket_drop(&b->service);
 }

@@ -90,14 +90,14 @@ haply_problem haply_read(const char *text, size_t length, const haply_choice *ch
 
 const char *haply_expected(haply_problem problem) {
     switch (problem) {
-    case HAPLY_NOT_JSON: return "a message that is not whole JSON, or too long: no force until a whole one comes";
+    case HAPLY_NOT_JSON: return "a message that is incomplete JSON or too long: no force until a complete one arrives";
     case HAPLY_OTHER_FORMAT:
         return "a message in another format; expected \"inverse3\": [...], as of service 3.1 to 3.5 on port 10001 (port 10000 has format 3.0)";
     case HAPLY_NO_DEVICE: return "no such device in the service's list \"inverse3\": connect it, switch it on, or check --device";
     case HAPLY_NOT_CALIBRATED: return "the device is not calibrated: put the handle into its holder until the light is steady";
     case HAPLY_BAD_POSITION: return "no usable state.cursor_position; expected finite x, y, z within 1 m";
     case HAPLY_LATE: return "the service took more than 20 ms to reply: no force until it replies in time";
-    case HAPLY_FROZEN: return "the very same state for 0.5 s under a force: no force until it changes; is the device still connected to the service?";
+    case HAPLY_FROZEN: return "exactly the same state for 0.5 s under a force: no force until it changes; is the device still connected to the service?";
     case HAPLY_NO_HANDLE:
         return "no handle with a unit quaternion in wireless_verse_grip, verse_grip or custom_verse_grip: the needle keeps its direction";
     default: return "";

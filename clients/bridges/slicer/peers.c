@@ -105,7 +105,7 @@ static void accept_peer(peers *p) {
     int i = 0;
     while (i < PEERS && p->all[i]) i++;
     if (i == PEERS) {
-        fprintf(stderr, "trocar-slicer: a client was turned away: there are %d already\n", PEERS);
+        fprintf(stderr, "trocar-slicer: refused a client: %d are connected already\n", PEERS);
         close(socket);
         return;
     }
@@ -127,7 +127,7 @@ static void try_next_address(peers *p, int error) {
     p->tracker_retry = monotonic_ns() + (p->tracker ? 0 : SECOND);
     if (p->tracker) return;
     p->tracker = p->tracker_addresses;
-    if (!p->tracker_said) fprintf(stderr, "trocar-slicer: no tracker at %s yet: %s; trying each second\n", p->settings.tracker, strerror(error));
+    if (!p->tracker_said) fprintf(stderr, "trocar-slicer: no tracker at %s yet: %s; trying again every second\n", p->settings.tracker, strerror(error));
     p->tracker_said = true;
 }
 

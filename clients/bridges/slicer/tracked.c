@@ -81,7 +81,7 @@ static void *run(void *context) {
         fprintf(stderr, "trocar-slicer: the tracker holds needle %d\n", t->needle);
         hold(t, server);
         trocar_client_close(server);
-        fprintf(stderr, "trocar-slicer: no poses of the tracker: needle %d is let go\n", t->needle);
+        fprintf(stderr, "trocar-slicer: no poses from the tracker: needle %d is released\n", t->needle);
     }
     return NULL;
 }

@@ -89,7 +89,7 @@ static bool read_joystick(void *context, int timeout, input_state *state, char *
     }
     joystick_state(j, state);
     if (status == -EAGAIN || status == -EINTR) return true;
-    snprintf(text, size, "the joystick is gone (%s): the needle stays where it is; trying again each second", strerror(-status));
+    snprintf(text, size, "the joystick is disconnected (%s): the needle stays where it is; trying again every second", strerror(-status));
     return false;
 }
 
@@ -105,7 +105,7 @@ static void play(joystick *j, int level, bool begin) {
                                .replay = {.length = LASTS}, .u.constant = {.level = (int16_t)level}};
     if (ioctl(j->fd, EVIOCSFF, &effect) < 0) {
         if (errno == ENODEV) return; /* noticed at the next read */
-        fprintf(stderr, "trocar-spacemouse: the joystick refuses the force (%s): none is rendered\n", strerror(errno));
+        fprintf(stderr, "trocar-spacemouse: the joystick rejects the force (%s): no force is rendered\n", strerror(errno));
         j->has_force = false;
         return;
     }
@@ -134,7 +134,7 @@ static bool open_joystick(void *context, char *text, size_t size) {
     char path[512];
     if (j->path) snprintf(path, sizeof path, "%s", j->path);
     else if (!find_first(path)) {
-        snprintf(text, size, "no joystick in /dev/input/by-id: plug one in, or name it with --joystick=/dev/input/event...; trying again each second");
+        snprintf(text, size, "no joystick in /dev/input/by-id: plug one in, or name it with --joystick=/dev/input/event...; trying again every second");
         return false;
     }
     j->fd = open(path, O_RDWR | O_NONBLOCK | O_CLOEXEC);
@@ -142,7 +142,7 @@ static bool open_joystick(void *context, char *text, size_t size) {
     if (!writable) j->fd = open(path, O_RDONLY | O_NONBLOCK | O_CLOEXEC);
     int status = j->fd < 0 ? -errno : libevdev_new_from_fd(j->fd, &j->dev);
     if (status < 0) {
-        snprintf(text, size, "%s: cannot be opened: %s; trying again each second", path, strerror(-status));
+        snprintf(text, size, "%s: cannot be opened: %s; trying again every second", path, strerror(-status));
         if (j->fd >= 0) close(j->fd);
         return false;
     }

@@ -47,7 +47,7 @@ static const struct argp_option option_list[] = {
     {"joystick", 'j', "FILE", OPTION_ARG_OPTIONAL, "A joystick instead of a 3Dconnexion device: /dev/input/event..., or the first in /dev/input/by-id", 0},
     {"axes", OPTION_AXES, "LIST", 0,
      "Axes of the device that move the needle (default right=x,up=y,forward=z,pitch=rx,yaw=ry,roll=rz; with --joystick "
-     "forward=-y,right=x,up=-hat0y,roll=rz); what is not named stays still", 0},
+     "forward=-y,right=x,up=-hat0y,roll=rz); others stay still", 0},
     {"buttons", OPTION_BUTTONS, "LIST", 0,
      "Numbers of the buttons for clutch (the needle is still while it is held), reset, leave (again: take), seed and undo (default clutch=0,reset=1)", 0},
     {"dead-zone", OPTION_DEAD_ZONE, "SHARE", 0, "Share of the full deflection that does not move the needle (default 0.05)", 0},
@@ -154,8 +154,8 @@ static bool waits(const bridge *b) { return b->pending == ACTION_RESET || b->pen
 
 static void ask(bridge *b, action_kind action) {
     bool needs_hold = action == ACTION_SEED || action == ACTION_UNDO;
-    if (b->pending >= 0) say("the last command waits for its reply: press again");
-    else if (b->rests && needs_hold) say("the needle rests: take it first, with the button for leave");
+    if (b->pending >= 0) say("the previous command still waits for its reply: press again");
+    else if (b->rests && needs_hold) say("the needle is resting: take it first, with the button for leave");
     if (b->pending >= 0 || (b->rests && needs_hold)) return;
     switch (action) {
     case ACTION_RESET: trocar_client_reset(b->client); break;
@@ -205,7 +205,7 @@ static void watch_server(bridge *b, bool answered, const trocar_client_wrench *w
         return;
     }
     if (b->tick < 0) say("the server answers");
-    else if (w->tick < b->tick) say("the server was restarted: what is in the tissue counts as inserted, without force; reset takes the needle out");
+    else if (w->tick < b->tick) say("the server was restarted: the part of the needle in the tissue counts as inserted and has no force; reset takes the needle out");
     else if (b->silent) say("the server answers again");
     b->silent = false;
     b->heard = now;

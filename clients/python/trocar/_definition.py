@@ -212,7 +212,7 @@ class _StudyReader:
         if word not in ("mesh", "patient"):
             raise self.reader.fail(given["coordinates"], f"{place}: \"{word}\": write mesh (m) or patient (mm)")
         if word == "patient" and not known:
-            raise self.reader.fail(given["coordinates"], f"{place}: the scene does not know the patient's: add patient_to_mesh, or write mesh")
+            raise self.reader.fail(given["coordinates"], f"{place}: the scene has no patient_to_mesh: add it, or write mesh")
         return word == "patient"
 
     def point(self, node: Any, place: str, frame: Frame, patient: bool) -> npt.NDArray[np.float64]:
@@ -229,7 +229,7 @@ class _StudyReader:
         a quaternion, in the mesh. None if the motion has no start."""
         if "start" not in given:
             if "coordinates" in given:
-                raise self.reader.fail(given["coordinates"], "motion.coordinates: only beside start: write start too, or leave it out")
+                raise self.reader.fail(given["coordinates"], "motion.coordinates: allowed only with start: write start too, or leave it out")
             return None
         pose = self.pose(given["start"], "motion.start", scene["needle.start.orientation"])
         matrix = np.array(scene["patient_to_mesh"])
@@ -332,7 +332,7 @@ class _StudyReader:
                 raise BadStudy(f"{self.reader.path}:{line}: {place}: this motion has no \"{which}\": there are {', '.join('motion.' + key for key in motion.adjustable)}")
             parameter.unit = "" if which == "speed" and isinstance(motion, motions.Script) else _MOTION_UNITS[which]
             if which in ("depth", "speed") and (not parameter.extremes() or min(parameter.extremes()) <= 0.0):
-                raise self.reader.fail(node, f"{place}: it can be 0 or below: write limits above 0")
+                raise self.reader.fail(node, f"{place}: it could be 0 or negative: write limits above 0")
             return parameter
         bracketed = "".join("[]" if i % 2 else part for i, part in enumerate(name.replace("]", "[").split("[")))
         key = known.get(bracketed)
@@ -454,7 +454,7 @@ class _StudyReader:
         if study.frames_every and study.frames_every * model.rate_hz < 1.0 - 1e-9:
             raise reader.fail(given.get("frames", reader.root), f"frames.every: {study.frames_every:g} s is less than a step: write at least {1.0 / model.rate_hz:g}")
         if study.frames_every and not fixed_length:
-            raise reader.fail(given.get("frames", reader.root), "frames: runs of different length: leave motion.speed and motion.depth out of the parameters")
+            raise reader.fail(given.get("frames", reader.root), "frames: the runs would differ in length: leave motion.speed and motion.depth out of the parameters")
         if study.frames_every and study.plan:
             raise reader.fail(given.get("frames", reader.root), "frames: not of a plan")
         return study
@@ -469,7 +469,7 @@ class _StudyReader:
         if study.method == "grid":
             for key in ("count", "seed"):
                 if key in given:
-                    raise reader.fail(given[key], f"samples.{key}: a grid has none: its parameters have steps or values")
+                    raise reader.fail(given[key], f"samples.{key}: not with a grid: its parameters have steps or values")
             study.count = math.prod(len(p.numbers) if p.kind == "values" else p.steps for p in study.parameters)
         else:
             for key in ("count", "seed"):
@@ -479,7 +479,7 @@ class _StudyReader:
             study.count = reader.count(given["count"], "samples.count", MOST_RUNS)
             if study.method in ("sobol", "saltelli") and study.count & (study.count - 1):
                 low = 1 << (study.count.bit_length() - 1)
-                raise reader.fail(given["count"], f"samples.count: {study.count} is no power of 2: Sobol points are even only then; write {low} or {2 * low}")
+                raise reader.fail(given["count"], f"samples.count: {study.count} is no power of 2: Sobol points are balanced only then; write {low} or {2 * low}")
         runs = study.count * (len(study.parameters) + 2) if study.method == "saltelli" else study.count
         if runs > MOST_RUNS:
             raise reader.fail(node, f"samples: {runs} runs: write a study of at most {MOST_RUNS}")

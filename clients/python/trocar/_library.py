@@ -66,7 +66,7 @@ class _Turn:
 
     def __enter__(self) -> None:
         if not self._lock.acquire(blocking=False):
-            raise Error("this %s is in use: another thread, or a callback, calls it at the same time; make one for each thread" % self._what, "bad input")
+            raise Error("this %s is in use: another thread or a callback is calling it at the same time; make one for each thread" % self._what, "bad input")
 
     def __exit__(self, *_: object) -> None:
         self._lock.release()

@@ -63,7 +63,7 @@ def _tips(problem: Problem, model: Model, results: Sequence[Any]) -> str:
     for words, over in (("mean", np.mean), ("worst", np.max)):
         errors = [_errors([_kinds(problem, result)[kind] for result in results], sampled, over) for kind in kinds]
         rows.append([f"**{words}**", *blank, *errors, *([""] if problem.obstacles else []), f"{over([r.seconds for r in results]):.1f}", ""])
-    what = "Distance from the tip, at rest at its depth, to where the target has gone in the displaced tissue, mm"
+    what = "Distance from the tip, at rest at its depth, to where the displaced tissue has carried the target, mm"
     what += f"; in brackets the worst of the scene's own values and {len(problem.samples())} samples." if sampled else "."
     reached = sum(result.reached for result in results)
     return "\n\n".join([what + " s: of one processor.", _table(head, rows).rstrip("\n"), f"{reached} of {len(results)} targets are reached within "

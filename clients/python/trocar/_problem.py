@@ -172,7 +172,7 @@ class _ProblemReader(_StudyReader):
             origin = corner
         normal = np.cross(*edges)
         if np.linalg.norm(towards_) == 0.0 or abs(towards_ @ normal) < 0.2 * np.linalg.norm(towards_) * np.linalg.norm(normal):
-            raise reader.fail(keys["direction"], "entry.direction: it does not lead through the rectangle: write a vector into the tissue")
+            raise reader.fail(keys["direction"], "entry.direction: it does not pass through the rectangle: write a vector into the tissue")
         return Area(origin, edges, towards_ / np.linalg.norm(towards_))
 
     def check_area(self, node: Any, model: Model, problem: Problem) -> None:
@@ -186,7 +186,7 @@ class _ProblemReader(_StudyReader):
             if ((point - area.origin) @ normal) / (area.direction @ normal) <= 0.0:
                 raise self.reader.fail(node, f"entry: target \"{name}\" is in front of the rectangle: write the direction from there into the tissue")
             if all((point - corner) @ area.direction <= 0.0 for corner in corners):
-                raise self.reader.fail(node, f"entry: the direction leads away from target \"{name}\" all over the rectangle: write one that leads to it")
+                raise self.reader.fail(node, f"entry: the direction points away from target \"{name}\" from everywhere in the rectangle: write one that points to it")
 
     def entry(self, node: Any, frame: Frame, patient: bool, model: Model, problem: Problem) -> None:
         reader = self.reader
@@ -203,7 +203,7 @@ class _ProblemReader(_StudyReader):
             return
         for key in ("x", "y", "z", "direction", "tilt"):
             if key in keys:
-                raise reader.fail(keys[key], f"entry.{key}: not with a template: its holes say where needles enter, and where they go")
+                raise reader.fail(keys[key], f"entry.{key}: not with a template: its holes determine where needles enter and in which direction")
         problem.template = reader.text(keys["template"], "entry.template")
         guides = {guide.name: guide for guide in model.guides}
         if problem.template not in guides:
@@ -231,13 +231,13 @@ class _ProblemReader(_StudyReader):
                 raise reader.fail(item, f"{place}: write one of surface, region and contours")
             kind = kinds[0]
             if ("roi" in keys) != (kind == "contours"):
-                raise reader.fail(item, f"{place}: contours need a \"roi\", and only they: the name of a region of interest in the file")
+                raise reader.fail(item, f"{place}: \"roi\", the name of a region of interest in the file, is required with contours and allowed only there")
             clearance = self.length(keys["clearance"], f"{place}.clearance", inclusive=True)
             spacing = spacing_of(clearance)
             if kind == "contours":
                 path, name = self.file(keys["contours"], f"{place}.contours"), reader.text(keys["roi"], f"{place}.roi")
                 if not frame.is_patient:
-                    raise reader.fail(keys["contours"], f"{place}.contours: they are in the patient's coordinates, which the scene does not know: add patient_to_mesh")
+                    raise reader.fail(keys["contours"], f"{place}.contours: contours are in the patient's coordinates, and the scene has no patient_to_mesh: add it")
                 try:
                     points = contour_points(read_contours(path, name), frame.to_mesh, spacing)
                 except BadContours as error:

@@ -139,7 +139,7 @@ QUANTITIES = {
     "greatest_depth": Quantity("m", ("",), False, "", lambda r, _: [float(r.all("depth").max())], "longest track in the tissue"),
     "puncture_force": Quantity("N", ("",), False, "membrane", _puncture_force, "largest force against pushing in until this membrane gives way"),
     "puncture_depth": Quantity("m", ("",), False, "membrane", _puncture_depth, "length of the track when this membrane gives way"),
-    "buckled": Quantity("s", ("",), False, "", _buckled, "always 0: a needle that buckles goes on bearing force"),
+    "buckled": Quantity("s", ("",), False, "", _buckled, "always 0: a needle that buckles still bears force"),
     "force": Quantity("N", ("",), True, "", lambda r, _: [float(-r.outputs[-1]["force"][-1] @ axis_of(r.poses[-1][-1]))],
                       "force against pushing in, along the needle's axis"),
     "depth": Quantity("m", ("",), True, "", lambda r, _: [float(r.outputs[-1]["depth"][-1])], "length of the track"),

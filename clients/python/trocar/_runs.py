@@ -172,7 +172,7 @@ def _parse_rows(path: Path, data: bytes, study: Study, samples: npt.NDArray[np.f
             numbers = tuple(map(float, cells[2:]))
             row = Row(int(cells[0]), cells[1], numbers[:parameters], numbers[parameters:])
         except (ValueError, csv.Error):
-            raise BadStudy(f"{path}:{number}: not a row as it was written: it has been damaged or changed: remove the line, and the run is done again") from None
+            raise BadStudy(f"{path}:{number}: damaged or changed since it was written: remove the line, and the run is repeated") from None
         if study.method == "random" and row.index >= len(samples):    # from when the study had more runs
             continue
         if not 0 <= row.index < len(samples) or row.parameters != tuple(samples[row.index].tolist()):
@@ -215,7 +215,7 @@ class TaskFile:
         try:
             fcntl.lockf(self._file, fcntl.LOCK_EX | fcntl.LOCK_NB)
         except (BlockingIOError, PermissionError):
-            raise BadStudy(f"{self.path}: another process carries out this task: wait for it, or stop it") from None
+            raise BadStudy(f"{self.path}: another process is working on this task: wait for it, or stop it") from None
         except OSError as error:
             raise BadStudy(f"{self.path}: cannot be locked: {error.strerror}: choose with --out a folder on a file system that supports locks") from None
 
@@ -324,7 +324,7 @@ def check_manifest(study: Study, out: Path) -> None:
             with open_input(path, encoding="utf-8") as file:
                 there = dict(json.load(file))
         except (ValueError, TypeError):
-            raise BadStudy(f"{path}: not as trocar-study has written it: choose another folder with --out") from None
+            raise BadStudy(f"{path}: not as trocar-study wrote it: choose another folder with --out") from None
         different = [key for key in sorted({*own, *there}) if own.get(key) != there.get(key)]
         for key in different[:1]:
             values = f" ({there.get(key, 'unknown')} there, {own.get(key, 'unknown')} now)" if key in ("frames", "version") else ""
@@ -362,7 +362,7 @@ def carry_out(study: Study, out: Path, task: tuple[int, int], workers: int, prog
     file = TaskFile(own, study, samples)
     done.update(row.index for row in file.rows)
     if file.torn:
-        say(f"{file.path}: an incomplete last line, of a run that was interrupted, is dropped")
+        say(f"{file.path}: dropped the incomplete last line of an interrupted run")
     groups = groups_of(study, samples)
     mine = runs_of_task(groups, task)
     left = [index for index in mine if index not in done]

@@ -168,7 +168,7 @@ def _grid_words(columns: int, rows: int) -> str:
 def _read_hole(reader: Reader, node: Any, place: str, plan: Plan, seedless: bool) -> str:
     name = reader.text(node, place)
     if not plan.template:
-        raise reader.fail(node, f"{place}: the plan has no template: write template, columns, rows and spacing, or an entry in place of the hole")
+        raise reader.fail(node, f"{place}: the plan has no template: write template, columns, rows and spacing, or an entry instead of the hole")
     at = hole_number(name)
     if at is None or at[0] >= plan.columns or at[1] >= plan.rows:
         raise reader.fail(node, f"{place}: no hole \"{name}\": the template has {_grid_words(plan.columns, plan.rows)}, as in "
@@ -315,15 +315,15 @@ def guide_of(plan: Plan, model: Model) -> Guide:
     """The scene's guide for which the plan is made. Raises BadPlan if the scene has no such template."""
     place = f"{plan.path}:{plan.line}" if plan.line else plan.path
     if not plan.template:
-        raise BadPlan(f"{place}: the plan has no template: its needles have entries in place of holes")
+        raise BadPlan(f"{place}: the plan has no template: its needles have entries instead of holes")
     guides = model.guides
     guide = next((g for g in guides if g.name == plan.template), None)
     if guide is None:
         there = ", ".join(g.name for g in guides)
-        raise BadPlan(f"{place}: the plan is for the template \"{plan.template}\"; the scene has {there or 'none'}: choose that scene, or make the plan anew")
+        raise BadPlan(f"{place}: the plan is for the template \"{plan.template}\"; the scene has {there or 'none'}: choose that scene, or make a new plan")
     if (guide.columns, guide.rows) != (plan.columns, plan.rows) or abs(guide.spacing - plan.spacing) > _SPACING_TOLERANCE:
         raise BadPlan(f"{place}: the plan's template \"{plan.template}\" has {plan.columns} x {plan.rows} holes, {1e3 * plan.spacing:g} mm apart; the scene's has "
-                      f"{guide.columns} x {guide.rows}, {1e3 * guide.spacing:g} mm apart: choose that scene, or make the plan anew")
+                      f"{guide.columns} x {guide.rows}, {1e3 * guide.spacing:g} mm apart: choose that scene, or make a new plan")
     return guide
 
 
@@ -595,17 +595,17 @@ def _options() -> argparse.ArgumentParser:
         return added
 
     plan = ("plan", "plan, a YAML file")
-    command("show", _show, "list where the plan has its seeds, in the mesh and in the patient", plan).add_argument("--out", help="write a CSV file", metavar="FILE")
+    command("show", _show, "list where the plan puts its seeds, in the mesh and in the patient", plan).add_argument("--out", help="write a CSV file", metavar="FILE")
     command("check", _check, "check that the plan fits the scene and that its seeds are in the tissue", plan)
-    added = command("export", _export, "write the plan, or the seeds that were left, as a DICOM RT Plan", plan)
+    added = command("export", _export, "write the plan, or the seeds left in the tissue, as a DICOM RT Plan", plan)
     added.add_argument("--out", required=True, help="DICOM file (required)", metavar="FILE")
-    added.add_argument("--seeds", help="table that trocar-replay --seeds has written: these seeds in place of the planned ones", metavar="FILE")
-    added.add_argument("--now", action="store_true", help="with --seeds: where they are at the end of the replay (default: in the tissue at rest)")
+    added.add_argument("--seeds", help="table that trocar-replay --seeds has written: these seeds instead of the planned ones", metavar="FILE")
+    added.add_argument("--now", action="store_true", help="with --seeds: the seeds' places at the end of the replay (default: in the tissue at rest)")
     added.add_argument("--structures", help="RT Structure Set that the scene was made from: the plan gets its patient and frame of reference", metavar="FILE")
     added = command("import", _import, "make a plan from a DICOM RT Plan", ("file", "RT Plan with permanent seeds"))
     added.add_argument("--out", help="plan, a YAML file: the seeds are on the axes of the template's holes", metavar="FILE")
-    added.add_argument("--seeds", help="table of the seeds where the file has them, as trocar-replay --seeds writes it: also of seeds that were left in the tissue", metavar="FILE")
-    added.add_argument("--template", help="the scene's guide that is meant, if the file has another name for it", metavar="NAME")
+    added.add_argument("--seeds", help="table of the seeds where the file has them, in the format of trocar-replay --seeds; also for seeds that were left in the tissue", metavar="FILE")
+    added.add_argument("--template", help="the guide of the scene to use, if the file has another name for it", metavar="NAME")
     added = command("compare", _compare, "list how far seeds are from their places in the plan", plan, ("seeds", "table that trocar-replay --seeds has written"))
     added.add_argument("--now", action="store_true", help="where the seeds are at the end of the replay (default: in the tissue at rest)")
     added.add_argument("--out", help="write a CSV file", metavar="FILE")

@@ -167,9 +167,9 @@ def _why(problem: Problem, found: Found, expected: Expected) -> str:
         return f"cannot be simulated{' in every sample' if len(problem.study.parameters) else ''}: {expected.why}"
     reasons = [f"the {name} is at its limit" for name in found.limits]
     if problem.template:
-        reasons.append("no hole is nearer" if not problem.bevelled else "the bevel does not bend it as far")
+        reasons.append("no hole is nearer" if not problem.bevelled else "the bevel does not bend the needle that far")
     if len(problem.study.parameters) and expected.error <= problem.tolerance:
-        reasons = ["the samples differ by more"]
+        reasons = ["the samples differ by more than the tolerance"]
     return ", ".join(reasons) or "no better insertion was found"
 
 
@@ -265,7 +265,7 @@ def plan_seeds(problem: Problem, models: Sequence[Model], given: Needle) -> Seed
     if not reached and not why:
         offset = best[2]
         aside = np.linalg.norm(offset - np.outer(offset @ axis, axis), axis=1).max()
-        why = ("the samples differ by more" if over[0].max() <= problem.tolerance else "the needle bends aside" if aside > problem.tolerance
+        why = ("the samples differ by more than the tolerance" if over[0].max() <= problem.tolerance else "the needle bends aside" if aside > problem.tolerance
                else "a seed's place jumps with the depth")
     return SeedResult(chosen, before, after, reached, "" if reached else why, runs, time.process_time() - begin)
 
@@ -293,7 +293,7 @@ def plan(problem: Problem, models: Sequence[Model] | None = None, workers: int =
 
     def finished(index: int, outcome: Any, why: str) -> None:
         if outcome is None:
-            without.append(f"{names[index]}: {why}: ended without a result, by lack of memory or a defect")
+            without.append(f"{names[index]}: {why}: ended without a result, for lack of memory or because of a defect")
         else:
             found[index] = _restored(outcome)
         progress(sum(result is not None for result in found), len(jobs))
@@ -396,7 +396,7 @@ def _run(given: argparse.Namespace) -> int:
     results = plan(problem, models, given.workers or len(os.sched_getaffinity(0)), given.only,
                    Progress(given.quiet, "trocar-plan", "needles" if problem.plan else "targets"), lost.append)
     for words in lost:
-        _say(f"{words}; {'plan.yaml has it as it was' if problem.plan else 'plan.yaml does not have it'}")
+        _say(f"{words}; {'plan.yaml keeps it unchanged' if problem.plan else 'plan.yaml omits it'}")
     found = whole(problem, models[0], results)
     temporary = out / f"plan.yaml.{os.getpid()}"
     plans.write(found, temporary, f"{MADE_BY.removeprefix('# ')} {__version__} from {Path(problem.path).name}. It is carried out at {problem.hand.speed:g} m/s, with a "
@@ -426,7 +426,7 @@ def _check_plan(problem: Problem, found: Plan) -> None:
     model, points = Model(problem.scene(), mesh_only=True), dict(problem.targets)
     for needle in found.needles:
         if needle.name not in points:
-            raise BadPlan(f"{found.path}:{needle.line}: needle {needle.title}: its name is no target's in {problem.path}: there are {', '.join(points)}")
+            raise BadPlan(f"{found.path}:{needle.line}: needle {needle.title}: no target in {problem.path} has its name: there are {', '.join(points)}")
     plans.planned_seeds(found, model)
     for needle in found.needles:
         if needle.entry is not None and locate(model, [np.array(needle.entry) - IN_FRONT * np.array(needle.direction)])[0][0] >= 0:
@@ -437,7 +437,7 @@ def _carry_out(given: argparse.Namespace) -> int:
     from . import _planning_report as report
     problem, found = read(given.problem), plans.read(given.plan)
     if problem.plan:
-        raise BadProblem(f"{problem.path}: carry-out is for targets: the seeds of a plan are compared by python3 -m trocar.plan compare")
+        raise BadProblem(f"{problem.path}: carry-out is for targets; compare the seeds of a plan with python3 -m trocar.plan compare")
     _check_plan(problem, found)
     models, points = models_of(problem), dict(problem.targets)
     rows = [(needle, carry_out(problem, models, needle, points[needle.name])) for needle in found.needles]
@@ -469,7 +469,7 @@ def _options() -> argparse.ArgumentParser:
     added.add_argument("--only", action="append", default=[], help="only this target, or the needle with this name, or in this hole if it has none; may be repeated", metavar="NAME")
     added.add_argument("--no-plots", action="store_true", help="write no pictures")
     added.add_argument("--quiet", action="store_true", help="print no progress")
-    command("check", _check, "check the problem, and say what is free")
+    command("check", _check, "check the problem, and print which variables are free")
     added = command("carry-out", _carry_out, "carry out a plan in fresh simulations, and list its errors")
     added.add_argument("plan", help="plan, a YAML file whose needles have the names of targets", metavar="PLAN")
     return parser

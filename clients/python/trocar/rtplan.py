@@ -175,7 +175,7 @@ def _guide_named(path: str, setup: Dataset, model: Model, template: str | None) 
         guide = guides[0]
     if guide is None:
         words = f"its template is \"{name}\"" if name else "it does not name its template"
-        raise BadPlan(f"{path}: {words}; the scene has {there}: choose that scene, or say with --template which of its guides is meant")
+        raise BadPlan(f"{path}: {words}; the scene has {there}: choose that scene, or say with --template which of its guides to use")
     kind = re.fullmatch(r"\d+x\d+ [0-9.]+ mm", str(setup.get("TemplateType") or ""))
     if kind and _template_type(guide) != kind[0]:
         raise BadPlan(f"{path}: its template \"{name}\" has {kind[0]} of holes; the scene's has {_template_type(guide)}: choose the scene that the plan was made for")
@@ -243,7 +243,7 @@ def _needles_of(path: str, seeds: list[_Seed], guide: Guide, model: Model) -> tu
         where = ", ".join(f"{v:.1f}" for v in seed.place)
         if np.linalg.norm(aside) > FROM_AXIS:
             raise BadPlan(f"{path}: channel {seed.channel}: the seed at ({where}) mm is {1e3 * np.linalg.norm(aside):.1f} mm from the axis of the closest hole, "
-                          f"{hole_name(column, row)}: was the plan made for this scene's template and its place? Seeds where they were left are no plan: read them with --seeds")
+                          f"{hole_name(column, row)}: was the plan made for this scene's template and its place? Positions where seeds were left are not a plan: read them with --seeds")
         depth = float(off @ guide.normal)
         if depth <= 0:
             raise BadPlan(f"{path}: channel {seed.channel}: the seed at ({where}) mm is in front of the template")
@@ -265,7 +265,7 @@ def _remarks_on(moved: np.ndarray, guide: Guide) -> list[str]:
     all_alike = np.linalg.norm(moved - moved.mean(axis=0), axis=1).max() <= ON_AXIS
     words = f"all by the same {1e3 * far.max():.2f} mm ({mean[0]:+.2f} along columns, {mean[1]:+.2f} along rows): check the template's place" if all_alike else \
             f"by {1e3 * far.max():.2f} mm at most, {1e3 * far.mean():.2f} on average"
-    return [f"{int(np.sum(far > ON_AXIS))} of {len(far)} seeds were beside the axes of their holes and have been moved there, {words}"]
+    return [f"{int(np.sum(far > ON_AXIS))} of {len(far)} seeds were off the axes of their holes and have been moved onto them, {words}"]
 
 
 def _prescription_of(data: Dataset) -> float | None:
@@ -282,7 +282,7 @@ def _open(name: str, model: Model, template: str | None) -> tuple[Dataset, Guide
     if not Frame(model).is_patient:
         raise BadPlan(f"{name}: the scene has no patient_to_mesh, which DICOM's coordinates need: trocar-anatomy writes it")
     if data.get("BrachyTreatmentTechnique") != "PERMANENT":
-        raise BadPlan(f"{name}: its technique is {data.get('BrachyTreatmentTechnique', 'not given')}, not PERMANENT: it has no seeds that stay")
+        raise BadPlan(f"{name}: its technique is {data.get('BrachyTreatmentTechnique', 'not given')}, not PERMANENT: it has no seeds that remain in the patient")
     setups = list(data.ApplicationSetupSequence)
     if not setups:
         raise BadPlan(f"{name}: no application setup")

@@ -71,18 +71,27 @@ static stiffening_shift evaluate(const tick_context *tick, const stiffening_law 
 
 /* ---- passes --------------------------------------------------------------------------------------------------------------- */
 
-/* Linearises about `force`; `offset` is the displacement that is left at no force. */
-static void linearise(const tick_context *tick, const stiffening_law *law, double force, double remembered, linear_shift *linear) {
+/* About which force to linearise after a pass that found `force`. The tangent is flatter than the law at smaller forces: Newton's method comes from below
+   to a force that grows, but overshoots one that falls. That is linearised about the force under which the law displaces the tissue as far as the pass did. */
+static double force_of_last_pass(const tick_context *tick, const stiffening_law *law, double force, double remembered, const linear_shift *linear) {
+    double yield = tick->scratch->creep.yield, before = linear->force + remembered;
+    if (fabs(force + remembered) >= fabs(before) && (force + remembered) * before >= 0.0) return force;
+    return stiffening_force(law, yield * law->linear * (force + remembered) + linear->offset + linear->slope * force) / yield - remembered;
+}
+
+/* `offset` is the displacement that is left at no force. */
+static void linearise(const tick_context *tick, const stiffening_law *law, bool first, double force, double remembered, linear_shift *linear) {
+    if (!first && law->field != NOT_STIFFENING) force = force_of_last_pass(tick, law, force, remembered, linear);
     stiffening_shift at = evaluate(tick, law, force, remembered);
     *linear = (linear_shift){.force = force, .slope = at.slope, .offset = at.shift - at.slope * force};
 }
 
-void stiffening_linearise(const tick_context *tick) {
+void stiffening_linearise(const tick_context *tick, bool first) {
     insertion_workspace *w = tick->scratch;
     stiffening_step *s = &w->stiffening;
     if (!s->any) return;
-    for (int i = w->guided; i < w->point_count; i++) linearise(tick, &s->along[i], force_on_shaft(tick, i), remembered_along(tick, i), &s->shaft[i]);
-    if (w->tip) linearise(tick, &s->face, force_of_face(tick), remembered_of_face(tick), &s->end);
+    for (int i = w->guided; i < w->point_count; i++) linearise(tick, &s->along[i], first, force_on_shaft(tick, i), remembered_along(tick, i), &s->shaft[i]);
+    if (w->tip) linearise(tick, &s->face, first, force_of_face(tick), remembered_of_face(tick), &s->end);
 }
 
 void stiffening_add_compliance(const tick_context *tick) {

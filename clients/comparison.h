@@ -21,8 +21,8 @@ enum { SHARE_BINS = 1001 };
 
 typedef struct {
     int compared, differing; /* golden wrenches */
-    int foreign;             /* golden wrenches of other servers than the first one's, ignored */
-    int unrecorded;          /* golden wrenches that answer poses which the recording missed, ignored */
+    int foreign;             /* number of golden wrenches ignored because they come from another server than the first one */
+    int unrecorded;          /* number of golden wrenches ignored because the recording missed the poses they answer */
     deviation first;         /* difference beyond the tolerance */
     deviation largest, last;
     int bins[SHARE_BINS];    /* golden wrenches by fraction: bin i from 0.001 i on; the last one also counts all above */

@@ -13,7 +13,7 @@ typedef struct {
     double rate;             /* Hz */
     double speed;            /* of the hand: factor */
     double patience;         /* s to wait for the server */
-    double settle;           /* s at rest before each needle moves, while the server engages */
+    double settle;           /* s at rest before each needle moves, while the server ramps the force up */
     bool realtime;           /* ask for SCHED_FIFO */
     bool follow;             /* go to the displaced places of the seeds, as if seen in an image, instead of the plan's depths */
     FILE *csv;               /* gets one row per period; NULL: none */

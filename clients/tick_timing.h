@@ -20,7 +20,7 @@ typedef struct {
     pose start;              /* of the needle's base, tip before the skin; the needle moves along its axis */
     double dt;               /* s, length of a tick */
     int contacts;            /* the needle is inserted until it has this many; ticks are timed while it has them, */
-    int ticks;               /* and this is repeated until this many ticks have been timed */
+    int ticks;               /* number of ticks to time: the insertion is repeated until they have been timed */
     timed_motion motion;
     double turn_rate;        /* rad/s, rotation of the base about the needle's axis meanwhile */
 } timing_case;

@@ -154,7 +154,7 @@ enum { MAX_CENTRELINE = TROCAR_MAX_JOINTS + TROCAR_MAX_POINTS };
 
 typedef struct {
     int count;
-    double position[MAX_CENTRELINE][3], force[MAX_CENTRELINE][3]; /* m; N, on the needle */
+    double position[MAX_CENTRELINE][3], force[MAX_CENTRELINE][3]; /* m; and N, on the needle */
     double arc[MAX_CENTRELINE];
 } centreline;
 

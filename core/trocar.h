@@ -58,7 +58,7 @@ typedef enum trocar_status {
     TROCAR_NUMERIC,    /* a factorisation or a solve broke down */
     TROCAR_SYSTEM,     /* the operating system refused something */
     TROCAR_NO_REALTIME, /* of programs: the limits do not permit real time; they exit with status 4 */
-    TROCAR_CANCELLED   /* the host wanted a long call to end: trocar_watch */
+    TROCAR_CANCELLED   /* the host asked to end a long call: trocar_watch */
 } trocar_status;
 
 typedef struct trocar_error {
@@ -547,7 +547,7 @@ TROCAR_API trocar_seed_size trocar_model_seed_size(const trocar_model *model);
    TROCAR_MAX_SEEDS, or the scene's seeds are thicker than its needle. Between ticks, from the ticking thread. RT */
 TROCAR_API trocar_status trocar_sim_drop_seeds(trocar_sim *sim, int needle, int count, double spacing, trocar_error *error);
 
-/* Takes back the pending seeds of the needle's last drop; if there are none, removes the seed that this needle has left last. BAD_INPUT if there is
+/* Takes back the pending seeds of the needle's last drop; if there are none, removes the seed that this needle left last. BAD_INPUT if there is
    none, and if the needle is out of range. Between ticks, from the ticking thread. RT */
 TROCAR_API trocar_status trocar_sim_undo_seed(trocar_sim *sim, int needle, trocar_error *error);
 

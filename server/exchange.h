@@ -39,7 +39,7 @@ typedef struct {
 typedef struct {
     trocar_command_t asked;
     uint64_t engagement;         /* of the needle at the time of the request */
-    bool anew;                   /* the next pose was already due to start a new engagement */
+    bool anew;                   /* before the request, the next pose was already going to start a new engagement */
     bool refused;
     char why[256];
 } needle_command;
@@ -71,7 +71,7 @@ void views_free(triple_buffer *views);
 
 /* worker -> telemetry */
 typedef struct {
-    bool lasts;                  /* no request has been answered since */
+    bool lasts;                  /* no request has been answered since the fault */
     report why;
 } worker_fault;
 

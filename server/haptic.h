@@ -32,7 +32,7 @@ typedef struct {
     exchange *exchange;
     atomic_bool wind_down;       /* set by any thread: ramp to zero, then stop */
 
-    haptic_needle needles[TROCAR_MAX_NEEDLES]; /* from here on used by the haptic thread only */
+    haptic_needle needles[TROCAR_MAX_NEEDLES]; /* this and all following members are used by the haptic thread only */
     int64_t probe_session, probe_seq; /* of the probe's last pose; -1 before the first */
     trocar_probe probe;          /* as last sent */
     int64_t wrench_dropped;      /* since start */

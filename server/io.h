@@ -22,12 +22,12 @@ typedef struct {
     sem_t ready;                 /* posted once, when the thread is listening or has failed */
     atomic_bool stop;
     trocar_status started;       /* valid after `ready` */
-    trocar_status status;        /* valid after the thread has ended; from here on used by the thread only */
+    trocar_status status;        /* valid after the thread has ended; this and all following members are used by the thread only */
     report why;                  /* also the message for `started`, if that is a failure */
     lcm_t *lcm;
     pose_arbiter arbiter;
     probe_arbiter probe;
-    bool probe_stopped;      /* and it has been reported */
+    bool probe_stopped;      /* the probe is stopped, and this has been reported */
     int64_t wrenches_unsent;     /* refused by the network */
 } io;
 

@@ -27,7 +27,7 @@ void safety_begin_transfer(safety_limits *g) {
     g->before_torque = g->torque;
 }
 
-/* The hand that held the needle before keeps its wrench for the time of a ramp; another hand does not get it. */
+/* If the same hand still holds the needle, its last wrench fades out over a ramp; another hand does not get that wrench. */
 static safety_decision engage(safety_limits *g, const pose_sample *newest) {
     if (newest->session == g->session) safety_begin_transfer(g);
     else g->kept = 0.0;

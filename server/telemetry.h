@@ -39,7 +39,7 @@ typedef struct {
     triple_buffer views;          /* view_sample, to the pictures' thread */
     viewer_messages messages;     /* used by the pictures' thread only, */
     struct { int64_t sent; int count; } seeds; /* ns, and the number of seeds in the last message, pending ones included; */
-    struct { int64_t sent; int points; float end[3]; } tracks[TROCAR_MAX_NEEDLES]; /* likewise: ns, and the end of the last message */
+    struct { int64_t sent; int points; float end[3]; } tracks[TROCAR_MAX_NEEDLES]; /* ns of the last message of tracks, and the last point in it */
 } telemetry;
 
 /* Connects to LCM. `model` and `x` must outlive it. Network errors: see network_open. */

@@ -16,16 +16,16 @@ typedef struct {
     vec3 force, torque;      /* on the hand, N and N m */
 } coupling_wrench;
 
-/* How much longer than known the delays may be. */
+/* Caution: how much longer than their known part the delays may be. */
 typedef struct {
     double factor;           /* the coupling is designed for this many times the known delay: at least 1 */
-    double level;            /* target of the factor, which rises at once and falls slowly */
+    double level;            /* target of `factor`, which rises to it at once and falls to it slowly */
     double trusted;          /* level before the present oscillation */
     bool own;                /* the hand kept oscillating at the highest level, so it does so by itself */
     bool lowered;            /* the level has been lowered since it last rose */
     double calm;             /* s since the last swing that did not decay */
     double loaded;           /* s without such a swing in which the hand felt a force, since the level last changed */
-    double patience;         /* s of that before the level is lowered */
+    double patience;         /* s of `loaded` after which the level is lowered */
 } coupling_caution;
 
 /* All zero at the start, before coupling_engage. */
@@ -40,7 +40,7 @@ typedef struct {
     double delay;            /* s, round trip, close to the longest of the recent ones */
     double interval;         /* s, recent mean between poses */
     double known;            /* s, all known delays in the loop */
-    double unseen;           /* s, delays that the poses do not show: the device's, and caution */
+    double unseen;           /* s, delays that the poses do not show: the device's, and a margin for unknown ones */
     coupling_caution caution;
     swing_observer swings;
     double stiffness, damping; /* N/m and N s/m, present values of the coupling; 0 if it is rigid */

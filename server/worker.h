@@ -9,7 +9,7 @@ typedef struct {
     trocar_sim *sim;
     atomic_bool stop;
     bool faulty;             /* it has failed since the last request that it answered; from here on used by the thread only, */
-    int64_t served, failed;  /* and valid after it has ended: requests, failures, */
+    int64_t served, failed;  /* number of requests and of failures, valid after the thread has ended, */
     report first;            /* and the reason of the first failure */
 } worker;
 

@@ -89,7 +89,7 @@ void pilot_act(pilot *p, const web_action *action) {
     case ACTION_RESET: order.kind = ORDER_RESET; break;
     case ACTION_DROP:
         order.kind = ORDER_DROP;
-        order.seeds = (int)fminf(16, fmaxf(1, c[0])); /* one if it is not a number */
+        order.seeds = (int)fminf(16, fmaxf(1, c[0])); /* max and min turn NaN into one seed */
         break;
     case ACTION_UNDO: order.kind = ORDER_UNDO; break;
     case ACTION_PROBE:

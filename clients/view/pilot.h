@@ -13,7 +13,7 @@ typedef enum {
     HANDING_NOTHING,
     HANDING_LEFT,
     HANDING_TAKEN,
-    HANDING_LAID,            /* nobody held it, in the tissue: it is left to rest, in order to be taken */
+    HANDING_LAID,            /* nobody held the needle in the tissue: it is first left to rest, and then taken */
     HANDING_DROPPED          /* its browser has released it in the tissue: it is left to rest; nobody drives */
 } handover;
 

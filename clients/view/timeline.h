@@ -21,7 +21,7 @@ typedef struct {
     plot_sample *samples;    /* of all needles, in the order of their times; live: a ring */
     int64_t sample_end;      /* number of the next sample */
     size_t sample_room;
-    plot_sample gathered[TROCAR_MAX_NEEDLES]; /* of the current slot */
+    plot_sample gathered[TROCAR_MAX_NEEDLES]; /* values gathered in the current slot */
     double slot_end[TROCAR_MAX_NEEDLES];      /* s */
     double now;              /* s, time of the newest sample */
 } timeline;

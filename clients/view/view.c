@@ -51,7 +51,7 @@ typedef struct {
 
 /* ---- callbacks of the web server ---- */
 
-/* Members of an object. */
+/* The status of a needle, as members of a JSON object. */
 static void write_needle(const view *v, int needle, json *j) {
     static const char *const states[] = {"held", "leaving", "resting", "taking"};
     const trocar_status_t *s = v->feed.needles[needle].status;
@@ -78,7 +78,7 @@ static void write_needles(const view *v, json *j) {
     json_close(j, ']');
 }
 
-/* "elsewhere": another client has moved it, and may be silent now. */
+/* The probe's owner as text; "elsewhere": another client has moved it, and may be silent now. */
 static void write_probe(const view *v, json *j) {
     const trocar_probe *p = &v->feed.probe;
     json_open(j, "probe", '{');

@@ -114,7 +114,7 @@ static seed_place place_of(const trocar_dose_seed *seed) {
 
 static int block_size(int64_t first, int64_t count) { return count - first < TG43_BLOCK ? (int)(count - first) : TG43_BLOCK; }
 
-/* Adds a seed's dose, or subtracts the same numbers. */
+/* Adds a seed's dose to all points, or subtracts exactly the same numbers. */
 static void accumulate(trocar_dose *d, const trocar_dose_seed *seed, int64_t sign) {
     const double round = 0x1.8p52; /* adding this to a number below 2^51 leaves it, rounded, in the last bits */
     int64_t round_bits;

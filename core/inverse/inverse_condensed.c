@@ -31,7 +31,7 @@ typedef struct {
     report no_rest;          /* reason of the failure */
     coarse_space *coarse;    /* for conjugate gradients; NULL: not needed yet, or failed */
     bool coarse_sought;
-    int given_count, *given; /* nodes of the region as given */
+    int given_count, *given; /* the region's nodes in the caller's order */
 } condensed_inverse;
 
 /* ---- the rest of the body --------------------------------------------------------------------------------------------- */

@@ -31,7 +31,7 @@ static extent extent_of(const substructure *s, int front) {
     return e;
 }
 
-/* What is left of a front without its pivots, which the parent takes over. */
+/* What remains of a front after its pivots are eliminated; the parent takes it over. */
 static double rest_bytes(const extent *e) { return panels_bytes(3 * (e->count - e->pivots), 3 * (e->columns - e->pivots)); }
 
 static double operations_of(const extent *e) {

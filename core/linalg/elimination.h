@@ -23,7 +23,7 @@ typedef struct {
 /* Rows that are eliminated together: first their diagonal block, which determines how, then the columns right of it. */
 typedef struct {
     int begin, end;          /* at most PANEL_ROWS; if fewer, the block is filled up with ones on the diagonal */
-    bool turned;             /* in pairs, by these angles */
+    bool turned;             /* the rows are rotated in pairs, by these angles */
     double cosine[PANEL_ROWS / 2], sine[PANEL_ROWS / 2], inverse[PANEL_ROWS]; /* of the pivots */
     double block[PANEL_ROWS][PANEL_ROWS];                                     /* right of the diagonal; after elimination: not divided by the pivots
                                                                                  */

@@ -24,7 +24,7 @@ typedef struct {
 
 static inline bool panels_filled(const panels *p, int i, int j) { return !p->filled || p->filled[i * p->count + j]; }
 
-/* Divides a matrix with this many rows and columns <= rows into panels; one panel starts at column `split`. Allocates only the list. */
+/* Divides a matrix of `rows` rows, and at most as many columns, into panels, one of which starts at column `split`. Allocates only the list. */
 bool panels_divide(panels *p, int rows, int columns, int split);
 void panels_free(panels *p);
 
@@ -35,8 +35,8 @@ double panels_bytes(int rows, int columns);
 bool panel_allocate(panel *p, team *t);
 void panel_release(panel *p);
 
-/* C = alpha A B^T + beta C: A is `rows` rows of a panel, from row `row` of the matrix on, and B `columns` rows from row `column` on. If they are the
-   same, only the lower triangle of C. */
+/* C = alpha A B^T + beta C: A is `rows` rows of a panel, from row `row` of the matrix on, and B `columns` rows from row `column` on. If both are the
+   same rows, only the lower triangle of C is computed. */
 void panel_multiply(const panel *from, int row, int rows, int column, int columns, double alpha, double beta, double *c, int ld);
 
 /* Left-looking Cholesky factorisation, panel by panel: subtracts the contribution of the factored panels k < min(j, pivots) from panel j, and factors

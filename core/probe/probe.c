@@ -19,7 +19,7 @@ static const double LONG_EDGE = 0.5; /* probe radii: middles of shorter edges do
 static const double STEP = 0.25; /* probe radii: largest step of the probe, so that closest points move little. Chosen */
 static const double CONVERGED = 1e-9; /* m: largest change of a node's position in a converged iteration. Rounding */
 static const double PENETRATION = 1e-12; /* m: penetration of a node that still counts as outside. Rounding */
-static const double TURNED = 0.02; /* rad: change of a normal beyond which the node is attached anew. Effort */
+static const double TURNED = 0.02; /* rad: change of a normal beyond which the node is attached again along the new normal. Effort */
 static const double NOTICEABLE = 1e-5; /* N: smallest change of a force that causes a new answer. Effort */
 static const double STOPPED = 1e-3; /* fraction: of max_force, margin below it at which the probe stops. Chosen */
 static const double EDGE_COMPLIANCE = 1e-4; /* fraction: of an edge's own compliance, added to its diagonal, because an edge and its ends are not
@@ -193,7 +193,7 @@ static void choose_closest(probe *p, double (*gaps)[2]) {
         }
 }
 
-/* Chooses anew unless all relevant points are listed already. */
+/* Chooses the points again unless all relevant ones are listed already. */
 static trocar_status list_near(probe *p, pose base, report *why) {
     bool listed = p->near_count > 0;
     for (int i = 0; i < p->point_count && listed; i++)
@@ -516,7 +516,7 @@ static trocar_status press_at(probe *p, pose at, const probe_loads *loads, bool 
     return status;
 }
 
-/* Puts the probe in anew at a pose that it has not reached in steps, if nothing is in the way. Otherwise it stays where it was. */
+/* Places the probe directly at a pose that it has not reached in steps, if nothing prevents it. Otherwise the probe stays where it was. */
 static trocar_status put_in(probe *p, pose base, const probe_loads *loads, bool *free, bool *changed, report *why) {
     double force = 0.0;
     trocar_status status = TROCAR_OK;

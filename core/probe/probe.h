@@ -67,8 +67,8 @@ void probe_free(probe *p);
 
 /* Presses at this pose, with these loads by others on the tissue. `beneath_changed`: the attachments beneath have changed. Moves longer than a
    quarter of the radius are taken in steps. If the force would rise above max_force, the probe stops on its way. If there are more than MOST_STEPS
-   steps, or the probe has no place yet, it is put in anew, unless its axis would lie in the tissue at rest or its force exceed max_force: then it
-   stays where it was, stopped. On failure nothing is pressed. Allocates when the set of pressed points changes. */
+   steps, or the probe has no place yet, it is placed directly at the pose, unless its axis would lie in the tissue at rest or its force
+   exceed max_force: then it stays where it was, stopped. On failure nothing is pressed. Allocates when the set of pressed points changes. */
 enum { MOST_STEPS = 16 };
 trocar_status probe_press(probe *p, pose base, const other_loads *others, bool beneath_changed, report *why);
 

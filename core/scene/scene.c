@@ -101,7 +101,7 @@ static trocar_status read_file(const char *path, char **text, size_t *length, re
     return status;
 }
 
-/* Checks values that the mesh is compared with later. */
+/* Checks values that are compared with the mesh later, once it has been read. */
 static void note_lines(scene *s, yaml_text *document) {
     char key[KEY_ROOM];
     for (int i = 0; i < s->simulation.guide_count; i++) {

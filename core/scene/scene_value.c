@@ -188,7 +188,7 @@ static int print_number(char *text, size_t size, double x) {
     return snprintf(text, size, "%s", shortest);
 }
 
-/* Prints nothing if the value is NAN, that is, not given. */
+/* Prints numbers as a YAML list; nothing if the first is NAN, which means that the key was not given. */
 static int print_numbers(char *text, size_t size, const double *numbers, int count) {
     char number[32];
     if (isnan(numbers[0])) return snprintf(text, size, "%s", "");

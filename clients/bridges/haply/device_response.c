@@ -7,7 +7,7 @@
 static const double FREQUENCIES[RESPONSE_FREQUENCIES] = {14, 23, 37};
 static const double SETTLING = 0.5, DURATION = 4.0;  /* s: settling, and measuring time */
 static const double LONGEST_STEP = 1e-3;             /* s, of the integration */
-static const double LONGEST_DELAY = 0.06;            /* s: a period of the second frequency is shorter, of the lowest longer */
+static const double LONGEST_DELAY = 0.06;            /* s: longer than a period of the second frequency, shorter than a period of the lowest */
 static const double MOST_MISFIT = 0.2;
 static const double LEAST_MOTION = 1e-6;             /* m, amplitude at a frequency: less counts as noise */
 

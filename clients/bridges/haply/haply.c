@@ -60,7 +60,7 @@ typedef struct {
     const char *key;         /* of the force; NULL: no message yet */
     unsigned told;           /* bit for each problem reported since the connection was opened */
     int waiting;             /* number of pending replies */
-    bool overdue;            /* they took too long: nothing more is sent until all have arrived */
+    bool overdue;            /* replies took too long: nothing more is sent until all of them have arrived */
     int64_t asked_at;        /* ns: time of the first message without a reply */
     int64_t sent_at;         /* ns: time of the newest message */
 

@@ -2,9 +2,9 @@
    read for service 3.5 and for 3.1 to 3.4:
 
        service/realtime/websocket-protocol   one state for each message sent; the first message lists the devices
-       service/api/simulation                the same for 3.1 to 3.4: no session_id, `mode` in place of control_mode
+       service/api/simulation                the same for 3.1 to 3.4: no session_id, `mode` instead of control_mode
        service/realtime/control-commands     set_cursor_force; commands are forgotten unless they are repeated
-       service/commons/json-conventions      groups of devices; ports; keys that are not known are ignored
+       service/commons/json-conventions      groups of devices; ports; unknown keys are ignored
        service/commons/basis                 right-handed, +x right, +y forward, +z up; m, N
        service/tutorials/01 to 06            session.configure.profile.name in the first message only; handles; local +y of a handle points
 

@@ -7,7 +7,7 @@
 typedef struct {
     igtl_message *message;
     int count;               /* points of the surface, */
-    int32_t *nodes;          /* the mesh's nodes that they are */
+    int32_t *nodes;          /* [count], the mesh's node at each point */
     float *points;           /* 3 count, scratch */
 } organ;
 

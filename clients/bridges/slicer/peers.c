@@ -19,8 +19,8 @@
 enum { LARGEST_TRANSFORM = 65536, TRACKER = PEERS, PACES = 16 };
 static const int64_t SECOND = 1000000000;   /* ns */
 static const int64_t PACE_INTERVAL = 30000000; /* ns between two records of a client's reading: the last PACES cover half a second */
-static const uint64_t LEAST_UNREAD = 65536; /* bytes that may wait at a client, or more: */
-static const double LONGEST_UNREAD = 0.2;   /* s that it takes to read them */
+static const uint64_t LEAST_UNREAD = 65536; /* bytes that may always wait unread at a client, */
+static const double LONGEST_UNREAD = 0.2;   /* s: or as many as the client reads in this time */
 static const char STANDARD_PORT[] = "18944";
 
 /* What a client had read at that time. */
@@ -358,7 +358,7 @@ void peers_handle(peers *p, const struct pollfd *events, int count) {
         if (ready & (POLLIN | POLLHUP | POLLERR)) receive(p, i);
         if (p->all[i] && (ready & POLLOUT)) send_news(p, i);
     }
-    if (events[0].revents) accept_peer(p); /* which excludes a new one */
+    if (events[0].revents) accept_peer(p); /* last, so that a new peer is not among the events */
 }
 
 /* ---- opening ---- */

@@ -4,14 +4,14 @@
 #include <stdlib.h>
 #include <string.h>
 
-/* As the viewer draws them (clients/view/page/src/ultrasound_view.js). */
+/* Sizes of the images, the same as in the viewer (clients/view/page/src/ultrasound_view.js). */
 static const double MARGIN = 0.014;     /* m around the region of interest */
 static const double BELOW = 0.016;      /* m from there to the probe, if the scene has none */
 static const double NEAR[SLICES] = {0.010, 0.006}, WIDEST = 1.0; /* m; rad, half of the sector */
 static const double BONE = 0.95, GLAND = 0.42, HOST = 0.66, OTHER = 0.55; /* brightness */
 static const double THICKNESS = 0.002;  /* m: a needle is visible if it is closer to the plane than half of this */
 enum { SPECKLE = 64 };                  /* voxels along each edge of a cube that is repeated */
-static const double GRAIN = 0.4e-3;     /* m, such a voxel */
+static const double GRAIN = 0.4e-3;     /* m, edge of such a voxel */
 enum { LARGEST_SIDE = 2048 };           /* pixels */
 
 /* ---- what there is to see ---- */
@@ -43,7 +43,7 @@ static void find_numbers(slices *s, const trocar_scene *scene) {
     }
 }
 
-/* Around soft organs that lie inside another one; around everything if there are none. */
+/* Finds the box around all soft organs that lie inside another one, or around everything if there are none. */
 static void find_box(slices *s, int host) {
     const int32_t *tets = trocar_model_tets(s->model), *regions = trocar_model_tet_regions(s->model);
     for (int all = 0; all < 2; all++) {
@@ -80,7 +80,7 @@ static void place_at_probe(slices *s, const pose *probe) {
 
 static double within(double value, double low, double high) { return fmin(fmax(value, low), high); }
 
-/* Below the region of interest, as in the viewer. */
+/* Without a probe: places both images below the region of interest, in planes through the needle's tip, as in the viewer. */
 static void place_at_tip(slices *s, const slice_needle *needle) {
     vec3 middle = middle_of(s), tip = middle;
     const quat straight = {1, 0, 0, 0};

@@ -25,7 +25,7 @@ typedef struct {
 
 /* Starts the thread; the needle is free until the first pose. SYSTEM. */
 trocar_status tracked_needle_open(tracked_needle *t, const char *url, int needle, report *why);
-void tracked_needle_close(tracked_needle *t); /* lets go of the needle */
+void tracked_needle_close(tracked_needle *t); /* releases the needle */
 
 /* A new pose of the needle's base, m. */
 void tracked_needle_move(tracked_needle *t, pose base);

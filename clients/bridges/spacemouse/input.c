@@ -26,7 +26,7 @@ struct input {
     char said[512];
 };
 
-/* Reports it once, until there is something else to report. */
+/* Prints a message, unless it is the last one printed. */
 static void say(input *in, const char *text) {
     if (strcmp(in->said, text) == 0) return;
     snprintf(in->said, sizeof in->said, "%s", text);

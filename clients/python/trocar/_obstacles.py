@@ -169,7 +169,7 @@ def _read_structures(path: str) -> dict[str, list[Array]]:
 
 
 def _inside(polygon: Array, points: Array) -> npt.NDArray[np.bool_]:
-    """By the even-odd rule, in the plane."""
+    """Tests points against a polygon in the plane, by the even-odd rule."""
     odd = np.zeros(len(points), bool)
     for (x1, y1), (x2, y2) in zip(polygon, np.roll(polygon, -1, axis=0)):
         crosses = (y1 > points[:, 1]) != (y2 > points[:, 1])

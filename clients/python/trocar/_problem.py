@@ -24,7 +24,7 @@ Array = npt.NDArray[np.float64]
 
 OBJECTIVES = ("nominal", "mean", "worst")
 METHODS = ("sobol", "latin hypercube", "random", "grid")
-MOST_SAMPLES = 64    # a model of each is kept in memory
+MOST_SAMPLES = 64    # a model of each sample is kept in memory
 MOST_POINTS = 2e6    # of an obstacle
 LONGEST = 0.1        # m, of a clearance or a tolerance
 LONGEST_REST = 60.0  # s

@@ -50,8 +50,8 @@ def _stop(number: int, _: Any) -> None:
 
 
 def ended(program: str, call: Callable[[], int], place: str, packages: str, interrupted: str = "interrupted") -> int:
-    """Exit status of `call()`. Reports in one line what may stop any program: an interruption, a missing one of these Debian packages, and files that cannot be
-    read or written (`place`, if the error names none). SIGTERM ends it like an exception."""
+    """Exit status of `call()`. Reports in one line what may stop any program: an interruption, a missing Debian package of this list, and
+    files that cannot be read or written (`place`, if the error names none). SIGTERM ends it like an exception."""
     signal.signal(signal.SIGTERM, _stop)
     try:
         return call()

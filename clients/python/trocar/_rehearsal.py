@@ -17,7 +17,7 @@ from .plan import Turn
 Array = npt.NDArray[np.float64]
 
 BACK = 4e-3        # m before the wanted depth, where a state is saved: other depths continue from it
-BEFORE_TURN = 6e-3    # m before a turn, likewise for other turns
+BEFORE_TURN = 6e-3    # m before a turn, where a state is saved: other turns continue from it
 STATES = 6         # saved at a time
 ROUNDS = 8         # of the search for the depth
 EXACT = 2e-6       # m, tolerance of that search

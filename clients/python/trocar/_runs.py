@@ -104,7 +104,7 @@ def groups_of(study: Study, samples: npt.NDArray[np.float64]) -> Groups:
 
 
 def runs_of_task(groups: Groups, task: tuple[int, int]) -> list[int]:
-    """The runs of task (i, of N), in the order of their execution. Runs of one stiffness stay together, so that few tasks need each."""
+    """The runs of task (i, of N), in the order of their execution. Runs of one stiffness stay together, so that few tasks need a model of each stiffness."""
     order = np.argsort(groups.of_run, kind="stable")
     i, count = task
     return (np.array_split(order, count)[i - 1] if groups.of_run.any() else order[i - 1::count]).tolist()

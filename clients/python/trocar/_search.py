@@ -33,7 +33,7 @@ SPARE = 2e-3         # m: clearance beyond the wanted one that has no influence
 TOO_NEAR = 10.0      # weight of missing clearance relative to the worst error
 STEPS = 12           # of the search for the smallest worst error
 SMALLEST = 0.02      # of its steps
-ENOUGH = 0.05        # units: a step that promises less ends it
+ENOUGH = 0.05        # units: the search ends when a step promises less improvement than this
 
 
 class Variable(NamedTuple):

@@ -15,7 +15,7 @@ A plan is a YAML file:
         roll: 1.57                 # rad, turn of the needle about its axis; may be left out
         turn: {depth: 0.08, by: 3.14159}    # m, rad: where it is turned by how much; may be left out
       - name: T1                   # may be left out
-        entry: [0.01, 0, -5e-3]    # m, in the mesh: in place of a hole, for a needle without seeds; depth counts from here
+        entry: [0.01, 0, -5e-3]    # m, in the mesh: instead of a hole, for a needle without seeds; depth counts from here
         direction: [0, 0.1, 1]     # of any length; may be left out: [0, 0, 1]
         depth: 0.06
 

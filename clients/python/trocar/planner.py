@@ -20,7 +20,7 @@ A problem is a YAML file:
       parameters:
         regions[prostate].youngs_modulus: {uniform: [42e3, 78e3]}
 
-or, with `plan: FILE` in place of targets, entry and what belongs to them, a plan whose seeds are to come to lie where it has them.
+or, with `plan: FILE` instead of targets, entry and their options, a plan whose seeds should end at their planned places.
 
 As a program:
 

@@ -1,7 +1,7 @@
 """Sobol's sensitivity indices of a function of independent parameters, by Saltelli's design.
 
-The first-order index of a parameter is the part of the result's variance that goes with this parameter alone; the total index also counts what it
-does together with others. The design has N (p + 2) points for p parameters: N points A, N points B, and for each parameter the points A with this
+The first-order index of a parameter is the part of the result's variance due to this parameter alone; the total index also counts its
+interactions with others. The design has N (p + 2) points for p parameters: N points A, N points B, and for each parameter the points A with this
 parameter's values from B.
 
     >>> from trocar import sensitivity

@@ -259,6 +259,6 @@ def main(arguments: Sequence[str] | None = None) -> int:
 
 
 if __name__ == "__main__":
-    from trocar import study as _imported  # so that classes are those which the other modules know
+    from trocar import study as _imported  # so that classes are the same as in the other modules
 
     sys.exit(_imported.main())

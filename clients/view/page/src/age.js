@@ -1,7 +1,7 @@
 // How old the picture on the screen is, and how fast a needle may be driven by it. Measured on this page's clock alone, so that it is right on other machines too.
 
-export const FARTHEST = 0.008 // m that the needle may be ahead of what is seen while pictures come evenly; once they stop it goes 18 mm further: see speedAt
-export const OLDEST = 2       // s: by older pictures nothing is driven
+export const FARTHEST = 0.008 // m that the needle may be ahead of the picture while pictures come evenly; once they stop it moves up to 18 mm further: see speedAt
+export const OLDEST = 2       // s: with pictures older than this, the needle does not move
 export const LATE = 1         // s: the badge says so
 const FASTEST = 0.04          // m/s, of a driven needle: max_speed in rate_control.c
 const KEPT = 200              // commands whose time is remembered
@@ -31,10 +31,10 @@ export class PictureAge {
   /** A picture has come at `now` (ms), `age` (s) after its tick, on trocar-view's clock without the way here. */
   receive(picture, age, now) { picture.came = { now, age: Math.max(age, 0) } }
 
-  /** The picture is on the screen, or looks as what is. */
+  /** The picture is on the screen, or looks the same as the one on the screen. */
   show(picture) { this.picture = picture }
 
-  /** s from what the screen shows to `now` (ms), with the way of a command to trocar-view and back. */
+  /** Age (s) of what the screen shows at `now` (ms), including the round trip of a command to trocar-view. */
   at(now) {
     if (!this.picture?.came) return this.travel
     const unanswered = (now - Math.min(now, ...this.sent.values())) / 1000 - STATUSES

@@ -97,7 +97,7 @@ function takeScene(received) {
   setTheme(document.documentElement.dataset.theme)
 }
 
-/** The numbers and the seeds of a server that was there before are not those of the one that has come. */
+/** Clears the numbers and the seeds of the previous server. */
 function noteServer() {
   if (!status.server || status.server === servers) return
   if (servers) {

@@ -154,7 +154,7 @@ export class SliceMarks {
     })
   }
 
-  /** In this slice a solid mark, elsewhere a faint one. */
+  /** Draws a seed: a solid mark in this slice, a faint one elsewhere. */
   drawSeed(ink, { position, direction }) {
     const centre = new THREE.Vector3(...position), half = new THREE.Vector3(...direction).multiplyScalar(this.model.seedLength / 2)
     ink.globalAlpha = this.isNear(centre) ? 1 : 0.3

@@ -277,7 +277,7 @@ static trocar_status note_reply(const reader *r, const event_header *h, void *co
     trocar_status status = read_data(r, h, data, DATA_MAX, why);
     if (status != TROCAR_OK || h->data_length > DATA_MAX || !reply_fits(data, (size_t)h->data_length)) return status;
     if (trocar_command_reply_t_decode(data, 0, (int)h->data_length, &m) < 0) return TROCAR_OK;
-    logged_command *asked = NULL; /* the oldest without answer, in case a sender repeats a number */
+    logged_command *asked = NULL; /* the oldest command without an answer, because a sender may repeat a number */
     for (int i = log->command_count - 1; i >= 0 && log->command_count - i <= MOST_UNANSWERED; i--) {
         const trocar_command_t *c = &log->commands[i].command;
         bool same = c->session == m.session && c->seq == m.seq && c->needle == m.needle && c->command == m.command;

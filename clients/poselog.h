@@ -49,7 +49,7 @@ typedef struct {
     logged_command *commands;     /* command_count, in order: from pose_log_read_all every command, otherwise only DROP_SEED and UNDO of the poses' session and needle */
     int probe_count;
     logged_probe *probes;         /* probe_count, in order: those that the server would accept; NULL from pose_log_scan */
-    int64_t skipped_probes;       /* number of poses of the probe that it would refuse */
+    int64_t skipped_probes;       /* number of poses of the probe that the server would refuse */
     int64_t skipped_sessions;     /* number of skipped poses of other needles, or of other sessions than the first pose's */
     int64_t skipped_old;          /* number of skipped poses that were repeated or out of order */
     int64_t skipped_commands;     /* number of skipped commands of this kind from other senders, or from before the first pose */
@@ -59,7 +59,7 @@ typedef struct {
 typedef struct {
     int count;
     trocar_needle_wrench_t *wrenches; /* count */
-    int64_t skipped_not_finite;   /* number of skipped ones; servers up to release 0.1 sent such */
+    int64_t skipped_not_finite;   /* number of skipped wrenches that are not finite; servers up to release 0.1 could send them */
     char inverse[16];             /* kind of inverse according to the log's last status; empty: unknown */
 } wrench_log;
 

@@ -339,7 +339,7 @@ TROCAR_API trocar_material trocar_model_material(const trocar_model *model, int 
 typedef struct trocar_guide {
     double origin[3];        /* m, middle of the holes on the front face */
     double normal[3];        /* unit vectors: through the plate, */
-    double across[2][3];     /* along columns, and along rows: perpendicular; left- or right-handed with the normal */
+    double across[2][3];     /* along columns, and along rows, perpendicular to each other; with the normal, right- or left-handed */
     double spacing;          /* m */
     double hole_diameter;    /* m */
     double thickness;        /* m */

@@ -92,7 +92,7 @@ static bool is_still_or_forward(rate_control_command c) {
     return is_still(&c);
 }
 
-/* The probe's reported pose matters only at the beginning of a motion; later, the server's answer is late. */
+/* Starts from the probe's reported pose only at the beginning of a motion: during the motion, the server's reports lag behind. */
 static void steer_probe(pose_publisher *p, const publisher_order *order, int64_t now) {
     if (!p->probing && is_still(&order->command)) return;
     if (!p->probing) rate_control_begin(&p->probe, order->base, order->base);

@@ -38,7 +38,7 @@ double line_lateral_logarithm(double u, double poisson_ratio);
    Far below the surface it approaches Kelvin's. m^-1 */
 vec3 mindlin_displacement(vec3 source, vec3 force, vec3 x, double poisson_ratio);
 
-/* The same in an infinite body: Kelvin's solution. */
+/* Displacement at `x` under a unit force at `source` in an infinite body: Kelvin's solution. */
 vec3 kelvin_displacement(vec3 source, vec3 force, vec3 x, double poisson_ratio);
 
 #endif

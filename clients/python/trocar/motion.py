@@ -112,7 +112,7 @@ class Adjustment:
     roll: float = 0.0
 
     def apply(self, poses: Array, length: float) -> Array:
-        """Poses (n, 7) of a needle of this length (m), moved. The first one is the start."""
+        """Transforms poses (n, 7) of a needle of this length (m). The first pose is the start."""
         if self == Adjustment():
             return poses
         base, frame = poses[0, :3], poses[0, 3:]

@@ -61,7 +61,7 @@ MADE_BY = "# Made by trocar-plan"    # first line of plan.yaml
 
 
 class Expected(NamedTuple):
-    """The result of an insertion, each time in a fresh simulation moved as plans are carried out. m; NaN if it cannot be simulated."""
+    """The errors (m) of an insertion, from fresh simulations that move the needle as a plan is carried out. NaN if it cannot be simulated."""
 
     error: float              # from the displaced target to the tip, for the scene's own values
     mean: float               # over these and the samples

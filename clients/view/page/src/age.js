@@ -11,7 +11,7 @@ export class PictureAge {
   constructor() {
     this.sent = new Map() // number of a command to move -> when it was sent, ms
     this.number = 0
-    this.travel = 0       // s, from a command to the status that has heard it
+    this.travel = 0       // s, from sending a command to the status that acknowledges it
     this.picture = null   // on the screen
   }
 

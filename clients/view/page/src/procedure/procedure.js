@@ -98,7 +98,7 @@ export class Procedure {
     view.x = (this.template.origin.z - forward * 0.005 + probe.x + forward * spread) / 2
   }
 
-  /** Shows the implant's panes, or the page as for other scenes. */
+  /** Shows either the four panes of an implant, or the ordinary page of other scenes. */
   setActive(active) {
     this.active = active
     document.body.classList.toggle('procedure', active)

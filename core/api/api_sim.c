@@ -298,7 +298,7 @@ static trocar_status find_unresolved(const trocar_sim *sim, int index, const rem
     *shift = (unresolved_shift){.start = steps.start, .step = steps.step, .count = steps.count};
     trocar_status status = TROCAR_OK;
     for (int n = 0; n < others->count && status == TROCAR_OK; n++) status = needle_pairs_shift(sim->pairs, &steps, others->of[n], shift, why);
-    if (status == TROCAR_OK) status = resting_set_shift(&sim->resting, &steps, shift, why);
+    if (status == TROCAR_OK) status = resting_set_shift(&sim->resting, phase_of(&sim->needles[index]) == PHASE_HELD, &steps, shift, why);
     for (int k = 0; k < steps.count; k++) shift->sum[k + 1] = v3_add(shift->sum[k + 1], shift->sum[k]);
     return status;
 }

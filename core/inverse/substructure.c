@@ -344,7 +344,7 @@ static front *front_create(const extent *e) {
 
 static double load_at(const substructure *s, int row) { return tissue_test_load(3 * ((const int *)s->symbolic->Perm)[row / 3] + row % 3); }
 
-/* A column of a panel, both numbered as in the whole matrix: its rows start at p->first. */
+/* The column of a panel that has this number in the whole matrix. Its rows start at p->first. */
 static double *column_at(const panel *p, int column) { return (double *)p->values + (size_t)(column - p->first) * (size_t)p->rows; }
 
 /* Adds K's columns of these pivots, [first, first + width) of the front. */

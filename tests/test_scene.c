@@ -260,7 +260,7 @@ static void a_bad_relaxation_is_refused(void **state) {
     };
     assert_all_refused(sizeof cases / sizeof *cases, cases);
     assert_refused("mesh: a\nregions:\n  - name: all\n    relaxation: [{weight: 0.5, time: 1}]\nfixed: [b]\n",
-                   ":4: regions[0].relaxation: one series serves all regions");
+                   ":4: regions[0].relaxation: all regions share one series");
 }
 
 static void guides_are_read(void **unused) {

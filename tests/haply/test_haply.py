@@ -225,7 +225,7 @@ def check_frozen_state(rig):
     assert lasted > 0.4, f"no force after {lasted} s"
     settled(rig, 1)
     assert rig.force() == (0, 0, 0), "force again, although nothing has changed"
-    assert rig.said().count("the very same state for 0.5 s") == 1, rig.said()
+    assert rig.said().count("exactly the same state for 0.5 s") == 1, rig.said()
     moved = time.monotonic()
     rig.service.frozen = False
     rig.wait_for_force(0.1, "no force when the state changes again")

@@ -320,7 +320,7 @@ class Running(Case):
         self.addCleanup(busy.close)
         other = subprocess.run([sys.executable, "-m", "trocar.study", "run", path, "--out", self.out / "killed"], capture_output=True, text=True)
         self.assertEqual(other.returncode, 2)
-        self.assertIn("another process carries out this task", other.stderr)
+        self.assertIn("another process is working on this task", other.stderr)
 
     def test_results_of_another_study_are_left_alone(self):
         path = self.write(edit=("count: 12", "count: 2"))

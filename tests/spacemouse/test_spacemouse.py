@@ -268,7 +268,7 @@ class Trial:
         daemon.deflect(x=350)
         self.goes(-1)
         daemon.event(DEVICE, 1)       # unplugged in the middle of a motion
-        bridge.says("the device is gone")
+        bridge.says("the device is disconnected")
         self.comes_to_rest()
         daemon.event(DEVICE, 0)
         bridge.says("the device is back")

@@ -22,7 +22,7 @@ appears() {
 
 status=0
 "$top" --once --wait 0.2 >once || status=$?
-[ $status -eq 1 ] && grep -q '^! no server heard' once || fail "status $status without a server"
+[ $status -eq 1 ] && grep -q '^! no server was heard' once || fail "status $status without a server"
 
 "$build/server/trocar-server" --scene "$source/meshes/figure8.yaml" --allow-non-rt >server 2>&1 &
 until grep -qx ready server; do kill -0 $! || fail "$(cat server)"; sleep 0.05; done

@@ -53,6 +53,6 @@ grep -qE '^  lateness +[0-9.]+ [um]s' once && ! grep -q $'\e' once || fail "esca
 # Nobody listens to its datagrams.
 tmux -S tmux kill-server
 tmux -S tmux -f /dev/null new-session -d -x 80 -y 24 "'$top' --udp-json '[::1]:9'; echo ended; sleep 60"
-appears '^udp json +\[::1\]:9: nobody listens there'
+appears '^udp json +\[::1\]:9: no program listens there'
 appears '^lateness +[0-9.]+ (u|m)s'
 echo passed

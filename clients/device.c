@@ -222,7 +222,7 @@ static trocar_status run_implant(const options *o, report *why) {
     return status;
 }
 
-/* With a scene, start, depth and coordinates are the scene's. */
+/* If a scene is given, takes start, depth and coordinates from it. */
 static trocar_status choose_start(options *o, patient_frame *patient, report *why) {
     static motion script;
     trocar_scene *scene;

@@ -19,7 +19,7 @@ typedef struct {
 /* `url`: NULL for LCM's default. SYSTEM if LCM fails. */
 trocar_status implant_watch_open(implant_watch *w, const char *url, int node_count, report *why);
 
-/* Also after a failed open, and for a zeroed struct. */
+/* Releases everything. May be called after a failed open, and for a zeroed struct. */
 void implant_watch_close(implant_watch *w);
 
 /* Receives all messages that have arrived. */

@@ -74,7 +74,7 @@ trocar_status pose_log_read_needle(const char *path, int needle, pose_log *log, 
 /* All needles' poses, in the order of the log, and the commands between them. */
 trocar_status pose_log_read_all(const char *path, pose_log *log, report *why);
 
-/* The same for a recording that is truncated or still being written: reads its complete events. `cut` says where the log ends within an event; it is
+/* Like pose_log_read, for a recording that is truncated or still being written: reads its complete events. `cut` says where the log ends within an event; it is
    empty if the log is complete. */
 trocar_status pose_log_read_to_cut(const char *path, pose_log *log, report *cut, report *why);
 void pose_log_free(pose_log *log);

@@ -35,7 +35,7 @@ static vec3 move_along(vec3 x, vec3 axis, double *speed, double dt, const rate_c
     return x;
 }
 
-/* In the frame of the home pose, whose origin is the home position. */
+/* Returns the base's next position. Limits apply in the frame of the home pose, whose origin is the home position. */
 static vec3 move_base(rate_control_state *d, const rate_control_limits *l, double dt) {
     quat home = d->home.orientation;
     vec3 axis = l->along_needle ? q_rotate(q_conjugate(home), q_axis(d->base.orientation)) : v3(0, 0, 1);

@@ -13,7 +13,8 @@ typedef struct {
     report reason;           /* why it waits, or why it was given up */
 } waiting_drop;
 
-/* Like handle_seeds. TROCAR_OK also for commands that the server refused, for a drop that starts to wait, and for an undo of a waiting drop. */
+/* Executes a command like handle_seeds. Returns TROCAR_OK also for commands that the server refused, for a drop that starts to
+   wait, and for an undo of a waiting drop. */
 trocar_status replay_seed_command(waiting_drop *w, trocar_sim *sim, int needle, const logged_command *logged, report *why);
 
 /* Call before each tick of the needle. False: the waiting drop is refused for another reason, and given up. */

@@ -628,7 +628,7 @@ TROCAR_API trocar_status trocar_picture_refined_mesh(trocar_picture *picture, tr
 TROCAR_API trocar_status trocar_rollout(trocar_model *model, const trocar_pose *poses, int batch, int steps, double dt, int threads,
                                         trocar_output *outputs, trocar_error *error);
 
-/* The same with a watch, which may be NULL, called every 64 ticks. CANCELLED: outputs of unfinished ticks are zero. */
+/* Like trocar_rollout, with a watch, which may be NULL, called every 64 ticks. CANCELLED: outputs of unfinished ticks are zero. */
 TROCAR_API trocar_status trocar_rollout_watched(trocar_model *model, const trocar_pose *poses, int batch, int steps, double dt, int threads,
                                                 const trocar_watch *watch, trocar_output *outputs, trocar_error *error);
 

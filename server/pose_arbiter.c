@@ -24,7 +24,7 @@ static void say(pose_arbiter *in, const char *format, ...) {
     va_end(arguments);
 }
 
-/* For fixed-size types only: decoding must consume exactly the bytes received. */
+/* True if decoding consumed exactly the bytes received; for types of fixed size only. */
 static bool decode_pose(const void *data, size_t size, trocar_needle_pose_t *m) {
     return size == (size_t)trocar_needle_pose_t_encoded_size(m)
         && trocar_needle_pose_t_decode(data, 0, (int)size, m) == (int)size;

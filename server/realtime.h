@@ -16,7 +16,8 @@ trocar_status realtime_lock_memory(report *why);
    Returns 0 or an errno value. */
 int realtime_use_fifo(int priority);
 
-/* The same, with an error message. NO_REALTIME with the limit to raise; SYSTEM if the priority does not exist. */
+/* Puts the calling thread under SCHED_FIFO, with an error message if that fails: NO_REALTIME with the limit to raise; SYSTEM if the
+   priority does not exist. */
 trocar_status realtime_set_priority(int priority, report *why);
 
 /* Checks that this process may lock memory and use SCHED_FIFO up to `priority`, without changing either. Errors as above. */

@@ -7,11 +7,11 @@
 #include "rate_control.h"
 #include "template_holes.h"
 
-/* In line with a hole, with the tip a little in front of the face at which needles enter. Its y is along the rows. `column` and `row` from 0; one
+/* The pose in line with a hole, with the tip a little in front of the face at which needles enter. Its y is along the rows. `column` and `row` from 0; one
    half more is between two holes. */
 pose hole_home(const trocar_guide *guide, double column, double row, double needle_length);
 
-/* The same for the hole closest to a needle's base. */
+/* The pose in front of the hole closest to a needle's base. */
 pose hole_home_beside(const trocar_guide *guide, pose base, double needle_length);
 
 /* True if base and tip are within half a millimetre of the axis of the hole in front of which `home` is. */

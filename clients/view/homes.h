@@ -9,7 +9,7 @@
    surface, at the middle of the mesh. Needles after the first wait beside it. */
 void find_homes(const trocar_scene *scene, const trocar_model *model, double needle_length, int count, pose *homes);
 
-/* In front of the template's hole closest to a base; `otherwise` if there is no template. */
+/* The pose in front of the template's hole closest to a base; `otherwise` if there is no template. */
 pose find_home_of_base(const trocar_model *model, double needle_length, pose base, pose otherwise);
 
 /* Corners of the box around the mesh, m. */

@@ -26,7 +26,7 @@ typedef struct {
     double now;              /* s, time of the newest sample */
 } timeline;
 
-/* For `needles`, 1 to TROCAR_MAX_NEEDLES. NO_MEMORY. */
+/* Creates a timeline for `needles` needles, 1 to TROCAR_MAX_NEEDLES. NO_MEMORY. */
 trocar_status timeline_create(timeline *t, bool live, int needles, report *why);
 void timeline_free(timeline *t);
 

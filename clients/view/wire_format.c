@@ -253,7 +253,7 @@ typedef struct {
 } needle_head;
 _Static_assert(sizeof(needle_head) == 48, "decode.js: NEEDLE_BYTES");
 
-/* Base (w x y z) and force and torque on the hand, as in probe_wrench_t. */
+/* The probe: pose of its base (w x y z), and force and torque on the hand, as in probe_wrench_t. */
 typedef struct {
     float position[3], orientation[4], force[3], torque[3];
     uint32_t contacts, stopped, unused;

@@ -75,7 +75,7 @@ memory_limits memory_of_groups(const char *root) {
 
 /* ---- all -------------------------------------------------------------------------------------------------------------- */
 
-/* In bytes; the file has kilobytes. */
+/* Reads a value from /proc/meminfo, in bytes; the file has kilobytes. */
 static double read_meminfo(const char *format) { return 1024.0 * read_number("/proc", "meminfo", format, 8e6); }
 
 double memory_total(void) { return read_meminfo("MemTotal: %lld"); }

@@ -33,7 +33,7 @@ trocar_status block_cache_gather(block_cache *c, const block_source *source, con
 /* Assigns slots to all these nodes, evicting the least recently used. False, and nothing changed, if there are too many. */
 bool block_cache_take(block_cache *c, int row_count, const int *rows, int column_count, const int *columns);
 
-/* For nodes that have slots. */
+/* Looks up, stores and reads the block between two nodes that have slots. */
 bool block_cache_knows(const block_cache *c, int row, int column);
 void block_cache_put(block_cache *c, int row, int column, const double *block, int ld);
 void block_cache_get(const block_cache *c, int row, int column, double *block, int ld);

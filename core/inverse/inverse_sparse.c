@@ -76,7 +76,7 @@ static void point_to_halves(sparse_inverse *s, block_side *side) {
     for (int i = 0; i < side->count; i++) side->y[i] = s->halves + (size_t)s->slots.slot[side->node[i]] * s->slot_size;
 }
 
-/* At most PRODUCT_BLOCK rows and columns. */
+/* Writes the blocks between at most PRODUCT_BLOCK rows and columns. */
 static void gather_block(sparse_inverse *s, const inverse_blocks *b) {
     block_side left = movable(s->shared.tissue, b->row_count, b->rows), right = movable(s->shared.tissue, b->column_count, b->columns);
     int both[LEAST_SLOTS];

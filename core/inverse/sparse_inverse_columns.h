@@ -10,7 +10,7 @@ enum { HALF_BLOCK = 32, PRODUCT_BLOCK = 64 }; /* nodes per solve; rows or column
 
 typedef struct sparse_columns sparse_columns;
 
-/* For this tissue's factor, which must outlive it. Use one per thread. */
+/* Creates a solver for this tissue's factor, which must outlive it. Use one per thread. */
 trocar_status sparse_columns_create(const tissue *t, sparse_columns **created, report *why);
 void sparse_columns_free(sparse_columns *h);
 

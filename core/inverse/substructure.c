@@ -10,7 +10,7 @@
 /* Rows and columns per tile (whole 3 x 3 blocks) in which fronts are added to the region's triangle. */
 enum { TILE = 288 };
 
-/* For a part of the body: a load's |load|^2, and its energy |L^-1 load|^2 = load^T K^-1 load with the rest of the body fixed. */
+/* Quantities of a part of the body: a load's |load|^2, and its energy |L^-1 load|^2 = load^T K^-1 load with the rest of the body fixed. */
 typedef struct { double squares, energy; } response;
 
 /* ---- plan ------------------------------------------------------------------------------------------------------------- */

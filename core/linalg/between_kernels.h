@@ -43,7 +43,7 @@ typedef struct {
    vector width. RT */
 typedef void between_kernel(const between_points_row *row, between_rows blocks);
 
-/* For any processor that can run this program, for AVX-512 (x86-64 only), and the best for this processor. RT */
+/* The kernels for any processor that can run this program and for AVX-512 (x86-64 only), and the best one for this processor. RT */
 extern between_kernel between_portable, between_avx512;
 between_kernel *between_kernel_here(void);
 

@@ -63,7 +63,7 @@ static inline void eliminate_in_block(elimination_panel *panel, int k, int count
    width. Each number is computed by the same operations in the same order for any width. RT */
 typedef void elimination_kernel(const symmetric_system *s, elimination_panel *panel);
 
-/* For any processor that can run this program, for AVX-512 (x86-64 only), and the best for this processor. RT */
+/* The kernels for any processor that can run this program and for AVX-512 (x86-64 only), and the best one for this processor. RT */
 extern elimination_kernel elimination_portable, elimination_avx512;
 elimination_kernel *elimination_kernel_here(void);
 
@@ -74,7 +74,7 @@ static inline int panel_of(int i) { return i < 0 ? -1 : i / PANEL_ROWS * PANEL_R
    followed by PADDING zeros. RT */
 void subtract_known(const symmetric_system *s, int begin, int known, const double *x, double side[PANEL_ROWS]);
 
-/* The same within those rows: subtracts the part of unknown begin + k + c, now in side[k + c], from the rows before begin + k. RT */
+/* Back substitution within those rows: subtracts the part of unknown begin + k + c, now in side[k + c], from the rows before begin + k. RT */
 static inline void subtract_known_in_block(const symmetric_system *s, int begin, int k, int c, double side[PANEL_ROWS]) {
     IN_REGISTERS for (int r = 0; r < k; r++) side[r] -= s->a[begin + r][begin + k + c] * side[k + c];
 }

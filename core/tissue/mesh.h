@@ -52,10 +52,10 @@ typedef struct {
    match. BAD_INPUT with a message that names the file. Not thread-safe, because Gmsh has global state. */
 trocar_status mesh_read_in(const char *path, double unit, mesh *m, report *why);
 
-/* The same in metres. */
+/* Loads a mesh file whose coordinates are in metres. */
 static inline trocar_status mesh_read(const char *path, mesh *m, report *why) { return mesh_read_in(path, 1.0, m, why); }
 
-/* The same from arrays, which are copied. BAD_INPUT for indices out of range and duplicate names, and as in mesh_finish. */
+/* Makes a mesh from arrays, which are copied. BAD_INPUT for indices out of range and duplicate names, and as in mesh_finish. */
 trocar_status mesh_from_arrays(const trocar_mesh *given, mesh *m, report *why);
 trocar_status mesh_arrays_check(const trocar_mesh *given, report *why); /* only checks indices and names */
 
@@ -82,7 +82,7 @@ void mesh_barycentric(const mesh *m, int tet, vec3 x, double weights[4]);
 /* Edge length of the mesh in element `tet`, m: mean of node_size. RT */
 double mesh_edge_length(const mesh *m, int tet);
 
-/* The same for a tetrahedron given by its corners. RT */
+/* Barycentric weights of x in a tetrahedron given by its corners. RT */
 void tet_barycentric(const vec3 corners[4], vec3 x, double weights[4]);
 
 /* Finds the tetrahedra around a node of tet `start`. Returns their number, or -1 if there are more than `most`. RT */

@@ -177,7 +177,7 @@ static void push(resolver *r, const line_segment *line) {
 
 static void push_endless(resolver *r, int axis) { push(r, &(line_segment){axis, -INFINITY, INFINITY}); }
 
-/* From displacements across under forces along the frame's x and y: their mean, and their deviation from it. */
+/* Computes, from the displacements across under forces along the frame's x and y, their mean and their deviation from it. */
 static void set_lateral(const resolver *r, double moved[2][2], resolved_field *resolved) {
     double mean = 0.5 * (moved[0][0] + moved[1][1]), nu = r->around.poisson_ratio;
     double half = line_lateral_logarithm(0.5 * (moved[0][0] - moved[1][1]), nu), shear = line_lateral_logarithm(0.5 * (moved[0][1] + moved[1][0]), nu);

@@ -15,7 +15,7 @@ typedef struct {
     double more[LINE_ENDS];  /* for a line that ends (k / LINE_ENDS)^2 of the reach ahead of the point */
 } line_end;
 
-/* For a line that ends this far ahead (m). RT */
+/* Interpolates `more` for a line that ends this far ahead (m). RT */
 double line_end_at(const line_end *end, double ahead);
 
 /* Like m3_add_scaled. RT */
@@ -24,7 +24,7 @@ void line_end_add_scaled(line_end *to, double scale, const line_end *from);
 /* Sum of all members: finite only if all of them are. RT */
 double line_end_total(const line_end *end);
 
-/* At one point of the line. The material is uniform, that of the point's element: only the mesh is measured. */
+/* The measurement at one point of the line. The material is uniform, that of the point's element: only the mesh is measured. */
 typedef struct {
     double lateral, axial;   /* m: radius of a rigid cylinder that yields to a line force as much as the mesh does; across, a geometric mean */
     mat3 uneven;             /* symmetric: for a push along unit vector e across the line, the logarithm of the radius is larger by e.uneven e */

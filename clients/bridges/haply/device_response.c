@@ -28,7 +28,7 @@ static void integrate_step(const device_response *r, double sums[][2], double va
     }
 }
 
-/* The same over any interval, for a value that changes linearly. */
+/* Adds the integral of value times e^(-i w t) over any interval, for a value that changes linearly. */
 static void integrate(const device_response *r, double sums[][2], double from, double first, double to, double last) {
     int steps = (int)ceil((to - from) / LONGEST_STEP);
     double length = (to - from) / steps;

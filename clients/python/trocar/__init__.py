@@ -554,7 +554,7 @@ class Sim:
 
     @property
     def probe(self) -> Probe | None:
-        """None if the scene has no probe, or before it has been placed."""
+        """The probe as last solved. None if the scene has no probe, or before it has been placed."""
         with self._turn:
             p = lib.trocar_sim_probe(self._handle)
         if not p.placed:

@@ -100,13 +100,13 @@ class Dose:
     """
 
     def __init__(self, source: Source, origin: npt.ArrayLike, spacing: float, shape: tuple[int, int, int]) -> None:
-        """On a grid: `shape` voxels, `spacing` m apart, the centre of the first one at `origin` (3,) m."""
+        """A dose on a grid: `shape` voxels, `spacing` m apart, the centre of the first one at `origin` (3,) m."""
         grid = ffi.new("trocar_dose_grid *", {"origin": _three(origin, "origin"), "spacing": spacing, "counts": shape})
         self._create(source, tuple(shape), lambda handle, why: lib.trocar_dose_create(source._handle, grid, handle, why))
 
     @classmethod
     def at(cls, source: Source, points: npt.ArrayLike) -> Dose:
-        """At points (n, 3), m."""
+        """A dose at points (n, 3), m."""
         where = _vectors(points, "points")
         dose = cls.__new__(cls)
         dose._create(source, (len(where),), lambda handle, why: lib.trocar_dose_create_points(source._handle, _inputs(where), len(where), handle, why))

@@ -28,7 +28,7 @@ class Embedding:
         self._centres, self._nodes = cKDTree(corners.mean(axis=1)), cKDTree(model.nodes)
 
     def locate(self, points: Array) -> tuple[npt.NDArray[np.int32], Array]:
-        """For points (n, 3) m: nodes (n, 4) and their weights (n, 4)."""
+        """Returns the nodes (n, 4) between which points (n, 3) m lie, and their weights (n, 4)."""
         near = self._centres.query(points, min(NEAR, len(self._tets)))[1].reshape(len(points), -1)
         inner = np.einsum("nkij,nkj->nki", self._inverse[near], points[:, None] - self._first[near])
         weights = np.concatenate([1.0 - inner.sum(axis=2, keepdims=True), inner], axis=2)

@@ -70,7 +70,7 @@ def _peak_lateral_force(r: Recording, _: Any) -> list[float]:
 
 
 def _work(r: Recording, _: Any) -> list[float]:
-    """By the trapezoidal rule. Between needles of a plan the hand bears no force."""
+    """The work of the hand, integrated by the trapezoidal rule. Between needles of a plan the hand bears no force."""
     poses, force, torque = r.path(), r.all("force"), r.all("torque")
     turned = multiply(poses[1:, 3:], poses[:-1, 3:] * np.array([1.0, -1.0, -1.0, -1.0]))
     angle = 2.0 * turned[:, 1:] * np.sign(turned[:, :1])    # small

@@ -166,7 +166,7 @@ class Case:
         return Aim(area.origin + place @ (area.edges / lengths[:, None]), area.direction, problem.roll or 0.0)
 
     def hole_aims(self) -> list[tuple[str, Aim]]:
-        """From the hole whose axis is closest to the target on."""
+        """Aims through the holes, in the order of the distance of their axes from the target, the closest first."""
         model, point = self.models[0], self.target.point
         guide = next(guide for guide in model.guides if guide.name == self.problem.template)
         found = []

@@ -78,7 +78,7 @@ def rotate(q: npt.ArrayLike, vector: npt.ArrayLike) -> Array:
 
 
 def exponential(turn: npt.ArrayLike) -> Array:
-    """Of a rotation vector (rad)."""
+    """The quaternion of a rotation vector (rad)."""
     turn = np.asarray(turn, np.float64)
     angle = np.linalg.norm(turn, axis=-1, keepdims=True)
     return np.concatenate([np.cos(0.5 * angle), 0.5 * np.sinc(angle / (2.0 * np.pi)) * turn], axis=-1)
@@ -202,7 +202,7 @@ def script(name: str, speed: float = 1.0, start: npt.ArrayLike | None = None) ->
 
 @dataclass(frozen=True)
 class Straight(_Motion):
-    """In by `depth` (m, of the base) at `speed` (m/s), a rest of `hold` (s), and out again if `back`."""
+    """A straight insertion by `depth` (m, of the base) at `speed` (m/s), a rest of `hold` (s), and a retraction if `back`."""
 
     depth: float = 0.05
     speed: float = 0.05

@@ -25,7 +25,7 @@ Array = npt.NDArray[np.float64]
 
 
 class Indices(NamedTuple):
-    """For each parameter the indices, and the limits of their 95 % confidence intervals."""
+    """The indices of each parameter, and the limits of their 95 % confidence intervals."""
 
     first: Array          # (p,)
     total: Array          # (p,)
@@ -47,7 +47,7 @@ def design(parameters: int, count: int, seed: int) -> Array:
 
 
 def _estimate(values: Array) -> tuple[Array, Array]:
-    """Of values (..., N, p + 2): indices (..., p)."""
+    """Computes indices (..., p) from values (..., N, p + 2)."""
     a, b, mixed = values[..., :1], values[..., 1:2], values[..., 2:]
     both = np.concatenate([a, b], axis=-1)
     mean = both.mean(axis=(-2, -1), keepdims=True)    # subtracted, because the first formula's error grows with it

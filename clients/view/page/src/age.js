@@ -46,7 +46,7 @@ export class PictureAge {
  *  grows from 0.2 s to OLDEST, and the needle goes on by FARTHEST ln(OLDEST / 0.2 s). */
 export const speedAt = (age) => (age > OLDEST ? 0 : Math.min(1, FARTHEST / (FASTEST * Math.max(age, 1e-3))))
 
-/** In words, '' at full speed. */
+/** The limit on speed in words; '' at full speed. */
 export function wordsAt(age) {
   const speed = speedAt(age)
   if (speed === 1) return ''

@@ -113,7 +113,7 @@ export class Procedure {
 
   toggle() { this.setActive(!this.active) }
 
-  /** On a small screen, the one image that is shown. */
+  /** Chooses the one image that a small screen shows. */
   choosePane(pane) {
     document.body.dataset.pane = pane
     for (const button of element('panes').children) button.setAttribute('aria-pressed', String(button.dataset.pane === pane))
@@ -367,7 +367,7 @@ export class Procedure {
     if (element('sagittal-follow').checked) this.follow(tip)
   }
 
-  /** Beside the plots, seeds alone are shown. */
+  /** Draws only the seeds, for the page with plots. */
   showSeeds(seeds) {
     if (seeds === this.shown) return
     this.shown = seeds

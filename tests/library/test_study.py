@@ -210,7 +210,7 @@ class Reading(Case):
                 ("method: random", "method: sobol", r":3: samples.count: 12 is no power of 2.*write 8 or 16"),
                 ("count: 12, ", "", r':3: samples: missing key "count"'),
                 (f"{kinetic}: {{uniform: [5, 13]}}", "needle.start.depth: {uniform: [0.05, 0.07]}", r":5: .*needle.start.depth: the motion's start and depth .*vary motion.x, "),
-                ("shift: {region: prostate}", "target_error: {target: [0, 0, 0.04], coordinates: patient}", r":11: .*target_error.coordinates: .*add patient_to_mesh"),
+                ("shift: {region: prostate}", "target_error: {target: [0, 0, 0.04], coordinates: patient}", r":11: .*target_error.coordinates: .*the scene has no patient_to_mesh"),
                 ("shift: {region: prostate}", "target_error: {target: [0, 0, 0.04], coordinates: feet}", r":11: .*write mesh .m. or patient"),
                 ("{region: prostate}", "{region: prostate, coordinates: patient}", r':11: .*unknown key "coordinates"'),
                 (kinetic, "regions[surounding].friction.kinetic", r":5: parameters.*surounding"),

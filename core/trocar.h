@@ -88,16 +88,14 @@ enum {
     TROCAR_EVENT_EXITED = 1 << 4,     /* the tip left the tissue on the far side */
     TROCAR_EVENT_REENTERED = 1 << 5,  /* and came back */
     TROCAR_EVENT_WITHDRAWN = 1 << 6,  /* the needle left the tissue the way it came in */
-    TROCAR_EVENT_LATE = 1 << 7,       /* the worker has not answered for the tissue at the tip yet: the tick used its last answer, or an estimate */
-    TROCAR_EVENT_FULL = 1 << 8,       /* no room for another contact (TROCAR_MAX_CONTACTS), or the track has more than 256 layers */
-    TROCAR_EVENT_UNSTABLE = 1 << 9,   /* the result was not finite: the insertion restarts */
-    TROCAR_EVENT_KEPT = 1 << 10,      /* the closest node may not be moved: a node was added instead */
-    TROCAR_EVENT_MISSED_GUIDE = 1 << 11, /* the needle passes a guide's plate beside its holes and is not guided; set in every tick */
-    TROCAR_EVENT_OUTSIDE_MODEL = 1 << 12, /* the shaft is pushed into a body from the side, where the model has no force; set in every tick */
-    TROCAR_EVENT_TRACK_DROPPED = 1 << 13, /* no room for more tracks (TROCAR_MAX_TRACKS, TROCAR_MAX_TRACK_POINTS): the needle's oldest track is closed
-                                             */
-    TROCAR_EVENT_INEXACT = 1 << 14    /* the passes had not converged after the largest number allowed: the wrench may be off by more than the
-                                         tolerance */
+    TROCAR_EVENT_LATE = 1 << 7,       /* the worker has not answered for the tissue at the tip yet: the tick went on with what it had, or an estimate */
+    TROCAR_EVENT_FULL = 1 << 8,       /* no contact is left to add (TROCAR_MAX_CONTACTS), or the track has more than 256 layers */
+    TROCAR_EVENT_UNSTABLE = 1 << 9,   /* the result was not finite: the insertion starts over */
+    TROCAR_EVENT_KEPT = 1 << 10,      /* no longer set */
+    TROCAR_EVENT_MISSED_GUIDE = 1 << 11, /* the needle passes a guide's plate outside of its holes, and is not guided: in every tick */
+    TROCAR_EVENT_OUTSIDE_MODEL = 1 << 12, /* the shaft is pushed into a body from the side, where it bears no force: in every tick */
+    TROCAR_EVENT_TRACK_DROPPED = 1 << 13, /* no room for more tracks (TROCAR_MAX_TRACKS, TROCAR_MAX_TRACK_POINTS): the needle's oldest one is closed again */
+    TROCAR_EVENT_INEXACT = 1 << 14    /* the tick ended after the most passes before they had converged: the wrench may be off by more than the tolerance */
 };
 
 enum { TROCAR_MAX_CONTACTS = 64, TROCAR_MAX_JOINTS = 65, TROCAR_MAX_NEEDLES = 32, TROCAR_MAX_GUIDES = 8 };

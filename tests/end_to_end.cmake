@@ -27,7 +27,7 @@ set_tests_properties(faults restart PROPERTIES
 
 # The library that connects a device, against a live server.
 add_executable(device_client device_client.c)
-target_link_libraries(device_client PRIVATE trocar_client trocar_service PkgConfig::CMOCKA m)
+target_link_libraries(device_client PRIVATE trocar_client trocar_types trocar_service PkgConfig::CMOCKA m)
 target_compile_definitions(device_client PRIVATE MESHES="${PROJECT_SOURCE_DIR}/meshes")
 add_test(NAME device_client COMMAND ${witness} ${netns} $<TARGET_FILE:device_client> $<TARGET_FILE:trocar-server>)
 set_tests_properties(device_client PROPERTIES SKIP_RETURN_CODE 77 TIMEOUT 120 ${alone} LABELS release_only) # a sanitized server is too slow to give forces in time

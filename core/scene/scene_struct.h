@@ -15,9 +15,10 @@ typedef struct {
     int phase_lock;          /* 1: ticks begin when poses come */
     char profile[MESH_NAME]; /* name of the device profile; empty: none */
     device_limits device;
-    pose start;              /* of the needle's base, outside the tissue; its position is NAN if there is none */
-    double start_depth;      /* m: how deep scripted motions insert the needle from there */
-    double patient_to_mesh[16]; /* row by row, from patient mm (LPS) to the mesh's m; the first is NAN if there is none */
+    pose start;              /* of the needle's base, outside the tissue; its position is NAN: none */
+    double start_depth;      /* m that scripted motions insert the needle from there */
+    int only_one;            /* of keys that have one value left: 0 */
+    double patient_to_mesh[16]; /* row by row, patient's mm (LPS) to the mesh's m; the first is NAN: none */
 } scene;
 
 /* One row of the reference table. The strings live as long as the program. */

@@ -13,7 +13,7 @@
 
 static const double BITE_TIME = 20e-3; /* s: lag with which the surface's hold follows the force along the needle; without it, the two would alternate. Chosen */
 static const double NEW_PUSH = 0.05; /* fraction: of Euler's load; a needle whose push has grown by more since it was linearised is linearised again: else one
-                                        that is pushed along its axis at 50 mm/s bears eight times its buckling load before it bows (tests/test_guides.c). Chosen */
+                                        that is pushed along its axis at 50 mm/s bears eight times its buckling load before it bows (tests/unit/insertion/test_guides.c). Chosen */
 static const double AT_REST = 5e-3; /* fraction: of Euler's load; a needle that moves on and is dragged by less has come to rest. Chosen: for an 18 G needle of
                                        200 mm 0.05 N, about the smallest force that a hand feels */
 static const double LEAST_STEP = 1.0 / 256; /* fraction: of a tick, in which the branch of an equilibrium is followed at last. Effort: eight halvings */

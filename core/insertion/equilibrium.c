@@ -101,13 +101,13 @@ static int first_joint(const tick_context *tick) {
 }
 
 /* Linearises the needle and puts the contact problem together. */
-static void linearise(const tick_context *tick) {
+static void linearise(const tick_context *tick, bool first) {
     insertion_workspace *w = tick->scratch;
     needle_linearise(tick->model->needle, &tick->state->needle, w->load, w->drag > 0.0 ? 0 : first_joint(tick), &w->tangent);
     drag_shift_joints(tick);
     profile_end_stage(&w->profile, INSERTION_NEEDLE);
     bound_contacts(tick);
-    stiffening_linearise(tick);
+    stiffening_linearise(tick, first);
     assemble_compliance(tick);
     assemble_gaps(tick);
     if (w->tip) damp_tip(tick);
@@ -117,15 +117,15 @@ void equilibrium_linearise(const tick_context *tick, const int handles[4], bool 
     prepare(tick, handles);
     if (!loaded) memset(tick->scratch->load, 0, sizeof tick->scratch->load);
     tick->scratch->relaxed = 1.0; /* at rest, nothing springs back */
-    linearise(tick);
+    linearise(tick, true);
 }
 
 /* Linearises the needle, solves the contact problem and turns the needle's segments, by at most `turned` rad. False: there is no
    equilibrium. */
-static bool solve_pass(const tick_context *tick, double *turned) {
+static bool solve_pass(const tick_context *tick, bool first, double *turned) {
     insertion_workspace *w = tick->scratch;
     tick->output->passes++;
-    linearise(tick);
+    linearise(tick, first);
     int all = unknown(w->problem.count, w->problem.count, 2) + w->tip;
     for (int i = 0; i < all && w->lag_left > 0.0; i++) w->problem.gap[i] -= w->lag_left * w->lag[i];
     if (contact_solve(&w->problem) != TROCAR_OK) return false;
@@ -179,7 +179,7 @@ static pass_result run_passes(const tick_context *tick, int most) {
     vec3 push = push_on(tick);
     for (int pass = 0; pass < most && r.found && !r.converged; pass++) {
         before = turned;
-        r.found = solve_pass(tick, &turned);
+        r.found = solve_pass(tick, pass == 0, &turned);
         r.turned += turned;
         vec3 now = push_on(tick), more = v3_sub(now, push);
         push = now;
@@ -241,7 +241,7 @@ static void find_lag(const tick_context *tick) {
     contact_problem *p = &w->problem;
     double force[MAX_UNKNOWNS];
     int tip = p->count - 1, all = unknown(p->count, p->count, 2) + w->tip;
-    linearise(tick);
+    linearise(tick, true);
     for (int i = 0; i < p->count; i++) {
         vec3 f = m3_apply_transposed(&w->points[i].at.frame, *point_force(state, &w->points[i]));
         force[unknown(p->count, i, 0)] = f.x;

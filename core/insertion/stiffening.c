@@ -71,18 +71,26 @@ static stiffening_shift evaluate(const tick_context *tick, const stiffening_law 
 
 /* ---- passes --------------------------------------------------------------------------------------------------------------- */
 
-/* Linearises about `force`; `offset` is the displacement that is left at no force. */
-static void linearise(const tick_context *tick, const stiffening_law *law, double force, double remembered, linear_shift *linear) {
+/* The force under which the law displaces the tissue as far as its linearisation did under `force`. */
+static double force_of_last_pass(const tick_context *tick, const stiffening_law *law, double force, double remembered, const linear_shift *linear) {
+    double yield = tick->scratch->creep.yield;
+    return stiffening_force(law, yield * law->linear * (force + remembered) + linear->offset + linear->slope * force) / yield - remembered;
+}
+
+/* `offset` is the displacement that is left at no force. */
+static void linearise(const tick_context *tick, const stiffening_law *law, bool first, double force, double remembered, linear_shift *linear) {
+    if (!first && law->field != NOT_STIFFENING) force = force_of_last_pass(tick, law, force, remembered, linear);
     stiffening_shift at = evaluate(tick, law, force, remembered);
     *linear = (linear_shift){.force = force, .slope = at.slope, .offset = at.shift - at.slope * force};
 }
 
-void stiffening_linearise(const tick_context *tick) {
+/* Forces that are falling would overshoot: the tangent at the larger force is far too steep for the smaller one. Displacements are moderate all the same. */
+void stiffening_linearise(const tick_context *tick, bool first) {
     insertion_workspace *w = tick->scratch;
     stiffening_step *s = &w->stiffening;
     if (!s->any) return;
-    for (int i = w->guided; i < w->point_count; i++) linearise(tick, &s->along[i], force_on_shaft(tick, i), remembered_along(tick, i), &s->shaft[i]);
-    if (w->tip) linearise(tick, &s->face, force_of_face(tick), remembered_of_face(tick), &s->end);
+    for (int i = w->guided; i < w->point_count; i++) linearise(tick, &s->along[i], first, force_on_shaft(tick, i), remembered_along(tick, i), &s->shaft[i]);
+    if (w->tip) linearise(tick, &s->face, first, force_of_face(tick), remembered_of_face(tick), &s->end);
 }
 
 void stiffening_add_compliance(const tick_context *tick) {

@@ -11,6 +11,9 @@ static double shear_of(double b) {
     return y;
 }
 
+enum { MOST_FORCES = 30 }; /* passes: to the force of a displacement, at most. Effort: 8 are enough for S = 10 */
+static const double SAME_FORCE = 1e-6; /* 1: part by which the force may change in the last of them. Rounding: it is only where to linearise */
+
 /* ---- shaft: shear stress F' / (2 pi rho) at the distance rho ----------------------------------------------------------------
 
    The displacement beyond the linear one is the integral of g - F' / (2 pi mu rho) from the radius r to infinity. With rho as a function of g
@@ -81,13 +84,13 @@ static double tip_limit(double most) {
 stiffening_law stiffening_of_shaft(double stiffening, double radius, double stiffness, double room) {
     if (stiffening == 0.0) return (stiffening_law){.field = NOT_STIFFENING};
     double shear = sqrt(2.0 * stiffening);
-    return (stiffening_law){STIFFENING_SHAFT, radius / shear, shear / (radius * stiffness), fmax(room * stiffness - KEPT_LOGARITHM, 0.0)};
+    return (stiffening_law){STIFFENING_SHAFT, radius / shear, shear / (radius * stiffness), fmax(room * stiffness - KEPT_LOGARITHM, 0.0), room};
 }
 
 stiffening_law stiffening_of_tip(double stiffening, double radius, double disc, double softness, double angle, double room) {
     if (stiffening == 0.0 || softness == 0.0) return (stiffening_law){.field = NOT_STIFFENING};
     double scale = STRESS * sqrt(2.0 * stiffening * disc * radius * softness / angle) / (radius * radius);
-    return (stiffening_law){STIFFENING_TIP, disc / scale, scale, fmax(room, 0.0) / disc};
+    return (stiffening_law){STIFFENING_TIP, disc / scale, scale, fmax(room, 0.0) / disc, room};
 }
 
 /* Odd in the force. Beyond the limit it goes on with constant slope. */
@@ -102,4 +105,16 @@ stiffening_shift stiffening_at(const stiffening_law *law, double force) {
         at = (stiffening_shift){at.shift - law->most * (b - limit), -law->most};
     }
     return (stiffening_shift){copysign(law->unit, force) * at.shift, law->unit * law->scale * at.slope};
+}
+
+/* Newton's method. The displacement is concave in the force, so that it comes from below. */
+double stiffening_force(const stiffening_law *law, double displacement) {
+    double sought = fabs(displacement), force = sought / law->linear;
+    for (int i = 0; i < MOST_FORCES && law->field != NOT_STIFFENING; i++) {
+        stiffening_shift at = stiffening_at(law, force);
+        double more = (sought - law->linear * force - at.shift) / (law->linear + at.slope);
+        force += more;
+        if (more <= SAME_FORCE * force) break;
+    }
+    return copysign(force, displacement);
 }

@@ -9,6 +9,7 @@ typedef struct {
     double unit;             /* m */
     double scale;            /* 1/N */
     double most;             /* limit of the tangent, as a multiple of unit * scale */
+    double linear;           /* m/N, local compliance that it is added to */
 } stiffening_law;
 
 /* At one force. */
@@ -27,5 +28,8 @@ stiffening_law stiffening_of_tip(double stiffening, double radius, double disc, 
 
 /* RT */
 stiffening_shift stiffening_at(const stiffening_law *law, double force);
+
+/* The force under which the local displacement, linear and added, is this (m), N. It increases with the displacement. RT */
+double stiffening_force(const stiffening_law *law, double displacement);
 
 #endif

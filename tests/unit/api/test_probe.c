@@ -2,7 +2,7 @@
    the dense inverse, what needles feel of it against dense linear algebra; and through trocar.h: saved and restored, in lockstep and with a worker,
    released, refused.
 
-   usage: test_probe [--motions N [SEED]]     only N random motions, in place of all tests with 20 */
+   usage: [MOTIONS=N] [SEED=N] test_unit test_probe     MOTIONS, SEED: of the case moved_at_random, by default 20 and 1 */
 #include <setjmp.h>
 #include <stdarg.h>
 #include <stddef.h>
@@ -752,17 +752,14 @@ static void refused(void **state) {
     trocar_scene_free(scene);
 }
 
-int main(int count, char **arguments) {
+int main(void) {
     const struct CMUnitTest tests[] = {
         cmocka_unit_test(distance_to_a_rounded_cylinder), cmocka_unit_test(complementarity_among_all_subsets), cmocka_unit_test(contact_against_sweeps),
         cmocka_unit_test(needles_feel_it), cmocka_unit_test(pressed_and_released), cmocka_unit_test(beside_a_resting_needle), cmocka_unit_test(saved_and_restored), cmocka_unit_test(with_a_worker),
         cmocka_unit_test(rests_at_the_scenes_place), cmocka_unit_test(does_not_pass_the_wall), cmocka_unit_test(moved_at_random),
         cmocka_unit_test(refused),
     };
-    if (count > 2 && strcmp(arguments[1], "--motions") == 0) {
-        motions = atoi(arguments[2]);
-        if (count > 3) seed = atoi(arguments[3]);
-        cmocka_set_test_filter("moved_at_random");
-    }
+    if (getenv("MOTIONS")) motions = atoi(getenv("MOTIONS"));
+    if (getenv("SEED")) seed = atoi(getenv("SEED"));
     return cmocka_run_group_tests(tests, create, destroy);
 }

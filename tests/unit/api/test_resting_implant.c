@@ -6,7 +6,8 @@
    model's inverse, until no force is above what friction can bear by more than 1e-10 N; and the next tick knows the result. That needles which
    stick are one problem with the one that is held, is shown in test_resting.c, and so is the error of linearising a needle that slips.
 
-   usage: test_resting_implant [SCENE NEEDLES DEPTH [TICKS]]     by default a short one: figure8.yaml 4 30; DEPTH in mm; TICKS of the reference per ms */
+   usage: [SCENE=NAME] [NEEDLES=N] [DEPTH=N] [TICKS=N] test_unit test_resting_implant     by default a short one: figure8.yaml, 4, 30 mm; TICKS: of the reference
+   per ms, by default 1 */
 #include <setjmp.h>
 #include <stdarg.h>
 #include <stddef.h>
@@ -335,9 +336,11 @@ static void slipping_needles_are_near_one_problem(void **state) {
     trocar_scene_free(scene);
 }
 
-int main(int argc, char **argv) {
+int main(void) {
     const struct CMUnitTest tests[] = {cmocka_unit_test(slipping_needles_are_near_one_problem)};
-    if (argc > 3) implant.scene = argv[1], implant.needles = atoi(argv[2]), implant.depth = atoi(argv[3]);
-    if (argc > 4) implant.substeps = atoi(argv[4]);
+    const struct { const char *name; int *value; } numbers[] = {{"NEEDLES", &implant.needles}, {"DEPTH", &implant.depth}, {"TICKS", &implant.substeps}};
+    for (size_t i = 0; i < sizeof numbers / sizeof *numbers; i++)
+        if (getenv(numbers[i].name)) *numbers[i].value = atoi(getenv(numbers[i].name));
+    if (getenv("SCENE")) implant.scene = getenv("SCENE");
     return cmocka_run_group_tests(tests, NULL, NULL);
 }

@@ -277,18 +277,28 @@ int64_t trocar_sim_waiting(const trocar_sim *sim) {
     return longest;
 }
 
-/* What the others add to that between the elements' nodes. */
-static trocar_status find_unresolved(const trocar_sim *sim, int index, const other_loads *others, unresolved_shift *shift, report *why) {
-    static const double AHEAD = 10e-3; /* m, of which the tip goes on before there is a newer answer */
-    shaft_steps steps;
+static const double AHEAD = 10e-3; /* m, of which the tip goes on before there is a newer answer */
+
+/* The track of a needle, or of one in the air that which it would cut. */
+static void lay_steps(const trocar_sim *sim, int index, const remesh_request *request, shaft_steps *steps) {
     const mesh *m = &sim->model->parts.mesh;
+    shaft_steps_lay(m, &sim->needles[index].held, AHEAD, steps);
+    if (steps->count > 0 || request->piece_count == 0) return;
+    const line_in_tet *in = &request->pieces[0];
+    tissue_loads track = {.count = 1, .loads = {{.shaft = {0.0, AHEAD, 0.0, in->point, in->direction, *in}}}};
+    shaft_steps_lay(m, &track, 0.0, steps);
+}
+
+/* What the others add to that between the elements' nodes. */
+static trocar_status find_unresolved(const trocar_sim *sim, int index, const remesh_request *request, const other_loads *others, unresolved_shift *shift, report *why) {
+    shaft_steps steps;
     memset(shift, 0, sizeof *shift);
     if (!sim->pairs) return TROCAR_OK;
-    shaft_steps_lay(m, &sim->needles[index].held, AHEAD, &steps);
+    lay_steps(sim, index, request, &steps);
     *shift = (unresolved_shift){.start = steps.start, .step = steps.step, .count = steps.count};
     trocar_status status = TROCAR_OK;
     for (int n = 0; n < others->count && status == TROCAR_OK; n++) status = needle_pairs_shift(sim->pairs, &steps, others->of[n], shift, why);
-    if (status == TROCAR_OK) status = resting_set_shift(&sim->resting, &steps, shift, why);
+    if (status == TROCAR_OK) status = resting_set_shift(&sim->resting, phase_of(&sim->needles[index]) == PHASE_HELD, &steps, shift, why);
     for (int k = 0; k < steps.count; k++) shift->sum[k + 1] = v3_add(shift->sum[k + 1], shift->sum[k]);
     return status;
 }
@@ -307,7 +317,7 @@ static trocar_status fill_free(trocar_sim *sim, int index, const remesh_request 
     list_others(sim, index, &others);
     trocar_status status = free_displacement_find(sim->inverse, request, &others, snapshot, why);
     needle->loaded = snapshot->loaded;
-    if (status == TROCAR_OK) status = find_unresolved(sim, index, &others, &snapshot->unresolved, why);
+    if (status == TROCAR_OK) status = find_unresolved(sim, index, request, &others, &snapshot->unresolved, why);
     memcpy(needle->u_free, snapshot->u_free, sizeof needle->u_free);
     needle->unresolved = snapshot->unresolved;
     needle->served_shifts = attached_shifts(sim);

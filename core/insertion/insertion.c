@@ -93,7 +93,7 @@ static vec3 surface_displacement(const tick_context *tick, vec3 end, vec3 axis) 
         if (!snapshot_covers(tick->snapshot, m->tets[hit.tet], handles)) break;
         mesh_barycentric(m, hit.tet, hit.point, weights);
         before = u;
-        u = creep_free_at(tick, handles, weights);
+        u = v3_add(creep_free_at(tick, handles, weights), unresolved_at_entry(&tick->snapshot->unresolved));
         if (v3_norm(v3_sub(u, before)) < SAME_PLACE) break;
     }
     return u;

@@ -136,6 +136,12 @@ static void add_way_in(const mesh *m, surface_hit hit, vec3 direction, double re
     if (hit.hit) add_way(m, &way, 1, list);
 }
 
+/* Where the end of a needle in the air is in the tissue at rest: as far from the surface there as from the displaced one. */
+static vec3 end_before_tissue(const insertion_model *model, const insertion_state *state) {
+    vec3 end = state->needle.joints[model->needle->given.segments];
+    return isnan(state->surface.x) ? end : v3_sub(end, state->surface);
+}
+
 static wanted_tissue wanted_nodes(const insertion_model *model, const insertion_state *state) {
     const mesh *m = model->mesh;
     int n = model->needle->given.segments;
@@ -143,6 +149,7 @@ static wanted_tissue wanted_nodes(const insertion_model *model, const insertion_
     double reach = model->settings.prefetch_distance;
     wanted_tissue list = {.count = 0, .piece_count = 0, .tolerance = SAME_FIELD};
     if (state->tip.phase == TIP_FREE) { /* where the needle would go in */
+        end = end_before_tissue(model, state);
         surface_hit hit = mesh_enter(m, end, v3_axpy(reach, direction, end));
         if (!hit.hit) hit = mesh_enter(m, v3_axpy(-DENT_DEPTH, direction, end), end); /* in a dent */
         if (hit.hit) add_tet(m, hit.tet, &list);
@@ -214,7 +221,7 @@ static void copy_pieces(wanted_tissue *wanted, remesh_request *request) {
 /* Where the needle is going: the tip's material point and the end's direction. */
 static void find_line(const insertion_model *model, const insertion_state *state, vec3 *tip, vec3 *direction) {
     int n = model->needle->given.segments;
-    *tip = state->tip.phase == TIP_INSIDE ? state->tip.nominal : state->needle.joints[n];
+    *tip = state->tip.phase == TIP_INSIDE ? state->tip.nominal : state->tip.phase == TIP_FREE ? end_before_tissue(model, state) : state->needle.joints[n];
     *direction = q_axis(state->needle.frames[n - 1]);
 }
 

@@ -71,9 +71,11 @@ static stiffening_shift evaluate(const tick_context *tick, const stiffening_law 
 
 /* ---- passes --------------------------------------------------------------------------------------------------------------- */
 
-/* The force under which the law displaces the tissue as far as its linearisation did under `force`. */
+/* About which force to linearise after a pass that found `force`. The tangent is flatter than the law at smaller forces: Newton's method comes from below
+   to a force that grows, but overshoots one that falls. That is linearised about the force under which the law displaces the tissue as far as the pass did. */
 static double force_of_last_pass(const tick_context *tick, const stiffening_law *law, double force, double remembered, const linear_shift *linear) {
-    double yield = tick->scratch->creep.yield;
+    double yield = tick->scratch->creep.yield, before = linear->force + remembered;
+    if (fabs(force + remembered) >= fabs(before) && (force + remembered) * before >= 0.0) return force;
     return stiffening_force(law, yield * law->linear * (force + remembered) + linear->offset + linear->slope * force) / yield - remembered;
 }
 
@@ -84,7 +86,6 @@ static void linearise(const tick_context *tick, const stiffening_law *law, bool 
     *linear = (linear_shift){.force = force, .slope = at.slope, .offset = at.shift - at.slope * force};
 }
 
-/* Forces that are falling would overshoot: the tangent at the larger force is far too steep for the smaller one. Displacements are moderate all the same. */
 void stiffening_linearise(const tick_context *tick, bool first) {
     insertion_workspace *w = tick->scratch;
     stiffening_step *s = &w->stiffening;

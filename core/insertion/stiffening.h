@@ -20,7 +20,7 @@ void stiffening_prepare(const tick_context *tick);
 /* Compliance along the shaft at point i under this force, on top of the linear one, m/N; at most 0. RT */
 double stiffening_slope(const tick_context *tick, int i, double force);
 
-/* Linearises: in the first pass about the present forces, then about the displacements that the last pass found. RT */
+/* Linearises: in the first pass about the present forces, then about what the last pass found. RT */
 void stiffening_linearise(const tick_context *tick, bool first);
 
 /* Adds what was linearised to the contact problem: to its compliance, and to its gaps. RT */

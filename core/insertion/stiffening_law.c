@@ -13,6 +13,7 @@ static double shear_of(double b) {
 
 enum { MOST_FORCES = 30 }; /* passes: to the force of a displacement, at most. Effort: 8 are enough for S = 10 */
 static const double SAME_FORCE = 1e-6; /* 1: part by which the force may change in the last of them. Rounding: it is only where to linearise */
+static const double RIGID = 1e-3; /* 1: part of the compliance, below which no larger force is looked for. Rounding, likewise */
 
 /* ---- shaft: shear stress F' / (2 pi rho) at the distance rho ----------------------------------------------------------------
 
@@ -109,12 +110,12 @@ stiffening_shift stiffening_at(const stiffening_law *law, double force) {
 
 /* Newton's method. The displacement is concave in the force, so that it comes from below. */
 double stiffening_force(const stiffening_law *law, double displacement) {
-    double sought = fabs(displacement), force = sought / law->linear;
+    double sought = fabs(displacement), force = law->linear > 0.0 ? sought / law->linear : 0.0;
     for (int i = 0; i < MOST_FORCES && law->field != NOT_STIFFENING; i++) {
         stiffening_shift at = stiffening_at(law, force);
-        double more = (sought - law->linear * force - at.shift) / (law->linear + at.slope);
-        force += more;
-        if (more <= SAME_FORCE * force) break;
+        double more = sought - law->linear * force - at.shift, slope = law->linear + at.slope;
+        if (more <= SAME_FORCE * slope * force || slope <= RIGID * law->linear) break;
+        force += more / slope;
     }
     return copysign(force, displacement);
 }

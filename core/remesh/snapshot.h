@@ -106,6 +106,9 @@ typedef struct {
 /* Mean over this part of the track, m. RT */
 vec3 unresolved_mean(const unresolved_shift *shift, double from, double to);
 
+/* Where the track begins, m. RT */
+static inline vec3 unresolved_at_entry(const unresolved_shift *shift) { return unresolved_mean(shift, shift->start, shift->start + shift->step); }
+
 /* The answer: the inverse of the refined stiffness matrix between handles. The contact node in slot i is handle i, window entry k is
    handle MAX_CONTACTS + k; rows of handles not in use mean nothing. Immutable once handed over. */
 typedef struct {

@@ -308,17 +308,10 @@ bool resting_set_slip(resting_set *s, const insertion_model *model, int most) {
     return more;
 }
 
-trocar_status resting_set_shift(const resting_set *s, const shaft_steps *steps, unresolved_shift *shift, report *why) {
-    tissue_loads loads;
-    trocar_status status = TROCAR_OK;
-    for (int i = 0; i < s->count && status == TROCAR_OK; i++) {
-        resting_loads(s->needles[i], &loads);
-        status = needle_pairs_shift(s->pairs, steps, &loads, shift, why);
-    }
-    return status;
-}
+/* What others feel of a needle: its forces, and this part of what the last release has changed of them. */
+static double felt(const resting_needle *r, double fading, int u) { return r->force[u] + r->beside[u] + fading * r->fading[u]; }
 
-void resting_loads(const resting_needle *r, tissue_loads *loads) {
+static void list_loads(const resting_needle *r, double fading, tissue_loads *loads) {
     loads->count = 0;
     for (int i = 0; i < r->point_count; i++) {
         const attached_row *row = &r->rows[2 * i];
@@ -330,9 +323,21 @@ void resting_loads(const resting_needle *r, tissue_loads *loads) {
         memcpy(load->weights, row->weights, sizeof load->weights);
         for (int axis = 0; axis < 3; axis++) {
             int u = unknown(r->point_count, i, axis);
-            load->force = v3_axpy(r->force[u] + r->beside[u], r->rows[u].direction, load->force);
+            load->force = v3_axpy(felt(r, fading, u), r->rows[u].direction, load->force);
         }
         int shaft = unknown(r->point_count, i, 2) + 1;
-        if (r->tip && i + 1 == r->point_count) load->force = v3_axpy(r->force[shaft] + r->beside[shaft], r->rows[shaft].direction, load->force);
+        if (r->tip && i + 1 == r->point_count) load->force = v3_axpy(felt(r, fading, shaft), r->rows[shaft].direction, load->force);
     }
+}
+
+void resting_loads(const resting_needle *r, tissue_loads *loads) { list_loads(r, 0.0, loads); }
+
+trocar_status resting_set_shift(const resting_set *s, bool fades, const shaft_steps *steps, unresolved_shift *shift, report *why) {
+    tissue_loads loads;
+    trocar_status status = TROCAR_OK;
+    for (int i = 0; i < s->count && status == TROCAR_OK; i++) {
+        list_loads(s->needles[i], fades ? s->fading : 0.0, &loads);
+        status = needle_pairs_shift(s->pairs, steps, &loads, shift, why);
+    }
+    return status;
 }

@@ -49,8 +49,8 @@ void resting_set_after_release(resting_set *s);
 /* This part of it is left. True: that is news. */
 bool resting_set_fade(resting_set *s, double part);
 
-/* Adds how far their forces displace a shaft beyond what the mesh resolves. */
-trocar_status resting_set_shift(const resting_set *s, const shaft_steps *steps, unresolved_shift *shift, report *why);
+/* Adds how far their forces displace a shaft beyond what the mesh resolves: with what fades of them, or as it will be then. */
+trocar_status resting_set_shift(const resting_set *s, bool fades, const shaft_steps *steps, unresolved_shift *shift, report *why);
 
 /* Loads on the tissue by one of them. */
 void resting_loads(const resting_needle *r, tissue_loads *loads);

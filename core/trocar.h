@@ -92,7 +92,7 @@ enum {
     TROCAR_EVENT_LATE = 1 << 7,       /* the worker has not answered for the tissue at the tip yet: the tick went on with what it had, or an estimate */
     TROCAR_EVENT_FULL = 1 << 8,       /* no contact is left to add (TROCAR_MAX_CONTACTS), or the track has more than 256 layers */
     TROCAR_EVENT_UNSTABLE = 1 << 9,   /* the result was not finite: the insertion starts over */
-    TROCAR_EVENT_KEPT = 1 << 10,      /* the closest node may not be moved: one was added instead */
+    TROCAR_EVENT_KEPT = 1 << 10,      /* no longer set */
     TROCAR_EVENT_MISSED_GUIDE = 1 << 11, /* the needle passes a guide's plate outside of its holes, and is not guided: in every tick */
     TROCAR_EVENT_OUTSIDE_MODEL = 1 << 12, /* the shaft is pushed into a body from the side, where it bears no force: in every tick */
     TROCAR_EVENT_TRACK_DROPPED = 1 << 13, /* no room for more tracks (TROCAR_MAX_TRACKS, TROCAR_MAX_TRACK_POINTS): the needle's oldest one is closed again */

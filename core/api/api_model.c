@@ -2,7 +2,7 @@
 #include <stdlib.h>
 #include <string.h>
 
-#include "api/api.h"
+#include "api/view.h"
 #include "base/flush_denormals.h"
 
 _Static_assert(sizeof(bool) == sizeof(uint8_t) && (int)MESH_MAX_GROUPS == 32, "trocar.h says so");

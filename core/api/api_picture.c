@@ -2,7 +2,8 @@
 #include <stdlib.h>
 #include <string.h>
 
-#include "api/api.h"
+#include "api/ticking.h"
+#include "api/view.h"
 #include "base/flush_denormals.h"
 #include "remesh/free_displacement.h"
 #include "tissue/blas.h"
@@ -55,7 +56,7 @@ void trocar_sim_take_picture(const trocar_sim *sim, trocar_picture *picture) {
         if (rests) room--, picture->next_resting = (i + 1) % sim->needle_count;
     }
     seeds_copy(&sim->seeds, sim->needle_count, &picture->seeds);
-    const shown_probe *probe = probe_shown(sim);
+    const shown_probe *probe = shown_probe_of(sim);
     if (probe && probe->stamp != picture->probe.stamp) picture->probe = *probe;
 }
 

@@ -1,10 +1,11 @@
 /* trocar.h: many ticks in a call, and many insertions side by side on one model. */
 #include <pthread.h>
 #include <stdatomic.h>
+#include <stdbool.h>
 #include <stdlib.h>
 #include <string.h>
 
-#include "api/api.h"
+#include "base/report.h"
 #include "tissue/blas.h"
 
 enum { TICKS_BETWEEN = 64 }; /* two looks at the watch */

@@ -3,7 +3,7 @@
 #include <stdlib.h>
 #include <string.h>
 
-#include "api/api.h"
+#include "api/view.h"
 
 int trocar_version(void) { return TROCAR_NUMBER; }
 
@@ -79,18 +79,6 @@ trocar_status trocar_scene_get_number(const trocar_scene *scene, const char *key
 const char *trocar_scene_path(const trocar_scene *scene) { return scene->values.path; }
 
 trocar_device_limits trocar_scene_device(const trocar_scene *scene) { return scene->values.device; }
-
-int start_out(pose start, trocar_pose *out) {
-    if (isnan(start.position.x)) return 0;
-    *out = pose_out(start);
-    return 1;
-}
-
-int transform_out(const double matrix[16], double out[16]) {
-    if (isnan(matrix[0])) return 0;
-    memcpy(out, matrix, 16 * sizeof *out);
-    return 1;
-}
 
 int trocar_scene_start(const trocar_scene *scene, trocar_pose *start) {
     return start_out(scene->values.start, start);

@@ -1,7 +1,8 @@
 /* trocar.h: seeds. */
 #include <string.h>
 
-#include "api/api.h"
+#include "api/ticking.h"
+#include "api/view.h"
 #include "base/flush_denormals.h"
 #include "insertion/strata.h"
 
@@ -36,7 +37,7 @@ trocar_status trocar_sim_drop_seeds(trocar_sim *sim, int needle, int count, doub
     trocar_error ignored, *why = error ? error : &ignored;
     if (check_needle(sim, needle, why) != TROCAR_OK) return TROCAR_BAD_INPUT;
     adopt_needle(sim, &sim->needles[needle]);
-    if (phase_of(&sim->needles[needle]) != PHASE_HELD) return fail(why, TROCAR_BAD_INPUT, "needle %d rests: take it first", needle);
+    if (link_refuses(&sim->needles[needle].link, ON_TICK)) return fail(why, TROCAR_BAD_INPUT, "needle %d rests: take it first", needle);
     floating_mode before = flush_denormals();
     seed_refusal refusal = seeds_drop(&sim->model->parts.insertion, &sim->model->parts.config.seeds, &sim->needles[needle].state, needle, count, spacing,
                                       &sim->seeds);

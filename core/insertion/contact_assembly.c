@@ -74,6 +74,7 @@ void locate_points(const tick_context *tick) {
         contact_point *p = &w->points[i];
         p->target = p->kind == POINT_TIP ? v3_add(tip_place(&state->tip), w->free_at_tip)
                                          : v3_add(state->contacts[p->handle].track, creep_free(tick, p->handle));
+        if (p->kind == POINT_TIP) p->target = v3_axpy(state->tip.offset, state->tip.direction, p->target);
         p->target = v3_add(p->target, unresolved_mean(&tick->snapshot->unresolved, p->share.from, p->share.to));
         if (tick->model->creep.count > 0) p->target = v3_add(p->target, w->creep.moved[i]);
     }

@@ -18,24 +18,6 @@ void set_beside(needle_tip *tip, vec3 beside) {
     tip->outward = v3_norm(beside) > 0.0 ? v3_unit(beside) : v3(0, 0, 0);
 }
 
-/* Adds a node on the face, or inside the element if moved nodes have displaced the face. */
-static int add_instead(const mesh *m, refinement *r, int tet, vec3 position, uint64_t id) {
-    int slot = refinement_add_on_face(m, r, tet, position, id);
-    if (v3_norm(v3_sub(r->nodes[slot].position, position)) < PLAN_TOLERANCE) return slot;
-    r->count--;
-    return refinement_add(m, r, tet, position, id);
-}
-
-static int move_or_add(const tick_context *tick, int near, vec3 position, uint64_t id) {
-    const insertion_model *model = tick->model;
-    refinement *r = &tick->state->refined;
-    double weights[4];
-    int tet = refinement_element(model->mesh, r, r->count, near, position, weights), slot = refinement_move(model->tissue, r, tet, position, id);
-    if (slot >= 0) return slot;
-    tick->output->events |= EVENT_KEPT;
-    return add_instead(model->mesh, r, tet, position, id);
-}
-
 /* The needle's way past a new node, as it was asked for before if it was. */
 static void set_line(insertion_state *state, int slot, vec3 direction) {
     added_node *node = &state->refined.nodes[slot];
@@ -53,12 +35,7 @@ static int add_contact(const tick_context *tick, vec3 position, double depth, ve
         return -1;
     }
     uint64_t id = ++state->next_id;
-    int tet = state->tip.tet, slot;
-    switch (model->settings.placement) {
-    case PLACE_ON_FACES: slot = refinement_add_on_face(model->mesh, &state->refined, tet, position, id); break;
-    case PLACE_MOVED: slot = move_or_add(tick, tet, position, id); break;
-    default: slot = refinement_add(model->mesh, &state->refined, tet, position, id); break;
-    }
+    int slot = refinement_add(model->mesh, &state->refined, state->tip.tet, position, id);
     set_line(state, slot, way);
     state->contacts[slot] = (shaft_contact){.status = CONTACT_PLANNED, .track = position, .depth = depth};
     return slot;
@@ -81,11 +58,6 @@ static void plan(const tick_context *tick, vec3 direction, bool another) {
     direction = tip_way(tip, direction);
     if (mesh_exit(model->mesh, tip->tet, tip->nominal, direction, &chord) < 0) return;
     double earliest = last_contact_depth(state) + model->settings.contact_spacing;
-    if (model->settings.placement != PLACE_INSIDE) { /* left where the tip crosses the face, not at a given depth */
-        if (tip->depth + chord >= earliest)
-            add_contact(tick, v3_axpy(chord, direction, tip->nominal), tip->depth + chord, direction);
-        return;
-    }
     double shares = chord / (LONGEST_SHARE * mesh_edge_length(model->mesh, tip->tet));
     shares = another ? ceil(shares - 0.5) : fmax(ceil(shares), 1.0);
     if (shares < 1.0) return;
@@ -97,9 +69,7 @@ static void plan(const tick_context *tick, vec3 direction, bool another) {
 
 void plan_contact(const tick_context *tick, vec3 direction) { plan(tick, direction, false); }
 
-void plan_another(const tick_context *tick, vec3 direction) {
-    if (tick->model->settings.placement == PLACE_INSIDE) plan(tick, direction, true);
-}
+void plan_another(const tick_context *tick, vec3 direction) { plan(tick, direction, true); }
 
 bool leaves_contact_at_exit(const tick_context *tick, double depth) {
     return depth - last_contact_depth(tick->state) > 0.5 * tick->model->settings.contact_spacing;

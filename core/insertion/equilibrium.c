@@ -108,6 +108,8 @@ static void linearise(const tick_context *tick, bool first) {
     profile_end_stage(&w->profile, INSERTION_NEEDLE);
     bound_contacts(tick);
     stiffening_linearise(tick, first);
+    if (w->tip && w->node_added) keep_dent(tick);
+    w->node_added = false;
     assemble_compliance(tick);
     assemble_gaps(tick);
     if (w->tip) damp_tip(tick);

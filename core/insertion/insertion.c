@@ -146,6 +146,7 @@ static void cross(const tick_context *tick, vec3 gradient) {
     insertion_state *state = tick->state;
     needle_tip *tip = &state->tip;
     if (!isfinite(tip->slip)) tip->shaft.origin = NAN; /* the insertion starts over (insertion_is_finite), so that the tip does not leave a track right through the tissue */
+    tip->offset *= exp(-fabs(tip->slip) / (2.0 * tick->model->needle->radius));
     tip_move(tick, tip_aim(tick, gradient));
     if (tip->phase == TIP_INSIDE && tip->depth == 0.0) tip_glide_on_surface(tick);
 }
@@ -268,7 +269,7 @@ static double shaft_total(const shaft_hold *s) {
 bool insertion_is_finite(const insertion_state *state, const tick_output *output) {
     const needle_tip *tip = &state->tip;
     double sum = state->base_turn + state->tip_lead + sum_of(output->force) + sum_of(output->torque) + sum_of(tip_place(tip)) + sum_of(state->entry) + tip->depth + tip->slip
-               + shaft_total(&tip->shaft) + tip->pressing + tip->dent + sum_of(tip->damping) + tip->end_force
+               + shaft_total(&tip->shaft) + tip->pressing + tip->dent + tip->held_dent + tip->offset + sum_of(tip->damping) + tip->end_force
                + tip->resolved.lateral + tip->resolved.axial + tip->resolved.point + line_end_total(&tip->resolved.end);
     for (int k = 0; k < state->refined.count; k++) {
         int slot = state->refined.order[k];

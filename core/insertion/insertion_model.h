@@ -13,11 +13,7 @@ typedef struct {
     double puncture_force;   /* N; INFINITY: never */
 } membrane;
 
-/* Added half way through elements; or, as in the paper, where the tip leaves them: added on the face, or its closest corner moved there. */
-typedef enum { PLACE_INSIDE, PLACE_ON_FACES, PLACE_MOVED } contact_placement;
-
 typedef struct {
-    contact_placement placement; /* where contact nodes are, and how they get there */
     double contact_spacing;      /* m, least distance between contact nodes along the track */
     double weakening_distance;   /* m of sliding over which static friction falls to kinetic */
     double prefetch_distance;    /* m of path ahead of the tip that the window covers */

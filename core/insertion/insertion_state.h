@@ -77,6 +77,8 @@ typedef struct {
     double arc;              /* m from the base, where its force acts: at the needle's end or behind it (along_track.h) */
     vec3 rest;               /* m, world frame: where the tissue that it touches was without its force in the last solve */
     double dent;             /* m along the track, by which the tissue at the tip is displaced */
+    double held_dent;        /* m, that its forces alone would hold, without the damper */
+    double offset;           /* m along the track, of what new nodes have changed of that; fades as the tip moves on */
     vec3 damping;            /* N, world frame, on the tissue at the tip, which springs back no faster than shear waves travel */
     double pressing;         /* N, force along the needle, low-pass filtered, that sets the lateral hold; >= 0 */
     open_track follows;      /* the track that the slip of the last solve goes along */

@@ -59,13 +59,19 @@ static void activate_contact(const tick_context *tick, int k) {
     double origin = contact->shaft.origin;
     contact->shaft = state->tip.shaft;
     contact->shaft.origin = origin;
+    shaft_share share = shaft_share_of(state, k, true);
+    int last = tick->model->needle->given.segments - 1;
+    contact->force = v3_scale(contact->shaft.traction * (share.to - share.from), q_axis(state->needle.frames[last]));
+    state->tip.force = v3_sub(state->tip.force, contact->force);
 }
 
 void accept_snapshot(const tick_context *tick) {
     insertion_state *state = tick->state;
     int known = snapshot_known_contacts(tick->snapshot, &state->refined), passed = contacts_passed(state);
+    tick->scratch->node_added = false;
     for (int k = contacts_active(state); k < known && k < passed; k++) {
         activate_contact(tick, k);
+        tick->scratch->node_added = true;
         tick->output->events |= EVENT_ADDED;
     }
 }

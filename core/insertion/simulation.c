@@ -240,19 +240,9 @@ trocar_status simulation_create_mesh(const simulation_config *config, simulation
     return status;
 }
 
-static trocar_status check_placement(const simulation_config *config, report *why) {
-    if (config->remeshing == REMESH_NESTED && config->insertion.placement == PLACE_MOVED)
-        return fail(why, TROCAR_BAD_INPUT, "contact.placement: moved nodes are not nested; choose remeshing: implicit");
-    if (config->volumetric != STRAIN_BY_ELEMENT && config->insertion.placement == PLACE_MOVED)
-        return fail(why, TROCAR_BAD_INPUT, "contact.placement: a moved node would change strains averaged beyond the elements around it; "
-                    "choose volumetric_strain: element");
-    return TROCAR_OK;
-}
-
 trocar_status simulation_create_model(const simulation_config *config, simulation *s, report *why) {
     memset(s, 0, sizeof *s);
     trocar_status status = blas_start(why);
-    if (status == TROCAR_OK) status = check_placement(config, why);
     if (status == TROCAR_OK) status = simulation_create_mesh(config, s, why);
     if (status != TROCAR_OK) return status;
     status = inverse_go_on(config->progress, why);
@@ -303,28 +293,15 @@ trocar_status simulation_derive(const simulation *base, const simulation_config 
         return fail(why, TROCAR_BAD_INPUT, "mesh: a model whose mesh came as arrays shares nothing: build this one by itself");
     const char *key = stiffness_key_that_differs(&base->config, config, text, sizeof text);
     if (key) return fail(why, TROCAR_BAD_INPUT, "%s: differs from the model whose stiffness is to be shared: build this one by itself", key);
-    trocar_status status = check_placement(config, why);
-    if (status != TROCAR_OK) return status;
     s->config = *config;
     s->shares = true;
     s->mesh = base->mesh;
     s->tissue = tissue_constants(&base->tissue);
     s->inverse = base->inverse;
     s->about_inverse = base->about_inverse;
-    status = bind_to_mesh(s, why);
+    trocar_status status = bind_to_mesh(s, why);
     if (status == TROCAR_OK) status = needle_create(&config->needle, &s->needle, why);
     if (status == TROCAR_OK) status = build_insertion(s, why);
-    if (status != TROCAR_OK) simulation_free(s);
-    return status;
-}
-
-trocar_status simulation_create(const simulation_config *config, simulation *s, report *why) {
-    trocar_status status = simulation_create_model(config, s, why);
-    if (status != TROCAR_OK) return status;
-    status = remesher_create(s->inverse, config->remeshing, &s->remesher, why);
-    s->workspace = allocate_on_cache_lines(sizeof *s->workspace);
-    s->field_scratch = calloc(simulation_field_scratch(s), sizeof *s->field_scratch);
-    if (status == TROCAR_OK && !(s->workspace && s->field_scratch)) status = fail(why, TROCAR_NO_MEMORY, "no memory");
     if (status != TROCAR_OK) simulation_free(s);
     return status;
 }
@@ -333,9 +310,6 @@ size_t simulation_field_scratch(const simulation *s) { return REFINED_FIELD_SCRA
 
 void simulation_free(simulation *s) {
     local_free(&s->insertion);
-    free(s->workspace);
-    free(s->field_scratch);
-    remesher_free(s->remesher);
     if (!s->shares) {
         inverse_free(s->inverse);
         if (s->tissue.mesh) tissue_free(&s->tissue);
@@ -344,36 +318,10 @@ void simulation_free(simulation *s) {
     memset(s, 0, sizeof *s);
 }
 
-trocar_status simulation_step(simulation *s, tick_context tick, compliance_snapshot *snapshot, report *why) {
-    tick.model = &s->insertion;
-    tick.scratch = s->workspace;
-    tick.snapshot = snapshot;
-    insertion_tick(&tick);
-    if (!insertion_is_finite(tick.state, tick.output)) insertion_start_over(&s->insertion, tick.base.pose, tick.state, tick.output);
-    if (snapshot->serial == tick.state->request.serial) return TROCAR_OK;
-    return remesher_answer(s->remesher, &tick.state->request, snapshot, why);
-}
-
-void simulation_save(const insertion_state *state, const compliance_snapshot *snapshot, checkpoint *saved) {
-    memcpy(&saved->state, state, sizeof *state);
-    memcpy(&saved->snapshot, snapshot, sizeof *snapshot);
-}
-
-trocar_status simulation_restore(simulation *s, const checkpoint *saved, insertion_state *state, compliance_snapshot *snapshot, report *why) {
-    memcpy(state, &saved->state, sizeof *state);
-    memcpy(snapshot, &saved->snapshot, sizeof *snapshot);
-    return remesher_resume(s->remesher, &state->request, snapshot, why);
-}
-
 void simulation_field(simulation *s, const insertion_state *state, vec3 *scratch, vec3 *nominal, vec3 *added) {
     refinement refined;
     vec3 force[MAX_CONTACTS];
     insertion_refinement(state, &refined);
     insertion_forces(&s->insertion, state, nominal, force);
     refined_displacement(s->inverse, &refined, (refined_vectors){nominal, force}, scratch, (refined_vectors){nominal, added});
-}
-
-void simulation_displacement(simulation *s, const insertion_state *state, vec3 *nominal, vec3 *added) {
-    memset(nominal, 0, (size_t)s->mesh.node_count * sizeof *nominal);
-    simulation_field(s, state, s->field_scratch, nominal, added);
 }

@@ -1,4 +1,4 @@
-/* Everything a server or a replay needs, built from one configuration and owned by one struct. */
+/* All that is constant in a simulation, built from one configuration and owned by one struct. */
 #ifndef TROCAR_SIMULATION_H
 #define TROCAR_SIMULATION_H
 
@@ -58,11 +58,8 @@ typedef struct {
     tissue tissue;
     inverse *inverse;
     report about_inverse;               /* which owner, and why */
-    remesher *remesher;
     needle_model needle;
     insertion_model insertion;
-    vec3 *field_scratch;                /* of whichever thread asks for displacements */
-    insertion_workspace *workspace;     /* of whichever thread runs the ticks */
 } simulation;
 
 /* Defaults of docs/reference/scene.md; names and mesh are empty. */
@@ -79,35 +76,12 @@ trocar_status simulation_create_model(const simulation_config *config, simulatio
    must outlive it. BAD_INPUT, with the key, if the stiffness or the inverse would be another one, and for a mesh that came as arrays. */
 trocar_status simulation_derive(const simulation *base, const simulation_config *config, simulation *s, report *why);
 
-/* The same as simulation_create_model, and what one run of it needs: remesher, workspace, field_scratch. */
-trocar_status simulation_create(const simulation_config *config, simulation *s, report *why);
 void simulation_free(simulation *s);
 
-size_t simulation_field_scratch(const simulation *s); /* entries of field_scratch */
-
-/* Lockstep: one tick, then the remesher serves what it asked for, for the next tick. Deterministic. The caller sets state, base, dt and
-   output of `tick`; the rest is set here. */
-trocar_status simulation_step(simulation *s, tick_context tick, compliance_snapshot *snapshot, report *why);
-
-/* Everything that changes, as it is between two ticks: plain data, about 2 MB, for planners and tests. */
-typedef struct {
-    insertion_state state;
-    compliance_snapshot snapshot;
-} checkpoint;
-
-void simulation_save(const insertion_state *state, const compliance_snapshot *snapshot, checkpoint *saved);
-
-/* Into this simulation or another one of the same configuration. What follows is what followed the save: to the bit with the
-   nested method on a dense or condensed inverse, and to rounding with other methods, with the sparse inverse and outside a
-   condensed one's region, whose last bits depend on what was asked before. */
-trocar_status simulation_restore(simulation *s, const checkpoint *saved, insertion_state *state, compliance_snapshot *snapshot, report *why);
-
-/* Displacement of the nominal nodes (node_count) and of the nodes of insertion_refinement() (MAX_CONTACTS), m.
-   Allocates nothing; not for the haptic thread. */
-void simulation_displacement(simulation *s, const insertion_state *state, vec3 *nominal, vec3 *added);
-
-/* The same with scratch of one's own, simulation_field_scratch entries: from several threads. `nominal` holds the forces of what else
-   loads the tissue, N, on its nodes. */
+/* Displacement of the nominal nodes (node_count) and of the nodes of insertion_refinement() (MAX_CONTACTS), m. `scratch` has
+   simulation_field_scratch entries: from several threads, each with its own. `nominal` holds the forces of what else
+   loads the tissue, N, on its nodes. Allocates nothing; not for the haptic thread. */
+size_t simulation_field_scratch(const simulation *s);
 void simulation_field(simulation *s, const insertion_state *state, vec3 *scratch, vec3 *nominal, vec3 *added);
 
 #endif

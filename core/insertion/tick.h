@@ -17,7 +17,6 @@ typedef enum {
     EVENT_LATE = 1 << 7,         /* the snapshot does not cover the tip, or what the mesh resolves there was not measured: the tick used what was known last, or estimates */
     EVENT_FULL = 1 << 8,         /* MAX_CONTACTS reached, or MAX_STRATA: the shaft has the friction of the last layer noted */
     EVENT_UNSTABLE = 1 << 9,     /* the result was not finite: the insertion starts over */
-    EVENT_KEPT = 1 << 10,        /* the closest node may not be moved (refinement_move): one was added instead */
     EVENT_MISSED_GUIDE = 1 << 11, /* the needle passes a guide outside of its holes, and is not guided; in every tick */
     EVENT_OUTSIDE_MODEL = 1 << 12, /* the shaft is pushed into a body from the side, and bears no force there; in every tick */
     EVENT_TRACK_DROPPED = 1 << 13, /* no room for another track or point (MAX_TRACKS, MAX_TRACK_POINTS): the needle's oldest track is closed again */
@@ -171,6 +170,7 @@ typedef struct {
     double axial[MAX_AXIAL];                 /* and along it: at the tip that of the end face, then that of the shaft next to it */
     double sideways_on_shaft;                /* part of the tip's sideways force that the shaft next to it bears; the rest is on its end face */
     double relaxed;                          /* part of the way to its static place that the tissue at the tip goes in this step */
+    bool node_added;                         /* a contact became active in this step */
     double tip_column[MAX_UNKNOWNS];         /* m/N, displacement of the tissue at each unknown under a force along the track at the tip, */
     double tip_yield;                        /* m/N, and of the tip itself */
     double loose[MAX_POINTS];                /* m/N, additional lateral compliance while the hold is not full, */

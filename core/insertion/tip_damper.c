@@ -13,7 +13,25 @@ double tip_relaxed(const insertion_model *model, const needle_tip *tip, double d
 /* Displacement of the tissue at the tip along the track that does not depend on this step's forces, m. */
 static double dent_without_forces(const tick_context *tick) {
     const insertion_workspace *w = tick->scratch;
-    return creep_dent(tick) + w->stiffening.end.offset;
+    return creep_dent(tick) + w->stiffening.end.offset + tick->state->tip.offset;
+}
+
+/* The displacement that the forces before this step would hold, m. */
+static double dent_before(const tick_context *tick) {
+    const insertion_workspace *w = tick->scratch;
+    int count = w->point_count;
+    vec3 along = tick->state->tip.direction;
+    double u = dent_without_forces(tick) + (w->axial[count - 1] + w->stiffening.end.slope) * force_on_face(tick);
+    for (int i = w->guided; i < count; i++) u += v3_dot(m3_apply(&w->tip_row[i], along), *point_force(tick->state, &w->points[i]));
+    return u;
+}
+
+void keep_dent(const tick_context *tick) {
+    needle_tip *tip = &tick->state->tip;
+    double change = tip->held_dent - dent_before(tick);
+    contact_point *p = &tick->scratch->points[tick->scratch->point_count - 1];
+    tip->offset += change;
+    p->target = v3_axpy(change, tip->direction, p->target);
 }
 
 _Static_assert(MAX_UNKNOWNS % ROW_STEP == 0, "the column is read in whole steps");
@@ -68,4 +86,5 @@ void spring_back(const tick_context *tick) {
     double u = static_dent(tick), dent = w->relaxed * u + (1.0 - w->relaxed) * state->tip.dent;
     state->tip.damping = v3_scale((dent - u) / w->tip_yield, state->tip.direction);
     state->tip.dent = dent;
+    state->tip.held_dent = u;
 }

@@ -9,6 +9,10 @@
    hand, which is far slower than waves: all of the way. RT */
 double tip_relaxed(const insertion_model *model, const needle_tip *tip, double dt);
 
+/* A new node changes what the mesh makes of the same forces by a few per cent. That alone must not move the tip: it is taken off, and fades as the tip moves
+   on. After stiffening_linearise. RT */
+void keep_dent(const tick_context *tick);
+
 /* Eliminates the damper's force from the contact problem. In a step the dent goes the part 1 - exp(-c dt / dent) of the way to the
    displacement u that the forces would hold statically, c being the wave speed: dent' = relaxed u + (1 - relaxed) dent. The
    damper's force on the tissue is (dent' - u) over the tip's compliance. It takes a matrix of rank 1 off the tissue's

@@ -36,7 +36,7 @@ static void go_beyond(const tick_context *tick) {
     needle_tip *tip = &tick->state->tip;
     tip->phase = TIP_BEYOND;
     tip->force = tip->damping = v3(0, 0, 0);
-    tip->dent = 0.0;
+    tip->dent = tip->held_dent = tip->offset = 0.0;
     tip->slip = tip->shaft.slip = 0.0;
     tip->blocked_by = NOT_BLOCKED;
     tip->end = tick->state->needle.joints[tick->model->needle->given.segments];
@@ -110,10 +110,6 @@ static void graze_on(const tick_context *tick, vec3 direction, double part) {
 
 /* ---- forward and back -------------------------------------------------------------------------------------------------- */
 
-static void leave_contact_on_face(const tick_context *tick) {
-    if (tick->state->tip.depth >= last_contact_depth(tick->state) + tick->model->settings.contact_spacing) leave_contact(tick);
-}
-
 /* Into the element behind a face, or out of the tissue. */
 static void cross_face(const tick_context *tick, int face, vec3 direction) {
     needle_tip *tip = &tick->state->tip;
@@ -122,7 +118,6 @@ static void cross_face(const tick_context *tick, int face, vec3 direction) {
         exit_tissue(tick);
         return;
     }
-    if (tick->model->settings.placement != PLACE_INSIDE) leave_contact_on_face(tick);
     tip->tet = next;
     tip->nominal = v3_axpy(FACE_CLEARANCE, direction, tip->nominal);
     tip->depth += FACE_CLEARANCE;

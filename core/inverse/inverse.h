@@ -67,8 +67,6 @@ trocar_status inverse_gather(inverse *inv, const inverse_blocks *blocks, report 
    Zero if there is not enough memory, or f is not finite. Thread-safe; calls are serialised. */
 void inverse_apply(inverse *inv, const vec3 *force, vec3 *displacement);
 
-/* The dense matrix (dof_count square, column-major, full), NULL for the other implementations. */
-const double *inverse_dense(const inverse *inv);
 const tissue *inverse_tissue(const inverse *inv);
 
 #endif

@@ -86,7 +86,3 @@ trocar_status inverse_create_dense(tissue *t, inverse_progress progress, inverse
     *created = NULL;
     return status;
 }
-
-const double *inverse_dense(const inverse *inv) {
-    return inv->owner == &dense_owner ? ((const dense_inverse *)inv)->dense : NULL;
-}

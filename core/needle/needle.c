@@ -2,7 +2,7 @@
 
 #include "base/lame.h"
 #include "needle/centreline_kernels.h"
-#include "needle/needle_kind.h"
+#include "needle/rod_kernels.h"
 
 static const double MOST_BOW = 0.01; /* needle lengths: largest bow that a scene may give; beyond that the needle would clearly be bent, and its tip short of its
                                         length. Chosen */
@@ -27,46 +27,69 @@ trocar_status needle_create(const needle_parameters *given, needle_model *model,
     double area_moment = M_PI / 64.0 * (pow(g->outer_diameter, 4) - pow(g->inner_diameter, 4));
     *model = (needle_model){
         .given = *given,
-        .kind = given->kind == NEEDLE_TETRAHEDRA ? &needle_kind_tetrahedra : &needle_kind_rod,
         .segment_length = g->length / g->segments,
         .radius = 0.5 * g->outer_diameter,
         .bending = g->youngs_modulus * area_moment,
         .torsion = shear_modulus(g->youngs_modulus, g->poisson_ratio) * 2.0 * area_moment,
     };
     for (int k = 1; k < g->segments; k++) model->natural[k] = natural_slope(g, k - 1) - natural_slope(g, k);
-    return model->kind->create(model, why);
+    return TROCAR_OK;
 }
 
-/* ---- dispatch to the model -------------------------------------------------------------------------------------------------- */
+/* ---- the rod ------------------------------------------------------------------------------------------------------------- */
 
-void needle_rest(const needle_model *model, pose base, needle_state *state) { model->kind->rest(model, base, state); }
+void needle_rest(const needle_model *model, pose base, needle_state *state) {
+    int n = model->given.segments;
+    rod_frames of;
+    quat frame = base.orientation;
+    state->base = base;
+    for (int k = 0; k < n + ROD_STEP; k++) *rod_frame(&of, k) = frame = k < n ? q_multiply(frame, q_exp(v3(model->natural[k], 0, 0))) : frame;
+    rod_set_frames(model, &of, state);
+}
 
-void needle_hold(const needle_model *model, pose base, needle_state *state) { model->kind->hold(model, base, state); }
+/* No load twists the rod, so that every segment turns about its own axis by as much as the base does. */
+void needle_hold(const needle_model *model, pose base, needle_state *state) {
+    double roll = q_roll_between(state->base.orientation, base.orientation);
+    quat turn = q_exp(v3(0, 0, roll));
+    rod_frames of;
+    state->base = base;
+    rod_copy_frames(model->given.segments, state, &of);
+    for (int k = 0; k < model->given.segments && roll != 0.0; k++) *rod_frame(&of, k) = q_unit(q_multiply(*rod_frame(&of, k), turn));
+    rod_set_frames(model, &of, state);
+}
 
 void needle_linearise(const needle_model *model, const needle_state *state, const vec3 *load, int first, needle_tangent *tangent) {
-    model->kind->linearise(model, state, load, first, tangent);
+    rod_linearise(model, state, load, first, tangent);
 }
 
 double needle_advance(const needle_model *model, const needle_tangent *tangent, const vec3 *load, needle_state *state) {
-    return model->kind->advance(model, tangent, load, state);
+    return rod_advance(model, tangent, load, state);
 }
 
 void needle_motion_of(const needle_model *model, const needle_state *before, const needle_state *after, double dt, needle_motion *motion) {
-    motion->time = 0.0;
-    if (!model->kind->motion) return;
     motion->time = dt;
-    model->kind->motion(model, before, after, motion);
+    for (int k = 0; k < model->given.segments; k++) motion->turn[k] = q_multiply(after->frames[k], q_conjugate(before->frames[k]));
 }
 
 bool needle_go_on(const needle_model *model, const needle_motion *motion, double dt, needle_state *state) {
     bool known = motion->time > 0.0 && dt <= FARTHEST * motion->time;
-    if (known) model->kind->go_on(model, motion, dt / motion->time, state);
+    if (known) rod_go_on(model, motion, dt / motion->time, state);
     return known;
 }
 
-vec3 needle_root_moment(const needle_model *model, const needle_state *state) { return model->kind->root_moment(model, state); }
+vec3 needle_root_moment(const needle_model *model, const needle_state *state) { return rod_root_moment(model, state); }
 
-double needle_energy(const needle_model *model, const needle_state *state) { return model->kind->energy(model, state); }
+double needle_energy(const needle_model *model, const needle_state *state) {
+    double energy = 0.0;
+    quat before = state->base.orientation;
+    for (int k = 0; k < model->given.segments; k++) {
+        vec3 w = q_log(q_multiply(q_conjugate(before), state->frames[k]));
+        w.x -= model->natural[k];
+        energy += 0.5 / rod_joint_length(model, k) * (model->bending * (w.x * w.x + w.y * w.y) + model->torsion * w.z * w.z);
+        before = state->frames[k];
+    }
+    return energy;
+}
 
 /* ---- the centreline ------------------------------------------------------------------------------------------------ */
 

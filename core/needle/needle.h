@@ -1,7 +1,5 @@
-/* The needle, clamped at its base: a centreline of segments, with one of two elastic models.
-   Base = arc 0, tip = arc `length`; axis along local +z. See README.md, "Needle".
-   - rod: geometrically exact, inextensible Kirchhoff rod of rigid segments with elastic joints;
-   - tetrahedra: solid of linear tetrahedra with quadratic strain, five nodes a section (needle_tets.c). */
+/* The needle, clamped at its base: a geometrically exact, inextensible Kirchhoff rod of rigid segments with elastic joints between them.
+   Base = arc 0, tip = arc `length`; axis along local +z. See README.md, "Needle". */
 #ifndef TROCAR_NEEDLE_H
 #define TROCAR_NEEDLE_H
 
@@ -29,15 +27,14 @@ void needle_locate(const needle_model *model, const needle_state *state, int cou
 /* Unit vector along the centreline, toward the tip. RT */
 static inline vec3 needle_along(const needle_point *p) { return v3(p->frame.m[0][2], p->frame.m[1][2], p->frame.m[2][2]); }
 
-/* Linearises about the current shape under the joint forces `load` (N, segments + 1), which determine the rod's
-   geometric stiffness (that of the tetrahedra follows from their stress); compliance for joints >= first. RT */
+/* Linearises about the current shape under the joint forces `load` (N, segments + 1), which determine the
+   geometric stiffness; compliance for joints >= first. RT */
 void needle_linearise(const needle_model *model, const needle_state *state, const vec3 *load, int first, needle_tangent *tangent);
 
 /* Moves the needle to the linearised equilibrium under `load`. Returns the largest rotation of a segment, rad. RT */
 double needle_advance(const needle_model *model, const needle_tangent *tangent, const vec3 *load, needle_state *state);
 
-/* What has changed the shape from one to the other in `dt` seconds, and a guess at the shape after `dt` more: false, and no change, if there is none.
-   The tetrahedra stay as they are. RT */
+/* What has changed the shape from one to the other in `dt` seconds, and a guess at the shape after `dt` more: false, and no change, if there is none. RT */
 void needle_motion_of(const needle_model *model, const needle_state *before, const needle_state *after, double dt, needle_motion *motion);
 bool needle_go_on(const needle_model *model, const needle_motion *motion, double dt, needle_state *state);
 

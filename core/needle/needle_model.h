@@ -2,23 +2,15 @@
 #ifndef TROCAR_NEEDLE_MODEL_H
 #define TROCAR_NEEDLE_MODEL_H
 
-#include "linalg/block_tridiagonal.h"
 #include "base/report.h"
 #include "base/vec.h"
 
 enum {
-    NEEDLE_MAX_SEGMENTS = TRIDIAGONAL_BLOCKS,
+    NEEDLE_MAX_SEGMENTS = 64,
     NEEDLE_LD = (NEEDLE_MAX_SEGMENTS / 4 + 1) * 12, /* three columns for each joint; whole blocks of four joints */
     NEEDLE_PLACES = NEEDLE_MAX_SEGMENTS + 4, /* whole vectors of segments, and joints beyond them */
     NEEDLE_POINT_JOINTS = 3,                /* that a point of the centreline is interpolated from */
-    NEEDLE_RIM = 4,                         /* tetrahedra: nodes of a section around its centre node */
-    NEEDLE_SECTION = 1 + NEEDLE_RIM,
-    NEEDLE_LAYER_TETS = 3 * NEEDLE_RIM,     /* tetrahedra between two sections */
 };
-_Static_assert(3 * NEEDLE_SECTION == TRIDIAGONAL_ROWS, "a section is one block of the tangent");
-
-typedef enum { NEEDLE_ROD, NEEDLE_TETRAHEDRA } needle_choice;
-typedef struct needle_kind needle_kind; /* needle_kind.h */
 
 typedef struct {
     double length;           /* m */
@@ -29,39 +21,21 @@ typedef struct {
     double bow;              /* of the length, by which the middle is off the line from base to tip, toward local +y */
     double bevel_slope;      /* lateral per axial displacement while cutting, away from the bevel's face (toward local -y) */
     int segments;            /* 2..NEEDLE_MAX_SEGMENTS */
-    needle_choice kind;
 } needle_parameters;
-
-/* One of the tetrahedra between two sections, at rest. */
-typedef struct {
-    int nodes[4];            /* 0..NEEDLE_SECTION of the section below, then those of the section above; 0 is its centre */
-    vec3 gradients[4];       /* of the shape functions, 1/m */
-} layer_tet;
-
-typedef struct {
-    layer_tet layers[2][NEEDLE_LAYER_TETS]; /* between sections k and k + 1, for even and odd k: mirror images */
-    vec3 rim[NEEDLE_RIM];    /* m, from the centre of a section at rest */
-    double volume;           /* m^3, of each tetrahedron */
-    double lambda, mu;       /* Pa, Lame parameters after calibration */
-    double calibration;      /* factor on Young's modulus with which the deflection under a small tip load equals the rod's */
-} needle_solid;
 
 typedef struct {
     needle_parameters given;
-    const needle_kind *kind;
     double segment_length;   /* m */
     double radius;           /* m, outer */
     double bending;          /* EI, N m^2 */
     double torsion;          /* GJ, N m^2 */
-    double natural[NEEDLE_PLACES]; /* rad, about local x: turn of each segment of a needle without force against the one before; rod only */
-    needle_solid solid;      /* of the tetrahedra */
+    double natural[NEEDLE_PLACES]; /* rad, about local x: turn of each segment of a needle without force against the one before */
 } needle_model;
 
 typedef struct {
     pose base;
     quat frames[NEEDLE_MAX_SEGMENTS];      /* orientation of each segment; its axis is local +z */
     vec3 joints[NEEDLE_MAX_SEGMENTS + 1];  /* m; joints[0] is the base, the last one the tip */
-    vec3 rim[NEEDLE_MAX_SEGMENTS + 1][NEEDLE_RIM]; /* m; tetrahedra only; the centre nodes are the joints */
 } needle_state;
 
 /* How the needle's shape has changed in a step. */
@@ -86,22 +60,14 @@ typedef struct { double at[9][NEEDLE_PLACES]; } matrix_series;
 
 /* Tangent at the current shape (scratch of one Newton iteration). */
 typedef struct {
-    int unstable;                               /* rod: number of negative eigenvalues of the tangent stiffness, that is, buckling modes of the
-                                                   unsupported needle under these loads; tetrahedra: 0 */
+    int unstable;                               /* number of negative eigenvalues of the tangent stiffness, that is, buckling modes of the
+                                                   unsupported needle under these loads */
     vec3 drift[NEEDLE_MAX_SEGMENTS + 1];        /* displacement of the joints that count for zero load (linearised), m */
     double compliance[NEEDLE_LD][NEEDLE_LD];    /* between joints, m/N: [3 i + a][3 j + b], for j > i - NEEDLE_POINT_JOINTS */
-    union {
-        struct {
-            symmetric_series pivot_inverse;             /* block L D L^T of the tangent stiffness */
-            matrix_series lower;
-            vector_series moments;                      /* spatial moment of the joint before each segment, N m */
-            double rotation[3 * NEEDLE_MAX_SEGMENTS][NEEDLE_LD]; /* of the segments per unit force at each joint beyond, rad/N */
-        } rod;
-        struct {
-            block_tridiagonal stiffness;                      /* of sections 1..segments, factorised, N/m */
-            vec3 internal[NEEDLE_MAX_SEGMENTS + 1][NEEDLE_SECTION]; /* external force that keeps each node in place, N */
-        } tets;
-    };
+    symmetric_series pivot_inverse;             /* block L D L^T of the tangent stiffness */
+    matrix_series lower;
+    vector_series moments;                      /* spatial moment of the joint before each segment, N m */
+    double rotation[3 * NEEDLE_MAX_SEGMENTS][NEEDLE_LD]; /* of the segments per unit force at each joint beyond, rad/N */
 } needle_tangent;
 
 #endif

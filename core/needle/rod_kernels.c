@@ -143,11 +143,11 @@ static void assemble_chain(const needle_model *model, const needle_state *state,
     sum_loads(n, load, &chain->beyond);
     for (int k = 0; k < n; k += SIMD4_WIDTH) {
         simd4 stiffness[6];
-        put_vectors(&tangent->rod.moments, k, joint_moments(model, &of, k, stiffness));
+        put_vectors(&tangent->moments, k, joint_moments(model, &of, k, stiffness));
         for (int i = 0; i < 6; i++) simd4_store(&chain->joint.at[i][k], stiffness[i]);
     }
     for (int i = 0; i < 6; i++) chain->joint.at[i][n] = 0.0; /* the tip is free */
-    for (int i = 0; i < 3; i++) tangent->rod.moments.at[i][n] = 0.0;
+    for (int i = 0; i < 3; i++) tangent->moments.at[i][n] = 0.0;
     for (int k = 0; k < n; k += SIMD4_WIDTH) {
         simd4 own[6], next[6];
         for (int i = 0; i < 6; i++) own[i] = simd4_load(&chain->joint.at[i][k]) + (next[i] = simd4_load(&chain->joint.at[i][k + 1]));
@@ -156,7 +156,7 @@ static void assemble_chain(const needle_model *model, const needle_state *state,
         put_vectors(&chain->arm, k, arm);
         for (int i = 0; i < 6; i++) simd4_store(&chain->segment.at[i][k], own[i]);
         /* -H + [m]x / 2, the second term because rotations do not commute */
-        vec3_simd4 m = v3l_scale(simd4_all(0.5), vectors_at(&tangent->rod.moments, k + 1));
+        vec3_simd4 m = v3l_scale(simd4_all(0.5), vectors_at(&tangent->moments, k + 1));
         const simd4 coupling[9] = {-next[0], -m.z - next[1], m.y - next[2], m.z - next[1], -next[3], -m.x - next[4], -m.y - next[2], m.x - next[4], -next[5]};
         for (int i = 0; i < 9; i++) simd4_store(&chain->coupling.at[i][k], coupling[i]);
     }
@@ -171,7 +171,7 @@ static int negative_eigenvalues(double first, double second, double third) {
    stable when the needle alone would buckle. Each block waits for the one before: while a determinant is being divided by, the adjugate is
    multiplied. */
 static void factor_tangent(int n, const rod_chain *chain, needle_tangent *tangent) {
-    symmetric_series *adjugate = &tangent->rod.pivot_inverse;
+    symmetric_series *adjugate = &tangent->pivot_inverse;
     double inverse_determinant[NEEDLE_PLACES], carried[6] = {0.0};
     tangent->unstable = 0;
     for (int k = 0; k < n; k++) {
@@ -201,21 +201,21 @@ static void factor_tangent(int n, const rod_chain *chain, needle_tangent *tangen
         for (int i = 0; i < 3; i++)
             for (int j = 0; j < 3; j++) {
                 const simd4 column[3] = {pivot_inverse[SYMMETRIC[0][j]], pivot_inverse[SYMMETRIC[1][j]], pivot_inverse[SYMMETRIC[2][j]]};
-                simd4_store(&tangent->rod.lower.at[3 * i + j][k + 1], c[i] * column[0] + c[3 + i] * column[1] + c[6 + i] * column[2]);
+                simd4_store(&tangent->lower.at[3 * i + j][k + 1], c[i] * column[0] + c[3 + i] * column[1] + c[6 + i] * column[2]);
             }
     }
 }
 
 static inline row_matrix lower_at(const needle_tangent *tangent, int k) {
     row_matrix m;
-    for (int i = 0; i < 3; i++) m.row[i] = (simd4){tangent->rod.lower.at[3 * i][k], tangent->rod.lower.at[3 * i + 1][k], tangent->rod.lower.at[3 * i + 2][k], 0.0};
+    for (int i = 0; i < 3; i++) m.row[i] = (simd4){tangent->lower.at[3 * i][k], tangent->lower.at[3 * i + 1][k], tangent->lower.at[3 * i + 2][k], 0.0};
     return m;
 }
 
 static inline row_matrix pivot_inverse_at(const needle_tangent *tangent, int k) {
     row_matrix m;
     double x[6];
-    for (int i = 0; i < 6; i++) x[i] = tangent->rod.pivot_inverse.at[i][k];
+    for (int i = 0; i < 6; i++) x[i] = tangent->pivot_inverse.at[i][k];
     for (int i = 0; i < 3; i++) m.row[i] = (simd4){x[SYMMETRIC[i][0]], x[SYMMETRIC[i][1]], x[SYMMETRIC[i][2]], 0.0};
     return m;
 }
@@ -227,7 +227,7 @@ static inline vec3_simd4 released_moments(const vector_series *moments, int k) {
 
 /* Solves the tangent system in place for the rotations of the segments. */
 static void solve_tangent(int n, const needle_tangent *tangent, vector_series *rotation) {
-    const double (*lower)[NEEDLE_PLACES] = tangent->rod.lower.at;
+    const double (*lower)[NEEDLE_PLACES] = tangent->lower.at;
     double x = rotation->at[0][0], y = rotation->at[1][0], z = rotation->at[2][0];
     for (int k = 1; k < n; k++) {
         double next[3];
@@ -237,7 +237,7 @@ static void solve_tangent(int n, const needle_tangent *tangent, vector_series *r
     for (int k = 0; k < n; k += SIMD4_WIDTH) {
         vec3_simd4 r = vectors_at(rotation, k);
         simd4 s[6];
-        for (int i = 0; i < 6; i++) s[i] = simd4_load(&tangent->rod.pivot_inverse.at[i][k]);
+        for (int i = 0; i < 6; i++) s[i] = simd4_load(&tangent->pivot_inverse.at[i][k]);
         put_vectors(rotation, k, (vec3_simd4){s[0] * r.x + s[1] * r.y + s[2] * r.z, s[1] * r.x + s[3] * r.y + s[4] * r.z, s[2] * r.x + s[4] * r.y + s[5] * r.z});
     }
     x = rotation->at[0][n - 1], y = rotation->at[1][n - 1], z = rotation->at[2][n - 1];
@@ -276,7 +276,7 @@ static void carry_back(const row_matrix *own, const mat3 *m, joint_rows from, jo
 /* Forward substitution of the right-hand sides. A force at a joint exerts the moment length * axis x force on every segment before it. */
 static void substitute_forward(int n, const needle_tangent *tangent, rod_chain *chain) {
     vector_series released;
-    for (int k = 0; k < n; k += SIMD4_WIDTH) put_vectors(&released, k, released_moments(&tangent->rod.moments, k));
+    for (int k = 0; k < n; k += SIMD4_WIDTH) put_vectors(&released, k, released_moments(&tangent->moments, k));
     for (int k = 0; k < n; k++) {
         vec3 t = vector_at(&chain->arm, k), r = vector_at(&released, k);
         row_matrix side = {{{0, -t.z, t.y, r.x}, {t.z, 0, -t.x, r.y}, {-t.y, t.x, 0, r.z}}};
@@ -299,7 +299,7 @@ static row_matrix displace_base(int last, const needle_tangent *tangent, const r
 static void find_rotations(int n, int first, int last, const row_matrix *sides, needle_tangent *tangent, vec3 *turn) {
     row_matrix own = {{{0}}};
     for (int k = n - 1; k >= last; k--) {
-        joint_rows rows = &tangent->rod.rotation[3 * k];
+        joint_rows rows = &tangent->rotation[3 * k];
         row_matrix pivot_inverse = pivot_inverse_at(tangent, k), solved = rm_multiply(pivot_inverse, sides[k]);
         turn[k] = v3(solved.row[0][3], solved.row[1][3], solved.row[2][3]);
         if (k + 1 < n) {
@@ -320,7 +320,7 @@ static void sum_displacements(int n, int first, int last, const vector_series *a
     int end = 3 * (n + 1);
     for (int k = last; k < n; k++) {
         vec3 t = vector_at(arm, k);
-        joint_rows rotation = &tangent->rod.rotation[3 * k], rows = &tangent->compliance[3 * (k + 1)];
+        joint_rows rotation = &tangent->rotation[3 * k], rows = &tangent->compliance[3 * (k + 1)];
         for (int c = simd4_below(3 * (k + 1 > first ? k + 1 : first)); c < end; c += SIMD4_WIDTH) {
             simd4 x = simd4_load(&rotation[0][c]), y = simd4_load(&rotation[1][c]), z = simd4_load(&rotation[2][c]);
             simd4 moved[3] = {y * t.z - z * t.y, z * t.x - x * t.z, x * t.y - y * t.x};
@@ -348,7 +348,7 @@ static void find_compliance(int n, int first, const rod_chain *chain, needle_tan
     if (last > 0) {
         row_matrix base = displace_base(last, tangent, chain);
         mat3 by_turn = matrix_of(rm_multiply(lower_at(tangent, last), chain->sides[last - 1]));
-        carry_back(&base, &by_turn, &tangent->rod.rotation[3 * last], sum, 3 * first, 3 * (n + 1));
+        carry_back(&base, &by_turn, &tangent->rotation[3 * last], sum, 3 * first, 3 * (n + 1));
         drift[last] = v3_sub(v3(base.row[0][3], base.row[1][3], base.row[2][3]), m3_apply_transposed(&by_turn, turn[last]));
     }
     for (int k = last; k < n; k++) drift[k + 1] = v3_add(drift[k], v3_cross(turn[k], vector_at(&chain->arm, k)));
@@ -371,7 +371,7 @@ double rod_advance(const needle_model *model, const needle_tangent *tangent, con
     rod_copy_frames(n, state, &of);
     sum_loads(n, load, &beyond);
     for (int k = 0; k < n; k += SIMD4_WIDTH) {
-        vec3_simd4 released = released_moments(&tangent->rod.moments, k), arm = arms_of(model, &of, k);
+        vec3_simd4 released = released_moments(&tangent->moments, k), arm = arms_of(model, &of, k);
         put_vectors(&rotation, k, v3l_add(released, v3l_cross(arm, vectors_at(&beyond, k))));
     }
     solve_tangent(n, tangent, &rotation);

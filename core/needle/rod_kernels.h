@@ -1,4 +1,4 @@
-/* The arithmetic of needle_rod.c, four segments at a time. */
+/* The arithmetic of needle.c, four segments at a time. */
 #ifndef TROCAR_ROD_KERNELS_H
 #define TROCAR_ROD_KERNELS_H
 

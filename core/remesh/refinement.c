@@ -5,7 +5,6 @@
 #include "remesh/leaves.h"
 
 static const double LEAST_WEIGHT = 0.02; /* fraction: barycentric weight of an added node in its leaf, at least; no slivers, no zero volumes. Chosen */
-static const double LEAST_SHAPE = 0.03; /* fraction: of a moved node's elements, volume over that of the ideal tet of the longest edge, at least. Chosen */
 static const double ON_FACE = 1e-9; /* 1: barycentric weight up to which a node is on a face. Rounding */
 
 /* ---- addition ---------------------------------------------------------------------------------------------------- */
@@ -82,62 +81,6 @@ int refinement_add_on_face(const mesh *m, refinement *r, int tet, vec3 x, uint64
     int slot = append(m, r, tet, &p, id);
     split_across(m, r, r->count - 1, face, &r->nodes[slot]);
     return slot;
-}
-
-static int closest_corner(const mesh *m, const refinement *r, const leaf_point *p, int face, vec3 x) {
-    int closest = -1;
-    double least = INFINITY;
-    for (int i = 0; i < 4; i++) {
-        double distance = v3_norm(v3_sub(refinement_position(m, r, r->count, p->corners[i]), x));
-        if (i == face || distance >= least) continue;
-        closest = p->corners[i];
-        least = distance;
-    }
-    return closest;
-}
-
-/* Negative where the element is inverted, 1 for the ideal tetrahedron. */
-static double shape_of(const vec3 x[4]) {
-    double longest = 0.0;
-    for (int i = 0; i < 4; i++)
-        for (int k = 0; k < i; k++) longest = fmax(longest, v3_norm(v3_sub(x[i], x[k])));
-    return sqrt(2.0) * v3_dot(v3_sub(x[1], x[0]), v3_cross(v3_sub(x[2], x[0]), v3_sub(x[3], x[0]))) / (longest * longest * longest);
-}
-
-static bool well_shaped(const mesh *m, const refinement *r, const leaf *leaves, int count) {
-    for (int i = 0; i < count; i++) {
-        vec3 x[4];
-        leaf_positions(m, r, r->count, leaves[i].corners, x);
-        if (!(shape_of(x) >= LEAST_SHAPE)) return false;
-    }
-    return true;
-}
-
-/* How many nodes the moves so far touch; more than all, where `node` is one of those moved. */
-static int moved_patches(const refinement *r, int node) {
-    int sum = 0;
-    for (int i = 0; i < r->count; i++) {
-        const added_node *other = &r->nodes[r->order[i]];
-        sum += other->moved == node ? MAX_MOVED_PATCHES : other->touched;
-    }
-    return sum;
-}
-
-int refinement_move(const tissue *t, refinement *r, int tet, vec3 x, uint64_t id) {
-    const mesh *m = t->mesh;
-    if (r->count >= MAX_CONTACTS) return -1;
-    leaf_point p = refinement_locate(m, r, r->count, tet, x);
-    int node = closest_corner(m, r, &p, closest_face(&p), x);
-    if (node < 0 || m->anatomical[node] || t->fixed[node]) return -1;
-    leaf around[MAX_PATCH_LEAVES];
-    int count = refinement_around(m, r, r->count, node, tet, around), touched = count / 2 + 3;
-    if (count < 0 || moved_patches(r, node) + touched > MAX_MOVED_PATCHES) return -1;
-    int slot = take_slot(r);
-    r->count++;
-    r->nodes[slot] = (added_node){.id = id, .tet = tet, .position = x, .moved = node, .across_tet = -1, .touched = touched};
-    if (well_shaped(m, r, around, count)) return slot;
-    r->count--;
-    return -1;
 }
 
 /* ---- removal ------------------------------------------------------------------------------------------------------- */

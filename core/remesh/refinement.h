@@ -1,6 +1,6 @@
-/* The refined part of the mesh: contact nodes, each added inside an element, added on a face, or one of the mesh's own that was
-   moved there. Adding moves no node, so the old finite-element space stays inside the new one; moving does not keep it. See
-   README.md, "Node addition is a nested refinement" and "Remeshing methods". */
+/* The refined part of the mesh: contact nodes, each added inside an element or on a face. Adding moves no node, so the old finite-element space
+   stays inside the new one. One of the mesh's own nodes that was moved (`moved`), which does not keep it, comes from tests and benchmarks alone.
+   See README.md, "Node addition is a nested refinement" and "Remeshing methods". */
 #ifndef TROCAR_REFINEMENT_H
 #define TROCAR_REFINEMENT_H
 
@@ -9,12 +9,9 @@
 /* Adds a node at x in `tet`, shifted inside where x is nearly on a face of its leaf. Returns its slot, or -1 when full. RT */
 int refinement_add(const mesh *m, refinement *r, int tet, vec3 x, uint64_t id);
 
-/* Adds a node on the face of its leaf that x in `tet` is closest to, shifted inside where x is nearly on an edge. RT */
+/* Adds a node on the face of its leaf that x in `tet` is closest to, shifted inside where x is nearly on an edge: for tests and benchmarks. In an
+   insertion, nodes come to lie on faces when others are removed. RT */
 int refinement_add_on_face(const mesh *m, refinement *r, int tet, vec3 x, uint64_t id);
-
-/* Moves the closest corner of that face to x. Returns the slot, or -1 where it must stay: an anatomical, fixed, added or
-   moved node, one whose elements would be inverted or too flat, one with too many neighbours, or the list is full. RT */
-int refinement_move(const tissue *t, refinement *r, int tet, vec3 x, uint64_t id);
 
 /* The node `id` in `order`, or -1. RT */
 int refinement_find(const refinement *r, uint64_t id);

@@ -394,11 +394,7 @@ void resting_show(const insertion_model *model, const resting_needle *r, needle_
     int segments = model->needle->given.segments;
     needle->base = pose_moved(needle->base, moved);
     for (int s = 0; s < segments; s++) needle->frames[s] = q_unit(q_multiply(turn, needle->frames[s]));
-    for (int j = 0; j <= segments; j++) {
-        needle->joints[j] = v3_add(v3_add(pivot, moved.shift), q_rotate(turn, v3_sub(needle->joints[j], pivot)));
-        for (int k = 0; k < NEEDLE_RIM && model->needle->given.kind == NEEDLE_TETRAHEDRA; k++)
-            needle->rim[j][k] = v3_add(v3_add(pivot, moved.shift), q_rotate(turn, v3_sub(needle->rim[j][k], pivot)));
-    }
+    for (int j = 0; j <= segments; j++) needle->joints[j] = v3_add(v3_add(pivot, moved.shift), q_rotate(turn, v3_sub(needle->joints[j], pivot)));
     vec3 load[NEEDLE_MAX_SEGMENTS + 1] = {{0, 0, 0}};
     for (int i = 0; i < r->point_count; i++) {
         const needle_point *p = &r->points[i].at;

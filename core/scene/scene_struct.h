@@ -17,6 +17,7 @@ typedef struct {
     device_limits device;
     pose start;              /* of the needle's base, outside the tissue; its position is NAN: none */
     double start_depth;      /* m that scripted motions insert the needle from there */
+    int only_one;            /* of keys that have one value left: 0 */
     double patient_to_mesh[16]; /* row by row, patient's mm (LPS) to the mesh's m; the first is NAN: none */
 } scene;
 

@@ -29,8 +29,8 @@ _Static_assert(NEEDLE_MAX_SEGMENTS == 64, "the text of SEGMENTS says so");
         static const char *const words[] = {__VA_ARGS__};                          \
         return index < (int)(sizeof words / sizeof *words) ? words[index] : NULL;  \
     }
-WORDS(model_word, [NEEDLE_ROD] = "rod", [NEEDLE_TETRAHEDRA] = "tetrahedra")
-WORDS(placement_word, [PLACE_INSIDE] = "inside", [PLACE_ON_FACES] = "faces", [PLACE_MOVED] = "moved")
+WORDS(model_word, "rod")
+WORDS(placement_word, "inside")
 WORDS(strain_word, [STRAIN_BY_PATCH] = "patch", [STRAIN_BY_NODE] = "node", [STRAIN_BY_ELEMENT] = "element")
 WORDS(switch_word, "false", "true")
 static const char *remeshing_word(int index) { return index < REMESH_METHODS ? remesh_name((remesh_method)index) : NULL; }
@@ -78,13 +78,13 @@ const row SCENE_TABLE[] = {
 
     {"fixed", "", NAMES, OF(simulation.fixed), .required = true, .doc = "physical groups held at zero displacement"},
 
-    {"needle.model", "", WORD, OF(simulation.needle.kind), .words = model_word, .doc = "tetrahedra is the paper's; 20 segments of it keep up with 1 kHz"},
+    {"needle.model", "", WORD, OF(only_one), .words = model_word, .doc = "every needle is a geometrically exact rod; the key is for scenes that say so"},
     {"needle.length", "m", NUMBER, OF(simulation.needle.length), &POSITIVE, .doc = "from base to tip"},
     {"needle.outer_diameter", "m", NUMBER, OF(simulation.needle.outer_diameter), &POSITIVE, .doc = "18 G by default"},
     {"needle.inner_diameter", "m", NUMBER, OF(simulation.needle.inner_diameter), &NOT_NEGATIVE, .doc = "0 is solid"},
     {"needle.youngs_modulus", "Pa", NUMBER, OF(simulation.needle.youngs_modulus), &POSITIVE, .doc = "of the needle"},
     {"needle.poisson_ratio", "", NUMBER, OF(simulation.needle.poisson_ratio), &POISSON, .doc = "of the needle"},
-    {"needle.bow", "", NUMBER, OF(simulation.needle.bow), &BOW, .doc = "of its length, by which its middle is off the line from base to tip; model rod only"},
+    {"needle.bow", "", NUMBER, OF(simulation.needle.bow), &BOW, .doc = "of its length, by which its middle is off the line from base to tip"},
     {"needle.bevel_slope", "", NUMBER, OF(simulation.needle.bevel_slope), &SLOPE, .doc = "sideways cut per forward cut"},
     {"needle.segments", "", COUNT, OF(simulation.needle.segments), &SEGMENTS, .doc = "of its length"},
 
@@ -125,8 +125,8 @@ const row SCENE_TABLE[] = {
     {"probe.start.orientation", "", ROTATION, OF(simulation.probe.start.orientation), .doc = "unit quaternion w, x, y, z that turns +z into its axis, from base to tip"},
 
     {"contact.spacing", "m", NUMBER, OF(simulation.insertion.contact_spacing), &POSITIVE, .doc = "least distance between contact nodes"},
-    {"contact.placement", "", WORD, OF(simulation.insertion.placement), .words = placement_word,
-     .doc = "half way through elements; or where the tip leaves them, added on the face or its closest corner moved there"},
+    {"contact.placement", "", WORD, OF(only_one), .words = placement_word,
+     .doc = "contact nodes are added half way through elements; the key is for scenes that say so"},
     {"contact.weakening_distance", "m", NUMBER, OF(simulation.insertion.weakening_distance), &POSITIVE,
      .doc = "of sliding over which static friction falls to kinetic"},
     {"contact.prefetch_distance", "m", NUMBER, OF(simulation.insertion.prefetch_distance), &NOT_NEGATIVE,

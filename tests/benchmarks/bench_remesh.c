@@ -11,6 +11,7 @@
 #include "output.h"
 #include "remesh_timing.h"
 #include "scene/scene.h"
+#include "oracles/dense_matrix.h"
 
 enum { MAX_SCENES = 16, MAX_ROWS_OF_SCENE = ALL_REMESH_METHODS * (REMESH_CHANGES + MAX_PATCH), SWEEPS = 20 };
 
@@ -89,7 +90,7 @@ static const struct argp parser = {
 static trocar_status measure_row(bench *b, inverse *inv, int method, remesh_change change, int touched, scene_result *result, report *why) {
     const options *o = b->options;
     if (method == REMESH_NESTED && change == MOVE_NODE) return TROCAR_OK;
-    if (any_remesh_needs_dense(method) && !inverse_dense(inv)) return TROCAR_OK;
+    if (any_remesh_needs_dense(method) && !is_dense(inv)) return TROCAR_OK;
     row *r = &result->rows[result->row_count];
     r->given = (remesh_case){.method = method, .change = change, .touched = touched, .contacts = o->contacts, .samples = o->samples,
                              .seconds = o->seconds};
@@ -102,9 +103,8 @@ static trocar_status measure_row(bench *b, inverse *inv, int method, remesh_chan
 static void measure_sweep(inverse *inv, histogram *time) {
     size_t n = (size_t)inverse_tissue(inv)->dof_count;
     histogram_clear(time);
-    double *numbers = inverse_dense(inv) ? malloc(n * n * sizeof *numbers) : NULL;
+    double *numbers = is_dense(inv) ? dense_matrix(inv) : NULL;
     if (!numbers) return;
-    memcpy(numbers, inverse_dense(inv), n * n * sizeof *numbers);
     for (int i = 0; i < SWEEPS; i++) {
         int64_t start = monotonic_ns();
         for (size_t j = 0; j < n; j++) cblas_dscal((int)(n - j), i % 2 ? 2.0 : 0.5, numbers + j * n + j, 1);
@@ -142,7 +142,7 @@ static trocar_status measure_scene(bench *b, int index, report *why) {
     trocar_status status = scene_load(b->options->scene_paths[index], &given, why);
     given.simulation.volumetric = STRAIN_BY_ELEMENT;
     given.simulation.remeshing = REMESH_NESTED;
-    if (status == TROCAR_OK) status = simulation_create(&given.simulation, &s, why);
+    if (status == TROCAR_OK) status = simulation_create_model(&given.simulation, &s, why);
     if (status != TROCAR_OK) return status;
     result->nodes = s.mesh.node_count;
     result->tetrahedra = s.mesh.tet_count;

@@ -1,4 +1,5 @@
 #include "remesh_timing.h"
+#include "oracles/refinement_move.h"
 
 #include <stdlib.h>
 #include <string.h>

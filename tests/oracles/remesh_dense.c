@@ -4,6 +4,7 @@
 #include <string.h>
 
 #include "base/large_pages.h"
+#include "oracles/dense_matrix.h"
 
 static double *entry(const dense_remesher *r, int row, int column) {
     int low = row > column ? row : column, high = row > column ? column : row;
@@ -70,8 +71,7 @@ static trocar_status dense_add(remesher *shared, int slot, report *why) {
 /* The nominal inverse is at hand: no rounding is left when the last contact node has gone. */
 static void restore(dense_remesher *r) {
     size_t n = (size_t)r->shared.tissue->dof_count;
-    const double *nominal = inverse_dense(r->shared.inverse);
-    for (size_t j = 0; j < n; j++) memcpy(r->matrix + j * (size_t)r->ld + j, nominal + j * n + j, (n - j) * sizeof *nominal);
+    for (size_t j = 0; j < n; j++) memcpy(r->matrix + j * (size_t)r->ld + j, r->nominal + j * n + j, (n - j) * sizeof *r->nominal);
     r->spoilt = false;
 }
 
@@ -117,6 +117,7 @@ static void dense_release(remesher *shared) {
     size_t n = (size_t)r->ld;
     advise_pages(r->matrix, n * n * sizeof *r->matrix, MADV_NOHUGEPAGE);
     free(r->matrix);
+    free(r->nominal);
     free(r->columns);
     free(r->weighted);
 }
@@ -139,10 +140,11 @@ trocar_status dense_remesher_create(inverse *inv, const dense_operations *operat
     r->operations = operations;
     r->ld = (int)n;
     r->matrix = large_matrix(n);
+    r->nominal = dense_matrix(inv);
     r->columns = calloc(n * ranks, sizeof(double)); /* pages that no change has reached stay untouched */
     r->weighted = calloc(n * ranks, sizeof(double));
-    if (!r->matrix || !r->columns || !r->weighted)
-        return fail(why, TROCAR_NO_MEMORY, "no memory for a second dense inverse (%.1f GB); choose remeshing: nested or implicit",
+    if (!r->matrix || !r->nominal || !r->columns || !r->weighted)
+        return fail(why, TROCAR_NO_MEMORY, "no memory for two more dense inverses (%.1f GB); choose remeshing: nested or implicit",
                     8e-9 * (double)(n * n));
     restore(r);
     return status;

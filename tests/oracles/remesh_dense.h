@@ -30,6 +30,7 @@ struct dense_remesher {
     bool spoilt;             /* an update or undo has failed: the matrix is to be made anew */
     int ranks[MAX_CONTACTS]; /* by slot: dofs that each contact node touches */
     int ld;                  /* of `matrix` */
+    double *nominal;         /* inverse of the nominal mesh, dof_count square, m/N */
     double *matrix;          /* inverse, column-major, lower triangle: nominal dofs, then three for each contact node, m/N */
     double *columns, *weighted;        /* ld x ranks, column-major */
     double block[MAX_RANK * MAX_RANK]; /* scratch */

@@ -1,5 +1,6 @@
 #include "oracles/remesh_methods.h"
 
+#include "oracles/dense_matrix.h"
 #include "oracles/remesh_dense.h"
 
 static const struct {
@@ -19,7 +20,7 @@ const char *any_remesh_name(int method) { return method < REMESH_METHODS ? remes
 trocar_status any_remesher_create(inverse *inv, int method, remesher **created, report *why) {
     *created = NULL;
     if (method < REMESH_METHODS) return remesher_create(inv, (remesh_method)method, created, why);
-    if (!inverse_dense(inv)) return fail(why, TROCAR_BAD_INPUT, "remeshing: %s needs the dense inverse", any_remesh_name(method));
+    if (!is_dense(inv)) return fail(why, TROCAR_BAD_INPUT, "remeshing: %s needs the dense inverse", any_remesh_name(method));
     trocar_status status = methods[method - REMESH_METHODS].create(inv, created, why);
     if (status == TROCAR_OK) return TROCAR_OK;
     remesher_free(*created);

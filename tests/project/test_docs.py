@@ -20,7 +20,7 @@ import urllib.parse
 from concurrent.futures import ThreadPoolExecutor
 from pathlib import Path
 
-SHELL, CODE = {"sh", "bash"}, {"c", "cpp", "python", "yaml"}
+SHELL, CODE = {"sh", "bash"}, {"c", "cpp", "csharp", "python", "yaml"}
 TEXT = {"text", "json", "csv", "console", "diff"}  # output and diagrams: nothing to run
 BLOCK = re.compile(r"((?:^<!--[^\n]*-->\n\s*)*)^( *)(`{3,})(\w*)[^\n]*\n(.*?)^\2\3 *$", re.MULTILINE | re.DOTALL)
 MARK = re.compile(r"<!-- (not run|background|file|declarations)(?:: (.+?))? -->")
@@ -99,6 +99,8 @@ class Page:
             return None
         if block.language in SHELL:
             return self.start(code) if "background" in block.marks else self.shell(code)
+        if block.language == "csharp":
+            return None     # compiled by a command of the page
         return {"c": self.compile, "cpp": self.compile, "python": self.interpret, "yaml": self.load}[block.language](block, code)
 
     def shell(self, code):

@@ -137,6 +137,12 @@ cp -r "$prefix/share/doc/trocar/examples" bridge
 cmake -S bridge -B bridge/build -DCMAKE_PREFIX_PATH="$prefix" >cmake.txt && cmake --build bridge/build >>cmake.txt || fail "$(cat cmake.txt)"
 cc bridge/bridge.c -o bridge/with-pkg-config $(pkg-config --cflags --libs trocar-client) || fail "pkg-config trocar-client"
 c++ -std=c++17 bridge/bridge.cpp -o bridge/in-c++ $(pkg-config --cflags --libs trocar-client) || fail "the bridge in C++"
+# The client alone, as on a system with nothing but a compiler: the archive by pkg-config, and the source.
+for how in "$(PKG_CONFIG_PATH= PKG_CONFIG_LIBDIR=$libraries/pkgconfig pkg-config --cflags --libs trocar-client)" \
+           "-std=gnu99 -I$prefix/share/trocar/client $prefix/share/trocar/client/trocar_client.c -lpthread -lm"; do
+    cc -Wall -Wextra -Werror bridge/bridge.c -o alone $how || fail "the client alone: $how"
+    ! ldd alone | grep -E 'lcm|glib' || fail "the client needs a library: $how"
+done
 # libtrocar: the same program in C and C++, each with CMake or pkg-config, and in Python prints the same digits.
 examples=$prefix/share/doc/trocar/examples figure8=$prefix/share/trocar/scenes/figure8.yaml
 export LD_LIBRARY_PATH=$(dirname "$(find "$prefix/lib" -name libtrocar.so)")

@@ -80,7 +80,7 @@ grep -q libwebsockets ../said || fail "$(cat ../said)"
 
 # help2man passes the program's path to a shell: runs the command that CMake wrote for a man page, with a script as the program.
 rm ../bin/help2man
-for folder in tests scripts docs README.md CHANGELOG.md LICENSE; do [ ! -e "$source/$folder" ] || ln -s "$source/$folder" "$folder"; done
+for folder in tests scripts docs README.md CHANGELOG.md LICENSE LICENSES; do [ ! -e "$source/$folder" ] || ln -s "$source/$folder" "$folder"; done
 cmake --preset release >../said 2>&1 || fail "$(cat ../said)"
 cat >build/clients/trocar-device <<'END'
 #!/bin/sh

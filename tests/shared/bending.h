@@ -8,13 +8,13 @@
 
 #include "needle/needle.h"
 
-static inline needle_parameters gauge18(needle_choice kind, int segments) {
+static inline needle_parameters gauge18(int segments) {
     return (needle_parameters){.length = 0.2, .outer_diameter = 1.27e-3, .inner_diameter = 0.84e-3, .youngs_modulus = 200e9,
-                               .poisson_ratio = 0.3, .segments = segments, .kind = kind};
+                               .poisson_ratio = 0.3, .segments = segments};
 }
 
-static inline needle_model needle_made(needle_choice kind, int segments) {
-    needle_parameters p = gauge18(kind, segments);
+static inline needle_model needle_made(int segments) {
+    needle_parameters p = gauge18(segments);
     needle_model model;
     report why;
     if (needle_create(&p, &model, &why) != TROCAR_OK) {

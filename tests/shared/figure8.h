@@ -30,10 +30,10 @@ static inline figure8_record *figure8_run(const simulation_config *config, doubl
         double t = (i + 1) / rate;
         report why;
         insertion_tick(&(tick_context){.model = &l->simulation.insertion, .state = &l->state, .snapshot = l->snapshot,
-                                       .scratch = l->simulation.workspace, .base = {.pose = motion_pose(script, lockstep_start(), t)},
+                                       .scratch = l->run.workspace, .base = {.pose = motion_pose(script, lockstep_start(), t)},
                                        .dt = 1 / rate, .output = &l->wrench});
         if (l->snapshot->serial != l->state.request.serial && i % every_serve == 0
-            && remesher_answer(l->simulation.remesher, &l->state.request, l->snapshot, &why) != TROCAR_OK) {
+            && remesher_answer(l->run.remesher, &l->state.request, l->snapshot, &why) != TROCAR_OK) {
             fprintf(stderr, "%s\n", why.text);
             abort();
         }

@@ -6,11 +6,13 @@
 #include <string.h>
 
 #include "oracles/remesh_methods.h"
+#include "oracles/run.h"
 #include "scene/scene.h"
 
 typedef struct {
     scene scene;
     simulation simulation;
+    needle_run run;
     insertion_state state;
     compliance_snapshot *snapshot;
     tick_output wrench;
@@ -33,10 +35,10 @@ static inline simulation_config lockstep_scene(const char *path) {
 
 static inline simulation_config lockstep_config(void) { return lockstep_scene(MESHES "/figure8.yaml"); }
 
-/* Instead of the simulation's own. */
-static inline trocar_status lockstep_remesh_by(int method, simulation *s, report *why) {
-    remesher_free(s->remesher);
-    return any_remesher_create(s->inverse, method, &s->remesher, why);
+/* Instead of the configuration's own. */
+static inline trocar_status lockstep_remesh_by(int method, needle_run *r, report *why) {
+    remesher_free(r->remesher);
+    return any_remesher_create(r->parts->inverse, method, &r->remesher, why);
 }
 
 /* `config->remeshing` may be one of remesh_methods.h. */
@@ -49,8 +51,9 @@ static inline lockstep *lockstep_create(const simulation_config *config, pose st
     int method = (int)config->remeshing;
     bool dense = any_remesh_needs_dense(method);
     if (dense) given.remeshing = REMESH_IMPLICIT, given.inverse = INVERSE_DENSE;
-    trocar_status status = simulation_create(&given, &l->simulation, &why);
-    if (status == TROCAR_OK && dense) status = lockstep_remesh_by(method, &l->simulation, &why);
+    trocar_status status = simulation_create_model(&given, &l->simulation, &why);
+    if (status == TROCAR_OK) status = run_create(&l->simulation, &l->run, &why);
+    if (status == TROCAR_OK && dense) status = lockstep_remesh_by(method, &l->run, &why);
     if (status != TROCAR_OK) {
         fprintf(stderr, "%s\n", why.text);
         abort();
@@ -60,6 +63,7 @@ static inline lockstep *lockstep_create(const simulation_config *config, pose st
 }
 
 static inline void lockstep_free(lockstep *l) {
+    run_free(&l->run);
     simulation_free(&l->simulation);
     free(l->snapshot);
     free(l);
@@ -69,7 +73,7 @@ static inline void lockstep_tick(lockstep *l, pose base, double dt) {
     report why;
     l->base = base;
     tick_context tick = {.state = &l->state, .base = {base, l->base_compliance}, .dt = dt, .output = &l->wrench};
-    if (simulation_step(&l->simulation, tick, l->snapshot, &why) != TROCAR_OK) {
+    if (run_step(&l->run, tick, l->snapshot, &why) != TROCAR_OK) {
         fprintf(stderr, "%s\n", why.text);
         abort();
     }

@@ -17,6 +17,7 @@
 #include <cmocka.h>
 
 #include "check.h"
+#include "oracles/refinement_move.h"
 
 enum { MOST_NODES = 1000 };
 

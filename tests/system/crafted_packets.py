@@ -9,7 +9,7 @@ import struct
 import sys
 import time
 
-CHANNELS = [b"TROCAR_" + name for name in (b"POSE", b"COMMAND", b"WRENCH", b"TIMING", b"STATUS", b"CONTACTS", b"DEFORMATION")]
+CHANNELS = [b"TROCAR_" + name for name in (b"POSE", b"COMMAND", b"WRENCH", b"TIMING", b"STATUS", b"REPLY", b"CONTACTS", b"DEFORMATION")]
 NUMBERS = [0, 1, 2, 19, 20, 64, 500, 1000, 65487, 1 << 20, 1 << 24, 1 << 28, (1 << 32) - 256, (1 << 32) - 20, (1 << 32) - 1]
 
 

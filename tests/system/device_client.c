@@ -222,6 +222,45 @@ static void wrenches_of_other_needles_are_ignored(void **state) {
     lcm_destroy(lcm);
 }
 
+/* On its way a wrench may be overtaken: the force never goes back to an older one. A server that counts anew is heard once its last wrench is
+   out of date. */
+static void overtaken_wrenches_are_dropped(void **state) {
+    trocar_client *c = *state;
+    trocar_client_wrench w;
+    trocar_needle_wrench_t sent = {.server = 5};
+    lcm_t *lcm = lcm_create(NULL);
+    assert_non_null(lcm);
+    trocar_needle_pose_t_subscription_t *poses = trocar_needle_pose_t_subscribe(lcm, "TROCAR_POSE", on_pose, &sent.session);
+    for (double end = now() + 10; sent.session == 0; lcm_handle_timeout(lcm, 10)) {
+        exchange(c, &w);
+        assert_true(now() < end);
+    }
+    int64_t newest = 0;
+    int dropped = 0;
+    for (int64_t tick = 1000; tick < 1400; tick += 4) {
+        static const int order[] = {2, 0, 3, 1};
+        for (int i = 0; i < 4; i++) {
+            sent.tick = tick + order[i];
+            trocar_needle_wrench_t_publish(lcm, "TROCAR_WRENCH", &sent);
+            if (!exchange(c, &w)) continue; /* on a busy machine */
+            assert_true(w.tick >= newest);
+            dropped += w.tick > sent.tick;
+            newest = w.tick;
+        }
+    }
+    print_message("%d of 400 wrenches dropped\n", dropped);
+    assert_true(newest == 1399 && dropped > 100);
+    sent.tick = 3;
+    double begin = now(), end = begin + 10;
+    do {
+        trocar_needle_wrench_t_publish(lcm, "TROCAR_WRENCH", &sent);
+        assert_true(now() < end);
+    } while (!exchange(c, &w) || w.tick != 3);
+    print_message("heard again after %.1f ms\n", 1e3 * (now() - begin));
+    trocar_needle_pose_t_unsubscribe(lcm, poses);
+    lcm_destroy(lcm);
+}
+
 /* Wrenches that anyone on the network may send for the server: 1000 N once, as long as it is the newest, and then for as long as it lasts. */
 static void forged_wrenches_are_limited(void **state) {
     const trocar_client_options limited = {.max_force = 8, .max_torque = 0.1, .max_force_rate = 500, .max_torque_rate = 10};
@@ -331,6 +370,25 @@ static void commands_are_answered(void **state) {
         assert_string_equal(why, "");
         m = next;
     }
+    /* A reply of two fragments, and one of three, which is longer than any that the client takes. */
+    static char lengthy[150000];
+    memset(lengthy, 'x', sizeof lengthy - 1);
+    assert_true(trocar_client_undo(c));
+    memset(&heard, 0, sizeof heard);
+    m = hear_command(lcm, &heard, TROCAR_COMMAND_T_UNDO);
+    lengthy[70000] = '\0';
+    answer(lcm, m, TROCAR_COMMAND_REPLY_T_REFUSED, lengthy);
+    assert_int_equal(await_answer(c, why), TROCAR_CLIENT_REFUSED);
+    assert_true(strlen(why) == sizeof why - 1 && strspn(why, "x") == sizeof why - 1);
+    assert_true(trocar_client_undo(c));
+    memset(&heard, 0, sizeof heard);
+    m = hear_command(lcm, &heard, TROCAR_COMMAND_T_UNDO);
+    lengthy[70000] = 'x';
+    answer(lcm, m, TROCAR_COMMAND_REPLY_T_REFUSED, lengthy);
+    answer(lcm, m, TROCAR_COMMAND_REPLY_T_DONE, "\033[2Jdone");
+    assert_int_equal(await_answer(c, why), TROCAR_CLIENT_DONE);
+    assert_string_equal(why, "?[2Jdone");
+
     assert_true(trocar_client_leave(c));
     assert_int_equal(await_answer(c, why), TROCAR_CLIENT_UNANSWERED);
     assert_non_null(strstr(why, "no reply from the server"));
@@ -390,6 +448,7 @@ int main(int count, char **arguments) {
         cmocka_unit_test_setup_teardown(one_device_at_a_time, open_client, close_client),
         cmocka_unit_test_setup_teardown(two_clients_hold_two_needles, open_client, close_client),
         cmocka_unit_test_setup_teardown(wrenches_of_other_needles_are_ignored, open_client, close_client),
+        cmocka_unit_test_setup_teardown(overtaken_wrenches_are_dropped, open_client, close_client),
         cmocka_unit_test_setup_teardown(forged_wrenches_are_limited, open_client, close_client),
         cmocka_unit_test_setup_teardown(commands_are_answered, open_client, close_client),
         cmocka_unit_test_setup_teardown(no_force_from_a_dead_server, open_client, close_client),

@@ -12,13 +12,14 @@
 
 #include "insertion/local_compliance.h"
 #include "insertion/shaft.h"
-#include "insertion/simulation.h"
+#include "oracles/run.h"
 #include "insertion/tip.h"
 #include "insertion/prefetch.h"
 #include "remesh/snapshot_kernels.h"
 
 typedef struct {
     simulation simulation;
+    needle_run run;
     insertion_state state;
     compliance_snapshot snapshot;
 } body;
@@ -118,7 +119,7 @@ static trocar_status forces_deeper(body *b, pose base, vec3 way, double *force, 
     for (int i = -2; i <= DEEPER * STEPS_PER_MM && status == TROCAR_OK; i++) {
         pose moved = base;
         moved.position = v3_axpy(1e-3 * fmax(i, 0) / STEPS_PER_MM, way, base.position);
-        status = simulation_step(&b->simulation, (tick_context){.state = &b->state, .base = {.pose = moved}, .dt = 1e-3, .output = &wrench}, &b->snapshot, why);
+        status = run_step(&b->run, (tick_context){.state = &b->state, .base = {.pose = moved}, .dt = 1e-3, .output = &wrench}, &b->snapshot, why);
         double now = -v3_dot(way, wrench.force);
         if (i == 0) rest = now;
         if (i > 0 && i % STEPS_PER_MM == 0) force[i / STEPS_PER_MM - 1] = now - rest;
@@ -135,7 +136,7 @@ static trocar_status force_of_tick(body *b, pose base, vec3 way, double *force, 
     *force = 0.0;
     for (int i = 0; i < 3 && status == TROCAR_OK; i++) { /* contacts become active in the second tick, the base moves in the third */
         if (i == 2) base.position = v3_axpy(1e-3, way, base.position);
-        status = simulation_step(&b->simulation, (tick_context){.state = &b->state, .base = {.pose = base}, .dt = 1e-3, .output = &wrench}, &b->snapshot, why);
+        status = run_step(&b->run, (tick_context){.state = &b->state, .base = {.pose = base}, .dt = 1e-3, .output = &wrench}, &b->snapshot, why);
         if (i > 0) *force = -v3_dot(way, wrench.force) - *force;
     }
     return status;
@@ -153,13 +154,14 @@ static pose base_of(vec3 tip, double length, double angle, double azimuth) {
 static trocar_status start(body *b, char **argument, bool oblique, pose *base, report *why) {
     simulation_config config;
     trocar_status status = configure(argument, &config, why);
-    if (status == TROCAR_OK) status = simulation_create(&config, &b->simulation, why);
+    if (status == TROCAR_OK) status = simulation_create_model(&config, &b->simulation, why);
+    if (status == TROCAR_OK) status = run_create(&b->simulation, &b->run, why);
     if (status != TROCAR_OK) return status;
     double angle = oblique ? atof(argument[9]) : 90.0, azimuth = oblique ? atof(argument[10]) : 0.0;
     vec3 tip = v3(atof(argument[4]), atof(argument[5]), atof(argument[6]));
     *base = base_of(tip, config.needle.length, angle * M_PI / 180.0, azimuth * M_PI / 180.0);
     insertion_reset(&b->simulation.insertion, *base, &b->state);
-    return remesher_answer(b->simulation.remesher, &b->state.request, &b->snapshot, why);
+    return remesher_answer(b->run.remesher, &b->state.request, &b->snapshot, why);
 }
 
 int main(int argc, char **argv) {

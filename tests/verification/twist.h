@@ -17,7 +17,7 @@ static inline double twist_yielding(const lockstep *l, const contact_point *p) {
 
 /* J, of the needle: each piece between two points bears the torques of all points beyond it. */
 static inline double twist_energy_of_needle(const lockstep *l) {
-    const insertion_workspace *w = l->simulation.workspace;
+    const insertion_workspace *w = l->run.workspace;
     double sum = 0.0, torque = 0.0;
     for (int i = w->point_count - 1; i >= w->guided; i--) {
         torque += twist_at(l, &w->points[i])->torque;
@@ -28,7 +28,7 @@ static inline double twist_energy_of_needle(const lockstep *l) {
 
 /* J, of the tissue around the shaft, under the needle's torques. */
 static inline double twist_energy_of_tissue(const lockstep *l) {
-    const insertion_workspace *w = l->simulation.workspace;
+    const insertion_workspace *w = l->run.workspace;
     double sum = 0.0;
     for (int i = w->guided; i < w->point_count; i++) sum += twist_yielding(l, &w->points[i]) * pow(twist_at(l, &w->points[i])->torque, 2);
     return 0.5 * sum;

@@ -105,7 +105,7 @@ static resultant reaction_of_fixed_nodes(lockstep *l) {
     insertion_refinement(&l->state, &refined);
     if (refined_mesh_create(m, &refined, &whole, &why) != TROCAR_OK) exit(2);
     vec3 *u = calloc((size_t)whole.node_count, sizeof *u);
-    simulation_displacement(&l->simulation, &l->state, u, u + m->node_count);
+    run_displacement(&l->run, &l->state, u, u + m->node_count);
     volumetric_strain strain = l->simulation.config.volumetric;
     double *averaged = strain == STRAIN_BY_NODE ? averaged_stress(l, u) : strain == STRAIN_BY_PATCH ? patch_stress(l, u) : NULL;
     for (int e = 0; e < whole.tet_count; e++) {
@@ -228,7 +228,7 @@ static double compliance_at_entry(lockstep *l) {
     for (int c = 0; c < 4; c++) sum += weights[c] * u[m->tets[tet][c]].z;
     free(force);
     free(u);
-    return sum + l->simulation.workspace->axial[0]; /* plus the local compliance of the end face */
+    return sum + l->run.workspace->axial[0]; /* plus the local compliance of the end face */
 }
 
 static void check_rise(rows *r) {

@@ -101,11 +101,11 @@ static vec3 displacement_at(const mesh *m, const picture *s, const point *p) {
 }
 
 static void take_picture(lockstep *l, picture *s) {
-    const insertion_workspace *w = l->simulation.workspace;
+    const insertion_workspace *w = l->run.workspace;
     const needle_tip *end = &l->state.tip;
     bool tip = end->phase == TIP_INSIDE && w->problem.count == contacts_active(&l->state) + 1 && !(l->wrench.events & EVENT_TOUCHED);
     insertion_refinement(&l->state, &s->refined);
-    simulation_displacement(&l->simulation, &l->state, s->nominal, s->added);
+    run_displacement(&l->run, &l->state, s->nominal, s->added);
     s->count = contacts_active(&l->state) + 2 * tip;
     s->tip_tet = tip ? end->known_tet : -1;
     memcpy(s->tip_weights, end->known_weights, sizeof s->tip_weights);
@@ -183,7 +183,7 @@ static double bound_by_tip(lockstep *l, const picture *before, const picture *af
     insertion_state state = l->state;
     state.tip.known_tet = before->tip_tet;
     memcpy(state.tip.known_weights, before->tip_weights, sizeof before->tip_weights);
-    simulation_displacement(&l->simulation, &state, stayed->nominal, stayed->added);
+    run_displacement(&l->run, &state, stayed->nominal, stayed->added);
     stayed->refined = after->refined;
     const mesh *m = &l->simulation.mesh;
     double sum = 0.0;

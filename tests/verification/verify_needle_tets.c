@@ -2,7 +2,7 @@
    calibration, and speed and forces compared with the rod. */
 #include <time.h>
 
-#include "bending.h"
+#include "bending_solid.h"
 #include "lockstep.h"
 #include "motion.h"
 #include "rows.h"
@@ -14,13 +14,13 @@ enum { TICKS = 2400, MOST_DIRECTIONS = 36, MOST_LOADS = 12, LEAST_SEGMENTS = 20 
 /* One mesh under test. */
 typedef struct {
     int segments;
-    needle_model model;
-    needle_tangent *tangent;
+    solid_model model;
+    solid_tangent *tangent;
     char label[32];
 } subject;
 
 static subject subject_made(int segments) {
-    subject s = {.segments = segments, .model = needle_made(NEEDLE_TETRAHEDRA, segments), .tangent = malloc(sizeof *s.tangent)};
+    subject s = {.segments = segments, .model = solid_made(segments), .tangent = malloc(sizeof *s.tangent)};
     if (!s.tangent) abort();
     snprintf(s.label, sizeof s.label, "%d segments", segments);
     return s;
@@ -34,11 +34,11 @@ static const char *named(const subject *s, const char *what) {
 
 /* Tip displacement over the length under a load of p EI / L^2 across the needle: along the load, across it, along the needle. */
 static vec3 bent_tip(const subject *s, double angle, double p) {
-    needle_state state;
+    solid_state state;
     vec3 along = v3(cos(angle), sin(angle), 0), across = v3(-sin(angle), cos(angle), 0);
-    needle_rest(&s->model, ORIGIN, &state);
-    bend(&s->model, &state, v3_scale(p * s->model.bending / (LENGTH * LENGTH), along), s->tangent);
-    vec3 tip = needle_tip_of(&s->model, &state);
+    solid_rest(&s->model, ORIGIN, &state);
+    solid_bend(&s->model, &state, v3_scale(p * s->model.line.bending / (LENGTH * LENGTH), along), s->tangent);
+    vec3 tip = solid_tip_of(&s->model, &state);
     return v3(v3_dot(tip, along) / LENGTH, v3_dot(tip, across) / LENGTH, tip.z / LENGTH);
 }
 
@@ -61,14 +61,14 @@ static void check_direction(rows *r, const subject *s) {
                           .y_label = "secant stiffness over its mean (%)", .count = count, .x = angles, .y = stiffness});
     rows_error(r, named(s, "stiffness against direction, deflection of half the length"), "mean over the directions", (most - mean) / mean, 5e-3);
     rows_error(r, named(s, "deflection across the load"), "deflection along it", across, 5e-3);
-    needle_state state;
+    solid_state state;
     vec3 load[NEEDLE_MAX_SEGMENTS + 1] = {{0}};
-    needle_rest(&s->model, ORIGIN, &state);
-    needle_linearise(&s->model, &state, load, 0, s->tangent);
+    solid_rest(&s->model, ORIGIN, &state);
+    solid_linearise(&s->model, &state, load, 0, s->tangent);
     int x = 3 * s->segments, y = x + 1;
-    double small_x = s->tangent->compliance[x][x];
+    double small_x = s->tangent->line.compliance[x][x];
     rows_error(r, named(s, "anisotropy under a small load"), "isotropic compliance of the tip",
-               fmax(fabs(s->tangent->compliance[y][y] - small_x), fabs(s->tangent->compliance[x][y])) / small_x, 1e-6);
+               fmax(fabs(s->tangent->line.compliance[y][y] - small_x), fabs(s->tangent->line.compliance[x][y])) / small_x, 1e-6);
 }
 
 /* ---- locking and calibration ------------------------------------------------------------------------------------------ */
@@ -76,14 +76,14 @@ static void check_direction(rows *r, const subject *s) {
 /* Bending stiffness with plane sections kept plane and all of Young's modulus, over E I of the square that is meshed,
    I = r^4 / 3. By tetrahedron: two of three see a normal strain at a rim node, which gives 2/3 r^4; all see a shear
    strain of the curvature times h/2, and every sixth one of h across it as well: 5/12 G A h^2 with A = 2 r^2. */
-static double plane_sections(const needle_model *model) {
-    double slender = model->segment_length / model->radius;
-    return 2.0 + 2.5 / (2.0 * (1.0 + model->given.poisson_ratio)) * slender * slender;
+static double plane_sections(const solid_model *model) {
+    double slender = model->line.segment_length / model->line.radius;
+    return 2.0 + 2.5 / (2.0 * (1.0 + model->line.given.poisson_ratio)) * slender * slender;
 }
 
-static double locking_of(const needle_model *model) {
-    double square = model->given.youngs_modulus * pow(model->radius, 4) / 3.0;
-    return model->bending / (model->solid.calibration * square);
+static double locking_of(const solid_model *model) {
+    double square = model->line.given.youngs_modulus * pow(model->line.radius, 4) / 3.0;
+    return model->line.bending / (model->solid.calibration * square);
 }
 
 static void check_locking(rows *r, const subject *s) {
@@ -99,8 +99,8 @@ static void draw_locking(rows *r) {
     const int segments[MESHES_DRAWN] = {4, 8, 16, 32, 48, 64};
     double slender[MESHES_DRAWN], measured[MESHES_DRAWN], expected[MESHES_DRAWN];
     for (int i = 0; i < MESHES_DRAWN; i++) {
-        needle_model model = needle_made(NEEDLE_TETRAHEDRA, segments[i]);
-        slender[i] = model.segment_length / model.radius;
+        solid_model model = solid_made(segments[i]);
+        slender[i] = model.line.segment_length / model.line.radius;
         measured[i] = locking_of(&model);
         expected[i] = plane_sections(&model);
     }
@@ -139,33 +139,33 @@ static void draw_elastica(rows *r, const subject *s) {
 /* Couple on the tip's rim divided by its rotation, N m, from the tangent's factors at rest. */
 static double torsional_stiffness(const subject *s) {
     double x[NEEDLE_MAX_SEGMENTS][TRIDIAGONAL_ROWS] = {{0}}, *tip = x[s->segments - 1], twist = 0.0;
-    for (int i = 0; i < NEEDLE_RIM; i++) { /* unit couple: forces along e_z x arm */
+    for (int i = 0; i < SOLID_RIM; i++) { /* unit couple: forces along e_z x arm */
         vec3 arm = s->model.solid.rim[i];
-        tip[3 + 3 * i] = -arm.y / (NEEDLE_RIM * v3_dot(arm, arm));
-        tip[4 + 3 * i] = arm.x / (NEEDLE_RIM * v3_dot(arm, arm));
+        tip[3 + 3 * i] = -arm.y / (SOLID_RIM * v3_dot(arm, arm));
+        tip[4 + 3 * i] = arm.x / (SOLID_RIM * v3_dot(arm, arm));
     }
-    tridiagonal_solve(&s->tangent->tets.stiffness, x);
-    for (int i = 0; i < NEEDLE_RIM; i++) {
+    tridiagonal_solve(&s->tangent->stiffness, x);
+    for (int i = 0; i < SOLID_RIM; i++) {
         vec3 arm = s->model.solid.rim[i];
-        twist += (arm.x * tip[4 + 3 * i] - arm.y * tip[3 + 3 * i]) / (NEEDLE_RIM * v3_dot(arm, arm));
+        twist += (arm.x * tip[4 + 3 * i] - arm.y * tip[3 + 3 * i]) / (SOLID_RIM * v3_dot(arm, arm));
     }
     return 1.0 / twist;
 }
 
 /* Effect of the factor on Young's modulus on the stiffnesses for which it was not chosen. */
 static void check_cost(rows *r, const subject *s) {
-    const needle_parameters *g = &s->model.given;
+    const needle_parameters *g = &s->model.line.given;
     int z = 3 * s->segments + 2;
     double steel = g->youngs_modulus * M_PI / 4.0 * (pow(g->outer_diameter, 2) - pow(g->inner_diameter, 2)) / g->length;
-    needle_state state;
+    solid_state state;
     vec3 load[NEEDLE_MAX_SEGMENTS + 1] = {{0}};
-    needle_rest(&s->model, ORIGIN, &state);
-    needle_linearise(&s->model, &state, load, s->segments, s->tangent);
-    double axial = 1.0 / s->tangent->compliance[z][z];
+    solid_rest(&s->model, ORIGIN, &state);
+    solid_linearise(&s->model, &state, load, s->segments, s->tangent);
+    double axial = 1.0 / s->tangent->line.compliance[z][z];
     rows_measured(r, (row){.check = named(s, "axial stiffness after calibration"), .reference = "EA/L of the steel tube", .value = axial, .expected = steel,
                            .error = fabs(axial / steel - 1.0), .unit = "N/m",
                            .note = "the price of the factor on Young's modulus; the forces below show what it does"});
-    double torsion = torsional_stiffness(s), tube = s->model.torsion / g->length;
+    double torsion = torsional_stiffness(s), tube = s->model.line.torsion / g->length;
     rows_measured(r, (row){.check = named(s, "torsional stiffness after calibration"), .reference = "GJ/L of the steel tube", .value = torsion, .expected = tube,
                            .error = fabs(torsion / tube - 1.0), .unit = "N m", .note = "torsion locks as bending does; the rod has GJ"});
 }
@@ -179,8 +179,8 @@ static double seconds(void) {
 }
 
 /* Shortest time of a Newton pass, s: linearisation for contacts on the outer half, and the update. */
-static double pass_time(needle_choice kind, int segments) {
-    needle_model model = needle_made(kind, segments);
+static double rod_pass_time(int segments) {
+    needle_model model = needle_made(segments);
     needle_tangent *tangent = malloc(sizeof *tangent);
     needle_state state;
     vec3 load[NEEDLE_MAX_SEGMENTS + 1] = {{0}};
@@ -197,8 +197,26 @@ static double pass_time(needle_choice kind, int segments) {
     return least;
 }
 
+static double solid_pass_time(int segments) {
+    solid_model model = solid_made(segments);
+    solid_tangent *tangent = malloc(sizeof *tangent);
+    solid_state state;
+    vec3 load[NEEDLE_MAX_SEGMENTS + 1] = {{0}};
+    load[segments] = v3(0.1, 0, 0);
+    solid_rest(&model, ORIGIN, &state);
+    double least = INFINITY;
+    for (int i = 0; i < 500; i++) {
+        double start = seconds();
+        solid_linearise(&model, &state, load, segments / 2, tangent);
+        solid_advance(&model, tangent, load, &state);
+        least = fmin(least, seconds() - start);
+    }
+    free(tangent);
+    return least;
+}
+
 static void check_speed(rows *r, const subject *s) {
-    double rod = pass_time(NEEDLE_ROD, s->segments), tets = pass_time(NEEDLE_TETRAHEDRA, s->segments);
+    double rod = rod_pass_time(s->segments), tets = solid_pass_time(s->segments);
     char note[64];
     snprintf(note, sizeof note, "%.0f times the rod's %.1f us; error: share of 1 ms", tets / rod, 1e6 * rod);
     rows_add(r, (row){.check = named(s, "time of a Newton pass"), .reference = "period of 1 kHz", .value = 1e6 * tets, .expected = NAN,
@@ -207,12 +225,12 @@ static void check_speed(rows *r, const subject *s) {
 
 typedef struct { double time[TICKS], wrench[TICKS][6]; } record;
 
-static record *run_figure8(needle_choice kind, int segments) {
+static record *run_figure8(bool solid, int segments) {
     record *run = calloc(1, sizeof *run);
     if (!run) abort();
     simulation_config c = lockstep_config();
-    c.needle.kind = kind;
     c.needle.segments = segments;
+    solid_in_tissue(solid ? &c.needle : NULL);
     lockstep *l = lockstep_create(&c, lockstep_start());
     for (int i = 0; i < TICKS; i++) {
         run->time[i] = (i + 1) * 1e-3;
@@ -240,7 +258,7 @@ static void draw_force(rows *r, const record *run, const char *label) {
 }
 
 static void check_insertion(rows *r, const subject *s, const record *rod) {
-    record *tets = run_figure8(NEEDLE_TETRAHEDRA, s->segments);
+    record *tets = run_figure8(true, s->segments);
     double force = difference(tets, rod, 0, 3);
     row entry = {.check = named(s, "base force in the figure-8 run, rms of the difference"), .reference = "rod of 40 segments", .value = force,
                  .expected = NAN, .error = force, .limit = 0.05};
@@ -257,7 +275,7 @@ static void check_insertion(rows *r, const subject *s, const record *rod) {
 
 int main(int argc, char **argv) {
     rows r = rows_begin(argc, argv, "Needle: tetrahedra with quadratic strain");
-    record *rod = run_figure8(NEEDLE_ROD, 40);
+    record *rod = run_figure8(false, 40);
     draw_force(&r, rod, "rod");
     for (int segments = r.short_form ? 20 : 10; segments <= (r.short_form ? 20 : 40); segments *= 2) {
         subject s = subject_made(segments);

@@ -78,7 +78,7 @@ static double softening_energy(const lockstep *l, double face) {
 
 /* The needle's force on the tissue around the shaft at a point, N: at the tip, the end face bears the rest. */
 static vec3 force_around_shaft(const lockstep *l, int i) {
-    const insertion_workspace *w = l->simulation.workspace;
+    const insertion_workspace *w = l->run.workspace;
     vec3 force = *point_force((insertion_state *)&l->state, &w->points[i]), needle = needle_along(&w->points[i].at);
     if (w->points[i].kind != POINT_TIP) return force;
     vec3 aside = v3_axpy(-v3_dot(force, needle), needle, force);
@@ -87,7 +87,7 @@ static vec3 force_around_shaft(const lockstep *l, int i) {
 
 /* Energy of the local compliances under forces across the needle and along it, J. Term -1: the needle's forces. */
 static double local_energy(const lockstep *l, int term) {
-    const insertion_workspace *w = l->simulation.workspace;
+    const insertion_workspace *w = l->run.workspace;
     const tissue_memory *memory = &l->state.memory;
     double sum = 0.0, softening = 0.0;
     for (int i = w->guided; i < w->point_count && (term < 0 || i - w->guided < memory->count); i++) {
@@ -116,7 +116,7 @@ static double local_energy(const lockstep *l, int term) {
 
 /* Energy of the tissue that the shaft has turned, under the torques that a term remembers, J. */
 static double twist_energy(const lockstep *l, int term) {
-    const insertion_workspace *w = l->simulation.workspace;
+    const insertion_workspace *w = l->run.workspace;
     double sum = 0.0;
     for (int i = w->guided; i < w->point_count; i++) {
         const share_memory *share = &l->state.memory.shares[i - w->guided];
@@ -134,7 +134,7 @@ static double stiffening_energy(const stiffening_law *law, double force) {
 
 /* Of all local compliances; elastic tissue. */
 static double stiffened_energy(const lockstep *l) {
-    const insertion_workspace *w = l->simulation.workspace;
+    const insertion_workspace *w = l->run.workspace;
     const stiffening_step *s = &w->stiffening;
     double sum = 0.0;
     if (!l->simulation.insertion.stiffens) return 0.0;

@@ -46,9 +46,9 @@ static host inserted(int ticks) {
 static void only_the_newest_request_is_served(void **unused) {
     (void)unused;
     host h = inserted(300);
-    uint64_t before = h.sim->needles[0].posted;
+    uint64_t before = h.sim->needles[0].link.posted;
     for (int t = 300; t < 500; t++) tick_on(&h, t);
-    assert_true(h.sim->needles[0].posted > before + 2);
+    assert_true(h.sim->needles[0].link.posted > before + 2);
     served = 0;
     trocar_work done;
     for (int i = 0; i < 3; i++) {
@@ -57,14 +57,14 @@ static void only_the_newest_request_is_served(void **unused) {
     }
     assert_int_equal(served, 1);
     tick_on(&h, 500);
-    assert_true(h.sim->needles[0].answered + 1 >= h.sim->needles[0].posted); /* except for this tick's own request */
+    assert_true(h.sim->needles[0].link.answered + 1 >= h.sim->needles[0].link.posted); /* except for this tick's own request */
     host_close(&h);
 }
 
 static void a_failure_leaves_the_last_answer_in_force(void **unused) {
     (void)unused;
     host h = inserted(300);
-    uint64_t answered = h.sim->needles[0].answered;
+    uint64_t answered = h.sim->needles[0].link.answered;
     trocar_work done;
     report why;
     int failures = 0;
@@ -76,13 +76,13 @@ static void a_failure_leaves_the_last_answer_in_force(void **unused) {
     }
     assert_true(failures > 0 && isfinite(h.output.force[2]) && h.output.force[2] < 0.0);
     assert_string_equal(why.text, "no good");
-    assert_true(h.sim->needles[0].answered <= answered + 1 && h.sim->needles[0].answered < h.sim->needles[0].posted);
+    assert_true(h.sim->needles[0].link.answered <= answered + 1 && h.sim->needles[0].link.answered < h.sim->needles[0].link.posted);
     fails = false; /* recovers */
     for (int t = 400; t < 500; t++) {
         tick_on(&h, t);
         assert_int_equal(trocar_sim_work(h.sim, &done, &why), TROCAR_OK);
     }
-    assert_true(h.sim->needles[0].answered + 1 >= h.sim->needles[0].posted && h.output.contacts > 2);
+    assert_true(h.sim->needles[0].link.answered + 1 >= h.sim->needles[0].link.posted && h.output.contacts > 2);
     host_close(&h);
 }
 

@@ -8,7 +8,9 @@
 
 #include <lapacke.h>
 
-#include "api/api.h"
+#include "api/view.h"
+#include "api/worker_answer.h"
+#include "api/worker_resting.h"
 #include "insertion/creep.h"
 #include "remesh/snapshot_kernels.h"
 
@@ -258,7 +260,7 @@ static differences compare(trocar_sim *sim, const int *resting, int count, int h
     }
     /* What the held needle's tick knows at the corners around its tip: u_free + C f, C with what rests attached. */
     const insertion_state *s = &sim->needles[held].state;
-    const compliance_snapshot *snapshot = triple_buffer_read(&sim->needles[held].snapshots, NULL);
+    const compliance_snapshot *snapshot = link_answer(&sim->needles[held].link);
     const creep_series *creep = &model->parts.insertion.creep;
     int corners[4], probe = p.count;
     assert_true(snapshot_covers(snapshot, model->parts.mesh.tets[s->tip.known_tet], corners));
@@ -298,7 +300,7 @@ static void let_stick(trocar_sim *sim, int needle) {
 static void respond_and_answer(trocar_sim *sim, int needle) {
     OK(respond_to_loads(sim, true, &why));
     OK(answer_fully(sim, needle, &sim->needles[needle].state.request, &why));
-    triple_buffer_publish(&sim->needles[needle].snapshots);
+    link_publish_answer(&sim->needles[needle].link);
 }
 
 /* How far from the one problem; the third needle is pushed beside the first two. */
@@ -365,7 +367,7 @@ static int push_beside(trocar_model *model, const char *file, double x, double y
         OK(trocar_sim_step(sim, 1, &base, 1e-3, &outputs[t], &why));
         for (int k = 0; k < SUBSTEPS && !rests; k++) {
             tick_output ignored = {0};
-            tick_context tick = {.model = &model->parts.insertion, .state = &n->state, .snapshot = triple_buffer_read(&n->snapshots, NULL), .dt = 1e-3, .output = &ignored};
+            tick_context tick = {.model = &model->parts.insertion, .state = &n->state, .snapshot = link_answer(&n->link), .dt = 1e-3, .output = &ignored};
             base_motion step;
             OK(resting_linearise(&tick, sim->inverse, sim->resting_scratch, linear, &why));
             OK(resting_release_step(linear, 1.0, sim->resting_scratch, &step, &why));
@@ -634,19 +636,19 @@ static void a_needle_left_again_is_not_the_one_left_before(void **state) {
     OK(trocar_sim_create(model, &sim, &why));
     push(sim, 0, 0.0, 0.0, 300, &out);
     OK(trocar_sim_leave(sim, 0, &why));
-    unsigned seen = atomic_load(&sim->needles[0].phase); /* as the worker begins */
+    unsigned seen = link_seen(&sim->needles[0].link); /* as the worker begins */
     trocar_pose elsewhere = at(0.008, 0.0, -0.19);
     OK(trocar_sim_reset(sim, 0, &elsewhere, &why));
     OK(trocar_sim_leave(sim, 0, &why));
-    complete_phase(&sim->needles[0], seen, PHASE_RESTING); /* and as it ends */
+    link_complete(&sim->needles[0].link, seen, ON_RESTS); /* and as it ends */
     assert_int_equal(trocar_sim_needle_state(sim, 0), TROCAR_NEEDLE_LEAVING);
     OK(trocar_sim_work(sim, NULL, &why));
     assert_int_equal(trocar_sim_needle_state(sim, 0), TROCAR_NEEDLE_RESTING);
     assert_true(fabs(trocar_sim_base(sim, 0).position[0] - 0.008) < 1e-3);
-    assert_int_equal(atomic_load(&sim->resting_count), 1);
+    assert_int_equal(atomic_load(&sim->link.resting), 1);
     OK(trocar_sim_reset(sim, 0, &elsewhere, &why));
     OK(trocar_sim_work(sim, NULL, &why));
-    assert_int_equal(atomic_load(&sim->resting_count), 0);
+    assert_int_equal(atomic_load(&sim->link.resting), 0);
     trocar_sim_free(sim);
     trocar_model_free(model);
 }

@@ -17,7 +17,8 @@
 
 #include <lapacke.h>
 
-#include "api/api.h"
+#include "api/worker_answer.h"
+#include "api/worker_resting.h"
 
 #include <cmocka.h>
 
@@ -238,7 +239,7 @@ static void tick(trocar_sim *sim, int needle, const trocar_pose *from, const tro
         OK(respond_to_loads(sim, true, &why));
         slip_together(sim, reference);
         OK(answer_fully(sim, needle, &sim->needles[needle].state.request, &why));
-        triple_buffer_publish(&sim->needles[needle].snapshots);
+        link_publish_answer(&sim->needles[needle].link);
     }
     note(sim, &out, r);
 }

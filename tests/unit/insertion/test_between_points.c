@@ -33,7 +33,7 @@ static mat3 draw_block(void) {
 static int create(void **unused) {
     (void)unused;
     vec3 load[NEEDLE_MAX_SEGMENTS + 1] = {{0}};
-    needle = needle_made(NEEDLE_ROD, SEGMENTS);
+    needle = needle_made(SEGMENTS);
     needle_rest(&needle, (pose){v3(0.1, -0.2, 0.3), q_exp(v3(0.3, -0.4, 0.5))}, &shape);
     load[SEGMENTS] = v3(0.1, 0.25, -0.1);
     load[22] = v3(-0.2, 0.2, 0.3);

@@ -57,7 +57,7 @@ static outcome push(const simulation_config *config, vec3 line, double speed) {
         o.force = fmax(o.force, -l->wrench.force.z);
         o.stopped = l->state.tip.blocked_by >= 0 && isinf(config->membranes[l->state.tip.blocked_by].puncture_force);
         if (!o.stopped) continue;
-        simulation_displacement(&l->simulation, &l->state, nominal, added);
+        run_displacement(&l->run, &l->state, nominal, added);
         o.beyond = fmax(o.beyond, needle_end(l).z - stopped_at(l, nominal).z);
     }
     o.depth = l->wrench.depth;

@@ -135,7 +135,7 @@ static void removed_load_recovers(void **unused) {
         memset(expected, 0, nodes * sizeof *expected);
         recover(l, h, creep, later, expected);
         inverse_apply(l->simulation.inverse, expected, expected);
-        simulation_displacement(&l->simulation, &l->state, found, added);
+        run_displacement(&l->run, &l->state, found, added);
         double size = 0.0, off = 0.0;
         for (size_t i = 0; i < nodes; i++) size = fmax(size, v3_norm(expected[i])), off = fmax(off, v3_norm(v3_sub(found[i], expected[i])));
         worst = fmax(worst, off / size);
@@ -143,7 +143,7 @@ static void removed_load_recovers(void **unused) {
         for (int k = 0; k < MAX_WINDOW; k++) { /* what the worker tells the tick */
             int node = l->snapshot->window[k];
             if (node >= 0) window = fmax(window, v3_norm(v3_sub(creep_free(&(tick_context){.model = &l->simulation.insertion, .state = &l->state, .snapshot = l->snapshot,
-                .scratch = l->simulation.workspace}, MAX_CONTACTS + k), expected[node])) / size);
+                .scratch = l->run.workspace}, MAX_CONTACTS + k), expected[node])) / size);
         }
     }
     printf("removed load: up to %.3g mm, %.2g off, at the handles %.2g\n", 1e3 * largest, worst, window);
@@ -210,14 +210,14 @@ static void restored_memory_continues_bit_identically(void **unused) {
     tick_output first[3][20];
     for (int run = 0; run < 3; run++) {
         report why;
-        if (run == 0) simulation_save(&l->state, l->snapshot, saved);
+        if (run == 0) run_save(&l->state, l->snapshot, saved);
         if (run == 1) lockstep_move(l, v3(0, 0.002, 0.030), 0.5, 1e-3); /* a detour */
         if (run == 2) {
             lockstep *other = lockstep_create(&c, lockstep_start());
             lockstep_free(l);
             l = other;
         }
-        if (run > 0) assert_int_equal(simulation_restore(&l->simulation, saved, &l->state, l->snapshot, &why), TROCAR_OK);
+        if (run > 0) assert_int_equal(run_restore(&l->run, saved, &l->state, l->snapshot, &why), TROCAR_OK);
         l->base = l->state.needle.base;
         for (int i = 0; i < 20; i++) {
             lockstep_move(l, v3(0, 0, i < 7 ? 0.005 : -0.005), 0.1, 1e-3);

@@ -42,7 +42,7 @@ static bench bench_create(int guide_count, const guide_config *guides) {
     c.guide_count = guide_count;
     for (int i = 0; i < guide_count; i++) c.guides[i] = guides[i];
     lockstep *l = lockstep_create(&c, lockstep_start());
-    bench b = {l, {.model = &l->simulation.insertion, .state = &l->state, .snapshot = l->snapshot, .scratch = l->simulation.workspace,
+    bench b = {l, {.model = &l->simulation.insertion, .state = &l->state, .snapshot = l->snapshot, .scratch = l->run.workspace,
                    .base = {l->base, 0.0}, .dt = 1e-3, .output = &l->wrench}};
     guides_follow(&b.tick);
     return b;
@@ -537,9 +537,9 @@ static void a_restored_insertion_goes_on_to_the_bit(void **unused) {
     checkpoint *saved = malloc(sizeof *saved);
     for (int i = 0; i < 500; i++) lockstep_tick(l, trembling(i / 1500.0, 3, 0.0, 0.05), 1e-3);
     assert_true(l->state.guides[0].faces[0].touching || l->state.guides[0].faces[1].touching);
-    simulation_save(&l->state, l->snapshot, saved);
+    run_save(&l->state, l->snapshot, saved);
     report why;
-    assert_int_equal(simulation_restore(&other->simulation, saved, &other->state, other->snapshot, &why), TROCAR_OK);
+    assert_int_equal(run_restore(&other->run, saved, &other->state, other->snapshot, &why), TROCAR_OK);
     for (int i = 500; i < 1500; i++) {
         lockstep_tick(l, trembling(i / 1500.0, 3, 0.0, 0.05), 1e-3);
         lockstep_tick(other, trembling(i / 1500.0, 3, 0.0, 0.05), 1e-3);
@@ -629,13 +629,13 @@ static int64_t now_ns(void) {
 
 static tick_effort tick_alone(lockstep *l, pose base) {
     report why;
-    tick_context tick = {.model = &l->simulation.insertion, .state = &l->state, .snapshot = l->snapshot, .scratch = l->simulation.workspace,
+    tick_context tick = {.model = &l->simulation.insertion, .state = &l->state, .snapshot = l->snapshot, .scratch = l->run.workspace,
                          .base = {base, 0.0}, .dt = 1e-3, .output = &l->wrench};
     int64_t allocations = allocations_now(), start = now_ns();
     insertion_tick(&tick);
     tick_effort effort = {now_ns() - start, allocations_now() - allocations};
     l->base = base;
-    if (l->snapshot->serial != l->state.request.serial) assert_int_equal(remesher_answer(l->simulation.remesher, &l->state.request, l->snapshot, &why), TROCAR_OK);
+    if (l->snapshot->serial != l->state.request.serial) assert_int_equal(remesher_answer(l->run.remesher, &l->state.request, l->snapshot, &why), TROCAR_OK);
     return effort;
 }
 

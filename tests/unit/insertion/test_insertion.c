@@ -191,115 +191,6 @@ static void both_remeshing_methods_give_the_same_forces(void **unused) {
     free(woodbury);
 }
 
-/* Contact nodes on faces, as in the paper, are at other places than nodes inside elements: forces are similar, not equal. */
-static void contacts_on_faces_give_similar_forces(void **unused) {
-    (void)unused;
-    simulation_config c = lockstep_config();
-    figure8_record *inside = figure8_run(&c, 1000, 1);
-    c.insertion.placement = PLACE_ON_FACES;
-    figure8_record *faces = figure8_run(&c, 1000, 1);
-    print_message("on faces: largest jump of a tick: %.2f of max(7 %%, 0.05 N)\n", faces->worst_jump);
-    assert_true(faces->worst_jump <= 1.0);
-    assert_int_equal(faces->punctures, inside->punctures);
-    assert_false(faces->events & (EVENT_UNSTABLE | EVENT_FULL | EVENT_LATE));
-    assert_alike("on faces", 1, faces, inside, 20e-3, 0.1);
-    c.remeshing = REMESH_IMPLICIT;
-    figure8_record *implicit = figure8_run(&c, 1000, 1);
-    assert_alike("implicit, on faces", 1, implicit, faces, 0.0, 1e-6);
-    free(inside);
-    free(faces);
-    free(implicit);
-}
-
-static int count_moved(const refinement *r) {
-    int moved = 0;
-    for (int i = 0; i < r->count; i++) moved += r->nodes[i].moved >= 0;
-    return moved;
-}
-
-/* Mesh nodes are moved to the needle, except those on surfaces of the anatomy, where a node is added; all are restored after
-   withdrawal. */
-static void moved_nodes_are_restored(void **unused) {
-    (void)unused;
-    simulation_config c = lockstep_config();
-    c.insertion.placement = PLACE_MOVED;
-    c.remeshing = REMESH_IMPLICIT;
-    c.volumetric = STRAIN_BY_ELEMENT;
-    lockstep *l = lockstep_create(&c, lockstep_start());
-    const mesh *m = &l->simulation.mesh;
-    unsigned events = 0;
-    int most = 0;
-    for (int i = 1; i <= 800; i++) {
-        lockstep_move(l, v3(0, 0, 1e-4), 1e-3, 1e-3);
-        events |= l->wrench.events;
-        for (int k = 0; k < l->state.refined.count; k++) {
-            const added_node *node = &l->state.refined.nodes[k];
-            if (node->moved >= 0) assert_false(m->anatomical[node->moved] || l->simulation.tissue.fixed[node->moved]);
-            if (k >= contacts_active(&l->state)) continue; /* only contacts on the shaft in tissue */
-            assert_true(v3_norm(v3_sub(v3(node->position.x, node->position.y, 0), v3(0.005, 0.003, 0))) < 1e-3);
-        }
-        if (count_moved(&l->state.refined) > most) most = count_moved(&l->state.refined);
-    }
-    print_message("moved: %d of %d contact nodes\n", most, l->state.refined.count);
-    assert_true(most >= 2 && most < l->state.refined.count && (events & EVENT_KEPT));
-    assert_false(events & (EVENT_UNSTABLE | EVENT_FULL | EVENT_LATE));
-    lockstep_move(l, v3(0, 0, -0.1), 1.0, 1e-3);
-    assert_int_equal(l->state.refined.count, 0);
-    lockstep_tick(l, l->base, 1e-3);
-    int *rows = malloc((size_t)m->node_count * sizeof *rows), count = 0;
-    for (int k = 0; k < MAX_WINDOW; k++)
-        if (l->snapshot->window[k] >= 0) rows[count++] = k;
-    assert_true(count > 3);
-    double largest = compliance_between(l->snapshot, MAX_CONTACTS + rows[0], MAX_CONTACTS + rows[0]).m[2][2];
-    for (int i = 0; i < count; i++) { /* the nominal inverse is restored */
-        double block[9];
-        report why;
-        assert_int_equal(inverse_gather(l->simulation.inverse, &(inverse_blocks){1, &l->snapshot->window[rows[i]], 1, &l->snapshot->window[rows[0]], block, 3}, &why), TROCAR_OK);
-        mat3 found = compliance_between(l->snapshot, MAX_CONTACTS + rows[i], MAX_CONTACTS + rows[0]);
-        for (int k = 0; k < 9; k++) assert_true(fabs(found.m[k / 3][k % 3] - block[k]) < 1e-12 * largest);
-    }
-    free(rows);
-    lockstep_free(l);
-}
-
-/* Equal for every method of updating the inverse, and similar to nodes added on the same faces, which give another mesh. */
-static void moved_nodes_give_similar_forces(void **unused) {
-    (void)unused;
-    simulation_config c = lockstep_config();
-    c.insertion.placement = PLACE_ON_FACES;
-    c.volumetric = STRAIN_BY_ELEMENT;
-    figure8_record *faces = figure8_run(&c, 1000, 1);
-    c.insertion.placement = PLACE_MOVED;
-    c.remeshing = REMESH_IMPLICIT;
-    figure8_record *moved = figure8_run(&c, 1000, 1);
-    print_message("moved: largest jump of a tick: %.2f of max(7 %%, 0.05 N)\n", moved->worst_jump);
-    assert_true(moved->worst_jump <= 1.0);
-    assert_false(moved->events & (EVENT_UNSTABLE | EVENT_FULL | EVENT_LATE));
-    assert_alike("moved", 1, moved, faces, 20e-3, 0.05);
-    c.remeshing = (remesh_method)REMESH_WOODBURY;
-    figure8_record *woodbury = figure8_run(&c, 1000, 1);
-    assert_alike("Woodbury, moved", 1, woodbury, moved, 0.0, 1e-6);
-    free(faces);
-    free(moved);
-    free(woodbury);
-}
-
-static void moved_nodes_need_suitable_method_and_strain(void **unused) {
-    (void)unused;
-    simulation_config c = lockstep_config();
-    simulation s;
-    report why;
-    c.insertion.placement = PLACE_MOVED;
-    assert_int_equal(simulation_create(&c, &s, &why), TROCAR_BAD_INPUT);
-    assert_non_null(strstr(why.text, "implicit"));
-    c.remeshing = REMESH_IMPLICIT;
-    for (int averaged = 0; averaged < 2; averaged++) {
-        c.volumetric = averaged ? STRAIN_BY_NODE : STRAIN_BY_PATCH;
-        assert_int_equal(simulation_create(&c, &s, &why), TROCAR_BAD_INPUT);
-        assert_non_null(strstr(why.text, "volumetric_strain: element"));
-    }
-}
-
 /* A worker that answers only every 20th tick: contacts are added later, forces stay close, and no tick waits. */
 static void late_worker_has_little_effect(void **unused) {
     (void)unused;
@@ -552,9 +443,6 @@ int main(void) {
         cmocka_unit_test(forces_do_not_depend_on_the_passes),
         cmocka_unit_test(force_is_continuous_away_from_punctures),
         cmocka_unit_test(both_remeshing_methods_give_the_same_forces),
-        cmocka_unit_test(contacts_on_faces_give_similar_forces),
-        cmocka_unit_test(moved_nodes_are_restored), cmocka_unit_test(moved_nodes_give_similar_forces),
-        cmocka_unit_test(moved_nodes_need_suitable_method_and_strain),
         cmocka_unit_test(late_worker_has_little_effect),
         cmocka_unit_test(below_the_friction_limit_motion_is_reversible),
         cmocka_unit_test(reinsertion_repeats_the_first_insertion),

@@ -117,7 +117,7 @@ static lockstep *pressed_before_a_track(double whole, double left, double length
     for (int i = 0; i < MESH_MAX_GROUPS; i++) l->simulation.materials[i].cutting_force = left;
     const needle_tip *tip = &l->state.tip;
     l->state.tracks.count = l->state.tracks.point_count = 0;
-    vec3 end = v3_axpy(length, l->simulation.workspace->aim, tip->nominal);
+    vec3 end = v3_axpy(length, l->run.workspace->aim, tip->nominal);
     if (length > 0.0) tracks_cut(&l->state.tracks, (track_point){.at = tip->nominal, .tet = tip->tet}, (track_point){.at = end, .tet = tip->tet});
     return l;
 }

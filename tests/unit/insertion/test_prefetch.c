@@ -108,9 +108,9 @@ static void line_is_prefetched_before_the_skin_and_follows_the_needle(void **unu
     assert_int_equal(l->state.request.window_count, 0); /* far from the skin */
     assert_true(l->state.request.direction.z == 1.0 && fabs(l->state.request.tip.x - 0.005) < 1e-12);
     int slices = 1;
-    while (remesher_look_ahead(l->simulation.remesher)) slices++;
+    while (remesher_look_ahead(l->run.remesher)) slices++;
     assert_true(slices > 1); /* the line through the body */
-    assert_false(remesher_look_ahead(l->simulation.remesher));
+    assert_false(remesher_look_ahead(l->run.remesher));
     lockstep_move(l, v3(0, 0, 0.02), 0.1, 1e-3);
     assert_int_equal(l->state.request.serial, serial);
     lockstep_move(l, v3(0.004, 0, 0), 0.1, 1e-3);

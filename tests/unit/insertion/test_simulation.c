@@ -26,7 +26,7 @@ static recorded go_on(lockstep *l) {
 
 static void restore(lockstep *l, const checkpoint *saved) {
     report why;
-    assert_int_equal(simulation_restore(&l->simulation, saved, &l->state, l->snapshot, &why), TROCAR_OK);
+    assert_int_equal(run_restore(&l->run, saved, &l->state, l->snapshot, &why), TROCAR_OK);
     l->base = l->state.needle.base;
 }
 
@@ -55,7 +55,7 @@ static void restored_simulation_continues_bit_identically(void **unused) {
     c.needle.bevel_slope = 0.05;
     lockstep *l = inserted(&c), *other = lockstep_create(&c, lockstep_start());
     checkpoint *saved = malloc(sizeof *saved);
-    simulation_save(&l->state, l->snapshot, saved);
+    run_save(&l->state, l->snapshot, saved);
     recorded once = go_on(l);
     assert_true(v3_norm(once.force[0]) > 0.1);
 
@@ -78,7 +78,7 @@ static void restored_at_rest_engages_again(void **unused) {
     simulation_config c = lockstep_config();
     lockstep *l = lockstep_create(&c, lockstep_start());
     checkpoint *saved = malloc(sizeof *saved);
-    simulation_save(&l->state, l->snapshot, saved);
+    run_save(&l->state, l->snapshot, saved);
     lockstep_move(l, v3(0, 0, 0.04), 0.5, 1e-3);
     tick_output once = l->wrench;
     restore(l, saved);
@@ -93,22 +93,20 @@ static void every_method_and_inverse_can_be_restored(void **unused) {
     (void)unused;
     char directory[] = "/tmp/test_simulation.XXXXXX", command[64];
     assert_non_null(mkdtemp(directory));
-    static const struct { int method; inverse_choice owner; contact_placement placement; bool exact; } cases[] = {
-        {REMESH_NESTED, INVERSE_DENSE, PLACE_INSIDE, true}, {REMESH_NESTED, INVERSE_DENSE, PLACE_ON_FACES, true},
-        {REMESH_NESTED, INVERSE_CONDENSED, PLACE_INSIDE, true}, {REMESH_NESTED, INVERSE_SPARSE, PLACE_INSIDE, false},
-        {REMESH_IMPLICIT, INVERSE_DENSE, PLACE_INSIDE, false}, {REMESH_IMPLICIT, INVERSE_SPARSE, PLACE_ON_FACES, false},
-        {REMESH_WOODBURY, INVERSE_DENSE, PLACE_INSIDE, false}, {REMESH_WOODBURY_GENERAL, INVERSE_DENSE, PLACE_INSIDE, false},
-        {REMESH_BCS, INVERSE_DENSE, PLACE_INSIDE, false}, {REMESH_BCS_BLOCKED, INVERSE_DENSE, PLACE_ON_FACES, false},
+    static const struct { int method; inverse_choice owner; bool exact; } cases[] = {
+        {REMESH_NESTED, INVERSE_DENSE, true}, {REMESH_NESTED, INVERSE_CONDENSED, true}, {REMESH_NESTED, INVERSE_SPARSE, false},
+        {REMESH_IMPLICIT, INVERSE_DENSE, false}, {REMESH_IMPLICIT, INVERSE_SPARSE, false},
+        {REMESH_WOODBURY, INVERSE_DENSE, false}, {REMESH_WOODBURY_GENERAL, INVERSE_DENSE, false},
+        {REMESH_BCS, INVERSE_DENSE, false}, {REMESH_BCS_BLOCKED, INVERSE_DENSE, false},
     };
     checkpoint *saved = malloc(sizeof *saved);
     for (size_t i = 0; i < sizeof cases / sizeof *cases; i++) {
         simulation_config c = lockstep_config();
         c.remeshing = (remesh_method)cases[i].method;
         c.inverse = cases[i].owner;
-        c.insertion.placement = cases[i].placement;
         strcpy(c.cache, directory);
         lockstep *l = inserted(&c);
-        simulation_save(&l->state, l->snapshot, saved);
+        run_save(&l->state, l->snapshot, saved);
         recorded once = go_on(l);
         restore(l, saved);
         make_a_detour(l);

@@ -202,14 +202,14 @@ static void nothing_is_gained_from_the_tissue(void **unused) {
         memcpy(c.relaxation, series, sizeof series);
         lockstep *l = lockstep_engaged(&c);
         checkpoint *rest = malloc(sizeof *rest);
-        simulation_save(&l->state, l->snapshot, rest);
+        run_save(&l->state, l->snapshot, rest);
         tick_output at_rest = l->wrench;
         pose start = l->base;
         double least = 0.0, most = 0.0, left = INFINITY;
         unsigned seed = 1;
         for (int run = 0; run < 20; run++) {
             report why;
-            assert_int_equal(simulation_restore(&l->simulation, rest, &l->state, l->snapshot, &why), TROCAR_OK);
+            assert_int_equal(run_restore(&l->run, rest, &l->state, l->snapshot, &why), TROCAR_OK);
             l->base = start;
             l->wrench = at_rest;
             double work = 0.0;
@@ -266,7 +266,7 @@ static void time_ticks(lockstep *l, double *times, double *passes) {
         struct timespec before, after;
         pose base = start;
         base.position.z += 5e-4 * (1.0 - cos(0.1 * (i + 1)));
-        tick_context tick = {.model = &l->simulation.insertion, .state = &l->state, .snapshot = l->snapshot, .scratch = l->simulation.workspace,
+        tick_context tick = {.model = &l->simulation.insertion, .state = &l->state, .snapshot = l->snapshot, .scratch = l->run.workspace,
                              .base = {.pose = base}, .dt = 1e-3, .output = &l->wrench};
         int64_t counted = allocations_now();
         clock_gettime(CLOCK_THREAD_CPUTIME_ID, &before);
@@ -292,12 +292,12 @@ static void tick_allocates_nothing(void **unused) {
         l[k] = lockstep_create(&c, lockstep_start());
         lockstep_move(l[k], v3(0, 0, 0.075), 1.0, 1e-3);
         saved[k] = malloc(sizeof *saved[k]);
-        simulation_save(&l[k]->state, l[k]->snapshot, saved[k]);
+        run_save(&l[k]->state, l[k]->snapshot, saved[k]);
     }
     for (int run = 0; run < RUNS; run++)
         for (int k = 0; k < 2; k++) {
             report why;
-            assert_int_equal(simulation_restore(&l[k]->simulation, saved[k], &l[k]->state, l[k]->snapshot, &why), TROCAR_OK);
+            assert_int_equal(run_restore(&l[k]->run, saved[k], &l[k]->state, l[k]->snapshot, &why), TROCAR_OK);
             time_ticks(l[k], &times[k][run * TICKS], &passes[k]);
         }
     for (int k = 0; k < 2; k++) qsort(times[k], RUNS * TICKS, sizeof **times, by_size);
@@ -316,7 +316,7 @@ static void restored_simulation_continues_bit_identically(void **unused) {
     lockstep *l = lockstep_create(&c, lockstep_start());
     lockstep_move(l, v3(0, 0, 0.04), 0.4, 1e-3);
     checkpoint *saved = malloc(sizeof *saved);
-    simulation_save(&l->state, l->snapshot, saved);
+    run_save(&l->state, l->snapshot, saved);
     pose base = l->base;
     vec3 first[100];
     report why;
@@ -329,7 +329,7 @@ static void restored_simulation_continues_bit_identically(void **unused) {
             if (turn == 0) first[i] = l->wrench.force;
             else assert_memory_equal(&first[i], &l->wrench.force, sizeof *first);
         }
-        assert_int_equal(simulation_restore(&l->simulation, saved, &l->state, l->snapshot, &why), TROCAR_OK);
+        assert_int_equal(run_restore(&l->run, saved, &l->state, l->snapshot, &why), TROCAR_OK);
     }
     free(saved);
     lockstep_free(l);

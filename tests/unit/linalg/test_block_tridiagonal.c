@@ -1,5 +1,5 @@
 /* Block elimination against Gaussian elimination of the whole matrix. */
-#include "linalg/block_tridiagonal.h"
+#include "oracles/block_tridiagonal.h"
 
 #include <math.h>
 #include <stdbool.h>

@@ -6,7 +6,7 @@
 #include <stddef.h>
 #include <cmocka.h>
 
-static needle_model make(int segments) { return needle_made(NEEDLE_ROD, segments); }
+static needle_model make(int segments) { return needle_made(segments); }
 
 static vec3 tip(const needle_model *model, const needle_state *state) { return needle_tip_of(model, state); }
 

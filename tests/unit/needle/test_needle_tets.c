@@ -1,5 +1,5 @@
 /* The needle of tetrahedra against beam theory, against its own energy, and against the rod in tissue. */
-#include "bending.h"
+#include "bending_solid.h"
 #include "lockstep.h"
 #include "motion.h"
 
@@ -11,27 +11,27 @@
 static const pose ORIGIN = {{0, 0, 0}, {1, 0, 0, 0}};
 static const int SEGMENTS[] = {10, 20, 40};
 
-static needle_model make(int segments) { return needle_made(NEEDLE_TETRAHEDRA, segments); }
+static solid_model make(int segments) { return solid_made(segments); }
 
 /* Deflection of the tip along the load and across it, m. */
-static vec3 bent_tip(const needle_model *model, double angle, double force, needle_tangent *tangent) {
-    needle_state state;
-    needle_rest(model, ORIGIN, &state);
+static vec3 bent_tip(const solid_model *model, double angle, double force, solid_tangent *tangent) {
+    solid_state state;
+    solid_rest(model, ORIGIN, &state);
     vec3 along = v3(cos(angle), sin(angle), 0), across = v3(-sin(angle), cos(angle), 0);
-    bend(model, &state, v3_scale(force, along), tangent);
-    vec3 tip = needle_tip_of(model, &state);
+    solid_bend(model, &state, v3_scale(force, along), tangent);
+    vec3 tip = solid_tip_of(model, &state);
     return v3(v3_dot(tip, along), v3_dot(tip, across), tip.z);
 }
 
 static void bending_is_isotropic(void **unused) {
     (void)unused;
     enum { DIRECTIONS = 9 }; /* over a right angle: a quarter turn is a symmetry of the mesh */
-    needle_tangent *tangent = malloc(sizeof *tangent);
+    solid_tangent *tangent = malloc(sizeof *tangent);
     for (int s = 0; s < 3; s++) {
-        needle_model model = make(SEGMENTS[s]);
+        solid_model model = make(SEGMENTS[s]);
         double least = INFINITY, most = 0.0, across = 0.0;
         for (int d = 0; d < DIRECTIONS; d++) { /* 2 EI / L^2 bends it by half its length */
-            vec3 tip = bent_tip(&model, 0.5 * M_PI * d / DIRECTIONS, 2.0 * model.bending / 0.04, tangent);
+            vec3 tip = bent_tip(&model, 0.5 * M_PI * d / DIRECTIONS, 2.0 * model.line.bending / 0.04, tangent);
             least = fmin(least, tip.x), most = fmax(most, tip.x), across = fmax(across, fabs(tip.y));
         }
         double mean = 0.5 * (least + most);
@@ -44,28 +44,28 @@ static void bending_is_isotropic(void **unused) {
 
 static void small_deflection_matches_a_cantilever(void **unused) {
     (void)unused;
-    needle_tangent *tangent = malloc(sizeof *tangent);
+    solid_tangent *tangent = malloc(sizeof *tangent);
     for (int s = 0; s < 3; s++) {
         int n = SEGMENTS[s], middle = n / 2;
-        needle_model model = make(n);
-        double expected = 1e-3 * pow(0.2, 3) / (3.0 * model.bending);
+        solid_model model = make(n);
+        double expected = 1e-3 * pow(0.2, 3) / (3.0 * model.line.bending);
         assert_true(fabs(bent_tip(&model, 0.4, 1e-3, tangent).x / expected - 1.0) < 1e-4);
         /* compliance between the middle and the tip: a^2 (3 L - a) / (6 EI); the locked shape errs by 1 / N^2 */
-        expected = 0.01 * (0.6 - 0.1) / (6.0 * model.bending);
-        assert_true(fabs(tangent->compliance[3 * middle][3 * n] / expected - 1.0) < 1.0 / (n * n));
+        expected = 0.01 * (0.6 - 0.1) / (6.0 * model.line.bending);
+        assert_true(fabs(tangent->line.compliance[3 * middle][3 * n] / expected - 1.0) < 1.0 / (n * n));
     }
     free(tangent);
 }
 
 static void large_deflection_follows_the_elastica(void **unused) {
     (void)unused;
-    needle_tangent *tangent = malloc(sizeof *tangent);
+    solid_tangent *tangent = malloc(sizeof *tangent);
     for (int s = 0; s < 3; s++)
         for (int c = 0; c < 3; c++) {
             double p = (double[]){0.5, 1.0, 2.0}[c], x, y;
             elastica(p, &x, &y);
-            needle_model model = make(SEGMENTS[s]);
-            vec3 tip = bent_tip(&model, 0.3, p * model.bending / 0.04, tangent);
+            solid_model model = make(SEGMENTS[s]);
+            vec3 tip = bent_tip(&model, 0.3, p * model.line.bending / 0.04, tangent);
             double limit = SEGMENTS[s] == 10 ? 0.01 : 0.0025;
             assert_true(fabs(tip.x / 0.2 - y) < limit * y && fabs(tip.z / 0.2 - x) < limit);
         }
@@ -75,44 +75,72 @@ static void large_deflection_follows_the_elastica(void **unused) {
 /* As in the rod's test: below Euler's load, close to it and beyond, where the tangent is indefinite. */
 static void axial_load_softens_like_a_beam_column(void **unused) {
     (void)unused;
-    needle_model model = make(40);
-    needle_tangent *tangent = malloc(sizeof *tangent);
-    double euler = M_PI * M_PI * model.bending / (4 * 0.04);
+    solid_model model = make(40);
+    solid_tangent *tangent = malloc(sizeof *tangent);
+    double euler = M_PI * M_PI * model.line.bending / (4 * 0.04);
     for (int c = 0; c < 3; c++) {
         double compression = (double[]){0.3, 0.8, 2.0}[c] * euler;
-        needle_state state;
-        needle_rest(&model, ORIGIN, &state);
-        bend(&model, &state, v3(0, 0, -compression), tangent);
-        double k = sqrt(compression / model.bending), expected = tan(k * 0.2) / (k * compression) - 0.2 / compression;
-        assert_true(fabs(tangent->compliance[120][120] / expected - 1.0) < 5e-3);
-        assert_true(fabs(tangent->compliance[121][121] / expected - 1.0) < 5e-3);
+        solid_state state;
+        solid_rest(&model, ORIGIN, &state);
+        solid_bend(&model, &state, v3(0, 0, -compression), tangent);
+        double k = sqrt(compression / model.line.bending), expected = tan(k * 0.2) / (k * compression) - 0.2 / compression;
+        assert_true(fabs(tangent->line.compliance[120][120] / expected - 1.0) < 5e-3);
+        assert_true(fabs(tangent->line.compliance[121][121] / expected - 1.0) < 5e-3);
     }
     free(tangent);
 }
 
+static void centreline_is_smooth_and_joins_the_centres(void **unused) {
+    (void)unused;
+    solid_model model = make(20);
+    solid_tangent *tangent = malloc(sizeof *tangent);
+    solid_state state;
+    solid_rest(&model, ORIGIN, &state);
+    solid_bend(&model, &state, v3(0.1, 0.4, 0), tangent);
+    needle_point before = needle_at(&model.line, &state.line, 0.0);
+    for (int i = 1; i <= 20000; i++) {
+        needle_point p = needle_at(&model.line, &state.line, 0.2 * i / 20000);
+        assert_true(fabs(v3_norm(v3_sub(p.position, before.position)) / 1e-5 - 1.0) < 2e-3);
+        assert_true(v3_norm(v3_sub(needle_along(&p), needle_along(&before))) < 1e-3);
+        before = p;
+    }
+    assert_true(v3_norm(v3_sub(before.position, solid_tip_of(&model, &state))) < 1e-12);
+    free(tangent);
+}
+
+static void bad_parameters_are_refused(void **unused) {
+    (void)unused;
+    report why;
+    solid_model model;
+    needle_parameters p = gauge18(40);
+    p.poisson_ratio = 0.5;
+    assert_int_equal(solid_create(&p, &model, &why), TROCAR_BAD_INPUT);
+    assert_non_null(strstr(why.text, "poisson_ratio"));
+}
+
 static void rigid_motions_give_no_force(void **unused) {
     (void)unused;
-    needle_model model = make(20);
-    needle_tangent *tangent = malloc(sizeof *tangent);
-    needle_state state;
+    solid_model model = make(20);
+    solid_tangent *tangent = malloc(sizeof *tangent);
+    solid_state state;
     vec3 load[NEEDLE_MAX_SEGMENTS + 1] = {{0}};
-    double stiffness = model.bending / pow(0.2, 2); /* N, a load that bends it clearly */
+    double stiffness = model.line.bending / pow(0.2, 2); /* N, a load that bends it clearly */
     for (int i = 0; i < 20; i++) {
-        needle_rest(&model, (pose){v3(0.02 * i, -0.01 * i, 0.2), q_exp(v3(0.3 * i, 1.0 - 0.2 * i, 0.1 * i))}, &state);
-        needle_linearise(&model, &state, load, 0, tangent);
+        solid_rest(&model, (pose){v3(0.02 * i, -0.01 * i, 0.2), q_exp(v3(0.3 * i, 1.0 - 0.2 * i, 0.1 * i))}, &state);
+        solid_linearise(&model, &state, load, 0, tangent);
         for (int k = 0; k <= 20; k++)
-            for (int a = 0; a < NEEDLE_SECTION; a++) assert_true(v3_norm(tangent->tets.internal[k][a]) < 1e-8 * stiffness);
-        assert_true(needle_energy(&model, &state) < 1e-16);
+            for (int a = 0; a < SOLID_SECTION; a++) assert_true(v3_norm(tangent->internal[k][a]) < 1e-8 * stiffness);
+        assert_true(solid_energy(&model, &state) < 1e-16);
     }
     free(tangent);
 }
 
 /* A shape far from rest, by moving every node by some fraction of the radius. */
-static void distort(needle_state *state, int segments) {
+static void distort(solid_state *state, int segments) {
     srand(3);
     for (int k = 1; k <= segments; k++)
-        for (int i = 0; i < NEEDLE_SECTION; i++) {
-            vec3 *x = i == 0 ? &state->joints[k] : &state->rim[k][i - 1];
+        for (int i = 0; i < SOLID_SECTION; i++) {
+            vec3 *x = i == 0 ? &state->line.joints[k] : &state->rim[k][i - 1];
             double *c[3] = {&x->x, &x->y, &x->z};
             for (int a = 0; a < 3; a++) *c[a] += 1e-4 * (2.0 * rand() / RAND_MAX - 1.0);
         }
@@ -122,27 +150,27 @@ static void distort(needle_state *state, int segments) {
 static void forces_are_the_gradient_of_the_energy(void **unused) {
     (void)unused;
     enum { N = 4 };
-    needle_model model = make(N);
-    needle_tangent *tangent = malloc(sizeof *tangent);
-    needle_state state;
+    solid_model model = make(N);
+    solid_tangent *tangent = malloc(sizeof *tangent);
+    solid_state state;
     vec3 load[N + 1] = {{0}};
-    needle_rest(&model, (pose){v3(0, 0, 0), q_exp(v3(0.3, -0.4, 0.5))}, &state);
+    solid_rest(&model, (pose){v3(0, 0, 0), q_exp(v3(0.3, -0.4, 0.5))}, &state);
     distort(&state, N);
-    needle_linearise(&model, &state, load, 0, tangent);
+    solid_linearise(&model, &state, load, 0, tangent);
     double size = 0.0, step = 1e-7;
     for (int k = 1; k <= N; k++)
-        for (int i = 0; i < NEEDLE_SECTION; i++) size = fmax(size, v3_norm(tangent->tets.internal[k][i]));
+        for (int i = 0; i < SOLID_SECTION; i++) size = fmax(size, v3_norm(tangent->internal[k][i]));
     for (int k = 1; k <= N; k++)
-        for (int i = 0; i < NEEDLE_SECTION; i++) {
-            vec3 *x = i == 0 ? &state.joints[k] : &state.rim[k][i - 1];
+        for (int i = 0; i < SOLID_SECTION; i++) {
+            vec3 *x = i == 0 ? &state.line.joints[k] : &state.rim[k][i - 1];
             double *c[3] = {&x->x, &x->y, &x->z}, force[3];
-            memcpy(force, &tangent->tets.internal[k][i], sizeof force);
+            memcpy(force, &tangent->internal[k][i], sizeof force);
             for (int a = 0; a < 3; a++) {
                 double at = *c[a];
                 *c[a] = at + step;
-                double above = needle_energy(&model, &state);
+                double above = solid_energy(&model, &state);
                 *c[a] = at - step;
-                double below = needle_energy(&model, &state);
+                double below = solid_energy(&model, &state);
                 *c[a] = at;
                 assert_true(fabs((above - below) / (2 * step) - force[a]) < 1e-5 * size);
             }
@@ -152,71 +180,71 @@ static void forces_are_the_gradient_of_the_energy(void **unused) {
 
 static void newton_converges_quadratically(void **unused) {
     (void)unused;
-    needle_model model = make(40);
-    needle_state state;
-    needle_tangent *tangent = malloc(sizeof *tangent);
+    solid_model model = make(40);
+    solid_state state;
+    solid_tangent *tangent = malloc(sizeof *tangent);
     vec3 load[NEEDLE_MAX_SEGMENTS + 1] = {{0}};
-    needle_rest(&model, (pose){v3(0, 0, 0), q_exp(v3(0.3, -0.4, 0.5))}, &state);
+    solid_rest(&model, (pose){v3(0, 0, 0), q_exp(v3(0.3, -0.4, 0.5))}, &state);
     load[40] = v3(0.1, 0.25, -0.1);
     load[22] = v3(-0.2, 0.2, 0.3);
     double change[12];
     int passes = 0;
     for (bool done = false; passes < 12 && !done; passes++) {
-        needle_linearise(&model, &state, load, 40, tangent);
-        change[passes] = needle_advance(&model, tangent, load, &state);
+        solid_linearise(&model, &state, load, 40, tangent);
+        change[passes] = solid_advance(&model, tangent, load, &state);
         done = change[passes] < 1e-10;
     }
     assert_true(passes <= 8 && change[passes - 1] < 1e-10);
     assert_true(change[passes - 1] < fmax(1e-10, 10 * change[passes - 2] * change[passes - 2]));
     /* the clamped section carries the loads' moment about the base */
-    vec3 base = state.base.position, moment = v3_cross(v3_sub(state.joints[40], base), load[40]);
-    moment = v3_add(moment, v3_cross(v3_sub(state.joints[22], base), load[22]));
-    assert_true(v3_norm(v3_sub(needle_root_moment(&model, &state), moment)) < 1e-8 * v3_norm(moment));
+    vec3 base = state.line.base.position, moment = v3_cross(v3_sub(state.line.joints[40], base), load[40]);
+    moment = v3_add(moment, v3_cross(v3_sub(state.line.joints[22], base), load[22]));
+    assert_true(v3_norm(v3_sub(solid_root_moment(&model, &state), moment)) < 1e-8 * v3_norm(moment));
     free(tangent);
 }
 
 static void rotated_base_gives_rotated_shape(void **unused) {
     (void)unused;
-    needle_model model = make(20);
-    needle_tangent *tangent = malloc(sizeof *tangent);
-    needle_state plain, turned;
+    solid_model model = make(20);
+    solid_tangent *tangent = malloc(sizeof *tangent);
+    solid_state plain, turned;
     quat q = q_exp(v3(0.7, -1.1, 2.0));
     vec3 shift = v3(0.3, -0.2, 0.1), force = v3(0.1, 0.3, -0.4);
-    needle_rest(&model, ORIGIN, &plain);
-    needle_rest(&model, (pose){shift, q}, &turned);
-    bend(&model, &plain, force, tangent);
-    bend(&model, &turned, q_rotate(q, force), tangent);
+    solid_rest(&model, ORIGIN, &plain);
+    solid_rest(&model, (pose){shift, q}, &turned);
+    solid_bend(&model, &plain, force, tangent);
+    solid_bend(&model, &turned, q_rotate(q, force), tangent);
     for (int k = 0; k <= 20; k++)
-        assert_true(v3_norm(v3_sub(turned.joints[k], v3_add(shift, q_rotate(q, plain.joints[k])))) < 1e-9);
+        assert_true(v3_norm(v3_sub(turned.line.joints[k], v3_add(shift, q_rotate(q, plain.line.joints[k])))) < 1e-9);
     free(tangent);
 }
 
 /* Rolled and shifted as far as a hand does in a tick or two, the free needle follows and is straight again. */
 static void free_needle_follows_its_base(void **unused) {
     (void)unused;
-    needle_model model = make(20);
-    needle_tangent *tangent = malloc(sizeof *tangent);
-    needle_state state, straight;
+    solid_model model = make(20);
+    solid_tangent *tangent = malloc(sizeof *tangent);
+    solid_state state, straight;
     vec3 load[NEEDLE_MAX_SEGMENTS + 1] = {{0}};
     pose moved = {v3(0.01, 0.02, -0.03), q_exp(v3(0.15, -0.02, 0.8))};
-    needle_rest(&model, ORIGIN, &state);
-    needle_rest(&model, moved, &straight);
-    needle_hold(&model, moved, &state);
+    solid_rest(&model, ORIGIN, &state);
+    solid_rest(&model, moved, &straight);
+    solid_hold(&model, moved, &state);
     for (int i = 0; i < 8; i++) {
-        needle_linearise(&model, &state, load, 0, tangent);
-        needle_advance(&model, tangent, load, &state);
+        solid_linearise(&model, &state, load, 0, tangent);
+        solid_advance(&model, tangent, load, &state);
     }
-    for (int k = 0; k <= 20; k++) assert_true(v3_norm(v3_sub(state.joints[k], straight.joints[k])) < 1e-10);
-    vec3 y = q_rotate(state.frames[19], v3(0, 1, 0)), expected = q_rotate(moved.orientation, v3(0, 1, 0));
+    for (int k = 0; k <= 20; k++) assert_true(v3_norm(v3_sub(state.line.joints[k], straight.line.joints[k])) < 1e-10);
+    vec3 y = q_rotate(state.line.frames[19], v3(0, 1, 0)), expected = q_rotate(moved.orientation, v3(0, 1, 0));
     assert_true(v3_norm(v3_sub(y, expected)) < 1e-8);
     free(tangent);
 }
 
 enum { TICKS = 2400 };
 
-static void run_figure8(needle_choice kind, double (*wrench)[6], double *punctures) {
+static void run_figure8(bool solid, double (*wrench)[6], double *punctures) {
     simulation_config c = lockstep_config();
-    c.needle.kind = kind;
+    solid_in_tissue(solid ? &c.needle : NULL);
     lockstep *l = lockstep_create(&c, lockstep_start());
     for (int i = 0, found = 0; i < TICKS; i++) {
         lockstep_tick(l, motion_pose(motion_find("figure8"), lockstep_start(), (i + 1) * 1e-3), 1e-3);
@@ -240,8 +268,8 @@ static void insertion_forces_match_the_rod(void **unused) {
     (void)unused;
     double (*rod)[6] = calloc(TICKS, sizeof *rod), (*tets)[6] = calloc(TICKS, sizeof *tets);
     double rod_at[2] = {0}, tets_at[2] = {0};
-    run_figure8(NEEDLE_ROD, rod, rod_at);
-    run_figure8(NEEDLE_TETRAHEDRA, tets, tets_at);
+    run_figure8(false, rod, rod_at);
+    run_figure8(true, tets, tets_at);
     double force = difference(tets, rod, 0, 3), torque = difference(tets, rod, 3, 6);
     print_message("figure 8: force differs by %.4f, torque by %.4f\n", force, torque);
     assert_true(force < 0.03 && torque < 0.03);
@@ -256,6 +284,8 @@ int main(void) {
         cmocka_unit_test(small_deflection_matches_a_cantilever),
         cmocka_unit_test(large_deflection_follows_the_elastica),
         cmocka_unit_test(axial_load_softens_like_a_beam_column),
+        cmocka_unit_test(centreline_is_smooth_and_joins_the_centres),
+        cmocka_unit_test(bad_parameters_are_refused),
         cmocka_unit_test(rigid_motions_give_no_force),
         cmocka_unit_test(forces_are_the_gradient_of_the_energy),
         cmocka_unit_test(newton_converges_quadratically),

@@ -10,6 +10,7 @@
 #include <cmocka.h>
 
 #include "check.h"
+#include "oracles/refinement_move.h"
 
 static cube body;
 

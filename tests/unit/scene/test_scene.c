@@ -27,11 +27,11 @@ static const char GOOD[] =
     "  - {name: skin, puncture_force: 1.1}\n"                      /* 12 */
     "  - {name: capsule, puncture_force: .inf}\n"                  /* 13 */
     "fixed: [back, below]\n"                                       /* 14 */
-    "needle: {model: tetrahedra, length: 0.15, outer_diameter: 1.1e-3,\n"             /* 15 */
+    "needle: {model: rod, length: 0.15, outer_diameter: 1.1e-3,\n"             /* 15 */
     "         inner_diameter: 0, youngs_modulus: 190e9,\n"         /* 16 */
     "         poisson_ratio: 0.29, bevel_slope: 0.02, bow: 2e-4,\n" /* 17 */
     "         segments: 30}\n"                                     /* 18 */
-    "contact: {placement: faces, spacing: 3e-3, weakening_distance: 2e-3, prefetch_distance: 11e-3, max_passes: 5, tolerance: 1e-8}\n"
+    "contact: {placement: inside, spacing: 3e-3, weakening_distance: 2e-3, prefetch_distance: 11e-3, max_passes: 5, tolerance: 1e-8}\n"
     "remeshing: implicit\n"                                        /* 20 */
     "device: {profile: touch, mass: 0.3, delay: 4e-3, max_force: 15, max_torque: 0.8, max_force_rate: 1500, max_torque_rate: 70, max_speed: 1.5, max_turn_rate: 12,\n"
     "         hold_time: 0.02, ramp_time: 0.2}\n";                 /* 22 */
@@ -110,10 +110,8 @@ static void every_value_is_read(void **state) {
     const needle_parameters *n = &c->needle;
     assert_true(n->length == 0.15 && n->outer_diameter == 1.1e-3 && n->inner_diameter == 0 && n->youngs_modulus == 190e9);
     assert_true(n->poisson_ratio == 0.29 && n->bevel_slope == 0.02 && n->bow == 2e-4 && n->segments == 30);
-    assert_int_equal(n->kind, NEEDLE_TETRAHEDRA);
     const insertion_settings *i = &c->insertion;
     assert_true(i->contact_spacing == 3e-3 && i->weakening_distance == 2e-3);
-    assert_int_equal(i->placement, PLACE_ON_FACES);
     assert_true(i->prefetch_distance == 11e-3 && i->max_passes == 5 && i->tolerance == 1e-8);
     assert_int_equal(c->remeshing, REMESH_IMPLICIT);
     const device_limits *g = &s.device;
@@ -422,7 +420,10 @@ static void values_out_of_range_are_refused(void **state) {
         {"[back, below]", "[back, back]", ":14: fixed[1]: \"back\" is there twice"},
         {"[back, below]", "[]", ":14: fixed: expected at least 1"},
         {"[back, below]", "[a, b, c, d, e, f, g, h, i]", ":14: fixed: 9 entries: expected at most 8"},
-        {"model: tetrahedra", "model: beam", ":15: needle.model: \"beam\": expected rod or tetrahedra"},
+        {"placement: inside", "placement: faces", ":19: contact.placement: this release has no \"faces\": scripts/bench measures such nodes: remove the key, or set inside"},
+        {"placement: inside", "placement: moved", ":19: contact.placement: this release has no \"moved\": scripts/bench measures such nodes: remove the key, or set inside"},
+        {"model: rod", "model: beam", ":15: needle.model: \"beam\": expected rod"},
+        {"model: rod", "model: tetrahedra", ":15: needle.model: this release has no \"tetrahedra\": scripts/verify compares it with the rod: remove the key, or set rod"},
         {"length: 0.15", "length: -0.15", ":15: needle.length: "},
         {"inner_diameter: 0", "inner_diameter: 1.1e-3", ":16: needle.inner_diameter: "},
         {"outer_diameter: 1.1e-3", "outer_diameter: 1", ":15: needle.outer_diameter: "},

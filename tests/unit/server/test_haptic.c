@@ -156,7 +156,7 @@ static void insertion_gives_force_and_requests_to_the_worker(void **state) {
     assert_true(w.force[2] < -0.3);                        /* against the push */
     assert_true(fabs(w.force[2] - w.raw_force[2]) < 1e-12); /* within the limits: unchanged */
     assert_true(w.depth > 0.005 && w.contacts >= 1);
-    assert_true(f->host.sim->needles[0].posted > 1);
+    assert_true(f->host.sim->needles[0].link.posted > 1);
     bool fresh;
     const view_sample *view = triple_buffer_read(&f->exchange.views, &fresh);
     assert_true(fresh && view->needles[0].contacts >= 1);
@@ -169,12 +169,12 @@ static void insertion_gives_force_and_requests_to_the_worker(void **state) {
 static void snapshot_age_is_that_of_the_oldest_pending_request(void **state) {
     fixture *f = *state;
     push(f, 10);
-    uint64_t posted = f->host.sim->needles[0].posted;
+    uint64_t posted = f->host.sim->needles[0].link.posted;
     int64_t opened = 0;
     for (int i = 0; i < 400; i++) {
         put_pose(f, 1, 1000 + i, -0.195 + 0.05e-3 * i);
         tick(f, NULL);
-        if (opened == 0 && f->host.sim->needles[0].posted > posted) opened = f->tick - 1;
+        if (opened == 0 && f->host.sim->needles[0].link.posted > posted) opened = f->tick - 1;
     }
     const view_sample *view = triple_buffer_read(&f->exchange.views, NULL);
     assert_true(opened > 0 && view->tick > opened + 100);

@@ -1,9 +1,11 @@
-/* trocar.h: needles that rest. See README.md, "Resting needles". */
+#include "api/worker_resting.h"
+
 #include <limits.h>
 #include <stdlib.h>
 #include <string.h>
 
-#include "api/api.h"
+#include "api/worker_answer.h"
+#include "api/worker_probe.h"
 #include "base/cache_line.h"
 #include "base/flush_denormals.h"
 
@@ -17,98 +19,8 @@ static const double LARGEST_STEP = 16.0; /* times that without sliding */
 static const double TICK = 1e-3;       /* s */
 static const double SHOWN = 1e-4, SHOWN_ALL = 1e-7; /* N, by which a force may differ from what is shown */
 enum { SHOWN_AT_ONCE = 4 };            /* needles whose shape is found in one pass of the worker */
-enum { SERIALS_APART = 1 << 20 };      /* keeps serials issued after a reset apart from the worker's */
 
-/* ---- the ticking thread ------------------------------------------------------------------------------------------------- */
-
-const insertion_state *state_of_needle(const trocar_sim *sim, int needle, uint64_t *stamp) {
-    needle_track *n = &sim->needles[needle];
-    needle_phase phase = phase_of(n);
-    const shown_needle *shown = phase == PHASE_HELD || phase == PHASE_LEAVING ? NULL : triple_buffer_read(&n->shown, NULL);
-    if (stamp) *stamp = shown ? shown->stamp : n->stamp;
-    return shown ? &shown->state : &n->state;
-}
-
-void adopt_needle(trocar_sim *sim, needle_track *n) {
-    if (phase_of(n) != PHASE_TAKEN) return;
-    const shown_needle *shown = triple_buffer_read(&n->shown, NULL);
-    memcpy(&n->state, &shown->state, sizeof n->state);
-    n->stamp = next_stamp();
-    n->given = n->state.needle.base;
-    n->loads.count = 0;
-    insertion_add_loads(&sim->model->parts.insertion, &n->state, &n->loads);
-    copy_loads(&n->loads, &n->posted_loads); /* the worker has them from the needle's rest */
-    n->posted = n->answered = n->state.request.serial;
-    change_phase(n, PHASE_HELD);
-}
-
-/* Those nearest to the tip first, should there be no room for all. */
-void post_left(trocar_sim *sim, int needle) {
-    static const double DISTANCES[] = {-1.0, 10e-3, 40e-3}; /* m; needles move by some millimetres while they are let go of */
-    needle_track *n = &sim->needles[needle];
-    left_needle *slot = triple_buffer_slot(&n->left);
-    memcpy(&slot->state, &n->state, sizeof slot->state);
-    slot->others.count = slot->others.point_count = 0;
-    for (int ring = 0; ring < 2; ring++)
-        for (int i = 0; i < sim->needle_count; i++)
-            if (i != needle) tracks_copy_near(&sim->needles[i].state.tracks, n->state.tip.nominal, DISTANCES[ring], DISTANCES[ring + 1], &slot->others);
-    triple_buffer_publish(&n->left);
-}
-
-static trocar_status refuse(report *why, int needle, const char *reason) {
-    if (why) fail(why, TROCAR_BAD_INPUT, "needle %d: %s", needle, reason);
-    return TROCAR_BAD_INPUT;
-}
-
-trocar_status trocar_sim_leave(trocar_sim *sim, int needle, trocar_error *error) {
-    trocar_status status = check_needle(sim, needle, error);
-    if (status != TROCAR_OK) return status;
-    needle_track *n = &sim->needles[needle];
-    adopt_needle(sim, n);
-    if (phase_of(n) != PHASE_HELD) return refuse(error, needle, "it rests already");
-    if (n->state.tip.phase == TIP_FREE) return refuse(error, needle, "it is not in the tissue, where it could rest");
-    if (n->state.moving_on) return refuse(error, needle, "it is on its way to another shape: hold it still first");
-    post_left(sim, needle);
-    n->state.request.serial += SERIALS_APART;
-    n->state.next_id += SERIALS_APART;
-    change_phase(n, PHASE_LEAVING);
-    wake_worker(sim);
-    return TROCAR_OK;
-}
-
-trocar_status trocar_sim_take(trocar_sim *sim, int needle, trocar_error *error) {
-    trocar_status status = check_needle(sim, needle, error);
-    if (status != TROCAR_OK) return status;
-    needle_track *n = &sim->needles[needle];
-    needle_phase phase = phase_of(n);
-    if (phase != PHASE_RESTING) return refuse(error, needle, phase == PHASE_LEAVING ? "it has not come to rest yet" : "it does not rest");
-    change_phase(n, PHASE_TAKING);
-    wake_worker(sim);
-    return TROCAR_OK;
-}
-
-trocar_needle_state trocar_sim_needle_state(const trocar_sim *sim, int needle) {
-    static const trocar_needle_state states[] = {[PHASE_HELD] = TROCAR_NEEDLE_HELD, [PHASE_LEAVING] = TROCAR_NEEDLE_LEAVING,
-                                                 [PHASE_RESTING] = TROCAR_NEEDLE_RESTING, [PHASE_TAKING] = TROCAR_NEEDLE_TAKING,
-                                                 [PHASE_TAKEN] = TROCAR_NEEDLE_HELD};
-    return has_needle(sim->model, needle) ? states[phase_of(&sim->needles[needle])] : TROCAR_NEEDLE_HELD;
-}
-
-/* ---- the worker: loads ---------------------------------------------------------------------------------------------------- */
-
-void list_others(const trocar_sim *sim, int needle, other_loads *others) {
-    *others = (other_loads){.beneath = sim->resting.inverse, .attached = needle != BESIDE_RESTING && sim->resting.count > 0 ? sim->resting.load : NULL};
-    if (needle != BESIDE_PROBE && sim->probe && sim->probe->now.count > 0) others->pressed = needle >= 0 ? &sim->probe->unloaded : &sim->probe->now;
-    for (int i = 0; i < sim->needle_count; i++)
-        if (i != needle && sim->needles[i].held.count > 0) others->of[others->count++] = &sim->needles[i].held;
-}
-
-void mark_stale(trocar_sim *sim, const needle_track *except) {
-    for (int i = 0; i < sim->needle_count; i++)
-        if (&sim->needles[i] != except) atomic_store_explicit(&sim->needles[i].stale, true, memory_order_release);
-}
-
-/* ---- the worker: letting go ----------------------------------------------------------------------------------------------- */
+/* ---- letting go ----------------------------------------------------------------------------------------------- */
 
 static bool is_at_rest(const insertion_model *model, const insertion_state *state, const tick_output *wrench) {
     const rest_limits *limits = model->creep.count > 0 ? &RELAXING : &AT_REST;
@@ -122,7 +34,7 @@ static bool is_at_rest(const insertion_model *model, const insertion_state *stat
 static trocar_status let_go(trocar_sim *sim, int index, const track_list *others, insertion_state *state, report *why) {
     needle_track *n = &sim->needles[index];
     resting_scratch *scratch = sim->resting_scratch;
-    const compliance_snapshot *snapshot = triple_buffer_slot(&n->snapshots); /* not published: nobody ticks this needle now */
+    const compliance_snapshot *snapshot = link_answer_slot(&n->link); /* not published: nobody ticks this needle now */
     tick_output wrench;
     tick_context tick = {.model = &sim->model->parts.insertion, .state = state, .snapshot = snapshot, .scratch = &scratch->workspace, .dt = TICK,
                          .output = &wrench, .base = {.pose = state->needle.base}, .others = {others}, .other_count = 1};
@@ -148,7 +60,7 @@ static trocar_status let_go(trocar_sim *sim, int index, const track_list *others
     return fail(why, TROCAR_NUMERIC, "needle %d does not come to rest when it is let go: %.2g N are left at its base", index, v3_norm(wrench.force));
 }
 
-/* ---- the worker: what rests -------------------------------------------------------------------------------------------------- */
+/* ---- what rests -------------------------------------------------------------------------------------------------- */
 
 static int list_attached(const trocar_sim *sim, resting_needle *list[MAX_NEEDLES]) {
     int count = 0;
@@ -162,7 +74,7 @@ static trocar_status attach_again(trocar_sim *sim, report *why) {
     resting_needle *list[MAX_NEEDLES];
     other_loads held;
     int count = list_attached(sim, list);
-    atomic_store(&sim->resting_count, count);
+    atomic_store(&sim->link.resting, count);
     list_others(sim, BESIDE_RESTING, &held);
     mark_stale(sim, NULL);
     trocar_status status = resting_set_change(&sim->resting, count, list, &held, why);
@@ -171,7 +83,7 @@ static trocar_status attach_again(trocar_sim *sim, report *why) {
 
 /* The needle as it is, in the slot that is published next. */
 static const shown_needle *find_shown(trocar_sim *sim, needle_track *n) {
-    shown_needle *slot = triple_buffer_slot(&n->shown);
+    shown_needle *slot = link_shown_slot(&n->link);
     resting_show(&sim->model->parts.insertion, n->resting, &sim->resting_scratch->workspace.tangent, &slot->state);
     slot->stamp = next_stamp();
     memcpy(n->shown_force, n->resting->force, sizeof n->shown_force);
@@ -180,7 +92,7 @@ static const shown_needle *find_shown(trocar_sim *sim, needle_track *n) {
 
 static void show(trocar_sim *sim, needle_track *n) {
     find_shown(sim, n);
-    triple_buffer_publish(&n->shown);
+    link_publish_shown(&n->link);
 }
 
 /* Those whose forces differ by more than this from what is shown, at most so many. */
@@ -206,7 +118,7 @@ bool slip_some(trocar_sim *sim, bool all) {
 static double left_of_release(const trocar_sim *sim) {
     int64_t most = 0;
     for (int i = 0; i < sim->needle_count; i++) {
-        int64_t since = atomic_load_explicit(&sim->needles[i].since_release, memory_order_relaxed);
+        int64_t since = atomic_load_explicit(&sim->needles[i].link.since_release, memory_order_relaxed);
         if (since > most) most = since;
     }
     return most < RELEASE_TIME ? 1.0 - (double)most / (double)RELEASE_TIME : 0.0;
@@ -233,7 +145,7 @@ trocar_status make_room_to_rest(trocar_sim *sim, needle_track *n, report *why) {
 trocar_status rest_again(trocar_sim *sim, report *why) {
     resting_needle *list[MAX_NEEDLES];
     int count = list_attached(sim, list);
-    atomic_store(&sim->resting_count, count);
+    atomic_store(&sim->link.resting, count);
     sim->resting.fading = left_of_release(sim);
     if (count == 0 && sim->resting.count == 0) return TROCAR_OK;
     for (int i = 0; i < count; i++) list[i]->id = ++sim->last_attached; /* this simulation may know another one under its number */
@@ -257,7 +169,7 @@ static bool is_felt_by_a_hand(const trocar_sim *sim, int index) {
     return false;
 }
 
-static trocar_status leave_needle(trocar_sim *sim, int index, unsigned seen, report *why) {
+static trocar_status lay_down(trocar_sim *sim, int index, unsigned seen, report *why) {
     needle_track *n = &sim->needles[index];
     bool felt = is_felt_by_a_hand(sim, index);
     resting_set_before_release(&sim->resting);
@@ -265,7 +177,7 @@ static trocar_status leave_needle(trocar_sim *sim, int index, unsigned seen, rep
     insertion_state *state = malloc(sizeof *state);
     if (status == TROCAR_OK && !state) status = fail(why, TROCAR_NO_MEMORY, "no memory for a resting needle");
     if (status == TROCAR_OK) {
-        const left_needle *left = triple_buffer_read(&n->left, NULL);
+        const left_needle *left = link_left(&n->link);
         memcpy(state, &left->state, sizeof *state);
         status = let_go(sim, index, &left->others, state, why);
         if (status == TROCAR_OK) resting_bore(&sim->model->parts.insertion, &left->state, n->resting);
@@ -285,15 +197,15 @@ static trocar_status leave_needle(trocar_sim *sim, int index, unsigned seen, rep
     } else {
         report ignored;
         n->attached = false;
-        if (state) hold_loads(sim, &((const left_needle *)triple_buffer_read(&n->left, NULL))->state, false, &n->held);
+        if (state) hold_loads(sim, &link_left(&n->link)->state, false, &n->held);
         respond_to_loads(sim, true, &ignored);
         attach_again(sim, &ignored);
     }
     resting_set_after_release(&sim->resting);
-    for (int i = 0; i < sim->needle_count; i++) atomic_store_explicit(&sim->needles[i].since_release, felt ? 0 : RELEASE_TIME, memory_order_relaxed);
+    for (int i = 0; i < sim->needle_count; i++) atomic_store_explicit(&sim->needles[i].link.since_release, felt ? 0 : RELEASE_TIME, memory_order_relaxed);
     resting_set_fade(&sim->resting, left_of_release(sim));
     free(state);
-    complete_phase(n, seen, status == TROCAR_OK ? PHASE_RESTING : PHASE_HELD); /* one that has been reset meanwhile is detached next */
+    link_complete(&n->link, seen, status == TROCAR_OK ? ON_RESTS : ON_STAYS); /* one that has been reset meanwhile is detached next */
     return status;
 }
 
@@ -307,22 +219,22 @@ static trocar_status detach(trocar_sim *sim, needle_track *n, report *why) {
     return status == TROCAR_OK ? attached : status;
 }
 
-static trocar_status take_needle(trocar_sim *sim, int index, unsigned seen, report *why) {
+static trocar_status return_needle(trocar_sim *sim, int index, unsigned seen, report *why) {
     needle_track *n = &sim->needles[index];
-    triple_buffer_read(&n->requests, NULL); /* one from before it was left would be answered after this */
+    link_request(&n->link, NULL); /* one from before it was left would be answered after this */
     trocar_status status = detach(sim, n, why);
     const shown_needle *shown = find_shown(sim, n);
     if (status == TROCAR_OK) status = answer_fully(sim, index, &shown->state.request, why);
-    if (status == TROCAR_OK) triple_buffer_publish(&n->snapshots);
-    triple_buffer_publish(&n->shown);
-    complete_phase(n, seen, PHASE_TAKEN);
+    if (status == TROCAR_OK) link_publish_answer(&n->link);
+    link_publish_shown(&n->link);
+    link_complete(&n->link, seen, ON_RELEASE);
     return status;
 }
 
 /* It has been reset: its forces vanish. */
-static trocar_status drop_needle(trocar_sim *sim, needle_track *n, report *why) {
+static trocar_status remove_needle(trocar_sim *sim, needle_track *n, report *why) {
     trocar_status status = detach(sim, n, why);
-    copy_loads(triple_buffer_read(&n->loads_out, NULL), &n->held); /* it may have been pushed in again */
+    copy_loads(link_loads(&n->link, NULL), &n->held); /* it may have been pushed in again */
     mark_stale(sim, NULL);
     return status == TROCAR_OK ? respond_to_loads(sim, true, why) : status;
 }
@@ -332,17 +244,20 @@ trocar_status change_resting(trocar_sim *sim, resting_change *change, report *wh
     *change = (resting_change){.any = false};
     for (int i = 0; i < sim->needle_count; i++) {
         needle_track *n = &sim->needles[i];
-        unsigned seen = atomic_load_explicit(&n->phase, memory_order_acquire);
-        needle_phase phase = (needle_phase)(seen % PHASES);
-        bool dropped = n->attached && (phase == PHASE_HELD || phase == PHASE_LEAVING);
-        if (!dropped && phase != PHASE_LEAVING && phase != PHASE_TAKING) continue;
+        unsigned seen = link_seen(&n->link);
+        needle_duty duty = duty_in(phase_seen(seen), n->attached);
+        if (duty == DUTY_NONE) continue;
         floating_mode before = flush_denormals();
-        trocar_status one = dropped ? drop_needle(sim, n, why) : TROCAR_OK;
-        if (one == TROCAR_OK && phase == PHASE_LEAVING) {
-            one = leave_needle(sim, i, seen, why);
+        trocar_status one = TROCAR_OK;
+        if (duty == DUTY_REMOVE) {
+            one = remove_needle(sim, n, why);
+            duty = one == TROCAR_OK ? duty_in(phase_seen(seen), n->attached) : DUTY_NONE;
+        }
+        if (duty == DUTY_LAY_DOWN) {
+            one = lay_down(sim, i, seen, why);
             change->kept |= one == TROCAR_NUMERIC || one == TROCAR_BAD_INPUT;
         }
-        if (one == TROCAR_OK && phase == PHASE_TAKING) one = take_needle(sim, i, seen, why);
+        if (duty == DUTY_RETURN) one = return_needle(sim, i, seen, why);
         restore_floating_mode(before);
         change->any = true;
         if (one != TROCAR_OK) status = one;

@@ -11,26 +11,26 @@
 
    Such flat elements lock: bending appears mostly as shear. Young's modulus is scaled so that the deflection under a small tip
    load equals the rod's; this also makes extension softer (README.md, "Tetrahedra"). */
-#include "base/lame.h"
-#include "needle/needle_kind.h"
+#include "oracles/needle_solid.h"
 
-#include <stdbool.h>
 #include <stdlib.h>
 #include <string.h>
+
+#include "base/lame.h"
 
 /* ---- the mesh -------------------------------------------------------------------------------------------------------- */
 
 /* Node of a layer; in mirrored layers above and below are exchanged. */
-static int layer_node(bool above, bool mirrored, int node) { return (above != mirrored ? NEEDLE_SECTION : 0) + node; }
+static int layer_node(bool above, bool mirrored, int node) { return (above != mirrored ? SOLID_SECTION : 0) + node; }
 
-static vec3 rest_of(const needle_model *model, int node) {
-    int i = node % NEEDLE_SECTION;
+static vec3 rest_of(const solid_model *model, int node) {
+    int i = node % SOLID_SECTION;
     vec3 x = i == 0 ? v3(0, 0, 0) : model->solid.rim[i - 1];
-    if (node >= NEEDLE_SECTION) x.z += model->segment_length;
+    if (node >= SOLID_SECTION) x.z += model->line.segment_length;
     return x;
 }
 
-static void find_gradients(const needle_model *model, layer_tet *tet) {
+static void find_gradients(const solid_model *model, layer_tet *tet) {
     vec3 origin = rest_of(model, tet->nodes[3]), x[3];
     for (int a = 0; a < 3; a++) x[a] = v3_sub(rest_of(model, tet->nodes[a]), origin);
     mat3 edges = m3_columns(x[0], x[1], x[2]), inverse = m3_inverse(&edges);
@@ -41,9 +41,9 @@ static void find_gradients(const needle_model *model, layer_tet *tet) {
     }
 }
 
-static void build_layer(needle_model *model, bool mirrored, layer_tet *tets) {
-    for (int i = 0; i < NEEDLE_RIM; i++) {
-        int p = 1 + i, q = 1 + (i + 1) % NEEDLE_RIM; /* rim nodes of this prism */
+static void build_layer(solid_model *model, bool mirrored, layer_tet *tets) {
+    for (int i = 0; i < SOLID_RIM; i++) {
+        int p = 1 + i, q = 1 + (i + 1) % SOLID_RIM; /* rim nodes of this prism */
         int c = layer_node(false, mirrored, 0), p0 = layer_node(false, mirrored, p), q0 = layer_node(false, mirrored, q);
         int d = layer_node(true, mirrored, 0), p1 = layer_node(true, mirrored, p), q1 = layer_node(true, mirrored, q);
         const int nodes[3][4] = {{c, d, p1, q1}, {c, p0, q0, q1}, {c, p0, q1, p1}};
@@ -54,30 +54,30 @@ static void build_layer(needle_model *model, bool mirrored, layer_tet *tets) {
     }
 }
 
-static void build_mesh(needle_model *model) {
-    needle_solid *solid = &model->solid;
-    for (int i = 0; i < NEEDLE_RIM; i++) {
-        double angle = 2.0 * M_PI * i / NEEDLE_RIM;
-        solid->rim[i] = v3(model->radius * cos(angle), model->radius * sin(angle), 0);
+static void build_mesh(solid_model *model) {
+    solid_mesh *solid = &model->solid;
+    for (int i = 0; i < SOLID_RIM; i++) {
+        double angle = 2.0 * M_PI * i / SOLID_RIM;
+        solid->rim[i] = v3(model->line.radius * cos(angle), model->line.radius * sin(angle), 0);
     }
-    double sector = 0.5 * model->radius * model->radius * sin(2.0 * M_PI / NEEDLE_RIM);
-    solid->volume = sector * model->segment_length / 3.0;
+    double sector = 0.5 * model->line.radius * model->line.radius * sin(2.0 * M_PI / SOLID_RIM);
+    solid->volume = sector * model->line.segment_length / 3.0;
     build_layer(model, false, solid->layers[0]);
     build_layer(model, true, solid->layers[1]);
 }
 
 /* ---- shape ----------------------------------------------------------------------------------------------------------- */
 
-static vec3 position_of(const needle_state *state, int layer, int node) {
-    int section = layer + node / NEEDLE_SECTION, i = node % NEEDLE_SECTION;
-    return i == 0 ? state->joints[section] : state->rim[section][i - 1];
+static vec3 position_of(const solid_state *state, int layer, int node) {
+    int section = layer + node / SOLID_SECTION, i = node % SOLID_SECTION;
+    return i == 0 ? state->line.joints[section] : state->rim[section][i - 1];
 }
 
-static void place_section(const needle_model *model, needle_state *state, int section) {
-    vec3 along = v3(0, 0, section * model->segment_length);
-    state->joints[section] = v3_add(state->base.position, q_rotate(state->base.orientation, along));
-    for (int i = 0; i < NEEDLE_RIM; i++)
-        state->rim[section][i] = v3_add(state->joints[section], q_rotate(state->base.orientation, model->solid.rim[i]));
+static void place_section(const solid_model *model, solid_state *state, int section) {
+    vec3 along = v3(0, 0, section * model->line.segment_length);
+    state->line.joints[section] = v3_add(state->line.base.position, q_rotate(state->line.base.orientation, along));
+    for (int i = 0; i < SOLID_RIM; i++)
+        state->rim[section][i] = v3_add(state->line.joints[section], q_rotate(state->line.base.orientation, model->solid.rim[i]));
 }
 
 /* Quaternion of the orthonormal axes in the columns of m (Shepperd 1978: uses the largest of the four components). */
@@ -96,35 +96,35 @@ static quat q_of_axes(const mat3 *m) {
 }
 
 /* Axis of a segment from the centre nodes, roll angle from the first two rim nodes at both ends. */
-static void find_frames(const needle_model *model, needle_state *state) {
-    for (int k = 0; k < model->given.segments; k++) {
-        vec3 axis = v3_unit(v3_sub(state->joints[k + 1], state->joints[k]));
+static void find_frames(const solid_model *model, solid_state *state) {
+    for (int k = 0; k < model->line.given.segments; k++) {
+        vec3 axis = v3_unit(v3_sub(state->line.joints[k + 1], state->line.joints[k]));
         vec3 x = v3_sub(v3_add(state->rim[k][0], state->rim[k + 1][0]), v3_add(state->rim[k][2], state->rim[k + 1][2]));
         x = v3_unit(v3_axpy(-v3_dot(x, axis), axis, x));
         mat3 axes = m3_columns(x, v3_cross(axis, x), axis);
-        state->frames[k] = q_of_axes(&axes);
+        state->line.frames[k] = q_of_axes(&axes);
     }
 }
 
-static void tets_rest(const needle_model *model, pose base, needle_state *state) {
-    state->base = base;
-    for (int k = 0; k <= model->given.segments; k++) place_section(model, state, k);
-    for (int k = 0; k < model->given.segments; k++) state->frames[k] = base.orientation;
+void solid_rest(const solid_model *model, pose base, solid_state *state) {
+    state->line.base = base;
+    for (int k = 0; k <= model->line.given.segments; k++) place_section(model, state, k);
+    for (int k = 0; k < model->line.given.segments; k++) state->line.frames[k] = base.orientation;
 }
 
 /* Rolls all sections with the base: if only the first layer rolled, a fast roll would strain it so much that Newton's method
    would not converge within a tick. */
-static void tets_hold(const needle_model *model, pose base, needle_state *state) {
-    vec3 shift = v3_sub(base.position, state->base.position);
-    double roll = q_roll_between(state->base.orientation, base.orientation);
-    for (int k = 1; k <= model->given.segments; k++) {
-        quat about_axis = q_exp(v3_scale(roll, q_axis(state->frames[k - 1])));
-        vec3 before = state->joints[k];
-        state->joints[k] = v3_add(before, shift);
-        for (int i = 0; i < NEEDLE_RIM; i++)
-            state->rim[k][i] = v3_add(state->joints[k], q_rotate(about_axis, v3_sub(state->rim[k][i], before)));
+void solid_hold(const solid_model *model, pose base, solid_state *state) {
+    vec3 shift = v3_sub(base.position, state->line.base.position);
+    double roll = q_roll_between(state->line.base.orientation, base.orientation);
+    for (int k = 1; k <= model->line.given.segments; k++) {
+        quat about_axis = q_exp(v3_scale(roll, q_axis(state->line.frames[k - 1])));
+        vec3 before = state->line.joints[k];
+        state->line.joints[k] = v3_add(before, shift);
+        for (int i = 0; i < SOLID_RIM; i++)
+            state->rim[k][i] = v3_add(state->line.joints[k], q_rotate(about_axis, v3_sub(state->rim[k][i], before)));
     }
-    state->base = base;
+    state->line.base = base;
     place_section(model, state, 0);
     find_frames(model, state);
 }
@@ -137,7 +137,7 @@ typedef struct {
     double energy;           /* J/m^3 */
 } strained;
 
-static mat3 deformation_of(const layer_tet *tet, const needle_state *state, int layer) {
+static mat3 deformation_of(const layer_tet *tet, const solid_state *state, int layer) {
     mat3 f = {{{0}}};
     vec3 origin = position_of(state, layer, tet->nodes[3]); /* the gradients sum to zero, so a local origin reduces rounding errors */
     for (int a = 0; a < 3; a++) {
@@ -150,7 +150,7 @@ static mat3 deformation_of(const layer_tet *tet, const needle_state *state, int 
 }
 
 /* Green-Lagrange strain E = (F^T F - 1) / 2, stress lambda tr(E) + 2 mu E. */
-static strained strain_tet(const needle_solid *solid, const layer_tet *tet, const needle_state *state, int layer) {
+static strained strain_tet(const solid_mesh *solid, const layer_tet *tet, const solid_state *state, int layer) {
     strained s = {.deformation = deformation_of(tet, state, layer)};
     mat3 back = m3_transposed(&s.deformation), strain = m3_multiply(&back, &s.deformation);
     double trace = 0.0;
@@ -169,14 +169,14 @@ static strained strain_tet(const needle_solid *solid, const layer_tet *tet, cons
 }
 
 /* Force on node a of the tetrahedron in equilibrium with its stress: V F S g_a. */
-static vec3 nodal_force(const needle_solid *solid, const layer_tet *tet, const strained *s, int a) {
+static vec3 nodal_force(const solid_mesh *solid, const layer_tet *tet, const strained *s, int a) {
     vec3 traction = m3_apply(&s->stress, tet->gradients[a]);
     return v3_scale(solid->volume, m3_apply(&s->deformation, traction));
 }
 
 /* Derivative of the force on node a = nodes[0] with respect to the position of b = nodes[1], added to 3 x 3 of `out`; `spread` is F F^T:
    V [(g_a . S g_b) 1 + lambda (F g_a)(F g_b)^T + mu (F g_b)(F g_a)^T + mu (g_a . g_b) F F^T]. */
-static void add_stiffness(const needle_solid *solid, const layer_tet *tet, const strained *s, const mat3 *spread, const int nodes[2],
+static void add_stiffness(const solid_mesh *solid, const layer_tet *tet, const strained *s, const mat3 *spread, const int nodes[2],
                           double (*out)[TRIDIAGONAL_LD]) {
     vec3 ga = tet->gradients[nodes[0]], gb = tet->gradients[nodes[1]];
     vec3 fa = m3_apply(&s->deformation, ga), fb = m3_apply(&s->deformation, gb);
@@ -192,64 +192,64 @@ static void add_stiffness(const needle_solid *solid, const layer_tet *tet, const
 /* ---- the solid ------------------------------------------------------------------------------------------------------- */
 
 /* Adds a tetrahedron's stiffness to the blocks of its two sections; the base section is fixed, block k is section k + 1. */
-static void assemble_tet(const needle_solid *solid, const layer_tet *tet, const strained *s, int layer, block_tridiagonal *chain) {
+static void assemble_tet(const solid_mesh *solid, const layer_tet *tet, const strained *s, int layer, block_tridiagonal *chain) {
     mat3 turned = m3_transposed(&s->deformation), spread = m3_multiply(&s->deformation, &turned);
     for (int a = 0; a < 4; a++)
         for (int b = 0; b < 4; b++) {
-            int above_a = tet->nodes[a] / NEEDLE_SECTION, above_b = tet->nodes[b] / NEEDLE_SECTION;
+            int above_a = tet->nodes[a] / SOLID_SECTION, above_b = tet->nodes[b] / SOLID_SECTION;
             int block = layer + above_a - 1;
             if (above_a > above_b || block < 0) continue; /* symmetric part; fixed */
             double (*rows)[TRIDIAGONAL_LD] = above_a == above_b ? chain->diagonal[block] : chain->upper[block];
-            int row = 3 * (tet->nodes[a] % NEEDLE_SECTION), column = 3 * (tet->nodes[b] % NEEDLE_SECTION);
+            int row = 3 * (tet->nodes[a] % SOLID_SECTION), column = 3 * (tet->nodes[b] % SOLID_SECTION);
             add_stiffness(solid, tet, s, &spread, (int[]){a, b}, (double (*)[TRIDIAGONAL_LD])&rows[row][column]);
         }
 }
 
-static void assemble(const needle_model *model, const needle_state *state, needle_tangent *tangent) {
-    const needle_solid *solid = &model->solid;
-    block_tridiagonal *chain = &tangent->tets.stiffness;
-    int n = model->given.segments;
+static void assemble(const solid_model *model, const solid_state *state, solid_tangent *tangent) {
+    const solid_mesh *solid = &model->solid;
+    block_tridiagonal *chain = &tangent->stiffness;
+    int n = model->line.given.segments;
     chain->count = n;
     memset(chain->diagonal, 0, (size_t)n * sizeof *chain->diagonal);
     memset(chain->upper, 0, (size_t)n * sizeof *chain->upper);
-    memset(tangent->tets.internal, 0, (size_t)(n + 1) * sizeof *tangent->tets.internal);
+    memset(tangent->internal, 0, (size_t)(n + 1) * sizeof *tangent->internal);
     for (int k = 0; k < n; k++)
-        for (int t = 0; t < NEEDLE_LAYER_TETS; t++) {
+        for (int t = 0; t < SOLID_LAYER_TETS; t++) {
             const layer_tet *tet = &solid->layers[k % 2][t];
             strained s = strain_tet(solid, tet, state, k);
             assemble_tet(solid, tet, &s, k, chain);
             for (int a = 0; a < 4; a++) {
-                vec3 *f = &tangent->tets.internal[k + tet->nodes[a] / NEEDLE_SECTION][tet->nodes[a] % NEEDLE_SECTION];
+                vec3 *f = &tangent->internal[k + tet->nodes[a] / SOLID_SECTION][tet->nodes[a] % SOLID_SECTION];
                 *f = v3_add(*f, nodal_force(solid, tet, &s, a));
             }
         }
 }
 
 /* Displacements of sections 1..n of the linearised needle under `load` on its centre nodes (NULL: none). */
-static void solve_step(int n, const needle_tangent *tangent, const vec3 *load, double (*step)[TRIDIAGONAL_ROWS]) {
+static void solve_step(int n, const solid_tangent *tangent, const vec3 *load, double (*step)[TRIDIAGONAL_ROWS]) {
     for (int k = 0; k < n; k++)
-        for (int i = 0; i < NEEDLE_SECTION; i++) {
-            vec3 f = v3_scale(-1.0, tangent->tets.internal[k + 1][i]);
+        for (int i = 0; i < SOLID_SECTION; i++) {
+            vec3 f = v3_scale(-1.0, tangent->internal[k + 1][i]);
             if (load && i == 0) f = v3_add(f, load[k + 1]);
             memcpy(&step[k][3 * i], &f, sizeof f);
         }
-    tridiagonal_solve(&tangent->tets.stiffness, step);
+    tridiagonal_solve(&tangent->stiffness, step);
 }
 
-static void tets_linearise(const needle_model *model, const needle_state *state, const vec3 *load, int first,
-                           needle_tangent *tangent) {
+void solid_linearise(const solid_model *model, const solid_state *state, const vec3 *load, int first,
+                           solid_tangent *tangent) {
     (void)load; /* constant forces add no stiffness; their stress is part of the shape */
-    int n = model->given.segments;
+    int n = model->line.given.segments;
     double step[NEEDLE_MAX_SEGMENTS][TRIDIAGONAL_ROWS];
-    tangent->unstable = 0;
+    tangent->line.unstable = 0;
     assemble(model, state, tangent);
-    tridiagonal_factor(&tangent->tets.stiffness);
+    tridiagonal_factor(&tangent->stiffness);
     solve_step(n, tangent, NULL, step);
-    tangent->drift[0] = v3(0, 0, 0);
-    for (int k = 0; k < n; k++) memcpy(&tangent->drift[k + 1], step[k], sizeof(vec3));
+    tangent->line.drift[0] = v3(0, 0, 0);
+    for (int k = 0; k < n; k++) memcpy(&tangent->line.drift[k + 1], step[k], sizeof(vec3));
     for (int a = 0; a < 3; a++)
-        for (int c = 0; c < 3 * (n + 1); c++) tangent->compliance[a][c] = tangent->compliance[c][a] = 0.0;
-    tridiagonal_inverse_heads(&tangent->tets.stiffness, first > 0 ? first - 1 : 0, &tangent->compliance[3][3], NEEDLE_LD);
+        for (int c = 0; c < 3 * (n + 1); c++) tangent->line.compliance[a][c] = tangent->line.compliance[c][a] = 0.0;
+    tridiagonal_inverse_heads(&tangent->stiffness, first > 0 ? first - 1 : 0, &tangent->line.compliance[3][3], NEEDLE_LD);
 }
 
 /* ---- a step ---------------------------------------------------------------------------------------------------------- */
@@ -264,7 +264,7 @@ static vec3 step_of(double (*step)[TRIDIAGONAL_ROWS], int section, int node) {
 static vec3 rotation_of(const vec3 *arm, const vec3 *change) {
     mat3 inertia = {{{0}}};
     vec3 momentum = v3(0, 0, 0);
-    for (int i = 0; i < NEEDLE_RIM; i++) {
+    for (int i = 0; i < SOLID_RIM; i++) {
         const double r[3] = {arm[i].x, arm[i].y, arm[i].z};
         momentum = v3_add(momentum, v3_cross(arm[i], change[i]));
         for (int a = 0; a < 3; a++)
@@ -281,30 +281,30 @@ static vec3 turned_arm(vec3 arm, vec3 change, vec3 turn) {
 }
 
 /* Moves the rim of a section whose centre node has already moved. Returns the rotation, rad. */
-static double move_rim(needle_state *state, int section, vec3 centre_before, double (*step)[TRIDIAGONAL_ROWS]) {
-    vec3 arm[NEEDLE_RIM], change[NEEDLE_RIM];
-    for (int i = 0; i < NEEDLE_RIM; i++) {
+static double move_rim(solid_state *state, int section, vec3 centre_before, double (*step)[TRIDIAGONAL_ROWS]) {
+    vec3 arm[SOLID_RIM], change[SOLID_RIM];
+    for (int i = 0; i < SOLID_RIM; i++) {
         arm[i] = v3_sub(state->rim[section][i], centre_before);
         change[i] = v3_sub(step_of(step, section, 1 + i), step_of(step, section, 0));
     }
     vec3 turn = rotation_of(arm, change);
-    for (int i = 0; i < NEEDLE_RIM; i++)
-        state->rim[section][i] = v3_add(state->joints[section], turned_arm(arm[i], change[i], turn));
+    for (int i = 0; i < SOLID_RIM; i++)
+        state->rim[section][i] = v3_add(state->line.joints[section], turned_arm(arm[i], change[i], turn));
     return v3_norm(turn);
 }
 
 /* Applies the step with finite rotations of sections and segments: linear displacements would stretch the needle, and
    Newton's method would need many more iterations. */
-static double tets_advance(const needle_model *model, const needle_tangent *tangent, const vec3 *load, needle_state *state) {
-    int n = model->given.segments;
+double solid_advance(const solid_model *model, const solid_tangent *tangent, const vec3 *load, solid_state *state) {
+    int n = model->line.given.segments;
     double step[NEEDLE_MAX_SEGMENTS][TRIDIAGONAL_ROWS], largest = 0.0;
     solve_step(n, tangent, load, step);
-    vec3 before = state->joints[0];
+    vec3 before = state->line.joints[0];
     for (int k = 1; k <= n; k++) {
-        vec3 arm = v3_sub(state->joints[k], before), change = v3_sub(step_of(step, k, 0), step_of(step, k - 1, 0));
+        vec3 arm = v3_sub(state->line.joints[k], before), change = v3_sub(step_of(step, k, 0), step_of(step, k - 1, 0));
         vec3 turn = v3_scale(1.0 / v3_dot(arm, arm), v3_cross(arm, change));
-        before = state->joints[k];
-        state->joints[k] = v3_add(state->joints[k - 1], turned_arm(arm, change, turn));
+        before = state->line.joints[k];
+        state->line.joints[k] = v3_add(state->line.joints[k - 1], turned_arm(arm, change, turn));
         largest = fmax(largest, fmax(v3_norm(turn), move_rim(state, k, before, step)));
     }
     find_frames(model, state);
@@ -314,47 +314,47 @@ static double tets_advance(const needle_model *model, const needle_tangent *tang
 /* ---- moment and energy ----------------------------------------------------------------------------------------------- */
 
 /* Moment of the first layer's forces on the base section. */
-static vec3 tets_root_moment(const needle_model *model, const needle_state *state) {
+vec3 solid_root_moment(const solid_model *model, const solid_state *state) {
     vec3 moment = v3(0, 0, 0);
-    for (int t = 0; t < NEEDLE_LAYER_TETS; t++) {
+    for (int t = 0; t < SOLID_LAYER_TETS; t++) {
         const layer_tet *tet = &model->solid.layers[0][t];
         strained s = strain_tet(&model->solid, tet, state, 0);
         for (int a = 0; a < 4; a++) {
-            if (tet->nodes[a] >= NEEDLE_SECTION) continue;
-            vec3 arm = v3_sub(position_of(state, 0, tet->nodes[a]), state->base.position);
+            if (tet->nodes[a] >= SOLID_SECTION) continue;
+            vec3 arm = v3_sub(position_of(state, 0, tet->nodes[a]), state->line.base.position);
             moment = v3_sub(moment, v3_cross(arm, nodal_force(&model->solid, tet, &s, a)));
         }
     }
     return moment;
 }
 
-static double tets_energy(const needle_model *model, const needle_state *state) {
+double solid_energy(const solid_model *model, const solid_state *state) {
     double energy = 0.0;
-    for (int k = 0; k < model->given.segments; k++)
-        for (int t = 0; t < NEEDLE_LAYER_TETS; t++)
+    for (int k = 0; k < model->line.given.segments; k++)
+        for (int t = 0; t < SOLID_LAYER_TETS; t++)
             energy += model->solid.volume * strain_tet(&model->solid, &model->solid.layers[k % 2][t], state, k).energy;
     return energy;
 }
 
 /* ---- calibration ----------------------------------------------------------------------------------------------------- */
 
-static void set_modulus(needle_model *model, double youngs_modulus) {
-    model->solid.mu = shear_modulus(youngs_modulus, model->given.poisson_ratio);
-    model->solid.lambda = lame_lambda(youngs_modulus, model->given.poisson_ratio);
+static void set_modulus(solid_model *model, double youngs_modulus) {
+    model->solid.mu = shear_modulus(youngs_modulus, model->line.given.poisson_ratio);
+    model->solid.lambda = lame_lambda(youngs_modulus, model->line.given.poisson_ratio);
 }
 
 /* The compliance at the tip is proportional to 1 / E, so one solve gives the factor for L^3 / 3 EI. */
-static trocar_status calibrate(needle_model *model, report *why) {
-    needle_tangent *tangent = malloc(sizeof *tangent);
-    needle_state *state = malloc(sizeof *state);
+static trocar_status calibrate(solid_model *model, report *why) {
+    solid_tangent *tangent = malloc(sizeof *tangent);
+    solid_state *state = malloc(sizeof *state);
     if (tangent && state) {
-        int n = model->given.segments;
-        set_modulus(model, model->given.youngs_modulus);
-        tets_rest(model, (pose){v3(0, 0, 0), {1, 0, 0, 0}}, state);
-        tets_linearise(model, state, NULL, n, tangent);
-        double wanted = pow(model->given.length, 3) / (3.0 * model->bending);
-        model->solid.calibration = tangent->compliance[3 * n][3 * n] / wanted;
-        set_modulus(model, model->solid.calibration * model->given.youngs_modulus);
+        int n = model->line.given.segments;
+        set_modulus(model, model->line.given.youngs_modulus);
+        solid_rest(model, (pose){v3(0, 0, 0), {1, 0, 0, 0}}, state);
+        solid_linearise(model, state, NULL, n, tangent);
+        double wanted = pow(model->line.given.length, 3) / (3.0 * model->line.bending);
+        model->solid.calibration = tangent->line.compliance[3 * n][3 * n] / wanted;
+        set_modulus(model, model->solid.calibration * model->line.given.youngs_modulus);
     }
     bool done = tangent && state;
     free(tangent);
@@ -362,13 +362,11 @@ static trocar_status calibrate(needle_model *model, report *why) {
     return done ? TROCAR_OK : fail(why, TROCAR_NO_MEMORY, "needle: no memory to calibrate the tetrahedra");
 }
 
-static trocar_status tets_create(needle_model *model, report *why) {
-    double nu = model->given.poisson_ratio;
-    if (!(nu > -1.0 && nu < 0.5))
+trocar_status solid_create(const needle_parameters *given, solid_model *model, report *why) {
+    if (!(given->poisson_ratio > -1.0 && given->poisson_ratio < 0.5))
         return fail(why, TROCAR_BAD_INPUT, "needle: poisson_ratio of the tetrahedra must be above -1 and below 0.5");
+    trocar_status status = needle_create(given, &model->line, why);
+    if (status != TROCAR_OK) return status;
     build_mesh(model);
     return calibrate(model, why);
 }
-
-const needle_kind needle_kind_tetrahedra = {tets_create, tets_rest, tets_hold, tets_linearise, NULL, NULL, tets_advance,
-                                            tets_root_moment, tets_energy};

@@ -1,4 +1,4 @@
-#include "linalg/block_tridiagonal.h"
+#include "oracles/block_tridiagonal.h"
 
 #include <math.h>
 #include <string.h>

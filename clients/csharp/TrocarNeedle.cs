@@ -1,0 +1,188 @@
+// SPDX-License-Identifier: MIT
+// SPDX-FileCopyrightText: 2026 trocar developers
+//
+// A needle in Unity: put this component, with TrocarClient.cs, on the object that shows it. The object's pose is the pose of the needle's base: the
+// needle points along its blue axis (forward), and the bevel faces its green one (up). One unit is one metre.
+//
+// The scene of trocar-server is right-handed and Unity is not: x is mirrored.
+using System;
+using System.Threading;
+using UnityEngine;
+
+namespace Trocar {
+
+[AddComponentMenu("Trocar/Needle")]
+public sealed class TrocarNeedle : MonoBehaviour {
+    [Tooltip("The origin of trocar's scene; none: Unity's")]
+    public Transform scene;
+    [Tooltip("LCM's address; empty: LCM's default")]
+    public string url = "";
+    [Tooltip("Index of the needle in the scene, from 0")]
+    public int needle;
+    [Tooltip("On for a mouse, a controller or a tracker: the needle follows rigidly. Off where Force is rendered")]
+    public bool withoutForce = true;
+    [Tooltip("N")]
+    public double maxForce = 20;
+
+    /// <summary>Whether a server answers.</summary>
+    public bool Answered { get; private set; }
+    /// <summary>N, in Unity's frame: of the needle's base on the hand.</summary>
+    public Vector3 Force { get; private set; }
+    /// <summary>N m, in Unity's frame, about the base point.</summary>
+    public Vector3 Torque { get; private set; }
+    /// <summary>m, length of the needle's track in the tissue.</summary>
+    public double Depth { get; private set; }
+    public TrocarFlags Flags { get; private set; }
+    /// <summary>Of all ticks since the last frame that this component has seen.</summary>
+    public TrocarEvents Events { get; private set; }
+    /// <summary>Of the last command, and the reason unless it is Done.</summary>
+    public TrocarAnswer Answer { get; private set; }
+    public string Reason { get; private set; }
+
+    // Poses go out a thousand times a second, as the server ramps the force to zero if they stay away for longer than 10 ms. From frame to frame the
+    // needle moves evenly; so it is one frame behind the object.
+    readonly object guard = new object(); // of all below
+    readonly double[] from = new double[7], to = new double[7];
+    double begin, duration; // s
+    readonly TrocarWrench seen = new TrocarWrench();
+    TrocarEvents seenEvents;
+    bool seenAnswer, placed, ends;
+    Func<TrocarClient, bool> command;
+    TrocarAnswer seenReply;
+    string seenReason = "", fault;
+    Thread thread;
+
+    /// <summary>Gives a command, such as <c>Ask(client => client.Reset())</c>; see Answer. False while the previous one has not been
+    /// given.</summary>
+    public bool Ask(Func<TrocarClient, bool> given) {
+        lock (guard) {
+            if (command != null) return false;
+            command = given;
+            seenReply = TrocarAnswer.Waiting;
+        }
+        return true;
+    }
+
+    void OnEnable() {
+        ends = placed = false;
+        command = null;
+        fault = null;
+        var options = new TrocarOptions { Url = url, Needle = needle, WithoutForce = withoutForce, MaxForce = maxForce };
+        thread = new Thread(() => Exchange(options)) { IsBackground = true, Name = "trocar needle" };
+        thread.Start();
+    }
+
+    void OnDisable() {
+        lock (guard) ends = true;
+        thread.Join(); // up to ten seconds if the network is down
+    }
+
+    void Update() {
+        string broken;
+        lock (guard) {
+            double now = Clock.Now();
+            if (placed) Interpolate(now, from);
+            Read(to);
+            if (!placed) Array.Copy(to, from, 7);
+            begin = now;
+            duration = Time.deltaTime;
+            placed = true;
+            Answered = seenAnswer;
+            Force = Out(seen.Force, -1, 1, 1);
+            Torque = Out(seen.Torque, 1, -1, -1);
+            Depth = seen.Depth;
+            Flags = seen.Flags;
+            Events = seenEvents;
+            Answer = seenReply;
+            Reason = seenReason;
+            seenEvents = TrocarEvents.None;
+            broken = fault;
+        }
+        if (broken == null) return;
+        Debug.LogError(broken, this);
+        enabled = false;
+    }
+
+    // The object's pose in the scene's frame: x is mirrored, and with it the sense of rotations about y and z.
+    void Read(double[] pose) {
+        Vector3 p = scene == null ? transform.position : scene.InverseTransformPoint(transform.position);
+        Quaternion q = scene == null ? transform.rotation : Quaternion.Inverse(scene.rotation) * transform.rotation;
+        pose[0] = -p.x;
+        pose[1] = p.y;
+        pose[2] = p.z;
+        pose[3] = q.w;
+        pose[4] = q.x;
+        pose[5] = -q.y;
+        pose[6] = -q.z;
+    }
+
+    Vector3 Out(double[] vector, float x, float y, float z) {
+        var own = new Vector3(x * (float)vector[0], y * (float)vector[1], z * (float)vector[2]);
+        return scene == null ? own : scene.rotation * own;
+    }
+
+    // The pose between the last two frames', in which the quaternion has unit length.
+    void Interpolate(double now, double[] pose) {
+        double part = duration > 0 ? Math.Min(1, (now - begin) / duration) : 1, product = 0, norm = 0;
+        for (int i = 3; i < 7; i++) product += from[i] * to[i];
+        for (int i = 0; i < 7; i++) {
+            double sign = i >= 3 && product < 0 ? -1 : 1; // q and -q are the same rotation
+            pose[i] = (1 - part) * from[i] + part * sign * to[i];
+            if (i >= 3) norm += pose[i] * pose[i];
+        }
+        for (int i = 3; i < 7; i++) pose[i] /= Math.Sqrt(norm);
+    }
+
+    // The thread.
+    void Exchange(TrocarOptions options) {
+        double[] pose = new double[7], position = new double[3], orientation = new double[4];
+        var wrench = new TrocarWrench();
+        timeBeginPeriod(1);
+        try {
+            using (var client = new TrocarClient(options)) {
+                for (;;) {
+                    Func<TrocarClient, bool> asked;
+                    Thread.Sleep(1);
+                    lock (guard) {
+                        if (ends) return;
+                        if (!placed) continue;
+                        Interpolate(Clock.Now(), pose);
+                        asked = command;
+                    }
+                    bool given = asked != null && asked(client);
+                    Array.Copy(pose, position, 3);
+                    Array.Copy(pose, 3, orientation, 0, 4);
+                    client.Publish(position, orientation);
+                    bool answered = client.Newest(wrench);
+                    string reason;
+                    TrocarAnswer reply = client.Reply(out reason);
+                    lock (guard) {
+                        if (given) command = null;
+                        if (command == null) seenReply = reply;
+                        seenReason = reason;
+                        seenAnswer = answered;
+                        seenEvents |= wrench.Events;
+                        wrench.CopyTo(seen);
+                    }
+                }
+            }
+        } catch (Exception error) {
+            lock (guard) fault = error.Message;
+        } finally {
+            timeEndPeriod(1);
+        }
+    }
+
+    // Windows sleeps for 16 ms otherwise.
+#if UNITY_STANDALONE_WIN || UNITY_EDITOR_WIN
+    [System.Runtime.InteropServices.DllImport("winmm.dll")]
+    static extern uint timeBeginPeriod(uint milliseconds);
+    [System.Runtime.InteropServices.DllImport("winmm.dll")]
+    static extern uint timeEndPeriod(uint milliseconds);
+#else
+    static void timeBeginPeriod(uint milliseconds) { }
+    static void timeEndPeriod(uint milliseconds) { }
+#endif
+}
+
+}

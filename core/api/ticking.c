@@ -1,0 +1,210 @@
+/* trocar.h: ticks, and needles that are left and taken. */
+#include "api/ticking.h"
+
+#include <float.h>
+#include <string.h>
+
+#include "base/flush_denormals.h"
+
+trocar_status check_needle(const trocar_sim *sim, int needle, report *why) {
+    if (has_needle(sim->model, needle)) return TROCAR_OK;
+    if (!why) return TROCAR_BAD_INPUT;
+    if (sim->needle_count == 1) return fail(why, TROCAR_BAD_INPUT, "needle %d: there is one, number 0; the scene's \"needles\" says how many", needle);
+    return fail(why, TROCAR_BAD_INPUT, "needle %d: there are %d, numbers 0 to %d", needle, sim->needle_count, sim->needle_count - 1);
+}
+
+/* RT */
+trocar_status check_pose(const trocar_pose *p, pose *out, report *why) {
+    double norm = 0.0, sum = 0.0;
+    for (int i = 0; i < 4; i++) norm += p->orientation[i] * p->orientation[i];
+    for (int i = 0; i < 3; i++) sum += p->position[i];
+    if (isfinite(sum) && fabs(sqrt(norm) - 1.0) <= 1e-3) {
+        quat q = {p->orientation[0], p->orientation[1], p->orientation[2], p->orientation[3]};
+        bool unit = fabs(norm - 1.0) <= 8 * DBL_EPSILON; /* as it comes out of q_unit: normalising it again could change its last bit */
+        *out = (pose){v3(p->position[0], p->position[1], p->position[2]), unit ? q : q_unit(q)};
+        return TROCAR_OK;
+    }
+    if (!why) return TROCAR_BAD_INPUT;
+    if (!isfinite(sum) || !isfinite(norm)) return fail(why, TROCAR_BAD_INPUT, "the pose is not finite");
+    return fail(why, TROCAR_BAD_INPUT, "the orientation's length is %g: w x y z must be of unit length", sqrt(norm));
+}
+
+const shown_probe *shown_probe_of(const trocar_sim *sim) { return sim->probe ? probe_link_shown(&sim->link.probe) : NULL; }
+
+const insertion_state *state_of_needle(const trocar_sim *sim, int needle, uint64_t *stamp) {
+    const needle_track *n = &sim->needles[needle];
+    const shown_needle *shown = link_shown(&n->link);
+    if (stamp) *stamp = shown ? shown->stamp : n->stamp;
+    return shown ? &shown->state : &n->state;
+}
+
+/* ---- needles that change hands ----------------------------------------------------------------------------------------------- */
+
+void adopt_needle(trocar_sim *sim, needle_track *n) {
+    if (link_refuses(&n->link, ON_ADOPT)) return;
+    memcpy(&n->state, &link_shown(&n->link)->state, sizeof n->state);
+    n->stamp = next_stamp();
+    n->given = n->state.needle.base;
+    n->loads.count = 0;
+    insertion_add_loads(&sim->model->parts.insertion, &n->state, &n->loads);
+    link_adopt(&n->link, &n->state, &n->loads);
+}
+
+/* Those nearest to the tip first, should there be no room for all. */
+void fill_left(trocar_sim *sim, int needle) {
+    static const double DISTANCES[] = {-1.0, 10e-3, 40e-3}; /* m; needles move by some millimetres while they are let go of */
+    needle_track *n = &sim->needles[needle];
+    left_needle *slot = link_left_slot(&n->link);
+    memcpy(&slot->state, &n->state, sizeof slot->state);
+    slot->others.count = slot->others.point_count = 0;
+    for (int ring = 0; ring < 2; ring++)
+        for (int i = 0; i < sim->needle_count; i++)
+            if (i != needle) tracks_copy_near(&sim->needles[i].state.tracks, n->state.tip.nominal, DISTANCES[ring], DISTANCES[ring + 1], &slot->others);
+}
+
+static trocar_status refuse(report *why, int needle, const char *reason) {
+    if (why) fail(why, TROCAR_BAD_INPUT, "needle %d: %s", needle, reason);
+    return TROCAR_BAD_INPUT;
+}
+
+trocar_status trocar_sim_leave(trocar_sim *sim, int needle, trocar_error *error) {
+    trocar_status status = check_needle(sim, needle, error);
+    if (status != TROCAR_OK) return status;
+    needle_track *n = &sim->needles[needle];
+    adopt_needle(sim, n);
+    const char *reason = link_refuses(&n->link, ON_LEAVE);
+    if (reason) return refuse(error, needle, reason);
+    if (n->state.tip.phase == TIP_FREE) return refuse(error, needle, "it is not in the tissue, where it could rest");
+    if (n->state.moving_on) return refuse(error, needle, "it is on its way to another shape: hold it still first");
+    fill_left(sim, needle);
+    link_leave(&n->link, &n->state);
+    wake_worker(&sim->link);
+    return TROCAR_OK;
+}
+
+trocar_status trocar_sim_take(trocar_sim *sim, int needle, trocar_error *error) {
+    trocar_status status = check_needle(sim, needle, error);
+    if (status != TROCAR_OK) return status;
+    needle_track *n = &sim->needles[needle];
+    const char *reason = link_refuses(&n->link, ON_TAKE);
+    if (reason) return refuse(error, needle, reason);
+    link_take(&n->link);
+    wake_worker(&sim->link);
+    return TROCAR_OK;
+}
+
+trocar_needle_state trocar_sim_needle_state(const trocar_sim *sim, int needle) {
+    static const trocar_needle_state states[] = {[PHASE_HELD] = TROCAR_NEEDLE_HELD, [PHASE_LEAVING] = TROCAR_NEEDLE_LEAVING,
+                                                 [PHASE_RESTING] = TROCAR_NEEDLE_RESTING, [PHASE_TAKING] = TROCAR_NEEDLE_TAKING,
+                                                 [PHASE_TAKEN] = TROCAR_NEEDLE_HELD};
+    return has_needle(sim->model, needle) ? states[link_phase(&sim->needles[needle].link)] : TROCAR_NEEDLE_HELD;
+}
+
+trocar_status trocar_sim_reset(trocar_sim *sim, int needle, const trocar_pose *base, trocar_error *error) {
+    pose at;
+    trocar_status status = check_needle(sim, needle, error);
+    if (status == TROCAR_OK) status = check_pose(base, &at, error);
+    if (status != TROCAR_OK) return status;
+    floating_mode before = flush_denormals();
+    needle_track *n = &sim->needles[needle];
+    adopt_needle(sim, n);
+    n->given = at;
+    insertion_reset(&sim->model->parts.insertion, at, &n->state);
+    seeds_keep(needle, &sim->seeds);
+    n->stamp = next_stamp();
+    n->loads.count = 0;
+    if (link_reset(&n->link, n->state.request.serial) || n->link.posted_loads.count > 0) { /* the others no longer feel it */
+        link_post_loads(&n->link, &(tissue_loads){.count = 0});
+        wake_worker(&sim->link);
+    }
+    restore_floating_mode(before);
+    return TROCAR_OK;
+}
+
+/* ---- ticks --------------------------------------------------------------------------------------------------------------- */
+
+static void answer(const tick_output *wrench, trocar_output *output) {
+    *output = (trocar_output){.force = {wrench->force.x, wrench->force.y, wrench->force.z},
+                              .torque = {wrench->torque.x, wrench->torque.y, wrench->torque.z}, .depth = wrench->depth,
+                              .contacts = wrench->contacts, .events = wrench->events, .membrane = wrench->membrane, .passes = wrench->passes,
+                              .switches = wrench->switches};
+}
+
+/* Have the needle's forces changed enough for the others to feel it? RT */
+static bool loads_changed(const needle_track *needle) {
+    static const double NOTICEABLE = 1e-3; /* N */
+    const tissue_loads *now = &needle->loads, *then = &needle->link.posted_loads;
+    if (now->count != then->count) return true;
+    for (int i = 0; i < now->count; i++)
+        if (v3_norm(v3_sub(now->loads[i].force, then->loads[i].force)) > NOTICEABLE) return true;
+    return false;
+}
+
+/* Tells the worker the needle's forces, for the others. Needles that rest and the probe respond at a pace of their own. RT */
+static void post_loads(trocar_sim *sim, needle_track *needle, double dt) {
+    bool rest = atomic_load_explicit(&sim->link.resting, memory_order_relaxed) > 0 || atomic_load_explicit(&sim->link.probe.placed, memory_order_relaxed);
+    const shown_probe *probe = shown_probe_of(sim);
+    double period = response_period(probe ? probe->told.contacts : 0);
+    bool fades = rest && atomic_load_explicit(&needle->link.since_release, memory_order_relaxed) < RELEASE_TIME + (int64_t)(1e9 * period);
+    needle->since_loads += dt;
+    if ((!rest && sim->needle_count == 1) || (rest && needle->since_loads < period) || !(fades || loads_changed(needle))) return;
+    link_post_loads(&needle->link, &needle->loads);
+    needle->since_loads = 0.0;
+    wake_worker(&sim->link);
+}
+
+/* Does anything but the needle itself feel its forces? RT */
+static bool is_felt(const trocar_sim *sim) { return sim->needle_count > 1 || sim->probe; }
+
+trocar_status run_tick(trocar_sim *sim, int index, const compliance_snapshot *snapshot, pose base, double dt, trocar_output *output) {
+    tick_output wrench;
+    needle_track *needle = &sim->needles[index];
+    const insertion_model *model = &sim->model->parts.insertion;
+    floating_mode before = flush_denormals();
+    needle->given = base;
+    atomic_fetch_add_explicit(&needle->link.since_release, llround(1e9 * dt), memory_order_relaxed);
+    tick_context tick = {.model = model, .state = &needle->state, .snapshot = snapshot, .scratch = sim->workspace,
+                         .base = {base, needle->base_compliance}, .dt = dt, .output = &wrench};
+    for (int i = 0; i < sim->needle_count; i++)
+        if (i != index) tick.others[tick.other_count++] = &sim->needles[i].state.tracks;
+    insertion_tick(&tick);
+    bool finite = insertion_is_finite(&needle->state, &wrench);
+    if (finite) {
+        seeds_follow(&needle->state, index, &sim->seeds);
+    } else {
+        insertion_start_over(model, base, &needle->state, &wrench);
+        seeds_keep(index, &sim->seeds);
+    }
+    needle->loads.count = 0;
+    if (is_felt(sim)) insertion_add_loads(model, &needle->state, &needle->loads);
+    needle->stamp = next_stamp();
+    restore_floating_mode(before);
+    needle->link.answered = snapshot->serial;
+    answer(&wrench, output);
+    return finite ? TROCAR_OK : TROCAR_NUMERIC;
+}
+
+trocar_status trocar_sim_tick(trocar_sim *sim, int needle, const trocar_pose *base, double dt, trocar_output *output) {
+    pose at;
+    if (!(dt > 0.0 && dt <= 1.0) || !has_needle(sim->model, needle) || check_pose(base, &at, NULL) != TROCAR_OK) return TROCAR_BAD_INPUT;
+    needle_track *n = &sim->needles[needle];
+    adopt_needle(sim, n);
+    if (link_refuses(&n->link, ON_TICK)) return TROCAR_BAD_INPUT;
+    trocar_status status = run_tick(sim, needle, link_answer(&n->link), at, dt, output);
+    post_loads(sim, n, dt);
+    if (link_post_request(&n->link, &n->state.request, sim->clock ? sim->clock() : 0)) wake_worker(&sim->link);
+    return status;
+}
+
+void trocar_sim_set_base_compliance(trocar_sim *sim, int needle, double compliance) {
+    if (has_needle(sim->model, needle)) sim->needles[needle].base_compliance = compliance;
+}
+
+int64_t trocar_sim_waiting(const trocar_sim *sim) {
+    int64_t longest = 0;
+    for (int i = 0; sim->clock && i < sim->needle_count; i++) {
+        int64_t waiting = link_waiting(&sim->needles[i].link, sim->clock());
+        if (waiting > longest) longest = waiting;
+    }
+    return longest;
+}

@@ -1,0 +1,109 @@
+/* trocar.h: what the worker does, in its own thread and in lockstep. */
+#include "api/worker.h"
+
+#include "api/worker_answer.h"
+#include "api/worker_probe.h"
+#include "api/worker_resting.h"
+#include "base/flush_denormals.h"
+
+enum { MOST_ANSWERS = 4 };             /* to requests, one after another, before what rests gets its turn */
+
+/* ---- in its own thread ------------------------------------------------------------------------------------------------------ */
+
+/* The newest forces of held needles. True: some are new. */
+static bool take_loads(trocar_sim *sim) {
+    bool any = false;
+    for (int i = 0; i < sim->needle_count; i++) {
+        bool fresh;
+        needle_track *needle = &sim->needles[i];
+        const tissue_loads *loads = link_loads(&needle->link, &fresh);
+        if (!fresh || needle->attached) continue;
+        copy_loads(loads, &needle->held);
+        mark_stale(sim, needle);
+        any = true;
+    }
+    return any;
+}
+
+/* What rests and the probe respond to the newest loads. */
+static trocar_status respond_in_turn(trocar_sim *sim, report *why) {
+    sim->to_respond = false;
+    sim->answers = 0;
+    trocar_status status = press_probe(sim, why);
+    return status == TROCAR_OK ? respond_to_loads(sim, false, why) : status;
+}
+
+/* One needle slips. True: there is more. */
+static bool slip_in_turn(trocar_sim *sim, trocar_status *status, report *why) {
+    uint64_t shifts = sim->resting.shifts;
+    bool more = slip_some(sim, false);
+    if (sim->resting.shifts != shifts) *status = press_probe(sim, why);
+    return more;
+}
+
+/* Does one thing at a time, so that a request never waits for long: it comes first, but not for ever. */
+trocar_status trocar_sim_work(trocar_sim *sim, trocar_work *done, trocar_error *error) {
+    trocar_error ignored, *why = error ? error : &ignored;
+    worker_is_awake(&sim->link);
+    trocar_work work = {0};
+    resting_change change;
+    if (take_loads(sim)) sim->to_respond = true;
+    if (take_probe_pose(sim)) sim->to_respond = true;
+    trocar_status status = change_resting(sim, &change, why);
+    work.more = change.any;
+    work.kept = change.kept;
+    for (int i = 0; i < sim->needle_count && !work.more; i++) {
+        int index = sim->next_served;
+        sim->next_served = (sim->next_served + 1) % sim->needle_count;
+        status = answer_request(sim, index, &work, why);
+    }
+    sim->answers += work.answered;
+    floating_mode before = flush_denormals();
+    if (status == TROCAR_OK && (!work.more || change.any || sim->answers >= MOST_ANSWERS)) {
+        bool responds = sim->to_respond;
+        if (responds) status = respond_in_turn(sim, why);
+        else sim->answers = 0;
+        if (responds) work.more = true;
+        else if (slip_in_turn(sim, &status, why) || look_ahead(sim)) work.more = true;
+    }
+    restore_floating_mode(before);
+    if (done) *done = work;
+    return status;
+}
+
+int trocar_sim_work_descriptor(const trocar_sim *sim) { return sim->link.wake; }
+
+/* ---- in lockstep -------------------------------------------------------------------------------------------------------------- */
+
+trocar_status worker_before_tick(trocar_sim *sim, int index, bool *outdated, report *why) {
+    resting_change change;
+    const needle_track *needle = &sim->needles[index];
+    for (int i = 0; i < sim->needle_count; i++)
+        if (link_phase(&sim->needles[i].link) == PHASE_HELD && !sim->needles[i].attached) copy_loads(&sim->needles[i].loads, &sim->needles[i].held);
+    bool moved = take_probe_pose(sim);
+    trocar_status status = change_resting(sim, &change, why);
+    if (status == TROCAR_OK && moved) status = press_probe(sim, why);
+    *outdated = needle->served_changes != attached_changes(sim) || (moved && needle->served_shifts != attached_shifts(sim));
+    return status;
+}
+
+/* What rests and the probe respond to this tick. */
+static trocar_status respond(trocar_sim *sim, needle_track *needle, double dt, report *why) {
+    copy_loads(&needle->loads, &needle->held);
+    sim->since_response += dt;
+    double period = response_period(sim->probe ? sim->probe->state.count : 0);
+    if ((sim->resting.count == 0 && !sim->probe) || sim->since_response < period - 1e-9) return TROCAR_OK;
+    sim->since_response = 0.0;
+    trocar_status status = press_probe(sim, why);
+    return status != TROCAR_OK ? status : respond_to_loads(sim, true, why);
+}
+
+trocar_status worker_after_tick(trocar_sim *sim, int index, const compliance_snapshot *answer, double dt, report *why) {
+    needle_track *needle = &sim->needles[index];
+    other_loads others;
+    trocar_status status = respond(sim, needle, dt, why);
+    list_others(sim, index, &others);
+    bool same = answer->serial == needle->state.request.serial && needle->served_changes == attached_changes(sim);
+    bool known = others.count == 0 && (others.attached || others.pressed ? needle->served_shifts == attached_shifts(sim) : !answer->loaded);
+    return status == TROCAR_OK && !(same && known) ? answer_and_publish(sim, index, why) : status;
+}

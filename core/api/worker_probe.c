@@ -1,0 +1,87 @@
+#include "api/worker_probe.h"
+
+#include <string.h>
+
+#include "api/view.h"
+#include "api/worker_answer.h"
+
+trocar_status create_probe(trocar_sim *sim, report *why) {
+    const simulation *parts = &sim->model->parts;
+    if (parts->probe_surface < 0) return TROCAR_OK;
+    trocar_status status = probe_create(sim->resting.inverse, &parts->config.probe.shape, parts->probe_surface, parts->config.probe.max_force, &sim->probe, why);
+    if (status != TROCAR_OK) return status;
+    sim->inverse = sim->probe->inverse;
+    return TROCAR_OK;
+}
+
+bool take_probe_pose(trocar_sim *sim) {
+    bool fresh = false;
+    if (!sim->probe) return false;
+    const pose *newest = probe_link_pose(&sim->link.probe, &fresh);
+    if (fresh) sim->probe_pose = *newest, sim->probe_posed = true;
+    return fresh;
+}
+
+static void show(trocar_sim *sim) {
+    const probe *p = sim->probe;
+    const probe_state *s = &p->state;
+    shown_probe *slot = probe_link_slot(&sim->link.probe);
+    slot->stamp = next_stamp();
+    slot->told = (trocar_probe){.contacts = s->count, .placed = s->placed, .stopped = s->stopped};
+    if (s->placed) slot->told.base = pose_out(s->base);
+    put(s->wrench_force, slot->told.force);
+    put(s->wrench_torque, slot->told.torque);
+    slot->count = p->now.count;
+    memcpy(slot->nodes, p->now.nodes, (size_t)slot->count * sizeof *slot->nodes);
+    memcpy(slot->force, p->now.force, (size_t)slot->count * sizeof *slot->force);
+    probe_link_publish(&sim->link.probe);
+}
+
+trocar_status press_probe(trocar_sim *sim, report *why) {
+    probe *p = sim->probe;
+    other_loads others;
+    if (!p || !sim->probe_posed) return TROCAR_OK;
+    uint64_t changes = attached_changes(sim), shifts = attached_shifts(sim);
+    list_others(sim, BESIDE_PROBE, &others);
+    trocar_status status = probe_press(p, sim->probe_pose, &others, sim->probe_beneath != sim->resting.changes, why);
+    sim->probe_beneath = sim->resting.changes;
+    if (attached_changes(sim) != changes || attached_shifts(sim) != shifts) mark_stale(sim, NULL);
+    show(sim);
+    return status;
+}
+
+/* ---- save and restore ---------------------------------------------------------------------------------------------------------- */
+
+typedef struct {
+    bool placed, posed, waits; /* waits: for the worker to take the pose that was asked for */
+    pose pose, asked;
+    probe_state state;
+} saved_probe;
+
+size_t saved_probe_size(const trocar_sim *sim) { return sim->probe ? sizeof(saved_probe) : 0; }
+
+void save_probe(trocar_sim *sim, void *to) {
+    if (!sim->probe) return;
+    saved_probe saved;
+    memset(&saved, 0, sizeof saved);
+    saved.placed = atomic_load(&sim->link.probe.placed);
+    saved.waits = probe_link_waiting(&sim->link.probe, &saved.asked);
+    saved.posed = sim->probe_posed;
+    saved.pose = sim->probe_pose;
+    saved.state = sim->probe->state;
+    memcpy(to, &saved, sizeof saved);
+}
+
+trocar_status restore_probe(trocar_sim *sim, const void *from, report *why) {
+    saved_probe saved;
+    if (!sim->probe) return TROCAR_OK;
+    memcpy(&saved, from, sizeof saved);
+    probe_link_restore(&sim->link.probe, saved.placed, saved.waits ? &saved.asked : NULL);
+    sim->probe_posed = saved.posed;
+    sim->probe_pose = saved.pose;
+    trocar_status status = probe_resume(sim->probe, &saved.state, why);
+    sim->probe_beneath = sim->resting.changes;
+    show(sim);
+    if (saved.waits) wake_worker(&sim->link);
+    return status;
+}

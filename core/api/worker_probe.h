@@ -1,0 +1,20 @@
+/* The worker's side of the probe. See README.md, "Probe". */
+#ifndef TROCAR_WORKER_PROBE_H
+#define TROCAR_WORKER_PROBE_H
+
+#include "api/api.h"
+
+trocar_status create_probe(trocar_sim *sim, report *why);
+
+/* Takes the newest pose. True: there was one. */
+bool take_probe_pose(trocar_sim *sim);
+
+/* The probe presses where it is, after a move or when other loads have changed. */
+trocar_status press_probe(trocar_sim *sim, report *why);
+
+/* Between lockstep steps. */
+size_t saved_probe_size(const trocar_sim *sim);
+void save_probe(trocar_sim *sim, void *to);
+trocar_status restore_probe(trocar_sim *sim, const void *from, report *why);
+
+#endif

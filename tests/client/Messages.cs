@@ -1,0 +1,49 @@
+// Reads messages, each after its type's letter and its length (2 bytes), and writes them as the client in C# encodes what it has decoded, or
+// nothing but a length of 0 for what is not one message.
+using System;
+using System.IO;
+using Trocar;
+
+static class Messages {
+    static readonly BigEndianReader from = new BigEndianReader();
+    static readonly NeedlePoseMessage pose = new NeedlePoseMessage();
+    static readonly CommandMessage command = new CommandMessage();
+    static readonly NeedleWrenchMessage wrench = new NeedleWrenchMessage();
+    static readonly CommandReplyMessage reply = new CommandReplyMessage();
+
+    static bool Takes(ulong fingerprint, Action<BigEndianReader> decode) {
+        if (!from.Begin(fingerprint)) return false;
+        decode(from);
+        return from.IsWhole;
+    }
+
+    static BigEndianWriter Begin(ulong fingerprint) {
+        var to = new BigEndianWriter();
+        to.UInt64(fingerprint);
+        return to;
+    }
+
+    static BigEndianWriter Again(int letter) {
+        BigEndianWriter to = null;
+        switch (letter) {
+            case 'p': if (Takes(NeedlePoseMessage.Fingerprint, pose.Decode)) pose.Encode(to = Begin(NeedlePoseMessage.Fingerprint)); break;
+            case 'c': if (Takes(CommandMessage.Fingerprint, command.Decode)) command.Encode(to = Begin(CommandMessage.Fingerprint)); break;
+            case 'w': if (Takes(NeedleWrenchMessage.Fingerprint, wrench.Decode)) wrench.Encode(to = Begin(NeedleWrenchMessage.Fingerprint)); break;
+            case 'r': if (Takes(CommandReplyMessage.Fingerprint, reply.Decode)) reply.Encode(to = Begin(CommandReplyMessage.Fingerprint)); break;
+        }
+        return to ?? new BigEndianWriter();
+    }
+
+    static void Main() {
+        var input = new BinaryReader(new BufferedStream(Console.OpenStandardInput()));
+        using (var output = new BinaryWriter(new BufferedStream(Console.OpenStandardOutput()))) {
+            for (int letter; (letter = input.BaseStream.ReadByte()) >= 0;) {
+                byte[] bytes = input.ReadBytes(input.ReadUInt16());
+                from.Set(bytes, 0, bytes.Length);
+                BigEndianWriter again = Again(letter);
+                output.Write((ushort)again.Size);
+                output.Write(again.Bytes, 0, again.Size);
+            }
+        }
+    }
+}

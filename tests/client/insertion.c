@@ -1,0 +1,97 @@
+/* A bridge for tests, in C99, for any system that trocar_client.h knows: resets the needle, pushes it 21 mm in at 10 mm/s, and holds it for half a
+   second. With SECONDS it only holds still before the skin for so long. Prints what it felt, one number with its name a line.
+   usage: insertion URL [SECONDS] */
+#ifndef _WIN32
+#define _DEFAULT_SOURCE
+#endif
+#include "trocar_client.h"
+
+#include <math.h>
+#include <stdio.h>
+#include <stdlib.h>
+#ifdef _WIN32
+#include <windows.h>
+
+static double now(void) {
+    LARGE_INTEGER count, rate;
+    QueryPerformanceCounter(&count);
+    QueryPerformanceFrequency(&rate);
+    return (double)count.QuadPart / (double)rate.QuadPart;
+}
+
+static void wait_for_period(void) { Sleep(1); }
+#else
+#include <time.h>
+
+static double now(void) {
+    struct timespec t;
+    clock_gettime(CLOCK_MONOTONIC, &t);
+    return (double)t.tv_sec + 1e-9 * (double)t.tv_nsec;
+}
+
+static void wait_for_period(void) {
+    struct timespec t = {0, 1000000};
+    nanosleep(&t, NULL);
+}
+#endif
+
+static const double START = -0.201, WAY = 0.021, SPEED = 0.01; /* m, m, m/s */
+
+static double length_of(const double a[3]) { return sqrt(a[0] * a[0] + a[1] * a[1] + a[2] * a[2]); }
+
+typedef struct {
+    trocar_client_wrench wrench;
+    double force, most, step; /* N: last, largest, largest change from one period to the next */
+    long periods, answered, outages, back; /* `back`: to an older wrench */
+    int was_answered;
+} felt_so_far;
+
+static void exchange(trocar_client *c, double advance, felt_so_far *f) {
+    const double position[3] = {0.005, 0.003, START + advance}, orientation[4] = {1, 0, 0, 0};
+    trocar_client_wrench w;
+    wait_for_period();
+    trocar_client_publish(c, position, orientation);
+    int answered = trocar_client_newest(c, &w);
+    double force = length_of(w.force);
+    f->periods++;
+    f->answered += answered;
+    f->outages += f->was_answered && !answered;
+    f->back += answered && f->was_answered && w.tick < f->wrench.tick;
+    if (answered && f->was_answered && fabs(force - f->force) > f->step) f->step = fabs(force - f->force);
+    if (force > f->most) f->most = force;
+    f->force = force;
+    f->wrench = w;
+    f->was_answered = answered;
+}
+
+/* How many times the command has to be given until the server's reply comes. */
+static int reset(trocar_client *c, felt_so_far *f) {
+    for (int times = 1; times <= 5; times++) {
+        trocar_client_reset(c);
+        while (trocar_client_reply(c, NULL, 0) == TROCAR_CLIENT_WAITING) exchange(c, 0, f);
+        if (trocar_client_reply(c, NULL, 0) == TROCAR_CLIENT_DONE) return times;
+    }
+    return 0;
+}
+
+int main(int count, char **arguments) {
+    static const trocar_client_options standard;
+    trocar_client_options options = standard;
+    felt_so_far before = {0}, felt = {0};
+    if (count != 2 && count != 3) return 2;
+    options.url = arguments[1];
+    trocar_client *c = trocar_client_open(&options, NULL, 0);
+    if (c == NULL) return 1;
+    if (count == 3) {
+        for (double end = now() + atof(arguments[2]); now() < end;) exchange(c, 0, &felt);
+    } else {
+        for (double end = now() + 10; !before.was_answered && now() < end;) exchange(c, 0, &before);
+        printf("resets %d\n", reset(c, &before));
+        for (double begin = now(), t = -0.5; t < 0.5 + WAY / SPEED; t = now() - begin - 0.5) /* half a second at rest: the ramp */
+            exchange(c, t < 0 ? 0 : t < WAY / SPEED ? SPEED * t : WAY, &felt);
+    }
+    printf("periods %ld\nanswered %ld\noutages %ld\nback %ld\n", felt.periods, felt.answered, felt.outages, felt.back);
+    printf("force %.6f\nmost %.6f\nstep %.6f\ndepth %.6f\n", felt.force, felt.most, felt.step, felt.wrench.depth);
+    trocar_client_close(c);
+    return 0;
+}

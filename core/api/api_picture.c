@@ -135,7 +135,7 @@ trocar_status trocar_picture_refined_mesh(trocar_picture *p, trocar_refined_mesh
     if (status != TROCAR_OK) return status;
     const refined_mesh *r = &p->refined;
     vec3 damping = v3(0, 0, 0);
-    for (int i = 0; i < p->model->parts.config.needle_count; i++) damping = v3_add(damping, p->states[i].tip.damping);
+    for (int i = 0; i < p->model->parts.config.needle_count; i++) damping = v3_add(damping, p->states[i].tip.dent.damping);
     *mesh = (trocar_refined_mesh){.node_count = r->node_count, .tet_count = r->tet_count, .nodes = &r->nodes[0].x, .tets = r->tets[0],
                                   .parents = r->parent, .displacements = &p->displacement[0].x, .forces = &p->force[0].x,
                                   .damping = {damping.x, damping.y, damping.z}};

@@ -4,7 +4,7 @@
 #include "api/ticking.h"
 #include "api/view.h"
 #include "base/flush_denormals.h"
-#include "insertion/strata.h"
+#include "insertion/state/strata.h"
 
 _Static_assert(TROCAR_MAX_SEEDS == (int)MAX_SEEDS && TROCAR_MAX_STRAND == (int)MAX_STRAND, "limits differ from trocar.h");
 
@@ -27,7 +27,7 @@ static trocar_status refuse_drop(const trocar_sim *sim, int needle, int count, d
     case SEEDS_FULL: return fail(why, TROCAR_BAD_INPUT, "no room for %d more: a simulation has at most %d seeds", count, (int)MAX_SEEDS);
     case SEEDS_TOO_LONG:
         return fail(why, TROCAR_BAD_INPUT, "needle %d is %.1f mm deep in the tissue, less than the %.1f mm that is to stay there: push it farther in", needle,
-                    mm * (state->tip.depth - tip_entry_depth(state)), mm * seeds_strand_length(size, count, spacing));
+                    mm * (state->tip.place.depth - tip_entry_depth(state)), mm * seeds_strand_length(size, count, spacing));
     case SEEDS_OUTSIDE:
     default: return fail(why, TROCAR_BAD_INPUT, "the tip of needle %d is outside of the tissue, where no seed stays", needle);
     }

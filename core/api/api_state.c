@@ -79,7 +79,7 @@ static trocar_status restore_needle(trocar_sim *sim, needle_track *needle, const
     if (status != TROCAR_OK) return status;
     memcpy(needle->resting, from + offsetof(saved_needle, resting), sizeof *needle->resting);
     needle->held.count = 0;
-    insertion_add_left_loads(&sim->model->parts.insertion, &needle->resting->anchor, &needle->held);
+    insertion_add_residual_loads(&sim->model->parts.insertion, &needle->resting->anchor, &needle->held);
     return TROCAR_OK;
 }
 

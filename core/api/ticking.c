@@ -59,7 +59,7 @@ void fill_left(trocar_sim *sim, int needle) {
     slot->others.count = slot->others.point_count = 0;
     for (int ring = 0; ring < 2; ring++)
         for (int i = 0; i < sim->needle_count; i++)
-            if (i != needle) tracks_copy_near(&sim->needles[i].state.tracks, n->state.tip.nominal, DISTANCES[ring], DISTANCES[ring + 1], &slot->others);
+            if (i != needle) tracks_copy_near(&sim->needles[i].state.tracks, n->state.tip.place.nominal, DISTANCES[ring], DISTANCES[ring + 1], &slot->others);
 }
 
 static trocar_status refuse(report *why, int needle, const char *reason) {
@@ -74,7 +74,7 @@ trocar_status trocar_sim_leave(trocar_sim *sim, int needle, trocar_error *error)
     adopt_needle(sim, n);
     const char *reason = link_refuses(&n->link, ON_LEAVE);
     if (reason) return refuse(error, needle, reason);
-    if (n->state.tip.phase == TIP_FREE) return refuse(error, needle, "it is not in the tissue, where it could rest");
+    if (n->state.tip.place.phase == TIP_FREE) return refuse(error, needle, "it is not in the tissue, where it could rest");
     if (n->state.moving_on) return refuse(error, needle, "it is on its way to another shape: hold it still first");
     fill_left(sim, needle);
     link_leave(&n->link, &n->state);
@@ -163,11 +163,10 @@ trocar_status run_tick(trocar_sim *sim, int index, const compliance_snapshot *sn
     floating_mode before = flush_denormals();
     needle->given = base;
     atomic_fetch_add_explicit(&needle->link.since_release, llround(1e9 * dt), memory_order_relaxed);
-    tick_context tick = {.model = model, .state = &needle->state, .snapshot = snapshot, .scratch = sim->workspace,
-                         .base = {base, needle->base_compliance}, .dt = dt, .output = &wrench};
+    tick_input tick = {.model = model, .snapshot = snapshot, .base = {base, needle->base_compliance}, .dt = dt};
     for (int i = 0; i < sim->needle_count; i++)
         if (i != index) tick.others[tick.other_count++] = &sim->needles[i].state.tracks;
-    insertion_tick(&tick);
+    insertion_tick(&tick, &needle->state, sim->workspace, &wrench);
     bool finite = insertion_is_finite(&needle->state, &wrench);
     if (finite) {
         seeds_follow(&needle->state, index, &sim->seeds);

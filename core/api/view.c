@@ -66,12 +66,12 @@ static int tissue_contacts_of(const trocar_model *parent, const insertion_state 
         put(needle_at(model, &s->needle, contacts[i].arc).position, contacts[i].position);
         put(c->force, contacts[i].force);
     }
-    if (s->tip.phase != TIP_INSIDE) return active;
+    if (s->tip.place.phase != TIP_INSIDE) return active;
     if (active < room) {
-        contacts[active] = (trocar_contact){.kind = TROCAR_CONTACT_TIP, .state = s->tip.friction, .arc = s->tip.arc, .depth = s->tip.depth,
-                                            .status = status_of(s->tip.friction), .slot = -1};
-        put(needle_at(model, &s->needle, s->tip.arc).position, contacts[active].position);
-        put(s->tip.force, contacts[active].force);
+        contacts[active] = (trocar_contact){.kind = TROCAR_CONTACT_TIP, .state = s->tip.solved.friction, .arc = s->tip.solved.arc, .depth = s->tip.place.depth,
+                                            .status = status_of(s->tip.solved.friction), .slot = -1};
+        put(needle_at(model, &s->needle, s->tip.solved.arc).position, contacts[active].position);
+        put(s->tip.solved.force, contacts[active].force);
     }
     return active + 1;
 }
@@ -81,7 +81,7 @@ int contacts_of(const trocar_model *parent, const insertion_state *s, trocar_con
     int guided = guide_contacts_of(parent, s, all);
     if (guided == 0) return tissue_contacts_of(parent, s, contacts, room);
     int count = guided + tissue_contacts_of(parent, s, all + guided, MAX_POINTS - guided);
-    sort_by_arc(all, count - (s->tip.phase == TIP_INSIDE));
+    sort_by_arc(all, count - (s->tip.place.phase == TIP_INSIDE));
     int filled = count < room ? count : room;
     if (filled > 0) memcpy(contacts, all, (size_t)filled * sizeof *contacts);
     return count;

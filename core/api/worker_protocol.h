@@ -32,7 +32,7 @@
 #include <stdatomic.h>
 
 #include "base/triple_buffer.h"
-#include "insertion/insertion_state.h"
+#include "insertion/state/insertion_state.h"
 #include "probe/probe.h"
 
 /* ---- phases and events -------------------------------------------------------------------------------------------------------- */

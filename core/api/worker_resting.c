@@ -25,7 +25,7 @@ enum { SHOWN_AT_ONCE = 4 };            /* needles whose shape is found in one pa
 static bool is_at_rest(const insertion_model *model, const insertion_state *state, const tick_output *wrench) {
     const rest_limits *limits = model->creep.count > 0 ? &RELAXING : &AT_REST;
     vec3 axis = q_axis(state->needle.base.orientation), across = v3_axpy(-v3_dot(wrench->torque, axis), axis, wrench->torque);
-    double slip = fmax(fabs(state->tip.slip), fabs(state->tip.shaft.slip));
+    double slip = fmax(fabs(state->tip.solved.slip), fabs(state->tip.shaft.slip));
     for (int k = 0; contact_is_active(state, k); k++) slip = fmax(slip, fabs(state->contacts[state->refined.order[k]].shaft.slip));
     return v3_norm(wrench->force) < limits->force && v3_norm(across) < limits->torque && slip < limits->slip;
 }
@@ -36,19 +36,18 @@ static trocar_status let_go(trocar_sim *sim, int index, const track_list *others
     resting_scratch *scratch = sim->resting_scratch;
     const compliance_snapshot *snapshot = link_answer_slot(&n->link); /* not published: nobody ticks this needle now */
     tick_output wrench;
-    tick_context tick = {.model = &sim->model->parts.insertion, .state = state, .snapshot = snapshot, .scratch = &scratch->workspace, .dt = TICK,
-                         .output = &wrench, .base = {.pose = state->needle.base}, .others = {others}, .other_count = 1};
+    tick_input tick = {.model = &sim->model->parts.insertion, .snapshot = snapshot, .dt = TICK, .base = {.pose = state->needle.base}, .others = {others}, .other_count = 1};
     state->base_shift = v3(0, 0, 0);
     trocar_status status = answer_fully(sim, index, &state->request, why);
     double size = 1.0; /* of the steps: they get larger while the wrench hardly falls, as the shaft slides */
     vec3 before = v3(0, 0, 0);
     for (int i = 0; i < MOST_TICKS && status == TROCAR_OK; i++) {
         base_motion step;
-        insertion_tick(&tick);
+        insertion_tick(&tick, state, &scratch->workspace, &wrench);
         if (state->moving_on || !insertion_is_finite(state, &wrench)) return fail(why, TROCAR_NUMERIC, "needle %d finds no equilibrium when it is let go", index);
         bool at_rest = is_at_rest(tick.model, state, &wrench) && state->request.serial == snapshot->serial;
         if (state->request.serial != snapshot->serial) status = answer_fully(sim, index, &state->request, why);
-        if (status == TROCAR_OK) status = resting_linearise(&tick, sim->inverse, scratch, n->resting, why);
+        if (status == TROCAR_OK) status = resting_linearise(&tick, state, sim->inverse, scratch, n->resting, why);
         if (status != TROCAR_OK || at_rest) return status;
         bool turned = v3_dot(wrench.force, before) < 0.0, falls = v3_norm(wrench.force) < 0.5 * v3_norm(before);
         size = turned ? 1.0 : falls ? size : fmin(2.0 * size, LARGEST_STEP);
@@ -84,7 +83,7 @@ static trocar_status attach_again(trocar_sim *sim, report *why) {
 /* The needle as it is, in the slot that is published next. */
 static const shown_needle *find_shown(trocar_sim *sim, needle_track *n) {
     shown_needle *slot = link_shown_slot(&n->link);
-    resting_show(&sim->model->parts.insertion, n->resting, &sim->resting_scratch->workspace.tangent, &slot->state);
+    resting_show(&sim->model->parts.insertion, n->resting, &sim->resting_scratch->workspace.response.tangent, &slot->state);
     slot->stamp = next_stamp();
     memcpy(n->shown_force, n->resting->force, sizeof n->shown_force);
     return slot;
@@ -158,7 +157,7 @@ trocar_status rest_again(trocar_sim *sim, report *why) {
 
 static void hold_loads(const trocar_sim *sim, const insertion_state *state, bool left_only, tissue_loads *loads) {
     loads->count = 0;
-    if (left_only) insertion_add_left_loads(&sim->model->parts.insertion, state, loads);
+    if (left_only) insertion_add_residual_loads(&sim->model->parts.insertion, state, loads);
     else insertion_add_loads(&sim->model->parts.insertion, state, loads);
 }
 
@@ -213,7 +212,7 @@ static trocar_status lay_down(trocar_sim *sim, int index, unsigned seen, report 
 static trocar_status detach(trocar_sim *sim, needle_track *n, report *why) {
     trocar_status status = respond_to_loads(sim, true, why);
     resting_loads(n->resting, &n->held);
-    insertion_add_left_loads(&sim->model->parts.insertion, &n->resting->anchor, &n->held);
+    insertion_add_residual_loads(&sim->model->parts.insertion, &n->resting->anchor, &n->held);
     n->attached = false;
     trocar_status attached = attach_again(sim, why);
     return status == TROCAR_OK ? attached : status;

@@ -3,8 +3,8 @@
 #include <math.h>
 #include <string.h>
 
-#include "insertion/strata.h"
-#include "insertion/tip_path.h"
+#include "insertion/state/strata.h"
+#include "insertion/tip/tip_path.h"
 
 static const double ON_FACE = -1e-6; /* 1: barycentric weight down to which a point counts as inside. Rounding */
 
@@ -18,21 +18,26 @@ typedef struct {
     int next;                /* contact ahead of it on the way back, from the base; -1: the entry */
 } track_site;
 
+/* The next contact on the way back from a site; NULL: there is none in the body that the tip is in. */
+static const shaft_contact *contact_behind(const insertion_state *state, const track_site *site) {
+    const shaft_contact *contact = site->next >= 0 ? &state->contacts[state->refined.order[site->next]] : NULL;
+    return contact && contact->depth < tip_entry_depth(state) ? NULL : contact;
+}
+
 /* Goes back to this depth, which is in the body that the tip is in. */
 static void go_back(const insertion_model *model, const insertion_state *state, double depth, track_site *site) {
     double entry = tip_entry_depth(state);
     int gap = last_gap(state);
+    vec3 start = gap >= 0 ? state->strata[gap + 1].point : state->entry;
     while (site->depth > depth) {
-        const shaft_contact *contact = site->next >= 0 ? &state->contacts[state->refined.order[site->next]] : NULL;
-        if (contact && contact->depth < entry) contact = NULL; /* in a previous body */
+        const shaft_contact *contact = contact_behind(state, site);
         double goal_depth = contact ? contact->depth : entry, length = site->depth - goal_depth;
-        vec3 goal = contact ? v3_sub(contact->track, contact->beside) : gap >= 0 ? state->strata[gap + 1].point : state->entry;
+        vec3 goal = contact ? v3_sub(contact->track, contact->beside) : start;
         bool beyond = length <= site->depth - depth;
         vec3 target = beyond ? goal : v3_axpy((site->depth - depth) / length, v3_sub(goal, site->at), site->at);
         site->tet = follow_line(model->mesh, site->tet, &site->at, target);
         site->depth = beyond ? goal_depth : depth;
-        if (!beyond) return;
-        if (!contact) return;
+        if (!beyond || !contact) return;
         site->next--;
     }
 }
@@ -70,20 +75,27 @@ static void note_hole(const insertion_model *model, const insertion_state *state
         if (state->guides[i].passage == GUIDE_IN_HOLE) s->guide = i, s->hole = state->guides[i].hole;
 }
 
-seed_refusal seeds_drop(const insertion_model *model, const seed_size *size, const insertion_state *state, int needle, int count, double spacing, seed_list *list) {
+/* Why these seeds cannot be dropped, whatever the way back looks like. */
+static seed_refusal refuse(const insertion_model *model, const seed_size *size, const insertion_state *state, int needle, int count, double spacing,
+                           const seed_list *list) {
     if (count < 1 || count > MAX_STRAND) return SEEDS_BAD_COUNT;
     if (!(spacing == 0.0 || (spacing >= size->length && spacing < INFINITY))) return SEEDS_BAD_SPACING;
     if (size->diameter >= 2.0 * model->needle->radius) return SEEDS_TOO_THICK;
     if (seeds_pending(needle, list) > 0) return SEEDS_PENDING;
     if (list->count + count_pending(list) + count > MAX_SEEDS) return SEEDS_FULL;
-    if (state->tip.phase != TIP_INSIDE) return SEEDS_OUTSIDE;
-    if (state->tip.depth - tip_entry_depth(state) < seeds_strand_length(size, count, spacing)) return SEEDS_TOO_LONG;
+    if (state->tip.place.phase != TIP_INSIDE) return SEEDS_OUTSIDE;
+    return state->tip.place.depth - tip_entry_depth(state) < seeds_strand_length(size, count, spacing) ? SEEDS_TOO_LONG : SEEDS_ACCEPTED;
+}
+
+seed_refusal seeds_drop(const insertion_model *model, const seed_size *size, const insertion_state *state, int needle, int count, double spacing, seed_list *list) {
+    seed_refusal refusal = refuse(model, size, state, needle, count, spacing, list);
+    if (refusal != SEEDS_ACCEPTED) return refusal;
 
     double pitch = spacing == 0.0 ? size->spacing : spacing;
-    track_site site = {state->tip.depth, state->tip.nominal, state->tip.tet, contacts_passed(state) - 1};
+    track_site site = {state->tip.place.depth, state->tip.place.nominal, state->tip.place.tet, contacts_passed(state) - 1};
     seed_drop drop = {.count = count};
     for (int i = 0; i < count; i++) {
-        double depth = state->tip.depth - i * pitch;
+        double depth = state->tip.place.depth - i * pitch;
         drop.seeds[i] = (seed){.needle = needle, .strand = i};
         note_hole(model, state, &drop.seeds[i]);
         drop.uncovered[i] = depth - size->length;
@@ -95,7 +107,7 @@ seed_refusal seeds_drop(const insertion_model *model, const seed_size *size, con
 
 void seeds_follow(const insertion_state *state, int needle, seed_list *list) {
     seed_drop *drop = &list->drops[needle];
-    double depth = state->tip.phase == TIP_FREE ? -INFINITY : state->tip.depth;
+    double depth = state->tip.place.phase == TIP_FREE ? -INFINITY : state->tip.place.depth;
     while (drop->placed < drop->count && depth <= drop->uncovered[drop->placed]) list->seeds[list->count++] = drop->seeds[drop->placed++];
 }
 

@@ -1,11 +1,11 @@
-/* Brachytherapy seeds: material points of the tissue that a needle has left there. Plain data. See README.md, "Seeds". */
+/* Brachytherapy seeds: material points of the tissue that a needle has left there. Plain data. See core/README.md, "Seeds". */
 #ifndef TROCAR_SEEDS_H
 #define TROCAR_SEEDS_H
 
 #include <string.h>
 
-#include "insertion/insertion_model.h"
-#include "insertion/insertion_state.h"
+#include "insertion/state/insertion_model.h"
+#include "insertion/state/insertion_state.h"
 #include "remesh/snapshot.h"
 
 enum { MAX_SEEDS = 256, MAX_STRAND = 16 };

@@ -6,7 +6,7 @@
 
 #include "base/cache_line.h"
 #include "base/memory.h"
-#include "insertion/local_compliance.h"
+#include "insertion/state/local_compliance.h"
 #include "remesh/free_displacement.h"
 #include "remesh/refined_field.h"
 #include "tissue/blas.h"
@@ -258,32 +258,52 @@ trocar_status simulation_create_model(const simulation_config *config, simulatio
 
 /* ---- sharing the inverse ---------------------------------------------------------------------------------------------- */
 
-/* The first key that differs, of those on which mesh, stiffness or inverse depend; NULL: none does. `text` has room for a key. */
-static const char *stiffness_key_that_differs(const simulation_config *a, const simulation_config *b, char *text, size_t size) {
-    if (strcmp(a->mesh_path, b->mesh_path) != 0) return "mesh";
-    if (a->mesh_unit != b->mesh_unit) return "mesh_unit";
+static bool same_names(int count, const char (*a)[MESH_NAME], const char (*b)[MESH_NAME]) {
+    for (int i = 0; i < count; i++)
+        if (strcmp(a[i], b[i]) != 0) return false;
+    return true;
+}
+
+/* The first key of regions that differs, in `text`; NULL: none does. */
+static const char *region_key_that_differs(const simulation_config *a, const simulation_config *b, char *text, size_t size) {
     if (a->region_count != b->region_count) return "regions";
     for (int i = 0; i < a->region_count; i++) {
         const region_config *r = &a->regions[i], *q = &b->regions[i];
-        bool same_modulus = r->material.youngs_modulus == q->material.youngs_modulus, same_ratio = r->material.poisson_ratio == q->material.poisson_ratio;
-        if (strcmp(r->name, q->name) == 0 && same_modulus && same_ratio) continue;
-        snprintf(text, size, "regions[%d].%s", i, strcmp(r->name, q->name) != 0 ? "name" : same_modulus ? "poisson_ratio" : "youngs_modulus");
+        bool same_name = strcmp(r->name, q->name) == 0, same_modulus = r->material.youngs_modulus == q->material.youngs_modulus;
+        if (same_name && same_modulus && r->material.poisson_ratio == q->material.poisson_ratio) continue;
+        snprintf(text, size, "regions[%d].%s", i, !same_name ? "name" : !same_modulus ? "youngs_modulus" : "poisson_ratio");
         return text;
     }
-    if (a->fixed_count != b->fixed_count) return "fixed";
-    for (int i = 0; i < a->fixed_count; i++)
-        if (strcmp(a->fixed[i], b->fixed[i]) != 0) return "fixed";
-    if (a->volumetric != b->volumetric) return "volumetric_strain";
-    if (a->inverse != b->inverse) return "inverse";
-    if (a->precision != b->precision) return "inverse_precision";
-    if (a->remeshing != b->remeshing) return "remeshing";
-    /* The nodes of a condensed inverse lie around the first membrane and the probe, unless the scene gives them. */
-    bool same_region = a->roi.region_count == b->roi.region_count && a->roi.radius == b->roi.radius &&
-                       memcmp(&a->roi.from, &b->roi.from, sizeof a->roi.from) == 0 && memcmp(&a->roi.to, &b->roi.to, sizeof a->roi.to) == 0;
-    for (int i = 0; i < a->roi.region_count && same_region; i++) same_region = strcmp(a->roi.regions[i], b->roi.regions[i]) == 0;
-    if (!same_region) return "region_of_interest";
-    if (strcmp(a->membrane_count > 0 ? a->membranes[0].name : "", b->membrane_count > 0 ? b->membranes[0].name : "") != 0) return "membranes[0].name";
-    return strcmp(a->probe.surface, b->probe.surface) != 0 ? "probe.surface" : NULL;
+    return NULL;
+}
+
+static bool same_roi(const roi_config *a, const roi_config *b) {
+    return a->region_count == b->region_count && a->radius == b->radius && memcmp(&a->from, &b->from, sizeof a->from) == 0 && memcmp(&a->to, &b->to, sizeof a->to) == 0
+        && same_names(a->region_count, a->regions, b->regions);
+}
+
+static const char *first_membrane(const simulation_config *c) { return c->membrane_count > 0 ? c->membranes[0].name : ""; }
+
+/* The first key that differs, of those on which mesh, stiffness or inverse depend; NULL: none does. `text` has room for a key. The nodes of a condensed inverse
+   lie around the first membrane and the probe, unless the scene gives them. */
+static const char *stiffness_key_that_differs(const simulation_config *a, const simulation_config *b, char *text, size_t size) {
+    const char *of_region = region_key_that_differs(a, b, text, size);
+    const struct { bool same; const char *key; } keys[] = {
+        {strcmp(a->mesh_path, b->mesh_path) == 0, "mesh"},
+        {a->mesh_unit == b->mesh_unit, "mesh_unit"},
+        {of_region == NULL, of_region},
+        {a->fixed_count == b->fixed_count && same_names(a->fixed_count, a->fixed, b->fixed), "fixed"},
+        {a->volumetric == b->volumetric, "volumetric_strain"},
+        {a->inverse == b->inverse, "inverse"},
+        {a->precision == b->precision, "inverse_precision"},
+        {a->remeshing == b->remeshing, "remeshing"},
+        {same_roi(&a->roi, &b->roi), "region_of_interest"},
+        {strcmp(first_membrane(a), first_membrane(b)) == 0, "membranes[0].name"},
+        {strcmp(a->probe.surface, b->probe.surface) == 0, "probe.surface"},
+    };
+    for (size_t i = 0; i < sizeof keys / sizeof *keys; i++)
+        if (!keys[i].same) return keys[i].key;
+    return NULL;
 }
 
 trocar_status simulation_derive(const simulation *base, const simulation_config *config, simulation *s, report *why) {

@@ -2,8 +2,8 @@
 #ifndef TROCAR_SIMULATION_H
 #define TROCAR_SIMULATION_H
 
-#include "insertion/insertion.h"
 #include "insertion/seeds.h"
+#include "insertion/step/insertion.h"
 #include "inverse/inverse_choice.h"
 #include "probe/probe.h"
 #include "remesh/remesh.h"

@@ -38,7 +38,7 @@ trocar_status needle_create(const needle_parameters *given, needle_model *model,
 
 /* ---- the rod ------------------------------------------------------------------------------------------------------------- */
 
-void needle_rest(const needle_model *model, pose base, needle_state *state) {
+void needle_set_straight(const needle_model *model, pose base, needle_state *state) {
     int n = model->given.segments;
     rod_frames of;
     quat frame = base.orientation;
@@ -48,7 +48,7 @@ void needle_rest(const needle_model *model, pose base, needle_state *state) {
 }
 
 /* No load twists the rod, so that every segment turns about its own axis by as much as the base does. */
-void needle_hold(const needle_model *model, pose base, needle_state *state) {
+void needle_move_base(const needle_model *model, pose base, needle_state *state) {
     double roll = q_roll_between(state->base.orientation, base.orientation);
     quat turn = q_exp(v3(0, 0, roll));
     rod_frames of;
@@ -71,7 +71,7 @@ void needle_motion_of(const needle_model *model, const needle_state *before, con
     for (int k = 0; k < model->given.segments; k++) motion->turn[k] = q_multiply(after->frames[k], q_conjugate(before->frames[k]));
 }
 
-bool needle_go_on(const needle_model *model, const needle_motion *motion, double dt, needle_state *state) {
+bool needle_extrapolate(const needle_model *model, const needle_motion *motion, double dt, needle_state *state) {
     bool known = motion->time > 0.0 && dt <= FARTHEST * motion->time;
     if (known) rod_go_on(model, motion, dt / motion->time, state);
     return known;

@@ -11,14 +11,14 @@
 trocar_status needle_create(const needle_parameters *given, needle_model *model, report *why);
 
 /* Sets the needle straight and unloaded, with its base at `base`. RT */
-void needle_rest(const needle_model *model, pose base, needle_state *state);
+void needle_set_straight(const needle_model *model, pose base, needle_state *state);
 
 /* Where the end of a straight needle with this base is, m. RT */
 static inline vec3 needle_straight_end(const needle_model *model, pose base) { return v3_axpy(model->given.length, q_axis(base.orientation), base.position); }
 
 /* Moves the base. The needle moves with it, and each segment turns about its own axis as the base does about its; the axes keep their
    directions until the next solve. RT */
-void needle_hold(const needle_model *model, pose base, needle_state *state);
+void needle_move_base(const needle_model *model, pose base, needle_state *state);
 
 /* The point of the centreline at a distance from the base along it (m), and those at several, into *points[0] to *points[count - 1]. RT */
 needle_point needle_at(const needle_model *model, const needle_state *state, double arc);
@@ -36,7 +36,7 @@ double needle_advance(const needle_model *model, const needle_tangent *tangent, 
 
 /* What has changed the shape from one to the other in `dt` seconds, and a guess at the shape after `dt` more: false, and no change, if there is none. RT */
 void needle_motion_of(const needle_model *model, const needle_state *before, const needle_state *after, double dt, needle_motion *motion);
-bool needle_go_on(const needle_model *model, const needle_motion *motion, double dt, needle_state *state);
+bool needle_extrapolate(const needle_model *model, const needle_motion *motion, double dt, needle_state *state);
 
 /* Elastic moment at the base in the current shape, world frame, N m; in equilibrium equal to the moment of the loads. */
 vec3 needle_root_moment(const needle_model *model, const needle_state *state);

@@ -4,9 +4,9 @@
 #include <stdlib.h>
 #include <string.h>
 
-#include "insertion/creep.h"
-#include "insertion/guides.h"
-#include "insertion/insertion.h"
+#include "insertion/guide/guides.h"
+#include "insertion/memory/creep.h"
+#include "insertion/step/insertion.h"
 
 static const double STEP_SHIFT = 0.3e-3; /* m: by which the base moves in one step of 1 ms to where it rests, at most. Chosen: 0.3 m/s, as fast as a hand inserts */
 static const double STEP_TURN = 3e-3; /* rad: by which it turns in one step, at most. Chosen */
@@ -31,25 +31,25 @@ static vec3 direction_of(const resting_needle *r, int u) {
 static int element_of(const mesh *m, const insertion_state *state, const contact_point *p, double weights[4]) {
     if (p->kind == POINT_GUIDE) return -1;
     if (p->kind == POINT_TIP) {
-        memcpy(weights, state->tip.known_weights, 4 * sizeof *weights);
-        return state->tip.known_tet;
+        memcpy(weights, state->tip.known.weights, 4 * sizeof *weights);
+        return state->tip.known.tet;
     }
     const added_node *node = &state->refined.nodes[p->handle];
     mesh_barycentric(m, node->tet, node->position, weights);
     return node->tet;
 }
 
-static void take_rows(const tick_context *tick, resting_needle *r) {
+static void take_rows(const mesh *m, const insertion_state *state, resting_needle *r) {
     for (int u = 0; u < r->unknown_count; u++) {
         attached_row *row = &r->rows[u];
-        row->tet = element_of(tick->model->mesh, tick->state, &r->points[point_of(r, u)], row->weights);
+        row->tet = element_of(m, state, &r->points[point_of(r, u)], row->weights);
         row->direction = direction_of(r, u);
     }
 }
 
-static void take_places(const tick_context *tick, resting_needle *r) {
-    insertion_place_loads(tick->model, tick->state, &r->places);
-    shaft_steps_lay(tick->model->mesh, &r->places, 0.0, &r->steps);
+static void take_places(const insertion_model *model, const insertion_state *state, resting_needle *r) {
+    insertion_place_loads(model, state, &r->places);
+    shaft_steps_lay(model->mesh, &r->places, 0.0, &r->steps);
 }
 
 int resting_place(const resting_needle *r, int u) {
@@ -104,12 +104,11 @@ trocar_status resting_mutual(needle_pairs *pairs, const resting_needle *r, const
 }
 
 /* The tissue's compliance between points that are interpolated in the nominal mesh: `blocks`, 3 point_count square. */
-static trocar_status interpolated(const tick_context *tick, inverse *inv, const resting_needle *r, double *blocks, report *why) {
-    const mesh *m = tick->model->mesh;
+static trocar_status interpolated(const mesh *m, const insertion_state *state, inverse *inv, const resting_needle *r, double *blocks, report *why) {
     int count = 0, nodes[4 * MAX_POINTS], place[MAX_POINTS][4], ld = 3 * r->point_count;
     double weights[MAX_POINTS][4];
     for (int i = 0; i < r->point_count; i++) {
-        int tet = element_of(m, tick->state, &r->points[i], weights[i]);
+        int tet = element_of(m, state, &r->points[i], weights[i]);
         for (int c = 0; c < 4; c++) {
             place[i][c] = -1;
             if (tet < 0) continue;
@@ -135,12 +134,12 @@ static trocar_status interpolated(const tick_context *tick, inverse *inv, const 
 }
 
 /* What the contact problem has assembled, without the nominal mesh's part. The tip's rows have nothing else of the tissue. */
-static trocar_status take_compliance(const tick_context *tick, inverse *inv, resting_needle *r, report *why) {
-    const contact_problem *p = &tick->scratch->problem;
+static trocar_status take_compliance(const mesh *m, const insertion_state *state, const insertion_workspace *w, inverse *inv, resting_needle *r, report *why) {
+    const contact_problem *p = &w->problem;
     int ld = 3 * r->point_count;
-    double *blocks = malloc((size_t)ld * (size_t)ld * sizeof *blocks), yield = tick->scratch->creep.yield;
+    double *blocks = malloc((size_t)ld * (size_t)ld * sizeof *blocks), yield = w->creep.yield;
     if (!blocks) return fail(why, TROCAR_NO_MEMORY, "no memory for a resting needle");
-    trocar_status status = interpolated(tick, inv, r, blocks, why);
+    trocar_status status = interpolated(m, state, inv, r, blocks, why);
     for (int u = 0; u < r->unknown_count && status == TROCAR_OK; u++)
         for (int v = 0; v <= u; v++) {
             mat3 block = {{{0}}};
@@ -160,8 +159,8 @@ static void uncouple(resting_needle *r, int u) {
     for (int k = 0; k < r->motion_count; k++) r->motions[k][u] = 0.0;
 }
 
-static bool is_open(const tick_context *tick, const resting_needle *r, int u) {
-    if (guides_is_open(tick->scratch, point_of(r, u))) return true;
+static bool is_open(const insertion_workspace *w, const resting_needle *r, int u) {
+    if (guides_is_open(&w->points, w->edges, point_of(r, u))) return true;
     int axial = u - 2 * r->point_count;
     return axial >= 0 && r->upper[axial] <= 0.0 && r->lower[axial] >= 0.0;
 }
@@ -169,9 +168,7 @@ static bool is_open(const tick_context *tick, const resting_needle *r, int u) {
 static vec3 displaced(base_motion t, vec3 lever) { return v3_add(t.shift, v3_cross(t.turn, lever)); }
 
 /* Orthonormal motions of the rows, and the base's that cause them. Turns count by the arc that they describe at the tip. */
-static void take_motions(const tick_context *tick, resting_needle *r) {
-    pose base = tick->state->needle.base;
-    double length = tick->model->needle->given.length;
+static void take_motions(const insertion_workspace *w, pose base, double length, resting_needle *r) {
     vec3 x = q_rotate(base.orientation, v3(1.0 / length, 0, 0)), y = q_rotate(base.orientation, v3(0, 1.0 / length, 0));
     const base_motion given[MAX_MOTIONS] = {{.shift = {1, 0, 0}}, {.shift = {0, 1, 0}}, {.shift = {0, 0, 1}}, {.turn = x}, {.turn = y}};
     r->motion_count = 0;
@@ -180,7 +177,7 @@ static void take_motions(const tick_context *tick, resting_needle *r) {
         base_motion t = given[g];
         for (int u = 0; u < r->unknown_count; u++) {
             vec3 lever = v3_sub(r->points[point_of(r, u)].at.position, base.position);
-            rows[u] = is_open(tick, r, u) ? 0.0 : v3_dot(direction_of(r, u), displaced(t, lever));
+            rows[u] = is_open(w, r, u) ? 0.0 : v3_dot(direction_of(r, u), displaced(t, lever));
             size += rows[u] * rows[u];
         }
         for (int round = 0; round < 2; round++)
@@ -207,15 +204,13 @@ static void put_force(const resting_needle *r, int point, vec3 force, double sha
     if (r->points[point].kind == POINT_TIP) unknowns[unknown(count, point, 2) + 1] = shaft;
 }
 
-static void take_forces(const tick_context *tick, resting_needle *r) {
-    insertion_state *state = tick->state;
-    const insertion_model *model = tick->model;
+static void take_forces(const insertion_model *model, const insertion_state *state, int guided, resting_needle *r) {
     for (int i = 0; i < r->point_count; i++) {
         const contact_point *p = &r->points[i];
         bool tip = p->kind == POINT_TIP;
-        put_force(r, i, *point_force(state, p), tip ? state->tip.shaft.traction * (p->share.to - p->share.from) : 0.0, r->anchor_force);
+        put_force(r, i, point_force(state, p), tip ? state->tip.shaft.traction * (p->share.to - p->share.from) : 0.0, r->anchor_force);
         if (p->kind == POINT_GUIDE) continue;
-        vec3 beside = tip ? v3_add(state->tip.damping, creep_tip_load(model, &state->memory)) : creep_load(model, &state->memory, i - tick->scratch->guided);
+        vec3 beside = tip ? v3_add(state->tip.dent.damping, creep_tip_load(model, &state->memory)) : creep_load(model, &state->memory, i - guided);
         put_force(r, i, beside, 0.0, r->beside);
     }
 }
@@ -233,27 +228,24 @@ void resting_bore(const insertion_model *model, const insertion_state *held, res
         const contact_point *p = &r->points[i];
         vec3 load = v3(0, 0, 0);
         if (p->kind == POINT_TISSUE) load = contact_load(model, held, p->handle, r->anchor.refined.nodes[p->handle].id);
-        if (p->kind == POINT_TIP && held->tip.phase == TIP_INSIDE) load = v3_add(tip_load(&held->tip), creep_tip_load(model, &held->memory));
+        if (p->kind == POINT_TIP && held->tip.place.phase == TIP_INSIDE) load = v3_add(tip_load(&held->tip), creep_tip_load(model, &held->memory));
         put_force(r, i, load, 0.0, r->fading);
     }
 }
 
-static trocar_status linearise(const tick_context *given, inverse *inv, bool loaded, resting_scratch *scratch, resting_needle *r, report *why) {
-    tick_context tick = *given;
-    insertion_workspace *w = tick.scratch = &scratch->workspace;
+static trocar_status linearise(const tick_input *given, const insertion_state *state, inverse *inv, bool loaded, resting_scratch *scratch, resting_needle *r, report *why) {
+    tick_input tick = *given;
+    insertion_workspace *w = &scratch->workspace;
     tick_output ignored = {0};
-    tick.output = &ignored;
-    scratch->state = *given->state;
-    r->anchor = *given->state;
-    tick.state = &scratch->state;
-    tick.base = (mount){.pose = given->state->needle.base};
-    if (!insertion_linearise(&tick, loaded)) return fail(why, TROCAR_BAD_INPUT, "it is not in the tissue: only what is in the tissue rests there");
+    scratch->state = r->anchor = *state; /* linearising goes on with the copy's memory */
+    tick.base = (mount){.pose = state->needle.base};
+    if (!insertion_linearise(&tick, &scratch->state, w, &ignored, loaded)) return fail(why, TROCAR_BAD_INPUT, "it is not in the tissue: only what is in the tissue rests there");
     const contact_problem *p = &w->problem;
     r->point_count = p->count;
     r->axial_count = p->axial_count;
     r->unknown_count = 2 * p->count + p->axial_count;
-    r->tip = w->tip;
-    memcpy(r->points, w->points, (size_t)p->count * sizeof *r->points);
+    r->tip = w->points.tip;
+    memcpy(r->points, w->points.list, (size_t)p->count * sizeof *r->points);
     memcpy(r->lower, p->lower, (size_t)p->axial_count * sizeof *r->lower);
     memcpy(r->upper, p->upper, (size_t)p->axial_count * sizeof *r->upper);
     memset(r->anchor_force, 0, sizeof r->anchor_force);
@@ -263,16 +255,15 @@ static trocar_status linearise(const tick_context *given, inverse *inv, bool loa
     memset(r->slid, 0, sizeof r->slid);
     memset(r->motion, 0, sizeof r->motion);
     memset(r->free_motion, 0, sizeof r->free_motion);
-    take_rows(&tick, r);
-    take_places(&tick, r);
-    take_motions(&tick, r);
-    tick.state = given->state; /* linearising has gone on with the copy's memory */
-    take_forces(&tick, r);
+    take_rows(tick.model->mesh, &scratch->state, r);
+    take_places(tick.model, &scratch->state, r);
+    take_motions(w, scratch->state.needle.base, tick.model->needle->given.length, r);
+    take_forces(tick.model, state, w->points.guided, r);
     memcpy(r->force, r->anchor_force, sizeof r->force);
     memcpy(r->free_force, r->anchor_force, sizeof r->free_force);
-    trocar_status status = take_compliance(&tick, inv, r, why);
+    trocar_status status = take_compliance(tick.model->mesh, state, w, inv, r, why);
     for (int u = 0; u < r->unknown_count && status == TROCAR_OK; u++)
-        if (is_open(&tick, r, u)) uncouple(r, u);
+        if (is_open(w, r, u)) uncouple(r, u);
     return status;
 }
 
@@ -284,9 +275,9 @@ static bool is_definite(const resting_needle *r, resting_scratch *scratch) {
 
 /* A needle that would buckle under its forces, were it not for the tissue, is taken to be as stiff as without them: what can be attached is
    stable by itself. */
-trocar_status resting_linearise(const tick_context *tick, inverse *inv, resting_scratch *scratch, resting_needle *r, report *why) {
-    trocar_status status = linearise(tick, inv, true, scratch, r, why);
-    return status != TROCAR_OK || is_definite(r, scratch) ? status : linearise(tick, inv, false, scratch, r, why);
+trocar_status resting_linearise(const tick_input *tick, const insertion_state *state, inverse *inv, resting_scratch *scratch, resting_needle *r, report *why) {
+    trocar_status status = linearise(tick, state, inv, true, scratch, r, why);
+    return status != TROCAR_OK || is_definite(r, scratch) ? status : linearise(tick, state, inv, false, scratch, r, why);
 }
 
 attachment resting_attachment(const resting_needle *r) {
@@ -357,13 +348,13 @@ static void put_back(const resting_needle *r, insertion_state *state) {
         int face = unknown(count, i, 2);
         bool tip = p->kind == POINT_TIP;
         double along = f[face] + (tip ? f[face + 1] : 0.0), length = p->share.to - p->share.from;
-        *point_force(state, p) = m3_apply(&p->at.frame, v3(f[2 * i], f[2 * i + 1], along));
+        point_set_force(state, p, m3_apply(&p->at.frame, v3(f[2 * i], f[2 * i + 1], along)));
         if (p->kind == POINT_GUIDE) {
             state->guides[p->guide].faces[p->face].slip += r->slip[i];
         } else if (tip) {
-            state->tip.end_force = f[face];
+            state->tip.solved.end_force = f[face];
             state->tip.shaft.traction = f[face + 1] / length;
-            state->tip.slip += r->slip[i];
+            state->tip.solved.slip += r->slip[i];
             state->tip.shaft.slip += r->slip[i + 1];
             state->tip.shaft.slid += r->slid[i + 1];
         } else {
@@ -398,7 +389,7 @@ void resting_show(const insertion_model *model, const resting_needle *r, needle_
     vec3 load[NEEDLE_MAX_SEGMENTS + 1] = {{0, 0, 0}};
     for (int i = 0; i < r->point_count; i++) {
         const needle_point *p = &r->points[i].at;
-        vec3 force = *point_force(state, &r->points[i]);
+        vec3 force = point_force(state, &r->points[i]);
         for (int k = 0; k < 3; k++) load[p->first + k] = v3_axpy(-p->weights[k], force, load[p->first + k]);
     }
     needle_linearise(model->needle, needle, load, 0, tangent);

@@ -3,7 +3,7 @@
 #ifndef TROCAR_RESTING_NEEDLE_H
 #define TROCAR_RESTING_NEEDLE_H
 
-#include "insertion/tick.h"
+#include "insertion/state/tick.h"
 #include "inverse/inverse_attached.h"
 #include "remesh/needle_pairs.h"
 
@@ -35,16 +35,16 @@ typedef struct {
     double slip[MAX_AXIAL], slid[MAX_AXIAL];       /* m, of the shaft forward past the tissue since the anchor; and the total distance slid */
 } resting_needle;
 
-/* What linearising takes beside a tick's context: of the worker. */
+/* What linearising takes beside a tick's input: of the worker. */
 typedef struct {
     insertion_workspace workspace;
     insertion_state state;
     double matrix[MAX_UNKNOWNS][MAX_UNKNOWNS];
 } resting_scratch;
 
-/* Linearises about tick->state, an equilibrium, whose rows tick->snapshot holds as `inv` gives them now. Leaves tick->state as it is. BAD_INPUT
+/* Linearises about `state`, an equilibrium, whose rows tick->snapshot holds as `inv` gives them now. BAD_INPUT
    if the needle touches no tissue. Allocates. */
-trocar_status resting_linearise(const tick_context *tick, inverse *inv, resting_scratch *scratch, resting_needle *r, report *why);
+trocar_status resting_linearise(const tick_input *tick, const insertion_state *state, inverse *inv, resting_scratch *scratch, resting_needle *r, report *why);
 
 /* Puts what its rows bore in `held`, the state in which the hand let go of it, into r->fading. After resting_linearise. */
 void resting_bore(const insertion_model *model, const insertion_state *held, resting_needle *r);

@@ -5,8 +5,8 @@
 #include <time.h>
 
 #include "api/api.h"
-#include "insertion/prefetch.h"
-#include "insertion/tip.h"
+#include "insertion/tip/prefetch.h"
+#include "insertion/tip/tip.h"
 
 static const double REST = 0.5; /* s, before a script starts, so that the needle's line is known */
 
@@ -89,9 +89,9 @@ static void follow_contacts(scale_run *run) {
 /* The contact node of an element should be active when the tip leaves it; after a leap at a membrane, when the tip would have left
    at the hand's speed. */
 static void leave_element(scale_run *run) {
-    double depth = run->state.tip.depth, due = fmax(run->now, run->entered_at + (depth - run->entered_depth) / run->speed);
+    double depth = run->state.tip.place.depth, due = fmax(run->now, run->entered_at + (depth - run->entered_depth) / run->speed);
     for (int i = 0; i < contacts_passed(&run->state); i++)
-        if (run->state.refined.nodes[run->state.refined.order[i]].tet != run->state.tip.tet) run->contacts[i].due = fmin(run->contacts[i].due, due);
+        if (run->state.refined.nodes[run->state.refined.order[i]].tet != run->state.tip.place.tet) run->contacts[i].due = fmin(run->contacts[i].due, due);
     run->result->crossings++;
 }
 
@@ -114,12 +114,12 @@ static void note_progress(scale_run *run) {
 
 static void note_crossing(scale_run *run) {
     const insertion_state *state = &run->state;
-    int tet = state->tip.phase == TIP_INSIDE ? state->tip.tet : -1;
+    int tet = state->tip.place.phase == TIP_INSIDE ? state->tip.place.tet : -1;
     follow_contacts(run);
-    if (tet >= 0 && run->tet >= 0 && tet != run->tet && state->tip.depth > run->entered_depth) leave_element(run);
+    if (tet >= 0 && run->tet >= 0 && tet != run->tet && state->tip.place.depth > run->entered_depth) leave_element(run);
     if (tet >= 0 && tet != run->tet) {
         run->entered_at = run->now;
-        run->entered_depth = state->tip.depth;
+        run->entered_depth = state->tip.place.depth;
     }
     note_progress(run);
     run->tet = tet;
@@ -130,8 +130,8 @@ static trocar_status run_tick(scale_run *run, pose base, double dt, report *why)
     trocar_status status = work(run, why);
     if (status != TROCAR_OK) return status;
     int64_t start = processor_ns();
-    insertion_tick(&(tick_context){.model = &run->sim->model->parts.insertion, .state = &run->state, .snapshot = run->snapshot,
-                                   .scratch = run->sim->workspace, .base = {.pose = base}, .dt = dt, .output = &wrench});
+    insertion_tick(&(tick_input){.model = &run->sim->model->parts.insertion, .snapshot = run->snapshot, .base = {.pose = base}, .dt = dt},
+                   &run->state, run->sim->workspace, &wrench);
     histogram_add(&run->result->tick, processor_ns() - start);
     run->result->late_ticks += (wrench.events & EVENT_LATE) != 0;
     if (wrench.contacts > run->result->most_contacts) run->result->most_contacts = wrench.contacts;

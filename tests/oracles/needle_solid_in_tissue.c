@@ -16,10 +16,10 @@ static struct {
     const needle_tangent *of; /* which is this one */
 } s;
 
-void __real_needle_rest(const needle_model *model, pose base, needle_state *state);
-void __wrap_needle_rest(const needle_model *model, pose base, needle_state *state);
-void __real_needle_hold(const needle_model *model, pose base, needle_state *state);
-void __wrap_needle_hold(const needle_model *model, pose base, needle_state *state);
+void __real_needle_set_straight(const needle_model *model, pose base, needle_state *state);
+void __wrap_needle_set_straight(const needle_model *model, pose base, needle_state *state);
+void __real_needle_move_base(const needle_model *model, pose base, needle_state *state);
+void __wrap_needle_move_base(const needle_model *model, pose base, needle_state *state);
 void __real_needle_linearise(const needle_model *model, const needle_state *state, const vec3 *load, int first, needle_tangent *tangent);
 void __wrap_needle_linearise(const needle_model *model, const needle_state *state, const vec3 *load, int first, needle_tangent *tangent);
 double __real_needle_advance(const needle_model *model, const needle_tangent *tangent, const vec3 *load, needle_state *state);
@@ -61,9 +61,9 @@ static solid_state *next_shape(const solid_state *from) {
     return to;
 }
 
-void __wrap_needle_rest(const needle_model *model, pose base, needle_state *state) {
+void __wrap_needle_set_straight(const needle_model *model, pose base, needle_state *state) {
     if (!s.on) {
-        __real_needle_rest(model, base, state);
+        __real_needle_set_straight(model, base, state);
         return;
     }
     solid_state *shape = next_shape(NULL);
@@ -71,9 +71,9 @@ void __wrap_needle_rest(const needle_model *model, pose base, needle_state *stat
     *state = shape->line;
 }
 
-void __wrap_needle_hold(const needle_model *model, pose base, needle_state *state) {
+void __wrap_needle_move_base(const needle_model *model, pose base, needle_state *state) {
     if (!s.on) {
-        __real_needle_hold(model, base, state);
+        __real_needle_move_base(model, base, state);
         return;
     }
     solid_state *shape = next_shape(shape_of(state));

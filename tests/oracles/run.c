@@ -21,14 +21,13 @@ void run_free(needle_run *r) {
     remesher_free(r->remesher);
 }
 
-trocar_status run_step(needle_run *r, tick_context tick, compliance_snapshot *snapshot, report *why) {
+trocar_status run_step(needle_run *r, tick_input tick, insertion_state *state, compliance_snapshot *snapshot, tick_output *output, report *why) {
     tick.model = &r->parts->insertion;
-    tick.scratch = r->workspace;
     tick.snapshot = snapshot;
-    insertion_tick(&tick);
-    if (!insertion_is_finite(tick.state, tick.output)) insertion_start_over(&r->parts->insertion, tick.base.pose, tick.state, tick.output);
-    if (snapshot->serial == tick.state->request.serial) return TROCAR_OK;
-    return remesher_answer(r->remesher, &tick.state->request, snapshot, why);
+    insertion_tick(&tick, state, r->workspace, output);
+    if (!insertion_is_finite(state, output)) insertion_start_over(&r->parts->insertion, tick.base.pose, state, output);
+    if (snapshot->serial == state->request.serial) return TROCAR_OK;
+    return remesher_answer(r->remesher, &state->request, snapshot, why);
 }
 
 void run_save(const insertion_state *state, const compliance_snapshot *snapshot, checkpoint *saved) {

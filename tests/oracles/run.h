@@ -15,9 +15,9 @@ typedef struct {
 trocar_status run_create(simulation *parts, needle_run *r, report *why);
 void run_free(needle_run *r);
 
-/* One tick, then the remesher serves what it asked for, for the next tick. Deterministic. The caller sets state, base, dt and output of `tick`; the
-   rest is set here. */
-trocar_status run_step(needle_run *r, tick_context tick, compliance_snapshot *snapshot, report *why);
+/* One tick, then the remesher serves what it asked for, for the next tick. Deterministic. The caller sets base and dt of `tick`; the rest is
+   set here. */
+trocar_status run_step(needle_run *r, tick_input tick, insertion_state *state, compliance_snapshot *snapshot, tick_output *output, report *why);
 
 /* Everything that changes, as it is between two ticks: plain data, about 2 MB. */
 typedef struct {

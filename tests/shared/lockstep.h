@@ -72,8 +72,8 @@ static inline void lockstep_free(lockstep *l) {
 static inline void lockstep_tick(lockstep *l, pose base, double dt) {
     report why;
     l->base = base;
-    tick_context tick = {.state = &l->state, .base = {base, l->base_compliance}, .dt = dt, .output = &l->wrench};
-    if (run_step(&l->run, tick, l->snapshot, &why) != TROCAR_OK) {
+    tick_input tick = {.base = {base, l->base_compliance}, .dt = dt};
+    if (run_step(&l->run, tick, &l->state, l->snapshot, &l->wrench, &why) != TROCAR_OK) {
         fprintf(stderr, "%s\n", why.text);
         abort();
     }

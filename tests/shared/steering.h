@@ -75,7 +75,7 @@ static inline steering_track steering_run(const steering_case *given) {
     }
     steering_track track = {.count = 1, .points = {l->state.entry}};
     for (int i = 0; i < contacts_active(&l->state); i++) track.points[track.count++] = l->state.contacts[i].track;
-    track.points[track.count++] = l->state.tip.nominal;
+    track.points[track.count++] = l->state.tip.place.nominal;
     lockstep_free(l);
     return track;
 }

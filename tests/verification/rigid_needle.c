@@ -10,11 +10,11 @@
 #include <stdlib.h>
 #include <string.h>
 
-#include "insertion/local_compliance.h"
-#include "insertion/shaft.h"
 #include "oracles/run.h"
-#include "insertion/tip.h"
-#include "insertion/prefetch.h"
+#include "insertion/state/local_compliance.h"
+#include "insertion/state/shaft.h"
+#include "insertion/tip/prefetch.h"
+#include "insertion/tip/tip.h"
 #include "remesh/snapshot_kernels.h"
 
 typedef struct {
@@ -65,7 +65,7 @@ static double local_between(const insertion_model *model, const insertion_state 
         lateral_axial line = local_line_stiffness(&model->materials[s->strata[k].region]);
         stiffness += fmax(bottom - top, 0.0) * (along ? line.axial : line.lateral);
     }
-    double end = line_end_at(&resolved->end, s->tip.depth - 0.5 * (from + to));
+    double end = line_end_at(&resolved->end, s->tip.place.depth - 0.5 * (from + to));
     return (along ? logarithm.axial : logarithm.lateral + resolved->uneven.m[axis][axis] + end) / stiffness;
 }
 
@@ -74,15 +74,15 @@ static int assemble(const body *b, int axis, double *a, double *tip_alone) {
     const insertion_state *s = &b->state;
     const insertion_model *model = &b->simulation.insertion;
     int contacts = contacts_passed(s), n = contacts + 1, handles[4];
-    const int *corners = model->mesh->tets[s->tip.tet];
+    const int *corners = model->mesh->tets[s->tip.place.tet];
     double weights[4], own = 0.0;
     static insertion_state all; /* every contact active */
     all = *s;
     for (int i = 0; i < contacts; i++) all.contacts[all.refined.order[i]].status = CONTACT_ACTIVE;
-    mesh_barycentric(model->mesh, s->tip.tet, s->tip.nominal, weights);
-    const line_piece *piece = snapshot_piece(&b->snapshot, s->tip.tet);
+    mesh_barycentric(model->mesh, s->tip.place.tet, s->tip.place.nominal, weights);
+    const line_piece *piece = snapshot_piece(&b->snapshot, s->tip.place.tet);
     if (!snapshot_covers(&b->snapshot, corners, handles) || !piece) return 0;
-    resolved_field resolved = piece_at(piece, s->tip.nominal);
+    resolved_field resolved = piece_at(piece, s->tip.place.nominal);
     for (int i = 0; i < contacts; i++) {
         for (int j = 0; j < contacts; j++) a[i * n + j] = compliance_between(&b->snapshot, i, j).m[axis][axis];
         a[i * n + contacts] = a[contacts * n + i] = compliance_to_point(&b->snapshot, handles, weights, i).m[axis][axis];
@@ -91,7 +91,7 @@ static int assemble(const body *b, int axis, double *a, double *tip_alone) {
     }
     for (int c = 0; c < 4; c++) own += weights[c] * compliance_to_point(&b->snapshot, handles, weights, handles[c]).m[axis][axis];
     shaft_share share = shaft_share_of(&all, contacts, true);
-    double disc = local_at_tip(model, s->tip.tet, s->tip.nominal, s->tip.depth, 0.0, resolved.point);
+    double disc = local_at_tip(model, s->tip.place.tet, s->tip.place.nominal, s->tip.place.depth, 0.0, resolved.point);
     double shaft = local_between(model, s, &resolved, share.from, share.to, axis);
     a[contacts * n + contacts] = own + 1.0 / (1.0 / shaft + 1.0 / disc); /* in parallel */
     *tip_alone = 1e-3 / (own + disc);
@@ -119,7 +119,7 @@ static trocar_status forces_deeper(body *b, pose base, vec3 way, double *force, 
     for (int i = -2; i <= DEEPER * STEPS_PER_MM && status == TROCAR_OK; i++) {
         pose moved = base;
         moved.position = v3_axpy(1e-3 * fmax(i, 0) / STEPS_PER_MM, way, base.position);
-        status = run_step(&b->run, (tick_context){.state = &b->state, .base = {.pose = moved}, .dt = 1e-3, .output = &wrench}, &b->snapshot, why);
+        status = run_step(&b->run, (tick_input){.base = {.pose = moved}, .dt = 1e-3}, &b->state, &b->snapshot, &wrench, why);
         double now = -v3_dot(way, wrench.force);
         if (i == 0) rest = now;
         if (i > 0 && i % STEPS_PER_MM == 0) force[i / STEPS_PER_MM - 1] = now - rest;
@@ -136,7 +136,7 @@ static trocar_status force_of_tick(body *b, pose base, vec3 way, double *force, 
     *force = 0.0;
     for (int i = 0; i < 3 && status == TROCAR_OK; i++) { /* contacts become active in the second tick, the base moves in the third */
         if (i == 2) base.position = v3_axpy(1e-3, way, base.position);
-        status = run_step(&b->run, (tick_context){.state = &b->state, .base = {.pose = base}, .dt = 1e-3, .output = &wrench}, &b->snapshot, why);
+        status = run_step(&b->run, (tick_input){.base = {.pose = base}, .dt = 1e-3}, &b->state, &b->snapshot, &wrench, why);
         if (i > 0) *force = -v3_dot(way, wrench.force) - *force;
     }
     return status;

@@ -19,9 +19,9 @@ static inline double twist_yielding(const lockstep *l, const contact_point *p) {
 static inline double twist_energy_of_needle(const lockstep *l) {
     const insertion_workspace *w = l->run.workspace;
     double sum = 0.0, torque = 0.0;
-    for (int i = w->point_count - 1; i >= w->guided; i--) {
-        torque += twist_at(l, &w->points[i])->torque;
-        sum += torque * torque * (w->points[i].arc - (i > w->guided ? w->points[i - 1].arc : 0.0));
+    for (int i = w->points.count - 1; i >= w->points.guided; i--) {
+        torque += twist_at(l, &w->points.list[i])->torque;
+        sum += torque * torque * (w->points.list[i].arc - (i > w->points.guided ? w->points.list[i - 1].arc : 0.0));
     }
     return 0.5 * sum / l->simulation.needle.torsion;
 }
@@ -30,7 +30,7 @@ static inline double twist_energy_of_needle(const lockstep *l) {
 static inline double twist_energy_of_tissue(const lockstep *l) {
     const insertion_workspace *w = l->run.workspace;
     double sum = 0.0;
-    for (int i = w->guided; i < w->point_count; i++) sum += twist_yielding(l, &w->points[i]) * pow(twist_at(l, &w->points[i])->torque, 2);
+    for (int i = w->points.guided; i < w->points.count; i++) sum += twist_yielding(l, &w->points.list[i]) * pow(twist_at(l, &w->points.list[i])->torque, 2);
     return 0.5 * sum;
 }
 

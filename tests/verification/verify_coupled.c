@@ -151,7 +151,7 @@ static void check_forces(rows *r, volumetric_strain strain) {
     for (int k = 0; k < WAYS; k++) {
         lockstep_move(l, ways[k], 0.4, TICK);
         resultant load = load_on_tissue(l), reaction = reaction_of_fixed_nodes(l);
-        vec3 borne = v3_sub(l->wrench.force, l->state.tip.damping);
+        vec3 borne = v3_sub(l->wrench.force, l->state.tip.dent.damping);
         base = fmax(base, apart(v3_scale(-1, load.force), borne));
         force = fmax(force, apart(reaction.force, borne));
         moment = fmax(moment, apart(v3_scale(-1, reaction.moment), load.moment));
@@ -196,7 +196,7 @@ static void check_bending(rows *r) {
 static bool whole_shaft_slides(const lockstep *l, friction_state way) {
     for (int k = 0; k < contacts_active(&l->state); k++)
         if (l->state.contacts[k].shaft.friction != way) return false;
-    return contacts_active(&l->state) > 0 && l->state.tip.friction == way && l->state.tip.shaft.friction == way && l->state.tip.blocked_by == NOT_BLOCKED;
+    return contacts_active(&l->state) > 0 && l->state.tip.solved.friction == way && l->state.tip.shaft.friction == way && l->state.tip.barrier.blocked_by == NOT_BLOCKED;
 }
 
 /* Largest error of the axial force during a move while the whole shaft slides, against friction times depth plus (during insertion)
@@ -221,14 +221,14 @@ static double compliance_at_entry(lockstep *l) {
     const mesh *m = &l->simulation.mesh;
     vec3 *force = calloc((size_t)m->node_count, sizeof *force), *u = calloc((size_t)m->node_count, sizeof *u);
     double weights[4], sum = 0.0;
-    int tet = l->state.tip.tet;
+    int tet = l->state.tip.place.tet;
     mesh_barycentric(m, tet, l->state.entry, weights);
     for (int c = 0; c < 4; c++) force[m->tets[tet][c]].z = weights[c];
     inverse_apply(l->simulation.inverse, force, u);
     for (int c = 0; c < 4; c++) sum += weights[c] * u[m->tets[tet][c]].z;
     free(force);
     free(u);
-    return sum + l->run.workspace->axial[0]; /* plus the local compliance of the end face */
+    return sum + l->run.workspace->tissue.axial[0]; /* plus the local compliance of the end face */
 }
 
 static void check_rise(rows *r) {
@@ -340,7 +340,7 @@ static void check_exit(rows *r) {
         int exited = 0;
         for (int i = 0; i < 14500; i++) {
             lockstep_move(l, v3(1e-5, 0, 0), TICK, TICK);
-            if (l->state.tip.phase == TIP_BEYOND) exited++;
+            if (l->state.tip.place.phase == TIP_BEYOND) exited++;
             if (exited > 2000) worst = fmax(worst, fabs(-l->wrench.force.x / (FRICTION * 0.1) - 1.0));
         }
         depth = l->wrench.depth;

@@ -103,32 +103,32 @@ static vec3 displacement_at(const mesh *m, const picture *s, const point *p) {
 static void take_picture(lockstep *l, picture *s) {
     const insertion_workspace *w = l->run.workspace;
     const needle_tip *end = &l->state.tip;
-    bool tip = end->phase == TIP_INSIDE && w->problem.count == contacts_active(&l->state) + 1 && !(l->wrench.events & EVENT_TOUCHED);
+    bool tip = end->place.phase == TIP_INSIDE && w->problem.count == contacts_active(&l->state) + 1 && !(l->wrench.events & EVENT_TOUCHED);
     insertion_refinement(&l->state, &s->refined);
     run_displacement(&l->run, &l->state, s->nominal, s->added);
     s->count = contacts_active(&l->state) + 2 * tip;
-    s->tip_tet = tip ? end->known_tet : -1;
-    memcpy(s->tip_weights, end->known_weights, sizeof s->tip_weights);
+    s->tip_tet = tip ? end->known.tet : -1;
+    memcpy(s->tip_weights, end->known.weights, sizeof s->tip_weights);
     s->tissue = s->local = 0.0;
     for (int i = 0; i < s->count; i++) {
         bool at_tip = i >= contacts_active(&l->state);
         int at = i < contacts_active(&l->state) ? i : contacts_active(&l->state);
         const added_node *node = &s->refined.nodes[at];
         point *p = &s->points[i];
-        *p = at_tip ? (point){.id = i == at ? TIP : TIP_SHAFT, .tet = end->tet, .nominal = end->nominal, .end = i == at ? w->axial[at] : 0.0}
+        *p = at_tip ? (point){.id = i == at ? TIP : TIP_SHAFT, .tet = end->place.tet, .nominal = end->place.nominal, .end = i == at ? w->tissue.axial[at] : 0.0}
                     : (point){.id = node->id, .tet = node->tet, .nominal = node->position, .force = l->state.contacts[i].force};
         p->slip = w->problem.slip[i];
-        p->tangent = needle_along(&w->points[at].at);
+        p->tangent = needle_along(&w->points.list[at].at);
         if (at_tip) {
-            vec3 sideways = v3_axpy(-v3_dot(end->force, p->tangent), p->tangent, end->force);
-            vec3 shaft = v3_axpy(w->problem.force[2 * w->problem.count + contacts_active(&l->state) + 1], p->tangent, v3_scale(w->sideways_on_shaft, sideways));
-            p->force = i == at ? v3_sub(end->force, shaft) : shaft;
-            if (i == at) p->damping = end->damping;
+            vec3 sideways = v3_axpy(-v3_dot(end->solved.force, p->tangent), p->tangent, end->solved.force);
+            vec3 shaft = v3_axpy(w->problem.force[2 * w->problem.count + contacts_active(&l->state) + 1], p->tangent, v3_scale(w->tissue.sideways_on_shaft, sideways));
+            p->force = i == at ? v3_sub(end->solved.force, shaft) : shaft;
+            if (i == at) p->damping = end->dent.damping;
         }
         p->moved = displacement_at(&l->simulation.mesh, s, p);
         s->tissue += 0.5 * v3_dot(load_at(p), p->moved);
-        add_local(s, p, point_track(&l->state, &w->points[at]), w->lateral[at], w->axial[i]);
-        if (p->id != TIP) add_twist(l, s, p, &w->points[at]);
+        add_local(s, p, point_track(&l->state, &w->points.list[at]), w->tissue.lateral[at], w->tissue.axial[i]);
+        if (p->id != TIP) add_twist(l, s, p, &w->points.list[at]);
     }
     s->needle = needle_energy(&l->simulation.needle, &l->state.needle) + twist_energy_of_needle(l);
     s->base = l->base;
@@ -181,8 +181,8 @@ static void add_tick(const mesh *m, const picture *before, const picture *after,
 static double bound_by_tip(lockstep *l, const picture *before, const picture *after, picture *stayed) {
     if (before->tip_tet < 0 || after->tip_tet < 0) return 0.0;
     insertion_state state = l->state;
-    state.tip.known_tet = before->tip_tet;
-    memcpy(state.tip.known_weights, before->tip_weights, sizeof before->tip_weights);
+    state.tip.known.tet = before->tip_tet;
+    memcpy(state.tip.known.weights, before->tip_weights, sizeof before->tip_weights);
     run_displacement(&l->run, &state, stayed->nominal, stayed->added);
     stayed->refined = after->refined;
     const mesh *m = &l->simulation.mesh;

@@ -58,14 +58,14 @@ static void check_small(rows *r) {
     vec3 load[NEEDLE_MAX_SEGMENTS + 1] = {{0}};
     needle_state state;
     load[40] = v3(0, force, 0);
-    needle_rest(&model, at_rest(0), &state);
+    needle_set_straight(&model, at_rest(0), &state);
     bend(&model, &state, load, 0.0);
     rows_compare(r, "small tip force: deflection, 40 segments", "F L^3 / (3 E I)", tip_of(&model, &state).y, force * pow(length, 3) / (3 * model.bending),
                  1e-3, "m");
     rows_compare(r, "small tip force: elastic energy", "F^2 L^3 / (6 E I)", needle_energy(&model, &state),
                  force * force * pow(length, 3) / (6 * model.bending), 1e-3, "J");
     rows_compare(r, "small tip force: moment at the base", "F L", -needle_root_moment(&model, &state).x, force * length, 1e-6, "N m");
-    needle_rest(&model, at_rest(0), &state);
+    needle_set_straight(&model, at_rest(0), &state);
     bend(&model, &state, load, moment);
     rows_compare(r, "small tip moment: deflection, 40 segments", "M L^2 / (2 E I)", -tip_of(&model, &state).y,
                  moment * length * length / (2 * model.bending), 1e-3, "m");
@@ -98,7 +98,7 @@ static vec3 rod_tip(int which, const needle_model *model) {
     needle_state state;
     int n = model->given.segments;
     case_forces(which, model, &load[n / 2], &load[n]);
-    needle_rest(model, at_rest(0), &state);
+    needle_set_straight(model, at_rest(0), &state);
     bend(model, &state, load, which == TIP_MOMENT ? HALF_ARC * model->bending / model->given.length : 0.0);
     return tip_of(model, &state);
 }
@@ -142,13 +142,13 @@ static void check_torsion(rows *r) {
     double rate = 0.5 / g->length; /* rad/m, from the clamp to the middle of the last segment */
     vec3 load[NEEDLE_MAX_SEGMENTS + 1] = {{0}};
     needle_state state;
-    needle_rest(&model, at_rest(0), &state);
+    needle_set_straight(&model, at_rest(0), &state);
     for (int k = 0; k < 40; k++) state.frames[k] = q_exp(v3(0, 0, rate * (k + 0.5) * model.segment_length));
     rows_compare(r, "twisted by 0.5 rad: moment at the base", "G J / L times the angle", needle_root_moment(&model, &state).z, rigidity * rate, 1e-6, "N m");
     rows_compare(r, "twisted by 0.5 rad: elastic energy", "G J / 2 times rate^2 L", needle_energy(&model, &state),
                  0.5 * rigidity * rate * rate * (g->length - 0.5 * model.segment_length), 1e-6, "J");
     case_forces(IN_SPACE, &model, &load[20], &load[40]);
-    needle_rest(&model, at_rest(0), &state);
+    needle_set_straight(&model, at_rest(0), &state);
     bend(&model, &state, load, 0.0);
     vec3 moment = needle_root_moment(&model, &state);
     rows_error(r, "forces in two planes: twisting moment over bending moment at the base", "0, a round rod", moment.z / v3_norm(moment), 1e-9);
@@ -161,16 +161,16 @@ static void check_roll(rows *r) {
     double worst = 0.0, worst_own = 0.0;
     vec3 load[NEEDLE_MAX_SEGMENTS + 1] = {{0}}, turned[NEEDLE_MAX_SEGMENTS + 1] = {{0}};
     case_forces(IN_SPACE, &model, &load[20], &load[40]);
-    needle_rest(&model, at_rest(0), &plain);
+    needle_set_straight(&model, at_rest(0), &plain);
     bend(&model, &plain, load, 0.0);
     vec3 moment = needle_root_moment(&model, &plain);
     for (double roll = 0.3; roll < 6.3; roll += 0.7) {
         quat q = at_rest(roll).orientation;
-        needle_rest(&model, at_rest(roll), &rolled);
+        needle_set_straight(&model, at_rest(roll), &rolled);
         bend(&model, &rolled, load, 0.0);
         worst = fmax(worst, v3_norm(v3_sub(needle_root_moment(&model, &rolled), moment)) / v3_norm(moment));
         for (int j = 0; j <= 40; j++) turned[j] = q_rotate(q, load[j]);
-        needle_rest(&model, at_rest(roll), &rolled);
+        needle_set_straight(&model, at_rest(roll), &rolled);
         bend(&model, &rolled, turned, 0.0);
         vec3 own = q_rotate(q_conjugate(q), needle_root_moment(&model, &rolled));
         worst_own = fmax(worst_own, v3_norm(v3_sub(own, moment)) / v3_norm(moment));
@@ -241,7 +241,7 @@ static void check_speed(rows *r) {
     needle_state state;
     double took[TIMES];
     load[40] = v3(0, 1.0, 0);
-    needle_rest(&model, at_rest(0), &state);
+    needle_set_straight(&model, at_rest(0), &state);
     bend(&model, &state, load, 0.0);
     for (int i = 0; i < TIMES; i++) {
         double from = seconds_now();

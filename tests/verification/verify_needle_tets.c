@@ -185,7 +185,7 @@ static double rod_pass_time(int segments) {
     needle_state state;
     vec3 load[NEEDLE_MAX_SEGMENTS + 1] = {{0}};
     load[segments] = v3(0.1, 0, 0);
-    needle_rest(&model, ORIGIN, &state);
+    needle_set_straight(&model, ORIGIN, &state);
     double least = INFINITY;
     for (int i = 0; i < 500; i++) {
         double start = seconds();

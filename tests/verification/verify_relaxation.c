@@ -1,9 +1,9 @@
 /* Tissue that relaxes: energy balance of random insertions, independence of tick rate and mesh. Held steps and removed loads:
    tests/unit/insertion/test_creep.c. */
 #include "figure8.h"
-#include "insertion/creep.h"
-#include "insertion/local_compliance.h"
-#include "insertion/strata.h"
+#include "insertion/memory/creep.h"
+#include "insertion/state/local_compliance.h"
+#include "insertion/state/strata.h"
 #include "random_hand.h"
 #include "rows.h"
 #include "twist.h"
@@ -53,9 +53,9 @@ static void put_loads(const lockstep *l, int term, vec3 *nominal) {
         mesh_barycentric(m, node->tet, node->position, weights);
         spread(m, node->tet, weights, term < 0 ? s->contacts[s->refined.order[k]].force : k < s->memory.count ? s->memory.shares[k].terms[term].load : v3(0, 0, 0), nominal);
     }
-    if (s->tip.phase == TIP_INSIDE && s->tip.known_tet >= 0)
-        spread(m, s->tip.known_tet, s->tip.known_weights, term < 0 ? tip_load(&s->tip) : s->memory.tip ? s->memory.shares[s->memory.count - 1].terms[term].load : v3(0, 0, 0), nominal);
-    for (int i = 0; i < s->memory.left.count && term >= 0; i++) spread(m, s->memory.left.loads[i].tet, s->memory.left.loads[i].weights, s->memory.left.loads[i].load[term], nominal);
+    if (s->tip.place.phase == TIP_INSIDE && s->tip.known.tet >= 0)
+        spread(m, s->tip.known.tet, s->tip.known.weights, term < 0 ? tip_load(&s->tip) : s->memory.tip ? s->memory.shares[s->memory.count - 1].terms[term].load : v3(0, 0, 0), nominal);
+    for (int i = 0; i < s->memory.residual.count && term >= 0; i++) spread(m, s->memory.residual.loads[i].tet, s->memory.residual.loads[i].weights, s->memory.residual.loads[i].load[term], nominal);
 }
 
 /* Part of the tip's share that its shaft takes up; the rest is one radius ahead of it. */
@@ -69,20 +69,20 @@ static double shaft_part(const lockstep *l, const contact_point *p) {
 static double softening_energy(const lockstep *l, double face) {
     const needle_tip *tip = &l->state.tip;
     enum { STEPS = 20 };
-    double depth = tip->depth - tip_entry_depth(&l->state), sum = 0.0, step = fmax(face, 0.0) / STEPS, point = tip->resolved.point;
-    double now = local_at_tip(&l->simulation.insertion, tip->tet, tip->nominal, depth, fmax(face, 0.0), point);
+    double depth = tip->place.depth - tip_entry_depth(&l->state), sum = 0.0, step = fmax(face, 0.0) / STEPS, point = tip->resolution.field.point;
+    double now = local_at_tip(&l->simulation.insertion, tip->place.tet, tip->place.nominal, depth, fmax(face, 0.0), point);
     for (double force = 0.5 * step; force < face; force += step)
-        sum += step * force * (now - local_at_tip(&l->simulation.insertion, tip->tet, tip->nominal, depth, force, point));
+        sum += step * force * (now - local_at_tip(&l->simulation.insertion, tip->place.tet, tip->place.nominal, depth, force, point));
     return sum;
 }
 
 /* The needle's force on the tissue around the shaft at a point, N: at the tip, the end face bears the rest. */
 static vec3 force_around_shaft(const lockstep *l, int i) {
     const insertion_workspace *w = l->run.workspace;
-    vec3 force = *point_force((insertion_state *)&l->state, &w->points[i]), needle = needle_along(&w->points[i].at);
-    if (w->points[i].kind != POINT_TIP) return force;
+    vec3 force = point_force(&l->state, &w->points.list[i]), needle = needle_along(&w->points.list[i].at);
+    if (w->points.list[i].kind != POINT_TIP) return force;
     vec3 aside = v3_axpy(-v3_dot(force, needle), needle, force);
-    return v3_axpy(w->problem.force[2 * w->problem.count + i + 1], needle, v3_scale(w->sideways_on_shaft, aside));
+    return v3_axpy(w->problem.force[2 * w->problem.count + i + 1], needle, v3_scale(w->tissue.sideways_on_shaft, aside));
 }
 
 /* Energy of the local compliances under forces across the needle and along it, J. Term -1: the needle's forces. */
@@ -90,26 +90,26 @@ static double local_energy(const lockstep *l, int term) {
     const insertion_workspace *w = l->run.workspace;
     const tissue_memory *memory = &l->state.memory;
     double sum = 0.0, softening = 0.0;
-    for (int i = w->guided; i < w->point_count && (term < 0 || i - w->guided < memory->count); i++) {
-        bool tip = w->points[i].kind == POINT_TIP;
-        const share_memory *share = &memory->shares[i - w->guided];
-        vec3 track = point_track(&l->state, &w->points[i]), needle = needle_along(&w->points[i].at);
-        vec3 force = term < 0 ? *point_force((insertion_state *)&l->state, &w->points[i]) : share->terms[term].load;
+    for (int i = w->points.guided; i < w->points.count && (term < 0 || i - w->points.guided < memory->count); i++) {
+        bool tip = w->points.list[i].kind == POINT_TIP;
+        const share_memory *share = &memory->shares[i - w->points.guided];
+        vec3 track = point_track(&l->state, &w->points.list[i]), needle = needle_along(&w->points.list[i].at);
+        vec3 force = term < 0 ? point_force(&l->state, &w->points.list[i]) : share->terms[term].load;
         vec3 aside = v3_axpy(-v3_dot(force, needle), needle, force), on_shaft = force_around_shaft(l, i);
         double along = v3_dot(on_shaft, track);
         vec3 across = v3_axpy(-along, track, on_shaft), face = v3_sub(force, on_shaft);
         if (term < 0) {
-            sum += w->creep.yield * w->loose[i] * v3_dot(aside, aside);
+            sum += w->creep.yield * w->tissue.extra_lateral_compliance[i] * v3_dot(aside, aside);
             if (tip) softening = softening_energy(l, v3_dot(face, track));
         } else {
             vec3 whole = v3_axpy(-v3_dot(force, track), track, force);
-            along = shaft_part(l, &w->points[i]) * share->terms[term].along;
-            across = tip ? v3_scale(w->sideways_on_shaft, whole) : whole;
-            if (tip) face = v3_axpy(memory->face[term], track, v3_scale(1.0 - w->sideways_on_shaft, whole));
+            along = shaft_part(l, &w->points.list[i]) * share->terms[term].along;
+            across = tip ? v3_scale(w->tissue.sideways_on_shaft, whole) : whole;
+            if (tip) face = v3_axpy(memory->face[term], track, v3_scale(1.0 - w->tissue.sideways_on_shaft, whole));
         }
-        double easily = v3_dot(across, w->lateral[i].easy);
-        sum += w->lateral[i].least * v3_dot(across, across) + w->lateral[i].more * easily * easily + w->axial[i + tip] * along * along;
-        if (tip) sum += w->axial[i] * v3_dot(face, face);
+        double easily = v3_dot(across, w->tissue.lateral[i].easy);
+        sum += w->tissue.lateral[i].least * v3_dot(across, across) + w->tissue.lateral[i].more * easily * easily + w->tissue.axial[i + tip] * along * along;
+        if (tip) sum += w->tissue.axial[i] * v3_dot(face, face);
     }
     return 0.5 * sum / w->creep.yield + softening;
 }
@@ -118,9 +118,9 @@ static double local_energy(const lockstep *l, int term) {
 static double twist_energy(const lockstep *l, int term) {
     const insertion_workspace *w = l->run.workspace;
     double sum = 0.0;
-    for (int i = w->guided; i < w->point_count; i++) {
-        const share_memory *share = &l->state.memory.shares[i - w->guided];
-        sum += twist_yielding(l, &w->points[i]) * pow(shaft_part(l, &w->points[i]) * share->terms[term].twist, 2);
+    for (int i = w->points.guided; i < w->points.count; i++) {
+        const share_memory *share = &l->state.memory.shares[i - w->points.guided];
+        sum += twist_yielding(l, &w->points.list[i]) * pow(shaft_part(l, &w->points.list[i]) * share->terms[term].twist, 2);
     }
     return 0.5 * sum;
 }
@@ -138,12 +138,12 @@ static double stiffened_energy(const lockstep *l) {
     const stiffening_step *s = &w->stiffening;
     double sum = 0.0;
     if (!l->simulation.insertion.stiffens) return 0.0;
-    for (int i = w->guided; i < w->point_count; i++) {
-        bool tip = w->points[i].kind == POINT_TIP;
-        vec3 track = point_track(&l->state, &w->points[i]);
-        double along = v3_dot(track, *point_force((insertion_state *)&l->state, &w->points[i])), shaft = v3_dot(track, force_around_shaft(l, i));
+    for (int i = w->points.guided; i < w->points.count; i++) {
+        bool tip = w->points.list[i].kind == POINT_TIP;
+        vec3 track = point_track(&l->state, &w->points.list[i]);
+        double along = v3_dot(track, point_force(&l->state, &w->points.list[i])), shaft = v3_dot(track, force_around_shaft(l, i));
         sum += stiffening_energy(&s->along[i], shaft);
-        if (tip) sum += stiffening_energy(&s->face, along - shaft + v3_dot(l->state.tip.damping, track));
+        if (tip) sum += stiffening_energy(&s->face, along - shaft + v3_dot(l->state.tip.dent.damping, track));
     }
     return sum;
 }

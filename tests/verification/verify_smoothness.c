@@ -52,7 +52,7 @@ static void judge(smoothness *s, const lockstep *l, vec3 last, int *since, int r
     if (change > 1.0)
         printf("run %d leg %d, %d ticks after a puncture: %.2f of a noticeable change, at %.2f mm, %.3f to %.3f N, events %#x, tip %s\n", run, leg, *since,
                change, 1e3 * l->wrench.depth, v3_norm(last), v3_norm(l->wrench.force), l->wrench.events,
-               l->state.tip.blocked_by == NOT_BLOCKED ? "free to cut" : "at a membrane");
+               l->state.tip.barrier.blocked_by == NOT_BLOCKED ? "free to cut" : "at a membrane");
 }
 
 static void run_hand(smoothness *s, lockstep *l, int run) {
@@ -64,7 +64,7 @@ static void run_hand(smoothness *s, lockstep *l, int run) {
     for (int k = 0; k < hand.leg_count; k++) {
         const hand_leg *leg = &hand.legs[k];
         pose from = l->base;
-        double free_length = NEEDLE_LENGTH - (l->state.tip.phase == TIP_FREE ? 0.0 : l->state.tip.depth);
+        double free_length = NEEDLE_LENGTH - (l->state.tip.place.phase == TIP_FREE ? 0.0 : l->state.tip.place.depth);
         int ticks = (int)ceil(leg->seconds / TICK);
         for (int i = 1; i <= ticks; i++) {
             vec3 last = l->wrench.force;

@@ -90,7 +90,7 @@ static void a_failure_leaves_the_last_answer_in_force(void **unused) {
 static void a_tick_that_is_not_finite_starts_over(void **unused) {
     (void)unused;
     host h = inserted(300);
-    h.sim->needles[0].state.tip.depth = NAN;
+    h.sim->needles[0].state.tip.place.depth = NAN;
     trocar_pose base = pose_at(300);
     assert_int_equal(trocar_sim_tick(h.sim, 0, &base, 1e-3, &h.output), TROCAR_NUMERIC);
     assert_true(h.output.events == TROCAR_EVENT_UNSTABLE && h.output.force[2] == 0.0 && h.output.membrane == -1);
@@ -99,7 +99,7 @@ static void a_tick_that_is_not_finite_starts_over(void **unused) {
         assert_int_equal(trocar_sim_step(h.sim, 0, &base, 1e-3, &h.output, NULL), TROCAR_OK);
     }
     assert_true(h.output.force[2] < 0.0);
-    h.sim->needles[0].state.tip.depth = NAN;
+    h.sim->needles[0].state.tip.place.depth = NAN;
     assert_int_equal(trocar_sim_step(h.sim, 0, &base, 1e-3, &h.output, NULL), TROCAR_OK);
     assert_true(h.output.events == TROCAR_EVENT_UNSTABLE && h.output.force[2] == 0.0);
     host_close(&h);

@@ -131,9 +131,9 @@ static double shift_by_reciprocity(const followed *f, vec3 direction) {
     double work = 0.0;
     for (int i = 0; i <= contacts_active(state); i++) {
         bool tip = i == contacts_active(state);
-        int tet = tip ? state->tip.tet : state->refined.nodes[i].tet;
+        int tet = tip ? state->tip.place.tet : state->refined.nodes[i].tet;
         double weights[4];
-        mesh_barycentric(m, tet, tip ? state->tip.nominal : state->refined.nodes[i].position, weights);
+        mesh_barycentric(m, tet, tip ? state->tip.place.nominal : state->refined.nodes[i].position, weights);
         for (int c = 0; c < 4; c++)
             work += weights[c] * v3_dot(tip ? tip_load(&state->tip) : state->contacts[i].force, field[m->tets[tet][c]]);
     }

@@ -11,7 +11,7 @@
 #include "api/view.h"
 #include "api/worker_answer.h"
 #include "api/worker_resting.h"
-#include "insertion/creep.h"
+#include "insertion/memory/creep.h"
 #include "remesh/snapshot_kernels.h"
 
 #include <cmocka.h>
@@ -154,13 +154,13 @@ static void add_held(const trocar_sim *sim, int needle, point_forces *p) {
         mesh_barycentric(m, node->tet, node->position, weights);
         add_point(p, needle, node->tet, weights, contact_load(sim, needle, k), &IDENTITY);
     }
-    if (s->tip.phase == TIP_INSIDE) add_point(p, needle, s->tip.known_tet, s->tip.known_weights, load_at_tip(sim, needle), &IDENTITY);
+    if (s->tip.place.phase == TIP_INSIDE) add_point(p, needle, s->tip.known.tet, s->tip.known.weights, load_at_tip(sim, needle), &IDENTITY);
 }
 
 /* Loads that relaxing tissue remembers where the needle is no longer. */
 static void add_left(const trocar_sim *sim, int needle, const insertion_state *state, point_forces *p) {
     tissue_loads left = {.count = 0};
-    insertion_add_left_loads(&sim->model->parts.insertion, state, &left);
+    insertion_add_residual_loads(&sim->model->parts.insertion, state, &left);
     for (int i = 0; i < left.count; i++) add_point(p, needle, left.loads[i].tet, left.loads[i].weights, left.loads[i].force, &IDENTITY);
 }
 
@@ -263,7 +263,7 @@ static differences compare(trocar_sim *sim, const int *resting, int count, int h
     const compliance_snapshot *snapshot = link_answer(&sim->needles[held].link);
     const creep_series *creep = &model->parts.insertion.creep;
     int corners[4], probe = p.count;
-    assert_true(snapshot_covers(snapshot, model->parts.mesh.tets[s->tip.known_tet], corners));
+    assert_true(snapshot_covers(snapshot, model->parts.mesh.tets[s->tip.known.tet], corners));
     for (int c = 0; c < 4; c++) {
         double weights[4] = {0, 0, 0, 0}, u[3] = {0, 0, 0};
         vec3 known = snapshot->u_free[corners[c]];
@@ -273,11 +273,11 @@ static differences compare(trocar_sim *sim, const int *resting, int count, int h
             mat3 block = compliance_between(snapshot, corners[c], s->refined.order[j]);
             known = v3_add(known, m3_apply(&block, contact_load(sim, held, j)));
         }
-        mat3 block = compliance_to_point(snapshot, corners, s->tip.known_weights, corners[c]);
+        mat3 block = compliance_to_point(snapshot, corners, s->tip.known.weights, corners[c]);
         known = v3_add(known, m3_apply_transposed(&block, load_at_tip(sim, held)));
         weights[c] = 1.0;
         p.count = probe;
-        add_point(&p, held, s->tip.known_tet, weights, v3(0, 0, 0), &IDENTITY);
+        add_point(&p, held, s->tip.known.tet, weights, v3(0, 0, 0), &IDENTITY);
         for (int a = 0; a < 3; a++)
             for (int j = 0; j < probe; j++)
                 if (p.rows[j].tet >= 0) u[a] += between(model, &p, probe + a, j) * p.force[j];
@@ -366,10 +366,9 @@ static int push_beside(trocar_model *model, const char *file, double x, double y
         base.position[2] += t < down ? 1e-4 : t < down + STILL ? 0.0 : -1e-4;
         OK(trocar_sim_step(sim, 1, &base, 1e-3, &outputs[t], &why));
         for (int k = 0; k < SUBSTEPS && !rests; k++) {
-            tick_output ignored = {0};
-            tick_context tick = {.model = &model->parts.insertion, .state = &n->state, .snapshot = link_answer(&n->link), .dt = 1e-3, .output = &ignored};
+            tick_input tick = {.model = &model->parts.insertion, .snapshot = link_answer(&n->link), .dt = 1e-3};
             base_motion step;
-            OK(resting_linearise(&tick, sim->inverse, sim->resting_scratch, linear, &why));
+            OK(resting_linearise(&tick, &n->state, sim->inverse, sim->resting_scratch, linear, &why));
             OK(resting_release_step(linear, 1.0, sim->resting_scratch, &step, &why));
             free_base = pose_out(pose_moved(n->state.needle.base, step));
             OK(trocar_sim_step(sim, 0, &free_base, 1e-3 / SUBSTEPS, &out, &why));

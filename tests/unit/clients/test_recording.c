@@ -1,4 +1,4 @@
-#include "insertion/insertion.h"
+#include "insertion/step/insertion.h"
 #include "recording.h"
 
 #include <setjmp.h>

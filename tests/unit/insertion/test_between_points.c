@@ -1,7 +1,7 @@
 /* Blocks of compliance between points of contact against the formula, entry by entry: P N P^T + R^T C R, and the mount's. */
 #include "bending.h"
-#include "insertion/between_points.h"
-#include "insertion/guides.h"
+#include "insertion/contact/between_points.h"
+#include "insertion/guide/guides.h"
 #include "linalg/between_kernels.h"
 
 #include <setjmp.h>
@@ -34,7 +34,7 @@ static int create(void **unused) {
     (void)unused;
     vec3 load[NEEDLE_MAX_SEGMENTS + 1] = {{0}};
     needle = needle_made(SEGMENTS);
-    needle_rest(&needle, (pose){v3(0.1, -0.2, 0.3), q_exp(v3(0.3, -0.4, 0.5))}, &shape);
+    needle_set_straight(&needle, (pose){v3(0.1, -0.2, 0.3), q_exp(v3(0.3, -0.4, 0.5))}, &shape);
     load[SEGMENTS] = v3(0.1, 0.25, -0.1);
     load[22] = v3(-0.2, 0.2, 0.3);
     for (int i = 0; i < 6; i++) {
@@ -42,7 +42,7 @@ static int create(void **unused) {
         needle_advance(&needle, &whole, load, &shape);
     }
     needle_linearise(&needle, &shape, load, 0, &whole);
-    w.tangent = whole;
+    w.response.tangent = whole;
     srand(1);
     for (int i = 0; i < MAX_CONTACTS; i++)
         for (int j = i; j < MAX_CONTACTS; j++)
@@ -53,19 +53,19 @@ static int create(void **unused) {
 }
 
 static mat3 tissue_between(int i, int j) {
-    if (w.points[i].kind == POINT_TIP) return w.tip_row[j];
-    if (w.points[j].kind == POINT_TIP) return m3_transposed(&w.tip_row[i]);
-    if (i < w.guided || j < w.guided) return (mat3){{{0}}};
-    return m3_scaled(w.creep.yield, compliance_between(&snapshot, w.points[i].handle, w.points[j].handle));
+    if (w.points.list[i].kind == POINT_TIP) return w.tissue.tip_row[j];
+    if (w.points.list[j].kind == POINT_TIP) return m3_transposed(&w.tissue.tip_row[i]);
+    if (i < w.points.guided || j < w.points.guided) return (mat3){{{0}}};
+    return m3_scaled(w.creep.yield, compliance_between(&snapshot, w.points.list[i].handle, w.points.list[j].handle));
 }
 
 /* N between joints: of the two triangles, the one that is there. */
 static double between_joints(int row, int column) { return row / 3 <= column / 3 ? whole.compliance[row][column] : whole.compliance[column][row]; }
 
 static mat3 expected(int i, int j) {
-    const needle_point *p = &w.points[i].at, *q = &w.points[j].at;
+    const needle_point *p = &w.points.list[i].at, *q = &w.points.list[j].at;
     mat3 sum = tissue_between(i, j), turned;
-    if (guides_is_open(&w, i) || guides_is_open(&w, j)) return (mat3){{{0}}};
+    if (guides_is_open(&w.points, w.edges, i) || guides_is_open(&w.points, w.edges, j)) return (mat3){{{0}}};
     for (int a = 0; a < 9; a++) {
         sum.m[a / 3][a % 3] += a % 4 == 0 ? MOUNT : 0.0;
         for (int k = 0; k < 9; k++) sum.m[a / 3][a % 3] += p->weights[k / 3] * q->weights[k % 3] * between_joints(3 * (p->first + k / 3) + a / 3, 3 * (q->first + k % 3) + a % 3);
@@ -77,30 +77,30 @@ static mat3 expected(int i, int j) {
 
 /* Points from base to tip, 3 mm apart. */
 static void set_points(int guided, int contacts, bool tip) {
-    w.guided = guided;
-    w.tip = tip;
-    w.point_count = guided + contacts + tip;
+    w.points.guided = guided;
+    w.points.tip = tip;
+    w.points.count = guided + contacts + tip;
     w.creep.yield = 0.9;
-    for (int i = 0; i < w.point_count; i++) {
-        bool last = tip && i == w.point_count - 1;
-        w.points[i].kind = i < guided ? POINT_GUIDE : last ? POINT_TIP : POINT_TISSUE;
-        w.points[i].handle = last ? NO_HANDLE : i - guided;
-        w.points[i].at = needle_at(&needle, &shape, needle.given.length - 3e-3 * (w.point_count - 1 - i));
+    for (int i = 0; i < w.points.count; i++) {
+        bool last = tip && i == w.points.count - 1;
+        w.points.list[i].kind = i < guided ? POINT_GUIDE : last ? POINT_TIP : POINT_TISSUE;
+        w.points.list[i].handle = last ? NO_HANDLE : i - guided;
+        w.points.list[i].at = needle_at(&needle, &shape, needle.given.length - 3e-3 * (w.points.count - 1 - i));
         w.edges[i % MAX_GUIDE_POINTS].touched = i % 2;
-        w.tip_row[i] = draw_block();
+        w.tissue.tip_row[i] = draw_block();
     }
-    mat3 *own = &w.tip_row[w.point_count - 1], other = m3_transposed(own);
+    mat3 *own = &w.tissue.tip_row[w.points.count - 1], other = m3_transposed(own);
     m3_add_scaled(own, 1.0, &other);
 }
 
 static void check_blocks(void) {
     contact_problem *p = &w.problem;
-    tick_context tick = {.model = &model, .snapshot = &snapshot, .scratch = &w, .base = {.compliance = MOUNT}};
-    p->count = w.point_count;
+    tick_input tick = {.model = &model, .snapshot = &snapshot, .base = {.compliance = MOUNT}};
+    p->count = w.points.count;
     int columns = 3 * p->count;
     for (int i = 0; i < columns; i++)
         for (int j = 0; j < columns; j++) p->compliance[i][j] = NAN;
-    assemble_between_points(&tick);
+    assemble_between_points(&tick, &w);
     for (int i = 0; i < p->count; i++)
         for (int j = i; j < p->count; j++) {
             mat3 block = expected(i, j);
@@ -124,10 +124,10 @@ static void blocks_follow_the_formula(void **unused) {
 static void slots_may_be_in_any_order(void **unused) {
     (void)unused;
     set_points(0, 21, true);
-    for (int i = 0; i < 21; i++) w.points[i].handle = 8 * i % 21;
+    for (int i = 0; i < 21; i++) w.points.list[i].handle = 8 * i % 21;
     check_blocks();
     set_points(0, 21, true);
-    for (int i = 5; i < 21; i++) w.points[i].handle += 4; /* a gap */
+    for (int i = 5; i < 21; i++) w.points.list[i].handle += 4; /* a gap */
     check_blocks();
 }
 
@@ -135,8 +135,8 @@ static void slots_may_be_in_any_order(void **unused) {
 static void points_may_be_in_any_order(void **unused) {
     (void)unused;
     set_points(0, 14, true);
-    w.points[1].at = needle_at(&needle, &shape, 0.0);
-    w.points[9].at = needle_at(&needle, &shape, 0.1);
+    w.points.list[1].at = needle_at(&needle, &shape, 0.0);
+    w.points.list[9].at = needle_at(&needle, &shape, 0.1);
     check_blocks();
 }
 
@@ -148,7 +148,7 @@ static void guides_are_coupled_where_they_touch(void **unused) {
         for (int c = 0; c < 7; c++) {
             set_points(guides[g], contacts[c], contacts[c] > 0);
             check_blocks();
-            w.points[guides[g] - 1].at = needle_at(&needle, &shape, 0.19); /* among the contacts */
+            w.points.list[guides[g] - 1].at = needle_at(&needle, &shape, 0.19); /* among the contacts */
             check_blocks();
         }
 }
@@ -169,7 +169,7 @@ static void wide_vectors_give_the_same_bits(void **unused) {
     set_points(0, 40, true);
     for (int begin = 0; begin < 41; begin++)
         for (int lowest = 0; lowest < 3 && lowest <= begin; lowest++) {
-            between_points_row row = {.lowest = lowest, .begin = begin, .end = 41, .frame = &w.points[begin].at.frame, .weights = w.points[begin].at.weights, .needle = (const between_components *)needle_rows,
+            between_points_row row = {.lowest = lowest, .begin = begin, .end = 41, .frame = &w.points.list[begin].at.frame, .weights = w.points.list[begin].at.weights, .needle = (const between_components *)needle_rows,
                                       .tip_place = 40, .at_tip = draw_block(), .yield = 0.9, .mount = MOUNT, .frames = (const between_rows *)&frames};
             for (int a = 0; a < 9; a++) row.tissue[a / 3][a % 3] = tissue[a / 3][a % 3];
             between_portable(&row, portable);

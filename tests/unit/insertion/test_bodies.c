@@ -77,7 +77,7 @@ static void second_body_exerts_force(void **unused) {
         if (gap > 0.01) assert_close(p.force[entered - 1] / (-FRICTION * 0.04), 1.0, 0.1); /* in the gap: the first body's friction */
         int back = first(&p, EVENT_EXITED, STEPS), out = first(&p, EVENT_WITHDRAWN, back);
         assert_true(back < out && out < 2 * STEPS);
-        assert_int_equal(l->state.tip.phase, TIP_FREE);
+        assert_int_equal(l->state.tip.place.phase, TIP_FREE);
         assert_true(v3_norm(l->wrench.force) == 0.0);
         pass(l, &p);
         int before_end = last - 10;

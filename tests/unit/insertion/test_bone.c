@@ -38,9 +38,9 @@ static vec3 needle_end(const lockstep *l) { return l->state.needle.joints[l->sim
 static vec3 stopped_at(const lockstep *l, const vec3 *displacement) {
     const needle_tip *tip = &l->state.tip;
     double weights[4];
-    vec3 now = tip->nominal;
-    mesh_barycentric(&l->simulation.mesh, tip->tet, tip->nominal, weights);
-    for (int c = 0; c < 4; c++) now = v3_axpy(weights[c], displacement[l->simulation.mesh.tets[tip->tet][c]], now);
+    vec3 now = tip->place.nominal;
+    mesh_barycentric(&l->simulation.mesh, tip->place.tet, tip->place.nominal, weights);
+    for (int c = 0; c < 4; c++) now = v3_axpy(weights[c], displacement[l->simulation.mesh.tets[tip->place.tet][c]], now);
     return now;
 }
 
@@ -55,7 +55,7 @@ static outcome push(const simulation_config *config, vec3 line, double speed) {
         lockstep_tick(l, base, 1e-3);
         o.events |= l->wrench.events;
         o.force = fmax(o.force, -l->wrench.force.z);
-        o.stopped = l->state.tip.blocked_by >= 0 && isinf(config->membranes[l->state.tip.blocked_by].puncture_force);
+        o.stopped = l->state.tip.barrier.blocked_by >= 0 && isinf(config->membranes[l->state.tip.barrier.blocked_by].puncture_force);
         if (!o.stopped) continue;
         run_displacement(&l->run, &l->state, nominal, added);
         o.beyond = fmax(o.beyond, needle_end(l).z - stopped_at(l, nominal).z);
@@ -112,9 +112,9 @@ static void bevelled_needle_steers_around_the_arch(void **unused) {
     c.needle.bevel_slope = 0.15;
     lockstep *l = lockstep_create(&c, start_at(&c, v3(0.014, -0.002, 0), M_PI));
     lockstep_move(l, v3(0, 0, 0.068), 1.4, 1e-3);
-    vec3 there = l->state.tip.nominal;
-    print_message("steered to %.1f %.1f %.1f mm, blocked by %d\n", 1e3 * there.x, 1e3 * there.y, 1e3 * there.z, l->state.tip.blocked_by);
-    assert_true(there.z > 0.05 && l->state.tip.blocked_by == NOT_BLOCKED);
+    vec3 there = l->state.tip.place.nominal;
+    print_message("steered to %.1f %.1f %.1f mm, blocked by %d\n", 1e3 * there.x, 1e3 * there.y, 1e3 * there.z, l->state.tip.barrier.blocked_by);
+    assert_true(there.z > 0.05 && l->state.tip.barrier.blocked_by == NOT_BLOCKED);
     lockstep_free(l);
     c.needle.bevel_slope = 0.0;
     assert_true(push(&c, there, 0.1).stopped);

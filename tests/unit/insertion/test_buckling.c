@@ -115,7 +115,7 @@ static void check_path(const lockstep *l, path p, double least) {
     assert_true(p.jump < 1.0);
     assert_true(p.work > -1e-3 * p.most_work);
     assert_true(p.at_end > least);
-    assert_int_equal(l->state.tip.phase, TIP_FREE);
+    assert_int_equal(l->state.tip.place.phase, TIP_FREE);
     assert_true(v3_norm(l->wrench.force) < 1e-9);
 }
 

@@ -7,7 +7,7 @@
 #include <stdlib.h>
 #include <string.h>
 
-#include "insertion/contact.h"
+#include "insertion/state/contact.h"
 
 #include <cmocka.h>
 

@@ -1,5 +1,5 @@
 /* Tissue that relaxes: a held needle, and what is left of a load that was removed, against the exact solutions. */
-#include "insertion/creep.h"
+#include "insertion/memory/creep.h"
 #include "lockstep.h"
 #include "verification/random_hand.h"
 
@@ -94,9 +94,9 @@ static void recover(const lockstep *l, const load_history *h, const double *cree
         sum = v3_axpy(-creep[later], h->force[h->ticks][i], sum);
         const added_node *node = &h->state.refined.nodes[h->state.refined.order[i]];
         bool tip = i + 1 == h->count;
-        int tet = tip ? h->state.tip.known_tet : node->tet;
+        int tet = tip ? h->state.tip.known.tet : node->tet;
         double weights[4];
-        if (tip) memcpy(weights, h->state.tip.known_weights, sizeof weights);
+        if (tip) memcpy(weights, h->state.tip.known.weights, sizeof weights);
         else mesh_barycentric(&l->simulation.mesh, tet, node->position, weights);
         for (int c = 0; c < 4; c++) {
             vec3 *corner = &nominal[l->simulation.mesh.tets[tet][c]];
@@ -107,7 +107,7 @@ static void recover(const lockstep *l, const load_history *h, const double *cree
 
 /* Takes the needle away at once and puts it at `base`, straight. What the tissue remembers stays in it, which a reset would remove. */
 static void replace_needle(lockstep *l, pose base) {
-    creep_leave_all(&l->simulation.insertion, &l->state.memory, NULL);
+    creep_deposit_all(&l->simulation.insertion, &l->state.memory, NULL);
     tissue_memory memory = l->state.memory;
     insertion_reset(&l->simulation.insertion, base, &l->state);
     l->state.memory = memory;
@@ -142,8 +142,8 @@ static void removed_load_recovers(void **unused) {
         largest = fmax(largest, size);
         for (int k = 0; k < MAX_WINDOW; k++) { /* what the worker tells the tick */
             int node = l->snapshot->window[k];
-            if (node >= 0) window = fmax(window, v3_norm(v3_sub(creep_free(&(tick_context){.model = &l->simulation.insertion, .state = &l->state, .snapshot = l->snapshot,
-                .scratch = l->run.workspace}, MAX_CONTACTS + k), expected[node])) / size);
+            if (node >= 0) window = fmax(window, v3_norm(v3_sub(creep_free(&(tick_input){.model = &l->simulation.insertion, .snapshot = l->snapshot},
+                &l->state, &l->run.workspace->creep, MAX_CONTACTS + k), expected[node])) / size);
         }
     }
     printf("removed load: up to %.3g mm, %.2g off, at the handles %.2g\n", 1e3 * largest, worst, window);
@@ -176,14 +176,14 @@ static void nothing_remembered_is_lost(void **unused) {
         for (int i = 1; i <= (int)(hand.legs[leg].seconds * 1e3); i++) {
             tick_along(l, &hand.legs[leg], from, i);
             const insertion_state *s = &l->state;
-            vec3 sum = s->tip.phase == TIP_INSIDE ? tip_load(&s->tip) : v3(0, 0, 0);
+            vec3 sum = s->tip.place.phase == TIP_INSIDE ? tip_load(&s->tip) : v3(0, 0, 0);
             for (int k = 0; contact_is_active(s, k); k++) sum = v3_add(sum, s->contacts[s->refined.order[k]].force);
             for (int k = 0; k < creep->count; k++) {
                 double decay = exp(-1e-3 / creep->time[k]);
                 expected[k] = v3_add(v3_scale(decay, expected[k]), v3_scale(1.0 - decay, sum));
                 vec3 found = v3(0, 0, 0);
                 for (int n = 0; n < s->memory.count; n++) found = v3_add(found, s->memory.shares[n].terms[k].load);
-                for (int n = 0; n < s->memory.left.count; n++) found = v3_add(found, s->memory.left.loads[n].load[k]);
+                for (int n = 0; n < s->memory.residual.count; n++) found = v3_add(found, s->memory.residual.loads[n].load[k]);
                 worst = fmax(worst, v3_norm(v3_sub(found, expected[k])));
                 largest = fmax(largest, v3_norm(expected[k]));
             }
@@ -205,7 +205,7 @@ static void restored_memory_continues_bit_identically(void **unused) {
     lockstep *l = lockstep_create(&c, lockstep_start());
     lockstep_move(l, v3(0, 0, 0.050), 0.8, 1e-3);
     lockstep_move(l, v3(0.001, 0, -0.020), 0.2, 1e-3);
-    assert_true(l->state.memory.left.count > 5);
+    assert_true(l->state.memory.residual.count > 5);
     checkpoint *saved = malloc(sizeof *saved);
     tick_output first[3][20];
     for (int run = 0; run < 3; run++) {

@@ -41,7 +41,7 @@ static void check_equilibrium(remesh_method method) {
         if (i < m->node_count && l->simulation.tissue.fixed[i]) reaction = v3_add(reaction, residual[i]);
         else assert_true(v3_norm(residual[i]) < 1e-9 * v3_norm(sum));
     }
-    vec3 base = v3_sub(l->wrench.force, l->state.tip.damping); /* the force on the base, without the damper at the tip */
+    vec3 base = v3_sub(l->wrench.force, l->state.tip.dent.damping); /* the force on the base, without the damper at the tip */
     assert_true(v3_norm(v3_add(sum, base)) < 1e-12);
     assert_true(v3_norm(v3_sub(reaction, base)) < 1e-9 * v3_norm(sum));
     free(u);
@@ -185,29 +185,30 @@ static pose next_hand(pose base, int tick, vec3 *velocity, double *turning, doub
     return (pose){v3_axpy(1e-3, *velocity, base.position), {cos(0.5 * *turn), 0, 0, sin(0.5 * *turn)}};
 }
 
-/* Passes from a guessed shape that are given up change nothing: the tick ends, to the bit, as one without a guess. Each tick is made twice, from
-   the same state with and without the last step's motion. There are no old tracks, where more than a guess may be to blame. */
-static void a_rejected_guess_leaves_no_trace(void **unused) {
+/* The guess of the needle's shape is only a better start of the passes: where they go on to the last digits, they come to the same equilibrium with and without
+   it. Each tick is made twice, from the same state with and without the last step's motion. There are no old tracks, where more than one equilibrium may be
+   near; in a guide, friction depends on the passes before within the edge's tolerance: there a guess has to save passes. */
+static void a_guess_is_only_a_better_start(void **unused) {
     (void)unused;
-    static const char *const NAMES[] = {"a guide", "a guide, relaxing tissue", "stiffening tissue"};
-    for (int kind = 0; kind < 3; kind++) {
+    static const char *const NAMES[] = {"a guide", "tissue"};
+    for (int kind = 0; kind < 2; kind++) {
         simulation_config c = lockstep_config();
         c.insertion.track_reach = 0.0;
-        if (kind < 2) {
+        if (kind == 0) {
             c.guide_count = 1;
             c.guides[0] = guide_defaults();
             c.guides[0].origin = v3(0.005, 0.003, -0.06);
             c.guides[0].normal = v3(0, 0, 1);
             c.guides[0].columns = c.guides[0].rows = 1;
             c.guides[0].hole_diameter = c.needle.outer_diameter + 1e-4;
+        } else {
+            c.insertion.max_passes = 20;
+            c.insertion.tolerance = 1e-20; /* to rounding */
         }
-        if (kind == 1) c.relaxation_count = 1, c.relaxation[0] = (relaxation_term){.weight = 0.5, .time = 0.3};
-        for (int i = 0; i < c.region_count && kind == 2; i++) c.regions[i].material.stiffening = 5.0;
-        if (kind == 2) c.insertion.tolerance = 1e-20; /* to rounding, which the few passes from a guess do not reach */
         lockstep *l = lockstep_engaged(&c), *without = lockstep_engaged(&c);
         vec3 velocity = v3(0, 0, 0);
-        double turning = 0.0, turn = 0.0;
-        int rejected = 0;
+        double turning = 0.0, turn = 0.0, peak = 0.0, worst = 0.0;
+        int passes = 0, passes_without = 0;
         srand(1);
         for (int i = 0; i < 1500; i++) {
             pose base = next_hand(l->base, i, &velocity, &turning, &turn);
@@ -215,19 +216,17 @@ static void a_rejected_guess_leaves_no_trace(void **unused) {
             memcpy(without->snapshot, l->snapshot, sizeof *l->snapshot);
             without->state.motion.time = 0.0;
             lockstep_tick(l, base, 1e-3);
-            bool given_up = l->run.workspace->guess_given_up;
             lockstep_tick(without, base, 1e-3);
-            if (!given_up) continue;
-            rejected++;
-            assert_memory_equal(&l->wrench.force, &without->wrench.force, sizeof l->wrench.force);
-            assert_memory_equal(&l->wrench.torque, &without->wrench.torque, sizeof l->wrench.torque);
-            assert_memory_equal(&l->state.needle, &without->state.needle, sizeof l->state.needle);
-            assert_memory_equal(l->state.contacts, without->state.contacts, sizeof l->state.contacts);
-            assert_memory_equal(l->state.guides, without->state.guides, sizeof l->state.guides);
-            assert_true(l->state.tip.slip == without->state.tip.slip && l->state.tip.shaft.slip == without->state.tip.shaft.slip);
+            passes += l->wrench.passes;
+            passes_without += without->wrench.passes;
+            peak = fmax(peak, v3_norm(l->wrench.force));
+            worst = fmax(worst, v3_norm(v3_sub(l->wrench.force, without->wrench.force)));
         }
-        print_message("%s: %d guesses given up\n", NAMES[kind], rejected);
-        assert_true(rejected >= 10);
+        print_message("%s: %d passes, without a guess %d; forces differ by up to %.1e N of %.1f N\n", NAMES[kind], passes, passes_without, worst, peak);
+        assert_true(kind > 0 || passes < passes_without);
+        const needle_model *needle = &l->simulation.needle; /* a joint turned by what the tolerance leaves open exerts this force over a segment */
+        double left = needle->bending / pow(needle->segment_length, 2) * sqrt(c.insertion.tolerance / needle->given.length);
+        assert_true(kind == 0 || worst < left);
         lockstep_free(l);
         lockstep_free(without);
     }
@@ -240,7 +239,7 @@ int main(void) {
         cmocka_unit_test(jumps_and_uneven_steps_do_not_mislead),
         cmocka_unit_test(spring_coupled_base_matches_rigid_base),
         cmocka_unit_test(bowed_needle_is_in_equilibrium),
-        cmocka_unit_test(a_rejected_guess_leaves_no_trace),
+        cmocka_unit_test(a_guess_is_only_a_better_start),
     };
     return cmocka_run_group_tests(tests, NULL, NULL);
 }

@@ -1,6 +1,6 @@
 /* Guides: buckling loads against Euler, forces at the edge of a hole against beam theory, friction, which hole a tip takes, and several
    needles. */
-#include "insertion/guides.h"
+#include "insertion/guide/guides.h"
 
 #include <setjmp.h>
 #include <stdarg.h>
@@ -9,7 +9,7 @@
 #include <cmocka.h>
 
 #include "allocations.h"
-#include "insertion/contact_assembly.h"
+#include "insertion/contact/contact_assembly.h"
 #include "lockstep.h"
 
 /* Figure 8 with a needle that is straight to the bit, as beam theory has it. */
@@ -33,7 +33,7 @@ static guide_config hole_before_tip(pose start, double length, double before, do
 
 typedef struct {
     lockstep *l;
-    tick_context tick;
+    tick_input tick;
 } bench;
 
 static bench bench_create(int guide_count, const guide_config *guides) {
@@ -42,29 +42,29 @@ static bench bench_create(int guide_count, const guide_config *guides) {
     c.guide_count = guide_count;
     for (int i = 0; i < guide_count; i++) c.guides[i] = guides[i];
     lockstep *l = lockstep_create(&c, lockstep_start());
-    bench b = {l, {.model = &l->simulation.insertion, .state = &l->state, .snapshot = l->snapshot, .scratch = l->run.workspace,
-                   .base = {l->base, 0.0}, .dt = 1e-3, .output = &l->wrench}};
-    guides_follow(&b.tick);
+    bench b = {l, {.model = &l->simulation.insertion, .snapshot = l->snapshot, .base = {l->base, 0.0}, .dt = 1e-3}};
+    guides_follow(&b.tick, &l->state, &l->wrench);
     return b;
 }
 
 /* Is the straight needle stable under this dead load along it, on its tip, with its guides? By the simulation's own criterion. */
 static bool is_stable(const bench *b, double load) {
-    const tick_context *tick = &b->tick;
-    insertion_workspace *w = tick->scratch;
+    const tick_input *tick = &b->tick;
+    insertion_state *state = &b->l->state;
+    insertion_workspace *w = b->l->run.workspace;
     vec3 joint_loads[NEEDLE_MAX_SEGMENTS + 1] = {{0, 0, 0}};
     int n = tick->model->needle->given.segments;
     joint_loads[n] = v3(0, 0, -load);
-    w->tip = false;
-    list_points(tick);
-    locate_points(tick);
-    w->problem.count = w->problem.axial_count = w->point_count;
-    needle_linearise(tick->model->needle, &tick->state->needle, joint_loads, 0, &w->tangent);
-    bound_contacts(tick);
-    assemble_compliance(tick);
-    assemble_gaps(tick);
+    w->points.tip = false;
+    points_list(tick, state, &w->points);
+    points_locate(tick, state, &w->points, &w->tissue, &w->creep, w->edges);
+    w->problem.count = w->problem.axial_count = w->points.count;
+    needle_linearise(tick->model->needle, &state->needle, joint_loads, 0, &w->response.tangent);
+    bound_contacts(tick, state, &w->points, &w->tissue, &w->ahead, w->edges, &w->problem);
+    assemble_compliance(tick, state, w);
+    assemble_gaps(tick, state, w);
     assert_int_equal(contact_solve(&w->problem), TROCAR_OK);
-    return w->problem.negative >= w->tangent.unstable;
+    return w->problem.negative >= w->response.tangent.unstable;
 }
 
 static double buckling_load(const bench *b) {
@@ -512,16 +512,16 @@ static void a_needle_turns_in_its_hole(void **unused) {
         lockstep *l = engaged(&c);
         const needle_model *needle = &l->simulation.needle;
         turn(l, 2.0, 2.0);
-        double f = dry * needle->radius, depth = l->state.tip.depth, lag = f * depth * (needle->given.length - 0.5 * depth) / needle->torsion;
+        double f = dry * needle->radius, depth = l->state.tip.place.depth, lag = f * depth * (needle->given.length - 0.5 * depth) / needle->torsion;
         print_message("lag %.6f, expected %.6f; torque %.6f of %.6f\n", -l->state.tip_lead, lag, -l->wrench.torque.z, f * depth);
         assert_true(fabs(-l->state.tip_lead / lag - 1.0) < 0.01 && fabs(-l->wrench.torque.z / (f * depth) - 1.0) < 0.01);
         lockstep_move(l, v3(0, 0, -0.065), 0.5, 1e-3); /* out of the skin, not out of the hole */
-        assert_true(l->state.tip.phase == TIP_FREE && l->state.guides[0].passage == GUIDE_IN_HOLE);
-        assert_true(l->state.tip_lead == 0.0 && l->state.memory.count == 0 && (l->state.memory.left.count > 0) == (relaxing == 1));
+        assert_true(l->state.tip.place.phase == TIP_FREE && l->state.guides[0].passage == GUIDE_IN_HOLE);
+        assert_true(l->state.tip_lead == 0.0 && l->state.memory.count == 0 && (l->state.memory.residual.count > 0) == (relaxing == 1));
         turn(l, 20.0, 0.5);
         assert_true(fabs(l->state.base_turn - 22.0) < 1e-9 && fabs(l->wrench.torque.z) < 1e-12);
         lockstep_move(l, v3(0, 0, 0.02), 0.5, 1e-3);
-        assert_true(l->state.tip.phase == TIP_INSIDE && fabs(l->state.tip_lead) < 1e-9 && fabs(l->wrench.torque.z) < 1e-9);
+        assert_true(l->state.tip.place.phase == TIP_INSIDE && fabs(l->state.tip_lead) < 1e-9 && fabs(l->wrench.torque.z) < 1e-9);
         lockstep_free(l);
     }
 }
@@ -629,10 +629,9 @@ static int64_t now_ns(void) {
 
 static tick_effort tick_alone(lockstep *l, pose base) {
     report why;
-    tick_context tick = {.model = &l->simulation.insertion, .state = &l->state, .snapshot = l->snapshot, .scratch = l->run.workspace,
-                         .base = {base, 0.0}, .dt = 1e-3, .output = &l->wrench};
+    tick_input tick = {.model = &l->simulation.insertion, .snapshot = l->snapshot, .base = {base, 0.0}, .dt = 1e-3};
     int64_t allocations = allocations_now(), start = now_ns();
-    insertion_tick(&tick);
+    insertion_tick(&tick, &l->state, l->run.workspace, &l->wrench);
     tick_effort effort = {now_ns() - start, allocations_now() - allocations};
     l->base = base;
     if (l->snapshot->serial != l->state.request.serial) assert_int_equal(remesher_answer(l->run.remesher, &l->state.request, l->snapshot, &why), TROCAR_OK);

@@ -1,7 +1,7 @@
 /* The whole tick: forces against the sum of friction and cutting, independence of rate, passes and worker, and every way into and
    out of the tissue. */
 #include "figure8.h"
-#include "insertion/prefetch.h"
+#include "insertion/tip/prefetch.h"
 
 #include <setjmp.h>
 #include <stdarg.h>
@@ -27,7 +27,7 @@ static void axial_force_is_cutting_plus_friction_times_depth(void **unused) {
     int checked = 0;
     for (int i = 0; i < 85; i++) {
         lockstep_move(l, v3(0, 0, 0.001), 0.05, 1e-3);
-        if (l->state.tip.blocked_by != NOT_BLOCKED || l->state.tip.friction != SLIP_FORWARD || l->wrench.events || l->wrench.depth < 2e-3) continue;
+        if (l->state.tip.barrier.blocked_by != NOT_BLOCKED || l->state.tip.solved.friction != SLIP_FORWARD || l->wrench.events || l->wrench.depth < 2e-3) continue;
         bool all_slide = l->state.tip.shaft.friction == SLIP_FORWARD;
         for (int k = 0; k < contacts_active(&l->state); k++) all_slide = all_slide && l->state.contacts[k].shaft.friction == SLIP_FORWARD;
         if (!all_slide) continue;
@@ -98,9 +98,9 @@ static void tissue_springs_back_slower_than_waves(void **unused) {
         push_through_skin(l);
         double fastest = 0.0;
         for (int i = 0; i < 20e-3 / dt; i++) {
-            double depth = l->state.tip.depth;
+            double depth = l->state.tip.place.depth;
             lockstep_tick(l, l->base, dt);
-            fastest = fmax(fastest, (l->state.tip.depth - depth) / dt);
+            fastest = fmax(fastest, (l->state.tip.place.depth - depth) / dt);
         }
         print_message("ticks of %g ms: the tip leaps at %.2f m/s, shear waves at %.2f m/s\n", 1e3 * dt, fastest, wave);
         assert_true(fastest > 0.3 * wave && fastest < wave);
@@ -120,10 +120,10 @@ static void tip_friction_on_the_skin_is_about_its_normal(void **unused) {
         lockstep *l = lockstep_create(&c, (pose){v3_axpy(-0.2001, axis, entry), q_exp(v3(0, tilt, 0))});
         lockstep_move(l, v3_scale(0.01, axis), 0.5, 1e-3);
         for (int i = 0; i < 20; i++) lockstep_tick(l, l->base, 1e-3);
-        vec3 force = l->state.tip.force;
-        double tangential = hypot(force.x, force.y), slid = v3_norm(v3_sub(l->state.tip.nominal, entry));
+        vec3 force = l->state.tip.solved.force;
+        double tangential = hypot(force.x, force.y), slid = v3_norm(v3_sub(l->state.tip.place.nominal, entry));
         print_message("%g degrees: %.4f N into the skin, %.4f N along it; slid by %.2f mm\n", degrees[k], force.z, tangential, 1e3 * slid);
-        assert_int_equal(l->state.tip.phase, TIP_INSIDE);
+        assert_int_equal(l->state.tip.place.phase, TIP_INSIDE);
         assert_true(force.z > 0.0);
         assert_true(tangential < 0.5 * force.z + 1e-4);
         assert_true(degrees[k] < 20 ? slid < 1e-6 : slid > 1e-3);
@@ -232,7 +232,7 @@ static void reinsertion_repeats_the_first_insertion(void **unused) {
             assert_true(fabs(l->wrench.force.z - first[i]) < 1e-3 * 2.0);
         }
         lockstep_move(l, v3(0, 0, -0.080), 1.0, 1e-3);
-        assert_int_equal(l->state.tip.phase, TIP_FREE);
+        assert_int_equal(l->state.tip.place.phase, TIP_FREE);
         assert_int_equal(l->state.refined.count, 0);
         assert_true(v3_norm(l->wrench.force) == 0.0 && v3_norm(l->wrench.torque) == 0.0);
         lockstep_move(l, v3(0.01, 0.004, 0), 0.2, 1e-3); /* a neighbouring track in between */
@@ -256,14 +256,14 @@ static void needle_leaves_on_the_far_side_and_comes_back(void **unused) {
             lockstep_move(l, v3(0.001, 0, 0), 0.02, 1e-3);
             seen |= l->wrench.events;
         }
-        assert_int_equal(l->state.tip.phase, TIP_BEYOND);
+        assert_int_equal(l->state.tip.place.phase, TIP_BEYOND);
         assert_true(fabs(l->wrench.depth - 0.1) < 2e-3);
         double pushing = l->wrench.force.x;
         assert_true(pushing < -0.5);
         lockstep_move(l, v3(-0.149, 0, 0), 2.0, 1e-3);
-        assert_true(l->state.tip.phase == TIP_FREE || l->wrench.depth < 2e-3);
+        assert_true(l->state.tip.place.phase == TIP_FREE || l->wrench.depth < 2e-3);
         lockstep_move(l, v3(-0.001, 0, 0), 0.1, 1e-3);
-        assert_int_equal(l->state.tip.phase, TIP_FREE);
+        assert_int_equal(l->state.tip.place.phase, TIP_FREE);
         assert_true(v3_norm(l->wrench.force) == 0.0);
     }
     lockstep_free(l);
@@ -294,7 +294,7 @@ static void degenerate_paths_are_handled(void **unused) {
             assert_true(v3_norm(l->wrench.force) < 8.0);
         }
         lockstep_move(l, v3_scale(-5e-3, axis), 0.1, 1e-3);
-        assert_int_equal(l->state.tip.phase, TIP_FREE);
+        assert_int_equal(l->state.tip.place.phase, TIP_FREE);
     }
     assert_true(aimed > 20);
     lockstep_free(l);
@@ -323,7 +323,7 @@ static void random_motions_are_handled(void **unused) {
             assert_false(l->wrench.events & EVENT_UNSTABLE);
         }
         lockstep_move(l, v3(0, 0, -0.206 - l->base.position.z), 1.0, 1e-3);
-        assert_int_equal(l->state.tip.phase, TIP_FREE);
+        assert_int_equal(l->state.tip.place.phase, TIP_FREE);
     }
     lockstep_free(l);
 }
@@ -337,14 +337,14 @@ static void buckled_needle_recovers(void **unused) {
     for (int i = 0; i < 170; i++) {
         lockstep_move(l, v3(0, 0, 0.001), 0.02, 1e-3);
         assert_true(isfinite(v3_norm(l->wrench.force)));
-        int tet = l->state.tip.tet, region = tet >= 0 ? l->simulation.mesh.region[tet] : -1;
+        int tet = l->state.tip.place.tet, region = tet >= 0 ? l->simulation.mesh.region[tet] : -1;
         assert_int_not_equal(region, mesh_find_group(&l->simulation.mesh, "prostate", 3)); /* the capsule is never crossed */
     }
     for (int i = 0; i < 180; i++) {
         lockstep_move(l, v3(0, 0, -0.001), 0.02, 1e-3);
         assert_true(v3_norm(l->wrench.force) < 20.0);
     }
-    assert_int_equal(l->state.tip.phase, TIP_FREE);
+    assert_int_equal(l->state.tip.place.phase, TIP_FREE);
     assert_true(v3_norm(l->wrench.force) == 0.0);
     lockstep_move(l, v3(0.005, 0, 0), 0.1, 1e-3); /* off its old track */
     lockstep_move(l, v3(0, 0, 0.03), 0.5, 1e-3);
@@ -367,9 +367,9 @@ static void every_insertion_gives_force(void **unused) {
         l->base = start;
         lockstep_move(l, v3_scale(0.004 + 0.006 * uniform(&seed), axis), 0.2, 1e-3);
         lockstep_move(l, v3(0.01 * (uniform(&seed) - 0.5), 0.01 * (uniform(&seed) - 0.5), 0), 0.2, 1e-3);
-        for (int k = 0; k < 200 && l->state.tip.phase != TIP_FREE; k++) lockstep_move(l, v3_scale(-1e-4, axis), 2e-3, 1e-3);
+        for (int k = 0; k < 200 && l->state.tip.place.phase != TIP_FREE; k++) lockstep_move(l, v3_scale(-1e-4, axis), 2e-3, 1e-3);
         lockstep_move(l, v3_scale(0.03, axis), 0.5, 1e-3);
-        assert_int_equal(l->state.tip.phase, TIP_INSIDE);
+        assert_int_equal(l->state.tip.place.phase, TIP_INSIDE);
         assert_true(v3_norm(l->wrench.force) > 0.3);
     }
     lockstep_free(l);
@@ -400,13 +400,13 @@ static void needle_found_in_the_tissue_is_engaged_without_force(void **unused) {
     pose inside = lockstep_start();
     inside.position.z += 0.061;
     lockstep *l = lockstep_create(&c, inside);
-    assert_int_equal(l->state.tip.phase, TIP_INSIDE);
-    assert_true(fabs(l->state.tip.depth - 0.060) < 1e-9);
+    assert_int_equal(l->state.tip.place.phase, TIP_INSIDE);
+    assert_true(fabs(l->state.tip.place.depth - 0.060) < 1e-9);
     for (int i = 0; i < 5; i++) lockstep_tick(l, inside, 1e-3);
     assert_true(l->wrench.contacts > 8);
     assert_true(v3_norm(l->wrench.force) < 1e-4);
     lockstep_move(l, v3(0, 0, -0.070), 1.0, 1e-3);
-    assert_int_equal(l->state.tip.phase, TIP_FREE);
+    assert_int_equal(l->state.tip.place.phase, TIP_FREE);
     lockstep_free(l);
 }
 

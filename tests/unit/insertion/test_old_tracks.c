@@ -37,10 +37,10 @@ static void a_short_track_gives_back_its_length(void **state) {
         lockstep *l = lockstep_create(&config, lockstep_start());
         lockstep_move(l, v3(0, 0, 0.031), 0.031 / SPEED, DT);
         const needle_tip *tip = &l->state.tip;
-        double back = stiffness_of(l) * LENGTHS[i] + l->simulation.materials[l->simulation.mesh.region[tip->tet]].cutting_viscosity * SPEED;
-        vec3 end = v3_axpy(LENGTHS[i], tip->direction, tip->nominal);
+        double back = stiffness_of(l) * LENGTHS[i] + l->simulation.materials[l->simulation.mesh.region[tip->place.tet]].cutting_viscosity * SPEED;
+        vec3 end = v3_axpy(LENGTHS[i], tip->place.direction, tip->place.nominal);
         l->state.tracks.count = l->state.tracks.point_count = 0;
-        tracks_cut(&l->state.tracks, (track_point){.at = tip->nominal, .tet = tip->tet}, (track_point){.at = end, .tet = tip->tet});
+        tracks_cut(&l->state.tracks, (track_point){.at = tip->place.nominal, .tet = tip->place.tet}, (track_point){.at = end, .tet = tip->place.tet});
         double steady = v3_norm(l->wrench.force), least = steady, most = steady, last = steady, step = 0.0;
         for (int k = 0; k < 20; k++) {
             lockstep_move(l, v3(0, 0, SPEED * DT), DT, DT);
@@ -64,23 +64,23 @@ static void a_tip_rests_at_the_end(void **state) {
     lockstep *l = lockstep_create(&config, lockstep_start());
     lockstep_move(l, v3(0, 0, 0.031), 0.031 / SPEED, DT);
     for (int k = 0; k < 50; k++) lockstep_tick(l, l->base, DT); /* it cuts on for a moment, */
-    double end = l->state.tip.depth;
+    double end = l->state.tip.place.depth;
     for (int k = 0; k < 500; k++) { /* and for another one as it turns back */
         lockstep_move(l, v3(0, 0, -SPEED * DT), DT, DT);
-        end = fmax(end, l->state.tip.depth);
+        end = fmax(end, l->state.tip.place.depth);
     }
     do lockstep_move(l, v3(0, 0, SPEED * DT), DT, DT);
-    while (l->state.tip.follows.open == 1.0 && l->wrench.depth <= end);
+    while (l->state.tip.track.openness == 1.0 && l->wrench.depth <= end);
     double reached = l->wrench.depth;
     print_message("end at %.4f mm, reached %.4f mm\n", 1e3 * end, 1e3 * reached);
     assert_true(reached <= end && reached > end - 2.0 * SPEED * DT);
     for (int k = 0; k < 20; k++) {
         lockstep_tick(l, l->base, DT);
-        assert_true(l->wrench.depth == reached && l->state.tip.follows.open == 0.0);
+        assert_true(l->wrench.depth == reached && l->state.tip.track.openness == 0.0);
         assert_int_equal(l->wrench.passes, 1);
     }
     lockstep_move(l, v3(0, 0, -0.01), 0.01 / SPEED, DT);
-    assert_true(l->state.tip.follows.open == 1.0);
+    assert_true(l->state.tip.track.openness == 1.0);
     lockstep_free(l);
 }
 
@@ -98,7 +98,7 @@ static void a_membrane_is_torn_beside_a_puncture(void **state) {
         tracks_puncture(&l->state.tracks, (track_point){.at = v3_add(entry, v3(TIMES[k] * reach, 0, 0))}, 0);
         for (int i = 0; i < 1000 && !(l->wrench.events & EVENT_PUNCTURED) && l->wrench.depth == 0.0; i++) {
             lockstep_move(l, v3(0, 0, SPEED * DT), DT, DT);
-            most = fmax(most, l->state.tip.end_force);
+            most = fmax(most, l->state.tip.solved.end_force);
         }
         print_message("%.2f times the reach from a puncture: %.3f N\n", TIMES[k], most);
         assert_true(fabs(most - LEFT[k] * config.membranes[0].puncture_force) < 0.03);
@@ -117,8 +117,8 @@ static lockstep *pressed_before_a_track(double whole, double left, double length
     for (int i = 0; i < MESH_MAX_GROUPS; i++) l->simulation.materials[i].cutting_force = left;
     const needle_tip *tip = &l->state.tip;
     l->state.tracks.count = l->state.tracks.point_count = 0;
-    vec3 end = v3_axpy(length, l->run.workspace->aim, tip->nominal);
-    if (length > 0.0) tracks_cut(&l->state.tracks, (track_point){.at = tip->nominal, .tet = tip->tet}, (track_point){.at = end, .tet = tip->tet});
+    vec3 end = v3_axpy(length, l->run.workspace->path.cut_direction, tip->place.nominal);
+    if (length > 0.0) tracks_cut(&l->state.tracks, (track_point){.at = tip->place.nominal, .tet = tip->place.tet}, (track_point){.at = end, .tet = tip->place.tet});
     return l;
 }
 
@@ -134,18 +134,18 @@ static void tissue_springs_back_into_a_track(void **state) {
         lockstep_tick(soft, soft->base, DT);
         double f = v3_norm(track->wrench.force), g = v3_norm(soft->wrench.force);
         if (k > 1) largest = fmax(largest, last - f); /* at first, what is cut no longer resists, and the shaft follows */
-        assert_true(track->state.tip.follows.open == 1.0);
+        assert_true(track->state.tip.track.openness == 1.0);
         assert_true(fabs(f - g) < 1e-3 * before);
     }
     print_message("%.3f N before, %.3f N 60 ms after; largest fall in a tick after the first two %.3f N\n", before, v3_norm(track->wrench.force), largest);
     assert_true(v3_norm(track->wrench.force) < 0.7 * before && largest < 0.07 * before);
-    double viscosity = track->simulation.materials[track->simulation.mesh.region[track->state.tip.tet]].cutting_viscosity, most = 0.0;
+    double viscosity = track->simulation.materials[track->simulation.mesh.region[track->state.tip.place.tet]].cutting_viscosity, most = 0.0;
     for (int k = 0; k < 30; k++) {
         lockstep_move(track, v3(0, 0, 0.05 * DT), DT, DT);
-        if (k >= 15) most = fmax(most, track->state.tip.end_force);
+        if (k >= 15) most = fmax(most, track->state.tip.solved.end_force);
     }
     print_message("at 50 mm/s in the track: %.4f N, in whole tissue viscosity alone is %.2f N\n", most, 0.05 * viscosity);
-    assert_true(track->state.tip.follows.open == 1.0 && most < 0.1 * 0.05 * viscosity);
+    assert_true(track->state.tip.track.openness == 1.0 && most < 0.1 * 0.05 * viscosity);
     lockstep_free(track);
     lockstep_free(soft);
 }

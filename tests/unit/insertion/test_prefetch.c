@@ -1,6 +1,6 @@
 /* The tick's reads from a snapshot against the inverse itself, and its requests against the tip's path. */
 #include "lockstep.h"
-#include "insertion/prefetch.h"
+#include "insertion/tip/prefetch.h"
 #include "remesh/snapshot_kernels.h"
 
 #include <setjmp.h>
@@ -37,7 +37,7 @@ static void point_interpolates_the_rows_of_its_corners(void **unused) {
     (void)unused;
     lockstep *l = inserted(0.03);
     const mesh *m = &l->simulation.mesh;
-    int handles[4], tet = l->state.tip.tet;
+    int handles[4], tet = l->state.tip.place.tet;
     leaf_point point = {.weights = {0.1, 0.2, 0.3, 0.4}};
     memcpy(point.corners, m->tets[tet], sizeof point.corners);
     assert_true(snapshot_covers(l->snapshot, point.corners, handles));
@@ -78,7 +78,7 @@ static void path_ahead_is_requested(void **unused) {
     double reach = l->simulation.insertion.settings.prefetch_distance;
     assert_true(l->state.request.window_count <= MAX_WINDOW);
     for (double ahead = 0.0; ahead < 0.9 * reach; ahead += 1e-3) {
-        int tet = mesh_locate(m, v3_axpy(ahead, v3(0, 0, 1), l->state.tip.nominal), l->state.tip.tet);
+        int tet = mesh_locate(m, v3_axpy(ahead, v3(0, 0, 1), l->state.tip.place.nominal), l->state.tip.place.tet);
         for (int c = 0; c < 4; c++) assert_true(asked_for(&l->state.request, m->tets[tet][c]));
     }
     lockstep_free(l);

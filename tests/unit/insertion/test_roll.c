@@ -1,6 +1,6 @@
 /* Friction against turning: lag and torque against closed forms, and the bound shared with sliding. */
-#include "insertion/next_body.h"
-#include "insertion/roll.h"
+#include "insertion/contact/roll.h"
+#include "insertion/tip/next_body.h"
 #include "lockstep.h"
 
 #include <setjmp.h>
@@ -39,7 +39,7 @@ static void check_lag(double sign) {
     lockstep *l = engaged(&c);
     const needle_model *needle = &l->simulation.needle;
     turn(l, sign * 2.0, 2.0);
-    double f = DRY * needle->radius, depth = l->state.tip.depth, before = needle->given.length - depth;
+    double f = DRY * needle->radius, depth = l->state.tip.place.depth, before = needle->given.length - depth;
     double lag = f * (0.5 * depth * depth + depth * before) / needle->torsion;
     printf("lag %.6f, expected %.6f; torque %.6f of %.6f\n", -l->state.tip_lead, lag, l->wrench.torque.z, f * depth);
     assert_true(fabs(-sign * l->state.tip_lead / lag - 1.0) < 0.01);
@@ -66,8 +66,8 @@ static double friction_while(double speed, double rate, double *torque) {
     for (int i = 1; i <= ticks; i++) {
         double t = i * 1e-3;
         lockstep_tick(l, (pose){v3_axpy(-speed * t, v3(0, 0, 1), from.position), q_exp(v3(0, 0, rate * t))}, 1e-3);
-        per_metre = l->wrench.force.z / l->state.tip.depth;
-        *torque = l->wrench.torque.z / l->state.tip.depth;
+        per_metre = l->wrench.force.z / l->state.tip.place.depth;
+        *torque = l->wrench.torque.z / l->state.tip.place.depth;
     }
     lockstep_free(l);
     return per_metre;
@@ -91,7 +91,7 @@ static void turning_eases_sliding(void **unused) {
    the whole shaft slides, after the leap at a membrane. A contact node is new on the shaft as if that did not turn (core/README.md): until it has slid on, the force may be
    off by what nobody notices; from then on, the formula holds in every tick. */
 static bool all_slides(const insertion_state *s) {
-    if (s->tip.phase != TIP_INSIDE || s->tip.blocked_by != NOT_BLOCKED || s->tip.friction != SLIP_FORWARD || s->tip.shaft.friction != SLIP_FORWARD) return false;
+    if (s->tip.place.phase != TIP_INSIDE || s->tip.barrier.blocked_by != NOT_BLOCKED || s->tip.solved.friction != SLIP_FORWARD || s->tip.shaft.friction != SLIP_FORWARD) return false;
     for (int k = 0; contact_is_active(s, k); k++)
         if (s->contacts[s->refined.order[k]].shaft.friction != SLIP_FORWARD) return false;
     return true;
@@ -164,7 +164,7 @@ static void ten_turns_leave_what_friction_holds(void **unused) {
     (void)unused;
     simulation_config c = scene_with(DRY, 0.0);
     lockstep *l = engaged(&c);
-    double f = DRY * l->simulation.needle.radius, depth = l->state.tip.depth;
+    double f = DRY * l->simulation.needle.radius, depth = l->state.tip.place.depth;
     turn(l, 20.0 * M_PI, 8.0);
     assert_true(fabs(l->state.base_turn - 20.0 * M_PI) < 1e-9);
     assert_true(fabs(-l->wrench.torque.z / (f * depth) - 1.0) < 0.01);
@@ -192,7 +192,7 @@ static void stuck_shaft_is_a_rod_in_a_foundation(void **unused) {
     c.insertion.contact_spacing = 1e-3;
     lockstep *l = engaged(&c);
     const needle_model *needle = &l->simulation.needle;
-    double mu = 30e3 / 2.9, k = 4.0 * M_PI * mu * needle->radius * needle->radius, depth = l->state.tip.depth, angle = 0.01;
+    double mu = 30e3 / 2.9, k = 4.0 * M_PI * mu * needle->radius * needle->radius, depth = l->state.tip.place.depth, angle = 0.01;
     double rod = sqrt(needle->torsion * k) * tanh(sqrt(k / needle->torsion) * depth), before = (needle->given.length - depth) / needle->torsion;
     double expected = angle / (1.0 / rod + before);
     turn(l, angle, 0.05);
@@ -213,8 +213,8 @@ static void bevel_follows_the_tip(void **unused) {
     turn(l, 0.5 * M_PI, 0.2);
     double roll = 0.5 * M_PI + l->state.tip_lead;
     assert_true(roll > 0.0 && roll < 1.0);
-    tick_context tick = {.model = &l->simulation.insertion, .state = &l->state};
-    vec3 cut = needle_direction(&tick);
+    tick_input tick = {.model = &l->simulation.insertion};
+    vec3 cut = needle_direction(&tick, &l->state);
     assert_true(v3_norm(v3_sub(cut, v3(0.1 * sin(roll), -0.1 * cos(roll), 1.0))) < 1e-3);
     lockstep_free(l);
 }

@@ -4,7 +4,7 @@
 #include <stddef.h>
 #include <stdint.h>
 
-#include "insertion/shaft.h"
+#include "insertion/state/shaft.h"
 
 #include <cmocka.h>
 
@@ -33,7 +33,7 @@ static insertion_state inserted(void) {
     state.contacts[0].depth = 4e-3;
     state.contacts[1].depth = 10e-3;
     state.contacts[2].depth = 11e-3;
-    state.tip = (needle_tip){.phase = TIP_INSIDE, .depth = 20e-3};
+    state.tip = (needle_tip){.place = {.phase = TIP_INSIDE, .depth = 20e-3}};
     return state;
 }
 
@@ -55,7 +55,7 @@ static void tributary_lengths_meet_half_way_and_reach_the_end(void **unused) {
     assert_share(&s, 2, false, 10.5e-3, 20e-3);
     activate(&s, 0);
     assert_share(&s, 0, true, 0.0, 20e-3);
-    s.tip.depth = 0.0; /* on the skin */
+    s.tip.place.depth = 0.0; /* on the skin */
     assert_share(&s, 0, true, 0.0, 1e-6);
 }
 
@@ -67,7 +67,7 @@ static void tributary_lengths_end_at_region_boundaries(void **unused) {
     activate(&s, 1); /* a contact at 4 mm, the next region from 9 mm on */
     double last = 6.5e-3;
     for (double tip = 9e-3; tip < 20e-3; tip += 1e-6) {
-        s.tip.depth = tip;
+        s.tip.place.depth = tip;
         double border = shaft_share_of(&s, 0, true).to;
         assert_close(border, last, 1.6e-6);
         assert_close(border, fmin(0.5 * (4e-3 + tip) + tip - 9e-3, 9e-3), 1e-12);

@@ -1,8 +1,8 @@
 /* Stiffening tissue: the laws against their integrals and a resolved disc, and what the tick makes of them. The rigid needle against resolved
    hyperelastic elements: tests/verification/verify_large_deflection.py. */
 #include "allocations.h"
-#include "insertion/insertion.h"
-#include "insertion/stiffening.h"
+#include "insertion/memory/stiffening.h"
+#include "insertion/step/insertion.h"
 #include "lockstep.h"
 #include "verification/random_hand.h"
 
@@ -266,11 +266,10 @@ static void time_ticks(lockstep *l, double *times, double *passes) {
         struct timespec before, after;
         pose base = start;
         base.position.z += 5e-4 * (1.0 - cos(0.1 * (i + 1)));
-        tick_context tick = {.model = &l->simulation.insertion, .state = &l->state, .snapshot = l->snapshot, .scratch = l->run.workspace,
-                             .base = {.pose = base}, .dt = 1e-3, .output = &l->wrench};
+        tick_input tick = {.model = &l->simulation.insertion, .snapshot = l->snapshot, .base = {.pose = base}, .dt = 1e-3};
         int64_t counted = allocations_now();
         clock_gettime(CLOCK_THREAD_CPUTIME_ID, &before);
-        insertion_tick(&tick);
+        insertion_tick(&tick, &l->state, l->run.workspace, &l->wrench);
         clock_gettime(CLOCK_THREAD_CPUTIME_ID, &after);
         if (ALLOCATIONS_ARE_COUNTED) assert_int_equal(allocations_now() - counted, 0);
         times[i] = after.tv_sec - before.tv_sec + 1e-9 * (after.tv_nsec - before.tv_nsec);

@@ -1,7 +1,7 @@
 /* The tip's path through the mesh: first touch, obstacles, the contact nodes left along the track, and retraction. */
 #include "lockstep.h"
-#include "insertion/obstacle.h"
-#include "insertion/tip.h"
+#include "insertion/tip/tip.h"
+#include "insertion/track/obstacle.h"
 
 #include <setjmp.h>
 #include <stdarg.h>
@@ -12,44 +12,44 @@ static lockstep *touching(void) {
     simulation_config c = lockstep_config();
     lockstep *l = lockstep_create(&c, lockstep_start());
     tick_output wrench = {.membrane = -1};
-    const tick_context tick = {.model = &l->simulation.insertion, .state = &l->state, .output = &wrench};
-    assert_true(tip_touch(&tick, v3(0.005, 0.003, -0.001), v3(0.005, 0.003, 0.001)));
+    const tick_input tick = {.model = &l->simulation.insertion};
+    assert_true(tip_touch(&tick, &l->state, &wrench, v3(0.005, 0.003, -0.001), v3(0.005, 0.003, 0.001)));
     assert_int_equal(wrench.events, EVENT_TOUCHED);
     return l;
 }
 
 static tick_output go(lockstep *l, double slip) {
     tick_output wrench = {.membrane = -1};
-    l->state.tip.slip = slip;
-    const tick_context tick = {.model = &l->simulation.insertion, .state = &l->state, .output = &wrench};
-    tip_move(&tick, tip_aim(&tick, v3(0, 0, 0)));
+    l->state.tip.solved.slip = slip;
+    const tick_input tick = {.model = &l->simulation.insertion};
+    tip_move(&tick, &l->state, &l->run.workspace->creep, &wrench, tip_cut_direction(&tick, &l->state, v3(0, 0, 0)));
     return wrench;
 }
 
 static tick_output break_through(lockstep *l) {
     tick_output wrench = {.membrane = -1};
-    l->state.tip.slip = 1e-6;
-    tip_puncture(&(tick_context){.model = &l->simulation.insertion, .state = &l->state, .output = &wrench});
+    l->state.tip.solved.slip = 1e-6;
+    tip_puncture(&(tick_input){.model = &l->simulation.insertion}, &l->state, &wrench);
     return wrench;
 }
 
 static bool in_its_element(const lockstep *l) {
     double w[4];
-    mesh_barycentric(&l->simulation.mesh, l->state.tip.tet, l->state.tip.nominal, w);
+    mesh_barycentric(&l->simulation.mesh, l->state.tip.place.tet, l->state.tip.place.nominal, w);
     return w[0] > -1e-6 && w[1] > -1e-6 && w[2] > -1e-6 && w[3] > -1e-6;
 }
 
 static void skin_stops_it_until_punctured(void **unused) {
     (void)unused;
     lockstep *l = touching();
-    assert_true(fabs(l->state.tip.nominal.z) < 1e-12);
+    assert_true(fabs(l->state.tip.place.nominal.z) < 1e-12);
     assert_true(tip_resistance(&l->simulation.insertion, &l->state.tip) == l->simulation.config.membranes[0].puncture_force);
     go(l, 0.01);
-    assert_true(l->state.tip.depth == 0.0);
+    assert_true(l->state.tip.place.depth == 0.0);
     assert_int_equal(break_through(l).membrane, 0);
     assert_true(tip_resistance(&l->simulation.insertion, &l->state.tip) == l->simulation.config.regions[1].material.cutting_force);
     go(l, 0.01);
-    assert_true(fabs(l->state.tip.depth - 0.01) < 1e-6 && fabs(l->state.tip.nominal.z - 0.01) < 1e-6);
+    assert_true(fabs(l->state.tip.place.depth - 0.01) < 1e-6 && fabs(l->state.tip.place.nominal.z - 0.01) < 1e-6);
     lockstep_free(l);
 }
 
@@ -60,11 +60,11 @@ static void capsule_stops_the_tip_at_its_surface(void **unused) {
     break_through(l);
     go(l, 0.06);
     double expected = 0.055 - 0.020 * sqrt(1.0 - pow(5.0 / 24.0, 2) - pow(3.0 / 17.0, 2));
-    assert_int_equal(l->state.tip.blocked_by, 1);
-    assert_true(fabs(l->state.tip.nominal.z - expected) < 2.5e-3);
-    int outside = l->state.tip.tet;
+    assert_int_equal(l->state.tip.barrier.blocked_by, 1);
+    assert_true(fabs(l->state.tip.place.nominal.z - expected) < 2.5e-3);
+    int outside = l->state.tip.place.tet;
     break_through(l);
-    assert_int_not_equal(l->simulation.mesh.region[l->state.tip.tet], l->simulation.mesh.region[outside]);
+    assert_int_not_equal(l->simulation.mesh.region[l->state.tip.place.tet], l->simulation.mesh.region[outside]);
     lockstep_free(l);
 }
 
@@ -72,7 +72,7 @@ static void capsule_stops_the_tip_at_its_surface(void **unused) {
 static tick_output into_the_gland_after(lockstep *l, int layers) {
     break_through(l);
     go(l, 0.06);
-    for (int i = 0; i < layers; i++) l->state.strata[i] = (stratum){.depth = 0.0, .region = l->simulation.mesh.region[l->state.tip.tet]};
+    for (int i = 0; i < layers; i++) l->state.strata[i] = (stratum){.depth = 0.0, .region = l->simulation.mesh.region[l->state.tip.place.tet]};
     l->state.stratum_count = layers;
     return break_through(l);
 }
@@ -96,9 +96,9 @@ static void tip_never_enters_bone(void **unused) {
     l->simulation.materials[gland].cutting_force = INFINITY;
     break_through(l);
     go(l, 0.06);
-    assert_int_equal(l->state.tip.blocked_by, BLOCKED_BY_BONE);
+    assert_int_equal(l->state.tip.barrier.blocked_by, BLOCKED_BY_BONE);
     assert_true(isinf(tip_resistance(&l->simulation.insertion, &l->state.tip)));
-    assert_int_not_equal(l->simulation.mesh.region[l->state.tip.tet], gland);
+    assert_int_not_equal(l->simulation.mesh.region[l->state.tip.place.tet], gland);
     lockstep_free(l);
 }
 
@@ -109,22 +109,22 @@ static void insertion_and_retraction(void **unused) {
     break_through(l);
     double spacing = l->simulation.insertion.settings.contact_spacing;
     for (int i = 0; i < 300; i++) {
-        if (go(l, 1e-4), l->state.tip.blocked_by != NOT_BLOCKED) break_through(l);
+        if (go(l, 1e-4), l->state.tip.barrier.blocked_by != NOT_BLOCKED) break_through(l);
         assert_true(in_its_element(l));
     }
     int left = contacts_passed(&l->state);
     assert_true(left >= 5);
     for (int i = 0; i < left; i++) {
         double z = l->state.refined.nodes[i].position.z;
-        assert_true(fabs(z - l->state.contacts[i].depth) < 0.03 * 0.02 && z < l->state.tip.nominal.z + 1e-9);
+        assert_true(fabs(z - l->state.contacts[i].depth) < 0.03 * 0.02 && z < l->state.tip.place.nominal.z + 1e-9);
         if (i > 0) assert_true(l->state.contacts[i].depth - l->state.contacts[i - 1].depth > spacing - 1e-12);
     }
     unsigned seen = 0;
-    for (int i = 0; i < 400 && l->state.tip.phase == TIP_INSIDE; i++) {
+    for (int i = 0; i < 400 && l->state.tip.place.phase == TIP_INSIDE; i++) {
         seen |= go(l, -1e-4).events;
-        if (l->state.tip.phase == TIP_INSIDE) assert_true(in_its_element(l));
+        if (l->state.tip.place.phase == TIP_INSIDE) assert_true(in_its_element(l));
     }
-    assert_int_equal(l->state.tip.phase, TIP_FREE);
+    assert_int_equal(l->state.tip.place.phase, TIP_FREE);
     assert_int_equal(l->state.refined.count, 0);
     assert_true(seen & EVENT_REMOVED && seen & EVENT_WITHDRAWN);
     lockstep_free(l);
@@ -136,7 +136,7 @@ static void bevel_deflects_the_cut_away_from_its_face(void **unused) {
     l->simulation.needle.given.bevel_slope = 0.1;
     break_through(l);
     go(l, 0.01);
-    assert_true(fabs((l->state.tip.nominal.y - 0.003) / l->state.tip.nominal.z + 0.1) < 1e-6);
+    assert_true(fabs((l->state.tip.place.nominal.y - 0.003) / l->state.tip.place.nominal.z + 0.1) < 1e-6);
     lockstep_free(l);
 }
 
@@ -152,10 +152,10 @@ static lockstep *released_before_the_capsule(double before, double puncture_forc
     for (bool ahead = false; !ahead || chord > before; steps++) {
         assert_true(steps < 10000); /* 200 mm: the capsule is on the way */
         lockstep_move(l, v3(0, 0, 2e-5), 1e-3, 1e-3);
-        int face = tip->phase == TIP_INSIDE ? mesh_exit(&l->simulation.mesh, tip->tet, tip->nominal, tip->direction, &chord) : -1;
-        ahead = face >= 0 && l->simulation.mesh.face_groups[tip->tet][face] >> l->simulation.membranes[1].group & 1;
+        int face = tip->place.phase == TIP_INSIDE ? mesh_exit(&l->simulation.mesh, tip->place.tet, tip->place.nominal, tip->place.direction, &chord) : -1;
+        ahead = face >= 0 && l->simulation.mesh.face_groups[tip->place.tet][face] >> l->simulation.membranes[1].group & 1;
     }
-    region_material *around = &l->simulation.materials[l->simulation.mesh.region[tip->tet]];
+    region_material *around = &l->simulation.materials[l->simulation.mesh.region[tip->place.tet]];
     double cutting = around->cutting_force;
     around->cutting_force = 1.0;
     lockstep_move(l, v3(0, 0, 0.004), 0.2, 1e-3);
@@ -170,13 +170,13 @@ static void a_tip_that_springs_forward_stops_at_a_membrane(void **unused) {
     double jumps = 0.0;
     for (int i = 0; i < 12; i++) {
         lockstep *l = released_before_the_capsule(2e-4 + 1e-4 * i, 5.0);
-        double dent = l->state.tip.dent, rise = 0.0;
+        double dent = l->state.tip.dent.size, rise = 0.0;
         for (int k = 0; k < 20; k++) {
             lockstep_move(l, v3(0, 0, 2e-5), 1e-3, 1e-3);
-            rise = fmax(rise, l->state.tip.dent - dent);
-            dent = l->state.tip.dent;
+            rise = fmax(rise, l->state.tip.dent.size - dent);
+            dent = l->state.tip.dent.size;
         }
-        assert_int_equal(l->state.tip.blocked_by, 1);
+        assert_int_equal(l->state.tip.barrier.blocked_by, 1);
         jumps = fmax(jumps, rise);
         lockstep_free(l);
     }
@@ -190,18 +190,18 @@ static void a_weak_membrane_is_pierced_in_passing(void **unused) {
     for (int i = 0; i < 6; i++) {
         lockstep *l = released_before_the_capsule(2e-4 + 2e-4 * i, 0.3);
         unsigned seen = 0;
-        double dent = l->state.tip.dent;
+        double dent = l->state.tip.dent.size;
         for (int k = 0; k < 20; k++) {
             vec3 last = l->wrench.force;
             lockstep_move(l, v3(0, 0, 2e-5), 1e-3, 1e-3);
             if (l->wrench.events & EVENT_PUNCTURED) {
                 assert_int_equal(l->wrench.membrane, 1);
-                assert_int_equal(l->state.tip.blocked_by, NOT_BLOCKED);
+                assert_int_equal(l->state.tip.barrier.blocked_by, NOT_BLOCKED);
                 assert_true(v3_norm(v3_sub(l->wrench.force, last)) < 0.05);
             }
-            assert_true(l->state.tip.dent < dent + 1e-7);
+            assert_true(l->state.tip.dent.size < dent + 1e-7);
             seen |= l->wrench.events;
-            dent = l->state.tip.dent;
+            dent = l->state.tip.dent.size;
         }
         assert_true(seen & EVENT_PUNCTURED);
         lockstep_free(l);

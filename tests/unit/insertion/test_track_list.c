@@ -1,5 +1,5 @@
 /* The direction of a recorded track: as smooth as the way that was cut. */
-#include "insertion/track_list.h"
+#include "insertion/state/track_list.h"
 
 #include <setjmp.h>
 #include <stdarg.h>

@@ -11,7 +11,7 @@ static void centreline_is_smooth(void **unused) {
     needle_model model = needle_made(20);
     needle_tangent *tangent = malloc(sizeof *tangent);
     needle_state state;
-    needle_rest(&model, (pose){v3(0, 0, 0), {1, 0, 0, 0}}, &state);
+    needle_set_straight(&model, (pose){v3(0, 0, 0), {1, 0, 0, 0}}, &state);
     bend(&model, &state, v3(0.1, 0.4, 0), tangent);
     needle_point before = needle_at(&model, &state, 0.0);
     assert_true(v3_norm(v3_sub(before.position, state.base.position)) < 1e-15);
@@ -32,7 +32,7 @@ static void centreline_of_a_needle_at_rest_is_straight(void **unused) {
     pose base = {v3(0.3, -0.2, 0.1), q_exp(v3(0.7, -1.1, 2.0))};
     needle_model model = needle_made(20);
     needle_state state;
-    needle_rest(&model, base, &state);
+    needle_set_straight(&model, base, &state);
     for (double arc = 0.0; arc <= 0.2; arc += 0.003) {
         needle_point p = needle_at(&model, &state, arc);
         vec3 expected = v3_add(base.position, q_rotate(base.orientation, v3(0, 0, arc)));

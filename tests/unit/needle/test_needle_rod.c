@@ -15,7 +15,7 @@ static void small_deflection_matches_a_cantilever(void **unused) {
     needle_model model = make(40);
     needle_state state;
     needle_tangent *tangent = malloc(sizeof *tangent);
-    needle_rest(&model, (pose){v3(0, 0, 0), {1, 0, 0, 0}}, &state);
+    needle_set_straight(&model, (pose){v3(0, 0, 0), {1, 0, 0, 0}}, &state);
     bend(&model, &state, v3(0, 1e-4, 0), tangent);
     double expected = 1e-4 * pow(0.2, 3) / (3.0 * model.bending);
     assert_true(fabs(tip(&model, &state).y / expected - 1.0) < 5e-4); /* 1/(2 N^2) = 3e-4 */
@@ -35,7 +35,7 @@ static void large_deflection_follows_the_elastica(void **unused) {
         needle_model model = make(64);
         needle_state state;
         needle_tangent *tangent = malloc(sizeof *tangent);
-        needle_rest(&model, (pose){v3(0, 0, 0), {1, 0, 0, 0}}, &state);
+        needle_set_straight(&model, (pose){v3(0, 0, 0), {1, 0, 0, 0}}, &state);
         bend(&model, &state, v3(0, p * model.bending / 0.04, 0), tangent);
         assert_true(fabs(tip(&model, &state).y / 0.2 - y) < 5e-4);
         assert_true(fabs(tip(&model, &state).z / 0.2 - x) < 5e-4);
@@ -51,7 +51,7 @@ static void axial_load_softens_like_a_beam_column(void **unused) {
     needle_tangent *tangent = malloc(sizeof *tangent);
     vec3 load[NEEDLE_MAX_SEGMENTS + 1];
     memset(load, 0, sizeof load);
-    needle_rest(&model, (pose){v3(0, 0, 0), {1, 0, 0, 0}}, &state);
+    needle_set_straight(&model, (pose){v3(0, 0, 0), {1, 0, 0, 0}}, &state);
     double euler = M_PI * M_PI * model.bending / (4 * 0.04);
     for (int c = 0; c < 3; c++) {
         double compression = (double[]){0.3, 0.8, 2.0}[c] * euler; /* the last one is buckled: negative compliance */
@@ -71,7 +71,7 @@ static void compliance_does_not_depend_on_the_first_joint(void **unused) {
     needle_tangent *whole = calloc(1, sizeof *whole), *part = calloc(1, sizeof *part);
     vec3 load[NEEDLE_MAX_SEGMENTS + 1];
     memset(load, 0, sizeof load);
-    needle_rest(&model, (pose){v3(0, 0, 0), q_exp(v3(0.3, -0.4, 0.5))}, &state);
+    needle_set_straight(&model, (pose){v3(0, 0, 0), q_exp(v3(0.3, -0.4, 0.5))}, &state);
     load[40] = v3(0.1, 0.25, -0.1);
     load[22] = v3(-0.2, 0.2, 0.3);
     for (int i = 0; i < 4; i++) {
@@ -103,7 +103,7 @@ static void any_number_of_segments_will_do(void **unused) {
             vec3 ends[2];
             for (int side = 0; side < 2; side++) {
                 needle_state state;
-                needle_rest(&model, (pose){v3(0, 0, 0), q_exp(v3(0.3, -0.4, 0.5))}, &state);
+                needle_set_straight(&model, (pose){v3(0, 0, 0), q_exp(v3(0.3, -0.4, 0.5))}, &state);
                 double d = side ? step : -step;
                 bend(&model, &state, v3_add(force, v3(a == 0 ? d : 0, a == 1 ? d : 0, a == 2 ? d : 0)), tangent);
                 ends[side] = tip(&model, &state);
@@ -112,7 +112,7 @@ static void any_number_of_segments_will_do(void **unused) {
             most = fmax(most, v3_norm(moved[a]));
         }
         needle_state state;
-        needle_rest(&model, (pose){v3(0, 0, 0), q_exp(v3(0.3, -0.4, 0.5))}, &state);
+        needle_set_straight(&model, (pose){v3(0, 0, 0), q_exp(v3(0.3, -0.4, 0.5))}, &state);
         bend(&model, &state, force, tangent);
         for (int a = 0; a < 3; a++) {
             const double expected[] = {moved[a].x, moved[a].y, moved[a].z};
@@ -130,7 +130,7 @@ static void buckling_modes_match_euler(void **unused) {
     needle_tangent *tangent = malloc(sizeof *tangent);
     vec3 load[NEEDLE_MAX_SEGMENTS + 1];
     memset(load, 0, sizeof load);
-    needle_rest(&model, (pose){v3(0, 0, 0), q_exp(v3(0.3, -0.2, 0.5))}, &state);
+    needle_set_straight(&model, (pose){v3(0, 0, 0), q_exp(v3(0.3, -0.2, 0.5))}, &state);
     double euler = M_PI * M_PI * model.bending / (4 * 0.04), beside[] = {-5.0, 0.98, 1.02, 8.8, 9.2, 24.5, 25.5};
     const int ways[] = {0, 0, 2, 2, 4, 4, 6};
     for (int c = 0; c < 7; c++) {
@@ -148,7 +148,7 @@ static void newton_converges_quadratically(void **unused) {
     needle_tangent *tangent = malloc(sizeof *tangent);
     vec3 load[NEEDLE_MAX_SEGMENTS + 1];
     memset(load, 0, sizeof load);
-    needle_rest(&model, (pose){v3(0, 0, 0), q_exp(v3(0.3, -0.4, 0.5))}, &state);
+    needle_set_straight(&model, (pose){v3(0, 0, 0), q_exp(v3(0.3, -0.4, 0.5))}, &state);
     load[40] = v3(0.1, 0.25, -0.1);
     load[22] = v3(-0.2, 0.2, 0.3);
     double change[8];
@@ -168,8 +168,8 @@ static void rotated_base_gives_rotated_shape(void **unused) {
     needle_state plain, turned;
     quat q = q_exp(v3(0.7, -1.1, 2.0));
     vec3 shift = v3(0.3, -0.2, 0.1), force = v3(0.1, 0.3, -0.4);
-    needle_rest(&model, (pose){v3(0, 0, 0), {1, 0, 0, 0}}, &plain);
-    needle_rest(&model, (pose){shift, q}, &turned);
+    needle_set_straight(&model, (pose){v3(0, 0, 0), {1, 0, 0, 0}}, &plain);
+    needle_set_straight(&model, (pose){shift, q}, &turned);
     bend(&model, &plain, force, tangent);
     bend(&model, &turned, q_rotate(q, force), tangent);
     for (int k = 0; k <= 40; k++) {
@@ -187,8 +187,8 @@ static void roll_of_the_base_reaches_the_tip(void **unused) {
     needle_state state;
     vec3 load[NEEDLE_MAX_SEGMENTS + 1];
     memset(load, 0, sizeof load);
-    needle_rest(&model, (pose){v3(0, 0, 0), {1, 0, 0, 0}}, &state);
-    needle_hold(&model, (pose){v3(0, 0, 0), q_exp(v3(0, 0, 0.8))}, &state);
+    needle_set_straight(&model, (pose){v3(0, 0, 0), {1, 0, 0, 0}}, &state);
+    needle_move_base(&model, (pose){v3(0, 0, 0), q_exp(v3(0, 0, 0.8))}, &state);
     for (int i = 0; i < 4; i++) {
         needle_linearise(&model, &state, load, 0, tangent);
         needle_advance(&model, tangent, load, &state);

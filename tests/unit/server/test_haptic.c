@@ -274,8 +274,8 @@ static void recovers_from_non_finite_values(void **state) {
 #define PLACE(name) {#name, offsetof(insertion_state, name)}
     static const struct { const char *name; size_t place; } places[] = {
         PLACE(base_shift.x), PLACE(needle.base.position.y), PLACE(needle.joints[10].x), PLACE(needle.frames[10].w), PLACE(entry.z),
-        PLACE(tip.nominal.x), PLACE(tip.depth), PLACE(tip.slip), PLACE(tip.force.z), PLACE(tip.shaft.slip), PLACE(tip.shaft.slid),
-        PLACE(tip.shaft.origin), PLACE(tip.dent), PLACE(tip.damping.z), PLACE(tip.pressing), PLACE(tip.known_weights[1]), PLACE(strata[1].depth), PLACE(refined.nodes[1].position.z),
+        PLACE(tip.place.nominal.x), PLACE(tip.place.depth), PLACE(tip.solved.slip), PLACE(tip.solved.force.z), PLACE(tip.shaft.slip), PLACE(tip.shaft.slid),
+        PLACE(tip.shaft.origin), PLACE(tip.dent.size), PLACE(tip.dent.damping.z), PLACE(tip.filtered_push), PLACE(tip.known.weights[1]), PLACE(strata[1].depth), PLACE(refined.nodes[1].position.z),
         PLACE(contacts[1].shaft.origin), PLACE(contacts[1].depth), PLACE(contacts[1].shaft.slip), PLACE(contacts[1].shaft.slid), PLACE(contacts[1].force.y),
         PLACE(contacts[1].log_lateral.xy), PLACE(contacts[1].log_axial),
     };
@@ -561,7 +561,7 @@ static void a_fault_of_one_needle_leaves_the_other_alone(void **state) {
     fixture *f = *state;
     trocar_needle_wrench_t before[2], w[2];
     push_pair(f, true, true, before);
-    f->host.sim->needles[0].state.tip.depth = NAN;
+    f->host.sim->needles[0].state.tip.place.depth = NAN;
     put_in_pair(f, 0, PUSHED + AT_REST + 1);
     put_in_pair(f, 1, PUSHED + AT_REST + 1);
     tick_pair(f, w);

@@ -1,0 +1,145 @@
+#include "insertion/contact/between_points.h"
+
+#include "insertion/guide/guides.h"
+#include "linalg/between_kernels.h"
+
+/* Places of points from base to tip, and what is known of them before their blocks. */
+typedef struct {
+    int order[MAX_POINTS];           /* the point in each place */
+    bool in_order;                   /* see in_order_of_slots */
+    _Alignas(CACHE_LINE) between_rows frames; /* [a][b]: component a of axis b */
+    between_rows tissue;             /* m/N, world frame, between one point (rows) and the others, if they are not in order */
+} layout;
+
+/* ---- points ---------------------------------------------------------------------------------------------------------- */
+
+/* The points from base to tip: guides come first in the list, wherever they are. */
+static void sort_points(const contact_points *points, int order[MAX_POINTS]) {
+    for (int i = 0; i < points->count; i++) {
+        int at = i;
+        for (; at > 0 && points->list[order[at - 1]].at.first > points->list[i].at.first; at--) order[at] = order[at - 1];
+        order[at] = i;
+    }
+}
+
+static void lay_out_frames(const contact_points *points, layout *to) {
+    for (int k = 0; k < points->count; k++)
+        for (int a = 0; a < 3; a++)
+            for (int b = 0; b < 3; b++) to->frames[a][b][k] = points->list[to->order[k]].at.frame.m[a][b];
+}
+
+/* True if points and slots are in order without gaps, with any guides nearer to the base. (The usual case.) */
+static bool in_order_of_slots(const contact_points *points, const int order[MAX_POINTS]) {
+    bool in_order = true;
+    for (int k = 0; k < points->count && in_order; k++)
+        in_order = order[k] == k && (points->list[k].kind != POINT_TISSUE || points->list[k].handle - k == points->list[points->guided].handle - points->guided);
+    return in_order;
+}
+
+static void put_tissue(between_rows to, int l, const mat3 *block, bool transposed) {
+    for (int a = 0; a < 3; a++)
+        for (int b = 0; b < 3; b++) to[a][b][l] = transposed ? block->m[b][a] : block->m[a][b];
+}
+
+/* Between two points, neither of which is at the tip. */
+static mat3 between_contacts(const tick_input *tick, const contact_points *points, const creep_step *creep, int i, int j) {
+    if (i < points->guided || j < points->guided) return (mat3){{{0}}};
+    return m3_scaled(creep->yield, compliance_between(tick->snapshot, points->list[i].handle, points->list[j].handle));
+}
+
+/* Compliance of the tissue between the point in place k and those from there on. */
+static void lay_out_tissue(const tick_input *tick, const contact_points *points, const tissue_step *tissue, const creep_step *creep, const int *order, int k,
+                           between_rows to) {
+    int i = order[k];
+    for (int l = k; l < points->count; l++) {
+        int j = order[l];
+        if (points->list[i].kind == POINT_TIP) put_tissue(to, l, &tissue->tip_row[j], false);
+        else if (points->list[j].kind == POINT_TIP) put_tissue(to, l, &tissue->tip_row[i], true);
+        else {
+            mat3 block = between_contacts(tick, points, creep, i, j);
+            put_tissue(to, l, &block, false);
+        }
+    }
+}
+
+/* ---- needle ---------------------------------------------------------------------------------------------------------- */
+
+/* How the joints move under unit forces at each point. */
+static void interpolate_columns(const contact_points *points, const needle_response *response, between_components *joints_to_points, const int *order) {
+    between_interpolation columns[MAX_POINTS];
+    for (int k = 0; k < points->count; k++) columns[k] = (between_interpolation){points->list[order[k]].at.first, points->list[order[k]].at.weights};
+    between_interpolate(response->tangent.compliance[0], NEEDLE_LD, points->count, columns, joints_to_points);
+}
+
+/* ---- blocks ---------------------------------------------------------------------------------------------------------- */
+
+/* Stores the block of points i (rows) and j in the upper triangle. */
+static void put_block(contact_problem *p, int i, int j, const mat3 *block) {
+    for (int a = 0; a < 3; a++)
+        for (int b = 0; b < 3; b++) {
+            int row = unknown(p->count, i, a), column = unknown(p->count, j, b);
+            if (row <= column) p->compliance[row][column] = block->m[a][b];
+            else p->compliance[column][row] = block->m[a][b];
+        }
+}
+
+/* A guide that the needle does not touch is coupled to nothing. */
+static void uncouple_guide(const contact_points *points, contact_problem *problem, int i) {
+    static const mat3 nothing;
+    for (int j = 0; j < points->count; j++) put_block(problem, i, j, &nothing);
+}
+
+/* Stores the blocks of the point in place k with itself and those beyond. */
+static void put_blocks(const contact_points *points, contact_problem *problem, const int *order, int k, between_rows blocks) {
+    for (int l = k; l < points->count; l++) {
+        mat3 block;
+        for (int a = 0; a < 9; a++) block.m[a / 3][a % 3] = blocks[a / 3][a % 3][l];
+        put_block(problem, order[k], order[l], &block);
+    }
+}
+
+/* The tissue of the points from place k on, in order: between contacts as the snapshot has it. */
+static void read_tissue(const tick_input *tick, const contact_points *points, const tissue_step *tissue, const creep_step *creep, int k, between_points_row *row) {
+    static const double none[BETWEEN_PLACES];
+    const contact_point *point = &points->list[k];
+    for (int a = 0; a < 9; a++)
+        row->tissue[a / 3][a % 3] = point->kind == POINT_TISSUE ? tick->snapshot->between_contacts[point->handle].at[a / 3][a % 3] : none;
+    row->shift = point->kind == POINT_TISSUE ? point->handle - k : 0;
+    row->lowest = point->kind == POINT_TISSUE ? points->guided : 0;
+    row->yield = creep->yield;
+    row->tip_place = points->count - points->tip;
+    if (points->tip) row->at_tip = point->kind == POINT_TIP ? tissue->tip_row[k] : m3_transposed(&tissue->tip_row[k]);
+}
+
+/* Blocks of the point in place k with those from there on. */
+static void find_blocks(const tick_input *tick, const contact_points *points, const tissue_step *tissue, const creep_step *creep, between_components *joints_to_points,
+                        layout *places, between_kernel *kernel, int k, between_rows blocks) {
+    const needle_point *point = &points->list[places->order[k]].at;
+    between_points_row row = {.begin = k, .end = points->count, .frame = &point->frame, .weights = point->weights, .needle = (const between_components *)&joints_to_points[3 * point->first],
+                              .yield = 1.0, .tip_place = points->count, .mount = tick->base.compliance, .frames = (const between_rows *)&places->frames};
+    if (places->in_order) {
+        read_tissue(tick, points, tissue, creep, k, &row);
+    } else {
+        lay_out_tissue(tick, points, tissue, creep, places->order, k, places->tissue);
+        for (int a = 0; a < 9; a++) row.tissue[a / 3][a % 3] = places->tissue[a / 3][a % 3];
+    }
+    kernel(&row, blocks);
+}
+
+void assemble_between_points(const tick_input *tick, insertion_workspace *w) {
+    _Alignas(CACHE_LINE) layout places;
+    _Alignas(CACHE_LINE) between_rows blocks;
+    between_kernel *kernel = between_kernel_here();
+    places.order[0] = 0;
+    sort_points(&w->points, places.order);
+    places.in_order = in_order_of_slots(&w->points, places.order);
+    lay_out_frames(&w->points, &places);
+    interpolate_columns(&w->points, &w->response, w->joints_to_points, places.order);
+    for (int k = w->points.count - 1; k >= 0; k--) { /* toward the base: see between_store */
+        find_blocks(tick, &w->points, &w->tissue, &w->creep, w->joints_to_points, &places, kernel, k, blocks);
+        if (places.in_order) between_store(w->problem.count, k, blocks, w->problem.compliance);
+        else put_blocks(&w->points, &w->problem, places.order, k, blocks);
+    }
+    for (int i = 0; i < w->points.guided; i++)
+        if (guides_is_open(&w->points, w->edges, i)) uncouple_guide(&w->points, &w->problem, i);
+}

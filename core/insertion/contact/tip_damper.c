@@ -1,0 +1,86 @@
+#include "insertion/contact/tip_damper.h"
+
+#include "insertion/memory/along_track.h"
+#include "insertion/memory/creep.h"
+#include "insertion/memory/stiffening.h"
+#include "insertion/state/local_compliance.h"
+#include "linalg/rows.h"
+
+double damper_relaxed(const insertion_model *model, const needle_tip *tip, double dt) {
+    if (tip->solved.friction != SLIP_FORWARD || tip->dent.size == 0.0) return 1.0;
+    return -expm1(-dt * local_wave_speed(model, tip->place.tet, tip->place.nominal) / fabs(tip->dent.size));
+}
+
+/* Displacement of the tissue at the tip along the track that does not depend on this step's forces, m. */
+static double dent_without_forces(const tick_input *tick, const insertion_state *state, const contact_points *points, const tissue_step *tissue, const creep_step *creep,
+                                  const stiffening_step *stiffening) {
+    return creep_dent(tick, state, points, tissue, creep) + stiffening->end.offset + state->tip.dent.offset;
+}
+
+/* The displacement under the forces before this step, m. */
+static double dent_before(const tick_input *tick, const insertion_state *state, const insertion_workspace *w) {
+    const contact_points *points = &w->points;
+    vec3 along = state->tip.place.direction;
+    double face = w->tissue.axial[points->count - 1] + w->stiffening.end.slope;
+    double u = dent_without_forces(tick, state, points, &w->tissue, &w->creep, &w->stiffening) + face * force_on_face(state, points, &w->tissue);
+    for (int i = points->guided; i < points->count; i++) u += v3_dot(m3_apply(&w->tissue.tip_row[i], along), point_force(state, &points->list[i]));
+    return u;
+}
+
+void damper_keep_dent(const tick_input *tick, insertion_state *state, insertion_workspace *w) {
+    contact_point *tip = &w->points.list[w->points.count - 1];
+    stiffening_linearise(tick, state, &w->points, &w->tissue, &w->creep, &w->stiffening, &w->damper, true);
+    double change = state->tip.dent.held - dent_before(tick, state, w);
+    state->tip.dent.offset += change;
+    tip->target = v3_axpy(change, state->tip.place.direction, tip->target);
+}
+
+_Static_assert(MAX_UNKNOWNS % ROW_STEP == 0, "the column is read in whole steps");
+
+void damper_eliminate(const tick_input *tick, const insertion_state *state, insertion_workspace *w) {
+    contact_problem *p = &w->problem;
+    int t = p->count - 1, tip = unknown(p->count, t, 2), all = tip + 2;
+    double *a = w->damper.column;
+    vec3 along = state->tip.place.direction, own = m3_apply(&w->tissue.tip_row[t], along);
+    for (int i = 0; i < p->count; i++) {
+        vec3 moved = m3_apply_transposed(&w->tissue.tip_row[i], along);
+        moved = m3_apply_transposed(&w->points.list[i].at.frame, moved);
+        a[unknown(p->count, i, 0)] = moved.x;
+        a[unknown(p->count, i, 1)] = moved.y;
+        a[unknown(p->count, i, 2)] = moved.z;
+    }
+    a[tip + 1] = a[tip];
+    double face = w->tissue.axial[t] + w->stiffening.end.slope;
+    const track_shares at = along_track(state, &w->points, &w->tissue, t);
+    for (int i = 0; i < at.count; i++) a[at.row[i]] += face * at.on_face[i] * at.along[i];
+    w->damper.yield = v3_dot(along, own) + face;
+    double held = (1.0 - w->damper.relaxed) / w->damper.yield;
+    if (held == 0.0) return;
+    double dent = state->tip.dent.size - dent_without_forces(tick, state, &w->points, &w->tissue, &w->creep, &w->stiffening); /* what this step's forces displace */
+    for (int i = 0; i < all; i++) {
+        double left = held * a[i];
+        row_subtract(left, a, i, all, p->compliance[i]);
+        p->gap[i] -= left * dent;
+    }
+}
+
+/* The displacement that the forces would hold statically, m. */
+static double static_dent(const tick_input *tick, const insertion_state *state, const insertion_workspace *w) {
+    const contact_problem *p = &w->problem;
+    int tip = unknown(p->count, p->count - 1, 2);
+    double u = dent_without_forces(tick, state, &w->points, &w->tissue, &w->creep, &w->stiffening);
+    for (int i = 0; i < tip + 2; i++) u += w->damper.column[i] * p->force[i];
+    return u;
+}
+
+void damper_find_force(const tick_input *tick, insertion_state *state, const insertion_workspace *w) {
+    needle_tip *tip = &state->tip;
+    tip->dent.damping = v3_scale((1.0 - w->damper.relaxed) * (tip->dent.size - static_dent(tick, state, w)) / w->damper.yield, tip->place.direction);
+}
+
+void damper_conclude(const tick_input *tick, insertion_state *state, const insertion_workspace *w) {
+    double u = static_dent(tick, state, w), dent = w->damper.relaxed * u + (1.0 - w->damper.relaxed) * state->tip.dent.size;
+    state->tip.dent.damping = v3_scale((dent - u) / w->damper.yield, state->tip.place.direction);
+    state->tip.dent.size = dent;
+    state->tip.dent.held = u;
+}

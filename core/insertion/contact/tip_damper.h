@@ -1,0 +1,28 @@
+/* The damper at the tip: where it cuts, tissue springs back no faster than a shear wave crosses its dent. See core/README.md, "After
+   a puncture". */
+#ifndef TROCAR_TIP_DAMPER_H
+#define TROCAR_TIP_DAMPER_H
+
+#include "insertion/state/tick.h"
+
+/* Part of the way to its static place that the tissue at the tip goes in this step. While the tip sticks, the tissue follows the
+   hand, which is far slower than waves: all of the way. RT */
+double damper_relaxed(const insertion_model *model, const needle_tip *tip, double dt);
+
+/* A new contact node changes by a few per cent how far the same forces displace the tip. So that it does not move by that at once, the change is taken off, and
+   fades as the tip moves on. With the points located. RT */
+void damper_keep_dent(const tick_input *tick, insertion_state *state, insertion_workspace *w);
+
+/* Eliminates the damper's force from the contact problem. In a step the dent goes the part 1 - exp(-c dt / dent) of the way to the
+   displacement u that the forces would hold statically, c being the wave speed: dent' = relaxed u + (1 - relaxed) dent. The
+   damper's force on the tissue is (dent' - u) over the tip's compliance. It takes a matrix of rank 1 off the tissue's
+   compliance, which stays positive semidefinite. RT */
+void damper_eliminate(const tick_input *tick, const insertion_state *state, insertion_workspace *w);
+
+/* The damper's force with the forces of the last pass. RT */
+void damper_find_force(const tick_input *tick, insertion_state *state, const insertion_workspace *w);
+
+/* The dent after this step, and the damper's force. RT */
+void damper_conclude(const tick_input *tick, insertion_state *state, const insertion_workspace *w);
+
+#endif

@@ -1,0 +1,57 @@
+#include "insertion/state/shaft.h"
+
+#include "insertion/state/local_compliance.h"
+
+static const double LEAST_SHARE = 1e-6; /* m: of shaft that a contact stands for, at least. Rounding */
+
+/* Of active contact number k; behind them, of the tip. */
+static double depth_of(const insertion_state *state, int k) {
+    return contact_is_active(state, k) ? state->contacts[state->refined.order[k]].depth : state->tip.place.depth;
+}
+
+/* Depth at which the share of point `index` ends and that of the next one begins: half way, or where the track first goes into
+   another region between them, so that no contact represents shaft in tissue that it is not in. The border moves there only as
+   fast as the next point moves away from it: otherwise forces would jump whenever the tip enters a region. */
+static double border_behind(const insertion_state *state, int k) {
+    double here = depth_of(state, k), next = depth_of(state, k + 1), half = 0.5 * (here + next);
+    for (int s = 1; s < state->stratum_count; s++) {
+        double change = state->strata[s].depth;
+        if (change <= here) continue;
+        return change < next ? half + smaller_of(change - half, next - change) : half;
+    }
+    return half;
+}
+
+shaft_share shaft_next_share(const insertion_state *state, int k, bool tip, double *border) {
+    bool last = !contact_is_active(state, tip ? k : k + 1);
+    double from = *border;
+    *border = last ? state->tip.place.depth : border_behind(state, k);
+    return (shaft_share){from, larger_of(*border, from + LEAST_SHARE)};
+}
+
+shaft_share shaft_share_of(const insertion_state *state, int k, bool tip) {
+    double border = k > 0 ? border_behind(state, k - 1) : 0.0;
+    return shaft_next_share(state, k, tip, &border);
+}
+
+/* Of this length in one material. */
+static void add_resistance(const region_material *material, double length, shaft_resistance *sum) {
+    lateral_axial line = local_line_stiffness(material);
+    sum->kinetic += length * material->friction_kinetic;
+    sum->excess += length * (material->friction_static - material->friction_kinetic);
+    sum->viscous += length * material->friction_viscous;
+    sum->lateral += length * line.lateral;
+    sum->axial += length * line.axial;
+    sum->stiffening += length * line.axial * material->stiffening;
+}
+
+shaft_resistance shaft_resistance_of(const insertion_model *model, const insertion_state *state, shaft_share part) {
+    shaft_resistance sum = {0};
+    for (int k = 0; k < state->stratum_count; k++) {
+        double top = k > 0 ? larger_of(part.from, state->strata[k].depth) : part.from;
+        double length = (k + 1 < state->stratum_count ? smaller_of(part.to, state->strata[k + 1].depth) : part.to) - top;
+        if (length > 0.0 && state->strata[k].region != IN_A_GAP) add_resistance(&model->materials[state->strata[k].region], length, &sum);
+    }
+    if (sum.stiffening > 0.0) sum.stiffening /= sum.axial;
+    return sum;
+}

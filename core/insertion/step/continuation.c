@@ -1,0 +1,76 @@
+#include "insertion/step/continuation.h"
+
+#include "insertion/step/checkpoint.h"
+#include "insertion/step/needle_drag.h"
+
+static const double AT_REST = 5e-3; /* fraction: of Euler's load; a needle that moves on and is dragged by less has come to rest. Chosen: for an 18 G needle of
+                                       200 mm 0.05 N, about the smallest force that a hand feels */
+static const double LEAST_STEP = 1.0 / 256; /* fraction: of a tick, in which the branch of an equilibrium is followed at last. Effort: eight halvings */
+enum { LAST_PASSES = 3 }; /* passes: that a needle has to come to rest. Effort */
+
+/* How far the gaps differ from those that balance the forces at the start of the tick: the base has moved; a tip at bone has not. */
+static void find_lag(const tick_input *tick, insertion_state *state, insertion_workspace *w) {
+    const contact_problem *p = &w->problem;
+    double force[MAX_UNKNOWNS];
+    int tip = p->count - 1, all = unknown(p->count, p->count, 2) + w->points.tip;
+    passes_linearise(tick, state, w, true);
+    for (int i = 0; i < p->count; i++) {
+        vec3 f = m3_apply_transposed(&w->points.list[i].at.frame, point_force(state, &w->points.list[i]));
+        force[unknown(p->count, i, 0)] = f.x;
+        force[unknown(p->count, i, 1)] = f.y;
+        force[unknown(p->count, i, 2)] = f.z;
+    }
+    if (w->points.tip) {
+        double shaft = state->tip.shaft.traction * (w->points.list[tip].share.to - w->points.list[tip].share.from);
+        force[all - 2] -= shaft;
+        force[all - 1] = shaft;
+    }
+    for (int i = 0; i < all; i++) {
+        w->continuation.lag[i] = p->gap[i];
+        for (int j = 0; j < all; j++) w->continuation.lag[i] -= (i < j ? p->compliance[i][j] : p->compliance[j][i]) * force[j];
+    }
+}
+
+/* The needle has hardly moved on in this step: what would drag it is nothing. */
+static bool is_at_rest(const tick_input *tick, const insertion_state *state, const needle_state *since) {
+    const needle_model *needle = tick->model->needle;
+    return needle_drag(needle) / tick->dt * passes_turned_since(tick, state, since) < AT_REST * euler_load(needle);
+}
+
+/* A needle that has hardly moved on is at an equilibrium, if that is stable and the passes find it. */
+static pass_result come_to_rest(const tick_input *tick, insertion_state *state, insertion_workspace *w, tick_output *output, pass_result moved) {
+    double drag = w->response.drag;
+    checkpoint_save(state, &w->points, &w->problem, &w->start);
+    w->response.drag = 0.0;
+    passes_load_joints(tick, state, &w->points, &w->response, &w->start);
+    pass_result r = passes_run(tick, state, w, output, LAST_PASSES);
+    state->moving_on = !(passes_are_stable(r) && is_at_rest(tick, state, &w->start.needle));
+    if (!state->moving_on) return r;
+    passes_go_back(tick, state, w);
+    w->response.drag = drag;
+    return moved;
+}
+
+/* Closes the gaps in small steps. One large step against bone finds the straight needle, which beyond Euler's load is not stable; small steps follow the
+   branch on which it bows. Where that branch ends, the needle moves on against its drag: the shorter the step, the more that holds it, until it is stable
+   whatever compresses it. */
+pass_result continuation_follow(const tick_input *tick, insertion_state *state, insertion_workspace *w, tick_output *output) {
+    double drag = needle_drag(tick->model->needle) / tick->dt, done = 0.0, step = 1.0;
+    bool moving_on = state->moving_on;
+    needle_state before = w->start.needle;
+    pass_result r = {.found = false};
+    passes_go_back(tick, state, w);
+    find_lag(tick, state, w);
+    while (done < 1.0 && step >= LEAST_STEP) {
+        w->continuation.kept_open = 1.0 - (done + step);
+        w->response.drag = state->moving_on ? drag / step : 0.0;
+        passes_load_joints(tick, state, &w->points, &w->response, &w->start);
+        r = passes_run(tick, state, w, output, tick->model->settings.max_passes);
+        if (passes_are_stable(r) && (state->moving_on || !r.leapt)) checkpoint_save(state, &w->points, &w->problem, &w->start), done += step;
+        else passes_go_back(tick, state, w), step *= 0.5;
+        if (step < LEAST_STEP && !state->moving_on) state->moving_on = true, step = 1.0 - done;
+        step = fmin(step, 1.0 - done);
+    }
+    w->continuation.kept_open = 0.0;
+    return moving_on && is_at_rest(tick, state, &before) ? come_to_rest(tick, state, w, output, r) : r;
+}

@@ -1,0 +1,11 @@
+/* The fallback of equilibrium_find where the passes find no stable equilibrium near the last one: the step is repeated in small parts, along the branch of
+   the equilibrium; where that ends, the needle moves on to another one against its drag. See core/README.md, "Without an equilibrium". */
+#ifndef TROCAR_CONTINUATION_H
+#define TROCAR_CONTINUATION_H
+
+#include "insertion/step/passes.h"
+
+/* From w->start. Sets state->moving_on for as long as no equilibrium is near. RT */
+pass_result continuation_follow(const tick_input *tick, insertion_state *state, insertion_workspace *w, tick_output *output);
+
+#endif

@@ -1,0 +1,13 @@
+/* The hand stage: the shaft slides by the slips of the last solve, and the hand moves the base. */
+#ifndef TROCAR_HAND_H
+#define TROCAR_HAND_H
+
+#include "insertion/state/tick.h"
+
+/* Slides the shaft past its contacts, and through guides, by the slips of the last solve. RT */
+void hand_slide_shaft(const tick_input *tick, insertion_state *state);
+
+/* Moves the base to its pose; notes what that does to the needle's end. A needle in the air is straight, unless a guide bends it. RT */
+void hand_move(const tick_input *tick, insertion_state *state, hand_advance *hand);
+
+#endif

@@ -1,0 +1,39 @@
+/* Newton passes: needle, problem, solve, advance, until the state is in equilibrium. See core/README.md, "One tick is one convex problem". */
+#ifndef TROCAR_PASSES_H
+#define TROCAR_PASSES_H
+
+#include "insertion/state/tick.h"
+
+/* What passes came to. */
+typedef struct {
+    bool found;              /* the contact problems had solutions */
+    bool converged;
+    bool diverging;
+    bool saddle;             /* the equilibrium is not stable */
+    bool leapt;              /* a segment has turned so far since w->start that it may be on another branch */
+} pass_result;
+
+static inline bool passes_are_stable(pass_result r) { return r.found && r.converged && !r.saddle; } /* RT */
+
+/* Locates the points on the needle's present shape, with its present forces: before the first pass. RT */
+void passes_begin(const tick_input *tick, const insertion_state *state, insertion_workspace *w);
+
+/* Back to the checkpoint w->start. RT */
+void passes_go_back(const tick_input *tick, insertion_state *state, insertion_workspace *w);
+
+/* Linearises needle and tissue, in the `first` pass about the present shape and forces, and puts the contact problem together. RT */
+void passes_linearise(const tick_input *tick, const insertion_state *state, insertion_workspace *w, bool first);
+
+/* Passes from the present shape, at most so many. RT */
+pass_result passes_run(const tick_input *tick, insertion_state *state, insertion_workspace *w, tick_output *output, int most);
+
+/* Forces of all points, and drag, on the needle's joints. RT */
+void passes_load_joints(const tick_input *tick, const insertion_state *state, const contact_points *points, needle_response *response, const pass_checkpoint *start);
+
+/* Largest turn of a segment since the needle had this shape, rad. RT */
+double passes_turned_since(const tick_input *tick, const insertion_state *state, const needle_state *shape);
+
+/* Euler's load of the needle clamped at its base and hinged at its tip, N. RT */
+double euler_load(const needle_model *needle);
+
+#endif

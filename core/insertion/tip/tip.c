@@ -1,0 +1,163 @@
+#include "insertion/tip/tip.h"
+
+#include "insertion/state/local_compliance.h"
+#include "insertion/state/strata.h"
+#include "insertion/tip/next_body.h"
+#include "insertion/tip/tip_path.h"
+#include "insertion/track/contact_nodes.h"
+#include "insertion/track/old_tracks.h"
+
+static const double MOST_SHEAR = 0.7; /* fraction below 1: shear of the tissue along the track up to which the tip's direction follows it. Chosen: far beyond
+                                         small strains */
+static const double GLIDE_REACH = 2e-3; /* m: how far above and below a gliding tip the surface is searched for. Chosen */
+static const double LIFTED = 1e-6; /* m: from which on a tip has left the surface. Rounding: where that is displaced to is not known better */
+static const double SURFACE_GRIP = 0.5; /* 1: friction coefficient of a tip on the surface. Cited: dry skin on other materials, typically around 0.5 (Derler and
+                                           Gerhardt, Tribology of skin, 2012); of a needle's tip on an organ nothing was found */
+
+/* ---- on the surface ---------------------------------------------------------------------------------------------------- */
+
+bool tip_touch(const tick_input *tick, insertion_state *state, tick_output *output, vec3 from, vec3 to) {
+    surface_hit hit = mesh_enter(tick->model->mesh, from, to);
+    if (!hit.hit) return false;
+    state->tip = (needle_tip){.place = {.phase = TIP_INSIDE, .tet = hit.tet, .nominal = hit.point, .direction = v3_unit(v3_sub(to, from))},
+                              .barrier = {.face = hit.face, .blocked_by = old_tracks_obstacle(tick, state, hit.tet, hit.face, hit.tet, hit.point), .entering = true},
+                              .known.tet = -1, .next_contact = NAN, .shaft = shaft_at_rest(tick->model, 0.0), .filtered_push = FULL_GRIP};
+    state->tip_lead = 0.0;
+    state->entry = hit.point;
+    state->stratum_count = 0;
+    enter_stratum(tick, state, output);
+    output->events |= EVENT_TOUCHED;
+    return true;
+}
+
+bool tip_is_below(const insertion_model *model, vec3 from, vec3 to) {
+    surface_hit hit = mesh_enter(model->mesh, from, to);
+    int tet;
+    return hit.hit && reaches(model->mesh, hit, to, &tet);
+}
+
+/* Moves the tip's material point along the outer surface by `shift`, m, tangential to it. `inward` is the surface's unit normal. */
+static void tip_glide(const tick_input *tick, insertion_state *state, tick_output *output, vec3 inward, vec3 shift) {
+    const insertion_model *model = tick->model;
+    needle_tip *tip = &state->tip;
+    vec3 goal = v3_add(tip->place.nominal, shift);
+    surface_hit hit = mesh_enter(model->mesh, v3_axpy(-GLIDE_REACH, inward, goal), v3_axpy(GLIDE_REACH, inward, goal));
+    if (!hit.hit) { /* over the edge, provided that the straight needle is past the tissue: otherwise it would meet the surface again */
+        vec3 axis = q_axis(state->needle.base.orientation);
+        vec3 end = needle_straight_end(model->needle, state->needle.base);
+        if (!tip_is_below(model, v3_axpy(-GLIDE_REACH, axis, end), end)) withdraw_tip(state, output);
+        return;
+    }
+    tip->place.tet = hit.tet;
+    tip->barrier.face = hit.face;
+    tip->place.nominal = state->entry = hit.point;
+    state->stratum_count = 0;
+    enter_stratum(tick, state, output);
+    tip->barrier.blocked_by = old_tracks_obstacle(tick, state, hit.tet, hit.face, hit.tet, hit.point);
+    tip->barrier.entering = true;
+}
+
+/* It slides half of the way that would bring the force back into the cone: the whole way could overshoot and lift off a needle that
+   hardly presses. */
+void tip_glide_on_surface(const tick_input *tick, insertion_state *state, tick_output *output) {
+    const insertion_model *model = tick->model;
+    const needle_tip *tip = &state->tip;
+    vec3 inward = mesh_face_normal(model->mesh, tip->place.tet, tip->barrier.face);
+    double pressing = v3_dot(tip->solved.force, inward);
+    vec3 tangential = v3_axpy(-pressing, inward, tip->solved.force);
+    double excess = v3_norm(tangential) - SURFACE_GRIP * fmax(pressing, 0.0);
+    if (excess <= 0.0) return;
+    if (!tip->resolution.known) return;
+    double compliance = 0.5 * local_at_tip(model, tip->place.tet, tip->place.nominal, 0.0, tip->filtered_push, tip->resolution.field.point);
+    tip_glide(tick, state, output, inward, v3_scale(excess * compliance / v3_norm(tangential), tangential));
+}
+
+/* ---- in the tissue ----------------------------------------------------------------------------------------------------- */
+
+void tip_puncture(const tick_input *tick, insertion_state *state, tick_output *output) {
+    needle_tip *tip = &state->tip;
+    if (tip->place.phase != TIP_INSIDE || tip->barrier.blocked_by == NOT_BLOCKED || tip->solved.slip <= 0.0) return;
+    tip->solved.slip = 0.0;
+    puncture_barrier(tick, state, output, v3_unit(needle_direction(tick, state)));
+    if (tip->place.phase == TIP_BEYOND) enter_touching_body(tick, state, output, v3_unit(needle_direction(tick, state)));
+}
+
+/* Unit nominal direction whose image in the deformed tissue, d + gradient, is along `direction`; `direction` itself where the
+   tissue is deformed beyond the range of linear elasticity. Compression along the needle is left out: the error that this makes in
+   one tick is corrected by the slip of the next. */
+static vec3 pull_back(vec3 gradient, vec3 direction) {
+    direction = v3_unit(direction);
+    vec3 sideways = v3_axpy(-v3_dot(gradient, direction), direction, gradient);
+    double square = v3_dot(sideways, sideways);
+    if (!(square < MOST_SHEAR * MOST_SHEAR)) return direction;
+    return v3_axpy(sqrt(1.0 - square), direction, v3_scale(-1.0, sideways));
+}
+
+vec3 tip_cut_direction(const tick_input *tick, const insertion_state *state, vec3 track_gradient) { return pull_back(track_gradient, needle_direction(tick, state)); }
+
+/* The track's direction at the tip: a running mean over about one diameter of the needle. `way` is the piece that was just cut. */
+static void follow_track(const insertion_model *model, needle_tip *tip, vec3 way) {
+    double length = v3_norm(way);
+    if (length == 0.0) return;
+    vec3 change = v3_sub(v3_scale(1.0 / length, way), tip->place.direction);
+    tip->place.direction = v3_unit(v3_axpy(-expm1(-0.5 * length / model->needle->radius), change, tip->place.direction));
+}
+
+/* A bent needle that bears no force along its axis still touches the surface if its end would be in the tissue when straight. */
+static bool stays_on_surface(const tick_input *tick, const insertion_state *state) {
+    const needle_tip *tip = &state->tip;
+    if (tip->place.depth > 0.0) return false;
+    vec3 axis = q_axis(tick->base.pose.orientation), displaced = v3_sub(tip->dent.rest, tip_position(&tip->place));
+    vec3 end = v3_axpy(LIFTED, axis, needle_straight_end(tick->model->needle, tick->base.pose));
+    int tet;
+    return reaches(tick->model->mesh, (surface_hit){.hit = true, .tet = tip->place.tet, .point = tip->place.nominal}, v3_sub(end, displaced), &tet);
+}
+
+void tip_move(const tick_input *tick, insertion_state *state, const creep_step *creep, tick_output *output, vec3 aim) {
+    const insertion_model *model = tick->model;
+    needle_tip *tip = &state->tip;
+    if (tip->place.phase == TIP_BEYOND) reenter_tissue(tick, state, creep, output);
+    if (tip->place.phase == TIP_BEYOND) enter_body_ahead(tick, state, creep, output);
+    if (tip->place.phase != TIP_INSIDE) return;
+    vec3 before = tip_position(&tip->place);
+    if (tip->solved.slip > 0.0) {
+        vec3 direction = old_tracks_lead(&tip->track, aim);
+        cut_forward(tick, state, output, direction, tip->track.openness > 0.0 ? fmin(tip->solved.slip, tip->track.to_end) : tip->solved.slip);
+        follow_track(model, tip, v3_sub(tip_position(&tip->place), before));
+        if (tip->place.phase == TIP_BEYOND) enter_touching_body(tick, state, output, direction);
+    } else if (tip->solved.slip < 0.0 && !stays_on_surface(tick, state)) {
+        draw_back(tick, state, output, -tip->solved.slip);
+        follow_track(model, tip, v3_sub(before, tip_position(&tip->place)));
+    }
+    tip->solved.slip = 0.0;
+}
+
+/* The tissue around a straight needle comes to rest: its contacts hold the shaft where it is. */
+static void rest_shaft(const insertion_model *model, insertion_state *state) {
+    const vec3 *joints = state->needle.joints;
+    vec3 base = joints[0], axis = v3_unit(v3_sub(joints[model->needle->given.segments], base));
+    state->tip.shaft = shaft_at_rest(model, state->tip.place.depth);
+    for (int k = 0; k < state->refined.count; k++) {
+        shaft_contact *contact = &state->contacts[state->refined.order[k]];
+        contact->shaft = shaft_at_rest(model, state->tip.place.depth);
+        contact->shaft.origin = v3_dot(v3_sub(contact->track, base), axis) - contact->depth;
+    }
+}
+
+void tip_engage(const insertion_model *model, insertion_state *state) {
+    tick_output ignored = {0}, *output = &ignored;
+    const tick_input given = {.model = model}, *tick = &given;
+    vec3 base = state->needle.joints[0], end = state->needle.joints[model->needle->given.segments];
+    if (!tip_touch(tick, state, output, base, end)) return;
+    vec3 direction = v3_unit(v3_sub(end, base));
+    double whole = v3_norm(v3_sub(end, state->entry));
+    for (int step = 0; step < MAX_STEPS && state->tip.place.phase == TIP_INSIDE && state->tip.place.depth < whole; step++) {
+        if (state->tip.barrier.blocked_by != NOT_BLOCKED) puncture_barrier(tick, state, output, v3_unit(needle_direction(tick, state))); /* the needle is already in it */
+        cut_forward(tick, state, output, direction, whole - state->tip.place.depth);
+        if (state->tip.place.phase != TIP_BEYOND) continue;
+        vec3 left = state->tip.place.nominal;
+        entrance at = next_body(tick, state, left, end);
+        enter_next(tick, state, output, &at, v3_dot(v3_sub(at.point, left), direction));
+    }
+    rest_shaft(model, state);
+}

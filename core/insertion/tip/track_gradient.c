@@ -1,0 +1,58 @@
+#include "insertion/tip/track_gradient.h"
+
+#include "insertion/state/strata.h"
+#include "insertion/tip/known_tissue.h"
+#include "insertion/tip/prefetch.h"
+#include "insertion/tip/tip_path.h"
+
+/* Displacement of the tissue at a contact, which the shaft carries along, m. */
+static vec3 carried(const tick_input *tick, const insertion_state *state, const shaft_contact *contact) {
+    needle_point p = needle_at(tick->model->needle, &state->needle, contact_arc(contact, tick->model->needle->given.length));
+    return v3_sub(p.position, contact->track);
+}
+
+/* Displacement of the tissue carried along by the shaft WINDOW_SPAN behind the tip, m. */
+static vec3 displacement_behind(const tick_input *tick, const insertion_state *state, vec3 at_tip) {
+    vec3 ahead = at_tip;
+    double ahead_depth = state->tip.place.depth, sought = ahead_depth - WINDOW_SPAN;
+    for (int k = contacts_active(state) - 1; k >= 0; k--) {
+        const shaft_contact *contact = &state->contacts[state->refined.order[k]];
+        double depth = contact->depth;
+        if (depth < tip_entry_depth(state)) break; /* in another body */
+        vec3 here = carried(tick, state, contact);
+        if (depth <= sought) return v3_axpy((sought - depth) / (ahead_depth - depth), v3_sub(ahead, here), here);
+        ahead = here;
+        ahead_depth = depth;
+    }
+    return ahead;
+}
+
+/* The same up to WINDOW_SPAN ahead of the tip in the tissue; the tip's own if the snapshot does not cover that point. */
+static vec3 displacement_ahead(const tick_input *tick, const insertion_state *state, const creep_step *creep, vec3 direction, vec3 at_tip) {
+    const mesh *m = tick->model->mesh;
+    double left = WINDOW_SPAN, chord;
+    vec3 x = state->tip.place.nominal;
+    int tet = state->tip.place.tet;
+    direction = tip_way(&state->tip.place, direction);
+    for (int step = 0; step < MAX_STEPS; step++) {
+        int face = mesh_exit(m, tet, x, direction, &chord);
+        x = v3_axpy(fmin(left, chord), direction, x);
+        left -= chord;
+        if (face < 0 || left <= 0.0 || m->neighbours[tet][face] < 0) break;
+        tet = m->neighbours[tet][face];
+    }
+    int handles[4];
+    double weights[4];
+    tet = refinement_element(m, &state->refined, snapshot_known_contacts(tick->snapshot, &state->refined), tet, x, weights);
+    if (!snapshot_covers(tick->snapshot, m->tets[tet], handles)) return at_tip;
+    return displacement_at(tick, state, creep, handles, weights);
+}
+
+vec3 track_gradient(const tick_input *tick, const insertion_state *state, const creep_step *creep) {
+    if (state->tip.place.phase != TIP_INSIDE) return v3(0, 0, 0);
+    needle_point end = needle_at(tick->model->needle, &state->needle, tick->model->needle->given.length - state->tip.solved.slip);
+    vec3 at_tip = v3_sub(end.position, tip_position(&state->tip.place));
+    vec3 ahead = displacement_ahead(tick, state, creep, needle_along(&end), at_tip);
+    double behind = fmin((state->tip.place.depth - tip_entry_depth(state)) / WINDOW_SPAN, 1.0);
+    return v3_scale(0.5 * behind / WINDOW_SPAN, v3_sub(ahead, displacement_behind(tick, state, at_tip)));
+}

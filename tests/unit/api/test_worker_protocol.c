@@ -224,7 +224,14 @@ static void *work_at_random(void *context) {
     return NULL;
 }
 
-/* A ticking thread that changes its mind at any time. What it is shown is always the needle that it left last. */
+static bool all_happened(const int *counts, int count) {
+    for (int i = 0; i < count; i++)
+        if (counts[i] == 0) return false;
+    return true;
+}
+
+/* A ticking thread that changes its mind at any time, until it has met every phase, however late the worker gets a processor. What it is shown is
+   always the needle that it left last. */
 static void both_threads_agree_on_who_has_the_needle(void **unused) {
     (void)unused;
     two_threads *t = aligned_alloc(CACHE_LINE, (sizeof *t + CACHE_LINE - 1) / CACHE_LINE * CACHE_LINE);
@@ -238,7 +245,7 @@ static void both_threads_agree_on_who_has_the_needle(void **unused) {
     memset(t, 0, sizeof *t);
     OK(link_create(&t->link, &why));
     assert_int_equal(pthread_create(&thread, NULL, work_at_random, t), 0);
-    for (int i = 0; i < EVENTS; i++) {
+    for (int i = 0; i < EVENTS || !all_happened(met, PHASES) || !all_happened(done, ON_ADOPT + 1); i++) {
         needle_event event = (needle_event)random_below(&seed, ON_ADOPT + 1);
         needle_phase before = link_phase(&t->link);
         met[before]++;
@@ -280,8 +287,6 @@ static void both_threads_agree_on_who_has_the_needle(void **unused) {
     assert_false(t->attached);
     print_message("phases met %d %d %d %d %d, laid down %d, returned %d, removed %d, outdated %d\n", met[0], met[1], met[2], met[3], met[4],
                   t->duties[DUTY_LAY_DOWN], t->duties[DUTY_RETURN], t->duties[DUTY_REMOVE], t->outdated);
-    for (needle_phase p = 0; p < PHASES; p++) assert_true(met[p] > 0);
-    for (needle_event e = 0; e <= ON_ADOPT; e++) assert_true(done[e] > 0);
     link_free(&t->link);
     free(state);
     free(t);

@@ -30,9 +30,9 @@ NEAR, PORT, FAR = "239.255.76.67", 7667, "239.255.76.68:7668"
 LOSS, TWICE, DELAY = 0.1, 0.05, 0.004
 NEEDED = {"windows": {"x86_64-w64-mingw32-gcc": "gcc-mingw-w64-x86-64-win32", "wine": "wine64 and wine"}, "csharp": {"mcs": "mono-mcs", "mono": "mono-runtime"}}
 NEEDED["unity"] = NEEDED["csharp"]
-BRIDGES = {"csharp": [f"{HERE}/Insertion.cs"], "unity": [f"{HERE}/UnityInsertion.cs", f"{CLIENTS}/csharp/TrocarNeedle.cs", f"{SOURCE}/tests/standins/UnityEngine.cs"]}
+BRIDGES = {"csharp": [f"{HERE}/Insertion.cs"], "unity": [f"{HERE}/UnityInsertion.cs", f"{CLIENTS}/csharp/TrocarNeedle.cs", f"{SOURCE}/tests/project/standins/UnityEngine.cs"]}
 
-sys.path.insert(0, f"{SOURCE}/tests")
+sys.path.insert(0, f"{SOURCE}/tests/shared")
 sys.dont_write_bytecode = True
 from in_namespace import in_namespace
 
@@ -112,7 +112,7 @@ def same_insertion(bridge, folder):
         link.terminate()
         done = json.loads(link.communicate(timeout=10)[0])
         client = subprocess.Popen([*bridge, f"udpm://{NEAR}:{PORT}?ttl=0", "5"], stdout=subprocess.PIPE, text=True)
-        subprocess.run([sys.executable, f"{SOURCE}/tests/crafted_packets.py", "2"], check=True)
+        subprocess.run([sys.executable, f"{SOURCE}/tests/system/crafted_packets.py", "2"], check=True)
         fired_at = numbers(client.communicate(timeout=30)[0])
         print(f"under fire: {fired_at['answered']:.0f} of {fired_at['periods']:.0f} periods answered")
     finally:

@@ -1,4 +1,4 @@
-"""A simulated device (../simulated_device.h) behind the stand-in for the Haply Inverse Service."""
+"""A simulated device (../stability/simulated_device.h) behind the stand-in for the Haply Inverse Service."""
 import ctypes
 import time
 

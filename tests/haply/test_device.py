@@ -1,6 +1,6 @@
 #!/usr/bin/python3
 """The real server and trocar-haply with a simulated device behind the stand-in: a hand that pushes the needle comes to rest, as in the same
-closed loop in one process (../stability_map.c); and --measure-delay finds the device's delay and mass.
+closed loop in one process (../stability/stability_map.c); and --measure-delay finds the device's delay and mass.
 
 usage: test_device.py BUILD_DIR SOURCE_DIR [--points FILE] [--slow]
 
@@ -84,7 +84,7 @@ def run(build, source, point):
 
 
 def in_one_process(build, profile, tissue, hand, mass, delay, *options):
-    done = subprocess.run([f"{build}/tests/stability_map", f"--profile={profile}", f"--tissue={tissue}", f"--hand={hand}", f"--mass={mass}", f"--delay={delay}", *options],
+    done = subprocess.run([f"{build}/tests/stability/stability_map", f"--profile={profile}", f"--tissue={tissue}", f"--hand={hand}", f"--mass={mass}", f"--delay={delay}", *options],
                           capture_output=True, text=True, check=True)
     return next(csv.DictReader(io.StringIO(done.stdout)))
 

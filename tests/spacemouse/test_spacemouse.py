@@ -19,7 +19,7 @@ import time
 from pathlib import Path
 
 sys.dont_write_bytecode = True
-sys.path.insert(0, str(Path(__file__).resolve().parent.parent))
+sys.path.insert(0, str(Path(__file__).resolve().parent.parent / "shared"))
 from in_namespace import in_namespace
 
 BUILD, SOURCE = sys.argv[1:3]

@@ -1,5 +1,5 @@
 #!/usr/bin/python3
-"""A rigid disc bonded to a Yeoh material and pressed into its surface, by CalculiX: forces for tests/test_stiffening.c.
+"""A rigid disc bonded to a Yeoh material and pressed into its surface, by CalculiX: forces for tests/unit/insertion/test_stiffening.c.
 
 Axisymmetric quadratic elements (CAX8), graded towards the disc's rim, large displacements. A block of 60 mm radius and height, fixed at its
 bottom; E = 20 kPa, nu = 0.45, disc of 0.635 mm. Increments end where the elements at the rim are distorted too far, at 2 to 3.5 radii.

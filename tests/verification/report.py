@@ -11,7 +11,7 @@ import sys
 from pathlib import Path
 
 HERE = Path(__file__).resolve().parent
-sys.path.insert(0, str(HERE.parent))
+sys.path.insert(0, str(HERE.parent / "shared"))
 from reports import COLOURS, axes_for, commit_of, line, output_of, write  # noqa: E402
 
 PLOTS = HERE / "plots"

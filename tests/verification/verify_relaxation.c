@@ -1,5 +1,5 @@
 /* Tissue that relaxes: energy balance of random insertions, independence of tick rate and mesh. Held steps and removed loads:
-   tests/test_creep.c. */
+   tests/unit/insertion/test_creep.c. */
 #include "figure8.h"
 #include "insertion/memory/creep.h"
 #include "insertion/state/local_compliance.h"

@@ -92,7 +92,7 @@ def main():
     errors, measured = [], []
     for name, case in reference["cases"].items():
         if name.startswith("skin_disc") or "angle" in case or name.startswith("stiff") or (rows.short_form and name != "depth_r0.635_nu0.45"):
-            continue # the disc on the skin is checked in tests/test_local_compliance.c, oblique needles and contrasts in verify_needle_meshes.py
+            continue # the disc on the skin is checked in tests/unit/insertion/test_local_compliance.c, oblique needles and contrasts in verify_needle_meshes.py
         of_all, of_measured = compare(rows, name, case, meshes[name == "layers"], sizes)
         errors += of_all
         measured += of_measured

@@ -43,7 +43,7 @@ static double shaft_limit(double most) {
    to a parabola. */
 
 static const double STRESS = 0.8; /* 1: of the stress that spreads evenly with the energy of the linear disc. Fitted to a resolved disc, S = 1, pressed in by 2.5
-                                     radii (tests/test_stiffening.c) */
+                                     radii (tests/unit/insertion/test_stiffening.c) */
 static const double WHOLE = 3.7081493546027438; /* 1: I(infinity). Exact: Gamma(1/4)^2 / (2 sqrt(pi)) */
 static const double SMALL = 1e-3; /* 1: force below which the tip's law is the first term of its series. Derived: the next term is 1e-6 of it */
 

@@ -10,7 +10,7 @@
 #include "insertion/step/needle_drag.h"
 
 static const double NEW_PUSH = 0.05; /* fraction: of Euler's load; a needle whose push has grown by more since it was linearised is linearised again: else one
-                                        that is pushed along its axis at 50 mm/s bears eight times its buckling load before it bows (tests/test_guides.c). Chosen */
+                                        that is pushed along its axis at 50 mm/s bears eight times its buckling load before it bows (tests/unit/insertion/test_guides.c). Chosen */
 static const double LEAP = 0.05; /* rad: turn of a segment; passes that turn one by more in a step may have found another branch than that of the last step, and
                                     a pass that does so, and more than the one before, diverges. Chosen */
 static const double CLAMPED_HINGED = 20.2; /* EI / L^2: Euler's load of a beam that is clamped at one end and hinged at the other. Exact: the square of the least

@@ -1,0 +1,38 @@
+#!/bin/bash
+# The libraries export exactly the declared functions, the header compiles alone in each language, and the binary interface equals
+# tests/public/libtrocar.abi. After an intended change: test_symbols.sh BUILD_DIR SOURCE_DIR --renew
+# usage: test_symbols.sh BUILD_DIR SOURCE_DIR [--renew]
+set -euo pipefail
+build=$1 source=$2 # absolute
+library=$build/core/libtrocar.so
+
+fail() { echo "FAILED: $*" >&2; exit 1; }
+
+declared=$(sed -n 's/^TROCAR_API .*[ *]\(trocar_[a-z_]*\)(.*/\1/p' "$source/core/trocar.h" | sort)
+[ "$(wc -w <<<"$declared")" -gt 20 ] || fail "the header declares $(wc -w <<<"$declared") functions"
+for exported in "$(nm -D --defined-only "$library")" "$(nm --extern-only --defined-only "$build/core/libtrocar.a")"; do
+    names=$(awk 'NF == 3 && $2 ~ /[TDBRVW]/ { print $3 }' <<<"$exported" | sort)
+    diff <(echo "$declared") <(echo "$names") || fail "exported symbols (>) differ from the header's declarations (<)"
+done
+objdump -p "$library" | grep -qE 'SONAME +libtrocar\.so\.[0-9]+\.[0-9]+$' || fail "no soname"
+
+for standard in c11 c17; do
+    ${CC:-cc} -std=$standard -Wall -Wextra -pedantic-errors -Werror -fsyntax-only -x c "$source/core/trocar.h" || fail "$standard"
+done
+for standard in c++11 c++17 c++20; do
+    ${CXX:-c++} -std=$standard -Wall -Wextra -pedantic-errors -Werror -fsyntax-only -x c++ "$source/core/trocar.h" || fail "$standard"
+done
+
+# The sources' paths in it are those of whoever built the library: from core on they are the same everywhere.
+dump() {
+    abidw --no-corpus-path --no-comp-dir-path --exported-interfaces-only --drop-undefined-syms --drop-private-types --header-file "$source/core/trocar.h" \
+        --no-show-locs "$library" | sed "s| path='[^']*/core/| path='core/|"
+}
+if [ "${3:-}" = --renew ]; then
+    dump >"$source/tests/public/libtrocar.abi"
+else
+    dump >"$build/trocar.abi"
+    abidiff "$source/tests/public/libtrocar.abi" "$build/trocar.abi" ||
+        fail "the binary interface has changed: raise the soname's version if incompatible, then run this test with --renew"
+fi
+echo passed

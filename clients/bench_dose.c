@@ -50,7 +50,7 @@ static error_t parse_option(int key, char *text, struct argp_state *state) {
 
 static const struct argp parser = {
     option_list, parse_option, NULL,
-    "Adds seeds to a dose grid one by one, then removes them, in processor time. For comparison, a pass over as much memory: adding a number to a field of doubles "
+    "Adds seeds to a dose grid one by one, then removes them, and prints the processor time. For comparison, a pass over as much memory: adding a number to a field of doubles "
     "of the same size.", NULL, NULL, NULL};
 
 /* ---- measuring --------------------------------------------------------------------------------------------------- */
@@ -68,12 +68,12 @@ static trocar_status prepare(bench *b, report *why) {
     return b->plain ? TROCAR_OK : fail(why, TROCAR_NO_MEMORY, "no memory for %lld doubles", (long long)b->voxels);
 }
 
-/* In processor time: a seed takes longer than the scheduler's slices on a busy machine. */
+/* Uses processor time, because a seed takes longer than the scheduler's slices on a busy machine. */
 static void measure_pass(bench *b) {
     for (int repeat = 0; repeat < 100; repeat++) {
         int64_t start = processor_ns();
         for (int64_t i = 0; i < b->voxels; i++) b->plain[i] += 1.0;
-        __asm__ volatile("" : : "r"(b->plain) : "memory"); /* so that no pass is left out */
+        __asm__ volatile("" : : "r"(b->plain) : "memory"); /* so that no pass is optimised away */
         if (repeat >= 5) histogram_add(&b->pass, processor_ns() - start);
     }
 }

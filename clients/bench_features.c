@@ -13,7 +13,7 @@
 static const double TURN_RATE = 6.0;                        /* rad/s, of the base */
 static const double SERIES[][2] = {{0.25, 0.15}, {0.15, 2.5}, {0.1, 30.0}}; /* weights and times, s, of the relaxation */
 static const double GUIDE_END = 0.01, GUIDE_THICKNESS = 0.01; /* m before the tip at the start, and of the plate */
-enum { PLAIN, WHOLE, VARIANTS, ROUNDS = 10 };               /* the two take turns, so that a change of the machine's load meets both */
+enum { PLAIN, WHOLE, VARIANTS, ROUNDS = 10 };               /* the two alternate, so that changes of the machine's load affect both */
 static const char *const NAMES[VARIANTS] = {"without", "with"};
 
 typedef struct {
@@ -40,7 +40,7 @@ static const struct argp_option option_list[] = {
     {"scene", 's', "FILE", 0, "Scene, without relaxation and guides (required)", 0},
     {"contacts", 'c', "N", 0, "Contacts while measuring (default 30)", 0},
     {"ticks", OPTION_TICKS, "N", 0, "Ticks timed for each row, rounded up to a multiple of 10 (default 2000)", 0},
-    {"spacing", OPTION_SPACING, "METRES", 0, "Least distance between contact nodes (default: the scene's)", 0},
+    {"spacing", OPTION_SPACING, "METRES", 0, "Smallest distance between contact nodes (default: the scene's)", 0},
     {"json", OPTION_JSON, "FILE", 0, "Also write the results as JSON", 0},
     {0},
 };

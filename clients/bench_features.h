@@ -1,4 +1,4 @@
-/* trocar-bench features: what relaxation, a guide and turning add to the time of a tick. */
+/* trocar-bench features: how much relaxation, a guide and turning add to the time of a tick. */
 #ifndef TROCAR_BENCH_FEATURES_H
 #define TROCAR_BENCH_FEATURES_H
 

@@ -17,7 +17,7 @@ static double component_of(const trocar_needle_wrench_t *w, int component) {
 
 /* ---- the golden log ----------------------------------------------------------------------------------------------------- */
 
-/* The next wrench that counts: of the session, and of the server that its first wrench names. */
+/* The next wrench to compare: of the session, and of the server that its first wrench names. */
 static trocar_status read_golden(comparison *c, report *why) {
     for (;;) {
         trocar_status status = wrench_stream_next(c->stream, &c->golden, &c->ended, why);
@@ -30,7 +30,7 @@ static trocar_status read_golden(comparison *c, report *why) {
     }
 }
 
-/* Peaks are those of all wrenches; order and numbers are checked before the replay begins. */
+/* Finds the peaks over all wrenches; checks order and numbers before the replay begins. */
 static trocar_status look_through(comparison *c, report *why) {
     int64_t last = -1, server = 0;
     bool begun = false, ended = false;
@@ -122,12 +122,12 @@ trocar_status comparison_end(comparison *c, report *why) {
     trocar_status status = c->replayed > 0 ? compare_middle(c, c->replayed >= 2, false, why) : TROCAR_OK;
     if (status != TROCAR_OK) return status;
     if (!c->ended)
-        return fail(why, TROCAR_BAD_INPUT, "%s: a wrench answers pose %" PRId64 ", which was not replayed: is it of another recording?", c->path, c->golden.pose_seq);
+        return fail(why, TROCAR_BAD_INPUT, "%s: a wrench answers pose %" PRId64 ", which was not replayed: does it belong to another recording?", c->path, c->golden.pose_seq);
     if (c->unrecorded > c->compared)
-        return fail(why, TROCAR_BAD_INPUT, "%s: the poses that %d of %d wrenches answer are not in the recording: record both from the start", c->path,
+        return fail(why, TROCAR_BAD_INPUT, "%s: %d of %d wrenches answer poses that are not in the recording: record both from the start", c->path,
                     c->unrecorded, c->unrecorded + c->compared);
     if (c->compared > 0) return TROCAR_OK;
-    return fail(why, TROCAR_BAD_INPUT, "%s: no wrench answers the session of the poses: is it of another recording?", c->path);
+    return fail(why, TROCAR_BAD_INPUT, "%s: no wrench answers the session of the poses: does it belong to another recording?", c->path);
 }
 
 double comparison_quantile(const comparison *c, double q) {

@@ -12,7 +12,7 @@
 
 static const double silence = 1.0;  /* s without a message until an alarm */
 
-/* Whether the message is from the displayed server. */
+/* True if the message is from the displayed server. */
 static bool follows(dashboard *d, int64_t server, double now) {
     d->servers.patience = silence;
     return server_choice_follows(&d->servers, server, now);
@@ -128,7 +128,7 @@ static void add_stages(page *p, const trocar_loop_timing_t *t) {
         1e6 * max[4], 1e6 * max[5]);
 }
 
-/* Sums over the needles, with the largest `pose_age`. Values of the server are the same in every needle's status. */
+/* Sums over the needles; the largest `pose_age`. Server fields are the same in every needle's status. */
 static trocar_status_t total_of(const dashboard *d) {
     trocar_status_t total = d->needles[0];
     for (int i = 1; i < d->needle_count; i++) {
@@ -208,7 +208,7 @@ int dashboard_draw(const dashboard *d, double now, int height, dashboard_line li
     if (d->foreign)
         add(&p, true, "%" PRId64 " messages of another version: run trocar-top of the server's release", d->foreign);
     if (!d->heard) {
-        add(&p, true, "no server heard: does it run with the same LCM URL?");
+        add(&p, true, "no server was heard: does it run with the same LCM URL?");
         return p.count;
     }
     add(&p, false, "trocar      %s, %g Hz, tick %" PRId64, d->scene, d->timing.rate_hz, d->timing.ticks);

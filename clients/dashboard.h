@@ -17,7 +17,7 @@ typedef struct {
     bool heard;                                  /* a timing has arrived */
     double heard_at;                             /* s, arrival of the newest one */
     trocar_loop_timing_t timing;                 /* the newest */
-    int64_t first_misses;                        /* of the first one: earlier misses raise no alarm */
+    int64_t first_misses;                        /* misses before the first timing, which raise no alarm */
     double lateness[DASHBOARD_BINS], compute[DASHBOARD_BINS]; /* counts since the start or the last reset */
     trocar_status_t needles[TROCAR_MAX_NEEDLES]; /* newest status of each needle, without its strings */
     int needle_count;                            /* of the server's scene; 0 before the first status */
@@ -35,8 +35,8 @@ void dashboard_take_timing(dashboard *d, const trocar_loop_timing_t *timing, dou
 void dashboard_take_status(dashboard *d, const trocar_status_t *status, double now);
 void dashboard_clear(dashboard *d);              /* empties the histograms */
 
-/* Fills the lines for `now` (s, the clock of take_timing) and a screen of `height` lines, with the histograms at the bottom as high
-   as they fit; returns their number, at most `height` (and DASHBOARD_LINES). 72 columns are enough for all. */
+/* Fills the lines for `now` (s, the clock of take_timing) and a screen of `height` lines, with the histograms at the bottom as high as fits; returns
+   their number, at most `height` (and DASHBOARD_LINES). 72 columns are enough. */
 int dashboard_draw(const dashboard *d, double now, int height, dashboard_line lines[DASHBOARD_LINES]);
 
 #endif

@@ -16,7 +16,7 @@ typedef struct {
     play_settings play;
     const char *report_path, *csv_path, *log_path, *scene_path, *plan_path;
     bool start_given, patient, follow;
-    const char *script_option; /* that only a script has, NULL: none was given */
+    const char *script_option; /* an option that only a script has; NULL: none was given */
 } options;
 
 enum { OPTION_SPEED = 256, OPTION_REPORT, OPTION_CSV, OPTION_LOG, OPTION_URL, OPTION_START, OPTION_HAND, OPTION_REALTIME,
@@ -26,14 +26,14 @@ enum { OPTION_SPEED = 256, OPTION_REPORT, OPTION_CSV, OPTION_LOG, OPTION_URL, OP
 static const struct argp_option option_list[] = {
     {"script", 's', "NAME", 0, "Motion to play (default figure8); 'list' shows all", 0},
     {"rate", 'r', "HZ", 0, "Poses per second (default 1000)", 0},
-    {"duration", 'd', "SECONDS", 0, "How long to play (default: the script once); beyond its end the script is repeated", 0},
+    {"duration", 'd', "SECONDS", 0, "How long to play; longer than the script repeats it (default: the script once)", 0},
     {"speed", OPTION_SPEED, "FACTOR", 0, "Play the script faster or slower (default 1)", 0},
     {"scene", OPTION_SCENE, "FILE", 0, "Start at the scene's needle.start, in its direction, and push as deep as it says", 0},
     {"start", OPTION_START, "X,Y,Z", 0, "Start of the base, m (default: the scene's, or 0.005,0.003,-0.201)", 0},
     {"patient", OPTION_PATIENT, 0, 0, "--start and --csv are in the patient's coordinates: mm, DICOM axes; needs --scene", 0},
     {"needle", OPTION_NEEDLE, "N", 0, "Index of the needle to hold, from 0 (default 0)", 0},
     {"plan", OPTION_PLAN, "FILE", 0,
-     "Carry out this implant in place of a script: insert all needles and leave them, then take each again, drop its seeds and pull it out. FILE "
+     "Carry out this implant instead of a script: insert all needles and leave them, then take each again, drop its seeds and pull it out. FILE "
      "is the table that python3 -m trocar.plan show --out writes; needs --scene", 0},
     {"follow", OPTION_FOLLOW, 0, 0,
      "With --plan: bring the tip to where the displaced tissue has carried each seed's place, as an operator does who sees it in an image (default: to "
@@ -43,8 +43,8 @@ static const struct argp_option option_list[] = {
     {0, 0, 0, 0, "Connection:", 1},
     {"lcm-url", OPTION_URL, "URL", 0, "LCM network (default $LCM_DEFAULT_URL)", 1},
     {"realtime", OPTION_REALTIME, 0, 0, "Run under SCHED_FIFO where permitted", 1},
-    {"wait", OPTION_WAIT, "SECONDS", 0, "Give up when the server has not answered for this long (default 5)", 1},
-    {"settle", OPTION_SETTLE, "SECONDS", 0, "Hold still before the script begins, while the server engages (default 0.3)", 1},
+    {"wait", OPTION_WAIT, "SECONDS", 0, "Give up if the server has not answered for this long (default 5)", 1},
+    {"settle", OPTION_SETTLE, "SECONDS", 0, "Wait before the script begins, while the server ramps the force up (default 0.3)", 1},
     {0, 0, 0, 0, "Output:", 2},
     {"report", OPTION_REPORT, "FILE", 0, "Also write the report as JSON", 2},
     {"csv", OPTION_CSV, "FILE", 0, "Write every wrench as a row", 2},
@@ -73,7 +73,7 @@ static hand parse_hand(const struct argp_state *state, const char *text) {
     return (hand){.mass = n[0], .damping = n[1], .stiffness = n[2]};
 }
 
-/* The option that only a script has, NULL: it goes with --plan. */
+/* The option that only a script has; NULL: none, so it may go with --plan. */
 static const char *script_option(int key) {
     switch (key) {
     case 's': return "--script";
@@ -190,7 +190,7 @@ static trocar_status run_live(const options *o, const patient_frame *patient, re
 static void say_aside(const implant_plan *plan, const char *path) {
     static const double rounding = 1e-5; /* m */
     if (plan->greatest_aside > rounding)
-        fprintf(stderr, "trocar-device: %s: seeds are up to %.2f mm beside the axes of their holes, and will be dropped on the axes\n", path, 1e3 * plan->greatest_aside);
+        fprintf(stderr, "trocar-device: %s: seeds are up to %.2f mm off the axes of their holes and will be dropped on the axes\n", path, 1e3 * plan->greatest_aside);
 }
 
 static trocar_status carry_out(const options *o, const implant_plan *plan, output *csv, report *why) {
@@ -201,7 +201,7 @@ static trocar_status carry_out(const options *o, const implant_plan *plan, outpu
     trocar_status status = implant_carry_out(plan, &how, &done, why);
     if (status != TROCAR_OK) return status;
     printf("implant             %d needles, %d seeds in %.0f s\n", done.needles, done.seeds, done.duration);
-    printf("repeated            %d commands to drop a seed, because the last one was still in the needle\n", done.repeats);
+    printf("repeated            %d commands to drop a seed, because the previous seed was still in the needle\n", done.repeats);
     printf("greatest drag       %+.1f mm while it rested, of the needle in hole %s\n", 1e3 * done.greatest_drag, plan->needles[done.greatest_drag_needle].hole);
     printf("greatest force      %.2f N, in hole %s\n", done.greatest_force, plan->needles[done.greatest_force_needle].hole);
     return output_commit(csv, why);
@@ -222,7 +222,7 @@ static trocar_status run_implant(const options *o, report *why) {
     return status;
 }
 
-/* With a scene, the start, the depth and the coordinates are the scene's. */
+/* If a scene is given, takes start, depth and coordinates from it. */
 static trocar_status choose_start(options *o, patient_frame *patient, report *why) {
     static motion script;
     trocar_scene *scene;

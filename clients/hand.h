@@ -12,8 +12,8 @@ typedef struct {
     vec3 velocity;           /* m/s */
 } hand;
 
-/* Moves the hand on by dt (s) towards `target` (m) under `force` (N, on the hand), both constant over the step: the
-   exact solution of m a + c v + k (x - target) = force, stable for every dt. */
+/* Advances the hand by dt (s) towards `target` (m) under `force` (N, on the hand), both constant over the step: the exact solution of m a + c v + k
+   (x - target) = force, stable for every dt. */
 void hand_step(hand *h, vec3 target, vec3 force, double dt);
 
 #endif

@@ -7,9 +7,9 @@
 #include "template_holes.h"
 
 static const double ROUNDING = 1e-5;  /* m, of positions in the table */
-static const double ON_FACE = 1e-9;   /* of a weight, rounding */
+static const double ON_FACE = 1e-9;   /* of a barycentric weight, rounding */
 
-/* The needle of the next seed's hole: a new one, unless the last one is in this hole. A hole may have two names, such as C3 and C3.0. */
+/* The needle of the next seed's hole: a new one, unless the last needle is in this hole. A hole may have two names, such as C3 and C3.0. */
 static trocar_status choose_needle(implant_plan *plan, const trocar_guide *guide, const char *hole, const char *where, report *why) {
     int column, row, known = 0;
     find_hole(guide, hole, &column, &row);
@@ -27,7 +27,7 @@ static trocar_status choose_needle(implant_plan *plan, const trocar_guide *guide
 /* Six times the volume of a tetrahedron, positive if d sees a, b, c counter-clockwise. */
 static double volume_of(vec3 a, vec3 b, vec3 c, vec3 d) { return v3_dot(v3_cross(v3_sub(b, a), v3_sub(c, a)), v3_sub(d, a)); }
 
-/* False if the point is in none of the model's tetrahedra. */
+/* False if the point is in no tetrahedron of the model. */
 static bool find_material_point(const trocar_model *model, vec3 point, material_point *found) {
     const double *nodes = trocar_model_nodes(model);
     const int32_t *tets = trocar_model_tets(model);

@@ -11,16 +11,16 @@
 #include "timing.h"
 #include "trocar_client.h"
 
-static const double MEAN_SPEED = 0.065; /* m/s, of a stroke; minimum jerk peaks at 1.875 times that. Of hands: mean 48 mm/s,
-                                           peak 123 mm/s (docs/validation.md, "A whole implant") */
+static const double MEAN_SPEED = 0.065; /* m/s, mean of a stroke; minimum jerk peaks at 1.875 times that. Measured hands: mean 48 mm/s, peak 123 mm/s
+                                           (docs/validation.md, "A whole implant") */
 static const double CLEAR = 0.005;      /* m, of the tip in front of the template before and after */
 static const double PAUSE = 0.1;        /* s at rest, before a needle is left and before a seed is dropped */
 static const double FURTHER = 1e-3;     /* m, see drop_seed */
 static const int REPEATS = 5;
-static const double AT_TARGET = 0.3e-3; /* m, of the tip from a target in the displaced tissue that is followed */
-static const int CORRECTIONS = 5;       /* at most, to get there; the tissue moves with the needle */
-static const double PATIENCE_TO_SEE = 1.0; /* s for which pictures may be missing; the server sends 30 a second */
-static const char *const PENDING = "still holds"; /* in the reason of a refusal because a seed is still in the needle: see api_seeds.c */
+static const double AT_TARGET = 0.3e-3; /* m, distance of the tip from the displaced target at which it counts as reached */
+static const int CORRECTIONS = 5;       /* at most; the tissue moves with the needle */
+static const double PATIENCE_TO_SEE = 1.0; /* s without pictures before giving up; the server sends 30 a second */
+static const char *const PENDING = "still holds"; /* in the reason of a refusal while a seed is still in the needle: see api_seeds.c */
 
 typedef struct {
     const implant_plan *plan;
@@ -30,10 +30,10 @@ typedef struct {
     trocar_client *client;
     trocar_client_wrench wrench;
     int needle;
-    int priority;            /* of the client's thread, 0: as this one */
+    int priority;            /* of the client's thread, 0: that of this thread */
     const char *stage;       /* for the table: in, out */
     double began, due;       /* s */
-    double heard;            /* s, when the newest wrench was there */
+    double heard;            /* s, arrival of the newest wrench */
     double tip;              /* m, how far the needle reaches beyond the template's face */
     implant_watch watch;
     double left_at[TROCAR_MAX_NEEDLES]; /* m, `tip` when the needle was left */
@@ -45,7 +45,7 @@ static trocar_status fail_needle(player *p, const char *what, const char *reason
     return fail(p->why, TROCAR_SYSTEM, "needle %d in hole %s %s%s%s", p->needle, planned(p)->hole, what, reason ? ": " : "", reason ? reason : "");
 }
 
-/* Sleeps until the next period begins, and looks. Missed periods are skipped. */
+/* Sleeps until the next period begins, then receives messages. Missed periods are skipped. */
 static trocar_status next_period(player *p) {
     double period = 1.0 / p->play->rate;
     p->due = fmax(p->due + period, playing_now());
@@ -78,7 +78,7 @@ static trocar_status hold_period(player *p) {
     trocar_client_publish(p->client, hand.position, hand.orientation);
     if (trocar_client_newest(p->client, &p->wrench)) p->heard = playing_now();
     if (playing_now() - p->heard > p->play->patience)
-        return fail_needle(p, "gets no answer", "check that trocar-server runs with the same LCM URL, and that the needle neither rests nor is held by another device; trocar-top shows the "
+        return fail_needle(p, "gets no answer", "check that trocar-server runs with the same LCM URL, and that the needle is neither resting nor held by another device; trocar-top shows the "
                            "server's last refusal");
     note_force(p);
     if (p->play->csv) write_row(p, &base);
@@ -91,7 +91,7 @@ static trocar_status hold(player *p, double seconds) {
     return status;
 }
 
-/* Holds the needle until the server answers, and a little longer while it ramps the force up. */
+/* Holds the needle until the server answers, and a little longer while the force ramps up. */
 static trocar_status engage(player *p) {
     double asked = p->heard = playing_now();
     trocar_status status;
@@ -100,7 +100,7 @@ static trocar_status engage(player *p) {
     return status == TROCAR_OK ? hold(p, p->play->settle) : status;
 }
 
-/* Reads the marks of a needle that is held without poses, from a message that is newer than this moment. */
+/* Reads the marks of a needle that is held without poses, from a message newer than this moment. */
 static trocar_status read_depth(player *p) {
     double asked = playing_now();
     trocar_status status = TROCAR_OK;
@@ -117,7 +117,7 @@ static trocar_status read_depth(player *p) {
     return status;
 }
 
-/* m, where the tip has to be to drop this seed. */
+/* m, depth of the tip for dropping this seed. */
 static double target(const player *p, int seed) {
     double depth = planned(p)->depths[seed];
     return p->play->follow ? depth + implant_watch_shift(&p->watch, planned(p), seed) : depth;
@@ -140,14 +140,14 @@ static trocar_status go_to(player *p, double depth) {
     return status == TROCAR_OK ? hold(p, PAUSE) : status;
 }
 
-/* Goes to where this seed is to be dropped, and rests there. A target that is followed moves with the needle. */
+/* Moves to where this seed should be dropped, and rests there. A followed target moves with the needle. */
 static trocar_status go_to_target(player *p, int seed) {
     trocar_status status = go_to(p, target(p, seed));
     for (int i = 0; p->play->follow && status == TROCAR_OK && i < CORRECTIONS && fabs(target(p, seed) - p->tip) > AT_TARGET; i++) status = go_to(p, target(p, seed));
     return status;
 }
 
-/* Waits for the reply to the last command; `holding` the needle meanwhile, or without poses, as a needle that rests has no owner. */
+/* Waits for the reply to the last command; `holding`: sends poses meanwhile, which a resting needle must not get because it has no owner. */
 static trocar_status await_reply(player *p, bool holding, trocar_client_answer *answer, char reason[256]) {
     trocar_status status = TROCAR_OK;
     while (status == TROCAR_OK && (*answer = trocar_client_reply(p->client, reason, 256)) == TROCAR_CLIENT_WAITING)
@@ -174,8 +174,8 @@ static trocar_status insert_and_leave(player *p) {
     return await_done(p, "cannot be left");
 }
 
-/* Where the tissue has followed the needle back, the last seed is still in it, and the server refuses the next one. Then the hand draws the needle a
-   little further and tries again. Any other refusal ends the implant. */
+/* Drops a seed. If the tissue has followed the needle back, the last seed is still in it and the server refuses the next one; then the hand draws the
+   needle a little further and tries again. Any other refusal ends the implant. */
 static trocar_status drop_seed(player *p) {
     char reason[256];
     trocar_client_answer answer = TROCAR_CLIENT_NONE;
@@ -207,7 +207,7 @@ static trocar_status take_and_draw_back(player *p) {
     return status == TROCAR_OK ? stroke(p, -CLEAR) : status;
 }
 
-/* A client holds one needle, so each needle gets one of its own. */
+/* A client holds one needle, so each needle gets its own client. */
 static trocar_status with_needle(player *p, int needle, trocar_status (*handle)(player *)) {
     trocar_client_options options = {.url = p->play->lcm_url, .needle = needle, .priority = p->priority, .without_force = 1};
     char reason[512];

@@ -1,5 +1,5 @@
-/* Carries out a planned implant over LCM, as a hand does: first every needle is inserted and left, then each is taken again, leaves its seeds
-   as it is drawn back, and is pulled out. Depths are read from the needle's marks at the template: a needle that rests is dragged along by the tissue. */
+/* Carries out a planned implant over LCM, as a hand does: inserts and leaves every needle, then takes each again, drops its seeds as it is drawn
+   back, and pulls it out. Depths are read from the needle's marks at the template, because the tissue drags resting needles along. */
 #ifndef TROCAR_IMPLANT_PLAYER_H
 #define TROCAR_IMPLANT_PLAYER_H
 
@@ -13,24 +13,24 @@ typedef struct {
     double rate;             /* Hz */
     double speed;            /* of the hand: factor */
     double patience;         /* s to wait for the server */
-    double settle;           /* s at rest before each needle moves, while the server engages */
+    double settle;           /* s at rest before each needle moves, while the server ramps the force up */
     bool realtime;           /* ask for SCHED_FIFO */
-    bool follow;             /* go to where the places of the seeds are in the displaced tissue, as if seen in an image, not to the plan's depths */
-    FILE *csv;               /* gets a row for each period; NULL: none */
+    bool follow;             /* go to the displaced places of the seeds, as if seen in an image, instead of the plan's depths */
+    FILE *csv;               /* gets one row per period; NULL: none */
 } implant_play;
 
 typedef struct {
     int needles, seeds;      /* inserted; dropped */
-    int repeats;             /* commands to drop a seed that were repeated, because the last seed was still in the needle */
-    double greatest_drag;    /* m, how far a needle that rested was from the depth at which it had been left; */
+    int repeats;             /* repeated commands to drop a seed, because the last seed was still in the needle */
+    double greatest_drag;    /* m, largest change of a resting needle's depth since it was left; */
     int greatest_drag_needle; /* that needle */
     double duration;         /* s */
     double greatest_force;   /* N */
     int greatest_force_needle; /* the needle that met it */
 } implant_summary;
 
-/* SYSTEM, with the needle's hole and the reason, if the server refuses a command or falls silent, and after SIGINT or SIGTERM. The needles stay
-   where they are then. */
+/* SYSTEM, with the needle's hole and the reason, if the server refuses a command or falls silent, and after SIGINT or SIGTERM. The needles then stay
+   where they are. */
 trocar_status implant_carry_out(const implant_plan *plan, const implant_play *play, implant_summary *summary, report *why);
 
 #endif

@@ -1,4 +1,4 @@
-/* What the operator of an implant can see: the marks on each needle, at the template, and in an image where the tissue has moved. */
+/* What the operator of an implant can see: the marks on each needle at the template, and, as in an image, where the tissue has moved. */
 #ifndef TROCAR_IMPLANT_WATCH_H
 #define TROCAR_IMPLANT_WATCH_H
 
@@ -19,16 +19,16 @@ typedef struct {
 /* `url`: NULL for LCM's default. SYSTEM if LCM fails. */
 trocar_status implant_watch_open(implant_watch *w, const char *url, int node_count, report *why);
 
-/* Also after it has failed to open, and for one that is all zero. */
+/* Releases everything. May be called after a failed open, and for a zeroed struct. */
 void implant_watch_close(implant_watch *w);
 
-/* Takes in what has arrived. */
+/* Receives all messages that have arrived. */
 void implant_watch_look(implant_watch *w);
 
-/* m, how far a needle reaches beyond the template's face, as read from its marks there. */
+/* m, how far a needle reaches beyond the template's face, read from its marks there. */
 double implant_watch_depth(const implant_watch *w, int needle, const planned_needle *planned, double needle_length);
 
-/* m, how far the tissue has carried the place of a needle's seed along the hole. */
+/* m, how far the tissue has moved the place of a needle's seed along the hole. */
 double implant_watch_shift(const implant_watch *w, const planned_needle *planned, int seed);
 
 #endif

@@ -19,7 +19,7 @@ void json_open(json *j, const char *name, char bracket);     /* '{' or '[' */
 void json_close(json *j, char bracket);                      /* '}' or ']' */
 void json_text(json *j, const char *name, const char *text);
 void json_number(json *j, const char *name, double value);   /* null if not finite: JSON has neither NaN nor infinity */
-void json_exact(json *j, const char *name, double value);    /* likewise, with all digits: is read as the same double */
+void json_exact(json *j, const char *name, double value);    /* null if not finite; with all digits, so that it reads back as the same double */
 void json_xyz(json *j, const char *name, vec3 v);            /* members x, y and z of an object, with all digits */
 void json_time_stamp(json *j, double time);                  /* member "timestamp", s, to the microsecond */
 void json_numbers(json *j, const char *name, const double *values, int count);

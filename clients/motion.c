@@ -69,7 +69,7 @@ double motion_fraction(double from, double to, double t) {
 
 pose motion_pose(const motion *script, pose start, double t) {
     if (t > script->period) t = fmod(t, script->period);
-    pose p = start;      /* its shifts are along the axes that the needle starts with */
+    pose p = start;      /* shifts are along the needle's axes at the start */
     for (int i = 0; i < script->leg_count; i++) {
         const motion_leg *leg = &script->legs[i];
         double fraction = motion_fraction(leg->from, leg->to, t);

@@ -32,8 +32,8 @@ const motion *motion_find(const char *name);
 /* All scripts in order, NULL after the last. */
 const motion *motion_at(int index);
 
-/* A script that inserts the needle this far (m) in place of MOTION_DEPTH, at the same speed along the needle. All times grow in
-   proportion: sideways legs and turns get slower in a deeper script, and faster in a shorter one. */
+/* A script that inserts the needle by this depth (m) instead of MOTION_DEPTH, at the same speed along the needle. All times scale in proportion:
+   sideways legs and turns are slower in a deeper script, and faster in a shallower one. */
 motion motion_to_depth(const motion *script, double depth);
 
 /* Fraction of a leg done at time t, 0 before `from` and 1 after `to`: minimum jerk, 10 x^3 - 15 x^4 + 6 x^5

@@ -27,8 +27,8 @@ int parse_whole(const struct argp_state *state, const char *option, const char *
 /* A number that was read, if it is whole and in [least, greatest]. */
 int whole_number(const struct argp_state *state, const char *option, double number, int least, int greatest);
 
-/* Splits HOST:PORT, or HOST if there is a standard port (else NULL), into both parts. The port is 1 to 65535; an IPv6 address is in brackets, because
-   its end would be ambiguous. False if `text` is malformed. */
+/* Splits HOST:PORT, or HOST if there is a default port (else NULL), into both parts. The port is 1 to 65535; an IPv6 address must be in brackets.
+   False if `text` is malformed. */
 bool split_host_port(const char *text, const char *standard_port, char host[256], char port[6]);
 
 #endif

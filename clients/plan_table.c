@@ -14,7 +14,7 @@ static const double BESIDE = 0.5e-3;  /* m: a seed further from its hole's axis 
 static const char HEADER[] = "hole,seed,x [m],y [m],z [m]"; /* further columns are the same in the patient's coordinates */
 static const char REMEDY[] = "write this table with python3 -m trocar.plan show PLAN --scene SCENE --out FILE";
 
-/* "C3.5,1,0.02,...": false if it is not a seed. */
+/* Parses "C3.5,1,0.02,..."; false if it is not a seed. */
 static bool read_seed(const char *line, planned_seed *s) {
     double *x = s->position;
     if (sscanf(line, "%7[A-Za-z0-9.],%*d,%lf,%lf,%lf", s->hole, &x[0], &x[1], &x[2]) != 4) return false;

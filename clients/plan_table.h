@@ -19,10 +19,11 @@ typedef struct {
     planned_seed seeds[TROCAR_MAX_SEEDS];
 } plan_table;
 
-/* BAD_INPUT with file, line and remedy for a file that is not such a table. */
+/* BAD_INPUT with file, line and remedy if the file is not such a table. */
 trocar_status plan_table_read(const char *path, plan_table *plan, report *why);
 
-/* Whether each seed is on the axis of its hole of this template. BAD_INPUT, with the line in the table, if not: then the plan is for another one. */
+/* Checks that each seed is on the axis of its hole of this template. BAD_INPUT, with the line in the table, if not: then the plan is for another
+   template. */
 trocar_status plan_table_fits(const plan_table *plan, const trocar_guide *guide, const char *path, report *why);
 
 #endif

@@ -19,7 +19,7 @@
 #include "timing.h"
 #include "trocar_command_t.h"
 
-static const double last_answers = 0.008; /* s to listen after the last pose: shorter than the server's hold time */
+static const double last_answers = 0.008; /* s of listening after the last pose: shorter than the server's hold time */
 
 typedef struct {
     const play_settings *settings;
@@ -35,7 +35,7 @@ typedef struct {
     report *why;
 } player;
 
-/* Whether this is the server whose wrenches are used. Another one is reported once and counted. */
+/* True if this is the server whose wrenches are used. Another one is reported once and counted. */
 static bool follow(player *p, int64_t server) {
     if (server_choice_follows(&p->servers, server, playing_now())) return true;
     if (p->record->foreign_wrenches++ == 0)
@@ -56,7 +56,7 @@ static void on_wrench(const lcm_recv_buf_t *buffer, const char *channel, void *u
     if (p->status == TROCAR_OK) p->status = status;
 }
 
-/* Pose of the base at script time t: the script's, or the hand's that follows it. */
+/* Pose of the base at script time t: the script's, or that of the hand following it. */
 static pose next_pose(player *p, double t) {
     pose wanted = motion_pose(p->settings->script, p->settings->start, t * p->settings->speed);
     if (!p->settings->closed_loop) return wanted;
@@ -96,7 +96,7 @@ static trocar_status await_server(player *p) {
         if (status != TROCAR_OK) return status;
         if (playing_now() > deadline)
             return fail(p->why, TROCAR_SYSTEM,
-                        "no answer in %g s for needle %d: check that trocar-server runs with the same LCM URL, that its scene has this "
+                        "no answer within %g s for needle %d: check that trocar-server runs with the same LCM URL, that its scene has this "
                         "needle and that no other device owns it; trocar-top shows the server's last refusal",
                         p->settings->patience, p->settings->needle);
     }

@@ -15,7 +15,7 @@ typedef struct {
     double speed;            /* script seconds per second */
     double duration;         /* s, real time */
     double patience;         /* s to wait for the server's first answer */
-    double settle;           /* s at rest before the script starts, while the server engages */
+    double settle;           /* s at rest before the script starts, while the server ramps the force up */
     bool realtime;           /* ask for SCHED_FIFO */
     bool closed_loop;        /* `hand` holds the needle and follows the script */
     hand hand;               /* mass, damping, stiffness; position and velocity are set here */

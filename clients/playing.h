@@ -1,4 +1,4 @@
-/* What players and bridges have in common: an end on a signal, real time. */
+/* Shared by players and bridges: ending on a signal, real time. */
 #ifndef TROCAR_PLAYING_H
 #define TROCAR_PLAYING_H
 
@@ -8,7 +8,7 @@
 void playing_heed_signals(void);
 bool playing_interrupted(void);
 
-/* Puts the calling thread under SCHED_FIFO; threads that it creates inherit that. False, and a note on stderr: it is refused. */
+/* Puts the calling thread under SCHED_FIFO; threads that it creates inherit that. If this is refused: false, and a note on stderr. */
 bool playing_use_realtime(void);
 
 double playing_now(void); /* s, monotonic */

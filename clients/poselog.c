@@ -32,14 +32,14 @@ static const older_type older_poses[] = {{0xbe3af96bc721e5ea, 4}, {0}};
 static const older_type older_wrenches[] = {{0x558602e319c11faf, 4}, {0x9bb829ef4984e48c, 8 + 4}, {0}};
 static const older_type older_statuses[] = {{0xe428bcd4a42ff814, 4}, {0xbcbe6819f8e2446a, 3 * 4 + 8 + 4}, {0}};
 
-/* What the poses' readers need: the log, what was accepted last, and the server's part that decides about the probe's poses. */
+/* State of the pose readers: the log, the last accepted poses, and the server's code that decides about the probe's poses. */
 typedef struct {
     pose_log *poses;
-    bool keeps;              /* all of them, in the log */
+    bool keeps;              /* keep all of them in the log */
     trocar_needle_pose_t newest[TROCAR_MAX_NEEDLES]; /* accepted pose of each needle; */
     bool begun[TROCAR_MAX_NEEDLES]; /* there is one */
     probe_arbiter probe;
-    trocar_probe_pose_t *passed; /* of the probe, since the last pose of a needle; not if all are kept */
+    trocar_probe_pose_t *passed; /* poses of the probe since the last pose of a needle; unused if all are kept */
     int passed_count, passed_room;
     trocar_needle_pose_t pose; /* accepted last; */
     bool accepted;           /* by the last event */
@@ -52,7 +52,7 @@ typedef struct {
     int64_t size, offset;    /* bytes */
     int64_t event;           /* number of the current event */
     bool cut;                /* the file ends within the current event */
-    bool found;              /* an event of the first channel that is wanted */
+    bool found;              /* an event of the first wanted channel has been found */
 } reader;
 
 typedef struct {
@@ -102,7 +102,7 @@ static trocar_status read_header(reader *r, event_header *h, report *why) {
     return fread(h->channel, 1, length, r->file) == length ? TROCAR_OK : bad_event(r, "cannot be read", why);
 }
 
-/* Leaves the file at the next event. */
+/* Positions the file at the next event. */
 static trocar_status skip_event(reader *r, const event_header *h, report *why) {
     r->offset += EVENT_HEADER + h->channel_length + h->data_length;
     r->event++;
@@ -165,7 +165,7 @@ static bool is_finite(const trocar_needle_wrench_t *w) {
     return true;
 }
 
-/* Room for one more in an array that holds `count`: doubled when the count reaches a power of two. */
+/* Makes room for one more element in an array that holds `count`: doubles it when the count reaches a power of two. */
 static trocar_status make_room(void **array, int count, size_t size, report *why) {
     if (count & (count - 1)) return TROCAR_OK;
     size_t room = count ? 2 * (size_t)count : 1;
@@ -191,7 +191,7 @@ static trocar_status add_pose(const trocar_needle_pose_t *p, reading *in, report
     return TROCAR_OK;
 }
 
-/* Accepts poses like the server: of one needle and session, none repeated or out of order. */
+/* Accepts poses as the server does: of one needle and session, none repeated or out of order. */
 static trocar_status append_pose(const reader *r, const trocar_needle_pose_t *p, reading *in, report *why) {
     pose_log *log = in->poses;
     const trocar_needle_pose_t *last = log->count ? &log->last : NULL;
@@ -217,7 +217,7 @@ static trocar_status take_pose(const reader *r, const event_header *h, void *con
     return status == TROCAR_OK ? append_pose(r, &p, in, why) : status;
 }
 
-/* What the wrenches' readers need. */
+/* State of the wrench readers. */
 typedef struct {
     trocar_needle_wrench_t wrench; /* accepted last; */
     bool accepted;           /* by the last event */
@@ -250,7 +250,7 @@ static trocar_status decode_command(const reader *r, const event_header *h, cons
     return bad_event(r, "not the length of a trocar.command_t: the log is damaged", why);
 }
 
-/* Notes a command that concerns seeds; one of another version, which has none, is ignored. */
+/* Records a command that concerns seeds; one of another version, which has none, is ignored. */
 static trocar_status note_command(const reader *r, const event_header *h, void *context, report *why) {
     pose_log *log = ((reading *)context)->poses;
     unsigned char data[DATA_MAX] = {0};
@@ -267,9 +267,9 @@ static trocar_status note_command(const reader *r, const event_header *h, void *
     return add_command(&m, log, why);
 }
 
-enum { MOST_UNANSWERED = 1024 }; /* commands that a server may still have to answer: more than it takes */
+enum { MOST_UNANSWERED = 1024 }; /* unanswered commands; a server has fewer */
 
-/* Notes what became of a command; a reply of another version is ignored. */
+/* Records the result of a command; a reply of another version is ignored. */
 static trocar_status note_reply(const reader *r, const event_header *h, void *context, report *why) {
     pose_log *log = ((reading *)context)->poses;
     unsigned char data[DATA_MAX] = {0};
@@ -277,7 +277,7 @@ static trocar_status note_reply(const reader *r, const event_header *h, void *co
     trocar_status status = read_data(r, h, data, DATA_MAX, why);
     if (status != TROCAR_OK || h->data_length > DATA_MAX || !reply_fits(data, (size_t)h->data_length)) return status;
     if (trocar_command_reply_t_decode(data, 0, (int)h->data_length, &m) < 0) return TROCAR_OK;
-    logged_command *asked = NULL; /* the oldest that has no answer, should a sender repeat a number */
+    logged_command *asked = NULL; /* the oldest command without an answer, because a sender may repeat a number */
     for (int i = log->command_count - 1; i >= 0 && log->command_count - i <= MOST_UNANSWERED; i--) {
         const trocar_command_t *c = &log->commands[i].command;
         bool same = c->session == m.session && c->seq == m.seq && c->needle == m.needle && c->command == m.command;
@@ -310,7 +310,7 @@ static trocar_status keep_probe(const trocar_probe_pose_t *m, pose_log *log, rep
     return status;
 }
 
-/* Only until the next pose of a needle. */
+/* Kept only until the next pose of a needle. */
 static trocar_status pass_probe(const trocar_probe_pose_t *m, reading *in, report *why) {
     in->poses->probe_count++;
     if (in->accepted) in->passed_count = 0;
@@ -326,7 +326,7 @@ static trocar_status pass_probe(const trocar_probe_pose_t *m, reading *in, repor
     return TROCAR_OK;
 }
 
-/* Notes a pose of the probe by the server's own rules, on the clock of the poses. */
+/* Records a pose of the probe by the server's own rules, on the clock of the poses. */
 static trocar_status note_probe(const reader *r, const event_header *h, void *context, report *why) {
     reading *in = context;
     pose_log *log = in->poses;
@@ -346,14 +346,14 @@ static trocar_status note_probe(const reader *r, const event_header *h, void *co
     return in->keeps ? keep_probe(&m, log, why) : pass_probe(&m, in, why);
 }
 
-/* What is read of a channel: `take` gets its events, with the file positioned at the event's data. */
+/* A channel to read: `take` gets its events, with the file positioned at the event's data. */
 typedef struct {
     const char *channel;
     trocar_status (*take)(const reader *r, const event_header *h, void *log, report *why);
 } wanted_channel;
 
 /* Reads an event, or skips it if its channel is not wanted; the last entry of `wanted` is empty. With `cut`, a log that ends within an event ends
-   before it, and `cut` is set to a message about it. */
+   before it, and `cut` receives a message about it. */
 static trocar_status read_event(reader *r, const wanted_channel *wanted, void *context, report *cut, report *why) {
     event_header h;
     trocar_status status = read_header(r, &h, why);
@@ -369,7 +369,7 @@ static trocar_status read_event(reader *r, const wanted_channel *wanted, void *c
     return status == TROCAR_OK ? skip_event(r, &h, why) : status;
 }
 
-/* The log must have an event of the first channel that is wanted. */
+/* Fails if the log has no event of the first wanted channel. */
 static trocar_status check_found(const reader *r, const wanted_channel *wanted, report *why) {
     if (r->found) return TROCAR_OK;
     return fail(why, TROCAR_BAD_INPUT, "%s: nothing on channel %s in %" PRId64 " events", r->path, wanted->channel, r->event);
@@ -385,7 +385,7 @@ static trocar_status read_log(const char *path, const wanted_channel *wanted, vo
     return status == TROCAR_OK ? check_found(&r, wanted, why) : status;
 }
 
-/* Of all needles: each pose that is later than the last one of its needle and session. */
+/* Accepts, for all needles, each pose later than the last one of its needle and session. */
 static trocar_status take_any_pose(const reader *r, const event_header *h, void *context, report *why) {
     reading *in = context;
     trocar_needle_pose_t p = {0};
@@ -422,7 +422,7 @@ static void begin_reading(reading *in, pose_log *log, int needle, bool keeps) {
     probe_arbiter_init(&in->probe);
 }
 
-/* Needle -1: that of the first pose. */
+/* Needle -1 means that of the first pose. */
 static trocar_status read_poses(const char *path, int needle, bool all, bool keeps, pose_log *log, report *cut, report *why) {
     reading *in = malloc(sizeof *in);
     if (!in) return fail(why, TROCAR_NO_MEMORY, "%s: no memory to read it", path);
@@ -455,7 +455,7 @@ struct pose_stream {
     reader file;
     const wanted_channel *wanted;
     reading in;
-    pose_log log;            /* counts, and commands, once more */
+    pose_log log;            /* a second log, for counts and commands */
 };
 
 trocar_status pose_stream_open(const char *path, int needle, bool all, pose_stream **opened, report *why) {

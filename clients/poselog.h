@@ -1,4 +1,4 @@
-/* LCM event logs of poses and wrenches, with checks that LCM's own reader lacks. */
+/* LCM event logs of poses and wrenches, read with checks that LCM's own reader lacks. */
 #ifndef TROCAR_POSELOG_H
 #define TROCAR_POSELOG_H
 
@@ -22,7 +22,7 @@
 #define REPLY_CHANNEL "TROCAR_REPLY"
 #define PROBE_CHANNEL "TROCAR_PROBE"
 
-/* What the server said to a command; unknown if the log has no reply to it. */
+/* The server's answer to a command; unknown if the log has no reply to it. */
 typedef enum { ANSWER_UNKNOWN, ANSWER_DONE, ANSWER_REFUSED } logged_answer;
 
 /* A command, and the pose before which it came. */
@@ -49,17 +49,17 @@ typedef struct {
     logged_command *commands;     /* command_count, in order: from pose_log_read_all every command, otherwise only DROP_SEED and UNDO of the poses' session and needle */
     int probe_count;
     logged_probe *probes;         /* probe_count, in order: those that the server would accept; NULL from pose_log_scan */
-    int64_t skipped_probes;       /* number of poses of the probe that it would refuse */
+    int64_t skipped_probes;       /* number of poses of the probe that the server would refuse */
     int64_t skipped_sessions;     /* number of skipped poses of other needles, or of other sessions than the first pose's */
     int64_t skipped_old;          /* number of skipped poses that were repeated or out of order */
-    int64_t skipped_commands;     /* number of skipped commands of this kind that came from others, or before the first pose */
+    int64_t skipped_commands;     /* number of skipped commands of this kind from other senders, or from before the first pose */
 } pose_log;
 
 /* The wrenches of a log that answer a pose, in the order of the log. */
 typedef struct {
     int count;
     trocar_needle_wrench_t *wrenches; /* count */
-    int64_t skipped_not_finite;   /* number of skipped ones; servers up to release 0.1 sent such */
+    int64_t skipped_not_finite;   /* number of skipped wrenches that are not finite; servers up to release 0.1 could send them */
     char inverse[16];             /* kind of inverse according to the log's last status; empty: unknown */
 } wrench_log;
 
@@ -74,22 +74,22 @@ trocar_status pose_log_read_needle(const char *path, int needle, pose_log *log, 
 /* All needles' poses, in the order of the log, and the commands between them. */
 trocar_status pose_log_read_all(const char *path, pose_log *log, report *why);
 
-/* The same for a recording that is truncated or still being written: its complete events are read. `cut` says where the log ends
-   within an event; it is empty if the log is complete. */
+/* Like pose_log_read, for a recording that is truncated or still being written: reads its complete events. `cut` says where the log ends within an event; it is
+   empty if the log is complete. */
 trocar_status pose_log_read_to_cut(const char *path, pose_log *log, report *cut, report *why);
 void pose_log_free(pose_log *log);
 
-/* Logs of any length: pose_log_scan reads one as pose_log_read_needle, or with `all` as pose_log_read_all, and keeps nothing of it but the commands. A
-   stream then reads it again, pose by pose. */
+/* Logs of any length: pose_log_scan reads one as pose_log_read_needle, or with `all` as pose_log_read_all, and keeps only the commands. A stream then
+   reads it again, pose by pose. */
 trocar_status pose_log_scan(const char *path, int needle, bool all, pose_log *log, report *why);
 
 typedef struct pose_stream pose_stream;
 
 /* What has been read up to a pose. */
 typedef struct {
-    bool ended;                   /* there was no pose left */
+    bool ended;                   /* there was no further pose */
     trocar_needle_pose_t pose;
-    int probe_count;              /* poses of the probe between the pose before, or the beginning, and this one, or the end */
+    int probe_count;              /* number of probe poses between the previous pose (or the beginning) and this one (or the end) */
     const trocar_probe_pose_t *probes; /* probe_count; until the next call */
 } pose_step;
 
@@ -97,11 +97,11 @@ trocar_status pose_stream_open(const char *path, int needle, bool all, pose_stre
 trocar_status pose_stream_next(pose_stream *stream, pose_step *step, report *why);
 void pose_stream_close(pose_stream *stream);
 
-/* A log of wrenches in the same way: those that answer a pose, in the order of the log. */
+/* Reads a log of wrenches in the same way: those that answer a pose, in the order of the log. */
 typedef struct wrench_stream wrench_stream;
 trocar_status wrench_stream_open(const char *path, wrench_stream **stream, report *why);
 trocar_status wrench_stream_next(wrench_stream *stream, trocar_needle_wrench_t *wrench, bool *ended, report *why);
-int64_t wrench_stream_skipped(const wrench_stream *stream);       /* that were not finite, so far */
+int64_t wrench_stream_skipped(const wrench_stream *stream);       /* number of non-finite ones so far */
 const char *wrench_stream_inverse(const wrench_stream *stream);   /* as in wrench_log, so far */
 void wrench_stream_close(wrench_stream *stream);
 
@@ -114,15 +114,15 @@ void wrench_log_free(wrench_log *log);
 double pose_log_time(const pose_log *log, int i);
 double pose_log_interval(const pose_log *log, int i, double rate_hz, int *gaps);
 
-/* The pose in a message, with normalised quaternion, and the message of a pose of needle 0 from a client that renders no force. */
+/* The pose in a message, with normalised quaternion; and the message for a pose of needle 0 from a client that renders no force. */
 pose pose_of_message(const trocar_needle_pose_t *message);
 trocar_needle_pose_t message_of_pose(pose p, int64_t utime, int64_t session, int64_t seq);
 
-/* The base of a message of the probe's. */
+/* The base pose in a probe message. */
 trocar_pose base_of_probe(const trocar_probe_pose_t *message);
 
-/* Moves the probe to its newest pose before needle pose `i` (log->count: after the last one). `done`: number of probe poses passed so far. Without a
-   probe in the scene nothing happens. */
+/* Moves the probe to its newest pose before needle pose `i` (log->count: after the last one). `done`: number of probe poses passed so far. Does
+   nothing if the scene has no probe. */
 trocar_status pose_log_move_probe(const pose_log *log, int i, const trocar_model *model, trocar_sim *sim, int *done, report *why);
 
 /* Appends one event; its timestamp is the message's (the pose's, for a wrench). SYSTEM if it cannot be written. */

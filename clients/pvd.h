@@ -24,10 +24,10 @@ trocar_status pvd_open(pvd_series *p, const char *prefix, report *why);
 trocar_status pvd_take(pvd_series *p, const trocar_model *model, trocar_picture *picture, const trocar_output *output,
                        const patient_frame *patient, double time, report *why);
 
-/* Whether the state at this time (s) belongs to the series. */
+/* True if the state at this time (s) belongs to the series. */
 bool pvd_is_due(const pvd_series *p, double time);
 
-/* Writes the list, which does not exist before. */
+/* Writes the list; until then it does not exist. */
 trocar_status pvd_close(pvd_series *p, report *why);
 void pvd_abandon(pvd_series *p);
 

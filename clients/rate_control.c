@@ -16,7 +16,7 @@ static vec3 approach_vector(vec3 value, vec3 wanted, vec3 step) {
     return v3(approach(value.x, wanted.x, step.x), approach(value.y, wanted.y, step.y), approach(value.z, wanted.z, step.z));
 }
 
-/* Advances a coordinate; the speed becomes zero at the limits `low` and `high`. From outside it may only move back. */
+/* Advances a coordinate; the speed becomes zero at the limits `low` and `high`. Outside them it may only move back. */
 static double move(double from, double *speed, double dt, double low, double high) {
     double to = from + *speed * dt;
     bool leaves = *speed > 0 ? to > high : to < low;
@@ -25,7 +25,7 @@ static double move(double from, double *speed, double dt, double low, double hig
     return from;
 }
 
-/* Advances along `axis` (of the home pose's frame); the speed becomes zero where any of the coordinates would leave its limits. */
+/* Advances along `axis` (of the home pose's frame); the speed becomes zero if a coordinate would leave its limits. */
 static vec3 move_along(vec3 x, vec3 axis, double *speed, double dt, const rate_control_limits *l) {
     vec3 asked = v3_scale(*speed, axis), v = asked;
     vec3 moved = v3(move(x.x, &v.x, dt, -l->max_sideways, l->max_sideways), move(x.y, &v.y, dt, -l->max_sideways, l->max_sideways),
@@ -35,7 +35,7 @@ static vec3 move_along(vec3 x, vec3 axis, double *speed, double dt, const rate_c
     return x;
 }
 
-/* In the frame of the home pose, whose origin is the home position. */
+/* Returns the base's next position. Limits apply in the frame of the home pose, whose origin is the home position. */
 static vec3 move_base(rate_control_state *d, const rate_control_limits *l, double dt) {
     quat home = d->home.orientation;
     vec3 axis = l->along_needle ? q_rotate(q_conjugate(home), q_axis(d->base.orientation)) : v3(0, 0, 1);

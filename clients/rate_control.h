@@ -1,5 +1,5 @@
-/* Rate control of the needle, from a page or a device that is deflected: converts commanded speeds into motion of the base within limits,
-   like a motorised holder. No threads, no clock. */
+/* Rate control of the needle by a page or a deflected device: converts commanded speeds into motion of the base within limits, like a motorised
+   holder. No threads, no clock. */
 #ifndef TROCAR_RATE_CONTROL_H
 #define TROCAR_RATE_CONTROL_H
 
@@ -9,7 +9,7 @@
 
 /* Each component is a fraction -1 .. 1 of the limit. */
 typedef struct {
-    double right, up, forward;  /* along x, y and z of the home pose; forward along the needle, if the limits say so */
+    double right, up, forward;  /* along x, y and z of the home pose; forward is along the needle if the limits say so */
     double pitch, yaw, roll;    /* about x and y of the home pose, and about the needle's axis */
 } rate_control_command;
 
@@ -20,7 +20,7 @@ typedef struct {
     double max_sideways;        /* m from home in its x and y */
     double max_back, max_forward; /* m from home in its z */
     double max_tilt;            /* rad between the needle and its direction at home */
-    bool along_needle;          /* forward is along the needle's axis, which may be tilted, not along z of the home pose */
+    bool along_needle;          /* forward is along the needle's axis, which may be tilted, instead of z of the home pose */
 } rate_control_limits;
 
 typedef struct {
@@ -32,7 +32,7 @@ typedef struct {
 /* Limits for a needle of this length, m. */
 rate_control_limits rate_control_defaults(double needle_length);
 
-/* At rest at `base`. */
+/* Starts at rest at `base`. */
 void rate_control_begin(rate_control_state *d, pose home, pose base);
 
 /* Advances the base by dt (s). Non-finite components count as 0, others are clamped to -1 .. 1; speeds are ramped; the base stops

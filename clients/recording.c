@@ -51,7 +51,7 @@ static int ascending(const void *a, const void *b) {
     return (x > y) - (x < y);
 }
 
-/* Nearest-rank percentile of sorted values, NaN of none. */
+/* Nearest-rank percentile of sorted values; NaN if there are none. */
 static double percentile(const double *sorted, int count, double fraction) {
     return count ? sorted[(int)fmax(ceil(fraction * count) - 1, 0)] : NAN;
 }
@@ -83,7 +83,7 @@ static void widen(const double value[3], double least[3], double greatest[3]) {
     }
 }
 
-/* Along the needle, positive toward the tip. */
+/* Component along the needle, positive toward the tip. */
 static double axial_force(const recording *r, const trocar_needle_wrench_t *w) {
     return v3_dot(q_axis(r->sent[w->pose_seq].base.orientation), v3(w->raw_force[0], w->raw_force[1], w->raw_force[2]));
 }

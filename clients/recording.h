@@ -48,7 +48,7 @@ typedef struct {
     double jump_force;       /* N, magnitude of the raw force there */
     double deepest;          /* m */
     int most_contacts;
-    int32_t flags;           /* that were set at any time */
+    int32_t flags;           /* flags that were set at any time */
 } recording_summary;
 
 /* Record a pose (its sequence number is its index) or a wrench. Wrenches of other sessions are ignored. NO_MEMORY if it cannot
@@ -62,8 +62,7 @@ trocar_status recording_summarise(const recording *r, recording_summary *summary
 void summary_print(const recording_summary *s, FILE *out);       /* as text */
 void summary_write_json(const recording_summary *s, FILE *out);
 
-/* One row per wrench since the start; the columns are named with units. In the patient's coordinates, or in the mesh's if `patient` is
-   NULL. */
+/* One row per wrench since the start; column names include units. In the patient's coordinates, or in the mesh's if `patient` is NULL. */
 void recording_write_csv(const recording *r, const patient_frame *patient, FILE *out);
 
 #endif

@@ -1,4 +1,4 @@
-/* Motion of a region as a whole: the rigid motion that fits the displacement of its nodes best. */
+/* Motion of a region as a whole: the rigid motion that best fits the displacement of its nodes. */
 #ifndef TROCAR_REGION_MOTION_H
 #define TROCAR_REGION_MOTION_H
 

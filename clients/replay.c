@@ -31,7 +31,7 @@ error_t argp_err_exit_status = EXIT_BAD_INPUT;
 typedef struct {
     const char *scene_path, *pose_path, *log_path, *csv_path, *json_path, *vtu_prefix, *pvd_prefix, *golden_path, *shift_path, *region, *seeds_path;
     double at;               /* s after the first pose; NaN: the last one */
-    double tolerance;        /* share of the peak */
+    double tolerance;        /* fraction of the peak */
     int needle;              /* index of the replayed needle; -1: the first pose's */
     int every;               /* only every Nth wrench is logged */
     bool quiet, patient, all;
@@ -40,7 +40,7 @@ typedef struct {
 /* A needle of a log that is replayed with --all. */
 typedef struct {
     bool begun;              /* it has been reset at a pose of `session` */
-    bool taken;              /* the next pose goes on from where it rested */
+    bool taken;              /* the next pose continues from where it rested */
     int64_t session, utime;  /* of its last pose */
     hand_clutch clutch;      /* of the hand that has taken it */
     waiting_drop waiting;
@@ -54,7 +54,7 @@ typedef struct {
     pose_log poses;          /* counts and commands; */
     pose_stream *stream;     /* and the poses, one after another */
     pose_step now;
-    int64_t before;          /* utime of the pose before */
+    int64_t before;          /* utime of the previous pose */
     trocar_model *model;
     trocar_sim *sim;
     trocar_output result;              /* of the last tick */
@@ -68,8 +68,8 @@ typedef struct {
     int64_t logged;          /* events in log_file */
     bool has_probe;          /* the scene has one */
     int commands_done;       /* of the log's commands; */
-    int refused, refused_before; /* refused here, and by the server already */
-    report refusal;          /* why, of the first one that was refused here */
+    int refused, refused_before; /* refused here, and already refused by the server */
+    report refusal;          /* reason of the first refusal here */
     replayed_needle needles[TROCAR_MAX_NEEDLES];
     int gaps;                /* number of gaps longer than POSE_LOG_GAP */
 } replay;
@@ -88,7 +88,7 @@ static const struct argp_option option_list[] = {
     {"all", OPTION_ALL, 0, 0, "Replay all needles of the log, and its commands: a whole implant (not with --needle, --every and --compare)", 0},
     {"out", OPTION_OUT, "FILE", 0, "Write poses and wrenches as an LCM event log", 0},
     {"every", OPTION_EVERY, "N", 0, "Write only every Nth wrench, and no poses, to --out: a small golden log", 0},
-    {"csv", OPTION_CSV, "FILE", 0, "Write one row per tick: time, base force and torque, depth, contacts, events, needle, positions of base and tip, the tip's roll less the base's; in a scene with a probe, also its force on the hand, torque, contacts and position", 0},
+    {"csv", OPTION_CSV, "FILE", 0, "Write one row per tick: time, base force and torque, depth, contacts, events, needle, positions of base and tip, the tip's roll minus the base's; in a scene with a probe, also its force on the hand, torque, contacts and position", 0},
     {"json-lines", OPTION_JSON, "FILE", 0, "Write the same as --csv as one JSON object per line", 0},
     {"vtu", OPTION_VTU, "PREFIX", 0, "Write PREFIX-tissue.vtu, PREFIX-needle.vtu and, in a scene with a probe, PREFIX-probe.vtu", 0},
     {"pvd", OPTION_PVD, "PREFIX", 0, "Write a time series for ParaView, 30 states per second: PREFIX.pvd and its .vtu files", 0},
@@ -133,7 +133,7 @@ static error_t parse_option(int key, char *text, struct argp_state *state) {
         if (!isnan(o->at) && !o->vtu_prefix) argp_error(state, "--at needs --vtu");
         if (o->region && !o->shift_path) argp_error(state, "--region needs --shift");
         if (o->every && !o->log_path) argp_error(state, "--every needs --out");
-        if (o->all && (o->needle >= 0 || o->every || o->golden_path)) argp_error(state, "--all goes without --needle, --every and --compare");
+        if (o->all && (o->needle >= 0 || o->every || o->golden_path)) argp_error(state, "--all cannot be combined with --needle, --every or --compare");
         if (!isnan(o->tolerance) && !o->golden_path) argp_error(state, "--tolerance needs --compare");
         break;
     default: return ARGP_ERR_UNKNOWN;
@@ -144,7 +144,7 @@ static error_t parse_option(int key, char *text, struct argp_state *state) {
 static const struct argp parser = {
     option_list, parse_option, NULL,
     "Runs recorded poses through the simulation in lockstep: one tick per pose, model time = the poses' utime. The same binary "
-    "gives the same bits. The probe moves with the log's TROCAR_PROBE.\vExit status: 0, 1 if it failed or differs from GOLDEN, 2 for bad input.", NULL, NULL, NULL};
+    "gives identical bits. The probe moves with the log's TROCAR_PROBE.\vExit status: 0, 1 if it failed or differs from GOLDEN, 2 for bad input.", NULL, NULL, NULL};
 
 /* ---- set-up ------------------------------------------------------------------------------------------------------ */
 
@@ -177,7 +177,7 @@ static trocar_status open_outputs(replay *r, report *why) {
     return status;
 }
 
-/* Follows the chosen region, or the scene's first. */
+/* Follows the chosen region, by default the scene's first. */
 static trocar_status prepare_shift(replay *r, report *why) {
     char region[256];
     r->displacements = malloc(3 * (size_t)trocar_model_node_count(r->model) * sizeof *r->displacements);
@@ -367,7 +367,7 @@ static void note_refusal(replay *r, const report *reason) {
     if (r->refused++ == 0) r->refusal = *reason;
 }
 
-/* A needle's waiting drop is not to be waited for any longer; `next`: its next command, or NULL. */
+/* Stops waiting for a needle's pending drop; `next`: its next command, or NULL. */
 static void end_waiting(replay *r, int needle, const logged_command *next) {
     waiting_drop *w = &r->needles[needle].waiting;
     if (!end_waiting_drop(w, r->sim, needle, next)) note_refusal(r, &w->reason);
@@ -387,7 +387,7 @@ static trocar_status log_command(replay *r, const logged_command *logged, report
     return status;
 }
 
-/* As in the server, a command that is refused changes nothing. */
+/* As in the server, a refused command changes nothing. */
 static trocar_status run_command(replay *r, const logged_command *logged, report *why) {
     report reason;
     end_waiting(r, r->options->all ? logged->command.needle : 0, logged);
@@ -403,7 +403,7 @@ static trocar_status run_command(replay *r, const logged_command *logged, report
     return r->log_file.file && !r->options->every ? log_command(r, logged, why) : TROCAR_OK;
 }
 
-/* The commands that came before this pose. */
+/* Executes the commands that came before this pose. */
 static trocar_status run_commands(replay *r, int pose, report *why) {
     trocar_status status = TROCAR_OK;
     for (; status == TROCAR_OK && r->commands_done < r->poses.command_count && r->poses.commands[r->commands_done].next_pose <= pose; r->commands_done++)
@@ -411,7 +411,7 @@ static trocar_status run_commands(replay *r, int pose, report *why) {
     return status;
 }
 
-/* As the server: a pose for a needle that rests, or that another session holds, is skipped: *dt is 0. A session that is silent loses the needle. */
+/* Like the server: skips (*dt = 0) a pose for a needle that rests or that another session holds. A silent session loses the needle. */
 static trocar_status follow_needle(replay *r, trocar_pose *base, double *dt, report *why) {
     static const int64_t SILENCE = 2000000; /* us */
     const trocar_needle_pose_t *m = &r->now.pose;
@@ -438,7 +438,7 @@ static trocar_status follow_needle(replay *r, trocar_pose *base, double *dt, rep
     return trocar_sim_reset(r->sim, m->needle, base, why);
 }
 
-/* Moves the probe to its newest pose before this one, and logs what was passed. */
+/* Moves the probe to its newest pose before this one, and logs the poses passed. */
 static trocar_status follow_probe(replay *r, report *why) {
     trocar_status status = TROCAR_OK;
     int count = r->now.probe_count;
@@ -456,8 +456,8 @@ static trocar_status follow_probe(replay *r, report *why) {
 static trocar_status check_needles(const replay *r, report *why) {
     int needles = trocar_model_needles(r->model);
     if (r->poses.most_needle >= needles)
-        return fail(why, TROCAR_BAD_INPUT, "%s: a pose of or a command for needle %d: the scene's \"needles\" is %d", r->options->pose_path, r->poses.most_needle, needles);
-    for (int i = 0; i < needles; i++) { /* outside, until its first pose */
+        return fail(why, TROCAR_BAD_INPUT, "%s: a pose or a command of needle %d: the scene's \"needles\" is %d", r->options->pose_path, r->poses.most_needle, needles);
+    for (int i = 0; i < needles; i++) { /* outside the tissue until its first pose */
         trocar_pose away = {{0, 0, -10.0}, {1, 0, 0, 0}};
         trocar_status status = trocar_sim_reset(r->sim, i, &away, why);
         if (status != TROCAR_OK) return status;
@@ -510,7 +510,7 @@ static trocar_status run_all(replay *r, report *why) {
     if (status == TROCAR_OK && r->log_file.file) status = log_origin(r, why);
     for (int tick = 0; tick < r->poses.count && status == TROCAR_OK; tick++) {
         status = pose_stream_next(r->stream, &r->now, why);
-        if (status == TROCAR_OK && r->now.ended) status = fail(why, TROCAR_BAD_INPUT, "%s: it has become shorter while it was replayed", r->options->pose_path);
+        if (status == TROCAR_OK && r->now.ended) status = fail(why, TROCAR_BAD_INPUT, "%s: it was shortened while it was being replayed", r->options->pose_path);
         if (status == TROCAR_OK) status = run_tick(r, tick, why);
         r->before = r->now.pose.utime;
         if (progress) progress_show("replay", (double)(tick + 1) / r->poses.count, NULL);
@@ -519,7 +519,7 @@ static trocar_status run_all(replay *r, report *why) {
     for (int i = 0; i < trocar_model_needles(r->model); i++) end_waiting(r, i, NULL);
     if (status == TROCAR_OK) status = pose_stream_next(r->stream, &r->now, why);
     if (status == TROCAR_OK) status = follow_probe(r, why);
-    if (status == TROCAR_OK && r->options->vtu_prefix && !r->dumped) status = dump(r, why); /* no pose after that moment had a needle to move */
+    if (status == TROCAR_OK && r->options->vtu_prefix && !r->dumped) status = dump(r, why); /* no pose after that moment moved a needle */
     if (status == TROCAR_OK && r->seeds_file.file) status = seed_table_write(r->seeds_file.file, r->scene, r->model, r->sim, r->patient, why);
     if (status == TROCAR_OK) status = output_commit(&r->seeds_file, why);
     if (status == TROCAR_OK) status = output_commit(&r->log_file, why);
@@ -541,17 +541,17 @@ static void summarise(const replay *r) {
         fprintf(stderr, "%" PRId64 " repeated or late poses skipped\n", r->poses.skipped_old);
     if (r->poses.probe_count) fprintf(stderr, "%d poses of the probe%s\n", r->poses.probe_count, r->has_probe ? "" : " skipped: the scene has none (probe.surface)");
     if (r->poses.skipped_probes)
-        fprintf(stderr, "%" PRId64 " poses of the probe skipped, which the server refuses: out of order, not finite, or of a second session\n", r->poses.skipped_probes);
+        fprintf(stderr, "%" PRId64 " poses of the probe skipped, as the server refuses them: out of order, not finite, or of a second session\n", r->poses.skipped_probes);
     if (r->poses.command_count) fprintf(stderr, "%d seeds\n", trocar_sim_seeds(r->sim, NULL, 0));
     if (r->poses.skipped_commands)
-        fprintf(stderr, "%" PRId64 " commands for seeds skipped, of other needles or sessions or before the first pose\n", r->poses.skipped_commands);
+        fprintf(stderr, "%" PRId64 " commands for seeds skipped: of other needles or sessions, or before the first pose\n", r->poses.skipped_commands);
 }
 
 /* Printed even with --quiet, because it explains why the bits differ. */
 static void name_other_owner(const replay *r) {
     const char *golden = r->comparison.inverse, *here = trocar_model_inverse(r->model);
     if (golden[0] == '\0' || strcmp(golden, here) == 0) return;
-    fprintf(stderr, "%s: made with the %s inverse, this replay with the %s one: they agree to rounding only; for the same bits set "
+    fprintf(stderr, "%s: recorded with the %s inverse, replayed with the %s one: results agree only to rounding; for identical bits set "
             "`inverse: %s` in the scene\n", r->options->golden_path, golden, here, golden);
 }
 

@@ -8,8 +8,8 @@
    Columns after Z are AA, AB and so on. */
 void hole_name(const trocar_guide *guide, int hole, char name[16]);
 
-/* Writes a CSV file with the place and direction of each seed, where it is now and in the tissue at rest; in the patient's coordinates
-   with a `frame`. NO_MEMORY. */
+/* Writes a CSV file with the place and direction of each seed, in the displaced tissue and at rest; in the patient's coordinates with a `frame`.
+   NO_MEMORY. */
 trocar_status seed_table_write(FILE *file, const trocar_scene *scene, const trocar_model *model, trocar_sim *sim, const patient_frame *frame,
                                report *why);
 

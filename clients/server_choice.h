@@ -14,10 +14,10 @@ typedef struct {
     double other_heard;      /* 0: none yet */
 } server_choice;
 
-/* Whether a message from `server` that arrived at `now` should be used. */
+/* True if a message from `server` that arrived at `now` should be used. */
 bool server_choice_follows(server_choice *c, int64_t server, double now);
 
-/* Whether another server sent a message within the last second. */
+/* True if another server sent a message within the last second. */
 bool server_choice_has_other(const server_choice *c, double now);
 
 #endif

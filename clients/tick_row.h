@@ -1,4 +1,4 @@
-/* What trocar-replay writes of each tick, as a row of CSV and as a line of JSON: the same values, with all their digits. */
+/* One tick in the output of trocar-replay, as a row of CSV and as a line of JSON: the same values, with all their digits. */
 #ifndef TROCAR_TICK_ROW_H
 #define TROCAR_TICK_ROW_H
 
@@ -14,21 +14,21 @@ typedef struct {
     int contacts;
     char events[256];        /* see events_text */
     int needle;
-    double tip_lead;         /* rad: roll of the tip less that of the base */
+    double tip_lead;         /* rad: roll of the tip minus that of the base */
     vec3 base, tip;          /* in `unit` */
     const char *unit;        /* "m" or, in the patient's coordinates, "mm" */
-    bool has_probe;          /* the rest is written in a scene with a probe only */
+    bool has_probe;          /* the rest is written only if the scene has a probe */
     vec3 probe_force, probe_torque; /* N, N m: on the hand that holds it */
     int probe_contacts;
     bool probe_placed;
-    vec3 probe_base;         /* if it has been placed */
+    vec3 probe_base;         /* if it has a place */
 } tick_row;
 
 /* The columns of the probe come last. */
 void tick_row_csv_head(FILE *out, const char *unit, bool has_probe);
 void tick_row_csv(const tick_row *r, FILE *out);
 
-/* One object on one line; the names have units. */
+/* One object on one line; member names include units. */
 void tick_row_json(const tick_row *r, FILE *out);
 
 #endif

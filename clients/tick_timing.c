@@ -7,7 +7,7 @@
 #include "messages.h"
 
 static const double PUSH_SPEED = 0.1;      /* m/s, during insertion */
-enum { LEAP = 100 };                       /* longest duration of a puncture, ticks */
+enum { LEAP = 100 };                       /* ticks, longest jump after a puncture */
 static const double ADVANCE_SPEED = 0.02;  /* m/s */
 static const double SWEEP_SPEED = 0.03;    /* m/s */
 
@@ -67,7 +67,7 @@ static trocar_status push_in(timing_run *run, pose *base, report *why) {
                 "lower the spacing of %g mm", run->mesh, most, wanted->contacts, 1e3 * run->spacing);
 }
 
-/* The leap at a membrane leaves several contact nodes at once: waits for its end, and retracts the base until they are removed. */
+/* The jump after a membrane passes several contact nodes at once: waits for its end, and retracts the base until they are removed. */
 static trocar_status settle(timing_run *run, pose *base, report *why) {
     const timing_case *wanted = run->wanted;
     int most = (int)(run->length / (PUSH_SPEED * wanted->dt));
@@ -91,7 +91,7 @@ static void record(const timing_run *run, int64_t time, tick_timing *result) {
     result->unstable += (output->events & TROCAR_EVENT_UNSTABLE) != 0;
 }
 
-/* Stops when the number of contacts changes, because a tick's time grows with it, and a finer mesh has the next one sooner. */
+/* Stops when the number of contacts changes, because a tick's time grows with it, and a finer mesh reaches the next contact sooner. */
 static trocar_status time_motion(timing_run *run, pose from, tick_timing *result, report *why) {
     const timing_case *wanted = run->wanted;
     result->contacts = run->output.contacts;
@@ -107,7 +107,7 @@ static trocar_status time_motion(timing_run *run, pose from, tick_timing *result
     return TROCAR_OK;
 }
 
-/* Starts again in tissue that the needle has been in before. */
+/* Starts again in tissue that the needle has already been in. */
 static trocar_status time_again(timing_run *run, tick_timing *result, report *why) {
     pose base;
     int64_t before = result->time.count;

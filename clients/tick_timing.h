@@ -19,22 +19,22 @@ const char *timed_motion_name(timed_motion motion);
 typedef struct {
     pose start;              /* of the needle's base, tip before the skin; the needle moves along its axis */
     double dt;               /* s, length of a tick */
-    int contacts;            /* the needle is inserted until it has these; ticks are timed while it has as many, */
-    int ticks;               /* and this is repeated until so many ticks have been timed */
+    int contacts;            /* the needle is inserted until it has this many; ticks are timed while it has them, */
+    int ticks;               /* number of ticks to time: the insertion is repeated until they have been timed */
     timed_motion motion;
-    double turn_rate;        /* rad/s, of the base about the needle's axis meanwhile */
+    double turn_rate;        /* rad/s, rotation of the base about the needle's axis meanwhile */
 } timing_case;
 
 typedef struct {
     histogram time;          /* of trocar_sim_tick alone, without the worker's part */
     int contacts;            /* present while timed */
     double passes, switches; /* mean per tick */
-    double stages[TROCAR_STAGES]; /* s, mean per tick, with the time that the clock takes */
+    double stages[TROCAR_STAGES]; /* s, mean per tick, including the clock's own time */
     int unstable;            /* ticks without an equilibrium */
 } tick_timing;
 
-/* Resets the needle of `sim`, a simulation of `scene`, to the start, pushes it in and times it. BAD_INPUT if it meets fewer
-   contacts than requested; the message says how many. */
+/* Resets the needle of `sim`, a simulation of `scene`, to the start, pushes it in and times it. BAD_INPUT if it meets fewer contacts than requested;
+   the message says how many. */
 trocar_status tick_timing_measure(trocar_sim *sim, const trocar_scene *scene, const timing_case *wanted, tick_timing *result, report *why);
 
 /* Adds the ticks of `part`. */

@@ -35,10 +35,10 @@ static const struct argp_option option_list[] = {
     {"lcm-url", 'l', "URL", 0, "LCM network (default $LCM_DEFAULT_URL)", 0},
     {"plain", 'p', 0, 0, "Print lines of text every second; the default where the output is a file or the terminal has no cursor control", 0},
     {"once", OPTION_ONCE, 0, 0, "Print the values once and exit", 0},
-    {"wait", OPTION_WAIT, "SECONDS", 0, "With --once, give up when no server has been heard for this long (default 5)", 0},
+    {"wait", OPTION_WAIT, "SECONDS", 0, "With --once, give up if no server has been heard for this long (default 5)", 0},
     {"udp-json", OPTION_UDP, "HOST:PORT", 0,
      "Also send wrenches, timing and status as JSON datagrams, for example to PlotJuggler's UDP server on localhost:9870. Without a terminal, and "
-     "without --plain, nothing is printed but what goes wrong", 0},
+     "without --plain, only errors are printed", 0},
     {"udp-rate", OPTION_UDP_RATE, "HZ", 0, "Wrenches per second and needle for --udp-json, the newest ones; 0: every wrench (default 100)", 0},
     {0},
 };
@@ -180,7 +180,7 @@ static int print_once(const options *o, lcm_t *lcm, monitor *m) {
     return m->shown.heard ? EXIT_SUCCESS : EXIT_FAILURE;
 }
 
-/* Says on stderr what has changed: whether a server is heard, and whether anybody listens. */
+/* Reports changes on stderr: whether a server is heard, and whether anybody listens. */
 static int send_only(lcm_t *lcm, const monitor *m) {
     static const double silence = 1.0; /* s */
     bool heard = true;
@@ -188,7 +188,7 @@ static int send_only(lcm_t *lcm, const monitor *m) {
     for (double since = now(); !interrupted;) {
         receive_until(lcm, now() + 0.2, false);
         bool hears = now() - (m->shown.heard ? m->shown.heard_at : since) < silence;
-        if (hears != heard) fprintf(stderr, "trocar-top: %s\n", hears ? "a server is heard" : "no server heard: does it run with the same LCM URL?");
+        if (hears != heard) fprintf(stderr, "trocar-top: %s\n", hears ? "a server is heard" : "no server was heard: does it run with the same LCM URL?");
         heard = hears;
         if (m->udp.error == error) continue;
         char text[400];

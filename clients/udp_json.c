@@ -13,7 +13,7 @@
 
 /* ---- the destination -------------------------------------------------------------------------------------------------- */
 
-/* Names such as localhost may have addresses of both kinds. PlotJuggler listens on IPv4 unless told otherwise, and who listens cannot be seen here. */
+/* Names such as localhost may have addresses of both kinds. PlotJuggler listens on IPv4 by default, and a sender cannot see who listens. */
 static int connect_any(const struct addrinfo *found, bool version_4) {
     for (const struct addrinfo *a = found; a; a = a->ai_next) {
         if ((a->ai_family == AF_INET) != version_4) continue;
@@ -49,7 +49,7 @@ void udp_json_close(udp_json *u) {
 }
 
 void udp_json_describe(const udp_json *u, char *text, size_t size) {
-    if (u->error == ECONNREFUSED) snprintf(text, size, "%s: nobody listens there: start PlotJuggler's UDP Server, with the protocol json", u->to);
+    if (u->error == ECONNREFUSED) snprintf(text, size, "%s: no program listens there: start PlotJuggler's UDP Server, with the protocol json", u->to);
     else if (u->error) snprintf(text, size, "%s: cannot be reached: %s", u->to, strerror(u->error));
     else snprintf(text, size, "%s: %lld datagrams sent", u->to, (long long)u->count);
 }
@@ -75,7 +75,7 @@ static void begin_needle(datagram *d, int needle) {
     json_open(&d->j, name, '{');
 }
 
-/* If nobody listens, the system tells so at every second datagram: the answer to the first one. So a failure holds for a second. */
+/* If nobody listens, the system reports this at every second datagram, as the answer to the first one. So a failure counts as lasting a second. */
 static void note(udp_json *u, int error) {
     int64_t now = monotonic_ns();
     u->count += error == 0;
@@ -102,7 +102,7 @@ void udp_json_pose(udp_json *u, const trocar_needle_pose_t *m) {
     memcpy(n->position, m->position, sizeof n->position);
 }
 
-/* 0.1 ms early is due, because wrenches do not come to the microsecond. */
+/* A wrench counts as due 0.1 ms early, because wrenches do not come to the microsecond. */
 void udp_json_wrench(udp_json *u, const trocar_needle_wrench_t *m) {
     if (!exists(m->needle)) return;
     udp_needle *n = &u->needles[m->needle];

@@ -13,13 +13,13 @@
 #include <time.h>
 #include <unistd.h>
 
-/* A packet, big-endian. In one piece: magic, sequence number (4 each), channel name with its zero, message. A fragment: magic,
-   sequence number, size of the message, offset in it (4 each), number of this fragment, number of fragments (2 each), in
-   fragment 0 the channel name with its zero, then its part of the message. */
+/* A packet, big-endian. Whole message: magic, sequence number (4 each), channel name with its zero, message. Fragment: magic, sequence number, size
+   of the message, offset in it (4 each), number of this fragment, number of fragments (2 each), in fragment 0 the channel name with its zero, then
+   its part of the message. */
 enum { WHOLE_HEADER = 8, FRAGMENT_HEADER = 20, CHANNEL_MAX = 63, PAYLOAD_MAX = 65507 };
 static const uint32_t MAGIC_WHOLE = 0x4c433032, MAGIC_FRAGMENT = 0x4c433033; /* LC02, LC03 */
-static const uint32_t MESSAGE_MAX = 1 << 24; /* bytes, as much as liblcm keeps of unfinished messages; 1.4 million nodes */
-static const char *const SELF_TEST = "LCM_SELF_TEST"; /* liblcm sends it to itself when it starts to receive */
+static const uint32_t MESSAGE_MAX = 1 << 24; /* bytes, the limit of liblcm's unfinished messages; 1.4 million nodes */
+static const char *const SELF_TEST = "LCM_SELF_TEST"; /* sent by liblcm to itself when it starts to receive */
 
 static uint32_t big_endian_32(const unsigned char *b) {
     return (uint32_t)b[0] << 24 | (uint32_t)b[1] << 16 | (uint32_t)b[2] << 8 | b[3];
@@ -46,8 +46,8 @@ static packet_verdict judge_whole(const unsigned char *packet, size_t size, cons
     return wants(wishes, channel) ? PACKET_GOOD : PACKET_UNWANTED;
 }
 
-/* What liblcm needs in order to stay within its buffers when it copies this part of the message. It starts over when the size of
-   the message changes between fragments, so that needs no memory here. */
+/* Checks what liblcm requires to stay within its buffers when it copies this fragment. liblcm starts over when the size of the message changes
+   between fragments, so no state is needed here. */
 static packet_verdict judge_fragment(const unsigned char *packet, size_t size, const packet_wishes *wishes) {
     if (size < FRAGMENT_HEADER) return PACKET_MALFORMED;
     uint32_t message = big_endian_32(packet + 8), offset = big_endian_32(packet + 12);
@@ -83,8 +83,8 @@ int64_t lcm_filter_dropped(void) { return atomic_load_explicit(&dropped, memory_
 /* ---- this machine, or another one ---------------------------------------------------------------------------------------- */
 
 static atomic_int_least64_t distant;
-static atomic_uint_least32_t newest_distant; /* address of its sender, in network order */
-static atomic_uchar kept_local[65536];       /* by port: 1 where only this machine's datagrams are taken */
+static atomic_uint_least32_t newest_distant; /* sender's address, in network order */
+static atomic_uchar kept_local[65536];       /* by port: 1 if only this machine's datagrams are accepted */
 
 int64_t lcm_filter_distant(char *newest, size_t size) {
     int64_t count = atomic_load_explicit(&distant, memory_order_relaxed);
@@ -94,7 +94,7 @@ int64_t lcm_filter_distant(char *newest, size_t size) {
     return count;
 }
 
-/* As liblcm reads it: udpm://GROUP:PORT?KEY=VALUE&KEY=VALUE, where numbers may be hexadecimal, and the ttl has 8 bits. */
+/* Parses a URL like liblcm: udpm://GROUP:PORT?KEY=VALUE&KEY=VALUE. Numbers may be hexadecimal, and the ttl has 8 bits. */
 bool lcm_filter_is_local(const char *url, uint16_t *port) {
     static const char *const UDPM = "udpm://", *const STANDARD = "udpm://239.255.76.67:7667?ttl=0";
     if (!url || !*url) url = getenv("LCM_DEFAULT_URL");
@@ -116,7 +116,7 @@ lcm_t *lcm_filter_create(const char *url) {
     return lcm_create(url);
 }
 
-/* Whether one of the machine's interfaces has this address. `socket`: any. */
+/* True if one of the machine's interfaces has this address. `socket`: any. */
 static bool has_interface(int socket, in_addr_t address) {
     struct ifconf all = {0};
     bool found = false;
@@ -131,7 +131,7 @@ static bool has_interface(int socket, in_addr_t address) {
     return found;
 }
 
-/* Remembers the last answer for a second, as most datagrams have the same sender. Interfaces may come and go. */
+/* Caches the last answer for a second, because most datagrams have the same sender. Interfaces may come and go. */
 static bool sent_here(int socket, in_addr_t address) {
     static _Thread_local struct {
         in_addr_t address;
@@ -154,7 +154,7 @@ static uint16_t port_of(int socket) {
     return getsockname(socket, (struct sockaddr *)&own, &size) == 0 && own.sin_family == AF_INET ? ntohs(own.sin_port) : 0;
 }
 
-/* Of an IPv4 socket; LCM has no others. */
+/* Port of an IPv4 socket; LCM has no others. */
 static bool came_from_afar(int socket, const struct msghdr *message) {
     struct sockaddr_in from;
     if (!message->msg_name || message->msg_namelen < sizeof from) return false;
@@ -169,7 +169,7 @@ static void note_distant(const struct msghdr *message) {
     atomic_fetch_add_explicit(&distant, 1, memory_order_relaxed);
 }
 
-/* Moves a whole message of another machine to the channel for those. */
+/* Moves a whole message of another machine to the channel for distant messages. */
 static void mark_distant(void *packet, size_t size, const packet_origin *origin) {
     if (!origin->channel || size < WHOLE_HEADER || big_endian_32(packet) != MAGIC_WHOLE) return;
     char *channel = (char *)packet + WHOLE_HEADER;
@@ -184,7 +184,7 @@ static bool is_udp(int socket) {
     return getsockopt(socket, SOL_SOCKET, SO_PROTOCOL, &protocol, &size) == 0 && protocol == IPPROTO_UDP;
 }
 
-/* Every datagram is judged by itself, whatever is in the buffer behind it. */
+/* Judges every datagram by itself, regardless of earlier content of the buffer. */
 static ssize_t filtered(int socket, struct msghdr *message, size_t size) {
     void *packet = message->msg_iov->iov_base;
     const packet_wishes *wishes = atomic_load(&current);
@@ -200,7 +200,7 @@ static ssize_t filtered(int socket, struct msghdr *message, size_t size) {
     return (ssize_t)size;
 }
 
-/* In place of libc's. */
+/* Replaces libc's function. */
 ssize_t recvmsg(int socket, struct msghdr *message, int flags) {
     ssize_t size = syscall(SYS_recvmsg, socket, message, flags);
     if (size <= 0 || message->msg_iovlen != 1 || (size_t)size > message->msg_iov->iov_len || (flags & MSG_PEEK) || !is_udp(socket))

@@ -23,37 +23,37 @@ typedef enum {
     PACKET_MALFORMED,
 } packet_verdict;
 
-/* A channel on which a program must know whether a message was sent by this machine: those of other machines arrive on `distant`, a name of
-   the same length. */
+/* A channel on which a program must know whether a message was sent by this machine: messages of other machines arrive on `distant`, a name of the
+   same length. */
 typedef struct {
     const char *channel, *distant;
 } packet_origin;
 
 /* What a program wants to receive. */
 typedef struct {
-    const char *const *channels; /* NULL-terminated; NULL: any. liblcm remembers every channel name it has seen, for good */
+    const char *const *channels; /* NULL-terminated; NULL: any. liblcm never forgets a channel name that it has seen */
     bool whole_only;             /* no fragments: every message it wants fits in one packet */
     packet_origin origin;        /* NULL, NULL: none */
 } packet_wishes;
 
-/* Judges a UDP payload. GOOD also if it does not carry LCM's magic number: liblcm itself discards those. */
+/* Judges a UDP payload. Also GOOD if it does not carry LCM's magic number: liblcm itself discards those. */
 packet_verdict lcm_filter_judge(const void *packet, size_t size, const packet_wishes *wishes);
 
 /* Restricts what this process receives; `wishes` must outlive it. Call it before subscribing. Initially any well-formed packet. */
 void lcm_filter_restrict(const packet_wishes *wishes);
 
-/* lcm_create. Where the ttl of `url` is 0, as in LCM's default, this process then takes only datagrams of this machine on the URL's port:
-   those whose source is an address of one of its interfaces. (The kernel drops datagrams that arrive from outside with such a source.) */
+/* Calls lcm_create. If the ttl of `url` is 0, as in LCM's default, this process then accepts only datagrams of this machine on the URL's port: those
+   whose source is an address of one of its interfaces. (The kernel drops datagrams from outside with such a source.) */
 lcm_t *lcm_filter_create(const char *url);
 
-/* Whether the ttl of this URL is 0, so that LCM is for this machine alone; `port`: its port. NULL or "": $LCM_DEFAULT_URL, else LCM's default.
-   False and port 0 for other providers than udpm. */
+/* True if the ttl of this URL is 0, so that LCM is for this machine alone; `port`: its port. NULL or "": $LCM_DEFAULT_URL, else LCM's default. False
+   and port 0 for providers other than udpm. */
 bool lcm_filter_is_local(const char *url, uint16_t *port);
 
 /* Malformed packets dropped since the start of the process. */
 int64_t lcm_filter_dropped(void);
 
-/* Packets of other machines dropped since the start of the process. `newest`, of `size` bytes: address of the last one's sender, or "". */
+/* Packets of other machines dropped since the start of the process. `newest`, of `size` bytes: address of the last sender, or "". */
 int64_t lcm_filter_distant(char *newest, size_t size);
 
 #endif

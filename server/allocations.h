@@ -1,5 +1,5 @@
-/* Counts calls of the C library's allocator per thread, so that a running server can show that its loop makes none. Sanitizers have
-   their own allocator: with them the count stays 0. */
+/* Counts the calling thread's calls of the C library's allocator, so that a running server can show that its loop makes none. Sanitizers have their
+   own allocator: with them the count stays 0. */
 #ifndef TROCAR_ALLOCATIONS_H
 #define TROCAR_ALLOCATIONS_H
 

@@ -4,7 +4,7 @@
 
 #include "progress.h"
 
-/* A condensed inverse has been saved, else there would be no model. */
+/* Prints the path. The condensed inverse has been saved, or there would be no model. */
 static trocar_status describe(const trocar_model *model, FILE *out, report *why) {
     const char *description = trocar_model_description(model);
     if (strcmp(trocar_model_inverse(model), "condensed") != 0)

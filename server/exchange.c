@@ -12,7 +12,8 @@
 #include "trocar_needle_wrench_t.h"
 #include "trocar_probe_wrench_t.h"
 
-enum { COMMANDS = 64, PROBE_WRENCHES = 64, WRENCHES = 1024, LATENCIES = 4096 }; /* a second of one needle at 1 kHz; far more than a telemetry interval */
+enum { COMMANDS = 64, PROBE_WRENCHES = 64, WRENCHES = 1024, LATENCIES = 4096 }; /* WRENCHES: one second of one needle at 1 kHz; LATENCIES: far
+                                                                                   more than come in a telemetry interval */
 
 static trocar_status create_eventfd(int *descriptor, report *why) {
     *descriptor = eventfd(0, EFD_NONBLOCK | EFD_CLOEXEC);

@@ -30,23 +30,23 @@ typedef struct {
 
 /* IO -> haptic: the newest pose of the probe */
 typedef struct {
-    int64_t session;             /* its owner, 0: nobody */
+    int64_t session;             /* session of its owner, 0: nobody */
     int64_t seq;                 /* -1 before the first */
     pose base;
 } probe_sample;
 
-/* IO -> haptic: what a client asks for of a needle; haptic -> IO: the same, and what has become of it */
+/* IO -> haptic: a client's request concerning a needle; haptic -> IO: the same, with its result */
 typedef struct {
     trocar_command_t asked;
-    uint64_t engagement;         /* of the needle when it was asked */
-    bool anew;                   /* the next pose was to start a new engagement already */
+    uint64_t engagement;         /* of the needle at the time of the request */
+    bool anew;                   /* before the request, the next pose was already going to start a new engagement */
     bool refused;
     char why[256];
 } needle_command;
 
 /* One needle in a view_sample */
 typedef struct {
-    bool engaged;                /* whether the needle has been held since the start */
+    bool engaged;                /* the needle has been held since the start */
     int64_t pose_utime;          /* us, of the tick's pose */
     int flags;                   /* as in needle_wrench_t */
     int64_t saturated_ticks;     /* since start */
@@ -65,17 +65,17 @@ typedef struct {
     trocar_picture *picture;     /* belongs to the slot of the triple buffer; NULL without a model */
 } view_sample;
 
-/* A triple buffer of views, each with a picture of this model; NULL: without pictures, for tests. */
+/* Creates a triple buffer of views, each with a picture of this model; NULL: without pictures, for tests. */
 trocar_status views_create(triple_buffer *views, trocar_model *model, report *why);
 void views_free(triple_buffer *views);
 
 /* worker -> telemetry */
 typedef struct {
-    bool lasts;                  /* no request has been answered since */
+    bool lasts;                  /* no request has been answered since the fault */
     report why;
 } worker_fault;
 
-/* Both keep their own picture; its content is copied. */
+/* Copies the content; both sides keep their own picture. */
 void view_copy(const view_sample *from, view_sample *to);
 
 typedef struct {
@@ -90,7 +90,7 @@ typedef struct {
     spsc_ring commands, replies; /* needle_command */
     spsc_ring latencies;         /* int64_t: request to the worker's answer, ns */
     spsc_ring round_trips;       /* int64_t: from computing a wrench to the arrival of a pose that names it, ns */
-    atomic_bool probe_stopped;   /* haptic -> IO: the tissue keeps it from its newest pose */
+    atomic_bool probe_stopped;   /* haptic -> IO: the tissue keeps the probe from its newest pose */
     int io_wake, worker_wake;    /* eventfds, non-blocking; the latter stops the worker */
 } exchange;
 

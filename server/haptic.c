@@ -36,14 +36,14 @@ static void start_over(haptic *h, int needle, const pose_sample *newest, trocar_
     *out = (trocar_output){.membrane = -1, .events = TROCAR_EVENT_UNSTABLE};
 }
 
-/* A hand has the needle: where it lay, or for a new insertion. RT */
+/* Gives the needle to a hand: where it rests, or for a new insertion. RT */
 static void engage_needle(haptic *h, int needle) {
     haptic_needle *n = &h->needles[needle];
     if (!n->taken) reset_needle(h, needle);
     n->taken = n->rests = false;
 }
 
-/* The hand, or where it moves a needle that it has taken. RT */
+/* The hand's pose, or the pose to which the hand moves a needle that it has taken. RT */
 static pose_sample hand_on_needle(haptic *h, int needle, const pose_sample *newest) {
     haptic_needle *n = &h->needles[needle];
     pose_sample hand = *newest;
@@ -55,7 +55,7 @@ static pose_sample hand_on_needle(haptic *h, int needle, const pose_sample *newe
     return hand;
 }
 
-/* There is room for the reply. RT */
+/* True if there is room for the reply. RT */
 static void answer_command(haptic *h, needle_command *c, bool refused, const char *why) {
     c->refused = refused;
     snprintf(c->why, sizeof c->why, "%.*s", (int)sizeof c->why - 1, why);
@@ -63,14 +63,14 @@ static void answer_command(haptic *h, needle_command *c, bool refused, const cha
     wake(h->exchange->io_wake);
 }
 
-/* Seeds of a needle that has been held: before that, the simulation has put it anywhere. RT, but for the text of a refusal. */
+/* Drops seeds of a needle that has been held; before that, its position in the simulation is arbitrary. RT, except for the text of a refusal. */
 static trocar_status handle_held_seeds(haptic *h, const trocar_command_t *m, trocar_error *why) {
     if (h->needles[m->needle].safety.engagement == 0) return fail(why, TROCAR_BAD_INPUT, "needle %d has not been held yet", m->needle);
     return handle_seeds(h->sim, m->needle, m, why);
 }
 
-/* Starts a command that the worker may complete later; finish_command replies. From then on nobody moves the needle, until a hand takes it, or starts
-   a new insertion. RT, but for the text of a refusal. */
+/* Starts a command that the worker may complete later; finish_command replies. From then on nobody moves the needle, until a hand takes it or starts
+   a new insertion. RT, except for the text of a refusal. */
 static trocar_status hand_over_needle(haptic *h, const needle_command *c, trocar_error *why) {
     int needle = c->asked.needle;
     haptic_needle *n = &h->needles[needle];
@@ -91,12 +91,12 @@ static trocar_status hand_over_needle(haptic *h, const needle_command *c, trocar
     return TROCAR_OK;
 }
 
-/* Whether the first pose after a reset has come before it, and so has begun the new insertion already. RT */
+/* True if the first pose after a reset has arrived before it, and has already started the new insertion. RT */
 static bool has_begun_anew(const haptic *h, const needle_command *c) {
     return c->asked.command == TROCAR_COMMAND_T_RESET && h->needles[c->asked.needle].safety.engagement > c->engagement;
 }
 
-/* RT, but for the text of a refusal. */
+/* RT, except for the text of a refusal. */
 static void start_command(haptic *h, needle_command *c) {
     trocar_error why = {""};
     trocar_status status = TROCAR_OK;
@@ -116,11 +116,11 @@ static void finish_command(haptic *h, int needle) {
     n->pending = false;
     n->rests = !refused;
     n->taken = n->command.asked.command == TROCAR_COMMAND_T_TAKE;
-    answer_command(h, &n->command, refused, refused ? "it does not come to rest in the tissue when it is let go: draw it back a little, or hold it still" : "");
+    answer_command(h, &n->command, refused, refused ? "it would not come to rest in the tissue when released: draw it back a little, or hold it still" : "");
 }
 
-/* Starts one command a tick, so that a flood of them delays none. When replies wait for the IO thread, so do commands: none goes without a reply,
-   for which the client and the arbiter would wait for ever. RT */
+/* Starts one command per tick, so that a flood of commands delays no tick. While replies wait for the IO thread, commands wait too: none goes without
+   a reply, because client and arbiter would wait for it for ever. RT */
 static void follow_commands(haptic *h) {
     spsc_ring *replies = &h->exchange->replies;
     needle_command c;
@@ -130,7 +130,7 @@ static void follow_commands(haptic *h) {
 
 /* The simulation's answer to the newest pose; zero before the first one. RT */
 static trocar_output run_simulation(haptic *h, int needle, safety_decision decision, const pose_sample *newest, double dt) {
-    static const double LONGEST = 1.0; /* s, longest tick of the library */
+    static const double LONGEST = 1.0; /* s, longest tick that the library accepts */
     haptic_needle *n = &h->needles[needle];
     trocar_output out = {.membrane = -1};
     if (decision == SAFETY_IDLE) return out;
@@ -173,7 +173,7 @@ static void note_hand(haptic *h, virtual_coupling *coupling, safety_decision dec
     if (round_trip >= 0) spsc_ring_push(&h->exchange->round_trips, &round_trip);
 }
 
-/* Adds one needle's times before, in and after the simulation; `ticked`: whether the simulation was called. RT */
+/* Adds one needle's times before, during and after the simulation; `ticked`: whether the simulation was called. RT */
 static void note_stages(haptic *h, bool ticked, int64_t began, int64_t asked, int64_t answered) {
     int64_t spent[TROCAR_STAGES] = {0};
     if (ticked) trocar_sim_stages(h->sim, spent);
@@ -193,8 +193,8 @@ static needle_view view_of(const haptic *h, int needle, const trocar_needle_wren
                          .state = trocar_sim_needle_state(h->sim, needle)};
 }
 
-/* Is this tick one of so many a second? Of the loop's rate, which need not be a multiple.
-   A tick that is due at the lower rate is also due at ten times that rate. RT */
+/* True in `rate` ticks per second; the loop's rate need not be a multiple. A tick that is due at the lower rate is also due at ten times that rate.
+   RT */
 static bool is_due(const haptic *h, int64_t tick, int hz) { return tick * hz % llround(1.0 / h->period) < hz; }
 
 /* Publishes a view for telemetry, VIEWS_HZ times per second, once a needle has been engaged. RT */
@@ -211,10 +211,10 @@ static void show(haptic *h, const loop_wake *wake, const trocar_needle_wrench_t 
     triple_buffer_publish(&h->exchange->views);
 }
 
-/* When the model has a wrench to rely on again, that comes by a ramp; so does one that jumps as late answers come in from the worker, or since the hand has
-   moved on unseen: its poses did not come, or the loop did not run. RT */
+/* Ramps the model's wrench in when it becomes reliable again, and when it jumps: because late answers come in from the worker, or because the hand
+   has moved while its poses were missing or the loop did not run. RT */
 static void heed_faults(haptic_needle *n, const trocar_output *raw, bool unseen) {
-    static const double FELT = 0.05, FELT_PART = 0.07; /* N, and of the force: larger changes in a tick are felt as a knock */
+    static const double FELT = 0.05, FELT_PART = 0.07; /* N, and fraction of the force: a larger change in one tick is felt as a knock */
     bool late = raw->events & TROCAR_EVENT_LATE, faulty = late || raw->events & TROCAR_EVENT_UNSTABLE;
     bool punctures = raw->events & TROCAR_EVENT_PUNCTURED && !unseen;
     vec3 force = load_vec3(raw->force);
@@ -267,7 +267,7 @@ static void send_probe(haptic *h, int64_t tick) {
     wake(h->exchange->io_wake);
 }
 
-/* Moves the probe to its newest pose, and sends what it feels when that has changed. RT */
+/* Moves the probe to its newest pose, and sends its force when that has changed. RT */
 static void tick_probe(haptic *h, const loop_wake *wake) {
     if (!is_due(h, wake->tick, PROBE_HZ)) return;
     const probe_sample *newest = triple_buffer_read(&h->exchange->probe_poses, NULL);

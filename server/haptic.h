@@ -8,16 +8,16 @@
 #include "loop.h"
 #include "virtual_coupling.h"
 
-/* State of one needle. A needle that nobody holds, or whose device is silent, does not affect the others. */
+/* State of one needle. A needle without owner, or with a silent device, does not affect the others. */
 typedef struct {
     safety_limits safety;
     virtual_coupling coupling;
     int64_t saturated_ticks;     /* since start */
-    bool rests;                  /* it is not ticked: it has been left, until a hand has it again */
-    bool faulty;                 /* the last tick had no wrench to rely on */
-    vec3 force;                  /* N, the model's in the last tick */
+    bool rests;                  /* it is not ticked: it has been left and not taken again */
+    bool faulty;                 /* the last tick had no reliable wrench */
+    vec3 force;                  /* N, of the model in the last tick */
     bool taken;                  /* it is held where it rested: the next hand does not start a new insertion */
-    bool pending;                /* `command` is being carried out */
+    bool pending;                /* `command` is being executed */
     needle_command command;
     hand_clutch clutch;          /* of a hand that has taken it */
 } haptic_needle;
@@ -32,18 +32,18 @@ typedef struct {
     exchange *exchange;
     atomic_bool wind_down;       /* set by any thread: ramp to zero, then stop */
 
-    haptic_needle needles[TROCAR_MAX_NEEDLES]; /* from here on used by the haptic thread only */
-    int64_t probe_session, probe_seq; /* of the pose that the probe was moved to last; -1 before the first */
-    trocar_probe probe;          /* as it was sent last */
+    haptic_needle needles[TROCAR_MAX_NEEDLES]; /* this and all following members are used by the haptic thread only */
+    int64_t probe_session, probe_seq; /* of the probe's last pose; -1 before the first */
+    trocar_probe probe;          /* as last sent */
     int64_t wrench_dropped;      /* since start */
     int64_t stages[LOOP_STAGES]; /* ns, of the last tick, sum of all needles */
-    int64_t received;            /* ns, monotonic: arrival of the newest pose of a needle that is held, as the last tick found it; 0: none */
+    int64_t received;            /* ns, monotonic: arrival of the newest pose of a held needle, as seen by the last tick; 0: none */
 } haptic;
 
-/* `sim`, of a model with `needle_count` needles, and `x` must outlive it. The simulation's clock becomes the monotonic one. */
+/* `sim`, of a model with `needle_count` needles, and `x` must outlive it. Sets the simulation's clock to the monotonic one. */
 void haptic_init(haptic *h, trocar_sim *sim, int needle_count, const trocar_device_limits *limits, double rate_hz, int flags, exchange *x);
 
-/* A loop's tick; `context` is a haptic. False when it has ramped to zero after `wind_down`. RT */
+/* One tick of the loop; `context` is a haptic. False once it has ramped to zero after `wind_down`. RT */
 bool haptic_tick(void *context, const loop_wake *wake);
 
 #endif

@@ -29,7 +29,7 @@ trocar_status io_create(io *o, const char *url, int needle_count, const trocar_d
 
 void io_free(io *o) { sem_destroy(&o->ready); }
 
-/* The network may lose it. */
+/* A lost datagram is acceptable here. */
 static void reply(io *o, const needle_command *c) {
     trocar_command_reply_t m = {.utime = wall_us(), .server = o->server, .session = c->asked.session, .seq = c->asked.seq, .command = c->asked.command,
                                 .needle = c->asked.needle, .status = c->refused ? TROCAR_COMMAND_REPLY_T_REFUSED : TROCAR_COMMAND_REPLY_T_DONE,
@@ -113,7 +113,7 @@ void io_close(io *o) {
     o->lcm = NULL;
 }
 
-/* LCM's queues keep the oldest messages, so drain them, but limit their number so that a flood cannot delay the wrenches. */
+/* Drains LCM's queues, which keep the oldest messages, but limits the number per round so that a flood cannot delay the wrenches. */
 static trocar_status receive(io *o) {
     int handled = 1;
     for (int i = 0; i < MESSAGES_A_ROUND && handled > 0; i++) handled = lcm_handle_timeout(o->lcm, 0);
@@ -131,7 +131,7 @@ static void hand_over(io *o) {
     triple_buffer_publish(&o->exchange->intakes);
 }
 
-/* If the network refuses a datagram (no route, full buffer), only this wrench is lost, and counted; the server goes on. */
+/* If the network refuses a datagram (no route, full buffer), this wrench is lost and counted; the server continues. */
 static void publish_wrenches(io *o) {
     trocar_needle_wrench_t wrench;
     unsigned char bytes[WRENCH_BYTES];

@@ -10,7 +10,7 @@
 #include "pose_arbiter.h"
 #include "probe_arbiter.h"
 
-/* What it subscribes to: nothing else needs to pass the filter of packets. */
+/* Channels that it subscribes to; the packet filter may drop everything else. */
 extern const packet_wishes IO_PACKETS;
 
 typedef struct {
@@ -18,16 +18,16 @@ typedef struct {
     const char *url;             /* of LCM, NULL: its default */
     int64_t server;              /* number of this server; set by the creator */
     bool realtime;               /* under SCHED_FIFO */
-    int shutdown_wake;           /* eventfd woken when a client asks for a shutdown or the network fails */
-    sem_t ready;                 /* posted once, when it is listening or has failed */
+    int shutdown_wake;           /* eventfd signalled when a client requests a shutdown or the network fails */
+    sem_t ready;                 /* posted once, when the thread is listening or has failed */
     atomic_bool stop;
     trocar_status started;       /* valid after `ready` */
-    trocar_status status;        /* valid after the thread has ended; from here on used by the thread only */
-    report why;                  /* message for `started`, too, if that is a failure */
+    trocar_status status;        /* valid after the thread has ended; this and all following members are used by the thread only */
+    report why;                  /* also the message for `started`, if that is a failure */
     lcm_t *lcm;
     pose_arbiter arbiter;
     probe_arbiter probe;
-    bool probe_stopped;      /* and it has been said */
+    bool probe_stopped;      /* the probe is stopped, and this has been reported */
     int64_t wrenches_unsent;     /* refused by the network */
 } io;
 

@@ -30,7 +30,7 @@ typedef struct {
     bool (*tick)(void *context, const loop_wake *wake); /* false ends the loop. RT */
     void *context;
     const int64_t *stages;   /* LOOP_STAGES, ns: the last tick's time by stage, written by the tick; may be NULL */
-    const int64_t *received; /* ns, monotonic: when the pose came that the last tick answered, 0: none; NULL: the phase is free */
+    const int64_t *received; /* ns, monotonic: arrival of the pose that the last tick answered, 0: none; NULL: no phase lock */
     triple_buffer *records;   /* loop_record */
     histogram lateness, compute;                     /* totals, valid after the loop has ended */
     int64_t ticks, misses;

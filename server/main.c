@@ -21,10 +21,10 @@ enum { KEY_ALLOW_NON_RT = 256, KEY_PREPARE, KEY_CONDENSE };
 static const struct argp_option options[] = {
     {"scene", 's', "FILE", 0, "Scene to serve (required)", 0},
     {"lcm-url", 'l', "URL", 0, "LCM network (default $LCM_DEFAULT_URL, or udpm://239.255.76.67:7667?ttl=0)", 0},
-    {"rate", 'r', "HZ", 0, "Rate of the loop, in place of the scene's", 0},
+    {"rate", 'r', "HZ", 0, "Rate of the loop, overriding the scene's", 0},
     {"allow-non-rt", KEY_ALLOW_NON_RT, NULL, 0, "Run even if real-time priority or memory locking is refused", 0},
-    {"prepare", KEY_PREPARE, NULL, 0, "Factorise the whole mesh in the background, even if its condensed inverse is kept: gigabytes of memory on a "
-     "large mesh, for faster pictures of the tissue and contacts outside the region of interest without a wait", 0},
+    {"prepare", KEY_PREPARE, NULL, 0, "Factorise the whole mesh in the background even if its condensed inverse is cached: this takes gigabytes of memory on "
+     "a large mesh, but speeds up pictures of the tissue and makes contacts outside the region of interest possible without a wait", 0},
     {"condense", KEY_CONDENSE, NULL, 0, "Make the scene's condensed inverse, save it in the cache for later starts, and exit", 0},
     {"verbose", 'v', NULL, 0, "Print a line of timing every second", 0},
     {0},
@@ -32,7 +32,7 @@ static const struct argp_option options[] = {
 
 typedef struct {
     server_options options;
-    bool condense;           /* in place of serving */
+    bool condense;           /* make a condensed inverse instead of serving */
     const char *serving;     /* an option that only a server has; NULL: none was given */
 } arguments;
 
@@ -62,7 +62,7 @@ static error_t parse(int key, char *value, struct argp_state *state) {
     case ARGP_KEY_ARG: argp_error(state, "unexpected argument \"%s\"", value); return EINVAL;
     case ARGP_KEY_END:
         if (chosen->scene_path == NULL) argp_error(state, "--scene FILE is missing");
-        if (given->condense && given->serving) argp_error(state, "--%s is of no use with --condense, which serves nobody", given->serving);
+        if (given->condense && given->serving) argp_error(state, "--%s has no effect with --condense, which serves no client", given->serving);
         return 0;
     default: return ARGP_ERR_UNKNOWN;
     }
@@ -77,13 +77,13 @@ static void on_stop(int signal) {
     errno = error;
 }
 
-/* Every signal that would end the process at once, without a ramp of the wrench, but for those that report a fault of the program itself. nohup has
-   the right to ignore SIGHUP. */
+/* Every signal that would end the process at once, without ramping the wrench, except those that report a fault of the program itself. nohup may
+   ignore SIGHUP. */
 static const int STOPPING[] = {SIGHUP, SIGINT, SIGQUIT, SIGTERM, SIGUSR1, SIGUSR2, SIGALRM, SIGVTALRM, SIGPROF, SIGIO, SIGPWR, SIGSTKFLT, SIGXCPU};
-static const int IGNORED[] = {SIGPIPE, SIGXFSZ}; /* output that nobody can read or that finds no room is lost */
+static const int IGNORED[] = {SIGPIPE, SIGXFSZ}; /* output that nobody reads, or for which there is no room, is lost */
 
-/* These signals as a readable descriptor. Uses a handler instead of a signalfd, because threads that libraries start before
-   main do not block the signals. */
+/* Returns these signals as a readable descriptor. Uses a handler instead of a signalfd, because threads that libraries start before main do not block
+   the signals. */
 static int stop_signals(void) {
     stop_wake = eventfd(0, EFD_NONBLOCK | EFD_CLOEXEC);
     const struct sigaction stop = {.sa_handler = on_stop}, ignore = {.sa_handler = SIG_IGN};

@@ -7,7 +7,7 @@
 
 enum { FINGERPRINT = 8 };
 
-/* A length field of the message, -1 if it is invalid. */
+/* A length field of the message, or -1 if it is invalid. */
 static int64_t length_at(const void *data, size_t size, size_t offset) {
     const unsigned char *b = (const unsigned char *)data + offset;
     if (offset + 4 > size || b[0] > 0x7f) return -1;

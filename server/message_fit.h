@@ -5,7 +5,7 @@
 #include <stdbool.h>
 #include <stddef.h>
 
-/* Whether these bytes are one message, with all lengths within `size` and its strings terminated. */
+/* True if these bytes are one message, with all lengths within `size` and its strings terminated. */
 bool contacts_fit(const void *data, size_t size);
 bool tracks_fit(const void *data, size_t size);
 bool deformation_fits(const void *data, size_t size, int node_count);

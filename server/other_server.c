@@ -6,7 +6,7 @@
 #include "printable.h"
 #include "trocar_status_t.h"
 
-static const int64_t ABSENCE = 1000000000; /* ns; a server sends ten messages in that time */
+static const int64_t ABSENCE = 1000000000; /* ns; a server sends ten messages in this time */
 
 void other_server_hear(other_server *o, int64_t own, const void *data, size_t size, int64_t now) {
     trocar_status_t m;

@@ -24,7 +24,7 @@ static void say(pose_arbiter *in, const char *format, ...) {
     va_end(arguments);
 }
 
-/* Fixed-size types only: a decode must consume exactly what was received. */
+/* True if decoding consumed exactly the bytes received; for types of fixed size only. */
 static bool decode_pose(const void *data, size_t size, trocar_needle_pose_t *m) {
     return size == (size_t)trocar_needle_pose_t_encoded_size(m)
         && trocar_needle_pose_t_decode(data, 0, (int)size, m) == (int)size;
@@ -48,16 +48,16 @@ static bool may_hold(const pose_arbiter *in, int needle, int64_t session, int64_
     return owner == 0 || owner == session || is_silent(in, needle, now);
 }
 
-/* Another needle that the session owns, -1: none. */
+/* Another needle that the session owns, or -1. */
 static int other_needle_of(const pose_arbiter *in, int needle, int64_t session) {
     for (int i = 0; i < in->needle_count; i++)
         if (i != needle && owner_of(in, i) == session) return i;
     return -1;
 }
 
-/* The limits apply to the mean speed, not to that between two poses that the network has delivered together: unused time is
-   credited, up to the jitter. Once the wrench has been ramped to zero for lack of poses, any position is accepted: the safety
-   limits then decide whether the needle continues or engages again. */
+/* The limits apply to the mean speed, not to the speed between two poses that the network has delivered together: unused time is credited, up to the
+   jitter. Once the wrench has been ramped to zero for lack of poses, any position is accepted: the safety limits then decide whether the needle
+   continues or engages again. */
 static bool motion_possible(pose_arbiter *in, int needle, const pose *p, int64_t now) {
     arbiter_needle *n = &in->needles[needle];
     double elapsed = since_last(in, needle, now);
@@ -124,7 +124,7 @@ static pose_verdict judge_sender(pose_arbiter *in, const trocar_needle_pose_t *m
         return POSE_REFUSED;
     }
     if (in->needles[m->needle].rests) {
-        say(in, "session %" PRId64 " refused for needle %d: it rests; take it first", session, m->needle);
+        say(in, "session %" PRId64 " refused for needle %d: it is resting; take it first", session, m->needle);
         return POSE_REFUSED;
     }
     int other = other_needle_of(in, m->needle, session);
@@ -159,7 +159,7 @@ static pose_verdict judge(pose_arbiter *in, const trocar_needle_pose_t *m, int64
     return verdict;
 }
 
-/* A message that is too short by `needle`, its last field, comes from a client that is older than this server. */
+/* A message that is too short by `needle`, its last field, comes from a client older than this server. */
 static const char *advice(size_t size, int size_now) {
     bool without_needle = size + sizeof(int32_t) == (size_t)size_now;
     return without_needle ? "; it has no `needle`: build its sender with this release's trocar.lcm" : "";
@@ -189,7 +189,7 @@ pose_verdict arbiter_pose(pose_arbiter *in, const void *data, size_t size, int64
     return verdict;
 }
 
-/* For the reason in the record's message. */
+/* Formats the reason in the record's message. */
 static command_verdict refuse(pose_arbiter *in, needle_command *command) {
     in->record.commands_refused++;
     command->refused = true;
@@ -197,14 +197,14 @@ static command_verdict refuse(pose_arbiter *in, needle_command *command) {
     return COMMAND_SETTLED;
 }
 
-/* A needle's command from a session that is allowed to give it. */
+/* True for a needle's command from a session that may give it. */
 static command_verdict carry_out(pose_arbiter *in, needle_command *command) {
     const trocar_command_t *m = &command->asked;
     arbiter_needle *n = &in->needles[m->needle];
     command->engagement = n->newest.engagement;
     command->anew = n->begin_anew;
     switch (m->command) {
-    case TROCAR_COMMAND_T_RESET: /* a needle that rests is engaged once that is settled */
+    case TROCAR_COMMAND_T_RESET: /* a resting needle is engaged once the command is done */
         if (!n->rests) n->begin_anew = true;
         return COMMAND_PASS_ON;
     case TROCAR_COMMAND_T_RELEASE:
@@ -222,7 +222,7 @@ static command_verdict carry_out(pose_arbiter *in, needle_command *command) {
     }
 }
 
-/* For this machine, and for owners. */
+/* True if the sender is on this machine or owns a needle. */
 static command_verdict judge_shutdown(pose_arbiter *in, bool distant, needle_command *command) {
     int64_t session = command->asked.session;
     if (!distant || (session != 0 && other_needle_of(in, -1, session) >= 0)) return COMMAND_SHUTDOWN;
@@ -248,15 +248,15 @@ command_verdict arbiter_command(pose_arbiter *in, const void *data, size_t size,
     if (!may_hold(in, m.needle, m.session, now))
         say(in, "command %d of session %" PRId64 " refused for needle %d: another session holds the needle", m.command, m.session, m.needle);
     else if (m.command == TROCAR_COMMAND_T_LEAVE && rests)
-        say(in, "needle %d of session %" PRId64 " cannot be left: it rests already", m.needle, m.session);
+        say(in, "needle %d of session %" PRId64 " cannot be left: it is resting already", m.needle, m.session);
     else if (m.command == TROCAR_COMMAND_T_TAKE && !rests)
-        say(in, "needle %d cannot be taken by session %" PRId64 ": it does not rest", m.needle, m.session);
+        say(in, "needle %d cannot be taken by session %" PRId64 ": it is not resting", m.needle, m.session);
     else return carry_out(in, command);
     return refuse(in, command);
 }
 
-/* A needle that was left has no owner; one that was taken or removed is engaged by the next pose. After a reset of one that was held, that pose may have
-   come already. */
+/* A needle that was left has no owner; one that was taken or removed is engaged by the next pose. After the reset of a held needle, that pose may
+   have come already. */
 void arbiter_settle(pose_arbiter *in, const needle_command *done) {
     const trocar_command_t *m = &done->asked;
     arbiter_needle *n = &in->needles[m->needle];

@@ -10,12 +10,12 @@ static const int64_t OWNER_SILENCE = 2000000000; /* ns after which another sessi
 
 void probe_arbiter_init(probe_arbiter *in) { *in = (probe_arbiter){.newest = {.seq = -1, .base.orientation.w = 1.0}}; }
 
-/* Fixed size: a decode must consume exactly what was received. */
+/* Fixed size: decoding must consume exactly the bytes received. */
 static bool decode(const void *data, size_t size, trocar_probe_pose_t *m) {
     return size == (size_t)trocar_probe_pose_t_encoded_size(m) && trocar_probe_pose_t_decode(data, 0, (int)size, m) == (int)size;
 }
 
-/* NULL: it is to be used. */
+/* Returns the reason for a refusal, or NULL. */
 static const char *fault_of(probe_arbiter *in, const trocar_probe_pose_t *m, const pose *base, int64_t now) {
     pose_verdict verdict = safety_check_pose(base);
     if (verdict == POSE_NOT_FINITE) return "not finite";

@@ -16,7 +16,8 @@ trocar_status realtime_lock_memory(report *why);
    Returns 0 or an errno value. */
 int realtime_use_fifo(int priority);
 
-/* The same, with an error message. NO_REALTIME with the limit to raise; SYSTEM if the priority does not exist. */
+/* Puts the calling thread under SCHED_FIFO, with an error message if that fails: NO_REALTIME with the limit to raise; SYSTEM if the
+   priority does not exist. */
 trocar_status realtime_set_priority(int priority, report *why);
 
 /* Checks that this process may lock memory and use SCHED_FIFO up to `priority`, without changing either. Errors as above. */
@@ -27,8 +28,8 @@ trocar_status realtime_check_permission(int priority, report *why);
    cannot be undone, so call it on a thread that ends. */
 void realtime_hurry(void);
 
-/* Back to normal priority, for long computations on all processors: their threads do not inherit it, and a thread that waits for them
-   would not let them run. */
+/* Returns to normal priority, for long computations on all processors: their threads do not inherit a raised priority, and a high-priority thread
+   that waits for them would not let them run. */
 void realtime_take_time(void);
 
 /* Touches the calling thread's stack, so that it never faults there. The thread needs a stack of

@@ -10,7 +10,7 @@
 #include "base/vec.h"
 #include "trocar.h"
 
-/* The verdict on one pose; each has its counter in status_t. */
+/* The verdict on a pose; each has its counter in status_t. */
 typedef enum {
     POSE_ACCEPTED, POSE_MALFORMED, POSE_NO_NEEDLE, POSE_NOT_FINITE, POSE_NOT_UNIT, POSE_JUMPED, POSE_REFUSED, POSE_OLD,
     POSE_VERDICTS
@@ -24,8 +24,8 @@ double safety_travel_time(const trocar_device_limits *limits, const pose *a, con
 
 /* The newest pose for the next tick. */
 typedef struct {
-    bool held;               /* somebody owns the needle; false before the first pose and after a release */
-    uint64_t engagement;     /* increases with each new owner and each reset, which start a new insertion; 0 before the first */
+    bool held;               /* a session owns the needle; false before the first pose and after a release */
+    uint64_t engagement;     /* incremented by each new owner and each reset, which start a new insertion; 0 before the first */
     int64_t session, seq, utime, wrench_tick; /* of the message */
     int64_t received;        /* ns, monotonic clock of this machine */
     pose base;
@@ -35,8 +35,8 @@ enum { SAFETY_OVERRUNS = 20 };  /* consecutive late ticks that trigger the ramp 
 
 /* State of the safety limits; all zero at the start. */
 typedef struct {
-    uint64_t engagement;     /* current one of the model, 0: none yet, */
-    int64_t session;         /* and whose it is */
+    uint64_t engagement;     /* the model's current engagement, 0: none yet, */
+    int64_t session;         /* and the session that it belongs to */
     pose base;               /* last pose given to the model */
     int64_t received;        /* ns, its arrival */
     bool released, stale, overrun;
@@ -44,21 +44,21 @@ typedef struct {
     double good_time;        /* s without a late tick since the ramp was triggered */
     double gain;             /* 0..1 */
     vec3 force, torque;      /* last output wrench, N and N m */
-    double kept;             /* 1..0: part of the wrench from before a transfer that is still rendered */
+    double kept;             /* 1..0: fraction of the wrench from before a transfer that is still rendered */
     vec3 before_force, before_torque; /* that wrench */
 } safety_limits;
 
 typedef enum { SAFETY_IDLE, SAFETY_ENGAGE, SAFETY_FOLLOW, SAFETY_HOLD } safety_decision;
 
-/* Decides how the model uses the newest pose at time `now` (ns): not at all, start a new insertion at g->base, move to g->base, or
-   stay there. A pose after a silence that is further away than the limits allow starts a new engagement. RT */
+/* Decides what the model does with the newest pose at time `now` (ns): ignore it, start a new insertion at g->base, move to g->base, or stay there.
+   After a silence, a pose that is further away than the limits allow starts a new engagement. RT */
 safety_decision safety_pose(safety_limits *g, const trocar_device_limits *limits, const pose_sample *newest, int64_t now);
 
-/* Records whether this tick was late by whole periods; SAFETY_OVERRUNS in a row trigger the ramp, a second of good timing or the
-   next engagement ends it. RT */
+/* Records whether this tick was late by whole periods. SAFETY_OVERRUNS late ticks in a row trigger the ramp; a second of good timing or the next
+   engagement ends it. RT */
 void safety_timing(safety_limits *g, bool late, double dt);
 
-/* The model's wrench may jump now, for another reason than the hand's motion: the output goes over from the last one to the model's within
+/* Announces that the model's wrench may jump for a reason other than the hand's motion: the output moves from the last one to the model's within
    ramp_time, always between the two (bumpless transfer). RT */
 void safety_begin_transfer(safety_limits *g);
 
@@ -66,7 +66,7 @@ void safety_begin_transfer(safety_limits *g);
    `wind_down` ramps to zero independent of the poses. Returns flags of needle_wrench_t. RT */
 int safety_wrench(safety_limits *g, const trocar_device_limits *limits, bool wind_down, double dt, vec3 *force, vec3 *torque);
 
-/* Whether the wrench is zero and stays zero while winding down. RT */
+/* True if the wrench is zero and stays zero while winding down. RT */
 bool safety_at_rest(const safety_limits *g);
 
 #endif

@@ -34,7 +34,7 @@ struct server {
     bool phase_lock;
     int64_t id;                  /* in all of its messages */
     bool realtime;
-    report refused;              /* the reason if real time is refused */
+    report refused;              /* the reason, if real time is refused */
     int awake;                   /* descriptor that keeps the processors awake, or -1 */
     report asleep;               /* reason why they are not kept awake */
     int shutdown_wake;           /* eventfd */
@@ -162,8 +162,8 @@ static void *create_run(void *context) {
     return NULL;
 }
 
-/* Creates the server in a separate thread with raised priority, because the flag that comes with it would reset a negative nice
-   value of all threads that the caller starts later. */
+/* Creates the server in a separate thread with raised priority, because the flag that comes with it would reset a negative nice value of all threads
+   that the caller starts later. */
 static trocar_status create_in_a_hurry(server *s, report *why) {
     creation c = {.server = s, .why = why};
     task creating = {0};
@@ -208,7 +208,8 @@ static void join_or_leave(task *t, const struct timespec *until) {
 
 bool server_busy(const server *s) { return s->worker_task.running || s->telemetry_task.running || s->prepare_task.running; }
 
-/* --prepare: what would otherwise be computed when the needle leaves the region of interest. Pictures of moved tissue take less time then. */
+/* --prepare: computes what would otherwise be computed when the needle leaves the region of interest. Pictures of moved tissue take less time
+   afterwards. */
 static void *prepare_run(void *context) {
     const server *s = context;
     report why;
@@ -223,7 +224,7 @@ static void *haptic_run(void *context) {
     report ignored;
     realtime_flush_denormals();
     realtime_touch_stack();
-    if (s->realtime) realtime_set_priority(PRIORITY_HAPTIC, &ignored); /* already tried at the start */
+    if (s->realtime) realtime_set_priority(PRIORITY_HAPTIC, &ignored); /* checked at the start */
     loop_run(&s->loop);
     return NULL;
 }

@@ -24,9 +24,8 @@ typedef struct server server;
 trocar_status server_create(const server_options *options, server **created, report *why);
 void server_free(server *s); /* does nothing while the server is busy */
 
-/* Runs until `stop_descriptor` (an eventfd, say) becomes readable, a client commands a shutdown, or the network fails; then ramps
-   the wrench to zero and joins all threads, except one that is factorising a large matrix. `ready`, if not NULL, is called when the
-   server is listening. */
+/* Runs until `stop_descriptor` (such as an eventfd) becomes readable, a client commands a shutdown, or the network fails; then ramps the wrench to
+   zero and joins all threads, except one that is factorising a large matrix. Calls `ready`, if not NULL, when the server is listening. */
 trocar_status server_run(server *s, int stop_descriptor, void (*ready)(void), report *why);
 
 /* True if such a thread is still running after server_run; the process must then end with _exit. */

@@ -4,8 +4,8 @@
 
 static const double SHORTEST = 0.2e-3;      /* m; physiological tremor is smaller */
 static const double SLOWEST = 0.15;         /* s from one turning point to the next: 3.3 Hz */
-static const double LASTING = 0.9;          /* of the length of the swing a period before: damping below 1.7 % of the critical one */
-static const double LEAST_CHANGE = 0.01;    /* N: without a change of the force, the coupling has no part in the swing */
+static const double LASTING = 0.9;          /* of the length of the swing one period before: damping below 1.7 % of the critical one */
+static const double LEAST_CHANGE = 0.01;    /* N: unless the force changes, the coupling has no part in the swing */
 
 void swing_begin(swing_observer *s, vec3 position, int64_t now) {
     *s = (swing_observer){.turn = position, .farthest = position, .turned = now, .reached = now};

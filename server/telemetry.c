@@ -51,7 +51,7 @@ static void print_timing(const trocar_loop_timing_t *m) {
             (long long)m->misses, m->contacts);
 }
 
-/* Empties a ring of nanoseconds into a histogram of this interval. */
+/* Moves the values of a ring (ns) into a histogram of this interval. */
 static void collect(spsc_ring *ring, histogram *h) {
     histogram_clear(h);
     for (int64_t nanoseconds; spsc_ring_pop(ring, &nanoseconds);) histogram_add(h, nanoseconds);
@@ -103,33 +103,33 @@ static void publish_timing(telemetry *t, const view_sample *view) {
 static const char *other_server_text(telemetry *t, const other_server *other) {
     if (other->id == t->other_told) return t->other_text;
     t->other_told = other->id;
-    snprintf(t->other_text, sizeof t->other_text, "two servers on this LCM URL: stop this one (%s) or that on %s, scene %s, number %016llx",
+    snprintf(t->other_text, sizeof t->other_text, "two servers on this LCM URL: stop this one (%s) or the one on %s, scene %s, number %016llx",
              t->host, other->host, other->scene, (unsigned long long)other->id);
     fprintf(stderr, "trocar-server: %s\n", t->other_text);
     return t->other_text;
 }
 
-/* Reports the first malformed pose on stderr: a client with other message types than this server's never gets a needle and may
-   not be able to read the status. */
+/* Reports the first malformed pose on stderr: a client with other message types than this server's never gets a needle and may not be able to read
+   the status. */
 static void tell_of_malformed(telemetry *t, const arbiter_record *in) {
     if (t->malformed_told || in->poses_malformed == 0) return;
     t->malformed_told = true;
     fprintf(stderr, "trocar-server: %s\n", in->malformed);
 }
 
-/* Reports each other fault of the worker on stderr once. */
+/* Reports each new fault of the worker on stderr once. */
 static const char *fault_text(telemetry *t, const worker_fault *fault) {
     if (strcmp(t->fault_told, fault->why.text) != 0) fprintf(stderr, "trocar-server: %s\n", fault->why.text);
     snprintf(t->fault_told, sizeof t->fault_told, "%s", fault->why.text);
     return fault->why.text;
 }
 
-/* Reports on stderr, once, that another machine's packets are dropped: its user may have meant to connect a device. */
+/* Reports once on stderr that another machine's packets are dropped: its user may have meant to connect a device. */
 static void tell_of_distant(telemetry *t) {
     char address[16];
     if (t->distant_text[0] || lcm_filter_distant(address, sizeof address) == 0) return;
     snprintf(t->distant_text, sizeof t->distant_text,
-             "packets of another machine (%s) dropped: this server's LCM URL has ttl=0, for this machine alone; to connect others, set ttl=1 on all of them", address);
+             "packets of another machine (%s) dropped: this server's LCM URL has ttl=0, so it serves only this machine; to connect others, set ttl=1 on all of them", address);
     fprintf(stderr, "trocar-server: %s\n", t->distant_text);
 }
 
@@ -172,8 +172,8 @@ static void publish_status(telemetry *t, const view_sample *view) {
     }
 }
 
-/* Sends a needle's tracks when they have changed, and each second in any case: for viewers that started later, and because a message may
-   be lost, also the one after a reset that says there are none. A track grows at its last point. */
+/* Sends a needle's tracks when they have changed, and each second in any case, for viewers that started later and because a message may be lost,
+   including the one after a reset that reports none. A track grows at its last point. */
 static void publish_tracks(telemetry *t, int needle, int64_t tick) {
     static const int64_t SOONEST = 200000000, LATEST = 1000000000; /* ns */
     viewer_messages *m = &t->messages;
@@ -192,8 +192,8 @@ static void publish_tracks(telemetry *t, int needle, int64_t tick) {
     trocar_tracks_t_publish(t->lcm, "TROCAR_TRACKS", &m->tracks);
 }
 
-/* Sends the seeds with each picture while there are any, else each second: for viewers that started later, and because a message may be
-   lost, also the one after the last seed was taken back. */
+/* Sends the seeds with each picture while there are any, else each second, for viewers that started later and because a message may be lost,
+   including the one after the last seed was removed. */
 static void publish_seeds(telemetry *t, int64_t tick) {
     static const int64_t LATEST = 1000000000; /* ns */
     viewer_messages *m = &t->messages;
@@ -209,8 +209,8 @@ static void publish_seeds(telemetry *t, int64_t tick) {
     trocar_seeds_t_publish(t->lcm, "TROCAR_SEEDS", &m->seeds);
 }
 
-/* Sends the needles first: a viewer's picture is complete with the deformation, which takes seconds on a large mesh with a condensed inverse,
-   and displaces the seeds. Without memory for it, those two are skipped. */
+/* Sends the needles first: a picture is complete with the deformation, which takes seconds on a large mesh with a condensed inverse, and which
+   displaces the seeds. Without memory for it, those two are skipped. */
 static void publish_picture(telemetry *t, const view_sample *view) {
     report ignored;
     viewer_messages *m = &t->messages;

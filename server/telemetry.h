@@ -29,20 +29,20 @@ typedef struct {
     char host[80];               /* this machine and process */
     const char *inverse;         /* description of the inverse */
     int needle_count;            /* of the scene */
-    int64_t other_told;          /* the other server reported on stderr, 0: none; from here on used by the thread only */
+    int64_t other_told;          /* the other server that was reported on stderr, 0: none; from here on used by the thread only */
     bool malformed_told;         /* a malformed pose has been reported on stderr */
     char other_text[400];
-    char fault_told[sizeof(report)]; /* fault of the worker reported on stderr last */
-    char distant_text[200];      /* on packets of other machines, once there were some */
+    char fault_told[sizeof(report)]; /* the last fault of the worker reported on stderr */
+    char distant_text[200];      /* about packets of other machines, if there were any */
     int64_t timings_published;
     histogram *latency, *round_trip; /* of the worker and of the hand, in this interval */
     triple_buffer views;          /* view_sample, to the pictures' thread */
     viewer_messages messages;     /* used by the pictures' thread only, */
-    struct { int64_t sent; int count; } seeds; /* ns, and how many the last message had, pending ones included; */
-    struct { int64_t sent; int points; float end[3]; } tracks[TROCAR_MAX_NEEDLES]; /* as these: ns, and what the last message ended with */
+    struct { int64_t sent; int count; } seeds; /* ns, and the number of seeds in the last message, pending ones included; */
+    struct { int64_t sent; int points; float end[3]; } tracks[TROCAR_MAX_NEEDLES]; /* ns of the last message of tracks, and the last point in it */
 } telemetry;
 
-/* Connects to LCM. `model` and `x` must outlive it. The network's errors: see network_open. */
+/* Connects to LCM. `model` and `x` must outlive it. Network errors: see network_open. */
 trocar_status telemetry_create(telemetry *t, const telemetry_settings *given, trocar_model *model, exchange *x, report *why);
 void telemetry_free(telemetry *t);
 

@@ -17,7 +17,7 @@ void histogram_clear(histogram *h);
 void histogram_add(histogram *h, int64_t nanoseconds); /* negative counts as 0. RT */
 void histogram_merge(histogram *h, const histogram *other);    /* adds all values of the other */
 
-/* Upper edge of the bucket that holds the quantile q (0..1), never above the maximum, s; 0 when empty. */
+/* Upper edge of the bucket that contains the quantile q (0..1), never above the maximum, s; 0 if empty. */
 double histogram_quantile(const histogram *h, double q);
 double histogram_max(const histogram *h); /* s */
 
@@ -25,9 +25,9 @@ double histogram_max(const histogram *h); /* s */
 enum { HISTOGRAM_BINS = 32 };
 void histogram_bins(const histogram *h, int32_t bins[HISTOGRAM_BINS]);
 
-int64_t monotonic_ns(void);               /* CLOCK_MONOTONIC: for all control. RT */
-int64_t processor_ns(void);               /* of the calling thread: for what the scheduler may interrupt. RT */
-int64_t wall_us(void);                    /* CLOCK_REALTIME: for the utime of messages, never for control. RT */
+int64_t monotonic_ns(void);               /* CLOCK_MONOTONIC, for control. RT */
+int64_t processor_ns(void);               /* of the calling thread, for work that the scheduler may interrupt. RT */
+int64_t wall_us(void);                    /* CLOCK_REALTIME, for the utime of messages, never for control. RT */
 void sleep_until(int64_t monotonic);      /* absolute, ns; resumes after signals. RT */
 
 /* Counters of one thread. */

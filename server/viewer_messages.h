@@ -33,7 +33,7 @@ typedef struct {
     trocar_seed seed_scratch[TROCAR_MAX_SEEDS];
     trocar_model *model;
     trocar_seeds_t seeds;
-    trocar_tracks_t tracks;        /* all four valid until made again; the sender sets utime and server */
+    trocar_tracks_t tracks;        /* all four are valid until made again; the sender sets utime and server */
     trocar_contacts_t contacts;
     trocar_deformation_t deformation;
 } viewer_messages;
@@ -42,7 +42,7 @@ typedef struct {
 trocar_status viewer_messages_create(viewer_messages *v, trocar_model *model, report *why);
 void viewer_messages_free(viewer_messages *v);
 
-/* Make `contacts` and `tracks` of one needle, and `deformation`, from the picture. Not for the haptic thread. NO_MEMORY. */
+/* Makes `contacts` and `tracks` of one needle, and `deformation`, from the picture. Not for the haptic thread. NO_MEMORY. */
 void viewer_messages_make_needle(viewer_messages *v, int needle, int64_t tick, int64_t pose_utime);
 void viewer_messages_make_tracks(viewer_messages *v, int needle, int64_t tick);
 trocar_status viewer_messages_make_tissue(viewer_messages *v, int64_t tick, report *why);

@@ -5,18 +5,18 @@ static const double RISE = 0.02, FALL = 0.002; /* filter weights per round trip:
 static const double MEAN = 0.02;            /* filter weight of the newest interval, per pose */
 static const double ACTIVE_ENERGY = 1e-3;   /* J */
 
-/* A hand of mass m on a spring K and a damper B = 2 K T that respond after T is stable for K T^2 / m < 0.53: the delay acts as a damper
-   of -K T, and the damper itself must be slow compared with the delay. At 0.25, a delay of 1.4 T and any other spring in series are
-   stable with no more than K T / 8 of damping in the hand. The device may be half as heavy as stated: 0.125. */
+/* A hand of mass m on a spring K and a damper B = 2 K T that respond after T is stable for K T^2 / m < 0.53: the delay acts as a damper of -K T, and
+   the damper itself must be slow compared with the delay. At 0.25, a delay of 1.4 T and any other spring in series are stable with no more than K T /
+   8 of damping in the hand. The device may be half as heavy as stated: 0.125. */
 static const double DELAY_MARGIN = 0.125, DAMPING = 2.0;
 
-enum { SWINGS = 4 };                        /* that do not die away, until the coupling is softened */
+enum { SWINGS = 4 };                        /* that do not decay, before the coupling is softened */
 static const double STEP = 2.0;             /* between levels of caution: a quarter of the stiffness */
-static const double LONGEST_DELAY = 40e-3;  /* s, for which the coupling is made at most: too soft to drive a hand */
-static const double PAUSE = 0.5;            /* s, which end an oscillation */
-static const double SETTLE = 1.0;           /* s, in which a factor that falls comes 1/e closer */
+static const double LONGEST_DELAY = 40e-3;  /* s, longest delay for which the coupling is designed: too soft to drive a hand */
+static const double PAUSE = 0.5;            /* s without swings that end an oscillation */
+static const double SETTLE = 1.0;           /* s, time constant with which a decreasing factor follows */
 static const double LOADED = 0.1;           /* N: only a hand that feels a force shows whether the loop is stable */
-static const double PATIENCE = 20.0, MORE_PATIENCE = 4.0; /* s, and its factor when lowering the level was wrong */
+static const double PATIENCE = 20.0, MORE_PATIENCE = 4.0; /* s, and its factor if lowering the level was wrong */
 
 void coupling_engage(virtual_coupling *p, const pose_sample *hand) {
     coupling_caution *c = &p->caution;
@@ -38,7 +38,7 @@ void coupling_engage(virtual_coupling *p, const pose_sample *hand) {
 
 /* ---- caution -------------------------------------------------------------------------------------------------------- */
 
-/* The hand keeps on oscillating. At the highest level the coupling is too soft to be the reason. */
+/* The hand keeps oscillating. At the highest level the coupling is too soft to be the cause. */
 static void raise_caution(coupling_caution *c, double known) {
     if (c->lowered) c->patience *= MORE_PATIENCE;
     c->own |= c->level * known > 0.9 * LONGEST_DELAY;
@@ -47,7 +47,7 @@ static void raise_caution(coupling_caution *c, double known) {
     c->loaded = 0.0;
 }
 
-/* A pose has come; `lasting` is from the observer of swings. */
+/* Handles a new pose; `lasting` comes from the observer of swings. */
 static void heed_swings(virtual_coupling *p, int lasting) {
     coupling_caution *c = &p->caution;
     if (lasting == 0 || !(p->known > 0.0)) return;
@@ -56,7 +56,7 @@ static void heed_swings(virtual_coupling *p, int lasting) {
     if (lasting % SWINGS == 0) raise_caution(c, p->known);
 }
 
-/* Time without such swings has passed. Those that were the hand's own said nothing about the loop. */
+/* Advances the time without such swings. Swings of the hand itself say nothing about the loop. */
 static void heed_calm(coupling_caution *c, bool loaded, double dt) {
     c->calm += dt;
     if (loaded) c->loaded += dt;
@@ -73,7 +73,7 @@ static void heed_calm(coupling_caution *c, bool loaded, double dt) {
 
 static const coupling_wrench *wrench_of(const virtual_coupling *p, int64_t tick) { return &p->sent[(uint64_t)tick % COUPLING_TICKS]; }
 
-/* Tick of the wrench that a pose names, which a hand without force counts down from -1. */
+/* Tick of the wrench that a pose names; clients without force count it down from -1. */
 static int64_t tick_named(const pose_sample *hand) { return hand->wrench_tick >= 0 ? hand->wrench_tick : -1 - hand->wrench_tick; }
 
 /* The wrench that a pose names, or the last one sent. */
@@ -82,7 +82,7 @@ static const coupling_wrench *wrench_named(const virtual_coupling *p, int64_t na
     return named > 0 && w->tick == named ? w : wrench_of(p, p->newest);
 }
 
-/* The wrench that was sent this time (s) before, or the oldest that is known. */
+/* The wrench that was sent this long (s) ago, or the oldest known. */
 static const coupling_wrench *wrench_before(const virtual_coupling *p, const coupling_wrench *w, double time) {
     int64_t sent = w->computed - (int64_t)(1e9 * time);
     for (int i = 1; i < COUPLING_TICKS && w->computed > sent; i++) {
@@ -125,7 +125,7 @@ int64_t coupling_receive(virtual_coupling *p, const pose_sample *hand) {
 pose coupling_hold(virtual_coupling *p, const trocar_device_limits *limits, pose hand, double dt, double *compliance) {
     *compliance = p->stiffness = p->damping = 0.0;
     if (!p->rendered || isinf(limits->max_stiffness)) return hand;
-    double hold = fmax(p->interval, dt); /* a pose is in use, or waits, for this time */
+    double hold = fmax(p->interval, dt); /* a pose is in use, or waits, for this long */
     if (p->age >= 2.0 * hold) p->before = p->stretch; /* the hand has stopped sending: the damper comes to rest */
     p->age += dt;
     heed_calm(&p->caution, v3_norm(wrench_of(p, p->newest)->force) > LOADED, dt);

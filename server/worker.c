@@ -5,7 +5,7 @@
 
 #include "realtime.h"
 
-/* `why`: NULL if nothing is wrong any more. */
+/* `why`: NULL if there is no fault any more. */
 static void show_fault(worker *w, const report *why) {
     worker_fault *fault = triple_buffer_slot(&w->exchange->faults);
     fault->lasts = w->faulty = why != NULL;
@@ -18,12 +18,13 @@ static void note_failure(worker *w, const report *why) {
     show_fault(w, why);
 }
 
-/* Serves one request, or runs one slice of looking ahead. Returns whether there is more to do. After a failed request the tick
-   keeps using the last answer and sets the flag that it is late. A fault lasts until a request is answered. */
+/* Serves one request, or prepares one slice ahead. Returns whether more work is pending. After a failed request the tick keeps using the last answer
+   and sets the flag that it is late. A fault lasts until a request is answered. */
 static bool work(worker *w) {
     report why;
     trocar_work done = {.more = 0};
-    if (trocar_sim_work(w->sim, &done, &why) != TROCAR_OK && !done.kept) note_failure(w, &why); /* who wanted to leave a needle that was kept is told */
+    if (trocar_sim_work(w->sim, &done, &why) != TROCAR_OK && !done.kept) note_failure(w, &why); /* the client that wanted to leave a needle gets a reply if the needle
+                                                                                                   was kept */
     if (done.answered) {
         spsc_ring_push(&w->exchange->latencies, &done.latency);
         w->served++;

@@ -9,12 +9,11 @@ typedef struct {
     trocar_sim *sim;
     atomic_bool stop;
     bool faulty;             /* it has failed since the last request that it answered; from here on used by the thread only, */
-    int64_t served, failed;  /* and valid after it has ended: requests, failures, */
-    report first;            /* and the first one's reason */
+    int64_t served, failed;  /* number of requests and of failures, valid after the thread has ended, */
+    report first;            /* and the reason of the first failure */
 } worker;
 
-/* Body of the thread; `context` is a worker. Only the newest request is served, as by trocar_sim_work; idle time is used for
-   looking ahead. */
+/* Body of the thread; `context` is a worker. Serves only the newest request, by trocar_sim_work; when idle, it prepares nodes ahead. */
 void *worker_run(void *context);
 
 /* Ends the thread after its current request. */

@@ -22,25 +22,25 @@
 
 enum {
     ORGANS = 3,
-    VOXELS = 1500000,        /* of the grid, at most */
+    VOXELS = 1500000,        /* limit for the grid */
     NICENESS = 15,
 };
 
 static const double GRID_SPACING = 1e-3;  /* m */
 static const double MARGIN = 0.02;        /* m, of the grid around the target */
-static const double NOTICED = 1e-4;       /* m, by which something has to move for the dose to be computed anew */
-static const int64_t PAUSE = 500000000;   /* ns, least time between computations because of motion alone */
+static const double NOTICED = 1e-4;       /* m, smallest motion for which the dose is computed anew */
+static const int64_t PAUSE = 500000000;   /* ns, shortest time between computations that only motion has caused */
 
 /* A seed whose dose is in the grid. */
 typedef struct {
-    trocar_dose_seed rest, now; /* where it lies at rest, which does not change; and where the grid has it */
+    trocar_dose_seed rest, now; /* its place at rest, which identifies it; and its place in the grid */
     int32_t id;
 } counted_seed;
 
-/* What the thread is told. */
+/* Input of the thread. */
 typedef struct {
     int count;
-    trocar_dose_seed rest[TROCAR_MAX_SEEDS], now[TROCAR_MAX_SEEDS]; /* in the tissue at rest, and as it is displaced */
+    trocar_dose_seed rest[TROCAR_MAX_SEEDS], now[TROCAR_MAX_SEEDS]; /* in the tissue at rest, and as displaced */
     double nodal[];          /* displacements [nodes][3], m */
 } told_state;
 
@@ -56,12 +56,12 @@ struct dose_thread {
     unsigned char *levels;
     counted_seed counted[TROCAR_MAX_SEEDS];
     int count;
-    told_state *done;        /* what was computed last */
+    told_state *done;        /* state of the last computation */
 
     pthread_t thread;
     bool started;
-    triple_buffer told;      /* told_state. No locks between the threads: with its low priority this one might keep them for long */
-    int news, ready;         /* eventfds: there is something new for the thread, and from it */
+    triple_buffer told;      /* told_state. No locks between the threads: with its low priority this one might hold them for long */
+    int news, ready;         /* eventfds: new input for the thread, and a new result from it */
     atomic_bool stop;
     _Atomic(byte_buffer *) result; /* NULL: taken */
 };
@@ -70,7 +70,7 @@ struct dose_thread {
 
 static const char *const WORDS[ORGANS][2] = {{"prostate", "gland"}, {"urethra", NULL}, {"rectum", NULL}};
 
-/* The model's first region of which the name contains one of the words, -1: none. */
+/* The model's first region whose name contains one of the words, or -1. */
 static int find_organ(const trocar_model *m, const char *const words[2]) {
     for (int r = 0; r < trocar_model_region_count(m); r++)
         for (int w = 0; w < 2 && words[w]; w++)
@@ -78,7 +78,7 @@ static int find_organ(const trocar_model *m, const char *const words[2]) {
     return -1;
 }
 
-/* A box around the target, or around the whole tissue if there is none. */
+/* A box around the target, or around the whole tissue if there is no target. */
 static trocar_dose_grid choose_grid(const trocar_mesh *mesh, int target) {
     double low[3] = {INFINITY, INFINITY, INFINITY}, high[3] = {-INFINITY, -INFINITY, -INFINITY}, voxels = 1.0;
     for (int i = 0; i < 4 * mesh->tet_count; i++) {
@@ -133,14 +133,14 @@ static trocar_status prepare(dose_thread *t, const trocar_model *m, report *why)
 
 /* ---- seeds -------------------------------------------------------------------------------------------------------------- */
 
-/* m, how far a seed is from where it was. */
+/* m, distance of a seed from its former place. */
 static double distance(const trocar_dose_seed *a, const trocar_dose_seed *b) {
     double most = 0.0;
     for (int k = 0; k < 3; k++) most = fmax(most, fabs(a->position[k] - b->position[k]));
     return most;
 }
 
-/* A seed that does not fit, which a server does not send, is left out. */
+/* Skips a seed that does not fit, which a server does not send. */
 static void add_seed(dose_thread *t, const trocar_dose_seed *rest, const trocar_dose_seed *now) {
     counted_seed *s = &t->counted[t->count];
     *s = (counted_seed){.rest = *rest, .now = *now};
@@ -159,7 +159,7 @@ static void move_seed(dose_thread *t, counted_seed *s, const trocar_dose_seed *n
     if (distance(&s->now, now) > NOTICED && trocar_dose_move(t->dose, s->id, now, &ignored) == TROCAR_OK) s->now = *now;
 }
 
-/* Brings the grid up to date: a seed is known by its place at rest. */
+/* Brings the grid up to date: seeds are identified by their places at rest. */
 static void count_seeds(dose_thread *t, const told_state *state) {
     bool found[TROCAR_MAX_SEEDS] = {false};
     for (int k = t->count - 1; k >= 0; k--) {
@@ -176,7 +176,7 @@ static void count_seeds(dose_thread *t, const told_state *state) {
         if (!found[i]) add_seed(t, &state->rest[i], &state->now[i]);
 }
 
-/* The seeds of the target follow it when it shrinks. */
+/* Seeds in the target move with it when it shrinks. */
 static void shrink_seeds(const dose_thread *t, const told_state *state, trocar_dose_seed *shrunk) {
     for (int i = 0; i < state->count; i++) {
         shrunk[i] = state->rest[i];
@@ -271,7 +271,7 @@ static bool has_other_seeds(const told_state *now, const told_state *before) {
     return now->count != before->count || memcmp(now->rest, before->rest, (size_t)now->count * sizeof *now->rest) != 0;
 }
 
-/* Whether anything moved that gets or gives a dose. */
+/* True if anything that receives or gives a dose has moved. */
 static bool has_moved(const dose_thread *t, const told_state *now, const told_state *before) {
     if (now->count == 0) return false;
     for (int i = 0; i < now->count; i++)
@@ -281,7 +281,7 @@ static bool has_moved(const dose_thread *t, const told_state *now, const told_st
     return false;
 }
 
-/* Waits until there is something new, or for so many ns; negative: without an end. */
+/* Waits for new input, or for this many ns; negative: without limit. */
 static void wait_for_news(const dose_thread *t, int64_t patience) {
     const struct timespec limit = {.tv_sec = patience / 1000000000, .tv_nsec = patience % 1000000000};
     uint64_t count;
@@ -302,11 +302,11 @@ static void publish(dose_thread *t, byte_buffer result) {
     wake(t->ready);
 }
 
-/* While the tissue moves, at most half of the time is spent here. */
+/* Limits the thread to half of the time while the tissue moves. */
 static void *run(void *context) {
     dose_thread *t = context;
     setpriority(PRIO_PROCESS, (id_t)gettid(), NICENESS); /* of this thread alone */
-    int64_t rested = 0; /* ns, monotonic: until then motion alone is no reason */
+    int64_t rested = 0; /* ns, monotonic: until then, motion alone does not cause a computation */
     for (bool first = true; !atomic_load(&t->stop);) {
         const told_state *state = triple_buffer_read(&t->told, NULL);
         int64_t began = monotonic_ns();
@@ -326,7 +326,7 @@ static void *run(void *context) {
     return NULL;
 }
 
-/* The plan's dose in the organs. */
+/* Computes the plan's dose in the organs. */
 static trocar_status note_plan(dose_thread *t, const plan_table *plan, const double direction[3], report *why) {
     trocar_dose_seed *seeds = calloc((size_t)plan->count + 1, sizeof *seeds);
     if (!seeds) return fail(why, TROCAR_NO_MEMORY, "no memory for the dose");

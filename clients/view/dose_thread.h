@@ -1,5 +1,5 @@
-/* Thread of low priority that computes the dose of the seeds: on a grid in space, where the displaced tissue has them now; and in the organs, see
-   organ_dose.h. Changes that come while it computes wait, and only the newest are computed. */
+/* Thread of low priority that computes the dose of the seeds: on a grid in space, in the displaced tissue; and in the organs, see organ_dose.h. Input
+   that arrives during a computation waits, and only the newest is used. */
 #ifndef TROCAR_DOSE_THREAD_H
 #define TROCAR_DOSE_THREAD_H
 
@@ -14,18 +14,18 @@ typedef struct {
     const char *source;      /* name of a seed model in the library, or path of a table that ends in .yaml */
     double strength;         /* U, of each seed */
     double prescription;     /* Gy */
-    double swelling;         /* volume of the gland on the day of the implant over that after it, at least 1 */
+    double swelling;         /* volume of the gland on the day of the implant divided by that after it, at least 1 */
 } dose_settings;
 
 typedef struct dose_thread dose_thread;
 
-/* Organs are the regions whose names contain prostate or gland, urethra, rectum. `plan`: its dose in the organs is computed as well. `settings`
-   must outlive the thread. BAD_INPUT for a seed model that does not exist or has mistakes; SYSTEM; NO_MEMORY. */
+/* Organs are the regions whose names contain prostate or gland, urethra, rectum. `plan`: its dose in the organs is computed as well. `settings` must
+   outlive the thread. BAD_INPUT for a seed model that does not exist or is invalid; SYSTEM; NO_MEMORY. */
 trocar_status dose_thread_create(const trocar_model *model, const dose_settings *settings, const plan_table *plan,
                                  dose_thread **created, report *why);
 void dose_thread_free(dose_thread *t);
 
-/* These are the seeds and the tissue now; NULL: none, and at rest. Does not wait. */
+/* Passes the present seeds and displacements; NULL: none, and at rest. Does not wait. */
 void dose_thread_tell(dose_thread *t, const trocar_seeds_t *seeds, const trocar_deformation_t *deformation);
 
 /* Readable when there is a new result. */

@@ -1,4 +1,4 @@
-/* What browsers are told about an implant: the seeds, the answer to the last command, the dose and the plan. */
+/* What browsers receive about an implant: the seeds, the answer to the last command, the dose and the plan. */
 #ifndef TROCAR_IMPLANT_H
 #define TROCAR_IMPLANT_H
 
@@ -21,14 +21,14 @@ typedef struct {
     dose_thread *dose;       /* NULL: the scene has no template */
 } implant;
 
-/* `settings` must outlive it. BAD_INPUT for a plan or a seed model with mistakes, and for a plan where there is no template. */
+/* `settings` must outlive it. BAD_INPUT for an invalid plan or seed model, and for a plan without a template. */
 trocar_status implant_open(implant *i, const trocar_model *model, const implant_settings *settings, report *why);
 void implant_close(implant *i);
 
-/* After messages have been received. */
+/* Call after messages have been received. */
 void implant_hear(implant *i, const subscriber *feed);
 
-/* When the dose thread's descriptor is readable. */
+/* Call when the dose thread's descriptor is readable. */
 void implant_note_dose(implant *i);
 
 #endif

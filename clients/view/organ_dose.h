@@ -1,4 +1,4 @@
-/* The dose in an organ: as planned, now, when the needles are out, and when the gland's swelling has gone. */
+/* The dose in an organ: as planned, now, with the needles out, and without the gland's swelling. */
 #ifndef TROCAR_ORGAN_DOSE_H
 #define TROCAR_ORGAN_DOSE_H
 
@@ -9,9 +9,9 @@
 
 typedef enum {
     DOSE_PLANNED,            /* of the plan's seeds, in the tissue at rest */
-    DOSE_NOW,                /* seeds and voxels where the displaced tissue has them */
+    DOSE_NOW,                /* seeds and voxels in the displaced tissue */
     DOSE_NEEDLES_OUT,        /* in the tissue at rest */
-    DOSE_SWELLING_GONE,      /* the same after the gland, with the seeds in it, has shrunk uniformly about its centre */
+    DOSE_SWELLING_GONE,      /* the same after the gland, with its seeds, has shrunk uniformly about its centre */
     DOSE_STATES
 } dose_state;
 
@@ -24,7 +24,7 @@ typedef struct {
     double curve[DVH_POINTS]; /* fraction of the volume that gets the dose or more */
 } organ_result;
 
-/* How a gland shrinks: a length becomes `scale` of it, about the centre. */
+/* Shrinkage of a gland: lengths are multiplied by `scale`, about the centre. */
 typedef struct { double centre[3], scale; } shrinkage;
 
 typedef struct {
@@ -42,11 +42,11 @@ void organ_free(organ *o);
 /* Mean of the voxels' centres. */
 void organ_centre(const organ *o, double centre[3]);
 
-/* Whether a point at rest lies in it, to a voxel. */
+/* True if a point at rest lies in the organ, to within a voxel. */
 bool organ_contains(const organ *o, const double point[3]);
 
-/* Computes the results of one state. `nodal`: displacements [nodes][3], NULL: at rest; of DOSE_NOW. `shrunk`: of DOSE_SWELLING_GONE.
-   Seeds have to be given where they are in that state. */
+/* Computes the results of one state. `nodal`, for DOSE_NOW: displacements [nodes][3], NULL: at rest. `shrunk`: for DOSE_SWELLING_GONE. Seeds must be
+   given at their places in that state. */
 void organ_compute(organ *o, dose_state state, const trocar_dose_source *source, const trocar_dose_seed *seeds, int count, double prescription,
                    const double *nodal, const shrinkage *shrunk);
 

@@ -17,10 +17,10 @@ typedef struct {
     trocar_model *model;
     trocar_sim *sim;
     viewer_messages messages;
-    int probes_done, commands_done; /* poses of the probe, and commands, so far */
+    int probes_done, commands_done; /* number of probe poses and commands handled so far */
     waiting_drop waiting;
-    int refused;             /* commands for seeds that are refused here, but were not by the server; */
-    report refusal;          /* why the first one was */
+    int refused;             /* commands for seeds that are refused here but were not by the server; */
+    report refusal;          /* reason of the first one */
     int gaps;
 } playback;
 
@@ -45,7 +45,7 @@ static void note_refusal(playback *p, const report *reason) {
     if (p->refused++ == 0) p->refusal = *reason;
 }
 
-/* The commands for seeds that came before this pose. As in the server, one that is refused changes nothing. */
+/* Executes the commands for seeds that came before this pose. As in the server, a refused command changes nothing. */
 static void run_commands(playback *p, int pose) {
     report reason;
     if (!try_waiting_drop(&p->waiting, p->sim, 0)) note_refusal(p, &p->waiting.reason);
@@ -105,7 +105,7 @@ trocar_status playback_run(const trocar_scene *scene, const char *path, timeline
     return status;
 }
 
-/* Index of the last pose not after `at`, -1 if the log ends before it. */
+/* Index of the last pose not after `at`, or -1 if the log ends before it. */
 static int tick_at(const pose_log *poses, double at) {
     int tick = poses->count - 1;
     if (isfinite(at) && pose_log_time(poses, tick) < at - CLOCK) return -1;

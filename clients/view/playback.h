@@ -1,5 +1,5 @@
-/* Replays a recorded log: simulates its poses in lockstep, as trocar-replay does. Of a recording with several needles only the first
-   one is shown, as needle 0. */
+/* Replays a recorded log: simulates its poses in lockstep, like trocar-replay. Of a recording with several needles only the first one is shown, as
+   needle 0. */
 #ifndef TROCAR_PLAYBACK_H
 #define TROCAR_PLAYBACK_H
 
@@ -12,7 +12,7 @@ enum { PLAYBACK_HZ = 30 };  /* pictures per second of log time */
    pose_log_read_to_cut. */
 trocar_status playback_run(const trocar_scene *scene, const char *path, timeline *t, report *cut, report *why);
 
-/* The same up to the last pose not after `at` (s; INFINITY: the end), but writes only one sample and one picture at that time.
+/* Simulates up to the last pose not after `at` (s; INFINITY: the end), but writes only one sample and one picture at that time.
    BAD_INPUT also if the log ends before `at`. */
 trocar_status playback_moment(const trocar_scene *scene, const char *path, double at, timeline *t, report *cut, report *why);
 

@@ -23,7 +23,7 @@ static const double AT_HOME = 1e-6;            /* m, rounding */
 static const int64_t SILENCE = 250000000;      /* ns without an order after which the needle stops */
 static const int64_t SERVER_SILENCE = 100000000; /* ns without a wrench after which no poses are sent */
 
-/* From where the probe was when it began to move. */
+/* Starts from the probe's pose at the beginning of its motion. */
 static const rate_control_limits PROBE_LIMITS = {.max_speed = 0.02, .max_turn_rate = 0.3, .ramp = 0.15, .max_sideways = 0.05, .max_back = 0.1, .max_forward = 0.1,
                                                  .max_tilt = 0.35};
 
@@ -52,7 +52,7 @@ static void publish_command(pose_publisher *p, int32_t what, int needle, int see
     trocar_command_t_publish(p->lcm, "TROCAR_COMMAND", &m);
 }
 
-/* A command for the needle that it holds. */
+/* Sends a command for the needle that it holds. */
 static void publish_own(pose_publisher *p, int32_t what, int seeds) {
     if (p->holding) publish_command(p, what, p->needle, seeds);
 }
@@ -86,13 +86,13 @@ static bool is_still(const rate_control_command *c) {
     return c->right == 0 && c->up == 0 && c->forward == 0 && c->pitch == 0 && c->yaw == 0 && c->roll == 0;
 }
 
-/* Forward is where it goes by itself once it is in front of its hole. */
+/* Forward is the direction in which the needle moves by itself once it is in front of its hole. */
 static bool is_still_or_forward(rate_control_command c) {
     c.forward = fmin(c.forward, 0);
     return is_still(&c);
 }
 
-/* Where the probe is counts only when it begins to move; after that the server's answer is late. */
+/* Starts from the probe's reported pose only at the beginning of a motion: during the motion, the server's reports lag behind. */
 static void steer_probe(pose_publisher *p, const publisher_order *order, int64_t now) {
     if (!p->probing && is_still(&order->command)) return;
     if (!p->probing) rate_control_begin(&p->probe, order->base, order->base);
@@ -166,7 +166,7 @@ static void publish_probe(pose_publisher *p, int64_t now) {
 
 static bool is_at_rest(const rate_control_state *d) { return v3_norm(d->velocity) == 0.0 && v3_norm(d->turn) == 0.0; }
 
-/* Moves the probe, and sends where it is now and then, and where it comes to rest. */
+/* Moves the probe; sends its pose at intervals, and where it comes to rest. */
 static void move_probe(pose_publisher *p, int64_t now, double dt) {
     if (!p->probing) return;
     if (now - p->probe_ordered > SILENCE) p->probe_command = (rate_control_command){0};
@@ -175,10 +175,10 @@ static void move_probe(pose_publisher *p, int64_t now, double dt) {
     if (!p->probing || now - p->probe_sent >= PROBE_PERIOD) publish_probe(p, now);
 }
 
-/* m, how far the base is ahead of its home. */
+/* m, how far the base is in front of its home. */
 static double ahead_of_home(const pose_publisher *p) { return v3_dot(v3_sub(p->drive.base.position, p->home.position), q_axis(p->home.orientation)); }
 
-/* A needle that is ordered to a hole and stands in front of the template goes no further until it is in line with that hole: else it would enter another one. */
+/* A needle that is ordered to a hole stops in front of the template until it is in line with that hole; otherwise it would enter another one. */
 static rate_control_limits limits_now(const pose_publisher *p) {
     rate_control_limits limits = p->limits;
     if (p->has_hole && ahead_of_home(p) <= AT_HOME && !in_line_with_hole(p->home, p->drive.base, p->needle_length)) limits.max_forward = 0;
@@ -217,7 +217,7 @@ void *publisher_run(void *context) {
     ask_realtime();
     int64_t before = monotonic_ns(), now = before;
     while (publisher_round(p, now, fmin(LONGEST_STEP, 1e-9 * (double)(now - before)))) {
-        if (p->holding || p->probing) sleep_until((now / PERIOD + 1) * PERIOD); /* missed periods are skipped */
+        if (p->holding || p->probing) sleep_until((now / PERIOD + 1) * PERIOD); /* skips missed periods */
         else wait_for_wake(p->wake);
         before = now;
         now = monotonic_ns();

@@ -15,9 +15,9 @@
 enum { QUEUE = 512 * TROCAR_MAX_NEEDLES }; /* half a second of wrenches */
 
 static const int64_t SILENCE = 500000000; /* ns without a wrench after which the server is considered gone */
-static const int64_t STALL = 150000000;   /* ns, of which more between two checks is a pause of this program; the viewer checks each 0.1 s */
+static const int64_t STALL = 150000000;   /* ns; a longer gap between two checks counts as a pause of this program; the viewer checks each 0.1 s */
 static const double OWNER_SILENCE = 2.0;  /* s, as in the server */
-static const int64_t NEWS = 150000000; /* ns for which a needle's last wrench knows its owner better than the last status */
+static const int64_t NEWS = 150000000; /* ns for which a needle's last wrench is more reliable about its owner than the last status */
 
 /* ---- the channels ---- */
 
@@ -52,7 +52,7 @@ static void forget_seeds(subscriber *f) {
     f->replies_heard++;
 }
 
-/* Discards the data of the previous server when another one is followed. */
+/* Discards the data of the previous server when it follows another one. */
 static void note_server(subscriber *f, const trocar_needle_wrench_t *w) {
     if (f->heard != 0 && w->server == f->server) return;
     f->servers++;
@@ -63,7 +63,7 @@ static void note_server(subscriber *f, const trocar_needle_wrench_t *w) {
     f->probe = (trocar_probe){.placed = 0};
 }
 
-/* What is known about this needle of the followed server; NULL for another server and for a needle that the scene does not have. */
+/* The record of this needle of the followed server; NULL for another server, and for a needle that the scene does not have. */
 static needle_feed *find_needle(subscriber *f, int64_t server, int32_t needle) {
     return server == f->choice.followed && needle >= 0 && needle < f->needle_count ? &f->needles[needle] : NULL;
 }
@@ -204,12 +204,12 @@ static void on_probe(const lcm_recv_buf_t *received, const char *channel, void *
     f->probe_owner = m.session;
 }
 
-/* Time from the tick number, also for pictures that arrive later than their wrench. */
+/* Computes times from tick numbers, also for pictures that arrive later than their wrench. */
 static double time_of_tick(const subscriber *f, int64_t tick) {
     return 1e-9 * (double)(f->heard - f->started) - (double)(f->tick - tick) * f->period;
 }
 
-/* Completes the picture of its tick, after the contacts of each needle that has been held; before any was, the probe is enough. */
+/* Completes the picture of its tick, after the contacts of each needle that has been held; before that, the probe is enough. */
 static void on_deformation(const lcm_recv_buf_t *received, const char *channel, void *context) {
     (void)channel;
     subscriber *f = context;

@@ -67,7 +67,7 @@ static void thin_out(timeline *t) {
     t->picture_stride *= 2;
 }
 
-/* Slot for the next picture. In a log it replaces the newest one unless that is to be kept. */
+/* Slot for the next picture. In a log it replaces the newest one unless that should be kept. */
 static byte_buffer *next_place(timeline *t) {
     if (!t->live && t->picture_end > 0 && (t->pictures_given - 1) % t->picture_stride != 0) t->picture_end--;
     if (!t->live && t->picture_bytes > t->picture_bytes_most && t->picture_end > 2) thin_out(t);

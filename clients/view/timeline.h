@@ -1,6 +1,6 @@
-/* Data for the browsers: encoded pictures, and samples for the plots. Live, only the newest picture and the last minute of samples
-   are kept. Of a log all samples are kept, and all pictures up to a limit, then every second, every fourth and so on, always
-   including the newest. Not thread-safe. */
+/* Data for the browsers: encoded pictures, and samples for the plots. Live, only the newest picture and the last minute of samples are kept. For a
+   log all samples are kept, and all pictures up to a limit, then every second, every fourth and so on, always including the newest. Not thread-safe.
+   */
 #ifndef TROCAR_TIMELINE_H
 #define TROCAR_TIMELINE_H
 
@@ -21,12 +21,12 @@ typedef struct {
     plot_sample *samples;    /* of all needles, in the order of their times; live: a ring */
     int64_t sample_end;      /* number of the next sample */
     size_t sample_room;
-    plot_sample gathered[TROCAR_MAX_NEEDLES]; /* of the current slot */
+    plot_sample gathered[TROCAR_MAX_NEEDLES]; /* values gathered in the current slot */
     double slot_end[TROCAR_MAX_NEEDLES];      /* s */
     double now;              /* s, time of the newest sample */
 } timeline;
 
-/* For `needles`, 1 to TROCAR_MAX_NEEDLES. NO_MEMORY. */
+/* Creates a timeline for `needles` needles, 1 to TROCAR_MAX_NEEDLES. NO_MEMORY. */
 trocar_status timeline_create(timeline *t, bool live, int needles, report *why);
 void timeline_free(timeline *t);
 
@@ -42,7 +42,7 @@ typedef struct {
     int64_t picture, sample;
 } timeline_cursor;
 
-/* Adds the seeds of the newest picture, after it. Of a log only: live, seeds come by themselves. */
+/* Adds the seeds of the newest picture, after it. For a log only; live, seeds arrive by themselves. */
 trocar_status timeline_add_seeds(timeline *t, const trocar_seeds_t *seeds, report *why);
 
 bool timeline_has_news(const timeline *t, const timeline_cursor *cursor);

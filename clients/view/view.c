@@ -31,7 +31,7 @@ typedef struct {
     trocar_model *model;     /* its mesh alone */
     double needle_length;    /* m */
     int needle_count;        /* live; a log shows one */
-    pose homes[TROCAR_MAX_NEEDLES]; /* where each waits outside */
+    pose homes[TROCAR_MAX_NEEDLES]; /* each needle's waiting pose outside the tissue */
     timeline timeline;
     byte_buffer encoded_scene;
     char page[4096];         /* folder of the page */
@@ -51,7 +51,7 @@ typedef struct {
 
 /* ---- callbacks of the web server ---- */
 
-/* Members of an object. */
+/* The status of a needle, as members of a JSON object. */
 static void write_needle(const view *v, int needle, json *j) {
     static const char *const states[] = {"held", "leaving", "resting", "taking"};
     const trocar_status_t *s = v->feed.needles[needle].status;
@@ -78,7 +78,7 @@ static void write_needles(const view *v, json *j) {
     json_close(j, ']');
 }
 
-/* "elsewhere": another client has moved it; it may be silent now. */
+/* The probe's owner as text; "elsewhere": another client has moved it, and may be silent now. */
 static void write_probe(const view *v, json *j) {
     const trocar_probe *p = &v->feed.probe;
     json_open(j, "probe", '{');
@@ -88,7 +88,7 @@ static void write_probe(const view *v, json *j) {
     json_close(j, '}');
 }
 
-/* Which server since the start, why a browser has lost the needle, and where the driven needle is to go. */
+/* Number of the server since the start, why a browser has lost the needle, and the driven needle's destination. */
 static void write_pilot(view *v, json *j) {
     pilot *p = &v->pilot;
     json_integer(j, "server", v->feed.servers);
@@ -118,7 +118,7 @@ static char *describe(void *context, bool drives, bool driven, uint32_t steered)
     json_bool(&j, "drives", drives);
     json_bool(&j, "driven", driven);
     json_integer(&j, "steered", steered);
-    json_integer(&j, "needle", v->pilot.needle); /* also while the server is silent: the page may still drive it */
+    json_integer(&j, "needle", v->pilot.needle); /* also while the server is silent, because the page may still drive it */
     write_pilot(v, &j);
     if (alive) {
         json_number(&j, "rate", v->feed.timing.rate_hz);
@@ -337,7 +337,7 @@ static trocar_status take_picture(view *v, report *why) {
         else if (monotonic_ns() > deadline) status = fail(why, TROCAR_SYSTEM, "no picture from chromium in %d s", (int)(PICTURE_PATIENCE / 1000000000));
     }
     chromium_stop(&browser);
-    if (status == TROCAR_OK && !v->png_taken) status = fail(why, TROCAR_SYSTEM, "%s: not written because of an interrupt", v->options->png_path);
+    if (status == TROCAR_OK && !v->png_taken) status = fail(why, TROCAR_SYSTEM, "%s: not written: interrupted", v->options->png_path);
     return status == TROCAR_OK ? output_commit(&v->png, why) : status;
 }
 

@@ -24,10 +24,10 @@ typedef struct browser {
     struct lws *wsi;
     timeline_cursor cursor;
     bool has_scene, wants_status;
-    int64_t versions[WEB_SECTIONS]; /* of the sections that it has */
-    bool refused;            /* is sent the reason and disconnected; not in `browsers` */
+    int64_t versions[WEB_SECTIONS]; /* of the sections that it has received */
+    bool refused;            /* receives the reason and is disconnected; not in `browsers` */
     int in_flight;
-    int silent;              /* statuses since its last message */
+    int silent;              /* statuses sent since its last message */
     uint32_t steered;        /* number of its last command to move */
     byte_buffer received;    /* part of the message received so far */
 } browser;
@@ -52,7 +52,7 @@ struct web {
 
 /* ---- access control ---- */
 
-/* Whether `given`, "name:port" or "[v6]:port", has the host `name`. */
+/* True if `given`, "name:port" or "[v6]:port", has the host `name`. */
 static bool is_host(const char *given, const char *name) {
     size_t length = strlen(name);
     bool v6 = strchr(name, ':') != NULL;

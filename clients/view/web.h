@@ -15,14 +15,14 @@ typedef enum { ACTION_ACKNOWLEDGE = 1, ACTION_TAKE, ACTION_STEER, ACTION_RESET, 
 typedef struct {
     uint32_t kind;
     float steer[6];          /* ACTION_STEER and ACTION_PROBE: right, up, forward, pitch, yaw, roll, each -1 .. 1; ACTION_HOLE: guide, column, row; ACTION_DROP: seeds */
-    uint32_t needle;         /* ACTION_TAKE, ACTION_REMOVE; of ACTION_STEER and ACTION_PROBE a number that the next status returns */
+    uint32_t needle;         /* ACTION_TAKE, ACTION_REMOVE: the needle; ACTION_STEER and ACTION_PROBE: a number that the next status returns */
 } web_action;
 _Static_assert(sizeof(web_action) == WEB_ACTION_BYTES, "link.js writes 32 bytes");
 
-/* What each browser gets whenever it changes; only the newest version is kept. */
+/* Data that each browser receives whenever they change; only the newest version is kept. */
 typedef struct {
     byte_buffer bytes;       /* encoded section */
-    int64_t version;         /* counted up with each change; 0: nothing yet */
+    int64_t version;         /* incremented with each change; 0: nothing yet */
 } web_section;
 
 typedef struct {
@@ -38,10 +38,12 @@ typedef struct {
     const web_section *sections; /* [section_count], at most WEB_SECTIONS; sent after the scene */
     int section_count;
     void *context;           /* passed to the functions below */
-    char *(*describe)(void *context, bool drives, bool driven, uint32_t steered);  /* state as JSON, freed by the caller; NULL: none. `steered`: the number of
-                                the browser's last ACTION_STEER or ACTION_PROBE, 0: none yet */
-    void (*act)(void *context, const web_action *action);        /* action of the driving browser; ACTION_REMOVE also of another while none drives */
-    bool (*may_drive)(void *context, uint32_t needle);  /* whether a browser may take and keep this needle; NULL: always */
+    char *(*describe)(void *context, bool drives, bool driven, uint32_t steered);  /* state as JSON, freed by the caller; NULL: none. `steered`: the
+                                                                                      number of the browser's last ACTION_STEER or ACTION_PROBE, 0: none
+                                                                                      yet */
+    void (*act)(void *context, const web_action *action);        /* action of the driving browser; ACTION_REMOVE also from another one while none
+                                                                    drives */
+    bool (*may_drive)(void *context, uint32_t needle);  /* true if a browser may take and keep this needle; NULL: always */
     void (*take_png)(void *context, const void *png, size_t size); /* NULL: pictures are rejected */
 } web_settings;
 
@@ -62,11 +64,11 @@ void web_news(web *w);
 /* Takes the needle from the driving browser, if any. */
 void web_let_go(web *w);
 
-/* Whether this Host header is allowed. Protects against DNS rebinding, where a site's name resolves to 127.0.0.1. */
+/* True if this Host header is allowed. Protects against DNS rebinding, where a site's name resolves to 127.0.0.1. */
 bool web_host_allowed(const char *host, const char *address, const char *name);
 
-/* Whether a page from `origin` may open a WebSocket with this Host header: only pages served by this program under an allowed
-   name. Otherwise another site's page could drive the needle. */
+/* True if a page from `origin` may open a WebSocket with this Host header: only pages served by this program under an allowed name. Otherwise another
+   site's page could drive the needle. */
 bool web_origin_allowed(const char *origin, const char *host, const char *address, const char *name);
 
 #endif

@@ -236,7 +236,7 @@ void encode_scene(byte_buffer *out, const trocar_scene *scene, const trocar_mode
 
 /* ---- pictures ---- */
 
-/* A picture is its head, the probe if there is one, for each needle a head with its joints, contacts and tracks, and the displacements. */
+/* A picture is its head, the probe if there is one, a head for each needle with its joints, contacts and tracks, and the displacements. */
 typedef struct {
     double time, tick;
     float scale;
@@ -253,7 +253,7 @@ typedef struct {
 } needle_head;
 _Static_assert(sizeof(needle_head) == 48, "decode.js: NEEDLE_BYTES");
 
-/* Base (w x y z) and force and torque on the hand, as in probe_wrench_t. */
+/* The probe: pose of its base (w x y z), and force and torque on the hand, as in probe_wrench_t. */
 typedef struct {
     float position[3], orientation[4], force[3], torque[3];
     uint32_t contacts, stopped, unused;
@@ -279,7 +279,7 @@ static float displacement_scale(const trocar_deformation_t *d) {
     return largest / INT16_MAX;
 }
 
-/* A point of a track: where it is in the tissue at rest and in which tetrahedron, its track, the membrane punctured there or -1. */
+/* A point of a track: its place in the tissue at rest and the tetrahedron there, its track, and the membrane punctured there or -1. */
 typedef struct {
     float position[3];
     int32_t tet, track, membrane;

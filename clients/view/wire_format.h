@@ -44,11 +44,11 @@ typedef struct {
 } plot_sample;
 _Static_assert(sizeof(plot_sample) == 64, "decode.js reads 64 bytes a sample");
 
-/* The scene for the page: names and sizes as JSON, nodes, tetrahedra with their regions, and the triangles between regions, on the
-   outer surface and on named surfaces. `homes`: the pose in which each of the `needles` waits. `live`: data come from a server, not from a log. */
+/* The scene for the page: names and sizes as JSON, nodes, tetrahedra with their regions, and the triangles between regions, on the outer surface and
+   on named surfaces. `homes`: the waiting pose of each of the `needles`. `live`: data come from a server, not from a log. */
 void encode_scene(byte_buffer *out, const trocar_scene *scene, const trocar_model *model, const pose *homes, int needles, bool live);
 
-/* A needle of a picture; both NULL: not held yet. */
+/* A needle in a picture; both NULL: not held yet. */
 typedef struct {
     const trocar_contacts_t *contacts;
     const trocar_tracks_t *tracks; /* the newest; NULL: none yet */

@@ -18,16 +18,16 @@ static inline trocar_status allocate_shared(size_t bytes, unsigned char **memory
     return TROCAR_OK;
 }
 
-/* A zeroed struct that has cache lines of its own in it: malloc() aligns to 16 bytes only, and the compiler may rely on more.
-   NULL without memory. Release with free(). */
+/* Allocates a zeroed struct that contains cache-line-aligned members: malloc() aligns to 16 bytes only, and the compiler may rely on more. NULL
+   without memory. Release with free(). */
 static inline void *allocate_on_cache_lines(size_t bytes) {
     report ignored;
     unsigned char *memory;
     return allocate_shared(bytes, &memory, &ignored) == TROCAR_OK ? memory : NULL;
 }
 
-/* Zeros from the start of a cache line on, for large arrays of one thread: pages that it never reaches stay untouched. NULL without memory.
-   Release `*memory` with free(), not what is returned. */
+/* Allocates zeros that start on a cache line, for large arrays of one thread. Pages that are never accessed stay untouched. NULL without memory.
+   Release `*memory` with free(), not the returned pointer. */
 static inline void *zeros_on_cache_lines(size_t bytes, void **memory) {
     unsigned char *from = *memory = calloc(1, bytes + CACHE_LINE);
     return from ? from + (CACHE_LINE - (size_t)from % CACHE_LINE) % CACHE_LINE : NULL;

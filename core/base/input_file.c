@@ -7,7 +7,7 @@
 #include <sys/stat.h>
 #include <unistd.h>
 
-/* Opening does not wait: what the path names may be another file by now than a moment ago. */
+/* Opens without blocking: the path may name another file by now, such as a FIFO. */
 FILE *input_open(const char *path, const char **why) {
     struct stat status;
     int descriptor = open(path, O_RDONLY | O_NONBLOCK | O_CLOEXEC | O_NOCTTY);

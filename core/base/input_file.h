@@ -4,8 +4,8 @@
 
 #include <stdio.h>
 
-/* Opens a regular file to read, or returns NULL and the reason in *why. Anything else is refused: opening a FIFO would wait until somebody writes to
-   it, for ever. */
+/* Opens a regular file for reading, or returns NULL and the reason in *why. Other kinds of files are refused: opening a FIFO would block until
+   somebody writes to it. */
 FILE *input_open(const char *path, const char **why);
 
 #endif

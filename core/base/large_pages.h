@@ -1,4 +1,4 @@
-/* Large pages for arrays that are read or written as a whole: in pages of 4 KB a pass takes a third longer, and faults cost as much again. */
+/* Large pages for arrays that are read or written as a whole: with pages of 4 KB a pass takes a third longer, and page faults cost as much again. */
 #ifndef TROCAR_LARGE_PAGES_H
 #define TROCAR_LARGE_PAGES_H
 
@@ -6,7 +6,7 @@
 #include <sys/mman.h>
 #include <unistd.h>
 
-/* MADV_HUGEPAGE, or MADV_NOHUGEPAGE before the array is freed, because the heap may give the pages to others. A wish only, and none for small arrays. */
+/* MADV_HUGEPAGE, or MADV_NOHUGEPAGE before the array is freed, because the heap may give the pages to others. Advisory; ignored for small arrays. */
 static inline void advise_pages(const void *array, size_t bytes, int advice) {
     static const size_t LEAST = (size_t)1 << 22;
     uintptr_t page = (uintptr_t)sysconf(_SC_PAGESIZE);

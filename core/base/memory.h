@@ -1,20 +1,20 @@
-/* Memory of the machine, bytes. */
+/* Memory of the machine, in bytes. */
 #ifndef TROCAR_MEMORY_H
 #define TROCAR_MEMORY_H
 
-/* All of it; 8 GB where the system does not say. */
+/* Installed memory; 8 GB if the system does not say. */
 double memory_total(void);
 
-/* What this process can have at most: all of it, or the limit of its control group (a container, a service). */
+/* The most that this process can have: installed memory, or the limit of its control group (a container, a service). */
 double memory_most(void);
 
-/* Available now, without swapping, also within the limit of its control group; 8 GB where the system does not say. */
+/* Memory available without swapping, within the limit of the control group; 8 GB if the system does not say. */
 double memory_available(void);
 
-/* Limits of a control group and of those that it is in, and what is left of them; INFINITY: none. */
+/* The tightest limit of a control group and its ancestors, and how much of it is left; INFINITY: no limit. */
 typedef struct { double most, available; } memory_limits;
 
-/* Those of this process, by the files proc/self/cgroup and sys/fs/cgroup in the folder `root` ("": the system's), version 1 or 2. */
+/* Limits of this process, from the files proc/self/cgroup and sys/fs/cgroup in the folder `root` ("": the system's), version 1 or 2. */
 memory_limits memory_of_groups(const char *root);
 
 #endif

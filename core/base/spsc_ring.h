@@ -11,7 +11,7 @@
 #include "base/cache_line.h"
 
 typedef struct {
-    size_t size, capacity;                     /* bytes of an element; number of elements, a power of two */
+    size_t size, capacity;                     /* bytes per element; number of elements, a power of two */
     unsigned char *elements;
     alignas(CACHE_LINE) atomic_size_t written; /* elements written since creation */
     alignas(CACHE_LINE) atomic_size_t taken;   /* elements read since creation */
@@ -23,7 +23,7 @@ void spsc_ring_free(spsc_ring *r);
 
 /* Returns false, without effect, if the ring is full. Writer only. RT */
 bool spsc_ring_push(spsc_ring *r, const void *element);
-/* Whether there is room for one more. Writer only. RT */
+/* True if there is room for one more element. Writer only. RT */
 bool spsc_ring_has_room(const spsc_ring *r);
 /* Returns false if the ring is empty. Reader only. RT */
 bool spsc_ring_pop(spsc_ring *r, void *element);

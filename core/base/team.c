@@ -12,16 +12,16 @@ typedef struct {
 } member;
 
 struct team {
-    int members;             /* with the calling thread, which has number 0 */
+    int members;             /* including the calling thread, which is number 0 */
     pthread_mutex_t lock;
     pthread_cond_t begun, ended;
-    unsigned round;          /* loops begun so far */
-    int busy;                /* members that have not ended the round yet, but for the calling thread */
+    unsigned round;          /* number of loops started so far */
+    int busy;                /* members that have not finished this round, except the calling thread */
     bool over;
     void (*work)(void *context, int i, int member);
     void *context;
     int count;
-    atomic_int next;         /* first i that no member has taken yet */
+    atomic_int next;         /* the first i that no member has claimed yet */
     member others[];         /* members - 1 */
 };
 

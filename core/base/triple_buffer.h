@@ -13,9 +13,9 @@
 /* The writer fills its slot and swaps it with the middle one; the reader swaps its slot with the middle one if that is fresh.
    Each slot belongs to one side at a time, so that a value never changes while it is read. */
 typedef struct {
-    size_t size;                               /* bytes of a slot */
+    size_t size;                               /* bytes per slot */
     unsigned char *slots;                      /* 3 slots */
-    alignas(CACHE_LINE) atomic_uint middle;    /* index of the middle slot, | FRESH if not read yet */
+    alignas(CACHE_LINE) atomic_uint middle;    /* index of the middle slot; | FRESH if it has not been read yet */
     alignas(CACHE_LINE) unsigned back;         /* writer's slot */
     alignas(CACHE_LINE) unsigned front;        /* reader's slot */
 } triple_buffer;
@@ -23,14 +23,14 @@ typedef struct {
 trocar_status triple_buffer_create(triple_buffer *n, size_t size, report *why);
 void triple_buffer_free(triple_buffer *n);
 
-/* The slot to fill next; contains an older value. Writer only. RT */
+/* The slot to fill next; it contains an older value. Writer only. RT */
 void *triple_buffer_slot(triple_buffer *n);
 /* Publishes the filled slot. Writer only. RT */
 void triple_buffer_publish(triple_buffer *n);
-/* The newest value, valid until the next call; all zeros if none was published. `fresh` (may be NULL): whether it is new
-   since the last call. Reader only. RT */
+/* Returns the newest value, valid until the next call; all zeros if none was published. Sets `fresh` (may be NULL) if it is new since the last call.
+   Reader only. RT */
 const void *triple_buffer_read(triple_buffer *n, bool *fresh);
-/* Is there a value that has not been read? Reader only. RT */
+/* True if there is an unread value. Reader only. RT */
 bool triple_buffer_waits(triple_buffer *n);
 
 #endif

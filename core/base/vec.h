@@ -6,10 +6,10 @@
 
 typedef struct { double x, y, z; } vec3;
 typedef struct { double m[3][3]; } mat3;       /* m[row][column] */
-typedef struct { double w, x, y, z; } quat;    /* unit quaternion, rotates from body to world coordinates */
+typedef struct { double w, x, y, z; } quat;    /* unit quaternion; rotates from body to world coordinates */
 typedef struct { vec3 position; quat orientation; } pose;
 
-/* fmax and fmin without a call of the C library; b if either is not a number. */
+/* fmax and fmin without calls of the C library; return b if either argument is NaN. */
 static inline double larger_of(double a, double b) { return a > b ? a : b; }
 static inline double smaller_of(double a, double b) { return a < b ? a : b; }
 
@@ -69,7 +69,7 @@ static inline mat3 m3_inverse(const mat3 *a) {
         }
     return b;
 }
-/* sum += s * block, a 3 x 3 block of a larger matrix. */
+/* Computes sum += s * block for a 3 x 3 block of a larger matrix. */
 static inline void m3_add_block(mat3 *sum, double s, const double *block, int ld) {
     for (int i = 0; i < 3; i++)
         for (int j = 0; j < 3; j++) sum->m[i][j] += s * block[i * ld + j];
@@ -80,10 +80,10 @@ static inline mat3 m3_columns(vec3 a, vec3 b, vec3 c) {
     return (mat3){{{a.x, b.x, c.x}, {a.y, b.y, c.y}, {a.z, b.z, c.z}}};
 }
 
-/* As hypot(), without its precautions against overflow, which take longer than all the rest where it is used. */
+/* Like hypot(), but without its protection against overflow, which takes most of its time. */
 static inline double length_of(double x, double y) { return sqrt(x * x + y * y); }
 
-/* Axes of which the third is along a unit vector. */
+/* Returns axes whose third one is this unit vector. */
 static inline mat3 frame_along(vec3 direction) {
     vec3 aside = fabs(direction.x) < 0.6 ? v3(1, 0, 0) : v3(0, 1, 0), x = v3_unit(v3_cross(aside, direction));
     return m3_columns(x, v3_cross(direction, x), direction);
@@ -104,12 +104,12 @@ static inline vec3 q_rotate(quat q, vec3 v) {
     vec3 u = v3(q.x, q.y, q.z), t = v3_scale(2.0, v3_cross(u, v));
     return v3_add(v3_axpy(q.w, t, v), v3_cross(u, t));
 }
-/* The body's axes in world coordinates; z is the direction of a needle. */
+/* The body's axes in world coordinates; a needle points along z. */
 static inline vec3 q_axis_x(quat q) { return v3(1.0 - 2.0 * (q.y * q.y + q.z * q.z), 2.0 * (q.x * q.y + q.w * q.z), 2.0 * (q.x * q.z - q.w * q.y)); }
 static inline vec3 q_axis_y(quat q) { return v3(2.0 * (q.x * q.y - q.w * q.z), 1.0 - 2.0 * (q.x * q.x + q.z * q.z), 2.0 * (q.y * q.z + q.w * q.x)); }
 static inline vec3 q_axis(quat q) { return v3(2.0 * (q.x * q.z + q.w * q.y), 2.0 * (q.y * q.z - q.w * q.x), 1.0 - 2.0 * (q.x * q.x + q.y * q.y)); }
 static inline mat3 q_matrix(quat q) { return m3_columns(q_axis_x(q), q_axis_y(q), q_axis(q)); }
-/* Rotation by the vector `r` (axis times angle). Small angles: by series, to the last digit. */
+/* Rotation by the vector `r` (axis times angle). Small angles use a series that is exact to the last digit. */
 static inline quat q_exp(vec3 r) {
     double half2 = 0.25 * v3_dot(r, r), s, c;
     if (half2 < 1e-3) {
@@ -133,7 +133,7 @@ static inline vec3 q_log(quat q) {
     return v3(scale * q.x, scale * q.y, scale * q.z);
 }
 
-/* Unit quaternion of a rotation matrix. Each row of `rows` is a multiple of it (times its own component); the one with the largest diagonal is
+/* Unit quaternion of a rotation matrix. Each row of `rows` is a multiple of it (times one of its components); the row with the largest diagonal is
    the most accurate. */
 static inline quat q_of_matrix(const mat3 *turn) {
     const double (*m)[3] = turn->m;
@@ -147,7 +147,7 @@ static inline quat q_of_matrix(const mat3 *turn) {
     return q_unit((quat){rows[best][0], rows[best][1], rows[best][2], rows[best][3]});
 }
 
-/* Turn about the body's z axis from one orientation to another, rad; 0 between equal ones, without rounding. */
+/* Rotation about the body's z axis from one orientation to another, rad; exactly 0 between equal ones. */
 static inline double q_roll_between(quat from, quat to) {
     if (from.w == to.w && from.x == to.x && from.y == to.y && from.z == to.z) return 0.0;
     return v3_dot(q_log(q_multiply(to, q_conjugate(from))), q_axis(from));

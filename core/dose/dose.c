@@ -1,4 +1,4 @@
-/* trocar.h: the dose of seeds at the points of a grid, or at any. */
+/* trocar.h: dose of seeds on a grid or at arbitrary points. */
 #include <stdbool.h>
 #include <stdint.h>
 #include <stdlib.h>
@@ -16,14 +16,14 @@ typedef struct {
     trocar_dose_seed given;
 } listed_seed;
 
-/* With at most 4095 seeds of at most 2^51 quanta each, sums stay below 2^63. */
+/* At most 4095 seeds of at most 2^51 quanta each, so sums stay below 2^63. */
 struct trocar_dose {
     const trocar_dose_source *source;
     int64_t count;           /* points */
-    trocar_dose_grid grid;   /* if there are no points of their own, */
-    double *points;          /* [count][3], m, at rest; NULL: a grid */
+    trocar_dose_grid grid;   /* used if `points` is NULL */
+    double *points;          /* [count][3], m, at rest; NULL: the grid is used */
     double *moved;           /* [count][3], m, displaced; NULL before the first displacement */
-    bool displaced;          /* `moved` is in force */
+    bool displaced;          /* true: `moved` replaces `points` */
     int64_t *quanta;         /* [count], dose in TROCAR_DOSE_QUANTUM */
     listed_seed *seeds;      /* seed_count of room */
     int seed_count, room;
@@ -114,9 +114,9 @@ static seed_place place_of(const trocar_dose_seed *seed) {
 
 static int block_size(int64_t first, int64_t count) { return count - first < TG43_BLOCK ? (int)(count - first) : TG43_BLOCK; }
 
-/* Adds a seed's dose, or takes off the same numbers. */
+/* Adds a seed's dose to all points, or subtracts exactly the same numbers. */
 static void accumulate(trocar_dose *d, const trocar_dose_seed *seed, int64_t sign) {
-    const double round = 0x1.8p52; /* its sum with a number below 2^51 has that, rounded, in its last bits */
+    const double round = 0x1.8p52; /* adding this to a number below 2^51 leaves it, rounded, in the last bits */
     int64_t round_bits;
     memcpy(&round_bits, &round, sizeof round_bits);
     seed_place place = place_of(seed);
@@ -258,7 +258,7 @@ trocar_status trocar_dose_move(trocar_dose *d, int32_t id, const trocar_dose_see
     return TROCAR_OK;
 }
 
-/* Where a point is at rest. */
+/* A point's position at rest. */
 static void point_at_rest(const trocar_dose *d, int64_t index, double p[3]) {
     point_block one;
     if (d->points) take_listed(d->points + 3 * index, 1, &one);

@@ -11,12 +11,12 @@
 
 enum { MAX_FILE = 1 << 20, PLACE_ROOM = 64 };
 
-/* The table as it is in the file. */
+/* The table as read from the file. */
 typedef struct {
     int g_count;
     double g_radius[MAX_TABLE_RADII], g[MAX_TABLE_RADII];
     int radius_count, angle_count;
-    double radius[MAX_TABLE_RADII], angle[2 * MAX_TABLE_ANGLES], f[MAX_TABLE_RADII][2 * MAX_TABLE_ANGLES]; /* room for a mirrored one */
+    double radius[MAX_TABLE_RADII], angle[2 * MAX_TABLE_ANGLES], f[MAX_TABLE_RADII][2 * MAX_TABLE_ANGLES]; /* room for a mirrored table */
 } seed_table;
 
 typedef struct {
@@ -69,7 +69,7 @@ static bool read_name(const reader *r, const yaml_value *value, char name[SOURCE
     return true;
 }
 
-/* Reads a list of `count` numbers, the first of which is the row's radius or angle. */
+/* Reads a list of `count` numbers; the first is the row's radius or angle. */
 static bool read_row(const reader *r, const char *place, const yaml_value *row, int count, const range *first, const range *rest, double *numbers) {
     if (row->kind != YAML_LIST || row->count != count)
         return refuse(r, place, "expected a list of %d numbers%s%s", count, row->kind == YAML_LIST && row->count < count ? ": fill the gap" : "",
@@ -83,7 +83,7 @@ static bool read_row(const reader *r, const char *place, const yaml_value *row, 
     return true;
 }
 
-/* What rows are sorted by must grow from row to row; by so much that rounding does not matter in interpolating. */
+/* Keys must increase from row to row by enough that interpolation is insensitive to rounding. */
 static bool grows(const reader *r, const char *place, const char *what, const double *values, int index) {
     if (index == 0 || values[index] >= values[index - 1] + 0.001) return true;
     return refuse(r, place, "the %s %g is not above the one before, %g, by 0.001 or more: sort by %s and remove repetitions", what, values[index], values[index - 1], what);
@@ -117,7 +117,7 @@ static bool read_radial(const reader *r, const yaml_value *list, seed_table *t) 
     return true;
 }
 
-/* The interval of growing numbers that x is in, or the closest one. */
+/* Returns the interval of increasing numbers that contains x, or the closest one. */
 static int interval_of(const double *numbers, int count, double x) {
     int i = 0;
     while (i + 2 < count && x >= numbers[i + 1]) i++;
@@ -197,7 +197,7 @@ static void mirror(seed_table *t) {
 
 /* ---- pieces and cells -------------------------------------------------------------------------------------------------------------- */
 
-/* F between two angles from row i of the table, at its radius k: a + b angle. */
+/* F between two angles, from row i of the table at radius k: a + b angle. */
 static void along_angle(const seed_table *t, int k, int i, double *a, double *b) {
     *b = (t->f[k][i + 1] - t->f[k][i]) / (t->angle[i + 1] - t->angle[i]);
     *a = t->f[k][i] - *b * t->angle[i];
@@ -247,7 +247,7 @@ static bool make_pieces(const seed_table *t, trocar_dose_source *s) {
 
 /* ---- document ---------------------------------------------------------------------------------------------------------------------- */
 
-/* Finds the values of all of these keys in a mapping: no other one, none twice, none missing. */
+/* Finds the values of all these keys in a mapping; fails if one is unknown, repeated or missing. */
 static bool read_keys(const reader *r, const char *place, const yaml_value *mapping, const char *const *keys, int count, yaml_value *values) {
     if (mapping->kind != YAML_MAPPING) return refuse(r, place, "expected keys and values");
     bool found[16] = {false};

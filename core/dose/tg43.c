@@ -1,10 +1,9 @@
-/* D(r, theta) = S_K Lambda G(r, theta) / G(1 cm, 90 degrees) g(r) F(r, theta), with G = beta / (L r sin theta): AAPM TG-43U1 (Rivard et al.,
-   Med. Phys. 31, 2004), equations 1 and 4. Between table entries and beyond them as TG-43U1S1 recommends (Rivard et al., Med. Phys. 34, 2007):
-   g log-linear in r, also beyond the last radius, and constant before the first; F bilinear, and that of the nearest radius outside.
-
-   A grid of a million points is to take some tens of milliseconds, and be the formula itself, not an interpolation of it. So points are
-   taken in blocks, in loops without branches or calls, which compilers vectorise; arctangent and exponential are polynomials. Only the cells of
-   the tables are looked up point by point: neighbouring points are mostly in the same one. */
+/* D(r, theta) = S_K Lambda G(r, theta) / G(1 cm, 90 degrees) g(r) F(r, theta), with G = beta / (L r sin theta): AAPM TG-43U1 (Rivard et al., Med.
+   Phys. 31, 2004), equations 1 and 4. Interpolation and extrapolation follow TG-43U1S1 (Rivard et al., Med. Phys. 34, 2007): g log-linear in r, also
+   beyond the last radius, and constant before the first; F bilinear, and that of the nearest radius outside. A grid of a million points should take
+   some tens of milliseconds with the formula itself rather than an interpolation of it. Therefore points are processed in blocks, in loops without
+   branches or calls, which compilers vectorise; arctangent and exponential are polynomials. Only table cells are looked up point by point, because
+   neighbouring points are mostly in the same cell. */
 #include "dose/tg43.h"
 
 #include <stdint.h>
@@ -22,9 +21,9 @@ static inline double atan_over(double t) {
     return sum;
 }
 
-/* exp(x) for -700 <= x <= 700: 2^n times the Taylor series of the rest, relative error 1e-14. */
+/* exp(x) for -700 <= x <= 700: 2^n times the Taylor series of the remainder, relative error 1e-14. */
 static inline double exponential(double x) {
-    const double round = 0x1.8p52; /* its sum with an integer has that in its last bits */
+    const double round = 0x1.8p52; /* adding this to an integer leaves it in the last bits */
     double shifted = x * 1.44269504088896340736 + round, n = shifted - round;
     double rest = (x - n * 0x1.62e42fefa38p-1) - n * 0x1.ef35793c7673p-45; /* ln 2 in two parts */
     double sum = 1.0 / 39916800.0;
@@ -38,22 +37,22 @@ static inline double exponential(double x) {
     return sum * power;
 }
 
-/* Moves i to the interval of `start` that x is in: start[i] <= x < start[i + 1], of 0 <= i < count. */
+/* Moves i to the interval of `start` that contains x: start[i] <= x < start[i + 1], 0 <= i < count. */
 static inline int walk(const double *start, int count, int i, double x) {
     while (i + 1 < count && x >= start[i + 1]) i++;
     while (i > 0 && x < start[i]) i--;
     return i;
 }
 
-/* Angle of the vector (x, y), y >= 0, from the x axis, rad. */
+/* Angle between the x axis and the vector (x, y), y >= 0, rad. */
 static inline double angle_of(double x, double y) {
     double across = fabs(x), low = y < across ? y : across, high = y < across ? across : y, t = low / high, a = t * atan_over(t);
     a = y > across ? 0.5 * PI - a : a;
     return x < 0.0 ? PI - a : a;
 }
 
-/* beta / (L rho) of a line of length L on the axis, seen from `radius` and rho beside the axis; beta = atan2(L rho, radius^2 - L^2 / 4). It stays
-   finite on the axis beyond the line's ends. */
+/* beta / (L rho) of a line of length L on the axis, at distance `radius` and rho from the axis; beta = atan2(L rho, radius^2 - L^2 / 4). Finite on
+   the axis beyond the line's ends. */
 static inline double geometry(double length, double rho, double radius_squared) {
     double y = length * rho, x = radius_squared - 0.25 * length * length, across = fabs(x);
     double low = y < across ? y : across, high = y < across ? across : y, q = atan_over(low / high), a = low / high * q;
@@ -68,7 +67,7 @@ void tg43_rates(const trocar_dose_source *s, const seed_place *seed, const doubl
     const double length = s->active_length, half = 0.5 * s->capsule_length, wall = 0.5 * s->capsule_diameter;
     const double scale = 0.01 * s->dose_rate_constant / geometry(length, 1.0, 1.0); /* cGy -> Gy */
 
-    /* Cylindrical coordinates in cm, then r, theta and G. */
+    /* Computes cylindrical coordinates in cm, then r, theta and G. */
     for (int i = 0; i < count; i++) {
         double dx = 100.0 * (x[i] - c.x), dy = 100.0 * (y[i] - c.y), dz = 100.0 * (z[i] - c.z);
         double along = dx * a.x + dy * a.y + dz * a.z;

@@ -7,7 +7,7 @@ enum { ALL = BLOCK_CACHE_NODES };
 
 bool block_cache_create(block_cache *c, int node_count) {
     c->known = calloc((size_t)ALL * ALL, sizeof *c->known);
-    c->blocks = calloc((size_t)9 * ALL * ALL, sizeof *c->blocks); /* pages not needed stay untouched */
+    c->blocks = calloc((size_t)9 * ALL * ALL, sizeof *c->blocks); /* pages that are not used stay untouched */
     return lru_create(&c->nodes, (size_t)node_count, ALL) && c->known && c->blocks;
 }
 
@@ -25,7 +25,7 @@ static void claim(block_cache *c, int node) {
 
 static size_t place(const block_cache *c, int node) { return (size_t)c->nodes.slot[node]; }
 
-/* Those that are there first, so that they are not the oldest when the others come. */
+/* Marks the cached ones first, so that they are not evicted when the others are added. */
 static void claim_all(block_cache *c, int count, const int *nodes, bool there) {
     for (int i = 0; i < count; i++)
         if ((c->nodes.slot[nodes[i]] >= 0) == there) claim(c, nodes[i]);
@@ -40,7 +40,7 @@ bool block_cache_take(block_cache *c, int row_count, const int *rows, int column
     return true;
 }
 
-/* Index of the block, with `transposed` where it is kept the other way round. */
+/* Index of the block; sets `transposed` if it is stored transposed. */
 static size_t find(const block_cache *c, int row, int column, bool *transposed) {
     size_t i = place(c, row), j = place(c, column);
     *transposed = i > j;
@@ -68,7 +68,7 @@ void block_cache_get(const block_cache *c, int row, int column, double *block, i
 
 static int least(int a, int b) { return a < b ? a : b; }
 
-/* Does not use the cache. */
+/* Computes blocks without the cache. */
 static trocar_status gather_afresh(const block_source *s, const inverse_blocks *b, report *why) {
     trocar_status status = TROCAR_OK;
     for (int i = 0; i < b->row_count; i += s->size)
@@ -78,7 +78,7 @@ static trocar_status gather_afresh(const block_source *s, const inverse_blocks *
     return status;
 }
 
-/* Lists the `nodes` that have no cached block with some node of `others`. */
+/* Lists the `nodes` that lack a cached block with some node of `others`. */
 static int list_missing(const block_cache *c, int count, const int *nodes, int other_count, const int *others, int *missing) {
     int found = 0;
     for (int i = 0; i < count; i++) {

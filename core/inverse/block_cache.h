@@ -1,4 +1,4 @@
-/* Blocks of an inverse that were computed before, between the nodes used most recently: 3 x 3 each, symmetric. */
+/* Cached blocks of an inverse between the nodes used most recently: 3 x 3 each, symmetric. */
 #ifndef TROCAR_BLOCK_CACHE_H
 #define TROCAR_BLOCK_CACHE_H
 
@@ -11,15 +11,15 @@
 enum { BLOCK_CACHE_NODES = 1024 }; /* 75 MB */
 
 typedef struct {
-    lru nodes;               /* BLOCK_CACHE_NODES slots: places in the squares below */
+    lru nodes;               /* BLOCK_CACHE_NODES slots: rows and columns of the square below */
     bool *known;             /* BLOCK_CACHE_NODES square, symmetric */
-    double *blocks;          /* BLOCK_CACHE_NODES square of 3 x 3, row-major; those on and above the diagonal */
+    double *blocks;          /* BLOCK_CACHE_NODES square of 3 x 3 blocks, row-major; those on and above the diagonal */
 } block_cache;
 
 bool block_cache_create(block_cache *c, int node_count);
 void block_cache_free(block_cache *c);
 
-/* Computes blocks that are not kept: at most `size` rows and columns at once. */
+/* Computes blocks that are not cached: at most `size` rows and columns at once. */
 typedef struct {
     trocar_status (*compute)(void *context, const inverse_blocks *tile, report *why);
     void *context;
@@ -27,13 +27,13 @@ typedef struct {
     int size;
 } block_source;
 
-/* Takes what is kept, and computes and keeps the rest; blocks of too many nodes to be kept are computed. */
+/* Copies cached blocks, and computes and caches the others. If there are too many nodes to cache, their blocks are only computed. */
 trocar_status block_cache_gather(block_cache *c, const block_source *source, const inverse_blocks *blocks, report *why);
 
-/* Gives all these nodes places, taken from the ones not used for longest. False, and nothing changed, when they are too many. */
+/* Assigns slots to all these nodes, evicting the least recently used. False, and nothing changed, if there are too many. */
 bool block_cache_take(block_cache *c, int row_count, const int *rows, int column_count, const int *columns);
 
-/* Of nodes that have places. */
+/* Looks up, stores and reads the block between two nodes that have slots. */
 bool block_cache_knows(const block_cache *c, int row, int column);
 void block_cache_put(block_cache *c, int row, int column, const double *block, int ld);
 void block_cache_get(const block_cache *c, int row, int column, double *block, int ld);

@@ -7,14 +7,14 @@
 #include "tissue/blas.h"
 #include "tissue/factor_solve.h"
 
-enum { PART = 64, MODES = 6 }; /* most nodes of a part; its motions */
+enum { PART = 64, MODES = 6 }; /* most nodes per part; rigid motions of a part */
 
 typedef struct { int node; vec3 at; } place;
 
 struct coarse_space {
     int nodes, parts;
-    place *places;           /* of the free nodes (first dof / 3), part by part; positions from the middle of the part, in units of its size */
-    int *start;              /* parts + 1: first of a part's places */
+    place *places;           /* of the free nodes (first dof / 3), part by part; positions relative to the middle of the part, in units of its size */
+    int *start;              /* parts + 1: index of a part's first place */
     cholmod_common common;
     cholmod_factor *factor;  /* of Z^T K Z */
     cholmod_dense *moments;  /* of the parts, */
@@ -23,7 +23,7 @@ struct coarse_space {
 
 /* ---- parts ------------------------------------------------------------------------------------------------------------ */
 
-/* The order of equal coordinates is fixed too, so that parts do not depend on the C library's sort. */
+/* Also fixes the order of equal coordinates, so that parts do not depend on the C library's sort. */
 static int compare(double a, double b, int node_a, int node_b) { return a != b ? (a > b) - (a < b) : (node_a > node_b) - (node_a < node_b); }
 
 static int compare_x(const void *a, const void *b) {
@@ -41,7 +41,7 @@ static int compare_z(const void *a, const void *b) {
     return compare(p->at.z, q->at.z, p->node, q->node);
 }
 
-/* Halves across the longest side, until the parts are small. */
+/* Halves the set across its longest side until the parts are small. */
 static void divide(coarse_space *c, int first, int count) {
     place *p = c->places + first;
     vec3 low = p->at, high = p->at, sum = v3(0.0, 0.0, 0.0);
@@ -62,7 +62,7 @@ static void divide(coarse_space *c, int first, int count) {
     c->start[++c->parts] = first + count;
 }
 
-/* Z's rows of a node: translations, and rotations w x at. */
+/* Rows of Z for a node: translations, and rotations w x position. */
 static void modes_at(vec3 at, double z[3][MODES]) {
     const double rows[3][MODES] = {{1, 0, 0, 0, at.z, -at.y}, {0, 1, 0, -at.z, 0, at.x}, {0, 0, 1, at.y, -at.x, 0}};
     memcpy(z, rows, sizeof rows);
@@ -73,12 +73,12 @@ static void modes_at(vec3 at, double z[3][MODES]) {
 typedef struct {
     int *part_of;            /* by node */
     vec3 *at;                /* by node */
-    int *slot, *touched;     /* by part: its block in the table, or -1; parts that have one */
+    int *slot, *touched;     /* per part: its block in the table, or -1; list of parts that have one */
     double (*table)[MODES][MODES];
     int count;
 } columns_of_part;
 
-/* Adds the columns of K that belong to a node of this part: rows of every part that they touch, for K's lower triangle. */
+/* Adds the columns of K that belong to a node of this part, from K's lower triangle, to the rows of every part that they touch. */
 static void add_node(const tissue *t, int part, int node, columns_of_part *c) {
     const int *start = t->stiffness->p, *row = t->stiffness->i;
     const double *value = t->stiffness->x;
@@ -94,7 +94,7 @@ static void add_node(const tissue *t, int part, int node, columns_of_part *c) {
                 c->touched[c->count] = in;
                 memset(c->table[c->count++], 0, sizeof *c->table);
             }
-            double factor = in == part && row[k] == 3 * node + a ? 0.5 * value[k] : value[k]; /* a block on the diagonal is added to its transpose */
+            double factor = in == part && row[k] == 3 * node + a ? 0.5 * value[k] : value[k]; /* a diagonal block is added to its transpose */
             for (int i = 0; i < MODES; i++)
                 for (int j = 0; j < MODES; j++) c->table[c->slot[in]][i][j] += factor * there[b][i] * here[a][j];
         }
@@ -113,7 +113,7 @@ static bool append_block(coarse_space *s, cholmod_triplet *e, int row, int colum
     return true;
 }
 
-/* Entries above the diagonal are added to those below. */
+/* Adds entries above the diagonal to those below. */
 static cholmod_sparse *coarse_matrix(coarse_space *s, const tissue *t) {
     size_t nodes = (size_t)s->nodes, parts = (size_t)s->parts, size = MODES * parts;
     columns_of_part c = {malloc(nodes * sizeof(int)), malloc(nodes * sizeof(vec3)), malloc(parts * sizeof(int)), malloc(parts * sizeof(int)),
@@ -165,7 +165,7 @@ coarse_space *coarse_space_create(const tissue *t) {
     if (!c) return NULL;
     cholmod_start(&c->common);
     c->common.print = 0;
-    c->common.supernodal = CHOLMOD_SUPERNODAL; /* the other kind does not report a matrix that is indefinite, and cannot reuse its workspace */
+    c->common.supernodal = CHOLMOD_SUPERNODAL; /* the other kind neither reports an indefinite matrix nor reuses its workspace */
     c->nodes = nodes;
     c->places = malloc((size_t)nodes * sizeof *c->places);
     c->start = calloc((size_t)(nodes / (PART / 2) + 2), sizeof *c->start);

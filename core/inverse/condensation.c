@@ -31,7 +31,8 @@ static void make_single(panel *p) {
     if (smaller) p->values = smaller;
 }
 
-/* What BLAS and LAPACK do in both precisions: C = alpha A B + beta C, and with the transpose of A; B <- B A and A <- A^-1, A lower triangular. */
+/* BLAS and LAPACK operations in both precisions: C = alpha A B + beta C, also with the transpose of A; B <- B A and A <- A^-1 with A lower
+   triangular. */
 typedef struct { int rows, columns, depth; CBLAS_TRANSPOSE transposed; double alpha, beta; } product_of;
 
 static void multiply(bool single, const product_of *p, const void *a, int lda, const void *b, int ldb, void *c, int ldc) {
@@ -48,16 +49,16 @@ static void multiply_by_corner(bool single, int rows, int n, const void *a, int 
     else cblas_dtrmm(CblasColMajor, CblasRight, CblasLower, CblasNoTrans, CblasNonUnit, rows, n, 1.0, a, lda, b, ldb);
 }
 
-/* L's panel J while it is replaced by T's: T_JJ = L_JJ^-1, T_BJ = -T_BB L_BJ T_JJ, with its corner L_JJ and the rows L_BJ below it. */
+/* Replaces panel J of L by that of T: T_JJ = L_JJ^-1, T_BJ = -T_BB L_BJ T_JJ, with the corner L_JJ and the rows L_BJ below it. */
 typedef struct {
     const panels *l;
     int j;
     bool single;
     char *product;           /* T_BJ */
-    bool *filled;            /* by panel: whether the rows of T_BJ beside it have entries */
+    bool *filled;            /* per panel: true if the rows of T_BJ beside it have entries */
 } replacement;
 
-/* Rows of T_BJ beside a panel, the last and longest products first. */
+/* Computes the rows of T_BJ beside a panel; the last and longest products come first. */
 static void multiply_rows(void *context, int index, int member) {
     (void)member;
     const replacement *r = context;
@@ -121,7 +122,7 @@ static bool is_positive(const double block[9]) {
 typedef struct {
     const panels *t;
     symmetric_blocks *inverse;
-    char *tiles;             /* scratch: PANEL_WIDTH square for each member of the team */
+    char *tiles;             /* scratch: PANEL_WIDTH square for each team member */
     atomic_bool failed, cancelled;
     inverse_progress progress;
     report *why;
@@ -137,7 +138,7 @@ static void multiply_panels(void *context, int index, int member) {
     size_t number = single ? sizeof(float) : sizeof(double);
     void *tile = s->tiles + (size_t)member * PANEL_WIDTH * PANEL_WIDTH * number;
     double beta = 0.0;
-    for (int row = i, end; row < s->t->count; row = end) { /* of panels in which both have entries */
+    for (int row = i, end; row < s->t->count; row = end) { /* for panels in which both have entries */
         bool filled = panels_filled(s->t, row, i) && panels_filled(s->t, row, j);
         for (end = row + 1; end < s->t->count && filled == (panels_filled(s->t, end, i) && panels_filled(s->t, end, j)); end++) continue;
         if (!filled) continue;
@@ -165,7 +166,7 @@ static void multiply_panels(void *context, int index, int member) {
     if (inverse_go_on(s->progress, s->why) != TROCAR_OK) atomic_store(&s->cancelled, true);
 }
 
-/* The diagonal shows an overflow, or an underflow, in single precision. */
+/* In single precision, overflow or underflow shows on the diagonal. */
 static trocar_status multiply_triangle(const panels *t, symmetric_blocks *inverse, team *team, inverse_progress progress, report *why) {
     size_t number = inverse->single ? sizeof(float) : sizeof(double);
     square s = {.t = t, .inverse = inverse, .progress = progress, .why = why};
@@ -180,8 +181,8 @@ static trocar_status multiply_triangle(const panels *t, symmetric_blocks *invers
 
 double condensation_bytes(int count) { return 72.0 * count * count; }
 
-/* What the inversion needs at a time: the triangle, with what is made of a panel, then with the inverse and tiles of it. Each
-   piece is rounded up to whole pages. */
+/* Peak memory of the inversion: the triangle with the copy of one panel, then the triangle with the inverse and its tiles. Each piece is rounded up
+   to whole pages. */
 static double inversion_bytes(int count, bool single, const team *t) {
     double number = single ? sizeof(float) : sizeof(double), share = number / sizeof(double);
     double panel_product = 3.0 * count * PANEL_WIDTH * number, tiles = (double)PANEL_WIDTH * PANEL_WIDTH * number * team_members(t);
@@ -189,7 +190,7 @@ static double inversion_bytes(int count, bool single, const team *t) {
     return rounding + share * panels_bytes(3 * count, 3 * count) + fmax(panel_product, (double)symmetric_blocks_bytes(count, single) + tiles);
 }
 
-/* Predicted before the elimination begins, because a system that runs out of memory may end the process without a word. */
+/* Checks memory before the elimination begins, because a system that runs out of memory may kill the process without a message. */
 static trocar_status check_memory(const substructure *plan, double needed, report *why) {
     double available = memory_available();
     if (needed <= available) return TROCAR_OK;
@@ -233,8 +234,8 @@ static trocar_status condense_with(team *team, tissue *t, const condensed_region
     return TROCAR_OK;
 }
 
-/* BLAS's own threads do not pay for matrices as small as most fronts: the team takes their place. BLAS's number of threads is the process's,
-   and left alone here, so that several regions can be condensed at once. */
+/* BLAS threads are slower for matrices as small as most fronts, so the team replaces them. BLAS's number of threads belongs to the process and is
+   left alone here, so that several regions can be condensed at once. */
 trocar_status condense(tissue *t, const condensed_region *region, int *nodes, symmetric_blocks *inverse, double *needed, report *why) {
     team *team = team_create(region->threads);
     trocar_status status = condense_with(team, t, region, nodes, inverse, needed, why);

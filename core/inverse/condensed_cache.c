@@ -15,11 +15,11 @@
 #include <time.h>
 #include <unistd.h>
 
-enum { ALIGNMENT = 64 };     /* bytes: of all that is in the file */
+enum { ALIGNMENT = 64 };     /* bytes, of all datasets in the file */
 
 /* ---- name ------------------------------------------------------------------------------------------------------------- */
 
-/* Fowler, Noll and Vo's hash (FNV-1a), eight bytes at a time; the tail byte by byte. */
+/* Fowler-Noll-Vo hash (FNV-1a), eight bytes at a time; the tail byte by byte. */
 static const uint64_t BASIS = UINT64_C(0xcbf29ce484222325);
 static uint64_t hash(uint64_t h, const void *data, size_t bytes) {
     static const uint64_t PRIME = UINT64_C(0x100000001b3);
@@ -28,7 +28,7 @@ static uint64_t hash(uint64_t h, const void *data, size_t bytes) {
         uint64_t word;
         memcpy(&word, at, 8);
         h = (h ^ word) * PRIME;
-        h ^= h >> 32;            /* high bits of a word reach the low bits of the hash, too */
+        h ^= h >> 32;            /* so that high bits of a word reach the low bits of the hash */
     }
     for (; bytes > 0; bytes--, at++) h = (h ^ *at) * PRIME;
     return h;
@@ -73,7 +73,7 @@ static bool read_dataset(hid_t file, const char *name, hid_t type, hsize_t numbe
     return good;
 }
 
-/* Where a dataset of so many bytes begins in the file; HADDR_UNDEF if it is another one, or not in one piece. */
+/* Offset in the file of a dataset with this number of bytes; HADDR_UNDEF if its size differs or it is not contiguous. */
 static haddr_t offset_of(hid_t file, const char *name, size_t bytes) {
     hid_t set = H5Dopen2(file, name, H5P_DEFAULT);
     if (set < 0) return HADDR_UNDEF;
@@ -82,7 +82,7 @@ static haddr_t offset_of(hid_t file, const char *name, size_t bytes) {
     return offset;
 }
 
-/* All pages are brought in at once: nothing has to wait for the disk later. */
+/* Reads all pages in at once, so that later accesses do not wait for the disk. */
 static bool map_file(const char *path, size_t bytes, file_mapping *mapping) {
     struct stat s;
     int file = open(path, O_RDONLY | O_NONBLOCK | O_CLOEXEC);
@@ -94,7 +94,7 @@ static bool map_file(const char *path, size_t bytes, file_mapping *mapping) {
     return true;
 }
 
-static void silence(void) { H5Eset_auto2(H5E_DEFAULT, NULL, NULL); } /* HDF5 prints a stack of its own otherwise */
+static void silence(void) { H5Eset_auto2(H5E_DEFAULT, NULL, NULL); } /* suppresses HDF5's own error output */
 
 cache_state condensed_cache_map(const condensed_cache *cache, int *order, symmetric_blocks *matrix, file_mapping *mapping) {
     silence();
@@ -138,12 +138,12 @@ static bool make_folders(const char *path) {
 
 typedef struct {
     const char *name;
-    hid_t type;              /* in the file as in memory, so that it can be mapped */
+    hid_t type;              /* the same in the file as in memory, so that it can be mapped */
     hsize_t count;
     const void *data;
 } dataset;
 
-/* In one piece if it is to be mapped, else as a chunk with a checksum (Fletcher's). */
+/* Contiguous if it will be mapped, else one chunk with a checksum (Fletcher). */
 static bool write_dataset(hid_t file, const dataset *d, bool mapped) {
     hid_t space = H5Screate_simple(1, &d->count, NULL), properties = H5Pcreate(H5P_DATASET_CREATE);
     if (!mapped) {
@@ -179,8 +179,8 @@ static bool is_older(const struct timespec *a, const struct timespec *b) {
     return a->tv_sec != b->tv_sec ? a->tv_sec < b->tv_sec : a->tv_nsec < b->tv_nsec;
 }
 
-/* Bytes of all cached inverses in a directory, left over halves as well; `oldest` gets the name of the least recently used one but
-   for `kept`, or "". */
+/* Bytes of all cached inverses in a directory, including abandoned temporary files. `oldest` gets the name of the least recently used one other than
+   `kept`, or "". */
 static double survey(DIR *directory, const char *kept, char oldest[NAME_MAX + 1]) {
     double bytes = 0.0;
     struct stat s;
@@ -197,7 +197,7 @@ static double survey(DIR *directory, const char *kept, char oldest[NAME_MAX + 1]
     return bytes;
 }
 
-/* The part of the path before the file's name, which is returned. */
+/* Splits the path before the file name, which is returned. */
 static const char *find_folder(const condensed_cache *cache, char folder[sizeof cache->path]) {
     strcpy(folder, cache->path);
     char *slash = strrchr(folder, '/');
@@ -225,7 +225,7 @@ trocar_status condensed_cache_check(const condensed_cache *cache, const symmetri
     return fail(why, TROCAR_SYSTEM, "%s cannot be written: it takes %.3g GB, and there is room for %.3g GB", cache->path, 1e-9 * bytes, 1e-9 * left);
 }
 
-/* A file that is being written is younger, on whichever machine. */
+/* A file that is still being written is younger than this, on any machine. */
 static void remove_halves(const condensed_cache *cache) {
     static const long OLD = 3600; /* s */
     char folder[sizeof cache->path];
@@ -241,7 +241,7 @@ static void remove_halves(const condensed_cache *cache) {
 
 trocar_status condensed_cache_write(const condensed_cache *cache, const int *order, const symmetric_blocks *matrix, report *why) {
     char beside[sizeof cache->path + 32];
-    uint64_t number; /* random: containers that share the directory may share process ids, too */
+    uint64_t number; /* random, because containers that share the directory may have equal process ids */
     silence();
     remove_halves(cache);
     if (getrandom(&number, sizeof number, 0) == sizeof number) {
@@ -252,6 +252,6 @@ trocar_status condensed_cache_write(const condensed_cache *cache, const int *ord
         }
         unlink(beside);
     }
-    return fail(why, TROCAR_SYSTEM, "%s cannot be written: the next start computes the inverse again; is there room, and may one write there?",
+    return fail(why, TROCAR_SYSTEM, "%s cannot be written: the next start computes the inverse again; check free space and permissions",
                 cache->path);
 }

@@ -10,7 +10,7 @@
 typedef struct {
     int n;
     const int *start, *row;
-    const double *value;     /* of each column the diagonal first */
+    const double *value;     /* of each column, the diagonal first */
 } split;
 
 static double diagonal(const split *k, int i) { return k->value[k->start[i]]; }
@@ -65,10 +65,10 @@ static void find_residual(const split *k, const double *f, const double *u, doub
 /* Vectors of n numbers each. */
 typedef struct { double *residual, *scaled, *direction, *upper, *product; } workspace;
 
-/* From u on, until the residual of the transformed system has fallen by so much, but no more than `steps`, which counts down. False if K proves
-   not to be positive definite, or without enough memory. The system: K' u' = f' with K' = (D + L)^-1 K (D + L^T)^-1, preconditioned by D; directions
-   z = (D + L^T)^-1 p', with K' p' = z + (D + L)^-1 L^T z. They are made conjugate to the coarse space (Saad et al., A deflated version of the conjugate
-   gradient algorithm, SIAM J. Sci. Comput. 21, 2000), for which K y = D r' + L y of y = (D + L^T)^-1 D r' is needed. */
+/* Continues from u until the residual of the transformed system has fallen by this factor, for at most `steps`, which is decremented. False if K
+   proves not to be positive definite, or if memory is missing. The system: K' u' = f' with K' = (D + L)^-1 K (D + L^T)^-1, preconditioned by D;
+   directions z = (D + L^T)^-1 p', with K' p' = z + (D + L)^-1 L^T z. They are made conjugate to the coarse space (Saad et al., A deflated version of
+   the conjugate gradient algorithm, SIAM J. Sci. Comput. 21, 2000), which needs K y = D r' + L y for y = (D + L^T)^-1 D r'. */
 static bool search(const split *k, coarse_space *coarse, double fall, int *steps, workspace *w, double *u) {
     int n = k->n;
     double *r = w->residual, *s = w->scaled, *z = w->direction, *y = w->upper, *q = w->product, first = 0.0, last = 0.0;
@@ -112,7 +112,7 @@ static bool has_positive_diagonal(const split *k) {
     return true;
 }
 
-/* Rounding brings back what the coarse space has balanced, so that it is balanced again when the residual has fallen by so much. */
+/* Rounding brings back what the coarse space has balanced, so it is balanced again each time the residual has fallen by this factor. */
 static const double COARSE_FALL = 1e-5;
 
 bool conjugate_gradients(const cholmod_sparse *matrix, coarse_space *coarse, double tolerance, int steps, const double *f, double *u) {
@@ -124,19 +124,20 @@ bool conjugate_gradients(const cholmod_sparse *matrix, coarse_space *coarse, dou
     workspace w = {numbers, numbers + n, numbers + 2 * n, numbers + 3 * n, numbers + 4 * n};
     find_residual(&k, f, u, w.residual);
     double left = cblas_dnrm2(k.n, w.residual, 1);
-    if (!(left <= size)) { /* zero is a better start */
+    if (!(left <= size)) { /* starting from zero is better */
         memset(u, 0, n * sizeof *u);
         memcpy(w.residual, f, n * sizeof *f);
         left = size;
     }
     bool definite = true;
-    while (definite && steps > 0 && left > wanted && left < before) { /* again where the residual has fallen less than that of the transformed system */
+    while (definite && steps > 0 && left > wanted && left < before) { /* repeat if the true residual has fallen less than that of the transformed
+                                                                         system */
         before = 0.9 * left;
         definite = correct(&k, coarse, f, &w, u) && search(&k, coarse, fmax(0.5 * wanted / left, coarse ? COARSE_FALL : DBL_EPSILON), &steps, &w, u);
         find_residual(&k, f, u, w.residual);
         left = cblas_dnrm2(k.n, w.residual, 1);
     }
     free(numbers);
-    bool stagnated = steps > 0 && left >= before && !coarse; /* as near as rounding allows; with a coarse space that does not show it */
+    bool stagnated = steps > 0 && left >= before && !coarse; /* as close as rounding allows; with a coarse space this criterion does not hold */
     return definite && isfinite(left) && (left <= wanted || stagnated);
 }

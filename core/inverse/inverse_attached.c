@@ -1,10 +1,6 @@
-/* With M = G + C of all things together, L L^T = M, c_i = P^T K^-1 e_i (displacement of the rows under forces on node i), y_i = L^-1 c_i,
-   V = L^-1 R and its orthonormal basis Q = V T^-1, T^T T = V^T V:
-
-       inverse(i, j) = K^-1(i, j) - z_i^T z_j,      z_i = y_i - Q Q^T y_i
-       df = -L^-T z,      q = T^-1 Q^T y            under the displacement d, y = L^-1 d
-
-   c_i, z_i and Q^T y_i are kept for the nodes used most recently, and so are the blocks. */
+/* With M = G + C of all attachments, L L^T = M, c_i = P^T K^-1 e_i (displacement of the rows under forces on node i), y_i = L^-1 c_i, V = L^-1 R and
+   its orthonormal basis Q = V T^-1, T^T T = V^T V: inverse(i, j) = K^-1(i, j) - z_i^T z_j, with z_i = y_i - Q Q^T y_i; df = -L^-T z, q = T^-1 Q^T y
+   under the displacement d, y = L^-1 d. c_i, z_i and Q^T y_i are cached for the nodes used most recently, and so are the blocks. */
 #include "inverse/inverse_attached.h"
 
 #include <cblas.h>
@@ -15,7 +11,7 @@
 #include "inverse/block_cache.h"
 #include "inverse/inverse_owner.h"
 
-enum { BATCH = 32, TILE = 64 };                     /* nodes that are solved for together; rows or columns (nodes) of a product */
+enum { BATCH = 32, TILE = 64 };                     /* nodes solved for together; rows or columns (nodes) of a product */
 static const double CACHE = 96e6;                   /* bytes of c_i, z_i and Q^T y_i */
 enum { LEAST_NODES = 2 * TILE, MOST_NODES = 1024 }; /* that are kept */
 
@@ -27,14 +23,14 @@ typedef struct {
     int row_count, motion_count, placed_count;
     placed *placed;
     attached_row *rows;
-    int *corner;             /* 4 row_count: where the rows' nodes are in `nodes` */
-    int node_count, *nodes;  /* all nodes of the rows' elements, each once */
+    int *corner;             /* 4 row_count: positions of the rows' nodes in `nodes` */
+    int node_count, *nodes;  /* all nodes of the rows' elements, without duplicates */
     double *between;         /* row_count square, column-major: C */
     double *factor;          /* the same: L */
     double *basis;           /* row_count x motion_count: Q */
     double *triangle;        /* motion_count square: T, upper */
     lru slots;
-    double *kept;            /* of each slot: c, z and Q^T y, 3 columns each */
+    double *kept;            /* per slot: c, z and Q^T y, 3 columns each */
     block_cache blocks;
     double *batch, *columns; /* scratch: blocks between BATCH nodes and all of `nodes`; 3 BATCH columns of rows, and of motions */
     double *left, *right, *tile; /* scratch: 3 TILE columns of rows; 3 TILE square */
@@ -48,7 +44,7 @@ static double *moved_of(const attached_inverse *a, int node) { return slot_of(a,
 
 /* ---- what is kept of nodes ------------------------------------------------------------------------------------------------ */
 
-/* c of up to BATCH nodes, for rows from `first` on: into `out`, 3 columns a node, of `rows` entries each. */
+/* Computes c of up to BATCH nodes, for rows from `first` on, into `out`: 3 columns per node, of `rows` entries each. */
 static trocar_status find_c(attached_inverse *a, int count, const int *nodes, double *out, report *why) {
     int ld = 3 * a->node_count;
     trocar_status status = inverse_gather(a->base, &(inverse_blocks){count, nodes, a->node_count, a->nodes, a->batch, ld}, why);
@@ -68,7 +64,7 @@ static trocar_status find_c(attached_inverse *a, int count, const int *nodes, do
     return TROCAR_OK;
 }
 
-/* y -> z and Q^T y, in place and behind, for so many columns. */
+/* Converts y in place to z, followed by Q^T y, for this many columns. */
 static void project(const attached_inverse *a, int count, double *y, double *moved) {
     int n = a->row_count, m = a->motion_count;
     if (m == 0) return;
@@ -94,7 +90,7 @@ static trocar_status keep(attached_inverse *a, int count, const int *nodes, repo
     return TROCAR_OK;
 }
 
-/* Makes sure that all these are kept, at most LEAST_NODES. */
+/* Makes sure that all these nodes are cached, at most LEAST_NODES. */
 static trocar_status keep_all(attached_inverse *a, int count, const int *nodes, report *why) {
     int missing[BATCH], found = 0;
     trocar_status status = TROCAR_OK;
@@ -132,7 +128,7 @@ static trocar_status attached_gather(inverse *inv, const inverse_blocks *blocks,
     return block_cache_gather(&a->blocks, &(block_source){compute_tile, a, a->tile, TILE}, blocks, why);
 }
 
-/* The base may serve other threads as well. */
+/* Other threads may use the base as well. */
 static void base_apply(inverse *base, const double *force, double *displacement) {
     pthread_mutex_lock(&base->apply_lock);
     base->owner->apply(base, force, displacement);
@@ -175,7 +171,7 @@ static bool attached_prefetches(const inverse *inv) {
     return a->row_count > 0 || inverse_prefetches(a->base);
 }
 
-/* Each node takes three solutions with L. */
+/* Each node takes three solves with L. */
 static int attached_slice(const inverse *inv) {
     const double AT_ONCE = 1.5e7; /* multiplications, about 2 ms */
     const attached_inverse *a = (const attached_inverse *)inv;
@@ -251,7 +247,7 @@ static bool place_all(attached_inverse *a, int count, const attachment *things) 
     for (size_t i = 0; i < n; i++)
         for (int c = 0; c < 4 && a->rows[i].tet >= 0; c++) {
             int node = m->tets[a->rows[i].tet][c];
-            if (a->rows[i].weights[c] == 0.0) continue; /* a point at a node or on a face */
+            if (a->rows[i].weights[c] == 0.0) continue; /* the point is at a node or on a face */
             if (place[node] < 0) a->nodes[place[node] = a->node_count++] = node;
             a->corner[4 * i + (size_t)c] = place[node];
         }
@@ -281,7 +277,7 @@ static const placed *find_placed(const attached_inverse *a, uint64_t id) {
     return NULL;
 }
 
-/* C between things that were both attached before. */
+/* C between attachments that were both there before. */
 static void copy_between(attached_inverse *a, const attached_inverse *before) {
     size_t n = (size_t)a->row_count, old = (size_t)before->row_count;
     for (int s = 0; s < a->placed_count; s++)
@@ -293,7 +289,7 @@ static void copy_between(attached_inverse *a, const attached_inverse *before) {
         }
 }
 
-/* C between a new thing and all, from c of its rows' nodes. */
+/* C between a new attachment and all others, from c of its rows' nodes. */
 static trocar_status find_between(attached_inverse *a, const placed *thing, report *why) {
     size_t n = (size_t)a->row_count;
     bool *own = calloc((size_t)a->node_count + 1, sizeof *own);
@@ -317,7 +313,7 @@ static trocar_status find_between(attached_inverse *a, const placed *thing, repo
                 }
     }
     free(own);
-    for (int i = thing->first; i < thing->first + thing->rows && status == TROCAR_OK; i++) /* and between all and it */
+    for (int i = thing->first; i < thing->first + thing->rows && status == TROCAR_OK; i++) /* and between all others and it */
         for (size_t j = 0; j < n; j++) a->between[j * n + (size_t)i] = a->between[(size_t)i * n + j];
     return status;
 }
@@ -342,7 +338,7 @@ static trocar_status factor_all(attached_inverse *a, const attachment *things, r
     cblas_dtrsm(CblasColMajor, CblasLeft, CblasLower, CblasNoTrans, CblasNonUnit, n, q, 1.0, a->factor, n, a->basis, n);
     cblas_dsyrk(CblasColMajor, CblasUpper, CblasTrans, q, n, 1.0, a->basis, n, 0.0, a->triangle, q);
     if (LAPACKE_dpotrf(LAPACK_COL_MAJOR, 'U', q, a->triangle, q) != 0)
-        return fail(why, TROCAR_NUMERIC, "nothing holds one of the resting needles");
+        return fail(why, TROCAR_NUMERIC, "one of the resting needles is not held by anything");
     cblas_dtrsm(CblasColMajor, CblasRight, CblasUpper, CblasNoTrans, CblasNonUnit, n, q, 1.0, a->triangle, q, a->basis, n);
     return TROCAR_OK;
 }
@@ -371,10 +367,10 @@ trocar_status inverse_attach(inverse *inv, int count, const attachment *things, 
 int inverse_attached_rows(const inverse *inv) { return ((const attached_inverse *)inv)->row_count; }
 int inverse_attached_motions(const inverse *inv) { return ((const attached_inverse *)inv)->motion_count; }
 
-/* z and Q^T y -> df and q, in place, for so many columns. */
+/* Converts z and Q^T y to df and q, in place, for this many columns. */
 static void respond(const attached_inverse *a, int count, double *force, double *motion) {
     int n = a->row_count, q = a->motion_count;
-    if (count == 1) { /* L is read once, and not copied */
+    if (count == 1) { /* reads L once, without copying it */
         cblas_dscal(n, -1.0, force, 1);
         cblas_dtrsv(CblasColMajor, CblasLower, CblasTrans, CblasNonUnit, n, a->factor, n, force, 1);
     } else {

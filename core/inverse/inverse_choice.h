@@ -16,7 +16,7 @@ typedef enum {
 
 const char *inverse_choice_name(inverse_choice choice);
 
-/* Of the numbers of a condensed inverse. */
+/* Precision of a condensed inverse. */
 typedef enum {
     PRECISION_AUTO,          /* double up to 0.5 GB */
     PRECISION_DOUBLE,
@@ -26,7 +26,7 @@ typedef enum {
 
 const char *inverse_precision_name(inverse_precision precision);
 
-/* Whether the inverse between so many nodes is kept in single precision. */
+/* True if the inverse between this many nodes is kept in single precision. */
 bool inverse_is_single(inverse_precision given, int nodes);
 
 /* Inputs of the choice. */
@@ -35,13 +35,13 @@ typedef struct {
     inverse_precision precision;
     int node_count, dof_count;
     bool roi_given;          /* the scene defines a region of interest */
-    int roi_count;           /* its number of nodes */
+    int roi_count;           /* number of its nodes */
     double memory;           /* bytes, of the machine */
 } inverse_facts;
 
-/* The scene's choice. If that is auto: dense if remeshing requires it or it is small; else condensed if the scene defines a region of
-   interest and it fits into memory, also while it is made (even if it is cached, so that the choice is always the same); else sparse. `about`
-   receives the name and the reason. Never returns AUTO. */
+/* The scene's choice. If that is auto: dense if remeshing requires it or if it is small; else condensed if the scene defines a region of interest and
+   it fits into memory, including its computation (even if it is cached, so that the choice is always the same); else sparse. `about` receives the
+   name and the reason. Never returns AUTO. */
 inverse_choice inverse_choose(const inverse_facts *facts, report *about);
 
 #endif

@@ -1,4 +1,4 @@
-/* Interface of the implementations of K^-1; for use in their files only. */
+/* Interface of the implementations of K^-1; included by their files only. */
 #ifndef TROCAR_INVERSE_OWNER_H
 #define TROCAR_INVERSE_OWNER_H
 
@@ -15,7 +15,7 @@ typedef struct {
     void (*apply)(inverse *inv, const double *force, double *displacement); /* dof_count each */
     trocar_status (*prepare)(inverse *inv, report *why);                    /* NULL: no deferred work */
     void (*release)(inverse *inv);                                          /* frees all but the common part */
-    bool (*prefetches)(const inverse *inv);                                 /* see inverse_prefetches; NULL: it does not */
+    bool (*prefetches)(const inverse *inv);                                 /* see inverse_prefetches; NULL: false */
     bool (*holds)(const inverse *inv, int node);                            /* NULL: all nodes */
     int (*slice)(const inverse *inv);                                       /* see inverse_slice; NULL: INT_MAX */
 } inverse_owner;

@@ -20,8 +20,8 @@ typedef struct {
 typedef struct {
     inverse shared;
     sparse_columns *half;
-    lru slots;               /* of nodes' half-solves in the cache */
-    size_t slot_size;        /* numbers in the longest one */
+    lru slots;               /* slots of nodes' half-solves in the cache */
+    size_t slot_size;        /* numbers in the longest half-solve */
     double *halves;          /* slots.slot_count x slot_size */
     pthread_mutex_t gather_lock;       /* of all above */
     double *block, *tile;    /* 3 PRODUCT_BLOCK square: scratch of gather */
@@ -31,7 +31,7 @@ typedef struct {
 
 enum { LEAST_SLOTS = 2 * PRODUCT_BLOCK }; /* needed by one product */
 
-/* Solves for up to HALF_BLOCK nodes that are not in the cache. */
+/* Solves for up to HALF_BLOCK nodes that are not cached. */
 static void solve_halves(sparse_inverse *s, int count, const int *nodes) {
     int dofs[HALF_BLOCK];
     double *y[HALF_BLOCK];
@@ -42,8 +42,7 @@ static void solve_halves(sparse_inverse *s, int count, const int *nodes) {
     sparse_columns_half_solve(s->half, count, dofs, y);
 }
 
-/* Computes missing half-solves of free nodes. Cached ones are marked as used first, so that up to LEAST_SLOTS nodes
-   are in the cache together. */
+/* Computes missing half-solves of free nodes. Marks cached ones as used first, so that up to LEAST_SLOTS nodes are in the cache together. */
 static void solve_missing(sparse_inverse *s, int count, const int *nodes) {
     int missing[HALF_BLOCK], found = 0;
     for (int i = 0; i < count; i++) lru_touch(&s->slots, nodes[i]);
@@ -77,7 +76,7 @@ static void point_to_halves(sparse_inverse *s, block_side *side) {
     for (int i = 0; i < side->count; i++) side->y[i] = s->halves + (size_t)s->slots.slot[side->node[i]] * s->slot_size;
 }
 
-/* At most PRODUCT_BLOCK rows and columns. */
+/* Writes the blocks between at most PRODUCT_BLOCK rows and columns. */
 static void gather_block(sparse_inverse *s, const inverse_blocks *b) {
     block_side left = movable(s->shared.tissue, b->row_count, b->rows), right = movable(s->shared.tissue, b->column_count, b->columns);
     int both[LEAST_SLOTS];
@@ -114,7 +113,7 @@ static const double *solver_run(solver *w, const tissue *t) {
     return factor_solve(t->factor, w->right, &w->solution, &w->common) ? w->solution.x->x : NULL;
 }
 
-/* Solves once, so that all memory is allocated here. */
+/* Solves once, to allocate all memory here. */
 static bool solver_create(solver *w, const tissue *t) {
     cholmod_start(&w->common);
     w->common.print = 0;

@@ -1,4 +1,4 @@
-/* Which of many keys have one of a few slots; a new key takes the slot that was used least recently. */
+/* Assigns few slots to many keys; a new key takes the least recently used slot. */
 #ifndef TROCAR_LRU_H
 #define TROCAR_LRU_H
 
@@ -8,19 +8,19 @@
 
 typedef struct {
     int slot_count;
-    int *slot;               /* of each key, or -1 */
-    int *key;                /* in each slot, or -1 */
+    int *slot;               /* per key, or -1 */
+    int *key;                /* per slot, or -1 */
     uint64_t *used;          /* slot_count: time of last use */
     uint64_t time;
 } lru;
 
-bool lru_create(lru *c, size_t key_count, size_t slot_count); /* false without memory; free it then, too */
+bool lru_create(lru *c, size_t key_count, size_t slot_count); /* false without memory; lru_free must be called in either case */
 void lru_free(lru *c);
 
-/* Marks a key as the one used last; false if it has no slot. */
+/* Marks a key as most recently used; false if it has no slot. */
 bool lru_touch(lru *c, int key);
 
-/* Gives a key that has no slot the one used least recently, and returns it. */
+/* Gives a key without a slot the least recently used one, and returns it. */
 int lru_claim(lru *c, int key);
 
 #endif

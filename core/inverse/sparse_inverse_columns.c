@@ -115,7 +115,7 @@ void sparse_columns_half_solve(sparse_columns *h, int count, const int *dofs, do
 
 /* ---- products --------------------------------------------------------------------------------------------------------- */
 
-/* Rows or columns of a product in one supernode. */
+/* Rows or columns of a product within one supernode. */
 typedef struct {
     int count, place[PRODUCT_BLOCK]; /* nodes whose path contains the supernode */
 } side;

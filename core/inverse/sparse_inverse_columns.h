@@ -1,6 +1,6 @@
 /* Half-solves: Y_j = L^-1 e_j for the three dofs of node j, with the supernodal factor K = L L^T. Y_j is nonzero only on the path
    from j's column to the root of the elimination tree. A block of the inverse is the product K^-1_ij = Y_i^T Y_j over the common
-   part of their paths. See README.md, "Who owns the inverse". */
+   part of their paths. See docs/mechanics.md, "Who owns the inverse". */
 #ifndef TROCAR_SPARSE_INVERSE_COLUMNS_H
 #define TROCAR_SPARSE_INVERSE_COLUMNS_H
 
@@ -10,7 +10,7 @@ enum { HALF_BLOCK = 32, PRODUCT_BLOCK = 64 }; /* nodes per solve; rows or column
 
 typedef struct sparse_columns sparse_columns;
 
-/* For this tissue's factor, which must outlive it. Use one per thread. */
+/* Creates a solver for this tissue's factor, which must outlive it. Use one per thread. */
 trocar_status sparse_columns_create(const tissue *t, sparse_columns **created, report *why);
 void sparse_columns_free(sparse_columns *h);
 

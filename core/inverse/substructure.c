@@ -7,18 +7,18 @@
 
 #include "tissue/node_order.h"
 
-/* The region's triangle takes what a front contributes in tiles of so many rows and columns, whole blocks of 3. */
+/* Rows and columns per tile (whole 3 x 3 blocks) in which fronts are added to the region's triangle. */
 enum { TILE = 288 };
 
-/* Of a part of the body, a load's |load|^2, and its energy |L^-1 load|^2 = load^T K^-1 load with the rest of the body fixed. */
+/* Quantities of a part of the body: a load's |load|^2, and its energy |L^-1 load|^2 = load^T K^-1 load with the rest of the body fixed. */
 typedef struct { double squares, energy; } response;
 
 /* ---- plan ------------------------------------------------------------------------------------------------------------- */
 
-/* Size of a front, nodes: rows = pivots, then the nodes that are eliminated later, then those of the region. */
+/* Size of a front in nodes: rows are pivots, then nodes that are eliminated later, then those of the region. */
 typedef struct {
-    const int *rows;         /* places in the order, ascending */
-    int pivots, columns, count; /* columns: pivots and later ones */
+    const int *rows;         /* positions in the order, ascending */
+    int pivots, columns, count; /* columns: pivots and later nodes */
 } extent;
 
 static extent extent_of(const substructure *s, int front) {
@@ -31,7 +31,7 @@ static extent extent_of(const substructure *s, int front) {
     return e;
 }
 
-/* What remains of a front when its pivots are gone: the parent takes it over. */
+/* What remains of a front after its pivots are eliminated; the parent takes it over. */
 static double rest_bytes(const extent *e) { return panels_bytes(3 * (e->count - e->pivots), 3 * (e->columns - e->pivots)); }
 
 static double operations_of(const extent *e) {
@@ -40,10 +40,10 @@ static double operations_of(const extent *e) {
     return sum;
 }
 
-/* What a subtree needs at most while it is eliminated, and what remains of it. */
+/* Peak memory of a subtree's elimination, and what is left afterwards. */
 typedef struct { double peak, rest; } need;
 
-/* Inserts a child where it has to be eliminated: first the one that needs most in relation to what it leaves (Liu 1986). */
+/* Inserts a child where it has to be eliminated: first the one with the largest peak relative to what it leaves (Liu 1986). */
 static void insert_child(substructure *s, const need *needs, int *list, int child) {
     double key = needs[child].peak - needs[child].rest;
     while (*list >= 0 && needs[*list].peak - needs[*list].rest >= key) list = &s->next[*list];
@@ -51,7 +51,7 @@ static void insert_child(substructure *s, const need *needs, int *list, int chil
     *list = child;
 }
 
-/* What is left of a front's later columns when its parent has taken over those before row `end` of its own. */
+/* What is left of a front's later columns once its parent has taken over those before its own row `end`. */
 static double left_bytes(const extent *e, const int *local, int end) {
     enum { WIDTH = PANEL_WIDTH / 3 };
     double numbers = 0.0;
@@ -62,7 +62,7 @@ static double left_bytes(const extent *e, const int *local, int end) {
     return sizeof(double) * numbers;
 }
 
-/* The most memory while a front is eliminated: its panels come one by one, and take over its children's columns. */
+/* Peak memory while a front is eliminated: its panels are created one by one and take over its children's columns. */
 static double front_peak(const substructure *s, const extent *e, int first_child, const int *local) {
     double here = 0.0, peak = 0.0;
     panels own;
@@ -80,7 +80,7 @@ static double front_peak(const substructure *s, const extent *e, int first_child
     return peak;
 }
 
-/* What a list of subtrees needs at most, one after the other. */
+/* Peak memory of a list of subtrees, eliminated one after the other. */
 static double list_peak(const substructure *s, const need *needs, int first) {
     double before = 0.0, peak = 0.0;
     for (int c = first; c >= 0; c = s->next[c]) {
@@ -90,7 +90,7 @@ static double list_peak(const substructure *s, const need *needs, int first) {
     return peak;
 }
 
-/* Children before parents, subtrees in the order of the lists: from the end, with a stack. */
+/* Orders children before parents and subtrees as in the lists: from the end, with a stack. */
 static bool find_sequence(substructure *s, int root) {
     int count = (int)s->symbolic->nsuper, depth = 0, end = count;
     int *stack = malloc(((size_t)count + 1) * sizeof *stack);
@@ -107,7 +107,7 @@ static bool find_sequence(substructure *s, int root) {
 
 enum { PANEL_NODES = PANEL_WIDTH / 3 };
 
-/* Which blocks of the region's triangle have entries, and the operations that its factorisation takes. */
+/* Finds the blocks of the region's triangle that have entries, and the operations of its factorisation. */
 static bool find_filled(substructure *s) {
     const int *super = s->symbolic->super, *pi = s->symbolic->pi, *rows = s->symbolic->s;
     int count = (s->region_count + PANEL_NODES - 1) / PANEL_NODES;
@@ -185,8 +185,8 @@ static bool sort_by_neighbours(const cholmod_sparse *graph, int placed, int coun
     return done;
 }
 
-/* The nodes outside the region; the region's nodes without neighbours outside; and its border, which alone is coupled by what is eliminated
-   outside, so that many blocks of the region's triangle stay empty. The border is sorted for these to lie together. */
+/* Orders the nodes outside the region, the region's nodes without neighbours outside, and the region's border. Only the border is coupled by the
+   elimination outside, so many blocks of the region's triangle stay empty. The border is sorted so that these lie together. */
 static bool order_nodes(const substructure *s, const cholmod_sparse *graph, const bool *last, int *order) {
     enum { OUTSIDE, INNER, BORDER, GROUPS };
     const int *start = graph->p, *row = graph->i;
@@ -239,13 +239,13 @@ static bool plan(substructure *s, const bool *last) {
     for (size_t i = 0; i < fronts; i++) s->first_child[i] = s->next[i] = -1;
     double matrix = matrix_bytes(s->tissue), tiles = (double)TILE * TILE * team_members(s->team) * sizeof(double);
     s->bytes = matrix + tiles + panels_bytes(3 * s->region_count, 3 * s->region_count);
-    s->bytes += (double)nodes * (2.0 * sizeof(int) + sizeof(response)); /* scratch of the elimination, by nodes */
+    s->bytes += (double)nodes * (2.0 * sizeof(int) + sizeof(response)); /* scratch of the elimination, per node */
     if (!find_filled(s) || !find_tree(s)) return false;
-    s->bytes = fmax(s->bytes, 2.0 * matrix); /* K is reordered by way of another copy */
+    s->bytes = fmax(s->bytes, 2.0 * matrix); /* reordering K takes another copy */
     return true;
 }
 
-/* Names the region's nodes in the order of the triangle. */
+/* Lists the region's nodes in the order of the triangle. */
 static bool list_nodes(const substructure *s, int count, const int *region, int *nodes) {
     const tissue *t = s->tissue;
     const int *order = s->symbolic->Perm;
@@ -287,8 +287,8 @@ typedef struct {
     panels matrix;           /* columns of pivots and of later nodes; all rows */
     int pivot_panels;
     double *load;            /* 3 size.count */
-    response below;          /* of this front's pivots and of those of all fronts below it */
-    int taken, taken_panels; /* columns of later nodes that the parent has taken over, and panels of them */
+    response below;          /* of the pivots of this front and of all fronts below it */
+    int taken, taken_panels; /* columns of later nodes, and panels, that the parent has taken over */
 } front;
 
 typedef struct {
@@ -296,12 +296,12 @@ typedef struct {
     cholmod_sparse *k;       /* K in the order of elimination, lower triangle */
     front **fronts;          /* by supernode; NULL: not begun, or taken over */
     panels *corner;
-    int *local;              /* plan->nodes: row in the current front, nodes */
+    int *local;              /* plan->nodes: row in the current front, in nodes */
     double *load;            /* of the region, 3 region_count */
-    double *tiles;           /* scratch: TILE x TILE for each member of the team */
-    int *piece;              /* plan->nodes: another node of the same connected piece, in the end the one that stands for it */
-    response *of_piece;      /* plan->nodes: by the node that stands for it */
-    double norm;             /* K's largest column sum, no less than its largest eigenvalue */
+    double *tiles;           /* scratch: TILE x TILE for each team member */
+    int *piece;              /* plan->nodes: another node of the same connected piece; at the end its representative */
+    response *of_piece;      /* plan->nodes: by representative */
+    double norm;             /* K's largest column sum, an upper bound of its largest eigenvalue */
     inverse_progress progress;
     report *why;
     double done;             /* operations */
@@ -312,7 +312,7 @@ static void show(inverse_progress progress, double fraction) {
     if (progress.show) progress.show("eliminating the tissue outside the region", fraction, progress.context);
 }
 
-/* What was done in fronts before this one, and `here` in this one. CANCELLED. */
+/* Reports the progress: fronts before this one, plus `here` in this one. CANCELLED. */
 static trocar_status show_done(elimination *e, double here) {
     int percent = (int)(100.0 * (e->done + here) / e->plan->operations);
     if (percent <= e->shown || percent >= 100) return TROCAR_OK;
@@ -344,7 +344,7 @@ static front *front_create(const extent *e) {
 
 static double load_at(const substructure *s, int row) { return tissue_test_load(3 * ((const int *)s->symbolic->Perm)[row / 3] + row % 3); }
 
-/* A column of a panel, both numbered as in the whole matrix: its rows begin with p->first. */
+/* The column of a panel that has this number in the whole matrix. Its rows start at p->first. */
 static double *column_at(const panel *p, int column) { return (double *)p->values + (size_t)(column - p->first) * (size_t)p->rows; }
 
 /* Adds K's columns of these pivots, [first, first + width) of the front. */
@@ -361,7 +361,7 @@ static void add_stiffness(const elimination *e, front *f, panel *p) {
     }
 }
 
-/* Of a child, nodes [child->taken, end), to be added to a panel, in groups. */
+/* Groups a child's nodes [child->taken, end), which are added to a panel. */
 typedef struct {
     const elimination *elimination;
     const front *child;
@@ -389,7 +389,7 @@ static void add_columns(void *context, int i, int member) {
     }
 }
 
-/* Adds what a child left in the columns of this panel, and gives the child's panels back that have been added. */
+/* Adds a child's columns to this panel, and frees the child's panels that are done. */
 static void add_child(const elimination *e, front *child, panel *p) {
     const extent *c = &child->size;
     addition a = {e, child, p, child->taken};
@@ -405,7 +405,7 @@ static void add_child(const elimination *e, front *child, panel *p) {
     }
 }
 
-/* What a front's pivots contribute to the region, by tiles of the lower triangle. */
+/* Computes what a front's pivots contribute to the region, by tiles of the lower triangle. */
 typedef struct {
     const elimination *elimination;
     const front *front;
@@ -431,7 +431,7 @@ static void subtract_tile(void *context, int i, int member) {
     }
 }
 
-/* Subtracts what the pivots contribute to the region. */
+/* Subtracts the pivots' contribution from the region. */
 static void subtract_from_region(const elimination *e, const front *f) {
     int size = f->size.count - f->size.columns, across = (3 * size + TILE - 1) / TILE;
     team_run(e->plan->team, across * (across + 1) / 2, subtract_tile, &(contribution){e, f});
@@ -442,18 +442,18 @@ static int piece_of(const elimination *e, int place) {
     return place;
 }
 
-/* Adds the energy of one node, whose part of L^-1 load this is, to its piece's. */
+/* Adds the energy of one node, given its part of L^-1 load, to its piece. */
 static double add_energy(elimination *e, int place, const double y[3]) {
     double energy = y[0] * y[0] + y[1] * y[1] + y[2] * y[2];
     e->of_piece[piece_of(e, place)].energy += energy;
     return energy;
 }
 
-/* The ratio of |load|^2 to the energy is an upper bound of the part's smallest eigenvalue, and close to it if the part is loose. A part with the
-   rest of the body fixed has none smaller than the whole (interlacing). In the whole alone, a small loose part would not show beside a large body. */
+/* The ratio of |load|^2 to the energy is an upper bound of the part's smallest eigenvalue, and close to it if the part is loose. With the rest of the
+   body fixed, no part has a smaller eigenvalue than the whole (interlacing). In the whole, a small loose part would not show beside a large body. */
 static bool is_constrained(const elimination *e, const response *part) { return part->squares >= LOOSE_BODY * e->norm * part->energy; }
 
-/* L y = load for the pivots; hands the rest of the load on. */
+/* Solves L y = load for the pivots, and passes the rest of the load on. */
 static void pass_load(elimination *e, front *f) {
     panels_forward(&f->matrix, f->pivot_panels, f->load);
     for (int row = 0; row < f->size.pivots; row++) f->below.energy += add_energy(e, f->size.rows[row], f->load + 3 * row);
@@ -501,7 +501,7 @@ static trocar_status eliminate_front(elimination *e, int number) {
     return show_done(e, 0.0);
 }
 
-/* K in the order of elimination. */
+/* Copies K in the order of elimination. */
 static cholmod_sparse *reorder(const substructure *s) {
     cholmod_common *common = &s->tissue->common;
     const int *by_node = s->symbolic->Perm;
@@ -514,7 +514,7 @@ static cholmod_sparse *reorder(const substructure *s) {
     return lower;
 }
 
-/* K and the load between the nodes of the region. */
+/* Copies K and the load between the nodes of the region. */
 static bool begin_corner(elimination *e) {
     const substructure *s = e->plan;
     const int *start = e->k->p, *row = e->k->i;
@@ -535,7 +535,7 @@ static bool begin_corner(elimination *e) {
     return created;
 }
 
-/* The connected pieces of the body, and their loads. */
+/* Finds the connected pieces of the body, and their loads. */
 static void find_pieces(elimination *e) {
     const int *start = e->k->p, *row = e->k->i;
     for (int place = 0; place < e->plan->nodes; place++) e->piece[place] = place;

@@ -1,9 +1,7 @@
-/* The factor of a region's stiffness once all other nodes are eliminated: L_RR L_RR^T = K_RR - K_RI K_II^-1 K_IR (Schur complement).
-
-   Multifrontal (Duff and Reid, ACM TOMS 9, 1983; Liu, SIAM Review 34, 1992), in the order and with the supernodes that CHOLMOD finds for the
-   graph of the nodes, so that its 32 bits suffice for 250 000 nodes. The columns of the factor outside the region are of no use and are given
-   back as soon as they have been applied. What they contribute to the region is subtracted there at once, instead of being handed from front to
-   front. */
+/* The factor of a region's stiffness after all other nodes are eliminated: L_RR L_RR^T = K_RR - K_RI K_II^-1 K_IR (Schur complement). Multifrontal
+   (Duff and Reid, ACM TOMS 9, 1983; Liu, SIAM Review 34, 1992), in the order and with the supernodes that CHOLMOD finds for the graph of the nodes,
+   so that its 32-bit indices suffice for 250 000 nodes. Columns of the factor outside the region are freed as soon as they have been applied. Their
+   contribution to the region is subtracted there at once, instead of being passed from front to front. */
 #ifndef TROCAR_SUBSTRUCTURE_H
 #define TROCAR_SUBSTRUCTURE_H
 
@@ -15,21 +13,21 @@ typedef struct {
     team *team;              /* shares the work; NULL: the calling thread alone */
     cholmod_factor *symbolic; /* of the nodes' graph */
     int nodes;               /* free nodes */
-    int region_count;        /* those of the region */
-    int *region;             /* nodes: index in the region of the node at this place in the order, or -1 */
+    int region_count;        /* nodes of the region */
+    int *region;             /* per position in the order: the node's index in the region, or -1 */
     bool *filled;            /* of the region's triangle, see panels */
-    int *first_child, *next; /* fronts, by supernode; children by falling need of memory. -1: none */
-    int *sequence;           /* fronts in the order in which they are eliminated */
-    double bytes;            /* most that the elimination needs at a time: fronts, the region's triangle, scratch of it, and K in this order */
+    int *first_child, *next; /* fronts, by supernode; children by decreasing need of memory. -1: none */
+    int *sequence;           /* fronts in the order of their elimination */
+    double bytes;            /* peak memory of the elimination: fronts, the region's triangle, its scratch, and K in this order */
     double operations;
 } substructure;
 
-/* The order of elimination, and what it takes with this team. K must have been assembled. Writes the region's free nodes in the order of the triangle to `nodes`.
-   NO_MEMORY; BAD_INPUT if the mesh is too large for CHOLMOD's indices. */
+/* Finds the order of elimination and its cost with this team. K must be assembled. Writes the region's free nodes in the order of the triangle to
+   `nodes`. NO_MEMORY; BAD_INPUT if the mesh is too large for CHOLMOD's indices. */
 trocar_status substructure_plan(tissue *t, team *team, int count, const int *region, int *nodes, substructure *s, report *why);
 void substructure_free(substructure *s);
 
-/* `corner`: L_RR, the same whatever the team. BLAS must be set to one thread. NO_MEMORY; BAD_INPUT if the fixed nodes do not constrain the body. */
+/* `corner`: L_RR, with the same bits for any team. BLAS must use one thread. NO_MEMORY; BAD_INPUT if the fixed nodes do not constrain the body. */
 trocar_status substructure_eliminate(const substructure *s, panels *corner, inverse_progress progress, report *why);
 
 #endif

@@ -8,7 +8,7 @@
 
 _Static_assert((int)SIMD_WIDE_WIDTH <= (int)ROW_ROOM, "rows have room for the rest of a vector");
 
-/* One vector of blocks, from place l on; `tip`: with the tip, or beyond it. */
+/* Computes one vector of blocks, from place l on; `tip`: including or beyond the tip. */
 static inline __attribute__((always_inline)) void find_vector(const between_points_row *row, int l, bool tip, between_rows blocks) {
     const double (*frame)[3] = row->frame->m, *weights = row->weights;
     simd_wide place = simd_wide_from(l), turned[3][3]; /* rows in the world frame, columns in those of the points */

@@ -5,7 +5,7 @@
 
 enum { CHANCES = 10, MOST_PIVOTS = 1000 };
 
-/* z of the entries that are positive, by a factorisation of their part of A; the others are 0. */
+/* Computes the positive entries of z by factorising their part of A; the others are 0. */
 static bool solve_positive(int n, const double *a, int ld, const double *q, const double *positive, double *z, double *part) {
     int count = 0;
     for (int i = 0; i < n; i++) {

@@ -5,7 +5,7 @@
 #include "linalg/simd4.h"
 #include "linalg/simd_wide.h"
 
-/* Off the diagonal, each number is used for its row and for its column. */
+/* Multiplies with the stored upper triangle: each number off the diagonal counts for its row and for its column. */
 void symmetric_multiply(const symmetric_system *s, const double *x, double *product) {
     memset(product, 0, (size_t)ELIMINATION_SIZE(s->order) * sizeof *product);
     for (int i = 0; i < s->order; i += PANEL_ROWS) {

@@ -1,7 +1,5 @@
-/* Elimination in a dense symmetric system: the upper triangle is kept by rows, with the right-hand side as one more column. Rows are
-   eliminated in panels, so that the rest of the matrix is read and written once for each panel.
-
-   What is below the diagonal is scratch: computed with, never used. */
+/* Elimination in a dense symmetric system: the upper triangle is stored by rows, with the right-hand side as an additional column. Rows are
+   eliminated in panels, so that the rest of the matrix is read and written once per panel. The lower triangle is overwritten and meaningless. */
 #ifndef TROCAR_ELIMINATION_H
 #define TROCAR_ELIMINATION_H
 
@@ -9,38 +7,39 @@
 
 #include "base/cache_line.h"
 
-#define IN_REGISTERS _Pragma("GCC unroll 8") /* loops of constant length whose numbers are to stay in registers */
+#define IN_REGISTERS _Pragma("GCC unroll 8") /* unrolls loops of constant length whose numbers should stay in registers */
 
 enum { PANEL_ROWS = 8, PADDING = 8, MOST_COLUMNS = 264 };
 
-/* Rows, and columns, that a system of so many unknowns takes: with padding, which is computed with, too. The first column after the unknowns' is the
-   right-hand side. */
+/* Rows and columns for a system with this many unknowns, with padding, which takes part in the computation. The first column after the unknowns is
+   the right-hand side. */
 #define ELIMINATION_SIZE(order) ((order) + PADDING)
 
 typedef struct {
-    double (*a)[MOST_COLUMNS]; /* element (i, j >= i): a[i][j]; of the right-hand side: j = order. Best on a cache line */
+    double (*a)[MOST_COLUMNS]; /* element (i, j >= i): a[i][j]; right-hand side: j = order. Best aligned to a cache line */
     int order;
 } symmetric_system;
 
-/* Rows that are eliminated together: first their block on the diagonal, which makes known how, then the columns right of it. */
+/* Rows that are eliminated together: first their diagonal block, which determines how, then the columns right of it. */
 typedef struct {
-    int begin, end;          /* at most PANEL_ROWS; if less, the block is filled up with ones on the diagonal */
-    bool turned;             /* in pairs, by these angles */
+    int begin, end;          /* at most PANEL_ROWS; if fewer, the block is filled up with ones on the diagonal */
+    bool turned;             /* the rows are rotated in pairs, by these angles */
     double cosine[PANEL_ROWS / 2], sine[PANEL_ROWS / 2], inverse[PANEL_ROWS]; /* of the pivots */
-    double block[PANEL_ROWS][PANEL_ROWS];                                     /* right of the diagonal, once eliminated: undivided */
-    _Alignas(CACHE_LINE) double undivided[PANEL_ROWS][MOST_COLUMNS];          /* right of the block: rows before they were divided by their pivots */
+    double block[PANEL_ROWS][PANEL_ROWS];                                     /* right of the diagonal; after elimination: not divided by the pivots
+                                                                                 */
+    _Alignas(CACHE_LINE) double undivided[PANEL_ROWS][MOST_COLUMNS];          /* right of the block: rows before division by their pivots */
 } elimination_panel;
 
-/* product = A x, without the right-hand side; x goes on with PADDING zeros, and the product with as many numbers that mean nothing. RT */
+/* product = A x, without the right-hand side. x must be followed by PADDING zeros; the product is followed by as many meaningless numbers. RT */
 void symmetric_multiply(const symmetric_system *s, const double *x, double *product);
 
-/* Makes the padding zero: to be called first. RT */
+/* Clears the padding: call first. RT */
 void elimination_begin(const symmetric_system *s);
 
-/* Goes on to the next rows before `end`, from panel->end on; false: there are none. RT */
+/* Moves on to the next rows before `end`, from panel->end on; false if there are none. RT */
 bool next_panel(const symmetric_system *s, elimination_panel *panel, int end);
 
-/* Turns rows k and k + 1 of the block by an angle, right of their own block on the diagonal, which is lost. RT */
+/* Rotates rows k and k + 1 of the block by an angle, right of their own 2 x 2 diagonal block, which is lost. RT */
 static inline void turn_in_block(elimination_panel *panel, int k, double cosine, double sine) {
     panel->turned = true;
     panel->cosine[k / 2] = cosine;
@@ -52,7 +51,7 @@ static inline void turn_in_block(elimination_panel *panel, int k, double cosine,
     }
 }
 
-/* Eliminates row k of the block, or two whose own block on the diagonal is diagonal. RT */
+/* Eliminates row k of the block, or two rows whose own diagonal block is diagonal. RT */
 static inline void eliminate_in_block(elimination_panel *panel, int k, int count, const double *inverse_pivots) {
     IN_REGISTERS for (int c = 0; c < count; c++) panel->inverse[k + c] = inverse_pivots[c];
     IN_REGISTERS for (int r = k + count; r < PANEL_ROWS; r++)
@@ -61,21 +60,21 @@ static inline void eliminate_in_block(elimination_panel *panel, int k, int count
 }
 
 /* Stores the block, eliminates in all columns after it as in the block, and subtracts the panel's part from all rows after it, with vectors of one
-   width. Each number is the result of the same operations in the same order whatever the width. RT */
+   width. Each number is computed by the same operations in the same order for any width. RT */
 typedef void elimination_kernel(const symmetric_system *s, elimination_panel *panel);
 
-/* For any processor that can run this program, for AVX-512 (x86-64 only), and the best for this processor. RT */
+/* The kernels for any processor that can run this program and for AVX-512 (x86-64 only), and the best one for this processor. RT */
 extern elimination_kernel elimination_portable, elimination_avx512;
 elimination_kernel *elimination_kernel_here(void);
 
-/* Where the panel of row i begins, if the first begins at row 0; -1 if i < 0. RT */
+/* Start of the panel that contains row i, if the first one starts at row 0; -1 if i < 0. RT */
 static inline int panel_of(int i) { return i < 0 ? -1 : i / PANEL_ROWS * PANEL_ROWS; }
 
-/* Back substitution, for rows [begin, begin + PANEL_ROWS): their right-hand sides without the part of the unknowns from `known` on. After the last
-   unknown x goes on with PADDING zeros. RT */
+/* Back substitution for rows [begin, begin + PANEL_ROWS): subtracts the part of the unknowns from `known` on from their right-hand sides. x must be
+   followed by PADDING zeros. RT */
 void subtract_known(const symmetric_system *s, int begin, int known, const double *x, double side[PANEL_ROWS]);
 
-/* The same within those rows: the part of unknown begin + k + c, which side[k + c] has become, is subtracted from those before begin + k. RT */
+/* Back substitution within those rows: subtracts the part of unknown begin + k + c, now in side[k + c], from the rows before begin + k. RT */
 static inline void subtract_known_in_block(const symmetric_system *s, int begin, int k, int c, double side[PANEL_ROWS]) {
     IN_REGISTERS for (int r = 0; r < k; r++) side[r] -= s->a[begin + r][begin + k + c] * side[k + c];
 }

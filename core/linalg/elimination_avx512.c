@@ -1,5 +1,5 @@
-/* The kernel once more, for processors with AVX-512: compiled for x86-64-v4 (CMakeLists.txt). */
-#include "linalg/elimination.h" /* ISO C has no empty files */
+/* The kernel compiled again, for processors with AVX-512 (x86-64-v4; CMakeLists.txt). */
+#include "linalg/elimination.h" /* ISO C forbids empty files */
 
 #ifdef __AVX512F__
 #define ELIMINATION_KERNEL elimination_avx512

@@ -33,7 +33,7 @@ double panels_bytes(int rows, int columns) {
     return sizeof(double) * numbers;
 }
 
-/* A team is not worth waking for less than some tens of microseconds of work. */
+/* Waking a team does not pay below some tens of microseconds of work. */
 static team *team_for(team *t, double operations) { return operations < 2e6 ? NULL : t; }
 
 static size_t bytes_of(const panel *p) { return (size_t)p->rows * (size_t)p->width * sizeof(double); }
@@ -44,7 +44,7 @@ static void clear_column(void *context, int column, int member) {
     memset((double *)p->values + (size_t)column * (size_t)p->rows, 0, (size_t)p->rows * sizeof(double));
 }
 
-/* Writing comes first: pages that are read before would be mapped twice. */
+/* Writes first: pages that are read before they are written would be mapped twice. */
 bool panel_allocate(panel *p, team *t) {
     p->values = malloc(bytes_of(p));
     if (!p->values) return false;
@@ -65,8 +65,8 @@ void panel_multiply(const panel *from, int row, int rows, int column, int column
     else cblas_dgemm(CblasColMajor, CblasNoTrans, CblasTrans, rows, columns, from->width, alpha, a, from->rows, b, from->rows, beta, c, ld);
 }
 
-/* The rows of panel j below its corner, in pieces for a team: those beside one other panel each if some are not filled. Where they end does not
-   depend on the team's members, so that results do not either. */
+/* The rows of panel j below its corner, in pieces for a team: one piece per other panel if some are not filled. The division does not depend on the
+   number of members, so results do not either. */
 typedef struct {
     const panels *all;
     const panel *to;
@@ -75,7 +75,7 @@ typedef struct {
 } share;
 
 static share share_of(const panels *p, int j, int factored) {
-    enum { FEW = 192, MANY = 4 * 768 }; /* rows: not worth dividing; enough for four large products */
+    enum { FEW = 192, MANY = 4 * 768 }; /* rows: too few to divide; enough for four large products */
     const panel *to = &p->panels[j];
     int below = to->rows - to->width;
     return (share){p, to, j, factored, p->filled ? p->count - 1 - j : below < FEW ? below > 0 : 4 * ((below + MANY - 1) / MANY)};
@@ -89,7 +89,7 @@ static int start_of(const share *s, int piece) {
     return s->all->filled ? s->all->panels[s->j + 1 + piece].first - s->to->first : s->to->width + (int)(below * piece / s->pieces) / VECTORS * VECTORS;
 }
 
-/* Subtracts from the corner, or from a piece of the rows below it, what the factored panels contribute. */
+/* Subtracts the contribution of the factored panels from the corner, or from a piece of the rows below it. */
 static void subtract(void *context, int i, int member) {
     (void)member;
     const share *s = context;
@@ -101,7 +101,7 @@ static void subtract(void *context, int i, int member) {
             panel_multiply(&s->all->panels[k], to->first + row, end - row, to->first, to->width, -1.0, 1.0, (double *)to->values + row, to->rows);
 }
 
-/* X L^T = these rows, with the corner's factor L. */
+/* Solves X L^T = these rows, with the corner's factor L. */
 static void solve_piece(void *context, int i, int member) {
     (void)member;
     const share *s = context;

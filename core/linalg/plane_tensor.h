@@ -9,25 +9,25 @@ typedef struct {
     double xx, xy, yy;
 } plane_tensor;
 
-/* The same tensor as `least` in all directions, and `more` along the unit vector `easy`. */
+/* Writes a tensor as `least` in all directions plus `more` along the unit vector `easy`. */
 typedef struct {
     double least, more;
     vec3 easy;
 } principal_tensor;
 
-/* Of all components: finite if they are. RT */
+/* Sum of all components: finite if all of them are. RT */
 static inline double plane_total(plane_tensor t) { return t.xx + t.xy + t.yy; }
 
-/* Over all directions. RT */
+/* Mean over all directions. RT */
 static inline double plane_mean(plane_tensor t) { return 0.5 * (t.xx + t.yy); }
 
-/* The part of a symmetric tensor that lies across. RT */
+/* The part of a symmetric tensor across the track. RT */
 plane_tensor plane_part(const mat3 *tensor, vec3 direction);
 
 /* RT */
 static inline plane_tensor plane_scaled(double s, plane_tensor t) { return (plane_tensor){s * t.xx, s * t.xy, s * t.yy}; }
 
-/* With principal values below `least` raised to it. RT */
+/* Raises principal values below `least` to it. RT */
 plane_tensor plane_at_least(plane_tensor t, double least);
 
 /* RT */

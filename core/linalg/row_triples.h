@@ -1,5 +1,5 @@
 /* Three rows of a matrix at a time, those of a node: many nodes' columns in one pass, four columns at once. Columns are computed in whole
-   vectors, so that some beside those in use are computed with, too. */
+   vectors, so a few unused neighbours are computed as well. */
 #ifndef TROCAR_ROW_TRIPLES_H
 #define TROCAR_ROW_TRIPLES_H
 
@@ -28,7 +28,7 @@ void rows_copy(const column_ranges *c, const double *from, int from_ld, double *
 /* to += sum of by * rows, entry by entry in this order: the sum's last bits do not depend on what else is computed with it. */
 void rows_add(const column_ranges *c, int count, const row_triple *parts, double *to, int ld);
 
-/* to = sum of weight * rows, likewise. */
+/* to = sum of weight * rows, added in the same order. */
 typedef struct {
     const double *rows;
     int ld;
@@ -36,7 +36,7 @@ typedef struct {
 } weighted_triple;
 void rows_interpolate(const column_ranges *c, int count, const weighted_triple *parts, double *to, int ld);
 
-/* block = sum of rows * by over the first three columns, likewise; the fourth column of the block is zero. */
+/* block = sum of rows * by over the first three columns, added in the same order; the fourth column of the block is zero. */
 typedef struct {
     const double *rows;
     int ld;

@@ -2,7 +2,7 @@
 #ifndef TROCAR_ROWS_H
 #define TROCAR_ROWS_H
 
-/* Numbers of the widest vector of any processor: a row has at least so many beyond its end, less one. */
+/* Numbers in the widest vector of any processor: a row has room for at least ROW_ROOM - 1 numbers beyond its end. */
 enum { ROW_ROOM = 8 };
 
 /* Columns [begin, end) of a row, in whole steps of which the first may begin earlier: to = from, and to -= factor from. RT */

@@ -6,7 +6,7 @@
 
 static const double MOST_BOW = 0.01; /* needle lengths: largest bow that a scene may give; beyond that the needle would clearly be bent, and its tip short of its
                                         length. Chosen */
-static const double FARTHEST = 2.0; /* steps: a step that is as many times as long as the last one has no guess from that. Chosen */
+static const double FARTHEST = 2.0; /* steps: if a step is longer than this many of the last one, its shape is not extrapolated from that one. Chosen */
 
 /* m/m, slope against the axis of a segment of the needle without force: that of a bow y = bow L (1 - cos(2 pi s / L)) / 2. The needle leaves its base along the axis, and
    its tip is on the axis and points along it. */
@@ -93,7 +93,7 @@ double needle_energy(const needle_model *model, const needle_state *state) {
 
 /* ---- the centreline ------------------------------------------------------------------------------------------------ */
 
-/* The tangent turns from that of one segment to that of the other, and is so far on its way (0 to 1). */
+/* The tangent between two segments, turned by this fraction (0 to 1) from that of the first to that of the second. */
 typedef struct {
     int before, after;
     double fraction;

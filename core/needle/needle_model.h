@@ -18,7 +18,7 @@ typedef struct {
     double inner_diameter;   /* m */
     double youngs_modulus;   /* Pa */
     double poisson_ratio;
-    double bow;              /* of the length, by which the middle is off the line from base to tip, toward local +y */
+    double bow;              /* offset of the middle from the line between base and tip, toward local +y, as a fraction of the length */
     double bevel_slope;      /* lateral per axial displacement while cutting, away from the bevel's face (toward local -y) */
     int segments;            /* 2..NEEDLE_MAX_SEGMENTS */
 } needle_parameters;
@@ -38,9 +38,9 @@ typedef struct {
     vec3 joints[NEEDLE_MAX_SEGMENTS + 1];  /* m; joints[0] is the base, the last one the tip */
 } needle_state;
 
-/* How the needle's shape has changed in a step. */
+/* Change of the needle's shape in a step. */
 typedef struct {
-    double time;             /* s, that it took; 0: not known */
+    double time;             /* s, duration; 0: not known */
     quat turn[NEEDLE_MAX_SEGMENTS]; /* of each segment, world frame */
 } needle_motion;
 
@@ -53,7 +53,7 @@ typedef struct {
     mat3 frame;              /* columns: normal 1 (near local x), normal 2 (near local y), tangent */
 } needle_point;
 
-/* Of segments or joints, by components, so that four are computed at once; symmetric matrices: xx, xy, xz, yy, yz, zz. */
+/* Components of segments or joints, so that four are computed at once; symmetric matrices: xx, xy, xz, yy, yz, zz. */
 typedef struct { double at[3][NEEDLE_PLACES]; } vector_series;
 typedef struct { double at[6][NEEDLE_PLACES]; } symmetric_series;
 typedef struct { double at[9][NEEDLE_PLACES]; } matrix_series;

@@ -39,7 +39,7 @@ void rod_set_frames(const needle_model *model, const rod_frames *of, needle_stat
 
 /* ---- elasticity of the joints ------------------------------------------------------------------------------------------ */
 
-static const int SYMMETRIC[3][3] = {{0, 1, 2}, {1, 3, 4}, {2, 4, 5}}; /* where a symmetric matrix keeps its components */
+static const int SYMMETRIC[3][3] = {{0, 1, 2}, {1, 3, 4}, {2, 4, 5}}; /* index at which a symmetric matrix stores each component */
 
 /* Stiffness of joints k to k + 3, N m; rigidity: EI or GJ. */
 static simd4 joint_stiffness(const needle_model *model, double rigidity, int k) {
@@ -73,12 +73,11 @@ static mat3_simd4 inverse_right_jacobian(vec3_simd4 w, simd4 c) {
                          {v.z * w.x - half.y, v.z * w.y + half.x, v.z * w.z + own}}};
 }
 
-/* Spatial moments of joints k to k + 3, and their stiffness (symmetric) against the relative spatial rotation of their two segments.
-
-   With equal stiffness b in all directions, the energy b |w|^2 / 2 has the moment b w and, to second order in a rotation, the stiffness
-   b (I + c [w]x^2): J^T J and the curvature of the logarithm, (1/4 - c) [w]x^2 - c^2 [w]x^4, together. Torsion differs from bending by (t - b) w_z^2 / 2; its
-   stiffness is that of the rate of w_z. What the rate's own change would add is proportional to w_z, which no load makes. A tangent that is wrong in the
-   second order of w does not converge where a bow is nearly free to turn about the needle's axis. */
+/* Spatial moments of joints k to k + 3, and their stiffness (symmetric) against the relative spatial rotation of their two segments. With equal
+   stiffness b in all directions, the energy b |w|^2 / 2 has the moment b w and, to second order in a rotation, the stiffness b (I + c [w]x^2): J^T J
+   and the curvature of the logarithm, (1/4 - c) [w]x^2 - c^2 [w]x^4, together. Torsion differs from bending by (t - b) w_z^2 / 2; its stiffness is
+   that of the rate of w_z. The change of that rate would add a term proportional to w_z, which no load causes. A tangent with an error of second
+   order in w does not converge if a bow is nearly free to turn about the needle's axis. */
 static vec3_simd4 joint_moments(const needle_model *model, const rod_frames *of, int k, simd4 stiffness[6]) {
     simd4 bending = joint_stiffness(model, model->bending, k), more = joint_stiffness(model, model->torsion, k) - bending;
     vec3_simd4 w = joint_curvature(of, k);
@@ -107,13 +106,13 @@ vec3 rod_root_moment(const needle_model *model, const needle_state *state) {
 
 /* ---- tangent ------------------------------------------------------------------------------------------------------- */
 
-/* The tangent stiffness, block tridiagonal, and what the forward substitution makes of right-hand sides. */
+/* The tangent stiffness, block tridiagonal, and right-hand sides after forward substitution. */
 typedef struct {
-    symmetric_series joint, segment;         /* N m, stiffness of each joint, and block of each segment on the diagonal */
-    matrix_series coupling;                  /* N m, of segment k with k + 1 */
+    symmetric_series joint, segment;         /* N m, stiffness of each joint, and diagonal block of each segment */
+    matrix_series coupling;                  /* N m, between segments k and k + 1 */
     vector_series arm;                       /* m, length times axis of each segment */
     vector_series beyond;                    /* N, sum of the loads beyond the joint before each segment */
-    row_matrix sides[NEEDLE_MAX_SEGMENTS];   /* moments under unit forces beyond each segment; fourth column: those that relax the joints' */
+    row_matrix sides[NEEDLE_MAX_SEGMENTS];   /* moments under unit forces beyond each segment; fourth column: moments that relax the joints */
 } rod_chain;
 
 static void sum_loads(int n, const vec3 *load, vector_series *beyond) {
@@ -167,9 +166,8 @@ static int negative_eigenvalues(double first, double second, double third) {
     return (first < 0.0) + ((first < 0.0) != (second < 0.0)) + ((second < 0.0) != (third < 0.0));
 }
 
-/* Block L D L^T factorisation of the tangent stiffness from base to tip. D may be indefinite: needle and tissue together may be
-   stable when the needle alone would buckle. Each block waits for the one before: while a determinant is being divided by, the adjugate is
-   multiplied. */
+/* Block L D L^T factorisation of the tangent stiffness from base to tip. D may be indefinite: needle and tissue together may be stable when the
+   needle alone would buckle. Each block waits for the one before; the adjugate is multiplied while the division by the determinant is running. */
 static void factor_tangent(int n, const rod_chain *chain, needle_tangent *tangent) {
     symmetric_series *adjugate = &tangent->pivot_inverse;
     double inverse_determinant[NEEDLE_PLACES], carried[6] = {0.0};
@@ -190,7 +188,7 @@ static void factor_tangent(int n, const rod_chain *chain, needle_tangent *tangen
             for (int j = i; j < 3; j++)
                 carried[SYMMETRIC[i][j]] = inverse * (c[i] * product[0][j] + c[3 + i] * product[1][j] + c[6 + i] * product[2][j]);
     }
-    for (int k = n; k < n + SIMD4_WIDTH; k++) { /* the rest of the last vector: computed with, but never used */
+    for (int k = n; k < n + SIMD4_WIDTH; k++) { /* the rest of the last vector: computed but not used */
         inverse_determinant[k] = 0.0;
         for (int i = 0; i < 6; i++) adjugate->at[i][k] = 0.0;
     }
@@ -220,7 +218,7 @@ static inline row_matrix pivot_inverse_at(const needle_tangent *tangent, int k) 
     return m;
 }
 
-/* Moments that relax those of the joints at zero load, of segments k to k + 3. */
+/* Moments that relax the joints' moments at zero load, for segments k to k + 3. */
 static inline vec3_simd4 released_moments(const vector_series *moments, int k) {
     return v3l_sub(vectors_at(moments, k + 1), vectors_at(moments, k));
 }
@@ -248,7 +246,7 @@ static void solve_tangent(int n, const needle_tangent *tangent, vector_series *r
     }
 }
 
-/* Three rows of a matrix with three columns for each joint. */
+/* Three rows of a matrix with three columns per joint. */
 typedef double (*joint_rows)[NEEDLE_LD];
 enum { BLOCK = 12 }; /* columns of four joints */
 
@@ -285,17 +283,17 @@ static void substitute_forward(int n, const needle_tangent *tangent, rod_chain *
     }
 }
 
-/* Displacement of joint `last`, before which no force acts. With S what forward substitution makes of the moments under a force there, and P the pivots,
-   it is the sum of S^T P^-1 S over the segments before, less a multiple of how segment `last` turns. Fourth column: at zero load. */
+/* Displacement of joint `last`, with no force before it. With S the moments under a force there after forward substitution, and P the pivots, it is
+   the sum of S^T P^-1 S over the segments before, minus a multiple of the rotation of segment `last`. Fourth column: at zero load. */
 static row_matrix displace_base(int last, const needle_tangent *tangent, const rod_chain *chain) {
     row_matrix sum = {{{0}}};
     for (int k = 0; k < last; k++) sum = rm_add(sum, rm_multiply_transposed(chain->sides[k], rm_multiply(pivot_inverse_at(tangent, k), chain->sides[k])));
     return sum;
 }
 
-/* Rotations of the segments from `last` on under unit forces at the joints from `first` on, one column for each, and at zero load (`turn`). A force at a
+/* Rotations of the segments from `last` on under unit forces at the joints from `first` on, one column each, and at zero load (`turn`). A force at a
    joint exerts no moment on segments beyond it. Forward substitution up to segment k is therefore the same for all joints beyond k, and backward
-   substitution begins with the segment before the joint, whose block of the inverse stiffness (`own`) contains all that is beyond. */
+   substitution starts with the segment before the joint, whose block of the inverse stiffness (`own`) includes everything beyond. */
 static void find_rotations(int n, int first, int last, const row_matrix *sides, needle_tangent *tangent, vec3 *turn) {
     row_matrix own = {{{0}}};
     for (int k = n - 1; k >= last; k--) {
@@ -315,7 +313,8 @@ static void find_rotations(int n, int first, int last, const row_matrix *sides, 
     }
 }
 
-/* Displacements of the joints from `last` + 1 on: sums of length * rotation x axis over the segments before them, from that of joint `last`. */
+/* Displacements of the joints from `last` + 1 on: sums of length * rotation x axis over the segments before them, starting from that of joint `last`.
+   */
 static void sum_displacements(int n, int first, int last, const vector_series *arm, joint_rows sum, needle_tangent *tangent) {
     int end = 3 * (n + 1);
     for (int k = last; k < n; k++) {
@@ -330,7 +329,7 @@ static void sum_displacements(int n, int first, int last, const vector_series *a
                 simd4_store(&rows[a][c], moved[a]);
             }
         }
-        int before = k + 2 - NEEDLE_POINT_JOINTS; /* joints of which a point next to this one may be interpolated, too */
+        int before = k + 2 - NEEDLE_POINT_JOINTS; /* joints from which a point next to this one may also be interpolated */
         for (int c = 3 * (before > first ? before : first); c < 3 * (k + 1); c++) /* by symmetry */
             for (int a = 0; a < 3; a++) rows[a][c] = tangent->compliance[c][3 * (k + 1) + a];
     }
@@ -338,7 +337,7 @@ static void sum_displacements(int n, int first, int last, const vector_series *a
 
 /* Compliance between the joints from `first` on, and their displacement at zero load. */
 static void find_compliance(int n, int first, const rod_chain *chain, needle_tangent *tangent) {
-    int last = first > 1 ? first - 1 : 0; /* no joint that counts is before this segment */
+    int last = first > 1 ? first - 1 : 0; /* no relevant joint is before this segment */
     vec3 turn[NEEDLE_MAX_SEGMENTS], *drift = tangent->drift;
     double sum[3][NEEDLE_LD] = {{0}};
     for (int a = 0; a < 3 && first == 0; a++)
@@ -388,9 +387,9 @@ double rod_advance(const needle_model *model, const needle_tangent *tangent, con
 
 /* ---- going on ------------------------------------------------------------------------------------------------------ */
 
-/* A fraction of small turns, to first order. */
+/* A fraction of small rotations, to first order. */
 static quat_simd4 part_of(quat_simd4 turn, simd4 fraction) {
-    simd4 w = fraction * simd4_signs(turn.w); /* the shorter way round */
+    simd4 w = fraction * simd4_signs(turn.w); /* takes the shorter way round */
     return ql_unit((quat_simd4){simd4_all(1.0), w * turn.x, w * turn.y, w * turn.z});
 }
 

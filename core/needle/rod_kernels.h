@@ -23,10 +23,10 @@ static inline void rod_copy_frames(int n, const needle_state *state, rod_frames 
 /* Joint k precedes segment k. The joint at the base represents half a segment of bending length, the others one segment. */
 static inline double rod_joint_length(const needle_model *model, int k) { return (k == 0 ? 0.5 : 1.0) * model->segment_length; }
 
-/* Turns the segments, and the joints follow. RT */
+/* Turns the segments and moves the joints accordingly. RT */
 void rod_set_frames(const needle_model *model, const rod_frames *of, needle_state *state);
 
-/* As those of needle.h. RT */
+/* As the functions of the same names in needle.h. RT */
 vec3 rod_root_moment(const needle_model *model, const needle_state *state);
 void rod_linearise(const needle_model *model, const needle_state *state, const vec3 *load, int first, needle_tangent *tangent);
 double rod_advance(const needle_model *model, const needle_tangent *tangent, const vec3 *load, needle_state *state);

@@ -7,28 +7,30 @@
 #include "remesh/free_displacement.h"
 
 enum { LD = 3 * MAX_PRESSED };
-enum { MOST_ITERATIONS = 50 }; /* iterations: of Newton's in one solution; the next one goes on from there. Effort */
-enum { MOST_STOPS = 4 }; /* steps: of the secant to where the probe stops; the last one stays where it was. Effort */
-static const double REACH = 0.5; /* probe radii: points that are closer can take part. Chosen: twice as far as the probe moves at once */
-static const double BRIDGE = 1.0 - M_SQRT1_2; /* probe radii, below 1: depth of the middle of an edge whose ends touch the probe a right angle apart; deeper, the
-                                                 edge no longer follows the wall around the probe, which would part its ends and pass. Derived for that angle,
-                                                 which is chosen; force and field are within 1.5 % of another program's (verify_probe) */
-static const double LONG_EDGE = 0.5; /* probe radii: shorter edges have no middle that takes part; they would have to stretch to nearly three times their length
-                                        to come as deep. Derived for the depth BRIDGE */
-static const double STEP = 0.25; /* probe radii: the probe moves at most so far at once, for the closest points to move little. Chosen */
-static const double CONVERGED = 1e-9; /* m: by which nodes still move. Rounding */
-static const double PENETRATION = 1e-12; /* m: by which a node may be in the probe. Rounding */
-static const double TURNED = 0.02; /* rad: by which a normal may differ from the direction that is attached. Effort */
-static const double NOTICEABLE = 1e-5; /* N: change of a force that is worth an answer. Effort */
-static const double STOPPED = 1e-3; /* fraction: of max_force, by how much less the probe stops. Chosen */
-static const double EDGE_COMPLIANCE = 1e-4; /* fraction: of an edge's own compliance, added to it, as an edge and its ends are not independent. Chosen */
+enum { MOST_ITERATIONS = 50 }; /* iterations: of Newton's method in one solution; the next solution continues from there. Effort */
+enum { MOST_STOPS = 4 }; /* steps: of the secant that finds where the probe stops; the probe stays where the last one ended. Effort */
+static const double REACH = 0.5; /* probe radii: points closer than this can take part. Chosen: twice the probe's largest step */
+static const double BRIDGE = 1.0 - M_SQRT1_2; /* probe radii, below 1: depth of the middle of an edge whose ends touch the probe a right angle apart.
+                                                 Beyond this depth the edge no longer follows the wall around the probe, which would pass between its
+                                                 ends. Derived for that angle, which is chosen; force and field are within 1.5 % of another program's
+                                                 (verify_probe) */
+static const double LONG_EDGE = 0.5; /* probe radii: middles of shorter edges do not take part, because they would have to stretch to nearly three
+                                        times their length to reach that depth. Derived for the depth BRIDGE */
+static const double STEP = 0.25; /* probe radii: largest step of the probe, so that closest points move little. Chosen */
+static const double CONVERGED = 1e-9; /* m: largest change of a node's position in a converged iteration. Rounding */
+static const double PENETRATION = 1e-12; /* m: penetration of a node that still counts as outside. Rounding */
+static const double TURNED = 0.02; /* rad: change of a normal beyond which the node is attached again along the new normal. Effort */
+static const double NOTICEABLE = 1e-5; /* N: smallest change of a force that causes a new answer. Effort */
+static const double STOPPED = 1e-3; /* fraction: of max_force, margin below it at which the probe stops. Chosen */
+static const double EDGE_COMPLIANCE = 1e-4; /* fraction: of an edge's own compliance, added to its diagonal, because an edge and its ends are not
+                                               independent. Chosen */
 
 typedef struct probe_scratch {
-    vec3 free_u[MAX_PRESSED], u[MAX_PRESSED], load[MAX_PRESSED]; /* of the near nodes: displacement without the probe, and with it; m, N */
+    vec3 free_u[MAX_PRESSED], u[MAX_PRESSED], load[MAX_PRESSED]; /* of the near nodes: displacement without the probe and with it (m), load (N) */
     vec3 normal[MAX_PRESSED];                                    /* of the candidates: */
     double gap[MAX_PRESSED], force[MAX_PRESSED];                 /* m, N */
-    int near_ends[MAX_PRESSED][2];                               /* their ends' places in `near`; -1: none */
-    int chosen[MAX_PRESSED];                                     /* of the candidates: those of the complementarity problem */
+    int near_ends[MAX_PRESSED][2];                               /* places of their ends in `near`; -1: none */
+    int chosen[MAX_PRESSED];                                     /* the candidates in the complementarity problem */
     double matrix[MAX_PRESSED * MAX_PRESSED], right[MAX_PRESSED], z[MAX_PRESSED], pivoting[MAX_PRESSED * (MAX_PRESSED + 2)];
     int nodes[2 * MAX_PRESSED];
     vec3 now[MAX_PRESSED], unloaded[MAX_PRESSED];
@@ -50,7 +52,7 @@ static int compare_edges(const void *a, const void *b) {
     return x[0] != y[0] ? compare_nodes(x, y) : compare_nodes(x + 1, y + 1);
 }
 
-/* The long edges of the surface's triangles that can move: two nodes, ascending, and a tet. NULL: no memory. */
+/* Long edges of the surface's triangles that can move: two nodes, ascending, and a tet. NULL: no memory. */
 static int (*list_edges(const probe *p, int surface, int *count))[3] {
     const mesh *m = mesh_of(p);
     int most = 0;
@@ -164,7 +166,7 @@ static int compare_gaps(const void *a, const void *b) {
     return x[0] < y[0] ? -1 : x[0] > y[0] ? 1 : (x[1] > y[1]) - (x[1] < y[1]);
 }
 
-/* The points that are pressed, and then the closest ones, as far as there is room for them and their ends. */
+/* Chooses the pressed points, and then the closest ones, as far as there is room for them and their ends. */
 static void choose_closest(probe *p, double (*gaps)[2]) {
     int before[MAX_PRESSED], near_before = p->near_count;
     memcpy(before, p->near, sizeof before);
@@ -191,7 +193,7 @@ static void choose_closest(probe *p, double (*gaps)[2]) {
         }
 }
 
-/* Chooses anew, unless all that matter are listed already. */
+/* Chooses the points again unless all relevant ones are listed already. */
 static trocar_status list_near(probe *p, pose base, report *why) {
     bool listed = p->near_count > 0;
     for (int i = 0; i < p->point_count && listed; i++)
@@ -221,7 +223,7 @@ static vec3 yields(const probe *p, int i, int j, vec3 force) {
     return m3_apply(&block, force);
 }
 
-/* A field of the near nodes at a candidate: 0 at a fixed end. */
+/* Value of a near-node field at a candidate; fixed ends count as 0. */
 static vec3 at_candidate(const probe *p, int candidate, const vec3 *field) {
     const int *ends = p->scratch->near_ends[candidate];
     vec3 sum = v3(0, 0, 0);
@@ -240,7 +242,7 @@ static vec3 candidate_yields(const probe *p, int i, int j, vec3 force) {
     return sum;
 }
 
-/* m/N, of candidate i along its normal, by itself: beyond what the nodes yield. */
+/* m/N: compliance of candidate i along its normal beyond that of its nodes. */
 static double own_compliance(const probe *p, int i) {
     if (p->points[p->candidates[i]].weight == 1.0) return 0.0;
     vec3 normal = p->scratch->normal[i];
@@ -273,7 +275,7 @@ static trocar_status find_free(probe *p, const nodal_forces *loads, const double
 
 /* ---- contact --------------------------------------------------------------------------------------------------------------------- */
 
-/* Moves the near nodes to where the forces leave them. Returns the longest way, m. */
+/* Moves the near nodes to the positions that the forces give. Returns the largest change, m. */
 static double displace(probe *p) {
     probe_scratch *s = p->scratch;
     double longest = 0.0;
@@ -297,8 +299,7 @@ static vec3 displaced(const probe *p, int candidate) {
     return v3_add(p->points[p->candidates[candidate]].rest, at_candidate(p, candidate, p->scratch->u));
 }
 
-/* One step of a Newton iteration: gaps are linear in the displacement about the present one. The nodes' new displacement closes them where
-   the force is not zero. */
+/* One Newton step: gaps are linear in the displacement about the present one, and the new displacement closes them wherever the force is not zero. */
 static bool solve_linearised(probe *p, pose base) {
     probe_scratch *s = p->scratch;
     int count = 0;
@@ -322,7 +323,7 @@ static bool solve_linearised(probe *p, pose base) {
     return true;
 }
 
-/* From the forces of the last time. */
+/* Starts from the forces of the last solution. */
 static void start_from_state(probe *p) {
     probe_scratch *s = p->scratch;
     memset(s->force, 0, sizeof s->force);
@@ -371,7 +372,7 @@ static trocar_status attach(probe *p, report *why) {
 
 static bool has_turned(const pressed_point *n) { return v3_norm(v3_cross(n->normal, n->row)) > TURNED; }
 
-/* What the solution exerts on the hand: force, and torque about the base. */
+/* Sums the force on the hand, and the torque about the base. */
 static vec3 wrench_of_solution(const probe *p, pose base, vec3 *torque) {
     const probe_scratch *s = p->scratch;
     vec3 force = *torque = v3(0, 0, 0);
@@ -384,7 +385,7 @@ static vec3 wrench_of_solution(const probe *p, pose base, vec3 *torque) {
     return force;
 }
 
-/* The solution into the state. True: what is attached must change. */
+/* Writes the solution into the state. Returns true if the set of attached points must change. */
 static bool take_solution(probe *p, pose base) {
     probe_scratch *s = p->scratch;
     probe_state *state = &p->state;
@@ -414,7 +415,7 @@ static bool take_solution(probe *p, pose base) {
     return changed;
 }
 
-/* The forces on points as forces on nodes, each node once. */
+/* Distributes forces on points to nodes, each node once. */
 static void tell(probe *p) {
     probe_scratch *s = p->scratch;
     int count = 0;
@@ -442,7 +443,7 @@ static void tell(probe *p) {
     p->now.count = p->unloaded.count = distinct;
 }
 
-/* Subtracts from the forces the attached points' response to the held needles. */
+/* Subtracts the attached points' response to the held needles from the forces. */
 static trocar_status find_free_forces(probe *p, const nodal_forces *loads, bool changed, report *why) {
     double *response = p->scratch->response, most = 0.0;
     vec3 *unloaded = p->scratch->unloaded;
@@ -472,7 +473,7 @@ bool probe_axis_in_tissue(const mesh *m, const probe_shape *shape, pose base) {
     return mesh_locate(m, tip, -1) >= 0 || mesh_locate(m, base.position, -1) >= 0 || mesh_enter(m, base.position, tip).hit;
 }
 
-/* Loads by others than the probe. */
+/* Displacement by loads other than the probe's. */
 typedef struct {
     nodal_forces forces;
     const double *attached;
@@ -485,7 +486,7 @@ static trocar_status solve_force(probe *p, pose at, const probe_loads *loads, do
     return status;
 }
 
-/* Where between its present place and `to`, where the force would be `beyond`, the force is just below the greatest: by the secant. Leaves the
+/* Finds the place between the present one and `to` where the force is just below the limit, by the secant; at `to` it would be `beyond`. Leaves the
    solution for the pose that it returns. */
 static trocar_status solve_short_of(probe *p, pose *to, double beyond, const probe_loads *loads, report *why) {
     pose from = p->state.base, end = *to;
@@ -499,7 +500,7 @@ static trocar_status solve_short_of(probe *p, pose *to, double beyond, const pro
     return TROCAR_OK;
 }
 
-/* To the next pose on its way. False in `free`: the tissue stops it before. */
+/* Moves to the next pose on the probe's way. Sets `free` to false if the tissue stops it before. */
 static trocar_status press_at(probe *p, pose at, const probe_loads *loads, bool *free, bool *changed, report *why) {
     double force;
     if (p->state.count == 0 && is_far(p, at)) {
@@ -515,7 +516,7 @@ static trocar_status press_at(probe *p, pose at, const probe_loads *loads, bool 
     return status;
 }
 
-/* Put in anew where it has not come by a way, if nothing is in the way there. Otherwise it stays, as it was. */
+/* Places the probe directly at a pose that it has not reached in steps, if nothing prevents it. Otherwise the probe stays where it was. */
 static trocar_status put_in(probe *p, pose base, const probe_loads *loads, bool *free, bool *changed, report *why) {
     double force = 0.0;
     trocar_status status = TROCAR_OK;

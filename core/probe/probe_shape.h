@@ -4,17 +4,17 @@
 
 #include "base/vec.h"
 
-/* The axis is the probe's local +z, from its base, where the hand holds it, to its tip at z = length. Behind the base the cylinder goes on. */
+/* The axis is the probe's local +z, from its base, where the hand holds it, to its tip at z = length. The cylinder continues behind the base. */
 typedef struct {
     double radius;           /* m */
-    double tip_radius;       /* m, of the edge around its end: `radius` makes it a hemisphere */
+    double tip_radius;       /* m, of the rounded edge at its end; equal to `radius`: a hemisphere */
     double length;           /* m, from base to tip */
 } probe_shape;
 
 /* Distance of x from the surface (m), negative inside, and the outward unit normal at the closest point of the surface. */
 double probe_gap(const probe_shape *shape, pose base, vec3 x, vec3 *normal);
 
-/* How far the farthest point between base and tip moves from one pose to the other, m. */
+/* Largest distance that a point between base and tip moves from one pose to the other, m. */
 double probe_way(const probe_shape *shape, pose from, pose to);
 
 #endif

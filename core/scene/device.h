@@ -1,4 +1,4 @@
-/* What a haptic device renders: the limits that the server keeps, and known devices by name. */
+/* Limits of haptic devices, which the server respects, and known devices by name. */
 #ifndef TROCAR_DEVICE_H
 #define TROCAR_DEVICE_H
 
@@ -13,8 +13,8 @@ device_limits device_defaults(void);
 /* Names of the known devices, ended by NULL. */
 extern const char *const device_profiles[];
 
-/* Sets the limits on force and torque, their rates and the stiffness to those of a device; false if the name is unknown. A
-   device that renders no torque leaves the limits on torque alone. Sources: meshes/PARAMETERS.md. */
+/* Sets the limits on force and torque, their rates and the stiffness to those of a device; false if the name is unknown. For a device without torque,
+   the torque limits are unchanged. Sources: meshes/PARAMETERS.md. */
 bool device_use_profile(const char *name, device_limits *limits);
 
 #endif

@@ -101,7 +101,7 @@ static trocar_status read_file(const char *path, char **text, size_t *length, re
     return status;
 }
 
-/* Of what is checked later, against the mesh. */
+/* Checks values that are compared with the mesh later, once it has been read. */
 static void note_lines(scene *s, yaml_text *document) {
     char key[KEY_ROOM];
     for (int i = 0; i < s->simulation.guide_count; i++) {
@@ -144,7 +144,7 @@ trocar_status scene_load(const char *path, scene *s, report *why) {
 
 /* ---- one key ----------------------------------------------------------------------------------------------------------------- */
 
-/* The entry that "regions[0].x" or "regions[prostate].x" means, and "regions[].x". NULL: there is none. */
+/* The list entry that "regions[0].x" or "regions[prostate].x" means, and the pattern "regions[].x". NULL: no such entry. */
 static void *find_entry(scene *s, const char *key, bool append, char pattern[KEY_ROOM]) {
     const char *open = strchr(key, '['), *close = open ? strchr(open, ']') : NULL;
     snprintf(pattern, KEY_ROOM, "%s", key);
@@ -159,7 +159,7 @@ static void *find_entry(scene *s, const char *key, bool append, char pattern[KEY
     while (list < LISTS && !(strlen(LIST_TABLE[list].key) == prefix && strncmp(LIST_TABLE[list].key, key, prefix) == 0)) list++;
     if (list == LISTS || !find_row(pattern)) return NULL;
     long index = strtol(name, &end, 10);
-    bool next = append && list == RELAXATION && index == *count_of(s, list) && index < LIST_TABLE[list].most; /* it has no name to add it by */
+    bool next = append && list == RELAXATION && index == *count_of(s, list) && index < LIST_TABLE[list].most; /* an entry without a name cannot be appended by name */
     if (*end == '\0' && next) return append_entry(s, list);
     if (*end == '\0') return index >= 0 && index < *count_of(s, list) ? entry_of(s, list, (int)index) : NULL;
     for (int i = 0; i < *count_of(s, list); i++)
@@ -170,7 +170,7 @@ static void *find_entry(scene *s, const char *key, bool append, char pattern[KEY
     return entry;
 }
 
-/* The row that a key means, and where its value is. */
+/* The table row of a key, and the place of its value. */
 static const row *find_value(scene *s, const char *key, bool append, void **base, fault *f) {
     char pattern[KEY_ROOM];
     *base = strlen(key) < KEY_ROOM ? find_entry(s, key, append, pattern) : NULL;

@@ -1,26 +1,25 @@
-/* The scene: what to simulate, as a YAML file or the caller of the library says it. Every key is one row of a table (scene_table.c),
-   which reading, setting, printing and the reference table of the documentation share. */
+/* The scene: what to simulate, from a YAML file or from calls. Every key is one row of a table (scene_table.c), which reading, setting, printing and
+   the reference table of the documentation share. */
 #ifndef TROCAR_SCENE_H
 #define TROCAR_SCENE_H
 
 #include "scene/scene_struct.h"
 
-/* A scene without mesh, regions or fixed groups; every other value is its default. */
+/* A scene without mesh, regions and fixed groups; all other values are defaults. */
 void scene_defaults(scene *s);
 
-/* Reads a scene file over the defaults. BAD_INPUT with file, line and key for an unknown, missing or repeated key and for a
-   value of the wrong kind or out of range. Names are compared with the mesh's later, by simulation_create. */
+/* Reads a scene file over the defaults. BAD_INPUT with file, line and key if a key is unknown, missing or repeated, or a value has the wrong type or
+   is out of range. simulation_create compares names with the mesh later. */
 trocar_status scene_load(const char *path, scene *s, report *why);
 
-/* Sets one key from YAML text: "needle.length" to "0.15", "fixed" to "[back, below]". Entries of a list are chosen by index or
-   by name, as in "regions[0].poisson_ratio" or "regions[prostate].friction.static"; a new name appends an entry. BAD_INPUT
-   leaves the scene as it was. */
+/* Sets one key from YAML text: "needle.length" to "0.15", "fixed" to "[back, below]". List entries are chosen by index or name, as in
+   "regions[0].poisson_ratio" or "regions[prostate].friction.static"; a new name appends an entry. BAD_INPUT leaves the scene unchanged. */
 trocar_status scene_set(scene *s, const char *key, const char *value, report *why);
 
-/* Prints the value of a key as YAML. BAD_INPUT when there is no such key or no such entry, or when `size` bytes are too few. */
+/* Prints the value of a key as YAML. BAD_INPUT if there is no such key or entry, or if `size` is too small. */
 trocar_status scene_get(const scene *s, const char *key, char *value, size_t size, report *why);
 
-/* Checks what needs more than one key: mandatory ones, and values that must fit each other. */
+/* Checks whatever involves more than one key: mandatory keys, and values that must fit each other. */
 trocar_status scene_check(const scene *s, report *why);
 
 #endif

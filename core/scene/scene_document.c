@@ -4,10 +4,10 @@
 
 static void join_key(char out[KEY_ROOM], const char *before, const char *key) { snprintf(out, KEY_ROOM, "%s%s%s", before, *before ? "." : "", key); }
 
-/* Where a mapping is: its key, as in "regions[0].friction", the same as a pattern of the table, and what its values go into. */
+/* A mapping: its key, such as "regions[0].friction", the matching pattern of the table, and the struct that its values go into. */
 typedef struct {
     const char *key, *pattern;
-    void *base;              /* the scene, or an entry of a list */
+    void *base;              /* the scene, or a list entry */
 } mapping;
 
 static void take_mapping(scene *s, const mapping *at, const yaml_value *value, fault *f);
@@ -32,7 +32,7 @@ static void take_list(scene *s, list_kind list, const yaml_value *value, fault *
 
 /* Keys of earlier releases. */
 static const struct { const char *key, *remedy; } RETIRED[] = {
-    {"contact.resolution", "what the mesh resolves is measured: remove the key"},
+    {"contact.resolution", "the simulator measures what the mesh resolves: remove the key"},
 };
 
 static void reject_unknown(fault *f, const char *key, const mapping *at, const char *name) {
@@ -56,12 +56,12 @@ static void take_pair(scene *s, const mapping *at, const char *name, const yaml_
             return;
         }
     if (strcmp(row_key, "regions[].relaxation") == 0)
-        reject(f, key, "one series serves all regions, for only then one inverse of the stiffness holds at all times; move it to the top level");
+        reject(f, key, "all regions share one series, because the inverse of the stiffness is valid at all times only then; move it to the top level");
     else if (leads_on(row_key, ".")) take_mapping(s, &(mapping){key, row_key, at->base}, value, f);
     else reject_unknown(f, key, at, name);
 }
 
-/* The profile of a device comes before the keys that override it. */
+/* Reads the device's profile before the keys that override it. */
 static bool comes_first(const char *pattern, const char *name) {
     char key[KEY_ROOM];
     join_key(key, pattern, name);

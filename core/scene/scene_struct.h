@@ -1,4 +1,4 @@
-/* What a scene says: every key's value; and the reference table of the keys. */
+/* The scene's values, and the reference table of its keys. */
 #ifndef TROCAR_SCENE_STRUCT_H
 #define TROCAR_SCENE_STRUCT_H
 
@@ -9,11 +9,11 @@
 #define SCENE_MAX_RATE 10000.0 /* Hz */
 
 typedef struct {
-    char path[1024];         /* of the scene file, empty without one: relative paths start from its directory */
+    char path[1024];         /* of the scene file, empty if there is none: relative paths start from its directory */
     simulation_config simulation;
     double rate_hz;          /* of the haptic loop */
-    int phase_lock;          /* 1: its ticks begin when poses come */
-    char profile[MESH_NAME]; /* of the device, empty: none */
+    int phase_lock;          /* 1: ticks begin when poses come */
+    char profile[MESH_NAME]; /* name of the device profile; empty: none */
     device_limits device;
     pose start;              /* of the needle's base, outside the tissue; its position is NAN: none */
     double start_depth;      /* m that scripted motions insert the needle from there */
@@ -23,8 +23,8 @@ typedef struct {
 
 /* One row of the reference table. The strings live as long as the program. */
 typedef struct {
-    const char *key;         /* "regions[].friction.static": one for each entry of the list */
-    const char *unit;        /* "" where there is none */
+    const char *key;         /* "regions[].friction.static": one for each list entry */
+    const char *unit;        /* "" if there is none */
     const char *accepts;     /* "a number above 0", "rod or tetrahedra" */
     const char *doc;
     bool required;

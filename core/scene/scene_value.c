@@ -5,7 +5,7 @@
 #include <stdlib.h>
 #include <string.h>
 
-#define ROTATION_ERROR 1e-3 /* of given directions; they may have been rounded */
+#define ROTATION_ERROR 1e-3 /* tolerance for given directions, which may have been rounded */
 
 void reject_at(fault *f, const char *place, const char *key, const char *format, ...) {
     if (f->found) return;
@@ -20,7 +20,7 @@ void reject_at(fault *f, const char *place, const char *key, const char *format,
 
 /* ---- values -------------------------------------------------------------------------------------------------------------- */
 
-/* A decimal number or YAML's infinity, nothing after it. */
+/* A decimal number or YAML's infinity, with nothing after it. */
 static bool parse_number(const char *text, double *value) {
     static const char *const infinities[] = {".inf", ".Inf", ".INF", "+.inf"};
     for (size_t i = 0; i < sizeof infinities / sizeof *infinities; i++)
@@ -38,7 +38,7 @@ static bool take_number(const row *r, const char *key, const char *text, const r
     return false;
 }
 
-/* A unit by name, or its size in metres. */
+/* A named unit, or its size in metres. */
 static void take_unit(const char *key, const char *text, double *unit, fault *f) {
     double number;
     double named = unit_size(text);
@@ -49,10 +49,10 @@ static void take_unit(const char *key, const char *text, double *unit, fault *f)
 
 /* Words of earlier releases. */
 static const struct { const char *key, *word, *remedy; } RETIRED[] = {
-    {"remeshing", "woodbury", "it is compared with nested by scripts/bench: remove the key, or set nested"},
-    {"remeshing", "woodbury-general", "it is compared with nested by scripts/bench: remove the key, or set nested"},
-    {"remeshing", "bcs", "it is compared with nested by scripts/bench: remove the key, or set nested"},
-    {"remeshing", "bcs-blocked", "it is compared with nested by scripts/bench: remove the key, or set nested"},
+    {"remeshing", "woodbury", "used only by scripts/bench for comparison: remove the key, or set nested"},
+    {"remeshing", "woodbury-general", "used only by scripts/bench for comparison: remove the key, or set nested"},
+    {"remeshing", "bcs", "used only by scripts/bench for comparison: remove the key, or set nested"},
+    {"remeshing", "bcs-blocked", "used only by scripts/bench for comparison: remove the key, or set nested"},
     {"contact.placement", "faces", "scripts/bench measures such nodes: remove the key, or set inside"},
     {"contact.placement", "moved", "scripts/bench measures such nodes: remove the key, or set inside"},
     {"needle.model", "tetrahedra", "scripts/verify compares it with the rod: remove the key, or set rod"},
@@ -76,7 +76,7 @@ static void take_name(const char *key, const char *text, char name[MESH_NAME], f
     else memcpy(name, text, length + 1);
 }
 
-/* Relative to the scene file. */
+/* Makes a path relative to the scene file. */
 static void take_path(const scene *s, const row *r, const char *key, const char *text, char path[1024], fault *f) {
     const char *slash = strrchr(s->path, '/');
     int directory = slash && text[0] != '/' ? (int)(slash - s->path) + 1 : 0;
@@ -110,7 +110,7 @@ static void take_rotation(const row *r, const char *key, const yaml_value *value
     else *rotation = q_unit((quat){n[0], n[1], n[2], n[3]});
 }
 
-/* From mm to m without distortion: rotation, shift and the factor 1e-3. */
+/* A transform from mm to m without distortion: rotation, translation and the factor 1e-3. */
 static void take_transform(const row *r, const char *key, const yaml_value *value, double matrix[16], fault *f) {
     double n[16];
     if (!take_numbers(r, key, value, "sixteen", 16, n, f)) return;
@@ -137,7 +137,7 @@ static void take_names(scene *s, const row *r, const char *key, const yaml_value
     }
 }
 
-/* A name in a list that no other entry has. */
+/* A name that no other entry of the list has. */
 static void take_entry_name(scene *s, const row *r, const char *key, const char *text, char *name, fault *f) {
     for (int i = 0; i < *count_of(s, r->list); i++)
         if (name_of(s, r->list, i) != name && strcmp(name_of(s, r->list, i), text) == 0) reject(f, key, "\"%s\" is there twice", text);
@@ -191,7 +191,7 @@ static int print_number(char *text, size_t size, double x) {
     return snprintf(text, size, "%s", shortest);
 }
 
-/* Nothing where nothing is given: NAN. */
+/* Prints numbers as a YAML list; nothing if the first is NAN, which means that the key was not given. */
 static int print_numbers(char *text, size_t size, const double *numbers, int count) {
     char number[32];
     if (isnan(numbers[0])) return snprintf(text, size, "%s", "");

@@ -1,15 +1,15 @@
-/* The values of a scene's keys: from YAML into the scene, and back to text. */
+/* Values of scene keys: from YAML into the scene, and back to text. */
 #ifndef TROCAR_SCENE_VALUE_H
 #define TROCAR_SCENE_VALUE_H
 
 #include "scene/scene_table.h"
 #include "scene/yaml_text.h"
 
-/* The first thing that is wrong; later ones are passed over. */
+/* The first fault; later ones are ignored. */
 typedef struct {
     bool found;
-    char place[KEY_ROOM];    /* whose line is told */
-    char key[KEY_ROOM];      /* that the message names, may be empty */
+    char place[KEY_ROOM];    /* the place whose line is reported */
+    char key[KEY_ROOM];      /* the key named in the message, may be empty */
     char words[WORDS_ROOM];
 } fault;
 
@@ -17,10 +17,10 @@ __attribute__((format(printf, 4, 5)))
 void reject_at(fault *f, const char *place, const char *key, const char *format, ...);
 #define reject(f, key, ...) reject_at(f, key, key, __VA_ARGS__)
 
-/* Puts the value of one key into the scene; `base` is the scene or the list's entry. */
+/* Writes the value of one key into the scene; `base` is the scene or the list entry. */
 void take_value(scene *s, const row *r, const char *key, void *base, const yaml_value *value, fault *f);
 
-/* Prints a value as YAML. Returns its length, as snprintf does. */
+/* Prints a value as YAML. Returns its length, like snprintf. */
 int print_value(const scene *s, const row *r, const void *base, char *value, size_t size);
 
 #endif

@@ -1,4 +1,4 @@
-/* A YAML document as a tree of texts, lists and mappings, with the line of each key for messages. Over libyaml. */
+/* A YAML document as a tree of texts, lists and mappings, with the line of each key for messages. Uses libyaml. */
 #ifndef TROCAR_YAML_TEXT_H
 #define TROCAR_YAML_TEXT_H
 
@@ -16,12 +16,12 @@ typedef enum { YAML_TEXT, YAML_LIST, YAML_MAPPING } yaml_kind;
 typedef struct {
     yaml_kind kind;
     const char *text;        /* YAML_TEXT */
-    int count;               /* items of a list, pairs of a mapping */
+    int count;               /* items of a list, or pairs of a mapping */
     yaml_document_t *document;
     yaml_node_t *node;
 } yaml_value;
 
-/* BAD_INPUT, with `name` and line, when the text is empty or is not YAML. Only after success is yaml_close due. */
+/* BAD_INPUT, with `name` and line, if the text is empty or not YAML. Call yaml_close only after success. */
 trocar_status yaml_open(const char *name, const char *text, size_t length, yaml_text *y, report *why);
 void yaml_close(yaml_text *y);
 
@@ -31,10 +31,10 @@ yaml_value yaml_item(const yaml_value *list, int index);
 /* Key and value of a pair; a key that is not a single value reads as "". */
 const char *yaml_pair(const yaml_value *mapping, int index, yaml_value *value);
 bool yaml_has_key(const yaml_value *mapping, const char *key);
-bool yaml_key_repeated(const yaml_value *mapping, int index); /* an earlier pair has the same key */
+bool yaml_key_repeated(const yaml_value *mapping, int index); /* true if an earlier pair has the same key */
 
-/* Line (from 1) of the key or item at a path such as "regions[0].friction.static", or of its innermost parent that is
-   there. A repeated key counts where it is first. */
+/* Line (from 1) of the key or item at a path such as "regions[0].friction.static", or of its innermost existing parent. For a repeated key, the line
+   of the first. */
 int yaml_line(yaml_text *y, const char *path);
 
 #endif

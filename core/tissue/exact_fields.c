@@ -15,7 +15,7 @@ vec3 line_lateral(double x, double y, double poisson_ratio) {
 vec3 line_traction(int axis, vec3 at, vec3 area, double poisson_ratio) {
     double x = at.x, y = at.y, square = x * x + y * y;
     if (axis == 2) return v3(-area.z * x / (2.0 * M_PI * square), -area.z * y / (2.0 * M_PI * square), -(area.x * x + area.y * y) / (2.0 * M_PI * square));
-    if (axis == 1) { /* turned by a right angle about z */
+    if (axis == 1) { /* rotated by a right angle about z */
         vec3 turned = line_traction(0, v3(y, -x, 0), v3(area.y, -area.x, area.z), poisson_ratio);
         return v3(-turned.y, turned.x, turned.z);
     }
@@ -29,7 +29,7 @@ double line_lateral_logarithm(double u, double poisson_ratio) { return -8.0 * M_
 
 double line_lateral_radius(double u, double poisson_ratio) { return exp(line_lateral_logarithm(u, poisson_ratio)); }
 
-/* Integrals over a segment, with z counted from its points to x, r the distance: of 1/r, 1/r^3, z/r^3 and z^2/r^3, and of their gradients. */
+/* Integrals over a segment, with z counted from its points to x and r the distance: of 1/r, 1/r^3, z/r^3 and z^2/r^3, and of their gradients. */
 typedef struct {
     double value[4];
     vec3 gradient[4];
@@ -82,7 +82,7 @@ vec3 segment_traction(const line_segment *line, vec3 x, vec3 area, double poisso
     return v3_scale(c, v3_add(v3_add(t, turned), v3(v3_dot(row[0], area), v3_dot(row[1], area), v3_dot(row[2], area))));
 }
 
-/* On the circumference, x^2 is half of rho^2 in the mean. */
+/* On the circumference, the mean of x^2 is half of rho^2. */
 double segment_logarithm(double from, double to, double radius, double poisson_ratio) {
     double logarithm = asinh(to / radius) - asinh(from / radius), cosines = to / hypot(to, radius) - from / hypot(from, radius);
     return line_lateral_logarithm(((3.0 - 4.0 * poisson_ratio) * logarithm + 0.5 * cosines) / (16.0 * M_PI * (1.0 - poisson_ratio)), poisson_ratio);
@@ -99,11 +99,11 @@ vec3 mindlin_displacement(vec3 source, vec3 force, vec3 at, double nu) {
     double r1 = sqrt(x * x + y * y + below * below), r2 = sqrt(x * x + y * y + above * above);
     double r1_3 = r1 * r1 * r1, r2_3 = r2 * r2 * r2, r2_5 = r2_3 * r2 * r2, k = 3.0 - 4.0 * nu, q = 4.0 * (1.0 - nu) * (1.0 - 2.0 * nu);
     double reach = r2 + above;
-    /* a force normal to the surface moves the point outward from the axis and along it; */
+    /* a force normal to the surface moves the point away from the axis and along it; */
     double outward = below / r1_3 + k * below / r2_3 - q / (r2 * reach) + 6.0 * c * z * above / r2_5;
     double along = k / r1 + (8.0 * (1.0 - nu) * (1.0 - nu) - k) / r2 + below * below / r1_3
                  + (k * above * above - 2.0 * c * z) / r2_3 + 6.0 * c * z * above * above / r2_5;
-    /* one parallel to it: A f + B (f . d) d in the plane, and a normal part */
+    /* a parallel force: A f + B (f . d) d in the plane, and a normal part */
     double a = k / r1 + 1.0 / r2 + 2.0 * c * z / r2_3 + q / reach;
     double b = 1.0 / r1_3 + k / r2_3 - 6.0 * c * z / r2_5 - q / (r2 * reach * reach);
     double lifted = below / r1_3 + k * below / r2_3 - 6.0 * c * z * above / r2_5 + q / (r2 * reach);

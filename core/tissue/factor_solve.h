@@ -5,10 +5,10 @@
 #include <stdbool.h>
 #include <suitesparse/cholmod.h>
 
-/* A solution and its workspace, kept from one solve to the next: only the first one allocates. All NULL at first. */
+/* A solution and its workspace, reused by later solves: only the first one allocates. Initialise to NULL. */
 typedef struct { cholmod_dense *x, *y, *e; } factor_solution;
 
-/* Solves A x = right; x has right's size. False if out of memory. */
+/* Solves A x = right; x has the size of right. False if out of memory. */
 bool factor_solve(cholmod_factor *factor, cholmod_dense *right, factor_solution *s, cholmod_common *common);
 
 void factor_solution_free(factor_solution *s, cholmod_common *common);

@@ -1,4 +1,4 @@
-/* State while one mesh file is read by Gmsh; for the files mesh_gmsh.c and gmsh_groups.c only. */
+/* State while Gmsh reads one mesh file; included by mesh_gmsh.c and gmsh_groups.c only. */
 #ifndef TROCAR_GMSH_READER_H
 #define TROCAR_GMSH_READER_H
 
@@ -22,15 +22,15 @@ typedef struct {
     int triangle_count;
 } gmsh_reader;
 
-/* Fail with a message: no memory; Gmsh's last error. */
+/* Fail with a message: out of memory; Gmsh's last error. */
 trocar_status reader_no_memory(gmsh_reader *r);
 trocar_status reader_gmsh_failed(gmsh_reader *r);
 
 /* Index of the node with this tag, -1 if no tetrahedron uses it. */
 int reader_node(const gmsh_reader *r, size_t tag);
 
-/* Reads the physical groups in Gmsh's order (by dimension, then tag), without their nodes. Without a physical volume all tetrahedra form
-   the region "tissue". `tags` receives the tag of each group. */
+/* Reads the physical groups in Gmsh's order (by dimension, then tag), without their nodes. If there is no physical volume, all tetrahedra form the
+   region "tissue". `tags` receives the tag of each group. */
 trocar_status read_groups(gmsh_reader *r, int tags[MESH_MAX_GROUPS]);
 
 /* Index of the group of this dimension and tag, or -1. */

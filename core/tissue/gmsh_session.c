@@ -7,7 +7,7 @@
 #include <stdlib.h>
 #include <string.h>
 
-/* Gmsh sets the locale of the whole process: the host's comes back at once. */
+/* Gmsh sets the locale of the whole process; this restores the host's at once. */
 static void start_gmsh(int *error) {
     const char *now = setlocale(LC_ALL, NULL);
     char *before = now ? strdup(now) : NULL;
@@ -16,7 +16,7 @@ static void start_gmsh(int *error) {
     free(before);
 }
 
-/* If the host program already uses Gmsh, the work is done in a model that is removed again. */
+/* If the host program already uses Gmsh, works in a model of its own, which is removed again. */
 static trocar_status run_in_session(const char *name, trocar_status (*work)(void *context), void *context, report *why) {
     int error = 0;
     double terminal = -1.0; /* unchanged if Gmsh is not running */
@@ -41,7 +41,8 @@ static trocar_status run_in_session(const char *name, trocar_status (*work)(void
 
 static pthread_mutex_t session_lock = PTHREAD_MUTEX_INITIALIZER;
 
-/* A fork waits until a mesh has been read in another thread: the child would have Gmsh as it is half way, and the lock for ever. */
+/* A fork waits until other threads have read their meshes: otherwise the child would inherit a half-initialised Gmsh and a lock that is never
+   released. */
 static pthread_once_t forks_watched = PTHREAD_ONCE_INIT;
 static void begin_fork(void) { pthread_mutex_lock(&session_lock); }
 static void end_fork(void) { pthread_mutex_unlock(&session_lock); }
@@ -50,7 +51,7 @@ static void watch_forks(void) { pthread_atfork(begin_fork, end_fork, end_fork); 
 trocar_status gmsh_session_run(const char *name, trocar_status (*work)(void *context), void *context, report *why) {
     pthread_once(&forks_watched, watch_forks);
     pthread_mutex_lock(&session_lock);
-    locale_t before = use_c_locale(); /* Gmsh reads numbers with that of the host */
+    locale_t before = use_c_locale(); /* Gmsh reads numbers in the host's locale */
     trocar_status status = run_in_session(name, work, context, why);
     restore_locale(before);
     pthread_mutex_unlock(&session_lock);

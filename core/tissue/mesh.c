@@ -163,9 +163,9 @@ void mesh_remark(mesh *m, const char *format, ...) {
     va_end(arguments);
 }
 
-static const double LARGEST_BODY = 10.0; /* needle lengths: a larger body makes the start warn of another unit. Chosen */
-static const double SMALLEST_BODY = 0.05; /* needle lengths: a smaller one, too. Chosen */
-static const double COARSEST = 50.0; /* needle diameters: larger elements make the start warn. Chosen */
+static const double LARGEST_BODY = 10.0; /* needle lengths: a larger body causes a warning that the unit may be wrong. Chosen */
+static const double SMALLEST_BODY = 0.05; /* needle lengths: a smaller body causes the same warning. Chosen */
+static const double COARSEST = 50.0; /* needle diameters: larger elements cause a warning. Chosen */
 
 void mesh_compare_with_needle(mesh *m, double length, double diameter) {
     double size = v3_norm(v3_sub(m->bvh[0].high, m->bvh[0].low)), least = INFINITY;

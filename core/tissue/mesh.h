@@ -45,23 +45,23 @@ typedef struct {
     int *bvh_order;          /* boundary_count */
     double *node_size;       /* node_count: mean edge length of equivalent regular tets around the node, m */
     bool *anatomical;        /* node_count: on the outer surface, an interface of regions, or a named surface, line or point */
-    report remarks;          /* changes made to the file's mesh and suspected errors in it; may be empty */
+    report remarks;          /* changes made to the file's mesh, and suspected errors in it; may be empty */
 } mesh;
 
-/* Reads any format that Gmsh reads, with coordinates in `unit` (m); checks nodes, tets, orientation and conformity, and joins bodies
-   whose faces match. Errors: BAD_INPUT with a message that names the file. Not thread-safe, because Gmsh has global state. */
+/* Reads any format that Gmsh reads, with coordinates in `unit` (m); checks nodes, tets, orientation and conformity, and joins bodies whose faces
+   match. BAD_INPUT with a message that names the file. Not thread-safe, because Gmsh has global state. */
 trocar_status mesh_read_in(const char *path, double unit, mesh *m, report *why);
 
-/* The same in metres. */
+/* Loads a mesh file whose coordinates are in metres. */
 static inline trocar_status mesh_read(const char *path, mesh *m, report *why) { return mesh_read_in(path, 1.0, m, why); }
 
-/* The same from arrays, which are copied. BAD_INPUT for indices out of range, duplicate names, and as in mesh_finish. */
+/* Makes a mesh from arrays, which are copied. BAD_INPUT for indices out of range and duplicate names, and as in mesh_finish. */
 trocar_status mesh_from_arrays(const trocar_mesh *given, mesh *m, report *why);
 trocar_status mesh_arrays_check(const trocar_mesh *given, report *why); /* only checks indices and names */
 
-/* Completes a mesh that has node_count, tet_count, nodes, tets, region and groups: orients the tets, finds neighbours and the
-   boundary, and builds the tree. `triangles`: triangles of named surfaces; `triangle_group`: their group indices. `name` is
-   used in messages. Takes ownership of the arrays in `m`; also after a failure release them with `mesh_free`. */
+/* Completes a mesh that has node_count, tet_count, nodes, tets, region and groups: orients the tets, finds neighbours and the boundary, and builds
+   the tree. `triangles`: triangles of named surfaces; `triangle_group`: their group indices. `name` is used in messages. Takes ownership of the
+   arrays in `m`; release them with `mesh_free`, also after a failure. */
 trocar_status mesh_finish(mesh *m, int triangle_count, const int (*triangles)[3], const int *triangle_group,
                           const char *name, report *why);
 
@@ -70,7 +70,7 @@ void mesh_free(mesh *m);
 /* Appends a sentence to the remarks. */
 __attribute__((format(printf, 2, 3))) void mesh_remark(mesh *m, const char *format, ...);
 
-/* Appends a remark if the body or its elements are implausibly large or small compared with the needle, as with a wrong unit. */
+/* Appends a remark if the body or its elements are implausibly large or small compared with the needle, which suggests a wrong unit. */
 void mesh_compare_with_needle(mesh *m, double length, double diameter);
 
 /* Index of the group of this name and dimension (any if -1), or -1. */
@@ -82,7 +82,7 @@ void mesh_barycentric(const mesh *m, int tet, vec3 x, double weights[4]);
 /* Edge length of the mesh in element `tet`, m: mean of node_size. RT */
 double mesh_edge_length(const mesh *m, int tet);
 
-/* The same for a tetrahedron given by its corners. RT */
+/* Barycentric weights of x in a tetrahedron given by its corners. RT */
 void tet_barycentric(const vec3 corners[4], vec3 x, double weights[4]);
 
 /* Finds the tetrahedra around a node of tet `start`. Returns their number, or -1 if there are more than `most`. RT */
@@ -107,14 +107,14 @@ typedef struct {
 } surface_hit;
 surface_hit mesh_enter(const mesh *m, vec3 a, vec3 b);
 
-/* The tetrahedron that contains x, or -1. The search starts at tet `start` (-1: any) and succeeds on non-convex meshes as well. */
+/* The tetrahedron that contains x, or -1. The search starts at tet `start` (-1: any) and also works in non-convex meshes. */
 int mesh_locate(const mesh *m, vec3 x, int start);
 
 /* Face through which the ray from x in tet `tet` along d leaves it, and the distance in units of d; -1 if d is zero. A start
    slightly outside a face is treated as on it. RT */
 int mesh_exit(const mesh *m, int tet, vec3 x, vec3 d, double *distance);
 
-/* For qsort and bsearch over node numbers. */
+/* Compares node numbers, for qsort and bsearch. */
 static inline int compare_nodes(const void *a, const void *b) { return *(const int *)a - *(const int *)b; }
 
 #endif

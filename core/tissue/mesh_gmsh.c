@@ -1,4 +1,4 @@
-/* Reads mesh files with Gmsh; only this file, gmsh_groups.c and gmsh_session.c depend on it. */
+/* Reads mesh files with Gmsh; only this file, gmsh_groups.c and gmsh_session.c use it. */
 #include <errno.h>
 #include <gmshc.h>
 #include <limits.h>
@@ -51,7 +51,7 @@ static int compare_tags(const void *left, const void *right) {
 }
 
 static numbered_node *find_node(const gmsh_reader *r, size_t tag) {
-    size_t place = tag - r->nodes[0].tag; /* in a file without gaps; wraps around below the first */
+    size_t place = tag - r->nodes[0].tag; /* index in a file without gaps; wraps around below the first tag */
     if (place < (size_t)r->node_count && r->nodes[place].tag == tag) return &r->nodes[place];
     numbered_node wanted = {tag, 0};
     return bsearch(&wanted, r->nodes, r->node_count, sizeof *r->nodes, compare_tags);

@@ -2,12 +2,12 @@
 
 #include <stdlib.h>
 
-static const double SAME_PLACE = 1e-6; /* fraction: of the body's size, within which nodes are one. Rounding: of files in single precision */
+static const double SAME_PLACE = 1e-6; /* fraction: of the body's size, within which nodes coincide. Rounding: of files in single precision */
 static const vec3 ORDER = {0.5773, 0.7211, 0.3834};               /* sorting direction, not aligned with the axes of regular meshes */
 static const int FACES[4][3] = {{1, 2, 3}, {0, 2, 3}, {0, 1, 3}, {0, 1, 2}};
 
 typedef struct { double along; int node; } placed_node;
-typedef struct { int place[3], nodes[3]; } placed_face;            /* first node at each place, ascending; and the face's own nodes */
+typedef struct { int place[3], nodes[3]; } placed_face;            /* lowest node at each position, ascending; and the face's own nodes */
 
 static int compare_placed(const void *left, const void *right) {
     const placed_node *a = left, *b = right;

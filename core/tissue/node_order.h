@@ -10,7 +10,7 @@ cholmod_sparse *node_graph(tissue *t);
 /* Marks the free ones of these nodes, indexed by first dof / 3; the caller frees it. NULL: no memory. */
 bool *mark_free_nodes(const tissue *t, int count, const int *nodes);
 
-/* Nested dissection of some free nodes, as if the others were not there: writes them to order[count]. False: no memory. */
+/* Nested dissection of some free nodes, ignoring all others: writes them to order[count]. False: no memory. */
 bool node_dissect(tissue *t, const cholmod_sparse *graph, int count, const int *nodes, int *order);
 
 /* Nested dissection of the free nodes, order[dof_count / 3]; nodes marked `last` (indexed by first dof / 3) are moved to the end. The separators

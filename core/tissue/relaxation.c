@@ -29,8 +29,8 @@ static double modulus_at(int count, const relaxation_term *terms, double rate) {
     return sum;
 }
 
-/* The rate of creep between two neighbouring rates of relaxation (the lower one may be 0): the modulus falls from positive to negative
-   infinity in between, or from its value in the long term. */
+/* The rate of creep between two neighbouring rates of relaxation (the lower one may be 0): in between, the modulus falls from plus to minus infinity,
+   or from its long-term value. */
 static double creep_rate(int count, const relaxation_term *terms, double low, double high) {
     for (double middle = 0.5 * (low + high); low < middle && middle < high; middle = 0.5 * (low + high)) {
         if (modulus_at(count, terms, middle) > 0.0) low = middle;
@@ -39,14 +39,14 @@ static double creep_rate(int count, const relaxation_term *terms, double low, do
     return low;
 }
 
-/* J, the creep function, and G, the relaxation function, satisfy s^2 G~(s) J~(s) = 1. With M(s) = s G~(s), a rational function with
-   simple poles at -1 / relaxation times, J has its times where M is zero, one between any two poles, and its compliances from the residues
-   of 1 / (s M(s)) there: -1 / (s M'(s)). */
+/* J, the creep function, and G, the relaxation function, satisfy s^2 G~(s) J~(s) = 1. M(s) = s G~(s) is a rational function with simple poles at -1 /
+   relaxation times. The times of J are where M is zero, one between any two poles; its compliances follow from the residues of 1 / (s M(s)) there: -1
+   / (s M'(s)). */
 trocar_status creep_from_relaxation(int count, const relaxation_term *terms, creep_series *creep, report *why) {
     relaxation_term sorted[MAX_RELAXATION];
     relaxation_fault wrong = relaxation_check(count, terms);
     if (wrong.key) return fail(why, TROCAR_BAD_INPUT, "relaxation[%d].%s: %s", wrong.term, wrong.key, wrong.words);
-    for (int i = 0; i < count; i++) { /* longest first: their rates ascend */
+    for (int i = 0; i < count; i++) { /* longest first, so that their rates ascend */
         int k = i;
         for (; k > 0 && sorted[k - 1].time < terms[i].time; k--) sorted[k] = sorted[k - 1];
         sorted[k] = terms[i];

@@ -1,5 +1,5 @@
-/* Relaxation of the tissue: the Prony series of the stress under a held strain, and the creep under a held force that follows
-   from it. See README.md, "Relaxation". */
+/* Relaxation of the tissue: the Prony series of the stress under constant strain, and the creep under constant force that follows from it. See
+   docs/mechanics.md, "Relaxation". */
 #ifndef TROCAR_RELAXATION_H
 #define TROCAR_RELAXATION_H
 
@@ -7,31 +7,31 @@
 
 enum { MAX_RELAXATION = 4 }; /* terms of a series */
 
-/* The part `weight` of the stress under a held strain decays as exp(-t / time). */
+/* The part `weight` of the stress under constant strain decays as exp(-t / time). */
 typedef struct {
     double weight;
     double time;             /* s */
 } relaxation_term;
 
-/* Displacement under a held force, relative to that at once: 1 + sum of compliance (1 - exp(-t / time)). */
+/* Displacement under a constant force relative to the initial one: 1 + sum of compliance (1 - exp(-t / time)). */
 typedef struct {
     int count;               /* 0: the tissue is elastic */
     double compliance[MAX_RELAXATION];
     double time[MAX_RELAXATION]; /* s, ascending */
 } creep_series;
 
-/* What is wrong with a series: `term` is the first bad one. */
+/* The fault of a series: `term` is the first bad one. */
 typedef struct {
     int term;
-    const char *key;         /* "weight" or "time"; NULL: the series can be used */
+    const char *key;         /* "weight" or "time"; NULL: the series is valid */
     const char *words;
 } relaxation_fault;
 relaxation_fault relaxation_check(int count, const relaxation_term *terms);
 
-/* Stress t (s) after a strain that is held since, relative to that at once. */
+/* Stress at t (s) after a strain was applied, relative to the initial stress. */
 double relaxation_at(int count, const relaxation_term *terms, double t);
 
-/* The creep of a tissue that relaxes like this. BAD_INPUT for a series that relaxation_check refuses. */
+/* The creep of tissue with this relaxation. BAD_INPUT for a series that relaxation_check refuses. */
 trocar_status creep_from_relaxation(int count, const relaxation_term *terms, creep_series *creep, report *why);
 
 #endif

@@ -9,15 +9,16 @@
 #include "tissue/exact_fields.h"
 #include "tissue/neighbourhood.h"
 
-static const double RADIUS = 1.6; /* edge lengths: the patch on which the mesh's yielding is measured has the elements with a node within this distance of the
-                                     line. Measured: with this patch ln R differs from that of the whole mesh by 0.01 across and by 0.02 to 0.03 along
-                                     (core/README.md) */
-static const double HALF_LENGTH = 1.2; /* edge lengths: so far along the line, and at least so many lengths of the way through the element. Measured, the same */
-static const double FREE = 0.45; /* edge lengths: boundary nodes nearer to the line are left free, as the exact solution has no meaning for a mesh so close to
-                                    it. Measured, the same */
-static const double GAP = 1e-9; /* m: between pieces of the line that follow each other. Rounding */
+static const double RADIUS = 1.6; /* edge lengths: the measuring patch consists of the elements with a node within this distance of the line.
+                                     Measured: with this patch ln R differs from that of the whole mesh by 0.01 across and by 0.02 to 0.03 along
+                                     (docs/mechanics.md) */
+static const double HALF_LENGTH = 1.2; /* edge lengths: extent of the patch along the line, and at least this many lengths of the line's way through
+                                          the element. Measured, the same */
+static const double FREE = 0.45; /* edge lengths: boundary nodes closer to the line are left free, because the exact solution has no meaning for a
+                                    mesh so close to it. Measured, the same */
+static const double GAP = 1e-9; /* m: largest gap between consecutive pieces of the line. Rounding */
 
-/* Displacement of one point along one axis per unit load on each component, and per unit displacement of each that is held. */
+/* Displacement of one point along one axis per unit load on each component, and per unit displacement of each held component. */
 typedef struct {
     double of_load[AROUND_DOFS], of_moved[AROUND_DOFS];
 } influence;
@@ -60,8 +61,8 @@ static void weights_at(const resolver *r, int tet, vec3 x, int nodes[4], double 
     for (int c = 0; c < 4; c++) nodes[c] = r->around.local[r->around.tissue->mesh->tets[tet][c]];
 }
 
-/* How far one point moves along one axis, per load on each component and per displacement of each that is held. One solution gives it
-   for every line. */
+/* Computes the influence on one point along one axis of each component's load, and of each held component's displacement. One solve gives it for all
+   lines. */
 static void find_influence(resolver *r, int tet, vec3 x, int axis, influence *on) {
     double right[AROUND_DOFS], weights[4];
     int n = 3 * r->around.node_count, nodes[4];
@@ -78,7 +79,7 @@ static void find_influence(resolver *r, int tet, vec3 x, int axis, influence *on
     for (int i = 0; i < r->unknowns; i++) on->of_moved[r->unknown[i]] = 0.0;
 }
 
-/* Displacement under the load and what the held components are moved by. */
+/* Displacement under the load and the displacements of the held components. */
 static double moved_by(const resolver *r, const influence *on) {
     int n = 3 * r->around.node_count;
     return cblas_ddot(n, on->of_load, 1, r->load, 1) + cblas_ddot(n, on->of_moved, 1, r->moved, 1);
@@ -106,7 +107,7 @@ static vec3 displacement_of(const resolver *r, const line_segment *line, vec3 x)
     return v3(-turned.y, turned.x, 0);
 }
 
-/* In how many parts to divide the edges of a face for the traction of a line: fewer far away from the line's end. */
+/* Number of parts per edge of a face for integrating the line's traction: fewer far away from the line's end. */
 static int parts_of_face(const line_segment *line, vec3 a, vec3 b, vec3 c) {
     enum { NEAR = 6, FAR = 2 };
     vec3 middle = v3_axpy(1.0 / 3.0, v3_add(b, c), a);
@@ -114,7 +115,7 @@ static int parts_of_face(const line_segment *line, vec3 a, vec3 b, vec3 c) {
     return !is_endless(line) && v3_norm(v3_sub(middle, v3(0, 0, z))) > size ? FAR : NEAR;
 }
 
-/* The body goes on behind its free surface: what it would bear there, by quadrature over parts of each face. Left out, the surface's
+/* Adds the traction that the body's continuation behind its free surface would bear, by quadrature over parts of each face. Without it, the surface's
    own yielding would count as the mesh's. */
 static void load_surface(resolver *r, const line_segment *line) {
     const mesh *m = r->around.tissue->mesh;
@@ -158,7 +159,7 @@ static bool is_near_line(const resolver *r, int node) {
     return hypot(r->around.position[node].x, r->around.position[node].y) < FREE * r->around.size;
 }
 
-/* The boundary moves as by the line force; near the line it is free across the needle, or along it. */
+/* Prescribes the line force's displacement on the boundary; near the line, nodes are free across the needle, or along it. */
 static void free_for_line(resolver *r, bool along) {
     r->unknowns = 0;
     for (int i = 0; i < r->around.node_count; i++)
@@ -176,7 +177,7 @@ static void push(resolver *r, const line_segment *line) {
 
 static void push_endless(resolver *r, int axis) { push(r, &(line_segment){axis, -INFINITY, INFINITY}); }
 
-/* From displacements across, by forces along the frame's x and y: their mean, and how far they are from it. */
+/* Computes, from the displacements across under forces along the frame's x and y, their mean and their deviation from it. */
 static void set_lateral(const resolver *r, double moved[2][2], resolved_field *resolved) {
     double mean = 0.5 * (moved[0][0] + moved[1][1]), nu = r->around.poisson_ratio;
     double half = line_lateral_logarithm(0.5 * (moved[0][0] - moved[1][1]), nu), shear = line_lateral_logarithm(0.5 * (moved[0][1] + moved[1][0]), nu);
@@ -188,7 +189,7 @@ static void set_lateral(const resolver *r, double moved[2][2], resolved_field *r
 
 static double place_on_line(const resolver *r, vec3 x) { return v3_dot(v3_sub(x, r->around.origin), neighbourhood_direction(&r->around)); }
 
-/* To where the line leaves the patch, or the body. */
+/* Finds where the line leaves the patch, or the body. */
 static double reach_of(const resolver *r, double place) {
     double end = place;
     for (int i = 0; i < r->around.chord_count; i++)
@@ -196,13 +197,13 @@ static double reach_of(const resolver *r, double place) {
     return end - place;
 }
 
-/* Closer together near the tip, where it matters most. */
+/* Spaced more closely near the tip, where it matters most. */
 static double end_place(const line_end *end, int k) {
     double part = (double)k / LINE_ENDS;
     return part * part * end->reach;
 }
 
-/* What the part of the line from `from` to `to` beyond the point moves a cylinder of the resolved radius by, less what it moves the mesh by. */
+/* Displacement of a cylinder of the resolved radius by the part of the line from `from` to `to` beyond the point, minus the mesh's displacement. */
 static double difference_beyond(resolver *r, double place, double from, double to, double radius, const influence *on) {
     double moved = 0.0, nu = r->around.poisson_ratio;
     for (int axis = 0; axis < 2; axis++) {
@@ -258,7 +259,7 @@ typedef struct {
     mat3 frame;              /* its z axis points inward */
 } plane;
 
-/* The plane of the outer face that is closest to x, if there is one in the patch. */
+/* The plane of the outer face closest to x, if the patch has one. */
 static plane surface_near(const resolver *r, vec3 x) {
     const mesh *m = r->around.tissue->mesh;
     double closest = INFINITY;
@@ -276,8 +277,8 @@ static plane surface_near(const resolver *r, vec3 x) {
     return found;
 }
 
-/* At a node of the boundary, by a unit force along the line that acts, as it does on the mesh, on the corners of the element. To the
-   boundary, where this differs from a force at one point is what matters of the mesh. */
+/* Displacement of a boundary node under a unit force along the line, distributed to the corners of the element as on the mesh. At the boundary, its
+   difference from a point force is what matters. */
 static vec3 push_at(const resolver *r, int tet, const double weights[4], int node, const plane *surface) {
     const mesh *m = r->around.tissue->mesh;
     vec3 along = neighbourhood_direction(&r->around), at = m->nodes[r->around.nodes[node]], sum = {0};
@@ -319,7 +320,7 @@ static trocar_status measure_point(resolver *r, int tet, int count, const vec3 *
 
 /* ---- beside the line ----------------------------------------------------------------------------------------------- */
 
-/* Displacement of all nodes under a push along one axis, with the stiffness that has been factorised. */
+/* Displacement of all nodes under a push along one axis, with the factorised stiffness. */
 static void move_all(resolver *r, int axis, line_field *field) {
     double right[AROUND_DOFS];
     int n = 3 * r->around.node_count;

@@ -1,21 +1,21 @@
-/* What the mesh resolves of a needle's field at a place, measured: a line force, endless or not, and a point force act on a small patch of its
-   elements whose boundary moves as in the exact solution; how far the mesh yields to them is compared with that solution.
-   No constant is fitted. See README.md, "Local compliance". */
+/* Measures what the mesh resolves of a needle's field at a place: line forces, endless or not, and a point force act on a small patch of its elements
+   whose boundary moves as in the exact solution, and the displacement of the mesh is compared with that solution. No constant is fitted. See
+   docs/mechanics.md, "Local compliance". */
 #ifndef TROCAR_RESOLVED_RADIUS_H
 #define TROCAR_RESOLVED_RADIUS_H
 
 #include "tissue/tissue.h"
 
-/* Near the needle's tip the line force ends, and a mesh that is pushed across yields differently from a cylinder of the resolved radius.
-   `more` is added to the radius's logarithm there. It is a mean over the directions across; along the needle the effect is smaller than what a
-   patch can measure. */
+/* The line force ends near the needle's tip, where a mesh that is pushed across yields differently from a cylinder of the resolved radius. `more` is
+   added to the logarithm of the radius there. It is a mean over the directions across; along the needle the effect is too small for a patch to
+   measure. */
 enum { LINE_ENDS = 4 };
 typedef struct {
-    double reach;            /* m ahead of the point, within the body: a line that goes on as far makes no difference */
-    double more[LINE_ENDS];  /* for a line that ends at (k / LINE_ENDS)^2 of the reach ahead of the point */
+    double reach;            /* m ahead of the point, within the body: a line that continues this far counts as endless */
+    double more[LINE_ENDS];  /* for a line that ends (k / LINE_ENDS)^2 of the reach ahead of the point */
 } line_end;
 
-/* For a line that ends so far ahead (m). RT */
+/* Interpolates `more` for a line that ends this far ahead (m). RT */
 double line_end_at(const line_end *end, double ahead);
 
 /* Like m3_add_scaled. RT */
@@ -24,21 +24,21 @@ void line_end_add_scaled(line_end *to, double scale, const line_end *from);
 /* Sum of all members: finite only if all of them are. RT */
 double line_end_total(const line_end *end);
 
-/* At one point of the line. The material is uniform here, that of the point's element: only the mesh is measured. */
+/* The measurement at one point of the line. The material is uniform, that of the point's element: only the mesh is measured. */
 typedef struct {
-    double lateral, axial;   /* m: a rigid cylinder of this radius yields to a line force as much as the mesh does; across, a geometric mean */
-    mat3 uneven;             /* symmetric: of a push along unit vector e across the line, the radius's logarithm is e.uneven e larger */
+    double lateral, axial;   /* m: radius of a rigid cylinder that yields to a line force as much as the mesh does; across, a geometric mean */
+    mat3 uneven;             /* symmetric: for a push along unit vector e across the line, the logarithm of the radius is larger by e.uneven e */
     line_end end;            /* ahead: in the line's direction */
-    double point;            /* 1/m: how far the mesh yields along the line to a force at the point, times the shear modulus */
+    double point;            /* 1/m: displacement of the mesh along the line under a force at the point, times the shear modulus */
 } resolved_field;
 
-/* A line through an element: a piece of the needle's way. */
+/* A line through an element: a piece of the needle's path. */
 typedef struct {
     int tet;
     vec3 point, direction;   /* m, and unit vector */
 } line_in_tet;
 
-/* How the mesh around an endless line moves when unit force per length acts on it, for a shear modulus of 1: what it lacks of Kelvin's solution is
+/* Displacement of the mesh around an endless line under unit force per length, for a shear modulus of 1. The difference to Kelvin's solution is
    missing between this needle and others nearby. */
 enum { FIELD_NODES = 256 };
 typedef struct {
@@ -46,7 +46,7 @@ typedef struct {
     mat3 frame;              /* columns: its axes */
     double poisson_ratio, softness; /* 1 / mu, m^2/N, of the line's element */
     int count, nodes[FIELD_NODES]; /* of the mesh */
-    vec3 moved[FIELD_NODES][3]; /* in the line's frame, by a force along each of its axes; 1/m stands for N/m over Pa */
+    vec3 moved[FIELD_NODES][3]; /* in the line's frame, under a force along each of its axes; 1/m means N/m over Pa */
 } line_field;
 
 typedef struct resolver resolver;
@@ -57,15 +57,15 @@ void resolver_free(resolver *r);
 
 enum { MAX_RESOLVED = 3 };
 
-/* Measures at `count` points of element `tet`, all on one line along the unit vector `direction`. Allocates nothing; takes about
-   a millisecond. Of `end`, only the first and the last are measured. NUMERIC if the patch has no stiffness. */
+/* Measures at `count` points of element `tet`, all on one line along the unit vector `direction`. Allocates nothing; takes about a millisecond. Of
+   `end`, only the first and the last are measured. NUMERIC if the patch has no stiffness. */
 trocar_status resolver_measure(resolver *r, int tet, vec3 direction, int count, const vec3 *x, resolved_field *resolved, report *why);
 
 /* The field of one line. NUMERIC as above. */
 trocar_status resolver_spread(resolver *r, const line_in_tet *line, line_field *field, report *why);
 
-/* What the mesh lacks of the displacement at x, which has these weights in element `tet`: by a force per length on the line, m^2/N, world frame.
-   `radius` (m): x counts as no nearer to the line. Zero outside of the patch, where the mesh resolves the field. */
+/* The part of the displacement at x (with these weights in element `tet`) that the mesh lacks, per force per length on the line: m^2/N, world frame.
+   x counts as no closer to the line than `radius` (m). Zero outside the patch, where the mesh resolves the field. */
 mat3 line_field_lacks(const line_field *field, const mesh *m, int tet, const double weights[4], vec3 x, double radius);
 
 #endif

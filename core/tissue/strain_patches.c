@@ -2,20 +2,20 @@
 
 #include <stdlib.h>
 
-/* Smaller patches lock more, larger ones couple more nodes and bring nothing (measured for 4 to 12). */
+/* Smaller patches lock more; larger ones couple more nodes without benefit (measured for 4 to 12). */
 enum { PATCH_SIZE = 8, LEAST_SIZE = 4, NO_PATCH = -1 };
 
 typedef struct {
     const mesh *mesh;
     int *patch;              /* tet_count: NO_PATCH at first */
     int *grown;              /* tet_count: tets in the order in which patches took them */
-    int *first;              /* per patch: its first place in `grown` */
-    int *size;               /* per patch: its tets */
+    int *first;              /* per patch: its first index in `grown` */
+    int *size;               /* per patch: number of tets */
     int count, taken;        /* patches; tets in `grown` */
 } partition;
 
-/* The tets of the same region that share a face with this one, in ascending order: choices among equals do not depend on the order of a
-   tet's corners, which is another one in the mirror image of a mesh. Returns how many. */
+/* The tets of the same region that share a face with this one, in ascending order. Ties then do not depend on the order of a tet's corners, which
+   differs in the mirror image of a mesh. Returns how many. */
 static int beside(const mesh *m, int tet, int others[4]) {
     int count = 0;
     for (int face = 0; face < 4; face++) {
@@ -28,7 +28,7 @@ static int beside(const mesh *m, int tet, int others[4]) {
     return count;
 }
 
-/* Faces of a tet to tets of this patch. */
+/* Number of a tet's faces to tets of this patch. */
 static int shared_faces(const partition *p, int tet, int patch) {
     int others[4], count = beside(p->mesh, tet, others), shared = 0;
     for (int i = 0; i < count; i++) shared += p->patch[others[i]] == patch;
@@ -43,7 +43,7 @@ static void take(partition *p, int tet) {
 
 /* ---- growing ------------------------------------------------------------------------------------------------------ */
 
-/* If a tet has all its nodes in the patch that grows. */
+/* True if a tet has all its nodes in the growing patch. */
 static bool adds_no_node(const partition *p, int tet) {
     for (int corner = 0; corner < 4; corner++) {
         bool found = false;
@@ -54,13 +54,13 @@ static bool adds_no_node(const partition *p, int tet) {
     return true;
 }
 
-/* How well a free tet suits the patch that grows. The fewer nodes a patch has, the fewer entries K has: first tets that add no node,
-   then those with more faces to the patch, then those that would otherwise be left over. */
+/* How well a free tet suits the growing patch. The fewer nodes a patch has, the fewer entries K has: first tets that add no node, then those with
+   more faces to the patch, then those that would otherwise be left over. */
 static int suitability(const partition *p, int tet) {
     return 100 * adds_no_node(p, tet) + 10 * shared_faces(p, tet, p->count) - shared_faces(p, tet, NO_PATCH);
 }
 
-/* The free tet beside the patch that suits it best, the first of equals; -1 if there is none. */
+/* The free tet beside the patch that suits it best, the first among equals; -1 if there is none. */
 static int next_member(const partition *p) {
     int best = -1, most = 0, others[4];
     for (int k = p->first[p->count]; k < p->taken; k++) {
@@ -98,7 +98,7 @@ static void grow_all(partition *p) {
 
 /* ---- what is left over ---------------------------------------------------------------------------------------------- */
 
-/* The place in `grown` after a patch's last tet. */
+/* Index in `grown` after a patch's last tet. */
 static int end_of(const partition *p, int patch) { return patch + 1 < p->count ? p->first[patch + 1] : p->taken; }
 
 /* Moves one tet of a small patch to the smallest patch beside it that is large enough; false if there is none. */
@@ -120,8 +120,8 @@ static bool give_away(partition *p, int small) {
     return true;
 }
 
-/* Gives the tets of patches that found no room to grow to their neighbours. The first patch of each connected part is full or the
-   whole part, so in the end only parts that are small themselves have small patches. */
+/* Distributes the tets of patches that could not grow to their neighbours. The first patch of each connected part is full or the whole part, so in
+   the end only small parts have small patches. */
 static void dissolve_small(partition *p) {
     for (bool changed = true; changed;) {
         changed = false;
@@ -130,7 +130,7 @@ static void dissolve_small(partition *p) {
     }
 }
 
-/* Leaves out the numbers of patches that were dissolved. */
+/* Removes the numbers of dissolved patches. */
 static void renumber(partition *p) {
     int kept = 0, *number = p->first;
     for (int i = 0; i < p->count; i++) number[i] = p->size[i] > 0 ? kept++ : NO_PATCH;

@@ -37,7 +37,7 @@ static int number_dofs(tissue *t) {
     return next;
 }
 
-/* If the volumetric part is integrated separately: the same mu, and lambda = 0. */
+/* Moduli if the volumetric part is integrated separately: the same mu, and lambda = 0. */
 void element_moduli(const tissue *t, int tet, double *youngs_modulus, double *poisson_ratio) {
     const region_material *material = &t->materials[t->mesh->region[tet]];
     bool whole = t->volumetric == STRAIN_BY_ELEMENT;
@@ -69,7 +69,7 @@ static void add_element(const tissue *t, int tet, cholmod_triplet *triplets) {
 
 /* ---- mean volumetric strain ---------------------------------------------------------------------------------------- */
 
-/* The means of div u that an element takes part in, by equal shares of its volume: its patch's, or its nodes'. Returns how many. */
+/* The means of div u to which an element contributes, with equal shares of its volume: its patch's, or its nodes'. Returns how many. */
 static int means_of(const tissue *t, int tet, int means[4]) {
     if (t->volumetric == STRAIN_BY_PATCH) {
         means[0] = t->patch[tet];
@@ -81,7 +81,7 @@ static int means_of(const tissue *t, int tet, int means[4]) {
 
 static int mean_count(const tissue *t) { return t->volumetric == STRAIN_BY_PATCH ? t->patch_count : t->mesh->node_count; }
 
-/* Adds an element's contribution to its means; one column per mean. `whole`: their volumes. */
+/* Adds an element's contribution to its means, one column per mean. `whole`: volumes of the means. */
 static void add_divergence(const tissue *t, int tet, const double *whole, cholmod_triplet *triplets) {
     const mesh *m = t->mesh;
     vec3 corners[4], g[4];

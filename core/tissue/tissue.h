@@ -11,60 +11,60 @@
 typedef struct {
     double youngs_modulus;     /* Pa */
     double poisson_ratio;      /* below 0.5 */
-    double stiffening;         /* C20 / C10 of a Yeoh material; 0: linear. In the local compliance only: K is the linear one */
+    double stiffening;         /* C20 / C10 of a Yeoh material; 0: linear. Used by the local compliance only; K is linear */
     double cutting_force;      /* N, resistance at the tip; INFINITY: bone, cannot be cut */
     double cutting_viscosity;  /* N s/m, additional resistance per tip speed */
-    double spreading_force;    /* N, additional resistance at the tip, also in an open track */
+    double spreading_force;    /* N, resistance at the tip that remains in an open track */
     double friction_static;    /* N/m, limit of the shaft's friction per length while sticking */
     double friction_kinetic;   /* N/m, the same after sliding over the weakening distance */
     double friction_viscous;   /* N s/m^2, additional friction per length and sliding speed */
 } region_material;
 
-/* How the volumetric energy, lambda/2 (div u)^2, is integrated. By element, linear tetrahedra lock (at nu = 0.45 needle forces are
-   10 to 15 % too large). They do not with the strain averaged over disjoint patches of 8 tetrahedra of one region (after the F-bar
-   patches of de Souza Neto and others 2005) or at the nodes of each region (Bonet and Burton 1998), which couples a node with its
-   neighbours' neighbours and makes large meshes expensive. The remaining energy, mu eps:eps, is always integrated by element, which
-   keeps K positive definite. */
+/* How the volumetric energy, lambda/2 (div u)^2, is integrated. By element, linear tetrahedra lock (at nu = 0.45 needle forces are 10 to 15 % too
+   large). Averaging prevents this: over disjoint patches of 8 tetrahedra of one region (after the F-bar patches of de Souza Neto and others 2005), or
+   at the nodes of each region (Bonet and Burton 1998), which couples a node with its neighbours' neighbours and makes large meshes expensive. The
+   remaining energy, mu eps:eps, is always integrated by element, which keeps K positive definite. */
 typedef enum { STRAIN_BY_PATCH, STRAIN_BY_NODE, STRAIN_BY_ELEMENT } volumetric_strain;
 
 typedef struct {
     const mesh *mesh;
     volumetric_strain volumetric;
-    int *patch, patch_count;   /* tet_count: patch of each tet, see strain_patches.h; NULL if the strain is not by patch */
-    const region_material *materials; /* by group index; only the entries of dimension 3 count */
+    int *patch, patch_count;   /* tet_count: patch of each tet, see strain_patches.h; NULL if the strain is not averaged by patch */
+    const region_material *materials; /* by group index; only entries of dimension 3 are used */
     bool *fixed;               /* node_count: zero displacement */
     int dof_count;             /* free displacements */
     int *dof;                  /* node_count: first of the node's three dofs, or -1 if fixed */
     cholmod_common common;     /* of the thread that owns the factor */
     cholmod_sparse *stiffness; /* K, dof_count square, lower triangle, N/m; NULL before tissue_stiffness */
-    atomic_bool assembled;     /* K is there, for any thread */
+    atomic_bool assembled;     /* K exists, visible to any thread */
     cholmod_factor *factor;    /* supernodal Cholesky factor of K; NULL before tissue_factor */
-    double refused;            /* bytes that the last tissue_factor would have taken, had they been available; 0: it was not refused for that */
+    double refused;            /* bytes that the last tissue_factor needed but did not get; 0: it was not refused for lack of memory */
     int *column;               /* dof_count / 3: position in the factor of dofs 3 i, 3 i + 1, 3 i + 2 */
 } tissue;
 
-/* All but K and its factor. `mesh` and `materials` must outlive the tissue. */
+/* Everything but K and its factor. `mesh` and `materials` must outlive the tissue. */
 trocar_status tissue_define(const mesh *m, const region_material *materials, const bool *fixed, volumetric_strain volumetric,
                             tissue *t, report *why);
 
-/* Assembles K, unless it is there. */
+/* Assembles K unless it exists. */
 trocar_status tissue_stiffness(tissue *t, report *why);
 
 /* tissue_define and tissue_stiffness. */
 trocar_status tissue_assemble(const mesh *m, const region_material *materials, const bool *fixed, volumetric_strain volumetric,
                               tissue *t, report *why);
 
-/* Factorises K, which it assembles if need be. The given nodes are eliminated last, so that blocks of the inverse between them need only a
-   small part of the factor. BAD_INPUT if the fixed nodes do not constrain the body, or the factor is larger than the machine's memory or than CHOLMOD's
-   indices allow; NO_MEMORY, before it is computed, if there is too little just now. After an error there is no factor. */
+/* Factorises K, which it assembles if necessary. The given nodes are eliminated last, so that blocks of the inverse between them need only a small
+   part of the factor. BAD_INPUT if the fixed nodes do not constrain the body, or the factor exceeds the machine's memory or CHOLMOD's indices;
+   NO_MEMORY, before it is computed, if too little is available now. After an error there is no factor. */
 trocar_status tissue_factor(tissue *t, int count, const int *nodes, report *why);
 
-static const double LOOSE_BODY = 1e-13; /* fraction: of the largest eigenvalue of K; with a smaller least one the body counts as loose. Rounding */
+static const double LOOSE_BODY = 1e-13; /* fraction: of the largest eigenvalue of K; if the smallest one is below, the body counts as loose. Rounding
+                                           */
 
-/* What is said of a loose body (BAD_INPUT). */
+/* Reports a loose body (BAD_INPUT). */
 trocar_status tissue_loose(report *why);
 
-/* A load that is not orthogonal to any rigid motion, to find loose bodies with. */
+/* A load that is not orthogonal to any rigid motion, for finding loose bodies. */
 static inline double tissue_test_load(int dof) { return 1.0 + 0.37 * (dof % 7); }
 
 /* Assembles and factorises with no node last; for tests. A simulation factorises once it knows the last nodes, or never. */
@@ -72,7 +72,7 @@ trocar_status tissue_create(const mesh *m, const region_material *materials, con
                             tissue *t, report *why);
 void tissue_free(tissue *t);
 
-/* What is constant of a tissue from tissue_define on. K and its factor remain the original's, which another thread may be making. Nothing is to
+/* The constant part of a tissue after tissue_define. K and its factor stay with the original, and another thread may be making them. Nothing needs to
    be freed; the original must outlive it. */
 tissue tissue_constants(const tissue *t);
 

@@ -69,13 +69,13 @@ trocar_status tissue_loose(report *why) {
                 "under `fixed` that every part of the mesh is connected to");
 }
 
-/* The factor, the largest update of a supernode, and K in the order of elimination. */
+/* Memory: the factor, the largest update of a supernode, and K in the order of elimination. */
 static double factor_bytes(tissue *t) {
     double numbers = (double)t->factor->xsize + (double)t->factor->maxcsize;
     return sizeof(double) * numbers + (sizeof(double) + sizeof(int)) * (double)cholmod_nnz(t->stiffness, &t->common);
 }
 
-/* Predicted, because a system that runs out of memory may end the process without a word. */
+/* Checked beforehand, because a system that runs out of memory may kill the process without a message. */
 static trocar_status check_memory(tissue *t, report *why) {
     static const char remedy[] = "with inverse: condensed and needles that stay in the region_of_interest it is not needed";
     if (!t->factor || t->common.status == CHOLMOD_TOO_LARGE)

@@ -37,7 +37,7 @@ typedef struct {
 
 trocar_status scale_timing_measure(trocar_sim *sim, const scale_case *wanted, scale_timing *result, report *why);
 
-/* Overrides the scene's least distance between contact nodes, m. */
+/* Overrides the scene's smallest distance between contact nodes, m. */
 void scale_timing_set_spacing(trocar_model *model, double spacing);
 
 #endif

@@ -171,7 +171,7 @@ golden() {
     sed "s|^mesh: |mesh: $source/meshes/|; /^inverse:/d" "$scene" >sparse.yaml
     echo 'inverse: sparse' >>sparse.yaml
     "$programs/trocar-replay" --scene sparse.yaml --poses figure8.log --compare figure8.log 2>difference || fail "$(cat difference)"
-    grep -qF 'figure8.log: made with the dense inverse, this replay with the sparse one' difference || fail "the other inverse is not named: $(cat difference)"
+    grep -qF 'figure8.log: recorded with the dense inverse, replayed with the sparse one' difference || fail "the other inverse is not named: $(cat difference)"
     sed "s|^mesh: |mesh: $source/meshes/|; s/kinetic: 9 /kinetic: 10 /" "$scene" >other.yaml
     "$programs/trocar-replay" --scene other.yaml --poses figure8.log --compare "$traces/figure8-golden.log" 2>difference || status=$?
     cat difference

@@ -22,7 +22,7 @@ appears() {
 
 status=0
 "$top" --once --wait 0.2 >once || status=$?
-[ $status -eq 1 ] && grep -q '^! no server heard' once || fail "status $status without a server"
+[ $status -eq 1 ] && grep -q '^! no server was heard' once || fail "status $status without a server"
 
 "$build/server/trocar-server" --scene "$source/meshes/figure8.yaml" --allow-non-rt >server 2>&1 &
 until grep -qx ready server; do kill -0 $! || fail "$(cat server)"; sleep 0.05; done
@@ -53,6 +53,6 @@ grep -qE '^  lateness +[0-9.]+ [um]s' once && ! grep -q $'\e' once || fail "esca
 # Nobody listens to its datagrams.
 tmux -S tmux kill-server
 tmux -S tmux -f /dev/null new-session -d -x 80 -y 24 "'$top' --udp-json '[::1]:9'; echo ended; sleep 60"
-appears '^udp json +\[::1\]:9: nobody listens there'
+appears '^udp json +\[::1\]:9: no program listens there'
 appears '^lateness +[0-9.]+ (u|m)s'
 echo passed

@@ -171,7 +171,7 @@ def live():
     said = end(top)
     assert said[0] == "", said[0]                # without a terminal it prints nothing
     lines = [line.removeprefix("trocar-top: ") for line in said[1].splitlines()]
-    wanted = ["localhost:9870: nobody listens there", "localhost:9870: ", "no server heard", "a server is heard"]
+    wanted = ["localhost:9870: no program listens there", "localhost:9870: ", "no server was heard", "a server is heard"]
     assert len(lines) == 4 and all(map(str.startswith, lines, wanted)), lines
 
     top = start(TOP, "--udp-json", "127.0.0.1:9870", "--udp-rate", "0", "--plain", stdout=subprocess.PIPE, stderr=subprocess.PIPE)

@@ -127,10 +127,10 @@ def damaged(**changes):
 
 
 BAD = {
-    "cut off": (lambda state: json.dumps(state)[:200], "not whole JSON"),
-    "empty": (lambda state: "", "not whole JSON"),
-    "not UTF-8": (lambda state: b"\xff\xfe{", "not whole JSON"),
-    "deeply nested": (lambda state: "[" * 100000, "not whole JSON"),
+    "cut off": (lambda state: json.dumps(state)[:200], "incomplete JSON"),
+    "empty": (lambda state: "", "incomplete JSON"),
+    "not UTF-8": (lambda state: b"\xff\xfe{", "incomplete JSON"),
+    "deeply nested": (lambda state: "[" * 100000, "incomplete JSON"),
     "a number": (lambda state: "17", "another format"),
     "format 3.0": (lambda state: json.dumps({"inverse3": {"049D": state["inverse3"][0]}}), "port 10000 has format 3.0"),
     "no list": (lambda state: json.dumps({"session_id": 7}), "no such device"),
@@ -139,11 +139,11 @@ BAD = {
     "not calibrated": (damaged(status={"calibrated": False}), "not calibrated"),
     "no state": (damaged(state=None), "state.cursor_position"),
     "not a number": (damaged(state={"cursor_position": {"x": "0", "y": 0, "z": 0}}), "state.cursor_position"),
-    "NaN": (damaged(state={"cursor_position": {"x": float("nan"), "y": 0, "z": 0}}), "not whole JSON"),
+    "NaN": (damaged(state={"cursor_position": {"x": float("nan"), "y": 0, "z": 0}}), "incomplete JSON"),
     "huge": (damaged(state={"cursor_position": {"x": 1e300, "y": -1e300, "z": 1e308}}), "state.cursor_position"),
     "infinite": (lambda state: json.dumps(state).replace('"cursor_position": {"x": 0.0', '"cursor_position": {"x": 1e999'), "state.cursor_position"),
     "long": (lambda state: json.dumps({**state, "more": "x" * 70000}), ""),
-    "too long": (lambda state: json.dumps({**state, "more": "x" * 300000}), "not whole JSON"),
+    "too long": (lambda state: json.dumps({**state, "more": "x" * 300000}), "incomplete JSON"),
 }
 
 
@@ -225,7 +225,7 @@ def check_frozen_state(rig):
     assert lasted > 0.4, f"no force after {lasted} s"
     settled(rig, 1)
     assert rig.force() == (0, 0, 0), "force again, although nothing has changed"
-    assert rig.said().count("the very same state for 0.5 s") == 1, rig.said()
+    assert rig.said().count("exactly the same state for 0.5 s") == 1, rig.said()
     moved = time.monotonic()
     rig.service.frozen = False
     rig.wait_for_force(0.1, "no force when the state changes again")

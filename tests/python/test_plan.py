@@ -245,7 +245,7 @@ class Dicom(Case):
         """The template a little elsewhere than the scene has it; and one seed beside its axis."""
         moved = rtplan.read(self.exported(), with_guide(origin=[0.0004, 0, -0.025]))
         self.assertEqual(len(moved.remarks), 1)
-        self.assertRegex(moved.remarks[0], r"^60 of 60 seeds were beside .* moved there, all by the same 0\.40 mm \([+-]0\.40 along columns, [+-]0\.00 along rows\): check the template's place$")
+        self.assertRegex(moved.remarks[0], r"^60 of 60 seeds were off .* moved onto them, all by the same 0\.40 mm \([+-]0\.40 along columns, [+-]0\.00 along rows\): check the template's place$")
         data = pydicom.dcmread(self.exported())
         for point in data.ApplicationSetupSequence[0].ChannelSequence[7].BrachyControlPointSequence:
             point.ControlPoint3DPosition[0] += 0.3
@@ -431,8 +431,8 @@ class Program(Case):
         self.assertIn("0.0004", shifted)
         status, _, error = self.run_plan("import", self.out / "a.dcm", "--scene", self.write(shifted, "shifted.yaml"), "--out", self.out / "c.yaml")
         self.assertEqual(status, 0)
-        self.assertRegex(error, r"a.dcm: 60 of 60 seeds were beside the axes of their holes and have been moved there, all by the same 0.40 mm")
-        self.assertIn("# 60 of 60 seeds were beside", (self.out / "c.yaml").read_text())
+        self.assertRegex(error, r"a.dcm: 60 of 60 seeds were off the axes of their holes and have been moved onto them, all by the same 0.40 mm")
+        self.assertIn("# 60 of 60 seeds were off", (self.out / "c.yaml").read_text())
         with self.assertRaises(SystemExit), contextlib.redirect_stderr(io.StringIO()):
             self.run_plan("import", self.out / "a.dcm", *scene)
         status, said, _ = self.run_plan("compare", EXAMPLE, table, *scene)

@@ -420,11 +420,11 @@ class Program(Case):
         ("z: 0, tilt: 0.2", "tilt: 0.2", r":5: entry: missing key \"z\""),
         ("tilt: 0.2", "tilt: 20", r":5: entry.tilt: 20: write an angle"),
         ("entry: {x: [-0.02, 0.02], y: [-0.02, 0.02], z: 0, tilt: 0.2}", "entry: {template: t}", r":5: entry.template: no guide \"t\": the scene has none"),
-        ("entry:", "coordinates: patient\nentry:", r":5: coordinates: the scene does not know the patient's"),
+        ("entry:", "coordinates: patient\nentry:", r":5: coordinates: the scene has no patient_to_mesh"),
         ("entry:", "speed: 1e-6\nentry:", r":5: speed: \"1e-6\": write a number of 0.001 or above"),
         ("entry:", "turns: 2\nentry:", r":5: unknown key \"turns\""),
         ("entry:", "avoid: [{surface: bone, clearance: 1e-3}]\nentry:", r":5: avoid\[0\].surface: no surface \"bone\": the mesh has .*capsule"),
-        ("entry:", "avoid: [{surface: capsule, clearance: 1e-3, roi: x}]\nentry:", r":5: avoid\[0\]: contours need a \"roi\""),
+        ("entry:", "avoid: [{surface: capsule, clearance: 1e-3, roi: x}]\nentry:", r":5: avoid\[0\]: \"roi\", the name of a region of interest in the file, is required"),
         ("set: {needle.bevel_slope: 0.05}", "turn: true", r":2: turn: the scene's needle has no bevel"),
         ("entry:", "uncertainty: {samples: {method: saltelli, count: 4, seed: 1}, parameters: {}}\nentry:", r":5: samples.method: \"saltelli\": there are sobol"),
         ("entry:", "uncertainty: {samples: {method: random, count: 4, seed: 1}, parameters: {motion.x: {uniform: [0, 1]}}}\nentry:", r":5: parameters.motion.x: not of a plan"),
@@ -440,7 +440,7 @@ class Program(Case):
         ("entry:", "uncertainty: {samples: {method: random, count: 4, seed: 1}, parameters: {needle.outer_diameter: {uniform: [1e-3, 2e-3]}}}\nentry:",
          r":5: parameters.needle.outer_diameter: not of a plan"),
         ("[0.006, 0.004, 0.05]}\nentry: {x: [-0.02, 0.02], y: [-0.02, 0.02], z: 0, tilt", "[-0.045, 0, 0.005]}\nentry: {x: [-0.02, 0.02], y: [-0.02, 0.02], z: 0, "
-         "direction: [0.97, 0, 0.24], tilt", r":5: entry: the direction leads away from target \"T1\""),
+         "direction: [0.97, 0, 0.24], tilt", r":5: entry: the direction points away from target \"T1\""),
         ("entry:", "avoid: [{region: surrounding, clearance: 0}]\nentry:", r":5: avoid\[0\].region: \"surrounding\" is too large: .* points, 0.25 mm apart"),
     ]
 
@@ -524,7 +524,7 @@ class Program(Case):
         self.write(plan.replace("T1", "T9"), "other.yaml")
         status, _, errors = self.main("carry-out", path, self.out / "other.yaml")
         self.assertEqual(status, 2)
-        self.assertRegex(errors, "other.yaml:3: needle T9: its name is no target's")
+        self.assertRegex(errors, "other.yaml:3: needle T9: no target in .* has its name")
         status, _, errors = self.main("run", path, "--only", "T2", "--out", self.out / "plan")
         self.assertEqual(status, 2)
         self.assertIn("--only T2: there is no such target: there are T1", errors)

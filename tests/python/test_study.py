@@ -136,7 +136,7 @@ class Motions(Case):
         way = (poses[:, :3] - poses[0, :3]) @ [0, -0.96, 0.28]     # (0.8, 0.6, 0, 0) turns z to this
         self.assertAlmostEqual(way.max(), 0.12, places=9)
         self.assertAlmostEqual(study.motion.duration(), 3.0 * 0.12 / 0.066, places=9)
-        for wrong, word in (("{script: insert, coordinates: patient}", "beside start"), ("{script: insert, start: [1, 2, 3, 1, 0, 0, 0], coordinates: patient}", "three numbers"),
+        for wrong, word in (("{script: insert, coordinates: patient}", "allowed only with start"), ("{script: insert, start: [1, 2, 3, 1, 0, 0, 0], coordinates: patient}", "three numbers"),
                             ("{script: insert, start: [1, 2, 3], coordinates: feet}", "mesh .m. or patient")):
             with self.assertRaisesRegex(definition.BadStudy, word):
                 definition.read(self.write(motion=(straight, wrong), **chosen))
@@ -210,7 +210,7 @@ class Reading(Case):
                 ("method: random", "method: sobol", r":3: samples.count: 12 is no power of 2.*write 8 or 16"),
                 ("count: 12, ", "", r':3: samples: missing key "count"'),
                 (f"{kinetic}: {{uniform: [5, 13]}}", "needle.start.depth: {uniform: [0.05, 0.07]}", r":5: .*needle.start.depth: the motion's start and depth .*vary motion.x, "),
-                ("shift: {region: prostate}", "target_error: {target: [0, 0, 0.04], coordinates: patient}", r":11: .*target_error.coordinates: .*add patient_to_mesh"),
+                ("shift: {region: prostate}", "target_error: {target: [0, 0, 0.04], coordinates: patient}", r":11: .*target_error.coordinates: .*the scene has no patient_to_mesh"),
                 ("shift: {region: prostate}", "target_error: {target: [0, 0, 0.04], coordinates: feet}", r":11: .*write mesh .m. or patient"),
                 ("{region: prostate}", "{region: prostate, coordinates: patient}", r':11: .*unknown key "coordinates"'),
                 (kinetic, "regions[surounding].friction.kinetic", r":5: parameters.*surounding"),
@@ -320,7 +320,7 @@ class Running(Case):
         self.addCleanup(busy.close)
         other = subprocess.run([sys.executable, "-m", "trocar.study", "run", path, "--out", self.out / "killed"], capture_output=True, text=True)
         self.assertEqual(other.returncode, 2)
-        self.assertIn("another process carries out this task", other.stderr)
+        self.assertIn("another process is working on this task", other.stderr)
 
     def test_results_of_another_study_are_left_alone(self):
         path = self.write(edit=("count: 12", "count: 2"))
@@ -346,7 +346,7 @@ class Running(Case):
             task.close()
         self.assertEqual(([row.index for row in task.rows], file.read_text()), ([1], good))
         descriptors = len(os.listdir("/proc/self/fd"))
-        for text, words in ((heading + runs.checked(row.replace("ok", "k" * 200_000)), "2: not a row"), (good.encode().replace(b"ok", b"\xff"), "2: not a row"),
+        for text, words in ((heading + runs.checked(row.replace("ok", "k" * 200_000)), "2: damaged or changed"), (good.encode().replace(b"ok", b"\xff"), "2: damaged or changed"),
                             (heading + runs.checked("0" + row[1:]), "2: run 0 has other parameters"), (b"run\n", "1: rows of another study")):
             file.write_bytes(text)
             with self.assertRaisesRegex(studies.BadStudy, f"csv:{words}.*: "):
@@ -387,7 +387,7 @@ class Running(Case):
                 if text[at:at + 1] == new:
                     continue
                 file.write_bytes(text[:at] + new + text[at + 1:])
-                with self.assertRaisesRegex(studies.BadStudy, "rows-1-of-1.csv:2: not a row as it was written.*remove the line"):
+                with self.assertRaisesRegex(studies.BadStudy, "rows-1-of-1.csv:2: damaged or changed since it was written.*remove the line"):
                     runs.read_rows(file, studies.read(path), studies.read(path).samples())
         status, _, errors = self.main("run", path, "--out", self.out / "o", "--quiet")
         self.assertEqual(status, 2, errors)

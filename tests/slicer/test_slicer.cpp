@@ -460,7 +460,7 @@ static void test_garbage(const Mesh &mesh) {
     std::vector<std::unique_ptr<Connection>> crowd;
     for (int i = 0; i < 70; i++) crowd.push_back(std::make_unique<Connection>(bridge.port()));
     EXPECT(crowd.back()->is_closed());
-    EXPECT(bridge.said("there are 64 already"));
+    EXPECT(bridge.said("64 are connected already"));
     crowd.clear();
     connections.clear();
     client.counts.clear();
@@ -614,7 +614,7 @@ static void test_trackers() {
     wait(1);
     poses = server.poses();
     EXPECT(poses.size() > 100 && server.releases == 0, "%zu poses", poses.size());
-    EXPECT(soon([&] { return server.releases == 1; }, 5) && bridge.said("needle 0 is let go"), "%s", bridge.errors_text().c_str());
+    EXPECT(soon([&] { return server.releases == 1; }, 5) && bridge.said("needle 0 is released"), "%s", bridge.errors_text().c_str());
     server.poses();
     wait(0.2);
     EXPECT(server.poses().empty());

@@ -206,7 +206,7 @@ static void axes_and_buttons_arrive(void **unused) {
     assert_string_equal(text, "");
     shutdown(ends[1], SHUT_RDWR); /* unplugged */
     assert_false(joystick_driver.read(&j, 0, &state, text, sizeof text));
-    assert_non_null(strstr(text, "the joystick is gone"));
+    assert_non_null(strstr(text, "the joystick is disconnected"));
     close_stick(&j);
 }
 

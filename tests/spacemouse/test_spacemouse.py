@@ -255,7 +255,7 @@ class Trial:
         time.sleep(0.05)
         assert not self.poses.during(0.1), "poses of a needle that rests"
         daemon.event(PRESS, 3)        # a seed
-        bridge.says("the needle rests")
+        bridge.says("the needle is resting")
         daemon.event(PRESS, 2)
         bridge.says("take: done")
         self.comes_to_rest()
@@ -268,7 +268,7 @@ class Trial:
         daemon.deflect(x=350)
         self.goes(-1)
         daemon.event(DEVICE, 1)       # unplugged in the middle of a motion
-        bridge.says("the device is gone")
+        bridge.says("the device is disconnected")
         self.comes_to_rest()
         daemon.event(DEVICE, 0)
         bridge.says("the device is back")
@@ -276,7 +276,7 @@ class Trial:
         daemon.deflect(x=-350)
         self.goes(1)
         daemon.end()
-        bridge.says("spacenavd is gone")
+        bridge.says("spacenavd has stopped")
         self.comes_to_rest()
         daemon = Daemon(self.path)
         bridge.says("device: SpaceNavigator")
@@ -290,7 +290,7 @@ class Trial:
         bridge.says("the server was restarted")
         self.goes(-1)
         daemon.end()
-        bridge.says("spacenavd is gone")
+        bridge.says("spacenavd has stopped")
         self.comes_to_rest()
 
         # An old daemon does not say that the device is gone: half a second of silence counts as rest.

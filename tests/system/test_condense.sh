@@ -21,8 +21,8 @@ expect() { # STATUS WORDS ARGUMENT...
 }
 
 scene condensed "$work/cache" >"$work/scene.yaml"
-expect 2 "--rate is of no use" --rate 500
-expect 2 "--prepare is of no use" --prepare
+expect 2 "--rate has no effect" --rate 500
+expect 2 "--prepare has no effect" --prepare
 [ ! -e "$work/cache" ] || fail "wrong options made an inverse"
 expect 0 "written to $work/cache/"
 expect 0 "read from $work/cache/"

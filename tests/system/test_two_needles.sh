@@ -30,7 +30,7 @@ refused() {
     local status=0
     (hold "$@" --wait 0.4) || status=$?
     [ $status -eq 1 ] || fail "status $status, not 1: needle $1"
-    grep -q "no answer in 0.4 s for needle $1" "device-$2" || fail "the device does not say why"
+    grep -q "no answer within 0.4 s for needle $1" "device-$2" || fail "the device does not say why"
 }
 
 (hold 0 alone-0) || fail "needle 0 alone"

@@ -1,4 +1,4 @@
-/* Energy of the needle's twist and of the tissue that it turns: see core/README.md, "Roll". */
+/* Energy of the needle's twist and of the tissue that it turns: see docs/mechanics.md, "Roll". */
 #ifndef TROCAR_VERIFICATION_TWIST_H
 #define TROCAR_VERIFICATION_TWIST_H
 

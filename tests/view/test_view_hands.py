@@ -186,7 +186,7 @@ class Hands(unittest.TestCase):
         self.take(browser)
         self.server.kill()
         browser.until(lambda: not browser.status["drives"])
-        self.assertEqual(browser.status["lost"], "nothing was heard of the server for half a second")
+        self.assertEqual(browser.status["lost"], "nothing was heard from the server for half a second")
         browser.close()
 
 

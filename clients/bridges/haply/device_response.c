@@ -5,11 +5,11 @@
 
 /* Hz. Above the hand's tremor (8 to 12 Hz) and its voluntary motion, and low enough for a motion of some 0.01 mm. */
 static const double FREQUENCIES[RESPONSE_FREQUENCIES] = {14, 23, 37};
-static const double SETTLING = 0.5, DURATION = 4.0;  /* s, before and while motion is compared with force */
+static const double SETTLING = 0.5, DURATION = 4.0;  /* s: settling, and measuring time */
 static const double LONGEST_STEP = 1e-3;             /* s, of the integration */
-static const double LONGEST_DELAY = 0.06;            /* s: a period of the second frequency is shorter, of the lowest longer */
+static const double LONGEST_DELAY = 0.06;            /* s: longer than a period of the second frequency, shorter than a period of the lowest */
 static const double MOST_MISFIT = 0.2;
-static const double LEAST_MOTION = 1e-6;             /* m, amplitude at a frequency: less is noise */
+static const double LEAST_MOTION = 1e-6;             /* m, amplitude at a frequency: less counts as noise */
 
 void response_begin(device_response *r, double greatest, double now) {
     *r = (device_response){.amplitude = greatest / RESPONSE_FREQUENCIES, .begin = now + SETTLING};
@@ -28,7 +28,7 @@ static void integrate_step(const device_response *r, double sums[][2], double va
     }
 }
 
-/* The same over any interval, for a value that changes linearly. */
+/* Adds the integral of value times e^(-i w t) over any interval, for a value that changes linearly. */
 static void integrate(const device_response *r, double sums[][2], double from, double first, double to, double last) {
     int steps = (int)ceil((to - from) / LONGEST_STEP);
     double length = (to - from) / steps;

@@ -1,6 +1,6 @@
-/* Finds out how a device answers to forces: the round trip from a force to the positions that show it, and the mass that a person holds.
-   A small force at three frequencies moves the device, whose motion at these frequencies is compared with a mass, a damper and a spring
-   behind a delay. No clock: time is an argument. */
+/* Measures a device's response to forces: the round trip from a force to the positions that show it, and the mass that a person holds. A small force
+   at three frequencies moves the device, and its motion at these frequencies is fitted by a mass, a damper and a spring behind a delay. No clock:
+   time is an argument. */
 #ifndef TROCAR_HAPLY_DEVICE_RESPONSE_H
 #define TROCAR_HAPLY_DEVICE_RESPONSE_H
 
@@ -23,18 +23,18 @@ typedef struct {
     double misfit;           /* of the motion, relative */
 } response_model;
 
-/* The force will be at most `greatest` (N). */
+/* Starts; the force will be at most `greatest` (N). */
 void response_begin(device_response *r, double greatest, double now);
 
-/* The force (N) to be given to the device now. Zero when the time is over. */
+/* The force (N) to render now. Zero when the time is over. */
 double response_force(device_response *r, double now);
 
-/* A position (m) in the direction of the force, read now. */
+/* Takes a position (m) in the direction of the force, read now. */
 void response_add(device_response *r, double now, double position);
 
 bool response_is_over(const device_response *r, double now);
 
-/* False if the device did not move like a mass in a hand: it is held fast, out of reach, or moved about too much. */
+/* Returns the result. False if the device did not move like a mass in a hand: it is blocked, out of reach, or moved too much. */
 bool response_fit(const device_response *r, response_model *model);
 
 #endif

@@ -1,5 +1,5 @@
-/* trocar-haply: connects a Haply Inverse3 and its handle to trocar-server. In each period it sends the newest force to the Haply Inverse
-   Service; the reply holds the device's state, from which the needle's next pose is made. See docs/haply.md and message.h. */
+/* trocar-haply: connects a Haply Inverse3 and its handle to trocar-server. In each period it sends the newest force to the Haply Inverse Service; the
+   reply contains the device's state, from which the needle's next pose is computed. See docs/haply.md and message.h. */
 #include <argp.h>
 #include <stdarg.h>
 #include <stdio.h>
@@ -21,17 +21,18 @@ const char *argp_program_version = "trocar-haply " TROCAR_VERSION;
 error_t argp_err_exit_status = EXIT_BAD_INPUT;
 
 static const double GRAVITY = 9.81;                   /* m/s^2 */
-static const int64_t REPLY_TIMEOUT = 20000000;        /* ns without a reply of the service: no force; as trocar_client's watchdog */
-static const int64_t FROZEN = 500000000;              /* ns with the very same state under a force: a hand's tremor has 8 to 12 Hz, and tenths of a millimetre */
-static const int64_t CONNECTION_TIMEOUT = 1000000000; /* ns without a reply: the connection is renewed */
-static const int64_t REPORT_AFTER = 500000000;        /* ns without a wrench until it is told */
+static const int64_t REPLY_TIMEOUT = 20000000;        /* ns without a reply of the service before the force is zero; like trocar_client's watchdog */
+static const int64_t FROZEN = 500000000;              /* ns with exactly the same state under a force; a hand's tremor is at 8 to 12 Hz, with tenths
+                                                         of a millimetre */
+static const int64_t CONNECTION_TIMEOUT = 1000000000; /* ns without a reply before the connection is renewed */
+static const int64_t REPORT_AFTER = 500000000;        /* ns without a wrench before this is reported */
 static const int64_t INQUIRY = 200000000;             /* ns between inquiries for a device */
 static const int64_t SHUTDOWN_TIMEOUT = 200000000;    /* ns for the last reply */
 static const int64_t REPORTED = INT64_MAX;
 static const double MEASURING_FORCE = 0.5;            /* N, of --measure-delay */
-static const int64_t EVENT_GAP = 100000000;           /* ns between events that are told */
+static const int64_t EVENT_GAP = 100000000;           /* ns between reported events */
 
-/* What is printed now and then, and at the end. */
+/* Counters that are printed periodically, and at the end. */
 typedef struct {
     int64_t begin;           /* ns */
     int64_t messages, late, refused;
@@ -44,34 +45,34 @@ typedef struct {
     trocar_client *server;
     network *net;
     websocket service, events;
-    haply_choice choice;     /* the IDs are those of the first device and handle, once they are known */
+    haply_choice choice;     /* IDs of the first device and handle, once they are known */
     mapping map;
     limiter limit;
     haply_state state;
 
-    bool valid;              /* the newest message holds a state, and the service is not silent */
+    bool valid;              /* the newest message contains a state, and the service is not silent */
     haply_state seen;        /* the state before, */
-    int64_t changed_at;      /* ns: since when it is the same, under a force; */
-    bool frozen;             /* for too long: no force until it changes */
-    bool lost;               /* it has been told that there is no connection */
+    int64_t changed_at;      /* ns: when the state last changed, under a force; */
+    bool frozen;             /* that was too long ago: no force until it changes */
+    bool lost;               /* the missing connection has been reported */
     bool absent;             /* the newest message has no device */
     bool greeted;
     const char *key;         /* of the force; NULL: no message yet */
-    unsigned told;           /* bit for each problem that was told since the connection was opened */
-    int waiting;             /* replies that are to come */
-    bool overdue;            /* they took too long: nothing more is sent until all have come */
-    int64_t asked_at;        /* ns: of the first message without a reply */
-    int64_t sent_at;         /* ns: of the newest message */
+    unsigned told;           /* bit for each problem reported since the connection was opened */
+    int waiting;             /* number of pending replies */
+    bool overdue;            /* replies took too long: nothing more is sent until all of them have arrived */
+    int64_t asked_at;        /* ns: time of the first message without a reply */
+    int64_t sent_at;         /* ns: time of the newest message */
 
-    bool answered;           /* the server sends wrenches, as was told */
-    int64_t unanswered_since; /* ns; 0: it does, or it is not asked; REPORTED: it was told that it does not */
-    int64_t event_at;        /* ns: an event was told */
+    bool answered;           /* it has been reported that the server sends wrenches */
+    int64_t unanswered_since; /* ns; 0: wrenches arrive or are not expected; REPORTED: their absence has been reported */
+    int64_t event_at;        /* ns: time of the last reported event */
 
-    bool measuring, measured; /* `response` has begun; it is over, and the program ends */
-    bool found;              /* it fits a model */
+    bool measuring, measured; /* `response` is running; it is done, and the program ends */
+    bool found;              /* the fit succeeded */
     device_response response; /* of --measure-delay */
 
-    bool shutting_down, last_sent; /* the program ends: the last force is zero */
+    bool shutting_down, last_sent; /* the program is ending: the last force is zero */
     int64_t shut_down_since; /* ns */
     bool ends;
     statistics part, whole;
@@ -113,7 +114,7 @@ static void report_now_and_then(bridge *b, int64_t now) {
     end_part(b);
 }
 
-/* Tells each problem once for each connection. */
+/* Reports each problem once per connection. */
 static void tell(bridge *b, haply_problem problem) {
     bool told = b->told & 1u << problem;
     b->told |= 1u << problem;
@@ -124,12 +125,12 @@ static void tell(bridge *b, haply_problem problem) {
 /* ---- from the service to the server --------------------------------------------------------------------------------- */
 
 static void no_state(bridge *b) {
-    b->valid = b->measuring = false; /* a measurement begins anew */
+    b->valid = b->measuring = false; /* a measurement starts again */
     limiter_cut(&b->limit);
     if (b->unanswered_since != REPORTED) b->unanswered_since = 0;
 }
 
-/* The first device and handle stay chosen, whatever else is connected later. */
+/* Keeps the first device and handle, whatever else is connected later. */
 static void choose(bridge *b) {
     if (!b->choice.device[0]) say("device %s", b->state.device);
     memcpy(b->choice.device, b->state.device, HAPLY_ID);
@@ -156,7 +157,7 @@ static bool is_same(const haply_state *a, const haply_state *b) {
         && a->clutch == b->clutch;
 }
 
-/* A service that has lost its device may repeat the last state for ever, to which the server's force would be the answer for ever. */
+/* A service that has lost its device may repeat the last state for ever, and the server's force for it would continue for ever. */
 static bool is_frozen(bridge *b) {
     int64_t now = monotonic_ns();
     bool same = is_same(&b->state, &b->seen), felt = v3_norm(b->limit.force) > 0;
@@ -167,7 +168,7 @@ static bool is_frozen(bridge *b) {
     return b->frozen = frozen;
 }
 
-/* Of the device to the force of --measure-delay, which is along its y. */
+/* Response of the device to the force of --measure-delay, along its y. */
 static void note_response(bridge *b) {
     double now = 1e-9 * (double)monotonic_ns();
     if (!b->measuring && !b->measured) {
@@ -194,7 +195,7 @@ static void on_state(void *context, const char *text, size_t length) {
         no_state(b);
         return;
     }
-    if (b->waiting > 0) return; /* late: newer ones are on their way */
+    if (b->waiting > 0) return; /* late: newer ones will follow */
     if (is_frozen(b)) {
         tell(b, HAPLY_FROZEN);
         no_state(b);
@@ -229,16 +230,16 @@ static void heed_server(bridge *b, bool answered, int64_t now) {
     if (b->unanswered_since == REPORTED || now - b->unanswered_since < REPORT_AFTER) return;
     b->unanswered_since = REPORTED;
     b->answered = false;
-    say("no wrench from trocar-server, so no force: start it, or see trocar-top why needle %d gets none; waiting", b->set.needle);
+    say("no wrench from trocar-server, so no force: start the server, or look in trocar-top why needle %d gets none; waiting", b->set.needle);
 }
 
-/* Prints what the scene needs to know about the device, as the needle feels it. */
+/* Prints the device's keys for the scene, scaled to the needle. */
 static void tell_response(bridge *b) {
     response_model found;
     b->measured = true;
     b->found = response_fit(&b->response, &found);
     if (!b->found) {
-        say("the device did not move like a mass that a hand holds lightly: try again");
+        say("the device did not move like a mass held lightly by a hand: try again");
         return;
     }
     printf("device: {delay: %.4f, mass: %.2g}    # s, kg: for the server's scene; misfit %.0f %%\n", found.delay,
@@ -319,15 +320,15 @@ static void shut_down(bridge *b, int64_t now) {
     if (!b->last_sent) websocket_ask_to_write(&b->service);
 }
 
-/* Replies carry no number, so one that is lost can't be told from one that is late: only a new connection starts the count again. */
+/* Replies have no number, so a lost one cannot be told from a late one: only a new connection restarts the count. */
 static void renew(bridge *b) {
-    if (!b->lost) say("no reply from the service at %s:%d for 1 s: connecting again, twice a second", b->set.host, b->set.port);
+    if (!b->lost) say("no reply from the service at %s:%d for 1 s: reconnecting, twice a second", b->set.host, b->set.port);
     b->lost = true;
     websocket_drop(&b->service);
 }
 
-/* A service that does not reply in time gets one message more, whose force is zero: it is then what it reads next. More than one would keep
-   the bridge behind a service that is slower than the tick. */
+/* Sends one more message, with force zero, to a service that does not reply in time: it is what the service reads next. More than one would keep the
+   bridge behind a service that is slower than the tick. */
 static void await_reply(bridge *b, int64_t now) {
     if (now - b->asked_at > CONNECTION_TIMEOUT) renew(b);
     if (now - b->asked_at < REPLY_TIMEOUT || b->overdue) return;

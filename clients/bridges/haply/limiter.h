@@ -7,19 +7,18 @@
 typedef struct {
     double max_force;        /* N */
     double max_rate;         /* N/s */
-    double gain;             /* of everything: 0 after a cut, then rises to 1 */
-    double grip;             /* of the needle's force: 0 after it was let go of, then rises to 1 */
+    double gain;             /* factor on everything: 0 after a cut, then rises to 1 */
+    double grip;             /* factor on the needle's force: 0 after a release, then rises to 1 */
     vec3 force;              /* N, the newest */
 } limiter;
 
-/* The next force, `period` s after the last, for the needle's force and one that carries a weight, both in N. Zero if a number is not
-   finite. */
+/* The next force, `period` s after the last, from the needle's force and a force that carries a weight, both in N. Zero if a number is not finite. */
 vec3 limiter_next(limiter *l, vec3 felt, vec3 carried, double period);
 
-/* Lets go of the needle: its force rises from zero in the next 0.1 s. */
+/* Releases the needle: its force rises from zero over the next 0.1 s. */
 void limiter_let_go(limiter *l);
 
-/* No force, at once. */
+/* Sets the force to zero at once. */
 void limiter_cut(limiter *l);
 
 #endif

@@ -4,12 +4,12 @@
 #include <stdio.h>
 #include <string.h>
 
-static const double REACH = 1.0;              /* m: an arm's cursor is never farther from its origin */
+static const double REACH = 1.0;              /* m: largest distance of an arm's cursor from its origin */
 static const double UNIT_TOLERANCE = 0.05;    /* of a quaternion's length */
 
 static const cJSON *member(const cJSON *object, const char *name) { return cJSON_GetObjectItemCaseSensitive(object, name); }
 
-/* Copies a device's ID if it can be repeated in a message as it is. */
+/* Copies a device's ID if it can be repeated verbatim in a message. */
 static bool read_id(const cJSON *device, char id[HAPLY_ID]) {
     const char *text = cJSON_GetStringValue(member(device, "device_id"));
     if (!text || text[0] == '\0' || strlen(text) >= HAPLY_ID) return false;
@@ -90,14 +90,14 @@ haply_problem haply_read(const char *text, size_t length, const haply_choice *ch
 
 const char *haply_expected(haply_problem problem) {
     switch (problem) {
-    case HAPLY_NOT_JSON: return "a message that is not whole JSON, or too long: no force until a whole one comes";
+    case HAPLY_NOT_JSON: return "a message that is incomplete JSON or too long: no force until a complete one arrives";
     case HAPLY_OTHER_FORMAT:
         return "a message in another format; expected \"inverse3\": [...], as of service 3.1 to 3.5 on port 10001 (port 10000 has format 3.0)";
     case HAPLY_NO_DEVICE: return "no such device in the service's list \"inverse3\": connect it, switch it on, or check --device";
     case HAPLY_NOT_CALIBRATED: return "the device is not calibrated: put the handle into its holder until the light is steady";
     case HAPLY_BAD_POSITION: return "no usable state.cursor_position; expected finite x, y, z within 1 m";
     case HAPLY_LATE: return "the service took more than 20 ms to reply: no force until it replies in time";
-    case HAPLY_FROZEN: return "the very same state for 0.5 s under a force: no force until it changes; is the device still connected to the service?";
+    case HAPLY_FROZEN: return "exactly the same state for 0.5 s under a force: no force until it changes; is the device still connected to the service?";
     case HAPLY_NO_HANDLE:
         return "no handle with a unit quaternion in wireless_verse_grip, verse_grip or custom_verse_grip: the needle keeps its direction";
     default: return "";
@@ -118,7 +118,7 @@ bool haply_read_event(const char *text, size_t length, char *told, size_t size) 
     return tell;
 }
 
-/* N, of a decimal with six places; towards zero, so that a limit is kept. */
+/* Prints N with six decimals, rounded towards zero so that limits are kept. */
 static double six_places(double force) { return trunc(1e6 * force) / 1e6; }
 
 size_t haply_write_force(char *text, size_t size, const char *device, const char *key, vec3 force, bool greet) {

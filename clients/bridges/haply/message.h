@@ -2,9 +2,9 @@
    read for service 3.5 and for 3.1 to 3.4:
 
        service/realtime/websocket-protocol   one state for each message sent; the first message lists the devices
-       service/api/simulation                the same for 3.1 to 3.4: no session_id, `mode` in place of control_mode
+       service/api/simulation                the same for 3.1 to 3.4: no session_id, `mode` instead of control_mode
        service/realtime/control-commands     set_cursor_force; commands are forgotten unless they are repeated
-       service/commons/json-conventions      groups of devices; ports; keys that are not known are ignored
+       service/commons/json-conventions      groups of devices; ports; unknown keys are ignored
        service/commons/basis                 right-handed, +x right, +y forward, +z up; m, N
        service/tutorials/01 to 06            session.configure.profile.name in the first message only; handles; local +y of a handle points
 
@@ -20,13 +20,13 @@
 
 enum { HAPLY_ID = 64 };
 
-/* Which device and handle to read. An empty ID stands for the first in the list. */
+/* Selects device and handle. An empty ID means the first in the list. */
 typedef struct {
     char device[HAPLY_ID], handle[HAPLY_ID];
     char clutch[HAPLY_ID];   /* name of a button */
 } haply_choice;
 
-/* What is wrong with a message, or with its time, handle or change, which haply_read does not judge. */
+/* Verdict on a message, or on its time, handle or change, which haply_read does not check. */
 typedef enum {
     HAPLY_GOOD,
     HAPLY_NOT_JSON,
@@ -47,15 +47,15 @@ typedef struct {
     bool has_session_id;     /* service 3.5 or later */
 } haply_state;
 
-/* Reads a message. Unless it is GOOD, only `device` and `has_session_id` are valid in `state`, and there is no position. A handle that is
-   missing, or whose quaternion is not of unit length, leaves state->handle empty. Never trusts the text: it may be cut off, not be JSON at
-   all, or contain numbers of any size. */
+/* Reads a message. Unless it is GOOD, only `device` and `has_session_id` are valid in `state`, and there is no position. A handle that is missing, or
+   whose quaternion is not of unit length, leaves state->handle empty. Never trusts the text, which may be truncated, not be JSON, or contain numbers
+   of any size. */
 haply_problem haply_read(const char *text, size_t length, const haply_choice *choice, haply_state *state);
 
-/* What is wrong and what was expected, for people. */
+/* A text on what is wrong and what was expected. */
 const char *haply_expected(haply_problem problem);
 
-/* A message of the service's events, port 10020 (service/events): `told` gets its level, name and message if the level is warning or worse. */
+/* A message of the service's events, port 10020 (service/events): `told` receives level, name and message if the level is warning or worse. */
 bool haply_read_event(const char *text, size_t length, char *told, size_t size);
 
 /* Writes messages into `text`, of `size` bytes; return the length. `key` is "vector" or "values". `greet` also names this program to

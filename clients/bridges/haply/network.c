@@ -92,7 +92,7 @@ trocar_status network_create(double rate, void (*tick)(void *context), void *con
     network *n = calloc(1, sizeof *n);
     if (!n) return fail(why, TROCAR_NO_MEMORY, "no memory for the network");
     *n = (network){.timer = -1, .tick = tick, .context = context};
-    lws_set_log_level(0, NULL); /* `closed` tells the reason */
+    lws_set_log_level(0, NULL); /* `closed` reports the reason */
     struct lws_context_creation_info info = {.port = CONTEXT_PORT_NO_LISTEN, .protocols = protocols, .user = n, .vhost_name = "haply",
                                              .timeout_secs = PATIENCE, .connect_timeout_secs = PATIENCE,
                                              .options = LWS_SERVER_OPTION_EXPLICIT_VHOSTS};

@@ -19,9 +19,9 @@ typedef struct {
     double retry;            /* s between attempts to connect */
     void *context;
     void (*opened)(void *context);
-    void (*closed)(void *context, const char *why);       /* also after each attempt that fails */
+    void (*closed)(void *context, const char *why);       /* also called after each failed attempt */
     void (*received)(void *context, const char *text, size_t length);
-    size_t (*write)(void *context, char *text, size_t size); /* makes a message that was asked for; returns its length, 0: none */
+    size_t (*write)(void *context, char *text, size_t size); /* writes a requested message; returns its length, 0: none */
 
     /* the network's */
     struct lws *wsi;
@@ -43,7 +43,7 @@ void websocket_keep(network *n, websocket *s);
 
 void websocket_ask_to_write(websocket *s);
 
-/* Closes the connection soon; it is opened again. */
+/* Closes the connection soon; it is opened again afterwards. */
 void websocket_drop(websocket *s);
 
 #endif

@@ -71,7 +71,7 @@ static trocar_status read_end(reader *r) {
     do status = next(r);
     while (status == TROCAR_OK && r->event.type == YAML_DOCUMENT_END_EVENT);
     if (status != TROCAR_OK) return status;
-    return r->event.type == YAML_STREAM_END_EVENT ? TROCAR_OK : wrong(r, "a second document: a profile is one; remove this line or what is above it");
+    return r->event.type == YAML_STREAM_END_EVENT ? TROCAR_OK : wrong(r, "a second document: a profile has only one; remove this line or everything above it");
 }
 
 trocar_status profile_read(const char *path, profile_setter set, void *context, report *why) {

@@ -33,17 +33,17 @@ static const struct argp_option option_list[] = {
     {"patient", OPTION_PATIENT, 0, 0, "--start and --offset are in the patient's coordinates: mm, DICOM axes; needs --scene", 2},
     {"point", OPTION_POINT, "POINT", 0, "The needle's point at the cursor: base or tip (default base)", 2},
     {"length", OPTION_LENGTH, "M", 0, "Length of the scene's needle, for --point tip (default: the scene's, or 0.2)", 2},
-    {"start", OPTION_START, "X,Y,Z", 0, "Where that point is when the bridge begins, m (default: the scene's, or 0.005,0.003,-0.201 for the base, 0.005,0.003,-0.001 for the tip)", 2},
-    {"offset", OPTION_OFFSET, "X,Y,Z", 0, "In place of --start: where the device's origin is, m", 2},
+    {"start", OPTION_START, "X,Y,Z", 0, "Position of that point when the bridge starts, m (default: the scene's, or 0.005,0.003,-0.201 for the base, 0.005,0.003,-0.001 for the tip)", 2},
+    {"offset", OPTION_OFFSET, "X,Y,Z", 0, "Instead of --start: position of the device's origin in the scene, m", 2},
     {"orientation", OPTION_ORIENTATION, "FROM", 0, "The needle's orientation: handle, or fixed (default handle)", 2},
     {"direction", OPTION_DIRECTION, "X,Y,Z", 0, "The needle's direction if it is fixed or there is no handle (default: the scene's, or 0,0,1)", 2},
     {"tool", OPTION_TOOL, "W,X,Y,Z", 0, "The needle's orientation in the handle's frame (default 0,0,0.7071068,0.7071068: along the handle's y)", 2},
     {"clutch", OPTION_CLUTCH, "BUTTON", 0, "While this button of the handle is pressed, the needle stays where it is (default a)", 2},
     {0, 0, 0, 0, "Force:", 3},
-    {"max-force", OPTION_MAX_FORCE, "N", 0, "Greatest force (default 3)", 3},
-    {"max-force-rate", OPTION_MAX_RATE, "N/S", 0, "Greatest change of the force in a second (default 400)", 3},
+    {"max-force", OPTION_MAX_FORCE, "N", 0, "Largest force (default 3)", 3},
+    {"max-force-rate", OPTION_MAX_RATE, "N/S", 0, "Largest change of the force per second (default 400)", 3},
     {"force-scale", OPTION_FORCE_SCALE, "FACTOR", 0, "Force on the hand per force on the needle (default 1)", 3},
-    {"tool-mass", OPTION_TOOL_MASS, "KG", 0, "Mass at the cursor whose weight is carried, beside what the service compensates (default 0)", 3},
+    {"tool-mass", OPTION_TOOL_MASS, "KG", 0, "Mass at the cursor whose weight is compensated, in addition to the service's own compensation (default 0)", 3},
     {"force-key", OPTION_FORCE_KEY, "KEY", 0, "Name of the force in set_cursor_force: vector or values (default: by the service's version)", 3},
     {0, 0, 0, 0, "Output:", 4},
     {"measure-delay", OPTION_MEASURE_DELAY, 0, 0, "Push the device gently for 5 s, print its delay and mass for the scene, and end", 4},
@@ -59,7 +59,7 @@ static quat parse_rotation(const struct argp_state *state, const char *option, c
     return q_unit((quat){n[0], n[1], n[2], n[3]});
 }
 
-/* Whether `text` is the second of two words. */
+/* True if `text` is the second of two words. */
 static bool parse_word(const struct argp_state *state, const char *option, const char *text, const char *first, const char *second) {
     if (strcmp(text, first) != 0 && strcmp(text, second) != 0) argp_error(state, "--%s: '%s': expected %s or %s", option, text, first, second);
     return strcmp(text, second) == 0;
@@ -84,7 +84,7 @@ typedef struct {
     unsigned given;          /* bit for each option, from OPTION_SERVICE */
 } profile;
 
-/* Sets an option that a profile gives. Errors name its place. */
+/* Sets an option from a profile. Errors name its place. */
 static trocar_status set_from_profile(void *context, const char *place, const char *name, const char *value, report *why) {
     profile *p = context;
     struct argp_state *state = p->state;
@@ -162,7 +162,7 @@ static error_t parse_option(int key, char *text, struct argp_state *state) {
     return 0;
 }
 
-/* Takes the profile's options and leaves the others alone. */
+/* Reads the profile's options and ignores the others. */
 static error_t parse_profile(int key, char *text, struct argp_state *state) {
     profile p = {.state = state};
     report why;
@@ -182,7 +182,7 @@ void haply_parse(int count, char **arguments, haply_settings *settings) {
         .max_force = 3, .max_force_rate = 400, .force_scale = 1,
         .mapping = {.rotation = MAPPING_Y_TO_Z, .scale = 1, .start = {0.005, 0.003, -0.201}, .length = STANDARD_LENGTH, .direction = {0, 0, 1},
                     .tool = MAPPING_Y_TO_Z}};
-    argp_parse(&profile_parser, count, arguments, 0, NULL, settings); /* first: the command line overrides it */
+    argp_parse(&profile_parser, count, arguments, 0, NULL, settings); /* first, so that the command line overrides it */
     argp_parse(&parser, count, arguments, 0, NULL, settings);
 }
 

@@ -11,7 +11,7 @@ typedef struct {
     int port, events_port;   /* 0: none */
     haply_choice choice;
     char lcm_url[256];       /* empty: the environment's */
-    const char *force_key;   /* NULL: by the service's version */
+    const char *force_key;   /* NULL: depends on the service's version */
     int needle;
     double rate;             /* Hz */
     double report;           /* s; 0: at the end only */
@@ -29,7 +29,7 @@ typedef struct {
 /* Exits if an option is wrong. */
 void haply_parse(int count, char **arguments, haply_settings *settings);
 
-/* What the options leave open is as the scene says: where the needle starts, in which direction, and how long it is. */
+/* Takes missing options from the scene: the needle's start, direction and length. */
 trocar_status haply_place(haply_settings *settings, report *why);
 
 #endif

@@ -33,7 +33,7 @@ void igtl_free(igtl_message *m) {
     bytes_free(&m->content);
 }
 
-/* The content has changed. */
+/* Marks the content as changed. */
 static void renew(igtl_message *m, int64_t utime) {
     drop_packets(m);
     m->utime = utime;
@@ -123,7 +123,7 @@ static igtl_uint64 stamp_of(int64_t utime) {
     return seconds << 32 | (us << 32) / 1000000;
 }
 
-/* Of version 2, around a content: how long the extended header and the metadata are, and a number for the message, which is not used. */
+/* Version 2 adds around the content: lengths of extended header and metadata, and a message number, which is not used. */
 static void write_extension(unsigned char *body, size_t content) {
     const uint16_t sizes[2] = {htobe16(EXTENDED_HEADER), htobe16(NO_METADATA)};
     memset(body, 0, EXTENDED_HEADER);
@@ -162,7 +162,7 @@ void igtl_drop(igtl_packet *packet) {
 
 /* ---- received ---- */
 
-/* Whether a text field is printable ASCII up to its first 0. */
+/* True if a text field is printable ASCII up to its first 0. */
 static bool is_text(const char *field) {
     for (; *field; field++)
         if (*field < ' ' || *field > '~') return false;

@@ -1,5 +1,5 @@
-/* OpenIGTLink messages as bytes, made and read with the C functions of Debian's library (1.11). That library knows version 1 of the header; what
-   version 2 adds around the content is done here: github.com/openigtlink/OpenIGTLink, Documents/Protocol/header.md. */
+/* OpenIGTLink messages as bytes, made and read with the C functions of Debian's library (1.11). That library knows version 1 of the header; version
+   2's additions are implemented here: github.com/openigtlink/OpenIGTLink, Documents/Protocol/header.md. */
 #ifndef TROCAR_IGTL_H
 #define TROCAR_IGTL_H
 
@@ -12,7 +12,7 @@
 #include "ras.h"
 #include "wire_format.h"
 
-/* A message as it goes to clients, which share it. */
+/* An encoded message, shared by the clients that receive it. */
 typedef struct {
     int users;
     size_t size;
@@ -26,7 +26,7 @@ typedef struct {
     int64_t number;          /* of this value, from 1; 0: none yet */
     int64_t utime;           /* us since the epoch */
     byte_buffer content;     /* in the network's byte order */
-    igtl_packet *packets[2]; /* of this value, with headers of version 1 and 2, once they were asked for */
+    igtl_packet *packets[2]; /* of this value, with headers of version 1 and 2, created on request */
 } igtl_message;
 
 void igtl_name(igtl_message *m, const char *type, const char *name); /* cuts the name after 20 bytes */
@@ -40,13 +40,13 @@ void igtl_set_string(igtl_message *m, int64_t utime, const char *text);
    nothing has changed. */
 void igtl_set_image(igtl_message *m, int64_t utime, const ras_matrix *matrix, int width, int height, const unsigned char *grey);
 
-/* A surface of triangles, each a 3 and the indices of its points, or a curve through points: made once, without a value, then moved. Points are x y z,
-   mm. No new value if none has moved. False without memory. */
+/* A surface of triangles (each a 3 and the indices of its points) or a curve through points: created once, without a value, then moved. Points are x
+   y z, mm. No new value if no point has moved. False without memory. */
 bool igtl_make_surface(igtl_message *m, int points, int triangles, uint32_t *polygons);
 bool igtl_make_curve(igtl_message *m, int points);
 void igtl_move_points(igtl_message *m, int64_t utime, const float *points, int count);
 
-/* The value's message with a header of this version, 1 or 2, for one more user; NULL without a value or memory. */
+/* The value encoded with a header of this version, 1 or 2, for one more user; NULL without a value or memory. */
 igtl_packet *igtl_take(igtl_message *m, int version);
 void igtl_drop(igtl_packet *packet); /* one user less; NULL is allowed */
 
@@ -58,10 +58,10 @@ typedef struct {
     uint64_t size, crc;      /* of the body */
 } igtl_head;
 
-/* NULL, or why these IGTL_HEADER_SIZE bytes are no header. */
+/* NULL, or the reason why these IGTL_HEADER_SIZE bytes are not a header. */
 const char *igtl_read_head(const unsigned char *bytes, igtl_head *head);
 
-/* NULL, or why this body is no TRANSFORM. */
+/* NULL, or the reason why this body is not a TRANSFORM. */
 const char *igtl_read_transform(const igtl_head *head, unsigned char *body, ras_matrix *matrix);
 
 #endif

@@ -7,19 +7,19 @@
 typedef struct {
     igtl_message *message;
     int count;               /* points of the surface, */
-    int32_t *nodes;          /* which nodes of the mesh they are */
+    int32_t *nodes;          /* [count], the mesh's node at each point */
     float *points;           /* 3 count, scratch */
 } organ;
 
 /* Volumes of the model. */
 int organs_count(const trocar_model *model);
 
-/* Makes `organs_count` surfaces, and their messages, which have no value yet. Their faces point outwards. The name of a volume is cut after 20 bytes;
-   one that is like another's then ends in its number in place of its last letters. NO_MEMORY. */
+/* Creates `organs_count` surfaces and their messages, which have no value yet. Their faces point outwards. The name of a volume is cut after 20
+   bytes; if it then equals another one, its last letters are replaced by its number. NO_MEMORY. */
 trocar_status organs_make(const trocar_model *model, organ *organs, igtl_message *messages, report *why);
 void organs_free(organ *organs, int count);
 
-/* `nodes`: all nodes of the mesh where they are now, 3 each, m. */
+/* `nodes`: present positions of all nodes of the mesh, 3 each, m. */
 void organ_move(organ *o, int64_t utime, const patient_frame *frame, const double *nodes);
 
 #endif

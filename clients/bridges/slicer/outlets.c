@@ -76,7 +76,7 @@ void outlets_free(outlets *o) {
 
 /* ---- pictures ---- */
 
-/* The base's frame carried along the needle without a turn about it, but for that by which the tip leads. */
+/* The base's frame transported along the needle without rotation about it, except the tip's lead. */
 static pose tip_of(const trocar_contacts_t *c) {
     quat turn = load_pose(c->centreline[0], c->orientation).orientation;
     for (int i = 1; i < c->joint_count; i++) {
@@ -142,7 +142,7 @@ void outlets_show_forces(outlets *o, const subscriber *feed) {
         igtl_set_transform(m, w->utime, &force);
     }
     if (o->probe < 0 || !feed->probe.placed) return;
-    int64_t now = wall_us(); /* of its messages the subscriber keeps no time */
+    int64_t now = wall_us(); /* the subscriber keeps no time for its messages */
     const trocar_probe *p = &feed->probe;
     ras_matrix place = ras_of_pose(&o->frame, load_pose(p->base.position, p->base.orientation)), force = ras_of_vector(&o->frame, p->force);
     igtl_set_transform(&o->messages[o->probe], now, &place);

@@ -1,4 +1,4 @@
-/* What clients get: the names of the messages, and their values from the server's newest messages. */
+/* The messages for clients: their names, and their values from the server's newest messages. */
 #ifndef TROCAR_OUTLETS_H
 #define TROCAR_OUTLETS_H
 
@@ -19,20 +19,20 @@ typedef struct {
     organ *organs;
     int organ_count;
     slices slices;
-    double *nodes;           /* 3 each, m: of the mesh where they are now */
+    double *nodes;           /* 3 each, m: present positions of the mesh's nodes */
 } outlets;
 
 /* `pixel` in m. BAD_INPUT as in slices_create, NO_MEMORY. */
 trocar_status outlets_create(outlets *o, const trocar_scene *scene, const trocar_model *model, slice_style style, double pixel, report *why);
 void outlets_free(outlets *o);
 
-/* Needles, organs and images, as of the newest deformation; at rest before the first. */
+/* Updates needles, organs and images from the newest deformation; at rest before the first. */
 void outlets_show_picture(outlets *o, const subscriber *feed);
 
-/* What changes faster than pictures: forces, and the probe. */
+/* Updates what changes faster than pictures: forces, and the probe. */
 void outlets_show_forces(outlets *o, const subscriber *feed);
 
-/* The state in words, as JSON. */
+/* Updates the status, as JSON. */
 void outlets_show_status(outlets *o, subscriber *feed);
 
 #endif

@@ -18,12 +18,12 @@
 
 enum { LARGEST_TRANSFORM = 65536, TRACKER = PEERS, PACES = 16 };
 static const int64_t SECOND = 1000000000;   /* ns */
-static const int64_t PACE_INTERVAL = 30000000; /* ns between two notes of what a client has read: the last PACES cover half a second */
-static const uint64_t LEAST_UNREAD = 65536; /* bytes that may wait at a client, or more: */
-static const double LONGEST_UNREAD = 0.2;   /* s that it takes to read them */
+static const int64_t PACE_INTERVAL = 30000000; /* ns between two records of a client's reading: the last PACES cover half a second */
+static const uint64_t LEAST_UNREAD = 65536; /* bytes that may always wait unread at a client, */
+static const double LONGEST_UNREAD = 0.2;   /* s: or as many as the client reads in this time */
 static const char STANDARD_PORT[] = "18944";
 
-/* What a client has read so far, at that time. */
+/* What a client had read at that time. */
 typedef struct {
     int64_t at;              /* ns, monotonic */
     uint64_t read;           /* bytes */
@@ -33,7 +33,7 @@ struct peer {
     int socket;
     bool connecting;         /* to the tracker's server */
     char who[80];            /* address and port */
-    int version;             /* highest of the headers that it has sent: it gets the same */
+    int version;             /* highest header version that it has sent: it receives the same */
     igtl_packet *sending;    /* NULL: nothing is under way */
     size_t sent;             /* bytes of it */
     uint64_t whole;          /* bytes sent since it has connected, */
@@ -41,14 +41,14 @@ struct peer {
     uint64_t widest;         /* bytes, the largest receive window that it has offered */
     pace paces[PACES];       /* in turn; */
     int newest_pace;
-    int turn;                /* the heavy message to look at first */
-    int64_t *given;          /* number of the value that it got last, for each message */
-    igtl_head head;          /* of the message that is coming in, */
-    bool in_body;            /* if this is set: then its body comes */
-    uint64_t skip;           /* bytes of a body that is not wanted */
+    int turn;                /* the heavy message to consider first */
+    int64_t *given;          /* for each message, number of the value that it received last */
+    igtl_head head;          /* of the incoming message; */
+    bool in_body;            /* true: its body comes next */
+    uint64_t skip;           /* remaining bytes of a body that is not wanted */
     size_t filled;
     unsigned char bytes[LARGEST_TRANSFORM]; /* of a header, or of a transform's body */
-    int64_t complained;      /* ns, monotonic: when something of it was refused, and said, last; 0: never */
+    int64_t complained;      /* ns, monotonic: when a refusal was last reported; 0: never */
     int unsaid;              /* refused since */
 };
 
@@ -78,7 +78,7 @@ static void name_peer(peer *c, const struct sockaddr *address, socklen_t size) {
 }
 
 static peer *add_peer(peers *p, int i, int socket, const struct sockaddr *address, socklen_t size) {
-    const int on = 1, unsent = 65536; /* bytes in the kernel from which on the client is slow: they are of values that have become old */
+    const int on = 1, unsent = 65536; /* bytes in the kernel at which the client counts as slow: they belong to outdated values */
     peer *c = calloc(1, sizeof *c);
     int64_t *given = calloc((size_t)p->settings.message_count, sizeof *given);
     if (!c || !given) {
@@ -105,7 +105,7 @@ static void accept_peer(peers *p) {
     int i = 0;
     while (i < PEERS && p->all[i]) i++;
     if (i == PEERS) {
-        fprintf(stderr, "trocar-slicer: a client was turned away: there are %d already\n", PEERS);
+        fprintf(stderr, "trocar-slicer: refused a client: %d are connected already\n", PEERS);
         close(socket);
         return;
     }
@@ -121,13 +121,13 @@ int peers_count(const peers *p) {
 
 /* ---- the tracker's server ---- */
 
-/* Goes on with the next address at once, and after the last one with the first in a second. */
+/* Tries the next address at once, and after the last one the first again in a second. */
 static void try_next_address(peers *p, int error) {
     p->tracker = p->tracker->ai_next;
     p->tracker_retry = monotonic_ns() + (p->tracker ? 0 : SECOND);
     if (p->tracker) return;
     p->tracker = p->tracker_addresses;
-    if (!p->tracker_said) fprintf(stderr, "trocar-slicer: no tracker at %s yet: %s; trying each second\n", p->settings.tracker, strerror(error));
+    if (!p->tracker_said) fprintf(stderr, "trocar-slicer: no tracker at %s yet: %s; trying again every second\n", p->settings.tracker, strerror(error));
     p->tracker_said = true;
 }
 
@@ -159,7 +159,7 @@ static void end_connecting(peers *p) {
 
 /* ---- receiving ---- */
 
-/* What a peer does wrong is said once a second. */
+/* Reports faults of a peer at most once a second. */
 static void complain(peer *c, const char *what, const char *fault) {
     int64_t now = monotonic_ns();
     if (c->complained != 0 && now - c->complained < SECOND) {
@@ -173,7 +173,7 @@ static void complain(peer *c, const char *what, const char *fault) {
     c->unsaid = 0;
 }
 
-/* GET_TYPE asks for values again: of one name, or of all. Other queries need no answer: everything comes anyway. */
+/* GET_TYPE requests values again: of one name, or of all. Other queries need no answer, because everything is sent anyway. */
 static void answer_query(const peers *p, peer *c) {
     if (strncmp(c->head.type, "GET_", 4) != 0) return;
     const char *type = c->head.type + 4; /* cut after 12 bytes with its prefix: TRANSFOR */
@@ -208,7 +208,7 @@ static void end_message(const peers *p, peer *c) {
     complain(c, what, fault);
 }
 
-/* NULL, or why the peer cannot be understood any more. */
+/* NULL, or the reason why the peer can no longer be understood. */
 static const char *take_bytes(const peers *p, peer *c, const unsigned char *bytes, size_t count) {
     const char *fault = NULL;
     while (count > 0 && !fault) {
@@ -247,8 +247,8 @@ static void receive(peers *p, int i) {
 
 /* ---- how far a client is behind ---- */
 
-/* Bytes that it has not read: those on their way, and those that wait on its machine, by which the window that it offers is smaller than the widest
-   one. That is told with each acknowledgement, but not when the client reads: until something more is sent, this may be too much. */
+/* Bytes that it has not read: those on their way, and those waiting on its machine, by which its offered window is smaller than the largest one. Each
+   acknowledgement reports the window, but reading alone causes none: until something more is sent, this may be too high. */
 static uint64_t unread(peer *c) {
     struct tcp_info info = {0};
     socklen_t size = sizeof info;
@@ -260,7 +260,7 @@ static uint64_t unread(peer *c) {
     return c->widest - info.tcpi_snd_wnd + (uint64_t)on_the_way;
 }
 
-/* Bytes per second that it reads, over the last half second. */
+/* Bytes per second that it has read over the last half second. */
 static double reading_rate(peer *c, uint64_t waiting, int64_t now) {
     pace *newest = &c->paces[c->newest_pace], at_present = {now, c->whole > waiting ? c->whole - waiting : 0};
     if (now - newest->at >= PACE_INTERVAL) {
@@ -271,8 +271,8 @@ static double reading_rate(peer *c, uint64_t waiting, int64_t now) {
     return oldest->at < now && at_present.read > oldest->read ? 1e9 * (double)(at_present.read - oldest->read) / (double)(now - oldest->at) : 0.0;
 }
 
-/* Whether it should read what it has before it gets another heavy message: it would show values that are old. Small ones go on, and bring news of its
-   window; if there are none, a heavy one does, each second. */
+/* True if it should read what it has before it gets another heavy message: it would show outdated values. Small messages continue, and bring news of
+   its window; if there are none, a heavy one does, each second. */
 static bool is_behind(peer *c) {
     int64_t now = monotonic_ns();
     uint64_t waiting = unread(c);
@@ -287,7 +287,7 @@ static bool is_behind(peer *c) {
 
 static bool is_new(const peers *p, const peer *c, int message) { return p->settings.messages[message].number != c->given[message]; }
 
-/* The message that goes next, -1: none. Light ones go first, the others take turns. */
+/* The next message to send, or -1. Light ones come first, the others take turns. */
 static int next_message(const peers *p, peer *c) {
     int light = p->settings.light_count, heavy = p->settings.message_count - light;
     for (int i = 0; i < light; i++)
@@ -316,7 +316,7 @@ static void note_sent(peer *c, size_t count) {
     c->sent_at = monotonic_ns();
 }
 
-/* Until the socket takes no more. */
+/* Sends until the socket accepts no more. */
 static void send_news(peers *p, int i) {
     peer *c = p->all[i];
     while (c->sending || begin_sending(p, c)) {
@@ -358,7 +358,7 @@ void peers_handle(peers *p, const struct pollfd *events, int count) {
         if (ready & (POLLIN | POLLHUP | POLLERR)) receive(p, i);
         if (p->all[i] && (ready & POLLOUT)) send_news(p, i);
     }
-    if (events[0].revents) accept_peer(p); /* none of which is new */
+    if (events[0].revents) accept_peer(p); /* last, so that a new peer is not among the events */
 }
 
 /* ---- opening ---- */

@@ -2,7 +2,7 @@
 
 #include "messages.h"
 
-static const double TOLERANCE = 1e-3; /* of a rotation's columns, which come in single precision */
+static const double TOLERANCE = 1e-3; /* for a rotation's columns, which arrive in single precision */
 static const double FAR = 1e4;        /* mm */
 
 patient_frame ras_frame(const trocar_scene *scene) {

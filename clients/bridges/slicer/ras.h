@@ -1,5 +1,5 @@
-/* RAS coordinates, which OpenIGTLink and 3D Slicer use: millimetres along x to the patient's right, y to the front, z to the head. In a scene
-   without patient coordinates the mesh's axes are taken for these, as in the viewer. */
+/* RAS coordinates, as in OpenIGTLink and 3D Slicer: millimetres along x to the patient's right, y to the front, z to the head. In a scene without
+   patient coordinates the mesh's axes count as these, as in the viewer. */
 #ifndef TROCAR_RAS_H
 #define TROCAR_RAS_H
 
@@ -7,7 +7,7 @@
 
 #include "patient.h"
 
-/* The frame's functions (patient.h) then give and take RAS instead of LPS: mesh_to_patient, patient_to_mesh, ... */
+/* Makes the frame's functions (patient.h) give and take RAS instead of LPS: mesh_to_patient, patient_to_mesh, ... */
 patient_frame ras_frame(const trocar_scene *scene);
 
 /* A rigid transform in the order in which OpenIGTLink sends it: the columns of its rotation, then its translation. */
@@ -18,8 +18,8 @@ typedef struct {
 ras_matrix ras_of_pose(const patient_frame *frame, pose p);              /* in the mesh, m */
 ras_matrix ras_of_vector(const patient_frame *frame, const double v[3]); /* a translation: world axes to RAS, the unit stays */
 
-/* What keeps a matrix from being a pose, NULL if nothing does: a number that is not finite, or axes that are not of length 1 and perpendicular
-   (1e-3), or left-handed, or a place more than 10 m away. */
+/* The reason why a matrix is not a pose, or NULL: a number that is not finite, axes that are not of length 1 and perpendicular (1e-3), or
+   left-handed, or a position more than 10 m away. */
 const char *ras_fault(const ras_matrix *matrix);
 pose ras_to_pose(const patient_frame *frame, const ras_matrix *matrix);  /* of one without a fault */
 

@@ -16,7 +16,7 @@ const char *argp_program_version = "trocar-slicer " TROCAR_VERSION;
 error_t argp_err_exit_status = EXIT_BAD_INPUT;
 
 enum { PORT = 18944, LARGEST_BUFFER = 4 << 20 /* bytes */,
-       MESSAGES = 1000 /* of LCM in one round, so that a flood of them does not keep clients waiting */ };
+       MESSAGES = 1000 /* LCM messages per round, so that a flood of them does not keep clients waiting */ };
 static const int64_t SECOND = 1000000000;          /* ns */
 static const int64_t OTHER_SENDER = 1000000000;    /* ns of silence after which another client may drive */
 
@@ -29,7 +29,7 @@ typedef struct {
     peer_settings peers;
 } options;
 
-/* Who moves something: the first of several that try. */
+/* The sender that moves something: the first of several that try. */
 typedef struct {
     char who[80];
     int64_t heard;           /* ns, monotonic; 0: nobody yet */
@@ -46,12 +46,12 @@ typedef struct {
     peers peers;
     tracked_needle needle;
     tracked_probe probe;
-    bool tracking;           /* the needle's thread runs */
+    bool tracking;           /* the needle's thread is running */
     mover needle_mover, probe_mover;
     int64_t picture_made, forces_due, status_due; /* ns, monotonic */
     int64_t shown;           /* utime of the deformation that clients have, -1: the tissue at rest, -2: nothing */
     bool was_alive, probe_said;
-    int64_t servers, refused; /* values of the subscriber's counters that have been said */
+    int64_t servers, refused; /* values of the subscriber's counters that have been reported */
 } bridge;
 
 /* ---- command line ---- */
@@ -119,7 +119,7 @@ static const struct argp parser = {
 
 /* ---- trackers ---- */
 
-/* Whether this sender may move it: the one that does so, until it is silent. */
+/* True if this sender may move it: the current one does, until it is silent. */
 static bool may_move(mover *m, const char *who, const char *name) {
     int64_t now = monotonic_ns();
     bool same = strcmp(who, m->who) == 0, silent = m->heard == 0 || now - m->heard > OTHER_SENDER;
@@ -161,12 +161,12 @@ static void say_server(bridge *b) {
     b->servers = b->feed.servers;
     if (b->feed.refused <= b->refused) return;
     fprintf(stderr, "trocar-slicer: messages of the server do not fit: is --scene %s its scene, and is it of the same release?\n", b->options->scene_path);
-    b->refused = INT64_MAX; /* said once for each server */
+    b->refused = INT64_MAX; /* reported once per server */
 }
 
 /* ---- the loop ---- */
 
-/* Whether it is time, every `period` on average. */
+/* True every `period` on average. */
 static bool is_due(int64_t *due, int64_t now, int64_t period) {
     if (now < *due) return false;
     *due = now - *due < period ? *due + period : now + period;
@@ -175,14 +175,15 @@ static bool is_due(int64_t *due, int64_t now, int64_t period) {
 
 static int64_t newest_picture(const bridge *b) { return b->feed.deformation ? b->feed.deformation->utime : -1; }
 
-/* Gives clients what is new. Pictures, which cost the most, are made only while there are any. */
+/* Updates the clients. Pictures, which cost the most, are made only while there are clients. */
 static void show_news(bridge *b) {
     int64_t now = monotonic_ns(), period = (int64_t)(1e9 / b->options->rate);
     say_server(b);
     if (is_due(&b->status_due, now, SECOND / 10)) outlets_show_status(&b->outlets, &b->feed);
     if (peers_count(&b->peers) == 0) return;
     if (is_due(&b->forces_due, now, period)) outlets_show_forces(&b->outlets, &b->feed);
-    if (newest_picture(b) != b->shown && now - b->picture_made > period / 4 * 3) { /* the server's pictures jitter: none waits, or is lost, at their own rate */
+    if (newest_picture(b) != b->shown && now - b->picture_made > period / 4 * 3) { /* the server's pictures jitter: at their own rate none must wait or
+                                                                                      be lost */
         b->picture_made = now;
         b->shown = newest_picture(b);
         outlets_show_picture(&b->outlets, &b->feed);
@@ -206,8 +207,8 @@ static void serve(bridge *b) {
 
 /* ---- set-up ---- */
 
-/* The LCM URL with a larger buffer for what arrives, as far as the system permits one: with the usual one, large deformations, which come in several packets
-   at once, are lost now and then. */
+/* Returns the LCM URL with a larger receive buffer, as far as the system permits: with the default one, large deformations, which arrive in several
+   packets at once, are sometimes lost. */
 static void widen_url(const char *url, size_t size, char *wider) {
     int most = 0;
     FILE *limit = fopen("/proc/sys/net/core/rmem_max", "r");

@@ -1,5 +1,5 @@
-/* Images of the deformed tissue as a transrectal probe would take them: one across its axis, a sector, and one along it, a rectangle. Speckle moves with the
-   tissue. An illustration for orientation, as in the viewer, not a simulation of ultrasound. */
+/* Images of the deformed tissue as from a transrectal probe: one across its axis, a sector, and one along it, a rectangle. Speckle moves with the
+   tissue. For orientation, as in the viewer; not a simulation of ultrasound. */
 #ifndef TROCAR_SLICES_H
 #define TROCAR_SLICES_H
 
@@ -31,9 +31,9 @@ typedef struct {
     const double *nodes;     /* 3 each, m: of the mesh at rest, the model's */
     double *distance;        /* scratch: of each node from the plane, m */
     bool has_probe;
-    double probe_reach;      /* m from its base to where the images are taken */
+    double probe_reach;      /* m from its base to the image plane */
     double needle_radius;    /* m */
-    vec3 low, high;          /* m, box around what is of interest at rest */
+    vec3 low, high;          /* m, box around the region of interest at rest */
     double brightness[32];   /* of the volumes, 0 to 1 */
     unsigned char number[32]; /* of the volumes in the scene's list of regions, from 1 */
     unsigned char *speckle;
@@ -50,8 +50,8 @@ typedef struct {
     double *const *points;
 } slice_needle;
 
-/* Draws both. `nodes`: of the mesh where they are now, m. `probe`: its base, NULL: it has none yet, or the scene has no probe; then the images are parallel
-   to the mesh's planes, through the first needle's tip. */
+/* Draws both. `nodes`: present positions of the mesh's nodes, m. `probe`: its base; NULL: it has none yet, or the scene has no probe; then the images
+   are parallel to the mesh's planes, through the first needle's tip. */
 void slices_draw(slices *s, const double *nodes, const pose *probe, const slice_needle *needles, int needle_count);
 
 /* IJK to RAS as OpenIGTLink gives it: see igtl_set_image. */

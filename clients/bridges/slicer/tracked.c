@@ -11,11 +11,11 @@
 #include "trocar_probe_pose_t.h"
 
 static const int64_t STEP = 2000000;        /* ns between poses to the server */
-static const int64_t SILENCE = 2000000000;  /* ns without poses of the tracker until the needle is let go: as long as the server waits */
-static const int64_t DEAF = 1000000000;     /* ns without wrenches for this needle until that is said */
-static const double LONGEST_PERIOD = 0.1;   /* s: a longer gap is one of the tracking */
+static const int64_t SILENCE = 2000000000;  /* ns without poses of the tracker before the needle is released: as long as the server waits */
+static const int64_t DEAF = 1000000000;     /* ns without wrenches for this needle before that is reported */
+static const double LONGEST_PERIOD = 0.1;   /* s: a longer gap counts as an interruption of tracking */
 
-/* Where the needle is now, on its way to the newest pose. */
+/* The needle's present pose on its way to the newest one. */
 static pose pose_now(const tracked_needle *t, int64_t now) {
     return pose_between(t->from, t->to, fmin(1, 1e-9 * (double)(now - t->heard) / t->period));
 }
@@ -40,7 +40,7 @@ static bool wait_for_pose(tracked_needle *t) {
     return goes_on;
 }
 
-/* False: no poses come any more, or the thread ends. */
+/* False: no more poses arrive, or the thread ends. */
 static bool next_pose(tracked_needle *t, int64_t now, pose *p) {
     pthread_mutex_lock(&t->lock);
     bool lost = now - t->heard > SILENCE;
@@ -81,7 +81,7 @@ static void *run(void *context) {
         fprintf(stderr, "trocar-slicer: the tracker holds needle %d\n", t->needle);
         hold(t, server);
         trocar_client_close(server);
-        fprintf(stderr, "trocar-slicer: no poses of the tracker: needle %d is let go\n", t->needle);
+        fprintf(stderr, "trocar-slicer: no poses from the tracker: needle %d is released\n", t->needle);
     }
     return NULL;
 }

@@ -9,9 +9,9 @@
 #include "base/triple_buffer.h"
 #include "timing.h"
 
-static const int PERIOD = 20;                    /* ms between two forces; a state is passed on as soon as it is there */
+static const int PERIOD = 20;                    /* ms between two forces; states are passed on at once */
 static const int64_t RETRY = 1000000000;         /* ns between attempts to open the device */
-static const int64_t SILENCE = 50000000;         /* ns without a force to render until it is zero */
+static const int64_t SILENCE = 50000000;         /* ns after which the force is zero unless renewed */
 
 struct input {
     const input_driver *driver;
@@ -20,13 +20,13 @@ struct input {
     atomic_bool ends;
     triple_buffer states;                        /* input_state */
     _Atomic double push;                         /* N */
-    _Atomic int64_t pushed;                      /* ns, monotonic: when it was given */
+    _Atomic int64_t pushed;                      /* ns, monotonic: when the force was set */
     /* of the thread */
     input_state state;
     char said[512];
 };
 
-/* Says it once, until there is something else to say. */
+/* Prints a message, unless it is the last one printed. */
 static void say(input *in, const char *text) {
     if (strcmp(in->said, text) == 0) return;
     snprintf(in->said, sizeof in->said, "%s", text);
@@ -46,7 +46,7 @@ static void render(input *in, int64_t *rendered) {
     *rendered = now;
 }
 
-/* While the device is there. */
+/* Runs while the device is connected. */
 static void serve(input *in) {
     char text[512] = "";
     bool there = true;

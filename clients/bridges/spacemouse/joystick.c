@@ -11,7 +11,7 @@
 
 #include <libevdev/libevdev.h>
 
-static const unsigned short LASTS = 100; /* ms of the effect, which is renewed every 20 ms: no force is stuck if this program is */
+static const unsigned short LASTS = 100; /* ms, duration of the effect, which is renewed every 20 ms: no force remains if this program hangs */
 
 static const char *const names[] = {"x", "y", "z", "rx", "ry", "rz", "throttle", "rudder", "hat0x", "hat0y", NULL};
 static const unsigned codes[INPUT_AXES] = {ABS_X, ABS_Y, ABS_Z, ABS_RX, ABS_RY, ABS_RZ, ABS_THROTTLE, ABS_RUDDER, ABS_HAT0X, ABS_HAT0Y};
@@ -50,13 +50,14 @@ void joystick_state(const joystick *j, input_state *state) {
         if (libevdev_has_event_code(dev, EV_KEY, nth_code(n))) state->held[number++] = libevdev_get_event_value(dev, EV_KEY, nth_code(n));
 }
 
-/* Triggers rest at an end of their range, sticks in the middle. */
+/* Triggers rest at one end of their range, sticks in the middle. */
 static void take_rest(joystick *j) {
     memset(j->moved, 0, sizeof j->moved);
     for (int i = 0; i < INPUT_AXES; i++) j->rest[i] = libevdev_get_event_value(j->dev, EV_ABS, codes[i]);
 }
 
-/* Until its first report, a stick of 0 .. 255 has the value 0, like a trigger. It then jumps to the middle, where a trigger arrives step by step. */
+/* Until its first report, a stick of 0 .. 255 has the value 0, like a trigger. It then jumps to the middle, while a trigger gets there step by step.
+   */
 static void correct_rest(joystick *j, unsigned code, int value) {
     for (int i = 0; i < INPUT_AXES; i++) {
         if (codes[i] != code || j->moved[i]) continue;
@@ -68,7 +69,7 @@ static void correct_rest(joystick *j, unsigned code, int value) {
     }
 }
 
-/* After an overflow of the kernel's buffer, libevdev takes over the present values. A button that was pressed meanwhile is lost. */
+/* After an overflow of the kernel's buffer, libevdev resynchronises to the present values. A button press during the overflow is lost. */
 static int next_event(struct libevdev *dev, struct input_event *e) {
     int status = libevdev_next_event(dev, LIBEVDEV_READ_FLAG_NORMAL, e);
     while (status == LIBEVDEV_READ_STATUS_SYNC) status = libevdev_next_event(dev, LIBEVDEV_READ_FLAG_SYNC, e);
@@ -88,7 +89,7 @@ static bool read_joystick(void *context, int timeout, input_state *state, char *
     }
     joystick_state(j, state);
     if (status == -EAGAIN || status == -EINTR) return true;
-    snprintf(text, size, "the joystick is gone (%s): the needle stays where it is; trying again each second", strerror(-status));
+    snprintf(text, size, "the joystick is disconnected (%s): the needle stays where it is; trying again every second", strerror(-status));
     return false;
 }
 
@@ -103,8 +104,8 @@ static void play(joystick *j, int level, bool begin) {
     struct ff_effect effect = {.type = FF_CONSTANT, .id = (int16_t)j->effect, .direction = (uint16_t)lround(j->force.direction * 0x10000 / 360),
                                .replay = {.length = LASTS}, .u.constant = {.level = (int16_t)level}};
     if (ioctl(j->fd, EVIOCSFF, &effect) < 0) {
-        if (errno == ENODEV) return; /* noticed when it is read */
-        fprintf(stderr, "trocar-spacemouse: the joystick refuses the force (%s): none is rendered\n", strerror(errno));
+        if (errno == ENODEV) return; /* noticed at the next read */
+        fprintf(stderr, "trocar-spacemouse: the joystick rejects the force (%s): no force is rendered\n", strerror(errno));
         j->has_force = false;
         return;
     }
@@ -133,7 +134,7 @@ static bool open_joystick(void *context, char *text, size_t size) {
     char path[512];
     if (j->path) snprintf(path, sizeof path, "%s", j->path);
     else if (!find_first(path)) {
-        snprintf(text, size, "no joystick in /dev/input/by-id: plug one in, or name it with --joystick=/dev/input/event...; trying again each second");
+        snprintf(text, size, "no joystick in /dev/input/by-id: plug one in, or name it with --joystick=/dev/input/event...; trying again every second");
         return false;
     }
     j->fd = open(path, O_RDWR | O_NONBLOCK | O_CLOEXEC);
@@ -141,7 +142,7 @@ static bool open_joystick(void *context, char *text, size_t size) {
     if (!writable) j->fd = open(path, O_RDONLY | O_NONBLOCK | O_CLOEXEC);
     int status = j->fd < 0 ? -errno : libevdev_new_from_fd(j->fd, &j->dev);
     if (status < 0) {
-        snprintf(text, size, "%s: cannot be opened: %s; trying again each second", path, strerror(-status));
+        snprintf(text, size, "%s: cannot be opened: %s; trying again every second", path, strerror(-status));
         if (j->fd >= 0) close(j->fd);
         return false;
     }

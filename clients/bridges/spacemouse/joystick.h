@@ -1,4 +1,4 @@
-/* A joystick, by libevdev, with force feedback: a constant force that the kernel ends by itself unless it is renewed. */
+/* A joystick, through libevdev, with force feedback: a constant force that the kernel ends by itself unless it is renewed. */
 #ifndef TROCAR_JOYSTICK_H
 #define TROCAR_JOYSTICK_H
 
@@ -9,8 +9,8 @@
 struct libevdev;
 
 typedef struct {
-    double full_force;       /* N of the needle that are rendered by the joystick's full force; below 0: the other way round */
-    double limit;            /* share of the joystick's full force, 0 .. 1, that is never exceeded */
+    double full_force;       /* N of the needle at the joystick's full force; negative: reversed */
+    double limit;            /* fraction of the joystick's full force, 0 .. 1, that is never exceeded */
     double direction;        /* degrees, of the force on the stick: 0 towards the user, 90 to the left, 180 away, 270 to the right */
 } joystick_force;
 
@@ -30,10 +30,10 @@ extern const input_driver joystick_driver;
 /* The level of a constant effect, -32767 .. 32767, that renders `push` (N); 0 if it is not finite. */
 int joystick_level(const joystick_force *f, double push);
 
-/* Brings `state` up to date with the values that libevdev has. Deflections are from rest to the ends of the range. Buttons are numbered as jstest numbers them. */
+/* Updates `state` from libevdev's values. Deflections are from rest to the ends of the range. Buttons are numbered as in jstest. */
 void joystick_state(const joystick *j, input_state *state);
 
-/* Number of the button with this key code, -1: it is no button of the device, or one too many. */
+/* Index of the button with this key code, or -1 if the device has no such button or too many. */
 int joystick_button(const struct libevdev *dev, unsigned code);
 
 #endif

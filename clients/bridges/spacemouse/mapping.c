@@ -9,7 +9,7 @@
 static const char *const move_names[MOVES] = {"right", "up", "forward", "pitch", "yaw", "roll"};
 static const char *const action_names[ACTIONS] = {"clutch", "reset", "leave", "seed", "undo"};
 
-/* Index of the name, -1: there is none. */
+/* Index of the name, or -1. */
 static int find(const char *name, const char *const *names, int count) {
     for (int i = 0; i < count && names[i]; i++)
         if (strcmp(name, names[i]) == 0) return i;

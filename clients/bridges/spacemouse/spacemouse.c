@@ -1,4 +1,4 @@
-/* trocar-spacemouse: drives a needle with a 3Dconnexion device or a joystick. The deflection is a velocity, as of a motorised holder. */
+/* trocar-spacemouse: drives a needle with a 3Dconnexion device or a joystick. The deflection is a velocity, like that of a motorised holder. */
 #include <math.h>
 #include <signal.h>
 #include <stdlib.h>
@@ -22,15 +22,15 @@
 const char *argp_program_version = "trocar-spacemouse " TROCAR_VERSION;
 error_t argp_err_exit_status = EXIT_BAD_INPUT;
 
-static const double PATIENCE = 0.1;     /* s without a wrench until the needle stands still; the force is zero earlier */
-static const double SILENCE = 0.5;      /* s until it is told */
+static const double PATIENCE = 0.1;     /* s without a wrench before the needle stops; the force is zero earlier */
+static const double SILENCE = 0.5;      /* s before this is reported */
 static const double LONGEST_STEP = 0.01; /* s */
 
 typedef struct {
     const char *scene_path, *lcm_url, *axes, *buttons;
     vec3 start;
     bool start_given, patient, use_joystick, realtime;
-    const char *force_option;           /* that only a joystick has, NULL: none was given */
+    const char *force_option;           /* an option that only a joystick has, NULL: none was given */
     int needle;
     double rate, max_speed, max_turn;   /* Hz, m/s, rad/s */
     joystick stick;
@@ -47,7 +47,7 @@ static const struct argp_option option_list[] = {
     {"joystick", 'j', "FILE", OPTION_ARG_OPTIONAL, "A joystick instead of a 3Dconnexion device: /dev/input/event..., or the first in /dev/input/by-id", 0},
     {"axes", OPTION_AXES, "LIST", 0,
      "Axes of the device that move the needle (default right=x,up=y,forward=z,pitch=rx,yaw=ry,roll=rz; with --joystick "
-     "forward=-y,right=x,up=-hat0y,roll=rz); what is not named stays still", 0},
+     "forward=-y,right=x,up=-hat0y,roll=rz); others stay still", 0},
     {"buttons", OPTION_BUTTONS, "LIST", 0,
      "Numbers of the buttons for clutch (the needle is still while it is held), reset, leave (again: take), seed and undo (default clutch=0,reset=1)", 0},
     {"dead-zone", OPTION_DEAD_ZONE, "SHARE", 0, "Share of the full deflection that does not move the needle (default 0.05)", 0},
@@ -70,7 +70,7 @@ static const struct argp_option option_list[] = {
     {0},
 };
 
-/* The lists can be read only when all options are known. */
+/* The lists can be parsed only when all options are known. */
 static void parse_lists(options *o, const struct argp_state *state) {
     const char *axes = o->use_joystick ? "forward=-y,right=x,up=-hat0y,roll=rz" : "right=x,up=y,forward=z,pitch=rx,yaw=ry,roll=rz";
     const input_driver *driver = o->use_joystick ? &joystick_driver : &spnav_driver;
@@ -129,7 +129,7 @@ static error_t parse_option(int key, char *text, struct argp_state *state) {
 static const struct argp parser = {
     option_list, parse_option, NULL,
     "Drives a needle of trocar-server with a 3Dconnexion device (by spacenavd) or a joystick: the deflection is a velocity. A joystick with force feedback "
-    "renders the axial force.\vDevice, spacenavd and server may come, go and come back at any time; meanwhile the needle stays where it is.", NULL, NULL, NULL};
+    "renders the axial force.\vDevice, spacenavd and server may disconnect and return at any time; meanwhile the needle stays where it is.", NULL, NULL, NULL};
 
 /* ---- the loop ------------------------------------------------------------------------------------------------------ */
 
@@ -139,23 +139,23 @@ typedef struct {
     input *in;
     rate_control_limits limits;
     rate_control_state drive;
-    uint32_t presses[INPUT_BUTTONS];    /* that have been dealt with */
-    int pending;                        /* action whose reply is to come, -1: none */
+    uint32_t presses[INPUT_BUTTONS];    /* presses that have been handled */
+    int pending;                        /* action whose reply is pending, -1: none */
     bool rests;                         /* the needle has been left */
-    double heard;                       /* s, last wrench, or when one was expected first */
+    double heard;                       /* s, arrival of the last wrench, or when one was first expected */
     int64_t tick;                       /* of the last wrench, -1: none yet */
-    bool silent;                        /* it has been told that there are no wrenches */
+    bool silent;                        /* it has been reported that there are no wrenches */
 } bridge;
 
 static void say(const char *text) { fprintf(stderr, "trocar-spacemouse: %s\n", text); }
 
-/* Commands that change who holds the needle, or where: no poses until the reply. */
+/* Commands that change the needle's owner or place: no poses until the reply. */
 static bool waits(const bridge *b) { return b->pending == ACTION_RESET || b->pending == ACTION_LEAVE; }
 
 static void ask(bridge *b, action_kind action) {
     bool needs_hold = action == ACTION_SEED || action == ACTION_UNDO;
-    if (b->pending >= 0) say("the last command waits for its reply: press again");
-    else if (b->rests && needs_hold) say("the needle rests: take it first, with the button for leave");
+    if (b->pending >= 0) say("the previous command still waits for its reply: press again");
+    else if (b->rests && needs_hold) say("the needle is resting: take it first, with the button for leave");
     if (b->pending >= 0 || (b->rests && needs_hold)) return;
     switch (action) {
     case ACTION_RESET: trocar_client_reset(b->client); break;
@@ -180,7 +180,7 @@ static void hear_reply(bridge *b) {
         rate_control_begin(&b->drive, b->drive.home, b->drive.home);
         b->rests = false;
     }
-    /* A take is refused where the needle does not rest, as in a server that was restarted: then it is held as at the start. */
+    /* A take is refused if the needle does not rest, for example after a restart of the server: then the needle is held as at the start. */
     if (b->pending == ACTION_LEAVE) b->rests = b->rests ? answer == TROCAR_CLIENT_UNANSWERED : done;
     b->heard = playing_now();
     b->pending = -1;
@@ -194,7 +194,7 @@ static void heed_buttons(bridge *b, const input_state *state) {
     memcpy(b->presses, state->presses, sizeof b->presses);
 }
 
-/* Tells when the wrenches end and when they come again. */
+/* Reports when wrenches stop and when they return. */
 static void watch_server(bridge *b, bool answered, const trocar_client_wrench *w) {
     double now = playing_now();
     if (!answered) {
@@ -205,7 +205,7 @@ static void watch_server(bridge *b, bool answered, const trocar_client_wrench *w
         return;
     }
     if (b->tick < 0) say("the server answers");
-    else if (w->tick < b->tick) say("the server was restarted: what is in the tissue counts as inserted, without force; reset takes the needle out");
+    else if (w->tick < b->tick) say("the server was restarted: the part of the needle in the tissue counts as inserted and has no force; reset takes the needle out");
     else if (b->silent) say("the server answers again");
     b->silent = false;
     b->heard = now;
@@ -218,7 +218,7 @@ static void move(bridge *b, const input_state *state, bool held, double dt) {
     if (clutch >= 0 && state->held[clutch]) command = (rate_control_command){0};
     bool guarded = b->tick >= 0 && playing_now() - b->heard < PATIENCE;
     if (held && guarded) rate_control_step(&b->drive, &b->limits, command, dt);
-    else rate_control_begin(&b->drive, b->drive.home, b->drive.base); /* at rest: without a server, no motion */
+    else rate_control_begin(&b->drive, b->drive.home, b->drive.base); /* at rest: no motion without a server */
 }
 
 /* One period of the device. */
@@ -239,7 +239,7 @@ static void run(bridge *b) {
     double period = 1 / b->options->rate, before = playing_now(), due = before;
     b->heard = before;
     while (!playing_interrupted()) {
-        due = fmax(due + period, playing_now()); /* missed periods are skipped */
+        due = fmax(due + period, playing_now()); /* skips missed periods */
         sleep_until((int64_t)(1e9 * due));
         double now = playing_now();
         exchange(b, fmin(LONGEST_STEP, now - before));
@@ -293,7 +293,7 @@ static trocar_status drive(options *o, report *why) {
 int main(int count, char **arguments) {
     static options o = {.rate = 1000, .map.dead_zone = 0.05, .spnav.full_scale = 350, .stick.force = {.full_force = 10, .limit = 0.5}};
     argp_parse(&parser, count, arguments, 0, NULL, &o);
-    signal(SIGPIPE, SIG_IGN); /* libspnav writes to a daemon that may be gone */
+    signal(SIGPIPE, SIG_IGN); /* libspnav may write to a daemon that has ended */
     playing_heed_signals();
     report why;
     trocar_status status = drive(&o, &why);

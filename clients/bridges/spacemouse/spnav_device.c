@@ -10,7 +10,7 @@
 
 #include "timing.h"
 
-/* ns. A spacenavd before 1.0 does not say that a device has been unplugged: then a deflection without news counts as none. */
+/* ns. A spacenavd before 1.0 does not report that a device has been unplugged: then a deflection without news counts as none. */
 static const int64_t SILENCE = 500000000;
 
 static const char *const names[] = {"x", "y", "z", "rx", "ry", "rz", NULL};
@@ -19,7 +19,7 @@ static bool open_daemon(void *context, char *text, size_t size) {
     spnav_device *d = context;
     char name[128];
     if (spnav_open() != 0) {
-        snprintf(text, size, "no spacenavd: start it (Debian: apt install spacenavd), or set SPNAV_SOCKET to its socket; trying again each second");
+        snprintf(text, size, "no spacenavd: start it (Debian: apt install spacenavd), or set SPNAV_SOCKET to its socket; trying again every second");
         return false;
     }
     d->moved = monotonic_ns();
@@ -57,11 +57,11 @@ static void take_device(const struct spnav_event_dev *e, input_state *state, cha
     if (e->op == SPNAV_DEV_ADD) snprintf(text, size, "the device is back");
     else {
         come_to_rest(state);
-        snprintf(text, size, "the device is gone: the needle stays where it is");
+        snprintf(text, size, "the device is disconnected: the needle stays where it is");
     }
 }
 
-/* libspnav tells neither the end of the connection nor an error. */
+/* libspnav reports neither the end of the connection nor an error. */
 static bool is_closed(int socket) {
     char byte;
     ssize_t count = recv(socket, &byte, 1, MSG_PEEK | MSG_DONTWAIT);
@@ -74,7 +74,7 @@ static bool read_daemon(void *context, int timeout, input_state *state, char *te
     struct pollfd wait = {.fd = spnav_fd(), .events = POLLIN};
     if (poll(&wait, 1, timeout) > 0) {
         if (is_closed(wait.fd)) {
-            snprintf(text, size, "spacenavd is gone: the needle stays where it is; trying again each second");
+            snprintf(text, size, "spacenavd has stopped: the needle stays where it is; trying again every second");
             return false;
         }
         while (spnav_poll_event(&e) != 0)

@@ -95,7 +95,7 @@ class Contact(NamedTuple):
 
 
 class Track(NamedTuple):
-    """Where a needle has cut since it was reset: tissue stays cut.
+    """Where a needle has cut since its last reset: tissue stays cut.
 
     points (n, 3) m in the tissue at rest, from skin to tip, at most 4 mm apart; membranes (n,): index in the scene of the membrane punctured
     at that point, -1 if none.
@@ -108,8 +108,8 @@ class Track(NamedTuple):
 class Seed(NamedTuple):
     """A seed that a needle has left in the tissue.
 
-    position (3,) m, its centre, and direction (3,), unit vector from its proximal end to its distal one, in the tissue at rest;
-    `Model.displaced_seeds` says where they are in displaced tissue.
+    position (3,) m of its centre, and direction (3,), unit vector from its proximal to its distal end, in the tissue at rest;
+    `Model.displaced_seeds` gives both in displaced tissue.
     """
 
     position: npt.NDArray[np.float64]
@@ -149,10 +149,10 @@ class SeedSize(NamedTuple):
 
 
 class Probe(NamedTuple):
-    """The ultrasound probe as it was solved for last.
+    """The ultrasound probe as last solved.
 
-    pose (7,) of its base; force (3,) N and torque (3,) N m, world frame: what it exerts on the hand that holds it, torque about the base point;
-    contacts, the number of points of its surface that it presses; stopped, whether the tissue keeps it from the pose that it was given last.
+    pose (7,) of its base; force (3,) N and torque (3,) N m, world frame: exerted on the hand that holds it, torque about the base point;
+    contacts, the number of points of its surface that it presses; stopped, true if the tissue keeps it from the last pose given.
     """
 
     pose: npt.NDArray[np.float64]
@@ -211,8 +211,8 @@ class Mesh:
 
 
 class Scene:
-    """Description of a simulation: the keys of a scene file. `key in scene` and iteration are about the keys that have a value; entries of lists go by
-    their index. Any number of threads may read a scene and make models of it; changing it meanwhile is refused with an Error."""
+    """Description of a simulation: the keys of a scene file. `key in scene` and iteration refer to the keys that have a value; list entries have
+    their index. Any number of threads may read a scene and make models of it; changing it meanwhile raises Error."""
 
     def __init__(self) -> None:
         """A scene with the default of every key; `mesh`, `regions` and `fixed` must be set."""
@@ -256,7 +256,7 @@ class Scene:
                     yield key
 
     def _text(self, key: str, why: Any = ffi.NULL) -> str | None:
-        """As in YAML, "" if the key has no value, None if there is no such key."""
+        """The value as in YAML, "" if the key has no value, None if there is no such key."""
         text = ffi.new("char[8192]")
         with self._turn.to_read():
             status = lib.trocar_scene_get(self._handle, key.encode(), text, 8192, why)
@@ -265,7 +265,7 @@ class Scene:
     def __setitem__(self, key: str, value: float | str | Sequence[str] | Sequence[float]) -> None:
         """scene["needle.length"] = 0.15; scene["regions[prostate].youngs_modulus"] = 20e3; scene["fixed"] = ["back"].
 
-        An unknown name in a list appends an entry. Error if the key or the value is wrong; the scene is then unchanged.
+        An unknown name in a list appends an entry. Raises Error if the key or the value is wrong; the scene is then unchanged.
         """
         why = ffi.new("trocar_error *")
         with self._turn:
@@ -277,7 +277,7 @@ class Scene:
             _check(lib.trocar_scene_set(self._handle, key.encode(), value.encode(), why), why)
 
     def __getitem__(self, key: str) -> Any:
-        """The value of a key, as it is set: float, str, list of float or list of str. An empty list, or "", if the scene does not say."""
+        """The value of a key: float, str, list of float or list of str. An empty list, or "", if it is not set."""
         why = ffi.new("trocar_error *")
         text = self._text(key, why)
         if text is None:
@@ -337,7 +337,7 @@ class Model:
         """Builds everything: seconds for thousands of nodes. The GIL is released meanwhile. mesh_only: only reads the mesh and the names in it;
         nothing can be simulated then.
 
-        progress(what, fraction) is called where building takes long. What it raises ends the call, and so does Ctrl-C: at once, but while the mesh is
+        progress(what, fraction) is called during long steps. An exception in it ends the call, and so does Ctrl-C, except while the mesh is
         read or a matrix is factorised.
         """
         why, handle, watch = ffi.new("trocar_error *"), ffi.new("trocar_model **"), _Watch(progress)
@@ -356,8 +356,8 @@ class Model:
         return self
 
     def derive(self, scene: Scene) -> Model:
-        """A model of another scene that shares this one's mesh, stiffness and inverse: milliseconds. The scenes may differ in needle, friction,
-        cutting, membranes' strength, relaxation, guides and seeds. Error, with the key, if the stiffness would be another one."""
+        """A model of another scene that shares this one's mesh, stiffness and inverse: takes milliseconds. The scenes may differ in needle, friction,
+        cutting, puncture forces, relaxation, guides and seeds. Raises Error, with the key, if the stiffness would differ."""
         why, handle = ffi.new("trocar_error *"), ffi.new("trocar_model **")
         with scene._turn.to_read():
             _check(lib.trocar_model_derive(self._handle, scene._handle, handle, why), why)
@@ -382,7 +382,7 @@ class Model:
         return np.asarray(_View(lib.trocar_model_tet_regions(self._handle), "i4", (lib.trocar_model_tet_count(self._handle),), self))
 
     def surface(self, name: str) -> npt.NDArray[np.int32]:
-        """(k, 3) node indices: the triangles of a surface among the mesh's groups. ValueError if there is none of this name."""
+        """(k, 3) node indices: the triangles of a surface among the mesh's groups. ValueError if there is no surface of this name."""
         if name not in self.groups:
             raise ValueError("the mesh has no surface \"%s\": it has %s" % (name, ", ".join(self.groups)))
         shape = (lib.trocar_model_tet_count(self._handle), 4)
@@ -419,18 +419,18 @@ class Model:
 
     @property
     def probe_start(self) -> npt.NDArray[np.float64] | None:
-        """Pose of the probe's base at the beginning: x y z (m), w x y z. None if the scene has no probe or no probe.start."""
+        """Initial pose of the probe's base: x y z (m), w x y z. None if the scene has no probe or no probe.start."""
         pose = ffi.new("trocar_pose *")
         return np.array([*pose.position, *pose.orientation]) if lib.trocar_model_probe_start(self._handle, pose) else None
 
     @property
     def needles(self) -> int:
-        """How many needles a simulation has."""
+        """Number of needles of a simulation."""
         return lib.trocar_model_needles(self._handle)
 
     @property
     def patient_to_mesh(self) -> npt.NDArray[np.float64] | None:
-        """(4, 4) from the patient's coordinates (DICOM's, mm) to the mesh's (m). None if the scene does not say."""
+        """(4, 4) transform from the patient's coordinates (DICOM's, mm) to the mesh's (m). None if the scene has none."""
         matrix = ffi.new("double[16]")
         return np.array(list(matrix)).reshape(4, 4) if lib.trocar_model_patient_to_mesh(self._handle, matrix) else None
 
@@ -441,7 +441,7 @@ class Model:
 
     @property
     def guides(self) -> list[Guide]:
-        """The scene's guides. Their names are the scene's."""
+        """The scene's guides, by their names in the scene."""
         found = []
         for i in range(lib.trocar_model_guide_count(self._handle)):
             g = lib.trocar_model_guide(self._handle, i)
@@ -462,7 +462,7 @@ class Model:
         return np.array(list(point)) if lib.trocar_model_entry(self._handle, *given, point) else None
 
     def displaced_seeds(self, seeds: Sequence[Seed], displacements: npt.ArrayLike) -> tuple[npt.NDArray[np.float64], npt.NDArray[np.float64]]:
-        """Positions (k, 3) m and directions (k, 3) of seeds where the mesh's nodes are displaced by `displacements` (n, 3) m."""
+        """Positions (k, 3) m and directions (k, 3) of seeds for nodal displacements `displacements` (n, 3) m."""
         field = np.ascontiguousarray(displacements, np.float64)
         if field.shape != self.nodes.shape:
             raise ValueError("displacements are %s; got shape %s" % (self.nodes.shape, field.shape))
@@ -485,8 +485,8 @@ def _pose(pose: npt.ArrayLike) -> Any:
 
 
 class Sim:
-    """The changing state: needle and tissue. For one thread at a time: a call beside another one is refused with an Error. A copy goes on from the same
-    state by itself."""
+    """The changing state: needle and tissue. For one thread at a time: a concurrent call raises Error. A copy continues independently from the same
+    state."""
 
     def __init__(self, model: Model) -> None:
         why, handle = ffi.new("trocar_error *"), ffi.new("trocar_sim **")
@@ -513,7 +513,7 @@ class Sim:
                                                                                 (count, count - 1)), "bad input")
 
     def reset(self, pose: npt.ArrayLike, needle: int = 0) -> None:
-        """Needle straight at `pose` (7,), tissue as if it had never been there; if it is in the tissue, it counts as inserted without force."""
+        """Makes the needle straight at `pose` (7,), and the tissue as if it had never been there. In the tissue it counts as inserted, without force."""
         why = ffi.new("trocar_error *")
         pointer, _kept = _pose(pose)
         with self._turn:
@@ -530,10 +530,10 @@ class Sim:
                           out.passes, out.switches)
 
     def run(self, poses: npt.ArrayLike, dt: float, needle: int = 0, progress: Callable[[str, float], Any] | None = None) -> npt.NDArray[Any]:
-        """A `step` for each of the poses (steps, 7), faster than a loop in Python around it. Returns a structured array (steps,) with the
-        fields of `Output`. Error with the number of the step that failed.
+        """A `step` for each of the poses (steps, 7), faster than a loop in Python. Returns a structured array (steps,) with the
+        fields of `Output`. Raises Error with the number of the step that failed.
 
-        progress("run", fraction) is called every 64 steps. What it raises ends the run, and so does Ctrl-C.
+        progress("run", fraction) is called every 64 steps. An exception in it ends the run, and so does Ctrl-C.
         """
         given = np.ascontiguousarray(poses, np.float64)
         if given.ndim != 2 or given.shape[1] != 7:
@@ -554,7 +554,7 @@ class Sim:
 
     @property
     def probe(self) -> Probe | None:
-        """None if the scene has no probe, or before it has been placed."""
+        """The probe as last solved. None if the scene has no probe, or before it has been placed."""
         with self._turn:
             p = lib.trocar_sim_probe(self._handle)
         if not p.placed:
@@ -563,27 +563,27 @@ class Sim:
                      bool(p.stopped))
 
     def leave(self, needle: int = 0) -> None:
-        """Let go of a needle: it rests in tissue and guides, its base free."""
+        """Leaves a needle: it rests in tissue and guides, with its base free."""
         why = ffi.new("trocar_error *")
         with self._turn:
             _check(lib.trocar_sim_leave(self._handle, needle, why), why)
             _check(lib.trocar_sim_work(self._handle, ffi.NULL, why), why)
 
     def take(self, needle: int = 0) -> None:
-        """Hold a resting needle again; the first pose should be `base(needle)`."""
+        """Holds a resting needle again; the first pose should be `base(needle)`."""
         why = ffi.new("trocar_error *")
         with self._turn:
             _check(lib.trocar_sim_take(self._handle, needle, why), why)
             _check(lib.trocar_sim_work(self._handle, ffi.NULL, why), why)
 
     def needle_state(self, needle: int = 0) -> str:
-        """One of "held" (also outside of the tissue), "leaving", "resting" and "taking"."""
+        """One of "held" (also outside the tissue), "leaving", "resting" and "taking"."""
         self._check_needle(needle)
         with self._turn:
             return ("held", "leaving", "resting", "taking")[lib.trocar_sim_needle_state(self._handle, needle)]
 
     def base(self, needle: int = 0) -> npt.NDArray[np.float64]:
-        """Where the base is: x y z (m) and the quaternion w x y z."""
+        """The base's pose: x y z (m) and the quaternion w x y z."""
         self._check_needle(needle)
         with self._turn:
             pose = lib.trocar_sim_base(self._handle, needle)
@@ -631,7 +631,7 @@ class Sim:
         return hole if hole >= 0 else None
 
     def tracks(self, needle: int = 0) -> list[Track]:
-        """The tracks that the needle has cut since it was reset, oldest first."""
+        """The tracks that the needle has cut since its last reset, oldest first."""
         self._check_needle(needle)
         room = lib.TROCAR_MAX_TRACK_POINTS
         found = ffi.new("trocar_track_point[]", room)
@@ -652,15 +652,15 @@ class Sim:
     def drop_seeds(self, count: int = 1, spacing: float = 0.0, needle: int = 0) -> None:
         """Drops a seed, or a strand of them `spacing` m apart (0: the scene's). The tip marks the first one's distal end.
 
-        They are left in the tissue as the needle is drawn back over them. Error if the tip is outside of the tissue, while seeds
-        are pending and so on; nothing has changed then.
+        They are left in the tissue as the needle is drawn back past them. Raises Error, without effect, if the tip is outside the tissue, while
+        seeds are pending and so on.
         """
         why = ffi.new("trocar_error *")
         with self._turn:
             _check(lib.trocar_sim_drop_seeds(self._handle, needle, count, spacing, why), why)
 
     def undo_seed(self, needle: int = 0) -> None:
-        """Takes back what is pending of the needle's last drop, or else removes the seed that it has left last."""
+        """Takes back the pending seeds of the needle's last drop; if there are none, removes the seed that it has left last."""
         why = ffi.new("trocar_error *")
         with self._turn:
             _check(lib.trocar_sim_undo_seed(self._handle, needle, why), why)
@@ -675,7 +675,7 @@ class Sim:
                      s.tet, np.array(list(s.weights))) for s in found[0:count]]
 
     def pending_seeds(self, needle: int = 0) -> int:
-        """How many were dropped that the needle has not been drawn back over."""
+        """Number of seeds that were dropped but are still in the needle."""
         self._check_needle(needle)
         with self._turn:
             return lib.trocar_sim_pending_seeds(self._handle, needle)
@@ -689,7 +689,7 @@ class Sim:
         return field
 
     def tip_lead(self, needle: int = 0) -> float:
-        """Turn of the tip about the needle's axis less that of the base, rad. Negative: the tip lags behind a base turned forward."""
+        """Rotation of the tip about the needle's axis minus that of the base, rad. Negative: the tip lags behind a base turned forward."""
         self._check_needle(needle)
         with self._turn:
             return lib.trocar_sim_tip_lead(self._handle, needle)
@@ -710,10 +710,11 @@ assert _OUTPUT.itemsize == ffi.sizeof("trocar_output")
 def rollout(model: Model, poses: npt.ArrayLike, dt: float = 0.001, threads: int = 1, progress: Callable[[str, float], Any] | None = None) -> npt.NDArray[Any]:
     """Many insertions on one model.
 
-    poses (batch, steps, 7): each insertion starts with its first pose in tissue at rest, a tick of `dt` seconds a pose. Returns
-    a structured array (batch, steps) with the fields of `Output`: result["force"] is (batch, steps, 3). `threads` run in parallel; the GIL is released. The numbers do not depend on the number of threads (dense and condensed inverse).
+    poses (batch, steps, 7): each insertion starts with its first pose in tissue at rest, and takes a tick of `dt` seconds per pose. Returns
+    a structured array (batch, steps) with the fields of `Output`: result["force"] is (batch, steps, 3). `threads` run in parallel; the GIL is
+    released. The numbers do not depend on the number of threads (dense and condensed inverse).
 
-    progress("rollout", fraction) is called every 64 ticks. What it raises ends the rollout, and so does Ctrl-C.
+    progress("rollout", fraction) is called every 64 ticks. An exception in it ends the rollout, and so does Ctrl-C.
     """
     given = np.ascontiguousarray(poses, np.float64)
     if given.ndim != 3 or given.shape[2] != 7:

@@ -27,12 +27,12 @@ _STIFFNESS = ("youngs_modulus", "poisson_ratio")
 
 
 class BadStudy(Exception):
-    """A study that cannot be used: file, line and remedy."""
+    """An unusable study: file, line and remedy."""
 
 
 @dataclass
 class Parameter:
-    """A parameter of a study: a key of the scene, or "motion." and what of the motion."""
+    """A parameter of a study: a key of the scene, or "motion." and a property of the motion."""
 
     name: str
     unit: str
@@ -56,7 +56,7 @@ class Parameter:
         if self.within is None:
             return a + b * norm.ppf(u)
         low, high = self.within
-        return np.clip(truncnorm.ppf(u, (low - a) / b, (high - a) / b, loc=a, scale=b), low, high)    # also far from the mean
+        return np.clip(truncnorm.ppf(u, (low - a) / b, (high - a) / b, loc=a, scale=b), low, high)    # accurate far from the mean, too
 
     def levels(self) -> list[float]:
         """On a grid."""
@@ -68,7 +68,7 @@ class Parameter:
 
 @dataclass
 class Measure:
-    """What is recorded, as one or more columns."""
+    """A recorded quantity, in one or more columns."""
 
     name: str                 # of the quantity
     quantity: Quantity
@@ -83,7 +83,7 @@ class Measure:
 
 @dataclass
 class Study:
-    """A study, as its file says it."""
+    """A study, as described by its file."""
 
     path: str
     scene_path: str
@@ -96,13 +96,13 @@ class Study:
     measures: list[Measure]
     frames_every: float = 0.0           # s; 0: no frames
     plan: Plan | None = None
-    digests: dict[str, str] = field(default_factory=dict)    # SHA-256 of the files that were read, by what they are for
-    described: str = ""                 # motion and so on, in words, for the manifest
+    digests: dict[str, str] = field(default_factory=dict)    # SHA-256 of the files that were read, by their role
+    described: str = ""                 # motion and so on, as text for the manifest
     inverse: str = "auto"               # of the scene
-    _scene: Scene | None = None         # with `settings`; read once, so that a file changed during a study has no effect
+    _scene: Scene | None = None         # with `settings`; read once, so that later changes of the file have no effect
 
     def samples(self) -> npt.NDArray[np.float64]:
-        """(runs, parameters) values: of seed and index alone."""
+        """(runs, parameters) values, which depend on seed and index alone."""
         p = len(self.parameters)
         if self.method == "grid":
             return np.array(list(itertools.product(*(parameter.levels() for parameter in self.parameters))))
@@ -132,11 +132,11 @@ class Study:
         return self.motion.adjusted(**by)
 
     def stiffness_columns(self) -> list[int]:
-        """Parameters that give a run a stiffness of its own."""
+        """Parameters that change the stiffness."""
         return [i for i, parameter in enumerate(self.parameters) if parameter.name.rsplit(".", 1)[-1] in _STIFFNESS and parameter.name.startswith("regions[")]
 
     def possible_stiffnesses(self) -> float:
-        """How many a run can have, however many runs there are."""
+        """The largest number of columns of a run, however many runs there are."""
         varied = [self.parameters[i] for i in self.stiffness_columns()]
         return math.prod(len(p.numbers) if p.kind == "values" else math.inf for p in varied)
 
@@ -147,7 +147,7 @@ class Study:
         return [column for measure in self.measures for column in measure.columns()]
 
     def manifest(self) -> dict[str, str]:
-        """All that the results depend on, in words: for telling studies apart."""
+        """Everything that the results depend on, as text: to tell studies apart."""
         version = f"trocar {__version__}"
         if self.method in ("sobol", "latin hypercube", "saltelli") or any(p.kind == "normal" for p in self.parameters):
             import scipy    # draws the samples
@@ -164,7 +164,7 @@ class Study:
 
 
 def _digest_of(said: Any) -> str:
-    """Of what a file says, whatever is beside it there."""
+    """Digest of a file's contents, independent of its folder."""
     return hashlib.sha256(repr(said).encode()).hexdigest()
 
 
@@ -193,13 +193,13 @@ class _StudyReader:
             raise BadStudy(f"{path}: cannot be read: {error.strerror}") from error
 
     def digest_scene(self, study: Study, scene: Scene) -> None:
-        """Of what the scene says, not of how: comments, order and units of its file do not matter. The mesh has a digest of its own, and no result depends on
+        """Digest of the scene's values: comments, order and units of its file do not matter. The mesh has its own digest, and no result depends on
         the device."""
         said = {key: scene[key] for key in scene if key not in ("mesh", "cache") and not key.startswith("device.")}
         study.digests["scene"] = _digest_of(sorted(said.items()))
 
     def setting(self, scene: Scene, node: Any, key: str, value: float | str, place: str) -> None:
-        """Sets a key that there is."""
+        """Sets an existing key."""
         try:
             scene[key]
             scene[key] = value
@@ -207,12 +207,12 @@ class _StudyReader:
             raise self.reader.fail(node, f"{place}: {error}") from error
 
     def in_patient(self, given: dict[str, Any], place: str, known: bool) -> bool:
-        """Whether positions are in the patient's coordinates (mm), by the key "coordinates" beside them. `known`: the scene knows these."""
+        """True if positions are in the patient's coordinates (mm), by the key "coordinates" beside them. `known`: the scene defines these."""
         word = self.reader.text(given["coordinates"], place) if "coordinates" in given else "mesh"
         if word not in ("mesh", "patient"):
             raise self.reader.fail(given["coordinates"], f"{place}: \"{word}\": write mesh (m) or patient (mm)")
         if word == "patient" and not known:
-            raise self.reader.fail(given["coordinates"], f"{place}: the scene does not know the patient's: add patient_to_mesh, or write mesh")
+            raise self.reader.fail(given["coordinates"], f"{place}: the scene has no patient_to_mesh: add it, or write mesh")
         return word == "patient"
 
     def point(self, node: Any, place: str, frame: Frame, patient: bool) -> npt.NDArray[np.float64]:
@@ -226,10 +226,10 @@ class _StudyReader:
 
     def start(self, given: dict[str, Any], scene: Scene) -> npt.NDArray[np.float64] | None:
         """Pose of the base: x, y, z in the mesh (m), or with `coordinates: patient` in the patient (mm), in the direction of the scene's needle.start; or with
-        a quaternion, in the mesh. None if the motion does not say."""
+        a quaternion, in the mesh. None if the motion has no start."""
         if "start" not in given:
             if "coordinates" in given:
-                raise self.reader.fail(given["coordinates"], "motion.coordinates: only beside start: write start too, or leave it out")
+                raise self.reader.fail(given["coordinates"], "motion.coordinates: allowed only with start: write start too, or leave it out")
             return None
         pose = self.pose(given["start"], "motion.start", scene["needle.start.orientation"])
         matrix = np.array(scene["patient_to_mesh"])
@@ -332,7 +332,7 @@ class _StudyReader:
                 raise BadStudy(f"{self.reader.path}:{line}: {place}: this motion has no \"{which}\": there are {', '.join('motion.' + key for key in motion.adjustable)}")
             parameter.unit = "" if which == "speed" and isinstance(motion, motions.Script) else _MOTION_UNITS[which]
             if which in ("depth", "speed") and (not parameter.extremes() or min(parameter.extremes()) <= 0.0):
-                raise self.reader.fail(node, f"{place}: it can be 0 or below: write limits above 0")
+                raise self.reader.fail(node, f"{place}: it could be 0 or negative: write limits above 0")
             return parameter
         bracketed = "".join("[]" if i % 2 else part for i, part in enumerate(name.replace("]", "[").split("[")))
         key = known.get(bracketed)
@@ -454,7 +454,7 @@ class _StudyReader:
         if study.frames_every and study.frames_every * model.rate_hz < 1.0 - 1e-9:
             raise reader.fail(given.get("frames", reader.root), f"frames.every: {study.frames_every:g} s is less than a step: write at least {1.0 / model.rate_hz:g}")
         if study.frames_every and not fixed_length:
-            raise reader.fail(given.get("frames", reader.root), "frames: runs of different length: leave motion.speed and motion.depth out of the parameters")
+            raise reader.fail(given.get("frames", reader.root), "frames: the runs would differ in length: leave motion.speed and motion.depth out of the parameters")
         if study.frames_every and study.plan:
             raise reader.fail(given.get("frames", reader.root), "frames: not of a plan")
         return study
@@ -469,7 +469,7 @@ class _StudyReader:
         if study.method == "grid":
             for key in ("count", "seed"):
                 if key in given:
-                    raise reader.fail(given[key], f"samples.{key}: a grid has none: its parameters have steps or values")
+                    raise reader.fail(given[key], f"samples.{key}: not with a grid: its parameters have steps or values")
             study.count = math.prod(len(p.numbers) if p.kind == "values" else p.steps for p in study.parameters)
         else:
             for key in ("count", "seed"):
@@ -479,13 +479,13 @@ class _StudyReader:
             study.count = reader.count(given["count"], "samples.count", MOST_RUNS)
             if study.method in ("sobol", "saltelli") and study.count & (study.count - 1):
                 low = 1 << (study.count.bit_length() - 1)
-                raise reader.fail(given["count"], f"samples.count: {study.count} is no power of 2: Sobol points are even only then; write {low} or {2 * low}")
+                raise reader.fail(given["count"], f"samples.count: {study.count} is no power of 2: Sobol points are balanced only then; write {low} or {2 * low}")
         runs = study.count * (len(study.parameters) + 2) if study.method == "saltelli" else study.count
         if runs > MOST_RUNS:
             raise reader.fail(node, f"samples: {runs} runs: write a study of at most {MOST_RUNS}")
 
 
 def read(path: str | PathLike[str], frames: bool = False) -> Study:
-    """Reads a study. BadStudy with file, line and remedy for anything that it does not understand. frames: it records frames, also if the file does not
+    """Reads a study. Raises BadStudy with file, line and remedy for anything that it does not understand. frames: record frames even if the file does not
     say so."""
     return _StudyReader(fspath(path)).read(frames)

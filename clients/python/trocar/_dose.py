@@ -100,13 +100,13 @@ class Dose:
     """
 
     def __init__(self, source: Source, origin: npt.ArrayLike, spacing: float, shape: tuple[int, int, int]) -> None:
-        """On a grid: `shape` voxels, `spacing` m apart, the centre of the first one at `origin` (3,) m."""
+        """A dose on a grid: `shape` voxels, `spacing` m apart, the centre of the first one at `origin` (3,) m."""
         grid = ffi.new("trocar_dose_grid *", {"origin": _three(origin, "origin"), "spacing": spacing, "counts": shape})
         self._create(source, tuple(shape), lambda handle, why: lib.trocar_dose_create(source._handle, grid, handle, why))
 
     @classmethod
     def at(cls, source: Source, points: npt.ArrayLike) -> Dose:
-        """At points (n, 3), m."""
+        """A dose at points (n, 3), m."""
         where = _vectors(points, "points")
         dose = cls.__new__(cls)
         dose._create(source, (len(where),), lambda handle, why: lib.trocar_dose_create_points(source._handle, _inputs(where), len(where), handle, why))
@@ -132,19 +132,19 @@ class Dose:
         return seed[0]
 
     def remove(self, seed: int) -> None:
-        """Takes out the seed of this id."""
+        """Removes the seed of this id."""
         why = ffi.new("trocar_error *")
         with self._turn:
             _check(lib.trocar_dose_remove(self._handle, seed, why), why)
 
     def move(self, seed: int, position: npt.ArrayLike, direction: npt.ArrayLike, strength: float) -> None:
-        """Gives the seed of this id another place, direction and strength."""
+        """Changes place, direction and strength of the seed of this id."""
         why = ffi.new("trocar_error *")
         with self._turn:
             _check(lib.trocar_dose_move(self._handle, seed, _seed(position, direction, strength), why), why)
 
     def displace(self, displacements: npt.ArrayLike | None) -> None:
-        """Puts the points at their places at rest plus displacements (n, 3), m; None: back at rest. Seeds stay where they are."""
+        """Moves the points to their places at rest plus displacements (n, 3), m; None: back to rest. Seeds do not move."""
         why, moved = ffi.new("trocar_error *"), None
         if displacements is not None:
             moved = np.ascontiguousarray(displacements, np.float64).reshape(-1, 3)
@@ -169,7 +169,7 @@ class Dose:
 
 
 class Structure:
-    """The voxels whose centres are inside of an organ at rest.
+    """The voxels whose centres are inside an organ at rest.
 
     points (n, 3) m, read only; voxel, m^3, is the volume of one.
     """
@@ -190,7 +190,7 @@ class Structure:
 
     @classmethod
     def from_surface(cls, nodes: npt.ArrayLike, triangles: npt.ArrayLike, spacing: float = 1e-3) -> Structure:
-        """Inside of a closed surface: nodes (n, 3) m, triangles (m, 3) of node indices."""
+        """Voxels inside a closed surface: nodes (n, 3) m, triangles (m, 3) of node indices."""
         where, corners = _vectors(nodes, "nodes"), np.ascontiguousarray(triangles, np.int32).reshape(-1, 3)
         mesh = ffi.new("trocar_mesh *", {"node_count": len(where), "nodes": _inputs(where), "triangle_count": len(corners),
                                          "triangles": _inputs(corners, "int32_t[]")})
@@ -198,7 +198,7 @@ class Structure:
 
     @classmethod
     def from_region(cls, model: Model, region: str, spacing: float = 1e-3) -> Structure:
-        """Inside of a region of a model's mesh, by its name."""
+        """Voxels inside a region of a model's mesh, by its name."""
         nodes, tets, regions = model.nodes, model.tets, model.tet_regions
         index = lib.trocar_model_find_region(model._handle, region.encode(), 3)
         if index < 0:
@@ -216,7 +216,7 @@ class Structure:
         return cls(handle[0])
 
     def displacements(self, nodal: npt.ArrayLike) -> npt.NDArray[np.float64]:
-        """(n, 3) m at the points, from those of the mesh's nodes as `Sim.displacements` gives them. Only of a region."""
+        """(n, 3) m at the points, from those of the mesh's nodes as returned by `Sim.displacements`. For regions only."""
         nodal = _vectors(nodal, "displacements")
         if self._nodes is not None and len(nodal) != self._nodes:
             raise ValueError("%d displacements for a mesh of %d nodes" % (len(nodal), self._nodes))
@@ -238,11 +238,11 @@ class DVH:
         _check(lib.trocar_dvh_sort(_outputs(self.doses), len(self.doses), why), why)
 
     def dose(self, fraction: float) -> float:
-        """Gy that this fraction of the volume gets at least: 0.9 for D90."""
+        """Gy that this fraction of the volume receives at least: 0.9 for D90."""
         return lib.trocar_dvh_dose(_inputs(self.doses), len(self.doses), fraction)
 
     def volume(self, dose: float) -> float:
-        """Fraction of the volume that gets `dose` Gy or more."""
+        """Fraction of the volume that receives `dose` Gy or more."""
         return lib.trocar_dvh_volume(_inputs(self.doses), len(self.doses), dose)
 
     def summary(self, prescription: float) -> dict[str, float]:

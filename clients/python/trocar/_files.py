@@ -1,4 +1,4 @@
-"""Files that a user names, or that may have been changed since a program wrote them."""
+"""Files that a user names, or that may have changed since a program wrote them."""
 from __future__ import annotations
 
 import os
@@ -7,7 +7,7 @@ from typing import IO, Any
 
 
 def open_regular(path: str | os.PathLike[str], flags: int) -> int:
-    """os.open(), for regular files only: opening a FIFO would wait until somebody writes to it, for ever. OSError."""
+    """os.open(), for regular files only: opening a FIFO would block until somebody writes to it. OSError."""
     descriptor = os.open(path, flags | os.O_NONBLOCK, 0o666)
     if not stat.S_ISREG(os.fstat(descriptor).st_mode):
         os.close(descriptor)

@@ -58,7 +58,7 @@ def _check(status: int, why: Any) -> None:
 
 
 class _Turn:
-    """Lets one thread at a time use an object of the library, whose calls release the GIL, or several that only read it. Another one gets an Error."""
+    """Lets one thread use an object of the library, whose calls release the GIL, or several that only read it. Others get an Error."""
 
     def __init__(self, what: str):
         self._what, self._lock = what, threading.Lock()
@@ -66,7 +66,7 @@ class _Turn:
 
     def __enter__(self) -> None:
         if not self._lock.acquire(blocking=False):
-            raise Error("this %s is in use: another thread, or a callback, calls it at the same time; make one for each thread" % self._what, "bad input")
+            raise Error("this %s is in use: another thread or a callback is calling it at the same time; make one for each thread" % self._what, "bad input")
 
     def __exit__(self, *_: object) -> None:
         self._lock.release()
@@ -87,7 +87,7 @@ class _Turn:
 
 
 class _Watch:
-    """Makes a long call tell `progress(what, fraction)` how far it has come, and end when that raises, or a signal's handler, such as that of Ctrl-C."""
+    """Makes a long call report `progress(what, fraction)`, and end when that raises, or when a signal's handler does, such as that of Ctrl-C."""
 
     def __init__(self, progress: Callable[[str, float], Any] | None):
         self._raised: BaseException | None = None

@@ -1,4 +1,4 @@
-"""What a planned needle keeps away from: surfaces and regions of the mesh, and contours of the patient, as points that move with the tissue."""
+"""Obstacles of a planned needle: surfaces and regions of the mesh, and contours of the patient, as points that move with the tissue."""
 from __future__ import annotations
 
 import csv
@@ -14,11 +14,11 @@ from ._files import open_input
 
 Array = npt.NDArray[np.float64]
 
-NEAR = 24    # tetrahedra whose centres are nearest to a point: tried first
+NEAR = 24    # tetrahedra whose centres are closest to a point: tried first
 
 
 class Embedding:
-    """Finds where points at rest are in the displaced tissue. A point outside of the tissue moves with the nearest node."""
+    """Finds points in the displaced tissue, given at rest. A point outside the tissue moves with the closest node."""
 
     def __init__(self, model: Model):
         from scipy.spatial import cKDTree
@@ -28,21 +28,21 @@ class Embedding:
         self._centres, self._nodes = cKDTree(corners.mean(axis=1)), cKDTree(model.nodes)
 
     def locate(self, points: Array) -> tuple[npt.NDArray[np.int32], Array]:
-        """For points (n, 3) m: nodes (n, 4) and their weights (n, 4)."""
+        """Returns the nodes (n, 4) between which points (n, 3) m lie, and their weights (n, 4)."""
         near = self._centres.query(points, min(NEAR, len(self._tets)))[1].reshape(len(points), -1)
         inner = np.einsum("nkij,nkj->nki", self._inverse[near], points[:, None] - self._first[near])
         weights = np.concatenate([1.0 - inner.sum(axis=2, keepdims=True), inner], axis=2)
         best = weights.min(axis=2).argmax(axis=1)
         rows = np.arange(len(points))
         nodes, weights = self._tets[near[rows, best]], weights[rows, best]
-        outside = weights.min(axis=1) < -0.05    # a point next to the tissue, or in a flat element whose centre is not near, is extrapolated a little
+        outside = weights.min(axis=1) < -0.05    # a point beside the tissue, or in a flat element whose centre is not close, is extrapolated a little
         nodes[outside], weights[outside] = self._nodes.query(points[outside])[1][:, None], 0.25
         return nodes, weights
 
 
 @dataclass
 class Obstacle:
-    """Points of something to be avoided, at rest."""
+    """Points of an obstacle, at rest."""
 
     name: str
     clearance: float    # m, from the needle's surface
@@ -55,22 +55,22 @@ class Obstacle:
 
     def distance(self, shaft: Array, radius: float, embedding: Embedding | None = None, field: Array | None = None, enough: float = math.inf) -> float:
         """m from the surface of a needle with this centreline (n, 3) and radius (m), negative where it cuts the obstacle's points; at rest, or in the
-        tissue displaced by `field` (nodes, 3). If it is above `enough` (m) for certain, a lower bound may be returned, which costs less."""
+        tissue displaced by `field` (nodes, 3). If the distance is certainly above `enough` (m), a lower bound may be returned, which is cheaper."""
         line = _refined(shaft, 0.5e-3)
-        apart = np.maximum(self._low - line, line - self._high).max(axis=1)    # from the box around the points
+        apart = np.maximum(self._low - line, line - self._high).max(axis=1)    # distance from the box around the points
         moved = 0.0 if field is None else float(np.linalg.norm(field, axis=1).max())
         if apart.min() - moved - radius > enough:
             return float(apart.min()) - moved - radius
         apart_first = np.argsort(apart, kind="stable")
         nearest = float(self._tree.query(line[apart_first[:32]])[0].min())
-        line = line[apart <= nearest + 2.0 * moved]    # other points of the needle are not nearest
+        line = line[apart <= nearest + 2.0 * moved]    # other points of the needle are not closest
         nearest = min(nearest, float(self._tree.query(line, distance_upper_bound=nearest)[0].min()))
         if field is None:
             return nearest - radius
         if nearest - moved - radius > enough:
             return nearest - moved - radius
         from scipy.spatial import cKDTree
-        # Whatever can be nearest in the displaced tissue is not further than this at rest: by a little more, for rounding, what is nearest at rest.
+        # Points that can be closest in the displaced tissue are no further than this at rest; with a margin for rounding.
         reach = (nearest + 2.0 * moved) * (1.0 + 1e-9)
         close = np.unique(np.concatenate(self._tree.query_ball_point(line, reach)).astype(int))
         points = self.points[close]
@@ -86,13 +86,13 @@ def _refined(line: Array, spacing: float) -> Array:
 
 
 def spacing_of(clearance: float) -> float:
-    """m between an obstacle's points: distances are then exact within an eighth of the clearance."""
+    """m between an obstacle's points: distances are then exact to an eighth of the clearance."""
     return float(np.clip(0.5 * clearance, 0.25e-3, 1e-3))
 
 
 def _simplex_points(corners: Array, spacing: float, most: float) -> Array:
-    """Points at most `spacing` apart in triangles or tetrahedra with corners (n, 3 or 4, 3). ValueError if it would be more than `most`, where those that
-    neighbours share count for each."""
+    """Points at most `spacing` apart in triangles or tetrahedra with corners (n, 3 or 4, 3). ValueError if there would be more than `most`, counting
+    points shared by neighbours for each."""
     found, count = [], corners.shape[1]
     edges = np.linalg.norm(corners[:, :, None] - corners[:, None], axis=3).max(axis=(1, 2))
     parts = np.maximum(np.ceil(edges / spacing).astype(int), 1)
@@ -119,7 +119,7 @@ def region_points(model: Model, name: str, spacing: float, most: float = math.in
 
 
 class BadContours(Exception):
-    """Contours that cannot be used: file, line and remedy."""
+    """Unusable contours: file, line and remedy."""
 
 
 def read_contours(path: str, roi: str) -> list[Array]:
@@ -164,12 +164,12 @@ def _read_structures(path: str) -> dict[str, list[Array]]:
         raise BadContours(str(error)) from error
     except OSError as error:
         raise BadContours(f"{path}: cannot be opened: {error.strerror}") from error
-    except Exception as error:  # noqa: BLE001    whatever a damaged file makes pydicom raise
+    except Exception as error:  # noqa: BLE001    any exception that a damaged file causes in pydicom
         raise BadContours(f"{path}: not an RT Structure Set: {error}") from error
 
 
 def _inside(polygon: Array, points: Array) -> npt.NDArray[np.bool_]:
-    """By the even-odd rule, in the plane."""
+    """Tests points against a polygon in the plane, by the even-odd rule."""
     odd = np.zeros(len(points), bool)
     for (x1, y1), (x2, y2) in zip(polygon, np.roll(polygon, -1, axis=0)):
         crosses = (y1 > points[:, 1]) != (y2 > points[:, 1])
@@ -179,7 +179,7 @@ def _inside(polygon: Array, points: Array) -> npt.NDArray[np.bool_]:
 
 
 def contour_points(outlines: list[Array], to_mesh: Callable[[Array], Array], spacing: float) -> Array:
-    """Points at most `spacing` (m) apart that fill outlines on axial slices; between slices, the shape is that of the nearer one, and it reaches half a slice
+    """Points at most `spacing` (m) apart that fill outlines on axial slices. Between slices, the shape is that of the closer one, and it extends half a slice
     beyond the last, as in planimetry."""
     step = 1e3 * spacing
     heights = np.unique(np.round([outline[:, 2].mean() for outline in outlines], 3))

@@ -1,4 +1,4 @@
-"""What trocar-plan writes about its plans: tables as CSV and Markdown, and pictures."""
+"""The output of trocar-plan: tables as CSV and Markdown, and pictures."""
 from __future__ import annotations
 
 import csv
@@ -22,7 +22,7 @@ def _mm(value: float) -> str:
 
 
 def _described(problem: Problem, needle: Needle, frame: Frame) -> list[str]:
-    """Entry, tilt towards each of the area's edges, depth, roll and turn in words."""
+    """Entry, tilt towards each of the area's edges, depth, roll and turn as text."""
     where = needle.hole or " ".join(f"{x:.1f}" for x in frame.position(needle.entry))
     tilt = ""
     if problem.area is not None:
@@ -41,7 +41,7 @@ def _kinds(problem: Problem, result: Any) -> dict[str, Any]:
 
 
 def _errors(expected: Sequence[Any], sampled: bool, over: Any) -> str:
-    """Nominal, and in brackets worst, errors; `over` several targets."""
+    """Nominal errors, and worst ones in brackets; `over` several targets."""
     worst = f" ({_mm(over([e.worst for e in expected]))})" if sampled else ""
     return _mm(over([e.error for e in expected])) + worst
 
@@ -63,7 +63,7 @@ def _tips(problem: Problem, model: Model, results: Sequence[Any]) -> str:
     for words, over in (("mean", np.mean), ("worst", np.max)):
         errors = [_errors([_kinds(problem, result)[kind] for result in results], sampled, over) for kind in kinds]
         rows.append([f"**{words}**", *blank, *errors, *([""] if problem.obstacles else []), f"{over([r.seconds for r in results]):.1f}", ""])
-    what = "Distance from the tip, at rest at its depth, to where the target has gone in the displaced tissue, mm"
+    what = "Distance from the tip, at rest at its depth, to where the displaced tissue has carried the target, mm"
     what += f"; in brackets the worst of the scene's own values and {len(problem.samples())} samples." if sampled else "."
     reached = sum(result.reached for result in results)
     return "\n\n".join([what + " s: of one processor.", _table(head, rows).rstrip("\n"), f"{reached} of {len(results)} targets are reached within "
@@ -94,7 +94,7 @@ def _seeds(problem: Problem, results: Sequence[Any]) -> str:
 
 
 def carried(problem: Problem, rows: Sequence[tuple[Needle, Any]]) -> str:
-    """A table of needles and what they lead to."""
+    """A table of needles and their results."""
     sampled = bool(problem.study.parameters)
     head = ["target", "error, mm", *(["mean of the samples", "worst"] if sampled else []), *(["clearance left, mm"] if problem.obstacles else [])]
     cells = [[needle.name, _mm(e.error), *([_mm(e.mean), _mm(e.worst)] if sampled else []),

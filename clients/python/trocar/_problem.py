@@ -24,7 +24,7 @@ Array = npt.NDArray[np.float64]
 
 OBJECTIVES = ("nominal", "mean", "worst")
 METHODS = ("sobol", "latin hypercube", "random", "grid")
-MOST_SAMPLES = 64    # a model of each is kept in memory
+MOST_SAMPLES = 64    # a model of each sample is kept in memory
 MOST_POINTS = 2e6    # of an obstacle
 LONGEST = 0.1        # m, of a clearance or a tolerance
 LONGEST_REST = 60.0  # s
@@ -33,7 +33,7 @@ SLOWEST = 1e-3       # m/s
 
 
 class BadProblem(BadStudy):
-    """A problem that cannot be used: file, line and remedy."""
+    """An unusable problem: file, line and remedy."""
 
 
 @dataclass
@@ -47,24 +47,24 @@ class Area:
 
 @dataclass
 class Problem:
-    """A problem, as its file says it."""
+    """A problem, as described by its file."""
 
     path: str
     study: Study                          # scene, settings and samples
     hand: Implant                         # how needles are moved: speed, rest
     targets: list[tuple[str, Array]] = field(default_factory=list)    # names and points (3,) m at rest
-    plan: Plan | None = None              # whose seeds are to come to lie where it has them, in place of targets
+    plan: Plan | None = None              # whose seeds should end where it has them, instead of targets
     area: Area | None = None
-    template: str = ""                    # in place of an area
-    holes: list[str] = field(default_factory=list)    # of the template that may be used
+    template: str = ""                    # instead of an area
+    holes: list[str] = field(default_factory=list)    # holes of the template that may be used
     tilt: float = 0.0                     # rad, largest about each of two axes
-    roll: float | None = None             # rad; None: to be found
-    turn: bool = False                    # half a turn on the way
+    roll: float | None = None             # rad; None: free
+    turn: bool = False                    # half a turn on the way is allowed
     tolerance: float = 0.3e-3             # m
     obstacles: list[Obstacle] = field(default_factory=list)
     objective: str = "nominal"
     bevelled: bool = False
-    nominal: Array = field(default_factory=lambda: np.zeros(0))    # (parameters,) as in the scene
+    nominal: Array = field(default_factory=lambda: np.zeros(0))    # (parameters,) values in the scene
 
     def scene(self, values: npt.NDArray[np.float64] | None = None) -> Scene:
         """The scene of a sample, or that of the file; valid until the next call."""
@@ -95,7 +95,7 @@ class _ProblemReader(_StudyReader):
             self.setting(scene, value, key.value, value.value, f"set.{key.value}")
             study.settings[key.value] = value.value
         study.inverse = str(scene["inverse"])
-        scene["needles"] = 1.0    # they are planned one by one
+        scene["needles"] = 1.0    # needles are planned one by one
         return scene
 
     def uncertainty(self, node: Any, scene: Scene, problem: Problem) -> None:
@@ -128,7 +128,7 @@ class _ProblemReader(_StudyReader):
             place = f"targets[{i}]"
             keys = reader.mapping(item, place, ("name", "at"))
             name, point = reader.text(keys["name"], f"{place}.name"), self.point(keys["at"], f"{place}.at", frame, patient)
-            if "|" in name or not name.isprintable():    # it goes into a Markdown table and a plan
+            if "|" in name or not name.isprintable():    # it appears in a Markdown table and a plan
                 raise reader.fail(keys["name"], f"{place}.name: write one line without |")
             if name in [other for other, _ in problem.targets]:
                 raise reader.fail(keys["name"], f"{place}.name: \"{name}\" is another target's: choose another one")
@@ -172,11 +172,11 @@ class _ProblemReader(_StudyReader):
             origin = corner
         normal = np.cross(*edges)
         if np.linalg.norm(towards_) == 0.0 or abs(towards_ @ normal) < 0.2 * np.linalg.norm(towards_) * np.linalg.norm(normal):
-            raise reader.fail(keys["direction"], "entry.direction: it does not lead through the rectangle: write a vector into the tissue")
+            raise reader.fail(keys["direction"], "entry.direction: it does not pass through the rectangle: write a vector into the tissue")
         return Area(origin, edges, towards_ / np.linalg.norm(towards_))
 
     def check_area(self, node: Any, model: Model, problem: Problem) -> None:
-        """The rectangle is outside of the tissue, and targets are behind it."""
+        """Checks that the rectangle is outside the tissue, and that targets are behind it."""
         area, part = problem.area, np.linspace(0.0, 1.0, 4)
         before = [area.origin + s * area.edges[0] + t * area.edges[1] - IN_FRONT * area.direction for s in part for t in part]
         if (locate(model, before)[0] >= 0).any():
@@ -186,7 +186,7 @@ class _ProblemReader(_StudyReader):
             if ((point - area.origin) @ normal) / (area.direction @ normal) <= 0.0:
                 raise self.reader.fail(node, f"entry: target \"{name}\" is in front of the rectangle: write the direction from there into the tissue")
             if all((point - corner) @ area.direction <= 0.0 for corner in corners):
-                raise self.reader.fail(node, f"entry: the direction leads away from target \"{name}\" all over the rectangle: write one that leads to it")
+                raise self.reader.fail(node, f"entry: the direction points away from target \"{name}\" from everywhere in the rectangle: write one that points to it")
 
     def entry(self, node: Any, frame: Frame, patient: bool, model: Model, problem: Problem) -> None:
         reader = self.reader
@@ -203,7 +203,7 @@ class _ProblemReader(_StudyReader):
             return
         for key in ("x", "y", "z", "direction", "tilt"):
             if key in keys:
-                raise reader.fail(keys[key], f"entry.{key}: not with a template: its holes say where needles enter, and where they go")
+                raise reader.fail(keys[key], f"entry.{key}: not with a template: its holes determine where needles enter and in which direction")
         problem.template = reader.text(keys["template"], "entry.template")
         guides = {guide.name: guide for guide in model.guides}
         if problem.template not in guides:
@@ -231,13 +231,13 @@ class _ProblemReader(_StudyReader):
                 raise reader.fail(item, f"{place}: write one of surface, region and contours")
             kind = kinds[0]
             if ("roi" in keys) != (kind == "contours"):
-                raise reader.fail(item, f"{place}: contours need a \"roi\", and only they: the name of a region of interest in the file")
+                raise reader.fail(item, f"{place}: \"roi\", the name of a region of interest in the file, is required with contours and allowed only there")
             clearance = self.length(keys["clearance"], f"{place}.clearance", inclusive=True)
             spacing = spacing_of(clearance)
             if kind == "contours":
                 path, name = self.file(keys["contours"], f"{place}.contours"), reader.text(keys["roi"], f"{place}.roi")
                 if not frame.is_patient:
-                    raise reader.fail(keys["contours"], f"{place}.contours: they are in the patient's coordinates, which the scene does not know: add patient_to_mesh")
+                    raise reader.fail(keys["contours"], f"{place}.contours: contours are in the patient's coordinates, and the scene has no patient_to_mesh: add it")
                 try:
                     points = contour_points(read_contours(path, name), frame.to_mesh, spacing)
                 except BadContours as error:
@@ -318,5 +318,5 @@ class _ProblemReader(_StudyReader):
 
 
 def read(path: str | PathLike[str]) -> Problem:
-    """Reads a problem. BadProblem with file, line and remedy for anything that it does not understand."""
+    """Reads a problem. Raises BadProblem with file, line and remedy for anything that it does not understand."""
     return _ProblemReader(fspath(path)).read()

@@ -1,4 +1,4 @@
-"""What the programs share: progress, kinds of options, and how they end."""
+"""Shared by the programs: progress, kinds of options, and exit statuses."""
 from __future__ import annotations
 
 import argparse
@@ -50,8 +50,8 @@ def _stop(number: int, _: Any) -> None:
 
 
 def ended(program: str, call: Callable[[], int], place: str, packages: str, interrupted: str = "interrupted") -> int:
-    """Exit status of `call()`. What stops any program is said in a line: an interruption, a missing one of these Debian packages, and files that cannot be
-    read or written (`place`, if the error names none). SIGTERM ends it as an exception would."""
+    """Exit status of `call()`. Reports in one line what may stop any program: an interruption, a missing Debian package of this list, and
+    files that cannot be read or written (`place`, if the error names none). SIGTERM ends it like an exception."""
     signal.signal(signal.SIGTERM, _stop)
     try:
         return call()

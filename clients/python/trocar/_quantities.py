@@ -1,4 +1,4 @@
-"""What a study records of a run: numbers over the whole motion, and numbers at an instant."""
+"""Quantities that a study records of a run: over the whole motion, or at an instant."""
 from __future__ import annotations
 
 from dataclasses import dataclass, field
@@ -17,7 +17,7 @@ Array = npt.NDArray[np.float64]
 
 @dataclass
 class Recording:
-    """A run as far as it has come."""
+    """A run up to the present tick."""
 
     sim: Sim
     scene: Scene
@@ -70,7 +70,7 @@ def _peak_lateral_force(r: Recording, _: Any) -> list[float]:
 
 
 def _work(r: Recording, _: Any) -> list[float]:
-    """By the trapezoidal rule. From one needle of a plan to the next the hand bears no force."""
+    """The work of the hand, integrated by the trapezoidal rule. Between needles of a plan the hand bears no force."""
     poses, force, torque = r.path(), r.all("force"), r.all("torque")
     turned = multiply(poses[1:, 3:], poses[:-1, 3:] * np.array([1.0, -1.0, -1.0, -1.0]))
     angle = 2.0 * turned[:, 1:] * np.sign(turned[:, :1])    # small
@@ -105,7 +105,7 @@ def _target_error(r: Recording, target: Array) -> list[float]:
 
 
 def displaced(model: Model, point: npt.ArrayLike, displacements: Array) -> Array:
-    """(3,) m, where a material point (m, at rest) is. ValueError if it is outside of the tissue."""
+    """(3,) m, position of a material point (m, at rest). ValueError if it is outside the tissue."""
     (tet,), (weights,) = locate(model, [point])
     if tet < 0:
         raise ValueError("not in the tissue at rest")
@@ -139,7 +139,7 @@ QUANTITIES = {
     "greatest_depth": Quantity("m", ("",), False, "", lambda r, _: [float(r.all("depth").max())], "longest track in the tissue"),
     "puncture_force": Quantity("N", ("",), False, "membrane", _puncture_force, "largest force against pushing in until this membrane gives way"),
     "puncture_depth": Quantity("m", ("",), False, "membrane", _puncture_depth, "length of the track when this membrane gives way"),
-    "buckled": Quantity("s", ("",), False, "", _buckled, "always 0: a needle that buckles goes on bearing force"),
+    "buckled": Quantity("s", ("",), False, "", _buckled, "always 0: a needle that buckles still bears force"),
     "force": Quantity("N", ("",), True, "", lambda r, _: [float(-r.outputs[-1]["force"][-1] @ axis_of(r.poses[-1][-1]))],
                       "force against pushing in, along the needle's axis"),
     "depth": Quantity("m", ("",), True, "", lambda r, _: [float(r.outputs[-1]["depth"][-1])], "length of the track"),

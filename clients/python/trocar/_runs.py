@@ -1,4 +1,4 @@
-"""Carries out the runs of a study: one process each, rows in a file that survives a kill."""
+"""Carries out the runs of a study: one process each, with rows in a file that survives a kill."""
 from __future__ import annotations
 
 import csv
@@ -25,18 +25,18 @@ from ._files import open_input, open_regular
 from ._quantities import Recording
 from .plan import BadPlan
 
-FEW = 8          # runs of one stiffness: below that the sparse inverse, which is quickly made, costs less altogether
+FEW = 8          # runs of one stiffness: for fewer, the sparse inverse, which is built quickly, costs less in total
 SYNC = 1.0       # s between two fsync
 NOTHING = float("nan")
 
 
 class Row(NamedTuple):
-    """A run that is done."""
+    """A finished run."""
 
     index: int
-    status: str                # "ok", or why it failed
+    status: str                # "ok", or the reason of its failure
     parameters: tuple[float, ...]
-    results: tuple[float, ...]  # NAN where there is none
+    results: tuple[float, ...]  # NAN if missing
 
 
 # ---- one run ------------------------------------------------------------------------------------------------------------------------------
@@ -96,7 +96,7 @@ def groups_of(study: Study, samples: npt.NDArray[np.float64]) -> Groups:
         return Groups(np.zeros(len(samples), np.int64), False)
     _, of_run = np.unique(samples[:, columns], axis=0, return_inverse=True)
     of_run = of_run.reshape(-1)
-    if study.method == "random":    # it may grow: runs that are done must not depend on how many will be
+    if study.method == "random":    # it may grow: finished runs must not depend on their final number
         few = study.possible_stiffnesses() > FEW
     else:
         few = len(samples) < FEW * (of_run.max() + 1)
@@ -104,7 +104,7 @@ def groups_of(study: Study, samples: npt.NDArray[np.float64]) -> Groups:
 
 
 def runs_of_task(groups: Groups, task: tuple[int, int]) -> list[int]:
-    """The runs of task (i, of N), in the order in which they are done. Runs of one stiffness stay together, so that few tasks need each."""
+    """The runs of task (i, of N), in the order of their execution. Runs of one stiffness stay together, so that few tasks need a model of each stiffness."""
     order = np.argsort(groups.of_run, kind="stable")
     i, count = task
     return (np.array_split(order, count)[i - 1] if groups.of_run.any() else order[i - 1::count]).tolist()
@@ -132,7 +132,7 @@ def line_of(cells: Iterable[Any]) -> str:
 
 
 def checked(line: str) -> bytes:
-    """A line of a task's file: with a last cell, the CRC-32 of what is before it."""
+    """A line of a task's file; its last cell is the CRC-32 of the rest."""
     cells = line.rstrip("\n").encode()
     return cells + b",%08x\n" % zlib.crc32(cells)
 
@@ -146,13 +146,13 @@ def heading(study: Study) -> list[str]:
 
 
 def read_rows(path: Path, study: Study, samples: npt.NDArray[np.float64]) -> list[Row]:
-    """The whole rows of a task's file. BadStudy unless they are of this study, whose samples these are."""
+    """The whole rows of a task's file. Raises BadStudy unless they belong to this study, which has these samples."""
     with open_input(path, "rb") as file:
         return _parse_rows(path, file.read(), study, samples)[0]
 
 
 def _parse_rows(path: Path, data: bytes, study: Study, samples: npt.NDArray[np.float64]) -> tuple[list[Row], int]:
-    """The whole rows, and their length in bytes with the heading: what comes after was cut off by a kill."""
+    """The whole rows, and their length in bytes with the heading: what follows was cut off by a kill."""
     end = data.rfind(b"\n") + 1
     if end == 0:
         return [], 0
@@ -172,8 +172,8 @@ def _parse_rows(path: Path, data: bytes, study: Study, samples: npt.NDArray[np.f
             numbers = tuple(map(float, cells[2:]))
             row = Row(int(cells[0]), cells[1], numbers[:parameters], numbers[parameters:])
         except (ValueError, csv.Error):
-            raise BadStudy(f"{path}:{number}: not a row as it was written: it has been damaged or changed: remove the line, and the run is done again") from None
-        if study.method == "random" and row.index >= len(samples):    # of the time when the study had more runs
+            raise BadStudy(f"{path}:{number}: damaged or changed since it was written: remove the line, and the run is repeated") from None
+        if study.method == "random" and row.index >= len(samples):    # from when the study had more runs
             continue
         if not 0 <= row.index < len(samples) or row.parameters != tuple(samples[row.index].tolist()):
             raise BadStudy(f"{path}:{number}: run {row.index} has other parameters than the study: choose another folder with --out")
@@ -201,7 +201,7 @@ class TaskFile:
         try:
             self._lock()
             size = os.fstat(self._file).st_size
-            self.rows, end = _parse_rows(path, _read_whole(self._file, size), study, samples)    # closing another descriptor would end the lock
+            self.rows, end = _parse_rows(path, _read_whole(self._file, size), study, samples)    # closing another descriptor would release the lock
             self.torn = size - end    # bytes
             os.ftruncate(self._file, end)
             if end == 0:
@@ -215,7 +215,7 @@ class TaskFile:
         try:
             fcntl.lockf(self._file, fcntl.LOCK_EX | fcntl.LOCK_NB)
         except (BlockingIOError, PermissionError):
-            raise BadStudy(f"{self.path}: another process carries out this task: wait for it, or stop it") from None
+            raise BadStudy(f"{self.path}: another process is working on this task: wait for it, or stop it") from None
         except OSError as error:
             raise BadStudy(f"{self.path}: cannot be locked: {error.strerror}: choose with --out a folder on a file system that supports locks") from None
 
@@ -240,15 +240,15 @@ class TaskFile:
 
 
 def _child(write: int, work: Callable[[], Any], program: str) -> None:
-    """In the child: sends the outcome and ends."""
+    """In the child: sends the outcome and exits."""
     status = 1
     try:
-        signal.signal(signal.SIGINT, signal.SIG_IGN)     # of the terminal: the parent ends its children
+        signal.signal(signal.SIGINT, signal.SIG_IGN)     # from the terminal: the parent ends its children
         signal.signal(signal.SIGTERM, signal.SIG_DFL)
         with os.fdopen(write, "wb") as pipe:
             pipe.write(json.dumps(work()).encode())
         status = 0
-    except BaseException as error:  # noqa: BLE001    nothing may come out of a child
+    except BaseException as error:  # noqa: BLE001    no exception may leave a child
         print(f"{program}: {type(error).__name__}: {error}", file=sys.stderr)
     finally:
         sys.stderr.flush()
@@ -256,8 +256,8 @@ def _child(write: int, work: Callable[[], Any], program: str) -> None:
 
 
 class Pool:
-    """Up to `workers` children of this process, one for each run. A child starts with what its parent has built, such as a model, without a copy, and
-    with nothing of other runs."""
+    """Up to `workers` child processes, one for each run. A child starts with its parent's objects, such as a model, without a copy, and
+    without traces of other runs."""
 
     def __init__(self, workers: int, finished: Callable[[int, Any, str], None], program: str = "trocar-study"):
         """finished(run, outcome, why): outcome as JSON keeps it, None if the child ended without one."""
@@ -278,7 +278,7 @@ class Pool:
         self._selector.register(read, selectors.EVENT_READ)
 
     def wait(self) -> None:
-        """Until something has come of a child."""
+        """Waits until a child has sent something."""
         for key, _ in self._selector.select():
             data = os.read(key.fd, 1 << 16)
             run_, process, received = self._running[key.fd]
@@ -317,14 +317,14 @@ def row_files(out: Path) -> list[Path]:
 
 
 def check_manifest(study: Study, out: Path) -> None:
-    """Writes what the study is, or compares with what is there. BadStudy if that is another one."""
+    """Writes the study's manifest, or compares with an existing one. Raises BadStudy if that is of another study."""
     path, own = out / "study.json", study.manifest()
     if path.exists():
         try:
             with open_input(path, encoding="utf-8") as file:
                 there = dict(json.load(file))
         except (ValueError, TypeError):
-            raise BadStudy(f"{path}: not as trocar-study has written it: choose another folder with --out") from None
+            raise BadStudy(f"{path}: not as trocar-study wrote it: choose another folder with --out") from None
         different = [key for key in sorted({*own, *there}) if own.get(key) != there.get(key)]
         for key in different[:1]:
             values = f" ({there.get(key, 'unknown')} there, {own.get(key, 'unknown')} now)" if key in ("frames", "version") else ""
@@ -353,7 +353,7 @@ class Outcome(NamedTuple):
 
 
 def carry_out(study: Study, out: Path, task: tuple[int, int], workers: int, progress: Callable[[int, int], None], say: Callable[[str], None]) -> Outcome:
-    """Does the runs of task (i, of N) that no file has yet. The progress is told (done, of)."""
+    """Does those runs of task (i, of N) that no file has yet. Reports progress (done, of)."""
     out.mkdir(parents=True, exist_ok=True)
     check_manifest(study, out)
     samples = study.samples()
@@ -362,7 +362,7 @@ def carry_out(study: Study, out: Path, task: tuple[int, int], workers: int, prog
     file = TaskFile(own, study, samples)
     done.update(row.index for row in file.rows)
     if file.torn:
-        say(f"{file.path}: an incomplete last line, of a run that was interrupted, is dropped")
+        say(f"{file.path}: dropped the incomplete last line of an interrupted run")
     groups = groups_of(study, samples)
     mine = runs_of_task(groups, task)
     left = [index for index in mine if index not in done]
@@ -401,14 +401,14 @@ def carry_out(study: Study, out: Path, task: tuple[int, int], workers: int, prog
     pool = Pool(workers, finished)
     progress(before, before + len(left))
     gc.collect()
-    gc.freeze()    # children share the objects: the collector must not write to them
+    gc.freeze()    # children share the objects, so the collector must not write to them
     try:
         group, base = -1, None
         remaining = np.bincount(groups.of_run[left]) if left else []    # runs of each group
         for index in left:
             if groups.of_run[index] != group:
                 group, base = groups.of_run[index], None
-            if base is None and remaining[group] > 1:    # a single run builds its model itself, beside others
+            if base is None and remaining[group] > 1:    # a single run builds its model itself, in parallel with others
                 try:
                     base = Model(study.run_scene(samples[index], groups.sparse))
                 except Error:    # the run itself reports it; the next run is tried

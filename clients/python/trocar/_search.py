@@ -19,33 +19,33 @@ from .plan import Turn
 
 Array = npt.NDArray[np.float64]
 
-UNIT = 1e-4          # m: errors and missing clearance are counted in this
-STAY = 0.02          # weight of staying at the start, so that of many insertions that reach the target the nearest one is found
+UNIT = 1e-4          # m: unit of errors and missing clearance
+STAY = 0.02          # weight of the distance from the start, so that among insertions that reach the target the closest one is found
 FAILED = 2e-2        # m, error of an insertion that cannot be simulated
-GRID = 13            # entry points along each side of the area that a rigid needle is tried from
-NEIGHBOURS = 4       # holes from which a search starts, the nearest first,
+GRID = 13            # entry points along each side of the area tried for a rigid needle
+NEIGHBOURS = 4       # holes from which a search starts, the closest first,
 ROLLS = (0.0, 0.5 * math.pi, math.pi, -0.5 * math.pi)    # and rolls in an area, until one of them leads to the target
-LAST = 2e-3          # m: a turn this near to the target is left out
-LONGER = 4.0         # times: difference quotients over samples, whose differences are small beside the roughness of a step
+LAST = 2e-3          # m: a turn this close to the target is left out
+LONGER = 4.0         # times: step of difference quotients over samples, whose differences are small compared with the roughness of a step
 ROUNDING = 1e-5      # m, of a clearance
-MARGIN = 2e-5        # m, of clearance, so that what is found keeps it when it is carried out
-SPARE = 2e-3         # m: clearance beyond what is wanted that has no influence
-TOO_NEAR = 10.0      # weight of missing clearance beside the worst error
-STEPS = 12           # of the search for the least worst error
+MARGIN = 2e-5        # m, of clearance, so that the result keeps it when carried out
+SPARE = 2e-3         # m: clearance beyond the wanted one that has no influence
+TOO_NEAR = 10.0      # weight of missing clearance relative to the worst error
+STEPS = 12           # of the search for the smallest worst error
 SMALLEST = 0.02      # of its steps
-ENOUGH = 0.05        # units: a step that promises less ends it
+ENOUGH = 0.05        # units: the search ends when a step promises less improvement than this
 
 
 class Variable(NamedTuple):
     name: str
-    scale: float    # of one unit of the search
+    scale: float    # one unit of the search
     low: float
     high: float
-    step: float     # of a difference quotient
+    step: float     # step of a difference quotient
 
 
 class Freedom:
-    """What of an insertion can be chosen, as a vector in units of the search."""
+    """The free variables of an insertion, as a vector in units of the search."""
 
     def __init__(self, problem: Problem, start: Aim, depth: float, skin: float):
         """`depth` of the target and of the `skin` along the start, m."""
@@ -95,7 +95,7 @@ class Freedom:
         return list(dict.fromkeys(v.name for v, there in zip(self.variables, near) if there and v.name != "turn"))
 
     def stepped(self, x: Array, i: int, times: float = 1.0) -> tuple[Array, float]:
-        """x with its part i some steps on, or back at the upper limit, and by how much."""
+        """x with its part i some steps further, or back at the upper limit, and by how much."""
         step = times * self.steps[i] * (1.0 if x[i] + times * self.steps[i] <= self.high[i] else -1.0)
         other = x.copy()
         other[i] += step
@@ -110,7 +110,7 @@ class Found:
     depth: float
     error: float          # m: at nominal parameters, or their mean or worst one, as the objective says
     missing: float        # m of clearance, 0 if all is kept; inf if it cannot be simulated
-    limits: list[str]     # of variables that it has reached
+    limits: list[str]     # variables at their limits
     x: Array
     freedom: Freedom
 
@@ -131,7 +131,7 @@ class Case:
         self.radius = 0.5 * float(problem.scene()["needle.outer_diameter"])
 
     def all_rehearsals(self) -> list[Rehearsal]:
-        """Of the scene's own values, and of the samples."""
+        """Errors for the scene's own values, and for the samples."""
         if len(self.rehearsals) < len(self.models):
             self.rehearsals += [Rehearsal(model, self.problem.hand) for model in self.models[1:]]
         return self.rehearsals
@@ -140,7 +140,7 @@ class Case:
         return sum(rehearsal.runs for rehearsal in self.rehearsals)
 
     def clearances(self, outcome: Outcome, exact: bool = False) -> list[float]:
-        """m from each obstacle, in the displaced tissue; a lower bound where the needle keeps clear with plenty to spare, unless `exact`."""
+        """m from each obstacle, in the displaced tissue; unless `exact`, a lower bound if the needle keeps well clear."""
         return [o.distance(outcome.shaft, self.radius, self.embedding, outcome.field, math.inf if exact else o.clearance + SPARE) for o in self.problem.obstacles]
 
     def missing(self, clearances: Sequence[float]) -> Array:
@@ -154,7 +154,7 @@ class Case:
         return float(sum(max(o.clearance - o.distance(line, self.radius), 0.0) for o in self.problem.obstacles))
 
     def unplanned(self) -> Aim:
-        """As one aims without planning: straight from the hole, or the point of the area, that faces the target."""
+        """Aims as without planning: straight from the hole, or from the point of the area, that faces the target."""
         problem, point = self.problem, self.target.point
         if problem.area is None:
             return self.hole_aims()[0][1]
@@ -166,7 +166,7 @@ class Case:
         return Aim(area.origin + place @ (area.edges / lengths[:, None]), area.direction, problem.roll or 0.0)
 
     def hole_aims(self) -> list[tuple[str, Aim]]:
-        """From the hole whose axis is nearest to the target on."""
+        """Aims through the holes, in the order of the distance of their axes from the target, the closest first."""
         model, point = self.models[0], self.target.point
         guide = next(guide for guide in model.guides if guide.name == self.problem.template)
         found = []
@@ -178,7 +178,7 @@ class Case:
         return [(hole, aim) for _, hole, aim in found]
 
     def rigid(self) -> tuple[str, Aim]:
-        """The straight line to the target at rest that keeps clear with the least tilt; or that misses the least clearance. From a template the nearest
+        """The straight line to the target at rest that keeps clear with the least tilt, or else that misses the least clearance. From a template, the closest
         hole that keeps clear. Its hole is "" in an area."""
         problem, point = self.problem, self.target.point
         if problem.area is None:
@@ -200,7 +200,7 @@ class Case:
                 continue
             direction = area.direction + np.tan(beyond) @ across
             tried.append((float(beyond @ beyond), plain._replace(point=start, direction=direction / np.linalg.norm(direction))))
-        tried = tried or [(0.0, plain)]    # no point from which the target is ahead
+        tried = tried or [(0.0, plain)]    # there is no point from which the target is ahead
         tried.sort(key=lambda entry: entry[0])
         best: tuple[float, Aim] | None = None
         for _, aim in tried:    # the first that keeps clear has the least tilt
@@ -262,7 +262,7 @@ class Case:
         return aim, depth_of(aim, self.target), self._skin(aim)
 
     def towards_target(self, aim: Aim) -> Aim:
-        """A hole's aim with the roll with which the bevel bends the needle to the target, and the turn with which it does not bend it further."""
+        """A hole's aim with the roll that makes the bevel bend the needle to the target, and the turn after which it does not bend further."""
         problem = self.problem
         if not problem.bevelled or problem.roll is not None and not problem.turn:
             return aim
@@ -270,7 +270,7 @@ class Case:
         x, y = rotate(frame, [1.0, 0.0, 0.0]), rotate(frame, [0.0, 1.0, 0.0])
         off = self.target.point - aim.point
         if problem.roll is None:
-            aim = aim._replace(roll=math.atan2(off @ x, -(off @ y)))    # the tip goes away from the bevel's face, local +y
+            aim = aim._replace(roll=math.atan2(off @ x, -(off @ y)))    # the tip moves away from the bevel's face, local +y
         if not problem.turn:
             return aim
         side = math.sin(aim.roll) * x - math.cos(aim.roll) * y
@@ -281,7 +281,7 @@ class Case:
         return aim if share > 0.98 else aim._replace(turn=Turn(skin + share * (depth - skin), math.pi))
 
     def starts(self) -> Iterator[tuple[str, Aim]]:
-        """Holes, "" in an area, and aims from which a search may begin."""
+        """Holes ("" in an area) and aims from which a search may start."""
         problem = self.problem
         if problem.area is None:
             near = self.hole_aims()
@@ -291,7 +291,7 @@ class Case:
             return
         _, rigid = self.rigid()
         skin, depth = self._skin(rigid), depth_of(rigid, self.target)
-        turn = Turn(0.5 * (skin + depth), math.pi) if problem.turn else None    # where it undoes about what the bevel has done
+        turn = Turn(0.5 * (skin + depth), math.pi) if problem.turn else None    # where it cancels most of the bevel's effect
         for roll in [rigid.roll] if problem.roll is not None else ROLLS:
             yield "", rigid._replace(roll=roll, turn=turn)
 
@@ -316,7 +316,7 @@ class Case:
     # ---- samples --------------------------------------------------------------------------------------------------------------------------
 
     def robust(self, nominal: Found) -> Found:
-        """From the plan for nominal parameters, the one whose mean square, or worst, error in the samples is least."""
+        """Starting from the plan for nominal parameters, minimises the mean square, or the worst, error in the samples."""
         from scipy.optimize import least_squares
         problem, freedom = self.problem, nominal.freedom
         rehearsals, obstacles, n = self.all_rehearsals(), len(problem.obstacles), len(nominal.x) + 1
@@ -324,7 +324,7 @@ class Case:
         kept: dict[bytes, tuple[Array, Array]] = {}
 
         def evaluate(z: Array) -> tuple[Array, Array]:
-            """Errors (samples, 3) and clearances less the wanted ones (samples, obstacles), in units."""
+            """Errors (samples, 3) and clearances minus the wanted ones (samples, obstacles), in units."""
             key = z.tobytes()
             if key not in kept:
                 aim, errors, free = freedom.aim(z[:-1]), [], []
@@ -342,7 +342,7 @@ class Case:
             return kept[key]
 
         def slopes(z: Array) -> tuple[Array, Array]:
-            """Of `evaluate`, with the variables as last axis."""
+            """Derivatives of `evaluate`, with the variables as last axis."""
             here, parts = evaluate(z), []
             for i in range(n):
                 if i < n - 1:
@@ -385,8 +385,8 @@ class Case:
         return Found(aim, 1e-3 * float(z[-1]), UNIT * float(measure(errors)), UNIT * short(free), freedom.at_limits(z[:-1]), z[:-1], freedom)
 
     def _worst(self, start: Array, low: Array, high: Array, evaluate: Callable, slopes: Callable) -> None:
-        """The least worst error, by steps that are best for errors and clearances which are linear in z, within a trust region (Madsen, Journal of the
-        Institute of Mathematics and its Applications 16, 1975, 321-328; here with SciPy's SLSQP). What it has tried stays with `evaluate`."""
+        """Minimises the worst error, by steps that are optimal for errors and clearances linear in z, within a trust region (Madsen, Journal of the
+        Institute of Mathematics and its Applications 16, 1975, 321-328; here with SciPy's SLSQP). `evaluate` keeps all points tried."""
         def merit(z: Array) -> float:
             errors, free = evaluate(z)
             return float(np.linalg.norm(errors, axis=1).max() + TOO_NEAR * np.maximum(-free, 0.0).max(initial=0.0))
@@ -408,8 +408,8 @@ class Case:
 
 
 def _linear_step(errors: Array, free: Array, errors_: Array, free_: Array, low: Array, high: Array) -> tuple[Array, float]:
-    """The step between limits for which the longest of errors (samples, 3), and the largest lack of `free` (m,), weighted, are least together, with slopes
-    (samples, 3, n) and (m, n); and this least value."""
+    """The step between limits that minimises the longest of errors (samples, 3) plus the largest lack of `free` (m,), weighted, with slopes
+    (samples, 3, n) and (m, n); and the minimum."""
     from scipy.optimize import minimize
     n, m = len(low), len(free)
 
@@ -425,7 +425,7 @@ def _linear_step(errors: Array, free: Array, errors_: Array, free_: Array, low: 
     first = np.concatenate([np.zeros(n), [np.linalg.norm(errors, axis=1).max() + 0.01, np.maximum(-free, 0.0).max(initial=0.0)]])
     weights = np.concatenate([np.zeros(n), [1.0, TOO_NEAR]])
     with warnings.catch_warnings():
-        warnings.simplefilter("ignore", RuntimeWarning)    # SLSQP leaves the limits by rounding, and says so
+        warnings.simplefilter("ignore", RuntimeWarning)    # SLSQP exceeds the limits by rounding, and warns about it
         found = minimize(lambda y: weights @ y, first, jac=lambda y: weights, method="SLSQP", bounds=[*zip(low, high), (0.0, None), (0.0, None)],
                          constraints={"type": "ineq", "fun": constraints, "jac": gradients}, options={"maxiter": 100, "ftol": 1e-5})
     step = np.clip(found.x[:n], low, high)

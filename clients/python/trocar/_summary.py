@@ -31,7 +31,7 @@ def _percentiles(columns: Sequence[str], results: npt.NDArray[np.float64]) -> st
 
 
 def _correlations(study: Study, parameters: npt.NDArray[np.float64], results: npt.NDArray[np.float64]) -> str:
-    """Spearman's rank correlation, which the sign of a monotonic influence shows in."""
+    """Spearman's rank correlation, which shows the sign of a monotonic influence."""
     from scipy.stats import spearmanr
     rows = []
     for column, values in zip(study.result_columns(), results.T):
@@ -114,7 +114,7 @@ def write(study: Study, rows: Sequence[Row], out: Path, plots: bool) -> tuple[st
         for column, values in zip(columns, blocks.T):
             if np.nanstd(values) > 0:
                 found[column] = sensitivity.indices(values, p)
-        text += ["## Sensitivity", "Part of the result's variance that goes with a parameter alone (first order), and with all that it takes part in (total); 95 % confidence "
+        text += ["## Sensitivity", "Part of the result's variance due to a parameter alone (first order), and including its interactions with others (total); 95 % confidence "
                  "intervals by bootstrap.", _table(["result", "parameter", "first order", "total"], _index_rows(study, found))]
     else:
         text += ["## Rank correlation", "Spearman's, of results with parameters. Indices of sensitivity need samples: {method: saltelli}.",

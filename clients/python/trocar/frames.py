@@ -37,11 +37,11 @@ __all__ = ["Writer", "collect", "size_in_words"]
 _KINDS = {"tissue": 0, "tip": 1, "guide": 2}
 _MESH = ("nodes", "tets", "tet_regions")
 _COMPRESSED = {"compression": "gzip", "compression_opts": 4, "shuffle": True}
-_LEFT = 0.65    # size of a run's file over that of its displacements and centrelines before compression: figure 8's insertion
+_LEFT = 0.65    # size of a run's file relative to its displacements and centrelines before compression: figure 8's insertion
 
 
 def size_in_words(study: Study, folder: Path) -> str:
-    """How much the frames of all runs of a study take, about, if they are kept in this folder, and how much is free there. "" for a study without frames."""
+    """Approximate size of the frames of all runs of a study in this folder, and the free space there. "" for a study without frames."""
     samples = study.samples()
     if not study.frames_every or not len(samples):
         return ""
@@ -92,7 +92,7 @@ class Writer:
 
 
 def collect(folder: Path, path: Path, parameters: np.ndarray, names: list[str]) -> int:
-    """One file of the files of all runs in `folder`, whose parameters (runs, p) these are. Returns how many runs have frames."""
+    """Merges the files of all runs in `folder`, whose parameters (runs, p) these are, into one. Returns the number of runs with frames."""
     files = sorted(folder.glob("*.h5"))
     files = [file for file in files if int(file.stem) < len(parameters)]
     if not files:
@@ -103,7 +103,7 @@ def collect(folder: Path, path: Path, parameters: np.ndarray, names: list[str]) 
             for name, data in first.items():
                 if name in (*_MESH, "time"):
                     first.copy(name, whole)
-                else:    # at most 1 MB in a chunk, or a single frame
+                else:    # at most 1 MB per chunk, or a single frame
                     each = max(1, min(len(data), (1 << 20) // max(data[0:1].nbytes, 1)))
                     whole.create_dataset(name, shape=(len(files), *data.shape), dtype=data.dtype, chunks=(1, each, *data.shape[1:]), **_COMPRESSED)
         whole["run"] = np.array([int(file.stem) for file in files], np.int64)

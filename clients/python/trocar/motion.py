@@ -32,7 +32,7 @@ Array = npt.NDArray[np.float64]
 
 
 class BadMotion(Exception):
-    """A table of poses, or a plan, that cannot be used: file, line and remedy."""
+    """An unusable table of poses, or plan: file, line and remedy."""
 
 
 class Leg(NamedTuple):
@@ -64,7 +64,7 @@ SCRIPTS: dict[str, tuple[float, tuple[Leg, ...]]] = {  # duration (s) and legs, 
 
 
 def multiply(a: npt.ArrayLike, b: npt.ArrayLike) -> Array:
-    """The rotation b, then a."""
+    """The rotation b, followed by a."""
     a, b = np.asarray(a, np.float64), np.asarray(b, np.float64)
     w = a[..., 0] * b[..., 0] - np.sum(a[..., 1:] * b[..., 1:], axis=-1)
     v = a[..., :1] * b[..., 1:] + b[..., :1] * a[..., 1:] + np.cross(a[..., 1:], b[..., 1:])
@@ -78,7 +78,7 @@ def rotate(q: npt.ArrayLike, vector: npt.ArrayLike) -> Array:
 
 
 def exponential(turn: npt.ArrayLike) -> Array:
-    """Of a rotation vector (rad)."""
+    """The quaternion of a rotation vector (rad)."""
     turn = np.asarray(turn, np.float64)
     angle = np.linalg.norm(turn, axis=-1, keepdims=True)
     return np.concatenate([np.cos(0.5 * angle), 0.5 * np.sinc(angle / (2.0 * np.pi)) * turn], axis=-1)
@@ -101,8 +101,8 @@ def towards(direction: npt.ArrayLike) -> Array:
 
 @dataclass(frozen=True)
 class Adjustment:
-    """Moves a whole motion: by x, y and z (m) along the axes that the needle starts with, after tilts (rad) about x and y at the place where its tip
-    starts, and with its bevel rolled by `roll` (rad)."""
+    """Moves a whole motion: by x, y and z (m) along the needle's axes at the start, after tilts (rad) about x and y at the tip's
+    start, and with its bevel rolled by `roll` (rad)."""
 
     x: float = 0.0
     y: float = 0.0
@@ -112,7 +112,7 @@ class Adjustment:
     roll: float = 0.0
 
     def apply(self, poses: Array, length: float) -> Array:
-        """Poses (n, 7) of a needle of this length (m), moved. The first one is the start."""
+        """Transforms poses (n, 7) of a needle of this length (m). The first pose is the start."""
         if self == Adjustment():
             return poses
         base, frame = poses[0, :3], poses[0, 3:]
@@ -133,12 +133,12 @@ class _Motion:
     adjustable = ("x", "y", "z", "tilt_x", "tilt_y", "roll")
 
     def adjusted(self, **by: float) -> _Motion:
-        """With some of `adjustable` set."""
+        """A copy with some of `adjustable` set."""
         own = {name: by.pop(name) for name in list(by) if name not in Adjustment.__dataclass_fields__}
         return replace(self, adjustment=replace(self.adjustment, **by), **own)
 
     def duration(self) -> float | None:
-        """s; None: it shows only as the motion is played."""
+        """s; None: known only once the motion is played."""
         raise NotImplementedError
 
     def _start_of(self, sim: Sim) -> Array:
@@ -148,7 +148,7 @@ class _Motion:
         return START if given is None else given
 
     def poses(self, start: Array, dt: float) -> Array:
-        """(n, 7), one each `dt` seconds, from time 0."""
+        """(n, 7), one every `dt` seconds, from time 0."""
         raise NotImplementedError
 
     def play(self, sim: Sim, dt: float) -> Iterator[Array]:
@@ -168,7 +168,7 @@ class Script(_Motion):
     legs: tuple[Leg, ...] = ()
     seconds: float = 0.0
     speed: float = 1.0        # faster or slower by this factor
-    depth: float = DEPTH      # m that it inserts the needle; longer ways along the needle take longer
+    depth: float = DEPTH      # m, insertion depth; deeper insertions take longer
 
     adjustable = (*_Motion.adjustable, "depth", "speed")
 
@@ -176,8 +176,8 @@ class Script(_Motion):
         return self.seconds * self.depth / DEPTH / self.speed
 
     def to_depth(self, depth: float) -> Script:
-        """The script that inserts the needle this far (m), at the same speed along the needle; trocar-device does so for a scene with needle.start.depth.
-        All times grow in proportion: sideways legs and turns get slower in a deeper script."""
+        """The script with this insertion depth (m), at the same speed along the needle; trocar-device does so for a scene with needle.start.depth.
+        All times scale in proportion: sideways legs and turns are slower in a deeper script."""
         return replace(self, depth=depth)
 
     def poses(self, start: Array, dt: float) -> Array:
@@ -202,7 +202,7 @@ def script(name: str, speed: float = 1.0, start: npt.ArrayLike | None = None) ->
 
 @dataclass(frozen=True)
 class Straight(_Motion):
-    """In by `depth` (m, of the base) at `speed` (m/s), a rest of `hold` (s), and out again if `back`."""
+    """A straight insertion by `depth` (m, of the base) at `speed` (m/s), a rest of `hold` (s), and a retraction if `back`."""
 
     depth: float = 0.05
     speed: float = 0.05
@@ -300,12 +300,12 @@ class Implant(_Motion):
         return np.concatenate([point + (depths[:, None] - length) * direction, turned], axis=1)
 
     def _go(self, axis: tuple[Array, Array], start: float, end: float, roll: float, length: float, dt: float) -> Array:
-        """Poses that move the tip between two depths, in m, the first of them left out."""
+        """Poses that move the tip between two depths, in m, excluding the first."""
         steps = max(math.ceil(abs(end - start) / (self.speed * dt)), 1)
         return self._pose(axis, np.linspace(start, end, steps + 1)[1:], roll, length)
 
     def insert(self, sim: Sim, needle: Needle, dt: float) -> Iterator[Array]:
-        """One needle, from its reset outside of the tissue to its rest at the depth."""
+        """One needle, from its reset outside the tissue to its rest at the depth."""
         from . import plan as plans
         axis, length = plans.needle_axis(self.plan, needle, sim.model), sim.model.needle_length
         roll, at = needle.roll + self.adjustment.roll, -self.outside
@@ -336,7 +336,7 @@ class Implant(_Motion):
                     yield np.tile(go(target, target), (round(self.settle / dt), 1))
                 sim.drop_seeds()
                 tip = target
-                while sim.pending_seeds():    # drawn back until the seed is left
+                while sim.pending_seeds():    # draws back until the seed is left
                     yield go(tip, tip - 0.5e-3)
                     tip -= 0.5e-3
             yield go(tip, -self.outside)

@@ -15,7 +15,7 @@ A plan is a YAML file:
         roll: 1.57                 # rad, turn of the needle about its axis; may be left out
         turn: {depth: 0.08, by: 3.14159}    # m, rad: where it is turned by how much; may be left out
       - name: T1                   # may be left out
-        entry: [0.01, 0, -5e-3]    # m, in the mesh: in place of a hole, for a needle without seeds; depth counts from here
+        entry: [0.01, 0, -5e-3]    # m, in the mesh: instead of a hole, for a needle without seeds; depth counts from here
         direction: [0, 0.1, 1]     # of any length; may be left out: [0, 0, 1]
         depth: 0.06
 
@@ -53,12 +53,12 @@ _GAP = 1e-9                # m, rounding of lengths that are added
 
 
 class BadPlan(Exception):
-    """A plan, or a table of seeds, that cannot be used: file, line and remedy."""
+    """An unusable plan, or table of seeds: file, line and remedy."""
 
 
 @dataclass
 class Source:
-    """What every seed contains."""
+    """Contents of every seed."""
 
     isotope: str     # I-125 or Pd-103
     model: str       # of the manufacturer
@@ -66,7 +66,7 @@ class Source:
 
 
 class Turn(NamedTuple):
-    """A turn of the needle about its axis on its way, at rest."""
+    """A rotation of the needle about its axis on its way, at rest."""
 
     depth: float        # m, of the tip, counted as the needle's
     by: float           # rad
@@ -88,13 +88,13 @@ class Needle:
 
     @property
     def title(self) -> str:
-        """For people: the name or the hole."""
+        """The name or the hole, for messages."""
         return self.name or self.hole or "without a name"
 
 
 @dataclass
 class Plan:
-    """A plan, as its file says it."""
+    """A plan, as described by its file."""
 
     template: str   # name of the scene's guide; "" if no needle is in a hole
     columns: int
@@ -105,7 +105,7 @@ class Plan:
     path: str = "plan"
     line: int = 0   # of `template`
     prescription: float | None = None                    # Gy
-    remarks: list[str] = field(default_factory=list)     # what its reader had to change, for people
+    remarks: list[str] = field(default_factory=list)     # changes that its reader had to make, as text
 
 
 class Planned(NamedTuple):
@@ -118,7 +118,7 @@ class Planned(NamedTuple):
 
 
 class Placed(NamedTuple):
-    """A seed that was left in the tissue, from the table that trocar-replay --seeds writes."""
+    """A seed left in the tissue, from the table that trocar-replay --seeds writes."""
 
     number: int                          # its row, from 1
     guide: str                           # "" if its needle was in none
@@ -128,12 +128,12 @@ class Placed(NamedTuple):
 
 
 class Misplacement(NamedTuple):
-    """A seed and where the plan has it. One of the two is None where the other has no counterpart."""
+    """A seed and its planned place. One of the two is None if the other has no counterpart."""
 
     hole: str
     planned: Planned | None
     placed: Placed | None
-    offset: npt.NDArray[np.float64] | None  # (3,) mm, placed less planned, along the frame's axes
+    offset: npt.NDArray[np.float64] | None  # (3,) mm, actual minus planned, along the frame's axes
     along: float | None                     # mm, along the planned needle; positive: too deep
     across: float | None                    # mm
 
@@ -168,7 +168,7 @@ def _grid_words(columns: int, rows: int) -> str:
 def _read_hole(reader: Reader, node: Any, place: str, plan: Plan, seedless: bool) -> str:
     name = reader.text(node, place)
     if not plan.template:
-        raise reader.fail(node, f"{place}: the plan has no template: write template, columns, rows and spacing, or an entry in place of the hole")
+        raise reader.fail(node, f"{place}: the plan has no template: write template, columns, rows and spacing, or an entry instead of the hole")
     at = hole_number(name)
     if at is None or at[0] >= plan.columns or at[1] >= plan.rows:
         raise reader.fail(node, f"{place}: no hole \"{name}\": the template has {_grid_words(plan.columns, plan.rows)}, as in "
@@ -231,7 +231,7 @@ def _all_have_entries(reader: Reader, node: Any) -> bool:
 
 
 def read(path: str | PathLike[str]) -> Plan:
-    """Reads a plan. BadPlan with file, line and remedy for anything that it does not understand."""
+    """Reads a plan. Raises BadPlan with file, line and remedy for anything that it does not understand."""
     of_template = ("template", "columns", "rows", "spacing")
     reader = Reader(fspath(path), "plan", BadPlan, "template, columns, rows, spacing and needles")
     others = ("source", "prescription")
@@ -289,7 +289,7 @@ def write(plan: Plan, path: str | PathLike[str], comment: str = "") -> None:
 
 
 class Frame:
-    """The axes in which positions are told: the patient's (mm to the left, to the back and to the head) if the scene knows them, else the mesh's."""
+    """The axes in which positions are printed: the patient's (mm to the left, back and head) if the scene defines them, else the mesh's."""
 
     def __init__(self, model: Model):
         matrix = model.patient_to_mesh
@@ -312,30 +312,30 @@ class Frame:
 
 
 def guide_of(plan: Plan, model: Model) -> Guide:
-    """The scene's guide that the plan is made for. BadPlan if the scene has no such template."""
+    """The scene's guide for which the plan is made. Raises BadPlan if the scene has no such template."""
     place = f"{plan.path}:{plan.line}" if plan.line else plan.path
     if not plan.template:
-        raise BadPlan(f"{place}: the plan has no template: its needles have entries in place of holes")
+        raise BadPlan(f"{place}: the plan has no template: its needles have entries instead of holes")
     guides = model.guides
     guide = next((g for g in guides if g.name == plan.template), None)
     if guide is None:
         there = ", ".join(g.name for g in guides)
-        raise BadPlan(f"{place}: the plan is for the template \"{plan.template}\"; the scene has {there or 'none'}: choose that scene, or make the plan anew")
+        raise BadPlan(f"{place}: the plan is for the template \"{plan.template}\"; the scene has {there or 'none'}: choose that scene, or make a new plan")
     if (guide.columns, guide.rows) != (plan.columns, plan.rows) or abs(guide.spacing - plan.spacing) > _SPACING_TOLERANCE:
         raise BadPlan(f"{place}: the plan's template \"{plan.template}\" has {plan.columns} x {plan.rows} holes, {1e3 * plan.spacing:g} mm apart; the scene's has "
-                      f"{guide.columns} x {guide.rows}, {1e3 * guide.spacing:g} mm apart: choose that scene, or make the plan anew")
+                      f"{guide.columns} x {guide.rows}, {1e3 * guide.spacing:g} mm apart: choose that scene, or make a new plan")
     return guide
 
 
 def hole_axis(guide: Guide, hole: str) -> npt.NDArray[np.float64]:
-    """(3,) m, where the axis of the hole of this name meets the front face, where needles enter."""
+    """(3,) m, where the axis of the hole of this name meets the front face, at which needles enter."""
     column, row = hole_number(hole)
     aside = [guide.spacing * (index - 0.5 * (count - 1)) for index, count in ((column, guide.columns), (row, guide.rows))]
     return guide.origin + aside[0] * guide.across[0] + aside[1] * guide.across[1]
 
 
 def needle_axis(plan: Plan, needle: Needle, model: Model) -> tuple[npt.NDArray[np.float64], npt.NDArray[np.float64]]:
-    """(3,) m, the point from which the needle's depth counts, and (3,) its direction, a unit vector. BadPlan as `guide_of`."""
+    """(3,) m, the point from which the needle's depth counts, and (3,) its direction, a unit vector. Raises BadPlan like `guide_of`."""
     if needle.entry is not None:
         return np.array(needle.entry), np.array(needle.direction) / np.linalg.norm(needle.direction)
     guide = guide_of(plan, model)
@@ -343,7 +343,7 @@ def needle_axis(plan: Plan, needle: Needle, model: Model) -> tuple[npt.NDArray[n
 
 
 def planned_seeds(plan: Plan, model: Model) -> list[Planned]:
-    """Where the plan has its seeds in the tissue at rest: on the axes of the holes. BadPlan if the scene's template is another, its needle is
+    """The plan's seeds in the tissue at rest: on the axes of the holes. Raises BadPlan if the scene's template differs, its needle is
     too short, or the seeds would overlap."""
     length, reach = model.seed_size.length, model.needle_length
     found = []
@@ -364,13 +364,13 @@ def planned_seeds(plan: Plan, model: Model) -> list[Planned]:
 
 
 def _regions_at(model: Model, points: npt.NDArray[np.float64]) -> list[str | None]:
-    """The region in which each point (k, 3) lies, None outside of the tissue."""
+    """The region of each point (k, 3), None outside the tissue."""
     names = model.groups
     return [names[model.tet_regions[tet]] if tet >= 0 else None for tet in locate(model, points)[0]]
 
 
 def check(plan: Plan, model: Model) -> dict[str, int]:
-    """How many seeds the plan has in each region. BadPlan as `planned_seeds`, and for a seed that reaches out of the tissue."""
+    """The number of the plan's seeds in each region. Raises BadPlan like `planned_seeds`, and for a seed that reaches out of the tissue."""
     seeds, half = planned_seeds(plan, model), 0.5 * model.seed_size.length
     if not seeds:
         return {}
@@ -389,7 +389,7 @@ def check(plan: Plan, model: Model) -> dict[str, int]:
 
 
 def read_seeds(path: str | PathLike[str], model: Model, now: bool = False) -> list[Placed]:
-    """The table that `trocar-replay --seeds` writes. now: where the seeds were at the end of the replay, else in the tissue at rest."""
+    """Reads the table that `trocar-replay --seeds` writes. now: places at the end of the replay, else in the tissue at rest."""
     name, prefix, frame = fspath(path), "" if now else "rest_", Frame(model)
     try:
         with open_input(path, newline="", encoding="utf-8") as file:
@@ -427,7 +427,7 @@ def read_seeds(path: str | PathLike[str], model: Model, now: bool = False) -> li
 
 
 def seeds_of(sim: Sim, now: bool = False) -> list[Placed]:
-    """The seeds of a simulation. now: where they are in the tissue as it is displaced, else in the tissue at rest."""
+    """The seeds of a simulation. now: places in the displaced tissue, else in the tissue at rest."""
     seeds, guides = sim.seeds(), sim.model.guides
     places, directions = sim.model.displaced_seeds(seeds, sim.displacements()) if now else ([s.position for s in seeds], [s.direction for s in seeds])
     found = []
@@ -438,7 +438,7 @@ def seeds_of(sim: Sim, now: bool = False) -> list[Placed]:
 
 
 def _pairs(planned: Sequence[float], placed: Sequence[float]) -> list[tuple[int | None, int | None]]:
-    """Pairs the seeds of one needle, both by depth and in that order, with the least sum of distances. As many pairs as there can be."""
+    """Pairs the seeds of one needle, both in order of depth, with the smallest sum of distances. As many pairs as possible."""
     few, many = sorted((planned, placed), key=len)
     cost = np.full((len(few) + 1, len(many) + 1), np.inf)
     cost[0] = 0.0
@@ -456,8 +456,8 @@ def _pairs(planned: Sequence[float], placed: Sequence[float]) -> list[tuple[int 
 
 
 def compare(plan: Plan, model: Model, placed: Iterable[Placed]) -> list[Misplacement]:
-    """The misplacement of each seed against the plan: those of a hole are paired by their order along the needle. Planned seeds that were
-    not placed, and placed ones that were not planned, come without a counterpart."""
+    """The misplacement of each seed relative to the plan: seeds of a hole are paired by their order along the needle. Planned seeds that were
+    not placed, and placed ones that were not planned, have no counterpart."""
     frame, planned, placed = Frame(model), planned_seeds(plan, model), list(placed)
     normal = guide_of(plan, model).normal
     own = lambda seed: seed.guide == plan.template
@@ -478,7 +478,7 @@ def compare(plan: Plan, model: Model, placed: Iterable[Placed]) -> list[Misplace
 
 def summary(rows: Sequence[Misplacement]) -> dict[str, float]:
     """Over all seeds with a counterpart: `count`, and the means, mm, of `distance`, of each axis' absolute value (`0`, `1`, `2`), of `along`
-    (absolute) and `across`, and `deeper`, the mean of `along` with its sign."""
+    (absolute) and `across`, and `deeper`, the signed mean of `along`."""
     both = [r for r in rows if r.offset is not None]
     if not both:
         return {"count": 0}
@@ -501,7 +501,7 @@ def _planned_table(seeds: Sequence[Planned], frame: Frame) -> list[list[str]]:
 
 
 def _seed_table(seeds: Sequence[Placed]) -> list[list[str]]:
-    """As `read_seeds` reads it, of places at rest."""
+    """Writes places at rest as `read_seeds` reads them."""
     head = ["seed", "guide", "hole", *(f"rest_{axis} [m]" for axis in "xyz"), *(f"rest_along_{axis}" for axis in "xyz")]
     return [head] + [[str(seed.number), seed.guide, seed.hole, *(f"{value:.9g}" for value in (*seed.position, *seed.direction))] for seed in seeds]
 
@@ -530,7 +530,7 @@ def _save(table: list[list[str]], path: str) -> None:
 
 
 def without_steering(plan: Plan, what: str) -> Plan:
-    """The plan itself. BadPlan if needles are rolled or turned, which `what` cannot say."""
+    """The plan itself. Raises BadPlan if needles are rolled or turned, which `what` cannot express."""
     for needle in plan.needles:
         if needle.roll or needle.turn:
             raise BadPlan(f"{plan.path}:{needle.line}: needle {needle.title}: {what} has no roll or turn, and its needles would go elsewhere: carry the plan out by "
@@ -595,17 +595,17 @@ def _options() -> argparse.ArgumentParser:
         return added
 
     plan = ("plan", "plan, a YAML file")
-    command("show", _show, "list where the plan has its seeds, in the mesh and in the patient", plan).add_argument("--out", help="write a CSV file", metavar="FILE")
+    command("show", _show, "list where the plan puts its seeds, in the mesh and in the patient", plan).add_argument("--out", help="write a CSV file", metavar="FILE")
     command("check", _check, "check that the plan fits the scene and that its seeds are in the tissue", plan)
-    added = command("export", _export, "write the plan, or the seeds that were left, as a DICOM RT Plan", plan)
+    added = command("export", _export, "write the plan, or the seeds left in the tissue, as a DICOM RT Plan", plan)
     added.add_argument("--out", required=True, help="DICOM file (required)", metavar="FILE")
-    added.add_argument("--seeds", help="table that trocar-replay --seeds has written: these seeds in place of the planned ones", metavar="FILE")
-    added.add_argument("--now", action="store_true", help="with --seeds: where they are at the end of the replay (default: in the tissue at rest)")
+    added.add_argument("--seeds", help="table that trocar-replay --seeds has written: these seeds instead of the planned ones", metavar="FILE")
+    added.add_argument("--now", action="store_true", help="with --seeds: the seeds' places at the end of the replay (default: in the tissue at rest)")
     added.add_argument("--structures", help="RT Structure Set that the scene was made from: the plan gets its patient and frame of reference", metavar="FILE")
     added = command("import", _import, "make a plan from a DICOM RT Plan", ("file", "RT Plan with permanent seeds"))
     added.add_argument("--out", help="plan, a YAML file: the seeds are on the axes of the template's holes", metavar="FILE")
-    added.add_argument("--seeds", help="table of the seeds where the file has them, as trocar-replay --seeds writes it: also of seeds that were left in the tissue", metavar="FILE")
-    added.add_argument("--template", help="the scene's guide that is meant, if the file has another name for it", metavar="NAME")
+    added.add_argument("--seeds", help="table of the seeds where the file has them, in the format of trocar-replay --seeds; also for seeds that were left in the tissue", metavar="FILE")
+    added.add_argument("--template", help="the guide of the scene to use, if the file has another name for it", metavar="NAME")
     added = command("compare", _compare, "list how far seeds are from their places in the plan", plan, ("seeds", "table that trocar-replay --seeds has written"))
     added.add_argument("--now", action="store_true", help="where the seeds are at the end of the replay (default: in the tissue at rest)")
     added.add_argument("--out", help="write a CSV file", metavar="FILE")

@@ -20,7 +20,7 @@ A problem is a YAML file:
       parameters:
         regions[prostate].youngs_modulus: {uniform: [42e3, 78e3]}
 
-or, with `plan: FILE` in place of targets, entry and what belongs to them, a plan whose seeds are to come to lie where it has them.
+or, with `plan: FILE` instead of targets, entry and their options, a plan whose seeds should end at their planned places.
 
 As a program:
 
@@ -61,16 +61,16 @@ MADE_BY = "# Made by trocar-plan"    # first line of plan.yaml
 
 
 class Expected(NamedTuple):
-    """What an insertion leads to, each time in a fresh simulation by the motion with which plans are carried out. m; NaN where it cannot be simulated."""
+    """The errors (m) of an insertion, from fresh simulations that move the needle as a plan is carried out. NaN if it cannot be simulated."""
 
     error: float              # from the displaced target to the tip, for the scene's own values
     mean: float               # over these and the samples
     worst: float              # of these and the samples
     offset: list[float]       # (3) from the displaced target to the tip
-    clearance: float | None   # least distance from an obstacle less the clearance wanted, in any sample; None without obstacles
+    clearance: float | None   # smallest distance from an obstacle minus the wanted clearance, in any sample; None without obstacles
     nearest: str              # that obstacle
     shaft: list[list[float]]  # (joints, 3) from base to tip
-    why: str = ""             # it cannot be simulated, in the first sample in which it cannot
+    why: str = ""             # why it cannot be simulated, in the first sample in which that is so
 
 
 @dataclass
@@ -81,13 +81,13 @@ class Result:
     target: list[float]       # (3) m, at rest
     needle: Needle
     expected: Expected
-    unplanned: Expected       # the needle aimed straight at the target at rest, from the nearest hole or the point that faces it
+    unplanned: Expected       # the needle aimed straight at the target at rest, from the closest hole or the point that faces it
     rigid: Expected           # along the straight line to the target at rest that keeps clear
-    nominal: Expected         # planned for the scene's own values only; as `expected` with that objective
+    nominal: Expected         # planned for the scene's own values only; equals `expected` with that objective
     reached: bool             # within the tolerance, and clear
     why: str                  # not
-    runs: int                 # insertions that the search has simulated
-    seconds: float = 0.0      # of a processor, for the search and for carrying it out
+    runs: int                 # insertions simulated by the search
+    seconds: float = 0.0      # processor time, for the search and for carrying it out
 
 
 @dataclass
@@ -95,8 +95,8 @@ class SeedResult:
     """A needle's plan for its seeds."""
 
     needle: Needle
-    before: list[list[float]]    # (samples, seeds) m, distance of each seed from its place, as the plan was; the scene's own values first; NaN: not simulated
-    after: list[list[float]]     # as it is now
+    before: list[list[float]]    # (samples, seeds) m, distance of each seed from its place, with the original plan; the scene's own values first; NaN: not simulated
+    after: list[list[float]]     # with the new plan
     reached: bool
     why: str
     runs: int
@@ -120,7 +120,7 @@ def _one_line(error: Exception) -> str:
 
 
 def _rounded(needle: Needle) -> Needle:
-    """As it is written in a file."""
+    """The plan as written to a file."""
     number = lambda value: float(f"{value:.9g}")
     return replace(needle, depth=number(needle.depth), roll=number(needle.roll), turn=needle.turn and Turn(*map(number, needle.turn)),
                    entry=needle.entry and tuple(map(number, needle.entry)), direction=tuple(map(number, needle.direction)))
@@ -139,7 +139,7 @@ def _frame_of(problem: Problem, model: Model) -> Plan:
 
 
 def carry_out(problem: Problem, models: Sequence[Model], needle: Needle, target: npt.ArrayLike) -> Expected:
-    """What a needle leads to that is aimed at this point (3,) of the tissue at rest, m, in each of the models: of the scene first, then of the samples."""
+    """The result of aiming a needle at this point (3,) of the tissue at rest, m, in each of the models: the scene first, then the samples."""
     case, frame = Case(problem, models, np.asarray(target, np.float64)), _frame_of(problem, models[0])
     outcomes: list[Outcome | None] = []
     why = ""
@@ -160,16 +160,16 @@ def carry_out(problem: Problem, models: Sequence[Model], needle: Needle, target:
 
 
 def _why(problem: Problem, found: Found, expected: Expected) -> str:
-    """What is in the way of a target that is not reached."""
+    """The obstacle to reaching a target."""
     if expected.clearance is not None and expected.clearance < -ROUNDING:
         return f"{1e3 * -expected.clearance:.2f} mm too near to {expected.nearest}"
     if not np.isfinite(expected.worst):
         return f"cannot be simulated{' in every sample' if len(problem.study.parameters) else ''}: {expected.why}"
     reasons = [f"the {name} is at its limit" for name in found.limits]
     if problem.template:
-        reasons.append("no hole is nearer" if not problem.bevelled else "the bevel does not bend it as far")
+        reasons.append("no hole is nearer" if not problem.bevelled else "the bevel does not bend the needle that far")
     if len(problem.study.parameters) and expected.error <= problem.tolerance:
-        reasons = ["the samples differ by more"]
+        reasons = ["the samples differ by more than the tolerance"]
     return ", ".join(reasons) or "no better insertion was found"
 
 
@@ -199,7 +199,7 @@ SEED_EXACT = 2e-5    # m
 
 
 def _placed(problem: Problem, model: Model, given: Needle, needle: Needle) -> Array:
-    """(seeds, 3) m: how far the seeds of a needle, carried out as `needle`, come to lie from where `given` has them, in the tissue at rest. BadPlan, Error."""
+    """(seeds, 3) m: distances of the seeds of a needle, carried out as `needle`, from their places in `given`, in the tissue at rest. BadPlan, Error."""
     from . import Sim
     sim, dt = Sim(model), 1.0 / model.rate_hz
     for poses in replace(problem.hand, plan=replace(problem.plan, needles=[needle])).play(sim, dt):
@@ -210,13 +210,13 @@ def _placed(problem: Problem, model: Model, given: Needle, needle: Needle) -> Ar
 
 
 def plan_seeds(problem: Problem, models: Sequence[Model], given: Needle) -> SeedResult:
-    """Depths of one needle of the problem's plan with which its seeds come to lie where the plan has them. `models` as `models_of` returns them."""
+    """Depths of one needle of the problem's plan at which its seeds end where the plan has them. `models` as `models_of` returns them."""
     begin, runs = time.process_time(), 0
     half, axis = 0.5 * models[0].seed_size.length, plans.needle_axis(problem.plan, given, models[0])[1]
     samples = models if problem.objective != "nominal" else models[:1]
     wanted = np.array([given.depth - behind for behind in given.seeds])    # depths of their centres
     aimed, needle, best, why = wanted.copy(), given, None, ""
-    deep, shallow = np.full(len(wanted), np.inf), np.full(len(wanted), -np.inf)    # depths at which seeds came to lie too deep, and not deep enough
+    deep, shallow = np.full(len(wanted), np.inf), np.full(len(wanted), -np.inf)    # depths at which seeds ended too deep, and not deep enough
     for _ in range(SEED_ROUNDS):
         try:
             off = np.array([_placed(problem, model, given, needle) for model in samples])
@@ -236,7 +236,7 @@ def plan_seeds(problem: Problem, models: Sequence[Model], given: Needle) -> Seed
             break
         deep, shallow = np.where(change > 0.0, np.minimum(deep, aimed), deep), np.where(change < 0.0, np.maximum(shallow, aimed), shallow)
         nearest = aimed - change
-        between = 0.5 * (deep + shallow)    # where a place jumps with the depth, as behind a capsule, that side of the jump is found that is nearer
+        between = 0.5 * (deep + shallow)    # if a place jumps with the depth, as behind a capsule, the closer side of the jump is found
         aimed = np.where((nearest < deep) & (nearest > shallow) | ~np.isfinite(between), nearest, between)
         for i in range(1, len(aimed)):    # seeds do not overlap
             aimed[i] = min(aimed[i], aimed[i - 1] - 2.0 * half - 1e-6)
@@ -265,7 +265,7 @@ def plan_seeds(problem: Problem, models: Sequence[Model], given: Needle) -> Seed
     if not reached and not why:
         offset = best[2]
         aside = np.linalg.norm(offset - np.outer(offset @ axis, axis), axis=1).max()
-        why = ("the samples differ by more" if over[0].max() <= problem.tolerance else "the needle bends aside" if aside > problem.tolerance
+        why = ("the samples differ by more than the tolerance" if over[0].max() <= problem.tolerance else "the needle bends aside" if aside > problem.tolerance
                else "a seed's place jumps with the depth")
     return SeedResult(chosen, before, after, reached, "" if reached else why, runs, time.process_time() - begin)
 
@@ -276,8 +276,8 @@ def plan_seeds(problem: Problem, models: Sequence[Model], given: Needle) -> Seed
 def plan(problem: Problem, models: Sequence[Model] | None = None, workers: int = 1, only: Sequence[str] = (),
          progress: Callable[[int, int], None] = lambda done, of: None, lost: Callable[[str], None] | None = None) -> list[Result] | list[SeedResult]:
     """The plans of all targets, or of those named, or of all needles of a plan, in their order: the same for any number of workers, which are processes.
-    The progress is told (done, of). If the search for one ends without a result, as by lack of memory, `lost` is told which, and the results are those of
-    the others; without `lost`, or any result, that is an Error. Error of the library."""
+    Reports progress (done, of). If the search for one ends without a result, as by lack of memory, `lost` is called with it, and the results are those of
+    the others; without `lost`, or without any result, that is an Error. Error of the library."""
     models = models_of(problem) if models is None else models
     jobs: list[Callable[[], Result | SeedResult]]
     if problem.plan:
@@ -293,7 +293,7 @@ def plan(problem: Problem, models: Sequence[Model] | None = None, workers: int =
 
     def finished(index: int, outcome: Any, why: str) -> None:
         if outcome is None:
-            without.append(f"{names[index]}: {why}: ended without a result, by lack of memory or a defect")
+            without.append(f"{names[index]}: {why}: ended without a result, for lack of memory or because of a defect")
         else:
             found[index] = _restored(outcome)
         progress(sum(result is not None for result in found), len(jobs))
@@ -339,7 +339,7 @@ def _restored(kept: dict[str, Any]) -> Result | SeedResult:
 
 
 def whole(problem: Problem, model: Model, results: Sequence[Result] | Sequence[SeedResult]) -> Plan:
-    """The plan that they make."""
+    """The plan that the results form."""
     if problem.plan:
         changed = {result.needle.hole: result.needle for result in results}
         return replace(problem.plan, needles=[changed.get(needle.hole, needle) for needle in problem.plan.needles])
@@ -359,7 +359,7 @@ def _chosen(problem: Problem, only: Sequence[str]) -> None:
 
 
 def _keep_input(problem: Problem, out: Path) -> None:
-    """BadProblem if the folder has a plan.yaml that is no earlier result, or the problem's own plan."""
+    """Raises BadProblem if the folder has a plan.yaml that is not an earlier result, or the problem's own plan."""
     path = out / "plan.yaml"
     if not path.exists():
         return
@@ -369,7 +369,7 @@ def _keep_input(problem: Problem, out: Path) -> None:
 
 
 def _prepare(out: Path) -> None:
-    """Makes the folder, and sees whether files can be written there. BadProblem if not."""
+    """Creates the folder, and checks that files can be written there. Raises BadProblem if not."""
     try:
         out.mkdir(parents=True, exist_ok=True)
         with tempfile.TemporaryFile(dir=out):
@@ -380,7 +380,7 @@ def _prepare(out: Path) -> None:
 
 
 def _run(given: argparse.Namespace) -> int:
-    import scipy.optimize    # noqa: F401    what is not installed is told before the search
+    import scipy.optimize    # noqa: F401    reports a missing package before the search
     import scipy.spatial    # noqa: F401
     if not given.no_plots:
         import matplotlib    # noqa: F401
@@ -396,7 +396,7 @@ def _run(given: argparse.Namespace) -> int:
     results = plan(problem, models, given.workers or len(os.sched_getaffinity(0)), given.only,
                    Progress(given.quiet, "trocar-plan", "needles" if problem.plan else "targets"), lost.append)
     for words in lost:
-        _say(f"{words}; {'plan.yaml has it as it was' if problem.plan else 'plan.yaml does not have it'}")
+        _say(f"{words}; {'plan.yaml keeps it unchanged' if problem.plan else 'plan.yaml omits it'}")
     found = whole(problem, models[0], results)
     temporary = out / f"plan.yaml.{os.getpid()}"
     plans.write(found, temporary, f"{MADE_BY.removeprefix('# ')} {__version__} from {Path(problem.path).name}. It is carried out at {problem.hand.speed:g} m/s, with a "
@@ -422,11 +422,11 @@ def _check(given: argparse.Namespace) -> int:
 
 
 def _check_plan(problem: Problem, found: Plan) -> None:
-    """BadPlan if the needles of a plan for the problem's targets cannot be carried out."""
+    """Raises BadPlan if the needles of a plan for the problem's targets cannot be carried out."""
     model, points = Model(problem.scene(), mesh_only=True), dict(problem.targets)
     for needle in found.needles:
         if needle.name not in points:
-            raise BadPlan(f"{found.path}:{needle.line}: needle {needle.title}: its name is no target's in {problem.path}: there are {', '.join(points)}")
+            raise BadPlan(f"{found.path}:{needle.line}: needle {needle.title}: no target in {problem.path} has its name: there are {', '.join(points)}")
     plans.planned_seeds(found, model)
     for needle in found.needles:
         if needle.entry is not None and locate(model, [np.array(needle.entry) - IN_FRONT * np.array(needle.direction)])[0][0] >= 0:
@@ -437,7 +437,7 @@ def _carry_out(given: argparse.Namespace) -> int:
     from . import _planning_report as report
     problem, found = read(given.problem), plans.read(given.plan)
     if problem.plan:
-        raise BadProblem(f"{problem.path}: carry-out is for targets: the seeds of a plan are compared by python3 -m trocar.plan compare")
+        raise BadProblem(f"{problem.path}: carry-out is for targets; compare the seeds of a plan with python3 -m trocar.plan compare")
     _check_plan(problem, found)
     models, points = models_of(problem), dict(problem.targets)
     rows = [(needle, carry_out(problem, models, needle, points[needle.name])) for needle in found.needles]
@@ -469,7 +469,7 @@ def _options() -> argparse.ArgumentParser:
     added.add_argument("--only", action="append", default=[], help="only this target, or the needle with this name, or in this hole if it has none; may be repeated", metavar="NAME")
     added.add_argument("--no-plots", action="store_true", help="write no pictures")
     added.add_argument("--quiet", action="store_true", help="print no progress")
-    command("check", _check, "check the problem, and say what is free")
+    command("check", _check, "check the problem, and print which variables are free")
     added = command("carry-out", _carry_out, "carry out a plan in fresh simulations, and list its errors")
     added.add_argument("plan", help="plan, a YAML file whose needles have the names of targets", metavar="PLAN")
     return parser
@@ -493,6 +493,6 @@ def main(arguments: Sequence[str] | None = None) -> int:
 
 
 if __name__ == "__main__":
-    from trocar import planner as _imported  # so that classes are those which the other modules know
+    from trocar import planner as _imported  # so that classes are the same as in the other modules
 
     sys.exit(_imported.main())

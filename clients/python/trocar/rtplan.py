@@ -34,8 +34,8 @@ __all__ = ["export", "read", "read_seeds"]
 RT_PLAN = "1.2.840.10008.5.1.4.1.1.481.5"
 RT_STRUCTURES = "1.2.840.10008.5.1.4.1.1.481.3"
 HALF_LIFE = {"I-125": 59.40, "Pd-103": 16.991}  # days, as in TG-43's consensus data
-FROM_AXIS = 0.5e-3                              # m, how far from a hole's axis a seed may be and still count as planned through it
-ON_AXIS = 0.01e-3                               # m, rounding: seeds further from it are moved there, which is said
+FROM_AXIS = 0.5e-3                              # m, largest distance of a seed from the axis of the hole through which it counts as planned
+ON_AXIS = 0.01e-3                               # m, rounding: seeds further away are moved to the axis, which is reported
 
 
 # ---- writing ------------------------------------------------------------------------------------------------------------------------
@@ -101,7 +101,7 @@ def _behind(placed: list[Placed], axis: np.ndarray) -> list[float]:
 
 def dataset(plan: Plan, model: Model, structures: Dataset | None = None, date: datetime.date | None = None, placed: list[Placed] | None = None) -> FileDataset:
     """The plan as a DICOM data set, or with `placed` the seeds that were left. structures: the RT Structure Set that the scene was made from. date: of
-    the implant, by default today. BadPlan if the scene does not know the patient's coordinates, or the plan its source."""
+    the implant, by default today. Raises BadPlan if the scene has no patient coordinates, or the plan no source."""
     frame, guide = Frame(model), guide_of(plan, model)
     if not frame.is_patient:
         raise BadPlan(f"{plan.path}: the scene has no patient_to_mesh, which DICOM's coordinates need: trocar-anatomy writes it")
@@ -175,7 +175,7 @@ def _guide_named(path: str, setup: Dataset, model: Model, template: str | None) 
         guide = guides[0]
     if guide is None:
         words = f"its template is \"{name}\"" if name else "it does not name its template"
-        raise BadPlan(f"{path}: {words}; the scene has {there}: choose that scene, or say with --template which of its guides is meant")
+        raise BadPlan(f"{path}: {words}; the scene has {there}: choose that scene, or say with --template which of its guides to use")
     kind = re.fullmatch(r"\d+x\d+ [0-9.]+ mm", str(setup.get("TemplateType") or ""))
     if kind and _template_type(guide) != kind[0]:
         raise BadPlan(f"{path}: its template \"{name}\" has {kind[0]} of holes; the scene's has {_template_type(guide)}: choose the scene that the plan was made for")
@@ -203,7 +203,7 @@ class _Seed(NamedTuple):
     place: np.ndarray      # (3,) mm, its centre, in the patient's coordinates
     behind: float          # mm, behind the distal-most place in its needle
     along: np.ndarray      # (3,) unit vector to its distal end, in the patient's coordinates; zero if it is not given
-    hole: str              # as the file names its applicator
+    hole: str              # as the file's applicator ID
 
 
 def _seeds_of(path: str, setup: Dataset) -> list[_Seed]:
@@ -233,7 +233,7 @@ def _hole_at(off: np.ndarray, guide: Guide) -> tuple[int, int, np.ndarray]:
 
 
 def _needles_of(path: str, seeds: list[_Seed], guide: Guide, model: Model) -> tuple[list[Needle], list[str]]:
-    """The needles in the order of the file's channels, and what had to be changed."""
+    """The needles in the order of the file's channels, and the changes that were necessary."""
     frame, length = Frame(model), model.seed_size.length
     holes: dict[tuple[int, int], list[tuple[float, float]]] = {}
     moved = []
@@ -243,7 +243,7 @@ def _needles_of(path: str, seeds: list[_Seed], guide: Guide, model: Model) -> tu
         where = ", ".join(f"{v:.1f}" for v in seed.place)
         if np.linalg.norm(aside) > FROM_AXIS:
             raise BadPlan(f"{path}: channel {seed.channel}: the seed at ({where}) mm is {1e3 * np.linalg.norm(aside):.1f} mm from the axis of the closest hole, "
-                          f"{hole_name(column, row)}: was the plan made for this scene's template and its place? Seeds where they were left are no plan: read them with --seeds")
+                          f"{hole_name(column, row)}: was the plan made for this scene's template and its place? Positions where seeds were left are not a plan: read them with --seeds")
         depth = float(off @ guide.normal)
         if depth <= 0:
             raise BadPlan(f"{path}: channel {seed.channel}: the seed at ({where}) mm is in front of the template")
@@ -257,7 +257,7 @@ def _needles_of(path: str, seeds: list[_Seed], guide: Guide, model: Model) -> tu
 
 
 def _remarks_on(moved: np.ndarray, guide: Guide) -> list[str]:
-    """In words, how far (m, beside their axes) seeds have been moved to the axes of their holes."""
+    """A text on how far (m, beside their axes) seeds have been moved to the axes of their holes."""
     far = np.linalg.norm(moved, axis=1)
     if far.max() <= ON_AXIS:
         return []
@@ -265,7 +265,7 @@ def _remarks_on(moved: np.ndarray, guide: Guide) -> list[str]:
     all_alike = np.linalg.norm(moved - moved.mean(axis=0), axis=1).max() <= ON_AXIS
     words = f"all by the same {1e3 * far.max():.2f} mm ({mean[0]:+.2f} along columns, {mean[1]:+.2f} along rows): check the template's place" if all_alike else \
             f"by {1e3 * far.max():.2f} mm at most, {1e3 * far.mean():.2f} on average"
-    return [f"{int(np.sum(far > ON_AXIS))} of {len(far)} seeds were beside the axes of their holes and have been moved there, {words}"]
+    return [f"{int(np.sum(far > ON_AXIS))} of {len(far)} seeds were off the axes of their holes and have been moved onto them, {words}"]
 
 
 def _prescription_of(data: Dataset) -> float | None:
@@ -282,7 +282,7 @@ def _open(name: str, model: Model, template: str | None) -> tuple[Dataset, Guide
     if not Frame(model).is_patient:
         raise BadPlan(f"{name}: the scene has no patient_to_mesh, which DICOM's coordinates need: trocar-anatomy writes it")
     if data.get("BrachyTreatmentTechnique") != "PERMANENT":
-        raise BadPlan(f"{name}: its technique is {data.get('BrachyTreatmentTechnique', 'not given')}, not PERMANENT: it has no seeds that stay")
+        raise BadPlan(f"{name}: its technique is {data.get('BrachyTreatmentTechnique', 'not given')}, not PERMANENT: it has no seeds that remain in the patient")
     setups = list(data.ApplicationSetupSequence)
     if not setups:
         raise BadPlan(f"{name}: no application setup")
@@ -303,9 +303,9 @@ def _damage(name: str) -> Iterator[None]:
 
 
 def read(path: str | PathLike[str], model: Model, template: str | None = None) -> Plan:
-    """The plan that an RT Plan with permanent seeds contains, for this scene's template. template: the guide that is meant if the file has another
-    name for it. Needles come in the order of the file's channels. Seeds up to half a millimetre beside a hole's axis are moved there, as `Plan.remarks` say.
-    BadPlan if it is no such file, or was made for another template."""
+    """The plan in an RT Plan with permanent seeds, for this scene's template. template: the guide, if the file has another
+    name for it. Needles come in the order of the file's channels. Seeds up to half a millimetre beside a hole's axis are moved to it, and listed in
+    `Plan.remarks`. Raises BadPlan if it is not such a file, or was made for another template."""
     name = fspath(path)
     with _damage(name):
         data, guide, seeds = _open(name, model, template)
@@ -314,8 +314,8 @@ def read(path: str | PathLike[str], model: Model, template: str | None = None) -
 
 
 def read_seeds(path: str | PathLike[str], model: Model, template: str | None = None) -> list[Placed]:
-    """The seeds of such a file where it has them, at any distance from the template's axes: those that were left in the tissue. A seed's hole is the one that the file
-    names, or none. BadPlan as `read`."""
+    """The seeds of such a file at their own places, at any distance from the template's axes: those that were left in the tissue. A seed's hole is the one that
+    the file names, or none. Raises BadPlan like `read`."""
     name, frame = fspath(path), Frame(model)
     with _damage(name):
         _, guide, seeds = _open(name, model, template)

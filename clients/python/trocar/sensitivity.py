@@ -1,7 +1,7 @@
 """Sobol's sensitivity indices of a function of independent parameters, by Saltelli's design.
 
-The first-order index of a parameter is the part of the result's variance that goes with this parameter alone; the total index also counts what it
-does together with others. The design has N (p + 2) points for p parameters: N points A, N points B, and for each parameter the points A with this
+The first-order index of a parameter is the part of the result's variance due to this parameter alone; the total index also counts its
+interactions with others. The design has N (p + 2) points for p parameters: N points A, N points B, and for each parameter the points A with this
 parameter's values from B.
 
     >>> from trocar import sensitivity
@@ -25,7 +25,7 @@ Array = npt.NDArray[np.float64]
 
 
 class Indices(NamedTuple):
-    """For each parameter the indices, and the limits of their 95 % confidence intervals."""
+    """The indices of each parameter, and the limits of their 95 % confidence intervals."""
 
     first: Array          # (p,)
     total: Array          # (p,)
@@ -47,12 +47,12 @@ def design(parameters: int, count: int, seed: int) -> Array:
 
 
 def _estimate(values: Array) -> tuple[Array, Array]:
-    """Of values (..., N, p + 2): indices (..., p)."""
+    """Computes indices (..., p) from values (..., N, p + 2)."""
     a, b, mixed = values[..., :1], values[..., 1:2], values[..., 2:]
     both = np.concatenate([a, b], axis=-1)
-    mean = both.mean(axis=(-2, -1), keepdims=True)    # taken off: the first formula's error grows with it
+    mean = both.mean(axis=(-2, -1), keepdims=True)    # subtracted, because the first formula's error grows with it
     variance = both.var(axis=(-2, -1))[..., None]
-    with np.errstate(invalid="ignore", divide="ignore"):    # a result that is constant has no indices: NAN
+    with np.errstate(invalid="ignore", divide="ignore"):    # a constant result has no indices: NAN
         first = ((b - mean) * (mixed - a)).mean(axis=-2) / variance
         total = 0.5 * ((a - mixed) ** 2).mean(axis=-2) / variance
     return first, total
@@ -67,9 +67,9 @@ def _interval(drawn: Array) -> Array:
 
 
 def indices(values: npt.ArrayLike, parameters: int, resamples: int = 500, seed: int = 0) -> Indices:
-    """Indices from the function's values (count (p + 2),) at the points of `design`. Points of which a value is not finite are left out with their
+    """Indices from the function's values (count (p + 2),) at the points of `design`. Points with a value that is not finite are left out with their
     mixed ones. The intervals are percentiles of `resamples` bootstrap samples of the N points: NAN if more than a tenth of these samples have no
-    index, such as those in which all values are the same."""
+    index, such as those in which all values are equal."""
     table = np.asarray(values, np.float64).reshape(-1, parameters + 2)
     table = table[np.isfinite(table).all(axis=1)]
     if len(table) < 2:

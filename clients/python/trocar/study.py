@@ -63,7 +63,7 @@ def results(study: Study, out: Path) -> list[Row]:
     for path in row_files(out):
         for row in read_rows(path, study, samples):
             if row.index in rows and cells_of(rows[row.index]) != cells_of(row):
-                raise BadStudy(f"{path}: run {row.index} has other results than in another file: remove one of them; was it done by another version?")
+                raise BadStudy(f"{path}: run {row.index} has different results in another file: remove one of them; did another version compute it?")
             rows[row.index] = row
     return [rows[index] for index in sorted(rows)]
 
@@ -170,7 +170,7 @@ def _run(given: argparse.Namespace) -> int:
     for words in outcome.lost[:3]:
         _say(f"{words}: ended without a result")
     if outcome.lost:
-        raise Incomplete(f"{len(outcome.lost)} runs ended without a result, by lack of memory or a defect: start again to repeat them")
+        raise Incomplete(f"{len(outcome.lost)} runs ended without a result, for lack of memory or because of a defect: start again to repeat them")
     if given.task is None:
         return _finish(given, study, out, "this machine")
     return 1 if outcome.failed else 0
@@ -222,15 +222,15 @@ def _options() -> argparse.ArgumentParser:
     added.add_argument("--workers", type=whole_number, help="runs at a time (default: one for each processor; with Slurm 1 for each task)", metavar="N")
     added.add_argument("--task", type=_task, help="only part i of N, for a cluster or GNU parallel; nothing is collected", metavar="i/N")
     added.add_argument("--engine", choices=("local", "slurm"), default="local", help="slurm: write a job array and submit it (default: local)")
-    added.add_argument("--tasks", type=whole_number, default=16, help="with Slurm: parts, each of which does many runs (default: 16)", metavar="N")
+    added.add_argument("--tasks", type=whole_number, default=16, help="with Slurm: number of parts, each of which does many runs (default: 16)", metavar="N")
     added.add_argument("--sbatch", action="append", default=[], help="with Slurm: an option for sbatch, with its dashes; may be repeated", metavar="OPTION")
     added.add_argument("--wait", action="store_true", help="with Slurm: wait for the job and collect")
-    added.add_argument("--record", choices=("frames",), help="also write displacement fields, contacts and wrenches, each 20 ms or as the study says")
+    added.add_argument("--record", choices=("frames",), help="also write displacement fields, contacts and wrenches, every 20 ms or as the study says")
     added.add_argument("--hdf5", action="store_true", help="also write result.h5")
     added.add_argument("--quiet", action="store_true", help="print no progress")
     added = command("collect", _collect, "write result.csv from the rows of all tasks, sorted by run")
     added.add_argument("--hdf5", action="store_true", help="also write result.h5")
-    added.add_argument("--partial", action="store_true", help="also if runs are missing")
+    added.add_argument("--partial", action="store_true", help="collect even if runs are missing")
     added = command("summary", _summary, "write percentiles and sensitivities, with plots")
     added.add_argument("--no-plots", action="store_true", help="write no pictures")
     return parser
@@ -252,13 +252,13 @@ def main(arguments: Sequence[str] | None = None) -> int:
     options = _options()
     given = options.parse_args(arguments)
     if given.command == "run" and given.engine == "slurm" and given.task:
-        options.error("--task is for a single task: Slurm's tasks are counted by --tasks")
+        options.error("--task is for a single task: set the number of Slurm's tasks with --tasks")
     if given.command == "run" and given.wait and given.engine != "slurm":
-        options.error("--wait is for --engine slurm")
-    return ended("trocar-study", lambda: _call(given), given.out, "python3-yaml python3-scipy python3-h5py python3-matplotlib", "interrupted: start again to go on")
+        options.error("--wait requires --engine slurm")
+    return ended("trocar-study", lambda: _call(given), given.out, "python3-yaml python3-scipy python3-h5py python3-matplotlib", "interrupted: start again to continue")
 
 
 if __name__ == "__main__":
-    from trocar import study as _imported  # so that classes are those which the other modules know
+    from trocar import study as _imported  # so that classes are the same as in the other modules
 
     sys.exit(_imported.main())

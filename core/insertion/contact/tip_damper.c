@@ -1,5 +1,6 @@
 #include "insertion/contact/tip_damper.h"
 
+#include "insertion/contact/contact_assembly.h"
 #include "insertion/memory/along_track.h"
 #include "insertion/memory/creep.h"
 #include "insertion/memory/stiffening.h"
@@ -28,11 +29,9 @@ static double dent_before(const tick_input *tick, const insertion_state *state, 
 }
 
 void damper_keep_dent(const tick_input *tick, insertion_state *state, insertion_workspace *w) {
-    contact_point *tip = &w->points.list[w->points.count - 1];
+    points_locate(tick, state, &w->points, &w->tissue, &w->creep, w->edges);
     stiffening_linearise(tick, state, &w->points, &w->tissue, &w->creep, &w->stiffening, &w->damper, true);
-    double change = state->tip.dent.held - dent_before(tick, state, w);
-    state->tip.dent.offset += change;
-    tip->target = v3_axpy(change, state->tip.place.direction, tip->target);
+    state->tip.dent.offset += state->tip.dent.held - dent_before(tick, state, w);
 }
 
 _Static_assert(MAX_UNKNOWNS % ROW_STEP == 0, "the column is read in whole steps");

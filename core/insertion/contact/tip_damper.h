@@ -10,7 +10,7 @@
 double damper_relaxed(const insertion_model *model, const needle_tip *tip, double dt);
 
 /* A new contact node changes by a few per cent how far the same forces displace the tip. So that it does not move by that at once, the change is taken off, and
-   fades as the tip moves on. With the points located. RT */
+   fades as the tip moves on. Before the passes, with the needle's last shape. RT */
 void damper_keep_dent(const tick_input *tick, insertion_state *state, insertion_workspace *w);
 
 /* Eliminates the damper's force from the contact problem. In a step the dent goes the part 1 - exp(-c dt / dent) of the way to the

@@ -12,16 +12,14 @@
 static const double BITE_TIME = 20e-3; /* s: lag with which the surface's hold follows the force along the needle; without it, the two would alternate. Chosen */
 
 /* What is ahead of the tip, from the needle's shape at which the passes start. */
-static void begin(const tick_input *tick, insertion_state *state, insertion_workspace *w) {
+static void begin(const tick_input *tick, const insertion_state *state, insertion_workspace *w) {
     w->response.drag = w->continuation.kept_open = 0.0;
     passes_begin(tick, state, w);
-    if (w->points.tip && w->points.node_added) damper_keep_dent(tick, state, w);
     if (w->points.tip) resistance_ahead_find(tick, state, &w->hand, &w->path, &w->points, &w->ahead);
     profile_end_stage(&w->profile, INSERTION_TISSUE);
 }
 
 void equilibrium_linearise(const tick_input *tick, insertion_state *state, insertion_workspace *w, bool loaded) {
-    w->points.node_added = false;
     begin(tick, state, w);
     if (!loaded) memset(w->response.load, 0, sizeof w->response.load);
     w->damper.relaxed = 1.0; /* at rest, nothing springs back */
@@ -54,6 +52,7 @@ void equilibrium_find(const tick_input *tick, insertion_state *state, insertion_
     pass_result r = {.found = false};
     w->problem.knot = 0;
     checkpoint_save(state, &w->points, &w->problem, &w->start);
+    if (w->points.tip && w->points.node_added) damper_keep_dent(tick, state, w);
     needle_extrapolate(needle, &state->motion, tick->dt, &state->needle);
     state->motion.time = 0.0;
     begin(tick, state, w);

@@ -114,7 +114,7 @@ static void silence_and_invalid_messages_are_reported(void **state) {
     (void)state;
     dashboard d = {0};
     assert_int_equal(dashboard_draw(&d, 10, 30, lines), 1);
-    assert_true(lines[0].alarm && strstr(lines[0].text, "no server heard"));
+    assert_true(lines[0].alarm && strstr(lines[0].text, "no server was heard"));
     d = sample();
     d.foreign = 2;
     dashboard_draw(&d, 15.0, 30, lines);

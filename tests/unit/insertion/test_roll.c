@@ -88,7 +88,7 @@ static void turning_eases_sliding(void **unused) {
 /* Pushed in from outside at a constant speed while it turns, at several ratios of the surface's speed round to that along. Friction is the
    same everywhere and the needle hardly twists, so that the whole shaft slides in one direction: along the needle the base feels the cutting
    force and F v / sqrt(v^2 + (omega r)^2), F being the friction without turning; around it the rest of F. Ticks count where the tip cuts and
-   the whole shaft slides, after the leap at a membrane. A contact node is new on the shaft as if that did not turn (core/README.md): until it has slid on, the force may be
+   the whole shaft slides, after the leap at a membrane. A contact node is new on the shaft as if that did not turn (docs/mechanics.md): until it has slid on, the force may be
    off by what nobody notices; from then on, the formula holds in every tick. */
 static bool all_slides(const insertion_state *s) {
     if (s->tip.place.phase != TIP_INSIDE || s->tip.barrier.blocked_by != NOT_BLOCKED || s->tip.solved.friction != SLIP_FORWARD || s->tip.shaft.friction != SLIP_FORWARD) return false;

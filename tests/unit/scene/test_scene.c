@@ -258,7 +258,7 @@ static void a_bad_relaxation_is_refused(void **state) {
     };
     assert_all_refused(sizeof cases / sizeof *cases, cases);
     assert_refused("mesh: a\nregions:\n  - name: all\n    relaxation: [{weight: 0.5, time: 1}]\nfixed: [b]\n",
-                   ":4: regions[0].relaxation: one series serves all regions");
+                   ":4: regions[0].relaxation: all regions share one series");
 }
 
 static void guides_are_read(void **unused) {
@@ -365,7 +365,7 @@ static void unknown_keys_are_refused(void **state) {
     assert_change_refused("rate_hz", "rate", ":2: unknown key \"rate\"");
     assert_change_refused("youngs_modulus: 61e3", "yungs_modulus: 61e3", ":5: regions[0]: unknown key \"yungs_modulus\"");
     assert_change_refused("kinetic: 8", "dynamic: 8", ":9: regions[0].friction: unknown key \"dynamic\"");
-    assert_change_refused("contact: {placement", "contact: {resolution: 0.42, placement", ":19: contact: this release has no key \"resolution\": what the mesh resolves is measured: remove the key");
+    assert_change_refused("contact: {placement", "contact: {resolution: 0.42, placement", ":19: contact: this release has no key \"resolution\": the simulator measures what the mesh resolves: remove the key");
     assert_change_refused("segments: 30", "segment: 30", ":18: needle: unknown key \"segment\"");
     assert_change_refused("rate_hz: 500", "mesh: other.msh", ":1: repeated key \"mesh\"");
     assert_change_refused("poisson_ratio: 0.41", "name: twice", ":4: regions[0]: repeated key \"name\"");
@@ -432,7 +432,7 @@ static void values_out_of_range_are_refused(void **state) {
         {"spacing: 3e-3", "spacing: 0", ":19: contact.spacing: "},
         {"max_passes: 5", "max_passes: 0", ":19: contact.max_passes: "},
         {"implicit", "sparse", ":20: remeshing: \"sparse\": expected nested or implicit"},
-        {"implicit", "bcs", ":20: remeshing: this release has no \"bcs\": it is compared with nested by scripts/bench: remove the key, or set nested"},
+        {"implicit", "bcs", ":20: remeshing: this release has no \"bcs\": used only by scripts/bench for comparison: remove the key, or set nested"},
         {"mass: 0.3", "mass: 0", ":21: device.mass: "},
         {"delay: 4e-3", "delay: 4", ":21: device.delay: \"4\": expected a number from 0 to 0.1"},
         {"max_force: 15", "max_force: .inf", ":21: device.max_force: "},

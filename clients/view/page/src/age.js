@@ -1,7 +1,7 @@
 // How old the picture on the screen is, and how fast a needle may be driven by it. Measured on this page's clock alone, so that it is right on other machines too.
 
-export const FARTHEST = 0.008 // m that the needle may be ahead of what is seen while pictures come evenly; once they stop it goes 18 mm further: see speedAt
-export const OLDEST = 2       // s: by older pictures nothing is driven
+export const FARTHEST = 0.008 // m that the needle may be ahead of the picture while pictures come evenly; once they stop it moves up to 18 mm further: see speedAt
+export const OLDEST = 2       // s: with pictures older than this, the needle does not move
 export const LATE = 1         // s: the badge says so
 const FASTEST = 0.04          // m/s, of a driven needle: max_speed in rate_control.c
 const KEPT = 200              // commands whose time is remembered
@@ -11,7 +11,7 @@ export class PictureAge {
   constructor() {
     this.sent = new Map() // number of a command to move -> when it was sent, ms
     this.number = 0
-    this.travel = 0       // s, from a command to the status that has heard it
+    this.travel = 0       // s, from sending a command to the status that acknowledges it
     this.picture = null   // on the screen
   }
 
@@ -31,10 +31,10 @@ export class PictureAge {
   /** A picture has come at `now` (ms), `age` (s) after its tick, on trocar-view's clock without the way here. */
   receive(picture, age, now) { picture.came = { now, age: Math.max(age, 0) } }
 
-  /** The picture is on the screen, or looks as what is. */
+  /** The picture is on the screen, or looks the same as the one on the screen. */
   show(picture) { this.picture = picture }
 
-  /** s from what the screen shows to `now` (ms), with the way of a command to trocar-view and back. */
+  /** Age (s) of what the screen shows at `now` (ms), including the round trip of a command to trocar-view. */
   at(now) {
     if (!this.picture?.came) return this.travel
     const unanswered = (now - Math.min(now, ...this.sent.values())) / 1000 - STATUSES
@@ -46,7 +46,7 @@ export class PictureAge {
  *  grows from 0.2 s to OLDEST, and the needle goes on by FARTHEST ln(OLDEST / 0.2 s). */
 export const speedAt = (age) => (age > OLDEST ? 0 : Math.min(1, FARTHEST / (FASTEST * Math.max(age, 1e-3))))
 
-/** In words, '' at full speed. */
+/** The limit on speed in words; '' at full speed. */
 export function wordsAt(age) {
   const speed = speedAt(age)
   if (speed === 1) return ''

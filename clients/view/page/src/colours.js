@@ -20,13 +20,13 @@ export function regionColour(region, index) {
 }
 
 export const CONTACT = { 0: '#3ddc97', 1: '#ff9f43', '-1': '#5b8cff' } // by state: sticking, sliding in, sliding out
-export const TRACK = '#e63946' // that a needle has cut
+export const TRACK = '#e63946' // of the tracks that needles have cut
 export const GUIDED = '#f06bd0' // contact with a guide
 export const AXES = ['#ff6b6b', '#4fc37a', '#5aa2ff'] // x y z
 
 const HUBS = ['#2c7fb8', '#d9822b', '#3f9c6b', '#9a6bc2']
 
-/** Of a needle's hub. */
+/** Colour of a needle's hub. */
 export const hubColour = (needle) => HUBS[needle % HUBS.length]
 
 export const ISODOSE = [{ level: 1, colour: '#ffd23f' }, { level: 1.5, colour: '#ff7f11' }, { level: 2, colour: '#ff3864' }] // parts of the prescription

@@ -61,13 +61,13 @@ function decodePicture(message, at, length) {
   }
 }
 
-/** Of its base (m; w x y z), and force (N) on the hand that holds it; `stopped`: by the tissue, short of the pose that it was given. */
+/** The probe: pose of its base (m; w x y z), force (N) on the hand that holds it, and `stopped`: the tissue stopped it short of the pose that it was given. */
 function decodeProbe(body, at) {
   const numbers = new Float32Array(body, at, 13), counts = new DataView(body)
   return { position: numbers.slice(0, 3), orientation: numbers.slice(3, 7), force: numbers.slice(7, 10), torque: numbers.slice(10, 13), contacts: counts.getUint32(at + 52, true), stopped: counts.getUint32(at + 56, true) !== 0 }
 }
 
-/** `joints`: 3 per joint (m); `contacts`: CONTACT_NUMBERS each, position, force on tissue or guide (N), arc (m), state, kind; `tipLead`: rad, the tip's roll less the base's. */
+/** `joints`: 3 per joint (m); `contacts`: CONTACT_NUMBERS each, position, force on tissue or guide (N), arc (m), state, kind; `tipLead`: rad, the tip's roll minus the base's. */
 function decodeNeedle(body, at, joints, contacts) {
   const head = new DataView(body, at, NEEDLE_BYTES)
   return {

@@ -68,9 +68,9 @@ export class Drive {
     this.elements = elements
     this.send = (command, number) => link.steer(command, number) // the probe has its own: see probe.js
     this.age = age        // of the picture
-    this.limit = () => 1  // part of the speed forward that is allowed; the procedure mode has its own
+    this.limit = () => 1  // allowed fraction of the forward speed; procedure mode replaces this function
     this.letGo = () => link.release() // likewise
-    this.needle = 0       // the one to take
+    this.needle = 0       // the needle that "Drive" takes
     this.pressed = new Set()
     this.driving = false  // this page has the needle
     this.steering = false // and can move it

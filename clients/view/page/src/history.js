@@ -1,7 +1,7 @@
 // Received data, the samples by needle: live the last minute, of a log everything that trocar-view sends. Bounded in memory.
 
 const SPAN = 60 // s, live
-const PICTURE_BYTES = 256e6 // live; trocar-view limits logs to the same
+const PICTURE_BYTES = 256e6 // limit for live pictures; trocar-view limits those of logs to the same size
 export const GAP = 0.1 // s, longer distances between samples (normally 10 ms) are gaps
 const COLUMNS = 12 // time, force, torque, depth, lateness p99 and max, compute p99 and max
 

@@ -53,11 +53,11 @@ export class Link {
   /** A seed, or a strand of several. */
   drop(seeds) { this.send(DROP, [seeds]) }
   undo() { this.send(UNDO) }
-  /** The driven needle is to rest. A needle of a scene with a template also does once it is released in the tissue. */
+  /** Lets the driven needle rest. In a scene with a template, a needle also rests once it is released in the tissue. */
   leave() { this.send(LEAVE) }
   /** Pulls out a needle that rests, or that nobody holds. */
   remove(needle) { this.send(REMOVE, [], null, needle) }
-  /** As steer, of the probe. */
+  /** As steer, for the probe. */
   moveProbe(command, number) { this.send(PROBE, command, null, number) }
   sendPicture(png) { this.send(PICTURE, [], png) }
 }

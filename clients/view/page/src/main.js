@@ -97,7 +97,7 @@ function takeScene(received) {
   setTheme(document.documentElement.dataset.theme)
 }
 
-/** The numbers and the seeds of a server that was there before are not those of the one that has come. */
+/** Clears the numbers and the seeds of the previous server. */
 function noteServer() {
   if (!status.server || status.server === servers) return
   if (servers) {
@@ -114,7 +114,7 @@ function showState() {
   const now = performance.now(), dt = (now - checked) / 1000
   checked = now
   silence.pass(dt)
-  if (status.alive && !status.shown) pictureSilence.end() // no pictures before the first engagement
+  if (status.alive && !status.shown) pictureSilence.end() // the server sends no pictures before the first engagement
   else pictureSilence.pass(dt)
   if (!scene && !refusal) return // connecting
   const live = scene?.live ?? true

@@ -19,7 +19,7 @@ export function arrange({ width, height }) {
            legend: beside ? { left: width - side - margin, top: band + margin } : { left: margin, top: height - side - margin } }
 }
 
-/** As `arrange`, with the aspect ratio of the 3D view on the screen. */
+/** Layout like that of `arrange`, with the aspect ratio of the 3D view on the screen. */
 export function arrangeLike({ clientWidth, clientHeight }) {
   const { height } = SIZE, plan = arrange(SIZE), stage = { width: Math.round(height * clientWidth / clientHeight), height }, width = stage.width + SIZE.width - plan.stage.width
   const shift = ({ left, top }) => ({ left: left + width - SIZE.width, top })

@@ -54,7 +54,7 @@ export class Probe {
     this.words.textContent = 'The probe has no place yet.'
   }
 
-  /** In the image across, a circle; in the one along it, its sides and end. */
+  /** Draws the probe: a circle in the image across it; its sides and end in the image along it. */
   outline(image, ink) {
     if (!this.last) return
     const { radius } = this.shape, { x, y, z } = this.place(this.last), unit = image.unit
@@ -74,7 +74,7 @@ export class Probe {
     ink.stroke()
   }
 
-  /** Changes what the controls move. What they moved before stands still, and a key that is held must be pressed again. */
+  /** Changes what the controls move. What they moved before stops, and a key that is held must be pressed again. */
   setMoving(moving) {
     if (moving !== this.moving) this.drive.rest()
     if (this.moving && !moving) this.link.moveProbe(STILL)
@@ -92,7 +92,7 @@ export class Probe {
     return true
   }
 
-  /** With each frame: the probe of the picture that is shown. */
+  /** Called in each frame with the probe of the displayed picture. */
   show(picture) {
     const probe = picture?.probe
     if (!this.drive.driving) this.setMoving(false)
@@ -110,7 +110,7 @@ export class Probe {
 
   turn({ orientation: [w, x, y, z] }) { return new THREE.Quaternion(x, y, z, w) }
 
-  /** Where its images are taken: on its axis, where the rounded end begins. */
+  /** The point through which both images pass: on the probe's axis, where the rounded end begins. */
   place(probe) { return new THREE.Vector3(0, 0, this.shape.length - this.shape.tipRadius).applyQuaternion(this.turn(probe)).add(new THREE.Vector3().fromArray(probe.position)) }
 
   /** The images stay parallel to the mesh's planes: a probe that is tilted moves them, and does not tilt them. At first they stay where they are. */

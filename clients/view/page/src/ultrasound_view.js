@@ -80,7 +80,7 @@ const FLASH = `
 const SIMPLE_VERTEX = 'varying vec2 place; void main() { place = position.xy; gl_Position = projectionMatrix * modelViewMatrix * vec4(position, 1.0); }'
 const GREY = { bone: 0.95, gland: 0.42, host: 0.66, other: 0.55 }
 
-const FEW = 4 // needles; of more, only those in the slice are drawn, each of which costs as much as the image
+const FEW = 4 // if there are more needles, only those in the slice are drawn, because each costs as much time as the image
 const MOVING = 0.5 // resolution with software rendering
 
 /** Planes of a slice: axis normal to it and axis to the left; y is up. `sides`: of the patient, at the left, right, upper and lower edge. */
@@ -138,7 +138,7 @@ export class Echo {
     this.view = { x: middle.x, y: (low + high) / 2, size: Math.max(width, high - low) }
   }
 
-  /** The same for a slice along the probe. */
+  /** Places the image for a slice along the probe. */
   frameRectangle(middle, size, box) {
     this.probe = new THREE.Vector2(middle.z, box.min.y - 0.016)
     this.reach = new THREE.Vector2(0.006, size.y + 0.030)

@@ -32,7 +32,7 @@ function drawsInSoftware() {
   return Boolean(info) && /swiftshader|llvmpipe|software/i.test(graphics.getParameter(info.UNMASKED_RENDERER_WEBGL))
 }
 
-const WAITING = 4 // of more needles, only the first is shown before it is held
+const WAITING = 4 // up to this many needles are shown while they wait; of more needles, only the first
 
 /** Picture with the needles at their home poses and the tissue at rest. */
 function pictureAtHome({ homes, needle: { length }, nodes }) {

@@ -47,7 +47,7 @@ function histogram({ organs, top, prescription }) {
     <text transform="translate(10 ${(TOP + HEIGHT - BOTTOM) / 2}) rotate(-90)" text-anchor="middle">volume (%)</text></svg>`
 }
 
-/** Rows: a name with its unit, a value of the figures, and the customary aim. */
+/** Rows of the table: a name with its unit, a value of the figures, and the customary aim. */
 const gray = (dose) => `${Math.round(dose)}`, percent = (part) => `${Math.round(100 * part)}`
 const TARGET_ROWS = [['D90, Gy', (f) => gray(f.d90), (p) => `over ${gray(p)}`], ['V100, %', (f) => percent(f.v100), () => 'over 95'],
                      ['V150, %', (f) => percent(f.v150), () => 'under 60'], ['V200, %', (f) => percent(f.v200), () => 'under 20']]

@@ -29,7 +29,7 @@ export class MaterialPoint {
     }
   }
 
-  /** Where it is when the nodes are here. */
+  /** Its place when the nodes are at `nodes`. */
   at(nodes) {
     return this.weights ? new THREE.Vector3(...interpolate(this.scene, this.tet, this.weights, nodes)) : this.rest.clone()
   }

@@ -33,11 +33,11 @@ const set = (node, text) => { if (node.textContent !== text) node.textContent = 
 
 /** What this browser's tab remembers of a scene: the chosen hole, the target's depth (m) at rest, and whether it is a planned seed's. */
 function remembered(path) {
-  try { return JSON.parse(sessionStorage.getItem(`procedure ${path}`)) ?? {} } catch { return {} } // nothing is stored in some private windows
+  try { return JSON.parse(sessionStorage.getItem(`procedure ${path}`)) ?? {} } catch { return {} } // storage is not available in some private windows
 }
 
 function remember(path, choice) {
-  try { sessionStorage.setItem(`procedure ${path}`, JSON.stringify(choice)) } catch { /* likewise */ }
+  try { sessionStorage.setItem(`procedure ${path}`, JSON.stringify(choice)) } catch { /* storage is not available */ }
 }
 
 export class Procedure {
@@ -83,7 +83,7 @@ export class Procedure {
     if (before.hole && this.available) this.restore(before)
   }
 
-  /** The hole and the target, wherever it was moved to. */
+  /** Restores the hole, and the target wherever it was moved to. */
   restore({ hole, depth, planned }) {
     if (!(hole.column < this.template.columns && hole.row < this.template.rows)) return
     this.hole = hole
@@ -98,7 +98,7 @@ export class Procedure {
     view.x = (this.template.origin.z - forward * 0.005 + probe.x + forward * spread) / 2
   }
 
-  /** Shows the implant's panes, or the page as for other scenes. */
+  /** Shows either the four panes of an implant, or the ordinary page of other scenes. */
   setActive(active) {
     this.active = active
     document.body.classList.toggle('procedure', active)
@@ -113,7 +113,7 @@ export class Procedure {
 
   toggle() { this.setActive(!this.active) }
 
-  /** On a small screen, the one image that is shown. */
+  /** Chooses the one image that a small screen shows. */
   choosePane(pane) {
     document.body.dataset.pane = pane
     for (const button of element('panes').children) button.setAttribute('aria-pressed', String(button.dataset.pane === pane))
@@ -121,7 +121,7 @@ export class Procedure {
 
   /* ---- received ---- */
 
-  /** All of a message from trocar-view has been heard. */
+  /** Called when all sections of a message from trocar-view have been read. */
   hearAll() { this.connecting = false }
 
   hearSeeds(seeds) {
@@ -138,7 +138,7 @@ export class Procedure {
     element('dose').innerHTML = describeDose(dose)
   }
 
-  /** Another server has come, in whose tissue nothing has happened yet. */
+  /** Another server has replaced the previous one: forgets seeds and needles. */
   hearRestart() {
     const lost = Math.max(this.seeds.seeds.length, this.left ?? 0)
     this.seeds = NONE
@@ -148,7 +148,7 @@ export class Procedure {
 
   /** The server's answer to a command. */
   hearReply({ number, command, done, message, needle }) {
-    const old = number === this.answered || this.answered === undefined && this.connecting // given to a page before this one
+    const old = number === this.answered || this.answered === undefined && this.connecting // the reply was for a page before this one
     this.answered = number
     if (old) return
     if (done && command === 'drop') this.dropped = { needle, depth: null, seeds: Math.max(1, this.seeds.pending[needle] ?? 1) }
@@ -160,7 +160,7 @@ export class Procedure {
     this.say(named(done ? `${words}${astray}` : `${refused}: ${message}.`), !done || Boolean(astray))
   }
 
-  /** In words, '' where seeds belong, or if the scene names no such region. */
+  /** A warning in words for a seed outside the gland; '' inside it, or if the scene has no such region. */
   outOfTarget(tet) {
     const target = this.scene.regions.find(({ name }) => TARGET.test(name))?.name, region = regionOf(this.scene, tet)
     return !target || TARGET.test(region) ? '' : ` It is not in the ${target}${region ? `, but in “${region}”` : ', nor in the tissue'}.`
@@ -236,7 +236,7 @@ export class Procedure {
     if (taken >= 0 && taken !== this.drive.needle) return this.say(`Needle ${taken} is in hole ${this.template.name(hole)}: choose another one.`, true)
     this.hole = { column: hole.column, row: hole.row }
     this.asked = null
-    this.again = true // also to the same hole, from where the needle has been steered
+    this.again = true // also if the hole is the same: the needle may have been steered away from it
     element('hole').value = this.template.name(hole)
     this.say('')
     this.aimAtPlan() || this.setTarget(this.template.depthOf(this.middle()))
@@ -282,13 +282,13 @@ export class Procedure {
     })
   }
 
-  /** Whether it rests, is held, or is in the template. */
+  /** Whether a needle rests, is held, or is in the template. */
   isInUse(needle) {
     const { state, owned } = this.states[needle] ?? {}
     return Boolean(state) && (state !== 'held' || owned !== 'nobody' || Boolean(this.template.holeOf(this.needles[needle].line)))
   }
 
-  /** Whether it rests, or nobody holds it. */
+  /** Whether a needle rests, or nobody holds it. */
   isFree(needle) {
     const { state, owned } = this.states[needle] ?? {}
     return state === 'resting' || state === 'held' && owned === 'nobody'
@@ -346,7 +346,7 @@ export class Procedure {
   get needles() { return this.stage.needles }
   get seedLength() { return this.scene.seedLength }
 
-  /** With each frame: `picture` is the one that is shown; `following`: it is live. */
+  /** Called in each frame: `picture` is the one that is shown; `following`: it is live. */
   show(picture, following, chosen) {
     if (!this.scene) return
     const { seeds } = following && this.scene.live ? this.seeds : picture?.seeds ?? NONE
@@ -367,7 +367,7 @@ export class Procedure {
     if (element('sagittal-follow').checked) this.follow(tip)
   }
 
-  /** Beside the plots, seeds alone are shown. */
+  /** Draws only the seeds, for the page with plots. */
   showSeeds(seeds) {
     if (seeds === this.shown) return
     this.shown = seeds
@@ -394,7 +394,7 @@ export class Procedure {
 
   /* ---- words ---- */
 
-  /** Some times a second: the state in words, and what to do next. */
+  /** Called some times per second: shows the state in words, and what to do next. */
   describe(status, state, history, chosen) {
     this.drive.lies = false
     if (!this.active) return
@@ -411,11 +411,11 @@ export class Procedure {
     set(element('next'), step)
     const pending = this.seeds.pending[chosen] > 0
     element('drop').disabled = !this.drive.steering || pending
-    element('fresh').disabled = state.name !== 'live' || Boolean(status.driven) || !this.isInUse(chosen) // else the chosen one is as good
+    element('fresh').disabled = state.name !== 'live' || Boolean(status.driven) || !this.isInUse(chosen) // a chosen needle that is not in use serves as the new one
     element('undo').disabled = !this.drive.steering || !(pending || this.seeds.seeds.some(({ needle }) => needle === chosen))
   }
 
-  /** In front of the template: then the newest sample may be from before the needle was pulled out, or of another server. */
+  /** True if the needle is in front of the template: then the newest sample may be from before the needle was pulled out, or from another server. */
   isOut({ tip, line }) { return Boolean(tip) && this.template.depthOf(tip) <= 0 && !this.template.holeOf(line) }
 
   /** The hole that a taken needle is in, if none has been chosen. */
@@ -470,7 +470,7 @@ export class Procedure {
     this.say(`Seed ${count} is in the tissue.${astray ?? ''}`, Boolean(astray))
   }
 
-  /** Those in use, and the chosen one. */
+  /** Lists the needles in use, and the chosen one. */
   listNeedles(chosen) {
     const listed = this.needles.map((_, i) => i).filter((i) => i === chosen || this.isInUse(i))
     const rows = listed.map((i) => {
@@ -504,7 +504,7 @@ export class Procedure {
     return row
   }
 
-  /** m: how far the tip has to go along the needle, and how far it is beside the target. */
+  /** Distances (m) from the tip to the target: along the needle, and across it. */
   tipError(tip) {
     const off = this.targetNow.clone().sub(tip), along = off.dot(this.template.normal)
     return { along, aside: off.addScaledVector(this.template.normal, -along).length() }

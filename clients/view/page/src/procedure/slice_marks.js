@@ -3,7 +3,7 @@ import * as THREE from 'three'
 import { hubColour, PLANNED, SEED, TARGET } from '../colours.js'
 import { columnName } from './template.js'
 
-const NEAR = { x: 0.0025, z: 0.003 } // m from the slice up to which seeds are drawn as in it
+const NEAR = { x: 0.0025, z: 0.003 } // m: seeds closer to the slice than this are drawn as lying in it
 const BEVEL = '#f4d35e', GRID = '#9fd8ff', CHOSEN = '#37d0ff', HALO = 'rgba(4, 8, 12, 0.85)'
 const LETTERS = [['L', 'R'], ['P', 'A'], ['S', 'I']]
 const AXES = { x: [1, 0, 0], y: [0, 1, 0], z: [0, 0, 1] }
@@ -154,7 +154,7 @@ export class SliceMarks {
     })
   }
 
-  /** In this slice a solid mark, elsewhere a faint one. */
+  /** Draws a seed: a solid mark in this slice, a faint one elsewhere. */
   drawSeed(ink, { position, direction }) {
     const centre = new THREE.Vector3(...position), half = new THREE.Vector3(...direction).multiplyScalar(this.model.seedLength / 2)
     ink.globalAlpha = this.isNear(centre) ? 1 : 0.3

@@ -51,7 +51,7 @@ export class Template {
     return { column, row, distance: this.aside(point, { column, row }).length() }
   }
 
-  /** From the hole's axis to the point, perpendicular to it. */
+  /** The vector from the hole's axis to the point, perpendicular to the axis. */
   aside(point, hole) {
     const from = point.clone().sub(this.place(hole))
     return from.addScaledVector(this.normal, -from.dot(this.normal))

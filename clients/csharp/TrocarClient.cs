@@ -64,7 +64,7 @@ public enum TrocarFlags : int {
     Overrun = 64,
     /// <summary>the hand received more energy than it supplied (see energy in status_t), or oscillated, and the coupling is softer</summary>
     Active = 128,
-    /// <summary>the needle passes a guide outside of its holes, and is not guided</summary>
+    /// <summary>the needle passes a guide beside its holes, and is not guided</summary>
     MissedGuide = 256,
     /// <summary>the shaft is pushed into a body from the side, where the model has no force: do not trust the wrench</summary>
     OutsideModel = 512,
@@ -96,15 +96,15 @@ public enum TrocarEvents : int {
     Full = 256,
     /// <summary>as the flag UNSTABLE</summary>
     Unstable = 512,
-    /// <summary>the closest node could not be moved: a node was added instead</summary>
+    /// <summary>no longer set</summary>
     Kept = 1024,
     /// <summary>as the flag MISSED_GUIDE, in every tick</summary>
     MissedGuide = 2048,
     /// <summary>as the flag OUTSIDE_MODEL, in every tick</summary>
     OutsideModel = 4096,
-    /// <summary>no room for more tracks: the needle's oldest one is closed again</summary>
+    /// <summary>no room for more tracks: the needle's oldest track is closed</summary>
     TrackDropped = 8192,
-    /// <summary>the tick was not solved to the tolerance: its wrench may be off by more</summary>
+    /// <summary>the solve did not reach its tolerance: the wrench may be off by more</summary>
     Inexact = 16384,
 }
 

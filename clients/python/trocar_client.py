@@ -87,7 +87,7 @@ class Flags(enum.IntFlag):
     UNSTABLE = 32  # non-finite value: the insertion restarts
     OVERRUN = 64  # too many consecutive missed periods: wrench ramped to zero
     ACTIVE = 128  # the hand received more energy than it supplied (see energy in status_t), or oscillated, and the coupling is softer
-    MISSED_GUIDE = 256  # the needle passes a guide outside of its holes, and is not guided
+    MISSED_GUIDE = 256  # the needle passes a guide beside its holes, and is not guided
     OUTSIDE_MODEL = 512  # the shaft is pushed into a body from the side, where the model has no force: do not trust the wrench
     PROBE_STOPPED = 1024  # the tissue keeps the ultrasound probe short of its pose: see probe_wrench_t
 
@@ -105,11 +105,11 @@ class Events(enum.IntFlag):
     LATE = 128  # as the flag LATE_WORKER, in every tick
     FULL = 256  # no free contact was left to add, or the track has more than 256 layers
     UNSTABLE = 512  # as the flag UNSTABLE
-    KEPT = 1024  # the closest node could not be moved: a node was added instead
+    KEPT = 1024  # no longer set
     MISSED_GUIDE = 2048  # as the flag MISSED_GUIDE, in every tick
     OUTSIDE_MODEL = 4096  # as the flag OUTSIDE_MODEL, in every tick
-    TRACK_DROPPED = 8192  # no room for more tracks: the needle's oldest one is closed again
-    INEXACT = 16384  # the tick was not solved to the tolerance: its wrench may be off by more
+    TRACK_DROPPED = 8192  # no room for more tracks: the needle's oldest track is closed
+    INEXACT = 16384  # the solve did not reach its tolerance: the wrench may be off by more
 
 
 _NEEDLE_POSE = _Message(0xc03690dc1196e46f, ">qqq3d4dqi",

@@ -1,15 +1,17 @@
 #include "insertion/contact/tip_damper.h"
 
-#include "insertion/contact/contact_assembly.h"
 #include "insertion/memory/along_track.h"
 #include "insertion/memory/creep.h"
-#include "insertion/memory/stiffening.h"
 #include "insertion/state/local_compliance.h"
 #include "linalg/rows.h"
 
+/* 1 - exp(-c dt / dent) */
+static double part_of_wave(const insertion_model *model, const needle_tip *tip, double dt) {
+    return tip->dent.size == 0.0 ? 1.0 : -expm1(-dt * local_wave_speed(model, tip->place.tet, tip->place.nominal) / fabs(tip->dent.size));
+}
+
 double damper_relaxed(const insertion_model *model, const needle_tip *tip, double dt) {
-    if (tip->solved.friction != SLIP_FORWARD || tip->dent.size == 0.0) return 1.0;
-    return -expm1(-dt * local_wave_speed(model, tip->place.tet, tip->place.nominal) / fabs(tip->dent.size));
+    return tip->solved.friction == SLIP_FORWARD ? part_of_wave(model, tip, dt) : 1.0;
 }
 
 /* Displacement of the tissue at the tip along the track that does not depend on this step's forces, m. */
@@ -18,20 +20,11 @@ static double dent_without_forces(const tick_input *tick, const insertion_state 
     return creep_dent(tick, state, points, tissue, creep) + stiffening->end.offset + state->tip.dent.offset;
 }
 
-/* The displacement under the forces before this step, m. */
-static double dent_before(const tick_input *tick, const insertion_state *state, const insertion_workspace *w) {
-    const contact_points *points = &w->points;
-    vec3 along = state->tip.place.direction;
-    double face = w->tissue.axial[points->count - 1] + w->stiffening.end.slope;
-    double u = dent_without_forces(tick, state, points, &w->tissue, &w->creep, &w->stiffening) + face * force_on_face(state, points, &w->tissue);
-    for (int i = points->guided; i < points->count; i++) u += v3_dot(m3_apply(&w->tissue.tip_row[i], along), point_force(state, &points->list[i]));
-    return u;
-}
-
-void damper_keep_dent(const tick_input *tick, insertion_state *state, insertion_workspace *w) {
-    points_locate(tick, state, &w->points, &w->tissue, &w->creep, w->edges);
-    stiffening_linearise(tick, state, &w->points, &w->tissue, &w->creep, &w->stiffening, &w->damper, true);
-    state->tip.dent.offset += state->tip.dent.held - dent_before(tick, state, w);
+void damper_keep_dent(needle_tip *tip, const contact_points *points, const tissue_step *tissue, const insertion_state *state) {
+    int t = points->count - 1;
+    vec3 along = tip->place.direction, own = m3_apply(&tissue->tip_row[t], along);
+    for (int i = t - points->added; i < t; i++)
+        tip->dent.offset += v3_dot(v3_sub(own, m3_apply(&tissue->tip_row[i], along)), point_force(state, &points->list[i]));
 }
 
 _Static_assert(MAX_UNKNOWNS % ROW_STEP == 0, "the column is read in whole steps");
@@ -79,7 +72,7 @@ void damper_find_force(const tick_input *tick, insertion_state *state, const ins
 
 void damper_conclude(const tick_input *tick, insertion_state *state, const insertion_workspace *w) {
     double u = static_dent(tick, state, w), dent = w->damper.relaxed * u + (1.0 - w->damper.relaxed) * state->tip.dent.size;
+    state->tip.dent.offset *= 1.0 - part_of_wave(tick->model, &state->tip, tick->dt);
     state->tip.dent.damping = v3_scale((dent - u) / w->damper.yield, state->tip.place.direction);
     state->tip.dent.size = dent;
-    state->tip.dent.held = u;
 }

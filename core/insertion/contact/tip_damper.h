@@ -9,9 +9,9 @@
    hand, which is far slower than waves: all of the way. RT */
 double damper_relaxed(const insertion_model *model, const needle_tip *tip, double dt);
 
-/* A new contact node changes by a few per cent how far the same forces displace the tip. So that it does not move by that at once, the change is taken off, and
-   fades as the tip moves on. Before the passes, with the needle's last shape. RT */
-void damper_keep_dent(const tick_input *tick, insertion_state *state, insertion_workspace *w);
+/* The force that new contacts take over from the tip displaces it less from where they are. So that it does not spring back by that at once, the difference is kept, and
+   fades as fast as shear waves cross the dent. Before the passes. RT */
+void damper_keep_dent(needle_tip *tip, const contact_points *points, const tissue_step *tissue, const insertion_state *state);
 
 /* Eliminates the damper's force from the contact problem. In a step the dent goes the part 1 - exp(-c dt / dent) of the way to the
    displacement u that the forces would hold statically, c being the wave speed: dent' = relaxed u + (1 - relaxed) dent. The

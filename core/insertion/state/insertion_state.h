@@ -94,8 +94,7 @@ typedef struct {
 /* How the tissue at the tip is displaced. Written by the solve. */
 typedef struct {
     double size;             /* m along the track, by which it is displaced */
-    double held;             /* m, by which its forces alone would hold it displaced, without the damper */
-    double offset;           /* m along the track, by which new nodes have changed that; fades as the tip moves on */
+    double offset;           /* m along the track, by which it stays displaced after contacts have taken over force from the tip; fades within milliseconds */
     vec3 damping;            /* N, world frame, on the tissue, which springs back no faster than shear waves travel */
     vec3 rest;               /* m, world frame: where the tissue that the tip touches was without its force */
 } tip_dent;

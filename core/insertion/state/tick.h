@@ -162,7 +162,7 @@ typedef struct {
 typedef struct {
     int count, guided;               /* of these, the first `guided` are at guides */
     bool tip;                        /* the last of them is the tip */
-    bool node_added;                 /* a contact takes part for the first time */
+    int added;                       /* so many of the contacts take part for the first time: the last ones */
     contact_point list[MAX_POINTS];  /* guides, then contacts from base to tip */
 } contact_points;
 

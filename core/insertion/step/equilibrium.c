@@ -52,7 +52,7 @@ void equilibrium_find(const tick_input *tick, insertion_state *state, insertion_
     pass_result r = {.found = false};
     w->problem.knot = 0;
     checkpoint_save(state, &w->points, &w->problem, &w->start);
-    if (w->points.tip && w->points.node_added) damper_keep_dent(tick, state, w);
+    if (w->points.tip) damper_keep_dent(&state->tip, &w->points, &w->tissue, state);
     needle_extrapolate(needle, &state->motion, tick->dt, &state->needle);
     state->motion.time = 0.0;
     begin(tick, state, w);

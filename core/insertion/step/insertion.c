@@ -70,7 +70,7 @@ static double shaft_total(const shaft_hold *s) {
 bool insertion_is_finite(const insertion_state *state, const tick_output *output) {
     const needle_tip *tip = &state->tip;
     double sum = state->base_turn + state->tip_lead + sum_of(output->force) + sum_of(output->torque) + sum_of(tip_position(&tip->place)) + sum_of(state->entry) + tip->place.depth + tip->solved.slip
-               + shaft_total(&tip->shaft) + tip->filtered_push + tip->dent.size + tip->dent.held + tip->dent.offset + sum_of(tip->dent.damping) + tip->solved.end_force
+               + shaft_total(&tip->shaft) + tip->filtered_push + tip->dent.size + tip->dent.offset + sum_of(tip->dent.damping) + tip->solved.end_force
                + tip->resolution.field.lateral + tip->resolution.field.axial + tip->resolution.field.point + line_end_total(&tip->resolution.field.end);
     for (int k = 0; k < state->refined.count; k++) {
         int slot = state->refined.order[k];

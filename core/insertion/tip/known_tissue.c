@@ -44,7 +44,7 @@ vec3 displacement_at_tip(const tick_input *tick, const insertion_state *state, c
     return covered ? displacement_at(tick, state, creep, corners, tip->known.weights) : v3(0, 0, 0);
 }
 
-/* A contact whose row has arrived takes over the shaft that the tip has held for it until now. */
+/* A contact whose row has arrived is held as the shaft next to the tip has been until now. */
 static void activate_contact(const tick_input *tick, insertion_state *state, int k) {
     int slot = state->refined.order[k];
     shaft_contact *contact = &state->contacts[slot];
@@ -55,17 +55,24 @@ static void activate_contact(const tick_input *tick, insertion_state *state, int
     double origin = contact->shaft.origin;
     contact->shaft = state->tip.shaft;
     contact->shaft.origin = origin;
+}
+
+/* It takes over the tip's force on its share of the shaft. */
+static void take_over_force(const tick_input *tick, insertion_state *state, int k) {
+    shaft_contact *contact = &state->contacts[state->refined.order[k]];
+    if (state->tip.place.phase != TIP_INSIDE || contact->depth < tip_entry_depth(state)) return;
     shaft_share share = shaft_share_of(state, k, true);
     vec3 along = q_axis(state->needle.frames[tick->model->needle->given.segments - 1]);
-    contact->force = v3_scale(contact->shaft.traction * (share.to - share.from), along);
+    contact->force = v3_scale(state->tip.shaft.traction * (share.to - share.from), along);
     state->tip.solved.force = v3_sub(state->tip.solved.force, contact->force);
 }
 
-bool accept_snapshot(const tick_input *tick, insertion_state *state, tick_output *output) {
-    int known = snapshot_known_contacts(tick->snapshot, &state->refined), passed = contacts_passed(state), active = contacts_active(state), k = active;
-    for (; k < known && k < passed; k++) activate_contact(tick, state, k);
-    if (k > active) output->events |= EVENT_ADDED;
-    return k > active;
+int accept_snapshot(const tick_input *tick, insertion_state *state, tick_output *output) {
+    int known = snapshot_known_contacts(tick->snapshot, &state->refined), passed = contacts_passed(state), before = contacts_active(state), now = before;
+    for (; now < known && now < passed; now++) activate_contact(tick, state, now);
+    for (int k = before; k < now; k++) take_over_force(tick, state, k);
+    if (now > before) output->events |= EVENT_ADDED;
+    return now - before;
 }
 
 void follow_known_point(const tick_input *tick, insertion_state *state, tick_output *output, int handles[4]) {

@@ -10,8 +10,8 @@ vec3 displacement_at(const tick_input *tick, const insertion_state *state, const
 /* The same at the tip, or, after it has left the tissue, where it left. Zero if the snapshot does not cover that point. RT */
 vec3 displacement_at_tip(const tick_input *tick, const insertion_state *state, const creep_step *creep);
 
-/* Contacts whose rows of the inverse have arrived start to take part, with the force on the shaft that they stand for. Are there any? RT */
-bool accept_snapshot(const tick_input *tick, insertion_state *state, tick_output *output);
+/* Contacts whose rows of the inverse have arrived start to take part, with the force on the shaft that they stand for. Returns how many. RT */
+int accept_snapshot(const tick_input *tick, insertion_state *state, tick_output *output);
 
 /* Handles of the corners around the tip; if the worker is late, around the last point that the snapshot covered, or NO_HANDLE: there is none, and
    the mesh counts as rigid. The tip's force acts on the nominal mesh by interpolation: a node of its own would become stiffer as it came nearer to a

@@ -62,7 +62,6 @@ static void look_for_surface(const tick_input *tick, insertion_state *state, con
 static void advance_tip(const tick_input *tick, insertion_state *state, const creep_step *creep, tick_output *output, vec3 gradient) {
     needle_tip *tip = &state->tip;
     if (!isfinite(tip->solved.slip)) tip->shaft.origin = NAN; /* the insertion starts over (insertion_is_finite), so that the tip does not leave a track right through the tissue */
-    tip->dent.offset *= exp(-fabs(tip->solved.slip) / (2.0 * tick->model->needle->radius));
     tip_move(tick, state, creep, output, tip_cut_direction(tick, state, gradient));
     if (tip->place.phase == TIP_INSIDE && tip->place.depth == 0.0) tip_glide_on_surface(tick, state, output);
 }

@@ -36,7 +36,7 @@ static void go_beyond(const tick_input *tick, insertion_state *state) {
     needle_tip *tip = &state->tip;
     tip->place.phase = TIP_BEYOND;
     tip->solved.force = tip->dent.damping = v3(0, 0, 0);
-    tip->dent.size = tip->dent.held = tip->dent.offset = 0.0;
+    tip->dent.size = tip->dent.offset = 0.0;
     tip->solved.slip = tip->shaft.slip = 0.0;
     tip->barrier.blocked_by = NOT_BLOCKED;
     tip->place.end = state->needle.joints[tick->model->needle->given.segments];

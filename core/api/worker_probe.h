@@ -1,4 +1,4 @@
-/* The worker's side of the probe. See README.md, "Probe". */
+/* The worker's side of the probe. See docs/mechanics.md, "Probe". */
 #ifndef TROCAR_WORKER_PROBE_H
 #define TROCAR_WORKER_PROBE_H
 

@@ -1,4 +1,4 @@
-/* The worker lays needles down, keeps them at rest, and returns them. See README.md, "Resting needles". */
+/* The worker lays needles down, keeps them at rest, and returns them. See docs/mechanics.md, "Resting needles". */
 #ifndef TROCAR_WORKER_RESTING_H
 #define TROCAR_WORKER_RESTING_H
 

@@ -1,4 +1,4 @@
-/* Brachytherapy seeds: material points of the tissue that a needle has left there. Plain data. See core/README.md, "Seeds". */
+/* Brachytherapy seeds: material points of the tissue that a needle has left there. Plain data. See docs/mechanics.md, "Seeds". */
 #ifndef TROCAR_SEEDS_H
 #define TROCAR_SEEDS_H
 

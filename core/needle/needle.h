@@ -1,5 +1,5 @@
 /* The needle, clamped at its base: a geometrically exact, inextensible Kirchhoff rod of rigid segments with elastic joints between them.
-   Base = arc 0, tip = arc `length`; axis along local +z. See README.md, "Needle". */
+   Base = arc 0, tip = arc `length`; axis along local +z. See docs/mechanics.md, "The needle". */
 #ifndef TROCAR_NEEDLE_H
 #define TROCAR_NEEDLE_H
 

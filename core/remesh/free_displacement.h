@@ -1,4 +1,4 @@
-/* Free displacement: where the tissue at the handles would be if the needle that asks exerted no force. See README.md, "Several
+/* Free displacement: where the tissue at the handles would be if the needle that asks exerted no force. See docs/mechanics.md, "Several
    needles". */
 #ifndef TROCAR_FREE_DISPLACEMENT_H
 #define TROCAR_FREE_DISPLACEMENT_H

@@ -1,4 +1,4 @@
-/* What the mesh does not resolve between needles that are closer to each other than an element. See README.md, "Needles close to each other". */
+/* What the mesh does not resolve between needles that are closer to each other than an element. See docs/mechanics.md, "Needles close to each other". */
 #ifndef TROCAR_NEEDLE_PAIRS_H
 #define TROCAR_NEEDLE_PAIRS_H
 

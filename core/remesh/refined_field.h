@@ -1,5 +1,5 @@
-/* Displacements of the refined mesh, and what one added node contributes to them. See README.md, "Node addition is a nested
-   refinement". */
+/* Displacements of the refined mesh, and what one added node contributes to them. See docs/mechanics.md,
+   "Node addition". */
 #ifndef TROCAR_REFINED_FIELD_H
 #define TROCAR_REFINED_FIELD_H
 

@@ -1,6 +1,6 @@
 /* The refined part of the mesh: contact nodes, each added inside an element or on a face. Adding moves no node, so the old finite-element space
    stays inside the new one. One of the mesh's own nodes that was moved (`moved`), which does not keep it, comes from tests and benchmarks alone.
-   See README.md, "Node addition is a nested refinement" and "Remeshing methods". */
+   See docs/mechanics.md, "Node addition" and "Remeshing methods". */
 #ifndef TROCAR_REFINEMENT_H
 #define TROCAR_REFINEMENT_H
 

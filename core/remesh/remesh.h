@@ -1,5 +1,5 @@
 /* The worker's job: keep the inverse of the refined stiffness matrix at the few nodes that the needle can touch.
-   See README.md, "Node addition is a nested refinement" and "Remeshing methods". */
+   See docs/mechanics.md, "Node addition" and "Remeshing methods". */
 #ifndef TROCAR_REMESH_H
 #define TROCAR_REMESH_H
 

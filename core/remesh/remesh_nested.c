@@ -3,7 +3,7 @@
        inverse(a, b) = K^-1(a, b) + sum_j F_j(a) S_j F_j(b)^T,      F_j(a) = K^-1(a, .) c_j + sum_(i<j) F_i(a) G_ij - s_j(a) I
 
    where K^-1 is that of the nominal mesh (interpolated for an added node) and s_j(a) is surplus j's hat function at node a. Inside an
-   element c_j = 0; on a face it touches five nodes. Nothing of the mesh's size is touched. README.md, "Node addition ...". Indices i and j
+   element c_j = 0; on a face it touches five nodes. Nothing of the mesh's size is touched. docs/mechanics.md, "Node addition". Indices i and j
    below are slots; i < j: i is before j in order. */
 #include "remesh/nested.h"
 

@@ -1,5 +1,5 @@
 /* A needle that rests: nobody holds it, and tissue and guides keep it where it is. It responds to what else deforms the tissue as it does
-   linearised about the equilibrium in which it was left. See README.md, "Resting needles". */
+   linearised about the equilibrium in which it was left. See docs/mechanics.md, "Resting needles". */
 #ifndef TROCAR_RESTING_NEEDLE_H
 #define TROCAR_RESTING_NEEDLE_H
 

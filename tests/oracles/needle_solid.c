@@ -10,7 +10,7 @@
               2   3
 
    Such flat elements lock: bending appears mostly as shear. Young's modulus is scaled so that the deflection under a small tip
-   load equals the rod's; this also makes extension softer (README.md, "Tetrahedra"). */
+   load equals the rod's; this also makes extension softer (docs/mechanics.md, "Tetrahedra"). */
 #include "oracles/needle_solid.h"
 
 #include <stdlib.h>

@@ -1,5 +1,5 @@
 /* What resists the tip on its way forward in this step: whole tissue, open tracks and their ends, membranes, bone. Each kind of resistance is listed
-   once a step, as stretches over the tip's slip; the contact problem gets them as one staircase. See core/README.md, "What is ahead of the tip". */
+   once a step, as stretches over the tip's slip; the contact problem gets them as one staircase. See docs/mechanics.md, "One tick is one convex problem". */
 #ifndef TROCAR_RESISTANCE_AHEAD_H
 #define TROCAR_RESISTANCE_AHEAD_H
 

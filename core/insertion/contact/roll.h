@@ -1,4 +1,4 @@
-/* Roll: friction of the shaft against turning about its axis, and how far the tip lags behind the base. See core/README.md, "Roll". */
+/* Roll: friction of the shaft against turning about its axis, and how far the tip lags behind the base. See docs/mechanics.md, "Roll". */
 #ifndef TROCAR_ROLL_H
 #define TROCAR_ROLL_H
 

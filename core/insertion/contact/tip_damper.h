@@ -1,5 +1,5 @@
-/* The damper at the tip: where it cuts, tissue springs back no faster than a shear wave crosses its dent. See core/README.md, "After
-   a puncture". */
+/* The damper at the tip: where it cuts, tissue springs back no faster than a shear wave crosses its dent. See
+   docs/mechanics.md, "The tip". */
 #ifndef TROCAR_TIP_DAMPER_H
 #define TROCAR_TIP_DAMPER_H
 

@@ -1,4 +1,4 @@
-/* The guides that the needle passes through, as points of contact: see core/README.md, "Guides". */
+/* The guides that the needle passes through, as points of contact: see docs/mechanics.md, "Guides". */
 #ifndef TROCAR_GUIDES_H
 #define TROCAR_GUIDES_H
 

@@ -1,5 +1,5 @@
 /* Stiffening tissue in the contact problem: the non-linear part of its local compliances. Nothing changes where no tissue stiffens. See
-   core/README.md, "Stiffening". */
+   docs/mechanics.md, "Stiffening". */
 #ifndef TROCAR_STIFFENING_H
 #define TROCAR_STIFFENING_H
 

@@ -1,5 +1,5 @@
 /* The condensed contact problem of one tick: closed gaps sideways, bounded friction along the needle.
-   See core/README.md, "One tick is one convex problem". */
+   See docs/mechanics.md, "One tick is one convex problem". */
 #ifndef TROCAR_CONTACT_H
 #define TROCAR_CONTACT_H
 

@@ -1,4 +1,4 @@
-/* A guide: a plate with holes, as the template of an implant, that holds the shaft sideways. See core/README.md, "Guides". */
+/* A guide: a plate with holes, as the template of an implant, that holds the shaft sideways. See docs/mechanics.md, "Guides". */
 #ifndef TROCAR_GUIDE_H
 #define TROCAR_GUIDE_H
 

@@ -1,5 +1,5 @@
 /* Local compliance: the part of a contact's yielding between the needle's radius and the radius that the mesh resolves.
-   See core/README.md, "Local compliance". */
+   See docs/mechanics.md, "Local compliance". */
 #ifndef TROCAR_LOCAL_COMPLIANCE_H
 #define TROCAR_LOCAL_COMPLIANCE_H
 

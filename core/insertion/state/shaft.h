@@ -1,4 +1,4 @@
-/* The shaft in the tissue: which part of it each contact stands for, and what that part meets. See core/README.md, "Contacts". */
+/* The shaft in the tissue: which part of it each contact stands for, and what that part meets. See docs/mechanics.md, "What a contact is". */
 #ifndef TROCAR_SHAFT_H
 #define TROCAR_SHAFT_H
 

@@ -1,4 +1,4 @@
-/* Local compliance of a tissue that stiffens (Yeoh: stress mu g (1 + 2 S g^2) at the shear g). See core/README.md, "Stiffening". */
+/* Local compliance of a tissue that stiffens (Yeoh: stress mu g (1 + 2 S g^2) at the shear g). See docs/mechanics.md, "Stiffening". */
 #ifndef TROCAR_STIFFENING_LAW_H
 #define TROCAR_STIFFENING_LAW_H
 

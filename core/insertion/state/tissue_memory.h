@@ -1,4 +1,4 @@
-/* What relaxing tissue remembers of the forces on it: plain data, empty for elastic tissue. See core/README.md, "Relaxation". */
+/* What relaxing tissue remembers of the forces on it: plain data, empty for elastic tissue. See docs/mechanics.md, "Relaxation". */
 #ifndef TROCAR_TISSUE_MEMORY_H
 #define TROCAR_TISSUE_MEMORY_H
 

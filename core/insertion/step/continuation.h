@@ -1,5 +1,5 @@
 /* The fallback of equilibrium_find where the passes find no stable equilibrium near the last one: the step is repeated in small parts, along the branch of
-   the equilibrium; where that ends, the needle moves on to another one against its drag. See core/README.md, "Without an equilibrium". */
+   the equilibrium; where that ends, the needle moves on to another one against its drag. See docs/mechanics.md, "Buckling". */
 #ifndef TROCAR_CONTINUATION_H
 #define TROCAR_CONTINUATION_H
 

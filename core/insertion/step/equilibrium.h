@@ -1,4 +1,4 @@
-/* Needle, contacts and tip are brought into equilibrium. See core/README.md, "One tick is one convex problem". */
+/* Needle, contacts and tip are brought into equilibrium. See docs/mechanics.md, "One tick is one convex problem". */
 #ifndef TROCAR_EQUILIBRIUM_H
 #define TROCAR_EQUILIBRIUM_H
 

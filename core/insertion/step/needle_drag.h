@@ -1,5 +1,5 @@
-/* A needle that no stable equilibrium holds moves on to another one against the drag that damps its waves of bending. See core/README.md, "Without an
-   equilibrium". */
+/* A needle that no stable equilibrium holds moves on to another one against the drag that damps its waves of bending. See
+   docs/mechanics.md, "Buckling". */
 #ifndef TROCAR_NEEDLE_DRAG_H
 #define TROCAR_NEEDLE_DRAG_H
 

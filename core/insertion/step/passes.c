@@ -163,7 +163,7 @@ pass_result passes_run(const tick_input *tick, insertion_state *state, insertion
     }
     /* A state from which the passes diverge is no equilibrium. A single pass cannot tell. */
     r.diverging = before > 0.0 && turned > before && turned > LEAP;
-    r.saddle = w->problem.negative < w->response.tangent.unstable; /* by Haynsworth's inertia formula: see core/README.md, "One tick is one convex problem" */
+    r.saddle = w->problem.negative < w->response.tangent.unstable; /* by Haynsworth's inertia formula: see docs/mechanics.md, "One tick is one convex problem" */
     r.leapt = all_turns > LEAP && passes_turned_since(tick, state, &w->start.needle) > LEAP;
     return r;
 }

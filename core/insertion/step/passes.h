@@ -1,4 +1,4 @@
-/* Newton passes: needle, problem, solve, advance, until the state is in equilibrium. See core/README.md, "One tick is one convex problem". */
+/* Newton passes: needle, problem, solve, advance, until the state is in equilibrium. See docs/mechanics.md, "One tick is one convex problem". */
 #ifndef TROCAR_PASSES_H
 #define TROCAR_PASSES_H
 

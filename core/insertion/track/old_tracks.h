@@ -1,5 +1,5 @@
 /* Old tracks: tissue that was cut stays cut. A tip that goes down a track is led along it, without cutting, and passes its punctures. See
-   core/README.md, "Old tracks". */
+   docs/mechanics.md, "Old tracks". */
 #ifndef TROCAR_OLD_TRACKS_H
 #define TROCAR_OLD_TRACKS_H
 

@@ -27,7 +27,7 @@ static const double AHEAD = 10e-3; /* m, of which the tip goes on before there i
 static void lay_steps(const trocar_sim *sim, int index, const remesh_request *request, shaft_steps *steps) {
     const mesh *m = &sim->model->parts.mesh;
     shaft_steps_lay(m, &sim->needles[index].held, AHEAD, steps);
-    if (steps->count > 0 || request->piece_count == 0) return;
+    if (steps->count > 0 || request->piece_count == 0 || request->wanted.count > 0) return;
     const line_in_tet *in = &request->pieces[0];
     tissue_loads track = {.count = 1, .loads = {{.shaft = {0.0, AHEAD, 0.0, in->point, in->direction, *in}}}};
     shaft_steps_lay(m, &track, 0.0, steps);
@@ -42,7 +42,7 @@ static trocar_status find_unresolved(const trocar_sim *sim, int index, const rem
     *shift = (unresolved_shift){.start = steps.start, .step = steps.step, .count = steps.count};
     trocar_status status = TROCAR_OK;
     for (int n = 0; n < others->count && status == TROCAR_OK; n++) status = needle_pairs_shift(sim->pairs, &steps, others->of[n], shift, why);
-    if (status == TROCAR_OK) status = resting_set_shift(&sim->resting, link_phase(&sim->needles[index].link) == PHASE_HELD, &steps, shift, why);
+    if (status == TROCAR_OK) status = resting_set_shift(&sim->resting, link_phase(&sim->needles[index].link) != PHASE_LEAVING, &steps, shift, why);
     for (int k = 0; k < steps.count; k++) shift->sum[k + 1] = v3_add(shift->sum[k + 1], shift->sum[k]);
     return status;
 }

@@ -1,6 +1,6 @@
 /* Injects every fault that a server must survive into a running one. The server is a child process with all its threads on a real
    network; a client sends it poses and checks each wrench, status and timing before, during and after the fault. Run in a private
-   network namespace (end_to_end.cmake).
+   network namespace (CMakeLists.txt).
 
    Faults that no message can cause are injected by functions that the linker wraps around the server's own (--wrap). */
 #define _GNU_SOURCE

@@ -5,13 +5,13 @@
 #include "insertion/state/local_compliance.h"
 #include "linalg/rows.h"
 
-/* 1 - exp(-c dt / dent) */
-static double part_of_wave(const insertion_model *model, const needle_tip *tip, double dt) {
-    return tip->dent.size == 0.0 ? 1.0 : -expm1(-dt * local_wave_speed(model, tip->place.tet, tip->place.nominal) / fabs(tip->dent.size));
+/* 1 - exp(-c dt / dent), c being the speed of shear waves: the part of its way that tissue displaced by `dent` (m) goes back in dt. */
+static double part_of_wave(const insertion_model *model, const needle_tip *tip, double dent, double dt) {
+    return dent == 0.0 ? 1.0 : -expm1(-dt * local_wave_speed(model, tip->place.tet, tip->place.nominal) / fabs(dent));
 }
 
 double damper_relaxed(const insertion_model *model, const needle_tip *tip, double dt) {
-    return tip->solved.friction == SLIP_FORWARD ? part_of_wave(model, tip, dt) : 1.0;
+    return tip->solved.friction == SLIP_FORWARD ? part_of_wave(model, tip, tip->dent.size, dt) : 1.0;
 }
 
 /* Displacement of the tissue at the tip along the track that does not depend on this step's forces, m. */
@@ -24,7 +24,7 @@ void damper_keep_dent(needle_tip *tip, const contact_points *points, const tissu
     int t = points->count - 1;
     vec3 along = tip->place.direction, own = m3_apply(&tissue->tip_row[t], along);
     for (int i = t - points->added; i < t; i++)
-        tip->dent.offset += v3_dot(v3_sub(own, m3_apply(&tissue->tip_row[i], along)), point_force(state, &points->list[i]));
+        tip->dent.offset += v3_dot(v3_sub(own, m3_apply_transposed(&tissue->tip_row[i], along)), point_force(state, &points->list[i]));
 }
 
 _Static_assert(MAX_UNKNOWNS % ROW_STEP == 0, "the column is read in whole steps");
@@ -72,7 +72,7 @@ void damper_find_force(const tick_input *tick, insertion_state *state, const ins
 
 void damper_conclude(const tick_input *tick, insertion_state *state, const insertion_workspace *w) {
     double u = static_dent(tick, state, w), dent = w->damper.relaxed * u + (1.0 - w->damper.relaxed) * state->tip.dent.size;
-    state->tip.dent.offset *= 1.0 - part_of_wave(tick->model, &state->tip, tick->dt);
+    state->tip.dent.offset *= 1.0 - part_of_wave(tick->model, &state->tip, larger_of(fabs(dent), fabs(state->tip.dent.offset)), tick->dt);
     state->tip.dent.damping = v3_scale((dent - u) / w->damper.yield, state->tip.place.direction);
     state->tip.dent.size = dent;
 }

@@ -1,5 +1,5 @@
 /* Creep: tissue that relaxes under a held strain yields further under a held force. The tick remembers, for each share of the track, a
-   low-pass filtered force per term of the creep. Without a series of relaxation, nothing here changes anything. See core/README.md,
+   low-pass filtered force per term of the creep. Without a series of relaxation, nothing here changes anything. See docs/mechanics.md,
    "Relaxation". */
 #ifndef TROCAR_CREEP_H
 #define TROCAR_CREEP_H

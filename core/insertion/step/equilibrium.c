@@ -51,8 +51,8 @@ void equilibrium_find(const tick_input *tick, insertion_state *state, insertion_
     const needle_model *needle = tick->model->needle;
     pass_result r = {.found = false};
     w->problem.knot = 0;
-    checkpoint_save(state, &w->points, &w->problem, &w->start);
     if (w->points.tip) damper_keep_dent(&state->tip, &w->points, &w->tissue, state);
+    checkpoint_save(state, &w->points, &w->problem, &w->start);
     needle_extrapolate(needle, &state->motion, tick->dt, &state->needle);
     state->motion.time = 0.0;
     begin(tick, state, w);

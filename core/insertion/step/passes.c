@@ -112,12 +112,12 @@ void passes_begin(const tick_input *tick, const insertion_state *state, insertio
     passes_load_joints(tick, state, &w->points, &w->response, &w->start);
 }
 
-/* Largest turn of a segment since it had this shape, rad. */
 void passes_go_back(const tick_input *tick, insertion_state *state, insertion_workspace *w) {
     checkpoint_restore(state, &w->points, &w->problem, &w->start);
     passes_begin(tick, state, w);
 }
 
+/* Largest turn of a segment since it had this shape, rad. */
 double passes_turned_since(const tick_input *tick, const insertion_state *state, const needle_state *shape) {
     const vec3 *now = state->needle.joints, *start = shape->joints;
     double most = 0.0;

@@ -57,20 +57,21 @@ static void activate_contact(const tick_input *tick, insertion_state *state, int
     contact->shaft.origin = origin;
 }
 
-/* It takes over the tip's force on its share of the shaft. */
-static void take_over_force(const tick_input *tick, insertion_state *state, int k) {
+/* It takes over the tip's force on the part of its share that was the tip's, which began at `from` (m of depth). */
+static void take_over_force(const tick_input *tick, insertion_state *state, int k, double from) {
     shaft_contact *contact = &state->contacts[state->refined.order[k]];
     if (state->tip.place.phase != TIP_INSIDE || contact->depth < tip_entry_depth(state)) return;
     shaft_share share = shaft_share_of(state, k, true);
     vec3 along = q_axis(state->needle.frames[tick->model->needle->given.segments - 1]);
-    contact->force = v3_scale(state->tip.shaft.traction * (share.to - share.from), along);
+    contact->force = v3_scale(state->tip.shaft.traction * larger_of(share.to - larger_of(share.from, from), 0.0), along);
     state->tip.solved.force = v3_sub(state->tip.solved.force, contact->force);
 }
 
 int accept_snapshot(const tick_input *tick, insertion_state *state, tick_output *output) {
     int known = snapshot_known_contacts(tick->snapshot, &state->refined), passed = contacts_passed(state), before = contacts_active(state), now = before;
+    double from = shaft_share_of(state, before, true).from;
     for (; now < known && now < passed; now++) activate_contact(tick, state, now);
-    for (int k = before; k < now; k++) take_over_force(tick, state, k);
+    for (int k = before; k < now; k++) take_over_force(tick, state, k, from);
     if (now > before) output->events |= EVENT_ADDED;
     return now - before;
 }

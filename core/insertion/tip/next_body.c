@@ -28,6 +28,7 @@ void reenter_tissue(const tick_input *tick, insertion_state *state, const creep_
     tip->place.phase = TIP_INSIDE;
     tip->solved.slip = beyond;
     tip->shaft = last ? last->shaft : shaft_at_rest(tick->model, tip->place.depth + beyond);
+    tip->shaft.traction = 0.0;
     output->events |= EVENT_REENTERED;
 }
 

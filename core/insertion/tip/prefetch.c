@@ -151,7 +151,10 @@ static wanted_tissue wanted_nodes(const insertion_model *model, const insertion_
     if (state->tip.place.phase == TIP_FREE) { /* where the needle would go in */
         end = end_before_tissue(model, state);
         surface_hit hit = mesh_enter(m, end, v3_axpy(reach, direction, end));
-        if (!hit.hit) hit = mesh_enter(m, v3_axpy(-DENT_DEPTH, direction, end), end); /* in a dent */
+        if (!hit.hit) { /* in a dent */
+            hit = mesh_enter(m, v3_axpy(-DENT_DEPTH, direction, end), end);
+            hit.fraction = 0.0;
+        }
         if (hit.hit) add_tet(m, hit.tet, &list);
         list.needed = list.count;
         if (hit.hit && hit.fraction * reach < ABOUT_TO_TOUCH) list.tolerance = SAME_LINE;

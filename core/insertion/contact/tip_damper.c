@@ -20,11 +20,14 @@ static double dent_without_forces(const tick_input *tick, const insertion_state 
     return creep_dent(tick, state, points, tissue, creep) + stiffening->end.offset + state->tip.dent.offset;
 }
 
-void damper_keep_dent(needle_tip *tip, const contact_points *points, const tissue_step *tissue, const insertion_state *state) {
+/* How far the tip moves along the track under a unit force at point i in each direction, world frame, m/N. */
+static vec3 moved_by(const tissue_step *tissue, int i, vec3 along) { return m3_apply_transposed(&tissue->tip_row[i], along); }
+
+void damper_keep_dent(insertion_state *state, const contact_points *points, const tissue_step *tissue) {
     int t = points->count - 1;
-    vec3 along = tip->place.direction, own = m3_apply(&tissue->tip_row[t], along);
+    vec3 along = state->tip.place.direction, own = m3_apply(&tissue->tip_row[t], along);
     for (int i = t - points->added; i < t; i++)
-        tip->dent.offset += v3_dot(v3_sub(own, m3_apply_transposed(&tissue->tip_row[i], along)), point_force(state, &points->list[i]));
+        state->tip.dent.offset += v3_dot(v3_sub(own, moved_by(tissue, i, along)), point_force(state, &points->list[i]));
 }
 
 _Static_assert(MAX_UNKNOWNS % ROW_STEP == 0, "the column is read in whole steps");
@@ -35,8 +38,7 @@ void damper_eliminate(const tick_input *tick, const insertion_state *state, inse
     double *a = w->damper.column;
     vec3 along = state->tip.place.direction, own = m3_apply(&w->tissue.tip_row[t], along);
     for (int i = 0; i < p->count; i++) {
-        vec3 moved = m3_apply_transposed(&w->tissue.tip_row[i], along);
-        moved = m3_apply_transposed(&w->points.list[i].at.frame, moved);
+        vec3 moved = m3_apply_transposed(&w->points.list[i].at.frame, moved_by(&w->tissue, i, along));
         a[unknown(p->count, i, 0)] = moved.x;
         a[unknown(p->count, i, 1)] = moved.y;
         a[unknown(p->count, i, 2)] = moved.z;

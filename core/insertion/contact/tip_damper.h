@@ -11,7 +11,7 @@ double damper_relaxed(const insertion_model *model, const needle_tip *tip, doubl
 
 /* The force that new contacts take over from the tip displaces it less from where they are. So that it does not spring back by that at once, the difference is kept, and
    fades as fast as shear waves cross the dent. Before the passes. RT */
-void damper_keep_dent(needle_tip *tip, const contact_points *points, const tissue_step *tissue, const insertion_state *state);
+void damper_keep_dent(insertion_state *state, const contact_points *points, const tissue_step *tissue);
 
 /* Eliminates the damper's force from the contact problem. In a step the dent goes the part 1 - exp(-c dt / dent) of the way to the
    displacement u that the forces would hold statically, c being the wave speed: dent' = relaxed u + (1 - relaxed) dent. The

@@ -51,7 +51,7 @@ void equilibrium_find(const tick_input *tick, insertion_state *state, insertion_
     const needle_model *needle = tick->model->needle;
     pass_result r = {.found = false};
     w->problem.knot = 0;
-    if (w->points.tip) damper_keep_dent(&state->tip, &w->points, &w->tissue, state);
+    if (w->points.tip) damper_keep_dent(state, &w->points, &w->tissue);
     checkpoint_save(state, &w->points, &w->problem, &w->start);
     needle_extrapolate(needle, &state->motion, tick->dt, &state->needle);
     state->motion.time = 0.0;

@@ -19,6 +19,7 @@ struct trocar_scene {
 
 struct trocar_model {
     simulation parts;        /* without those of one run */
+    trocar_log log;          /* the host's */
     atomic_int users;        /* the host, until it frees the model, and the simulations, pictures and models that are made from it */
     trocar_model *base;      /* whose mesh, stiffness and inverse it shares; NULL: its own */
     double rate_hz;
@@ -26,6 +27,20 @@ struct trocar_model {
     double patient_to_mesh[16]; /* the first is NAN: none */
     bool mesh_only;          /* nothing but the mesh, regions and membranes */
 };
+
+/* A simulation or a picture, as trocar_view_ functions read it. Part of that object. */
+struct trocar_view {
+    trocar_model *model;
+    const trocar_sim *sim;   /* NULL: a picture */
+    const trocar_picture *picture;
+    vec3 **scratch;          /* of that object, for displacements; *scratch is NULL before the first */
+};
+
+/* Simulated time. Needles tick in rounds: a needle that ticks again begins the next one. */
+typedef struct {
+    double time;             /* s */
+    uint32_t ticked;         /* bit i: needle i has ticked in this round */
+} round_clock;
 
 /* One needle of a simulation. */
 typedef struct {
@@ -51,14 +66,16 @@ typedef struct {
 
 struct trocar_sim {
     trocar_model *model;
+    trocar_view view;
     int needle_count;
     needle_track *needles;
     sim_link link;
     /* The ticking thread's: */
     insertion_workspace *workspace;
     int64_t (*clock)(void);  /* ns; NULL: nothing is measured */
+    round_clock rounds;
     seed_list seeds;
-    vec3 *field_scratch;     /* of trocar_sim_displacements, NULL before the first */
+    vec3 *field_scratch;     /* see trocar_view.scratch */
     /* The worker's: */
     inverse *inverse;        /* with what rests attached to it, or the model's, where needles cannot rest */
     needle_pairs *pairs;     /* NULL: there is one needle only */
@@ -79,12 +96,15 @@ struct trocar_sim {
 /* A copy of what there is to see. */
 struct trocar_picture {
     trocar_model *model;
+    trocar_view view;
+    double time;             /* s, simulated */
     insertion_state *states; /* as many as the model has needles, */
     uint64_t stamps[MAX_NEEDLES]; /* and which ones they are */
+    pose bases[MAX_NEEDLES];
     shown_probe probe;
     int next_resting;        /* needle that is looked at first among those that rest */
     seed_list seeds;
-    vec3 *scratch;           /* for displacements, NULL before the first */
+    vec3 *scratch;           /* see trocar_view.scratch */
     refined_mesh refined;    /* of the last trocar_picture_refined_mesh, */
     vec3 *force, *displacement; /* and of its nodes */
 };

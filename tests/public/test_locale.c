@@ -84,7 +84,7 @@ static void note_model(record *r, const trocar_scene *scene, const char *inverse
     trocar_output out;
     trocar_scene *copied;
     int called = 0;
-    trocar_model_options options = {.progress = check_host, .context = &called};
+    trocar_model_options options = {.watch = {.progress = check_host, .context = &called}};
     assert_int_equal(trocar_scene_copy(scene, &copied, &why), TROCAR_OK);
     trocar_scene_set(copied, "inverse", inverse, &why);
     trocar_scene_set(copied, "region_of_interest.regions", "[prostate]", &why);

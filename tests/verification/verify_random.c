@@ -85,15 +85,15 @@ static bool passes_unfelt(trial *t, int needle) {
     trocar_contact contacts[TROCAR_MAX_POINTS];
     double line[TROCAR_MAX_JOINTS][3], behind[3], length;
     trocar_error why;
-    int count = trocar_sim_contacts(t->sim, needle, contacts, TROCAR_MAX_POINTS), joints;
+    int count = trocar_view_contacts(trocar_sim_view(t->sim), needle, contacts, TROCAR_MAX_POINTS), joints;
     for (int i = 0; i < count; i++)
         if (contacts[i].kind != TROCAR_CONTACT_GUIDE) return false;
-    joints = trocar_sim_centreline(t->sim, needle, line[0], TROCAR_MAX_JOINTS);
+    joints = trocar_view_centreline(trocar_sim_view(t->sim), needle, line[0], TROCAR_MAX_JOINTS);
     const double *end = line[joints - 1], *before = line[joints - 2];
     for (int a = 0; a < 3; a++) behind[a] = end[a] - before[a];
     length = length3(behind);
     for (int a = 0; a < 3; a++) behind[a] = end[a] - 1e-3 * behind[a] / length;
-    fail_if(trocar_sim_displacements(t->sim, t->displacements, &why), &why);
+    fail_if(trocar_view_displacements(trocar_sim_view(t->sim), t->displacements, &why), &why);
     return in_tissue(t, end) && in_tissue(t, behind);
 }
 
@@ -182,9 +182,9 @@ static void take_and_draw(trial *t, int needle) {
     trocar_error why;
     if (trocar_sim_needle_state(t->sim, needle) == TROCAR_NEEDLE_RESTING) {
         fail_if(trocar_sim_take(t->sim, needle, &why), &why);
-        t->base[needle] = trocar_sim_base(t->sim, needle);
+        t->base[needle] = trocar_view_base(trocar_sim_view(t->sim), needle);
         tick(t, 0, &t->base[0]);
-        t->base[needle] = trocar_sim_base(t->sim, needle);
+        t->base[needle] = trocar_view_base(trocar_sim_view(t->sim), needle);
         t->last[needle] = (trocar_output){0};
     }
     hand_motion m = {0};

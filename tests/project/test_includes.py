@@ -8,7 +8,7 @@ import sys
 
 def includes(root):
     """The units (paths without suffix) that each unit includes."""
-    files = {path.relative_to(root).as_posix(): path for path in root.rglob('*.[ch]')}
+    files = {path.relative_to(root).as_posix().removeprefix('include/'): path for path in root.rglob('*.[ch]')}
     graph = {}
     for name, path in files.items():
         found = re.findall(r'^\s*#\s*include\s+"([^"]+)"', path.read_text(), re.MULTILINE)
@@ -18,7 +18,7 @@ def includes(root):
 
 def by_folder(graph):
     def folder(unit):
-        return unit.rpartition('/')[0] or unit  # trocar.h, which all may include, has no folder
+        return unit.rpartition('/')[0] or unit  # trocar.h has the folder of its parts, trocar/
     folders = {}
     for unit, others in graph.items():
         folders.setdefault(folder(unit), set()).update(folder(other) for other in others if folder(other) != folder(unit))

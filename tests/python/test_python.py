@@ -267,7 +267,7 @@ class PythonTest(unittest.TestCase):
             trocar.rollout(self.model, np.zeros((3, 7)))
 
     def test_events_are_those_of_the_header(self):
-        header = re.findall(r"TROCAR_EVENT_(\w+) = 1 << (\d+)", (SOURCE / "core/trocar.h").read_text())
+        header = re.findall(r"TROCAR_EVENT_(\w+) = 1 << (\d+)", (SOURCE / "core/include/trocar/sim.h").read_text())
         self.assertIn(("TOUCHED", "0"), header)
         self.assertEqual([(event.name, int(event)) for event in trocar.Event], [(name, 1 << int(bit)) for name, bit in header])
 

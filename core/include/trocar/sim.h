@@ -8,7 +8,7 @@
 extern "C" {
 #endif
 
-/* `needle` is an index everywhere: 0 to trocar_model_needles() - 1. */
+/* The needles of a scene and their effect on the tissue. `needle` is an index everywhere, from 0. */
 typedef struct trocar_sim trocar_sim;
 
 enum { TROCAR_MAX_NEEDLES = 32, TROCAR_MAX_GUIDES = 8 };
@@ -72,7 +72,7 @@ TROCAR_API trocar_status trocar_sim_run(trocar_sim *sim, int needle, const troca
 TROCAR_API trocar_status trocar_sim_tick(trocar_sim *sim, int needle, const trocar_pose *base, double dt, trocar_output *output);
 
 /* Bytes of stack that suffice for the thread that ticks: all functions marked [tick] and RT, in a thread that does nothing else. */
-enum { TROCAR_TICK_STACK = 256 * 1024 };
+enum { TROCAR_TICK_STACK = 512 * 1024 };
 
 /* Holds the base by a spring of this compliance, m/N, whose other end is at the pose given to each tick; 0, the default: rigidly. It is solved together
    with the needle, so it may be arbitrarily stiff. [tick, RT] */

@@ -97,7 +97,7 @@ static trocar_status create_simulation(server *s, report *why) {
     trocar_model_options options = trocar_default_model_options();
     options.watch.progress = show_long_start;
     options.log = (trocar_log){progress_warn, "trocar-server"};
-    options.longest_catch_up = (int)ceil(1.0 / (s->rate_hz * STEP) - 1e-6);
+    options.max_substeps = (int)ceil(1.0 / (s->rate_hz * STEP) - 1e-6);
     trocar_status status = trocar_model_create(s->scene, &options, &s->model, why);
     if (status != TROCAR_OK) return status;
     return trocar_sim_create(s->model, &s->sim, why);

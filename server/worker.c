@@ -23,7 +23,7 @@ static void note_failure(worker *w, const report *why) {
 static bool work(worker *w) {
     report why;
     trocar_work done = {.more = 0};
-    if (trocar_sim_work(w->sim, &done, &why) != TROCAR_OK && !done.kept) note_failure(w, &why); /* the client that wanted to leave a needle gets a reply if the needle
+    if (trocar_sim_work(w->sim, &done, &why) != TROCAR_OK && !done.still_held) note_failure(w, &why); /* the client that wanted to leave a needle gets a reply if the needle
                                                                                                    was kept */
     if (done.answered) {
         spsc_ring_push(&w->exchange->latencies, &done.latency);

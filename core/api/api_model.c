@@ -36,7 +36,7 @@ static trocar_status end_model(trocar_model *m, trocar_status status, trocar_mod
 trocar_model_options trocar_default_model_options(void) {
     simulation_config config;
     simulation_defaults(&config);
-    return (trocar_model_options){.longest_catch_up = config.insertion.most_steps};
+    return (trocar_model_options){.max_substeps = config.insertion.most_steps};
 }
 
 /* Tells the host what it would otherwise have to ask for. */
@@ -56,7 +56,7 @@ trocar_status trocar_model_create(const trocar_scene *scene, const trocar_model_
         config.progress = (inverse_progress){options->watch.progress, options->watch.context, options->watch.cancelled};
         m->log = options->log;
         config.keep_inverse = options->keep_inverse;
-        if (options->longest_catch_up > 0) config.insertion.most_steps = options->longest_catch_up;
+        if (options->max_substeps > 0) config.insertion.most_steps = options->max_substeps;
     }
     m->mesh_only = options && options->mesh_only;
     floating_mode before = flush_denormals();

@@ -249,7 +249,7 @@ static void *read_keys(void *context) {
     int *known = context;
     for (int i = 0; i < trocar_key_count(); i++) {
         trocar_key key = trocar_key_at(i);
-        *known += key.key[0] && key.doc[0] && key.accepts[0] && (key.required || strcmp(key.key, "needle.length") != 0 || strcmp(key.standard, "0.2") == 0);
+        *known += key.key[0] && key.doc[0] && key.accepts[0] && (key.required || strcmp(key.key, "needle.length") != 0 || strcmp(key.default_value, "0.2") == 0);
     }
     return NULL;
 }

@@ -151,10 +151,10 @@ static void the_table_of_keys_is_whole(void **state) {
                  brackets ? brackets + 2 : "");
         assert_true(strlen(k.accepts) > 0 && strlen(k.doc) > 0);
         OK(trocar_scene_get(scene, key, before, sizeof before, &why));
-        if (!k.required && k.standard[0]) {
-            OK(trocar_scene_set(scene, key, k.standard, &why));
+        if (!k.required && k.default_value[0]) {
+            OK(trocar_scene_set(scene, key, k.default_value, &why));
             OK(trocar_scene_get(scene, key, after, sizeof after, &why));
-            assert_string_equal(after, k.standard);
+            assert_string_equal(after, k.default_value);
         }
     }
     assert_string_equal(trocar_key_at(-1).key, "");

@@ -218,8 +218,8 @@ static void default_options_are_those_without_options(void **state) {
     trocar_model_options defaults = trocar_default_model_options(), zero, one_step = defaults;
     memset(&zero, 0, sizeof zero);
     assert_true(!defaults.watch.progress && !defaults.watch.cancelled && !defaults.log.write && !defaults.mesh_only && !defaults.keep_inverse);
-    assert_true(defaults.longest_catch_up > 1);
-    one_step.longest_catch_up = 1;
+    assert_true(defaults.max_substeps > 1);
+    one_step.max_substeps = 1;
     const trocar_model_options *options[] = {NULL, &defaults, &zero, &one_step};
     trocar_output *outputs[] = {without, with, zeroed, other};
     for (int i = 0; i < 4; i++) {

@@ -183,7 +183,7 @@ def keys() -> list[Key]:
     """All keys that a scene can have."""
     rows = (lib.trocar_key_at(i) for i in range(lib.trocar_key_count()))
     text = lambda value: ffi.string(value).decode()
-    return [Key(text(r.key), text(r.unit), text(r.accepts), text(r.standard), text(r.doc), bool(r.required), _KEY_KIND[r.kind]) for r in rows]
+    return [Key(text(r.key), text(r.unit), text(r.accepts), text(r.default_value), text(r.doc), bool(r.required), _KEY_KIND[r.kind]) for r in rows]
 
 
 def _pattern(key: str) -> str:

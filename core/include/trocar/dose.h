@@ -52,7 +52,7 @@ TROCAR_API trocar_status trocar_dose_rates(const trocar_dose_source *source, con
    in which seeds are added and removed. */
 typedef struct trocar_dose trocar_dose;
 #define TROCAR_DOSE_QUANTUM 5.8207660913467407e-11 /* Gy: 2^-34 */
-#define TROCAR_DOSE_MOST 131072.0                  /* Gy, the most that one seed contributes to a point: 2^17 */
+#define TROCAR_MAX_SEED_DOSE 131072.0                  /* Gy, the most that one seed contributes to a point: 2^17 */
 enum { TROCAR_MAX_DOSE_SEEDS = 4095 };
 
 /* Voxel (i, j, k), counted from 0, has the index (i counts[1] + j) counts[2] + k, and its centre at origin + spacing (i, j, k). */
@@ -121,7 +121,7 @@ TROCAR_API double trocar_dvh_volume(const double *doses, int64_t count, double d
 
 typedef struct trocar_dvh_summary {
     double volume_cm3;           /* cm^3 */
-    double mean, least, most;    /* Gy */
+    double mean, minimum, maximum; /* Gy */
     double d10, d30, d80, d90;   /* Gy */
     double v100, v150, v200;     /* fractions of the volume */
     double v100_cm3;             /* cm^3 */

@@ -15,7 +15,7 @@ typedef struct trocar_model trocar_model;
 typedef struct trocar_model_options {
     trocar_watch watch;      /* must not wait for another model to be created. Reading a mesh and factorising are not interrupted */
     trocar_log log;          /* of this model, its simulations and models derived from it; kept until the last of them is freed */
-    int longest_catch_up;    /* steps of at most 1 ms into which a long tick is divided; 0: the default */
+    int max_substeps;    /* a long tick is divided into steps of 1 ms, but at most this many; 0: the default */
     int mesh_only;           /* 1: only reads and checks the mesh and the names in it, for viewers; no simulation can be created */
     int keep_inverse;        /* 1: fail (SYSTEM), before a condensed inverse is computed, if it cannot be saved in the cache */
 } trocar_model_options;

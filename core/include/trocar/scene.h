@@ -103,13 +103,13 @@ typedef struct trocar_key {
     const char *key;         /* "regions[].friction.static": one for each list entry */
     const char *unit;        /* "" if there is none */
     const char *accepts;     /* "a number above 0" */
-    const char *standard;    /* default, "" if there is none */
+    const char *default_value; /* "" if there is none */
     const char *doc;
     int required;
     int32_t kind;            /* trocar_key_kind */
 } trocar_key;
 TROCAR_API int trocar_key_count(void);            /* [any, RT] */
-TROCAR_API trocar_key trocar_key_at(int index);   /* all members are empty if `index` is out of range. [any, RT] */
+TROCAR_API trocar_key trocar_key_at(int index);   /* all members are empty if `index` is out of range. [any] */
 
 #ifdef __cplusplus
 }

@@ -84,7 +84,7 @@ TROCAR_API void trocar_sim_set_base_compliance(trocar_sim *sim, int needle, doub
 typedef struct trocar_work {
     int32_t answered;        /* 1: it answered a request; 0: there was none */
     int32_t more;            /* 1: more work is pending */
-    int32_t kept;            /* 1: a needle to be left finds no equilibrium without the hand (NUMERIC), or slips out of the tissue
+    int32_t still_held;      /* 1: a needle to be left finds no equilibrium without the hand (NUMERIC), or slips out of the tissue
                                 (BAD_INPUT): it is held as before */
     int64_t latency;         /* ns from that request to its answer, by the simulation's clock; 0 without a clock */
 } trocar_work;

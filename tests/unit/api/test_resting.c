@@ -670,7 +670,7 @@ static void a_needle_that_slips_out_when_it_is_let_go_is_kept(void **state) {
     OK(trocar_sim_leave(sim, 0, &why));
     trocar_work done;
     trocar_status status = trocar_sim_work(sim, &done, &why);
-    assert_true(status == TROCAR_BAD_INPUT && done.kept == 1);
+    assert_true(status == TROCAR_BAD_INPUT && done.still_held == 1);
     assert_int_equal(trocar_sim_needle_state(sim, 0), TROCAR_NEEDLE_HELD);
     OK(trocar_sim_step(sim, 0, &base, 1e-3, &out, &why));
     trocar_sim_free(sim);

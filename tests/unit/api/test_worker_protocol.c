@@ -409,7 +409,7 @@ static void *work(void *context) {
         while (work.more && !atomic_load(&w->stop)) {
             trocar_error error;
             trocar_status status = trocar_sim_work(w->sim, &work, &error);
-            if (status != TROCAR_OK && !work.kept && w->status == TROCAR_OK) w->status = status, w->failed = error;
+            if (status != TROCAR_OK && !work.still_held && w->status == TROCAR_OK) w->status = status, w->failed = error;
         }
     }
     return NULL;

@@ -96,8 +96,8 @@ struct trocar_sim {
 /* A copy of what there is to see. */
 struct trocar_picture {
     trocar_model *model;
-    trocar_view view;
     double time;             /* s, simulated */
+    trocar_view view;
     insertion_state *states; /* as many as the model has needles, */
     uint64_t stamps[MAX_NEEDLES]; /* and which ones they are */
     pose bases[MAX_NEEDLES];

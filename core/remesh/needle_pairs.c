@@ -6,8 +6,6 @@
 enum { FIELDS = 1024 };              /* lines whose fields are kept: those of 32 needles */
 static const double REACH = 3.0; /* edge lengths: from a line; beyond, no patch has any node. Derived: a patch reaches 1.6 edge lengths, and up to one element
                                     farther */
-static const double FINE = 2e-3; /* m: steps along a track in which needles beside each other are looked for, at least. Effort: no finer than contacts are
-                                    placed, by default */
 
 struct needle_pairs {
     resolver *resolver;
@@ -67,7 +65,7 @@ static trocar_status find_field(needle_pairs *p, const line_in_tet *line, const 
 
 static vec3 place_at(const shaft_piece *piece, double depth) { return v3_axpy(depth - piece->depth, piece->direction, piece->place); }
 
-void shaft_steps_lay(const mesh *m, const tissue_loads *own, double ahead, shaft_steps *steps) {
+void shaft_steps_lay(const mesh *m, const tissue_loads *own, double ahead, double finest, shaft_steps *steps) {
     const shaft_piece *pieces[MAX_LOADS];
     int count = 0, tet = -1;
     steps->count = 0;
@@ -76,7 +74,7 @@ void shaft_steps_lay(const mesh *m, const tissue_loads *own, double ahead, shaft
     if (count == 0) return;
     double length = pieces[count - 1]->to + ahead - pieces[0]->from;
     steps->start = pieces[0]->from;
-    steps->step = fmax(FINE, length / SHIFT_STEPS);
+    steps->step = fmax(finest, length / SHIFT_STEPS);
     steps->count = (int)fmin(ceil(length / steps->step), SHIFT_STEPS);
     for (int k = 0, at = 0; k < steps->count; k++) {
         double depth = steps->start + (k + 0.5) * steps->step;

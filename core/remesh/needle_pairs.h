@@ -22,8 +22,9 @@ typedef struct {
     } at[SHIFT_STEPS];
 } shaft_steps;
 
-/* The track on which these loads act, and as far ahead of its end (m). No steps if there is none. */
-void shaft_steps_lay(const mesh *m, const tissue_loads *own, double ahead, shaft_steps *steps);
+/* Divides the track on which these loads act, extended by `ahead` (m) beyond its end, into steps of at least `finest` (m). Without loads
+   there are no steps. */
+void shaft_steps_lay(const mesh *m, const tissue_loads *own, double ahead, double finest, shaft_steps *steps);
 
 /* Mean displacement of each step, m/N, that the mesh lacks under a force on the piece. It is zero but for steps *from to *to - 1; `lacks` has
    SHIFT_STEPS places. NUMERIC if a patch has no stiffness, NO_MEMORY. */

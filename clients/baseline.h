@@ -2,7 +2,7 @@
 #ifndef TROCAR_BASELINE_H
 #define TROCAR_BASELINE_H
 
-#include "timing.h"
+#include "common/timing.h"
 
 enum { BASELINE_ORDER = 256 };
 

@@ -4,10 +4,10 @@
 #include <stdlib.h>
 
 #include "baseline.h"
+#include "common/timing.h"
 #include "json.h"
 #include "options.h"
 #include "output.h"
-#include "timing.h"
 #include "trocar.h"
 
 typedef struct {

@@ -3,8 +3,8 @@
 #include <stdlib.h>
 #include <string.h>
 
+#include "common/realtime.h"
 #include "options.h"
-#include "realtime.h"
 
 typedef struct {
     const benchmark *benchmarks;

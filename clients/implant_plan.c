@@ -3,7 +3,7 @@
 #include <math.h>
 #include <stdio.h>
 
-#include "messages.h"
+#include "common/messages.h"
 #include "template_holes.h"
 
 static const double ROUNDING = 1e-5;  /* m, of positions in the table */

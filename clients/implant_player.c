@@ -3,12 +3,12 @@
 #include <math.h>
 #include <string.h>
 
+#include "common/messages.h"
+#include "common/realtime.h"
+#include "common/timing.h"
 #include "implant_watch.h"
-#include "messages.h"
 #include "motion.h"
 #include "playing.h"
-#include "realtime.h"
-#include "timing.h"
 #include "trocar_client.h"
 
 static const double MEAN_SPEED = 0.065; /* m/s, mean of a stroke; minimum jerk peaks at 1.875 times that. Measured hands: mean 48 mm/s, peak 123 mm/s

@@ -2,9 +2,9 @@
 
 #include <stdlib.h>
 
+#include "common/message_fit.h"
+#include "common/messages.h"
 #include "lcm_filter.h"
-#include "message_fit.h"
-#include "messages.h"
 #include "playing.h"
 #include "trocar_contacts_t.h"
 #include "trocar_deformation_t.h"

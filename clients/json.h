@@ -8,7 +8,7 @@
 #include <stdio.h>
 
 #include "base/vec.h"
-#include "timing.h"
+#include "common/timing.h"
 
 typedef struct {
     FILE *out;

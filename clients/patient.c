@@ -2,7 +2,7 @@
 
 #include <stdlib.h>
 
-#include "messages.h"
+#include "common/messages.h"
 
 trocar_status patient_frame_read(const trocar_scene *scene, patient_frame *frame, report *why) {
     double m[16];

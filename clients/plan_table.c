@@ -7,7 +7,7 @@
 #include <string.h>
 
 #include "base/input_file.h"
-#include "messages.h"
+#include "common/messages.h"
 #include "template_holes.h"
 
 static const double BESIDE = 0.5e-3;  /* m: a seed further from its hole's axis was planned for another template */

@@ -10,13 +10,13 @@
 #include <time.h>
 #include <unistd.h>
 
+#include "common/network.h"
+#include "common/session.h"
+#include "common/timing.h"
 #include "lcm_filter.h"
-#include "network.h"
 #include "playing.h"
 #include "poselog.h"
 #include "server_choice.h"
-#include "session.h"
-#include "timing.h"
 #include "trocar_command_t.h"
 
 static const double last_answers = 0.008; /* s of listening after the last pose: shorter than the server's hold time */

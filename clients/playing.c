@@ -6,8 +6,8 @@
 #include <stdio.h>
 #include <string.h>
 
-#include "realtime.h"
-#include "timing.h"
+#include "common/realtime.h"
+#include "common/timing.h"
 
 static volatile sig_atomic_t interrupted;
 

@@ -9,10 +9,10 @@
 #include <sys/stat.h>
 
 #include "base/input_file.h"
-#include "safety_limits.h"
-#include "message_fit.h"
-#include "messages.h"
-#include "probe_arbiter.h"
+#include "common/message_fit.h"
+#include "common/messages.h"
+#include "intake/probe_arbiter.h"
+#include "intake/safety_limits.h"
 #include "trocar_command_reply_t.h"
 
 /* LCM's own reader trusts the lengths in the file, prints to stderr and resumes at the next magic number, so that a damaged log

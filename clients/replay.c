@@ -8,16 +8,16 @@
 #include <string.h>
 #include <unistd.h>
 
+#include "common/handover.h"
+#include "common/messages.h"
+#include "common/progress.h"
 #include "comparison.h"
 #include "events.h"
-#include "handover.h"
-#include "messages.h"
 #include "options.h"
 #include "output.h"
 #include "patient.h"
 #include "poselog.h"
 #include "pvd.h"
-#include "progress.h"
 #include "region_motion.h"
 #include "seed_replay.h"
 #include "seed_table.h"

@@ -1,6 +1,6 @@
 #include "seed_replay.h"
 
-#include "handover.h"
+#include "common/handover.h"
 
 static bool is_undo(const logged_command *logged) { return logged->command.command == TROCAR_COMMAND_T_UNDO && logged->answer == ANSWER_DONE; }
 

@@ -1,6 +1,6 @@
 #include "seed_table.h"
 
-#include "messages.h"
+#include "common/messages.h"
 
 #include <stdlib.h>
 

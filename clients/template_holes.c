@@ -5,7 +5,7 @@
 #include <stdio.h>
 #include <string.h>
 
-#include "messages.h"
+#include "common/messages.h"
 
 int find_template(const trocar_model *model) {
     for (int i = 0; i < trocar_model_guide_count(model); i++) {

@@ -4,7 +4,7 @@
 #include <poll.h>
 #include <stdbool.h>
 
-#include "messages.h"
+#include "common/messages.h"
 
 static const double PUSH_SPEED = 0.1;      /* m/s, during insertion */
 enum { LEAP = 100 };                       /* ticks, longest jump after a puncture */

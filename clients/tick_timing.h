@@ -4,7 +4,7 @@
 
 #include "base/report.h"
 #include "base/vec.h"
-#include "timing.h"
+#include "common/timing.h"
 #include "trocar.h"
 
 typedef enum {

@@ -8,12 +8,12 @@
 #include <string.h>
 #include <unistd.h>
 
+#include "base/report.h"
+#include "common/message_fit.h"
+#include "common/timing.h"
 #include "dashboard.h"
 #include "lcm_filter.h"
-#include "message_fit.h"
 #include "options.h"
-#include "base/report.h"
-#include "timing.h"
 #include "udp_json.h"
 
 const char *argp_program_version = "trocar-top " TROCAR_VERSION;

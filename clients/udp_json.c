@@ -7,8 +7,8 @@
 #include <sys/socket.h>
 #include <unistd.h>
 
+#include "common/messages.h"
 #include "json.h"
-#include "messages.h"
 #include "options.h"
 
 /* ---- the destination -------------------------------------------------------------------------------------------------- */

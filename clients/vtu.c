@@ -2,7 +2,7 @@
 
 #include <stdbool.h>
 
-#include "messages.h"
+#include "common/messages.h"
 #include "output.h"
 
 /* ---- the format -------------------------------------------------------------------------------------------------- */

@@ -14,11 +14,11 @@
 #include <unistd.h>
 
 #include "base/triple_buffer.h"
-#include "exchange.h"
+#include "common/timing.h"
+#include "common/wake.h"
 #include "hole_approach.h"
 #include "json.h"
 #include "organ_dose.h"
-#include "timing.h"
 
 enum {
     ORGANS = 3,

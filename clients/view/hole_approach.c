@@ -1,6 +1,6 @@
 #include "hole_approach.h"
 
-#include "messages.h"
+#include "common/messages.h"
 
 static const double CLEARANCE = 0.003; /* m, distance of the tip in front of the template */
 static const double HERE = 1e-9;       /* m and rad, rounding */

@@ -3,10 +3,10 @@
 #include <math.h>
 #include <string.h>
 
+#include "common/messages.h"
+#include "common/timing.h"
 #include "hole_approach.h"
 #include "homes.h"
-#include "messages.h"
-#include "timing.h"
 #include "trocar_command_t.h"
 
 static const int64_t RECENT = 500000000; /* ns */

@@ -3,11 +3,11 @@
 #include <stdio.h>
 #include <stdlib.h>
 
-#include "subscriber.h"
-#include "messages.h"
+#include "common/messages.h"
+#include "common/viewer_messages.h"
 #include "poselog.h"
 #include "seed_replay.h"
-#include "viewer_messages.h"
+#include "subscriber.h"
 
 static const double CLOCK = 1e-6; /* s, resolution of the times in a log */
 

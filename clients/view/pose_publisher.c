@@ -5,12 +5,12 @@
 #include <sys/eventfd.h>
 #include <unistd.h>
 
-#include "exchange.h"
+#include "common/realtime.h"
+#include "common/session.h"
+#include "common/timing.h"
+#include "common/wake.h"
 #include "hole_approach.h"
 #include "poselog.h"
-#include "realtime.h"
-#include "session.h"
-#include "timing.h"
 #include "trocar_command_t.h"
 #include "trocar_probe_pose_t.h"
 

@@ -3,11 +3,11 @@
 #include <stdlib.h>
 #include <string.h>
 
+#include "common/message_fit.h"
+#include "common/messages.h"
+#include "common/timing.h"
 #include "lcm_filter.h"
-#include "message_fit.h"
 #include "printable.h"
-#include "messages.h"
-#include "timing.h"
 #include "trocar_command_t.h"
 #include "trocar_deformation_t.h"
 #include "trocar_probe_wrench_t.h"

@@ -9,8 +9,10 @@
 #include <unistd.h>
 
 #include "chromium.h"
+#include "common/realtime.h"
+#include "common/timing.h"
+#include "common/wake.h"
 #include "events.h"
-#include "exchange.h"
 #include "homes.h"
 #include "implant.h"
 #include "json.h"
@@ -19,8 +21,6 @@
 #include "output.h"
 #include "pilot.h"
 #include "playback.h"
-#include "realtime.h"
-#include "timing.h"
 #include "view_options.h"
 
 static const int64_t PICTURE_PATIENCE = 60000000000; /* ns */

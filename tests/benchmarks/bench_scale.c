@@ -6,10 +6,10 @@
 #include <string.h>
 #include <sys/resource.h>
 
+#include "common/progress.h"
 #include "json.h"
 #include "options.h"
 #include "output.h"
-#include "progress.h"
 #include "scale_timing.h"
 #include "tick_timing.h"
 

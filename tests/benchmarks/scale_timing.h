@@ -9,8 +9,8 @@
 #include <stdbool.h>
 
 #include "base/report.h"
+#include "common/timing.h"
 #include "motion.h"
-#include "timing.h"
 #include "trocar.h"
 
 typedef struct {

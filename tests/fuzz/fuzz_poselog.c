@@ -6,7 +6,7 @@
 #include <math.h>
 #include <string.h>
 
-#include "safety_limits.h"
+#include "intake/safety_limits.h"
 #include "poselog.h"
 
 static void read_wrenches(const char *path) {

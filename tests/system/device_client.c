@@ -19,7 +19,7 @@
 #include <stdint.h>
 #include <cmocka.h>
 
-#include "allocations.h"
+#include "common/allocations.h"
 #include "trocar_client.h"
 #include "trocar_command_reply_t.h"
 #include "trocar_command_t.h"

@@ -6,15 +6,15 @@
 #include <stdlib.h>
 #include <string.h>
 
+#include "common/messages.h"
+#include "common/realtime.h"
+#include "common/timing.h"
 #include "device_response.h"
 #include "limiter.h"
-#include "messages.h"
 #include "network.h"
 #include "options.h"
 #include "playing.h"
-#include "realtime.h"
 #include "settings.h"
-#include "timing.h"
 #include "trocar_client.h"
 
 const char *argp_program_version = "trocar-haply " TROCAR_VERSION;

@@ -3,7 +3,7 @@
 #include <stdlib.h>
 #include <string.h>
 
-#include "messages.h"
+#include "common/messages.h"
 #include "model_faces.h"
 
 int organs_count(const trocar_model *model) {

@@ -4,7 +4,7 @@
 #include <stddef.h>
 #include <stdint.h>
 
-#include "allocations.h"
+#include "common/allocations.h"
 #include "cube.h"
 #include "inverse/conjugate_gradients.h"
 

@@ -3,7 +3,7 @@
 
 #include <pthread.h>
 
-#include "timing.h"
+#include "common/timing.h"
 #include "trocar_command_t.h"
 #include "trocar_needle_pose_t.h"
 #include "trocar_probe_pose_t.h"

@@ -4,9 +4,9 @@
 #include <stdlib.h>
 #include <string.h>
 
+#include "common/timing.h"
+#include "common/viewer_messages.h"
 #include "trocar_probe_wrench_t.h"
-#include "viewer_messages.h"
-#include "timing.h"
 
 #include <setjmp.h>
 #include <stdarg.h>

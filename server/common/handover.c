@@ -1,6 +1,6 @@
-#include "handover.h"
+#include "common/handover.h"
 
-#include "messages.h"
+#include "common/messages.h"
 
 hand_clutch clutch_engage(pose hand, const trocar_pose *base) {
     return (hand_clutch){.engaged = true, .from = hand, .to = load_pose(base->position, base->orientation)};

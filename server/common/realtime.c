@@ -1,5 +1,5 @@
 #define _GNU_SOURCE
-#include "realtime.h"
+#include "common/realtime.h"
 
 #include <errno.h>
 #include <fcntl.h>

@@ -1,4 +1,4 @@
-#include "message_fit.h"
+#include "common/message_fit.h"
 
 #include <stdint.h>
 

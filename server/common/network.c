@@ -1,4 +1,4 @@
-#include "network.h"
+#include "common/network.h"
 
 #include <stdbool.h>
 #include <stdlib.h>

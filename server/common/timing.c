@@ -1,12 +1,12 @@
 #define _GNU_SOURCE
-#include "timing.h"
+#include "common/timing.h"
 
 #include <errno.h>
 #include <math.h>
 #include <sys/resource.h>
 #include <time.h>
 
-#include "allocations.h"
+#include "common/allocations.h"
 
 /* Octave k >= 1 covers [32, 64) << (k - 1) in 32 steps; the values below 32 are octave 0. */
 static int bucket_of(int64_t nanoseconds) {

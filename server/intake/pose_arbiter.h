@@ -5,10 +5,10 @@
 
 #include <stddef.h>
 
-#include "exchange.h"
-#include "other_server.h"
-#include "safety_limits.h"
-#include "sequence.h"
+#include "intake/requests.h"
+#include "intake/other_server.h"
+#include "intake/safety_limits.h"
+#include "intake/sequence.h"
 
 /* One needle's state for telemetry. */
 typedef struct {

@@ -4,8 +4,8 @@
 
 #include <stddef.h>
 
-#include "exchange.h"
-#include "sequence.h"
+#include "intake/requests.h"
+#include "intake/sequence.h"
 
 typedef struct {
     probe_sample newest;     /* last accepted pose; its session owns the probe */

@@ -1,8 +1,8 @@
-#include "session.h"
+#include "common/session.h"
 
 #include <sys/random.h>
 
-#include "timing.h"
+#include "common/timing.h"
 
 int64_t session_new(void) {
     int64_t session;

@@ -1,4 +1,4 @@
-#include "allocations.h"
+#include "common/allocations.h"
 
 #include <errno.h>
 #include <stddef.h>

@@ -1,11 +1,11 @@
-#include "pose_arbiter.h"
+#include "intake/pose_arbiter.h"
 
 #include <inttypes.h>
 #include <stdarg.h>
 #include <stdio.h>
 #include <string.h>
 
-#include "messages.h"
+#include "common/messages.h"
 #include "trocar_needle_pose_t.h"
 
 static const double OWNER_SILENCE = 2.0;  /* s after which another session may take over */

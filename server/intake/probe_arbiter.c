@@ -1,9 +1,10 @@
-#include "probe_arbiter.h"
+#include "intake/probe_arbiter.h"
 
 #include <inttypes.h>
 #include <stdio.h>
 
-#include "messages.h"
+#include "common/messages.h"
+#include "intake/safety_limits.h"
 #include "trocar_probe_pose_t.h"
 
 static const int64_t OWNER_SILENCE = 2000000000; /* ns after which another session may take over */

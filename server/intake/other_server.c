@@ -1,8 +1,8 @@
-#include "other_server.h"
+#include "intake/other_server.h"
 
 #include <stdio.h>
 
-#include "message_fit.h"
+#include "common/message_fit.h"
 #include "printable.h"
 #include "trocar_status_t.h"
 

@@ -4,8 +4,8 @@
 #ifndef TROCAR_VIRTUAL_COUPLING_H
 #define TROCAR_VIRTUAL_COUPLING_H
 
-#include "safety_limits.h"
-#include "swing_observer.h"
+#include "coupling/swing_observer.h"
+#include "intake/safety_limits.h"
 
 enum { COUPLING_TICKS = 1024 };  /* stored wrenches, a second at 1 kHz: the longest measurable round trip */
 

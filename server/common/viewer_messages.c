@@ -1,4 +1,4 @@
-#include "viewer_messages.h"
+#include "common/viewer_messages.h"
 
 #include <stdlib.h>
 #include <string.h>

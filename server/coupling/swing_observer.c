@@ -1,4 +1,4 @@
-#include "swing_observer.h"
+#include "coupling/swing_observer.h"
 
 #include <stdbool.h>
 

@@ -1,4 +1,4 @@
-#include "virtual_coupling.h"
+#include "coupling/virtual_coupling.h"
 
 static const double FAR = 5e-3;             /* s, assumed round trip until it is known */
 static const double RISE = 0.02, FALL = 0.002; /* filter weights per round trip: follows the longest one in ten */

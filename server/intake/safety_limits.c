@@ -1,4 +1,4 @@
-#include "safety_limits.h"
+#include "intake/safety_limits.h"
 
 #include <stdio.h>
 #include <string.h>

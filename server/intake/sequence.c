@@ -1,4 +1,4 @@
-#include "sequence.h"
+#include "intake/sequence.h"
 
 static const uint64_t LONGEST_GAP = 100000000; /* for senders that count in nanoseconds, 0.1 s */
 

@@ -10,7 +10,7 @@
 
 #include "base/report.h"
 #include "common/timing.h"
-#include "motion.h"
+#include "shared/motion.h"
 #include "trocar.h"
 
 typedef struct {

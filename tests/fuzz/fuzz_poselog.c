@@ -7,7 +7,7 @@
 #include <string.h>
 
 #include "intake/safety_limits.h"
-#include "poselog.h"
+#include "shared/poselog.h"
 
 static void read_wrenches(const char *path) {
     wrench_log log;

@@ -9,12 +9,12 @@
 #include "common/messages.h"
 #include "common/realtime.h"
 #include "common/timing.h"
+#include "device/playing.h"
 #include "device_response.h"
 #include "limiter.h"
 #include "network.h"
-#include "options.h"
-#include "playing.h"
 #include "settings.h"
+#include "shared/options.h"
 #include "trocar_client.h"
 
 const char *argp_program_version = "trocar-haply " TROCAR_VERSION;

@@ -4,7 +4,7 @@
 #include <string.h>
 
 #include "common/messages.h"
-#include "model_faces.h"
+#include "view/stream/model_faces.h"
 
 int organs_count(const trocar_model *model) {
     int count = 0;

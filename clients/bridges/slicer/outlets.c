@@ -6,8 +6,8 @@
 
 #include "common/messages.h"
 #include "common/timing.h"
-#include "events.h"
-#include "json.h"
+#include "shared/events.h"
+#include "shared/json.h"
 
 enum { STATUS, NEEDLES, BASE = 0, TIP, FORCE, CURVE, PER_NEEDLE, PER_PROBE = 2 };
 

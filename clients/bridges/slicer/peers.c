@@ -14,7 +14,7 @@
 #include <unistd.h>
 
 #include "common/timing.h"
-#include "options.h"
+#include "shared/options.h"
 
 enum { LARGEST_TRANSFORM = 65536, TRACKER = PEERS, PACES = 16 };
 static const int64_t SECOND = 1000000000;   /* ns */

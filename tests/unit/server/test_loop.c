@@ -9,8 +9,8 @@
 #include "common/allocations.h"
 #include "common/realtime.h"
 #include "haptic.h"
-#include "motion.h"
 #include "remesh/remesh.h"
+#include "shared/motion.h"
 #include "trocar_needle_wrench_t.h"
 #include "worker.h"
 

@@ -3,7 +3,7 @@
 #include <math.h>
 
 #include "coupling/virtual_coupling.h"
-#include "hand.h"
+#include "device/hand.h"
 #include "lockstep.h"
 #include "trocar_needle_wrench_t.h"
 

@@ -1,5 +1,5 @@
 /* The messages of the pose_publisher, on its own clock (memq, no network). */
-#include "pose_publisher.h"
+#include "view/hand/pose_publisher.h"
 
 #include <pthread.h>
 

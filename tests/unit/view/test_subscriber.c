@@ -1,5 +1,5 @@
 /* Valid messages reach the timeline; invalid ones are counted. */
-#include "subscriber.h"
+#include "view/stream/subscriber.h"
 
 #include <stdlib.h>
 #include <string.h>

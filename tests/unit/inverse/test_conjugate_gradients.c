@@ -5,8 +5,8 @@
 #include <stdint.h>
 
 #include "common/allocations.h"
+#include "condensed/conjugate_gradients.h"
 #include "cube.h"
-#include "inverse/conjugate_gradients.h"
 
 #include <cmocka.h>
 

@@ -22,7 +22,7 @@ from . import shells
 from .contours import Unusable
 from .label_image import box_of, connected_in, drawn, image_data
 from .shells import Shell, configured, pipe
-from .trouble import BadFile, Empty, needed
+from ..trouble import BadFile, Empty, needed
 
 MOST_VOXELS = 6e6      # in which surfaces are sought: larger images are thinned out
 MOST_SIZE = 2 ** 31    # voxels of a file

@@ -1,13 +1,15 @@
 """Runs random synthetic patients through the pipeline: prints a Markdown table and fails if one of them does.
 
-usage: python3 -m anatomy.stress [FIRST [COUNT]]     numbers of the patients; default 0 50
+usage: python3 -m anatomy.trials.stress [FIRST [COUNT]]     numbers of the patients; default 0 50
 """
 import sys
 import tempfile
 
 import numpy as np
 
-from . import organ, patient, pipeline, shells
+from .. import organ, pipeline
+from ..shapes import shells
+from . import patient
 
 VOLUME_LIMIT = 0.03                     # of the volume of the outlines as read
 MEAN_LIMIT, GREATEST_LIMIT = 1.0, 6.0   # mm from the surface to the outlines before the defects, which move them by up to 10 mm

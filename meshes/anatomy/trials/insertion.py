@@ -1,13 +1,13 @@
 """Pushes the needle of a scene from its start to its target, as the script `insert` of trocar-device does, and says what happened.
 
-usage: python3 -m anatomy.insertion SCENE.yaml [BUILD_DIR]
+usage: python3 -m anatomy.trials.insertion SCENE.yaml [BUILD_DIR]
 """
 import dataclasses
 import sys
 
 import numpy as np
 
-from . import binding
+from .. import binding
 
 DT = 1e-3               # s
 SPEED = 0.05            # m/s

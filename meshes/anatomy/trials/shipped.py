@@ -1,6 +1,6 @@
 """Writes the outlines that the repository ships: a synthetic patient as RT Structure Set and as CSV.
 
-usage: python3 -m anatomy.shipped FOLDER
+usage: python3 -m anatomy.trials.shipped FOLDER
 """
 import csv
 import os
@@ -12,7 +12,8 @@ from pydicom.dataset import Dataset, FileDataset, FileMetaDataset
 from pydicom.sequence import Sequence
 from pydicom.uid import ExplicitVRLittleEndian, RTStructureSetStorage
 
-from . import patient, reading
+from .. import reading
+from . import patient
 
 # A fixed UID derived from a UUID: not a real patient's, and the same in each run.
 UID = "2.25.113059749145936325402354257176981405696"

@@ -1,6 +1,6 @@
 """What real scans have brought to light, made again from simple shapes: each case through the program, as it is called by a user.
 
-usage: python3 -m anatomy.cases [--program COMMAND] [--build FOLDER] [CASE...]     prints a Markdown table
+usage: python3 -m anatomy.trials.cases [--program COMMAND] [--build FOLDER] [CASE...]     prints a Markdown table
 """
 import argparse
 import os
@@ -13,10 +13,11 @@ import time
 
 import numpy as np
 
-from . import inputs, shells, torso
+from ..shapes import shells
+from . import inputs, torso
 
 SPACING = (1.5, 1.5, 2.0)
-ROOT = os.path.dirname(os.path.dirname(os.path.dirname(os.path.abspath(__file__))))
+ROOT = os.path.dirname(os.path.dirname(os.path.dirname(os.path.dirname(os.path.abspath(__file__)))))
 
 
 class Case:
@@ -118,7 +119,7 @@ def twenty_lesions_of_8_mm_in_liver(case):
 def lesion_alone_beside_its_organ(case):
     """In files of their own, as surfaces: the lesion is no other unit."""
     labels, inside, _, place = torso.torso((2.0, 2.0, 2.0), 1, 2.5)
-    from . import voxels
+    from ..shapes import voxels
     map_ = voxels.LabelMap([(labels == 5).astype(np.uint8), inside.astype(np.uint8)], place, {"liver": voxels.Segment(0, 1), "lesion": voxels.Segment(1, 1)})
     files = []
     for name, each in ((name, voxels.outlined(map_, [name])[name]) for name in map_.segments):
@@ -233,7 +234,7 @@ def row(case, given):
 
 
 def main():
-    parser = argparse.ArgumentParser("anatomy.cases")
+    parser = argparse.ArgumentParser("anatomy.trials.cases")
     parser.add_argument("case", nargs="*")
     parser.add_argument("--program", default=os.path.join(ROOT, "scripts/anatomy"))
     parser.add_argument("--build", default=os.path.join(ROOT, "build"))

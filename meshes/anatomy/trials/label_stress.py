@@ -1,11 +1,11 @@
 """Runs label maps, surfaces and volume meshes of every kind through the program; prints Markdown tables and fails if one of them is not within
 the limits.
 
-usage: python3 -m anatomy.label_stress kinds [NODES [KIND...]]   the synthetic patient as every kind of file; default 570, all
-       python3 -m anatomy.label_stress random [FIRST [COUNT]]    random label maps: numbers of the maps; default 0 200
-       python3 -m anatomy.label_stress crowded BUILD_DIR [FIRST [COUNT [SIZE [NODES]]]]   the same with enclosed lesions, satellites and bones that touch; each is
+usage: python3 -m anatomy.trials.label_stress kinds [NODES [KIND...]]   the synthetic patient as every kind of file; default 570, all
+       python3 -m anatomy.trials.label_stress random [FIRST [COUNT]]    random label maps: numbers of the maps; default 0 200
+       python3 -m anatomy.trials.label_stress crowded BUILD_DIR [FIRST [COUNT [SIZE [NODES]]]]   the same with enclosed lesions, satellites and bones that touch; each is
                                                                  loaded and pierced; default 0 200 0.6 900; SIZE: of the organs
-       python3 -m anatomy.label_stress forces BUILD_DIR [NODES]  the same insertion in one organ from outlines, labels and a surface
+       python3 -m anatomy.trials.label_stress forces BUILD_DIR [NODES]  the same insertion in one organ from outlines, labels and a surface
 """
 import concurrent.futures
 import contextlib
@@ -21,10 +21,12 @@ import numpy as np
 import scipy.ndimage
 import scipy.sparse.csgraph
 
-from . import __main__ as command, binding, inputs, insertion, limits, meshing, options, organ as organs_in, patient, pipeline, shipped, voxels
-from .contours import Unusable
-from .limits import Crashed, TooLong
-from .trouble import BadFile
+from .. import __main__ as command, binding, limits, meshing, options, organ as organs_in, pipeline
+from ..shapes import voxels
+from . import inputs, insertion, patient, shipped
+from ..shapes.contours import Unusable
+from ..limits import Crashed, TooLong
+from ..trouble import BadFile
 
 VOLUME_LIMIT = 0.01                     # of the volume of the voxels
 LEAST_ANGLE, GREATEST_ANGLE = 10, 165   # deg

@@ -11,7 +11,8 @@ from pydicom.sequence import Sequence
 from pydicom.uid import ExplicitVRLittleEndian, SegmentationStorage
 from vtk.util.numpy_support import numpy_to_vtk
 
-from . import patient, shells, shipped
+from ..shapes import shells
+from . import patient, shipped
 
 NAMES = {1: "Prostate", 2: "Urethra", 3: "Rectum", 4: "Bladder", 5: "Pubic arch", 6: "Body"}
 SNOMED = {1: ("41216001", "Prostate"), 2: ("13648007", "Urethra"), 3: ("34402009", "Rectum"), 4: ("89837001", "Bladder")}

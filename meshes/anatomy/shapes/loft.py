@@ -2,7 +2,8 @@
 import gmsh
 import numpy as np
 
-from . import contours, limits, session
+from .. import limits, session
+from . import contours
 from .shells import Shell, oriented
 
 POINTS, HARMONICS = 24, 6     # of an outline's spline; higher harmonics are tremor

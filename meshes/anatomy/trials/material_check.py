@@ -1,7 +1,7 @@
 """An insertion into each material of materials.py: how far a region dents before the needle gets in, at which force, and the largest force on the way to its middle.
 Prints the table of meshes/materials.md, and fails if a needle does not get in.
 
-usage: python3 -m anatomy.material_check BUILD_DIR [NAME...]
+usage: python3 -m anatomy.trials.material_check BUILD_DIR [NAME...]
 """
 import dataclasses
 import os
@@ -10,7 +10,8 @@ import tempfile
 
 import numpy as np
 
-from . import binding, insertion, inputs, label_stress, materials, torso
+from .. import binding, materials
+from . import insertion, inputs, label_stress, torso
 
 SPACING = (2.0, 2.0, 2.0)           # mm
 HALF = 45.0, 40.0, 25.0             # mm, half axes of the region: 25 mm from its surface to its middle

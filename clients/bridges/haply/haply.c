@@ -1,5 +1,5 @@
 /* trocar-haply: connects a Haply Inverse3 and its handle to trocar-server. In each period it sends the newest force to the Haply Inverse Service; the
-   reply contains the device's state, from which the needle's next pose is computed. See docs/haply.md and message.h. */
+   reply contains the device's state, from which the needle's next pose is computed. See docs/devices/haply.md and message.h. */
 #include <argp.h>
 #include <stdarg.h>
 #include <stdio.h>

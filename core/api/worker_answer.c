@@ -3,7 +3,7 @@
 #include <string.h>
 
 #include "base/flush_denormals.h"
-#include "remesh/free_displacement.h"
+#include "snapshot/free_displacement.h"
 
 /* ---- what else loads the tissue --------------------------------------------------------------------------------------------- */
 

@@ -7,8 +7,8 @@
 #include "base/cache_line.h"
 #include "base/memory.h"
 #include "insertion/state/local_compliance.h"
-#include "remesh/free_displacement.h"
-#include "remesh/refined_field.h"
+#include "refinement/refined_field.h"
+#include "snapshot/free_displacement.h"
 #include "tissue/blas.h"
 
 region_material region_defaults(void) {

@@ -6,7 +6,7 @@
 #include <string.h>
 
 #include "api/api.h"
-#include "api/host_log.h"
+#include "base/host_log.h"
 #include "tissue/blas.h"
 
 enum { TICKS_BETWEEN = 64 }; /* two looks at the watch */

@@ -2,13 +2,13 @@
 #include <stdlib.h>
 #include <string.h>
 
-#include "api/host_log.h"
 #include "api/ticking.h"
 #include "api/worker.h"
 #include "api/worker_answer.h"
 #include "api/worker_probe.h"
 #include "base/cache_line.h"
 #include "base/flush_denormals.h"
+#include "base/host_log.h"
 
 _Static_assert(TROCAR_MAX_CONTACTS == (int)MAX_CONTACTS && TROCAR_MAX_JOINTS == NEEDLE_MAX_SEGMENTS + 1 && TROCAR_MAX_NEEDLES == (int)MAX_NEEDLES,
                "limits differ from trocar.h");

@@ -1,5 +1,5 @@
 /* What goes to stderr when it is not a terminal: progress, a line per tenth, none repeated; and messages. */
-#include "progress.h"
+#include "common/progress.h"
 
 #include <setjmp.h>
 #include <stdarg.h>

@@ -1,13 +1,14 @@
 #include "insertion/tip/outside.h"
 
-static const double NEAR = 10e-3; /* m: of shaft from where the track begins and ends; the skin there is not where it was at rest. Chosen */
+static const double NEAR = 10e-3; /* m: distance from the beginning and end of the track within which shaft is not checked, because the skin there is
+                                     displaced. Chosen by judgement */
 
-/* A stretch of the shaft, m from the base. */
+/* A part of the shaft, m from the base. */
 typedef struct {
     double from, to;
 } stretch;
 
-/* The needle's track with what is too close to it: nothing but the tip in the air. */
+/* The part of the shaft in the track, with a margin; only the tip if the needle is outside the tissue. */
 static stretch known_stretch(const tick_input *tick, const insertion_state *state) {
     const needle_tip *tip = &state->tip;
     double length = tick->model->needle->given.length;

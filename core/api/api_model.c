@@ -7,7 +7,7 @@
 
 _Static_assert(sizeof(bool) == sizeof(uint8_t) && (int)MESH_MAX_GROUPS == 32, "trocar.h says so");
 
-/* An allocated model with what the scene says beside the simulation's parts; *config is for these. */
+/* Allocates a model and copies the parts of the scene that are not in the simulation's configuration; fills *config for the rest. */
 static trocar_status begin_model(const trocar_scene *scene, trocar_model **model, simulation_config *config, report *why) {
     trocar_status status = scene_check(&scene->values, why);
     if (status != TROCAR_OK) return status;
@@ -25,7 +25,7 @@ static trocar_status begin_model(const trocar_scene *scene, trocar_model **model
 
 static trocar_status end_model(trocar_model *m, trocar_status status, trocar_model **model) {
     if (m->parts.config.mesh_given) m->parts.config.mesh_path[0] = '\0'; /* a file that was not read */
-    m->parts.config.mesh_given = NULL; /* the scene's, which may go */
+    m->parts.config.mesh_given = NULL; /* belongs to the scene, which may be freed */
     m->parts.config.scene_path = NULL;
     if (status == TROCAR_OK) *model = m;
     else free(m);

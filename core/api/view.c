@@ -30,7 +30,7 @@ static trocar_contact_status status_of(friction_state friction) {
     return friction == STICK ? TROCAR_CONTACT_STICKING : TROCAR_CONTACT_SLIDING;
 }
 
-/* Of guides that the needle touches, at most MAX_GUIDE_POINTS; returns how many they are. */
+/* Lists the contacts with guides, at most MAX_GUIDE_POINTS; returns their number. */
 static int guide_contacts_of(const trocar_model *parent, const insertion_state *s, trocar_contact *contacts) {
     int count = 0;
     for (int i = 0; i < MAX_GUIDE_POINTS; i++) {
@@ -45,7 +45,7 @@ static int guide_contacts_of(const trocar_model *parent, const insertion_state *
     return count;
 }
 
-/* From base to tip. */
+/* Sorts contacts from base to tip. */
 static void sort_by_arc(trocar_contact *contacts, int count) {
     for (int i = 1; i < count; i++)
         for (int k = i; k > 0 && contacts[k].arc < contacts[k - 1].arc; k--) {

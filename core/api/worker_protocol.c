@@ -135,7 +135,7 @@ void link_adopt(needle_link *link, insertion_state *state, tissue_loads *loads) 
     set_phase(link, PHASE_HELD);
 }
 
-/* That its loads have vanished is said after it is held, as those of a needle that rests are not read. */
+/* The vanished loads are published after the change to HELD, because loads of a resting needle are not read. */
 bool link_reset(needle_link *link, uint64_t serial) {
     bool away = link_phase(link) != PHASE_HELD;
     if (away) {
@@ -147,7 +147,7 @@ bool link_reset(needle_link *link, uint64_t serial) {
 
 int64_t link_waiting(const needle_link *link, int64_t now) {
     if (link->answered >= link->posted || link_phase(link) != PHASE_HELD) return 0;
-    uint64_t oldest = link->posted - link->answered < REQUESTS_REMEMBERED ? link->answered + 1 : link->posted + 1; /* or the oldest remembered */
+    uint64_t oldest = link->posted - link->answered < REQUESTS_REMEMBERED ? link->answered + 1 : link->posted + 1; /* or the oldest one remembered */
     return now - link->asked[oldest % REQUESTS_REMEMBERED];
 }
 
@@ -194,7 +194,7 @@ void probe_link_publish(probe_link *link) { triple_buffer_publish(&link->shown);
 
 bool probe_link_waiting(probe_link *link, pose *at) {
     if (!triple_buffer_waits(&link->poses)) return false;
-    memcpy(at, triple_buffer_read(&link->poses, NULL), sizeof *at); /* read, and put back */
+    memcpy(at, triple_buffer_read(&link->poses, NULL), sizeof *at); /* reads the pose and puts it back */
     memcpy(triple_buffer_slot(&link->poses), at, sizeof *at);
     triple_buffer_publish(&link->poses);
     return true;
@@ -224,7 +224,7 @@ void sim_link_free(sim_link *link) {
 
 void wake_worker(const sim_link *link) {
     uint64_t one = 1;
-    ssize_t written = write(link->wake, &one, sizeof one); /* fails only if the counter is full: the worker is awake anyway */
+    ssize_t written = write(link->wake, &one, sizeof one); /* fails only if the counter is full, and then the worker is awake anyway */
     (void)written;
 }
 

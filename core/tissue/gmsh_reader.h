@@ -22,7 +22,7 @@ typedef struct {
     int triangle_count;
 } gmsh_reader;
 
-/* Fail with a message: out of memory; Gmsh's last error. */
+/* Return a failure with a message: out of memory; Gmsh's last error. */
 trocar_status reader_no_memory(gmsh_reader *r);
 trocar_status reader_gmsh_failed(gmsh_reader *r);
 

@@ -20,10 +20,10 @@ typedef struct {
     double friction_viscous;   /* N s/m^2, additional friction per length and sliding speed */
 } region_material;
 
-/* How the volumetric energy, lambda/2 (div u)^2, is integrated. By element, linear tetrahedra lock (at nu = 0.45 needle forces are 10 to 15 % too
-   large). Averaging prevents this: over disjoint patches of 8 tetrahedra of one region (after the F-bar patches of de Souza Neto and others 2005), or
-   at the nodes of each region (Bonet and Burton 1998), which couples a node with its neighbours' neighbours and makes large meshes expensive. The
-   remaining energy, mu eps:eps, is always integrated by element, which keeps K positive definite. */
+/* Integration of the volumetric energy, lambda/2 (div u)^2. Integrated by element, linear tetrahedra lock (at nu = 0.45 needle forces are 10 to 15 % too
+   large). Averaging prevents this: over disjoint patches of 8 tetrahedra of one region (after the F-bar patches of de Souza Neto and others 2005), or at the
+   nodes of each region (Bonet and Burton 1998), which couples a node with its neighbours' neighbours and makes large meshes expensive. The remaining energy,
+   mu eps:eps, is always integrated by element, which keeps K positive definite. */
 typedef enum { STRAIN_BY_PATCH, STRAIN_BY_NODE, STRAIN_BY_ELEMENT } volumetric_strain;
 
 typedef struct {
@@ -34,32 +34,31 @@ typedef struct {
     bool *fixed;               /* node_count: zero displacement */
     int dof_count;             /* free displacements */
     int *dof;                  /* node_count: first of the node's three dofs, or -1 if fixed */
-    cholmod_common common;     /* of the thread that owns the factor */
+    cholmod_common common;     /* workspace of the thread that owns the factor */
     cholmod_sparse *stiffness; /* K, dof_count square, lower triangle, N/m; NULL before tissue_stiffness */
     atomic_bool assembled;     /* K exists, visible to any thread */
     cholmod_factor *factor;    /* supernodal Cholesky factor of K; NULL before tissue_factor */
-    double refused;            /* bytes that the last tissue_factor needed but did not get; 0: it was not refused for lack of memory */
+    double refused;            /* bytes that the last tissue_factor required when it failed for lack of memory; 0: it did not */
     int *column;               /* dof_count / 3: position in the factor of dofs 3 i, 3 i + 1, 3 i + 2 */
 } tissue;
 
-/* Everything but K and its factor. `mesh` and `materials` must outlive the tissue. */
+/* Defines everything except K and its factor. `mesh` and `materials` must outlive the tissue. */
 trocar_status tissue_define(const mesh *m, const region_material *materials, const bool *fixed, volumetric_strain volumetric,
                             tissue *t, report *why);
 
 /* Assembles K unless it exists. */
 trocar_status tissue_stiffness(tissue *t, report *why);
 
-/* tissue_define and tissue_stiffness. */
+/* Calls tissue_define and tissue_stiffness. */
 trocar_status tissue_assemble(const mesh *m, const region_material *materials, const bool *fixed, volumetric_strain volumetric,
                               tissue *t, report *why);
 
-/* Factorises K, which it assembles if necessary. The given nodes are eliminated last, so that blocks of the inverse between them need only a small
-   part of the factor. BAD_INPUT if the fixed nodes do not constrain the body, or the factor exceeds the machine's memory or CHOLMOD's indices;
-   NO_MEMORY, before it is computed, if too little is available now. After an error there is no factor. */
+/* Factorises K, after assembling it if necessary. The given nodes are eliminated last, so that blocks of the inverse between them need only a small part of
+   the factor. BAD_INPUT if the fixed nodes do not constrain the body, or the factor exceeds the machine's memory or the range of CHOLMOD's indices; NO_MEMORY,
+   before the computation, if too little memory is available now. After an error, `factor` is NULL. */
 trocar_status tissue_factor(tissue *t, int count, const int *nodes, report *why);
 
-static const double LOOSE_BODY = 1e-13; /* fraction: of the largest eigenvalue of K; if the smallest one is below, the body counts as loose. Rounding
-                                           */
+static const double LOOSE_BODY = 1e-13; /* fraction: of the largest eigenvalue of K, below which the smallest one indicates a loose body. Rounding tolerance */
 
 /* Reports a loose body (BAD_INPUT). */
 trocar_status tissue_loose(report *why);
@@ -67,13 +66,13 @@ trocar_status tissue_loose(report *why);
 /* A load that is not orthogonal to any rigid motion, for finding loose bodies. */
 static inline double tissue_test_load(int dof) { return 1.0 + 0.37 * (dof % 7); }
 
-/* Assembles and factorises with no node last; for tests. A simulation factorises once it knows the last nodes, or never. */
+/* Assembles and factorises without nodes to be eliminated last; for tests. A simulation factorises once it knows the last nodes, or never. */
 trocar_status tissue_create(const mesh *m, const region_material *materials, const bool *fixed, volumetric_strain volumetric,
                             tissue *t, report *why);
 void tissue_free(tissue *t);
 
-/* The constant part of a tissue after tissue_define. K and its factor stay with the original, and another thread may be making them. Nothing needs to
-   be freed; the original must outlive it. */
+/* The constant part of a tissue after tissue_define, for use while another thread creates K and its factor, which stay with the original. Nothing needs to be
+   freed; the original must outlive it. */
 tissue tissue_constants(const tissue *t);
 
 /* Moduli of the part of the energy that is integrated by element. */

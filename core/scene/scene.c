@@ -7,7 +7,7 @@
 #include "base/input_file.h"
 #include "scene/scene_document.h"
 
-enum { MAX_FILE = 1 << 20 }; /* bytes; a scene has a few thousand */
+enum { MAX_FILE = 1 << 20 }; /* bytes; a scene has a few thousand bytes */
 
 /* ---- values that must fit each other ---------------------------------------------------------------------------------------- */
 
@@ -101,7 +101,7 @@ static trocar_status read_file(const char *path, char **text, size_t *length, re
     return status;
 }
 
-/* Checks values that are compared with the mesh later, once it has been read. */
+/* Records the lines of values that are checked against the mesh later. */
 static void note_lines(scene *s, yaml_text *document) {
     char key[KEY_ROOM];
     for (int i = 0; i < s->simulation.guide_count; i++) {
@@ -144,7 +144,7 @@ trocar_status scene_load(const char *path, scene *s, report *why) {
 
 /* ---- one key ----------------------------------------------------------------------------------------------------------------- */
 
-/* The list entry that "regions[0].x" or "regions[prostate].x" means, and the pattern "regions[].x". NULL: no such entry. */
+/* Finds the list entry for "regions[0].x" or "regions[prostate].x", and the pattern "regions[].x". NULL if there is no such entry. */
 static void *find_entry(scene *s, const char *key, bool append, char pattern[KEY_ROOM]) {
     const char *open = strchr(key, '['), *close = open ? strchr(open, ']') : NULL;
     snprintf(pattern, KEY_ROOM, "%s", key);
@@ -170,7 +170,7 @@ static void *find_entry(scene *s, const char *key, bool append, char pattern[KEY
     return entry;
 }
 
-/* The table row of a key, and the place of its value. */
+/* Finds the table row of a key, and the struct that contains its value. */
 static const row *find_value(scene *s, const char *key, bool append, void **base, fault *f) {
     char pattern[KEY_ROOM];
     *base = strlen(key) < KEY_ROOM ? find_entry(s, key, append, pattern) : NULL;

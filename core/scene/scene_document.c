@@ -4,7 +4,7 @@
 
 static void join_key(char out[KEY_ROOM], const char *before, const char *key) { snprintf(out, KEY_ROOM, "%s%s%s", before, *before ? "." : "", key); }
 
-/* A mapping: its key, such as "regions[0].friction", the matching pattern of the table, and the struct that its values go into. */
+/* A mapping: its key, such as "regions[0].friction", the matching pattern of the table, and the struct for its values. */
 typedef struct {
     const char *key, *pattern;
     void *base;              /* the scene, or a list entry */
@@ -61,7 +61,7 @@ static void take_pair(scene *s, const mapping *at, const char *name, const yaml_
     else reject_unknown(f, key, at, name);
 }
 
-/* Reads the device's profile before the keys that override it. */
+/* True for the device's profile, which is read before the keys that override it. */
 static bool comes_first(const char *pattern, const char *name) {
     char key[KEY_ROOM];
     join_key(key, pattern, name);

@@ -4,7 +4,7 @@
 
 #include "scene/scene_struct.h"
 
-enum { KEY_ROOM = 256, WORDS_ROOM = 512 }; /* bytes of a key and of a message about it */
+enum { KEY_ROOM = 256, WORDS_ROOM = 512 }; /* bytes of a key, and of a message about a key */
 
 typedef enum { NUMBER, COUNT, WORD, LENGTH_UNIT, PROFILE, NAME, NAMES, FILE_PATH, DIRECTORY_PATH, POINT, ROTATION, TRANSFORM } value_kind;
 typedef enum { NO_LIST, REGIONS, MEMBRANES, GUIDES, RELAXATION, LISTS } list_kind;
@@ -14,7 +14,7 @@ typedef const char *(*word_of)(int index); /* returns NULL past the last one */
 typedef struct {
     const char *key, *unit;
     value_kind kind;
-    size_t offset;           /* of the value in `scene`, or in the list entry */
+    size_t offset;           /* offset of the value in `scene`, or in the list entry */
     const range *allowed;    /* NUMBER, COUNT */
     word_of words;           /* WORD, PROFILE */
     list_kind list;
@@ -25,7 +25,7 @@ typedef struct {
 extern const row SCENE_TABLE[];
 extern const int SCENE_ROWS;
 extern const range ANY_NUMBER;
-extern const char UNIT_WORDS[]; /* what LENGTH_UNIT accepts */
+extern const char UNIT_WORDS[]; /* accepted values of LENGTH_UNIT */
 
 /* The row of a key pattern such as "regions[].name", or NULL. */
 const row *find_row(const char *pattern);
@@ -36,7 +36,7 @@ bool leads_on(const char *pattern, const char *next);
 /* "a, b or c" */
 void list_words(word_of word, char *list, size_t size);
 
-/* Size in metres of a named unit; 0: no such unit. */
+/* Size in metres of a named unit; 0 if there is no such unit. */
 double unit_size(const char *name);
 
 /* A list of mappings, and the largest number of entries. */

@@ -20,7 +20,7 @@ void reject_at(fault *f, const char *place, const char *key, const char *format,
 
 /* ---- values -------------------------------------------------------------------------------------------------------------- */
 
-/* A decimal number or YAML's infinity, with nothing after it. */
+/* Parses a decimal number or YAML's infinity, with nothing after it. */
 static bool parse_number(const char *text, double *value) {
     static const char *const infinities[] = {".inf", ".Inf", ".INF", "+.inf"};
     for (size_t i = 0; i < sizeof infinities / sizeof *infinities; i++)
@@ -38,7 +38,7 @@ static bool take_number(const row *r, const char *key, const char *text, const r
     return false;
 }
 
-/* A named unit, or its size in metres. */
+/* Reads a named unit, or its size in metres. */
 static void take_unit(const char *key, const char *text, double *unit, fault *f) {
     double number;
     double named = unit_size(text);
@@ -85,7 +85,7 @@ static void take_path(const scene *s, const row *r, const char *key, const char 
     if (length < 0 || length >= 1024) reject(f, key, "path longer than 1023 characters");
 }
 
-/* A list of exactly `count` numbers. */
+/* Reads a list of exactly `count` numbers. */
 static bool take_numbers(const row *r, const char *key, const yaml_value *value, const char *count_in_words, int count, double *numbers, fault *f) {
     bool good = value->count == count;
     for (int i = 0; i < count && good; i++) {
@@ -110,7 +110,7 @@ static void take_rotation(const row *r, const char *key, const yaml_value *value
     else *rotation = q_unit((quat){n[0], n[1], n[2], n[3]});
 }
 
-/* A transform from mm to m without distortion: rotation, translation and the factor 1e-3. */
+/* Reads a transform from mm to m without distortion: rotation, translation and the factor 1e-3. */
 static void take_transform(const row *r, const char *key, const yaml_value *value, double matrix[16], fault *f) {
     double n[16];
     if (!take_numbers(r, key, value, "sixteen", 16, n, f)) return;
@@ -137,7 +137,7 @@ static void take_names(scene *s, const row *r, const char *key, const yaml_value
     }
 }
 
-/* A name that no other entry of the list has. */
+/* Reads a name that must be unique in the list. */
 static void take_entry_name(scene *s, const row *r, const char *key, const char *text, char *name, fault *f) {
     for (int i = 0; i < *count_of(s, r->list); i++)
         if (name_of(s, r->list, i) != name && strcmp(name_of(s, r->list, i), text) == 0) reject(f, key, "\"%s\" is there twice", text);
@@ -180,7 +180,7 @@ _Static_assert(sizeof(remesh_method) == sizeof(int) && sizeof(inverse_choice) ==
 
 /* ---- printing ------------------------------------------------------------------------------------------------------- */
 
-/* The shortest decimal that reads back as the same number. */
+/* Prints the shortest decimal that reads back as the same number. */
 static int print_number(char *text, size_t size, double x) {
     if (isinf(x)) return snprintf(text, size, ".inf");
     char shortest[32];
@@ -191,7 +191,7 @@ static int print_number(char *text, size_t size, double x) {
     return snprintf(text, size, "%s", shortest);
 }
 
-/* Prints numbers as a YAML list; nothing if the first is NAN, which means that the key was not given. */
+/* Prints numbers as a YAML list; prints nothing if the first is NAN, which means that the key was not given. */
 static int print_numbers(char *text, size_t size, const double *numbers, int count) {
     char number[32];
     if (isnan(numbers[0])) return snprintf(text, size, "%s", "");

@@ -8,8 +8,8 @@
 /* The first fault; later ones are ignored. */
 typedef struct {
     bool found;
-    char place[KEY_ROOM];    /* the place whose line is reported */
-    char key[KEY_ROOM];      /* the key named in the message, may be empty */
+    char place[KEY_ROOM];    /* key whose line is reported */
+    char key[KEY_ROOM];      /* key named in the message; may be empty */
     char words[WORDS_ROOM];
 } fault;
 

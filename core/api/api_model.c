@@ -56,7 +56,7 @@ trocar_status trocar_model_derive(const trocar_model *base, const trocar_scene *
     trocar_model *m = NULL;
     simulation_config config;
     *model = NULL;
-    if (base->mesh_only) return fail(why, TROCAR_BAD_INPUT, "a model with the mesh only has no stiffness to share");
+    if (base->mesh_only) return fail(why, TROCAR_BAD_INPUT, "a model that has only a mesh has no stiffness to share");
     trocar_status status = begin_model(scene, &m, &config, why);
     if (status != TROCAR_OK) return status;
     config.insertion.most_steps = base->parts.config.insertion.most_steps;

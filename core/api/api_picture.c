@@ -11,7 +11,7 @@
 trocar_status trocar_picture_create(trocar_model *model, trocar_picture **created, trocar_error *error) {
     trocar_error ignored, *why = error ? error : &ignored;
     *created = NULL;
-    if (model->mesh_only) return fail(why, TROCAR_BAD_INPUT, "this model is its mesh alone: create it without mesh_only");
+    if (model->mesh_only) return fail(why, TROCAR_BAD_INPUT, "this model has only a mesh: create it without mesh_only");
     trocar_status status = blas_make_room(2, why); /* its displacements are computed in parallel with the worker */
     if (status != TROCAR_OK) return status;
     trocar_picture *p = calloc(1, sizeof *p);

@@ -29,7 +29,7 @@ static trocar_status run_some(trocar_sim *sim, int needle, const trocar_pose *po
 trocar_status trocar_sim_run(trocar_sim *sim, int needle, const trocar_pose *poses, int steps, double dt, const trocar_watch *watch, trocar_output *outputs,
                              trocar_error *error) {
     trocar_error ignored, *why = error ? error : &ignored;
-    if (steps < 0) return fail(why, TROCAR_BAD_INPUT, "a run of %d steps", steps);
+    if (steps < 0) return fail(why, TROCAR_BAD_INPUT, "%d steps: expected 0 or more", steps);
     trocar_status status = TROCAR_OK;
     report reason;
     int done = 0;
@@ -169,7 +169,7 @@ trocar_status trocar_rollout_watched(trocar_model *model, const trocar_pose *pos
     trocar_error ignored, *why = error ? error : &ignored;
     pthread_t thread[MAX_THREADS];
     if (batch < 0 || steps < 0 || threads < 1 || threads > MAX_THREADS)
-        return fail(why, TROCAR_BAD_INPUT, "a rollout of %d x %d steps in %d threads: from 1 to %d threads", batch, steps, threads, MAX_THREADS);
+        return fail(why, TROCAR_BAD_INPUT, "a rollout of %d x %d steps in %d threads: expected 1 to %d threads", batch, steps, threads, MAX_THREADS);
     if (batch == 0 || steps == 0) return TROCAR_OK;
     rollout r = {.model = model, .poses = poses, .batch = batch, .steps = steps, .dt = dt, .watch = watch, .outputs = outputs};
     memset(outputs, 0, (size_t)batch * (size_t)steps * sizeof *outputs);

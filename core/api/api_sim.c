@@ -51,7 +51,7 @@ trocar_status trocar_sim_create(trocar_model *model, trocar_sim **created, troca
     static const trocar_pose at_origin = {{0, 0, 0}, {1, 0, 0, 0}};
     trocar_error ignored, *why = error ? error : &ignored;
     *created = NULL;
-    if (model->mesh_only) return fail(why, TROCAR_BAD_INPUT, "this model is its mesh alone: create it without mesh_only");
+    if (model->mesh_only) return fail(why, TROCAR_BAD_INPUT, "this model has only a mesh: create it without mesh_only");
     trocar_sim *sim = calloc(1, sizeof *sim);
     if (!sim) return fail(why, TROCAR_NO_MEMORY, "no memory for a simulation");
     sim->model = model_share(model);

@@ -25,7 +25,7 @@ size_t trocar_sim_state_size(const trocar_sim *sim) { return HEAD + (size_t)sim-
 
 static trocar_status check_size(const trocar_sim *sim, size_t size, report *why) {
     size_t expected = trocar_sim_state_size(sim);
-    return size == expected ? TROCAR_OK : fail(why, TROCAR_BAD_INPUT, "a state has %zu bytes, not %zu", expected, size);
+    return size == expected ? TROCAR_OK : fail(why, TROCAR_BAD_INPUT, "the state of this simulation has %zu bytes, not %zu", expected, size);
 }
 
 static void save_needle(const trocar_sim *sim, int index, char *to) {
@@ -89,7 +89,7 @@ trocar_status trocar_sim_restore(trocar_sim *sim, const void *state, size_t size
     trocar_status status = check_size(sim, size, why);
     if (status != TROCAR_OK) return status;
     memcpy(&model, state, sizeof model);
-    if (model != sim->model) return fail(why, TROCAR_BAD_INPUT, "the state is that of another model");
+    if (model != sim->model) return fail(why, TROCAR_BAD_INPUT, "the state belongs to another model");
     floating_mode before = flush_denormals();
     memcpy(&sim->since_response, (const char *)state + sizeof model, sizeof sim->since_response);
     memcpy(&sim->seeds, (const char *)state + SEEDS_AT, sizeof sim->seeds);

@@ -74,7 +74,7 @@ trocar_status trocar_sim_leave(trocar_sim *sim, int needle, trocar_error *error)
     adopt_needle(sim, n);
     const char *reason = link_refuses(&n->link, ON_LEAVE);
     if (reason) return refuse(error, needle, reason);
-    if (n->state.tip.place.phase == TIP_FREE) return refuse(error, needle, "it is not in the tissue, where it could rest");
+    if (n->state.tip.place.phase == TIP_FREE) return refuse(error, needle, "it is not in the tissue: insert it before leaving it");
     if (n->state.moving_on) return refuse(error, needle, "it is on its way to another shape: hold it still first");
     fill_left(sim, needle);
     link_leave(&n->link, &n->state);

@@ -19,9 +19,9 @@ typedef struct {
 #define TO(phase) {.legal = true, .next = PHASE_##phase}
 #define NOT(why) {.reason = why}
 
-static const char RESTS[] = "it rests already", NOT_AT_REST[] = "it has not come to rest yet", NO_REST[] = "it does not rest",
-                  NOT_HELD[] = "it is not held", ADOPT_FIRST[] = "it has come back and is to be adopted", NOT_BACK[] = "it has not come back",
-                  NOT_LEFT[] = "it is not being left", NOT_ASKED[] = "it is not asked back";
+static const char RESTS[] = "it is already resting", NOT_AT_REST[] = "it has not come to rest yet", NO_REST[] = "it is not resting",
+                  NOT_HELD[] = "it is not held", ADOPT_FIRST[] = "it has been returned and must be adopted", NOT_BACK[] = "it has not been returned",
+                  NOT_LEFT[] = "it is not being left", NOT_ASKED[] = "it has not been requested back";
 
 static const transition TABLE[NEEDLE_EVENTS][PHASES] = {
     /*               HELD            LEAVING           RESTING         TAKING          TAKEN */

@@ -44,7 +44,7 @@ static trocar_status let_go(trocar_sim *sim, int index, const track_list *others
     for (int i = 0; i < MOST_TICKS && status == TROCAR_OK; i++) {
         base_motion step;
         insertion_tick(&tick, state, &scratch->workspace, &wrench);
-        if (state->moving_on || !insertion_is_finite(state, &wrench)) return fail(why, TROCAR_NUMERIC, "needle %d finds no equilibrium when it is let go", index);
+        if (state->moving_on || !insertion_is_finite(state, &wrench)) return fail(why, TROCAR_NUMERIC, "needle %d has no equilibrium without the hand", index);
         bool at_rest = is_at_rest(tick.model, state, &wrench) && state->request.serial == snapshot->serial;
         if (state->request.serial != snapshot->serial) status = answer_fully(sim, index, &state->request, why);
         if (status == TROCAR_OK) status = resting_linearise(&tick, state, sim->inverse, scratch, n->resting, why);
@@ -56,7 +56,7 @@ static trocar_status let_go(trocar_sim *sim, int index, const track_list *others
         if (status == TROCAR_OK) tick.base.pose = pose_moved(tick.base.pose, step);
     }
     if (status != TROCAR_OK) return status;
-    return fail(why, TROCAR_NUMERIC, "needle %d does not come to rest when it is let go: %.2g N are left at its base", index, v3_norm(wrench.force));
+    return fail(why, TROCAR_NUMERIC, "needle %d does not come to rest without the hand: %.2g N remain at its base", index, v3_norm(wrench.force));
 }
 
 /* ---- what rests -------------------------------------------------------------------------------------------------- */

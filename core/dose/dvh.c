@@ -11,7 +11,7 @@ static int larger_first(const void *a, const void *b) {
 
 trocar_status trocar_dvh_sort(double *doses, int64_t count, trocar_error *error) {
     trocar_error ignored, *why = error ? error : &ignored;
-    if (count < 1) return fail(why, TROCAR_BAD_INPUT, "a dose-volume histogram of no voxels: expected at least one dose");
+    if (count < 1) return fail(why, TROCAR_BAD_INPUT, "a dose-volume histogram without voxels: expected at least one dose");
     for (int64_t i = 0; i < count; i++)
         if (!isfinite(doses[i])) return fail(why, TROCAR_BAD_INPUT, "dose %lld is %g: expected a finite number", (long long)i, doses[i]);
     qsort(doses, (size_t)count, sizeof *doses, larger_first);

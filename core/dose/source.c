@@ -257,7 +257,7 @@ static bool read_keys(const reader *r, const char *place, const yaml_value *mapp
         int k = 0;
         while (k < count && strcmp(keys[k], key) != 0) k++;
         if (k == count) return refuse(r, place, "unknown key \"%.40s\": remove it, or correct its spelling", key);
-        if (found[k]) return refuse(r, place, "the key \"%s\" is there twice: remove one", key);
+        if (found[k]) return refuse(r, place, "the key \"%s\" appears twice: remove one", key);
         found[k] = true;
         values[k] = value;
     }

@@ -72,7 +72,7 @@ static trocar_status find_lattice(const trocar_mesh *mesh, const char *what, con
     double total = 1.0;
     l->spacing = spacing;
     for (int k = 0; k < 3; k++) total *= (high[k] - low[k]) / spacing + 2.0;
-    if (total > MAX_VOXELS) return fail(why, TROCAR_BAD_INPUT, "a spacing of %g m makes %.2g voxels: at most 2^28; make it larger", spacing, total);
+    if (total > MAX_VOXELS) return fail(why, TROCAR_BAD_INPUT, "a spacing of %g m gives %.2g voxels, more than 2^28: make it larger", spacing, total);
     l->total = 1;
     for (int k = 0; k < 3; k++) {
         l->first[k] = (int64_t)floor(low[k] / spacing - 0.5);

@@ -311,9 +311,9 @@ trocar_status simulation_derive(const simulation *base, const simulation_config 
     char text[64];
     memset(s, 0, sizeof *s);
     if (config->mesh_given || base->config.mesh_path[0] == '\0')
-        return fail(why, TROCAR_BAD_INPUT, "mesh: a model whose mesh came as arrays shares nothing: build this one by itself");
+        return fail(why, TROCAR_BAD_INPUT, "mesh: a model whose mesh was given as arrays cannot be shared: build a separate model");
     const char *key = stiffness_key_that_differs(&base->config, config, text, sizeof text);
-    if (key) return fail(why, TROCAR_BAD_INPUT, "%s: differs from the model whose stiffness is to be shared: build this one by itself", key);
+    if (key) return fail(why, TROCAR_BAD_INPUT, "%s: differs from that of the model to be shared: build a separate model", key);
     s->config = *config;
     s->shares = true;
     s->mesh = base->mesh;

@@ -333,12 +333,12 @@ static trocar_status factor_all(attached_inverse *a, const attachment *things, r
             memcpy(a->basis + (size_t)motion * ld + first, thing->motions + (size_t)k * (size_t)thing->motion_ld, (size_t)thing->row_count * sizeof *a->basis);
     }
     if (LAPACKE_dpotrf(LAPACK_COL_MAJOR, 'L', n, a->factor, n) != 0)
-        return fail(why, TROCAR_NUMERIC, "the resting needles and the tissue are not stable together");
+        return fail(why, TROCAR_NUMERIC, "resting needles and tissue together are unstable");
     if (q == 0) return TROCAR_OK;
     cblas_dtrsm(CblasColMajor, CblasLeft, CblasLower, CblasNoTrans, CblasNonUnit, n, q, 1.0, a->factor, n, a->basis, n);
     cblas_dsyrk(CblasColMajor, CblasUpper, CblasTrans, q, n, 1.0, a->basis, n, 0.0, a->triangle, q);
     if (LAPACKE_dpotrf(LAPACK_COL_MAJOR, 'U', q, a->triangle, q) != 0)
-        return fail(why, TROCAR_NUMERIC, "one of the resting needles is not held by anything");
+        return fail(why, TROCAR_NUMERIC, "nothing holds one of the resting needles");
     cblas_dtrsm(CblasColMajor, CblasRight, CblasUpper, CblasNoTrans, CblasNonUnit, n, q, 1.0, a->triangle, q, a->basis, n);
     return TROCAR_OK;
 }

@@ -242,7 +242,7 @@ static trocar_status linearise(const tick_input *given, const insertion_state *s
     tick_output ignored = {0};
     scratch->state = r->anchor = *state; /* the linearisation advances the copy's memory */
     tick.base = (mount){.pose = state->needle.base};
-    if (!insertion_linearise(&tick, &scratch->state, w, &ignored, loaded)) return fail(why, TROCAR_BAD_INPUT, "it is not in the tissue: only what is in the tissue rests there");
+    if (!insertion_linearise(&tick, &scratch->state, w, &ignored, loaded)) return fail(why, TROCAR_BAD_INPUT, "the needle is not in the tissue: only inserted needles can be left");
     const contact_problem *p = &w->problem;
     r->point_count = p->count;
     r->axial_count = p->axial_count;
@@ -306,7 +306,7 @@ trocar_status resting_release_step(const resting_needle *r, double size, resting
         }
     memcpy(columns, r->motions, sizeof columns);
     if (LAPACKE_dposv(LAPACK_COL_MAJOR, 'L', n, m, scratch->matrix[0], MAX_UNKNOWNS, columns[0], MAX_UNKNOWNS) != 0)
-        return fail(why, TROCAR_NUMERIC, "needle and tissue are not stable together");
+        return fail(why, TROCAR_NUMERIC, "needle and tissue together are unstable");
     for (int a = 0; a < m; a++) {
         q[a] = 0.0;
         for (int u = 0; u < n; u++) q[a] -= r->motions[a][u] * r->anchor_force[u];

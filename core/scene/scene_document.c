@@ -32,7 +32,7 @@ static void take_list(scene *s, list_kind list, const yaml_value *value, fault *
 
 /* Keys of earlier releases. */
 static const struct { const char *key, *remedy; } RETIRED[] = {
-    {"contact.resolution", "the simulator measures what the mesh resolves: remove the key"},
+    {"contact.resolution", "the simulator measures the mesh's resolution: remove the key"},
 };
 
 static void reject_unknown(fault *f, const char *key, const mapping *at, const char *name) {
@@ -56,7 +56,7 @@ static void take_pair(scene *s, const mapping *at, const char *name, const yaml_
             return;
         }
     if (strcmp(row_key, "regions[].relaxation") == 0)
-        reject(f, key, "all regions share one series, because the inverse of the stiffness is valid at all times only then; move it to the top level");
+        reject(f, key, "all regions share one series, because one inverse of the stiffness must serve all times; move it to the top level");
     else if (leads_on(row_key, ".")) take_mapping(s, &(mapping){key, row_key, at->base}, value, f);
     else reject_unknown(f, key, at, name);
 }

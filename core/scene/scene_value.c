@@ -133,14 +133,14 @@ static void take_names(scene *s, const row *r, const char *key, const yaml_value
         if (item.kind != YAML_TEXT) reject(f, entry, "expected a single value");
         else take_name(entry, item.text, names[i], f);
         for (int k = 0; k < i; k++)
-            if (strcmp(names[i], names[k]) == 0) reject(f, entry, "\"%s\" is there twice", names[i]);
+            if (strcmp(names[i], names[k]) == 0) reject(f, entry, "\"%s\" appears twice", names[i]);
     }
 }
 
 /* Reads a name that must be unique in the list. */
 static void take_entry_name(scene *s, const row *r, const char *key, const char *text, char *name, fault *f) {
     for (int i = 0; i < *count_of(s, r->list); i++)
-        if (name_of(s, r->list, i) != name && strcmp(name_of(s, r->list, i), text) == 0) reject(f, key, "\"%s\" is there twice", text);
+        if (name_of(s, r->list, i) != name && strcmp(name_of(s, r->list, i), text) == 0) reject(f, key, "\"%s\" appears twice", text);
     take_name(key, text, name, f);
 }
 

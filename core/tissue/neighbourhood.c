@@ -8,7 +8,7 @@ trocar_status neighbourhood_create(const tissue *t, neighbourhood *n, report *wh
     n->node_count = n->tet_count = 0;
     n->local = malloc((size_t)t->mesh->node_count * sizeof *n->local);
     n->taken = calloc((size_t)t->mesh->tet_count, sizeof *n->taken);
-    if (!n->local || !n->taken) return fail(why, TROCAR_NO_MEMORY, "no memory to measure what the mesh resolves");
+    if (!n->local || !n->taken) return fail(why, TROCAR_NO_MEMORY, "no memory to measure the mesh's resolution");
     for (int i = 0; i < t->mesh->node_count; i++) n->local[i] = -1;
     return TROCAR_OK;
 }

@@ -31,7 +31,7 @@ struct resolver {
 
 trocar_status resolver_create(const tissue *t, resolver **created, report *why) {
     resolver *r = *created = calloc(1, sizeof *r);
-    if (!r) return fail(why, TROCAR_NO_MEMORY, "no memory to measure what the mesh resolves");
+    if (!r) return fail(why, TROCAR_NO_MEMORY, "no memory to measure the mesh's resolution");
     trocar_status status = neighbourhood_create(t, &r->around, why);
     if (status == TROCAR_OK) return TROCAR_OK;
     resolver_free(r);

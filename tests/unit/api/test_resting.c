@@ -550,11 +550,11 @@ static void what_makes_no_sense_is_refused(void **state) {
     assert_refused(trocar_sim_leave(sim, 2, &why), "needle 2: there are 2");
     assert_refused(trocar_sim_take(sim, -1, &why), "needle -1");
     assert_refused(trocar_sim_leave(sim, 0, &why), "not in the tissue");
-    assert_refused(trocar_sim_take(sim, 0, &why), "does not rest");
+    assert_refused(trocar_sim_take(sim, 0, &why), "not resting");
     assert_int_equal(trocar_sim_needle_state(sim, 7), TROCAR_NEEDLE_HELD);
     push(sim, 0, 0.0, 0.0, 200, &out);
     OK(trocar_sim_leave(sim, 0, &why));
-    assert_refused(trocar_sim_leave(sim, 0, &why), "rests already");
+    assert_refused(trocar_sim_leave(sim, 0, &why), "already resting");
     assert_refused(trocar_sim_take(sim, 0, &why), "not come to rest yet");
     OK(trocar_sim_work(sim, NULL, &why));
     trocar_pose base = trocar_sim_base(sim, 0);

@@ -150,9 +150,9 @@ trocar_guide trocar_model_guide(const trocar_model *model, int index) {
     if (index < 0 || index >= model->parts.config.guide_count) return (trocar_guide){.columns = 0};
     const guide *g = &model->parts.guides[index];
     trocar_guide out = {.spacing = g->spacing, .hole_diameter = 2.0 * g->hole_radius, .thickness = g->thickness, .columns = g->columns, .rows = g->rows};
-    put(g->origin, out.origin);
-    put(g->normal, out.normal);
-    for (int a = 0; a < 2; a++) put(g->across[a], out.across[a]);
+    store_vec3(g->origin, out.origin);
+    store_vec3(g->normal, out.normal);
+    for (int a = 0; a < 2; a++) store_vec3(g->across[a], out.across[a]);
     return out;
 }
 

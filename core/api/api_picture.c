@@ -100,7 +100,7 @@ double trocar_picture_tip_lead(const trocar_picture *picture, int needle) {
     return state ? state->tip_lead : 0.0;
 }
 
-trocar_probe trocar_picture_probe(const trocar_picture *picture) { return picture->probe.told; }
+trocar_probe trocar_picture_probe(const trocar_picture *picture) { return picture->probe.output; }
 
 static void states_of(const trocar_picture *p, const insertion_state *states[MAX_NEEDLES]) {
     for (int i = 0; i < p->model->parts.config.needle_count; i++) states[i] = &p->states[i];

@@ -27,5 +27,5 @@ trocar_status trocar_sim_set_probe(trocar_sim *sim, const trocar_pose *base, tro
 
 trocar_probe trocar_sim_probe(const trocar_sim *sim) {
     const shown_probe *shown = shown_probe_of(sim);
-    return shown ? shown->told : (trocar_probe){.placed = 0};
+    return shown ? shown->output : (trocar_probe){.placed = 0};
 }

@@ -10,7 +10,7 @@
 
 enum { TICKS_BETWEEN = 64 }; /* ticks between two checks of the watch */
 
-static void tell(const trocar_watch *watch, const char *what, double fraction) {
+static void report_progress(const trocar_watch *watch, const char *what, double fraction) {
     if (watch && watch->progress) watch->progress(what, fraction, watch->context);
 }
 
@@ -36,7 +36,7 @@ trocar_status trocar_sim_run(trocar_sim *sim, int needle, const trocar_pose *pos
     memset(outputs, 0, (size_t)steps * sizeof *outputs);
     while (done < steps && status == TROCAR_OK) {
         status = run_some(sim, needle, poses, steps, dt, &done, outputs, &reason);
-        tell(watch, "run", (double)done / steps);
+        report_progress(watch, "run", (double)done / steps);
         if (status == TROCAR_OK && done < steps && is_cancelled(watch)) status = fail(&reason, TROCAR_CANCELLED, "cancelled");
     }
     if (status == TROCAR_OK) return status;
@@ -55,7 +55,7 @@ typedef struct {
     trocar_output *outputs;
     atomic_int next;         /* index of the first insertion that no thread has started */
     atomic_bool cancelled;
-    int64_t told;            /* ticks reported to the watch; used by the calling thread only */
+    int64_t reported;        /* ticks reported to the watch; used by the calling thread only */
     pthread_mutex_t lock;    /* protects the members below */
     pthread_cond_t changed;
     int64_t ticks;           /* ticks completed in all insertions */
@@ -75,8 +75,8 @@ static void note(rollout *r, trocar_status status, const report *reason, trocar_
 
 /* Reports progress; called by the calling thread without the lock. */
 static void look(rollout *r, int64_t ticks) {
-    r->told = ticks;
-    tell(r->watch, "rollout", (double)ticks / ((double)r->batch * r->steps));
+    r->reported = ticks;
+    report_progress(r->watch, "rollout", (double)ticks / ((double)r->batch * r->steps));
     if (is_cancelled(r->watch)) atomic_store(&r->cancelled, true);
 }
 
@@ -139,9 +139,9 @@ static void *run(void *context) {
 /* When no insertion is left to start, the calling thread reports progress until the others have finished theirs. */
 static void wait_for_others(rollout *r) {
     pthread_mutex_lock(&r->lock);
-    while (r->running > 0 || r->told < r->ticks) {
+    while (r->running > 0 || r->reported < r->ticks) {
         int64_t ticks = r->ticks;
-        if (ticks == r->told) {
+        if (ticks == r->reported) {
             pthread_cond_wait(&r->changed, &r->lock);
             continue;
         }

@@ -56,8 +56,8 @@ static int seeds_of(const seed_list *list, trocar_seed *seeds, int room) {
     for (int i = 0; i < list->count && i < room; i++) {
         const seed *s = &list->seeds[i];
         seeds[i] = (trocar_seed){.tet = s->tet, .needle = s->needle, .guide = s->guide, .hole = s->hole, .strand = s->strand};
-        put(s->at, seeds[i].position);
-        put(s->direction, seeds[i].direction);
+        store_vec3(s->at, seeds[i].position);
+        store_vec3(s->direction, seeds[i].direction);
         memcpy(seeds[i].weights, s->weights, sizeof s->weights);
     }
     return list->count;
@@ -83,7 +83,7 @@ int trocar_model_displace_seed(const trocar_model *model, const double *displace
     memcpy(s.weights, given->weights, sizeof s.weights);
     vec3 at, along;
     seed_displaced(&model->parts.mesh, &s, (const vec3 *)(const void *)displacements, &at, &along);
-    put(at, position);
-    put(along, direction);
+    store_vec3(at, position);
+    store_vec3(along, direction);
     return 1;
 }

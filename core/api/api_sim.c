@@ -56,7 +56,7 @@ trocar_status trocar_sim_create(trocar_model *model, trocar_sim **created, troca
     if (!sim) return fail(why, TROCAR_NO_MEMORY, "no memory for a simulation");
     sim->model = model_share(model);
     sim->needle_count = model->parts.config.needle_count;
-    sim->link.wake = -1;
+    sim->link.work_event = -1;
     trocar_status status = allocate(sim, why);
     const pose start = sim->model->parts.config.probe.start;
     if (status == TROCAR_OK && sim->probe && !isnan(start.position.x)) {

@@ -144,7 +144,7 @@ static bool loads_changed(const needle_track *needle) {
 static void post_loads(trocar_sim *sim, needle_track *needle, double dt) {
     bool rest = atomic_load_explicit(&sim->link.resting, memory_order_relaxed) > 0 || atomic_load_explicit(&sim->link.probe.placed, memory_order_relaxed);
     const shown_probe *probe = shown_probe_of(sim);
-    double period = response_period(probe ? probe->told.contacts : 0);
+    double period = response_period(probe ? probe->output.contacts : 0);
     bool fades = rest && atomic_load_explicit(&needle->link.since_release, memory_order_relaxed) < RELEASE_TIME + (int64_t)(1e9 * period);
     needle->since_loads += dt;
     if ((!rest && sim->needle_count == 1) || (rest && needle->since_loads < period) || !(fades || loads_changed(needle))) return;

@@ -4,7 +4,7 @@
 
 #include "api/api.h"
 
-static inline void put(vec3 v, double out[3]) {
+static inline void store_vec3(vec3 v, double out[3]) {
     out[0] = v.x;
     out[1] = v.y;
     out[2] = v.z;

@@ -71,7 +71,7 @@ trocar_status trocar_sim_work(trocar_sim *sim, trocar_work *done, trocar_error *
     return status;
 }
 
-int trocar_sim_work_descriptor(const trocar_sim *sim) { return sim->link.wake; }
+int trocar_sim_work_descriptor(const trocar_sim *sim) { return sim->link.work_event; }
 
 /* ---- in lockstep -------------------------------------------------------------------------------------------------------------- */
 

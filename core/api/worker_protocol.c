@@ -209,8 +209,8 @@ void probe_link_restore(probe_link *link, bool placed, const pose *waiting) {
 /* ---- a simulation -------------------------------------------------------------------------------------------------------------------- */
 
 trocar_status sim_link_create(sim_link *link, bool probe, report *why) {
-    link->wake = eventfd(0, EFD_NONBLOCK | EFD_CLOEXEC);
-    if (link->wake < 0) return fail(why, TROCAR_SYSTEM, "cannot create an eventfd: %s", strerror(errno));
+    link->work_event = eventfd(0, EFD_NONBLOCK | EFD_CLOEXEC);
+    if (link->work_event < 0) return fail(why, TROCAR_SYSTEM, "cannot create an eventfd: %s", strerror(errno));
     if (!probe) return TROCAR_OK;
     trocar_status status = triple_buffer_create(&link->probe.poses, sizeof(pose), why);
     return status == TROCAR_OK ? triple_buffer_create(&link->probe.shown, sizeof(shown_probe), why) : status;
@@ -219,17 +219,17 @@ trocar_status sim_link_create(sim_link *link, bool probe, report *why) {
 void sim_link_free(sim_link *link) {
     triple_buffer_free(&link->probe.poses);
     triple_buffer_free(&link->probe.shown);
-    if (link->wake >= 0) close(link->wake);
+    if (link->work_event >= 0) close(link->work_event);
 }
 
 void wake_worker(const sim_link *link) {
     uint64_t one = 1;
-    ssize_t written = write(link->wake, &one, sizeof one); /* fails only if the counter is full, and then the worker is awake anyway */
+    ssize_t written = write(link->work_event, &one, sizeof one); /* fails only if the counter is full, and then the worker is awake anyway */
     (void)written;
 }
 
 void worker_is_awake(const sim_link *link) {
     uint64_t count;
-    ssize_t taken = read(link->wake, &count, sizeof count);
+    ssize_t taken = read(link->work_event, &count, sizeof count);
     (void)taken;
 }

@@ -85,7 +85,7 @@ typedef struct {
 /* Worker to ticking thread: the probe. */
 typedef struct {
     uint64_t stamp;
-    trocar_probe told;
+    trocar_probe output;
     int count, nodes[MAX_PRESSED]; /* nodes that it presses */
     vec3 force[MAX_PRESSED];       /* N, on the tissue */
 } shown_probe;
@@ -212,13 +212,13 @@ void probe_link_restore(probe_link *link, bool placed, const pose *waiting);
 /* ---- a simulation -------------------------------------------------------------------------------------------------------------------- */
 
 typedef struct {
-    int wake;                /* eventfd, readable while the worker has work to do */
+    int work_event;          /* eventfd, readable while the worker has work to do */
     atomic_int resting;      /* number of resting needles; set by the worker */
     probe_link probe;
 } sim_link;
 
 trocar_status sim_link_create(sim_link *link, bool probe, report *why);
-void sim_link_free(sim_link *link);                          /* also accepts a struct that is all zeros except for `wake`, which is -1 */
+void sim_link_free(sim_link *link);                          /* also accepts a struct that is all zeros except for `work_event`, which is -1 */
 
 void wake_worker(const sim_link *link);                      /* ticking thread. RT, except for one write() */
 void worker_is_awake(const sim_link *link);                  /* worker, before it looks for work */

@@ -31,7 +31,7 @@ static bool is_at_rest(const insertion_model *model, const insertion_state *stat
 }
 
 /* Releases the base: it moves, with the needle, until its wrench has vanished. The needle is linearised there, ready to be attached. */
-static trocar_status let_go(trocar_sim *sim, int index, const track_list *others, insertion_state *state, report *why) {
+static trocar_status release_base(trocar_sim *sim, int index, const track_list *others, insertion_state *state, report *why) {
     needle_track *n = &sim->needles[index];
     resting_scratch *scratch = sim->resting_scratch;
     const compliance_snapshot *snapshot = link_answer_slot(&n->link); /* not published: the needle is not ticked during the release */
@@ -178,7 +178,7 @@ static trocar_status lay_down(trocar_sim *sim, int index, unsigned seen, report 
     if (status == TROCAR_OK) {
         const left_needle *left = link_left(&n->link);
         memcpy(state, &left->state, sizeof *state);
-        status = let_go(sim, index, &left->others, state, why);
+        status = release_base(sim, index, &left->others, state, why);
         if (status == TROCAR_OK) resting_bore(&sim->model->parts.insertion, &left->state, n->resting);
     }
     if (status == TROCAR_OK) {

@@ -41,12 +41,12 @@ static double operations_of(const extent *e) {
 }
 
 /* Peak memory of a subtree's elimination, and the memory that remains allocated afterwards. */
-typedef struct { double peak, rest; } need;
+typedef struct { double peak, rest; } memory_estimate;
 
 /* Inserts a child into the list by the order of elimination: the largest peak relative to the remaining memory comes first (Liu 1986). */
-static void insert_child(substructure *s, const need *needs, int *list, int child) {
-    double key = needs[child].peak - needs[child].rest;
-    while (*list >= 0 && needs[*list].peak - needs[*list].rest >= key) list = &s->next[*list];
+static void insert_child(substructure *s, const memory_estimate *estimates, int *list, int child) {
+    double key = estimates[child].peak - estimates[child].rest;
+    while (*list >= 0 && estimates[*list].peak - estimates[*list].rest >= key) list = &s->next[*list];
     s->next[child] = *list;
     *list = child;
 }
@@ -81,11 +81,11 @@ static double front_peak(const substructure *s, const extent *e, int first_child
 }
 
 /* Peak memory of a list of subtrees, eliminated one after the other. */
-static double list_peak(const substructure *s, const need *needs, int first) {
+static double list_peak(const substructure *s, const memory_estimate *estimates, int first) {
     double before = 0.0, peak = 0.0;
     for (int c = first; c >= 0; c = s->next[c]) {
-        peak = fmax(peak, before + needs[c].peak);
-        before += needs[c].rest;
+        peak = fmax(peak, before + estimates[c].peak);
+        before += estimates[c].rest;
     }
     return peak;
 }
@@ -130,22 +130,22 @@ static bool find_filled(substructure *s) {
 static bool find_tree(substructure *s) {
     int count = (int)s->symbolic->nsuper, root = -1;
     const int *super = s->symbolic->super;
-    need *needs = calloc((size_t)count + 1, sizeof *needs);
+    memory_estimate *estimates = calloc((size_t)count + 1, sizeof *estimates);
     int *front_of = malloc((size_t)s->nodes * sizeof *front_of), *local = malloc((size_t)s->nodes * sizeof *local);
-    bool done = needs && front_of && local;
+    bool done = estimates && front_of && local;
     for (int f = 0; f < count && done; f++)
         for (int place = super[f]; place < super[f + 1]; place++) front_of[place] = f;
     for (int f = 0; f < count && done; f++) {
         extent e = extent_of(s, f);
         for (int row = 0; row < e.count; row++) local[e.rows[row]] = row;
-        needs[f] = (need){fmax(list_peak(s, needs, s->first_child[f]), front_peak(s, &e, s->first_child[f], local)), rest_bytes(&e)};
+        estimates[f] = (memory_estimate){fmax(list_peak(s, estimates, s->first_child[f]), front_peak(s, &e, s->first_child[f], local)), rest_bytes(&e)};
         s->operations += operations_of(&e);
         int *list = e.columns > e.pivots ? &s->first_child[front_of[e.rows[e.pivots]]] : &root;
-        insert_child(s, needs, list, f);
+        insert_child(s, estimates, list, f);
     }
-    if (done) s->bytes += list_peak(s, needs, root);
+    if (done) s->bytes += list_peak(s, estimates, root);
     done = done && find_sequence(s, root);
-    free(needs);
+    free(estimates);
     free(front_of);
     free(local);
     return done;

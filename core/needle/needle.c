@@ -73,7 +73,7 @@ void needle_motion_of(const needle_model *model, const needle_state *before, con
 
 bool needle_extrapolate(const needle_model *model, const needle_motion *motion, double dt, needle_state *state) {
     bool known = motion->time > 0.0 && dt <= FARTHEST * motion->time;
-    if (known) rod_go_on(model, motion, dt / motion->time, state);
+    if (known) rod_extrapolate(model, motion, dt / motion->time, state);
     return known;
 }
 

@@ -393,7 +393,7 @@ static quat_simd4 part_of(quat_simd4 turn, simd4 fraction) {
     return ql_unit((quat_simd4){simd4_all(1.0), w * turn.x, w * turn.y, w * turn.z});
 }
 
-void rod_go_on(const needle_model *model, const needle_motion *motion, double fraction, needle_state *state) {
+void rod_extrapolate(const needle_model *model, const needle_motion *motion, double fraction, needle_state *state) {
     rod_frames of;
     rod_copy_frames(model->given.segments, state, &of);
     for (int k = 0; k < model->given.segments; k += SIMD4_WIDTH)

@@ -416,7 +416,7 @@ static bool take_solution(probe *p, pose base) {
 }
 
 /* Distributes the forces on points to nodes, each node once. */
-static void tell(probe *p) {
+static void publish(probe *p) {
     probe_scratch *s = p->scratch;
     int count = 0;
     for (int i = 0; i < p->state.count; i++) {
@@ -490,9 +490,9 @@ static trocar_status solve_force(probe *p, pose at, const probe_loads *loads, do
    solution for the returned pose is left in the scratch. */
 static trocar_status solve_short_of(probe *p, pose *to, double beyond, const probe_loads *loads, report *why) {
     pose from = p->state.base, end = *to;
-    double force = v3_norm(p->state.wrench_force), part = 1.0, aim = (1.0 - STOPPED) * p->max_force;
+    double force = v3_norm(p->state.wrench_force), part = 1.0, target = (1.0 - STOPPED) * p->max_force;
     for (int i = 0; i < MOST_STOPS; i++) {
-        part = i + 1 < MOST_STOPS ? part * fmax(0.0, (aim - force) / (beyond - force)) : 0.0;
+        part = i + 1 < MOST_STOPS ? part * fmax(0.0, (target - force) / (beyond - force)) : 0.0;
         *to = part > 0.0 ? pose_between(from, end, part) : from;
         trocar_status status = solve_force(p, *to, loads, &beyond, why);
         if (status != TROCAR_OK || part == 0.0 || beyond <= p->max_force) return status;
@@ -560,7 +560,7 @@ trocar_status probe_press(probe *p, pose base, const other_loads *others, bool b
         p->compliance_known = false;
         attach(p, &ignored);
     }
-    tell(p);
+    publish(p);
     return status;
 }
 
@@ -570,6 +570,6 @@ trocar_status probe_resume(probe *p, const probe_state *state, report *why) {
     p->near_count = 0;
     trocar_status status = attach(p, why);
     if (status != TROCAR_OK) p->state.count = 0;
-    tell(p);
+    publish(p);
     return status;
 }

@@ -104,20 +104,20 @@ trocar_status free_displacement_find(inverse *inv, const remesh_request *request
     return TROCAR_OK;
 }
 
-trocar_status left_displacement_find(inverse *inv, const remesh_request *request, const int window[MAX_WINDOW], left_field *left, report *why) {
+trocar_status residual_displacement_find(inverse *inv, const remesh_request *request, const int window[MAX_WINDOW], residual_field *residual, report *why) {
     const mesh *m = inverse_tissue(inv)->mesh;
-    left->any = request->left.count > 0;
-    left->time = request->left.time;
-    if (!left->any) return TROCAR_OK;
+    residual->any = request->residual_loads.count > 0;
+    residual->time = request->residual_loads.time;
+    if (!residual->any) return TROCAR_OK;
     node_field field = {.count = 0};
     list_nodes(m, request, window, &field);
-    for (int i = 0; i < request->left.count; i++) {
-        const left_load *load = &request->left.loads[i];
+    for (int i = 0; i < request->residual_loads.count; i++) {
+        const residual_load *load = &request->residual_loads.loads[i];
         trocar_status status = add_forces(inv, load->tet, load->weights, MAX_RELAXATION, load->load, &field, why);
         if (status != TROCAR_OK) return status;
     }
-    memset(left->u, 0, sizeof left->u);
-    for (int s = 0; s < MAX_RELAXATION; s++) read_handles(m, request, window, &field, s, left->u[s]);
+    memset(residual->u, 0, sizeof residual->u);
+    for (int s = 0; s < MAX_RELAXATION; s++) read_handles(m, request, window, &field, s, residual->u[s]);
     return TROCAR_OK;
 }
 

@@ -10,13 +10,13 @@
    nothing. */
 trocar_status free_displacement_find(inverse *inv, const remesh_request *request, const other_loads *others, compliance_snapshot *snapshot, report *why);
 
-/* The same for u_left, which a remesher computes once per request: the displacement by each term of its residual loads. */
+/* The same for u_residual, which a remesher computes once per request: the displacement by each term of its residual loads. */
 typedef struct {
     bool any;                /* the displacements are not all zero */
-    double time;             /* s, left_loads.time of the request */
+    double time;             /* s, residual_loads.time of the request */
     vec3 u[MAX_RELAXATION][MAX_HANDLES]; /* m */
-} left_field;
-trocar_status left_displacement_find(inverse *inv, const remesh_request *request, const int window[MAX_WINDOW], left_field *left, report *why);
+} residual_field;
+trocar_status residual_displacement_find(inverse *inv, const remesh_request *request, const int window[MAX_WINDOW], residual_field *residual, report *why);
 
 /* Adds the displacements of these nodes (m) under forces on nodes. */
 trocar_status nodal_displacement_add(inverse *inv, const nodal_forces *loads, int count, const int *nodes, vec3 *displacement, report *why);

@@ -241,9 +241,9 @@ static void fill(remesher *r, const remesh_request *request, compliance_snapshot
     r->line_tip = request->tip;
     r->line_direction = request->direction;
     r->line_new = true;
-    snapshot->left = r->left.any;
-    snapshot->left_time = r->left.time;
-    if (r->left.any) memcpy(snapshot->u_left, r->left.u, sizeof snapshot->u_left);
+    snapshot->has_residuals = r->residual.any;
+    snapshot->residual_time = r->residual.time;
+    if (r->residual.any) memcpy(snapshot->u_residual, r->residual.u, sizeof snapshot->u_residual);
 }
 
 static trocar_status check_counts(const remesh_request *request, report *why) {
@@ -258,7 +258,7 @@ static trocar_status update(remesher *r, const remesh_request *request, report *
     if (status == TROCAR_OK) status = move_window(r, request, why);
     if (status == TROCAR_OK) status = update_nodes(r, &request->wanted, why);
     if (status == TROCAR_OK && r->operations->gather) status = r->operations->gather(r, why);
-    return status == TROCAR_OK ? left_displacement_find(r->inverse, request, r->window, &r->left, why) : status;
+    return status == TROCAR_OK ? residual_displacement_find(r->inverse, request, r->window, &r->residual, why) : status;
 }
 
 trocar_status remesher_serve(remesher *r, const remesh_request *request, compliance_snapshot *snapshot, report *why) {
@@ -302,9 +302,9 @@ trocar_status remesher_resume(remesher *r, const remesh_request *request, const 
     if (status == TROCAR_OK) status = update_nodes(r, &request->wanted, why);
     memcpy(r->resolved, snapshot->resolved, sizeof r->resolved);
     copy_contact_rows(r, snapshot->between_contacts, r->between_contacts);
-    r->left.any = snapshot->left;
-    r->left.time = snapshot->left_time;
-    memcpy(r->left.u, snapshot->u_left, sizeof r->left.u);
+    r->residual.any = snapshot->has_residuals;
+    r->residual.time = snapshot->residual_time;
+    memcpy(r->residual.u, snapshot->u_residual, sizeof r->residual.u);
     memcpy(r->handles, snapshot->compliance, sizeof snapshot->compliance); /* rows computed in another order differ in the last bits */
     return status;
 }

@@ -50,7 +50,7 @@ struct remesher {
     line_piece pieces[MAX_PIECES];   /* of the last request */
     resolved_field resolved[MAX_CONTACTS]; /* at each contact node */
     contact_rows between_contacts[MAX_CONTACTS]; /* as in compliance_snapshot */
-    left_field left;                 /* of the last request */
+    residual_field residual;         /* of the last request */
     patch patch;                     /* scratch */
     gathered_blocks gathered;        /* scratch */
 };

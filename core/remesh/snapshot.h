@@ -32,21 +32,21 @@ typedef struct {
 
 /* A residual load: a load that relaxing tissue remembers at a place that nothing touches any more. It stores the filtered force of each term of the creep
    series, which decays with the term's time constant. */
-enum { MAX_LEFT = 64 };
+enum { MAX_RESIDUAL_LOADS = 64 };
 typedef struct {
     int tet;
     double weights[4];       /* barycentric */
     vec3 at;                 /* m, nominal: the same point */
     vec3 load[MAX_RELAXATION]; /* N */
-} left_load;
+} residual_load;
 
 typedef struct {
     double time;             /* s, by the insertion's clock: time of these values */
     int count;
-    left_load loads[MAX_LEFT];
-} left_loads;
+    residual_load loads[MAX_RESIDUAL_LOADS];
+} residual_loads;
 
-enum { MAX_NEEDLES = 32, MAX_LOADS = MAX_CONTACTS + 1 + MAX_LEFT };
+enum { MAX_NEEDLES = 32, MAX_LOADS = MAX_CONTACTS + 1 + MAX_RESIDUAL_LOADS };
 
 /* Loads of one needle on the tissue. */
 typedef struct {
@@ -83,7 +83,7 @@ typedef struct {
     line_in_tet pieces[MAX_PIECES]; /* lines along the path around the tip */
     int needed;              /* the first `needed` window nodes are indispensable; the others may be omitted if costly (inverse_holds) */
     vec3 tip, direction;     /* m, and unit vector (zero: unknown): the needle's line, along which remesher_look_ahead prefetches */
-    left_loads left;
+    residual_loads residual_loads;
 } remesh_request;
 
 /* Compliance between the contact in slot i and those in slots j >= i, in rows for the tick: [a][b][j] is component a of the displacement at i under a force
@@ -122,9 +122,9 @@ typedef struct {
     bool loaded;             /* u_free is not zero everywhere */
     vec3 u_free[MAX_HANDLES]; /* m, displacement of each handle that is not caused by the needle itself */
     unresolved_shift unresolved; /* displacement by other needles that the mesh does not resolve */
-    bool left;               /* u_left is not zero everywhere */
-    double left_time;        /* s, left_loads.time of the request */
-    vec3 u_left[MAX_RELAXATION][MAX_HANDLES]; /* m, displacement at that time under each term's residual loads */
+    bool has_residuals;      /* u_residual is not zero everywhere */
+    double residual_time;    /* s, residual_loads.time of the request */
+    vec3 u_residual[MAX_RELAXATION][MAX_HANDLES]; /* m, displacement at that time under each term's residual loads */
     double compliance[SNAPSHOT_LD * SNAPSHOT_LD]; /* [(3 i + a) * SNAPSHOT_LD + 3 j + b], m/N */
 } compliance_snapshot;
 

@@ -198,7 +198,7 @@ static double excess(const insertion_model *model, const resting_needle *r, int 
     return f > upper ? f - upper : f < lower ? f - lower : 0.0;
 }
 
-static bool gives_way(const insertion_model *model, const resting_needle *r) {
+static bool exceeds_friction(const insertion_model *model, const resting_needle *r) {
     for (int i = 0; i < r->axial_count; i++)
         if (fabs(excess(model, r, i)) > ENOUGH) return true;
     return false;
@@ -295,9 +295,9 @@ bool resting_set_slip(resting_set *s, const insertion_model *model, int most) {
     while (s->slips_left > 0 && s->quiet < s->count && done < most) {
         const resting_needle *last = s->needles[s->next_slip];
         int known = s->columns_known[s->next_slip];
-        bool half_way = known > 0 && known < last->axial_count && gives_way(model, last);
+        bool half_way = known > 0 && known < last->axial_count && exceeds_friction(model, last);
         if (!half_way) s->next_slip = (s->next_slip + 1) % s->count, s->slips_left--;
-        if (gives_way(model, s->needles[s->next_slip]) && slip_needle(s, model, s->next_slip)) done++, s->quiet = 0, s->slipped = true;
+        if (exceeds_friction(model, s->needles[s->next_slip]) && slip_needle(s, model, s->next_slip)) done++, s->quiet = 0, s->slipped = true;
         else s->quiet++;
     }
     bool more = s->slips_left > 0 && s->quiet < s->count;

@@ -45,7 +45,7 @@ static void take_pair(scene *s, const mapping *at, const char *name, const yaml_
     char key[KEY_ROOM], row_key[KEY_ROOM];
     join_key(key, at->key, name);
     join_key(row_key, at->pattern, name);
-    const row *r = find_row(row_key);
+    const key_spec *r = find_key(row_key);
     if (r) {
         take_value(s, r, key, at->base, value, f);
         return;
@@ -65,7 +65,7 @@ static void take_pair(scene *s, const mapping *at, const char *name, const yaml_
 static bool comes_first(const char *pattern, const char *name) {
     char key[KEY_ROOM];
     join_key(key, pattern, name);
-    const row *r = find_row(key);
+    const key_spec *r = find_key(key);
     return r && r->kind == PROFILE;
 }
 

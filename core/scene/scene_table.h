@@ -20,15 +20,15 @@ typedef struct {
     list_kind list;
     bool required;
     const char *doc;
-} row;
+} key_spec;
 
-extern const row SCENE_TABLE[];
+extern const key_spec SCENE_TABLE[];
 extern const int SCENE_ROWS;
 extern const range ANY_NUMBER;
 extern const char UNIT_WORDS[]; /* accepted values of LENGTH_UNIT */
 
 /* The row of a key pattern such as "regions[].name", or NULL. */
-const row *find_row(const char *pattern);
+const key_spec *find_key(const char *pattern);
 
 /* True if a row's key continues `pattern` with `next`: "." for a section, "[]" for a list. */
 bool leads_on(const char *pattern, const char *next);
@@ -44,8 +44,8 @@ typedef struct {
     const char *key;
     size_t entries, count, stride; /* offsets in `scene`; bytes per entry */
     int least, most;
-} list_row;
-extern const list_row LIST_TABLE[LISTS];
+} list_spec;
+extern const list_spec LIST_TABLE[LISTS];
 
 void *entry_of(scene *s, list_kind list, int index);
 int *count_of(scene *s, list_kind list);
@@ -55,6 +55,6 @@ const char *name_of(const scene *s, list_kind list, int index); /* returns NULL 
 void *append_entry(scene *s, list_kind list);
 
 /* NAMES: offset of the count, and the largest count. */
-int *names_count(scene *s, const row *r, int *least, int *most);
+int *names_count(scene *s, const key_spec *r, int *least, int *most);
 
 #endif

@@ -83,7 +83,7 @@ static double moved_by(const resolver *r, const influence *on) {
     return cblas_ddot(n, on->of_load, 1, r->load, 1) + cblas_ddot(n, on->of_moved, 1, r->moved, 1);
 }
 
-static void put(resolver *r, int node, vec3 u) {
+static void prescribe(resolver *r, int node, vec3 u) {
     r->moved[3 * node] = u.x;
     r->moved[3 * node + 1] = u.y;
     r->moved[3 * node + 2] = u.z;
@@ -168,7 +168,7 @@ static void free_for_line(resolver *r, bool along) {
 static void push(resolver *r, const line_segment *line) {
     for (int i = 0; i < r->around.node_count; i++) {
         bool held = r->around.cut[i] && !(is_endless(line) && is_near_line(r, i));
-        put(r, i, held ? displacement_of(r, line, r->around.position[i]) : v3(0, 0, 0));
+        prescribe(r, i, held ? displacement_of(r, line, r->around.position[i]) : v3(0, 0, 0));
     }
     load_line(r, line);
 }
@@ -309,7 +309,7 @@ static trocar_status measure_point(resolver *r, int tet, int count, const vec3 *
         weights_at(r, tet, x[k], nodes, weights);
         memset(r->load, 0, 3 * (size_t)r->around.node_count * sizeof *r->load);
         for (int c = 0; c < 4; c++) r->load[3 * nodes[c] + 2] = weights[c];
-        for (int i = 0; i < r->around.node_count; i++) put(r, i, r->around.cut[i] ? push_at(r, tet, weights, i, &surface) : v3(0, 0, 0));
+        for (int i = 0; i < r->around.node_count; i++) prescribe(r, i, r->around.cut[i] ? push_at(r, tet, weights, i, &surface) : v3(0, 0, 0));
         find_influence(r, tet, x[k], 2, &r->on[0][0]);
         resolved[k].point = moved_by(r, &r->on[0][0]);
     }

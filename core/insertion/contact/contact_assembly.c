@@ -113,7 +113,7 @@ static double hold_near_surface(const insertion_state *state, const contact_poin
 }
 
 /* Reduces the lateral hold of point i, with this local compliance (m/N), to the fraction `hold`. */
-static void loosen(tissue_step *tissue, int i, double hold, double compliance) {
+static void reduce_hold(tissue_step *tissue, int i, double hold, double compliance) {
     double part = fmax(hold, LEAST_HOLD);
     tissue->extra_lateral_compliance[i] = hold < 1.0 ? compliance * (1.0 / part - 1.0) : 0.0;
     tissue->tightening[i] = hold < 1.0 ? compliance / (part * part * TIP_FADE) : 0.0;
@@ -134,7 +134,7 @@ void find_local_compliance(const tick_input *tick, const insertion_state *state,
         const shaft_resistance *shaft = &points->list[i].shaft;
         bool here = contact->depth >= tip_entry_depth(state); /* false in a previous body */
         plane_tensor lateral = local_logarithm_behind_tip(contact->log_lateral, &contact->resolved.end, here ? behind_tip(state, points, i) : INFINITY);
-        loosen(tissue, i, here ? hold : 1.0, plane_mean(lateral) / shaft->lateral);
+        reduce_hold(tissue, i, here ? hold : 1.0, plane_mean(lateral) / shaft->lateral);
         tissue->lateral[i] = plane_principal(plane_scaled(1.0 / shaft->lateral, lateral), contact->direction);
         tissue->axial[i] = contact->log_axial / shaft->axial;
     }
@@ -150,7 +150,7 @@ void find_local_compliance(const tick_input *tick, const insertion_state *state,
     tissue->sideways_on_shaft = face * shaft->lateral / both;
     tissue->lateral[t] = plane_principal(plane_scaled(1.0 / fmax(shaft->lateral, LEAST_STIFFNESS), lateral), tip->place.direction);
     tissue->axial[t] = face;
-    loosen(tissue, t, hold, plane_mean(lateral) * face / both);
+    reduce_hold(tissue, t, hold, plane_mean(lateral) * face / both);
     tissue->axial[t + 1] = axial / fmax(shaft->axial, LEAST_STIFFNESS);
 }
 

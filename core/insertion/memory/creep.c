@@ -36,11 +36,11 @@ static double size_of_terms(const creep_series *series, const vec3 *terms) {
 }
 
 /* Index of the residual load closest to x, or -1 if there is none. */
-static int closest_residual(const left_loads *left, vec3 x, double *distance) {
+static int closest_residual(const residual_loads *residual, vec3 x, double *distance) {
     int closest = -1;
     *distance = INFINITY;
-    for (int i = 0; i < left->count; i++) {
-        double away = v3_norm(v3_sub(left->loads[i].at, x));
+    for (int i = 0; i < residual->count; i++) {
+        double away = v3_norm(v3_sub(residual->loads[i].at, x));
         if (away < *distance) *distance = away, closest = i;
     }
     return closest;
@@ -49,30 +49,30 @@ static int closest_residual(const left_loads *left, vec3 x, double *distance) {
 /* Adds this fraction of a share's load to the residual loads, at its point of action and decayed to the end of the step. `decay` is NULL between two steps. */
 static void deposit_load(const insertion_model *model, tissue_memory *memory, const share_memory *share, double part, const double *decay) {
     const creep_series *series = &model->creep;
-    left_loads *left = &memory->residual;
+    residual_loads *residual = &memory->residual;
     vec3 load[MAX_RELAXATION];
     for (int k = 0; k < series->count; k++) load[k] = v3_scale(part, share->terms[k].load);
     double distance, size = size_of_terms(series, load);
     if (size == 0.0) return;
-    int i = closest_residual(left, share->at, &distance);
-    if (i < 0 || (distance > TOGETHER && left->count < MAX_LEFT)) {
-        i = left->count++;
-        left->loads[i] = (left_load){.tet = share->tet, .at = share->at};
-        mesh_barycentric(model->mesh, share->tet, share->at, left->loads[i].weights);
+    int i = closest_residual(residual, share->at, &distance);
+    if (i < 0 || (distance > TOGETHER && residual->count < MAX_RESIDUAL_LOADS)) {
+        i = residual->count++;
+        residual->loads[i] = (residual_load){.tet = share->tet, .at = share->at};
+        mesh_barycentric(model->mesh, share->tet, share->at, residual->loads[i].weights);
     }
-    for (int k = 0; k < series->count; k++) left->loads[i].load[k] = v3_axpy(decay ? decay[k] : 1.0, load[k], left->loads[i].load[k]);
+    for (int k = 0; k < series->count; k++) residual->loads[i].load[k] = v3_axpy(decay ? decay[k] : 1.0, load[k], residual->loads[i].load[k]);
     memory->residual_added += size;
     memory->residual_growing = true;
 }
 
-static void fade_residuals(const creep_series *series, const double *decay, left_loads *left) {
+static void fade_residuals(const creep_series *series, const double *decay, residual_loads *residual) {
     int kept = 0;
-    for (int i = 0; i < left->count; i++) {
-        left_load *load = &left->loads[i];
+    for (int i = 0; i < residual->count; i++) {
+        residual_load *load = &residual->loads[i];
         for (int k = 0; k < series->count; k++) load->load[k] = v3_scale(decay[k], load->load[k]);
-        if (size_of_terms(series, load->load) > NEGLIGIBLE) left->loads[kept++] = *load;
+        if (size_of_terms(series, load->load) > NEGLIGIBLE) residual->loads[kept++] = *load;
     }
-    left->count = kept;
+    residual->count = kept;
 }
 
 bool creep_has_new_residuals(const tissue_memory *memory) {
@@ -90,7 +90,7 @@ void creep_begin(const tick_input *tick, insertion_state *state, creep_step *cre
     memory->residual_growing = false;
     for (int k = 0; k < series->count; k++) {
         creep->decay[k] = exp(-tick->dt / series->time[k]);
-        creep->residual[k] = exp(-(memory->time - tick->snapshot->left_time) / series->time[k]);
+        creep->residual[k] = exp(-(memory->time - tick->snapshot->residual_time) / series->time[k]);
         creep->yield += series->compliance[k] * (1.0 - creep->decay[k]);
     }
     for (int k = 0; k < series->count; k++) creep->weight[k] = series->compliance[k] * creep->decay[k] / creep->yield;
@@ -140,7 +140,7 @@ static void glide(const tick_input *tick, insertion_state *state, const creep_st
 
 /* Transfers a share's memory to the new shares, from `first` on, that overlap it; memory beyond them becomes residual load. Returns the first overlapping
    share. */
-static int hand_on(const insertion_model *model, tissue_memory *memory, const share_memory *before, int first, const double *decay) {
+static int transfer_memory(const insertion_model *model, tissue_memory *memory, const share_memory *before, int first, const double *decay) {
     double length = before->to - before->from, rest = 1.0;
     while (first < memory->count && memory->shares[first].to <= before->from) first++;
     for (int k = first; k < memory->count && memory->shares[k].from < before->to; k++) {
@@ -166,7 +166,7 @@ void creep_divide(const tick_input *tick, insertion_state *state, const contact_
     memory->count = points->count - points->guided;
     memory->tip = points->tip;
     for (int k = first; k < memory->count; k++) memory->shares[k] = empty_share(tick, state, &points->list[points->guided + k]);
-    for (int i = 0; i < count; i++) first = hand_on(tick->model, memory, &before[i], first, creep->decay);
+    for (int i = 0; i < count; i++) first = transfer_memory(tick->model, memory, &before[i], first, creep->decay);
 }
 
 void creep_deposit_all(const insertion_model *model, tissue_memory *memory, const double *decay) {
@@ -313,7 +313,7 @@ double creep_dent(const tick_input *tick, const insertion_state *state, const co
     return v3_dot(along, creep->moved[tip]) + tissue->axial[tip] * creep->face;
 }
 
-static bool has_residuals(const tick_input *tick, const insertion_state *state) { return tick->snapshot->left && tick->snapshot->left_time > state->memory.since; }
+static bool has_residuals(const tick_input *tick, const insertion_state *state) { return tick->snapshot->has_residuals && tick->snapshot->residual_time > state->memory.since; }
 
 bool creep_free_is_zero(const tick_input *tick, const insertion_state *state) { return !tick->snapshot->loaded && !has_residuals(tick, state); }
 
@@ -322,7 +322,7 @@ vec3 creep_free(const tick_input *tick, const insertion_state *state, const cree
     vec3 u = snapshot->u_free[handle];
     if (!has_residuals(tick, state)) return u;
     for (int k = 0; k < tick->model->creep.count; k++)
-        u = v3_axpy(tick->model->creep.compliance[k] * creep->residual[k], snapshot->u_left[k][handle], u);
+        u = v3_axpy(tick->model->creep.compliance[k] * creep->residual[k], snapshot->u_residual[k][handle], u);
     return u;
 }
 
@@ -377,9 +377,9 @@ vec3 creep_tip_load(const insertion_model *model, const tissue_memory *memory) {
     return memory->tip ? creep_load(model, memory, memory->count - 1) : ZERO;
 }
 
-vec3 creep_residual_load(const insertion_model *model, const left_load *left) {
+vec3 creep_residual_load(const insertion_model *model, const residual_load *residual) {
     vec3 sum = ZERO;
-    for (int k = 0; k < model->creep.count; k++) sum = v3_axpy(model->creep.compliance[k], left->load[k], sum);
+    for (int k = 0; k < model->creep.count; k++) sum = v3_axpy(model->creep.compliance[k], residual->load[k], sum);
     return sum;
 }
 

@@ -42,7 +42,7 @@ vec3 creep_load(const insertion_model *model, const tissue_memory *memory, int i
 vec3 creep_tip_load(const insertion_model *model, const tissue_memory *memory);
 
 /* Load equivalent to a residual load, N. RT */
-vec3 creep_residual_load(const insertion_model *model, const left_load *left);
+vec3 creep_residual_load(const insertion_model *model, const residual_load *residual);
 
 /* Traction along the shaft equivalent to the memory of point i's share, N/m. Point i must not be a guide's. Call after creep_divide. RT */
 double creep_traction_of(const tick_input *tick, const insertion_state *state, const contact_points *points, const creep_step *creep, int i);

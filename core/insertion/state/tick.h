@@ -76,7 +76,7 @@ typedef struct {
     double yield;
     double decay[MAX_RELAXATION];            /* of each term's memory over the step */
     double weight[MAX_RELAXATION];           /* weight of each term in the remembered force, divided by the yield */
-    double residual[MAX_RELAXATION];         /* decay of the snapshot's u_left since its time */
+    double residual[MAX_RELAXATION];         /* decay of the snapshot's u_residual since its time */
     remembered_forces remembered[MAX_POINTS]; /* by point in tissue, divided by the yield; at the tip, `along` and `twist` are those of the shaft's part of the
                                                  share */
     double face;                             /* N, remembered force on the tip's end face */

@@ -29,7 +29,7 @@ typedef struct {
     bool tip;                    /* the last share is the tip's */
     share_memory shares[MAX_SHARES]; /* those of the last solve, from base to tip */
     double face[MAX_RELAXATION]; /* N, memory of the force on the tip's end face */
-    left_loads residual;         /* loads that the needle no longer holds, at `time` */
+    residual_loads residual;         /* loads that the needle no longer holds, at `time` */
     double residual_added;           /* N, residual load added since the last request to the worker */
     bool residual_growing;           /* residual load was added in this step */
 } tissue_memory;

@@ -14,9 +14,9 @@ void insertion_forces(const insertion_model *model, const insertion_state *state
         added[k] = v3_add(state->contacts[state->refined.order[k]].force, creep_load(model, &state->memory, k));
     for (int i = 0; i < state->memory.residual.count; i++)
         for (int c = 0; c < 4; c++) {
-            const left_load *left = &state->memory.residual.loads[i];
-            vec3 *corner = &nominal[model->mesh->tets[left->tet][c]];
-            *corner = v3_axpy(left->weights[c], creep_residual_load(model, left), *corner);
+            const residual_load *residual = &state->memory.residual.loads[i];
+            vec3 *corner = &nominal[model->mesh->tets[residual->tet][c]];
+            *corner = v3_axpy(residual->weights[c], creep_residual_load(model, residual), *corner);
         }
     if (tip->place.phase != TIP_INSIDE || tip->known.tet < 0) return;
     for (int c = 0; c < 4; c++) {
@@ -27,10 +27,10 @@ void insertion_forces(const insertion_model *model, const insertion_state *state
 
 void insertion_add_residual_loads(const insertion_model *model, const insertion_state *state, tissue_loads *loads) {
     for (int i = 0; i < state->memory.residual.count && loads->count < MAX_LOADS; i++) {
-        const left_load *left = &state->memory.residual.loads[i];
+        const residual_load *residual = &state->memory.residual.loads[i];
         tissue_load *load = &loads->loads[loads->count++];
-        *load = (tissue_load){.tet = left->tet, .force = creep_residual_load(model, left)};
-        memcpy(load->weights, left->weights, sizeof load->weights);
+        *load = (tissue_load){.tet = residual->tet, .force = creep_residual_load(model, residual)};
+        memcpy(load->weights, residual->weights, sizeof load->weights);
     }
 }
 

@@ -50,17 +50,17 @@ typedef struct {
     int tet;                 /* current element; -1: outside the tissue */
     vec3 x, direction;       /* m, current point, and unit vector */
     bool back;               /* the direction points back along the track */
-    double left;             /* m, remaining length */
+    double remaining;        /* m, remaining length */
     int steps;               /* number of elements crossed */
 } straight_way;
 
 /* Continues the path where it meets tissue again. */
 static bool cross_gap(const mesh *m, straight_way *way) {
-    surface_hit next = mesh_enter(m, v3_axpy(-NEAR_FACE, way->direction, way->x), v3_axpy(way->left, way->direction, way->x));
+    surface_hit next = mesh_enter(m, v3_axpy(-NEAR_FACE, way->direction, way->x), v3_axpy(way->remaining, way->direction, way->x));
     if (!next.hit) return false;
     way->tet = next.tet;
     way->x = next.point;
-    way->left -= next.fraction * way->left;
+    way->remaining -= next.fraction * way->remaining;
     return true;
 }
 
@@ -72,9 +72,9 @@ static void add_way(const mesh *m, straight_way *way, int measured, wanted_tissu
         add_tet(m, way->tet, list);
         if (way->steps < measured) add_piece(way->tet, way->x, way->back ? v3_scale(-1.0, way->direction) : way->direction, list);
         int face = mesh_exit(m, way->tet, way->x, way->direction, &chord);
-        if (face < 0 || chord > way->left) return;
+        if (face < 0 || chord > way->remaining) return;
         way->x = v3_axpy(chord, way->direction, way->x);
-        way->left -= chord;
+        way->remaining -= chord;
         way->tet = m->neighbours[way->tet][face];
     }
 }
@@ -112,7 +112,7 @@ static vec3 add_stretch_back(const mesh *m, const insertion_state *state, int te
     vec3 to = contact ? v3_sub(contact->track, contact->beside) : state->entry, back = v3_sub(to, x);
     double length = v3_norm(back);
     if (length == 0.0) return to;
-    straight_way way = {.tet = tet, .x = x, .direction = v3_scale(1.0 / length, back), .back = true, .left = length};
+    straight_way way = {.tet = tet, .x = x, .direction = v3_scale(1.0 / length, back), .back = true, .remaining = length};
     add_way(m, &way, AHEAD, list);
     return to;
 }
@@ -132,7 +132,7 @@ static void add_track(const mesh *m, const insertion_state *state, wanted_tissue
 
 /* Adds the elements along the path of a needle into a body ahead, from the entry point to about `reach` from the needle's end. */
 static void add_way_in(const mesh *m, surface_hit hit, vec3 direction, double reach, wanted_tissue *list) {
-    straight_way way = {.tet = hit.tet, .x = hit.point, .direction = direction, .left = reach * (WAY_IN - hit.fraction)};
+    straight_way way = {.tet = hit.tet, .x = hit.point, .direction = direction, .remaining = reach * (WAY_IN - hit.fraction)};
     if (hit.hit) add_way(m, &way, 1, list);
 }
 
@@ -166,14 +166,14 @@ static wanted_tissue wanted_nodes(const insertion_model *model, const insertion_
     add_surroundings(m, moved, &list); /* the element around the tip in the mesh with moved nodes */
     if (moved != state->tip.place.tet) add_surroundings(m, state->tip.place.tet, &list); /* and its element in the nominal mesh */
     if (state->tip.place.phase == TIP_INSIDE && state->tip.place.depth == 0.0) add_beside(m, state->tip.place.tet, state->tip.barrier.face, &list);
-    straight_way way = {.tet = state->tip.place.tet, .x = state->tip.place.nominal, .direction = tip_way(&state->tip.place, direction), .left = WINDOW_SPAN};
+    straight_way way = {.tet = state->tip.place.tet, .x = state->tip.place.nominal, .direction = tip_way(&state->tip.place, direction), .remaining = WINDOW_SPAN};
     add_way(m, &way, AHEAD, &list);
     surface_hit next = {.hit = false};
     if (state->tip.place.phase == TIP_BEYOND) next = mesh_enter(m, end, v3_axpy(reach, direction, end));
     if (next.hit) add_tet(m, next.tet, &list);
     list.needed = list.count;
     add_track(m, state, &list);
-    way.left += reach - WINDOW_SPAN;
+    way.remaining += reach - WINDOW_SPAN;
     add_way(m, &way, 0, &list);
     add_way_in(m, next, direction, reach, &list);
     return list;
@@ -194,7 +194,7 @@ static void copy_contacts(const refinement *from, refinement *to) {
     }
 }
 
-static void copy_left(const left_loads *from, left_loads *to) {
+static void copy_residual_loads(const residual_loads *from, residual_loads *to) {
     to->time = from->time;
     to->count = from->count;
     memcpy(to->loads, from->loads, (size_t)from->count * sizeof *from->loads);
@@ -244,7 +244,7 @@ void prefetch_request(const insertion_model *model, insertion_state *state) {
     request->serial++;
     request->tip = tip;
     request->direction = direction;
-    copy_left(&state->memory.residual, &request->left);
+    copy_residual_loads(&state->memory.residual, &request->residual_loads);
     state->memory.residual_added = 0.0;
     if (!same) copy_contacts(&state->refined, &request->wanted);
     copy_pieces(&wanted, request);

@@ -63,9 +63,9 @@ void tip_glide_on_surface(const tick_input *tick, insertion_state *state, tick_o
     const insertion_model *model = tick->model;
     const needle_tip *tip = &state->tip;
     vec3 inward = mesh_face_normal(model->mesh, tip->place.tet, tip->barrier.face);
-    double pressing = v3_dot(tip->solved.force, inward);
-    vec3 tangential = v3_axpy(-pressing, inward, tip->solved.force);
-    double excess = v3_norm(tangential) - SURFACE_GRIP * fmax(pressing, 0.0);
+    double normal_force = v3_dot(tip->solved.force, inward);
+    vec3 tangential = v3_axpy(-normal_force, inward, tip->solved.force);
+    double excess = v3_norm(tangential) - SURFACE_GRIP * fmax(normal_force, 0.0);
     if (excess <= 0.0) return;
     if (!tip->resolution.known) return;
     double compliance = 0.5 * local_at_tip(model, tip->place.tet, tip->place.nominal, 0.0, tip->filtered_push, tip->resolution.field.point);
@@ -112,7 +112,7 @@ static bool stays_on_surface(const tick_input *tick, const insertion_state *stat
     return reaches(tick->model->mesh, (surface_hit){.hit = true, .tet = tip->place.tet, .point = tip->place.nominal}, v3_sub(end, displaced), &tet);
 }
 
-void tip_move(const tick_input *tick, insertion_state *state, const creep_step *creep, tick_output *output, vec3 aim) {
+void tip_move(const tick_input *tick, insertion_state *state, const creep_step *creep, tick_output *output, vec3 cut_direction) {
     const insertion_model *model = tick->model;
     needle_tip *tip = &state->tip;
     if (tip->place.phase == TIP_BEYOND) reenter_tissue(tick, state, creep, output);
@@ -120,7 +120,7 @@ void tip_move(const tick_input *tick, insertion_state *state, const creep_step *
     if (tip->place.phase != TIP_INSIDE) return;
     vec3 before = tip_position(&tip->place);
     if (tip->solved.slip > 0.0) {
-        vec3 direction = old_tracks_lead(&tip->track, aim);
+        vec3 direction = old_tracks_lead(&tip->track, cut_direction);
         cut_forward(tick, state, output, direction, tip->track.openness > 0.0 ? fmin(tip->solved.slip, tip->track.to_end) : tip->solved.slip);
         follow_track(model, tip, v3_sub(tip_position(&tip->place), before));
         if (tip->place.phase == TIP_BEYOND) enter_touching_body(tick, state, output, direction);

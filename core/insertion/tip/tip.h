@@ -11,8 +11,8 @@ bool tip_touch(const tick_input *tick, insertion_state *state, tick_output *outp
 bool tip_is_below(const insertion_model *model, vec3 from, vec3 to);
 
 /* Applies the slip of the last solve: forward along the needle's direction (cutting), or back along the track. A tip that has left the tissue on the far side
-   enters any tissue that the needle's end meets next. `aim` is the unit nominal direction in which the tip would cut. RT */
-void tip_move(const tick_input *tick, insertion_state *state, const creep_step *creep, tick_output *output, vec3 aim);
+   enters any tissue that the needle's end meets next. `cut_direction` is the unit nominal direction in which the tip would cut. RT */
+void tip_move(const tick_input *tick, insertion_state *state, const creep_step *creep, tick_output *output, vec3 cut_direction);
 
 /* Unit nominal direction in which the tip would cut if no old track guided it. `track_gradient` is the derivative of the tissue's displacement along the
    track, at the tip. RT */

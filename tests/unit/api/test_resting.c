@@ -267,8 +267,8 @@ static differences compare(trocar_sim *sim, const int *resting, int count, int h
     for (int c = 0; c < 4; c++) {
         double weights[4] = {0, 0, 0, 0}, u[3] = {0, 0, 0};
         vec3 known = snapshot->u_free[corners[c]];
-        for (int t = 0; t < creep->count && snapshot->left; t++)
-            known = v3_axpy(creep->compliance[t] * exp(-(s->memory.time - snapshot->left_time) / creep->time[t]), snapshot->u_left[t][corners[c]], known);
+        for (int t = 0; t < creep->count && snapshot->has_residuals; t++)
+            known = v3_axpy(creep->compliance[t] * exp(-(s->memory.time - snapshot->residual_time) / creep->time[t]), snapshot->u_residual[t][corners[c]], known);
         for (int j = 0; contact_is_active(s, j); j++) {
             mat3 block = compliance_between(snapshot, corners[c], s->refined.order[j]);
             known = v3_add(known, m3_apply(&block, contact_load(sim, held, j)));

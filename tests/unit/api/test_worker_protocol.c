@@ -205,7 +205,7 @@ static bool worker_turn(two_threads *t, unsigned *seed) {
     if (fresh && !t->attached) {
         compliance_snapshot *slot = link_answer_slot(&t->link);
         slot->serial = posted->request.serial;
-        slot->left_time = (double)slot->serial;
+        slot->residual_time = (double)slot->serial;
         link_publish_answer(&t->link);
     }
     const tissue_loads *loads = link_loads(&t->link, &fresh);

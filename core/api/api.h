@@ -35,16 +35,16 @@ typedef struct {
     uint64_t stamp;          /* changes whenever `state` changes */
     double base_compliance;  /* m/N, compliance of the spring that holds the base */
     pose given;              /* pose of the base in the last tick or reset */
-    tissue_loads loads;      /* its own present forces */
+    tissue_loads loads;      /* the needle's present forces on the tissue */
     double since_loads;      /* s, time since `loads` were last posted */
     /* Used by the worker: */
     remesher *remesher;      /* contact nodes of this needle */
-    bool loaded;             /* as in the last answer */
+    bool loaded;             /* u_free of the last answer is not zero everywhere */
     vec3 u_free[MAX_HANDLES]; /* m, as in the last answer: computed once per request */
     unresolved_shift unresolved;
-    tissue_loads held;       /* its last known forces; while resting, only its residual loads */
+    tissue_loads held;       /* the needle's last known forces; while resting, only its residual loads */
     resting_needle *resting; /* NULL: it has never rested */
-    bool attached;           /* it is attached to the tissue */
+    bool attached;           /* the needle is attached to the tissue */
     uint64_t served_changes, served_shifts; /* counts for the resting needles and the probe, as of the last answer */
     double shown_force[MAX_UNKNOWNS]; /* N, forces that were last shown */
 } needle_track;
@@ -58,7 +58,7 @@ struct trocar_sim {
     insertion_workspace *workspace;
     int64_t (*clock)(void);  /* ns; NULL: stages are not timed */
     seed_list seeds;
-    vec3 *field_scratch;     /* for trocar_sim_displacements; NULL before its first call */
+    vec3 *field_scratch;     /* scratch for trocar_sim_displacements; NULL before its first call */
     /* Used by the worker: */
     inverse *inverse;        /* inverse with resting needles and probe attached; the model's if nothing can be attached */
     needle_pairs *pairs;     /* NULL: there is only one needle */
@@ -84,7 +84,7 @@ struct trocar_picture {
     shown_probe probe;
     int next_resting;        /* resting needle that is checked first */
     seed_list seeds;
-    vec3 *scratch;           /* for displacements; NULL before the first call */
+    vec3 *scratch;           /* scratch for displacements; NULL before the first call */
     refined_mesh refined;    /* result of the last trocar_picture_refined_mesh */
     vec3 *force, *displacement; /* forces and displacements at its nodes */
 };

@@ -12,7 +12,7 @@ trocar_status trocar_picture_create(trocar_model *model, trocar_picture **create
     trocar_error ignored, *why = error ? error : &ignored;
     *created = NULL;
     if (model->mesh_only) return fail(why, TROCAR_BAD_INPUT, "this model has only a mesh: create it without mesh_only");
-    trocar_status status = blas_make_room(2, why); /* its displacements are computed in parallel with the worker */
+    trocar_status status = blas_make_room(2, why); /* displacements are computed in parallel with the worker */
     if (status != TROCAR_OK) return status;
     trocar_picture *p = calloc(1, sizeof *p);
     size_t states = (size_t)model->parts.config.needle_count * sizeof *p->states;

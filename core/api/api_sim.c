@@ -66,7 +66,7 @@ trocar_status trocar_sim_create(trocar_model *model, trocar_sim **created, troca
     for (int i = 0; i < sim->needle_count && status == TROCAR_OK; i++) {
         sim->needles[i].link.since_release = RELEASE_TIME;
         status = trocar_sim_reset(sim, i, &at_origin, why);
-        sim->needles[i].state.tracks = (track_list){.count = 0}; /* nobody has put it there: it has cut nothing */
+        sim->needles[i].state.tracks = (track_list){.count = 0}; /* not an insertion, so nothing has been cut */
     }
     if (status == TROCAR_OK) *created = sim;
     else trocar_sim_free(sim);
@@ -111,7 +111,7 @@ trocar_status trocar_sim_step(trocar_sim *sim, int needle, const trocar_pose *ba
     if (status == TROCAR_OK && outdated) status = answer_and_publish(sim, needle, why);
     if (status == TROCAR_OK) {
         const compliance_snapshot *answer = link_answer(&n->link);
-        run_tick(sim, needle, answer, at, dt, output); /* if the insertion has started over, it simply goes on */
+        run_tick(sim, needle, answer, at, dt, output); /* if the insertion was restarted, the step continues normally */
         status = worker_after_tick(sim, needle, answer, dt, why);
     }
     restore_floating_mode(before);

@@ -12,7 +12,7 @@
    need not be aligned. Pending work of the worker is done after a restore. */
 typedef struct {
     int phase;
-    insertion_state state;   /* for a needle that is being left: the state in which it was left */
+    insertion_state state;   /* state of the needle; while it is being left, the state in which it was left */
     double base_compliance;
     int64_t since_release;
     compliance_snapshot snapshot;

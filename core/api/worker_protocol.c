@@ -105,7 +105,7 @@ bool link_post_request(needle_link *link, const remesh_request *request, int64_t
     slot->asked = now;
     slot->request = *request;
     triple_buffer_publish(&link->requests);
-    if (serial - link->posted > REQUESTS_REMEMBERED) link->posted = serial - REQUESTS_REMEMBERED; /* after a restore */
+    if (serial - link->posted > REQUESTS_REMEMBERED) link->posted = serial - REQUESTS_REMEMBERED; /* limits the loop below after a restore */
     while (link->posted < serial) link->asked[++link->posted % REQUESTS_REMEMBERED] = now;
     return true;
 }
@@ -147,7 +147,8 @@ bool link_reset(needle_link *link, uint64_t serial) {
 
 int64_t link_waiting(const needle_link *link, int64_t now) {
     if (link->answered >= link->posted || link_phase(link) != PHASE_HELD) return 0;
-    uint64_t oldest = link->posted - link->answered < REQUESTS_REMEMBERED ? link->answered + 1 : link->posted + 1; /* or the oldest one remembered */
+    uint64_t oldest = link->posted - link->answered < REQUESTS_REMEMBERED ? link->answered + 1 : link->posted + 1; /* serial of the oldest unanswered request,
+                                                                                                                      or of the oldest remembered one */
     return now - link->asked[oldest % REQUESTS_REMEMBERED];
 }
 

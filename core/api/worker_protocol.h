@@ -154,7 +154,7 @@ void link_leave(needle_link *link, insertion_state *state); /* `state`: the tick
 void link_take(needle_link *link);
 void link_adopt(needle_link *link, insertion_state *state, tissue_loads *loads); /* `loads`: forces of the state, which the worker knows from the needle's
                                                                                     rest */
-bool link_reset(needle_link *link, uint64_t serial); /* `serial`: that of the state's request after the reset. Returns true if the worker had the needle */
+bool link_reset(needle_link *link, uint64_t serial); /* `serial`: serial of the state's request after the reset. Returns true if the worker had the needle */
 
 /* Time since the oldest request that the last tick had no answer to was posted, ns; 0 if there is none. `now` is by the clock of link_post_request. */
 int64_t link_waiting(const needle_link *link, int64_t now);
@@ -204,7 +204,7 @@ const pose *probe_link_pose(probe_link *link, bool *fresh);  /* worker: the newe
 shown_probe *probe_link_slot(probe_link *link);              /* worker */
 void probe_link_publish(probe_link *link);                   /* worker */
 
-/* Returns true, with the pose, if a pose waits for the worker; the pose keeps waiting. Call between lockstep steps. */
+/* If a pose waits for the worker, copies it to `at` and returns true; the pose keeps waiting. Call between lockstep steps. */
 bool probe_link_waiting(probe_link *link, pose *at);
 /* Drops a waiting pose; `waiting`, unless NULL, then waits instead. */
 void probe_link_restore(probe_link *link, bool placed, const pose *waiting);
@@ -218,7 +218,7 @@ typedef struct {
 } sim_link;
 
 trocar_status sim_link_create(sim_link *link, bool probe, report *why);
-void sim_link_free(sim_link *link);                          /* also accepts a struct that is all zeros except for `work_event`, which is -1 */
+void sim_link_free(sim_link *link);                          /* `link` may be zero-initialised, with work_event = -1 */
 
 void wake_worker(const sim_link *link);                      /* ticking thread. RT, except for one write() */
 void worker_is_awake(const sim_link *link);                  /* worker, before it looks for work */

@@ -29,14 +29,14 @@ typedef struct {
 /* The seeds of one drop; those from index `placed` on are still in the needle. */
 typedef struct {
     int count, placed;
-    seed seeds[MAX_STRAND];      /* from the distal one to the proximal one */
+    seed seeds[MAX_STRAND];      /* seeds in order from the distal to the proximal end */
     double uncovered[MAX_STRAND]; /* m, depth of the tip at which each seed is deposited: the depth of its proximal end */
 } seed_drop;
 
 /* All seeds of a simulation; they remain when needles are reset or removed. */
 typedef struct {
     int count;
-    seed seeds[MAX_SEEDS];       /* in the order of placement */
+    seed seeds[MAX_SEEDS];       /* seeds in the order of placement */
     seed_drop drops[MAX_NEEDLES]; /* the last drop of each needle */
 } seed_list;
 

@@ -23,7 +23,7 @@ typedef struct {
 enum { MAX_REGIONS = 16, MAX_MEMBRANES = 16, MAX_FIXED = 8 };
 
 typedef struct {
-    const char *scene_path;              /* for messages, while the model is created; NULL: the configuration is not from a file */
+    const char *scene_path;              /* used in messages while the model is created; NULL: the configuration is not from a file */
     char mesh_path[1024];
     const trocar_mesh *mesh_given;      /* used instead of a file; NULL: there is a path */
     double mesh_unit;                    /* m, length of one unit of the file's coordinates */
@@ -57,7 +57,7 @@ typedef struct {
     int probe_surface;                  /* group index; -1: there is no probe */
     tissue tissue;
     inverse *inverse;
-    report about_inverse;               /* which owner was chosen, and why */
+    report about_inverse;               /* name of the chosen owner, and the reason for the choice */
     needle_model needle;
     insertion_model insertion;
 } simulation;

@@ -71,8 +71,8 @@ static void modes_at(vec3 at, double z[3][MODES]) {
 /* ---- Z^T K Z ---------------------------------------------------------------------------------------------------------- */
 
 typedef struct {
-    int *part_of;            /* by node */
-    vec3 *at;                /* by node */
+    int *part_of;            /* part of each node */
+    vec3 *at;                /* position of each node */
     int *slot, *touched;     /* per part: its block in the table, or -1; list of parts that have a block */
     double (*table)[MODES][MODES];
     int count;

@@ -28,7 +28,7 @@ static uint64_t hash(uint64_t h, const void *data, size_t bytes) {
         uint64_t word;
         memcpy(&word, at, 8);
         h = (h ^ word) * PRIME;
-        h ^= h >> 32;            /* so that high bits of a word reach the low bits of the hash */
+        h ^= h >> 32;            /* mixes high bits of a word into the low bits of the hash */
     }
     for (; bytes > 0; bytes--, at++) h = (h ^ *at) * PRIME;
     return h;

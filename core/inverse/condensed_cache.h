@@ -18,7 +18,7 @@ condensed_cache condensed_cache_find(const char *directory, const tissue *t, int
 
 typedef enum { CACHE_READ, CACHE_ABSENT, CACHE_DAMAGED } cache_state;
 
-typedef struct { void *at; size_t bytes; } file_mapping; /* for munmap */
+typedef struct { void *at; size_t bytes; } file_mapping; /* arguments for munmap */
 
 /* Maps the whole file, points matrix->numbers into it and reads `order`, the matrix->count nodes. Returns CACHE_DAMAGED if the file is truncated, fails its
    checksums or belongs to another matrix. Marks the file as used. */

@@ -10,7 +10,7 @@
 typedef struct {
     int n;
     const int *start, *row;
-    const double *value;     /* of each column, with the diagonal first */
+    const double *value;     /* values of each column, with the diagonal first */
 } split;
 
 static double diagonal(const split *k, int i) { return k->value[k->start[i]]; }

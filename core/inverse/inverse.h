@@ -33,7 +33,7 @@ typedef struct {
     int count;
     const int *nodes;
     bool single;             /* single precision */
-    int threads;             /* for condensing, with single-threaded BLAS; 0: one */
+    int threads;             /* number of threads for condensing, with single-threaded BLAS; 0: one */
     const char *directory;   /* directory of the cache */
     bool must_be_saved;      /* fail (SYSTEM) before computing if the inverse cannot be saved */
     inverse_progress progress;

@@ -313,7 +313,7 @@ static trocar_status find_between(attached_inverse *a, const placed *thing, repo
                 }
     }
     free(own);
-    for (int i = thing->first; i < thing->first + thing->rows && status == TROCAR_OK; i++) /* and the transpose */
+    for (int i = thing->first; i < thing->first + thing->rows && status == TROCAR_OK; i++) /* copies C to the transposed entries */
         for (size_t j = 0; j < n; j++) a->between[j * n + (size_t)i] = a->between[(size_t)i * n + j];
     return status;
 }

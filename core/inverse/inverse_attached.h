@@ -36,8 +36,8 @@ trocar_status inverse_create_attached(inverse *base, inverse **created, report *
    of the base inverse for new attachments. After a failure nothing is attached. Allocates. */
 trocar_status inverse_attach(inverse *inv, int count, const attachment *things, report *why);
 
-int inverse_attached_rows(const inverse *inv);    /* of all attachments */
-int inverse_attached_motions(const inverse *inv); /* of all attachments */
+int inverse_attached_rows(const inverse *inv);    /* number of rows of all attachments */
+int inverse_attached_motions(const inverse *inv); /* number of motions of all attachments */
 
 /* Forces on nodes. */
 typedef struct {

@@ -27,7 +27,7 @@ typedef struct {
     _Atomic(inverse *) rest; /* sparse inverse for other nodes; NULL: not needed yet, or failed */
     trocar_status rest_status;
     report no_rest;          /* reason of the failure */
-    coarse_space *coarse;    /* for conjugate gradients; NULL: not needed yet, or failed */
+    coarse_space *coarse;    /* coarse space for conjugate gradients; NULL: not needed yet, or failed */
     bool coarse_sought;
     int given_count, *given; /* the region's nodes in the caller's order */
 } condensed_inverse;
@@ -55,7 +55,7 @@ static trocar_status rest_of(condensed_inverse *c, inverse **rest, report *why) 
     pthread_mutex_lock(&c->factoring);
     inverse *created = c->rest;
     if (!created && !is_final(c)) {
-        c->rest_status = assemble(c, &c->no_rest); /* before the factorisation, so that displacement fields need not wait for the factor */
+        c->rest_status = assemble(c, &c->no_rest); /* assembles before factorising, so that displacement fields need not wait for the factor */
         if (c->rest_status == TROCAR_OK) c->rest_status = tissue_factor(c->shared.tissue, c->given_count, c->given, &c->no_rest);
         if (c->rest_status == TROCAR_OK) c->rest_status = inverse_create_sparse(c->shared.tissue, SPARSE_CACHE, &created, &c->no_rest);
         c->rest = created;
@@ -83,7 +83,7 @@ static void look_up(const condensed_inverse *c, int row, int column, double *out
         symmetric_blocks_get(&c->matrix, c->place[row], c->place[column], out, ld);
         return;
     }
-    for (int a = 0; a < 3; a++) memset(out + (size_t)a * (size_t)ld, 0, 3 * sizeof *out); /* in the region but not in the matrix, hence fixed */
+    for (int a = 0; a < 3; a++) memset(out + (size_t)a * (size_t)ld, 0, 3 * sizeof *out); /* a node in the region but not in the matrix is fixed */
 }
 
 /* Copies blocks of the region; other blocks are requested from the sparse inverse. */
@@ -101,8 +101,8 @@ static trocar_status condensed_gather(inverse *inv, const inverse_blocks *blocks
 }
 
 static const double FIELD_TOLERANCE = 1e-10; /* relative to the force */
-enum { COARSE_STEPS = 1000 };                /* with a coarse space; 45 suffice at 20 000 and at 45 000 nodes */
-enum { FIELD_STEPS = 20000 };                /* without; 3000 suffice for a gland 2000 times stiffer at nu = 0.499 and 4985 nodes */
+enum { COARSE_STEPS = 1000 };                /* limit with a coarse space; 45 suffice at 20 000 and at 45 000 nodes */
+enum { FIELD_STEPS = 20000 };                /* limit without a coarse space; 3000 suffice for a gland 2000 times stiffer at nu = 0.499 and 4985 nodes */
 
 /* Drops a coarse space that does not converge (gland 2000 times stiffer at nu = 0.499). */
 static bool search(condensed_inverse *c, const double *force, double *displacement) {

@@ -26,7 +26,7 @@ typedef struct {
     pthread_mutex_t gather_lock;       /* protects all members above */
     double *block, *tile;    /* 3 PRODUCT_BLOCK square: scratch of gather */
     block_cache blocks;
-    solver field_solver;     /* for displacement fields, which another thread may request */
+    solver field_solver;     /* solver for displacement fields, which another thread may request */
 } sparse_inverse;
 
 enum { LEAST_SLOTS = 2 * PRODUCT_BLOCK }; /* number of slots that one product needs */

@@ -294,13 +294,13 @@ typedef struct {
 typedef struct {
     const substructure *plan;
     cholmod_sparse *k;       /* K in the order of elimination, lower triangle */
-    front **fronts;          /* by supernode; NULL: not started, or taken over */
+    front **fronts;          /* fronts by supernode; NULL: not started, or taken over */
     panels *corner;
     int *local;              /* plan->nodes: row of each node in the current front */
-    double *load;            /* of the region, 3 region_count */
+    double *load;            /* load on the region, 3 region_count */
     double *tiles;           /* scratch: TILE x TILE for each team member */
     int *piece;              /* plan->nodes: another node of the same connected piece; at the end, its representative */
-    response *of_piece;      /* plan->nodes: by representative */
+    response *of_piece;      /* plan->nodes: response of each piece, by representative */
     double norm;             /* K's largest column sum, an upper bound of its largest eigenvalue */
     inverse_progress progress;
     report *why;

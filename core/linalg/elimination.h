@@ -22,9 +22,9 @@ typedef struct {
 
 /* A panel: rows that are eliminated together. Their diagonal block, which determines the elimination, is processed first, then the columns to its right. */
 typedef struct {
-    int begin, end;          /* at most PANEL_ROWS rows; if there are fewer, the block is padded with ones on the diagonal */
+    int begin, end;          /* range of at most PANEL_ROWS rows; if there are fewer, the block is padded with ones on the diagonal */
     bool turned;             /* the rows are rotated in pairs, by the angles below */
-    double cosine[PANEL_ROWS / 2], sine[PANEL_ROWS / 2], inverse[PANEL_ROWS]; /* of the rotations; inverse pivots */
+    double cosine[PANEL_ROWS / 2], sine[PANEL_ROWS / 2], inverse[PANEL_ROWS]; /* angles of the rotations; inverse pivots */
     double block[PANEL_ROWS][PANEL_ROWS];                                     /* diagonal and above; after elimination, not divided by the pivots */
     _Alignas(CACHE_LINE) double undivided[PANEL_ROWS][MOST_COLUMNS];          /* right of the block: rows before division by their pivots */
 } elimination_panel;

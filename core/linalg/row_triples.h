@@ -25,10 +25,10 @@ typedef struct {
 void rows_clear(const column_ranges *c, double *to, int ld);
 void rows_copy(const column_ranges *c, const double *from, int from_ld, double *to, int ld);
 
-/* to += sum of by * rows, entry by entry in this order: the last bits do not depend on other entries. */
+/* Computes to += sum of by * rows, entry by entry in this order: the last bits do not depend on other entries. */
 void rows_add(const column_ranges *c, int count, const row_triple *parts, double *to, int ld);
 
-/* to = sum of weight * rows, added in the same order. */
+/* Computes to = sum of weight * rows, added in this order. */
 typedef struct {
     const double *rows;
     int ld;

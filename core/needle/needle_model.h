@@ -63,7 +63,7 @@ typedef struct {
     int unstable;                               /* number of negative eigenvalues of the tangent stiffness, that is, buckling modes of the
                                                    unsupported needle under these loads */
     vec3 drift[NEEDLE_MAX_SEGMENTS + 1];        /* m, displacement of the joints for zero load (linearised) */
-    double compliance[NEEDLE_LD][NEEDLE_LD];    /* between joints, m/N: [3 i + a][3 j + b], for j > i - NEEDLE_POINT_JOINTS */
+    double compliance[NEEDLE_LD][NEEDLE_LD];    /* m/N, compliance between joints: [3 i + a][3 j + b], for j > i - NEEDLE_POINT_JOINTS */
     symmetric_series pivot_inverse;             /* block L D L^T of the tangent stiffness */
     matrix_series lower;
     vector_series moments;                      /* N m, spatial moment of the joint before each segment */

@@ -55,7 +55,7 @@ static vec3_simd4 joint_curvature(const rod_frames *of, int k) {
 
 /* The factor c of [w]x^2 in the inverse Jacobians of SO(3), from the square of the angle |w|. */
 static simd4 square_factor(simd4 angle2) {
-    simd4 c = 1.0 / 12 + angle2 * (1.0 / 720 + angle2 * (1.0 / 30240 + angle2 / 1209600)); /* to 1e-15 */
+    simd4 c = 1.0 / 12 + angle2 * (1.0 / 720 + angle2 * (1.0 / 30240 + angle2 / 1209600)); /* accurate to 1e-15 */
     for (int i = 0; i < SIMD4_WIDTH; i++) {
         if (angle2[i] < 1e-2) continue;
         double angle = sqrt(angle2[i]);
@@ -254,7 +254,7 @@ static void put_block(joint_rows rows, int joint, const mat3 *block) {
     for (int a = 0; a < 3; a++) memcpy(&rows[a][3 * joint], block->m[a], sizeof block->m[a]);
 }
 
-/* to = own - m^T from, where `own` is the same for every joint of columns [begin, end), in whole blocks. */
+/* Computes to = own - m^T from, where `own` is the same for every joint of columns [begin, end), in whole blocks. */
 static void carry_back(const row_matrix *own, const mat3 *m, joint_rows from, joint_rows to, int begin, int end) {
     simd4 added[3][BLOCK / SIMD4_WIDTH];
     for (int a = 0; a < 3; a++) {

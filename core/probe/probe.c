@@ -21,12 +21,12 @@ static const double CONVERGED = 1e-9; /* m: largest change of a node's position 
 static const double PENETRATION = 1e-12; /* m: penetration up to which a node still counts as outside. Rounding tolerance */
 static const double TURNED = 0.02; /* rad: change of a normal beyond which the node is attached again along the new normal. Effort limit */
 static const double NOTICEABLE = 1e-5; /* N: smallest change of a force that causes a new answer. Effort limit */
-static const double STOPPED = 1e-3; /* fraction: of max_force, margin below it at which the probe stops. Chosen by judgement */
-static const double EDGE_COMPLIANCE = 1e-4; /* fraction: of an edge's own compliance, added to its diagonal entry, because an edge and its ends are not
-                                               independent. Chosen by judgement */
+static const double STOPPED = 1e-3; /* fraction: margin below max_force, relative to it, at which the probe stops. Chosen by judgement */
+static const double EDGE_COMPLIANCE = 1e-4; /* fraction: part of an edge's own compliance that is added to its diagonal entry, because an edge and its ends are
+                                               not independent. Chosen by judgement */
 
 typedef struct probe_scratch {
-    vec3 free_u[MAX_PRESSED], u[MAX_PRESSED], load[MAX_PRESSED]; /* of the near nodes: displacement without the probe and with it (m), load (N) */
+    vec3 free_u[MAX_PRESSED], u[MAX_PRESSED], load[MAX_PRESSED]; /* near nodes: displacement without the probe and with it (m), load (N) */
     vec3 normal[MAX_PRESSED];                                    /* outward normals of the candidates */
     double gap[MAX_PRESSED], force[MAX_PRESSED];                 /* m and N, of the candidates */
     int near_ends[MAX_PRESSED][2];                               /* indices of the candidates' ends in `near`; -1: none */

@@ -10,7 +10,7 @@
    nothing. */
 trocar_status free_displacement_find(inverse *inv, const remesh_request *request, const other_loads *others, compliance_snapshot *snapshot, report *why);
 
-/* The same for u_residual, which a remesher computes once per request: the displacement by each term of its residual loads. */
+/* Displacement of the handles under each term of the residual loads, for u_residual. A remesher computes it once per request. */
 typedef struct {
     bool any;                /* the displacements are not all zero */
     double time;             /* s, residual_loads.time of the request */

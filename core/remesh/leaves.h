@@ -25,8 +25,8 @@ typedef struct {
     vec3 position;           /* nominal, m */
     int moved;               /* nominal node that was moved here; -1: a separate node, which splits its leaf */
     leaf_point at;           /* leaf that it splits into four; into three if one weight is 0, because the node is then on the face opposite that corner */
-    int across_tet;          /* for a node on a face: nominal element of the leaf on the other side; -1: none */
-    leaf_point across;       /* that leaf, split into three as well */
+    int across_tet;          /* nominal element of the leaf on the other side, for a node on a face; -1: none */
+    leaf_point across;       /* leaf on the other side, split into three as well */
     int touched;             /* number of nodes of a moved node's patch, including the node */
     line_in_tet line;        /* line on which to measure the mesh's resolution at the node: the needle's path past it. Set by the caller; zero direction: not
                                 measured */
@@ -37,7 +37,7 @@ typedef struct {
 typedef struct {
     int count;
     int order[MAX_CONTACTS];  /* slots in use, in order of addition */
-    added_node nodes[MAX_CONTACTS]; /* by slot */
+    added_node nodes[MAX_CONTACTS]; /* nodes by slot */
 } refinement;
 
 /* An element of the refined mesh. */

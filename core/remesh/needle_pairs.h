@@ -17,7 +17,7 @@ typedef struct {
     struct {
         int tet;             /* nominal, or -1: outside */
         double weights[4];
-        vec3 place, direction; /* of the step's middle */
+        vec3 place, direction; /* middle and direction of the step */
         line_in_tet line;    /* line of the shaft_piece that contains the step */
     } at[SHIFT_STEPS];
 } shaft_steps;

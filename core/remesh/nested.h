@@ -24,7 +24,7 @@ typedef struct {
 typedef struct {
     remesher shared;
     bordering borders[MAX_CONTACTS];
-    int extra_count, extra[MAX_EXTRA];  /* of the addition in progress */
+    int extra_count, extra[MAX_EXTRA];  /* extra nodes of the addition in progress */
     double (*nominal)[NESTED_LD];         /* NESTED_LD rows: K^-1 between the places in use, m/N: [3 i + a][3 j + b] */
     double (*factors)[3][NESTED_LD];      /* MAX_CONTACTS entries, m/N times N/m: F_j^T; F_j(i) is at [j][b][3 i + a] */
     void *nominal_memory, *factors_memory; /* memory of `nominal` and `factors` */
@@ -37,7 +37,7 @@ mat3 nested_factor(const nested_remesher *r, int j, int place);
 /* Column ranges of the handles in use and of contact node `slot`, which is being added (-1: none). */
 column_ranges nested_columns(const nested_remesher *r, int slot);
 
-/* The same, including the extra nodes. */
+/* Column ranges of the handles in use, of contact node `slot` and of the extra nodes. */
 column_ranges nested_all_columns(const nested_remesher *r, int slot);
 
 /* Fills `nominal` and `factors` for new places: window entries or extra nodes. */

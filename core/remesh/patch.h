@@ -20,7 +20,7 @@ typedef struct {
    nominal mesh, which is valid for added nodes only: moved nodes require STRAIN_BY_ELEMENT. */
 void patch_create(const tissue *t, const refinement *r, int position, patch *p);
 
-/* Of the same change, only the columns of the added node: its coupling and its own stiffness. */
+/* The columns of the added node in the same change: its coupling and its own stiffness. */
 enum { SPLIT_NODES = 5 };
 typedef struct {
     int count;

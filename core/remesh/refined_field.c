@@ -46,7 +46,7 @@ static void displace_uncoupled(inverse *inv, const refinement *r, const vec3 *fo
         }
     inverse_apply(inv, loads, u);
     for (int q = 0; q < r->count; q++) {
-        if (r->nodes[q].moved >= 0) { /* no unknown of its own */
+        if (r->nodes[q].moved >= 0) { /* a moved node has no unknown of its own */
             u[n + (size_t)q] = v3(0, 0, 0);
             continue;
         }
@@ -93,7 +93,7 @@ static void displace_coupled(inverse *inv, const refinement *r, vec3 *force, vec
     vec3 *direction = scratch, *borne = scratch + all, *answer = scratch + 2 * all, *loads = scratch + 3 * all, *resisted = scratch + 4 * all;
     double first = 0.0, before = 0.0;
     memset(u, 0, all * sizeof *u);
-    memset(direction, 0, 2 * all * sizeof *direction); /* and `borne` */
+    memset(direction, 0, 2 * all * sizeof *direction); /* clears `direction` and `borne` */
     for (int step = 0; step < MOST; step++) {
         for (size_t i = 0; i < n; i++)
             if (t->fixed[i]) force[i] = v3(0, 0, 0);

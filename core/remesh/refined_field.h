@@ -21,8 +21,8 @@ void refined_displacement(inverse *inv, const refinement *r, refined_vectors for
 /* Compliance d^-1 of the hierarchical surplus of a node at this leaf point, m/N: the contribution of adding the node. */
 mat3 surplus_compliance(const tissue *t, const refinement *r, int tet, const leaf_point *at);
 
-/* The same for the added contact node at place `position` of the order; on a face, as if the adjacent nodes were fixed. `position` may be r->count, as in
-   patch_create. */
+/* Compliance of the surplus of the added contact node at place `position` of the order, m/N; on a face, as if the adjacent nodes were fixed. `position` may be
+   r->count, as in patch_create. */
 mat3 node_surplus(const tissue *t, const refinement *r, int position);
 
 #endif

@@ -17,7 +17,7 @@ typedef struct {
 typedef struct {
     remesher shared;
     double spring;                        /* m/N, compliance of an added node's auxiliary spring */
-    low_rank changes[MAX_CONTACTS];       /* in order */
+    low_rank changes[MAX_CONTACTS];       /* changes in the order of the nodes */
     double *factors;                      /* SNAPSHOT_LD x ALL_RANKS, row-major: F of the handles in use */
     double *chain;                        /* ALL_RANKS square, row-major: column block j holds M_i F_i(touched_j)^T, i < j */
     double *touched;                      /* MAX_RANK x ALL_RANKS: F of the nodes that a new change touches */

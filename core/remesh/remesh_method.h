@@ -18,7 +18,7 @@ typedef struct {
     int *row_of, *column_of;         /* node_count: index of each node in `rows` or `columns`, or -1 */
     double *blocks;                  /* 3 MAX_ROWS x 3 MAX_COLUMNS, row-major, m/N */
     trocar_status status;            /* last failure among blocks fetched one by one since gather_start */
-    report why;                      /* its error message */
+    report why;                      /* error message of that failure */
 } gathered_blocks;
 
 /* Nodes are in the inverse in the order of `refined`. The node being added or removed is in order[count], not counted. */
@@ -40,17 +40,17 @@ struct remesher {
     refinement refined;              /* nodes in the inverse now, in the order of their addition */
     int window[MAX_WINDOW];          /* nominal node of each place, or -1; only window_put changes it */
     int *place_of;                   /* node_count: place of each nominal node in the window, or -1 */
-    double *handles;                 /* as compliance_snapshot.compliance, */
+    double *handles;                 /* m/N, laid out like compliance_snapshot.compliance */
     void *handles_memory;            /* memory of `handles` */
-    vec3 line_tip, line_direction;   /* of the last request */
-    bool line_new;                   /* not followed yet */
+    vec3 line_tip, line_direction;   /* line of the last request */
+    bool line_new;                   /* the line has not been followed yet */
     int ahead_count, ahead_done, ahead[MAX_AHEAD]; /* nominal nodes along the line; number prefetched so far */
     resolver *resolver;
     int piece_count;
-    line_piece pieces[MAX_PIECES];   /* of the last request */
-    resolved_field resolved[MAX_CONTACTS]; /* at each contact node */
-    contact_rows between_contacts[MAX_CONTACTS]; /* as in compliance_snapshot */
-    residual_field residual;         /* of the last request */
+    line_piece pieces[MAX_PIECES];   /* lines of the last request */
+    resolved_field resolved[MAX_CONTACTS]; /* resolution of the mesh at each contact node */
+    contact_rows between_contacts[MAX_CONTACTS]; /* m/N, compliance of the nominal mesh, as in compliance_snapshot */
+    residual_field residual;         /* displacement by the residual loads of the last request */
     patch patch;                     /* scratch */
     gathered_blocks gathered;        /* scratch */
 };
@@ -79,7 +79,7 @@ int handle_node(const remesher *r, int handle);
 /* The handle of a coded node, or -1. */
 int handle_of_node(const remesher *r, int node);
 
-double *handle_block(remesher *r, int handle, int other);    /* its leading dimension is SNAPSHOT_LD */
+double *handle_block(remesher *r, int handle, int other);    /* leading dimension SNAPSHOT_LD */
 mat3 handle_get(remesher *r, int handle, int other);
 void handle_put(remesher *r, int handle, int other, const mat3 *block); /* also writes the transpose */
 

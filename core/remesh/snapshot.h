@@ -36,7 +36,7 @@ enum { MAX_RESIDUAL_LOADS = 64 };
 typedef struct {
     int tet;
     double weights[4];       /* barycentric */
-    vec3 at;                 /* m, nominal: the same point */
+    vec3 at;                 /* m, nominal position of that point */
     vec3 load[MAX_RELAXATION]; /* N */
 } residual_load;
 
@@ -88,7 +88,7 @@ typedef struct {
 
 /* Compliance between the contact in slot i and those in slots j >= i, in rows for the tick: [a][b][j] is component a of the displacement at i under a force
    along b at j. Slots are usually in order from base to tip. Entries of unused slots are meaningless but finite. */
-enum { CONTACT_COLUMNS = MAX_CONTACTS + ROW_ROOM }; /* with padding that is read with them as whole vectors */
+enum { CONTACT_COLUMNS = MAX_CONTACTS + ROW_ROOM }; /* columns, padded because they are read as whole vectors */
 typedef struct {
     double at[3][3][CONTACT_COLUMNS];
 } contact_rows;
@@ -97,7 +97,7 @@ typedef struct {
    any interval is a difference. */
 enum { SHIFT_STEPS = 128 };
 typedef struct {
-    bool any;                /* not zero everywhere */
+    bool any;                /* the displacement is not zero everywhere */
     double start, step;      /* m of depth */
     int count;               /* number of steps; the last one extends beyond its end */
     vec3 sum[SHIFT_STEPS + 1]; /* m^2 */

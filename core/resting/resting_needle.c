@@ -74,8 +74,7 @@ vec3 resting_moved(const resting_needle *r, int place, int from, int to, const v
     return sum;
 }
 
-/* Adds the blocks between places of the needle (rows) and those of another one: displacements under the other needle's forces that the mesh does not
-   resolve. */
+/* Adds the displacements under another needle's forces that the mesh does not resolve, as blocks between places of the needle (rows) and of the other one. */
 static trocar_status add_lacks(needle_pairs *pairs, const resting_needle *r, const resting_needle *other, bool transposed, mat3 *blocks, int ld, report *why) {
     mat3 lacks[SHIFT_STEPS];
     for (int j = 0; j < other->places.count; j++) {

@@ -20,14 +20,14 @@ typedef struct {
     contact_point points[MAX_POINTS];
     attached_row rows[MAX_UNKNOWNS];
     tissue_loads places;                           /* positions of its loads on the tissue: the points that are not at a guide; the forces are not used */
-    shaft_steps steps;                             /* its track, in steps */
+    shaft_steps steps;                             /* the needle's track, in steps */
     double compliance[MAX_UNKNOWNS][MAX_UNKNOWNS]; /* m/N, lower triangle: compliance of the needle with its base clamped, guides, and tissue around the
                                                       shaft */
     int motion_count;
     double motions[MAX_MOTIONS][MAX_UNKNOWNS];     /* displacement of each row under each motion of the base */
     base_motion twists[MAX_MOTIONS];                     /* the base's motion for each row of `motions` */
     double lower[MAX_AXIAL], upper[MAX_AXIAL];     /* N, bounds of the forces along the needle at the anchor */
-    double anchor_force[MAX_UNKNOWNS];             /* N */
+    double anchor_force[MAX_UNKNOWNS];             /* N, forces at the anchor */
     double beside[MAX_UNKNOWNS];                   /* N, loads on the tissue from the memory of relaxing tissue, which are not forces of the needle */
     double free_force[MAX_UNKNOWNS], free_motion[MAX_MOTIONS]; /* forces and motion if no needle were held */
     double force[MAX_UNKNOWNS], motion[MAX_MOTIONS];           /* present forces and motion */

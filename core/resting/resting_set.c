@@ -6,8 +6,8 @@
 #include "remesh/free_displacement.h"
 
 enum { AT_ONCE = 6 };
-enum { MOST_SWEEPS = 500 }; /* sweeps: of the Gauss-Seidel method over a needle's points. Effort limit */
-enum { MOST_ROUNDS = 20 }; /* rounds: over all resting needles, between two changes of the loads. Effort limit */
+enum { MOST_SWEEPS = 500 }; /* sweeps: largest number of Gauss-Seidel sweeps over a needle's points. Effort limit */
+enum { MOST_ROUNDS = 20 }; /* rounds: largest number over all resting needles, between two changes of the loads. Effort limit */
 static const double ENOUGH = 1e-7; /* N: by which a force may exceed its bound. Rounding tolerance */
 static const double YIELDING = 1e-3; /* N/m: stiffness below which a slip would relieve no force. Rounding tolerance */
 
@@ -77,7 +77,7 @@ static trocar_status respond_aside(resting_set *s, const other_loads *held, repo
     }
     if (s->any_aside) inverse_attached_displaced(s->inverse, s->force, s->aside, s->aside_move);
     for (int i = 0; i < s->count; i++) memcpy(s->needles[i]->aside, s->aside + s->row[i], (size_t)s->needles[i]->unknown_count * sizeof *s->aside);
-    s->any_aside = s->any_aside || before; /* once more, to report that it has vanished */
+    s->any_aside = s->any_aside || before; /* stays set once more, to report that the displacement has vanished */
     return TROCAR_OK;
 }
 

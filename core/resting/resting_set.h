@@ -11,7 +11,7 @@ typedef struct {
     int count;
     resting_needle *needles[MAX_NEEDLES];
     int row[MAX_NEEDLES], motion[MAX_NEEDLES]; /* index of each needle's first row and motion */
-    double *force, *move;    /* of all rows and motions: scratch */
+    double *force, *move;    /* scratch: forces of all rows, and all motions */
     double *aside, *aside_move; /* responses to displacements by held needles that the mesh does not resolve */
     bool any_aside;          /* `aside` is not zero */
     double *load;            /* N: forces at all rows without held needles, loads beside them, and the fading part: other_loads.attached */
@@ -32,7 +32,7 @@ void resting_set_free(resting_set *s); /* frees neither the needles nor the inve
    Allocates. */
 trocar_status resting_set_change(resting_set *s, int count, resting_needle *const *needles, const other_loads *held, report *why);
 
-/* The same, but continues from the needles' stored forces: after a restore. */
+/* Sets the resting needles, in this order, and continues from their stored forces: after a restore. */
 trocar_status resting_set_attach(resting_set *s, int count, resting_needle *const *needles, report *why);
 
 /* Computes their forces and motions under these loads. */

@@ -11,7 +11,7 @@
 vec3 line_lateral(double x, double y, double poisson_ratio);
 vec3 line_axial(double x, double y);
 
-/* Traction of the same fields on a surface of this area vector, N per N/m of the line; axis 0, 1: the line is pushed along x, y; 2: along z. */
+/* Traction of these line fields on a surface with this area vector, N per N/m of the line; axis 0, 1: the line is pushed along x, y; 2: along z. */
 vec3 line_traction(int axis, vec3 x, vec3 area, double poisson_ratio);
 
 /* Displacement under a force per length between two points of the z axis, in the direction `axis`: Kelvin's solution for a point force, integrated; and the

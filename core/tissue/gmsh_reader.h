@@ -17,7 +17,7 @@ typedef struct {
     int node_count;
     double *coordinates;     /* 3 node_count, in the order of `nodes` */
     size_t *corners;         /* 4 tet_count: node tags */
-    int (*triangles)[3];     /* of all named surfaces, node indices */
+    int (*triangles)[3];     /* triangles of all named surfaces, as node indices */
     int *triangle_group;
     int triangle_count;
 } gmsh_reader;

@@ -163,7 +163,7 @@ void mesh_remark(mesh *m, const char *format, ...) {
 }
 
 static const double LARGEST_BODY = 10.0; /* needle lengths: size of the body above which a warning says that the unit may be wrong. Chosen by judgement */
-static const double SMALLEST_BODY = 0.05; /* needle lengths: size of the body below which the same warning is given. Chosen by judgement */
+static const double SMALLEST_BODY = 0.05; /* needle lengths: size of the body below which a warning says that the unit may be wrong. Chosen by judgement */
 static const double COARSEST = 50.0; /* needle diameters: size of elements above which a warning is given. Chosen by judgement */
 
 void mesh_compare_with_needle(mesh *m, double length, double diameter) {

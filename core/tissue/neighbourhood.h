@@ -19,11 +19,11 @@ typedef struct {
     bool *taken;             /* tet_count */
     int node_count, nodes[AROUND_NODES], tet_count, tets[AROUND_TETS];
     vec3 position[AROUND_NODES];
-    bool cut[AROUND_NODES];  /* on the boundary to the rest of the mesh */
+    bool cut[AROUND_NODES];  /* the node is on the boundary to the rest of the mesh */
     mat3 frame;              /* columns: the line's frame */
     vec3 origin;
     double size;             /* m, edge length of the mesh at the point */
-    double poisson_ratio;    /* that of the point's element, used for all elements */
+    double poisson_ratio;    /* Poisson's ratio of the point's element, used for all elements */
     int chord_count;
     chord chords[AROUND_TETS]; /* the line's path through the elements, in order */
     double stiffness[AROUND_DOFS * AROUND_DOFS]; /* full */
@@ -35,7 +35,7 @@ void neighbourhood_free(neighbourhood *n);
 
 /* Extent of the neighbourhood: distance from the line, and length along it in both directions. */
 typedef struct {
-    double radius, half_length; /* in edge lengths of the mesh there */
+    double radius, half_length; /* edge lengths of the mesh at the point */
     double least;               /* m, smallest half length */
 } patch_reach;
 

@@ -12,7 +12,7 @@
 enum { LINE_ENDS = 4 };
 typedef struct {
     double reach;            /* m ahead of the point, within the body: a line that continues this far counts as endless */
-    double more[LINE_ENDS];  /* for a line whose end is (k / LINE_ENDS)^2 of the reach ahead of the point */
+    double more[LINE_ENDS];  /* correction for a line whose end is (k / LINE_ENDS)^2 of the reach ahead of the point */
 } line_end;
 
 /* Interpolates `more` for a line that ends this far ahead (m). RT */
@@ -44,9 +44,9 @@ enum { FIELD_NODES = 256 };
 typedef struct {
     line_in_tet line;
     mat3 frame;              /* columns: its axes */
-    double poisson_ratio, softness; /* 1 / mu, m^2/N, of the line's element */
-    int count, nodes[FIELD_NODES]; /* of the mesh */
-    vec3 moved[FIELD_NODES][3]; /* in the line's frame, under a force along each of its axes; 1/m means N/m over Pa */
+    double poisson_ratio, softness; /* Poisson's ratio, and 1 / mu (m^2/N), of the line's element */
+    int count, nodes[FIELD_NODES]; /* nodes of the mesh */
+    vec3 moved[FIELD_NODES][3]; /* displacement in the line's frame under a force along each of its axes; 1/m means N/m over Pa */
 } line_field;
 
 typedef struct resolver resolver;

@@ -16,7 +16,7 @@ typedef struct {
     double cutting_viscosity;  /* N s/m, additional resistance per tip speed */
     double spreading_force;    /* N, resistance at the tip that remains in an open track */
     double friction_static;    /* N/m, limit of the shaft's friction per length while sticking */
-    double friction_kinetic;   /* N/m, the same after sliding over the weakening distance */
+    double friction_kinetic;   /* N/m, limit of the shaft's friction per length after sliding over the weakening distance */
     double friction_viscous;   /* N s/m^2, additional friction per length and sliding speed */
 } region_material;
 
@@ -30,7 +30,7 @@ typedef struct {
     const mesh *mesh;
     volumetric_strain volumetric;
     int *patch, patch_count;   /* tet_count: patch of each tet, see strain_patches.h; NULL if the strain is not averaged by patch */
-    const region_material *materials; /* by group index; only entries of dimension 3 are used */
+    const region_material *materials; /* materials by group index; only entries of dimension 3 are used */
     bool *fixed;               /* node_count: zero displacement */
     int dof_count;             /* free displacements */
     int *dof;                  /* node_count: first of the node's three dofs, or -1 if fixed */
@@ -58,7 +58,8 @@ trocar_status tissue_assemble(const mesh *m, const region_material *materials, c
    before the computation, if too little memory is available now. After an error, `factor` is NULL. */
 trocar_status tissue_factor(tissue *t, int count, const int *nodes, report *why);
 
-static const double LOOSE_BODY = 1e-13; /* fraction: of the largest eigenvalue of K, below which the smallest one indicates a loose body. Rounding tolerance */
+static const double LOOSE_BODY = 1e-13; /* fraction: smallest eigenvalue of K, relative to the largest one, below which the body counts as loose. Rounding
+                                           tolerance */
 
 /* Reports a loose body (BAD_INPUT). */
 trocar_status tissue_loose(report *why);

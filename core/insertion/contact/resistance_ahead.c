@@ -65,7 +65,7 @@ static void add_stops(const tick_input *tick, const insertion_state *state, cons
         int behind = m->neighbours[tet][face], blocked_by = old_tracks_obstacle(tick, state, tet, face, behind, x);
         if (blocked_by != NOT_BLOCKED && slip <= reach) {
             double resistance = blocked_resistance(tick->model, tet, track->openness, blocked_by, old_tracks_damage(tick, state, blocked_by, x));
-            add_stretch(ahead, (stretch_ahead){.from = slip + FACE_CLEARANCE /* so that the tip reaches it */, .resistance = resistance, .stops = true, .track = *track});
+            add_stretch(ahead, (stretch_ahead){.from = slip + FACE_CLEARANCE /* places the stop just past the face, so that the tip reaches the face */, .resistance = resistance, .stops = true, .track = *track});
         }
         x = v3_axpy(FACE_CLEARANCE, direction, x);
         tet = behind;

@@ -17,8 +17,8 @@ void creep_deposit_all(const insertion_model *model, tissue_memory *memory, cons
 /* Clears all memory, as if the tissue had never been touched. RT */
 void creep_forget(tissue_memory *memory);
 
-/* Computes the displacement of the tissue at each point and the forces that shear it, as far as they result from memory. From here on, local compliances are
-   those of a step. Call after find_tip_rows and find_local_compliance. RT */
+/* Computes the displacement of the tissue at each point and the forces that shear it, as far as they result from memory, and multiplies local compliances by
+   the step's yield. Call after find_tip_rows and find_local_compliance. RT */
 void creep_prepare(const tick_input *tick, insertion_state *state, const contact_points *points, tissue_step *tissue, creep_step *creep,
                    const stiffening_step *stiffening);
 
@@ -53,10 +53,10 @@ double creep_sum(const tissue_memory *memory);
 /* Displacement of a handle that is not caused by the needle's present contacts, m. RT */
 vec3 creep_free(const tick_input *tick, const insertion_state *state, const creep_step *creep, int handle);
 
-/* The same displacement, interpolated at the point with these corners and weights. RT */
+/* Displacement that is not caused by the needle's present contacts, interpolated at the point with these corners and weights, m. RT */
 vec3 creep_free_at(const tick_input *tick, const insertion_state *state, const creep_step *creep, const int handles[4], const double weights[4]);
 
-/* True if that displacement is zero everywhere: neither other bodies nor the memory of this needle displace the tissue. RT */
+/* True if nothing but the needle's present contacts displaces the tissue: neither other bodies nor the memory of this needle. RT */
 bool creep_free_is_zero(const tick_input *tick, const insertion_state *state);
 
 /* True if enough residual load is new to inform the worker. RT */

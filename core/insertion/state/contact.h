@@ -13,8 +13,9 @@ _Static_assert(CONTACT_LD >= ELIMINATION_SIZE(MAX_UNKNOWNS), "a row holds all un
 
 /* Limits of the search for sticking and sliding points, used here and for roll (roll.c). */
 static const double MARGIN = 1e-12; /* fraction: tolerance of a force's bound, relative to the force plus 1 N. Rounding tolerance */
-enum { ROUNDS_TOGETHER = 10 }; /* rounds: in which all inconsistent points switch at once, before they switch one at a time. Effort limit: two are usual */
-enum { ROUNDS_EACH = 4 }; /* rounds: in which one point switches at a time, for each point. Effort limit */
+enum { ROUNDS_TOGETHER = 10 }; /* rounds: number in which all inconsistent points switch at once, before they switch one at a time. Effort limit: two are
+                                  usual */
+enum { ROUNDS_EACH = 4 }; /* rounds: number per point in which one point switches at a time. Effort limit */
 
 typedef enum { STICK = 0, SLIP_FORWARD = 1, SLIP_BACKWARD = -1 } friction_state;
 

@@ -28,7 +28,7 @@ typedef struct {
 typedef struct {
     const mesh *mesh;
     const tissue *tissue;
-    const region_material *materials;  /* by group index */
+    const region_material *materials;  /* materials by group index */
     const needle_model *needle;
     const membrane *membranes;
     int membrane_count;

@@ -48,9 +48,9 @@ typedef struct {
     vec3 direction;          /* unit vector of the track there, in the undeformed tissue */
     double depth;            /* m along the nominal track from the skin */
     shaft_hold shaft;
-    resolved_field resolved; /* what the mesh resolves there; its `point` is that of the tip when it was there */
+    resolved_field resolved; /* resolution of the mesh at the contact; its `point` is that of the tip at this position */
     double log_axial;        /* logarithm of the resolved radius over the needle's, for forces along it; 0: not known yet */
-    plane_tensor log_lateral; /* the same logarithm across the track, for an endless needle */
+    plane_tensor log_lateral; /* logarithm of the resolved radius over the needle's, across the track, for an endless needle */
     vec3 force;              /* N, world frame, on the tissue */
 } shaft_contact;
 
@@ -100,9 +100,9 @@ typedef struct {
     vec3 rest;               /* m, world frame: position, without the tip's force, of the tissue that the tip touches */
 } tip_dent;
 
-/* What the mesh resolves at the tip. Written by the tissue stage. */
+/* Resolution of the mesh at the tip. Written by the tissue stage. */
 typedef struct {
-    bool known;              /* it has been measured */
+    bool known;              /* the resolution has been measured */
     resolved_field field;
     vec3 at;                 /* m, nominal: position of the tip at the measurement */
 } tip_resolution;
@@ -175,7 +175,7 @@ enum { MAX_STRATA = 256 };  /* layers of 0.8 mm on a track of 200 mm */
 typedef struct {
     vec3 base_shift;             /* m, displacement of the spring that holds the base */
     needle_state needle;
-    needle_motion motion;        /* of the last step, if it ended in equilibrium */
+    needle_motion motion;        /* motion of the last step, if it ended in equilibrium */
     double base_turn;            /* rad, rotation of the base about the needle's axis, accumulated over full turns */
     double tip_lead;             /* rad, roll of the tip minus that of the base; negative: the tip lags */
     needle_tip tip;

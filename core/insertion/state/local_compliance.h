@@ -27,7 +27,7 @@ lateral_axial local_logarithm(const insertion_model *model, const resolved_field
 /* The logarithm for each direction across an endless needle; without a lower limit. RT */
 plane_tensor local_logarithm_across(const insertion_model *model, const resolved_field *resolved, vec3 direction);
 
-/* The same for a shaft whose tip is `ahead` (m) of it; positive definite. RT */
+/* The logarithm across a needle whose tip is `ahead` (m) of the point; positive definite. RT */
 plane_tensor local_logarithm_behind_tip(plane_tensor endless, const line_end *end, double ahead);
 
 /* Typical resolution of an element of this size, for places where it has not been measured. RT */

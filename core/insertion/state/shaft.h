@@ -22,7 +22,8 @@ typedef struct {
    has the rest. RT */
 shaft_share shaft_share_of(const insertion_state *state, int k, bool tip);
 
-/* The same, one share after the other from k = 0. `border` (m of depth) is the beginning of this share, initially 0, and becomes that of the next. RT */
+/* Like shaft_share_of, for one share after the other from k = 0. `border` (m of depth) is the beginning of this share, initially 0; it is advanced to the
+   beginning of the next. RT */
 shaft_share shaft_next_share(const insertion_state *state, int k, bool tip, double *border);
 
 /* Friction and stiffness of the tissue along a share of the track, summed over its strata. RT */

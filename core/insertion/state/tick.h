@@ -74,11 +74,11 @@ typedef struct {
 /* Relaxing tissue in one step: its displacement under the forces f is (yield C) (f + remembered). For elastic tissue, yield is 1 and the rest 0. */
 typedef struct {
     double yield;
-    double decay[MAX_RELAXATION];            /* of each term's memory over the step */
+    double decay[MAX_RELAXATION];            /* decay of each term's memory over the step */
     double weight[MAX_RELAXATION];           /* weight of each term in the remembered force, divided by the yield */
     double residual[MAX_RELAXATION];         /* decay of the snapshot's u_residual since its time */
-    remembered_forces remembered[MAX_POINTS]; /* by point in tissue, divided by the yield; at the tip, `along` and `twist` are those of the shaft's part of the
-                                                 share */
+    remembered_forces remembered[MAX_POINTS]; /* memory by point in tissue, divided by the yield; at the tip, `along` and `twist` are those of the shaft's part
+                                                 of the share */
     double face;                             /* N, remembered force on the tip's end face */
     double tip_moved;                        /* m, motion of the tip since the last step */
     vec3 moved[MAX_POINTS];                  /* m, displacement of the tissue by the remembered loads */
@@ -141,8 +141,8 @@ typedef struct {
     needle_state needle;
     vec3 base_shift;                          /* m */
     needle_tip tip;
-    guide_contact faces[MAX_GUIDE_POINTS];    /* of the points at guides */
-    struct { vec3 force; shaft_hold shaft; } contacts[MAX_POINTS]; /* of the points at contacts, by point */
+    guide_contact faces[MAX_GUIDE_POINTS];    /* contacts of the points at guides */
+    struct { vec3 force; shaft_hold shaft; } contacts[MAX_POINTS]; /* forces and shaft of the points at contacts, by point */
     int knot;                                 /* knot of the contact problem's staircase */
 } pass_checkpoint;
 
@@ -210,11 +210,11 @@ typedef struct {
     resistance_ahead ahead;
     needle_response response;
     _Alignas(CACHE_LINE) between_components joints_to_points[3 * (NEEDLE_MAX_SEGMENTS + 1)]; /* m/N, world frame, scratch of assemble_between_points */
-    hole_edge edges[MAX_GUIDE_POINTS];       /* of the points at guides */
+    hole_edge edges[MAX_GUIDE_POINTS];       /* edges of the points at guides */
     stiffening_step stiffening;
     damper_step damper;
     contact_problem problem;
-    pass_checkpoint start;                   /* before the first pass */
+    pass_checkpoint start;                   /* state before the first pass */
     continuation_step continuation;
     insertion_profile profile;
 } insertion_workspace;

@@ -24,10 +24,10 @@ typedef struct {
 
 typedef struct {
     double time;                 /* s, sum of all steps so far */
-    double since;                /* s, time of the last reset of the memory; what the worker received earlier is void */
+    double since;                /* s, time of the last reset of the memory; data sent to the worker before that are void */
     int count;
     bool tip;                    /* the last share is the tip's */
-    share_memory shares[MAX_SHARES]; /* those of the last solve, from base to tip */
+    share_memory shares[MAX_SHARES]; /* shares of the last solve, from base to tip */
     double face[MAX_RELAXATION]; /* N, memory of the force on the tip's end face */
     residual_loads residual;         /* loads that the needle no longer holds, at `time` */
     double residual_added;           /* N, residual load added since the last request to the worker */

@@ -93,7 +93,7 @@ bool tracks_puncture(track_list *list, track_point at, int membrane) {
 
 /* ---- searching ----------------------------------------------------------------------------------------------------------- */
 
-/* Number of points to skip: from a point of a track at this distance from x to the next one that may be within reach itself or by its segment. */
+/* Number of points of a track that can be skipped, from a point at this distance from x, because neither they nor their segments can be within reach. */
 static int skippable(double distance, double reach) { return (int)fmax(0.0, (distance - reach) / TRACK_SPACING); }
 
 double tracks_puncture_distance(const track_list *list, int membrane, vec3 x, double reach) {

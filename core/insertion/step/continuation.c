@@ -3,8 +3,8 @@
 #include "insertion/step/checkpoint.h"
 #include "insertion/step/needle_drag.h"
 
-static const double AT_REST = 5e-3; /* fraction: of Euler's load; a moving needle whose drag is below this has come to rest. Chosen: 0.05 N for an 18 G needle
-                                       of 200 mm, about the smallest force that a hand feels */
+static const double AT_REST = 5e-3; /* fraction: drag, relative to Euler's load, below which a moving needle has come to rest. Chosen: 0.05 N for an 18 G
+                                       needle of 200 mm, about the smallest force that a hand feels */
 static const double LEAST_STEP = 1.0 / 256; /* fraction: smallest part of a tick in which the branch of an equilibrium is followed. Effort limit: eight
                                                halvings */
 enum { LAST_PASSES = 3 }; /* passes: largest number in which a needle may come to rest. Effort limit */

@@ -9,11 +9,11 @@
 #include "insertion/step/checkpoint.h"
 #include "insertion/step/needle_drag.h"
 
-static const double NEW_PUSH = 0.05; /* fraction: of Euler's load; change of push after which a needle is linearised again. Otherwise a needle pushed along its
-                                        axis at 50 mm/s would bear eight times its buckling load before it bows (tests/unit/insertion/test_guides.c). Chosen by
-                                        judgement */
-static const double LEAP = 0.05; /* rad: rotation of a segment. After a larger one in one step, the passes may have reached another branch than that of the
-                                    last step; a pass with a larger one, and larger than that of the pass before, diverges. Chosen by judgement */
+static const double NEW_PUSH = 0.05; /* fraction: change of push, relative to Euler's load, after which a needle is linearised again. Otherwise a needle pushed
+                                        along its axis at 50 mm/s would bear eight times its buckling load before it bows (tests/unit/insertion/test_guides.c).
+                                        Chosen by judgement */
+static const double LEAP = 0.05; /* rad: rotation of a segment above which the passes of one step may have reached another branch than the last step's; a pass
+                                    with a larger rotation, and a larger one than the pass before, diverges. Chosen by judgement */
 static const double CLAMPED_HINGED = 20.2; /* EI / L^2: Euler's load of a beam that is clamped at one end and hinged at the other. Exact: the square of the
                                               smallest root of tan x = x, 20.19 */
 
@@ -54,7 +54,7 @@ void passes_linearise(const tick_input *tick, const insertion_state *state, inse
 /* Displaces the spring that holds the base by the sum of the forces. */
 static void shift_base(const tick_input *tick, insertion_state *state, const needle_response *response) {
     if (tick->base.compliance == 0.0) return;
-    vec3 sum = v3(0, 0, 0), before = state->base_shift; /* of the forces only: the drag adds up to zero */
+    vec3 sum = v3(0, 0, 0), before = state->base_shift; /* sum of the forces only, because the drag adds up to zero */
     for (int j = 0; j <= tick->model->needle->given.segments; j++) sum = v3_add(sum, response->load[j]);
     state->base_shift = v3_scale(tick->base.compliance, sum);
     pose base = state->needle.base;

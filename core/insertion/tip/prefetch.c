@@ -10,17 +10,17 @@ static const line_tolerance SAME_LINE = {1e-9, 1e-9}; /* m and rad: differences 
 static const double ABOUT_TO_TOUCH = 2e-3; /* m: distance to the skin below which the requested line must be exact, so that an insertion does not depend on the
                                               needle's earlier motion. Chosen by judgement */
 static const double NEAR_FACE = 1e-7; /* m: distance between touching surfaces. Rounding tolerance */
-static const double WAY_IN = 1.25; /* ratio: of the requested length of path into a body to `prefetch_distance`. Chosen by judgement */
+static const double WAY_IN = 1.25; /* ratio: length of path into a body that is requested, relative to `prefetch_distance`. Chosen by judgement */
 enum { AHEAD = 16 }; /* elements: number requested ahead of the tip. Effort limit */
 enum { BEHIND = 4 }; /* contacts: number behind the tip whose elements are requested. Effort limit */
 enum { AROUND_EDGE = 32 }; /* elements: largest number around an edge; about five are usual, and twenty in a poor mesh. Effort limit */
 
 typedef struct {
-    int count, needed;       /* as in remesh_request */
+    int count, needed;       /* number of nodes, and of indispensable ones, as in remesh_request */
     int nodes[MAX_WINDOW];
     int piece_count;
     line_in_tet pieces[MAX_PIECES];
-    line_tolerance tolerance; /* for lines that were requested before */
+    line_tolerance tolerance; /* tolerance for reusing lines that were requested before */
 } wanted_tissue;
 
 static bool contains(const int *nodes, int count, int node) {

@@ -25,7 +25,7 @@ void tip_glide_on_surface(const tick_input *tick, insertion_state *state, tick_o
 /* Punctures a membrane whose limit was exceeded in the last solve. RT */
 void tip_puncture(const tick_input *tick, insertion_state *state, tick_output *output);
 
-/* Gives a straight needle that overlaps the tissue the state of one inserted without force. RT */
+/* Sets the state of a straight needle that overlaps the tissue as if the needle had been inserted without force. RT */
 void tip_engage(const insertion_model *model, insertion_state *state);
 
 #endif

@@ -7,7 +7,7 @@
 
 static const double GRAZING = 0.2; /* 1: sine of the angle to an outer face below which the tip moves along the face. Chosen: 11 degrees */
 static const double GRAZING_DEPTH = 1e-5; /* m: depth of `nominal` below the face that the tip grazes. Rounding tolerance */
-static const double SAME_FORCE = 1e-6; /* fraction: by which a resistance may exceed the tip's cutting force and still be overcome. Rounding tolerance */
+static const double SAME_FORCE = 1e-6; /* fraction: excess of a resistance over the tip's cutting force up to which the tip overcomes it. Rounding tolerance */
 
 int follow_line(const mesh *m, int tet, vec3 *from, vec3 target) {
     for (int step = 0; step < MAX_STEPS; step++) {
@@ -232,7 +232,7 @@ typedef struct {
 static way_back find_way_back(const insertion_state *state) {
     const shaft_contact *last = last_contact(state);
     double entry = tip_entry_depth(state);
-    if (last && last->depth < entry) last = NULL; /* that contact is in a previous body */
+    if (last && last->depth < entry) last = NULL; /* the last contact is in a previous body */
     return (way_back){last, last_gap(state), state->tip.place.depth - (last ? last->depth : entry)};
 }
 

@@ -6,8 +6,8 @@
 static const double LONGEST_SHARE = 0.8; /* edge lengths: longest share of one contact within an element; a longer chord gets several contacts. Chosen by
                                             judgement */
 static const double PLAN_TOLERANCE = 2e-4; /* m: largest distance between the tip and a planned contact node that it can still use. Chosen by judgement */
-static const double LAST_PLACE = 0.95; /* fraction above 0.5 and below 1: of the chord through an element; a node due farther on is placed in the next element.
-                                          Chosen: 0.5 is its usual place, 1 is the face */
+static const double LAST_PLACE = 0.95; /* fraction above 0.5 and below 1: latest position of a node along the chord through an element; a node due farther on
+                                          is placed in the next element. Chosen: 0.5 is its usual position, 1 is the face */
 
 double last_contact_depth(const insertion_state *state) {
     const shaft_contact *last = last_contact(state);

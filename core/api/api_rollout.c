@@ -59,7 +59,7 @@ typedef struct {
     pthread_mutex_t lock;    /* protects the members below */
     pthread_cond_t changed;
     int64_t ticks;           /* ticks completed in all insertions */
-    int running;             /* threads besides the caller's */
+    int running;             /* number of running threads besides the caller's */
     trocar_status status, unable; /* status of the first insertion that failed; of the first thread without memory for a simulation */
     report why, why_unable;
 } rollout;

@@ -30,7 +30,7 @@ static bool is_at_rest(const insertion_model *model, const insertion_state *stat
     return v3_norm(wrench->force) < limits->force && v3_norm(across) < limits->torque && slip < limits->slip;
 }
 
-/* Releases the base: it moves, with the needle, until its wrench has vanished. The needle is linearised there, ready to be attached. */
+/* Releases the base, which moves until its wrench has vanished, and linearises the needle at its final position, ready to be attached. */
 static trocar_status release_base(trocar_sim *sim, int index, const track_list *others, insertion_state *state, report *why) {
     needle_track *n = &sim->needles[index];
     resting_scratch *scratch = sim->resting_scratch;

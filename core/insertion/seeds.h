@@ -56,7 +56,7 @@ typedef enum {
    drawn back over its length. RT */
 seed_refusal seeds_drop(const insertion_model *model, const seed_size *size, const insertion_state *state, int needle, int count, double spacing, seed_list *list);
 
-/* Length of such a strand from end to end, m. RT */
+/* Length of a strand of `count` seeds from end to end, m. RT */
 double seeds_strand_length(const seed_size *size, int count, double spacing);
 
 /* Deposits the seeds that the needle has been drawn back over. Call after each of its ticks. RT */

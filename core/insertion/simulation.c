@@ -120,7 +120,7 @@ static trocar_status bind_to_mesh(simulation *s, report *why) {
     return status == TROCAR_OK ? bind_probe(s, why) : status;
 }
 
-/* Requires the tissue: a surface that is entirely fixed does not yield to a probe. */
+/* Checks that the probe's surface can yield, because a surface that is entirely fixed does not. Requires the tissue. */
 static trocar_status check_probe_surface(const simulation *s, report *why) {
     char place[PLACE_ROOM];
     if (s->probe_surface < 0) return TROCAR_OK;

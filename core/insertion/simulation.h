@@ -42,7 +42,7 @@ typedef struct {
     probe_config probe;
     roi_config roi;                  /* region of interest; if empty, see roi_find */
     char cache[1024];                    /* directory of condensed inverses; empty: the user's cache directory */
-    bool keep_inverse;                   /* failure to save a condensed inverse there is an error */
+    bool keep_inverse;                   /* failure to save a condensed inverse in `cache` is an error */
     volumetric_strain volumetric;
     inverse_progress progress;           /* reports the progress of a long start; its function may be NULL */
 } simulation_config;

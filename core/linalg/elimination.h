@@ -73,7 +73,8 @@ static inline int panel_of(int i) { return i < 0 ? -1 : i / PANEL_ROWS * PANEL_R
    followed by PADDING zeros. RT */
 void subtract_known(const symmetric_system *s, int begin, int known, const double *x, double side[PANEL_ROWS]);
 
-/* Back substitution within those rows: subtracts the contribution of unknown begin + k + c, which is now in side[k + c], from the rows before begin + k. RT */
+/* Back substitution within a panel's rows: subtracts the contribution of unknown begin + k + c, which is now in side[k + c], from the rows before begin + k.
+   RT */
 static inline void subtract_known_in_block(const symmetric_system *s, int begin, int k, int c, double side[PANEL_ROWS]) {
     IN_REGISTERS for (int r = 0; r < k; r++) side[r] -= s->a[begin + r][begin + k + c] * side[k + c];
 }

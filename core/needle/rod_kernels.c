@@ -283,8 +283,8 @@ static void substitute_forward(int n, const needle_tangent *tangent, rod_chain *
     }
 }
 
-/* Displacement of joint `last`, with no force before it. With the moments S under a force there after forward substitution, and the pivots P, it is the sum of
-   S^T P^-1 S over the previous segments, minus a multiple of the rotation of segment `last`. Fourth column: at zero load. */
+/* Displacement of joint `last` if no force acts before it: the sum of S^T P^-1 S over the previous segments, with the pivots P and the moments S under a force
+   at the joint after forward substitution, minus a multiple of the rotation of segment `last`. Fourth column: at zero load. */
 static row_matrix displace_base(int last, const needle_tangent *tangent, const rod_chain *chain) {
     row_matrix sum = {{{0}}};
     for (int k = 0; k < last; k++) sum = rm_add(sum, rm_multiply_transposed(chain->sides[k], rm_multiply(pivot_inverse_at(tangent, k), chain->sides[k])));

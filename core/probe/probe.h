@@ -51,7 +51,7 @@ typedef struct {
     uint64_t last_attached;  /* id of the last attachment */
     int attached_count;      /* number of attached points */
     int near_count, near[MAX_PRESSED]; /* nodes that can take part, ascending */
-    double *compliance;      /* m/N: compliance between those nodes, 3 near_count square, row-major; reused while it is valid */
+    double *compliance;      /* m/N: compliance between the nodes in `near`, 3 near_count square, row-major; reused while it is valid */
     bool compliance_known;
     int candidate_count, candidates[MAX_PRESSED]; /* points that can take part, ascending: all their ends are near */
     nodal_forces now, unloaded; /* nodal forces of the pressed points: force, and free_force */

@@ -23,7 +23,7 @@ typedef struct {
     uint64_t id;             /* unique within one insertion state */
     int tet;                 /* nominal element that contains it */
     vec3 position;           /* nominal, m */
-    int moved;               /* nominal node that was moved here; -1: a separate node, which splits its leaf */
+    int moved;               /* nominal node that was moved to this position; -1: a separate node, which splits its leaf */
     leaf_point at;           /* leaf that it splits into four; into three if one weight is 0, because the node is then on the face opposite that corner */
     int across_tet;          /* nominal element of the leaf on the other side, for a node on a face; -1: none */
     leaf_point across;       /* leaf on the other side, split into three as well */

@@ -16,7 +16,7 @@ typedef struct {
     bool on_face;                         /* the node is on a face, and its surplus couples to the old nodes */
     double weights[4];                    /* nominal weights: those of the nominal nodes of its element */
     int nominal_count, nominal[REACHED];  /* nominal nodes to which the coupling extends through the touched nodes */
-    mat3 coupling[REACHED];               /* c_j at those nodes, N/m */
+    mat3 coupling[REACHED];               /* c_j at the nodes in `nominal`, N/m */
     mat3 chain[MAX_CONTACTS];             /* G_ij = S_i sum_touched F_i^T c_j, i < j */
     mat3 surplus;                         /* S_j, m/N */
 } bordering;

@@ -20,7 +20,7 @@ typedef struct {
    nominal mesh, which is valid for added nodes only: moved nodes require STRAIN_BY_ELEMENT. */
 void patch_create(const tissue *t, const refinement *r, int position, patch *p);
 
-/* The columns of the added node in the same change: its coupling and its own stiffness. */
+/* The part of a node addition's patch that belongs to the added node itself: its coupling and its own stiffness. */
 enum { SPLIT_NODES = 5 };
 typedef struct {
     int count;

@@ -122,7 +122,7 @@ static bool same_node(const added_node *a, const added_node *b) {
         && (a->across_tet < 0 || same_leaf(&a->across, &b->across));
 }
 
-/* Slots (bit i: slot i) whose nodes must be removed: those that are not wanted or not at their place, and those that depend on such nodes. */
+/* Slots (bit i: slot i) whose nodes must be removed: nodes that are not wanted or have moved, and nodes that depend on them. */
 static uint64_t slots_to_clear(const remesher *r, const refinement *wanted) {
     const refinement *refined = &r->refined;
     uint64_t clear = 0, same = 0;

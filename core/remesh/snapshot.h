@@ -149,8 +149,8 @@ const line_piece *snapshot_piece(const compliance_snapshot *snapshot, int tet);
 /* The mesh's resolution at the point of the piece that is closest to x. RT */
 resolved_field piece_at(const line_piece *piece, vec3 x);
 
-/* Compliance between two handles, m/N. Between two contacts, it is that of the nominal mesh, so that adding a node changes what is computed, not what is felt.
-   RT */
+/* Compliance between two handles, m/N. Between two contacts, the compliance of the nominal mesh is used, so that adding a node changes what is computed, not
+   what is felt. RT */
 mat3 compliance_between(const compliance_snapshot *snapshot, int handle, int other);
 
 #endif

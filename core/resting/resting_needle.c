@@ -10,7 +10,7 @@
 
 static const double STEP_SHIFT = 0.3e-3; /* m: largest shift of the base in one step of 1 ms while it moves to its resting position. Chosen: 0.3 m/s, as fast
                                             as a hand inserts */
-static const double STEP_TURN = 3e-3; /* rad: largest rotation of the base in one such step. Chosen by judgement */
+static const double STEP_TURN = 3e-3; /* rad: largest rotation of the base in one step of 1 ms while it moves to its resting position. Chosen by judgement */
 static const double DEPENDENT = 1e-6; /* fraction: relative difference from a combination of other motions below which a motion counts as dependent. Rounding
                                          tolerance */
 

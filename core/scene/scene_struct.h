@@ -16,14 +16,14 @@ typedef struct {
     char profile[MESH_NAME]; /* name of the device profile; empty: none */
     device_limits device;
     pose start;              /* initial pose of the needle's base, outside the tissue; NAN position: none */
-    double start_depth;      /* m, insertion depth of scripted motions from there */
+    double start_depth;      /* m, depth to which scripted motions insert the needle from `start` */
     int only_one;            /* value of keys that accept only one value: 0 */
     double patient_to_mesh[16]; /* row by row, from the patient's mm (LPS) to the mesh's m; the first entry is NAN if there is none */
 } scene;
 
 /* One row of the reference table. The strings live as long as the program. */
 typedef struct {
-    const char *key;         /* such as "regions[].friction.static", for all list entries */
+    const char *key;         /* for all list entries, such as "regions[].friction.static" */
     const char *unit;        /* "" if the value has no unit */
     const char *accepts;     /* "a number above 0", "rod or tetrahedra" */
     const char *doc;

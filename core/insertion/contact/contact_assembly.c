@@ -93,7 +93,7 @@ void find_tip_rows(const tick_input *tick, const insertion_state *state, const c
     int tip = points->count - 1;
     double yielding[4];
     tissue->tip_resolved = handles[0] == NO_HANDLE ? 0.0 : state->tip.resolution.field.point;
-    if (handles[0] == NO_HANDLE) { /* the mesh counts as rigid there */
+    if (handles[0] == NO_HANDLE) { /* the mesh counts as rigid at the tip */
         memset(tissue->tip_row, 0, (size_t)points->count * sizeof *tissue->tip_row);
         tissue->free_at_tip = v3(0, 0, 0);
         return;

@@ -40,7 +40,7 @@ static void add_tracks(const tick_input *tick, const insertion_state *state, con
     }
 }
 
-/* Adds membranes and bone along those stretches. A tip that grazes an outer face meets none. */
+/* Adds membranes and bone along the stretches. A tip that grazes an outer face meets none of them. */
 static void add_stops(const tick_input *tick, const insertion_state *state, const path_step *path, resistance_ahead *ahead, double reach) {
     const mesh *m = tick->model->mesh;
     const needle_tip *tip = &state->tip;

@@ -161,7 +161,7 @@ static friction_state consistent_state(contact_problem *p, int i, double slip) {
     return p->state[i] * (slip - origin(p, i)) < 0.0 ? STICK : p->state[i];
 }
 
-/* The consistent knot of unknown i: the next one if it has slid past that, otherwise its present one. */
+/* The consistent knot of unknown i: the next knot if the unknown has slid past it, otherwise its present one. */
 static int consistent_knot(const contact_problem *p, int i, double slip) {
     int next = p->knot + (int)p->state[i];
     if (p->ahead.count == 0 || i != p->climber || next == p->knot || next < 0 || next >= p->ahead.count) return p->knot;

@@ -45,7 +45,7 @@ typedef struct {
     contact_status status;
     vec3 track;              /* m, world frame: the tip's position when it left the contact; the node, which is kept off faces, may lie slightly beside it */
     vec3 beside;             /* m, offset of the track from the node outward across an outer face, as in tip_place */
-    vec3 direction;          /* unit vector of the track there, in the undeformed tissue */
+    vec3 direction;          /* unit vector of the track at the contact, in the undeformed tissue */
     double depth;            /* m along the nominal track from the skin */
     shaft_hold shaft;
     resolved_field resolved; /* resolution of the mesh at the contact; its `point` is that of the tip at this position */
@@ -155,7 +155,7 @@ typedef enum { GUIDE_AHEAD, GUIDE_IN_HOLE, GUIDE_MISSED, GUIDE_BESIDE } guide_pa
 
 /* Contact of the needle with the edge of a hole on one face of the plate. */
 typedef struct {
-    double arc;              /* m from the base: the needle's material point that friction holds there */
+    double arc;              /* m from the base: the needle's material point that friction holds on the face */
     double slip;             /* m, as in shaft_hold */
     friction_state friction;
     bool touching;           /* the needle touches the edge */
@@ -166,7 +166,7 @@ typedef struct {
     guide_passage passage;
     int hole;                /* column + columns * row, while the needle is in the hole */
     double depth;            /* m, distance of the tip behind the front face, while in a hole; at most the thickness */
-    guide_contact faces[GUIDE_FACES]; /* front face, and back face or, until the tip reaches that, the tip's position */
+    guide_contact faces[GUIDE_FACES]; /* contacts on the front face and on the back face; until the tip reaches the back face, the second one is at the tip */
 } guide_state;
 
 enum { MAX_STRATA = 256 };  /* layers of 0.8 mm on a track of 200 mm */
@@ -186,7 +186,7 @@ typedef struct {
     shaft_contact contacts[MAX_CONTACTS]; /* indexed by the slot of their node */
     guide_state guides[MAX_GUIDES];
     int watched;                 /* segment of the needle checked last for lying in a body that it entered sideways */
-    uint64_t outside;            /* bit mask of the segments found there */
+    uint64_t outside;            /* bit mask of the segments found in such a body */
     bool moving_on;              /* no stable equilibrium is near: the needle moves to another one against its drag */
     vec3 surface;                /* m, last known displacement of the surface at a free needle's end; NAN: not known yet */
     tissue_memory memory;        /* memory of relaxing tissue */

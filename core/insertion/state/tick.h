@@ -83,7 +83,7 @@ typedef struct {
     double tip_moved;                        /* m, motion of the tip since the last step */
     vec3 moved[MAX_POINTS];                  /* m, displacement of the tissue by the remembered loads */
     int kept;                                /* number of shares, from the base, that are unchanged since the last step */
-    share_memory before[MAX_SHARES];         /* the shares beyond those, as in the last step */
+    share_memory before[MAX_SHARES];         /* the other shares, as in the last step */
     int before_count;                        /* number of shares in `before` */
     bool before_tip;                         /* the last of these is the tip's */
 } creep_step;
@@ -127,7 +127,7 @@ typedef struct {
     double resistance;       /* N */
     bool stops;              /* true: a membrane or bone, which stops the tip at `from` up to its resistance; false: tissue */
     double viscosity;        /* N s/m, of the tissue */
-    open_track track;        /* old track that the tip follows there */
+    open_track track;        /* old track that the tip follows along the stretch */
 } stretch_ahead;
 
 typedef struct {
@@ -172,7 +172,7 @@ typedef struct {
 typedef struct {
     vec3 free_at_tip;                /* m, u_free at the tip */
     mat3 tip_row[MAX_POINTS];        /* compliance between the tip and each point, world frame, m/N */
-    double tip_resolved;             /* 1/m, resolved_field.point at the tip; 0: the mesh counts as rigid there */
+    double tip_resolved;             /* 1/m, resolved_field.point at the tip; 0: the mesh counts as rigid at the tip */
     principal_tensor lateral[MAX_POINTS]; /* local compliance across the track, m/N */
     double axial[MAX_AXIAL];         /* local compliance along the track, m/N: at the tip, that of the end face, then that of the adjacent shaft */
     double sideways_on_shaft;        /* fraction of the tip's lateral force on the adjacent shaft; the rest acts on its end face */

@@ -32,7 +32,7 @@ void step(const tick_input *tick, insertion_state *state, insertion_workspace *w
     vec3 gradient = track_gradient(tick, state, &w->creep);
     hand_move(tick, state, &w->hand);                                /* hand: the new base */
     path_follow(tick, state, &w->hand, &w->path, &w->creep, output, gradient); /* path: tip, membranes, old tracks, holes */
-    w->points.added = accept_snapshot(tick, state, output);          /* tissue: points of contact, and the compliance there */
+    w->points.added = accept_snapshot(tick, state, output);          /* tissue: points of contact, and their compliance */
     bool touches = tissue_find(tick, state, &w->points, &w->tissue, &w->creep, &w->stiffening, &w->damper, output);
     if (touches) equilibrium_find(tick, state, w, output);           /* Newton passes: needle, problem, solve, advance */
     else equilibrium_forget(state);

@@ -4,7 +4,7 @@
 
 #include "insertion/state/tick.h"
 
-/* Entry of the tip into a body: a point of the mesh, and the obstacle there. */
+/* Entry of the tip into a body: a point of the mesh, and the obstacle at that point. */
 typedef struct {
     bool found;
     int tet, face, blocked_by;

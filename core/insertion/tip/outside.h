@@ -1,4 +1,4 @@
-/* A limit of the model: a shaft that is pushed into a body sideways bears no force there. This is reported. */
+/* A limit of the model: a shaft that is pushed into a body sideways bears no force in that body. The tick reports this. */
 #ifndef TROCAR_OUTSIDE_H
 #define TROCAR_OUTSIDE_H
 

@@ -14,7 +14,7 @@ double blocked_resistance(const insertion_model *model, int tet, double openness
 /* Resistance ahead of the tip at its present position, N (cutting or puncture). RT */
 double tip_resistance(const insertion_model *model, const needle_tip *tip);
 
-/* The obstacle at a face with element `behind` on the other side (-1: none): BLOCKED_BY_BONE, the strongest membrane there, or NOT_BLOCKED. RT */
+/* The obstacle at a face with element `behind` on the other side (-1: none): BLOCKED_BY_BONE, the strongest membrane on the face, or NOT_BLOCKED. RT */
 int obstacle(const insertion_model *model, int tet, int face, int behind);
 
 #endif

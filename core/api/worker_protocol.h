@@ -172,7 +172,7 @@ bool link_complete(needle_link *link, unsigned seen, needle_event event);
 const posted_request *link_request(needle_link *link, bool *fresh);
 bool link_request_waits(needle_link *link); /* true if there is a newer one */
 
-/* The newest loads; sets *fresh (may be NULL) as above. */
+/* The newest loads; sets *fresh (may be NULL) if they have not been read before. */
 const tissue_loads *link_loads(needle_link *link, bool *fresh);
 
 const left_needle *link_left(needle_link *link);

@@ -8,7 +8,7 @@
 enum { AT_ONCE = 6 };
 enum { MOST_SWEEPS = 500 }; /* sweeps: largest number of Gauss-Seidel sweeps over a needle's points. Effort limit */
 enum { MOST_ROUNDS = 20 }; /* rounds: largest number over all resting needles, between two changes of the loads. Effort limit */
-static const double ENOUGH = 1e-7; /* N: by which a force may exceed its bound. Rounding tolerance */
+static const double ENOUGH = 1e-7; /* N: excess of a force over its bound that is accepted. Rounding tolerance */
 static const double YIELDING = 1e-3; /* N/m: stiffness below which a slip would relieve no force. Rounding tolerance */
 
 static void forget_columns(resting_set *s) {

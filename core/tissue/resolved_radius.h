@@ -27,7 +27,7 @@ double line_end_total(const line_end *end);
 /* The measurement at one point of the line. The material is uniform, that of the point's element: only the mesh is measured. */
 typedef struct {
     double lateral, axial;   /* m: radius of a rigid cylinder with the mesh's compliance to a line force; across the line, a geometric mean */
-    mat3 uneven;             /* symmetric: for a push along unit vector e across the line, the logarithm of the radius is larger by e.uneven e */
+    mat3 uneven;             /* symmetric: for a force along the unit vector e across the line, e.uneven e is added to the logarithm of the radius */
     line_end end;            /* ahead of the point, in the line's direction */
     double point;            /* 1/m: displacement of the mesh along the line under a force at the point, times the shear modulus */
 } resolved_field;
@@ -61,7 +61,7 @@ enum { MAX_RESOLVED = 3 };
    measured only at the first and the last point. NUMERIC if the patch has no stiffness. */
 trocar_status resolver_measure(resolver *r, int tet, vec3 direction, int count, const vec3 *x, resolved_field *resolved, report *why);
 
-/* Computes the field of one line. NUMERIC as above. */
+/* Computes the field of one line. NUMERIC if the patch has no stiffness. */
 trocar_status resolver_spread(resolver *r, const line_in_tet *line, line_field *field, report *why);
 
 /* The part of the displacement at x (with these weights in element `tet`) that the mesh does not resolve, per force per length on the line: m^2/N, world

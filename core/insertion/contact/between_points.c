@@ -8,7 +8,7 @@ typedef struct {
     int order[MAX_POINTS];           /* index of the point at each place */
     bool in_order;                   /* see in_order_of_slots */
     _Alignas(CACHE_LINE) between_rows frames; /* [a][b]: component a of axis b */
-    between_rows tissue;             /* m/N, world frame: between one point (rows) and the others; used if they are not in order */
+    between_rows tissue;             /* m/N, world frame: compliance between one point (rows) and the others; used if they are not in order */
 } layout;
 
 /* ---- points ---------------------------------------------------------------------------------------------------------- */

@@ -13,8 +13,9 @@ static const double BONE_COMPLIANCE = 8e-5; /* m/N: compliance of bone under the
 static const double GUESSED_LATERAL = 0.42; /* edge lengths: radius that a mesh resolves across the needle, used until it is measured. Measured: median of 4500
                                                random places and directions in the meshes of figure8.yaml, implant.yaml and trus.yaml; 9 in 10 are within a
                                                factor of 1.6 */
-static const double GUESSED_AXIAL = 0.49; /* edge lengths: radius that a mesh resolves along the needle, used until it is measured. Measured as above */
-static const double GUESSED_POINT = 0.14; /* 1 / edge length: compliance of the mesh to a point force, times the shear modulus. Measured as above */
+static const double GUESSED_AXIAL = 0.49; /* edge lengths: radius that a mesh resolves along the needle, used until it is measured. Measured like
+                                             GUESSED_LATERAL */
+static const double GUESSED_POINT = 0.14; /* 1 / edge length: compliance of the mesh to a point force, times the shear modulus. Measured like GUESSED_LATERAL */
 
 /* ---- model ---------------------------------------------------------------------------------------------------------- */
 

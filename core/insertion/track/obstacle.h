@@ -8,7 +8,7 @@
 /* Resistance of element `tet` to a tip on a track with this openness (0 to 1), N. RT */
 double cutting_resistance(const insertion_model *model, int tet, double openness);
 
-/* The larger of that resistance and the force needed to pierce the obstacle at the tip, N: bone, or a membrane with this damage (0 to 1). RT */
+/* The larger of cutting_resistance and the force needed to pierce the obstacle at the tip, N: bone, or a membrane with this damage (0 to 1). RT */
 double blocked_resistance(const insertion_model *model, int tet, double openness, int blocked_by, double damage);
 
 /* Resistance ahead of the tip at its present position, N (cutting or puncture). RT */

@@ -4,7 +4,7 @@
 #define TROCAR_PROBE_H
 
 #include "probe/probe_shape.h"
-#include "remesh/snapshot.h"
+#include "snapshot/snapshot.h"
 
 enum { MAX_PRESSED = 256 };  /* largest number of nodes, and of points, that take part; on a larger surface, those closest to the probe */
 

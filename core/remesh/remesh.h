@@ -4,7 +4,7 @@
 #define TROCAR_REMESH_H
 
 #include "inverse/inverse.h"
-#include "remesh/snapshot.h"
+#include "snapshot/snapshot.h"
 
 /* Methods to update the inverse when the mesh changes. Both form rows at the handles only, whatever the mesh's size, and support every kind of contact node,
    except that nested does not support moved nodes. */

@@ -9,7 +9,7 @@
 #include <string.h>
 
 #include "base/cache_line.h"
-#include "remesh/refined_field.h"
+#include "refinement/refined_field.h"
 
 static const double ROUNDING = 1e-12; /* 1: barycentric weight below which a node counts as on the opposite face. Rounding tolerance */
 

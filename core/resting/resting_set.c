@@ -3,7 +3,7 @@
 #include <stdlib.h>
 #include <string.h>
 
-#include "remesh/free_displacement.h"
+#include "snapshot/free_displacement.h"
 
 enum { AT_ONCE = 6 };
 enum { MOST_SWEEPS = 500 }; /* sweeps: largest number of Gauss-Seidel sweeps over a needle's points. Effort limit */

@@ -11,7 +11,7 @@
 #include "insertion/memory/stiffening.h"
 #include "insertion/state/local_compliance.h"
 #include "insertion/state/strata.h"
-#include "remesh/snapshot_kernels.h"
+#include "snapshot/snapshot_kernels.h"
 
 static const double TIP_FADE = 3e-3; /* m: depth over which the tissue's lateral hold on tip and shaft grows to its full value. Chosen by judgement */
 static const double LEAST_STIFFNESS = 1e-3; /* N/m: smallest stiffness of a share of the shaft per logarithm, for shaft that has come out of a gap and is

@@ -23,6 +23,9 @@ typedef struct {
     double track_angle;          /* rad, angle between track and cutting direction up to which the track is open */
     int max_passes;              /* largest number of Newton passes per step */
     double tolerance;            /* m, error of the needle's shape at which the passes end */
+    double bone_compliance;      /* m/N, compliance of bone under the tip */
+    double surface_friction;     /* friction coefficient of the tip on a surface that it has not punctured */
+    double gradient_span;        /* m before and behind the tip over which the gradient of the tissue's displacement is taken */
 } insertion_settings;
 
 typedef struct {

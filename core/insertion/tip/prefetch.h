@@ -6,8 +6,6 @@
 #include "insertion/state/insertion_state.h"
 
 static const double DENT_DEPTH = 20e-3; /* m: largest displacement of the skin by other needles at a needle's entry. Chosen by judgement */
-static const double WINDOW_SPAN = 5e-3; /* m: distance before and behind the tip over which the gradient of the tissue's displacement is taken. Chosen: a few
-                                           needle diameters, independent of the element size, so that the curvature does not depend on the mesh */
 
 /* Updates state->request: contact nodes, and the nodes of the elements around, behind and ahead of the tip. RT */
 void prefetch_request(const insertion_model *model, insertion_state *state);

@@ -33,7 +33,7 @@ static trocar_status create_inverse(trocar_sim *sim, report *why) {
 
 static trocar_status allocate(trocar_sim *sim, report *why) {
     size_t needles = (size_t)sim->needle_count * sizeof *sim->needles;
-    sim->needles = allocate_on_cache_lines(needles); /* touched, so that no page fault comes later */
+    sim->needles = allocate_on_cache_lines(needles); /* touched, so that no page fault occurs later */
     sim->workspace = allocate_on_cache_lines(sizeof *sim->workspace);
     if (!sim->needles || !sim->workspace) return fail(why, TROCAR_NO_MEMORY, "no memory for a simulation");
     trocar_status status = sim_link_create(&sim->link, sim->model->parts.probe_surface >= 0, why);

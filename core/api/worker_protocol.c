@@ -147,8 +147,8 @@ bool link_reset(needle_link *link, uint64_t serial) {
 
 int64_t link_waiting(const needle_link *link, int64_t now) {
     if (link->answered >= link->posted || link_phase(link) != PHASE_HELD) return 0;
-    uint64_t oldest = link->posted - link->answered < REQUESTS_REMEMBERED ? link->answered + 1 : link->posted + 1; /* serial of the oldest unanswered request,
-                                                                                                                      or of the oldest remembered one */
+    /* serial of the oldest unanswered request, or of the oldest remembered one */
+    uint64_t oldest = link->posted - link->answered < REQUESTS_REMEMBERED ? link->answered + 1 : link->posted + 1;
     return now - link->asked[oldest % REQUESTS_REMEMBERED];
 }
 

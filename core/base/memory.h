@@ -14,7 +14,7 @@ double memory_available(void);
 /* The tightest limit of a control group and its ancestors, and its unused part; INFINITY: no limit. */
 typedef struct { double most, available; } memory_limits;
 
-/* Limits of this process, from the files proc/self/cgroup and sys/fs/cgroup in the folder `root` ("": the system's), version 1 or 2. */
+/* Limits of this process, from the files proc/self/cgroup and sys/fs/cgroup in the folder `root` ("": that of the system), version 1 or 2. */
 memory_limits memory_of_groups(const char *root);
 
 #endif

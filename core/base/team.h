@@ -1,4 +1,4 @@
-/* Threads that share a loop. */
+/* Threads that share the iterations of a loop. */
 #ifndef TROCAR_TEAM_H
 #define TROCAR_TEAM_H
 

@@ -165,7 +165,7 @@ coarse_space *coarse_space_create(const tissue *t) {
     if (!c) return NULL;
     cholmod_start(&c->common);
     c->common.print = 0;
-    c->common.supernodal = CHOLMOD_SUPERNODAL; /* the other kind neither reports an indefinite matrix nor reuses its workspace */
+    c->common.supernodal = CHOLMOD_SUPERNODAL; /* the simplicial factor neither reports an indefinite matrix nor reuses its workspace */
     c->nodes = nodes;
     c->places = malloc((size_t)nodes * sizeof *c->places);
     c->start = calloc((size_t)(nodes / (PART / 2) + 2), sizeof *c->start);

@@ -175,7 +175,7 @@ static trocar_status fill(condensed_inverse *c, const condensed_region *region, 
         size_t used = strlen(why->text);
         snprintf(why->text + used, sizeof why->text - used, "; a file made on another machine is used if it is copied to %.600s", cache.path);
     }
-    if (status == TROCAR_NO_MEMORY && needed > memory_most()) return TROCAR_BAD_INPUT; /* another attempt would not help */
+    if (status == TROCAR_NO_MEMORY && needed > memory_most()) return TROCAR_BAD_INPUT; /* another attempt would fail as well */
     if (status != TROCAR_OK) return status;
     snprintf(notice->text, sizeof notice->text, "%d nodes, %s %.900s", count,
              found == CACHE_ABSENT ? "written to" : "damaged, rewritten to", cache.path);

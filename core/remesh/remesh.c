@@ -188,8 +188,8 @@ static void follow_line(remesher *r) {
     r->line_new = false;
     r->ahead_count = r->ahead_done = 0;
     if (!inverse_prefetches(r->inverse) || v3_norm(direction) == 0.0) return;
-    double beyond = v3_norm(v3_sub(m->bvh[0].low, tip)) + v3_norm(v3_sub(m->bvh[0].high, m->bvh[0].low)); /* m: a distance beyond which the line has left the
-                                                                                                             body */
+    /* m: a distance beyond which the line has left the body */
+    double beyond = v3_norm(v3_sub(m->bvh[0].low, tip)) + v3_norm(v3_sub(m->bvh[0].high, m->bvh[0].low));
     surface_hit hit = mesh_enter(m, tip, v3_axpy(beyond, direction, tip));
     int tet = mesh_locate(m, tip, -1);
     if (tet < 0 && hit.hit) tet = hit.tet, tip = hit.point;

@@ -32,7 +32,7 @@ typedef struct {
     bool finds_between_contacts; /* `add` fills the new node's part of between_contacts */
 } remesh_operations;
 
-/* First member of every method's struct. */
+/* Data common to all methods; first member of every method's struct. */
 struct remesher {
     const remesh_operations *operations;
     inverse *inverse;

@@ -13,8 +13,8 @@ typedef struct { vec3 shift, turn; } base_motion; /* m; rad about the base; worl
 
 /* Plain data. Forces on tissue and guides are stored as unknowns of the contact problem, in its order and in the needle's frame. */
 typedef struct {
-    uint64_t id;             /* a new one each time the needle is left */
-    insertion_state anchor;  /* the equilibrium in which it was left */
+    uint64_t id;             /* id, a new one each time the needle is left */
+    insertion_state anchor;  /* equilibrium in which the needle was left */
     int point_count, unknown_count, axial_count;
     bool tip;                /* the last point is the tip */
     contact_point points[MAX_POINTS];

@@ -25,7 +25,7 @@ typedef struct {
 typedef struct {
     const char *key;         /* for all list entries, such as "regions[].friction.static" */
     const char *unit;        /* "" if the value has no unit */
-    const char *accepts;     /* "a number above 0", "rod or tetrahedra" */
+    const char *accepts;     /* accepted values, such as "a number above 0" or "rod or tetrahedra" */
     const char *doc;
     bool required;
     trocar_key_kind kind;

@@ -18,7 +18,7 @@ enum {
 typedef struct {
     double from, to;         /* m of depth along the track; equal: no shaft, for example at residual loads */
     double depth;            /* m, depth of `place` */
-    vec3 place, direction;   /* m, nominal, and unit vector of the track */
+    vec3 place, direction;   /* m, nominal point and unit vector of the track */
     line_in_tet line;        /* line on which the mesh's resolution is measured */
 } shaft_piece;
 
@@ -66,7 +66,7 @@ typedef struct {
 /* The mesh's resolution along a line through an element: at its entry, middle and exit. */
 typedef struct {
     line_in_tet line;
-    double length;           /* m, of the line within the element */
+    double length;           /* m, length of the line within the element */
     vec3 start;              /* m, entry point */
     resolved_field at[MAX_RESOLVED];
 } line_piece;

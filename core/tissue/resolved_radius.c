@@ -127,7 +127,7 @@ static void load_surface(resolver *r, const line_segment *line) {
             vec3 outward = v3_scale(0.5 / (parts * parts), v3_cross(b, c));
             if (v3_dot(outward, v3_sub(r->around.position[r->around.local[m->tets[r->around.tets[i]][f]]], a)) > 0.0) outward = v3_scale(-1.0, outward);
             for (int p = 0; p < parts; p++)
-                for (int q = 0; q < 2 * (parts - p) - 1; q++) { /* triangles in row p, upright and upside down */
+                for (int q = 0; q < 2 * (parts - p) - 1; q++) { /* sub-triangles in row p, upright and upside down */
                     double s = (p + (q % 2 ? 2.0 : 1.0) / 3.0) / parts, t = (q / 2 + (q % 2 ? 2.0 : 1.0) / 3.0) / parts;
                     vec3 traction = traction_of(r, line, v3_axpy(t, c, v3_axpy(s, b, a)), outward);
                     const double weights[] = {1.0 - s - t, s, t};
@@ -298,7 +298,8 @@ static vec3 push_at(const resolver *r, int tet, const double weights[4], int nod
 
 static trocar_status measure_point(resolver *r, int tet, int count, const vec3 *x, resolved_field *resolved, report *why) {
     r->unknowns = 0;
-    for (int c = 0; c < 4; c++) r->around.cut[r->around.local[r->around.tissue->mesh->tets[tet][c]]] = false; /* the force acts on them */
+    /* the force acts on these nodes, so they are free */
+    for (int c = 0; c < 4; c++) r->around.cut[r->around.local[r->around.tissue->mesh->tets[tet][c]]] = false;
     for (int i = 0; i < r->around.node_count; i++)
         for (int a = 0; a < 3 && !r->around.cut[i]; a++) r->unknown[r->unknowns++] = 3 * i + a;
     trocar_status status = factor(r, why);

@@ -130,7 +130,7 @@ static void dissolve_small(partition *p) {
     }
 }
 
-/* Removes the numbers of dissolved patches. */
+/* Removes dissolved patches from the numbering. */
 static void renumber(partition *p) {
     int kept = 0, *number = p->first;
     for (int i = 0; i < p->count; i++) number[i] = p->size[i] > 0 ? kept++ : NO_PATCH;

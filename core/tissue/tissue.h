@@ -46,7 +46,7 @@ typedef struct {
 trocar_status tissue_define(const mesh *m, const region_material *materials, const bool *fixed, volumetric_strain volumetric,
                             tissue *t, report *why);
 
-/* Assembles K unless it exists. */
+/* Assembles K unless it is already assembled. */
 trocar_status tissue_stiffness(tissue *t, report *why);
 
 /* Calls tissue_define and tissue_stiffness. */
@@ -61,7 +61,7 @@ trocar_status tissue_factor(tissue *t, int count, const int *nodes, report *why)
 static const double LOOSE_BODY = 1e-13; /* fraction: smallest eigenvalue of K, relative to the largest one, below which the body counts as loose. Rounding
                                            tolerance */
 
-/* Reports a loose body (BAD_INPUT). */
+/* Reports a loose body (BAD_INPUT) in `why`. */
 trocar_status tissue_loose(report *why);
 
 /* A load that is not orthogonal to any rigid motion, for finding loose bodies. */
@@ -82,7 +82,7 @@ void element_moduli(const tissue *t, int tet, double *youngs_modulus, double *po
 /* 12 x 12 stiffness of a linear tetrahedron (node-major, 3 dofs per node), N/m. Zienkiewicz & Taylor, vol. 1. */
 void tet_stiffness(const vec3 corners[4], double youngs_modulus, double poisson_ratio, double k[12][12]);
 
-/* 3 x 3 block of the same for shape-function gradients ga, gb: V (lambda ga gb^T + mu gb ga^T + mu (ga.gb) I). */
+/* 3 x 3 block of an element's stiffness for the shape-function gradients ga, gb: V (lambda ga gb^T + mu gb ga^T + mu (ga.gb) I). */
 mat3 stiffness_block(vec3 ga, vec3 gb, double volume, double youngs_modulus, double poisson_ratio);
 
 #endif

@@ -50,8 +50,8 @@ void damper_eliminate(const tick_input *tick, const insertion_state *state, inse
     w->damper.yield = v3_dot(along, own) + face;
     double held = (1.0 - w->damper.relaxed) / w->damper.yield;
     if (held == 0.0) return;
-    double dent = state->tip.dent.size - dent_without_forces(tick, state, &w->points, &w->tissue, &w->creep, &w->stiffening); /* displacement caused by this
-                                                                                                                                 step's forces */
+    /* displacement caused by this step's forces */
+    double dent = state->tip.dent.size - dent_without_forces(tick, state, &w->points, &w->tissue, &w->creep, &w->stiffening);
     for (int i = 0; i < all; i++) {
         double left = held * a[i];
         row_subtract(left, a, i, all, p->compliance[i]);

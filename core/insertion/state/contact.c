@@ -59,7 +59,7 @@ static symmetric_system axial_system(contact_problem *p) {
     return (symmetric_system){(double (*)[CONTACT_LD])&p->compliance[2 * p->count][2 * p->count], p->axial_count};
 }
 
-/* Slips of the freely sliding points under the present forces, m. */
+/* Slips under the present forces, of the points that slide freely, m. */
 static void find_slips(contact_problem *p, double slip[MAX_AXIAL]) {
     symmetric_system s = axial_system(p);
     double force[MAX_AXIAL + PADDING] = {0}, sum[MAX_AXIAL + PADDING];

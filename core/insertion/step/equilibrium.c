@@ -23,7 +23,7 @@ static void begin(const tick_input *tick, const insertion_state *state, insertio
 void equilibrium_linearise(const tick_input *tick, insertion_state *state, insertion_workspace *w, bool loaded) {
     begin(tick, state, w);
     if (!loaded) memset(w->response.load, 0, sizeof w->response.load);
-    w->damper.relaxed = 1.0; /* at rest, nothing springs back */
+    w->damper.relaxed = 1.0; /* the linearisation is static, so the damper is not active */
     passes_linearise(tick, state, w, true);
 }
 

@@ -50,8 +50,8 @@ static void activate_contact(const tick_input *tick, insertion_state *state, int
     shaft_contact *contact = &state->contacts[slot];
     contact->status = CONTACT_ACTIVE;
     contact->force = v3(0, 0, 0);
-    if (contact->log_axial == 0.0) set_resolution(tick->model, contact, &tick->snapshot->resolved[slot]); /* the resolution had not been measured when the tip
-                                                                                                             left the contact */
+    /* the resolution had not been measured when the tip left the contact */
+    if (contact->log_axial == 0.0) set_resolution(tick->model, contact, &tick->snapshot->resolved[slot]);
     if (state->tip.place.phase != TIP_INSIDE || contact->depth < tip_entry_depth(state)) return;
     double origin = contact->shaft.origin;
     contact->shaft = state->tip.shaft;

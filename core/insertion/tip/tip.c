@@ -149,8 +149,8 @@ void tip_engage(const insertion_model *model, insertion_state *state) {
     vec3 direction = v3_unit(v3_sub(end, base));
     double whole = v3_norm(v3_sub(end, state->entry));
     for (int step = 0; step < MAX_STEPS && state->tip.place.phase == TIP_INSIDE && state->tip.place.depth < whole; step++) {
-        if (state->tip.barrier.blocked_by != NOT_BLOCKED) puncture_barrier(tick, state, output, v3_unit(needle_direction(tick, state))); /* the needle is
-                                                                                                                                            already in it */
+        /* the needle has already penetrated the barrier */
+        if (state->tip.barrier.blocked_by != NOT_BLOCKED) puncture_barrier(tick, state, output, v3_unit(needle_direction(tick, state)));
         cut_forward(tick, state, output, direction, whole - state->tip.place.depth);
         if (state->tip.place.phase != TIP_BEYOND) continue;
         vec3 left = state->tip.place.nominal;

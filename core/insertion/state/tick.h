@@ -184,7 +184,7 @@ typedef struct {
 typedef struct {
     double relaxed;                  /* fraction of the distance to static equilibrium that the tissue at the tip covers in this step */
     double column[MAX_UNKNOWNS];     /* m/N, displacement of the tissue at each unknown under a force along the track at the tip */
-    double yield;                    /* m/N, displacement of the tip itself under that force */
+    double yield;                    /* m/N, displacement of the tip itself under a force along the track */
 } damper_step;
 
 /* The needle's response in one pass. Written by the needle stage. */

@@ -8,8 +8,9 @@
             wrench = server.newest()
             ...                                               # render wrench.force and wrench.torque
 
-It does what clients/trocar_client.h does, with the same watchdog, limits and commands. Python is not for real time: for a device that renders
-force at 1 kHz use the C library. Positions and forces may be any sequences of numbers, such as NumPy's arrays; the answers are tuples.
+It offers the functions of clients/trocar_client.h, with the same watchdog, limits and commands. Python is not for real time: for a device
+that renders force at 1 kHz, use the C library. Positions and forces may be any sequences of numbers, such as NumPy's arrays; the answers are
+tuples.
 
 Frames: the scene's world frame, in metres. Quaternions are w, x, y, z. The needle's axis is its local +z, from base to tip, and its bevel
 faces local +y."""
@@ -28,16 +29,16 @@ from typing import NamedTuple, Tuple
 __all__ = ["Answer", "Client", "Events", "Flags", "Wrench"]
 
 _RAMP = 0.1             # s, after an outage
-_PATIENCE = 0.1         # s of silence after which another server is followed
-_LONGEST_PERIOD = 0.01  # s of the device's loop, for which the wrench may change
+_PATIENCE = 0.1         # s of silence after which the client follows another server
+_LONGEST_PERIOD = 0.01  # s of the device's loop, the longest for which the wrench may change
 _LONGEST_REPLY = 3.0    # s
-_LONGEST_ECHO = 10.0    # s in which a first message has to come back from the network
-_MESSAGE_MOST, _FRAGMENTS_MOST, _TEXT_MOST = 1 << 17, 256, 255  # bytes of a message, fragments of one, bytes kept of a text
+_LONGEST_ECHO = 10.0    # s within which the client's first message has to come back from the network
+_MESSAGE_MOST, _FRAGMENTS_MOST, _TEXT_MOST = 1 << 17, 256, 255  # bytes of the longest message, most fragments of a message, most bytes kept of a text
 _ECHO = b"LCM_SELF_TEST"
 
 
 class _Message:
-    """Encodes and decodes one type: a fingerprint, numbers in big-endian order, and last a text if the type has one."""
+    """Encodes and decodes one message type: a fingerprint, numbers in big-endian order, and a text at the end if the type has one."""
 
     def __init__(self, fingerprint, layout, fields):
         self._fingerprint, self._layout = fingerprint, struct.Struct(">Q" + layout[1:])
@@ -45,7 +46,7 @@ class _Message:
         self._has_text = layout.endswith("I")
 
     def encode(self, **values):
-        """The bytes of a message without a text; fields that are not given are 0."""
+        """Returns the bytes of a message without a text; fields that are not given are 0."""
         numbers = []
         for name, length in self._fields:
             value = values.get(name, 0 if length is None else [0] * length)
@@ -53,7 +54,7 @@ class _Message:
         return self._layout.pack(self._fingerprint, *numbers)
 
     def decode(self, data):
-        """Its fields, or None if the bytes are not one message of this type and nothing else."""
+        """Returns the message's fields, or None if the bytes are not exactly one message of this type."""
         size = self._layout.size
         if len(data) < size:
             return None
@@ -65,7 +66,7 @@ class _Message:
         for name, length in self._fields:
             found[name] = numbers[at] if length is None else tuple(numbers[at:at + length])
             at += length or 1
-        if self._has_text:  # only printable characters of ASCII stay, as it may go to a terminal
+        if self._has_text:  # keeps only printable ASCII characters, as the text may be printed on a terminal
             kept = text.split(b"\0", 1)[0][:_TEXT_MOST]
             found[self._fields[-1][0]] = "".join(chr(byte) if 32 <= byte <= 126 else "?" for byte in kept)
         return found

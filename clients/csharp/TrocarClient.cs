@@ -48,27 +48,27 @@ internal enum TrocarStatus : int {
 [Flags]
 public enum TrocarFlags : int {
     None = 0,
-    /// <summary>no recent pose: wrench held, then ramped to zero</summary>
+    /// <summary>no recent pose: the wrench is held, then ramped to zero</summary>
     Stale = 1,
-    /// <summary>force or torque limited in magnitude or rate</summary>
+    /// <summary>force or torque is limited in magnitude or rate</summary>
     Saturated = 2,
-    /// <summary>server runs without SCHED_FIFO or without locked memory</summary>
+    /// <summary>the server runs without SCHED_FIFO or without locked memory</summary>
     NotRealtime = 4,
-    /// <summary>wrench ramped while engaging, releasing or after a fault</summary>
+    /// <summary>the wrench is ramped while engaging, while releasing or after a fault</summary>
     Ramping = 8,
-    /// <summary>compliance around the tip not computed yet; the last snapshot or an estimate is used</summary>
+    /// <summary>the compliance around the tip has not been computed yet; the last snapshot or an estimate is used</summary>
     LateWorker = 16,
-    /// <summary>non-finite value: the insertion restarts</summary>
+    /// <summary>a value is not finite: the insertion restarts</summary>
     Unstable = 32,
-    /// <summary>too many consecutive missed periods: wrench ramped to zero</summary>
+    /// <summary>too many consecutive periods were missed: the wrench is ramped to zero</summary>
     Overrun = 64,
-    /// <summary>the hand received more energy than it supplied (see energy in status_t), or oscillated, and the coupling is softer</summary>
+    /// <summary>the hand received more energy than it supplied (see energy in status_t), or oscillated, and the coupling has been softened</summary>
     Active = 128,
     /// <summary>the needle passes a guide beside its holes, and is not guided</summary>
     MissedGuide = 256,
     /// <summary>the shaft is pushed into a body from the side, where the model has no force: do not trust the wrench</summary>
     OutsideModel = 512,
-    /// <summary>the tissue keeps the ultrasound probe short of its pose: see probe_wrench_t</summary>
+    /// <summary>the tissue stops the ultrasound probe short of its pose: see probe_wrench_t</summary>
     ProbeStopped = 1024,
 }
 
@@ -86,25 +86,25 @@ public enum TrocarEvents : int {
     Removed = 8,
     /// <summary>the tip left the tissue on the far side</summary>
     Exited = 16,
-    /// <summary>the tip came back after that</summary>
+    /// <summary>the tip came back into the tissue after EXITED</summary>
     Reentered = 32,
-    /// <summary>the needle left the tissue the way it came in</summary>
+    /// <summary>the needle left the tissue where it had entered</summary>
     Withdrawn = 64,
-    /// <summary>as the flag LATE_WORKER, in every tick</summary>
+    /// <summary>like the flag LATE_WORKER, set in every tick</summary>
     Late = 128,
     /// <summary>no free contact was left to add, or the track has more than 256 layers</summary>
     Full = 256,
-    /// <summary>as the flag UNSTABLE</summary>
+    /// <summary>like the flag UNSTABLE</summary>
     Unstable = 512,
     /// <summary>no longer set</summary>
     Kept = 1024,
-    /// <summary>as the flag MISSED_GUIDE, in every tick</summary>
+    /// <summary>like the flag MISSED_GUIDE, set in every tick</summary>
     MissedGuide = 2048,
-    /// <summary>as the flag OUTSIDE_MODEL, in every tick</summary>
+    /// <summary>like the flag OUTSIDE_MODEL, set in every tick</summary>
     OutsideModel = 4096,
-    /// <summary>no room for more tracks: the needle's oldest track is closed</summary>
+    /// <summary>there was no room for more tracks: the needle's oldest track has been dropped</summary>
     TrackDropped = 8192,
-    /// <summary>the solve did not reach its tolerance: the wrench may be off by more</summary>
+    /// <summary>the solver did not reach its tolerance: the error of the wrench may be larger</summary>
     Inexact = 16384,
 }
 

@@ -6,7 +6,7 @@ import unittest
 import anatomy_cases  # noqa: F401  puts the sources on the path
 from anatomy import contours, patient, session, stress
 
-NUMBER = 11     # of the patients of `python3 -m anatomy.stress`; all fifty: meshes/stress.md
+NUMBER = 11     # of the patients of `python3 -m anatomy.stress`; meshes/stress.md has all fifty
 
 
 class Patients(unittest.TestCase):

@@ -1,4 +1,4 @@
-/* What trocar-haply --measure-delay finds, for simulated devices whose delay and mass are known. */
+/* trocar-haply --measure-delay finds the delay and mass of simulated devices. */
 #include <stdio.h>
 
 #include "device_response.h"

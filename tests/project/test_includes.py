@@ -1,5 +1,5 @@
 #!/usr/bin/env python3
-"""The mechanics have no circular includes, neither between files (a .c and its .h count as one) nor between folders; and only kernels, and
+"""The mechanics have no circular includes, neither between files (a .c and its .h count as one) nor between folders; only kernels, and
 headers and sources of linalg, include vector types."""
 import pathlib
 import re
@@ -7,7 +7,7 @@ import sys
 
 
 def includes(root):
-    """The units (paths without suffix) that each unit includes."""
+    """Returns the units (paths without suffix) that each unit includes."""
     files = {path.relative_to(root).as_posix(): path for path in root.rglob('*.[ch]')}
     graph = {}
     for name, path in files.items():
@@ -26,7 +26,7 @@ def by_folder(graph):
 
 
 def circles(graph):
-    """Depth-first search; a circle is an edge to a node that is still open."""
+    """Yields circles, found by depth-first search: a circle is an edge to a node that is still open."""
     found, state, way = [], {}, []
 
     def visit(node):
@@ -50,7 +50,7 @@ VECTORS = {f'linalg/{name}' for name in ('simd4', 'simd_wide', 'vec_simd4', 'row
 
 
 def leaks(graph):
-    """Units outside of linalg that include vector types and are not kernels."""
+    """Returns units outside linalg that include vector types and are not kernels."""
     return sorted(unit for unit, others in graph.items() if others & VECTORS and not unit.startswith('linalg/') and not unit.endswith('_kernels'))
 
 

@@ -2,7 +2,7 @@
 
 #include <string.h>
 
-#include "progress.h"
+#include "common/progress.h"
 
 /* Prints the path of the condensed inverse, which has been saved: otherwise creating the model would have failed. */
 static trocar_status describe(const trocar_model *model, FILE *out, report *why) {

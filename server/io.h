@@ -6,9 +6,9 @@
 #include <semaphore.h>
 
 #include "exchange.h"
+#include "intake/pose_arbiter.h"
+#include "intake/probe_arbiter.h"
 #include "lcm_filter.h"
-#include "pose_arbiter.h"
-#include "probe_arbiter.h"
 
 /* The channels to which the thread subscribes; the packet filter may drop all others. */
 extern const packet_wishes IO_PACKETS;

@@ -3,7 +3,8 @@
 #include <errno.h>
 #include <poll.h>
 
-#include "realtime.h"
+#include "common/realtime.h"
+#include "common/wake.h"
 
 /* Publishes the worker's fault; `why` is NULL when it has ended. */
 static void show_fault(worker *w, const report *why) {

@@ -1,5 +1,5 @@
 #!/usr/bin/python3
-"""trocar-replay --json-lines gives the values of --csv, to the last bit, under the names listed in docs/plotting.md.
+"""trocar-replay --json-lines gives the values of --csv, to the last bit, under the names listed in docs/studies/plotting.md.
 
 usage: test_json_lines.py BUILD_DIR SOURCE_DIR
 """

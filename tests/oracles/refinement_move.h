@@ -2,7 +2,7 @@
 #ifndef TROCAR_ORACLES_REFINEMENT_MOVE_H
 #define TROCAR_ORACLES_REFINEMENT_MOVE_H
 
-#include "remesh/refinement.h"
+#include "refinement/refinement.h"
 
 /* Moves to x the closest corner of the leaf's face that is closest to x in `tet`. Returns the slot, or -1 if the node must stay: an anatomical,
    fixed, added or moved node, a node whose elements would be inverted or too flat, a node with too many neighbours, or a full list. */

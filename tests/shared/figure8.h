@@ -3,7 +3,7 @@
 #define TROCAR_TESTS_FIGURE8_H
 
 #include "lockstep.h"
-#include "motion.h"
+#include "shared/motion.h"
 
 /* The force and torque of every tick of the figure-8 motion. */
 enum { FIGURE8_MOST_TICKS = 2400 * 4 };

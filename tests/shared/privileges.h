@@ -9,7 +9,7 @@
 #include <sys/syscall.h>
 #include <unistd.h>
 
-#include "realtime.h"
+#include "common/realtime.h"
 
 /* Permanently drops CAP_SYS_NICE from the calling thread and the threads that it starts. Capabilities are per thread; unlike
    libcap, the bare system call does not change the other threads. */

@@ -5,7 +5,7 @@
 
 #include <stdbool.h>
 
-#include "patient.h"
+#include "shared/patient.h"
 
 /* Returns a frame with which the functions of patient.h (mesh_to_patient, patient_to_mesh, ...) convert RAS instead of LPS coordinates. */
 patient_frame ras_frame(const trocar_scene *scene);

@@ -8,7 +8,7 @@
 
 #include <spnav.h>
 
-#include "timing.h"
+#include "common/timing.h"
 
 /* ns without an event after which a deflection counts as zero, because a spacenavd before 1.0 does not report that a device has been unplugged */
 static const int64_t SILENCE = 500000000;

@@ -1,5 +1,5 @@
 /* A needle that is driven by rate commands stays within its limits for any commands. */
-#include "rate_control.h"
+#include "shared/rate_control.h"
 
 #include <setjmp.h>
 #include <stdarg.h>

@@ -1,7 +1,7 @@
 /* The tick's reads from a snapshot are compared with the inverse itself, and its requests with the tip's path. */
-#include "lockstep.h"
 #include "insertion/tip/prefetch.h"
-#include "remesh/snapshot_kernels.h"
+#include "lockstep.h"
+#include "snapshot/snapshot_kernels.h"
 
 #include <setjmp.h>
 #include <stdarg.h>

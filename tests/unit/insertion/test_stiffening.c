@@ -1,6 +1,6 @@
 /* Stiffening tissue: the laws are compared with their integrals and a resolved disc, and their effect in the tick is tested.
    tests/verification/verify_large_deflection.py compares the rigid needle with resolved hyperelastic elements. */
-#include "allocations.h"
+#include "common/allocations.h"
 #include "insertion/memory/stiffening.h"
 #include "insertion/step/insertion.h"
 #include "lockstep.h"

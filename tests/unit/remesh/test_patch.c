@@ -2,7 +2,7 @@
    reproduce linear displacements. */
 #include "remeshing.h"
 
-#include "remesh/patch.h"
+#include "refinement/patch.h"
 
 /* Assembles K of the mesh with the first `count` contact nodes. */
 static void assemble(const refinement *all, int count, reference *r) {

@@ -2,11 +2,11 @@
    message. */
 #include <string.h>
 
+#include "common/timing.h"
 #include "haptic.h"
+#include "intake/probe_arbiter.h"
 #include "io.h"
-#include "probe_arbiter.h"
 #include "scene/device.h"
-#include "timing.h"
 #include "trocar_probe_pose_t.h"
 #include "trocar_probe_wrench_t.h"
 

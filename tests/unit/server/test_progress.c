@@ -1,5 +1,5 @@
 /* If stderr is not a terminal, progress is a line per tenth, without repetition. */
-#include "progress.h"
+#include "common/progress.h"
 
 #include <setjmp.h>
 #include <stdarg.h>

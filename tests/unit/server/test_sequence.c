@@ -1,5 +1,5 @@
 /* Sequence numbers: which are in order, and how a sender recovers after numbers that are not. */
-#include "sequence.h"
+#include "intake/sequence.h"
 
 #include <stddef.h>
 

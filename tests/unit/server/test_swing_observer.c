@@ -1,7 +1,7 @@
 /* The swing observer with motions of known damping. */
 #include <math.h>
 
-#include "swing_observer.h"
+#include "coupling/swing_observer.h"
 
 #include <setjmp.h>
 #include <stdarg.h>

@@ -1,5 +1,5 @@
 /* A needle moves to the chosen hole: first back out of the template, then sideways, never through the plate. */
-#include "hole_approach.h"
+#include "view/hand/hole_approach.h"
 
 #include <setjmp.h>
 #include <stdarg.h>

@@ -1,6 +1,6 @@
 /* Live, a reader of the timeline gets the newest picture, and each stored sample once; of a log, it gets everything, or as much as
    there is room for. */
-#include "timeline.h"
+#include "view/stream/timeline.h"
 
 #include <string.h>
 

@@ -1,7 +1,7 @@
 /* Access to the WebSocket, its messages, and browsers that hang. tests/view tests the rest of the web server through a
    browser. */
 #define _GNU_SOURCE /* memmem */
-#include "web.h"
+#include "view/web/web.h"
 
 #include <arpa/inet.h>
 #include <errno.h>

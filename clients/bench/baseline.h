@@ -1,0 +1,16 @@
+/* A baseline for benchmarks: the time of a matrix product on this machine, measured in the same run. */
+#ifndef TROCAR_BASELINE_H
+#define TROCAR_BASELINE_H
+
+#include "common/timing.h"
+
+enum { BASELINE_ORDER = 256 };
+
+/* Repeatedly times the product of two square matrices of order BASELINE_ORDER (cblas_dgemm, one thread). Sets OpenBLAS to one
+   thread for the whole process. */
+void baseline_measure(histogram *time);
+
+/* Returns the ratio of the two medians, time to baseline. */
+double per_baseline(const histogram *baseline, const histogram *time);
+
+#endif

@@ -42,7 +42,7 @@ def expected(row):
 
 
 def layout_curves():
-    """Returns the curves of the layout that docs/plotting.md provides for CSV."""
+    """Returns the curves of the layout that docs/studies/plotting.md provides for CSV."""
     return re.findall('<curve name="([^"]+)"', (SOURCE / "docs/examples/plotjuggler-csv.xml").read_text())
 
 

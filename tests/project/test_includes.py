@@ -1,6 +1,12 @@
 #!/usr/bin/env python3
-"""The mechanics have no circular includes, neither between files (a .c and its .h count as one) nor between folders; only kernels, and
-headers and sources of linalg, include vector types."""
+"""The order of the source tree.
+
+Core, server and clients have no circular includes, neither between files (a .c and its .h count as one) nor between folders. A folder of core includes
+only those above it in the table in core/README.md. Of server/, the clients include only common/ and intake/. Only kernels, and headers and sources of
+linalg, include vector types. No folder has more than 25 files, and each of core, server, clients and tests has a README of at most 150 lines.
+
+usage: test_includes.py SOURCE_DIR
+"""
 import collections
 import pathlib
 import re
@@ -9,7 +15,7 @@ import sys
 
 
 def includes(root, *parts):
-    """Returns the units (paths without suffix) that each unit includes."""
+    """Returns the units (paths without suffix, relative to root) that each unit includes; only those of the parts, if any are given."""
     files = {path.relative_to(root).as_posix(): path for part in parts or ('.',) for path in (root / part).rglob('*.[ch]') if 'node_modules' not in path.parts}
     graph = {}
     for name, path in files.items():

@@ -18,7 +18,7 @@ MM = 1e-3
 BOX_LOW = (-50 * MM, -45 * MM, 0.0)
 BOX_HIGH = (50 * MM, 45 * MM, 100 * MM)
 RECTUM_LENGTH = 80 * MM
-RECTUM_DEPTH = 17 * MM         # of tissue below the rectum, which makes the box larger
+RECTUM_DEPTH = 17 * MM         # thickness of the tissue below the rectum, which makes the box larger
 
 
 def box_low(centre, half_axes, rectum):

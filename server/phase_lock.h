@@ -7,7 +7,7 @@
 #include <stdint.h>
 
 typedef struct {
-    int64_t period;          /* ns, of the loop */
+    int64_t period;          /* ns, period of the loop */
     int64_t received;        /* ns, monotonic: arrival of the last pose taken into account; 0 before the first */
     double jitter;           /* ns, mean deviation of the poses' arrival from the expected time */
 } phase_lock;

@@ -35,7 +35,7 @@ typedef struct {
     char fault_told[sizeof(report)]; /* the worker's fault that was last reported on stderr */
     char distant_text[200];      /* text about packets from other machines; empty if there were none */
     int64_t timings_published;
-    histogram *latency, *round_trip; /* of the worker and of the hand, in the current interval */
+    histogram *latency, *round_trip; /* latency of the worker and round trip of the hand, in the current interval */
     triple_buffer views;          /* view_sample, for the pictures' thread */
     viewer_messages messages;     /* used by the pictures' thread only, */
     struct { int64_t sent; int count; } seeds; /* ns of the last message, and the number of seeds in it, including pending ones */

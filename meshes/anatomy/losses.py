@@ -9,10 +9,10 @@ from .shapes.contours import Unusable
 from .shapes.label_image import OUTSIDE
 from .organ import in_ml, note_left_out, placed
 
-MOST_LOSS = 0.10        # of a region's volume: meshes with a larger error are refused
-PART_LOSS = 0.05        # of a part's volume: larger errors are named
-SEEN = 5e-4             # of a region's volume: smaller overlaps are not mentioned
-TOLD = 0.01             # of a bone's surface: a larger missing fraction is reported; above MOST_LOSS, the mesh is refused
+MOST_LOSS = 0.10        # fraction of a region's volume: meshes with a larger error are refused
+PART_LOSS = 0.05        # fraction of a part's volume: larger errors are named
+SEEN = 5e-4             # fraction of a region's volume: smaller overlaps are not mentioned
+TOLD = 0.01             # fraction of a bone's surface: a larger missing fraction is reported; above MOST_LOSS, the mesh is refused
 MISSING = 5.0           # mm: a point of a bone that is further than this from the mesh's bone counts as missing
 NARROW = "they are too small or too thin for this number of nodes"
 

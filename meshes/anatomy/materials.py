@@ -128,7 +128,7 @@ def is_spared(name, kind=""):
 @dataclasses.dataclass(frozen=True)
 class Found:
     material: Material
-    row: str                 # row of the table, or the file that the material is from
+    row: str                 # name of the table's row, or of the file, that defines the material
     basis: str
     source: str
     force: str = ""          # as in Row

@@ -24,14 +24,14 @@ FINEST_SURFACE = 2500   # triangles, enough for remeshing a surface
 TRIES = 16
 MOST_WORK = 20000       # total nodes of all attempts, after which the search ends; not a time, so that all machines find the same mesh
 LARGE_WORK = 4          # multiple of the wanted nodes after which the search ends for large meshes while no attempt is near
-MOST_MISSED = 0.02      # of a region's surface: a mesh with a larger missing fraction is accepted only if there is no other
+MOST_MISSED = 0.02      # fraction of a region's surface: a mesh with a larger missing fraction is accepted only if there is no other
 REFUSED_MISSED = 0.10   # and refused above this
 FAILURES = 3            # number of Gmsh's failures after which no other element sizes are tried
 FAR_FAILURES = 2        # the same if the best mesh has far too many nodes, and elements would become larger still
-JITTER = 0.025          # of the element size, to get different meshes with the same number of nodes
+JITTER = 0.025          # fraction of the element size, to get different meshes with the same number of nodes
 SMOOTH = 5000           # nodes: in larger meshes, their number follows the element size without jumps
-CLOSE = 0.04            # of the wanted number of nodes: among meshes this close the one with the best angles is chosen
-OFF = 0.10              # of the wanted number of nodes: the report mentions meshes further off
+CLOSE = 0.04            # fraction of the wanted number of nodes: among meshes this close the one with the best angles is chosen
+OFF = 0.10              # fraction of the wanted number of nodes: the report mentions meshes further off
 MOST_OFF = 2.0          # meshes with so many times more or fewer nodes are refused
 # of a mesh's nodes: largest fraction on the surfaces of its thin regions, because tetrahedra beside them grow only gradually (measured: 0.33 to 0.47)
 ON_THIN = 0.48
@@ -39,9 +39,9 @@ WORST = 4.0             # factor on the paper's extreme angles, giving 2.5 and 1
 CUT = 1.5               # voxels: a triangle that is this close to a face of the block, or
 BORDER = 2.5            # this close (voxels) to the image's border, where smoothing has moved the surface inward,
 FACING = 0.7            # and faces it by more than this cosine, is a cut through the body
-LEAST_CUT = 0.02        # of the skin's triangles: if fewer are cut, the body lies on its back
+LEAST_CUT = 0.02        # fraction of the skin's triangles: if fewer are cut, the body lies on its back
 LYING = 10e-3           # and is fixed up to this height, m
-INSIDE = 0.3            # of an element: regions that are deeper than this in the gland count as inside it
+INSIDE = 0.3            # fraction of an element: regions that are deeper than this in the gland count as inside it
 
 
 class Failure(Exception):

@@ -32,7 +32,7 @@ class Organ:
     loft: shells.Shell = None
     shape: field.Field = None    # used if there is no loft
     shells: list = None          # closed surfaces of its parts, from labels or surfaces
-    volumes: list = None         # of these parts, mm^3
+    volumes: list = None         # volumes of these parts, mm^3
     stack: contours.Stack = None
     volume: float = 0.0          # mm^3, of all parts
     notes: list = dataclasses.field(default_factory=list)

@@ -10,7 +10,7 @@ from .quality import plt
 
 PANELS = 60     # at most
 LEVELS = 12     # most slices of a region that was read from labels or a surface
-NEAR = 0.03     # of the region's height: distance from a slice within which points as read are shown
+NEAR = 0.03     # fraction of the region's height: distance from a slice within which points as read are shown
 
 
 def panel(axis, title, rings, lines):

@@ -7,10 +7,10 @@ from .quality import GREATEST_ANGLE, LEAST_ANGLE
 
 ROUNDS = 6
 ENOUGH = 0.99           # badness at which nodes are left alone: dihedral angles of 10.04 to 159.3 degrees
-STEPS = np.array([0.3, 0.15, 0.07, 0.03])       # of the mean edge at a node
-ON_SURFACE = 0.15       # of the mean edge at a node: total distance by which a node on a surface may be moved
-LEAST_GAIN = 1e-3       # of the badness: smallest gain for which a node is moved
-MOST_CHANGE = 2e-3      # of a region's volume: largest change by moving nodes of its surface; beyond this, only inner nodes are moved
+STEPS = np.array([0.3, 0.15, 0.07, 0.03])       # fraction of the mean edge at a node
+ON_SURFACE = 0.15       # fraction of the mean edge at a node: total distance by which a node on a surface may be moved
+LEAST_GAIN = 1e-3       # fraction of the badness: smallest gain for which a node is moved
+MOST_CHANGE = 2e-3      # fraction of a region's volume: largest change by moving nodes of its surface; beyond this, only inner nodes are moved
 DIRECTIONS = np.array([d for d in itertools.product((-1, 0, 1), repeat=3) if any(d)], float)
 DIRECTIONS /= np.linalg.norm(DIRECTIONS, axis=1, keepdims=True)
 FACES = np.array([[1, 2, 3], [0, 3, 2], [0, 1, 3], [0, 2, 1]])     # normals to the same side for either orientation

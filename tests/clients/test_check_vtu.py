@@ -16,7 +16,7 @@ import numpy as np
 import check_vtu
 
 SIZE = np.array([0.02, 0.03, 0.04])       # m
-CELLS = 2                                 # along each axis; the layers meet at half height
+CELLS = 2                                 # number of cells along each axis; the layers meet at half height
 LAYERS = ((20e3, 0.3), (50e3, 0.45))      # Pa, Poisson's ratio
 
 

@@ -22,7 +22,7 @@ from standin import Disconnect, use_realtime
 
 HOME, LIMIT = (0.0, 0.1, 0.1), 0.4
 WATCHDOG, SLACK = 0.02, 0.005  # s
-STEP = 2e-4        # m, of the hand: within the server's limits of speed
+STEP = 2e-4        # m, step of the hand, within the server's limits of speed
 
 
 def percentiles(values):

@@ -10,7 +10,7 @@
 #include <stdint.h>
 #include <cmocka.h>
 
-static const double PERIOD = 1e-3; /* s, of the bridge's messages */
+static const double PERIOD = 1e-3; /* s between two messages of the bridge */
 
 /* Runs the measurement as the bridge does; `drift` is the hand's voluntary motion, m/s. */
 static bool measure(const device_properties *properties, double drift, double reply, response_model *found) {

@@ -15,11 +15,11 @@ import time
 
 BUILD, SOURCE = sys.argv[1:3]
 SLOW = "--slow" in sys.argv
-WATCHDOG = 0.02    # s, of both sides
+WATCHDOG = 0.02    # s, watchdog of both sides
 SLACK = 1.0 if SLOW else 0.012  # s, for scheduling beyond the watchdog
 LIMIT = 0.6        # N, --max-force
 HOME = (0.0, 0.1, 0.1)
-DEPTH = 0.04       # m, of the insertion
+DEPTH = 0.04       # m, depth of the insertion
 
 sys.path.insert(0, os.path.dirname(os.path.abspath(__file__)))
 sys.dont_write_bytecode = True

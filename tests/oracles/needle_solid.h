@@ -23,8 +23,8 @@ typedef struct {
 
 typedef struct {
     layer_tet layers[2][SOLID_LAYER_TETS]; /* between sections k and k + 1, for even and odd k: mirror images */
-    vec3 rim[SOLID_RIM];     /* m, from the centre of a section at rest */
-    double volume;           /* m^3, of each tetrahedron */
+    vec3 rim[SOLID_RIM];     /* m, positions of the rim nodes relative to the centre of a section at rest */
+    double volume;           /* m^3, volume of each tetrahedron */
     double lambda, mu;       /* Pa, Lame parameters after calibration */
     double calibration;      /* factor on Young's modulus with which the deflection under a small tip load equals the rod's */
 } solid_mesh;

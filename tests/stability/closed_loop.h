@@ -12,7 +12,7 @@
 enum { LOOP_FLIGHT = 128 };    /* largest number of messages in transit */
 
 typedef struct {
-    double period, sampling; /* s, of the server's tick and of the bridge's messages */
+    double period, sampling; /* s, period of the server's tick, and time between two messages of the bridge */
     double network;          /* s, each way between bridge and server */
     double max_force, max_force_rate; /* N and N/s, of the bridge */
     bool names_wrenches;     /* the bridge names the wrench that it renders */
@@ -33,7 +33,7 @@ typedef struct {
     struct { int64_t arrival; trocar_needle_wrench_t wrench; } wrenches[LOOP_FLIGHT]; /* by tick likewise */
     int64_t felt;            /* tick of the wrench that the bridge renders, -1: none yet */
     trocar_needle_wrench_t newest; /* wrench of the last tick */
-    int flags;               /* of any wrench since rig_watch */
+    int flags;               /* flags of any wrench since rig_watch */
     double greatest_force;   /* N, since then */
     vec3 lowest_base, highest_base; /* m, range of the hand's end as seen by the server, since then */
 } closed_loop;

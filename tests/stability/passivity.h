@@ -12,7 +12,7 @@ typedef struct {
     double period;           /* s */
     int delay;               /* number of periods from a command until a position shows its force, as far as the observer knows; at least 1 */
     double most_damping;     /* N s/m; 0: only observes */
-    double max_force;        /* N, of the device */
+    double max_force;        /* N, largest force of the device */
     vec3 forces[PASSIVITY_DELAY]; /* N, commanded, by number modulo PASSIVITY_DELAY */
     long count;
     vec3 position, velocity; /* m and m/s, filtered */

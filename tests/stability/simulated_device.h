@@ -14,7 +14,7 @@ typedef struct {
     double damping;          /* N s/m, >= 0, to ground, of device and hand together */
     double stiffness;        /* N/m, > 0, of the hand */
     double delay;            /* s, >= 0, each way: until a force acts, and until a position is read */
-    double period;           /* s, of the device's own loop, which applies forces and samples positions; 0: at any time */
+    double period;           /* s, period of the device's own loop, which applies forces and samples positions; 0: at any time */
     double resolution;       /* s, time up to which `hand` has been computed */
 } device_properties;
 
@@ -23,7 +23,7 @@ typedef struct {
     hand hand;
     double time;             /* m, the hand's target at the beginning of the push */
     vec3 target;             /* m, where the hand wants it at the beginning of the push */
-    vec3 velocity;           /* m/s, of the target while the hand pushes */
+    vec3 velocity;           /* m/s, velocity of the target while the hand pushes */
     double begin, end;       /* m, amplitude of an oscillation around the target */
     vec3 amplitude;          /* m, to and fro around it */
     double frequency;        /* Hz */
@@ -31,7 +31,7 @@ typedef struct {
     vec3 force;              /* N, the force that acts now */
     struct { double due; vec3 force; } forces[DEVICE_FORCES]; /* in transit, by number modulo DEVICE_FORCES */
     long applied, sent;      /* numbers of the next force that acts, and of the next force to be sent */
-    vec3 lowest, highest;    /* m, of the position since device_watch */
+    vec3 lowest, highest;    /* m, range of the position since device_watch */
 } simulated_device;
 
 /* Starts at rest at `position` from time `now` on. */

@@ -53,7 +53,7 @@ static const surroundings EVERYWHERE[] = {
                             {"regions[prostate].cutting_force", "0.25"}}},
     {"air", 60e-3, 40e-3, {{NULL}}},
 };
-static const double SPEED = 0.1;             /* m/s, of the push */
+static const double SPEED = 0.1;             /* m/s, speed of the push */
 static const double SETTLED = 2.0;           /* s at rest before the push */
 static const double WINDOW = 0.25;           /* s */
 enum { WINDOWS = 20 };                       /* after it */

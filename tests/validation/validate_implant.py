@@ -21,7 +21,7 @@ PREPRINT = "preprint of a haptic simulator made after Podder et al. 2006"
 FIT_SPEED = 0.08         # m/s
 FORCES = "puncture force of the skin and level of friction, to the forces of 18 G at 80 mm/s"
 DEEP = 0.080             # m, tip below the skin: 5 mm beyond the gland
-HOLES = ((0.005, 0.0), (-0.015, 0.005), (0.015, -0.005), (0.0, 0.01), (-0.005, -0.01))   # m, of the template
+HOLES = ((0.005, 0.0), (-0.015, 0.005), (0.015, -0.005), (0.0, 0.01), (-0.005, -0.01))   # m, positions of the template's holes
 
 
 class Needle:

@@ -13,7 +13,7 @@ from rows import CONSISTENT, DOUBTFUL, FITTED, Rows
 
 SOURCE = "open data of needles held in tissue, provenance doubtful"
 TIMES = (0.15, 2.5)      # s
-LEFT = 0.5               # of the peak, after 8 s
+LEFT = 0.5               # fraction of the peak force that remains after 8 s
 
 
 def held(weight, seconds, speed=0.05):

@@ -9,7 +9,7 @@
 #include "shared/motion.h"
 
 static const double PEAK_OF_MEAN = 1.875;    /* ratio of peak to mean speed of a minimum-jerk move */
-static const double NEEDLE_LENGTH = 0.2;     /* m, of the scene */
+static const double NEEDLE_LENGTH = 0.2;     /* m, length of the scene's needle */
 static const double FASTEST = 0.05, FASTEST_STEERING = 0.03; /* m/s */
 static const double FASTEST_ROLL = 6.0;      /* rad/s */
 static const double DEEPEST = 0.085;         /* m, depth of the tip below the skin */
@@ -18,7 +18,7 @@ static const double DEEPEST = 0.085;         /* m, depth of the tip below the sk
 typedef struct {
     double seconds;
     double advance;          /* m, along the needle */
-    vec3 sideways;           /* m, of the base, across the needle */
+    vec3 sideways;           /* m, motion of the base across the needle */
     double roll;             /* rad */
     vec3 tilt;               /* rad, about the entry point */
 } hand_leg;

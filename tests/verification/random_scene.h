@@ -90,7 +90,7 @@ static inline trocar_mesh block_arrays(const random_block *b) {
 
 typedef struct {
     random_block block;
-    double length;           /* m, of the needle */
+    double length;           /* m, length of the needle */
     double entry[2];         /* m, entry point of the needle */
     bool guided, leaning;
     int needles;             /* number of needles: one moves, the others rest */
@@ -191,8 +191,8 @@ static inline void random_scene_free(random_scene *s) {
 /* A leg from rest to rest, by the minimum-jerk polynomial (Flash and Hogan 1985). */
 typedef struct {
     double seconds, advance; /* m, along the needle */
-    double aside[2];         /* m, of the base across it */
-    double tilt[2], roll;    /* rad, of the base about its own point, and about the axis */
+    double aside[2];         /* m, motion of the base across the needle */
+    double tilt[2], roll;    /* rad, rotation of the base about its own point, and about the needle's axis */
 } hand_leg;
 
 enum { MOST_LEGS = 24 };

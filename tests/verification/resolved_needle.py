@@ -281,7 +281,7 @@ def middle_of(one):
     return np.array(one["axis"]) - back * directions(one)[0][:2] / math.cos(math.radians(one["angle"]))
 
 
-EDGES = ((0, 1), (1, 2), (0, 2), (0, 3), (1, 3), (2, 3))  # of a C3D10, in the order of its nodes 4 to 9
+EDGES = ((0, 1), (1, 2), (0, 2), (0, 3), (1, 3), (2, 3))  # edges of a C3D10 element, in the order of its nodes 4 to 9
 
 
 def straighten(nodes, elements, far):
@@ -295,7 +295,7 @@ def straighten(nodes, elements, far):
 def least_jacobian(nodes, elements):
     """Returns the smallest Jacobian of each element at its integration points."""
     inner, outer = (5 + 3 * 5 ** 0.5) / 20, (5 - 5 ** 0.5) / 20
-    gradients = np.concatenate([-np.ones((1, 3)), np.eye(3)])  # of the barycentric coordinates
+    gradients = np.concatenate([-np.ones((1, 3)), np.eye(3)])  # gradients of the barycentric coordinates
     least = np.full(len(elements), np.inf)
     for point in outer + (inner - outer) * np.eye(4):
         shape = np.concatenate([(4 * point[:, None] - 1) * gradients, [4 * (point[a] * gradients[b] + point[b] * gradients[a]) for a, b in EDGES]])

@@ -20,7 +20,7 @@
 #include "shared/json.h"
 
 typedef struct {
-    const char *section;       /* of the following rows; may be changed between rows */
+    const char *section;       /* section of the following rows; may be changed between rows */
     const char *folder;        /* for output; exists */
     bool short_form;           /* a few seconds at most: --short was given */
     json file;
@@ -34,7 +34,7 @@ typedef struct {
     double value;
     double expected;           /* NAN: none */
     double error, limit;       /* relative, unless the note says otherwise */
-    const char *unit;          /* of value and expected; NULL: none */
+    const char *unit;          /* unit of value and expected; NULL if they have none */
     const char *note;          /* reason of a failure, or a remark; NULL if there is none */
 } row;
 

@@ -25,15 +25,15 @@ static const uint64_t TIP = UINT64_MAX, TIP_SHAFT = UINT64_MAX - 1;
 
 /* One force on the tissue. */
 typedef struct {
-    uint64_t id;             /* of the contact node, TIP or TIP_SHAFT */
+    uint64_t id;             /* id of the contact node, TIP or TIP_SHAFT */
     int tet;                 /* nominal element */
     vec3 nominal;            /* m */
-    vec3 force;              /* N, of the needle on the tissue */
-    vec3 damping;            /* N, of the damper at the tip on the tissue */
+    vec3 force;              /* N, force of the needle on the tissue */
+    vec3 damping;            /* N, force of the damper at the tip on the tissue */
     vec3 moved;              /* m, displacement of the tissue plus stretch of the local compliance */
     vec3 tangent;            /* tangent of the needle at the point */
     double slip;             /* m, slip in the last solve */
-    double torque;           /* N m, of the shaft on the tissue around it */
+    double torque;           /* N m, torque of the shaft on the tissue around it */
     double twisted;          /* rad, by which it has turned that tissue */
     double turned;           /* rad, by which the shaft slid around its axis in the last solve */
     double end;              /* m/N, local compliance under the tip's end face; 0: not the tip */
@@ -49,7 +49,7 @@ typedef struct {
     double tip_weights[4];
     double tissue, local, needle; /* J, stored */
     pose base;
-    vec3 force, torque;      /* of the base on the hand */
+    vec3 force, torque;      /* exerted by the base on the hand */
 } picture;
 
 typedef struct {

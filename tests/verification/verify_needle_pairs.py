@@ -13,8 +13,8 @@ import numpy as np
 from rows import REPOSITORY, Rows
 
 LIMITS = {448: 0.10, 1440: 0.05}  # nodes: largest error of a force; of others it is measured
-RECIPROCAL = 0.02                 # of the largest force: largest difference of both needles' lateral forces
-LENGTH = 0.2                      # m, of the needle, by default
+RECIPROCAL = 0.02                 # fraction of the largest force: largest difference of both needles' lateral forces
+LENGTH = 0.2                      # m, default length of the needle
 STEP, TICKS, RISE = 1e-3, 300, 100  # m; of 1 ms: in all, and while the needle moves
 
 

@@ -8,7 +8,7 @@
 #include "shared/motion.h"
 
 static const pose ORIGIN = {{0, 0, 0}, {1, 0, 0, 0}};
-static const double LENGTH = 0.2; /* m, of bending.h's needle */
+static const double LENGTH = 0.2; /* m, length of the needle in bending.h */
 enum { TICKS = 2400, MOST_DIRECTIONS = 36, MOST_LOADS = 12, LEAST_SEGMENTS = 20 };
 
 /* One mesh under test. */

@@ -58,7 +58,7 @@ def cylinder():
     return np.array([position[tag] for tag in used.tolist()]), index.reshape(-1, 3)
 
 
-FACES = ((0, 1, 2), (0, 3, 1), (1, 3, 2), (2, 3, 0))    # of CalculiX's tetrahedra: S1 to S4
+FACES = ((0, 1, 2), (0, 3, 1), (1, 3, 2), (2, 3, 0))    # faces of CalculiX's tetrahedra: S1 to S4
 
 
 def wall_faces(model):

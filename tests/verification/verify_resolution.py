@@ -15,7 +15,7 @@ import numpy as np
 import needle_meshes
 from rows import REPOSITORY, Rows
 
-LIMIT, MEDIAN = 0.05, 0.02  # of a single force; of all of them
+LIMIT, MEDIAN = 0.05, 0.02  # limits of the error of a single force, and of the median of all
 TICK_LIMIT = 0.002  # cross-coupling between directions, which rigid_needle.c neglects
 ABREAST = "the sum of springs neglects cross-coupling between directions"
 SHORT = "less than two elements deep: the force on the end face moves the shaft behind it no farther than the mesh says"

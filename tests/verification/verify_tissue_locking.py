@@ -30,7 +30,7 @@ MESHES = (570, 1700, 3300, 6500)
 COARSE = (570, 1700)   # on these meshes, the total error is only measured
 REFERENCES = (570, 1700, 3300)  # solved with quadratic elements, which have eight times as many nodes
 LOCKING, WHOLE = "Tissue: volumetric locking", "Tissue: error of the elements on coarse meshes"
-TRACK = np.stack([np.full(12, 0.005), np.full(12, 0.003), np.linspace(0.0025, 0.0575, 12)], 1)  # of the figure-8 scene
+TRACK = np.stack([np.full(12, 0.005), np.full(12, 0.003), np.linspace(0.0025, 0.0575, 12)], 1)  # the needle's track in the figure-8 scene
 SPREAD = 0.006         # m, standard deviation of the force spread around the track
 PATCH = 0.025          # m, radius of the pressure patch
 

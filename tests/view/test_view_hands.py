@@ -19,7 +19,7 @@ from in_namespace import in_namespace
 BUILD, SOURCE = Path(sys.argv[1]).resolve(), Path(sys.argv[2]).resolve()
 in_namespace(SOURCE)
 SCENE = SOURCE / "meshes/implant.yaml"
-LENGTH, FACE = 0.2, -0.025                                     # m, of the scene's needle and template
+LENGTH, FACE = 0.2, -0.025                                     # m: length of the scene's needle, and z of the template's face
 place = lambda column, row: (5e-3 * (6 - column), 5e-3 * (row - 6))    # m, x and y of a hole: column A is at the patient's right
 
 

@@ -27,7 +27,7 @@ typedef struct {
     int node_count;          /* number of nodes of the scene's mesh */
     int needle_count;        /* number of needles of the scene */
     timeline *timeline;      /* NULL if no timeline is kept */
-    int64_t started;         /* ns, monotonic: time 0 */
+    int64_t started;         /* ns, monotonic: time of the timeline's zero */
     double period;           /* s, period of the server's loop */
     int64_t heard;           /* ns, monotonic: arrival of the last wrench; 0 before the first */
     int64_t silence, checked; /* ns of silence since then while this program was running, and time of the last count */

@@ -10,7 +10,7 @@ from . import shells
 from .shells import configured, from_vtk, parts, pipe
 
 VOXELS = 48        # number of voxels along the longest side of an organ
-PASS_BAND = 0.1    # of the smoothing filter, where 2 is the maximum: removes waves shorter than about six voxels
+PASS_BAND = 0.1    # pass band of the smoothing filter, at most 2: removes waves shorter than about six voxels
 
 
 @dataclasses.dataclass

@@ -14,22 +14,22 @@ from .clusters import AROUND
 from .label_image import FLATNESS, OUTSIDE, box_of, distance_to, thinness
 from .shells import Shell, connected
 
-FLATNESS_OF_EDGE = 0.1      # of a triangle's edge: lower bound of a facet's distance from its surface
+FLATNESS_OF_EDGE = 0.1      # fraction of a triangle's edge: lower bound of a facet's distance from its surface
 THIN = 1.5                  # radii: size of the tetrahedra in a piece thinner than the edge of a triangle
-GRAIN = 0.75                # of the radius of the largest ball in a piece: largest size of the tetrahedra in the piece
+GRAIN = 0.75                # fraction of the radius of the largest ball in a piece: largest size of the tetrahedra in the piece
 SLOPE = 0.5                 # size per distance from a piece that was missed: how fast tetrahedra grow around it
 PER_SIZE = 1.3              # edge of a triangle, in sizes of the small tetrahedra beside it
 EQUILATERAL = 0.866         # of the squared edge: area of the surface per node of equilateral triangles
 MM = 1e3                    # scale, because the file for CGAL has six decimals
-SMALL = 0.8                 # of a triangle's edge: smaller tetrahedra get a layer of this size around them
+SMALL = 0.8                 # fraction of a triangle's edge: smaller tetrahedra get a layer of this size around them
 REFINEMENTS = 6             # attempts for thin pieces
-MARGIN = 0.5                # of a triangle's edge: distance from the pieces to the border of their section
+MARGIN = 0.5                # fraction of a triangle's edge: distance from the pieces to the border of their section
 JOININGS = 3                # attempts for clusters whose surfaces cross
 FINER = 0.85                # ratio of the sizes of successive attempts
 MOST_MISSING = 0.01         # largest fraction of a piece's surface that may be missing
 MOST_PLACES = 4000          # number of points of a piece's surface that are checked for this
 FACET_ANGLE = 25.0          # deg; CGAL's surface refinement terminates for up to 30
-CIRCUMRADIUS = 0.6          # of a triangle's edge; 0.577 for equilateral triangles
+CIRCUMRADIUS = 0.6          # fraction of a triangle's edge; 0.577 for equilateral triangles
 CORRECTIONS = 8             # Newton steps towards the volumes; three usually suffice
 UNFOLDINGS = 6              # attempts to restore volumes without crossing surfaces
 

@@ -9,7 +9,7 @@ from .shells import Shell, oriented
 POINTS, HARMONICS = 24, 6     # number of points and harmonics of an outline's spline; higher harmonics are tremor
 QUARTERS = 4                  # splines per section: a face that closes on itself is hard to mesh
 END = 0.8                     # relative size of the section half a thickness beyond the last slice, where the organ ends
-ERROR = 0.05                  # of the volume: a loft with a larger error has folded
+ERROR = 0.05                  # fraction of the volume: a loft with a larger error has folded
 FINE = 1 / 24                 # edge of a triangle, relative to the organ's longest side
 
 

@@ -8,7 +8,7 @@ from vtk.util.numpy_support import numpy_to_vtk, numpy_to_vtkIdTypeArray, vtk_to
 vtk.vtkSMPTools.SetBackend("Sequential")   # threads do not survive in the processes of `limits`
 
 OFFSETS = 4       # number of steps toward a volume
-SPLINTER = 0.01   # of the largest part's volume: smaller parts are dropped
+SPLINTER = 0.01   # fraction of the largest part's volume: smaller parts are dropped
 
 
 @dataclasses.dataclass

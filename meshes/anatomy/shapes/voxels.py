@@ -28,9 +28,9 @@ MOST_VOXELS = 6e6      # largest number of voxels in which surfaces are extracte
 MOST_SIZE = 2 ** 31    # largest number of voxels of a file
 ELONGATED = 1.5        # ratio of a voxel's sides above which slices are interpolated between the others
 AROUND = 3             # number of voxels around the labels
-PASS_BAND = 0.1        # of the smoothing filter, where 2 is the maximum: removes waves shorter than about six voxels
+PASS_BAND = 0.1        # pass band of the smoothing filter, at most 2: removes waves shorter than about six voxels
 SMOOTHED = 0.05        # largest change of a part's volume by smoothing: a part that changes more is a few voxels thin and is not smoothed
-OFF_VOLUME = 0.05      # of a part's volume: interpolation of distances makes parts that are one slice thin too thin; these are thickened
+OFF_VOLUME = 0.05      # fraction of a part's volume: interpolation of distances makes parts that are one slice thin too thin; these are thickened
 MOST_CHECKED = 4000    # number of points on a label's surface at which the mesh's distance is measured
 ROUNDING = 1e-3        # by which labels may differ from whole numbers, for example after scaling
 APART = 1.0            # mm: a file gets a remark if its two transforms place its corners further apart
@@ -500,7 +500,7 @@ class Outlined:
     shells: list             # one for each part that has a surface: closed, DICOM mm
     volumes: list            # volumes of their voxels, mm^3
     points: np.ndarray       # on the faces between voxels in and out of the label, DICOM mm
-    volume: float            # of all its voxels, mm^3
+    volume: float            # volume of all its voxels, mm^3
     voxel: float             # volume of one voxel, mm^3
     notes: list
     border: Border = None

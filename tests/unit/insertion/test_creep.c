@@ -140,7 +140,7 @@ static void removed_load_recovers(void **unused) {
         for (size_t i = 0; i < nodes; i++) size = fmax(size, v3_norm(expected[i])), off = fmax(off, v3_norm(v3_sub(found[i], expected[i])));
         worst = fmax(worst, off / size);
         largest = fmax(largest, size);
-        for (int k = 0; k < MAX_WINDOW; k++) { /* the worker's answer to the tick */
+        for (int k = 0; k < MAX_WINDOW; k++) { /* fills in the worker's answer to the tick */
             int node = l->snapshot->window[k];
             if (node >= 0) window = fmax(window, v3_norm(v3_sub(creep_free(&(tick_input){.model = &l->simulation.insertion, .snapshot = l->snapshot},
                 &l->state, &l->run.workspace->creep, MAX_CONTACTS + k), expected[node])) / size);

@@ -123,7 +123,7 @@ static simulation_config stuck(double stiffening) {
     return c;
 }
 
-/* Stiffening of tissue in which the needle is not has no effect. */
+/* Stiffening of tissue outside the needle's path has no effect. */
 static void without_stiffening_all_bits_are_the_same(void **unused) {
     (void)unused;
     simulation_config plain = lockstep_config(), other = plain;

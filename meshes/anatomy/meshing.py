@@ -36,11 +36,11 @@ MOST_OFF = 2.0          # meshes with so many times more or fewer nodes are refu
 # of a mesh's nodes: largest fraction on the surfaces of its thin regions, because tetrahedra beside them grow only gradually (measured: 0.33 to 0.47)
 ON_THIN = 0.48
 WORST = 4.0             # factor on the paper's extreme angles, giving 2.5 and 174.9 degrees; meshes beyond that are refused
-CUT = 1.5               # voxels: a triangle that is this close to a face of the block, or
-BORDER = 2.5            # this close (voxels) to the image's border, where smoothing has moved the surface inward,
-FACING = 0.7            # and faces it by more than this cosine, is a cut through the body
+CUT = 1.5               # voxels: a triangle closer than this to a face of the block may be a cut (see FACING)
+BORDER = 2.5            # voxels: the same distance from the image's border, where smoothing has moved the surface inward
+FACING = 0.7            # cosine: a triangle that close which faces the border by more than this is a cut through the body
 LEAST_CUT = 0.02        # fraction of the skin's triangles: if fewer are cut, the body lies on its back
-LYING = 10e-3           # and is fixed up to this height, m
+LYING = 10e-3           # m: a body that lies on its back is fixed up to this height
 INSIDE = 0.3            # fraction of an element: regions that are deeper than this in the gland count as inside it
 
 

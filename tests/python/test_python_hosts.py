@@ -149,7 +149,7 @@ class ObjectTest(unittest.TestCase):
         sim.contacts()
 
     def test_threads_that_make_models_of_one_scene(self):
-        """Every thread may read it. Changing it is refused as long as a thread reads it."""
+        """Every thread may read the scene. Changing the scene is refused as long as a thread reads it."""
         scene, models, refused, both = trocar.Scene.load(FIGURE8), [], [], threading.Barrier(2, timeout=PATIENCE)
         scene["inverse"], scene["region_of_interest.regions"] = "condensed", ["prostate"]
 

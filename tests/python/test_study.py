@@ -1,6 +1,6 @@
 #!/usr/bin/python3
-"""Studies: derived models, motions equal to trocar-device's, strict reading, samples, resumption after a kill, records, frames, and Sobol's indices of a function
-whose indices are known.
+"""Studies: derived models, motions equal to trocar-device's, strict reading, samples, resumption after a kill, records, frames, and Sobol's indices
+of a function whose indices are known.
 
 usage: test_study.py BUILD_DIR SOURCE_DIR
 """

@@ -70,7 +70,7 @@ public:
         trocar_command_t_unsubscribe(hearing, on_command);
         lcm_destroy(hearing);
     }
-    std::vector<trocar_needle_pose_t> poses() { /* since the last call */
+    std::vector<trocar_needle_pose_t> poses() { /* returns the poses since the last call */
         std::lock_guard<std::mutex> lock(mutex);
         return std::move(heard_poses);
     }

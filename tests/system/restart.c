@@ -95,7 +95,7 @@ static void a_killed_server_is_back_and_engages_by_a_ramp(void **state) {
         pass(c, 0.3);
         assert_true(c->wrench.depth > 0.015); /* the needle is in the tissue as before */
     }
-    if (in_time()) assert_true(shortest < (machine_has_room() ? BACK : 1.5 * first + 0.2)); /* no longer than an ordinary start */
+    if (in_time()) assert_true(shortest < (machine_has_room() ? BACK : 1.5 * first + 0.2)); /* the restart takes no longer than an ordinary start */
     client_insert(c); /* after a withdrawal, the needle can be inserted again */
 }
 

@@ -269,7 +269,7 @@ static void commands_for_seeds_are_read(void **state) {
     report why;
     pose_log log;
     lcm_eventlog_t *out = lcm_eventlog_create(path, "w");
-    write_command(out, TROCAR_COMMAND_T_DROP_SEED, 7, 0, 1); /* before the first pose */
+    write_command(out, TROCAR_COMMAND_T_DROP_SEED, 7, 0, 1); /* this command comes before the first pose */
     for (int64_t k = 0; k < 10; k++) {
         trocar_needle_pose_t p = sample(k);
         assert_int_equal(log_write_pose(out, &p, path, &why), TROCAR_OK);
@@ -481,7 +481,7 @@ static void status_names_the_inverse(void **state) {
     wrench_log_free(&log);
 }
 
-/* A log from before wrenches named their server gives the same values, without the kind of inverse. */
+/* A log from an old release, whose wrenches do not name their server, gives the same values, without the kind of inverse. */
 static void logs_without_servers_can_still_be_read(void **state) {
     (void)state;
     report why;

@@ -134,7 +134,7 @@ static bool in_column(const mesh *m, int n, int box) {
     return n / BOX == box && fabs(m->nodes[n].x - 0.1 * box - 0.04) < 0.015 && fabs(m->nodes[n].y - 0.04) < 0.015;
 }
 
-/* A column through the body, from its fixed face up; single nodes; two pieces; one node; all nodes. */
+/* Tests these regions: a column through the body, from its fixed face up; single nodes; two pieces; one node; all nodes. */
 static void regions_agree_with_the_whole_inverse(void **state) {
     (void)state;
     static bool fixed[BOX];

@@ -1,4 +1,4 @@
-/* Scene files: the values of a valid one, and the message for each error. */
+/* Scene files: the values of a valid file, and the message for each error. */
 #include "scene/scene.h" /* before cmocka.h, whose macro hides `fail` */
 
 #include <setjmp.h>
@@ -65,7 +65,7 @@ static void load_good(const char *text, scene *s) {
     if (load_text(text, s, &why) != TROCAR_OK) fail_msg("%s", why.text);
 }
 
-/* `words` follow the path of the file: ":12: regions[0].name: ..." */
+/* Expects a refusal; `words` follow the path of the file: ":12: regions[0].name: ..." */
 static void assert_refused(const char *text, const char *words) {
     char expected[256];
     scene s;
@@ -76,7 +76,7 @@ static void assert_refused(const char *text, const char *words) {
         fail_msg("status %d, \"%s\" where \"%s\" was expected", status, why.text, expected);
 }
 
-/* GOOD with one piece replaced. */
+/* Expects that GOOD with one piece replaced is refused. */
 static void assert_change_refused(const char *piece, const char *other, const char *words) {
     const char *at = strstr(GOOD, piece);
     assert_non_null(at);
@@ -317,7 +317,7 @@ static void patient_coordinates_and_start_are_read(void **state) {
     load_good(MINIMAL TURNED "needle: {start: {position: [0.01, 0.02, -0.2], orientation: [0.70711, 0, 0.70711, 0]}}\n", &s);
     assert_true(s.patient_to_mesh[1] == -1e-3 && s.patient_to_mesh[3] == 0.25 && s.patient_to_mesh[7] == -0.125 && s.patient_to_mesh[15] == 1.0);
     assert_true(s.start.position.x == 0.01 && s.start.position.y == 0.02 && s.start.position.z == -0.2);
-    assert_true(fabs(q_axis(s.start.orientation).x - 1.0) < 1e-12); /* of unit length, though given with five digits */
+    assert_true(fabs(q_axis(s.start.orientation).x - 1.0) < 1e-12); /* normalised, though given with five digits */
     assert_int_equal(scene_get(&s, "patient_to_mesh", text, sizeof text, &why), TROCAR_OK);
     assert_string_equal(text, "[0, -0.001, 0, 0.25, 0.001, 0, 0, -0.125, 0, 0, 0.001, 0.5, 0, 0, 0, 1]");
 }
@@ -480,7 +480,7 @@ static void figure_8_scene_is_valid(void **state) {
    is only one. */
 typedef struct { const char *key; double values[3]; } parameter;
 
-/* False if the line is not a row of the table of parameters. */
+/* Reads a row of the table of parameters; false for any other line. */
 static bool read_parameter(const char *line, char key[64], double values[3]) {
     for (int k = 0; k < 3; k++) values[k] = NAN;
     int found = sscanf(line, "| `%63[^`]` | %lf | %lf, %lf", key, &values[0], &values[1], &values[2]) - 1;

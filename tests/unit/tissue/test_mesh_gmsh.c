@@ -13,7 +13,7 @@
 
 #include <cmocka.h>
 
-/* Nodes 1 2 3 5 and 2 3 5 7; no tetrahedron uses node 4, and the second tetrahedron is inverted. */
+/* The tetrahedra are 1 2 3 5 and 2 3 5 7; no tetrahedron uses node 4, and the second tetrahedron is inverted. */
 #define NAMES "$PhysicalNames\n5\n0 1 \"anchor\"\n2 2 \"skin\"\n2 3 \"capsule\"\n3 4 \"gland\"\n3 5 \"around\"\n$EndPhysicalNames\n"
 #define POINTS "1 0 0 0\n2 1 0 0\n3 0 1 0\n4 9 9 9\n5 0 0 1\n7 1 1 1\n"
 
@@ -68,7 +68,7 @@ static void read_good(const char *name, const char *text, mesh *m) {
     if (read_text(name, text, strlen(text), m, &why) != TROCAR_OK) fail_msg("%s", why.text);
 }
 
-/* Refused with a message that contains the file's name and `words`; nothing is left allocated. */
+/* Expects a refusal with a message that contains the file's name and `words`, and without memory left allocated. */
 static void assert_refused(const char *name, const char *text, size_t length, const char *words) {
     report why = {""};
     mesh m;
@@ -137,7 +137,7 @@ static void vtk_is_one_region_of_tissue(void **state) {
     mesh_free(&m);
 }
 
-/* Copy of a text with one piece replaced. */
+/* Returns a copy of a text with one piece replaced. */
 static char *with(const char *text, const char *piece, const char *other) {
     const char *at = strstr(text, piece);
     assert_non_null(at);
@@ -203,7 +203,7 @@ static void non_mesh_files_are_refused(void **state) {
     for (size_t length = 1; length < sizeof MSH4 - 14; length += 7) assert_refused("cut4.msh", MSH4, length, "cut4.msh");
 }
 
-/* The box of meshes/prostate.py. Flat facets make the ellipsoid's volume a little smaller. */
+/* The box of meshes/prostate.py. Flat facets make the ellipsoid's volume slightly smaller. */
 static void the_prostate_has_its_regions_and_surfaces(void **state) {
     (void)state;
     mesh m;
@@ -215,7 +215,7 @@ static void the_prostate_has_its_regions_and_surfaces(void **state) {
     for (int t = 0; t < m.tet_count; t++) {
         total += mesh_volume(&m, t);
         if (m.region[t] == prostate) gland += mesh_volume(&m, t);
-        for (int i = 0; i < 4; i++) { /* the capsule is exactly where the regions meet */
+        for (int i = 0; i < 4; i++) { /* the capsule is exactly the boundary of the regions */
             int other = m.neighbours[t][i];
             assert_int_equal(other >= 0 && m.region[other] != m.region[t], m.face_groups[t][i] >> capsule & 1);
         }

@@ -26,7 +26,7 @@ static trocar_status name_group(gmsh_reader *r, mesh_group *group, int dimension
     return TROCAR_OK;
 }
 
-/* Adds a group without nodes: the nodes used by tetrahedra are known only after all regions have been read. */
+/* Adds a group without nodes, because the nodes of tetrahedra are known only after all regions have been read. */
 static trocar_status add_group(gmsh_reader *r, int dimension, int tag) {
     if (r->mesh->group_count == MESH_MAX_GROUPS)
         return fail(r->why, TROCAR_BAD_INPUT, "%s: more than %d physical groups: merge or remove some", r->path,

@@ -17,12 +17,12 @@ typedef struct {
     int node_count;
     double *coordinates;     /* 3 node_count, in the order of `nodes` */
     size_t *corners;         /* 4 tet_count: node tags */
-    int (*triangles)[3];     /* of all named surfaces, node indices */
+    int (*triangles)[3];     /* triangles of all named surfaces, as node indices */
     int *triangle_group;
     int triangle_count;
 } gmsh_reader;
 
-/* Fail with a message: out of memory; Gmsh's last error. */
+/* Return a failure with a message: out of memory; Gmsh's last error. */
 trocar_status reader_no_memory(gmsh_reader *r);
 trocar_status reader_gmsh_failed(gmsh_reader *r);
 

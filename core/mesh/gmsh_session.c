@@ -7,7 +7,7 @@
 #include <stdlib.h>
 #include <string.h>
 
-/* Gmsh sets the locale of the whole process; this restores the host's at once. */
+/* Gmsh sets the locale of the whole process; this function restores the host's locale at once. */
 static void start_gmsh(int *error) {
     const char *now = setlocale(LC_ALL, NULL);
     char *before = now ? strdup(now) : NULL;
@@ -16,10 +16,10 @@ static void start_gmsh(int *error) {
     free(before);
 }
 
-/* If the host program already uses Gmsh, works in a model of its own, which is removed again. */
+/* If the host program already uses Gmsh, adds a separate model and removes it afterwards. */
 static trocar_status run_in_session(const char *name, trocar_status (*work)(void *context), void *context, report *why) {
     int error = 0;
-    double terminal = -1.0; /* unchanged if Gmsh is not running */
+    double terminal = -1.0; /* stays unchanged if Gmsh is not running */
     gmshOptionGetNumber("General.Terminal", &terminal, &error);
     bool hosted = error == 0 && terminal >= 0.0;
     char *host_model = NULL;
@@ -41,8 +41,7 @@ static trocar_status run_in_session(const char *name, trocar_status (*work)(void
 
 static pthread_mutex_t session_lock = PTHREAD_MUTEX_INITIALIZER;
 
-/* A fork waits until other threads have read their meshes: otherwise the child would inherit a half-initialised Gmsh and a lock that is never
-   released. */
+/* A fork waits until other threads have read their meshes; otherwise the child would inherit a half-initialised Gmsh and a lock that is never released. */
 static pthread_once_t forks_watched = PTHREAD_ONCE_INIT;
 static void begin_fork(void) { pthread_mutex_lock(&session_lock); }
 static void end_fork(void) { pthread_mutex_unlock(&session_lock); }

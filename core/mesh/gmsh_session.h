@@ -1,4 +1,4 @@
-/* Gmsh's global session, of which a process has one: used by one thread at a time, without disturbing a host program that uses Gmsh itself. */
+/* Gmsh's session, which is global to a process: one thread uses it at a time, without disturbing a host program that uses Gmsh itself. */
 #ifndef TROCAR_GMSH_SESSION_H
 #define TROCAR_GMSH_SESSION_H
 

@@ -1,4 +1,4 @@
-/* Reads mesh files with Gmsh; only this file, gmsh_groups.c and gmsh_session.c use it. */
+/* Reads mesh files with Gmsh; only this file, gmsh_groups.c and gmsh_session.c use Gmsh. */
 #include <errno.h>
 #include <gmshc.h>
 #include <limits.h>
@@ -176,7 +176,7 @@ static trocar_status read_tets(gmsh_reader *r, const int tags[]) {
     return status;
 }
 
-/* Removes unused nodes, keeps the order of the others, and converts the corners of tetrahedra from tags to indices. */
+/* Removes unused nodes, preserves the order of the others, and converts the corners of tetrahedra from tags to indices. */
 static trocar_status compact_nodes(gmsh_reader *r) {
     mesh *m = r->mesh;
     for (size_t i = 0; i < 4 * (size_t)m->tet_count; i++) {
@@ -227,7 +227,7 @@ static trocar_status merge_nodes(gmsh_reader *r) {
 
 static trocar_status read_model(void *context) {
     gmsh_reader *r = context;
-    int tags[MESH_MAX_GROUPS]; /* of the physical groups */
+    int tags[MESH_MAX_GROUPS]; /* tags of the physical groups */
     trocar_status status = open_model(r);
     if (status == TROCAR_OK) status = read_nodes(r);
     if (status == TROCAR_OK) status = check_element_types(r);

@@ -65,8 +65,8 @@ def main():
     shear_waves = dataclasses.replace(liver, material=dataclasses.replace(liver.material, modulus=4.5e3, stiffening=0.0))
     entries = {**materials.TABLE, "surrounding": materials.SURROUNDING, "any other": materials.OTHER, LINEAR: shear_waves}
     chosen, bad = sys.argv[2:] or list(entries), 0
-    print("| material | modulus, kPa | stiffening | puncture force of its surface, N | dent, mm | force at the puncture, N | largest force, N | tip from the middle, mm "
-          "| the middle has moved, mm | entered | published force on a needle |")
+    print("| material | modulus, kPa | stiffening | puncture force of its surface, N | dent, mm | force at the puncture, N | largest force, N "
+          "| distance of the tip from the centre, mm | displacement of the centre, mm | entered | published force on a needle |")
     print("|" + 11 * "---|")
     with tempfile.TemporaryDirectory() as folder:
         path = make(folder)

@@ -15,7 +15,7 @@ trocar_status msh_fail(msh_stream *s, const char *format, ...) {
     va_start(arguments, format);
     decimal_vprint(what, sizeof what, format, arguments);
     va_end(arguments);
-    if (!s->converted) snprintf(place, sizeof place, s->binary ? ": byte %" PRIu64 : ":%" PRIu64, s->binary ? (uint64_t)ftello(s->file) : s->line);
+    if (!s->converted) snprintf(place, sizeof place, s->binary ? ": byte %" PRIu64 : ":%" PRIu64, s->binary ? (uint64_t)ftello(s->file) : s->word_line);
     return s->status = fail(s->why, TROCAR_BAD_INPUT, "%s%s: %s", s->path, place, what);
 }
 
@@ -43,6 +43,7 @@ static void put_back(msh_stream *s, int c) {
 static void read_word(msh_stream *s, char word[MSH_WORD]) {
     int c = ' ', length = 0;
     while (s->status == TROCAR_OK && is_blank(c)) c = next_character(s);
+    s->word_line = s->line;
     for (; s->status == TROCAR_OK && c != EOF && !is_blank(c) && length < MSH_WORD - 1; c = next_character(s)) word[length++] = (char)c;
     word[length] = '\0';
     if (c != EOF && length > 0) put_back(s, c);

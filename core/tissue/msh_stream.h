@@ -17,7 +17,7 @@ typedef struct {
     report *why;
     trocar_status status;
     uint64_t size;           /* bytes of the file */
-    uint64_t line;           /* from 1; counts only what is read as text */
+    uint64_t line, word_line; /* from 1, counts only what is read as text; of the last word */
     bool binary, swapped;    /* how numbers are stored: set once $MeshFormat is known */
     char section[MSH_WORD];  /* name without $; "" before the first */
 } msh_stream;

@@ -2,7 +2,7 @@
    orientation. Other formats are refused: Gmsh's own readers are not under test. */
 #include "fuzz.h"
 
-#include "tissue/mesh.h"
+#include "mesh/mesh.h"
 
 /* As on a machine where Gmsh is not installed. */
 void *__wrap_dlopen(const char *path, int flags);

@@ -1,6 +1,6 @@
 /* Reading meshes: two tetrahedra written by hand in several formats, the prostate, and invalid files. */
 #define _GNU_SOURCE /* memmem */
-#include "tissue/mesh.h" /* before cmocka.h, whose macro hides `fail` */
+#include "mesh/mesh.h" /* before cmocka.h, whose macro hides `fail` */
 
 #include <dlfcn.h>
 #include <float.h>

@@ -71,7 +71,7 @@ static void bad_tables_are_refused_with_line_and_remedy(void **state) {
         {2, "dose_rate_constant: nan", ":2: dose_rate_constant: \"nan\""},
         {2, "dose_rate_constant: 0,965", ":2: dose_rate_constant: \"0,965\""},
         {2, "dose_rate_constant: {}", ":2: dose_rate_constant: expected"},
-        {2, "name: other", "the key \"name\" is there twice"},
+        {2, "name: other", "the key \"name\" appears twice"},
         {3, "active_length: 3.0", ":3: active_length: 3 cm do not fit into a capsule of 0.45 cm"},
         {4, "half_lief: 60", "unknown key \"half_lief\""},
         {5, "capsule: {length: 0.45}", ":5: capsule: missing key \"diameter\""},

@@ -239,7 +239,7 @@ static void what_cannot_be_dropped_is_refused(void **state) {
     insertion in = begin(NULL);
     refused(&in, 0, 1, 0.0, "outside of the tissue");
     go_to(&in, 3e-3);
-    refused(&in, 0, 1, 0.0, "less than the 4.5 mm that is to stay there");
+    refused(&in, 0, 1, 0.0, "less than the 4.5 mm of the seeds");
     go_to(&in, 0.03);
     refused(&in, 1, 1, 0.0, "needle 1: there is one, number 0");
     refused(&in, -1, 1, 0.0, "needle -1");

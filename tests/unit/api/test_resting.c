@@ -267,8 +267,8 @@ static differences compare(trocar_sim *sim, const int *resting, int count, int h
     for (int c = 0; c < 4; c++) {
         double weights[4] = {0, 0, 0, 0}, u[3] = {0, 0, 0};
         vec3 known = snapshot->u_free[corners[c]];
-        for (int t = 0; t < creep->count && snapshot->left; t++)
-            known = v3_axpy(creep->compliance[t] * exp(-(s->memory.time - snapshot->left_time) / creep->time[t]), snapshot->u_left[t][corners[c]], known);
+        for (int t = 0; t < creep->count && snapshot->has_residuals; t++)
+            known = v3_axpy(creep->compliance[t] * exp(-(s->memory.time - snapshot->residual_time) / creep->time[t]), snapshot->u_residual[t][corners[c]], known);
         for (int j = 0; contact_is_active(s, j); j++) {
             mat3 block = compliance_between(snapshot, corners[c], s->refined.order[j]);
             known = v3_add(known, m3_apply(&block, contact_load(sim, held, j)));
@@ -550,11 +550,11 @@ static void what_makes_no_sense_is_refused(void **state) {
     assert_refused(trocar_sim_leave(sim, 2, &why), "needle 2: there are 2");
     assert_refused(trocar_sim_take(sim, -1, &why), "needle -1");
     assert_refused(trocar_sim_leave(sim, 0, &why), "not in the tissue");
-    assert_refused(trocar_sim_take(sim, 0, &why), "does not rest");
+    assert_refused(trocar_sim_take(sim, 0, &why), "not resting");
     assert_int_equal(trocar_sim_needle_state(sim, 7), TROCAR_NEEDLE_HELD);
     push(sim, 0, 0.0, 0.0, 200, &out);
     OK(trocar_sim_leave(sim, 0, &why));
-    assert_refused(trocar_sim_leave(sim, 0, &why), "rests already");
+    assert_refused(trocar_sim_leave(sim, 0, &why), "already resting");
     assert_refused(trocar_sim_take(sim, 0, &why), "not come to rest yet");
     OK(trocar_sim_work(sim, NULL, &why));
     trocar_pose base = trocar_sim_base(sim, 0);

@@ -205,7 +205,7 @@ static bool worker_turn(two_threads *t, unsigned *seed) {
     if (fresh && !t->attached) {
         compliance_snapshot *slot = link_answer_slot(&t->link);
         slot->serial = posted->request.serial;
-        slot->left_time = (double)slot->serial;
+        slot->residual_time = (double)slot->serial;
         link_publish_answer(&t->link);
     }
     const tissue_loads *loads = link_loads(&t->link, &fresh);
@@ -311,8 +311,8 @@ static const outcome OUTCOMES[CALLS][PHASES] = {
     /*         HELD                                 LEAVING                                      RESTING                                    TAKING                                     TAKEN */
     [TICK] =  {GOES(HELD, HELD),                    STAYS(LEAVING, RESTING, NULL),               STAYS(RESTING, RESTING, NULL),             STAYS(TAKING, HELD, NULL),                 GOES(HELD, HELD)},
     [STEP] =  {GOES(HELD, HELD),                    STAYS(RESTING, RESTING, "take it first"),    STAYS(RESTING, RESTING, "take it first"),  GOES(HELD, HELD),                          GOES(HELD, HELD)},
-    [LEAVE] = {GOES(LEAVING, RESTING),              STAYS(LEAVING, RESTING, "rests already"),    STAYS(RESTING, RESTING, "rests already"),  STAYS(TAKING, HELD, "rests already"),      GOES(LEAVING, RESTING)},
-    [TAKE] =  {STAYS(HELD, HELD, "does not rest"),  STAYS(LEAVING, RESTING, "not come to rest"), GOES(TAKING, HELD),                        STAYS(TAKING, HELD, "does not rest"),      STAYS(HELD, HELD, "does not rest")},
+    [LEAVE] = {GOES(LEAVING, RESTING),              STAYS(LEAVING, RESTING, "already resting"),    STAYS(RESTING, RESTING, "already resting"),  STAYS(TAKING, HELD, "already resting"),      GOES(LEAVING, RESTING)},
+    [TAKE] =  {STAYS(HELD, HELD, "not resting"),  STAYS(LEAVING, RESTING, "not come to rest"), GOES(TAKING, HELD),                        STAYS(TAKING, HELD, "not resting"),      STAYS(HELD, HELD, "not resting")},
     [RESET] = {GOES(HELD, HELD),                    GOES(HELD, HELD),                            GOES(HELD, HELD),                          GOES(HELD, HELD),                          GOES(HELD, HELD)},
     [DROP] =  {GOES(HELD, HELD),                    STAYS(LEAVING, RESTING, "take it first"),    STAYS(RESTING, RESTING, "take it first"),  STAYS(TAKING, HELD, "take it first"),      GOES(HELD, HELD)},
     [SAVE] =  {GOES(HELD, HELD),                    GOES(LEAVING, RESTING),                      GOES(RESTING, RESTING),                    GOES(TAKING, HELD),                        GOES(HELD, HELD)},

@@ -158,7 +158,7 @@ static void only_what_the_server_carried_out_waits(void **state) {
     begin(&in, &early);
     draw_back_until_it_no_longer_waits(&in, false);
     assert_int_equal(pending(&in), 0);
-    assert_non_null(strstr(in.waiting.reason.text, "that is to stay there: push it farther in"));
+    assert_non_null(strstr(in.waiting.reason.text, "of the seeds: push it farther in"));
     assert_int_equal(replay_seed_command(&in.waiting, in.sim, 0, &early, &why), TROCAR_BAD_INPUT); /* nothing that it could wait for */
     assert_null(in.waiting.drop);
     OK(replay_seed_command(&in.waiting, in.sim, 0, &unknown, &why));

@@ -263,7 +263,7 @@ static void forgotten_loads_are_not_felt(void **unused) {
     replace_needle(l, start);
     l->base = start;
     lockstep_move(l, v3(0, 0, 0), 0.1, 1e-3);
-    assert_true(l->snapshot->left && l->wrench.force.x > 1e-3);
+    assert_true(l->snapshot->has_residuals && l->wrench.force.x > 1e-3);
     insertion_reset(&l->simulation.insertion, start, &l->state);
     insertion_reset(&untouched->simulation.insertion, start, &untouched->state);
     for (int i = 0; i < 20; i++) {
@@ -283,7 +283,7 @@ static void elastic_tissue_remembers_nothing(void **unused) {
     lockstep_move(l, v3(0, 0, 0.050), 0.5, 1e-3);
     lockstep_move(l, v3(0, 0, -0.030), 0.3, 1e-3);
     assert_memory_equal(&l->state.memory, &nothing, sizeof nothing);
-    assert_false(l->snapshot->left);
+    assert_false(l->snapshot->has_residuals);
     lockstep_free(l);
 }
 

@@ -48,8 +48,8 @@ typedef struct {
     report remarks;          /* changes made to the file's mesh, and suspected errors in the file; may be empty */
 } mesh;
 
-/* Reads any format that Gmsh reads, with coordinates in `unit` (m); checks nodes, tets, orientation and conformity, and joins bodies whose faces
-   match. BAD_INPUT with a message that names the file. Not thread-safe, because Gmsh has global state. */
+/* Reads MSH 2.2 and 4.1, and by way of Gmsh, if it is installed, any other format that Gmsh reads, with coordinates in `unit` (m); checks nodes, tets,
+   orientation and conformity, and joins bodies whose faces match. BAD_INPUT with a message that names the file. */
 trocar_status mesh_read_in(const char *path, double unit, mesh *m, report *why);
 
 /* Loads a mesh file whose coordinates are in metres. */

@@ -43,7 +43,7 @@ static const char *profile_word(int index) { return device_profiles[index]; }
 #define GUIDE(member) offsetof(guide_config, member)
 
 const key_spec SCENE_TABLE[] = {
-    {"mesh", "", FILE_PATH, OF(simulation.mesh_path), .required = true, .doc = "mesh file, in any format that Gmsh reads; relative to the scene file"},
+    {"mesh", "", FILE_PATH, OF(simulation.mesh_path), .required = true, .doc = "mesh file: MSH 2.2 or 4.1, or any format that Gmsh reads, if it is installed; relative to the scene file"},
     {"mesh_unit", "", LENGTH_UNIT, OF(simulation.mesh_unit), .doc = "of the mesh file's coordinates"},
     {"patient_to_mesh", "", TRANSFORM, OF(patient_to_mesh),
      .doc = "4 x 4, row by row: from the patient's coordinates (DICOM's LPS, mm) to the mesh's (m)"},

@@ -35,6 +35,10 @@ done <needed
 depends=$(dpkg-deb --field "$package" Depends)
 [[ $depends == *libopenblas0-pthread* ]] || fail "libopenblas0-pthread is not required: $depends"
 ! [[ $depends =~ cjson|openigtlink|spnav|evdev ]] || fail "the server needs a bridge's library: $depends"
+# Gmsh, with its hundred packages, is for meshes of other formats: nothing needs it.
+! grep gmsh needed || fail "a program needs Gmsh"
+! objdump -p root/usr/lib/*/libtrocar.so | grep -i gmsh || fail "the library needs Gmsh"
+[[ $depends$(dpkg-deb --field "$package" Recommends) != *gmsh* && $(dpkg-deb --field "$package" Suggests) == *libgmsh4.8* ]] || fail "Gmsh is not just suggested"
 apt-get install --simulate "$package" "$python_package" "$bridges" >apt.txt 2>&1 || fail "$(cat apt.txt)"
 for name in trocar python3-trocar trocar-bridges; do grep -q "^Inst $name " apt.txt || fail "$(cat apt.txt)"; done
 for archive in "$python_package" "$bridges"; do

@@ -24,17 +24,17 @@ stand_in sleep 'echo nap >>"$WORK/naps"'
 stand_in apt-get 'echo "$@" >>"$WORK/asked"'
 setup --demo one-more
 [ $status -eq 0 ] || fail "$(cat said)"
-grep -q 'install.* libgmsh-dev .* one-more' asked || fail "requested: $(cat asked)"
-! grep -qE 'npm|nodejs|libwebsockets|matplotlib|numpy|cmocka|ncurses|help2man|chromium|cjson|igtlink|spnav|evdev' asked || fail "more than the demo needs: $(cat asked)"
+grep -q 'install.* libyaml-dev .* one-more' asked || fail "requested: $(cat asked)"
+! grep -qE 'npm|nodejs|libwebsockets|matplotlib|numpy|cmocka|gmsh|ncurses|help2man|chromium|cjson|igtlink|spnav|evdev' asked || fail "more than the demo needs: $(cat asked)"
 rm asked && setup --view
 ! grep -qE 'cjson|igtlink|spnav|evdev' asked || fail "more than the view needs: $(cat asked)"
 rm asked && setup --package
 for package in libwebsockets-dev libncurses-dev help2man python3-numpy libcjson-dev libopenigtlink-dev libspnav-dev libx11-dev libevdev-dev; do grep -q " $package" asked || fail "no $package: $(cat asked)"; done
-! grep -qE 'matplotlib|cmocka' asked || fail "more than the package needs: $(cat asked)"
+! grep -qE 'matplotlib|cmocka|gmsh' asked || fail "more than the package needs: $(cat asked)"
 rm asked && setup one-more two-more     # only the requested packages
 [ "$(grep -o 'install.*' asked | sed 's/.*recommends //')" = "one-more two-more" ] || fail "more than was asked for: $(cat asked)"
 rm asked && setup --all one-more
-grep -q 'libcmocka-dev .*one-more' asked || fail "requested: $(cat asked)"
+grep -q 'libcmocka-dev libgmsh-dev .*one-more' asked || fail "requested: $(cat asked)"
 rm asked && setup
 for package in libwebsockets-dev libcmocka-dev libncurses-dev help2man libcjson-dev libopenigtlink-dev libspnav-dev libx11-dev libevdev-dev; do grep -q " $package" asked || fail "no $package: $(cat asked)"; done
 # shellcheck disable=SC2016

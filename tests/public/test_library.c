@@ -558,9 +558,14 @@ static void a_host_keeps_its_gmsh_session_and_its_floating_point(void **state) {
     cube_create(cube);
     cube_write(cube, named);
     free(cube);
+    FILE *mesh = fopen(named, "r+");
+    assert_true(mesh && fseek(mesh, strlen("$MeshFormat\n"), SEEK_SET) == 0);
+    fputs("2.1", mesh); /* a version that only Gmsh reads */
+    fclose(mesh);
     trocar_scene *scene = cube_scene();
     OK(trocar_scene_set(scene, "mesh", named, &why));
     gmshInitialize(0, NULL, 0, &error);
+    gmshOptionSetNumber("Mesh.MshFileVersion", 2.2, &error);
     gmshModelAdd("host", &error);
     gmshModelGeoAddPoint(1, 2, 3, 0, 7, &error);
     gmshModelGeoSynchronize(&error);
@@ -574,6 +579,10 @@ static void a_host_keeps_its_gmsh_session_and_its_floating_point(void **state) {
 #if defined(__SSE2__)
     assert_int_equal(_mm_getcsr() & ~0x3fu, before & ~0x3fu); /* except for the sticky exception flags */
 #endif
+    double version = 0, binary = 1;
+    gmshOptionGetNumber("Mesh.MshFileVersion", &version, &error);
+    gmshOptionGetNumber("Mesh.Binary", &binary, &error);
+    assert_true(version == 2.2 && binary == 0);
     gmshModelGetCurrent(&current, &error);
     assert_int_equal(error, 0);
     assert_string_equal(current, "host");

@@ -84,7 +84,7 @@ sed "s|^rate_hz:|rat_hz:|" "$scene" >"$work/key.yaml"
 refuses "key.yaml:$(grep -n rat_hz "$work/key.yaml" | cut -d: -f1): unknown key" --scene "$work/key.yaml"
 head -c 20000 "${scene%/*}/prostate-570.msh" >"$work/cut.msh"
 sed "s|^mesh:.*|mesh: cut.msh|" "$scene" >"$work/mesh.yaml"
-refuses "cut.msh: Gmsh cannot read" --scene "$work/mesh.yaml"
+refuses "the file ends inside \$" --scene "$work/mesh.yaml"
 
 # Without permission for real time, the supervisor does not restart the server. As a service, with raised limits but
 # without capabilities, the server enters real time (if this machine permits raising the limits).

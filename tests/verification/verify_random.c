@@ -34,29 +34,6 @@ typedef struct {
     int number;
 } trial;
 
-static double length3(const double v[3]) { return sqrt(v[0] * v[0] + v[1] * v[1] + v[2] * v[2]); }
-
-static void fail_if(trocar_status status, const trocar_error *why) {
-    if (status == TROCAR_OK) return;
-    fprintf(stderr, "%s\n", why->text);
-    abort();
-}
-
-/* Work of the hand from one pose to the next, J. */
-static double work_between(const trocar_pose *a, const trocar_output *before, const trocar_pose *b, const trocar_output *after) {
-    double sum = 0.0, turn[3], sign = 0.0;
-    for (int i = 0; i < 4; i++) sign += a->orientation[i] * b->orientation[i];
-    const double *p = a->orientation, *q = b->orientation; /* vector part of q p* */
-    turn[0] = -q[0] * p[1] + q[1] * p[0] - q[2] * p[3] + q[3] * p[2];
-    turn[1] = -q[0] * p[2] + q[2] * p[0] - q[3] * p[1] + q[1] * p[3];
-    turn[2] = -q[0] * p[3] + q[3] * p[0] - q[1] * p[2] + q[2] * p[1];
-    for (int i = 0; i < 3; i++) {
-        sum -= 0.5 * (before->force[i] + after->force[i]) * (b->position[i] - a->position[i]);
-        sum -= 0.5 * (before->torque[i] + after->torque[i]) * (sign < 0 ? -2.0 : 2.0) * turn[i];
-    }
-    return sum;
-}
-
 /* Is a point in the displaced tissue? */
 static bool in_tissue(const trial *t, const double x[3]) {
     const double *nodes = trocar_model_nodes(t->model);
@@ -120,7 +97,7 @@ static void tick(trial *t, int needle, const trocar_pose *base) {
     trocar_output out;
     trocar_error why;
     fail_if(trocar_sim_step(t->sim, needle, base, TICK, &out, &why), &why);
-    t->work += work_between(&t->base[needle], &t->last[needle], base, &out);
+    t->work += hand_work(&t->base[needle], t->last[needle].force, t->last[needle].torque, base, out.force, out.torque);
     t->most_work = fmax(t->most_work, t->work);
     t->base[needle] = *base;
     t->last[needle] = out;

@@ -282,6 +282,8 @@ static inline trocar_pose pose_towards(const trocar_pose *a, const trocar_pose *
 
 static inline double length3(const double v[3]) { return sqrt(v[0] * v[0] + v[1] * v[1] + v[2] * v[2]); }
 
+static inline double distance3(const double a[3], const double b[3]) { return length3((const double[]){a[0] - b[0], a[1] - b[1], a[2] - b[2]}); }
+
 static inline void fail_if(trocar_status status, const trocar_error *why) {
     if (status == TROCAR_OK) return;
     fprintf(stderr, "%s\n", why->text);

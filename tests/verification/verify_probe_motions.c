@@ -83,8 +83,6 @@ static void findings_add(findings *sum, const findings *f) {
     sum->ticks += f->ticks, sum->looks += f->looks, sum->pressed += f->pressed, sum->stopped += f->stopped;
 }
 
-static double distance3(const double a[3], const double b[3]) { return length3((const double[]){a[0] - b[0], a[1] - b[1], a[2] - b[2]}); }
-
 /* ---- penetration ---------------------------------------------------------------------------------------------------------------- */
 
 /* m: how deep a point lies in the probe, negative outside of it. The solid is a cylinder with a rounded edge: where the edge is not near, its side or its end
@@ -213,7 +211,7 @@ static void go_home(trial *t, const trocar_pose *home) {
 
 static void push_needle(trial *t, double advance) {
     hand_motion m = {0};
-    hand_add(&m, 0.02, (hand_leg){.advance = advance});
+    hand_add(&m, 0.06, (hand_leg){.advance = advance});
     trocar_pose from = t->base[t->needle];
     int ticks = (int)ceil(m.legs[0].seconds / TICK);
     for (int i = 1; i <= ticks; i++) {

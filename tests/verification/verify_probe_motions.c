@@ -408,7 +408,7 @@ static void run_trial(int number, bool talks, findings *sum) {
     for (int k = 0; k < s.motion.count; k++) follow(&t, &s.motion.legs[k]);
     go_home(&t, &s.home);
     t.moving = false;
-    f->touching_at_last = t.probe.contacts > 0;
+    f->touching_at_last = s.use == WITHOUT && t.probe.contacts > 0; /* a needle may have moved the tissue to where the probe began */
     if (s.use != WITHOUT) withdraw_needle(&t, s.advance);
     exceeds(&t, s.use == WITHOUT ? GAIN : GAIN_WITH_NEEDLE, -t.work / fmax(t.most_work, 1e-6));
     f->runs = 1, f->uses[s.use]++, f->ticks = t.ticks;
@@ -464,7 +464,7 @@ static void report(rows *r, const findings *f) {
     add_measured(r, f, FORCE, "probe motions: largest force, also where a needle raised it", "of probe.max_force");
     add_count(r, "probe motions: ticks with the probe away from its pose without a word, or where it should be but said to be stopped", f->unlike);
     add_count(r, "probe motions: ticks that were unstable or not finite", f->failed);
-    add_count(r, "probe motions: probes pressed at the end, back where they began", f->touching_at_last);
+    add_count(r, "probe motions: probes without a needle that are pressed where they began", f->touching_at_last);
 }
 
 int main(int argc, char **argv) {

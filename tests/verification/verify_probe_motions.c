@@ -3,6 +3,7 @@
    energy, and where its force would exceed the scene's it stops.
 
    usage: verify_probe_motions [--short] FOLDER, or verify_probe_motions --runs FIRST LAST, which tells what it finds */
+#include <stdarg.h>
 #include <time.h>
 
 #include "random_scene.h"
@@ -17,7 +18,7 @@ enum { SET_EVERY = 3, LOOK_EVERY = 100, PARTS = 8, RECOIL = 30 }; /* ticks, and 
 typedef enum { WITHOUT, HELD, RESTING } needle_use;
 
 /* What is limited or measured. */
-typedef enum { NODE_DEPTH, UNFELT_DEPTH, FACE_DEPTH, JUMP, NEEDLE_JUMP, OVERLOAD, FORCE, GAIN, GAIN_WITH_NEEDLE, FINDINGS } finding_kind;
+typedef enum { NODE_DEPTH, UNFELT_DEPTH, FACE_DEPTH, JUMP, JUMP_AFTER_STOP, NEEDLE_JUMP, OVERLOAD, FORCE, GAIN, GAIN_WITH_NEEDLE, FINDINGS } finding_kind;
 
 typedef struct {
     double worst;            /* of all runs */
@@ -52,9 +53,11 @@ typedef struct {
     bool talks;
 } trial;
 
-static const double LIMITS[FINDINGS] = {[NODE_DEPTH] = 10e-6 /* m: nodes are kept out to 1e-12, but needles displace them until the next solution */,
-                                        [UNFELT_DEPTH] = 0.2929 /* radii: of the chord of a right angle; such an edge comes before it touches (mechanics.md) */,
-                                        [FACE_DEPTH] = INFINITY, [FORCE] = INFINITY, [JUMP] = 1.0, [NEEDLE_JUMP] = 1.0, [OVERLOAD] = 1e-3, [GAIN] = 1e-3, [GAIN_WITH_NEEDLE] = 1e-3};
+static const double LIMITS[FINDINGS] = {
+    [NODE_DEPTH] = 10e-6,    /* m: nodes are kept out to 1e-12, but needles displace them until the next solution */
+    [UNFELT_DEPTH] = 0.2929, /* radii: of the chord of a right angle; edges may come as deep before they touch (mechanics.md) */
+    [FACE_DEPTH] = INFINITY, [FORCE] = INFINITY, [JUMP] = 1.0, [JUMP_AFTER_STOP] = 1.0, [NEEDLE_JUMP] = 1.0, [OVERLOAD] = 1e-3, [GAIN] = 1e-3,
+    [GAIN_WITH_NEEDLE] = 1e-3};
 
 enum { MOST_TOLD = 30 };     /* of a kind, in a run */
 
@@ -64,6 +67,18 @@ static bool exceeds(trial *t, finding_kind kind, double value) {
     if (!(value <= f->worst)) f->worst = value, f->run = t->number;
     if (value <= LIMITS[kind]) return false;
     return ++f->above <= MOST_TOLD && t->talks;
+}
+
+static void tell(const trial *t, const char *format, ...) __attribute__((format(printf, 2, 3)));
+
+/* A line about what happens at this time. */
+static void tell(const trial *t, const char *format, ...) {
+    va_list arguments;
+    printf("run %d, %.3f s: ", t->number, t->ticks * TICK);
+    va_start(arguments, format);
+    vprintf(format, arguments);
+    va_end(arguments);
+    printf("\n");
 }
 
 static void findings_begin(findings *f) {
@@ -88,7 +103,7 @@ static void findings_add(findings *sum, const findings *f) {
 /* m: how deep a point lies in the probe, negative outside of it. The solid is a cylinder with a rounded edge: where the edge is not near, its side or its end
    is closest. Behind its base it goes on. */
 static double depth_in_probe(const trocar_probe_shape *s, const trocar_pose *base, const double x[3]) {
-    const double *q = base->orientation, back[4] = {q[0], -q[1], -q[2], -q[3]}, away[3] = {x[0] - base->position[0], x[1] - base->position[1], x[2] - base->position[2]};
+    const double *q = base->orientation, *at = base->position, back[4] = {q[0], -q[1], -q[2], -q[3]}, away[3] = {x[0] - at[0], x[1] - at[1], x[2] - at[2]};
     double local[3];
     quaternion_rotate(back, away, local);
     double r = hypot(local[0], local[1]), edge = s->radius - s->tip_radius, begins = s->length - s->tip_radius;
@@ -114,11 +129,9 @@ static void look(trial *t) {
             }
     double force = length3(t->probe.force);
     t->found.looks++;
-    if (exceeds(t, NODE_DEPTH, nodes)) printf("run %d, %.3f s: node %.3f mm inside, %.3f N, %d points\n", t->number, t->ticks * TICK, 1e3 * nodes, force, t->probe.contacts);
+    if (exceeds(t, NODE_DEPTH, nodes)) tell(t, "node %.3f mm inside, %.3f N, %d points", 1e3 * nodes, force, t->probe.contacts);
     exceeds(t, FACE_DEPTH, faces / t->shape.radius);
-    if (force < UNFELT && exceeds(t, UNFELT_DEPTH, faces / t->shape.radius))
-        printf("run %d, %.3f s: face %.2f mm inside without force, radius %.2f, tip %.2f mm, %d points\n", t->number, t->ticks * TICK, 1e3 * faces, 1e3 * t->shape.radius,
-               1e3 * t->shape.tip_radius, t->probe.contacts);
+    if (force < UNFELT && exceeds(t, UNFELT_DEPTH, faces / t->shape.radius)) tell(t, "face %.2f mm inside without force, %d points", 1e3 * faces, t->probe.contacts);
 }
 
 /* ---- ticks --------------------------------------------------------------------------------------------------------------------- */
@@ -134,16 +147,17 @@ static void judge_probe(trial *t, const trocar_probe *now) {
     double force = length3(now->force), change = change_of(before->force, now->force);
     if (!isfinite(force + length3(now->torque) + length3(now->base.position)) || !now->placed) f->failed++;
     double moved = distance3(now->base.position, before->base.position) + distance3(now->base.orientation + 1, before->base.orientation + 1);
-    if (t->moving && exceeds(t, JUMP, change))
-        printf("run %d, %.3f s: probe's jump %.2f, %.3f to %.3f N, %d to %d points, stopped %d to %d, moved by %.3f mm\n", t->number, t->ticks * TICK, change, length3(before->force), force,
-               before->contacts, now->contacts, before->stopped, now->stopped, 1e3 * distance3(now->base.position, before->base.position));
+    if (t->moving && exceeds(t, before->stopped ? JUMP_AFTER_STOP : JUMP, change))
+        tell(t, "probe's jump %.2f, %.3f to %.3f N, %d to %d points, stopped %d to %d, moved by %.3f mm", change, length3(before->force), force, before->contacts,
+             now->contacts, before->stopped, now->stopped, 1e3 * distance3(now->base.position, before->base.position));
     exceeds(t, FORCE, force / t->max_force);
-    if (moved > 0.0 && force > length3(before->force) && exceeds(t, OVERLOAD, force / t->max_force - 1.0)) printf("run %d, %.3f s: %.4f N, of %.4f N at most, stopped %d\n", t->number, t->ticks * TICK, force, t->max_force, now->stopped);
+    if (moved > 0.0 && force > length3(before->force) && exceeds(t, OVERLOAD, force / t->max_force - 1.0))
+        tell(t, "raised to %.4f N, of %.4f N at most, stopped %d", force, t->max_force, now->stopped);
     bool there = distance3(now->base.position, t->asked.position) < 1e-12;
     for (int i = 0; i < 4; i++) there = there && fabs(now->base.orientation[i] - t->asked.orientation[i]) < 1e-12;
     if (there == (now->stopped != 0)) {
         f->unlike++;
-        if (t->talks && f->unlike + f->failed < MOST_TOLD) printf("run %d, %.3f s: stopped %d, but %s where it should be, %.3f of %.3f N\n", t->number, t->ticks * TICK, now->stopped, there ? "it is" : "it is not", force, t->max_force);
+        if (t->talks && f->unlike <= MOST_TOLD) tell(t, "stopped %d, but %s where it should be", now->stopped, there ? "it is" : "it is not");
     }
     f->pressed += now->contacts > 0;
     f->stopped += now->stopped;
@@ -154,13 +168,13 @@ static void judge_needle(trial *t, const trocar_output *out) {
     t->since = out->events & (TROCAR_EVENT_PUNCTURED | TROCAR_EVENT_EXITED) ? 0 : t->since + 1;
     if (out->events & TROCAR_EVENT_UNSTABLE || !isfinite(length3(out->force) + length3(out->torque))) {
         f->failed++;
-        if (t->talks && f->unlike + f->failed < MOST_TOLD) printf("run %d, %.3f s: needle unstable\n", t->number, t->ticks * TICK);
+        if (t->talks && f->failed <= MOST_TOLD) tell(t, "needle unstable");
     }
     if (!t->moving || t->since < RECOIL) return;
     double change = change_of(t->last[t->needle].force, out->force);
     if (exceeds(t, NEEDLE_JUMP, change))
-        printf("run %d, %.3f s: needle's jump %.2f, %.3f to %.3f N, %.2f mm deep, events %#x, probe %.3f N\n", t->number, t->ticks * TICK, change, length3(t->last[t->needle].force), length3(out->force), 1e3 * out->depth, out->events,
-               length3(t->probe.force));
+        tell(t, "needle's jump %.2f, %.3f to %.3f N, %.2f mm deep, events %#x, probe %.3f N", change, length3(t->last[t->needle].force), length3(out->force), 1e3 * out->depth,
+             out->events, length3(t->probe.force));
 }
 
 /* A tick with the needle's base at `base`; the probe is where it was asked to be. */
@@ -288,9 +302,13 @@ static void create_motion(probe_scene *s, uint64_t *seed) {
     add_leg(s, seed, CLEARANCE + depth, none, none, 0);
     int moves = (int)random_between(seed, 1, 4);
     for (int i = 0; i < moves; i++) {
-        double press = random_chance(seed, 0.6) ? random_between(seed, 0.5e-3, deepest) - depth : 0.0, roll = random_chance(seed, 0.3) ? random_between(seed, -1.5, 1.5) : 0.0;
+        double press = random_chance(seed, 0.6) ? random_between(seed, 0.5e-3, deepest) - depth : 0.0;
+        double roll = random_chance(seed, 0.3) ? random_between(seed, -1.5, 1.5) : 0.0;
         double slide[2] = {0, 0}, tilt[2] = {0, 0};
-        if (random_chance(seed, 0.5)) slide[0] = s->block ? random_between(seed, -8e-3, 8e-3) : random_between(seed, -15e-3, 3e-3), slide[1] = random_between(seed, -4e-3, 4e-3);
+        if (random_chance(seed, 0.5)) {
+            slide[0] = s->block ? random_between(seed, -8e-3, 8e-3) : random_between(seed, -15e-3, 3e-3);
+            slide[1] = random_between(seed, -4e-3, 4e-3);
+        }
         if (random_chance(seed, 0.5)) tilt[0] = random_between(seed, -lean, lean), tilt[1] = random_between(seed, -lean, lean);
         depth += press;
         add_leg(s, seed, press, slide, tilt, roll);
@@ -389,6 +407,20 @@ static void withdraw_needle(trial *t, double advance) {
     push_needle(t, -advance - 5e-3);
 }
 
+enum { TOLD_EVERY = 10 };
+
+static void tell_run(const trial *t, double seconds) {
+    static const char *const names[FINDINGS] = {"nodes inside, m", "faces unfelt, radii", "faces, radii", "jump", "jump after a stop", "needle's jump", "overload",
+                                                "force of the most", "gain", "gain with a needle"};
+    const findings *f = &t->found;
+    printf("run %d:", t->number);
+    for (int k = 0; k < FINDINGS; k++)
+        if (isfinite(f->of[k].worst)) printf(" %s %.3g (%d);", names[k], f->of[k].worst, f->of[k].above);
+    printf(" work %.3g of %.3g mJ, unlike %d, failed %d, kept %d, ticks %ld, looks %ld, pressed %ld, stopped %ld, %.1f s\n", 1e3 * t->work, 1e3 * t->most_work, f->unlike,
+           f->failed, f->kept, f->ticks, f->looks, f->pressed, f->stopped, seconds);
+    fflush(stdout);
+}
+
 static void run_trial(int number, bool talks, findings *sum) {
     trial t = {.number = number, .talks = talks};
     findings *f = &t.found;
@@ -412,16 +444,11 @@ static void run_trial(int number, bool talks, findings *sum) {
     if (s.use != WITHOUT) withdraw_needle(&t, s.advance);
     exceeds(&t, s.use == WITHOUT ? GAIN : GAIN_WITH_NEEDLE, -t.work / fmax(t.most_work, 1e-6));
     f->runs = 1, f->uses[s.use]++, f->ticks = t.ticks;
-    if (talks) {
-        printf("run %d: nodes %.2g m, unfelt %.3f, faces %.3f radii, jumps %.2f (%d), needle %.2f (%d), overload %.2g (%d), force %.3f, gain %.2g of %.3g mJ, unlike %d, failed %d, kept %d, touching %d, "
-               "ticks %ld, looks %ld, pressed %ld, stopped %ld; %.1f s\n", number, f->of[NODE_DEPTH].worst, f->of[UNFELT_DEPTH].worst, f->of[FACE_DEPTH].worst, f->of[JUMP].worst, f->of[JUMP].above,
-               f->of[NEEDLE_JUMP].worst, f->of[NEEDLE_JUMP].above, f->of[OVERLOAD].worst, f->of[OVERLOAD].above, f->of[FORCE].worst, -t.work / fmax(t.most_work, 1e-6), 1e3 * t.most_work, f->unlike, f->failed, f->kept,
-               f->touching_at_last, t.ticks, f->looks, f->pressed, f->stopped, (double)(clock() - begun) / CLOCKS_PER_SEC);
-        fflush(stdout);
-    }
+    if (talks) tell_run(&t, (double)(clock() - begun) / CLOCKS_PER_SEC);
     findings_add(sum, f);
-    if (sum->runs % 10 == 0) fprintf(stderr, "%d motions: %d jumps, %d of the needle's, %d unfelt, %d nodes inside\n", sum->runs, sum->of[JUMP].above, sum->of[NEEDLE_JUMP].above,
-                                     sum->of[UNFELT_DEPTH].above, sum->of[NODE_DEPTH].above);
+    if (sum->runs % TOLD_EVERY == 0)
+        fprintf(stderr, "%d motions: %d jumps, %d of the needle's, %d unfelt, %d nodes inside\n", sum->runs, sum->of[JUMP].above + sum->of[JUMP_AFTER_STOP].above,
+                sum->of[NEEDLE_JUMP].above, sum->of[UNFELT_DEPTH].above, sum->of[NODE_DEPTH].above);
     close_trial(&t);
     probe_scene_free(&s);
 }
@@ -432,7 +459,8 @@ static void add(rows *r, const findings *f, finding_kind kind, const char *check
     const finding *of = &f->of[kind];
     char note[300];
     snprintf(note, sizeof note, "%s%s%d above; run %d", what, what[0] ? "; " : "", of->above, of->run);
-    rows_add(r, (row){.check = check, .reference = reference, .value = of->worst, .expected = NAN, .error = fmax(0.0, of->worst), .limit = LIMITS[kind], .unit = unit, .note = note});
+    rows_add(r, (row){.check = check, .reference = reference, .value = of->worst, .expected = NAN, .error = fmax(0.0, of->worst), .limit = LIMITS[kind], .unit = unit,
+                      .note = note});
 }
 
 static void add_measured(rows *r, const findings *f, finding_kind kind, const char *check, const char *unit) {
@@ -453,6 +481,7 @@ static void report(rows *r, const findings *f) {
     add_measured(r, f, FACE_DEPTH, "probe motions: deepest face inside the probe, at any force", "radii");
     snprintf(note, sizeof note, "%ld ticks, pressed in %ld", f->ticks, f->pressed);
     add(r, f, JUMP, "probe motions: largest change of the probe's force between two solutions", "max(7 %, 0.05 N)", NULL, note);
+    add(r, f, JUMP_AFTER_STOP, "probe motions: the same where the tissue had stopped the probe, and it may catch up with the hand", "max(7 %, 0.05 N)", NULL, "");
     snprintf(note, sizeof note, "%d motions beside a held needle", f->uses[HELD]);
     add(r, f, NEEDLE_JUMP, "probe motions: largest change of the needle's force in a tick", "max(7 %, 0.05 N)", NULL, note);
     snprintf(note, sizeof note, "of the largest work on the way; %d motions", f->uses[WITHOUT]);

@@ -2,7 +2,7 @@
 
 #include <string.h>
 
-#include "progress.h"
+#include "common/progress.h"
 
 /* Prints the path. The condensed inverse has been saved, or there would be no model. */
 static trocar_status describe(const trocar_model *model, FILE *out, report *why) {

@@ -1,14 +1,13 @@
 #include "exchange.h"
 
 #include <errno.h>
-#include <poll.h>
 #include <string.h>
 #include <sys/eventfd.h>
 #include <unistd.h>
 
+#include "intake/pose_arbiter.h"
+#include "intake/safety_limits.h"
 #include "loop.h"
-#include "pose_arbiter.h"
-#include "safety_limits.h"
 #include "trocar_needle_wrench_t.h"
 #include "trocar_probe_wrench_t.h"
 
@@ -84,18 +83,4 @@ void exchange_free(exchange *x) {
     if (x->io_wake >= 0) close(x->io_wake);
     if (x->worker_wake >= 0) close(x->worker_wake);
     x->io_wake = x->worker_wake = -1;
-}
-
-void wake(int eventfd) {
-    uint64_t one = 1;
-    ssize_t written = write(eventfd, &one, sizeof one); /* fails only if the counter is full: then the reader is awake anyway */
-    (void)written;
-}
-
-void wait_for_wake(int eventfd) {
-    struct pollfd descriptor = {.fd = eventfd, .events = POLLIN};
-    while (poll(&descriptor, 1, -1) < 0 && errno == EINTR) continue;
-    uint64_t count;
-    ssize_t taken = read(eventfd, &count, sizeof count);
-    (void)taken;
 }

@@ -19,30 +19,14 @@
 
 #include "base/spsc_ring.h"
 #include "base/triple_buffer.h"
-#include "safety_limits.h"
+#include "intake/requests.h"
+#include "intake/safety_limits.h"
 #include "trocar.h"
-#include "trocar_command_t.h"
 
 /* IO -> haptic: the newest pose of each needle */
 typedef struct {
     pose_sample needles[TROCAR_MAX_NEEDLES];
 } newest_poses;
-
-/* IO -> haptic: the newest pose of the probe */
-typedef struct {
-    int64_t session;             /* session of its owner, 0: nobody */
-    int64_t seq;                 /* -1 before the first */
-    pose base;
-} probe_sample;
-
-/* IO -> haptic: a client's request concerning a needle; haptic -> IO: the same, with its result */
-typedef struct {
-    trocar_command_t asked;
-    uint64_t engagement;         /* of the needle at the time of the request */
-    bool anew;                   /* before the request, the next pose was already going to start a new engagement */
-    bool refused;
-    char why[256];
-} needle_command;
 
 /* One needle in a view_sample */
 typedef struct {
@@ -97,8 +81,5 @@ typedef struct {
 /* `model`: as in views_create. */
 trocar_status exchange_create(exchange *x, trocar_model *model, report *why);
 void exchange_free(exchange *x);
-
-void wake(int eventfd);          /* RT */
-void wait_for_wake(int eventfd); /* blocks until the next wake, or returns at once if there was one */
 
 #endif

@@ -4,7 +4,8 @@
 #include <string.h>
 
 #include "base/report.h"
-#include "messages.h"
+#include "common/messages.h"
+#include "common/wake.h"
 #include "trocar_command_t.h"
 #include "trocar_loop_timing_t.h"
 #include "trocar_probe_wrench_t.h"

@@ -2,11 +2,11 @@
 #ifndef TROCAR_HAPTIC_H
 #define TROCAR_HAPTIC_H
 
+#include "common/handover.h"
+#include "coupling/virtual_coupling.h"
 #include "exchange.h"
-#include "handover.h"
-#include "safety_limits.h"
+#include "intake/safety_limits.h"
 #include "loop.h"
-#include "virtual_coupling.h"
 
 /* State of one needle. A needle without owner, or with a silent device, does not affect the others. */
 typedef struct {

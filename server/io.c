@@ -5,9 +5,10 @@
 #include <stdio.h>
 #include <string.h>
 
-#include "network.h"
-#include "realtime.h"
-#include "timing.h"
+#include "common/network.h"
+#include "common/realtime.h"
+#include "common/timing.h"
+#include "common/wake.h"
 #include "trocar_command_reply_t.h"
 #include "trocar_needle_wrench_t.h"
 #include "trocar_probe_wrench_t.h"

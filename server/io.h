@@ -6,9 +6,9 @@
 #include <semaphore.h>
 
 #include "exchange.h"
+#include "intake/pose_arbiter.h"
+#include "intake/probe_arbiter.h"
 #include "lcm_filter.h"
-#include "pose_arbiter.h"
-#include "probe_arbiter.h"
 
 /* Channels that it subscribes to; the packet filter may drop everything else. */
 extern const packet_wishes IO_PACKETS;

@@ -3,8 +3,8 @@
 #define TROCAR_LOOP_H
 
 #include "base/triple_buffer.h"
+#include "common/timing.h"
 #include "phase_lock.h"
-#include "timing.h"
 
 /* Timing information for a tick. */
 typedef struct {

@@ -7,6 +7,7 @@
 #include <sys/eventfd.h>
 #include <unistd.h>
 
+#include "common/wake.h"
 #include "condense.h"
 #include "exchange.h"
 #include "io.h"

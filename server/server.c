@@ -13,12 +13,12 @@
 #include <time.h>
 #include <unistd.h>
 
+#include "common/progress.h"
+#include "common/realtime.h"
+#include "common/session.h"
 #include "haptic.h"
 #include "io.h"
 #include "lcm_filter.h"
-#include "progress.h"
-#include "realtime.h"
-#include "session.h"
 #include "telemetry.h"
 #include "trocar_needle_wrench_t.h"
 

@@ -5,9 +5,9 @@
 #include <string.h>
 #include <unistd.h>
 
+#include "common/network.h"
+#include "common/realtime.h"
 #include "lcm_filter.h"
-#include "network.h"
-#include "realtime.h"
 #include "trocar_loop_timing_t.h"
 #include "trocar_status_t.h"
 

@@ -6,10 +6,10 @@
 
 #include <lcm/lcm.h>
 
+#include "common/viewer_messages.h"
 #include "exchange.h"
-#include "pose_arbiter.h"
+#include "intake/pose_arbiter.h"
 #include "loop.h"
-#include "viewer_messages.h"
 #include "worker.h"
 
 typedef struct {

@@ -3,7 +3,8 @@
 #include <errno.h>
 #include <poll.h>
 
-#include "realtime.h"
+#include "common/realtime.h"
+#include "common/wake.h"
 
 /* `why`: NULL if there is no fault any more. */
 static void show_fault(worker *w, const report *why) {

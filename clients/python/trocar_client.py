@@ -8,7 +8,7 @@
             wrench = server.newest()
             ...                                               # render wrench.force and wrench.torque
 
-It does what clients/trocar_client.h does, with the same watchdog, limits and commands. Python is not for real time: for a device that renders
+It does what clients/client/trocar_client.h does, with the same watchdog, limits and commands. Python is not for real time: for a device that renders
 force at 1 kHz use the C library. Positions and forces may be any sequences of numbers, such as NumPy's arrays; the answers are tuples.
 
 Frames: the scene's world frame, in metres. Quaternions are w, x, y, z. The needle's axis is its local +z, from base to tip, and its bevel

@@ -8,19 +8,19 @@
 #include <sys/eventfd.h>
 #include <unistd.h>
 
-#include "chromium.h"
-#include "events.h"
-#include "exchange.h"
-#include "homes.h"
-#include "implant.h"
-#include "json.h"
+#include "common/realtime.h"
+#include "common/timing.h"
+#include "common/wake.h"
 #include "lcm_filter.h"
-#include "options.h"
-#include "output.h"
-#include "pilot.h"
-#include "playback.h"
-#include "realtime.h"
-#include "timing.h"
+#include "shared/events.h"
+#include "shared/json.h"
+#include "shared/options.h"
+#include "shared/output.h"
+#include "view/hand/homes.h"
+#include "view/hand/pilot.h"
+#include "view/implant/implant.h"
+#include "view/stream/playback.h"
+#include "view/web/chromium.h"
 #include "view_options.h"
 
 static const int64_t PICTURE_PATIENCE = 60000000000; /* ns */

@@ -5,7 +5,7 @@
 #include <stdio.h>
 #include <string.h>
 
-#include "options.h"
+#include "shared/options.h"
 
 const char *argp_program_version = "trocar-view " TROCAR_VERSION;
 error_t argp_err_exit_status = EXIT_BAD_INPUT;

@@ -2,8 +2,8 @@
 #ifndef TROCAR_VIEW_OPTIONS_H
 #define TROCAR_VIEW_OPTIONS_H
 
-#include "implant.h"
-#include "web.h"
+#include "view/implant/implant.h"
+#include "view/web/web.h"
 
 /* Content and size of a picture. */
 typedef struct {

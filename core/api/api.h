@@ -5,11 +5,11 @@
 #include <stdatomic.h>
 
 #include "api/worker_protocol.h"
-#include "scene/scene.h"
 #include "insertion/simulation.h"
 #include "probe/probe.h"
-#include "remesh/refined_mesh.h"
+#include "refinement/refined_mesh.h"
 #include "resting/resting_set.h"
+#include "scene/scene.h"
 
 struct trocar_scene {
     scene values;

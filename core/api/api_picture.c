@@ -5,7 +5,7 @@
 #include "api/ticking.h"
 #include "api/view.h"
 #include "base/flush_denormals.h"
-#include "remesh/free_displacement.h"
+#include "snapshot/free_displacement.h"
 #include "tissue/blas.h"
 
 trocar_status trocar_picture_create(trocar_model *model, trocar_picture **created, trocar_error *error) {

@@ -4,7 +4,7 @@
 #include <string.h>
 
 #include "base/flush_denormals.h"
-#include "remesh/free_displacement.h"
+#include "snapshot/free_displacement.h"
 
 trocar_pose pose_out(pose base) {
     vec3 x = base.position;

@@ -3,7 +3,7 @@
 #include <string.h>
 
 #include "base/flush_denormals.h"
-#include "remesh/free_displacement.h"
+#include "snapshot/free_displacement.h"
 
 /* ---- what else loads the tissue --------------------------------------------------------------------------------------------- */
 
@@ -26,11 +26,12 @@ static const double AHEAD = 10e-3; /* m, of which the tip goes on before there i
 /* The track of a needle, or of one in the air that which it would cut. */
 static void lay_steps(const trocar_sim *sim, int index, const remesh_request *request, shaft_steps *steps) {
     const mesh *m = &sim->model->parts.mesh;
-    shaft_steps_lay(m, &sim->needles[index].held, AHEAD, steps);
+    double finest = sim->model->parts.insertion.settings.contact_spacing;
+    shaft_steps_lay(m, &sim->needles[index].held, AHEAD, finest, steps);
     if (steps->count > 0 || request->piece_count == 0 || request->wanted.count > 0) return;
     const line_in_tet *in = &request->pieces[0];
     tissue_loads track = {.count = 1, .loads = {{.shaft = {0.0, AHEAD, 0.0, in->point, in->direction, *in}}}};
-    shaft_steps_lay(m, &track, 0.0, steps);
+    shaft_steps_lay(m, &track, 0.0, finest, steps);
 }
 
 /* What the others add to that between the elements' nodes. */

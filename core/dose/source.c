@@ -7,7 +7,7 @@
 #include <string.h>
 
 #include "base/input_file.h"
-#include "scene/yaml_text.h"
+#include "yaml/yaml_text.h"
 
 enum { MAX_FILE = 1 << 20, PLACE_ROOM = 64 };
 

@@ -6,7 +6,7 @@
 
 #include "insertion/state/insertion_model.h"
 #include "insertion/state/insertion_state.h"
-#include "remesh/snapshot.h"
+#include "snapshot/snapshot.h"
 
 enum { MAX_SEEDS = 256, MAX_STRAND = 16 };
 

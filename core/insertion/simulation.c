@@ -7,8 +7,8 @@
 #include "base/cache_line.h"
 #include "base/memory.h"
 #include "insertion/state/local_compliance.h"
-#include "remesh/free_displacement.h"
-#include "remesh/refined_field.h"
+#include "refinement/refined_field.h"
+#include "snapshot/free_displacement.h"
 #include "tissue/blas.h"
 
 region_material region_defaults(void) {
@@ -25,7 +25,8 @@ void simulation_defaults(simulation_config *config) {
         .seeds = {.length = 4.5e-3, .diameter = 0.8e-3, .spacing = 10e-3},
         .probe = {.shape = {.radius = 10e-3, .tip_radius = 10e-3, .length = 0.15}, .max_force = 35.0, .start = {v3(NAN, NAN, NAN), {1, 0, 0, 0}}},
         .insertion = {.contact_spacing = 2e-3, .weakening_distance = 1e-3, .prefetch_distance = 15e-3, .longest_step = 1e-3,
-                      .most_steps = 4, .track_reach = 1.0, .track_angle = 0.09, .max_passes = 8, .tolerance = 1e-8},
+                      .most_steps = 4, .track_reach = 1.0, .track_angle = 0.09, .max_passes = 8, .tolerance = 1e-8,
+                      .bone_compliance = 8e-5, .surface_friction = 0.5, .gradient_span = 5e-3},
         .remeshing = REMESH_NESTED,
         .inverse = INVERSE_AUTO,
         .volumetric = STRAIN_BY_PATCH,

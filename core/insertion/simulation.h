@@ -2,12 +2,12 @@
 #ifndef TROCAR_SIMULATION_H
 #define TROCAR_SIMULATION_H
 
+#include "condensed/inverse_choice.h"
 #include "insertion/seeds.h"
 #include "insertion/step/insertion.h"
-#include "inverse/inverse_choice.h"
+#include "mesh/region_of_interest.h"
 #include "probe/probe.h"
 #include "remesh/remesh.h"
-#include "tissue/region_of_interest.h"
 
 typedef struct { char name[MESH_NAME]; region_material material; } region_config;
 typedef struct { char name[MESH_NAME]; double puncture_force; } membrane_config;

@@ -4,7 +4,7 @@
 #include <string.h>
 
 #include "linalg/complementarity.h"
-#include "remesh/free_displacement.h"
+#include "snapshot/free_displacement.h"
 
 enum { LD = 3 * MAX_PRESSED };
 enum { MOST_ITERATIONS = 50 }; /* iterations: of Newton's method in one solution; the next solution continues from there. Effort */

@@ -4,7 +4,7 @@
 #define TROCAR_PROBE_H
 
 #include "probe/probe_shape.h"
-#include "remesh/snapshot.h"
+#include "snapshot/snapshot.h"
 
 enum { MAX_PRESSED = 256 };  /* limit on nodes and on points that take part; of a larger surface, those closest to the probe */
 

@@ -4,7 +4,7 @@
 #define TROCAR_REMESH_H
 
 #include "inverse/inverse.h"
-#include "remesh/snapshot.h"
+#include "snapshot/snapshot.h"
 
 /* How the inverse follows the changes of the mesh. Both form rows at the handles only, whatever the mesh's size, and take every kind of contact
    node, but for nested, which moves none. */

@@ -3,9 +3,9 @@
 #define TROCAR_REMESH_METHOD_H
 
 #include "inverse/inverse.h"
-#include "remesh/free_displacement.h"
-#include "remesh/patch.h"
-#include "remesh/snapshot.h"
+#include "refinement/patch.h"
+#include "snapshot/free_displacement.h"
+#include "snapshot/snapshot.h"
 
 typedef struct remesher remesher; /* remesh.h */
 

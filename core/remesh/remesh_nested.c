@@ -11,7 +11,7 @@
 #include <string.h>
 
 #include "base/cache_line.h"
-#include "remesh/refined_field.h"
+#include "refinement/refined_field.h"
 
 static const double ROUNDING = 1e-12; /* 1: a barycentric weight below this is that of a node on the opposite face. Rounding */
 

@@ -49,7 +49,7 @@ static void take_rows(const mesh *m, const insertion_state *state, resting_needl
 
 static void take_places(const insertion_model *model, const insertion_state *state, resting_needle *r) {
     insertion_place_loads(model, state, &r->places);
-    shaft_steps_lay(model->mesh, &r->places, 0.0, &r->steps);
+    shaft_steps_lay(model->mesh, &r->places, 0.0, model->settings.contact_spacing, &r->steps);
 }
 
 int resting_place(const resting_needle *r, int u) {

@@ -5,7 +5,7 @@
 
 #include "insertion/state/tick.h"
 #include "inverse/inverse_attached.h"
-#include "remesh/needle_pairs.h"
+#include "snapshot/needle_pairs.h"
 
 enum { MAX_MOTIONS = 5 };    /* of its base: all but the turn about the needle's axis, which friction resists */
 

@@ -3,7 +3,7 @@
 #include <stdlib.h>
 #include <string.h>
 
-#include "remesh/free_displacement.h"
+#include "snapshot/free_displacement.h"
 
 enum { AT_ONCE = 6 };
 enum { MOST_SWEEPS = 500 }; /* sweeps: of Gauss and Seidel's method over a needle's points. Effort */

@@ -2,8 +2,8 @@
 #ifndef TROCAR_RESTING_SET_H
 #define TROCAR_RESTING_SET_H
 
-#include "remesh/snapshot.h"
 #include "resting/resting_needle.h"
+#include "snapshot/snapshot.h"
 
 typedef struct {
     inverse *inverse;        /* attached */

@@ -133,6 +133,12 @@ const row SCENE_TABLE[] = {
      .doc = "of the path ahead of the tip for which the worker prepares elements"},
     {"contact.max_passes", "", COUNT, OF(simulation.insertion.max_passes), &PASSES, .doc = "Newton passes in a step, at most"},
     {"contact.tolerance", "m", NUMBER, OF(simulation.insertion.tolerance), &POSITIVE, .doc = "error of the needle's shape at which passes stop"},
+    {"contact.bone_compliance", "m/N", NUMBER, OF(simulation.insertion.bone_compliance), &POSITIVE,
+     .doc = "of bone under the tip: a fixed surface, or one with nothing behind it, with puncture_force .inf"},
+    {"contact.surface_friction", "", NUMBER, OF(simulation.insertion.surface_friction), &NOT_NEGATIVE,
+     .doc = "friction coefficient of the tip on a surface that it has not punctured"},
+    {"contact.gradient_span", "m", NUMBER, OF(simulation.insertion.gradient_span), &POSITIVE,
+     .doc = "before and behind the tip, between which the tissue's displacement gradient is taken, along which the tip is led"},
 
     {"tracks.reach", "", NUMBER, OF(simulation.insertion.track_reach), &NOT_NEGATIVE,
      .doc = "distance, in needle diameters, within which an old track and its punctures are open to the tip; 0: tissue closes behind the needle"},

@@ -3,7 +3,7 @@
 #define TROCAR_SCENE_VALUE_H
 
 #include "scene/scene_table.h"
-#include "scene/yaml_text.h"
+#include "yaml/yaml_text.h"
 
 /* The first fault; later ones are ignored. */
 typedef struct {

@@ -2,7 +2,7 @@
 #ifndef TROCAR_STRAIN_PATCHES_H
 #define TROCAR_STRAIN_PATCHES_H
 
-#include "tissue/mesh.h"
+#include "mesh/mesh.h"
 
 /* Divides the mesh into patches of tetrahedra that are in one region and connected by faces. A patch usually has 8 tetrahedra, a few more if
    remainders were added, and fewer than 4 only if a connected part of a region has no more. Sets patch[tet_count], numbered from 0, and the number of

@@ -5,7 +5,7 @@
 #include <stdatomic.h>
 #include <suitesparse/cholmod.h>
 
-#include "tissue/mesh.h"
+#include "mesh/mesh.h"
 
 /* Material of a region. */
 typedef struct {

@@ -1,4 +1,4 @@
-"""Shows what trocar-slicer sends. For 3D Slicer's Python console, with the extension SlicerOpenIGTLink; see docs/slicer.md."""
+"""Shows what trocar-slicer sends. For 3D Slicer's Python console, with the extension SlicerOpenIGTLink; see docs/devices/slicer.md."""
 import json
 
 import slicer

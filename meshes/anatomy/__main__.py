@@ -7,7 +7,8 @@ import tempfile
 
 import numpy as np
 
-from . import approach, check, contours, limits, materials, meshing, options, organ as organs_in, picture, pipeline, quality, scene, sources, voxels
+from . import approach, check, limits, materials, meshing, options, organ as organs_in, picture, pipeline, quality, scene, sources
+from .shapes import contours, voxels
 from .trouble import BadFile
 
 MOST_GROUPS = 32            # of a mesh, of all dimensions

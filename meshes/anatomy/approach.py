@@ -4,8 +4,8 @@ import dataclasses
 import numpy as np
 import vtk
 
-from . import shells
-from .contours import Unusable
+from .shapes import shells
+from .shapes.contours import Unusable
 
 AHEAD = 1e-3            # m from the tip to the skin before the insertion
 NEEDLE = 0.2            # m, length of the scene's needle, unless the target is deeper:

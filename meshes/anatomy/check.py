@@ -2,7 +2,7 @@
 import sys
 
 from . import binding, limits
-from .contours import Unusable
+from .shapes.contours import Unusable
 
 WHOLE = 10000               # nodes: of larger meshes only the mesh and its names are read, as the inverse takes minutes
 

@@ -3,9 +3,10 @@ import dataclasses
 
 import numpy as np
 
-from . import labels, meshing
-from .contours import Unusable
-from .label_image import OUTSIDE
+from . import meshing
+from .shapes import labels
+from .shapes.contours import Unusable
+from .shapes.label_image import OUTSIDE
 from .organ import in_ml, note_left_out, placed
 
 MOST_LOSS = 0.10        # of a region's volume: meshes with a larger error are refused

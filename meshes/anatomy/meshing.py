@@ -9,12 +9,13 @@ import tempfile
 import gmsh
 import numpy as np
 
-from . import label_image, labels, limits, quality, relocate, session
-from .label_image import OUTSIDE
-from .contours import Unusable
-from .loft import mesh_shell
+from . import limits, quality, relocate, session
+from .shapes import label_image, labels
+from .shapes.label_image import OUTSIDE
+from .shapes.contours import Unusable
+from .shapes.loft import mesh_shell
 from .session import current_mesh
-from .shells import Shell, crossings, decimated, distances
+from .shapes.shells import Shell, crossings, decimated, distances
 
 GROWTH = 4.0            # ratio of element sizes at the box's corners and in the gland
 CORRIDOR = 0.5          # ratio in the corridor

@@ -5,8 +5,9 @@ import unicodedata
 
 import numpy as np
 
-from . import contours, field, label_image, materials, shells
-from .contours import Unusable
+from . import materials
+from .shapes import contours, field, label_image, shells
+from .shapes.contours import Unusable
 
 SHORT = 20.0            # mm: if the largest region is shorter, the unit may be another one,
 SMALL = 100.0           # mm^3: and if that is smaller,

@@ -5,7 +5,7 @@ import numpy as np
 import vtk
 
 from . import quality  # sets matplotlib up
-from . import shells
+from .shapes import shells
 from .quality import plt
 
 PANELS = 60     # at most

@@ -5,8 +5,9 @@ import os
 
 import numpy as np
 
-from . import approach, field, limits, losses, loft, materials, meshing, shells
-from .contours import Unusable
+from . import approach, limits, losses, materials, meshing
+from .shapes import field, loft, shells
+from .shapes.contours import Unusable
 from .organ import Organ, in_ml
 
 SKIN_DEPTH = 35.0       # mm from the skin to the gland

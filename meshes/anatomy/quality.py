@@ -13,7 +13,7 @@ matplotlib.rcParams["svg.fonttype"] = "none"      # keep text as text
 matplotlib.rcParams["svg.hashsalt"] = "trocar"    # reproducible output
 import matplotlib.pyplot as plt  # noqa: E402
 
-from .shells import Shell  # noqa: E402
+from .shapes.shells import Shell  # noqa: E402
 
 LEAST_ANGLE, GREATEST_ANGLE = 9.94, 159.49        # deg, range of the paper's mesh, which a mesh should not exceed
 PAPER = {"nodes": "570", "tetrahedra": "2801", "edges, mm": "3.06 to 24.04", "dihedral angles, deg": "9.94 to 159.49",

@@ -10,8 +10,9 @@ import pydicom
 import vtk
 from vtk.util.numpy_support import vtk_to_numpy
 
-from . import dicom, quality, session, shells, voxels
-from .contours import Rings, Unusable
+from . import dicom, quality, session
+from .shapes import shells, voxels
+from .shapes.contours import Rings, Unusable
 from .trouble import BadFile
 
 OUTLINES, IMAGES, SURFACES = (".dcm", ".csv"), (".nii", ".nii.gz", ".nrrd", ".nhdr"), (".stl", ".ply", ".obj", ".vtp")

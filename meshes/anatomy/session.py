@@ -3,7 +3,7 @@ import gmsh
 import numpy as np
 
 from . import quality
-from .shells import Shell
+from .shapes.shells import Shell
 
 _running = False
 

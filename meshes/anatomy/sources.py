@@ -7,7 +7,8 @@ import signal
 
 import numpy as np
 
-from . import contours, limits, materials, organ, reading, voxels
+from . import limits, materials, organ, reading
+from .shapes import contours, voxels
 from .trouble import BadFile, Empty
 
 DAMAGED = "damaged, or not what its name says"

@@ -16,7 +16,9 @@ import pydicom
 import vtk
 
 from anatomy_cases import SOURCE, ellipse, ellipsoid, ellipsoid_volume
-from anatomy import __main__ as command, meshing, organ, picture, quality, reading, session, shells, sources, stress
+from anatomy import __main__ as command, meshing, organ, picture, quality, reading, session, sources
+from anatomy.shapes import shells
+from anatomy.trials import stress
 
 PROGRAMS = os.path.join(SOURCE, "build/clients")
 SHIPPED = os.path.join(SOURCE, "meshes/synthetic.dcm")

@@ -6,7 +6,7 @@ import unittest
 import numpy as np
 
 from anatomy_cases import ellipse, ellipsoid, ellipsoid_volume
-from anatomy import contours
+from anatomy.shapes import contours
 
 SQUARE = np.array([[0, 0, 5], [10, 0, 5], [20, 0, 5], [20, 10, 5], [20, 20, 5], [0, 20, 5], [0, 10, 5]], float)
 

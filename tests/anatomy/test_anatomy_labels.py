@@ -16,7 +16,9 @@ import numpy as np
 import pydicom
 
 from anatomy_cases import ellipsoid_volume
-from anatomy import __main__ as command, approach, contours, inputs, label_image, label_stress, materials, meshing, options, organ, pipeline, quality, reading, scene, session, shells, trouble, voxels
+from anatomy import __main__ as command, approach, materials, meshing, options, organ, pipeline, quality, reading, scene, session, trouble
+from anatomy.shapes import contours, label_image, shells, voxels
+from anatomy.trials import inputs, label_stress
 
 SPACING = (1.0, 1.25, 2.0)
 MIDDLE = np.array([30.0, -20.0, 100.0])    # LPS, mm, of the left of two half balls that touch

@@ -9,7 +9,8 @@ import unittest
 import unittest.mock
 
 from anatomy_cases import SOURCE
-from anatomy import contours, limits
+from anatomy import limits
+from anatomy.shapes import contours
 
 FOREVER = """
 import time

@@ -4,9 +4,11 @@ import tempfile
 import unittest
 
 import anatomy_cases  # noqa: F401  puts the sources on the path
-from anatomy import contours, patient, session, stress
+from anatomy import session
+from anatomy.shapes import contours
+from anatomy.trials import patient, stress
 
-NUMBER = 11     # of the patients of `python3 -m anatomy.stress`; all fifty: meshes/stress.md
+NUMBER = 11     # of the patients of `python3 -m anatomy.trials.stress`; all fifty: meshes/stress.md
 
 
 class Patients(unittest.TestCase):

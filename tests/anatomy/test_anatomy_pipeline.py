@@ -10,7 +10,9 @@ import unittest.mock
 import numpy as np
 
 from anatomy_cases import SOURCE, ellipse, ellipsoid
-from anatomy import contours, field, limits, losses, materials, meshing, organ, patient, pipeline, quality, scene, session, shells
+from anatomy import limits, losses, materials, meshing, organ, pipeline, quality, scene, session
+from anatomy.shapes import contours, field, shells
+from anatomy.trials import patient
 
 
 class Names(unittest.TestCase):

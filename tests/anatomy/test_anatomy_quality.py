@@ -5,7 +5,8 @@ import unittest
 import numpy as np
 
 import anatomy_cases  # noqa: F401  puts the sources on the path
-from anatomy import quality, relocate, shells
+from anatomy import quality, relocate
+from anatomy.shapes import shells
 
 REGULAR = quality.Mesh(np.array([[1, 1, 1], [1, -1, -1], [-1, 1, -1], [-1, -1, 1.0]]), np.array([[0, 1, 2, 3]]), np.array([0]), ["x"])
 # A cube's corner and its mirror image, on one face.

@@ -16,8 +16,9 @@ import numpy as np
 import scipy.ndimage
 
 from anatomy_cases import SOURCE, ellipse, ellipsoid, ellipsoid_volume
-from anatomy import __main__ as command, approach, binding, cases, check, contours, inputs, label_stress, labels, limits, losses, materials, meshing, options, organ, pipeline, \
-    quality, reading, scene, session, shells, sources, torso, trouble, voxels
+from anatomy import __main__ as command, approach, binding, check, limits, losses, materials, meshing, options, organ, pipeline, quality, reading, scene, session, sources, trouble
+from anatomy.shapes import contours, labels, shells, voxels
+from anatomy.trials import cases, inputs, label_stress, torso
 
 LIBRARY = os.path.join(SOURCE, "build/core/libtrocar.so")
 
@@ -221,7 +222,7 @@ class Files(Case):
     def test_a_sheet_of_one_voxel_takes_no_more_memory_than_another_label(self):
         sheet = np.zeros((120, 160, 160), np.uint8)
         sheet[60] = 1
-        code = ("import sys, resource, numpy as np\nsys.path.insert(0, sys.argv[1])\nfrom anatomy import voxels, label_image, organ\n"
+        code = ("import sys, resource, numpy as np\nsys.path.insert(0, sys.argv[1])\nfrom anatomy import organ\nfrom anatomy.shapes import label_image, voxels\n"
                 "found = voxels.outlined(voxels.LabelMap([np.load('sheet.npy')], np.eye(4), {'x': voxels.Segment(0, 1)}), ['x'])['x']\n"
                 "label_image.image_of([organ.of_label('x', 'x', False, found).shells], 6.0)\nprint(resource.getrusage(resource.RUSAGE_SELF).ru_maxrss)")
         np.save("sheet.npy", sheet)

@@ -7,7 +7,8 @@ import numpy as np
 import vtk
 
 from anatomy_cases import ellipse, ellipsoid, ellipsoid_volume, trousers
-from anatomy import contours, field, label_image, labels, loft, meshing, organ, session, shells
+from anatomy import meshing, organ, session
+from anatomy.shapes import contours, field, label_image, labels, loft, shells
 
 
 def stack(rings):

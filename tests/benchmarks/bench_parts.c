@@ -1,8 +1,8 @@
 /* Benchmarks of the library's parts, which trocar.h does not reach: methods of remeshing, and single contact nodes. */
-#include "bench_main.h"
+#include "bench/bench_main.h"
 #include "bench_remesh.h"
 #include "bench_scale.h"
-#include "options.h"
+#include "shared/options.h"
 
 const char *argp_program_version = "bench_parts " TROCAR_VERSION;
 error_t argp_err_exit_status = EXIT_BAD_INPUT;

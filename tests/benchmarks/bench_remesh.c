@@ -5,13 +5,13 @@
 #include <stdlib.h>
 #include <string.h>
 
-#include "baseline.h"
-#include "json.h"
-#include "options.h"
-#include "output.h"
+#include "bench/baseline.h"
+#include "oracles/dense_matrix.h"
 #include "remesh_timing.h"
 #include "scene/scene.h"
-#include "oracles/dense_matrix.h"
+#include "shared/json.h"
+#include "shared/options.h"
+#include "shared/output.h"
 
 enum { MAX_SCENES = 16, MAX_ROWS_OF_SCENE = ALL_REMESH_METHODS * (REMESH_CHANGES + MAX_PATCH), SWEEPS = 20 };
 

@@ -6,12 +6,12 @@
 #include <string.h>
 #include <sys/resource.h>
 
-#include "json.h"
-#include "options.h"
-#include "output.h"
-#include "progress.h"
+#include "bench/tick_timing.h"
+#include "common/progress.h"
 #include "scale_timing.h"
-#include "tick_timing.h"
+#include "shared/json.h"
+#include "shared/options.h"
+#include "shared/output.h"
 
 enum { SPEEDS = 3, COUNTS = 6, MAX_SCENES = 32 };
 static const double speeds[SPEEDS] = {0.005, 0.02, 0.05};        /* m/s */

@@ -4,7 +4,7 @@
 #include <stdlib.h>
 #include <unistd.h>
 
-#include "realtime.h"
+#include "common/realtime.h"
 
 void must(trocar_status status, const char *what, const report *why) {
     if (status == TROCAR_OK) return;

@@ -4,7 +4,7 @@
 
 #include <pthread.h>
 
-#include "timing.h"
+#include "common/timing.h"
 #include "worker.h"
 
 typedef struct {

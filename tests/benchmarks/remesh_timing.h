@@ -2,8 +2,8 @@
 #ifndef TROCAR_REMESH_TIMING_H
 #define TROCAR_REMESH_TIMING_H
 
+#include "common/timing.h"
 #include "oracles/remesh_methods.h"
-#include "timing.h"
 
 typedef enum { ADD_INSIDE, ADD_ON_FACE, MOVE_NODE, REMESH_CHANGES } remesh_change;
 

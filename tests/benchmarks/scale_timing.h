@@ -9,8 +9,8 @@
 #include <stdbool.h>
 
 #include "base/report.h"
-#include "motion.h"
-#include "timing.h"
+#include "common/timing.h"
+#include "shared/motion.h"
 #include "trocar.h"
 
 typedef struct {

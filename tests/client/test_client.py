@@ -25,12 +25,12 @@ import threading
 import time
 
 BUILD, SOURCE, LANGUAGE = sys.argv[1:4]
-HERE, CLIENTS = f"{SOURCE}/tests/client", f"{SOURCE}/clients"
+HERE, CLIENTS = f"{SOURCE}/tests/client", f"{SOURCE}/clients/client"
 NEAR, PORT, FAR = "239.255.76.67", 7667, "239.255.76.68:7668"
 LOSS, TWICE, DELAY = 0.1, 0.05, 0.004
 NEEDED = {"windows": {"x86_64-w64-mingw32-gcc": "gcc-mingw-w64-x86-64-win32", "wine": "wine64 and wine"}, "csharp": {"mcs": "mono-mcs", "mono": "mono-runtime"}}
 NEEDED["unity"] = NEEDED["csharp"]
-BRIDGES = {"csharp": [f"{HERE}/Insertion.cs"], "unity": [f"{HERE}/UnityInsertion.cs", f"{CLIENTS}/csharp/TrocarNeedle.cs", f"{SOURCE}/tests/project/standins/UnityEngine.cs"]}
+BRIDGES = {"csharp": [f"{HERE}/Insertion.cs"], "unity": [f"{HERE}/UnityInsertion.cs", f"{CLIENTS}/TrocarNeedle.cs", f"{SOURCE}/tests/project/standins/UnityEngine.cs"]}
 
 sys.path.insert(0, f"{SOURCE}/tests/shared")
 sys.dont_write_bytecode = True
@@ -52,7 +52,7 @@ def build(folder):
     if LANGUAGE == "python":
         return ["/usr/bin/python3", "-I", "-W", "error", f"{HERE}/insertion.py"]
     if LANGUAGE in BRIDGES:
-        subprocess.run(["mcs", "-langversion:7", "-warn:4", "-warnaserror", f"-out:{folder}/Insertion.exe", f"{CLIENTS}/csharp/TrocarClient.cs", *BRIDGES[LANGUAGE]],
+        subprocess.run(["mcs", "-langversion:7", "-warn:4", "-warnaserror", f"-out:{folder}/Insertion.exe", f"{CLIENTS}/TrocarClient.cs", *BRIDGES[LANGUAGE]],
                        check=True)
         return ["mono", f"{folder}/Insertion.exe"]
     subprocess.run(["x86_64-w64-mingw32-gcc", "-std=c99", "-Wall", "-Wextra", "-Wpedantic", "-Werror", "-O2", f"-I{CLIENTS}", "-o", f"{folder}/insertion.exe",

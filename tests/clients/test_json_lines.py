@@ -1,5 +1,5 @@
 #!/usr/bin/python3
-"""trocar-replay --json-lines has the values of --csv, to the last bit, under the names that docs/plotting.md gives.
+"""trocar-replay --json-lines has the values of --csv, to the last bit, under the names that docs/studies/plotting.md gives.
 
 usage: test_json_lines.py BUILD_DIR SOURCE_DIR
 """
@@ -42,7 +42,7 @@ def expected(row):
 
 
 def layout_curves():
-    """The curves of the layout that docs/plotting.md offers for CSV."""
+    """The curves of the layout that docs/studies/plotting.md offers for CSV."""
     return re.findall('<curve name="([^"]+)"', (SOURCE / "docs/examples/plotjuggler-csv.xml").read_text())
 
 

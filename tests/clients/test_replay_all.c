@@ -13,7 +13,7 @@
 #include <unistd.h>
 
 #include "base/vec.h"
-#include "poselog.h"
+#include "shared/poselog.h"
 #include "trocar.h"
 
 #include <cmocka.h>

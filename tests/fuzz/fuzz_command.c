@@ -2,7 +2,7 @@
    machine. */
 #include "fuzz.h"
 
-#include "pose_arbiter.h"
+#include "intake/pose_arbiter.h"
 #include "scene/device.h"
 #include "trocar_command_t.h"
 

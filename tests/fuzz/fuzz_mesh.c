@@ -4,7 +4,7 @@
 
 #include <math.h>
 
-#include "tissue/mesh.h"
+#include "mesh/mesh.h"
 
 /* Gmsh leaks when it gives up in the middle of a file. */
 const char *__lsan_default_suppressions(void);

@@ -4,7 +4,7 @@
 
 #include <string.h>
 
-#include "message_fit.h"
+#include "common/message_fit.h"
 #include "trocar_command_reply_t.h"
 #include "trocar_contacts_t.h"
 #include "trocar_deformation_t.h"

@@ -4,7 +4,7 @@
 
 #include <string.h>
 
-#include "pose_arbiter.h"
+#include "intake/pose_arbiter.h"
 #include "scene/device.h"
 
 enum { NEEDLES = 2 };

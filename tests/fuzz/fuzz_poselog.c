@@ -6,8 +6,8 @@
 #include <math.h>
 #include <string.h>
 
-#include "safety_limits.h"
-#include "poselog.h"
+#include "intake/safety_limits.h"
+#include "shared/poselog.h"
 
 static void read_wrenches(const char *path) {
     wrench_log log;

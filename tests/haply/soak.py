@@ -1,5 +1,5 @@
 #!/usr/bin/python3
-"""Runs trocar-haply by hand for minutes, and prints the figures of docs/haply.md: the time from a state to the force that answers it, the time
+"""Runs trocar-haply by hand for minutes, and prints the figures of docs/devices/haply.md: the time from a state to the force that answers it, the time
 until there is no force after either side has stopped, and random faults of both sides.
 
 usage: soak.py BUILD_DIR SOURCE_DIR [--minutes N] [--seed N]     defaults: 10 minutes of faults, seed 1

@@ -2,7 +2,7 @@
 #ifndef TROCAR_ORACLES_REFINEMENT_MOVE_H
 #define TROCAR_ORACLES_REFINEMENT_MOVE_H
 
-#include "remesh/refinement.h"
+#include "refinement/refinement.h"
 
 /* Moves the closest corner of the face of its leaf that x in `tet` is closest to, to x. Returns the slot, or -1 where it must stay: an anatomical,
    fixed, added or moved node, one whose elements would be inverted or too flat, one with too many neighbours, or the list is full. */

@@ -303,7 +303,7 @@ def check_examples(source):
     for path in sorted((source / "docs/examples").glob("bridge*.c*")):
         compiler = ["c++", "-std=c++17"] if path.suffix == ".cpp" else ["cc", "-std=gnu17"]
         done = subprocess.run([*compiler, "-Wall", "-Wextra", "-Wpedantic", "-Werror", "-fsyntax-only", f"-I{source}/tests/project/standins",
-                               f"-I{source}/clients", path], capture_output=True, text=True)
+                               f"-I{source}/clients/client", path], capture_output=True, text=True)
         if done.returncode != 0:
             faults.append(f"{path.name}:\n{done.stderr}")
     return faults

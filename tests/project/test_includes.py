@@ -1,18 +1,28 @@
 #!/usr/bin/env python3
-"""The mechanics have no circular includes, neither between files (a .c and its .h count as one) nor between folders; and only kernels, and
-headers and sources of linalg, include vector types."""
+"""The order of the source tree.
+
+Core, server and clients have no circular includes, neither between files (a .c and its .h count as one) nor between folders. A folder of core includes
+only those above it in the table in core/README.md. Of server/, the clients include only common/ and intake/. Only kernels, and headers and sources of
+linalg, include vector types. No folder has more than 25 files, and each of core, server, clients and tests has a README of at most 150 lines.
+
+usage: test_includes.py SOURCE_DIR
+"""
+import collections
 import pathlib
 import re
+import subprocess
 import sys
 
 
-def includes(root):
-    """The units (paths without suffix) that each unit includes."""
-    files = {path.relative_to(root).as_posix(): path for path in root.rglob('*.[ch]')}
+def includes(root, *parts):
+    """The units (paths without suffix, relative to root) that each unit includes; those of the parts only, if any are given."""
+    files = {path.relative_to(root).as_posix(): path for part in parts or ('.',) for path in (root / part).rglob('*.[ch]') if 'node_modules' not in path.parts}
     graph = {}
     for name, path in files.items():
         found = re.findall(r'^\s*#\s*include\s+"([^"]+)"', path.read_text(), re.MULTILINE)
-        graph.setdefault(name[:-2], set()).update(other[:-2] for other in found if other in files and other[:-2] != name[:-2])
+        beside = name.rpartition('/')[0]
+        named = [next((file for file in (f'{beside}/{other}', other, *(f'{part}/{other}' for part in parts)) if file in files), None) for other in found]
+        graph.setdefault(name[:-2], set()).update(file[:-2] for file in named if file and file[:-2] != name[:-2])
     return graph
 
 
@@ -46,6 +56,51 @@ def circles(graph):
     return found
 
 
+def floors(readme):
+    """The folders of the table in core/README.md, from the ground up."""
+    table = readme.partition('## Folders')[2].partition('\n## ')[0]
+    return re.findall(r'^\| \[`(\w+)`\]', table, re.MULTILINE)
+
+
+def upward(graph, order):
+    """Includes of a folder that is above the includer's own."""
+    def floor(unit):
+        return order.index(unit.partition('/')[0])
+    return [f'{unit} includes {other}, which is above it' for unit in sorted(graph) if '/' in unit
+            for other in sorted(graph[unit]) if '/' in other and floor(other) > floor(unit)]
+
+
+SHARED = ('server/common/', 'server/intake/')   # what the clients may see of the server
+
+
+def reaching(graph):
+    """Includes of the server's own files by clients, and of clients by the server."""
+    return [f'{unit} includes {other}' for unit in sorted(graph) for other in sorted(graph[unit])
+            if unit.split('/')[0] != other.split('/')[0] and not (unit.startswith('clients/') and other.startswith(SHARED))]
+
+
+MOST_FILES, MOST_LINES = 25, 150
+TO_DIVIDE = {'docs/results', 'scripts', 'tests/verification'}   # still larger
+
+
+def crowded(files):
+    """Folders with more than MOST_FILES of these files."""
+    counts = collections.Counter(file.rpartition('/')[0] or '.' for file in files)
+    return [f'{folder} has {count} files; at most {MOST_FILES}' for folder, count in sorted(counts.items()) if count > MOST_FILES and folder not in TO_DIVIDE]
+
+
+def undescribed(root, files):
+    """Of core, server, clients and tests and the folders in them, those without a README, or with too long a one."""
+    faults = []
+    for folder in sorted({match[0] for match in (re.match(r'(core|server|clients|tests)(/[^/]+(?=/))?', file) for file in files) if match}):
+        readme = root / folder / 'README.md'
+        if not readme.is_file():
+            faults.append(f'{folder} has no README.md')
+        elif len(readme.read_text().splitlines()) > MOST_LINES:
+            faults.append(f'{folder}/README.md has more than {MOST_LINES} lines')
+    return faults
+
+
 VECTORS = {f'linalg/{name}' for name in ('simd4', 'simd_wide', 'vec_simd4', 'row_matrix')}
 
 
@@ -56,18 +111,33 @@ def leaks(graph):
 
 def main():
     assert circles({'a': {'b'}, 'b': {'c'}, 'c': {'a'}}) == [['a', 'b', 'c', 'a']] and not circles({'a': {'b', 'c'}, 'b': {'c'}})
-    graph = includes(pathlib.Path(sys.argv[1]))
-    assert len(graph) > 40, f'only {len(graph)} files under {sys.argv[1]}'
-    bad = circles(graph) + circles(by_folder(graph))
     assert leaks({'a/b': {'linalg/simd4'}, 'a/c_kernels': {'linalg/simd4'}, 'linalg/d': {'linalg/simd4'}}) == ['a/b']
-    assert all(unit in graph for unit in VECTORS), f'{VECTORS - set(graph)} have gone'
-    leaking = leaks(graph)
-    for unit in leaking:
-        print(f'vector types outside of kernels: {unit}', file=sys.stderr)
-    for circle in bad:
-        print('include circle: ' + ' -> '.join(circle), file=sys.stderr)
-    print(f'{len(graph)} files, {len(by_folder(graph))} folders, {len(bad)} circles')
-    return 1 if bad or leaking else 0
+    assert upward({'a/x': {'b/y', 'trocar'}, 'b/y': {'a/x'}}, ['a', 'b']) == ['a/x includes b/y, which is above it']
+    assert reaching({'clients/a/b': {'server/haptic', 'server/common/wake', 'clients/c/d'}, 'server/io': {'clients/a/b', 'server/haptic'}}) == [
+        'clients/a/b includes server/haptic', 'server/io includes clients/a/b']
+    assert crowded([f'a/{i}' for i in range(MOST_FILES)] + ['a/b/c']) == [] and len(crowded([f'a/{i}' for i in range(MOST_FILES + 1)])) == 1
+    root = pathlib.Path(sys.argv[1])
+
+    core = includes(root / 'core')
+    assert len(core) > 40, f'only {len(core)} files in core'
+    assert all(unit in core for unit in VECTORS), f'{VECTORS - set(core)} have gone'
+    order = floors((root / 'core/README.md').read_text())
+    folders = {unit.partition('/')[0] for unit in core if '/' in unit}
+    assert set(order) == folders and len(order) == len(folders), f'the table in core/README.md differs from the folders in {set(order) ^ folders}'
+    programs = includes(root, 'server', 'clients')
+    assert len(programs) > 60 and any(other.startswith(SHARED) for others in programs.values() for other in others), f'only {len(programs)} files in server and clients'
+
+    faults = [f'vector types outside of kernels: {unit}' for unit in leaks(core)] + upward(core, order) + reaching(programs)
+    rings = [circle for graph in (core, programs) for circle in circles(graph) + circles(by_folder(graph))]
+    faults += ['include circle: ' + ' -> '.join(circle) for circle in rings]
+    listed = subprocess.run(['git', '-C', root, 'ls-files'], capture_output=True, text=True, check=False)
+    if listed.returncode == 0:  # a checkout: what is in the repository
+        files = listed.stdout.splitlines()
+        faults += crowded(files) + undescribed(root, files)
+    for fault in faults:
+        print(fault, file=sys.stderr)
+    print(f'{len(core) + len(programs)} files, {len(by_folder(core)) + len(by_folder(programs))} folders, {len(rings)} circles')
+    return 1 if faults else 0
 
 
 if __name__ == '__main__':

@@ -18,7 +18,7 @@ for key in $(grep -oE '[a-z_]+:' "$source/tests/fuzz/corpus/scene/every_key.yaml
     grep -qE "^\| \`[^\`]*\b$key\b" "$work/scene.md" || { echo "FAILED: no key $key in scene.md" >&2; exit 1; }
 done
 # Every option in the programs' tables, every script, and advice about every flag.
-for option in $(sed -nE 's/^    \{"([a-z][a-z-]+)", .*/--\1/p' "$source"/server/main.c "$source"/clients/{device,replay,top,bench_*}.c "$source"/clients/view/view_options.c "$source"/clients/bridges/*/*.c); do
+for option in $(sed -nE 's/^    \{"([a-z][a-z-]+)", .*/--\1/p' "$source"/server/main.c "$source"/clients/{device/device,replay/replay,top/top,bench/bench_*}.c "$source"/clients/view/view_options.c "$source"/clients/bridges/*/*.c); do
     grep -qE "^\| .*\`$option[\`=]" "$work/programs.md" || { echo "FAILED: no option $option in programs.md" >&2; exit 1; }
 done
 for script in "$source"/scripts/*; do

@@ -92,6 +92,59 @@ static void bone_is_no_membrane(void **state) {
     trocar_model_free(model);
 }
 
+/* A rigid needle pressed through the tissue onto a fixed surface: the force is the way divided by contact.bone_compliance, as nothing else yields. */
+static void bone_yields_as_its_key_says(void **state) {
+    (void)state;
+    for (double compliance = 4e-5; compliance < 2e-4; compliance *= 2.0) {
+        trocar_scene *scene = cube_scene(INFINITY);
+        trocar_sim *sim;
+        trocar_output out;
+        OK(trocar_scene_set_number(scene, "contact.bone_compliance", compliance, &why));
+        OK(trocar_scene_set_number(scene, "needle.outer_diameter", 4e-3, &why)); /* far from buckling */
+        OK(trocar_scene_set_number(scene, "regions[body].cutting_force", 0.0, &why));
+        OK(trocar_scene_set_number(scene, "regions[body].friction.static", 0.0, &why));
+        OK(trocar_scene_set_number(scene, "regions[body].friction.kinetic", 0.0, &why));
+        OK(trocar_scene_set_number(scene, "regions[body].friction.viscous", 0.0, &why));
+        OK(trocar_scene_set(scene, "membranes[back].puncture_force", ".inf", &why));
+        trocar_model *model = model_of(scene);
+        OK(trocar_sim_create(model, &sim, &why));
+        trocar_pose base = at(1e-3, 2e-3, -1e-3);
+        OK(trocar_sim_reset(sim, 0, &base, &why));
+        for (int t = 0; t < 2100; t++, base.position[2] += 2e-5) {
+            OK(trocar_sim_step(sim, 0, &base, 1e-3, &out, &why));
+            double way = base.position[2] + 0.2 - 0.04; /* past the surface of the bone, m */
+            if (way > 0.1e-3) assert_float_equal(-out.force[2] * compliance, way, 0.01 * way);
+        }
+        trocar_sim_free(sim);
+        trocar_model_free(model);
+    }
+}
+
+/* A leaning tip pushed along its axis onto skin that it does not puncture slides once the force leaves the cone of friction, and stays at its edge. */
+static void a_leaning_tip_slides_at_the_cone_of_friction(void **state) {
+    (void)state;
+    static const double LEAN = 0.6; /* rad */
+    for (double friction = 0.1; friction < 0.5; friction *= 2.0) {
+        trocar_scene *scene = cube_scene(INFINITY);
+        trocar_sim *sim;
+        trocar_output out;
+        OK(trocar_scene_set_number(scene, "contact.surface_friction", friction, &why));
+        OK(trocar_scene_set(scene, "membranes[skin].puncture_force", "100", &why));
+        OK(trocar_scene_set_number(scene, "needle.outer_diameter", 4e-3, &why));
+        trocar_model *model = model_of(scene);
+        OK(trocar_sim_create(model, &sim, &why));
+        trocar_pose base = {{-0.201 * sin(LEAN), 0.0, -0.201 * cos(LEAN)}, {cos(LEAN / 2), 0, sin(LEAN / 2), 0}};
+        OK(trocar_sim_reset(sim, 0, &base, &why));
+        for (int t = 0; t < 600; t++) {
+            base.position[0] += 1e-5 * sin(LEAN), base.position[2] += 1e-5 * cos(LEAN);
+            OK(trocar_sim_step(sim, 0, &base, 1e-3, &out, &why));
+            if (t >= 450) assert_float_equal(out.force[0] / out.force[2], friction, 0.06 * friction); /* it follows the hand with a lag */
+        }
+        trocar_sim_free(sim);
+        trocar_model_free(model);
+    }
+}
+
 static trocar_model *model_from(const char *name, const char *key, const char *value) {
     char path[512];
     trocar_scene *scene;
@@ -547,7 +600,7 @@ int main(void) {
     if (getenv("TROCAR_TEST_LIVE")) return live();
     const struct CMUnitTest tests[] = {
         cmocka_unit_test(the_table_of_keys_is_made_once),
-        cmocka_unit_test(bone_is_no_membrane),
+        cmocka_unit_test(bone_is_no_membrane), cmocka_unit_test(bone_yields_as_its_key_says), cmocka_unit_test(a_leaning_tip_slides_at_the_cone_of_friction),
         cmocka_unit_test(no_room_is_no_fault),
         cmocka_unit_test(a_needle_is_let_go_in_anothers_track_as_in_its_own),
         cmocka_unit_test(saved_before_it_is_let_go_it_comes_to_the_same),

@@ -114,7 +114,7 @@ class Derived(unittest.TestCase):
 
 class Motions(Case):
     def test_scripts_are_those_of_the_device(self):
-        source = (SOURCE / "clients/motion.c").read_text()
+        source = (SOURCE / "clients/shared/motion.c").read_text()
         table = source[source.index("scripts[] = {"):source.index("};")].replace("3.141592653589793", repr(np.pi))
         found = dict(re.findall(r'\{"(\w+)", "[^"]*", (.*?)(?=\n    \{"|\Z)', table, re.DOTALL))
         self.assertEqual(found.keys(), motion.SCRIPTS.keys())

@@ -8,8 +8,8 @@
 #include <string.h>
 #include <lcm/lcm.h>
 
+#include "common/timing.h"
 #include "scene/scene.h"
-#include "timing.h"
 #include "trocar_command_t.h"
 #include "trocar_loop_timing_t.h"
 #include "trocar_needle_pose_t.h"

@@ -7,7 +7,7 @@
 #include <string.h>
 
 #include "inverse/inverse.h"
-#include "remesh/refinement.h"
+#include "refinement/refinement.h"
 
 enum { CUBE_CELLS = 4, CUBE_SIDE = CUBE_CELLS + 1, CUBE_NODES = CUBE_SIDE * CUBE_SIDE * CUBE_SIDE };
 static const double CUBE_EDGE = 0.1; /* m */

@@ -3,7 +3,7 @@
 #define TROCAR_TESTS_FIGURE8_H
 
 #include "lockstep.h"
-#include "motion.h"
+#include "shared/motion.h"
 
 /* The figure-8 motion: force and torque of every tick. */
 enum { FIGURE8_MOST_TICKS = 2400 * 4 };

@@ -9,7 +9,7 @@
 #include <sys/syscall.h>
 #include <unistd.h>
 
-#include "realtime.h"
+#include "common/realtime.h"
 
 /* Drops CAP_SYS_NICE for good from the calling thread and the threads that it starts. Capabilities are per thread; the bare system
    call, unlike libcap, does not change the other threads. */

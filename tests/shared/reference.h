@@ -7,7 +7,7 @@
 #include <stdlib.h>
 #include <string.h>
 
-#include "remesh/refinement.h"
+#include "refinement/refinement.h"
 
 /* A mesh of elements with their materials. */
 typedef struct {

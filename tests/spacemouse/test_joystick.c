@@ -23,8 +23,8 @@
 #include <cmocka.h>
 
 #include "check.h"
+#include "common/timing.h"
 #include "mapping.h"
-#include "timing.h"
 
 /* ---- a device in memory ---------------------------------------------------------------------------------------------- */
 

@@ -5,7 +5,7 @@
 
 #include <stddef.h>
 
-#include "hand.h"
+#include "device/hand.h"
 
 enum { DEVICE_FORCES = 256 };  /* forces on their way to the device */
 

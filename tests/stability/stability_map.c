@@ -6,7 +6,7 @@
 #include <string.h>
 
 #include "closed_loop.h"
-#include "swing_observer.h"
+#include "coupling/swing_observer.h"
 
 static const char USAGE[] =
     "usage: stability_map [--OPTION=VALUE[,VALUE...]...]\n"

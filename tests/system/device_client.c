@@ -1,4 +1,4 @@
-/* clients/trocar_client.h against a live server: poses out, wrenches in, and no force when the server dies.
+/* clients/client/trocar_client.h against a live server: poses out, wrenches in, and no force when the server dies.
    usage: device_client SERVER; in a private network namespace. */
 #define _GNU_SOURCE
 #include <math.h>
@@ -19,7 +19,7 @@
 #include <stdint.h>
 #include <cmocka.h>
 
-#include "allocations.h"
+#include "common/allocations.h"
 #include "trocar_client.h"
 #include "trocar_command_reply_t.h"
 #include "trocar_command_t.h"

@@ -18,7 +18,7 @@
 #include <unistd.h>
 
 #include "api/api.h" /* to put a NaN into the state and to delay an answer inside the library */
-#include "virtual_coupling.h"
+#include "coupling/virtual_coupling.h"
 #include "server.h"
 
 #include <setjmp.h>

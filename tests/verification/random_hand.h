@@ -6,7 +6,7 @@
 
 #include <stdlib.h>
 
-#include "motion.h"
+#include "shared/motion.h"
 
 static const double PEAK_OF_MEAN = 1.875;    /* ratio of peak to mean speed of a minimum-jerk move */
 static const double NEEDLE_LENGTH = 0.2;     /* m, of the scene */

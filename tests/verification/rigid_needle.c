@@ -10,12 +10,12 @@
 #include <stdlib.h>
 #include <string.h>
 
-#include "oracles/run.h"
 #include "insertion/state/local_compliance.h"
 #include "insertion/state/shaft.h"
 #include "insertion/tip/prefetch.h"
 #include "insertion/tip/tip.h"
-#include "remesh/snapshot_kernels.h"
+#include "oracles/run.h"
+#include "snapshot/snapshot_kernels.h"
 
 typedef struct {
     simulation simulation;

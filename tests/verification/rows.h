@@ -17,7 +17,7 @@
 #include <stdlib.h>
 #include <string.h>
 
-#include "json.h"
+#include "shared/json.h"
 
 typedef struct {
     const char *section;       /* of the following rows; may be changed between rows */

@@ -2,7 +2,7 @@
 """Scenes from crowded label maps: every one is loaded by the library and pierced, and every part keeps its volume or is named.
 
 The maps are random: an organ with lesions in it, another that touches it, satellites, bones that touch or lie up to 3 mm apart, and a body around some of
-them (meshes/anatomy/label_stress.py). Volumes are counted from voxels and from tetrahedra, without the program's own tables; the needle is pushed along the way of the
+them (meshes/anatomy/trials/label_stress.py). Volumes are counted from voxels and from tetrahedra, without the program's own tables; the needle is pushed along the way of the
 scene to its target. An insertion into liver's material shows whether its surface gives way at a depth that a needle has in bovine liver.
 """
 import math
@@ -14,7 +14,8 @@ from rows import REPOSITORY, SKIPPED, Rows
 
 sys.path.insert(0, str(REPOSITORY / "meshes"))
 try:
-    from anatomy import binding, label_stress, material_check, materials, session
+    from anatomy import binding, materials, session
+    from anatomy.trials import label_stress, material_check
 except ImportError as error:
     print(f"skipped: {error}")
     sys.exit(SKIPPED)

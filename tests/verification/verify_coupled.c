@@ -1,7 +1,7 @@
 /* Needle and tissue together, against laws that hold for all parameters: equilibrium of forces and moments, the exact axial curve
    in homogeneous tissue, reversibility below the friction limit, repeatable insertions, and exit on the far side. */
 #include "lockstep.h"
-#include "remesh/refined_mesh.h"
+#include "refinement/refined_mesh.h"
 #include "rows.h"
 
 static const double TICK = 1e-3;              /* s */

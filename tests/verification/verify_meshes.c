@@ -4,8 +4,8 @@
 #include <unistd.h>
 
 #include "lockstep.h"
-#include "motion.h"
 #include "rows.h"
+#include "shared/motion.h"
 
 static const char AFTER_PUNCTURE[] = "the peak occurs up to 20 ms after the capsule's puncture, while the needle springs forward; a coarse "
                                      "mesh then moves too little tissue around the tip";

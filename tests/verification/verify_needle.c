@@ -2,7 +2,7 @@
    of the base; convergence with the number of segments, and the time of a linearisation. */
 #include <time.h>
 
-#include "baseline.h"
+#include "bench/baseline.h"
 #include "kirchhoff.h"
 #include "lockstep.h"
 #include "rows.h"

@@ -4,8 +4,8 @@
 
 #include "bending_solid.h"
 #include "lockstep.h"
-#include "motion.h"
 #include "rows.h"
+#include "shared/motion.h"
 
 static const pose ORIGIN = {{0, 0, 0}, {1, 0, 0, 0}};
 static const double LENGTH = 0.2; /* m, of bending.h's needle */

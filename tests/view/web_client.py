@@ -1,4 +1,4 @@
-"""A browser's side of trocar-view's WebSocket, for tests: see clients/view/wire_format.h and web.h."""
+"""A browser's side of trocar-view's WebSocket, for tests: see clients/view/stream/wire_format.h and web.h."""
 import json
 import socket
 import struct

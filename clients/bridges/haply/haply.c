@@ -1,20 +1,20 @@
 /* trocar-haply: connects a Haply Inverse3 and its handle to trocar-server. In each period it sends the newest force to the Haply Inverse Service; the
-   reply contains the device's state, from which the needle's next pose is computed. See docs/haply.md and message.h. */
+   reply contains the device's state, from which the needle's next pose is computed. See docs/devices/haply.md and message.h. */
 #include <argp.h>
 #include <stdarg.h>
 #include <stdio.h>
 #include <stdlib.h>
 #include <string.h>
 
+#include "common/messages.h"
+#include "common/realtime.h"
+#include "common/timing.h"
+#include "device/playing.h"
 #include "device_response.h"
 #include "limiter.h"
-#include "messages.h"
 #include "network.h"
-#include "options.h"
-#include "playing.h"
-#include "realtime.h"
 #include "settings.h"
-#include "timing.h"
+#include "shared/options.h"
 #include "trocar_client.h"
 
 const char *argp_program_version = "trocar-haply " TROCAR_VERSION;

@@ -8,7 +8,7 @@
 #include <sys/timerfd.h>
 #include <unistd.h>
 
-#include "timing.h"
+#include "common/timing.h"
 
 enum { PATIENCE = 3 }; /* s for the WebSocket's handshake */
 

@@ -3,9 +3,9 @@
 #include <stdlib.h>
 #include <string.h>
 
-#include "options.h"
-#include "patient.h"
 #include "profile.h"
+#include "shared/options.h"
+#include "shared/patient.h"
 
 static const char STANDARD_PORT[] = "10001";
 static const double STANDARD_LENGTH = 0.2; /* m, of the needles of this project's scenes */

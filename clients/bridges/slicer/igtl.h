@@ -10,7 +10,7 @@
 #include <igtl_header.h>
 
 #include "ras.h"
-#include "wire_format.h"
+#include "view/stream/wire_format.h"
 
 /* An encoded message, shared by the clients that receive it. */
 typedef struct {

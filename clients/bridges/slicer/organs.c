@@ -3,8 +3,8 @@
 #include <stdlib.h>
 #include <string.h>
 
-#include "messages.h"
-#include "model_faces.h"
+#include "common/messages.h"
+#include "view/stream/model_faces.h"
 
 int organs_count(const trocar_model *model) {
     int count = 0;

@@ -4,10 +4,10 @@
 #include <stdlib.h>
 #include <string.h>
 
-#include "events.h"
-#include "json.h"
-#include "messages.h"
-#include "timing.h"
+#include "common/messages.h"
+#include "common/timing.h"
+#include "shared/events.h"
+#include "shared/json.h"
 
 enum { STATUS, NEEDLES, BASE = 0, TIP, FORCE, CURVE, PER_NEEDLE, PER_PROBE = 2 };
 

@@ -5,7 +5,7 @@
 #include "igtl.h"
 #include "organs.h"
 #include "slices.h"
-#include "subscriber.h"
+#include "view/stream/subscriber.h"
 
 typedef struct {
     const trocar_model *model;

@@ -1,6 +1,6 @@
 #include "ras.h"
 
-#include "messages.h"
+#include "common/messages.h"
 
 static const double TOLERANCE = 1e-3; /* for a rotation's columns, which arrive in single precision */
 static const double FAR = 1e4;        /* mm */

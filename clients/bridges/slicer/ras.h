@@ -5,7 +5,7 @@
 
 #include <stdbool.h>
 
-#include "patient.h"
+#include "shared/patient.h"
 
 /* Makes the frame's functions (patient.h) give and take RAS instead of LPS: mesh_to_patient, patient_to_mesh, ... */
 patient_frame ras_frame(const trocar_scene *scene);

@@ -4,12 +4,12 @@
 #include <stdlib.h>
 #include <string.h>
 
+#include "common/timing.h"
+#include "device/playing.h"
 #include "lcm_filter.h"
-#include "options.h"
 #include "outlets.h"
 #include "peers.h"
-#include "playing.h"
-#include "timing.h"
+#include "shared/options.h"
 #include "tracked.h"
 
 const char *argp_program_version = "trocar-slicer " TROCAR_VERSION;

@@ -4,9 +4,9 @@
 #include <string.h>
 #include <time.h>
 
-#include "messages.h"
-#include "session.h"
-#include "timing.h"
+#include "common/messages.h"
+#include "common/session.h"
+#include "common/timing.h"
 #include "trocar_client.h"
 #include "trocar_probe_pose_t.h"
 

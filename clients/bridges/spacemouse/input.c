@@ -7,7 +7,7 @@
 #include <string.h>
 
 #include "base/triple_buffer.h"
-#include "timing.h"
+#include "common/timing.h"
 
 static const int PERIOD = 20;                    /* ms between two forces; states are passed on at once */
 static const int64_t RETRY = 1000000000;         /* ns between attempts to open the device */

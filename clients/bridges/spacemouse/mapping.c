@@ -4,7 +4,7 @@
 #include <stdlib.h>
 #include <string.h>
 
-#include "messages.h"
+#include "common/messages.h"
 
 static const char *const move_names[MOVES] = {"right", "up", "forward", "pitch", "yaw", "roll"};
 static const char *const action_names[ACTIONS] = {"clutch", "reset", "leave", "seed", "undo"};

@@ -3,7 +3,7 @@
 #define TROCAR_MAPPING_H
 
 #include "input.h"
-#include "rate_control.h"
+#include "shared/rate_control.h"
 
 /* As seen by somebody at the scene's needle who looks along +z into the body, with +y up: their right is -x. */
 typedef enum { MOVE_RIGHT, MOVE_UP, MOVE_FORWARD, MOVE_PITCH, MOVE_YAW, MOVE_ROLL, MOVES } move_kind;

@@ -4,18 +4,18 @@
 #include <stdlib.h>
 #include <string.h>
 
+#include "common/messages.h"
+#include "common/realtime.h"
+#include "common/timing.h"
+#include "device/playing.h"
 #include "input.h"
 #include "joystick.h"
 #include "mapping.h"
-#include "messages.h"
-#include "motion.h"
-#include "options.h"
-#include "patient.h"
-#include "playing.h"
-#include "rate_control.h"
-#include "realtime.h"
+#include "shared/motion.h"
+#include "shared/options.h"
+#include "shared/patient.h"
+#include "shared/rate_control.h"
 #include "spnav_device.h"
-#include "timing.h"
 #include "trocar.h"
 #include "trocar_client.h"
 

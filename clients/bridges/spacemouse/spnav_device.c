@@ -8,7 +8,7 @@
 
 #include <spnav.h>
 
-#include "timing.h"
+#include "common/timing.h"
 
 /* ns. A spacenavd before 1.0 does not report that a device has been unplugged: then a deflection without news counts as none. */
 static const int64_t SILENCE = 500000000;

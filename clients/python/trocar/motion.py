@@ -47,7 +47,7 @@ class Leg(NamedTuple):
 
 DEPTH = 0.066  # m that the scripts insert the needle
 _HALF_TURN = (0.0, 0.0, math.pi)
-SCRIPTS: dict[str, tuple[float, tuple[Leg, ...]]] = {  # duration (s) and legs, as in clients/motion.c
+SCRIPTS: dict[str, tuple[float, tuple[Leg, ...]]] = {  # duration (s) and legs, as in clients/shared/motion.c
     "figure8": (2.4, (Leg(0.0, 1.3, (0, 0, 0.066)), Leg(1.3, 1.6, (0, 0.010, 0)), Leg(1.4, 2.1, (0, 0, -0.066)), Leg(2.4, 2.7, (0, -0.010, 0)))),
     "hold": (2.0, ()),
     "insert": (3.0, (Leg(0.0, 1.3, (0, 0, 0.066)), Leg(1.6, 2.9, (0, 0, -0.066)))),

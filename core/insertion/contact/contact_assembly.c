@@ -11,7 +11,7 @@
 #include "insertion/memory/stiffening.h"
 #include "insertion/state/local_compliance.h"
 #include "insertion/state/strata.h"
-#include "remesh/snapshot_kernels.h"
+#include "snapshot/snapshot_kernels.h"
 
 static const double TIP_FADE = 3e-3; /* m: depth over which the tissue's sideways hold on tip and shaft grows to its full value. Chosen */
 static const double LEAST_STIFFNESS = 1e-3; /* N/m: that a share of the shaft has per logarithm at least, for shaft that is hardly in tissue, having come out of

@@ -2,7 +2,7 @@
 #ifndef TROCAR_CREEP_KERNELS_H
 #define TROCAR_CREEP_KERNELS_H
 
-#include "remesh/snapshot.h"
+#include "snapshot/snapshot.h"
 
 typedef double slot_vectors[3][CONTACT_COLUMNS]; /* [a]: component a of each slot; best on a cache line */
 

@@ -3,9 +3,9 @@
 #ifndef TROCAR_CONTACT_H
 #define TROCAR_CONTACT_H
 
-#include "linalg/elimination.h"
 #include "insertion/state/guide.h"
-#include "remesh/refinement.h"
+#include "linalg/elimination.h"
+#include "refinement/refinement.h"
 
 enum { MAX_POINTS = MAX_GUIDE_POINTS + MAX_CONTACTS + 1, MAX_AXIAL = MAX_POINTS + 1, MAX_UNKNOWNS = 2 * MAX_POINTS + MAX_AXIAL, CONTACT_LD = MOST_COLUMNS,
        MAX_PAIRS = MAX_POINTS + PANEL_ROWS / 2 - 1 /* whole panels of sideways unknowns */ };

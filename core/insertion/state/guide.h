@@ -5,7 +5,7 @@
 #include <stdbool.h>
 
 #include "base/report.h"
-#include "tissue/mesh.h"
+#include "mesh/mesh.h"
 
 enum {
     MAX_GUIDES = 8,

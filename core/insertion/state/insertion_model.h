@@ -23,6 +23,9 @@ typedef struct {
     double track_angle;          /* rad between track and direction of cutting, up to which it is open */
     int max_passes;              /* Newton passes a step, at most */
     double tolerance;            /* m, error of the needle's shape at which the passes stop */
+    double bone_compliance;      /* m/N, of bone under the tip */
+    double surface_friction;     /* friction coefficient of the tip on a surface that it has not punctured */
+    double gradient_span;        /* m before and behind the tip, between which the tissue's displacement gradient is taken */
 } insertion_settings;
 
 typedef struct {

@@ -8,7 +8,6 @@ static const double EMBEDDING_DEPTH = 4.0; /* radii: below the surface at which 
                                               within 2 % */
 static const double DENSITY = 1050.0; /* kg/m^3: of soft tissue, for the speed of shear waves, which limits how fast tissue springs back. Cited: ICRU Report 46
                                          (1992), skeletal muscle 1050, average soft tissue 1030 */
-static const double BONE_COMPLIANCE = 8e-5; /* m/N: of bone under the tip. Chosen: stiffer than haptic devices render, and with its sliding below 0.1 mm/N */
 static const double GUESSED_LATERAL = 0.42; /* edge lengths: radius that a mesh resolves across the needle, before it is measured. Measured: median of 4500
                                                random places and directions in the meshes of figure8.yaml, implant.yaml and trus.yaml; 9 in 10 are within a
                                                factor of 1.6 */
@@ -129,7 +128,7 @@ local_disc local_disc_at_tip(const insertion_model *model, int tet, vec3 x, doub
     double dent = push * punch / radius;
     double in = smaller_of(1.0, depth / (EMBEDDING_DEPTH * radius + dent)); /* from the surface to the end of a hole in the depth */
     double whole = between(punch, disc, in * 2.0 / 3.0) / radius, bone = bone_at(model, tet, weights, depth);
-    return (local_disc){.compliance = between(whole, BONE_COMPLIANCE, bone), .angle = 2.0 * M_PI * (1.0 + in),
+    return (local_disc){.compliance = between(whole, model->settings.bone_compliance, bone), .angle = 2.0 * M_PI * (1.0 + in),
                         .softness = (1.0 - bone) * interpolate(model, tet, weights, model->node_softness),
                         .stiffening = (1.0 - bone) * interpolate(model, tet, weights, model->node_stiffening)};
 }

@@ -3,7 +3,7 @@
 #define TROCAR_TISSUE_MEMORY_H
 
 #include "insertion/state/contact.h"
-#include "remesh/snapshot.h"
+#include "snapshot/snapshot.h"
 
 enum { MAX_SHARES = MAX_CONTACTS + 1 }; /* the tip's as well */
 

@@ -6,7 +6,7 @@
 #include "insertion/state/local_compliance.h"
 #include "insertion/state/strata.h"
 #include "insertion/track/contact_nodes.h"
-#include "remesh/snapshot_kernels.h"
+#include "snapshot/snapshot_kernels.h"
 
 /* Handles of the last point under the tip that the snapshot covered; false: there is none. */
 static bool tip_handles(const tick_input *tick, const insertion_state *state, int handles[4]) {

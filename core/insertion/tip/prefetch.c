@@ -166,14 +166,14 @@ static wanted_tissue wanted_nodes(const insertion_model *model, const insertion_
     add_surroundings(m, moved, &list); /* the element around the tip with moved nodes, */
     if (moved != state->tip.place.tet) add_surroundings(m, state->tip.place.tet, &list); /* and in the nominal mesh */
     if (state->tip.place.phase == TIP_INSIDE && state->tip.place.depth == 0.0) add_beside(m, state->tip.place.tet, state->tip.barrier.face, &list);
-    straight_way way = {.tet = state->tip.place.tet, .x = state->tip.place.nominal, .direction = tip_way(&state->tip.place, direction), .left = WINDOW_SPAN};
+    straight_way way = {.tet = state->tip.place.tet, .x = state->tip.place.nominal, .direction = tip_way(&state->tip.place, direction), .left = model->settings.gradient_span};
     add_way(m, &way, AHEAD, &list);
     surface_hit next = {.hit = false};
     if (state->tip.place.phase == TIP_BEYOND) next = mesh_enter(m, end, v3_axpy(reach, direction, end));
     if (next.hit) add_tet(m, next.tet, &list);
     list.needed = list.count;
     add_track(m, state, &list);
-    way.left += reach - WINDOW_SPAN;
+    way.left += reach - model->settings.gradient_span;
     add_way(m, &way, 0, &list);
     add_way_in(m, next, direction, reach, &list);
     return list;

@@ -6,8 +6,6 @@
 #include "insertion/state/insertion_state.h"
 
 static const double DENT_DEPTH = 20e-3; /* m: by which other needles may have displaced the skin where a needle goes in. Chosen */
-static const double WINDOW_SPAN = 5e-3; /* m: before and behind the tip, between which the tissue's displacement gradient is taken. Chosen: a few needle
-                                           diameters, and not the element, so that the curvature does not depend on the mesh */
 
 /* Brings state->request up to date: contact nodes, and the nodes of the elements around the tip, behind it and ahead. RT */
 void prefetch_request(const insertion_model *model, insertion_state *state);

@@ -11,8 +11,6 @@ static const double MOST_SHEAR = 0.7; /* fraction below 1: shear of the tissue a
                                          small strains */
 static const double GLIDE_REACH = 2e-3; /* m: how far above and below a gliding tip the surface is searched for. Chosen */
 static const double LIFTED = 1e-6; /* m: from which on a tip has left the surface. Rounding: where that is displaced to is not known better */
-static const double SURFACE_GRIP = 0.5; /* 1: friction coefficient of a tip on the surface. Cited: dry skin on other materials, typically around 0.5 (Derler and
-                                           Gerhardt, Tribology of skin, 2012); of a needle's tip on an organ nothing was found */
 
 /* ---- on the surface ---------------------------------------------------------------------------------------------------- */
 
@@ -65,7 +63,7 @@ void tip_glide_on_surface(const tick_input *tick, insertion_state *state, tick_o
     vec3 inward = mesh_face_normal(model->mesh, tip->place.tet, tip->barrier.face);
     double pressing = v3_dot(tip->solved.force, inward);
     vec3 tangential = v3_axpy(-pressing, inward, tip->solved.force);
-    double excess = v3_norm(tangential) - SURFACE_GRIP * fmax(pressing, 0.0);
+    double excess = v3_norm(tangential) - model->settings.surface_friction * fmax(pressing, 0.0);
     if (excess <= 0.0) return;
     if (!tip->resolution.known) return;
     double compliance = 0.5 * local_at_tip(model, tip->place.tet, tip->place.nominal, 0.0, tip->filtered_push, tip->resolution.field.point);

@@ -11,10 +11,10 @@ static vec3 carried(const tick_input *tick, const insertion_state *state, const 
     return v3_sub(p.position, contact->track);
 }
 
-/* Displacement of the tissue carried along by the shaft WINDOW_SPAN behind the tip, m. */
+/* Displacement of the tissue carried along by the shaft, a span (contact.gradient_span) behind the tip, m. */
 static vec3 displacement_behind(const tick_input *tick, const insertion_state *state, vec3 at_tip) {
     vec3 ahead = at_tip;
-    double ahead_depth = state->tip.place.depth, sought = ahead_depth - WINDOW_SPAN;
+    double ahead_depth = state->tip.place.depth, sought = ahead_depth - tick->model->settings.gradient_span;
     for (int k = contacts_active(state) - 1; k >= 0; k--) {
         const shaft_contact *contact = &state->contacts[state->refined.order[k]];
         double depth = contact->depth;
@@ -27,10 +27,10 @@ static vec3 displacement_behind(const tick_input *tick, const insertion_state *s
     return ahead;
 }
 
-/* The same up to WINDOW_SPAN ahead of the tip in the tissue; the tip's own if the snapshot does not cover that point. */
+/* The same up to one span ahead of the tip in the tissue; the tip's own if the snapshot does not cover that point. */
 static vec3 displacement_ahead(const tick_input *tick, const insertion_state *state, const creep_step *creep, vec3 direction, vec3 at_tip) {
     const mesh *m = tick->model->mesh;
-    double left = WINDOW_SPAN, chord;
+    double left = tick->model->settings.gradient_span, chord;
     vec3 x = state->tip.place.nominal;
     int tet = state->tip.place.tet;
     direction = tip_way(&state->tip.place, direction);
@@ -53,6 +53,6 @@ vec3 track_gradient(const tick_input *tick, const insertion_state *state, const 
     needle_point end = needle_at(tick->model->needle, &state->needle, tick->model->needle->given.length - state->tip.solved.slip);
     vec3 at_tip = v3_sub(end.position, tip_position(&state->tip.place));
     vec3 ahead = displacement_ahead(tick, state, creep, needle_along(&end), at_tip);
-    double behind = fmin((state->tip.place.depth - tip_entry_depth(state)) / WINDOW_SPAN, 1.0);
-    return v3_scale(0.5 * behind / WINDOW_SPAN, v3_sub(ahead, displacement_behind(tick, state, at_tip)));
+    double span = tick->model->settings.gradient_span, behind = fmin((state->tip.place.depth - tip_entry_depth(state)) / span, 1.0);
+    return v3_scale(0.5 * behind / span, v3_sub(ahead, displacement_behind(tick, state, at_tip)));
 }

@@ -1,4 +1,4 @@
-// The parts of Unity that clients/csharp/TrocarNeedle.cs uses, as Unity's documentation describes them, so that it can be compiled and run without
+// The parts of Unity that clients/client/TrocarNeedle.cs uses, as Unity's documentation describes them, so that it can be compiled and run without
 // Unity. Left-handed, as there: x right, y up, z forward.
 using System;
 

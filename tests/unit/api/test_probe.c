@@ -17,7 +17,7 @@
 #include "cube.h"
 #include "linalg/complementarity.h"
 #include "probe/probe.h"
-#include "remesh/free_displacement.h"
+#include "snapshot/free_displacement.h"
 #include "trocar.h"
 
 #include <cmocka.h>

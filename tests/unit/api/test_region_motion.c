@@ -1,6 +1,6 @@
 /* The rigid motion of a region: known motions are recovered, and a uniform strain gives the mean motion. */
 #include "api/api.h"
-#include "region_motion.h"
+#include "replay/region_motion.h"
 
 #include <stdlib.h>
 #include <string.h>

@@ -12,7 +12,7 @@
 #include "api/worker_answer.h"
 #include "api/worker_resting.h"
 #include "insertion/memory/creep.h"
-#include "remesh/snapshot_kernels.h"
+#include "snapshot/snapshot_kernels.h"
 
 #include <cmocka.h>
 

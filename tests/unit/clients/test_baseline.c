@@ -7,7 +7,7 @@
 
 #include <cblas.h>
 
-#include "baseline.h"
+#include "bench/baseline.h"
 
 /* No core exceeds 64 floating-point operations per cycle or 6e9 cycles per second: anything faster did not compute the product. */
 static void measures_the_time_of_a_matrix_product(void **state) {

@@ -1,4 +1,4 @@
-#include "comparison.h"
+#include "replay/comparison.h"
 
 #include <math.h>
 #include <setjmp.h>

@@ -1,4 +1,4 @@
-#include "dashboard.h"
+#include "top/dashboard.h"
 
 #include <setjmp.h>
 #include <stdarg.h>

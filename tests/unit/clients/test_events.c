@@ -1,4 +1,4 @@
-#include "events.h"
+#include "shared/events.h"
 #include "trocar.h"
 #include "trocar_needle_wrench_t.h"
 

@@ -1,4 +1,4 @@
-#include "hand.h"
+#include "device/hand.h"
 
 #include <setjmp.h>
 #include <stdarg.h>

@@ -8,7 +8,7 @@
 
 #include <cmocka.h>
 
-#include "json.h"
+#include "shared/json.h"
 
 static char text[256];
 

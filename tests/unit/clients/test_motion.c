@@ -1,4 +1,4 @@
-#include "motion.h"
+#include "shared/motion.h"
 #include "trocar.h"
 
 #include <setjmp.h>

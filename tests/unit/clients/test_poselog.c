@@ -1,4 +1,4 @@
-#include "poselog.h"
+#include "shared/poselog.h"
 
 #include <math.h>
 #include <setjmp.h>

@@ -1,5 +1,5 @@
 /* A needle driven by rate commands stays within its limits whatever the commands. */
-#include "rate_control.h"
+#include "shared/rate_control.h"
 
 #include <setjmp.h>
 #include <stdarg.h>

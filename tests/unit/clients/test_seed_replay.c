@@ -5,7 +5,7 @@
 #include <stdint.h>
 #include <string.h>
 
-#include "seed_replay.h"
+#include "shared/seed_replay.h"
 
 #include <cmocka.h>
 

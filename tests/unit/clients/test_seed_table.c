@@ -1,4 +1,4 @@
-#include "seed_table.h"
+#include "replay/seed_table.h"
 
 #include <setjmp.h>
 #include <stdarg.h>

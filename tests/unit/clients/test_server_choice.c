@@ -1,5 +1,5 @@
 /* A client follows the first of two servers until it falls silent. */
-#include "server_choice.h"
+#include "shared/server_choice.h"
 
 #include <setjmp.h>
 #include <stdarg.h>

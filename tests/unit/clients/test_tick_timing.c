@@ -5,8 +5,8 @@
 #include <stddef.h>
 #include <stdint.h>
 
+#include "bench/tick_timing.h"
 #include "host.h"
-#include "tick_timing.h"
 
 #include <cmocka.h>
 

@@ -1,7 +1,7 @@
 /* The solution of a tick: the tissue's equilibrium is checked with an assembled K, the needle's by its bending moments, a base on a
    spring against a rigid one. */
 #include "lockstep.h"
-#include "remesh/refined_mesh.h"
+#include "refinement/refined_mesh.h"
 
 #include <setjmp.h>
 #include <stdarg.h>

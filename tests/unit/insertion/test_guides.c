@@ -8,7 +8,7 @@
 #include <time.h>
 #include <cmocka.h>
 
-#include "allocations.h"
+#include "common/allocations.h"
 #include "insertion/contact/contact_assembly.h"
 #include "lockstep.h"
 

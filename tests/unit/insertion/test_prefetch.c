@@ -1,7 +1,7 @@
 /* The tick's reads from a snapshot against the inverse itself, and its requests against the tip's path. */
-#include "lockstep.h"
 #include "insertion/tip/prefetch.h"
-#include "remesh/snapshot_kernels.h"
+#include "lockstep.h"
+#include "snapshot/snapshot_kernels.h"
 
 #include <setjmp.h>
 #include <stdarg.h>

@@ -1,6 +1,6 @@
 /* Stiffening tissue: the laws against their integrals and a resolved disc, and what the tick makes of them. The rigid needle against resolved
    hyperelastic elements: tests/verification/verify_large_deflection.py. */
-#include "allocations.h"
+#include "common/allocations.h"
 #include "insertion/memory/stiffening.h"
 #include "insertion/step/insertion.h"
 #include "lockstep.h"

@@ -11,7 +11,7 @@
 #include <time.h>
 #include <unistd.h>
 
-#include "inverse/condensed_cache.h"
+#include "condensed/condensed_cache.h"
 
 #include <cmocka.h>
 

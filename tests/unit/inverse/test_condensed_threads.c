@@ -8,8 +8,8 @@
 #include <time.h>
 #include <unistd.h>
 
+#include "condensed/condensed_cache.h"
 #include "cube.h"
-#include "inverse/condensed_cache.h"
 
 #include <cmocka.h>
 

@@ -4,9 +4,9 @@
 #include <stddef.h>
 #include <stdint.h>
 
-#include "allocations.h"
+#include "common/allocations.h"
+#include "condensed/conjugate_gradients.h"
 #include "cube.h"
-#include "inverse/conjugate_gradients.h"
 
 #include <cmocka.h>
 

@@ -5,7 +5,7 @@
 #include <stdint.h>
 #include <string.h>
 
-#include "inverse/inverse_choice.h"
+#include "condensed/inverse_choice.h"
 
 #include <cmocka.h>
 

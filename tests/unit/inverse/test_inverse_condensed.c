@@ -8,8 +8,8 @@
 #include <sys/stat.h>
 #include <unistd.h>
 
-#include "inverse/coarse_space.h"
-#include "inverse/condensed_cache.h"
+#include "condensed/coarse_space.h"
+#include "condensed/condensed_cache.h"
 #include "cube.h"
 
 #include <cmocka.h>

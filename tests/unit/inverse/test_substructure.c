@@ -10,8 +10,8 @@
 #include <stdlib.h>
 #include <string.h>
 
-#include "inverse/condensation.h"
-#include "inverse/substructure.h"
+#include "condensed/condensation.h"
+#include "condensed/substructure.h"
 
 #include <cmocka.h>
 

@@ -1,7 +1,7 @@
 /* The needle of tetrahedra against beam theory, against its own energy, and against the rod in tissue. */
 #include "bending_solid.h"
 #include "lockstep.h"
-#include "motion.h"
+#include "shared/motion.h"
 
 #include <setjmp.h>
 #include <stdarg.h>

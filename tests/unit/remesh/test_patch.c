@@ -2,7 +2,7 @@
    changes must reproduce. */
 #include "remeshing.h"
 
-#include "remesh/patch.h"
+#include "refinement/patch.h"
 
 /* Assembles K of the mesh with the first `count` contact nodes. */
 static void assemble(const refinement *all, int count, reference *r) {

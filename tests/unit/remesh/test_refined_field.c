@@ -5,8 +5,8 @@
 #include <stdint.h>
 
 #include "cube.h"
-#include "remesh/refined_field.h"
 #include "reference.h"
+#include "refinement/refined_field.h"
 
 #include <cmocka.h>
 

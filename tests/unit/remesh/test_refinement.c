@@ -5,7 +5,7 @@
 #include <stdint.h>
 
 #include "cube.h"
-#include "remesh/refined_mesh.h"
+#include "refinement/refined_mesh.h"
 
 #include <cmocka.h>
 

@@ -31,7 +31,7 @@ static const char GOOD[] =
     "         inner_diameter: 0, youngs_modulus: 190e9,\n"         /* 16 */
     "         poisson_ratio: 0.29, bevel_slope: 0.02, bow: 2e-4,\n" /* 17 */
     "         segments: 30}\n"                                     /* 18 */
-    "contact: {placement: inside, spacing: 3e-3, weakening_distance: 2e-3, prefetch_distance: 11e-3, max_passes: 5, tolerance: 1e-8}\n"
+    "contact: {placement: inside, spacing: 3e-3, weakening_distance: 2e-3, prefetch_distance: 11e-3, max_passes: 5, tolerance: 1e-8, bone_compliance: 1e-4, surface_friction: 0.2, gradient_span: 4e-3}\n"
     "remeshing: implicit\n"                                        /* 20 */
     "device: {profile: touch, mass: 0.3, delay: 4e-3, max_force: 15, max_torque: 0.8, max_force_rate: 1500, max_torque_rate: 70, max_speed: 1.5, max_turn_rate: 12,\n"
     "         hold_time: 0.02, ramp_time: 0.2}\n";                 /* 22 */
@@ -113,6 +113,7 @@ static void every_value_is_read(void **state) {
     const insertion_settings *i = &c->insertion;
     assert_true(i->contact_spacing == 3e-3 && i->weakening_distance == 2e-3);
     assert_true(i->prefetch_distance == 11e-3 && i->max_passes == 5 && i->tolerance == 1e-8);
+    assert_true(i->bone_compliance == 1e-4 && i->surface_friction == 0.2 && i->gradient_span == 4e-3);
     assert_int_equal(c->remeshing, REMESH_IMPLICIT);
     const device_limits *g = &s.device;
     assert_true(g->max_force == 15 && g->max_torque == 0.8 && g->max_force_rate == 1500 && g->max_torque_rate == 70);
@@ -517,7 +518,8 @@ static void documented_parameter_table_is_correct(void **state) {
         ONCE("contact.weakening_distance", simulation.insertion.weakening_distance),
         ONCE("contact.prefetch_distance", simulation.insertion.prefetch_distance),
         ONCE("contact.max_passes", simulation.insertion.max_passes),
-        ONCE("contact.tolerance", simulation.insertion.tolerance), ONCE("rate_hz", rate_hz),
+        ONCE("contact.tolerance", simulation.insertion.tolerance), ONCE("contact.bone_compliance", simulation.insertion.bone_compliance),
+        ONCE("contact.surface_friction", simulation.insertion.surface_friction), ONCE("contact.gradient_span", simulation.insertion.gradient_span), ONCE("rate_hz", rate_hz),
         ONCE("device.max_stiffness", device.max_stiffness), ONCE("device.mass", device.mass), ONCE("device.delay", device.delay),
         ONCE("probe.max_force", simulation.probe.max_force),
         ONCE("device.max_force", device.max_force), ONCE("device.max_torque", device.max_torque),

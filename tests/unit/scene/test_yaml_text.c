@@ -1,5 +1,5 @@
 /* Line numbers of keys. */
-#include "scene/yaml_text.h" /* before cmocka.h, whose macro hides `fail` */
+#include "yaml/yaml_text.h" /* before cmocka.h, whose macro hides `fail` */
 
 #include <setjmp.h>
 #include <stdarg.h>

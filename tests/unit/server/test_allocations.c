@@ -5,7 +5,7 @@
 #include <string.h>
 #include <glib.h>
 
-#include "allocations.h"
+#include "common/allocations.h"
 
 #include <setjmp.h>
 #include <stdarg.h>

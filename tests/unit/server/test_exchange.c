@@ -1,8 +1,9 @@
 /* The shared buffers are created empty, and wake-ups are never lost. */
 #include <poll.h>
 
+#include "common/wake.h"
 #include "exchange.h"
-#include "safety_limits.h"
+#include "intake/safety_limits.h"
 
 #include <setjmp.h>
 #include <stdarg.h>

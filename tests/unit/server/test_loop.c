@@ -6,12 +6,12 @@
 #include <stdlib.h>
 #include <string.h>
 
-#include "allocations.h"
+#include "common/allocations.h"
+#include "common/realtime.h"
 #include "haptic.h"
-#include "motion.h"
-#include "realtime.h"
-#include "trocar_needle_wrench_t.h"
 #include "remesh/remesh.h"
+#include "shared/motion.h"
+#include "trocar_needle_wrench_t.h"
 #include "worker.h"
 
 #include <setjmp.h>

@@ -1,13 +1,13 @@
 /* Only a complete message of its type fits: any other length, array count or string length is refused. */
-#include "message_fit.h"
+#include "common/message_fit.h"
 
 #include <stdlib.h>
 #include <string.h>
 
+#include "trocar.h"
 #include "trocar_command_reply_t.h"
 #include "trocar_contacts_t.h"
 #include "trocar_deformation_t.h"
-#include "trocar.h"
 #include "trocar_seeds_t.h"
 #include "trocar_status_t.h"
 #include "trocar_tracks_t.h"

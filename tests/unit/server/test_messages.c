@@ -1,4 +1,4 @@
-#include "messages.h"
+#include "common/messages.h"
 
 #include <setjmp.h>
 #include <stdarg.h>

@@ -2,7 +2,7 @@
 #include <stdlib.h>
 #include <string.h>
 
-#include "network.h"
+#include "common/network.h"
 
 #include <setjmp.h>
 #include <stdarg.h>

@@ -1,5 +1,5 @@
 /* A server distinguishes another server's status from its own and from other messages. */
-#include "other_server.h"
+#include "intake/other_server.h"
 
 #include <string.h>
 

@@ -1,7 +1,7 @@
 /* Poses that the arbiter accepts and refuses, by their bytes and by session. */
 #include <string.h>
 
-#include "pose_arbiter.h"
+#include "intake/pose_arbiter.h"
 #include "scene/device.h"
 #include "trocar_command_t.h"
 #include "trocar_needle_pose_t.h"

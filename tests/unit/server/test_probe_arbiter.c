@@ -1,11 +1,11 @@
 /* Poses of the probe that the arbiter accepts and refuses, by their bytes and by session; and their way through IO and haptic thread to a message. */
 #include <string.h>
 
+#include "common/timing.h"
 #include "haptic.h"
+#include "intake/probe_arbiter.h"
 #include "io.h"
-#include "probe_arbiter.h"
 #include "scene/device.h"
-#include "timing.h"
 #include "trocar_probe_pose_t.h"
 #include "trocar_probe_wrench_t.h"
 

@@ -1,5 +1,5 @@
 /* Progress when stderr is not a terminal: a line per tenth, none repeated. */
-#include "progress.h"
+#include "common/progress.h"
 
 #include <setjmp.h>
 #include <stdarg.h>

@@ -8,9 +8,9 @@
 #include <sys/mman.h>
 #include <unistd.h>
 
+#include "common/realtime.h"
+#include "common/timing.h"
 #include "privileges.h"
-#include "realtime.h"
-#include "timing.h"
 
 #include <setjmp.h>
 #include <stdarg.h>

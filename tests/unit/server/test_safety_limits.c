@@ -2,7 +2,7 @@
 #include <stdio.h>
 #include <string.h>
 
-#include "safety_limits.h"
+#include "intake/safety_limits.h"
 #include "scene/device.h"
 #include "trocar_needle_wrench_t.h"
 

@@ -1,5 +1,5 @@
 /* Sequence numbers: what is in order, and how a sender comes back after numbers that are not. */
-#include "sequence.h"
+#include "intake/sequence.h"
 
 #include <stddef.h>
 

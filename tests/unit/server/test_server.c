@@ -8,6 +8,7 @@
 #include <sys/mman.h>
 #include <unistd.h>
 
+#include "common/wake.h"
 #include "exchange.h"
 #include "privileges.h"
 #include "server.h"

@@ -1,5 +1,5 @@
 /* Clients that start at the same time get different sessions. */
-#include "session.h"
+#include "common/session.h"
 
 #include <setjmp.h>
 #include <stdarg.h>

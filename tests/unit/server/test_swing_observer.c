@@ -1,7 +1,7 @@
 /* The observer of swings with motions whose damping is known. */
 #include <math.h>
 
-#include "swing_observer.h"
+#include "coupling/swing_observer.h"
 
 #include <setjmp.h>
 #include <stdarg.h>

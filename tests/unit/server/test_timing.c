@@ -5,7 +5,7 @@
 #include <string.h>
 #include <sys/mman.h>
 
-#include "timing.h"
+#include "common/timing.h"
 
 #include <setjmp.h>
 #include <stdarg.h>

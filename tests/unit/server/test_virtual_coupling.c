@@ -2,9 +2,9 @@
    coupling, and a needle in tissue or a spring of any stiffness. */
 #include <math.h>
 
-#include "hand.h"
+#include "coupling/virtual_coupling.h"
+#include "device/hand.h"
 #include "lockstep.h"
-#include "virtual_coupling.h"
 #include "trocar_needle_wrench_t.h"
 
 #include <setjmp.h>

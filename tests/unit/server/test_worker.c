@@ -5,7 +5,8 @@
 #include <sys/eventfd.h>
 #include <unistd.h>
 
-#include "timing.h"
+#include "common/timing.h"
+#include "common/wake.h"
 #include "worker.h"
 
 #include <setjmp.h>

@@ -7,7 +7,7 @@
 #include <stdlib.h>
 #include <string.h>
 
-#include "tissue/mesh.h" /* before cmocka.h, whose macro hides `fail` */
+#include "mesh/mesh.h" /* before cmocka.h, whose macro hides `fail` */
 
 #include <cmocka.h>
 

@@ -1,5 +1,5 @@
 /* Reading meshes: two tetrahedra written by hand in several formats, the prostate, and invalid files. */
-#include "tissue/mesh.h" /* before cmocka.h, whose macro hides `fail` */
+#include "mesh/mesh.h" /* before cmocka.h, whose macro hides `fail` */
 
 #include <float.h>
 #include <setjmp.h>

@@ -1,5 +1,5 @@
 /* The region of interest: given by the scene, and by default. */
-#include "tissue/region_of_interest.h"
+#include "mesh/region_of_interest.h"
 
 #include <math.h>
 #include <stdlib.h>

@@ -1,5 +1,5 @@
 /* A needle goes to the hole that was chosen: back out of the template first, then sideways, never through the plate. */
-#include "hole_approach.h"
+#include "view/hand/hole_approach.h"
 
 #include <setjmp.h>
 #include <stdarg.h>

@@ -1,6 +1,6 @@
 /* The sections for browsers about an implant: dose against the plain sum of the formula, seeds that come and go, and plans with mistakes. */
 #define _GNU_SOURCE
-#include "implant.h"
+#include "view/implant/implant.h"
 
 #include <poll.h>
 #include <stdlib.h>

@@ -1,11 +1,11 @@
 /* Playing a log shows the same results as trocar-replay. */
-#include "playback.h"
+#include "view/stream/playback.h"
 
 #include <stdlib.h>
 #include <string.h>
 #include <unistd.h>
 
-#include "poselog.h"
+#include "shared/poselog.h"
 
 #include <setjmp.h>
 #include <stdarg.h>

@@ -1,9 +1,9 @@
 /* The messages of the pose_publisher, on its own clock (memq, no network). */
-#include "pose_publisher.h"
+#include "view/hand/pose_publisher.h"
 
 #include <pthread.h>
 
-#include "timing.h"
+#include "common/timing.h"
 #include "trocar_command_t.h"
 #include "trocar_needle_pose_t.h"
 #include "trocar_probe_pose_t.h"

@@ -1,12 +1,12 @@
 /* Valid messages reach the timeline; invalid ones are counted. */
-#include "subscriber.h"
+#include "view/stream/subscriber.h"
 
 #include <stdlib.h>
 #include <string.h>
 
+#include "common/timing.h"
+#include "common/viewer_messages.h"
 #include "trocar_probe_wrench_t.h"
-#include "viewer_messages.h"
-#include "timing.h"
 
 #include <setjmp.h>
 #include <stdarg.h>

@@ -1,6 +1,6 @@
 /* A reader of the timeline gets, live, the newest picture and each stored sample once; of a log, everything or as much as there is
    room for. */
-#include "timeline.h"
+#include "view/stream/timeline.h"
 
 #include <string.h>
 

@@ -1,7 +1,7 @@
 /* Access to the WebSocket, its messages, and browsers that hang. The rest of the web server is tested through a browser:
    tests/view. */
 #define _GNU_SOURCE /* memmem */
-#include "web.h"
+#include "view/web/web.h"
 
 #include <arpa/inet.h>
 #include <errno.h>

@@ -1,6 +1,6 @@
 /* Buffers that run out of memory report it, keep their data and can be used again. The encoding is tested by its readers:
    test_timeline.c and tests/view. */
-#include "wire_format.h"
+#include "view/stream/wire_format.h"
 
 #include <string.h>
 

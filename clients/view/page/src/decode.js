@@ -1,4 +1,4 @@
-// Decodes messages from trocar-view: see clients/view/wire_format.h.
+// Decodes messages from trocar-view: see clients/view/stream/wire_format.h.
 
 const SCENE = 1, PICTURE = 2, SAMPLES = 3, STATUS = 4, SEEDS = 5, REPLY = 6, DOSE = 7, PLAN = 8
 const SAMPLE_BYTES = 64

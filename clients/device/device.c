@@ -1,0 +1,259 @@
+/* trocar-device: a virtual haptic device. */
+#include <stdlib.h>
+#include <string.h>
+
+#include "device/implant_player.h"
+#include "device/player.h"
+#include "shared/options.h"
+#include "shared/output.h"
+#include "shared/patient.h"
+#include "shared/poselog.h"
+
+const char *argp_program_version = "trocar-device " TROCAR_VERSION;
+error_t argp_err_exit_status = EXIT_BAD_INPUT;
+
+typedef struct {
+    play_settings play;
+    const char *report_path, *csv_path, *log_path, *scene_path, *plan_path;
+    bool start_given, patient, follow;
+    const char *script_option; /* an option that only a script has; NULL: none was given */
+} options;
+
+enum { OPTION_SPEED = 256, OPTION_REPORT, OPTION_CSV, OPTION_LOG, OPTION_URL, OPTION_START, OPTION_HAND, OPTION_REALTIME,
+       OPTION_WAIT, OPTION_SETTLE, OPTION_NEEDLE, OPTION_SCENE, OPTION_PATIENT,
+       OPTION_PLAN, OPTION_FOLLOW };
+
+static const struct argp_option option_list[] = {
+    {"script", 's', "NAME", 0, "Motion to play (default figure8); 'list' shows all", 0},
+    {"rate", 'r', "HZ", 0, "Poses per second (default 1000)", 0},
+    {"duration", 'd', "SECONDS", 0, "How long to play; longer than the script repeats it (default: the script once)", 0},
+    {"speed", OPTION_SPEED, "FACTOR", 0, "Play the script faster or slower (default 1)", 0},
+    {"scene", OPTION_SCENE, "FILE", 0, "Start at the scene's needle.start, in its direction, and push as deep as it says", 0},
+    {"start", OPTION_START, "X,Y,Z", 0, "Start of the base, m (default: the scene's, or 0.005,0.003,-0.201)", 0},
+    {"patient", OPTION_PATIENT, 0, 0, "--start and --csv are in the patient's coordinates: mm, DICOM axes; needs --scene", 0},
+    {"needle", OPTION_NEEDLE, "N", 0, "Index of the needle to hold, from 0 (default 0)", 0},
+    {"plan", OPTION_PLAN, "FILE", 0,
+     "Carry out this implant instead of a script: insert all needles and leave them, then take each again, drop its seeds and pull it out. FILE "
+     "is the table that python3 -m trocar.plan show --out writes; needs --scene", 0},
+    {"follow", OPTION_FOLLOW, 0, 0,
+     "With --plan: bring the tip to where the displaced tissue has carried each seed's place, as an operator does who sees it in an image (default: to "
+     "the plan's depth, read from the needle's marks at the template)", 0},
+    {"hand", OPTION_HAND, "MASS,DAMPING,STIFFNESS", 0,
+     "A simulated hand (kg, N s/m to ground, N/m to the script) holds the needle and is pushed by the wrench", 0},
+    {0, 0, 0, 0, "Connection:", 1},
+    {"lcm-url", OPTION_URL, "URL", 0, "LCM network (default $LCM_DEFAULT_URL)", 1},
+    {"realtime", OPTION_REALTIME, 0, 0, "Run under SCHED_FIFO where permitted", 1},
+    {"wait", OPTION_WAIT, "SECONDS", 0, "Give up if the server has not answered for this long (default 5)", 1},
+    {"settle", OPTION_SETTLE, "SECONDS", 0, "Wait before the script begins, while the server ramps the force up (default 0.3)", 1},
+    {0, 0, 0, 0, "Output:", 2},
+    {"report", OPTION_REPORT, "FILE", 0, "Also write the report as JSON", 2},
+    {"csv", OPTION_CSV, "FILE", 0, "Write every wrench as a row", 2},
+    {"write-log", OPTION_LOG, "FILE", 0, "Write the poses as an LCM event log instead of sending them; needs no network", 2},
+    {0},
+};
+
+static void list_scripts(void) {
+    for (int i = 0; motion_at(i); i++)
+        printf("%-8s %4.1f s  %s\n", motion_at(i)->name, motion_at(i)->duration, motion_at(i)->summary);
+    exit(EXIT_SUCCESS);
+}
+
+static const motion *parse_script(const struct argp_state *state, const char *name) {
+    if (strcmp(name, "list") == 0) list_scripts();
+    const motion *script = motion_find(name);
+    if (!script) argp_error(state, "--script: no script '%s'; --script list shows all", name);
+    return script;
+}
+
+static hand parse_hand(const struct argp_state *state, const char *text) {
+    double n[3];
+    parse_numbers(state, "hand", text, 3, n);
+    if (n[0] <= 0 || n[1] < 0 || n[2] <= 0)
+        argp_error(state, "--hand: %s: mass and stiffness must be positive, damping not negative", text);
+    return (hand){.mass = n[0], .damping = n[1], .stiffness = n[2]};
+}
+
+/* The option that only a script has; NULL: none, so it may go with --plan. */
+static const char *script_option(int key) {
+    switch (key) {
+    case 's': return "--script";
+    case 'd': return "--duration";
+    case OPTION_START: return "--start";
+    case OPTION_PATIENT: return "--patient";
+    case OPTION_NEEDLE: return "--needle";
+    case OPTION_HAND: return "--hand";
+    case OPTION_REPORT: return "--report";
+    case OPTION_LOG: return "--write-log";
+    default: return NULL;
+    }
+}
+
+static error_t parse_option(int key, char *text, struct argp_state *state) {
+    options *o = state->input;
+    if (script_option(key)) o->script_option = script_option(key);
+    switch (key) {
+    case 's': o->play.script = parse_script(state, text); break;
+    case 'r': o->play.rate = parse_number(state, "rate", text, 1, 20000); break;
+    case 'd': o->play.duration = parse_number(state, "duration", text, 1e-3, 1e5); break;
+    case OPTION_SPEED: o->play.speed = parse_number(state, "speed", text, 1e-3, 10); break;
+    case OPTION_SCENE: o->scene_path = text; break;
+    case OPTION_START:
+        o->play.start.position = parse_vector(state, "start", text);
+        o->start_given = true;
+        break;
+    case OPTION_PATIENT: o->patient = true; break;
+    case OPTION_PLAN: o->plan_path = text; break;
+    case OPTION_FOLLOW: o->follow = true; break;
+    case OPTION_NEEDLE: o->play.needle = parse_index(state, "needle", text); break;
+    case OPTION_HAND:
+        o->play.hand = parse_hand(state, text);
+        o->play.closed_loop = true;
+        break;
+    case OPTION_URL: o->play.lcm_url = text; break;
+    case OPTION_REALTIME: o->play.realtime = true; break;
+    case OPTION_WAIT: o->play.patience = parse_number(state, "wait", text, 0.01, 3600); break;
+    case OPTION_SETTLE: o->play.settle = parse_number(state, "settle", text, 0, 60); break;
+    case OPTION_REPORT: o->report_path = text; break;
+    case OPTION_CSV: o->csv_path = text; break;
+    case OPTION_LOG: o->log_path = text; break;
+    case ARGP_KEY_ARG: argp_error(state, "unexpected argument '%s'", text); break;
+    case ARGP_KEY_END:
+        if (o->log_path && (o->csv_path || o->report_path || o->play.closed_loop))
+            argp_error(state, "--write-log plays without a server: it cannot be combined with --csv, --report or --hand");
+        if (o->plan_path && !o->scene_path) argp_error(state, "--plan needs --scene");
+        if (o->plan_path && o->script_option) argp_error(state, "--plan cannot be combined with %s", o->script_option);
+        if (o->follow && !o->plan_path) argp_error(state, "--follow needs --plan");
+        if (o->patient && !o->scene_path) argp_error(state, "--patient needs --scene");
+        break;
+    default: return ARGP_ERR_UNKNOWN;
+    }
+    return 0;
+}
+
+static const struct argp parser = {
+    option_list, parse_option, NULL,
+    "Plays a motion of the needle's base, or an implant, to trocar-server over LCM and reports round trips, losses and forces.",
+    NULL, NULL, NULL};
+
+static trocar_status write_poses(const play_settings *s, lcm_eventlog_t *log, const char *path, report *why) {
+    static const int64_t epoch = INT64_C(1000000000000000);  /* us; fixed, so that logs are reproducible */
+    static const int64_t session = 1;
+    int64_t count = (int64_t)floor(s->duration * s->rate + 1e-9) + 1;
+    for (int64_t k = 0; k < count; k++) {
+        double t = (double)k / s->rate;
+        pose base = motion_pose(s->script, s->start, t * s->speed);
+        trocar_needle_pose_t message = message_of_pose(base, epoch + llround(1e6 * t), session, k);
+        message.needle = s->needle;
+        trocar_status status = log_write_pose(log, &message, path, why);
+        if (status != TROCAR_OK) return status;
+    }
+    return TROCAR_OK;
+}
+
+static trocar_status write_log(const options *o, report *why) {
+    output place;
+    trocar_status status = output_open(&place, o->log_path, why);
+    if (status != TROCAR_OK) return status;
+    lcm_eventlog_t log = {.f = place.file};
+    status = write_poses(&o->play, &log, o->log_path, why);
+    if (status == TROCAR_OK) status = output_commit(&place, why);
+    output_abandon(&place);
+    return status;
+}
+
+static trocar_status play_and_report(const options *o, const patient_frame *patient, output *report_file, output *csv_file, recording *r, report *why) {
+    recording_summary summary;
+    trocar_status status = play(&o->play, r, why);
+    if (status == TROCAR_OK) status = recording_summarise(r, &summary, why);
+    if (status != TROCAR_OK) return status;
+    summary_print(&summary, stdout);
+    if (report_file->file) summary_write_json(&summary, report_file->file);
+    if (csv_file->file) recording_write_csv(r, patient, csv_file->file);
+    status = output_commit(report_file, why);
+    return status == TROCAR_OK ? output_commit(csv_file, why) : status;
+}
+
+/* Opens the outputs first: a bad path should not cost a run. */
+static trocar_status run_live(const options *o, const patient_frame *patient, report *why) {
+    output report_file = {0}, csv_file = {0};
+    recording r = {0};
+    trocar_status status = TROCAR_OK;
+    if (o->report_path) status = output_open(&report_file, o->report_path, why);
+    if (status == TROCAR_OK && o->csv_path) status = output_open(&csv_file, o->csv_path, why);
+    if (status == TROCAR_OK) status = play_and_report(o, patient, &report_file, &csv_file, &r, why);
+    output_abandon(&report_file);
+    output_abandon(&csv_file);
+    recording_free(&r);
+    return status;
+}
+
+static void say_aside(const implant_plan *plan, const char *path) {
+    static const double rounding = 1e-5; /* m */
+    if (plan->greatest_aside > rounding)
+        fprintf(stderr, "trocar-device: %s: seeds are up to %.2f mm off the axes of their holes and will be dropped on the axes\n", path, 1e3 * plan->greatest_aside);
+}
+
+static trocar_status carry_out(const options *o, const implant_plan *plan, output *csv, report *why) {
+    const play_settings *play = &o->play;
+    implant_play how = {.lcm_url = play->lcm_url, .rate = play->rate, .speed = play->speed, .patience = play->patience, .settle = play->settle,
+                        .realtime = play->realtime, .follow = o->follow, .csv = csv->file};
+    implant_summary done;
+    trocar_status status = implant_carry_out(plan, &how, &done, why);
+    if (status != TROCAR_OK) return status;
+    printf("implant             %d needles, %d seeds in %.0f s\n", done.needles, done.seeds, done.duration);
+    printf("repeated            %d commands to drop a seed, because the previous seed was still in the needle\n", done.repeats);
+    printf("greatest drag       %+.1f mm while it rested, of the needle in hole %s\n", 1e3 * done.greatest_drag, plan->needles[done.greatest_drag_needle].hole);
+    printf("greatest force      %.2f N, in hole %s\n", done.greatest_force, plan->needles[done.greatest_force_needle].hole);
+    return output_commit(csv, why);
+}
+
+static trocar_status run_implant(const options *o, report *why) {
+    static implant_plan plan;
+    trocar_scene *scene;
+    output csv = {0};
+    trocar_status status = trocar_scene_load(o->scene_path, &scene, why);
+    if (status != TROCAR_OK) return status;
+    status = implant_plan_read(scene, o->plan_path, &plan, why);
+    trocar_scene_free(scene);
+    if (status == TROCAR_OK) say_aside(&plan, o->plan_path);
+    if (status == TROCAR_OK && o->csv_path) status = output_open(&csv, o->csv_path, why);
+    if (status == TROCAR_OK) status = carry_out(o, &plan, &csv, why);
+    output_abandon(&csv);
+    return status;
+}
+
+/* If a scene is given, takes start, depth and coordinates from it. */
+static trocar_status choose_start(options *o, patient_frame *patient, report *why) {
+    static motion script;
+    trocar_scene *scene;
+    double depth = MOTION_DEPTH;
+    vec3 given = o->play.start.position;
+    if (!o->scene_path) return TROCAR_OK;
+    trocar_status status = trocar_scene_load(o->scene_path, &scene, why);
+    if (status != TROCAR_OK) return status;
+    if (o->patient) status = patient_frame_read(scene, patient, why);
+    if (status == TROCAR_OK && !find_start(scene, o->patient ? patient : NULL, o->start_given ? &given : NULL, &o->play.start))
+        status = fail(why, TROCAR_BAD_INPUT, "%s: has no needle.start: add it, or give --start", o->scene_path);
+    if (status == TROCAR_OK) status = trocar_scene_get_number(scene, "needle.start.depth", &depth, why);
+    trocar_scene_free(scene);
+    if (depth != MOTION_DEPTH) {
+        script = motion_to_depth(o->play.script, depth);
+        o->play.script = &script;
+    }
+    return status;
+}
+
+int main(int count, char **arguments) {
+    options o = {.play = {.script = motion_find("figure8"), .start = MOTION_START, .rate = 1000,
+                          .speed = 1, .patience = 5, .settle = 0.3}};
+    argp_parse(&parser, count, arguments, 0, NULL, &o);
+
+    report why;
+    patient_frame patient;
+    trocar_status status = o.plan_path ? run_implant(&o, &why) : choose_start(&o, &patient, &why);
+    if (o.play.duration == 0) o.play.duration = o.play.script->duration / o.play.speed;
+    if (status == TROCAR_OK && !o.plan_path) status = o.log_path ? write_log(&o, &why) : run_live(&o, o.patient ? &patient : NULL, &why);
+    if (status == TROCAR_OK) return EXIT_SUCCESS;
+    fprintf(stderr, "trocar-device: %s\n", why.text);
+    return status == TROCAR_BAD_INPUT ? EXIT_BAD_INPUT : EXIT_FAILURE;
+}

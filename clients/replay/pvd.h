@@ -1,0 +1,34 @@
+/* A time series for ParaView: PREFIX.pvd lists PREFIX-0000-tissue.vtu, PREFIX-0000-needle.vtu,
+   PREFIX-0000-probe.vtu (in a scene with a probe), -0001- ... with their times. */
+#ifndef TROCAR_PVD_H
+#define TROCAR_PVD_H
+
+#include <stdbool.h>
+
+#include "shared/output.h"
+#include "shared/patient.h"
+#include "trocar.h"
+
+enum { PVD_HZ = 30 };        /* states per second of simulated time */
+
+typedef struct {
+    const char *prefix;
+    output list;
+    int count;               /* states written */
+} pvd_series;
+
+/* BAD_INPUT if PREFIX.pvd cannot be written. `prefix` must outlive it. */
+trocar_status pvd_open(pvd_series *p, const char *prefix, report *why);
+
+/* Writes this state with its time (s), in the patient's coordinates if `patient` is not NULL. */
+trocar_status pvd_take(pvd_series *p, const trocar_model *model, trocar_picture *picture, const trocar_output *output,
+                       const patient_frame *patient, double time, report *why);
+
+/* True if the state at this time (s) belongs to the series. */
+bool pvd_is_due(const pvd_series *p, double time);
+
+/* Writes the list; until then it does not exist. */
+trocar_status pvd_close(pvd_series *p, report *why);
+void pvd_abandon(pvd_series *p);
+
+#endif

@@ -1,0 +1,35 @@
+#include "shared/seed_replay.h"
+
+#include "common/handover.h"
+
+static bool is_undo(const logged_command *logged) { return logged->command.command == TROCAR_COMMAND_T_UNDO && logged->answer == ANSWER_DONE; }
+
+trocar_status replay_seed_command(waiting_drop *w, trocar_sim *sim, int needle, const logged_command *logged, report *why) {
+    if (logged->answer == ANSWER_REFUSED) return TROCAR_OK;
+    if (w->drop && is_undo(logged)) { /* the server had executed the drop, and undid it */
+        w->drop = NULL;
+        return TROCAR_OK;
+    }
+    trocar_status status = handle_seeds(sim, needle, &logged->command, why);
+    bool refused = status == TROCAR_BAD_INPUT || status == TROCAR_NUMERIC;
+    bool drop = logged->command.command == TROCAR_COMMAND_T_DROP_SEED && logged->answer == ANSWER_DONE;
+    if (!refused || !drop || trocar_sim_pending_seeds(sim, needle) == 0) return status;
+    w->drop = &logged->command;
+    w->reason = *why;
+    return TROCAR_OK;
+}
+
+bool try_waiting_drop(waiting_drop *w, trocar_sim *sim, int needle) {
+    if (!w->drop || trocar_sim_pending_seeds(sim, needle) > 0) return true;
+    bool done = handle_seeds(sim, needle, w->drop, &w->reason) == TROCAR_OK;
+    w->drop = NULL;
+    return done;
+}
+
+bool end_waiting_drop(waiting_drop *w, trocar_sim *sim, int needle, const logged_command *next) {
+    bool goes_on = next && (next->answer == ANSWER_REFUSED || is_undo(next)); /* see replay_seed_command */
+    if (!w->drop || goes_on) return true;
+    bool done = try_waiting_drop(w, sim, needle) && !w->drop;
+    w->drop = NULL;
+    return done;
+}

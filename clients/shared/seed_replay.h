@@ -1,0 +1,26 @@
+/* Commands for seeds in a replay. Commands that the server refused are not executed. A drop that the server executed may come too early in a replay,
+   because the previous seed leaves the needle a few um later: it then waits until that seed is out, at most until the needle's next command or reset.
+   */
+#ifndef TROCAR_SEED_REPLAY_H
+#define TROCAR_SEED_REPLAY_H
+
+#include <stdbool.h>
+
+#include "shared/poselog.h"
+
+typedef struct {
+    const trocar_command_t *drop; /* a waiting drop, in the log; NULL: none */
+    report reason;           /* why it waits, or why it was given up */
+} waiting_drop;
+
+/* Executes a command like handle_seeds. Returns TROCAR_OK also for commands that the server refused, for a drop that starts to
+   wait, and for an undo of a waiting drop. */
+trocar_status replay_seed_command(waiting_drop *w, trocar_sim *sim, int needle, const logged_command *logged, report *why);
+
+/* Call before each tick of the needle. False: the waiting drop is refused for another reason, and given up. */
+bool try_waiting_drop(waiting_drop *w, trocar_sim *sim, int needle);
+
+/* Call before the needle's next command (`next`), before it is reset, and at the end (NULL). False: the waiting drop is given up. */
+bool end_waiting_drop(waiting_drop *w, trocar_sim *sim, int needle, const logged_command *next);
+
+#endif

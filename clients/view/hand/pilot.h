@@ -1,0 +1,66 @@
+/* Drives a needle for a browser: turns its actions into orders to the publisher's thread, and watches needles that change hands. */
+#ifndef TROCAR_PILOT_H
+#define TROCAR_PILOT_H
+
+#include <pthread.h>
+
+#include "view/hand/pose_publisher.h"
+#include "view/stream/subscriber.h"
+#include "view/web/web.h"
+
+/* Stages of a hand-over. Until the server has answered, the browser keeps a needle that it leaves, or takes although it rests. */
+typedef enum {
+    HANDING_NOTHING,
+    HANDING_LEFT,
+    HANDING_TAKEN,
+    HANDING_LAID,            /* nobody held the needle in the tissue: it is first left to rest, and then taken */
+    HANDING_DROPPED          /* its browser has released it in the tissue: it is left to rest; nobody drives */
+} handover;
+
+typedef struct {
+    const trocar_model *model;
+    const pose *homes;       /* where each needle waits outside the tissue */
+    double needle_length;    /* m */
+    subscriber *feed;
+    web *web;
+    pose_publisher publisher;
+    pthread_t thread;
+    bool running;            /* the publisher's thread is running */
+    int needle;              /* the needle that a browser drives, or drove last */
+    bool driving;            /* a browser drives it */
+    handover handing;        /* whether that needle is being left or taken, */
+    int64_t handing_since;   /* ns, monotonic */
+    int64_t replies_heeded;  /* value of subscriber.replies_heard */
+    bool lies_down;          /* a needle in the tissue rests once its browser has released it: the scene has a template */
+    bool has_hole;           /* the driven needle should go to a hole of the template: */
+    int guide, column, row;
+    const char *lost;        /* why its browser lost the needle without asking; "" while one drives, and if it asked */
+    int64_t servers;         /* value of subscriber.servers for the server that browsers drive */
+} pilot;
+
+/* Uses `p`'s model, homes, needle_length, feed and web, which must outlive it. SYSTEM if LCM or the thread fails. */
+trocar_status pilot_open(pilot *p, lcm_t *lcm, report *why);
+
+/* Releases the needle. Also call it if pilot_open has failed or was not called. */
+void pilot_close(pilot *p);
+
+/* Carries out an action of the driving browser. */
+void pilot_act(pilot *p, const web_action *action);
+
+/* Call after messages have been received. After a change of server the driving browser loses the needle, because the new server starts without an
+   insertion. */
+void pilot_hear(pilot *p);
+
+/* The reason why this needle cannot be driven, NULL if it can. */
+const char *pilot_trouble(const pilot *p, int needle);
+
+/* Takes the needle from the driving browser for this reason, a static string. */
+void pilot_let_go(pilot *p, const char *why);
+
+/* True if a server is running and this needle neither rests, unless it is being handed over, nor is owned by another client. */
+bool pilot_has(const pilot *p, int needle);
+
+/* True if a browser may take this needle. A browser that drives none may take a resting needle. */
+bool pilot_may_take(const pilot *p, int needle);
+
+#endif

@@ -1,0 +1,53 @@
+/* Data for the browsers: encoded pictures, and samples for the plots. Live, only the newest picture and the last minute of samples are kept. For a
+   log all samples are kept, and all pictures up to a limit, then every second, every fourth and so on, always including the newest. Not thread-safe.
+   */
+#ifndef TROCAR_TIMELINE_H
+#define TROCAR_TIMELINE_H
+
+#include "base/report.h"
+#include "view/stream/wire_format.h"
+
+#define SAMPLE_SLOT 0.01     /* s, time covered by one sample of a needle */
+#define SAMPLE_SPAN 60.0     /* s of samples kept live */
+#define PICTURE_BYTES ((size_t)256 << 20) /* limit for the pictures of a log */
+
+typedef struct {
+    bool live;
+    byte_buffer *pictures;   /* encoded; live: one */
+    int64_t picture_end;     /* number of the next picture */
+    size_t picture_room;
+    size_t picture_bytes, picture_bytes_most; /* size of the pictures, and the limit above which those of a log are thinned out */
+    int64_t pictures_given, picture_stride; /* log: one in `picture_stride` is kept */
+    plot_sample *samples;    /* of all needles, in the order of their times; live: a ring */
+    int64_t sample_end;      /* number of the next sample */
+    size_t sample_room;
+    plot_sample gathered[TROCAR_MAX_NEEDLES]; /* values gathered in the current slot */
+    double slot_end[TROCAR_MAX_NEEDLES];      /* s */
+    double now;              /* s, time of the newest sample */
+} timeline;
+
+/* Creates a timeline for `needles` needles, 1 to TROCAR_MAX_NEEDLES. NO_MEMORY. */
+trocar_status timeline_create(timeline *t, bool live, int needles, report *why);
+void timeline_free(timeline *t);
+
+/* Adds the values of one tick of needle `s->needle`; `s` has the events of this tick only. NO_MEMORY (log only). */
+trocar_status timeline_add_sample(timeline *t, const plot_sample *s, report *why);
+
+/* As encode_picture. */
+trocar_status timeline_add_picture(timeline *t, double time, const needle_shown needles[], int count,
+                                   const trocar_probe *probe, const trocar_deformation_t *tissue, report *why);
+
+/* Position of a reader: numbers of the next picture and sample. */
+typedef struct {
+    int64_t picture, sample;
+} timeline_cursor;
+
+/* Adds the seeds of the newest picture, after it. For a log only; live, seeds arrive by themselves. */
+trocar_status timeline_add_seeds(timeline *t, const trocar_seeds_t *seeds, report *why);
+
+bool timeline_has_news(const timeline *t, const timeline_cursor *cursor);
+
+/* Appends the samples, then the pictures that are new to the reader (live: the newest picture only), up to about `most` bytes. */
+void timeline_read(const timeline *t, timeline_cursor *cursor, size_t most, byte_buffer *out);
+
+#endif

@@ -1,0 +1,221 @@
+#include "inverse/inverse.h"
+
+#include <math.h>
+#include <pthread.h>
+#include <stdatomic.h>
+#include <stdlib.h>
+#include <string.h>
+#include <sys/mman.h>
+
+#include "base/memory.h"
+#include "condensed/coarse_space.h"
+#include "condensed/condensation.h"
+#include "condensed/condensed_cache.h"
+#include "condensed/conjugate_gradients.h"
+#include "inverse/inverse_owner.h"
+
+/* The dense inverse between the nodes of a region of interest, K^-1_RR. Displacement fields are found by conjugate gradients, which take no more
+   memory than K. Blocks of other nodes come from a sparse inverse that is created on first use: a start with a cached inverse needs neither the
+   factorisation nor K. */
+typedef struct {
+    inverse shared;
+    int *nodes;              /* matrix.count free nodes of the region, in the order of the matrix */
+    int *place;              /* node_count: index in `nodes`, or -1 */
+    symmetric_blocks matrix; /* m/N */
+    file_mapping mapping;    /* of the cache file that holds the matrix; empty if the matrix is in its own memory */
+    pthread_mutex_t assembling;        /* protects K until it is assembled: worker, display and preparation may need it concurrently */
+    pthread_mutex_t factoring;         /* protects the next three members and the factor, for a minute or more; displacement fields do not wait for it
+                                          */
+    _Atomic(inverse *) rest; /* NULL: not needed yet, or failed */
+    trocar_status rest_status;
+    report no_rest;          /* reason of the failure */
+    coarse_space *coarse;    /* for conjugate gradients; NULL: not needed yet, or failed */
+    bool coarse_sought;
+    int given_count, *given; /* the region's nodes in the caller's order */
+} condensed_inverse;
+
+/* ---- the rest of the body --------------------------------------------------------------------------------------------- */
+
+/* Assembles K once, and then lets others read it. */
+static trocar_status assemble(condensed_inverse *c, report *why) {
+    tissue *t = c->shared.tissue;
+    if (atomic_load(&t->assembled)) return TROCAR_OK;
+    pthread_mutex_lock(&c->assembling);
+    trocar_status status = tissue_stiffness(t, why);
+    pthread_mutex_unlock(&c->assembling);
+    return status;
+}
+
+/* A failure is final, because each attempt would take minutes; a shortage of memory at the beginning is not, if there is enough now. */
+static bool is_final(const condensed_inverse *c) {
+    double refused = c->shared.tissue->refused;
+    return c->rest_status != TROCAR_OK && !(c->rest_status == TROCAR_NO_MEMORY && refused > 0.0 && refused <= memory_available());
+}
+
+/* Creates the sparse inverse once. */
+static trocar_status rest_of(condensed_inverse *c, inverse **rest, report *why) {
+    pthread_mutex_lock(&c->factoring);
+    inverse *created = c->rest;
+    if (!created && !is_final(c)) {
+        c->rest_status = assemble(c, &c->no_rest); /* before factorising, so that displacement fields need not wait for the factor */
+        if (c->rest_status == TROCAR_OK) c->rest_status = tissue_factor(c->shared.tissue, c->given_count, c->given, &c->no_rest);
+        if (c->rest_status == TROCAR_OK) c->rest_status = inverse_create_sparse(c->shared.tissue, SPARSE_CACHE, &created, &c->no_rest);
+        c->rest = created;
+    }
+    trocar_status status = c->rest_status;
+    *rest = created;
+    if (status != TROCAR_OK) *why = c->no_rest;
+    pthread_mutex_unlock(&c->factoring);
+    return status;
+}
+
+static trocar_status condensed_prepare(inverse *inv, report *why) {
+    inverse *rest;
+    return rest_of((condensed_inverse *)inv, &rest, why);
+}
+
+static bool is_inside(const condensed_inverse *c, int count, const int *nodes) {
+    for (int i = 0; i < count; i++)
+        if (c->place[nodes[i]] < 0 && c->shared.tissue->dof[nodes[i]] >= 0) return false;
+    return true;
+}
+
+static void look_up(const condensed_inverse *c, int row, int column, double *out, int ld) {
+    if (c->place[row] >= 0 && c->place[column] >= 0) {
+        symmetric_blocks_get(&c->matrix, c->place[row], c->place[column], out, ld);
+        return;
+    }
+    for (int a = 0; a < 3; a++) memset(out + (size_t)a * (size_t)ld, 0, 3 * sizeof *out); /* in the region but not in the matrix, hence fixed */
+}
+
+/* Copies blocks of the region; other blocks come from the sparse inverse. */
+static trocar_status condensed_gather(inverse *inv, const inverse_blocks *blocks, report *why) {
+    condensed_inverse *c = (condensed_inverse *)inv;
+    if (!is_inside(c, blocks->row_count, blocks->rows) || !is_inside(c, blocks->column_count, blocks->columns)) {
+        inverse *rest;
+        trocar_status status = rest_of(c, &rest, why);
+        return status == TROCAR_OK ? inverse_gather(rest, blocks, why) : status;
+    }
+    for (int i = 0; i < blocks->row_count; i++)
+        for (int j = 0; j < blocks->column_count; j++)
+            look_up(c, blocks->rows[i], blocks->columns[j], blocks->out + (size_t)(3 * i) * (size_t)blocks->ld + 3 * j, blocks->ld);
+    return TROCAR_OK;
+}
+
+static const double FIELD_TOLERANCE = 1e-10; /* of the force */
+enum { COARSE_STEPS = 1000 };                /* with a coarse space; 45 suffice at 20 000 and at 45 000 nodes */
+enum { FIELD_STEPS = 20000 };                /* without; 3000 suffice for a gland 2000 times stiffer at nu = 0.499 and 4985 nodes */
+
+/* Gives up a coarse space that does not converge (gland 2000 times stiffer at nu = 0.499). */
+static bool search(condensed_inverse *c, const double *force, double *displacement) {
+    const tissue *t = c->shared.tissue;
+    if (!c->coarse_sought) c->coarse = coarse_space_create(t);
+    c->coarse_sought = true;
+    if (c->coarse && conjugate_gradients(t->stiffness, c->coarse, FIELD_TOLERANCE, COARSE_STEPS, force, displacement)) return true;
+    if (!conjugate_gradients(t->stiffness, NULL, FIELD_TOLERANCE, FIELD_STEPS, force, displacement)) return false;
+    coarse_space_free(c->coarse);
+    c->coarse = NULL;
+    return true;
+}
+
+/* The search starts from the displacement of the last call: consecutive fields differ little. */
+static void condensed_apply(inverse *inv, const double *force, double *displacement) {
+    condensed_inverse *c = (condensed_inverse *)inv;
+    tissue *t = inv->tissue;
+    report why;
+    bool forced = false;
+    for (int i = 0; i < t->dof_count && !forced; i++) forced = force[i] != 0.0;
+    inverse *rest = c->rest;
+    if (forced && rest) {
+        rest->owner->apply(rest, force, displacement);
+        return;
+    }
+    if (!forced || assemble(c, &why) != TROCAR_OK || !search(c, force, displacement))
+        memset(displacement, 0, (size_t)t->dof_count * sizeof *force);
+}
+
+static void condensed_release(inverse *inv) {
+    condensed_inverse *c = (condensed_inverse *)inv;
+    inverse_free(c->rest);
+    coarse_space_free(c->coarse);
+    pthread_mutex_destroy(&c->assembling);
+    pthread_mutex_destroy(&c->factoring);
+    free(c->nodes);
+    free(c->place);
+    free(c->given);
+    if (c->mapping.at) munmap(c->mapping.at, c->mapping.bytes);
+    else free(c->matrix.numbers);
+}
+
+static bool condensed_holds(const inverse *inv, int node) { return is_inside((const condensed_inverse *)inv, 1, &node); }
+
+static const inverse_owner condensed_owner = {"condensed", condensed_gather, condensed_apply, condensed_prepare, condensed_release, NULL,
+                                              condensed_holds, NULL};
+
+/* ---- creation --------------------------------------------------------------------------------------------------------- */
+
+/* Maps the matrix from the cache, or computes and caches it. */
+static trocar_status fill(condensed_inverse *c, const condensed_region *region, report *notice, report *why) {
+    const tissue *t = c->shared.tissue;
+    int count = c->matrix.count;
+    condensed_cache cache = condensed_cache_find(region->directory, t, region->count, region->nodes, region->single);
+    cache_state found = condensed_cache_map(&cache, c->nodes, &c->matrix, &c->mapping);
+    bool known = found == CACHE_READ;
+    for (int i = 0; i < count && known; i++) known = c->nodes[i] >= 0 && c->nodes[i] < t->mesh->node_count && t->dof[c->nodes[i]] >= 0;
+    if (known) {
+        snprintf(notice->text, sizeof notice->text, "%d nodes, read from %.900s", count, cache.path);
+        return TROCAR_OK;
+    }
+    if (c->mapping.at) munmap(c->mapping.at, c->mapping.bytes);
+    c->mapping = (file_mapping){0};
+    c->matrix.numbers = NULL;
+    double needed;
+    trocar_status status = region->must_be_saved ? condensed_cache_check(&cache, &c->matrix, why) : TROCAR_OK;
+    if (status != TROCAR_OK) return status;
+    status = condense(c->shared.tissue, region, c->nodes, &c->matrix, &needed, why);
+    if (status == TROCAR_NO_MEMORY || needed == INFINITY) {
+        size_t used = strlen(why->text);
+        snprintf(why->text + used, sizeof why->text - used, "; a file made on another machine is used if it is copied to %.600s", cache.path);
+    }
+    if (status == TROCAR_NO_MEMORY && needed > memory_most()) return TROCAR_BAD_INPUT; /* another attempt would not help */
+    if (status != TROCAR_OK) return status;
+    snprintf(notice->text, sizeof notice->text, "%d nodes, %s %.900s", count,
+             found == CACHE_ABSENT ? "written to" : "damaged, rewritten to", cache.path);
+    report unwritten;
+    status = condensed_cache_write(&cache, c->nodes, &c->matrix, &unwritten);
+    if (status == TROCAR_OK) return status;
+    *(region->must_be_saved ? why : notice) = unwritten;
+    return region->must_be_saved ? status : TROCAR_OK;
+}
+
+trocar_status inverse_create_condensed(tissue *t, const condensed_region *region, inverse **created, report *notice, report *why) {
+    int count = region->count;
+    condensed_inverse *c = calloc(1, sizeof *c);
+    *created = c ? &c->shared : NULL;
+    if (!c) return fail(why, TROCAR_NO_MEMORY, "no memory");
+    pthread_mutex_init(&c->assembling, NULL);
+    pthread_mutex_init(&c->factoring, NULL);
+    trocar_status status = inverse_init(&c->shared, &condensed_owner, t, why);
+    size_t all = (size_t)t->mesh->node_count;
+    c->matrix.single = region->single;
+    for (int i = 0; i < count; i++) c->matrix.count += t->dof[region->nodes[i]] >= 0;
+    c->given_count = count;
+    c->given = malloc(((size_t)count + 1) * sizeof *c->given);
+    c->nodes = malloc(((size_t)count + 1) * sizeof *c->nodes);
+    c->place = malloc(all * sizeof *c->place);
+    if (status == TROCAR_OK && !(c->given && c->nodes && c->place)) status = fail(why, TROCAR_NO_MEMORY, "no memory for %d nodes", count);
+    if (status == TROCAR_OK && c->matrix.count == 0)
+        status = fail(why, TROCAR_BAD_INPUT, "inverse: condensed needs a region_of_interest with nodes that are not fixed");
+    if (status == TROCAR_OK) {
+        memcpy(c->given, region->nodes, (size_t)count * sizeof *c->given);
+        status = fill(c, region, notice, why);
+    }
+    if (status != TROCAR_OK) {
+        inverse_free(&c->shared);
+        *created = NULL;
+        return status;
+    }
+    for (size_t i = 0; i < all; i++) c->place[i] = -1;
+    for (int i = 0; i < c->matrix.count; i++) c->place[c->nodes[i]] = i;
+    return TROCAR_OK;
+}

@@ -1,0 +1,18 @@
+/* The refined mesh as arrays: nominal nodes, then the contact nodes. */
+#ifndef TROCAR_REFINED_MESH_H
+#define TROCAR_REFINED_MESH_H
+
+#include "refinement/refinement.h"
+
+typedef struct {
+    int node_count, tet_count;
+    vec3 *nodes;             /* node_count, m; the entry of a moved contact node belongs to no element */
+    int (*tets)[4];          /* tet_count */
+    int *parent;             /* tet_count: nominal element */
+} refined_mesh;
+
+/* The contact nodes must be in slots without gaps (refinement_compact). Allocates. NO_MEMORY. */
+trocar_status refined_mesh_create(const mesh *m, const refinement *r, refined_mesh *out, report *why);
+void refined_mesh_free(refined_mesh *out);
+
+#endif

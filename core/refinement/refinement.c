@@ -1,0 +1,153 @@
+#include "refinement/refinement.h"
+
+#include <string.h>
+
+#include "refinement/leaves.h"
+
+static const double LEAST_WEIGHT = 0.02; /* fraction: barycentric weight of an added node in its leaf, at least; no slivers, no zero volumes. Chosen */
+static const double ON_FACE = 1e-9; /* 1: barycentric weight up to which a node is on a face. Rounding */
+
+/* ---- addition ---------------------------------------------------------------------------------------------------- */
+
+/* Weights of at least LEAST_WEIGHT, but for the corner `zero` (none if -1), which has none. */
+static void keep_inside(leaf_point *p, int zero) {
+    double sum = 0.0;
+    for (int i = 0; i < 4; i++) sum += p->weights[i] = i == zero ? 0.0 : fmax(p->weights[i], LEAST_WEIGHT);
+    for (int i = 0; i < 4; i++) p->weights[i] /= sum;
+}
+
+/* Bit i: slot i is in use. */
+static uint64_t slots_in_use(const refinement *r) {
+    uint64_t used = 0;
+    for (int i = 0; i < r->count; i++) used |= UINT64_C(1) << r->order[i];
+    return used;
+}
+
+/* Puts the lowest free slot behind the others, where it is not counted yet. */
+static int take_slot(refinement *r) { return r->order[r->count] = __builtin_ctzll(~slots_in_use(r)); }
+
+static int append(const mesh *m, refinement *r, int tet, const leaf_point *at, uint64_t id) {
+    int slot = take_slot(r);
+    added_node *node = &r->nodes[slot];
+    *node = (added_node){.id = id, .tet = tet, .moved = -1, .at = *at, .across_tet = -1};
+    for (int i = 0; i < 4; i++)
+        node->position = v3_axpy(at->weights[i], refinement_position(m, r, r->count, at->corners[i]), node->position);
+    r->count++;
+    return slot;
+}
+
+int refinement_add(const mesh *m, refinement *r, int tet, vec3 x, uint64_t id) {
+    if (r->count >= MAX_CONTACTS) return -1;
+    leaf_point p = refinement_locate(m, r, r->count, tet, x);
+    keep_inside(&p, -1);
+    return append(m, r, tet, &p, id);
+}
+
+/* The leaf on the other side of the face opposite corner `face`: in the same element or one beside it. */
+static bool find_across(const mesh *m, const refinement *r, int active, int tet, const int corners[4], int face, leaf *across) {
+    leaf leaves[MAX_LEAVES];
+    for (int k = -1; k < 4; k++) {
+        int other = k < 0 ? tet : m->neighbours[tet][k];
+        int count = other < 0 ? 0 : leaves_of(m, r, active, other, leaves);
+        for (int i = 0; i < count; i++) {
+            bool all = !same_corners(leaves[i].corners, corners);
+            for (int c = 0; c < 4 && all; c++) all = c == face || leaf_has_corner(&leaves[i], corners[c]);
+            if (!all) continue;
+            *across = leaves[i];
+            return true;
+        }
+    }
+    return false;
+}
+
+/* The other side of the face opposite corner `face` that the node is on, with the first `active` contact nodes. */
+static void split_across(const mesh *m, const refinement *r, int active, int face, added_node *node) {
+    leaf across;
+    if (!find_across(m, r, active, node->tet, node->at.corners, face, &across)) return;
+    node->across_tet = across.tet;
+    for (int i = 0; i < 4; i++) {
+        node->across.corners[i] = across.corners[i];
+        node->across.weights[i] = 0.0;
+        for (int k = 0; k < 4; k++)
+            if (node->at.corners[k] == across.corners[i]) node->across.weights[i] = node->at.weights[k];
+    }
+}
+
+int refinement_add_on_face(const mesh *m, refinement *r, int tet, vec3 x, uint64_t id) {
+    if (r->count >= MAX_CONTACTS) return -1;
+    leaf_point p = refinement_locate(m, r, r->count, tet, x);
+    int face = closest_face(&p);
+    keep_inside(&p, face);
+    int slot = append(m, r, tet, &p, id);
+    split_across(m, r, r->count - 1, face, &r->nodes[slot]);
+    return slot;
+}
+
+/* ---- removal ------------------------------------------------------------------------------------------------------- */
+
+int refinement_find(const refinement *r, uint64_t id) {
+    for (int i = 0; i < r->count; i++)
+        if (r->nodes[r->order[i]].id == id) return i;
+    return -1;
+}
+
+static bool touches(const leaf_point *p, uint64_t slots) {
+    for (int i = 0; i < 4; i++)
+        if (p->corners[i] < 0 && slots >> (-1 - p->corners[i]) & 1) return true;
+    return false;
+}
+
+bool refinement_hangs_on(const added_node *node, uint64_t slots) {
+    return node->moved < 0 && (touches(&node->at, slots) || (node->across_tet >= 0 && touches(&node->across, slots)));
+}
+
+/* Finds the leaf that a node is in now, with the first `active` nodes. Where it is on a face of that, it is to rounding. */
+static void place_again(const mesh *m, const refinement *r, int active, added_node *node) {
+    node->at = refinement_locate(m, r, active, node->tet, node->position);
+    node->across_tet = -1;
+    node->across = (leaf_point){.corners = {0}};
+    int face = closest_face(&node->at);
+    if (node->at.weights[face] > ON_FACE) return;
+    double rest = 1.0 - node->at.weights[face];
+    for (int i = 0; i < 4; i++) node->at.weights[i] = i == face ? 0.0 : node->at.weights[i] / rest;
+    split_across(m, r, active, face, node);
+}
+
+int refinement_remove(const mesh *m, refinement *r, uint64_t id) {
+    int position = refinement_find(r, id);
+    if (position < 0) return -1;
+    for (int i = position; i < r->count && position + 1 < r->count; i++)
+        if (r->nodes[r->order[i]].moved >= 0) return -1;
+    int slot = r->order[position];
+    uint64_t changed = UINT64_C(1) << slot;
+    r->count--;
+    memmove(r->order + position, r->order + position + 1, (size_t)(r->count - position) * sizeof *r->order);
+    for (int i = position; i < r->count; i++) {
+        if (!refinement_hangs_on(&r->nodes[r->order[i]], changed)) continue;
+        place_again(m, r, i, &r->nodes[r->order[i]]);
+        changed |= UINT64_C(1) << r->order[i];
+    }
+    return slot;
+}
+
+int refinement_span(const refinement *r) {
+    int span = 0;
+    for (int i = 0; i < r->count; i++) span = r->order[i] >= span ? r->order[i] + 1 : span;
+    return span;
+}
+
+void refinement_compact(const refinement *r, int count, refinement *out) {
+    int place_of[MAX_CONTACTS] = {0};
+    out->count = count;
+    for (int i = 0; i < count; i++) {
+        added_node *node = &out->nodes[i];
+        out->order[i] = i;
+        *node = r->nodes[r->order[i]];
+        place_of[r->order[i]] = i;
+        for (int c = 0; c < 4; c++) {
+            int *at = &node->at.corners[c], *across = &node->across.corners[c];
+            if (*at < 0) *at = -1 - place_of[-1 - *at];
+            if (*across < 0) *across = -1 - place_of[-1 - *across];
+        }
+    }
+}

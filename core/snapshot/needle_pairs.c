@@ -1,0 +1,163 @@
+#include "snapshot/needle_pairs.h"
+
+#include <stdlib.h>
+#include <string.h>
+
+enum { FIELDS = 1024 };              /* lines whose fields are kept: those of 32 needles */
+static const double REACH = 3.0; /* edge lengths: from a line; beyond, no patch has any node. Derived: a patch reaches 1.6 edge lengths, and up to one element
+                                    farther */
+
+struct needle_pairs {
+    resolver *resolver;
+    const mesh *mesh;
+    double radius;
+    int count, next;                 /* of the fields; the one that is replaced next */
+    line_in_tet lines[FIELDS];       /* of each of them */
+    line_field *fields[FIELDS];
+};
+
+trocar_status needle_pairs_create(const tissue *t, double radius, needle_pairs **created, report *why) {
+    needle_pairs *p = *created = calloc(1, sizeof *p);
+    if (!p) return fail(why, TROCAR_NO_MEMORY, "no memory for needles close to each other");
+    p->mesh = t->mesh;
+    p->radius = radius;
+    trocar_status status = resolver_create(t, &p->resolver, why);
+    if (status == TROCAR_OK) return TROCAR_OK;
+    needle_pairs_free(p);
+    *created = NULL;
+    return status;
+}
+
+void needle_pairs_free(needle_pairs *p) {
+    if (!p) return;
+    for (int i = 0; i < p->count; i++) free(p->fields[i]);
+    resolver_free(p->resolver);
+    free(p);
+}
+
+/* ---- fields ---------------------------------------------------------------------------------------------------------- */
+
+static bool same_vector(vec3 a, vec3 b) { return a.x == b.x && a.y == b.y && a.z == b.z; }
+
+static bool same_line(const line_in_tet *a, const line_in_tet *b) {
+    return a->tet == b->tet && same_vector(a->point, b->point) && same_vector(a->direction, b->direction);
+}
+
+static trocar_status find_field(needle_pairs *p, const line_in_tet *line, const line_field **found, report *why) {
+    for (int i = 0; i < p->count; i++)
+        if (same_line(&p->lines[i], line)) {
+            *found = p->fields[i];
+            return TROCAR_OK;
+        }
+    int place = p->next;
+    if (!p->fields[place]) p->fields[place] = malloc(sizeof *p->fields[place]);
+    if (!p->fields[place]) return fail(why, TROCAR_NO_MEMORY, "no memory for needles close to each other");
+    if (place == p->count) p->count++;
+    p->next = (place + 1) % FIELDS;
+    p->lines[place] = *line;
+    trocar_status status = resolver_spread(p->resolver, line, p->fields[place], why);
+    if (status != TROCAR_OK) p->lines[place].tet = -1;
+    *found = p->fields[place];
+    return status;
+}
+
+/* ---- tracks ---------------------------------------------------------------------------------------------------------- */
+
+static vec3 place_at(const shaft_piece *piece, double depth) { return v3_axpy(depth - piece->depth, piece->direction, piece->place); }
+
+void shaft_steps_lay(const mesh *m, const tissue_loads *own, double ahead, double finest, shaft_steps *steps) {
+    const shaft_piece *pieces[MAX_LOADS];
+    int count = 0, tet = -1;
+    steps->count = 0;
+    for (int i = 0; i < own->count; i++)
+        if (own->loads[i].shaft.to > own->loads[i].shaft.from) pieces[count++] = &own->loads[i].shaft;
+    if (count == 0) return;
+    double length = pieces[count - 1]->to + ahead - pieces[0]->from;
+    steps->start = pieces[0]->from;
+    steps->step = fmax(finest, length / SHIFT_STEPS);
+    steps->count = (int)fmin(ceil(length / steps->step), SHIFT_STEPS);
+    for (int k = 0, at = 0; k < steps->count; k++) {
+        double depth = steps->start + (k + 0.5) * steps->step;
+        while (at + 1 < count && depth > pieces[at]->to) at++;
+        vec3 place = place_at(pieces[at], depth);
+        if (tet < 0) tet = pieces[at]->line.tet;
+        tet = steps->at[k].tet = mesh_locate(m, place, tet);
+        if (tet >= 0) mesh_barycentric(m, tet, place, steps->at[k].weights);
+        steps->at[k].place = place;
+        steps->at[k].direction = pieces[at]->direction;
+        steps->at[k].line = pieces[at]->line;
+    }
+}
+
+/* Where a piece is beside a step. */
+typedef struct {
+    double part;             /* 1/m, of a force on the piece, over the length of the step; 0: nowhere */
+    vec3 place;              /* m, on the piece: beside the step's middle */
+} meeting;
+
+/* Lines act on each other where they are beside each other: as far along the line halfway between their directions. Both then have the same
+   measure of it, which makes the forces reciprocal. */
+static meeting meet(const shaft_steps *steps, int k, const shaft_piece *piece) {
+    vec3 along = steps->at[k].direction, other = piece->direction;
+    if (v3_dot(along, other) < 0.0) other = v3_scale(-1.0, other);
+    vec3 between = v3_unit(v3_add(along, other));
+    double lean = v3_dot(along, between), half = 0.5 * lean * steps->step, middle = v3_dot(steps->at[k].place, between);
+    double a = v3_dot(place_at(piece, piece->from), between), b = v3_dot(place_at(piece, piece->to), between);
+    double common = fmin(middle + half, fmax(a, b)) - fmax(middle - half, fmin(a, b));
+    if (!(common > 0.0)) return (meeting){.part = 0.0};
+    vec3 place = v3_axpy((middle - v3_dot(piece->place, between)) / lean, other, piece->place);
+    return (meeting){common / ((piece->to - piece->from) * steps->step * lean), place};
+}
+
+/* What the mesh lacks at a place of what a force per length on the other line does: the mean of what both lines' patches say, as each sees the mesh
+   from its own side. */
+static mat3 lacks_between(const needle_pairs *p, const line_field *of, const shaft_steps *steps, int k, const line_field *own, int tet, vec3 place) {
+    double weights[4];
+    mat3 there = line_field_lacks(of, p->mesh, steps->at[k].tet, steps->at[k].weights, steps->at[k].place, p->radius);
+    mesh_barycentric(p->mesh, tet, place, weights);
+    mat3 back = line_field_lacks(own, p->mesh, tet, weights, place, p->radius);
+    back = m3_transposed(&back);
+    m3_add_scaled(&there, 1.0, &back);
+    return m3_scaled(0.5, there);
+}
+
+trocar_status needle_pairs_find(needle_pairs *p, const shaft_steps *steps, const shaft_piece *piece, int *from, int *to, mat3 *lacks, report *why) {
+    const line_field *of = NULL, *own = NULL;
+    const line_in_tet *own_line = NULL;
+    *from = *to = 0;
+    if (!(piece->to > piece->from)) return TROCAR_OK;
+    int tet = piece->line.tet;
+    vec3 middle = place_at(piece, 0.5 * (piece->from + piece->to));
+    double reach = REACH * mesh_edge_length(p->mesh, tet) + (piece->to - piece->from);
+    for (int k = 0; k < steps->count; k++) {
+        lacks[k] = (mat3){{{0}}};
+        if (steps->at[k].tet < 0 || v3_norm(v3_sub(steps->at[k].place, middle)) > reach) continue;
+        meeting beside = meet(steps, k, piece);
+        if (beside.part == 0.0) continue;
+        int found = mesh_locate(p->mesh, beside.place, tet);
+        if (found < 0) continue;
+        tet = found;
+        trocar_status status = of ? TROCAR_OK : find_field(p, &piece->line, &of, why);
+        if (status == TROCAR_OK && !(own_line && same_line(own_line, &steps->at[k].line))) {
+            own_line = &steps->at[k].line;
+            status = find_field(p, own_line, &own, why);
+        }
+        if (status != TROCAR_OK) return status;
+        lacks[k] = m3_scaled(beside.part, lacks_between(p, of, steps, k, own, tet, beside.place));
+        if (*to == 0) *from = k;
+        *to = k + 1;
+    }
+    return TROCAR_OK;
+}
+
+trocar_status needle_pairs_shift(needle_pairs *p, const shaft_steps *steps, const tissue_loads *loads, unresolved_shift *shift, report *why) {
+    mat3 lacks[SHIFT_STEPS];
+    for (int i = 0; i < loads->count; i++) {
+        int from, to;
+        trocar_status status = needle_pairs_find(p, steps, &loads->loads[i].shaft, &from, &to, lacks, why);
+        if (status != TROCAR_OK) return status;
+        for (int k = from; k < to; k++) shift->sum[k + 1] = v3_axpy(steps->step, m3_apply(&lacks[k], loads->loads[i].force), shift->sum[k + 1]);
+        shift->any = shift->any || to > from;
+    }
+    return TROCAR_OK;
+}

@@ -1,0 +1,1 @@
+"""Geometry of regions: outlines, closed surfaces, label images, and the conversions between them."""

@@ -1,0 +1,79 @@
+"""A smooth surface through the outlines of an organ: OpenCASCADE's loft, triangulated by Gmsh."""
+import gmsh
+import numpy as np
+
+from .. import limits, session
+from . import contours
+from .shells import Shell, oriented
+
+POINTS, HARMONICS = 24, 6     # of an outline's spline; higher harmonics are tremor
+QUARTERS = 4                  # splines per section: a face that closes on itself is hard to mesh
+END = 0.8                     # size of the section half a thickness beyond the last slice, where the organ ends
+ERROR = 0.05                  # of the volume: a loft with a larger error has folded
+FINE = 1 / 24                 # triangle's edge, of the organ's longest side
+
+
+def wire(points, z):
+    occ = gmsh.model.occ
+    tags = [occ.addPoint(x, y, z) for x, y in points]
+    tags.append(tags[0])
+    step = POINTS // QUARTERS
+    return occ.addWire([occ.addSpline(tags[k:k + step + 1]) for k in range(0, POINTS, step)])
+
+
+def sections(stack):
+    """(points, z) from bottom to top."""
+    outlines = [(contours.smooth_outline(s.outline.geoms[0], POINTS, HARMONICS), s.z) for s in stack.slices]
+
+    def end(outline, z):
+        centre = outline.mean(axis=0)
+        return centre + END * (outline - centre), z
+    return [end(outlines[0][0], outlines[0][1] - stack.spacing / 2), *outlines,
+            end(outlines[-1][0], outlines[-1][1] + stack.spacing / 2)]
+
+
+def is_closed(shell):
+    edges = np.sort(np.concatenate([shell.triangles[:, pair] for pair in ((0, 1), (1, 2), (2, 0))]), axis=1)
+    return len(shell.triangles) > 0 and np.all(np.unique(edges, axis=0, return_counts=True)[1] == 2)
+
+
+def triangulate(stack):
+    occ = gmsh.model.occ
+    occ.addThruSections([wire(*section) for section in sections(stack)], makeSolid=True, makeRuled=False, maxDegree=3)
+    occ.synchronize()
+    low, high = np.array(gmsh.model.getBoundingBox(-1, -1)).reshape(2, 3)
+    for option in ("MeshSizeMin", "MeshSizeMax"):
+        gmsh.option.setNumber("Mesh." + option, FINE * (high - low).max())
+    gmsh.model.mesh.generate(2)
+    return mesh_shell()
+
+
+def mesh_shell():
+    """The triangles of Gmsh's current model."""
+    tags, flat, _ = gmsh.model.mesh.getNodes()
+    at = np.zeros(int(tags.max()) + 1, int)
+    at[tags] = np.arange(len(tags))
+    corners = at[gmsh.model.mesh.getElementsByType(2)[1]].reshape(-1, 3)
+    used, numbers = np.unique(corners, return_inverse=True)
+    return oriented(Shell(flat.reshape(-1, 3)[used], numbers.reshape(-1, 3)))
+
+
+def of_stack(stack):
+    """The closed surface, or None if outlines branch or the loft folds: see `field`."""
+    if not stack.is_tube():
+        return None
+    try:
+        shell = limits.run(f"loft of {stack.name}", lofted, stack)
+    except limits.TooLong:      # the result must not depend on the machine's speed
+        raise
+    except Exception:  # Gmsh raises no other class
+        return None
+    sound = is_closed(shell) and abs(shell.volume() / stack.volume() - 1) < ERROR
+    return shell if sound else None
+
+
+def lofted(stack):
+    """Runs in a separate process."""
+    session.start()
+    gmsh.model.add("loft")
+    return triangulate(stack)

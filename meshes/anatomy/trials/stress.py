@@ -1,0 +1,68 @@
+"""Runs random synthetic patients through the pipeline: prints a Markdown table and fails if one of them does.
+
+usage: python3 -m anatomy.trials.stress [FIRST [COUNT]]     numbers of the patients; default 0 50
+"""
+import sys
+import tempfile
+
+import numpy as np
+
+from .. import organ, pipeline
+from ..shapes import shells
+from . import patient
+
+VOLUME_LIMIT = 0.03                     # of the volume of the outlines as read
+MEAN_LIMIT, GREATEST_LIMIT = 1.0, 6.0   # mm from the surface to the outlines before the defects, which move them by up to 10 mm
+
+
+def make(number):
+    """Gland, spacing (mm), rings of the prostate without and with defects, and of the arch; the same number gives the same patient."""
+    random = np.random.default_rng(number)
+    gland = patient.random_gland(random)
+    spacing = random.uniform(3, 7)
+    rois = patient.outlines(gland, spacing, random.uniform(0, 1))
+    return gland, spacing, rois["Prostate"], patient.spoil(rois["Prostate"], random, 0.6), rois["Pubic arch"]
+
+
+def planimetry(rings):
+    """Volume between rings as read, mm^3, one per slice, by the shoelace formula; copies count once."""
+    areas = {}
+    for x, y, z in (ring.T for ring in rings):
+        areas[z[0]] = abs(x @ np.roll(y, -1) - y @ np.roll(x, -1)) / 2
+    heights = np.array(sorted(areas))
+    each = np.array([areas[z] for z in heights])
+    return np.trapz(each, heights) + (each[0] + each[-1]) / 2 * np.median(np.diff(heights))
+
+
+def run(number, folder):
+    """A row of the table, and whether the patient is within the limits."""
+    gland, spacing, truth, outlines, arch = make(number)
+    organs = [organ.of_rings("Prostate", "prostate", False, outlines), organ.of_rings("Pubic arch", "pubic_arch", True, arch)]
+    mesh, domain, _, _ = pipeline.mesh_of(organs, 570, None, f"{folder}/{number}.msh")
+    angles, volume = mesh.dihedral_angles(), planimetry(outlines) * 1e-9
+    change = mesh.region_volume("prostate") / volume - 1
+    off = 1e3 * np.abs(shells.distances(mesh.surfaces["capsule"], pipeline.world(np.vstack(truth), domain.origin)))
+    good = (abs(len(mesh.points) / 570 - 1) <= 0.1 and mesh.badness() <= 1 and abs(change) <= VOLUME_LIMIT
+            and off.mean() <= MEAN_LIMIT and off.max() <= GREATEST_LIMIT)
+    return (f"| {number} | {gland.volume * 1e-3:.1f} | {spacing:.1f} | {len(organs[0].notes)} | {volume * 1e6:.1f} | {100 * change:+.2f} "
+            f"| {off.mean():.2f} | {off.max():.1f} | {len(mesh.points)} | {len(mesh.tets)} | {angles.min():.2f} | {angles.max():.2f} "
+            f"| {mesh.valence().max()} | {'yes' if good else 'NO'} |"), good
+
+
+def main():
+    first, count = (int(v) for v in (sys.argv[1:] + ["0", "50"][len(sys.argv) - 1:]))
+    print("| patient | true ml | slices, mm | gaps and blanks | outlines, ml | mesh, % | off, mm: mean | greatest "
+          "| nodes | tetrahedra | least angle | greatest | valence | good |")
+    print("|" + 14 * "---|")
+    bad = 0
+    with tempfile.TemporaryDirectory() as folder:
+        for number in range(first, first + count):
+            row, good = run(number, folder)
+            print(row, flush=True)
+            bad += not good
+    print(f"\n{count - bad} of {count} within the limits")
+    sys.exit(bad > 0)
+
+
+if __name__ == "__main__":
+    main()

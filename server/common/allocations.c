@@ -1,0 +1,28 @@
+#include "common/allocations.h"
+
+#include <errno.h>
+#include <stddef.h>
+
+static _Thread_local int64_t calls;
+
+int64_t allocations_now(void) { return calls; }
+
+#if ALLOCATIONS_ARE_COUNTED
+/* These replace the C library's functions in the whole process, including its shared libraries. */
+void *__libc_malloc(size_t);
+void *__libc_calloc(size_t, size_t);
+void *__libc_realloc(void *, size_t);
+void *__libc_memalign(size_t, size_t);
+void __libc_free(void *);
+
+void *malloc(size_t size) { return calls++, __libc_malloc(size); }
+void *calloc(size_t count, size_t size) { return calls++, __libc_calloc(count, size); }
+void *realloc(void *p, size_t size) { return calls++, __libc_realloc(p, size); }
+void *memalign(size_t alignment, size_t size) { return calls++, __libc_memalign(alignment, size); }
+void *aligned_alloc(size_t alignment, size_t size) { return memalign(alignment, size); }
+int posix_memalign(void **p, size_t alignment, size_t size) {
+    *p = memalign(alignment, size);
+    return *p == NULL ? ENOMEM : 0;
+}
+void free(void *p) { calls++, __libc_free(p); }
+#endif

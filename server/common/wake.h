@@ -1,0 +1,8 @@
+/* A thread wakes another through an eventfd. */
+#ifndef TROCAR_WAKE_H
+#define TROCAR_WAKE_H
+
+void wake(int eventfd);          /* RT */
+void wait_for_wake(int eventfd); /* blocks until the next wake, or returns at once if there was one */
+
+#endif

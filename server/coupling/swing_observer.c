@@ -1,0 +1,38 @@
+#include "coupling/swing_observer.h"
+
+#include <stdbool.h>
+
+static const double SHORTEST = 0.2e-3;      /* m; physiological tremor is smaller */
+static const double SLOWEST = 0.15;         /* s from one turning point to the next: 3.3 Hz */
+static const double LASTING = 0.9;          /* of the length of the swing one period before: damping below 1.7 % of the critical one */
+static const double LEAST_CHANGE = 0.01;    /* N: unless the force changes, the coupling has no part in the swing */
+
+void swing_begin(swing_observer *s, vec3 position, int64_t now) {
+    *s = (swing_observer){.turn = position, .farthest = position, .turned = now, .reached = now};
+}
+
+/* The farthest point was a turning point. */
+static int end_swing(swing_observer *s, vec3 force) {
+    double length = v3_norm(v3_sub(s->farthest, s->turn)), time = 1e-9 * (double)(s->reached - s->turned);
+    bool lasts = length > fmax(SHORTEST, LASTING * s->lengths[0]) && time < SLOWEST && s->stir > LEAST_CHANGE;
+    s->lasting = lasts ? s->lasting + 1 : 0;
+    s->lengths[0] = s->lengths[1];
+    s->lengths[1] = length;
+    s->turn = s->farthest;
+    s->turned = s->reached;
+    s->force = force;
+    s->stir = 0.0;
+    return s->lasting;
+}
+
+int swing_observe(swing_observer *s, vec3 position, vec3 force, int64_t now) {
+    int lasting = 0;
+    bool farther = v3_norm(v3_sub(position, s->turn)) >= v3_norm(v3_sub(s->farthest, s->turn));
+    bool turned = !farther && v3_norm(v3_sub(position, s->farthest)) > 0.5 * SHORTEST;
+    s->stir = fmax(s->stir, v3_norm(v3_sub(force, s->force)));
+    if (turned) lasting = end_swing(s, force);
+    if (!turned && !farther) return 0;
+    s->farthest = position;
+    s->reached = now;
+    return lasting;
+}

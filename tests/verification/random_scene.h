@@ -279,4 +279,31 @@ static inline trocar_pose pose_towards(const trocar_pose *a, const trocar_pose *
     return p;
 }
 
+/* ---- judging ------------------------------------------------------------------------------------------------------------------ */
+
+static inline double length3(const double v[3]) { return sqrt(v[0] * v[0] + v[1] * v[1] + v[2] * v[2]); }
+
+static inline double distance3(const double a[3], const double b[3]) { return length3((const double[]){a[0] - b[0], a[1] - b[1], a[2] - b[2]}); }
+
+static inline void fail_if(trocar_status status, const trocar_error *why) {
+    if (status == TROCAR_OK) return;
+    fprintf(stderr, "%s\n", why->text);
+    abort();
+}
+
+/* Work of the hand from one pose to the next, J, by the trapezoidal rule: `force` and `torque` are exerted on the hand before and after. */
+static inline double hand_work(const trocar_pose *a, const double force_a[3], const double torque_a[3], const trocar_pose *b, const double force_b[3], const double torque_b[3]) {
+    double sum = 0.0, turn[3], sign = 0.0;
+    for (int i = 0; i < 4; i++) sign += a->orientation[i] * b->orientation[i];
+    const double *p = a->orientation, *q = b->orientation; /* vector part of q p* */
+    turn[0] = -q[0] * p[1] + q[1] * p[0] - q[2] * p[3] + q[3] * p[2];
+    turn[1] = -q[0] * p[2] + q[2] * p[0] - q[3] * p[1] + q[1] * p[3];
+    turn[2] = -q[0] * p[3] + q[3] * p[0] - q[1] * p[2] + q[2] * p[1];
+    for (int i = 0; i < 3; i++) {
+        sum -= 0.5 * (force_a[i] + force_b[i]) * (b->position[i] - a->position[i]);
+        sum -= 0.5 * (torque_a[i] + torque_b[i]) * (sign < 0 ? -2.0 : 2.0) * turn[i];
+    }
+    return sum;
+}
+
 #endif

@@ -11,8 +11,8 @@
 trocar_status trocar_picture_create(trocar_model *model, trocar_picture **created, trocar_error *error) {
     trocar_error ignored, *why = error ? error : &ignored;
     *created = NULL;
-    if (model->mesh_only) return fail(why, TROCAR_BAD_INPUT, "this model is its mesh alone: create it without mesh_only");
-    trocar_status status = blas_make_room(2, why); /* its displacements are found beside the worker */
+    if (model->mesh_only) return fail(why, TROCAR_BAD_INPUT, "this model has only a mesh: create it without mesh_only");
+    trocar_status status = blas_make_room(2, why); /* displacements are computed in parallel with the worker */
     if (status != TROCAR_OK) return status;
     trocar_picture *p = calloc(1, sizeof *p);
     size_t states = (size_t)model->parts.config.needle_count * sizeof *p->states;
@@ -21,7 +21,7 @@ trocar_status trocar_picture_create(trocar_model *model, trocar_picture **create
         free(p);
         return fail(why, TROCAR_NO_MEMORY, "no memory for a picture");
     }
-    memset(p->states, 0, states); /* touched, so that no page fault comes later */
+    memset(p->states, 0, states); /* touched, so that no page fault occurs later */
     p->model = model_share(model);
     p->view = (trocar_view){.model = model, .picture = p, .scratch = &p->scratch};
     floating_mode before = flush_denormals();
@@ -45,7 +45,7 @@ void trocar_picture_free(trocar_picture *picture) {
     free(picture);
 }
 
-enum { RESTING_AT_ONCE = 2 }; /* needles that rest and have changed, which one call copies */
+enum { RESTING_AT_ONCE = 2 }; /* resting needles with changes that one call copies */
 
 void trocar_sim_take_picture(const trocar_sim *sim, trocar_picture *picture) {
     int room = RESTING_AT_ONCE, first = picture->next_resting;

@@ -72,8 +72,8 @@ int trocar_view_seeds(const trocar_view *view, trocar_seed *seeds, int room) {
     for (int i = 0; i < list->count && i < room; i++) {
         const seed *s = &list->seeds[i];
         seeds[i] = (trocar_seed){.tet = s->tet, .needle = s->needle, .guide = s->guide, .hole = s->hole, .strand = s->strand};
-        put(s->at, seeds[i].position);
-        put(s->direction, seeds[i].direction);
+        store_vec3(s->at, seeds[i].position);
+        store_vec3(s->direction, seeds[i].direction);
         memcpy(seeds[i].weights, s->weights, sizeof s->weights);
     }
     return list->count;
@@ -85,7 +85,7 @@ int trocar_view_pending_seeds(const trocar_view *view, int needle) {
 
 trocar_probe trocar_view_probe(const trocar_view *view) {
     const shown_probe *shown = probe_in(view);
-    return shown ? shown->told : (trocar_probe){.placed = 0};
+    return shown ? shown->output : (trocar_probe){.placed = 0};
 }
 
 trocar_status trocar_view_displacements(const trocar_view *view, double *displacements, trocar_error *error) {

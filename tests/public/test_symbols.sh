@@ -30,7 +30,7 @@ for header in "$include"/trocar.h "$include"/trocar/*.h; do
     [ "$name" = trocar.h ] || grep -qF "#include \"trocar/$name\"" "$include/trocar.h" || fail "trocar.h does not include trocar/$name"
 done
 
-# The sources' paths in it are those of whoever built the library: from core on they are the same everywhere.
+# Dumps the interface. The paths of its sources are shortened to start at core, so that they do not depend on the machine.
 dump() {
     abidw --no-corpus-path --no-comp-dir-path --exported-interfaces-only --drop-undefined-syms --drop-private-types --headers-dir "$include" \
         --no-show-locs "$library" | sed "s| path='[^']*/core/| path='core/|"

@@ -24,7 +24,7 @@ typedef struct trocar_model_options {
 TROCAR_API trocar_model_options trocar_default_model_options(void);
 
 /* Builds everything: seconds to minutes. `options` may be NULL; the scene is not needed afterwards. Sets OpenBLAS to one thread for the process. From
-   one thread if Gmsh reads the mesh (files other than MSH 2.2 and 4.1) and the host uses it, too. BAD_INPUT, NO_MEMORY, NUMERIC, SYSTEM, CANCELLED. [any, allocates] */
+   one thread if Gmsh reads the mesh (not MSH 2.2 or 4.1) and the host uses it, too. BAD_INPUT, NO_MEMORY, NUMERIC, SYSTEM, CANCELLED. [any, allocates] */
 TROCAR_API trocar_status trocar_model_create(const trocar_scene *scene, const trocar_model_options *options, trocar_model **model,
                                              trocar_error *error);
 

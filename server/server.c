@@ -93,7 +93,7 @@ static void show_long_start(const char *what, double fraction, void *context) {
 
 /* A late tick runs no more steps than a punctual one, because catching up would make the next tick late. */
 static trocar_status create_simulation(server *s, report *why) {
-    static const double STEP = 1e-3; /* s, the longest */
+    static const double STEP = 1e-3; /* s, the longest step */
     trocar_model_options options = trocar_default_model_options();
     options.watch.progress = show_long_start;
     options.log = (trocar_log){progress_warn, "trocar-server"};

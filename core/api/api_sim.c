@@ -113,7 +113,7 @@ trocar_status trocar_sim_step(trocar_sim *sim, int needle, const trocar_pose *ba
     if (status == TROCAR_OK && outdated) status = answer_and_publish(sim, needle, why);
     if (status == TROCAR_OK) {
         const compliance_snapshot *answer = link_answer(&n->link);
-        finite = run_tick(sim, needle, answer, at, dt, output) == TROCAR_OK; /* else the insertion has started over, and goes on */
+        finite = run_tick(sim, needle, answer, at, dt, output) == TROCAR_OK; /* if the insertion was restarted, the step continues normally */
         status = worker_after_tick(sim, needle, answer, dt, why);
     }
     restore_floating_mode(before);

@@ -8,8 +8,8 @@
 #include "api/worker_resting.h"
 #include "base/flush_denormals.h"
 
-/* After the model's address, the clock of the responses, the time and the seeds, of each needle. Copied member by member: the caller's memory need not be
-   aligned. What the worker has not done yet when it is saved, it does after a restore. */
+/* The saved data of each needle, after the model's address, the clock of the responses, the time and the seeds. Copied member by member, because the
+   caller's memory need not be aligned. Pending work of the worker is done after a restore. */
 typedef struct {
     int phase;
     insertion_state state;   /* state of the needle; while it is being left, the state in which it was left */

@@ -67,7 +67,7 @@ static void each_needle_has_its_hole(void **state) {
     assert_int_equal(trocar_view_hole(trocar_sim_view(sim), 0, 0), 6);
     assert_int_equal(trocar_view_hole(trocar_sim_view(sim), 1, 0), 8);
     assert_int_equal(trocar_view_hole(trocar_sim_view(sim), 0, 1), TROCAR_NO_HOLE);
-    for (int n = 0; n < 2; n++) { /* on the hand, minus the forces on tissue and guide */
+    for (int n = 0; n < 2; n++) { /* the force on the hand is the opposite of the sum of the forces on tissue and guide */
         trocar_contact contacts[TROCAR_MAX_POINTS];
         int count = trocar_view_contacts(trocar_sim_view(sim), n, contacts, TROCAR_MAX_POINTS), guided = 0;
         double sum[3] = {0};

@@ -534,7 +534,7 @@ static void threads_without_memory_leave_the_work_to_others(void **state) {
     size_t one = mapped() - before;
     trocar_sim_free(sim);
     assert_true(one > 50000000);
-    OK(trocar_rollout(model, poses[0], BATCH, STEPS, &two_threads, all[0], &why)); /* and BLAS has what it takes for two threads */
+    OK(trocar_rollout(model, poses[0], BATCH, STEPS, &two_threads, all[0], &why)); /* so that BLAS has its memory for two threads */
     int short_of_memory = 0;
     for (double room = 0.2; room < 4.0; room += 0.4) {
         limit(mapped() + (size_t)(room * (double)one));

@@ -354,7 +354,7 @@ static void a_picture_keeps_what_was_seen(void **state) {
     OK(trocar_view_displacements(trocar_sim_view(sim), field[0][0], &why));
     run(sim, MIDWAY, TICKS, a);
     trocar_picture_copy(picture, copy);
-    assert_true(count >= 2); /* the tip and others */
+    assert_true(count >= 2); /* the tip and at least one other contact */
     assert_int_equal(trocar_view_contacts(trocar_picture_view(copy), 0, kept, ROOM), count);
     assert_memory_equal(kept, seen, (size_t)count * sizeof *seen);
     assert_int_equal(trocar_view_centreline(trocar_picture_view(copy), 0, joints[1][0], TROCAR_MAX_JOINTS), joint_count);
@@ -540,7 +540,7 @@ static void a_rollout_does_not_depend_on_threads(void **state) {
     assert_same(single, one[0]);
     poses[2][100].orientation[0] = 7;
     assert_refused(trocar_rollout(model, poses[0], BATCH, TICKS, &(trocar_rollout_options){.dt = 1e-3, .threads = 2}, two[0], &why), "insertion 2, step 100");
-    assert_same(one[3], two[3]); /* the others are finished */
+    assert_same(one[3], two[3]); /* the other insertions are complete */
     assert_memory_equal(one[2], two[2], 100 * sizeof(trocar_output));
     assert_true(two[2][100].force[2] == 0.0 && two[2][TICKS - 1].depth == 0.0);
     assert_refused(trocar_rollout(model, poses[0], BATCH, TICKS, &(trocar_rollout_options){.dt = 1e-3, .threads = 0}, two[0], &why), "threads");

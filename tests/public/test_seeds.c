@@ -289,7 +289,7 @@ static void undo_takes_back_the_last(void **state) {
     OK(trocar_sim_drop_seeds(in.sim, 0, 3, 0.0, &why));
     go_to(&in, dropped - 0.016);
     assert_int_equal(all_seeds(in.sim, seeds), 2);
-    OK(trocar_sim_undo_seed(in.sim, 0, &why)); /* the third, which is in the needle */
+    OK(trocar_sim_undo_seed(in.sim, 0, &why)); /* removes the third seed, which is still in the needle */
     assert_int_equal(trocar_view_pending_seeds(trocar_sim_view(in.sim), 0), 0);
     assert_int_equal(all_seeds(in.sim, seeds), 2);
     go_to(&in, 0.01);

@@ -112,7 +112,10 @@ static bool passes_unfelt(trial *t, int needle) {
     length = length3(behind);
     for (int a = 0; a < 3; a++) behind[a] = end[a] - 1e-3 * behind[a] / length;
     fail_if(trocar_view_displacements(trocar_sim_view(t->sim), t->displacements, &why), &why);
-    return in_tissue(t, end) && in_tissue(t, behind);
+    if (!in_tissue(t, end) || !in_tissue(t, behind)) return false;
+    for (int a = 0; a < 3; a++) behind[a] = (end[a] - before[a]) / length;
+    explain(t, needle, end, behind);
+    return true;
 }
 
 static void judge(trial *t, const trocar_output *out) {

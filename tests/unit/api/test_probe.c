@@ -492,7 +492,7 @@ static void rests_at_the_scenes_place(void **state) {
         up.position[1] += 1e-3 * mm;
         OK(trocar_sim_set_probe(sim, &up, &why));
         OK(trocar_sim_step(sim, 0, &needle, 1e-3, &out, &why));
-        double force = -trocar_view_probe(trocar_sim_view(sim)).force[1]; /* down, on the hand */
+        double force = -trocar_view_probe(trocar_sim_view(sim)).force[1]; /* downwards on the hand */
         assert_true(mm == 1 ? force < 1e-6 : force > before);
         before = force;
     }

@@ -18,10 +18,10 @@ struct trocar_scene {
 };
 
 struct trocar_model {
-    simulation parts;        /* without those of one run */
+    simulation parts;        /* constant data only */
     trocar_log log;          /* the host's */
-    atomic_int users;        /* the host, until it frees the model, and the simulations, pictures and models that are made from it */
-    trocar_model *base;      /* whose mesh, stiffness and inverse it shares; NULL: its own */
+    atomic_int users;        /* number of users: the host, until it frees the model, and the simulations, pictures and models created from it */
+    trocar_model *base;      /* model whose mesh, stiffness and inverse it shares; NULL: its own */
     double rate_hz;
     pose start;              /* initial pose of the base; NAN position: none */
     double patient_to_mesh[16]; /* the first entry is NAN if there is none */
@@ -72,13 +72,13 @@ struct trocar_sim {
     sim_link link;
     /* Used by the ticking thread: */
     insertion_workspace *workspace;
-    int64_t (*clock)(void);  /* ns; NULL: nothing is measured */
+    int64_t (*clock)(void);  /* ns; NULL: stages are not timed */
     round_clock rounds;
     seed_list seeds;
     vec3 *field_scratch;     /* see trocar_view.scratch */
-    /* The worker's: */
-    inverse *inverse;        /* with what rests attached to it, or the model's, where needles cannot rest */
-    needle_pairs *pairs;     /* NULL: there is one needle only */
+    /* Used by the worker: */
+    inverse *inverse;        /* inverse with resting needles and probe attached; the model's if nothing can be attached */
+    needle_pairs *pairs;     /* NULL: there is only one needle */
     resting_set resting;
     resting_scratch *resting_scratch; /* NULL until a needle is first left */
     uint64_t last_attached;  /* id of the needle attached last */
@@ -98,15 +98,15 @@ struct trocar_picture {
     trocar_model *model;
     double time;             /* s, simulated */
     trocar_view view;
-    insertion_state *states; /* as many as the model has needles, */
-    uint64_t stamps[MAX_NEEDLES]; /* and which ones they are */
+    insertion_state *states; /* one for each of the model's needles */
+    uint64_t stamps[MAX_NEEDLES]; /* stamp of each copied state */
     pose bases[MAX_NEEDLES];
     shown_probe probe;
     int next_resting;        /* resting needle that is checked first */
     seed_list seeds;
     vec3 *scratch;           /* see trocar_view.scratch */
-    refined_mesh refined;    /* of the last trocar_picture_refined_mesh, */
-    vec3 *force, *displacement; /* and of its nodes */
+    refined_mesh refined;    /* result of the last trocar_picture_refined_mesh */
+    vec3 *force, *displacement; /* forces and displacements at its nodes */
 };
 
 /* Adds a user, who must call trocar_model_free. */

@@ -19,7 +19,7 @@ const insertion_state *state_of_needle(const trocar_sim *sim, int needle, uint64
 /* The base: as given last, moved by its spring; of a needle that rests, its current pose. RT */
 pose base_of_needle(const trocar_sim *sim, int needle);
 
-/* Goes on with a needle that the worker has handed back, if it has. RT */
+/* Adopts the state of a needle that the worker has returned, if it has. RT */
 void adopt_needle(trocar_sim *sim, needle_track *needle);
 
 /* Fills the message about a needle that is left, including the tracks of all needles. RT */

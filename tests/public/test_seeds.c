@@ -238,7 +238,7 @@ static void refused(insertion *in, int needle, int count, double spacing, const 
 static void what_cannot_be_dropped_is_refused(void **state) {
     (void)state;
     insertion in = begin(NULL);
-    refused(&in, 0, 1, 0.0, "outside of the tissue");
+    refused(&in, 0, 1, 0.0, "outside the tissue");
     go_to(&in, 3e-3);
     refused(&in, 0, 1, 0.0, "less than the 4.5 mm of the seeds");
     go_to(&in, 0.03);
@@ -283,7 +283,7 @@ static void undo_takes_back_the_last(void **state) {
     insertion in = begin(NULL);
     trocar_seed seeds[TROCAR_MAX_SEEDS];
     assert_int_equal(trocar_sim_undo_seed(in.sim, 0, &why), TROCAR_BAD_INPUT);
-    assert_non_null(strstr(why.text, "dropped no seed"));
+    assert_non_null(strstr(why.text, "has no dropped seed"));
     go_to(&in, 0.045);
     double dropped = in.output.depth;
     OK(trocar_sim_drop_seeds(in.sim, 0, 3, 0.0, &why));

@@ -454,7 +454,7 @@ static void bad_commands_for_seeds_change_nothing(void **state) {
     trocar_seeds_t_subscription_t *seeds = trocar_seeds_t_subscribe(c->lcm, "TROCAR_SEEDS", on_seeds, &news);
     trocar_command_t drop = {.session = c->session, .command = TROCAR_COMMAND_T_DROP_SEED, .seeds = 1}, undo = {.session = c->session, .command = TROCAR_COMMAND_T_UNDO};
     trocar_command_t wrong = drop;
-    tell(c, &news, undo, "needle 0 has dropped no seed");
+    tell(c, &news, undo, "needle 0 has no dropped seed");
     wrong.session++;
     tell(c, &news, wrong, "another session holds the needle");
     wrong = drop, wrong.needle = 5;

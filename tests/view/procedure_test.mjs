@@ -90,9 +90,9 @@ try {
     await shoot('in-front')
   })
 
-  await check('a seed is not dropped outside of the tissue, and the page says so', async () => {
+  await check('a seed is not dropped outside the tissue, and the page says so', async () => {
     await page.click('#drop')
-    await says('answer', /No seed dropped: the tip of needle 0 is outside of the tissue/)
+    await says('answer', /No seed dropped: the tip of needle 0 is outside the tissue/)
   })
 
   await driven('W pushes the needle through the hole to the target', page, async () => {

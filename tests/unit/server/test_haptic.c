@@ -356,7 +356,7 @@ static void a_seed_is_dropped_and_taken_back(void **state) {
     serve_worker(f);
     answer = tell(f, TROCAR_COMMAND_T_DROP_SEED, 1);
     assert_true(answer.refused);
-    assert_non_null(strstr(answer.why, "outside of the tissue"));
+    assert_non_null(strstr(answer.why, "outside the tissue"));
     move_to(f, &z, -0.16, &seq);
     answer = tell(f, TROCAR_COMMAND_T_DROP_SEED, 2);
     assert_true(!answer.refused && answer.why[0] == '\0');
@@ -369,7 +369,7 @@ static void a_seed_is_dropped_and_taken_back(void **state) {
     assert_false(tell(f, TROCAR_COMMAND_T_UNDO, 0).refused);
     assert_int_equal(trocar_view_seeds(trocar_sim_view(f->host.sim), NULL, 0), 0);
     answer = tell(f, TROCAR_COMMAND_T_UNDO, 0);
-    assert_true(answer.refused && strstr(answer.why, "dropped no seed"));
+    assert_true(answer.refused && strstr(answer.why, "has no dropped seed"));
 }
 
 /* Gives a command as the IO thread does, which knows the needle's engagement. */

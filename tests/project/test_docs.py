@@ -311,7 +311,7 @@ def check_examples(source):
 
 def check_made(source):
     """The reference of the headers is up to date; the tests `reference` and `figures` check the rest. Returns faults."""
-    return ["docs/reference/: see above"] if subprocess.run([source / "scripts/docs_library", "--check"]).returncode != 0 else []
+    return ["docs/reference/: see above"] if subprocess.run([source / "scripts/pages/docs_library", "--check"]).returncode != 0 else []
 
 
 def check_readme(source):

@@ -1,5 +1,5 @@
 /* Stiffening tissue: the laws against their integrals and a resolved disc, and what the tick makes of them. The rigid needle against resolved
-   hyperelastic elements: tests/verification/verify_large_deflection.py. */
+   hyperelastic elements: tests/verification/needle/verify_large_deflection.py. */
 #include "common/allocations.h"
 #include "insertion/memory/stiffening.h"
 #include "insertion/step/insertion.h"
@@ -86,7 +86,7 @@ static void laws_are_smooth_and_limited(void **unused) {
 }
 
 /* A disc bonded to the surface of a block of 60 x 60 mm (radius x height), E = 20 kPa, nu = 0.45, r = 0.635 mm, pressed in: force in N, by CalculiX
-   (tests/verification/pressed_disc.py; the rows of S = 0.2 with elements of 0.1 r at the rim, those of S = 1 of 0.3 r). The fit was to S = 1 at 1.6 mm alone. */
+   (tests/verification/references/pressed_disc.py; the rows of S = 0.2 with elements of 0.1 r at the rim, those of S = 1 of 0.3 r). The fit was to S = 1 at 1.6 mm alone. */
 static void disc_matches_resolved_elements(void **unused) {
     (void)unused;
     static const struct { double stiffening, moved, force; } resolved[] = {

@@ -204,7 +204,7 @@ static void patches_measure_what_the_whole_mesh_resolves(void **state) {
     destroy(&b);
 }
 
-/* Where the line ends, 3 and 6 mm ahead: by verification/line_end.py, on the whole mesh. On edges, what is beyond the patch's 14 mm makes up 0.1. */
+/* Where the line ends, 3 and 6 mm ahead: by verification/references/line_end.py, on the whole mesh. On edges, what is beyond the patch's 14 mm makes up 0.1. */
 static void patches_measure_where_a_line_ends_what_the_whole_mesh_does(void **state) {
     (void)state;
     static const struct { double x, y, ahead, more, within; } whole[] = {

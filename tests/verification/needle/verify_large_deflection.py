@@ -11,9 +11,10 @@ import sys
 import tempfile
 from pathlib import Path
 
-import needle_meshes  # first: it skips this check where Gmsh is missing
-import large_deflection as ld
-from rows import REPOSITORY, Rows
+sys.path[:0] = [str(Path(__file__).resolve().parents[1] / folder) for folder in (".", "references")]
+import needle_meshes  # noqa: E402: first: it skips this check where Gmsh is missing
+import large_deflection as ld  # noqa: E402
+from rows import REPOSITORY, Rows  # noqa: E402
 
 LARGE_DISPLACEMENTS = 0.02   # what docs/mechanics.md promises of large displacements alone
 OURS = 0.05
@@ -76,7 +77,7 @@ def solve_again(rows, forces):
 
 def main():
     rows = Rows.from_arguments(__doc__, "Large deflection: what small strains cost")
-    forces = json.loads((REPOSITORY / "tests/verification/large_deflection.json").read_text())["forces"]
+    forces = json.loads((REPOSITORY / "tests/verification/references/large_deflection.json").read_text())["forces"]
     compare_materials(rows, forces)
     compare_ours(rows, forces)
     compare_stiffening(rows, forces)

@@ -20,8 +20,9 @@ from pathlib import Path
 
 import numpy as np
 
-import tissue_model as tm
-from rows import REPOSITORY, SKIPPED, Rows
+sys.path.insert(0, str(Path(__file__).resolve().parents[1]))
+import tissue_model as tm  # noqa: E402
+from rows import REPOSITORY, SKIPPED, Rows  # noqa: E402
 
 LIMIT = 0.07           # just noticeable difference of force
 POISSON = (0.3, 0.45, 0.48, 0.49, 0.499)

@@ -5,10 +5,12 @@ The block measures 120 x 120 x 100 mm: |x|, |y| <= 60 mm; z = 0 is the surface `
 """
 import subprocess
 import sys
+from pathlib import Path
 
 import numpy as np
 
-from rows import REPOSITORY, SKIPPED
+sys.path.insert(0, str(Path(__file__).resolve().parents[1]))
+from rows import REPOSITORY, SKIPPED  # noqa: E402
 
 try:
     import gmsh

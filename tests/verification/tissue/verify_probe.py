@@ -10,11 +10,13 @@ CalculiX's with its whole faces kept out (surface to surface). Both come down to
 import os
 import re
 import sys
+from pathlib import Path
 
 import numpy as np
 
-import tissue_model as tm
-from rows import Rows
+sys.path.insert(0, str(Path(__file__).resolve().parents[1]))
+import tissue_model as tm  # noqa: E402
+from rows import Rows  # noqa: E402
 
 LIMIT = 0.05
 RADIUS, LENGTH, DEPTH = 0.010, 0.06, 0.006

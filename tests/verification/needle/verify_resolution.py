@@ -9,11 +9,13 @@ are, and how many would fail. They count in the median.
 import json
 import subprocess
 import sys
+from pathlib import Path
 
 import numpy as np
 
-import needle_meshes
-from rows import REPOSITORY, Rows
+sys.path[:0] = [str(Path(__file__).resolve().parents[1] / folder) for folder in (".", "references")]
+import needle_meshes  # noqa: E402
+from rows import REPOSITORY, Rows  # noqa: E402
 
 LIMIT, MEDIAN = 0.05, 0.02  # of a single force; of all of them
 TICK_LIMIT = 0.002  # cross-coupling between directions, which rigid_needle.c neglects
@@ -81,7 +83,7 @@ def compare_with_tick(rows, name, case, meshes):
 
 def main():
     rows = Rows.from_arguments(__doc__, "Mesh independence: force for 1 mm")
-    reference = json.loads((REPOSITORY / "tests/verification/resolved_needle.json").read_text())
+    reference = json.loads((REPOSITORY / "tests/verification/references/resolved_needle.json").read_text())
     sizes = SIZES["short" if rows.short_form else "full"]
     meshes = {False: [], True: []}
     for layered in meshes:

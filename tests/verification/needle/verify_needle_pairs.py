@@ -6,11 +6,13 @@ The needles are closer than an element, so that most of what one does to the oth
 import json
 import os
 import sys
+from pathlib import Path
 
-import needle_meshes  # first: it skips this check where Gmsh is missing
 import numpy as np
 
-from rows import REPOSITORY, Rows
+sys.path[:0] = [str(Path(__file__).resolve().parents[1] / folder) for folder in (".", "references")]
+import needle_meshes  # noqa: E402: first: it skips this check where Gmsh is missing
+from rows import REPOSITORY, Rows  # noqa: E402
 
 LIMITS = {448: 0.10, 1440: 0.05}  # nodes: largest error of a force; of others it is measured
 RECIPROCAL = 0.02                 # of the largest force: what both needles' forces differ by across them
@@ -94,7 +96,7 @@ def main():
     os.environ["TROCAR_LIBRARY"] = str(rows.build / "core/libtrocar.so")
     global trocar
     import trocar
-    table = json.loads((REPOSITORY / "tests/verification/resolved_pair.json").read_text())
+    table = json.loads((REPOSITORY / "tests/verification/references/resolved_pair.json").read_text())
     for cubes in ((7, 7, 6), (11, 11, 9)) if rows.short_form else ((7, 7, 6), (11, 11, 9), (19, 19, 15)):
         compare(rows, table["cases"]["apart_5"], cubes)
     for apart, angle in ((1.5e-3, 0.0), (3e-3, 0.5), (3e-3, 1.0), (8e-3, 1.0)):

@@ -12,7 +12,8 @@ from pathlib import Path
 
 import numpy as np
 
-from rows import SKIPPED
+sys.path.insert(0, str(Path(__file__).resolve().parents[1]))
+from rows import SKIPPED  # noqa: E402
 
 try:
     import gmsh

@@ -4,11 +4,13 @@
 CalculiX integrates the volumetric strain by element, and so does the library here (`volumetric_strain: element`).
 """
 import sys
+from pathlib import Path
 
 import numpy as np
 
-import tissue_model as tm
-from rows import REPOSITORY, Rows
+sys.path.insert(0, str(Path(__file__).resolve().parents[1]))
+import tissue_model as tm  # noqa: E402
+from rows import REPOSITORY, Rows  # noqa: E402
 
 LIMIT = 1e-6
 NOTE = "relative to the field's norm; CalculiX prints 7 digits"

@@ -15,11 +15,13 @@ import itertools
 import sys
 from collections.abc import Callable
 from dataclasses import dataclass
+from pathlib import Path
 
 import numpy as np
 
-import tissue_model as tm
-from rows import Rows
+sys.path.insert(0, str(Path(__file__).resolve().parents[1]))
+import tissue_model as tm  # noqa: E402
+from rows import Rows  # noqa: E402
 
 SIDE = 0.1                            # m
 CURL_AMPLITUDE = 1e-5                 # m^2

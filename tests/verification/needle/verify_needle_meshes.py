@@ -15,11 +15,13 @@ import json
 import math
 import subprocess
 import sys
+from pathlib import Path
 
 import numpy as np
 
-import needle_meshes as nm
-from rows import REPOSITORY, Rows
+sys.path[:0] = [str(Path(__file__).resolve().parents[1] / folder) for folder in (".", "references")]
+import needle_meshes as nm  # noqa: E402
+from rows import REPOSITORY, Rows  # noqa: E402
 
 LIMIT, MEDIAN = 0.05, 0.02
 BESIDE = 2e-7                                       # m: beside an edge or a face, but within a micrometre
@@ -46,7 +48,7 @@ class Check:
     def __init__(self, rows):
         self.rows, self.form, self.errors = rows, "short" if rows.short_form else "full", []
         self.within, self.measured = [], []
-        self.cases = json.loads((REPOSITORY / "tests/verification/resolved_needle.json").read_text())["cases"]
+        self.cases = json.loads((REPOSITORY / "tests/verification/references/resolved_needle.json").read_text())["cases"]
 
     def path(self, name):
         return self.rows.folder / f"needle-{name}.msh"

@@ -270,9 +270,9 @@ typedef struct trocar_model_options {
 /* Builds everything; `options` may be NULL. Takes seconds for thousands of nodes, and minutes for tens of thousands unless the condensed inverse is
    cached. Above 30 000 unknowns, condensing uses as many threads as BLAS does by default. While a dense or sparse inverse is computed, BLAS has that
    many threads in the whole process, and one afterwards: simulations and models beside it may be slower and differ in their last bits, and a second
-   inverse of this kind waits. Allocates 8 (3 n)^2 bytes for a dense inverse of n nodes. Uses Gmsh to read a mesh file; inside a host that uses Gmsh
-   itself, the host's session is preserved, but call it from one thread. Gmsh sets the process's locale for a moment when it starts, so other threads
-   should not format numbers then. The scene is not needed afterwards. BAD_INPUT, NO_MEMORY, NUMERIC, SYSTEM, CANCELLED. */
+   inverse of this kind waits. Allocates 8 (3 n)^2 bytes for a dense inverse of n nodes. Loads Gmsh to read a mesh file that is not MSH 2.2 or 4.1; then,
+   inside a host that uses Gmsh itself, the host's session is preserved, but call it from one thread, and since Gmsh sets the process's locale for a
+   moment when it starts, other threads should not format numbers. The scene is not needed afterwards. BAD_INPUT, NO_MEMORY, NUMERIC, SYSTEM, CANCELLED. */
 TROCAR_API trocar_status trocar_model_create(const trocar_scene *scene, const trocar_model_options *options, trocar_model **model,
                                              trocar_error *error);
 TROCAR_API void trocar_model_free(trocar_model *model); /* its memory is released with the last simulation, picture or derived model that uses it */

@@ -13,12 +13,12 @@
 #include <time.h>
 #include <unistd.h>
 
-/* A packet, big-endian. Whole message: magic, sequence number (4 each), channel name with its zero, message. Fragment: magic, sequence number, size
-   of the message, offset in it (4 each), number of this fragment, number of fragments (2 each), in fragment 0 the channel name with its zero, then
-   its part of the message. */
+/* A packet, big-endian. Whole message: magic, sequence number (4 each), channel name with terminating zero, message. Fragment: magic, sequence
+   number, size of the message, offset in the message (4 each), number of this fragment, number of fragments (2 each), in fragment 0 the channel
+   name with terminating zero, then the fragment's part of the message. */
 enum { WHOLE_HEADER = 8, FRAGMENT_HEADER = 20, CHANNEL_MAX = 63, PAYLOAD_MAX = 65507 };
 static const uint32_t MAGIC_WHOLE = 0x4c433032, MAGIC_FRAGMENT = 0x4c433033; /* LC02, LC03 */
-static const uint32_t MESSAGE_MAX = 1 << 24; /* bytes, the limit of liblcm's unfinished messages; 1.4 million nodes */
+static const uint32_t MESSAGE_MAX = 1 << 24; /* bytes, the limit of liblcm's unfinished messages; enough for 1.4 million nodes */
 static const char *const SELF_TEST = "LCM_SELF_TEST"; /* sent by liblcm to itself when it starts to receive */
 
 static uint32_t big_endian_32(const unsigned char *b) {
@@ -34,7 +34,8 @@ static bool wants(const packet_wishes *wishes, const char *channel) {
     return false;
 }
 
-/* Bytes of the channel name at the start of `text`, with its zero; 0 if it is too long or does not end within `size`. */
+/* Returns the number of bytes of the channel name at the start of `text`, with its terminating zero; 0 if the name is too long or does not end within
+   `size`. */
 static size_t channel_bytes(const char *text, size_t size) {
     size_t length = strnlen(text, size);
     return length < size && length <= CHANNEL_MAX ? length + 1 : 0;
@@ -46,8 +47,8 @@ static packet_verdict judge_whole(const unsigned char *packet, size_t size, cons
     return wants(wishes, channel) ? PACKET_GOOD : PACKET_UNWANTED;
 }
 
-/* Checks what liblcm requires to stay within its buffers when it copies this fragment. liblcm starts over when the size of the message changes
-   between fragments, so no state is needed here. */
+/* Checks the conditions under which liblcm stays within its buffers when it copies this fragment. No state is needed here, because liblcm
+   starts over when the size of the message changes between fragments. */
 static packet_verdict judge_fragment(const unsigned char *packet, size_t size, const packet_wishes *wishes) {
     if (size < FRAGMENT_HEADER) return PACKET_MALFORMED;
     uint32_t message = big_endian_32(packet + 8), offset = big_endian_32(packet + 12);
@@ -116,7 +117,7 @@ lcm_t *lcm_filter_create(const char *url) {
     return lcm_create(url);
 }
 
-/* True if one of the machine's interfaces has this address. `socket`: any. */
+/* True if one of the machine's interfaces has this address. `socket` may be any socket. */
 static bool has_interface(int socket, in_addr_t address) {
     struct ifconf all = {0};
     bool found = false;
@@ -131,7 +132,8 @@ static bool has_interface(int socket, in_addr_t address) {
     return found;
 }
 
-/* Caches the last answer for a second, because most datagrams have the same sender. Interfaces may come and go. */
+/* True if a datagram was sent by this machine. The last answer is cached for a second, because most datagrams have the same sender, while interfaces
+   may come and go. */
 static bool sent_here(int socket, in_addr_t address) {
     static _Thread_local struct {
         in_addr_t address;
@@ -154,7 +156,7 @@ static uint16_t port_of(int socket) {
     return getsockname(socket, (struct sockaddr *)&own, &size) == 0 && own.sin_family == AF_INET ? ntohs(own.sin_port) : 0;
 }
 
-/* Port of an IPv4 socket; LCM has no others. */
+/* True if another machine sent the datagram, and the socket's port accepts only local ones. LCM uses IPv4 sockets only. */
 static bool came_from_afar(int socket, const struct msghdr *message) {
     struct sockaddr_in from;
     if (!message->msg_name || message->msg_namelen < sizeof from) return false;
@@ -169,7 +171,7 @@ static void note_distant(const struct msghdr *message) {
     atomic_fetch_add_explicit(&distant, 1, memory_order_relaxed);
 }
 
-/* Moves a whole message of another machine to the channel for distant messages. */
+/* Moves a whole message from another machine to the channel for distant messages. */
 static void mark_distant(void *packet, size_t size, const packet_origin *origin) {
     if (!origin->channel || size < WHOLE_HEADER || big_endian_32(packet) != MAGIC_WHOLE) return;
     char *channel = (char *)packet + WHOLE_HEADER;

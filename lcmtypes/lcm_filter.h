@@ -1,14 +1,14 @@
-/* Keeps malformed packets, and those of other machines, away from liblcm.
+/* Keeps malformed packets, and packets from other machines, away from liblcm.
 
    liblcm 1.3.1 (Debian 12) trusts the headers it receives: one crafted fragment makes it write outside of its buffer, and a packet whose
    channel name has no end makes it report a message of 4 GB. It also binds its socket to every address of the machine: a URL with ttl=0
-   keeps what it sends on the machine, but lets other machines' datagrams in.
+   keeps sent datagrams on the machine, but lets other machines' datagrams in.
 
-   Every program that is linked with trocar::types has a recvmsg of its own, in lcm_filter.c, which takes the place of libc's for liblcm too.
-   It forwards the call, and turns a datagram that is not wanted into an empty one, which liblcm discards. All other sockets and datagrams
-   pass unchanged.
+   Every program that is linked with trocar::types has a recvmsg of its own, in lcm_filter.c, which replaces libc's for liblcm too. It
+   forwards the call, and turns an unwanted datagram into an empty one, which liblcm discards. All other sockets and datagrams pass
+   unchanged.
 
-   This works in executables, not in plugins that a program loads at run time. */
+   This works in executables, but not in plugins that a program loads at run time. */
 #ifndef TROCAR_LCM_FILTER_H
 #define TROCAR_LCM_FILTER_H
 
@@ -23,37 +23,39 @@ typedef enum {
     PACKET_MALFORMED,
 } packet_verdict;
 
-/* A channel on which a program must know whether a message was sent by this machine: messages of other machines arrive on `distant`, a name of the
-   same length. */
+/* A channel on which a program must know whether this machine sent a message: messages from other machines arrive on `distant`, a name of the same
+   length. */
 typedef struct {
     const char *channel, *distant;
 } packet_origin;
 
-/* What a program wants to receive. */
+/* The packets that a program wants to receive. */
 typedef struct {
-    const char *const *channels; /* NULL-terminated; NULL: any. liblcm never forgets a channel name that it has seen */
-    bool whole_only;             /* no fragments: every message it wants fits in one packet */
-    packet_origin origin;        /* NULL, NULL: none */
+    const char *const *channels; /* NULL-terminated; NULL: all channels. liblcm never forgets a channel name that it has seen */
+    bool whole_only;             /* no fragments, because every wanted message fits in one packet */
+    packet_origin origin;        /* both NULL if there is no such channel */
 } packet_wishes;
 
-/* Judges a UDP payload. Also GOOD if it does not carry LCM's magic number: liblcm itself discards those. */
+/* Judges a UDP payload. A payload without LCM's magic number is also GOOD, because liblcm itself discards it. */
 packet_verdict lcm_filter_judge(const void *packet, size_t size, const packet_wishes *wishes);
 
-/* Restricts what this process receives; `wishes` must outlive it. Call it before subscribing. Initially any well-formed packet. */
+/* Restricts the packets that this process receives; `wishes` must outlive it. Call it before subscribing. Initially, any well-formed packet is
+   received. */
 void lcm_filter_restrict(const packet_wishes *wishes);
 
-/* Calls lcm_create. If the ttl of `url` is 0, as in LCM's default, this process then accepts only datagrams of this machine on the URL's port: those
+/* Calls lcm_create. If the ttl of `url` is 0, as in LCM's default, this process then accepts only this machine's datagrams on the URL's port: those
    whose source is an address of one of its interfaces. (The kernel drops datagrams from outside with such a source.) */
 lcm_t *lcm_filter_create(const char *url);
 
-/* True if the ttl of this URL is 0, so that LCM is for this machine alone; `port`: its port. NULL or "": $LCM_DEFAULT_URL, else LCM's default. False
-   and port 0 for providers other than udpm. */
+/* True if the ttl of this URL is 0, so that LCM is for this machine alone; `port` receives the URL's port. NULL or "": $LCM_DEFAULT_URL, else LCM's
+   default. False and port 0 for providers other than udpm. */
 bool lcm_filter_is_local(const char *url, uint16_t *port);
 
-/* Malformed packets dropped since the start of the process. */
+/* Returns the number of malformed packets dropped since the start of the process. */
 int64_t lcm_filter_dropped(void);
 
-/* Packets of other machines dropped since the start of the process. `newest`, of `size` bytes: address of the last sender, or "". */
+/* Returns the number of packets from other machines dropped since the start of the process. `newest`, of `size` bytes, receives the address of the
+   last sender, or "". */
 int64_t lcm_filter_distant(char *newest, size_t size);
 
 #endif

@@ -1,7 +1,7 @@
 #!/usr/bin/python3
 """Reads trocar.lcm, whose constants and comments are the only list of flags and events.
 
-As a program it writes the C header of their names: message_types.py trocar.lcm message_words.h
+As a program, it writes the C header with their names: message_types.py trocar.lcm message_words.h
 """
 import re
 import sys
@@ -12,7 +12,7 @@ class Line(NamedTuple):
     """A field or, with a value, a constant."""
 
     type: str
-    name: str     # of a field with its dimensions
+    name: str     # name of a field, with its dimensions
     value: int | None
     doc: str
 
@@ -30,7 +30,7 @@ class Struct(NamedTuple):
 
 
 def read(path):
-    """(the comment at the head of the file, its structs)"""
+    """Returns (the comment at the head of the file, its structs)."""
     head, structs, comment = None, [], []
     with open(path, encoding="utf-8") as file:
         for text in file:
@@ -52,7 +52,7 @@ def read(path):
 
 
 def flags_and_events(structs):
-    """{bit: name in lower case} of each."""
+    """Returns {bit: name in lower case} for each."""
     constants = next(s for s in structs if s.name == "needle_wrench_t").constants()
     events = {c.value: c.name[6:].lower() for c in constants if c.name.startswith("EVENT_")}
     flags = {c.value: c.name.lower() for c in constants if not c.name.startswith("EVENT_")}

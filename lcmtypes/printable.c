@@ -3,7 +3,7 @@
 #include <stdbool.h>
 #include <stdint.h>
 
-/* Length of the character that starts here, and its number; 1 and UINT32_MAX if it is incomplete or overlong. */
+/* Returns the length of the character that starts here, and its code point; 1 and UINT32_MAX if it is incomplete or overlong. */
 static int read_character(const unsigned char *c, uint32_t *number) {
     static const uint32_t least[] = {0, 0, 0x80, 0x800, 0x10000};
     int length = *c < 0x80 ? 1 : *c >> 5 == 6 ? 2 : *c >> 4 == 14 ? 3 : *c >> 3 == 30 ? 4 : 0;

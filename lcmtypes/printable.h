@@ -2,7 +2,7 @@
 #ifndef TROCAR_PRINTABLE_H
 #define TROCAR_PRINTABLE_H
 
-/* Replaces by '?' each byte that is not part of a printable UTF-8 character: control characters such as escape, bell and line feed, invalid bytes,
+/* Replaces each byte that is not part of a printable UTF-8 character by '?': control characters such as escape, bell and line feed, invalid bytes,
    and characters that change the direction of text. */
 void make_printable(char *text);
 

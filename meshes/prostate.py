@@ -18,17 +18,17 @@ MM = 1e-3
 BOX_LOW = (-50 * MM, -45 * MM, 0.0)
 BOX_HIGH = (50 * MM, 45 * MM, 100 * MM)
 RECTUM_LENGTH = 80 * MM
-RECTUM_DEPTH = 17 * MM         # of tissue below it: with a rectum, the box is larger
+RECTUM_DEPTH = 17 * MM         # thickness of the tissue below the rectum, which makes the box larger
 
 
 def box_low(centre, half_axes, rectum):
-    """The box's lower corner. rectum: distance from the gland and radius of the rectum, or None."""
+    """Returns the box's lower corner. rectum: distance from the gland and radius of the rectum, or None."""
     low = centre[1] - half_axes[1] - rectum[0] - 2 * rectum[1] - RECTUM_DEPTH if rectum else BOX_LOW[1]
     return (BOX_LOW[0], low, BOX_LOW[2])
 
 
 def build_geometry(centre, half_axes, layers=(), rectum=None):
-    """Fragments a box with an ellipsoid and with layers [(name, depth of its end)] under the skin; returns {region: tag}."""
+    """Fragments a box with an ellipsoid, and with layers [(name, depth of its end)] under the skin; returns {region: tag}."""
     occ = gmsh.model.occ
     corner = box_low(centre, half_axes, rectum)
     width, height, depth = (high - low for low, high in zip(corner, BOX_HIGH))
@@ -54,7 +54,7 @@ def build_geometry(centre, half_axes, layers=(), rectum=None):
 
 
 def faces_on(axis, coordinate):
-    """Tags of the flat surfaces on which this coordinate is constant."""
+    """Returns the tags of the flat surfaces on which this coordinate is constant."""
     def is_flat(tag):
         bounds = gmsh.model.getBoundingBox(2, tag)
         return all(abs(bounds[axis + side] - coordinate) < 1e-6 for side in (0, 3))
@@ -62,7 +62,7 @@ def faces_on(axis, coordinate):
 
 
 def rectum_walls(centre, half_axes, rectum):
-    """Tags of the surfaces inside of the box around the channel, but the skin."""
+    """Returns the tags of the surfaces inside the box around the channel, except the skin."""
     middle, reach = centre[1] - half_axes[1] - rectum[0] - rectum[1], rectum[1] + 1e-6
     def is_wall(tag):
         low_x, low_y, low_z, high_x, high_y, high_z = gmsh.model.getBoundingBox(2, tag)
@@ -84,7 +84,7 @@ def name_groups(regions, low=BOX_LOW, walls=()):
 
 
 def set_sizes(centre, half_axes, fine, coarse, low):
-    """Element size `fine` in the gland, increasing linearly to `coarse` at the corners of the box."""
+    """Sets the element size to `fine` in the gland, increasing linearly to `coarse` at the corners of the box."""
     reach = max(half_axes)
     distance = "Sqrt({})".format("+".join(
         f"(({name})-({c}))^2" for name, c in zip("xyz", centre)))
@@ -111,7 +111,7 @@ def generate():
 
 
 def generate_nodes(wanted, centre, half_axes, ratio, low):
-    """Searches for the element size that gives about the wanted number of nodes; deterministic."""
+    """Searches for the element size that gives about the wanted number of nodes; the result is reproducible."""
     volume = math.prod(end - start for start, end in zip(low, BOX_HIGH))
     fine, best = 0.8 * (volume / wanted) ** (1 / 3), None
     for _ in range(12):
@@ -141,7 +141,7 @@ def dot(a, b):
 
 
 def dihedral_angles(corners):
-    """The six dihedral angles of a tetrahedron, degrees."""
+    """Returns the six dihedral angles of a tetrahedron, degrees."""
     for i in range(4):
         for j in range(i):
             k, m = (n for n in range(4) if n not in (i, j))

@@ -4,7 +4,7 @@
 
 #include "common/progress.h"
 
-/* Prints the path. The condensed inverse has been saved, or there would be no model. */
+/* Prints the path of the condensed inverse, which has been saved: otherwise creating the model would have failed. */
 static trocar_status describe(const trocar_model *model, FILE *out, report *why) {
     const char *description = trocar_model_description(model);
     if (strcmp(trocar_model_inverse(model), "condensed") != 0)

@@ -1,4 +1,4 @@
-/* Makes a scene's condensed inverse for later starts, possibly on another machine, without network and real time. */
+/* Computes and stores a scene's condensed inverse for later starts of the server, possibly on another machine. Needs neither a network nor real time. */
 #ifndef TROCAR_CONDENSE_H
 #define TROCAR_CONDENSE_H
 
@@ -6,8 +6,9 @@
 
 #include "base/report.h"
 
-/* Prints where the inverse is stored. BAD_INPUT for a bad scene, or one whose inverse is not condensed; NO_MEMORY, before the elimination begins
-   (BAD_INPUT if the machine can never have as much); SYSTEM, before it is computed, if the file cannot be written. */
+/* Computes the condensed inverse and prints where it is stored. BAD_INPUT for a bad scene, for a scene whose inverse is not condensed, and for a
+   mesh that needs more memory than the machine has; NO_MEMORY, before the elimination begins, if too little memory is free; SYSTEM, before the
+   computation, if the file cannot be written. */
 trocar_status condense_scene(const char *scene_path, FILE *out, report *why);
 
 #endif

@@ -29,7 +29,7 @@ static bool is_finite(const trocar_output *out) {
     return isfinite(out->force[0] + out->force[1] + out->force[2] + out->torque[0] + out->torque[1] + out->torque[2]);
 }
 
-/* After a tick whose result was not finite: restarts this needle at the hand's position, with a ramp of its wrench. RT */
+/* Recovers from a tick whose result was not finite: restarts this needle at the hand's position and ramps its wrench in. RT */
 static void start_over(haptic *h, int needle, const pose_sample *newest, trocar_output *out) {
     reset_needle(h, needle);
     coupling_engage(&h->needles[needle].coupling, newest);
@@ -37,14 +37,14 @@ static void start_over(haptic *h, int needle, const pose_sample *newest, trocar_
     *out = (trocar_output){.membrane = -1, .events = TROCAR_EVENT_UNSTABLE};
 }
 
-/* Gives the needle to a hand: where it rests, or for a new insertion. RT */
+/* Lets a hand hold the needle: a taken needle stays where it rests, any other starts a new insertion. RT */
 static void engage_needle(haptic *h, int needle) {
     haptic_needle *n = &h->needles[needle];
     if (!n->taken) reset_needle(h, needle);
     n->taken = n->rests = false;
 }
 
-/* The hand's pose, or the pose to which the hand moves a needle that it has taken. RT */
+/* Returns the pose that moves the needle's base: the hand's own, or, for a needle that was taken, the hand's pose with the clutch's offset. RT */
 static pose_sample hand_on_needle(haptic *h, int needle, const pose_sample *newest) {
     haptic_needle *n = &h->needles[needle];
     pose_sample hand = *newest;
@@ -56,7 +56,7 @@ static pose_sample hand_on_needle(haptic *h, int needle, const pose_sample *newe
     return hand;
 }
 
-/* True if there is room for the reply. RT */
+/* Queues the reply to a command; the caller has checked that the queue has room. RT */
 static void answer_command(haptic *h, needle_command *c, bool refused, const char *why) {
     c->refused = refused;
     snprintf(c->why, sizeof c->why, "%.*s", (int)sizeof c->why - 1, why);
@@ -64,14 +64,15 @@ static void answer_command(haptic *h, needle_command *c, bool refused, const cha
     wake(h->exchange->io_wake);
 }
 
-/* Drops seeds of a needle that has been held; before that, its position in the simulation is arbitrary. RT, except for the text of a refusal. */
+/* Drops seeds from a needle that has been held at least once; before that, the needle's position in the simulation is arbitrary. RT, except for the
+   text of a refusal. */
 static trocar_status handle_held_seeds(haptic *h, const trocar_command_t *m, trocar_error *why) {
     if (h->needles[m->needle].safety.engagement == 0) return fail(why, TROCAR_BAD_INPUT, "needle %d has not been held yet", m->needle);
     return handle_seeds(h->sim, m->needle, m, why);
 }
 
-/* Starts a command that the worker may complete later; finish_command replies. From then on nobody moves the needle, until a hand takes it or starts
-   a new insertion. RT, except for the text of a refusal. */
+/* Starts a command that the worker may complete later; finish_command sends the reply. Meanwhile nobody moves the needle, until a hand takes it or
+   starts a new insertion. RT, except for the text of a refusal. */
 static trocar_status hand_over_needle(haptic *h, const needle_command *c, trocar_error *why) {
     int needle = c->asked.needle;
     haptic_needle *n = &h->needles[needle];
@@ -82,7 +83,7 @@ static trocar_status hand_over_needle(haptic *h, const needle_command *c, trocar
     case TROCAR_COMMAND_T_TAKE: status = trocar_sim_take(h->sim, needle, why); break;
     default:
         status = remove_needle(h->sim, needle, why);
-        if (n->safety.engagement < c->engagement) n->safety.engagement = c->engagement; /* poses from before the reset don't engage it */
+        if (n->safety.engagement < c->engagement) n->safety.engagement = c->engagement; /* poses from before the reset must not engage the needle */
     }
     if (status != TROCAR_OK) return status;
     n->rests = n->pending = true;
@@ -92,12 +93,12 @@ static trocar_status hand_over_needle(haptic *h, const needle_command *c, trocar
     return TROCAR_OK;
 }
 
-/* True if the first pose after a reset has arrived before it, and has already started the new insertion. RT */
+/* True if the first pose after a reset arrived before the reset was executed and has already started the new insertion. RT */
 static bool has_begun_anew(const haptic *h, const needle_command *c) {
     return c->asked.command == TROCAR_COMMAND_T_RESET && h->needles[c->asked.needle].safety.engagement > c->engagement;
 }
 
-/* RT, except for the text of a refusal. */
+/* Executes or starts a command and replies if it is complete. RT, except for the text of a refusal. */
 static void start_command(haptic *h, needle_command *c) {
     trocar_error why = {""};
     trocar_status status = TROCAR_OK;
@@ -120,8 +121,8 @@ static void finish_command(haptic *h, int needle) {
     answer_command(h, &n->command, refused, refused ? "it would not come to rest in the tissue when released: draw it back a little, or hold it still" : "");
 }
 
-/* Starts one command per tick, so that a flood of commands delays no tick. While replies wait for the IO thread, commands wait too: none goes without
-   a reply, because client and arbiter would wait for it for ever. RT */
+/* Starts at most one command per tick, so that a flood of commands delays no tick. Commands wait while the queue of replies is full, because client
+   and arbiter would wait for ever for a reply that is lost. RT */
 static void follow_commands(haptic *h) {
     spsc_ring *replies = &h->exchange->replies;
     needle_command c;
@@ -129,9 +130,9 @@ static void follow_commands(haptic *h) {
     for (int i = 0; i < h->needle_count && spsc_ring_has_room(replies); i++) finish_command(h, i);
 }
 
-/* The simulation's answer to the newest pose; zero before the first one. RT */
+/* Returns the simulation's response to the newest pose; zero before the first pose. RT */
 static trocar_output run_simulation(haptic *h, int needle, safety_decision decision, const pose_sample *newest, double dt) {
-    static const double LONGEST = 1.0; /* s, longest tick that the library accepts */
+    static const double LONGEST = 1.0; /* s, the longest tick that the library accepts */
     haptic_needle *n = &h->needles[needle];
     trocar_output out = {.membrane = -1};
     if (decision == SAFETY_IDLE) return out;
@@ -160,7 +161,7 @@ static trocar_needle_wrench_t message_of(const haptic *h, int needle, const troc
     return m;
 }
 
-/* Queues the wrench for the IO thread, which sends it while the next needle is computed. RT */
+/* Queues the wrench for the IO thread, which sends it while the haptic thread computes the next needle. RT */
 static void send_wrench(haptic *h, const trocar_needle_wrench_t *message) {
     if (!spsc_ring_push(&h->exchange->wrenches, message)) h->wrench_dropped++;
     wake(h->exchange->io_wake);
@@ -174,7 +175,7 @@ static void note_hand(haptic *h, virtual_coupling *coupling, safety_decision dec
     if (round_trip >= 0) spsc_ring_push(&h->exchange->round_trips, &round_trip);
 }
 
-/* Adds one needle's times before, during and after the simulation; `ticked`: whether the simulation was called. RT */
+/* Adds one needle's times before, during and after the simulation to the tick's stages. `ticked` is false if the simulation was not called. RT */
 static void note_stages(haptic *h, bool ticked, int64_t began, int64_t asked, int64_t answered) {
     int64_t spent[TROCAR_STAGES] = {0};
     if (ticked) trocar_sim_stages(h->sim, spent);
@@ -194,11 +195,11 @@ static needle_view view_of(const haptic *h, int needle, const trocar_needle_wren
                          .state = trocar_sim_needle_state(h->sim, needle)};
 }
 
-/* True in `rate` ticks per second; the loop's rate need not be a multiple. A tick that is due at the lower rate is also due at ten times that rate.
-   RT */
+/* True in `hz` ticks per second, even if the loop's rate is not a multiple of `hz`. A tick that is due at some rate is also due at ten times that
+   rate. RT */
 static bool is_due(const haptic *h, int64_t tick, int hz) { return tick * hz % llround(1.0 / h->period) < hz; }
 
-/* Publishes a view for telemetry, VIEWS_HZ times per second, once a needle has been engaged. RT */
+/* Publishes a view for telemetry VIEWS_HZ times per second, once a hand has held a needle. RT */
 static void show(haptic *h, const loop_wake *wake, const trocar_needle_wrench_t *messages) {
     bool engaged = h->probe.placed != 0;
     for (int i = 0; i < h->needle_count; i++) engaged |= h->needles[i].safety.engagement != 0;
@@ -212,10 +213,10 @@ static void show(haptic *h, const loop_wake *wake, const trocar_needle_wrench_t 
     triple_buffer_publish(&h->exchange->views);
 }
 
-/* Ramps the model's wrench in when it becomes reliable again, and when it jumps: because late answers come in from the worker, or because the hand
-   has moved while its poses were missing or the loop did not run. RT */
+/* Starts a bumpless transfer when the model's wrench becomes reliable again, and when it may jump because the worker's answers were late, poses
+   were missing while the hand moved, or the loop did not run. RT */
 static void heed_faults(haptic_needle *n, const trocar_output *raw, bool unseen) {
-    static const double FELT = 0.05, FELT_PART = 0.07; /* N, and fraction of the force: a larger change in one tick is felt as a knock */
+    static const double FELT = 0.05, FELT_PART = 0.07; /* N, and a fraction of the force: a larger change within one tick feels like a knock */
     bool late = raw->events & TROCAR_EVENT_LATE, faulty = late || raw->events & TROCAR_EVENT_UNSTABLE;
     bool punctures = raw->events & TROCAR_EVENT_PUNCTURED && !unseen;
     vec3 force = load_vec3(raw->force);
@@ -233,7 +234,7 @@ static bool tick_needle(haptic *h, int needle, const loop_wake *wake, const pose
     int64_t began = monotonic_ns();
     safety_timing(&n->safety, wake->late, h->period);
     pose_sample hand = hand_on_needle(h, needle, newest);
-    double unseen = 1e-9 * (double)(hand.received - n->safety.received); /* s between the poses that move the needle */
+    double unseen = 1e-9 * (double)(hand.received - n->safety.received); /* s between the last two poses that moved the needle */
     safety_decision decision = safety_pose(&n->safety, &h->limits, &hand, wake->now);
     note_hand(h, &n->coupling, decision, &hand);
     int64_t asked = monotonic_ns();
@@ -268,7 +269,7 @@ static void send_probe(haptic *h, int64_t tick) {
     wake(h->exchange->io_wake);
 }
 
-/* Moves the probe to its newest pose, and sends its force when that has changed. RT */
+/* Moves the probe to its newest pose, and sends the probe's force if it has changed. RT */
 static void tick_probe(haptic *h, const loop_wake *wake) {
     if (!is_due(h, wake->tick, PROBE_HZ)) return;
     const probe_sample *newest = triple_buffer_read(&h->exchange->probe_poses, NULL);

@@ -1,4 +1,4 @@
-/* One tick of the server, for each needle: newest pose -> safety limits -> simulation -> safety limits -> wrench. */
+/* One tick of the server. For each needle: newest pose -> safety limits -> simulation -> safety limits -> wrench. */
 #ifndef TROCAR_HAPTIC_H
 #define TROCAR_HAPTIC_H
 
@@ -8,18 +8,18 @@
 #include "intake/safety_limits.h"
 #include "loop.h"
 
-/* State of one needle. A needle without owner, or with a silent device, does not affect the others. */
+/* State of one needle. A needle without an owner, or with a silent device, does not affect the others. */
 typedef struct {
     safety_limits safety;
     virtual_coupling coupling;
     int64_t saturated_ticks;     /* since start */
-    bool rests;                  /* it is not ticked: it has been left and not taken again */
-    bool faulty;                 /* the last tick had no reliable wrench */
-    vec3 force;                  /* N, of the model in the last tick */
-    bool taken;                  /* it is held where it rested: the next hand does not start a new insertion */
-    bool pending;                /* `command` is being executed */
+    bool rests;                  /* the needle was left in the tissue and not taken again, so it is not ticked */
+    bool faulty;                 /* the last tick produced no reliable wrench */
+    vec3 force;                  /* N, the model's force in the last tick */
+    bool taken;                  /* a hand took the needle where it rested, so that engaging it does not start a new insertion */
+    bool pending;                /* the needle's `command` is being executed */
     needle_command command;
-    hand_clutch clutch;          /* of a hand that has taken it */
+    hand_clutch clutch;          /* offset of the hand that has taken the needle */
 } haptic_needle;
 
 typedef struct {
@@ -27,23 +27,24 @@ typedef struct {
     int needle_count;
     trocar_device_limits limits;
     double period;               /* s, nominal */
-    int flags;                   /* of every wrench: NOT_REALTIME or 0 */
-    int64_t server;              /* number of this server; set by the creator */
+    int flags;                   /* flags of every wrench: NOT_REALTIME or 0 */
+    int64_t server;              /* this server's number, set by the creator */
     exchange *exchange;
     atomic_bool wind_down;       /* set by any thread: ramp to zero, then stop */
 
     haptic_needle needles[TROCAR_MAX_NEEDLES]; /* this and all following members are used by the haptic thread only */
-    int64_t probe_session, probe_seq; /* of the probe's last pose; -1 before the first */
-    trocar_probe probe;          /* as last sent */
+    int64_t probe_session, probe_seq; /* session and sequence number of the probe's last pose; -1 before the first */
+    trocar_probe probe;          /* the probe's state as last sent */
     int64_t wrench_dropped;      /* since start */
-    int64_t stages[LOOP_STAGES]; /* ns, of the last tick, sum of all needles */
-    int64_t received;            /* ns, monotonic: arrival of the newest pose of a held needle, as seen by the last tick; 0: none */
+    int64_t stages[LOOP_STAGES]; /* ns, times of the last tick's stages, summed over all needles */
+    int64_t received;            /* ns, monotonic: arrival of the newest pose of a held needle that the last tick saw; 0 if there was none */
 } haptic;
 
-/* `sim`, of a model with `needle_count` needles, and `x` must outlive it. Sets the simulation's clock to the monotonic one. */
+/* Prepares the loop's state for a model with `needle_count` needles and sets the simulation's clock to the monotonic one. `sim` and `x` must outlive
+   it. */
 void haptic_init(haptic *h, trocar_sim *sim, int needle_count, const trocar_device_limits *limits, double rate_hz, int flags, exchange *x);
 
-/* One tick of the loop; `context` is a haptic. False once it has ramped to zero after `wind_down`. RT */
+/* Runs one tick of the loop; `context` is a haptic. Returns false once the wrenches have been ramped to zero after `wind_down`. RT */
 bool haptic_tick(void *context, const loop_wake *wake);
 
 #endif

@@ -22,7 +22,7 @@ trocar_status io_create(io *o, const char *url, int needle_count, const trocar_d
     arbiter_init(&o->arbiter, needle_count, limits);
     probe_arbiter_init(&o->probe);
     atomic_init(&o->stop, false);
-    /* Generated code computes a type's hash on first use, without a lock. Two threads use this type. */
+    /* Generated code computes a type's hash on first use, without a lock. Two threads use this type, so its hash is computed here. */
     __trocar_status_t_get_hash();
     if (sem_init(&o->ready, 0, 0) == 0) return TROCAR_OK;
     return fail(why, TROCAR_SYSTEM, "cannot create a semaphore: %s", strerror(errno));
@@ -30,7 +30,7 @@ trocar_status io_create(io *o, const char *url, int needle_count, const trocar_d
 
 void io_free(io *o) { sem_destroy(&o->ready); }
 
-/* A lost datagram is acceptable here. */
+/* Sends the reply to a command. A lost datagram is acceptable here. */
 static void reply(io *o, const needle_command *c) {
     trocar_command_reply_t m = {.utime = wall_us(), .server = o->server, .session = c->asked.session, .seq = c->asked.seq, .command = c->asked.command,
                                 .needle = c->asked.needle, .status = c->refused ? TROCAR_COMMAND_REPLY_T_REFUSED : TROCAR_COMMAND_REPLY_T_DONE,
@@ -93,7 +93,7 @@ static const lcm_msg_handler_t HANDLERS[] = {on_pose, on_probe, on_command, on_c
 _Static_assert(sizeof CHANNELS / sizeof *CHANNELS == sizeof HANDLERS / sizeof *HANDLERS + 1, "one handler for each channel");
 const packet_wishes IO_PACKETS = {.channels = CHANNELS, .whole_only = true, .origin = {"TROCAR_COMMAND", "REMOTE_COMMAND"}}; /* all messages to the server are small */
 
-/* Raw subscriptions, because LCM's generated ones drop bad messages silently. */
+/* Subscribes to raw messages, because LCM's generated subscriptions drop bad messages silently. */
 static bool subscribe(io *o, const char *channel, lcm_msg_handler_t handler) {
     lcm_subscription_t *subscription = lcm_subscribe(o->lcm, channel, handler, o);
     return subscription != NULL && lcm_subscription_set_queue_capacity(subscription, QUEUE) == 0;
@@ -114,7 +114,7 @@ void io_close(io *o) {
     o->lcm = NULL;
 }
 
-/* Drains LCM's queues, which keep the oldest messages, but limits the number per round so that a flood cannot delay the wrenches. */
+/* Drains LCM's queues, which keep the oldest messages. The number of messages per round is limited, so that a flood cannot delay the wrenches. */
 static trocar_status receive(io *o) {
     int handled = 1;
     for (int i = 0; i < MESSAGES_A_ROUND && handled > 0; i++) handled = lcm_handle_timeout(o->lcm, 0);
@@ -132,7 +132,7 @@ static void hand_over(io *o) {
     triple_buffer_publish(&o->exchange->intakes);
 }
 
-/* If the network refuses a datagram (no route, full buffer), this wrench is lost and counted; the server continues. */
+/* Sends the queued wrenches. If the network refuses a datagram (no route, full buffer), the wrench is lost and counted, and the server continues. */
 static void publish_wrenches(io *o) {
     trocar_needle_wrench_t wrench;
     unsigned char bytes[WRENCH_BYTES];

@@ -33,8 +33,8 @@ static const struct argp_option options[] = {
 
 typedef struct {
     server_options options;
-    bool condense;           /* make a condensed inverse instead of serving */
-    const char *serving;     /* an option that only a server has; NULL: none was given */
+    bool condense;           /* compute the condensed inverse instead of serving */
+    const char *serving;     /* name of an option that has no effect with --condense; NULL if none was given */
 } arguments;
 
 static const char *option_name(int key) {
@@ -78,13 +78,13 @@ static void on_stop(int signal) {
     errno = error;
 }
 
-/* Every signal that would end the process at once, without ramping the wrench, except those that report a fault of the program itself. nohup may
-   ignore SIGHUP. */
+/* All signals that would end the process at once, without ramping the wrench, except those that report a fault of the program itself. SIGHUP
+   stays ignored under nohup. */
 static const int STOPPING[] = {SIGHUP, SIGINT, SIGQUIT, SIGTERM, SIGUSR1, SIGUSR2, SIGALRM, SIGVTALRM, SIGPROF, SIGIO, SIGPWR, SIGSTKFLT, SIGXCPU};
-static const int IGNORED[] = {SIGPIPE, SIGXFSZ}; /* output that nobody reads, or for which there is no room, is lost */
+static const int IGNORED[] = {SIGPIPE, SIGXFSZ}; /* output is lost if its reader has gone or the file is full */
 
-/* Returns these signals as a readable descriptor. Uses a handler instead of a signalfd, because threads that libraries start before main do not block
-   the signals. */
+/* Returns a descriptor that becomes readable when one of these signals arrives. Uses a handler instead of a signalfd, because threads that libraries
+   start before main do not block the signals. */
 static int stop_signals(void) {
     stop_wake = eventfd(0, EFD_NONBLOCK | EFD_CLOEXEC);
     const struct sigaction stop = {.sa_handler = on_stop}, ignore = {.sa_handler = SIG_IGN};
@@ -100,8 +100,8 @@ static void say_ready(void) {
     fflush(stdout);
 }
 
-/* Prints the reason and returns the exit status. 2 and 4 (insufficient privilege, as for LSB services) tell a supervisor that a
-   restart would not help. */
+/* Prints the reason and returns the exit status. Status 2, and 4 (insufficient privilege, as for LSB services), tell a
+   supervisor that a restart would not help. */
 static int complain(trocar_status status, const report *why) {
     fprintf(stderr, "trocar-server: %s\n", why->text);
     switch (status) {
@@ -132,7 +132,7 @@ int main(int argc, char **argv) {
     status = server_run(s, signals, say_ready, &why);
     if (status == TROCAR_OK) server_summarise(s, stdout);
     int exit_status = status == TROCAR_OK ? 0 : complain(status, &why);
-    if (server_busy(s)) { /* its thread still uses the libraries, so exit without cleaning up */
+    if (server_busy(s)) { /* a thread still uses the libraries, so exit without cleaning up */
         fflush(NULL);
         _exit(exit_status);
     }

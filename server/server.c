@@ -32,11 +32,11 @@ struct server {
     trocar_scene *scene;
     double rate_hz;
     bool phase_lock;
-    int64_t id;                  /* in all of its messages */
+    int64_t id;                  /* this server's number, in all of its messages */
     bool realtime;
-    report refused;              /* the reason, if real time is refused */
-    int awake;                   /* descriptor that keeps the processors awake, or -1 */
-    report asleep;               /* reason why they are not kept awake */
+    report refused;              /* the reason if real time is refused */
+    int awake;                   /* descriptor that keeps the processors out of deep sleep, or -1 */
+    report asleep;               /* the reason if they are not kept out of deep sleep */
     int shutdown_wake;           /* eventfd */
     trocar_model *model;
     trocar_sim *sim;
@@ -57,7 +57,7 @@ static trocar_status start(task *t, const char *name, size_t stack, void *(*body
     if (stack > 0) pthread_attr_setstacksize(&attributes, stack);
     sigset_t all, before;
     sigfillset(&all);
-    pthread_sigmask(SIG_SETMASK, &all, &before); /* inherited, so that only the main thread handles signals */
+    pthread_sigmask(SIG_SETMASK, &all, &before); /* new threads inherit this mask, so that only the main thread handles signals */
     int error = pthread_create(&t->thread, &attributes, body, context);
     pthread_sigmask(SIG_SETMASK, &before, NULL);
     pthread_attr_destroy(&attributes);
@@ -91,16 +91,16 @@ static void show_long_start(const char *what, double fraction, void *context) {
     progress_show(what, fraction, context);
 }
 
-/* A late tick takes no more steps than one in time, because catching up would make the next one late. */
+/* A late tick runs no more steps than a punctual one, because catching up would make the next tick late. */
 static trocar_status create_simulation(server *s, report *why) {
-    static const double STEP = 1e-3; /* s, the longest */
+    static const double STEP = 1e-3; /* s, the longest step */
     trocar_model_options options = {.progress = show_long_start, .longest_catch_up = (int)ceil(1.0 / (s->rate_hz * STEP) - 1e-6)};
     trocar_status status = trocar_model_create(s->scene, &options, &s->model, why);
     if (status != TROCAR_OK) return status;
     return trocar_sim_create(s->model, &s->sim, why);
 }
 
-/* With --allow-non-rt, stores the reason why real time is refused. */
+/* With --allow-non-rt, stores the reason why real time is refused, and succeeds. */
 static trocar_status note_realtime(server *s, trocar_status status, report *why) {
     s->realtime = status == TROCAR_OK;
     if (s->realtime || s->options.allow_non_rt) return TROCAR_OK;
@@ -108,12 +108,12 @@ static trocar_status note_realtime(server *s, trocar_status status, report *why)
     return status;
 }
 
-/* Called before the expensive part of the start, because a supervisor may keep restarting a server without permission. */
+/* Checks the permission for real time before the expensive part of the start, because a supervisor may keep restarting a server that lacks it. */
 static trocar_status check_realtime(server *s, report *why) {
     return note_realtime(s, realtime_check_permission(PRIORITY_HAPTIC, &s->refused), why);
 }
 
-/* Called when most memory is allocated, and before any thread starts. */
+/* Enters real time when most memory has been allocated and no thread has been started. */
 static trocar_status enter_realtime(server *s, report *why) {
     if (!s->realtime) return TROCAR_OK;
     trocar_status status = note_realtime(s, realtime_lock_memory(&s->refused), why);
@@ -162,8 +162,8 @@ static void *create_run(void *context) {
     return NULL;
 }
 
-/* Creates the server in a separate thread with raised priority, because the flag that comes with it would reset a negative nice value of all threads
-   that the caller starts later. */
+/* Creates the server in a separate thread with raised priority. In the caller's thread, the flag SCHED_RESET_ON_FORK would remain and reset a
+   negative nice value in all threads started later. */
 static trocar_status create_in_a_hurry(server *s, report *why) {
     creation c = {.server = s, .why = why};
     task creating = {0};
@@ -201,15 +201,16 @@ void server_free(server *s) {
 
 /* --- threads ---------------------------------------------------------------------------------------------------- */
 
-/* The factorisation of a large matrix cannot be interrupted: a thread that computes one, or waits for it, is left running. */
+/* Joins the thread, or gives up at the time `until`: the factorisation of a large matrix cannot be interrupted, so a thread that computes one, or
+   waits for one, is left running. */
 static void join_or_leave(task *t, const struct timespec *until) {
     if (t->running && pthread_timedjoin_np(t->thread, NULL, until) == 0) t->running = false;
 }
 
 bool server_busy(const server *s) { return s->worker_task.running || s->telemetry_task.running || s->prepare_task.running; }
 
-/* --prepare: computes what would otherwise be computed when the needle leaves the region of interest. Pictures of moved tissue take less time
-   afterwards. */
+/* --prepare: computes in advance what is otherwise computed when a needle leaves the region of interest. Afterwards, pictures of the deformed
+   tissue take less time. */
 static void *prepare_run(void *context) {
     const server *s = context;
     report why;
@@ -224,7 +225,7 @@ static void *haptic_run(void *context) {
     report ignored;
     realtime_flush_denormals();
     realtime_touch_stack();
-    if (s->realtime) realtime_set_priority(PRIORITY_HAPTIC, &ignored); /* checked at the start */
+    if (s->realtime) realtime_set_priority(PRIORITY_HAPTIC, &ignored); /* permission was checked at the start */
     loop_run(&s->loop);
     return NULL;
 }
@@ -247,7 +248,7 @@ static trocar_status start_all(server *s, report *why) {
     return start(&s->haptic_task, "trocar-haptic", REALTIME_STACK, haptic_run, s, why);
 }
 
-/* Stops the haptic thread first, while the IO thread still sends its ramp to the device. */
+/* Stops the haptic thread first, while the IO thread still sends the ramp to the device. */
 static void stop_all(server *s) {
     atomic_store(&s->haptic.wind_down, true);
     join(&s->haptic_task);

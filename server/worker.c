@@ -6,7 +6,7 @@
 #include "common/realtime.h"
 #include "common/wake.h"
 
-/* `why`: NULL if there is no fault any more. */
+/* Publishes the worker's fault; `why` is NULL when it has ended. */
 static void show_fault(worker *w, const report *why) {
     worker_fault *fault = triple_buffer_slot(&w->exchange->faults);
     fault->lasts = w->faulty = why != NULL;
@@ -19,13 +19,13 @@ static void note_failure(worker *w, const report *why) {
     show_fault(w, why);
 }
 
-/* Serves one request, or prepares one slice ahead. Returns whether more work is pending. After a failed request the tick keeps using the last answer
-   and sets the flag that it is late. A fault lasts until a request is answered. */
+/* Serves one request, or prepares one slice of work in advance. Returns whether more work is pending. After a failed request the tick keeps using
+   the last answer and sets the flag that it is late. A fault lasts until a request has been answered. */
 static bool work(worker *w) {
     report why;
     trocar_work done = {.more = 0};
-    if (trocar_sim_work(w->sim, &done, &why) != TROCAR_OK && !done.kept) note_failure(w, &why); /* the client that wanted to leave a needle gets a reply if the needle
-                                                                                                   was kept */
+    if (trocar_sim_work(w->sim, &done, &why) != TROCAR_OK && !done.kept) note_failure(w, &why); /* if the worker failed but the needle was kept, the client
+                                                                                                   that wanted to leave the needle gets a reply */
     if (done.answered) {
         spsc_ring_push(&w->exchange->latencies, &done.latency);
         w->served++;

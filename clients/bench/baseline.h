@@ -1,4 +1,4 @@
-/* A baseline for benchmarks: the time of a matrix product on this machine, in this run. */
+/* A baseline for benchmarks: the time of a matrix product on this machine, measured in the same run. */
 #ifndef TROCAR_BASELINE_H
 #define TROCAR_BASELINE_H
 
@@ -6,11 +6,11 @@
 
 enum { BASELINE_ORDER = 256 };
 
-/* Times the product of two square matrices of BASELINE_ORDER (cblas_dgemm, one thread) repeatedly. Sets OpenBLAS to one thread for
-   the whole process. */
+/* Repeatedly times the product of two square matrices of order BASELINE_ORDER (cblas_dgemm, one thread). Sets OpenBLAS to one
+   thread for the whole process. */
 void baseline_measure(histogram *time);
 
-/* Ratio of the medians. */
+/* Returns the ratio of the two medians, time to baseline. */
 double per_baseline(const histogram *baseline, const histogram *time);
 
 #endif

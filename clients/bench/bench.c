@@ -1,4 +1,4 @@
-/* trocar-bench: times the simulation, through trocar.h. tests/benchmarks/ times the library's parts. */
+/* trocar-bench: times the simulation through trocar.h. The benchmarks in tests/benchmarks/ time the library's parts. */
 #include "bench/bench_dose.h"
 #include "bench/bench_features.h"
 #include "bench/bench_main.h"

@@ -10,16 +10,16 @@
 #include "shared/output.h"
 #include "shared/patient.h"
 
-static const double TURN_RATE = 6.0;                        /* rad/s, of the base */
-static const double SERIES[][2] = {{0.25, 0.15}, {0.15, 2.5}, {0.1, 30.0}}; /* weights and times, s, of the relaxation */
-static const double GUIDE_END = 0.01, GUIDE_THICKNESS = 0.01; /* m before the tip at the start, and of the plate */
-enum { PLAIN, WHOLE, VARIANTS, ROUNDS = 10 };               /* the two alternate, so that changes of the machine's load affect both */
+static const double TURN_RATE = 6.0;                        /* rad/s, turning rate of the base */
+static const double SERIES[][2] = {{0.25, 0.15}, {0.15, 2.5}, {0.1, 30.0}}; /* weights and time constants (s) of the relaxation */
+static const double GUIDE_END = 0.01, GUIDE_THICKNESS = 0.01; /* m: distance of the guide before the tip at the start, and thickness of the plate */
+enum { PLAIN, WHOLE, VARIANTS, ROUNDS = 10 };               /* the rounds of both alternate, so that changes of the machine's load affect both */
 static const char *const NAMES[VARIANTS] = {"without", "with"};
 
 typedef struct {
     const char *scene_path, *json_path;
     int contacts, ticks;
-    double spacing;          /* m, replaces the scene's if positive */
+    double spacing;          /* m, replaces the scene's spacing if positive */
 } options;
 
 typedef struct {
@@ -27,7 +27,7 @@ typedef struct {
     trocar_scene *scenes[VARIANTS];
     trocar_model *models[VARIANTS];
     trocar_sim *sims[VARIANTS];
-    pose start;              /* of the base */
+    pose start;              /* pose of the base at the start */
     tick_timing rows[TIMED_MOTIONS][VARIANTS];
     output json_file;
 } bench;
@@ -87,7 +87,7 @@ static trocar_status add_relaxation(trocar_scene *scene, report *why) {
     return status;
 }
 
-/* A single hole around the needle's axis. */
+/* Adds a guide with a single hole around the needle's axis. */
 static trocar_status add_guide(trocar_scene *scene, pose start, report *why) {
     double length, diameter;
     vec3 axis = q_axis(start.orientation);

@@ -10,7 +10,7 @@ typedef struct {
     const benchmark *benchmarks;
     int count;
     const benchmark *chosen;
-    int first;               /* argument with its name */
+    int first;               /* index of the argument that names the benchmark */
 } choice;
 
 static const benchmark *find_benchmark(const choice *c, const char *name) {
@@ -38,7 +38,7 @@ int bench_main(int count, char **arguments, const benchmark *benchmarks, int ben
     const struct argp parser = {NULL, parse_option, "BENCHMARK [OPTION...]", doc, NULL, NULL, NULL};
     choice c = {.benchmarks = benchmarks, .count = benchmark_count};
     argp_parse(&parser, count, arguments, ARGP_IN_ORDER, NULL, &c);
-    realtime_flush_denormals();   /* as in every thread of the server, so that the times are comparable */
+    realtime_flush_denormals();   /* as every thread of the server does, so that the times are comparable */
 
     report why;
     arguments[c.first] = (char *)c.chosen->name;

@@ -1,15 +1,15 @@
-/* Main function of a program with several benchmarks: the first argument names one, which parses the rest. */
+/* Main function of a program with several benchmarks: the first argument names the benchmark, which parses the other arguments. */
 #ifndef TROCAR_BENCH_MAIN_H
 #define TROCAR_BENCH_MAIN_H
 
 #include "base/report.h"
 
 typedef struct {
-    const char *name;        /* of the program and the benchmark, with a space in between */
-    trocar_status (*run)(int count, char **arguments, report *why); /* arguments[0]: the name */
+    const char *name;        /* names of the program and the benchmark, separated by a space */
+    trocar_status (*run)(int count, char **arguments, report *why); /* arguments[0] is the name */
 } benchmark;
 
-/* `doc`: text of --help, as in argp. Returns the exit status. */
+/* Runs the benchmark that the arguments name; `doc` is the text of --help, as in argp. Returns the exit status. */
 int bench_main(int count, char **arguments, const benchmark *benchmarks, int benchmark_count, const char *doc);
 
 #endif

@@ -17,8 +17,8 @@ typedef struct {
     const char *scene_path, *json_path;
     int counts[MAX_COUNTS], count_count;   /* numbers of contacts */
     int ticks;
-    double spacing;                        /* m, replaces the scene's if positive */
-    vec3 start;                            /* m, or mm of the patient's; its x is NAN: the scene's */
+    double spacing;                        /* m, replaces the scene's spacing if positive */
+    vec3 start;                            /* m, or mm in patient coordinates; x is NAN if the scene's start is used */
     bool patient;
 } options;
 
@@ -28,7 +28,7 @@ typedef struct {
     trocar_model *model;
     trocar_sim *sim;
     double spacing;          /* m, between contact nodes */
-    pose start;              /* of the base */
+    pose start;              /* pose of the base at the start */
     histogram baseline;
     tick_timing rows[MAX_COUNTS][TIMED_MOTIONS];
     output json_file;

@@ -1,11 +1,11 @@
-/* trocar-bench tick: the time of one tick against the number of contacts. */
+/* trocar-bench tick: measures the time of one tick against the number of contacts. */
 #ifndef TROCAR_BENCH_TICK_H
 #define TROCAR_BENCH_TICK_H
 
 #include "base/report.h"
 
-/* Parses the options, measures, prints a table and writes JSON if asked to. BAD_INPUT for a bad scene, or a mesh with too few
-   contacts; argp exits on bad options. */
+/* Parses the options, measures, prints a table and, if asked to, writes JSON. BAD_INPUT for a bad scene, or a mesh with too
+   few contacts; argp exits on bad options. */
 trocar_status bench_tick(int count, char **arguments, report *why);
 
 #endif

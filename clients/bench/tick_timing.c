@@ -6,17 +6,17 @@
 
 #include "common/messages.h"
 
-static const double PUSH_SPEED = 0.1;      /* m/s, during insertion */
-enum { LEAP = 100 };                       /* ticks, longest jump after a puncture */
+static const double PUSH_SPEED = 0.1;      /* m/s, speed of the insertion */
+enum { LEAP = 100 };                       /* ticks, duration of the longest jump after a puncture */
 static const double ADVANCE_SPEED = 0.02;  /* m/s */
 static const double SWEEP_SPEED = 0.03;    /* m/s */
 
 typedef struct {
     trocar_sim *sim;
-    trocar_output output;    /* of the last tick */
+    trocar_output output;    /* output of the last tick */
     const timing_case *wanted;
-    double length, spacing;  /* m, of the needle, and between contact nodes */
-    char mesh[1024];         /* path of its file */
+    double length, spacing;  /* m: length of the needle, and distance between contact nodes */
+    char mesh[1024];         /* path of the mesh file */
 } timing_run;
 
 const char *timed_motion_name(timed_motion motion) { return motion == TIMED_ADVANCE ? "advance" : "sweep"; }
@@ -26,18 +26,18 @@ static pose displaced(pose base, vec3 by) {
     return base;
 }
 
-/* A triangular wave: period 1 s, slope +-1, starting upwards from 0. */
+/* Returns a triangular wave: period 1 s, slope +-1, starting upwards from 0. */
 static double to_and_fro(double t) {
     double phase = t - floor(t);
     return phase < 0.25 ? phase : phase < 0.75 ? 0.5 - phase : phase - 1.0;
 }
 
-/* Displacement in the needle's frame, m. */
+/* Returns the displacement in the needle's frame, m. */
 static vec3 way_after(timed_motion motion, double t) {
     return motion == TIMED_ADVANCE ? v3(0, 0, ADVANCE_SPEED * t) : v3(0, SWEEP_SPEED * to_and_fro(t), 0);
 }
 
-/* Runs one tick and measures its time, ns; then the worker's part, untimed. */
+/* Runs one tick and measures its time, ns; then does the worker's part, which is not timed. */
 static trocar_status timed_step(timing_run *run, pose base, int64_t *time, report *why) {
     struct pollfd request = {.fd = trocar_sim_work_descriptor(run->sim), .events = POLLIN};
     trocar_pose at = library_pose(base);
@@ -67,7 +67,8 @@ static trocar_status push_in(timing_run *run, pose *base, report *why) {
                 "lower the spacing of %g mm", run->mesh, most, wanted->contacts, 1e3 * run->spacing);
 }
 
-/* The jump after a membrane passes several contact nodes at once: waits for its end, and retracts the base until they are removed. */
+/* Lets the needle settle after the jump behind a membrane, which passes several contact nodes at once: waits for the end of the jump, and retracts
+   the base until these contacts are removed. */
 static trocar_status settle(timing_run *run, pose *base, report *why) {
     const timing_case *wanted = run->wanted;
     int most = (int)(run->length / (PUSH_SPEED * wanted->dt));
@@ -91,7 +92,8 @@ static void record(const timing_run *run, int64_t time, tick_timing *result) {
     result->unstable += (output->events & TROCAR_EVENT_UNSTABLE) != 0;
 }
 
-/* Stops when the number of contacts changes, because a tick's time grows with it, and a finer mesh reaches the next contact sooner. */
+/* Times ticks until the number of contacts changes, because a tick's time grows with it, and in a finer mesh the needle reaches the next contact
+   sooner. */
 static trocar_status time_motion(timing_run *run, pose from, tick_timing *result, report *why) {
     const timing_case *wanted = run->wanted;
     result->contacts = run->output.contacts;
@@ -107,7 +109,7 @@ static trocar_status time_motion(timing_run *run, pose from, tick_timing *result
     return TROCAR_OK;
 }
 
-/* Starts again in tissue that the needle has already been in. */
+/* Repeats the insertion in tissue in which the needle has already been. */
 static trocar_status time_again(timing_run *run, tick_timing *result, report *why) {
     pose base;
     int64_t before = result->time.count;

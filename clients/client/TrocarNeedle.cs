@@ -1,8 +1,8 @@
 // SPDX-License-Identifier: MIT
 // SPDX-FileCopyrightText: 2026 trocar developers
 //
-// A needle in Unity: put this component, with TrocarClient.cs, on the object that shows it. The object's pose is the pose of the needle's base: the
-// needle points along its blue axis (forward), and the bevel faces its green one (up). One unit is one metre.
+// A needle in Unity: put this component, with TrocarClient.cs, on the object that shows the needle. The object's pose is the pose of the needle's
+// base. The needle points along its blue axis (forward), and its bevel faces the green axis (up). One unit is one metre.
 //
 // The scene of trocar-server is right-handed and Unity is not: x is mirrored.
 using System;
@@ -24,24 +24,24 @@ public sealed class TrocarNeedle : MonoBehaviour {
     [Tooltip("N")]
     public double maxForce = 20;
 
-    /// <summary>Whether a server answers.</summary>
+    /// <summary>True while a server answers.</summary>
     public bool Answered { get; private set; }
-    /// <summary>N, in Unity's frame: of the needle's base on the hand.</summary>
+    /// <summary>N, in Unity's frame: force of the needle's base on the hand.</summary>
     public Vector3 Force { get; private set; }
     /// <summary>N m, in Unity's frame, about the base point.</summary>
     public Vector3 Torque { get; private set; }
     /// <summary>m, length of the needle's track in the tissue.</summary>
     public double Depth { get; private set; }
     public TrocarFlags Flags { get; private set; }
-    /// <summary>Of all ticks since the last frame that this component has seen.</summary>
+    /// <summary>Events of all ticks since this component's last frame.</summary>
     public TrocarEvents Events { get; private set; }
-    /// <summary>Of the last command, and the reason unless it is Done.</summary>
+    /// <summary>Answer to the last command, and the reason unless it is Done.</summary>
     public TrocarAnswer Answer { get; private set; }
     public string Reason { get; private set; }
 
-    // Poses go out a thousand times a second, as the server ramps the force to zero if they stay away for longer than 10 ms. From frame to frame the
-    // needle moves evenly; so it is one frame behind the object.
-    readonly object guard = new object(); // of all below
+    // Poses are sent a thousand times a second, because the server ramps the force to zero if none arrives for more than 10 ms. Between frames the
+    // needle's pose is interpolated, so it is one frame behind the object.
+    readonly object guard = new object(); // protects all members below
     readonly double[] from = new double[7], to = new double[7];
     double begin, duration; // s
     readonly TrocarWrench seen = new TrocarWrench();
@@ -52,8 +52,8 @@ public sealed class TrocarNeedle : MonoBehaviour {
     string seenReason = "", fault;
     Thread thread;
 
-    /// <summary>Gives a command, such as <c>Ask(client => client.Reset())</c>; see Answer. False while the previous one has not been
-    /// given.</summary>
+    /// <summary>Gives a command, such as <c>Ask(client => client.Reset())</c>; see Answer. Returns false while the previous command
+    /// has not been sent.</summary>
     public bool Ask(Func<TrocarClient, bool> given) {
         lock (guard) {
             if (command != null) return false;
@@ -103,7 +103,7 @@ public sealed class TrocarNeedle : MonoBehaviour {
         enabled = false;
     }
 
-    // The object's pose in the scene's frame: x is mirrored, and with it the sense of rotations about y and z.
+    // Reads the object's pose in the scene's frame: x is mirrored, and so is the sense of rotations about y and z.
     void Read(double[] pose) {
         Vector3 p = scene == null ? transform.position : scene.InverseTransformPoint(transform.position);
         Quaternion q = scene == null ? transform.rotation : Quaternion.Inverse(scene.rotation) * transform.rotation;
@@ -121,7 +121,7 @@ public sealed class TrocarNeedle : MonoBehaviour {
         return scene == null ? own : scene.rotation * own;
     }
 
-    // The pose between the last two frames', in which the quaternion has unit length.
+    // Interpolates between the poses of the last two frames; the quaternion keeps unit length.
     void Interpolate(double now, double[] pose) {
         double part = duration > 0 ? Math.Min(1, (now - begin) / duration) : 1, product = 0, norm = 0;
         for (int i = 3; i < 7; i++) product += from[i] * to[i];
@@ -173,7 +173,7 @@ public sealed class TrocarNeedle : MonoBehaviour {
         }
     }
 
-    // Windows sleeps for 16 ms otherwise.
+    // Without this, Windows sleeps for 16 ms.
 #if UNITY_STANDALONE_WIN || UNITY_EDITOR_WIN
     [System.Runtime.InteropServices.DllImport("winmm.dll")]
     static extern uint timeBeginPeriod(uint milliseconds);

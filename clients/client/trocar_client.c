@@ -1,18 +1,20 @@
 /* SPDX-License-Identifier: MIT
    SPDX-FileCopyrightText: 2026 trocar developers
 
-   See trocar_client.h. This file needs C99 and the operating system, nothing else: Linux, Windows, macOS (untested).
+   See trocar_client.h. This file needs only C99 and the operating system: Linux, Windows or macOS (untested).
 
-   It speaks LCM's protocol over UDP multicast. All numbers are big-endian. A datagram is a whole message,
+   It implements LCM's protocol over UDP multicast. All numbers are big-endian. A datagram is a whole message,
 
-       LC02 | sequence number (4 bytes) | channel name with its zero | message
+       LC02 | sequence number (4 bytes) | channel name with terminating zero | message
 
-   or a fragment of a larger one,
+   or a fragment of a larger message,
 
-       LC03 | sequence number (4) | size of the message (4) | offset in it (4) | number of this fragment (2) | number of fragments (2) |
-            in fragment 0 the channel name with its zero | part of the message
+       LC03 | sequence number (4) | size of the message (4) | offset in the message (4) | number of this fragment (2) | number of fragments
+       (2) |
+            in fragment 0 the channel name with terminating zero | part of the message
 
-   A message is the fingerprint of its type (8 bytes), then its fields. A text is its length with the zero (4), then itself and the zero. */
+   A message is the fingerprint of its type (8 bytes), then its fields. A text is encoded as its length including the terminating zero (4),
+   its characters and the zero. */
 #ifdef _WIN32
 #define _CRT_RAND_S
 #define WIN32_LEAN_AND_MEAN
@@ -49,29 +51,29 @@
 
 static const double WATCHDOG = 0.02;       /* s */
 static const double RAMP = 0.1;            /* s, after an outage */
-static const double PATIENCE = 0.1;        /* s of silence after which another server is followed */
-static const double LONGEST_PERIOD = 0.01; /* s of the device's loop, for which the wrench may change */
-static const double MAX_FORCE = 20.0, MAX_TORQUE = 1.0;                 /* N, N m: as a scene's without `device`, */
-static const double MAX_FORCE_RATE = 2000.0, MAX_TORQUE_RATE = 100.0;   /* per s: likewise */
-static const double LONGEST_REPLY = 3.0;   /* s; a server with 25 resting needles takes 0.1 s to leave one more */
-static const double LONGEST_ECHO = 10.0;   /* s in which a first message has to come back from the network */
+static const double PATIENCE = 0.1;        /* s of silence after which the client follows another server */
+static const double LONGEST_PERIOD = 0.01; /* s of the device's loop, the longest for which the wrench may change */
+static const double MAX_FORCE = 20.0, MAX_TORQUE = 1.0;                 /* N, N m: the limits of a scene without `device` */
+static const double MAX_FORCE_RATE = 2000.0, MAX_TORQUE_RATE = 100.0;   /* per s: the rates of such a scene */
+static const double LONGEST_REPLY = 3.0;   /* s; a server with 25 resting needles takes 0.1 s to leave another one */
+static const double LONGEST_ECHO = 10.0;   /* s within which the client's first message has to come back from the network */
 
 enum {
-    CHANNEL_MOST = 63,       /* bytes of a channel's name */
+    CHANNEL_MOST = 63,       /* bytes, longest channel name */
     DATAGRAM_MOST = 65536,
-    MESSAGE_MOST = 1 << 17,  /* of which fragments are put together; the longest from a server today has 0.5 kB */
+    MESSAGE_MOST = 1 << 17,  /* bytes, longest message that is assembled from fragments; today's longest message from a server has 0.5 kB */
     FRAGMENTS_MOST = 256,
-    SENT_MOST = 512,         /* a datagram of this client's */
-    RUN_MOST = 64,           /* datagrams received before a pose that waits is sent */
-    APART = 64,              /* bytes in a line of the processor's cache */
+    SENT_MOST = 512,         /* bytes, longest datagram that this client sends */
+    RUN_MOST = 64,           /* datagrams received before a waiting pose is sent */
+    APART = 64,              /* bytes, size of a cache line */
 };
 
 /* ---- messages ----------------------------------------------------------------------------------------------------------- */
 
-/* A field: `count` numbers of `width` bytes, or, with width 1, a text, of which `count` - 1 bytes are kept. */
+/* A field: `count` numbers of `width` bytes, or, if the width is 1, a text, of which `count` - 1 bytes are kept. */
 typedef struct {
     int width, count;
-    size_t offset;           /* in the struct */
+    size_t offset;           /* offset of the field in the struct */
 } message_field;
 
 typedef struct {
@@ -195,7 +197,7 @@ static uint64_t get_number(const unsigned char *from, int width) {
     return number;
 }
 
-/* From and to the machine's own order of bytes. */
+/* Reads a number, converting from big-endian to the machine's byte order; store does the reverse. */
 static uint64_t load(const void *from, int width) {
     uint32_t narrow;
     uint64_t wide;
@@ -208,7 +210,7 @@ static void store(void *to, uint64_t number, int width) {
     memcpy(to, width == 4 ? (const void *)&narrow : &number, (size_t)width);
 }
 
-/* Writes a message without texts; returns its size. */
+/* Encodes a message without texts; returns its size. */
 static size_t encode(const message_type *type, const void *message, unsigned char *to) {
     unsigned char *at = to + 8;
     put_number(to, type->fingerprint, 8);
@@ -218,7 +220,7 @@ static size_t encode(const message_type *type, const void *message, unsigned cha
     return (size_t)(at - to);
 }
 
-/* Reads a text into `room` bytes; returns the bytes that it takes, 0 if it is not whole. */
+/* Decodes a text into `room` bytes. Returns the number of bytes read, 0 if the text is incomplete. */
 static size_t decode_text(const unsigned char *from, size_t size, char *text, size_t room) {
     uint64_t length = size < 4 ? 0 : get_number(from, 4);
     if (length == 0 || length > size - 4 || from[4 + length - 1] != 0) return 0;
@@ -228,7 +230,7 @@ static size_t decode_text(const unsigned char *from, size_t size, char *text, si
     return 4 + (size_t)length;
 }
 
-/* Whether these bytes are one message of this type, and nothing else; then `message` has its fields. */
+/* True if these bytes are exactly one message of this type; `message` then receives its fields. */
 static bool decode(const message_type *type, const unsigned char *from, size_t size, void *message) {
     if (size < 8 || get_number(from, 8) != type->fingerprint) return false;
     from += 8, size -= 8;
@@ -257,7 +259,7 @@ static void close_socket(socket_handle s) { closesocket(s); }
 static bool would_block(void) { return WSAGetLastError() == WSAEWOULDBLOCK; }
 static void network_error(char *text, size_t size) { snprintf(text, size, "Winsock error %d", WSAGetLastError()); }
 
-/* What the client's thread waits for. */
+/* The events for which the client's thread waits. */
 typedef struct {
     HANDLE wake, readable, thread;
 } os_part;
@@ -279,7 +281,7 @@ static void os_close(os_part *os) {
 static void wake(os_part *os) { SetEvent(os->wake); }
 static bool set_readable(os_part *os, socket_handle s) { return WSAEventSelect(s, os->readable, FD_READ) == 0; }
 
-/* Waits for `wake` or a datagram; at most `most` ms, forever if negative. */
+/* Waits for `wake` or a datagram, at most `most` ms, or forever if `most` is negative. */
 static void wait_for_work(os_part *os, socket_handle s, int most) {
     HANDLE events[2];
     WSANETWORKEVENTS what;
@@ -338,7 +340,7 @@ static bool would_block(void) { return errno == EAGAIN || errno == EWOULDBLOCK; 
 static void network_error(char *text, size_t size) { snprintf(text, size, "%s", strerror(errno)); }
 
 typedef struct {
-    int wake[2];             /* a pipe: a byte in it says that a pose, a command or the end is pending */
+    int wake[2];             /* a pipe: a byte in it means that a pose, a command or the end is pending */
     pthread_t thread;
 } os_part;
 
@@ -356,7 +358,7 @@ static void os_close(os_part *os) {
         if (os->wake[i] >= 0) close(os->wake[i]);
 }
 
-/* If the pipe is full, the thread will wake in any case. */
+/* Wakes the thread. If the pipe is full, the thread will wake in any case. */
 static void wake(os_part *os) {
     if (write(os->wake[1], "", 1) < 0) return;
 }
@@ -366,7 +368,7 @@ static bool set_readable(os_part *os, socket_handle s) {
     return never_waits(s);
 }
 
-/* Waits for `wake` or a datagram; at most `most` ms, forever if negative. */
+/* Waits for `wake` or a datagram, at most `most` ms, or forever if `most` is negative. */
 static void wait_for_work(os_part *os, socket_handle s, int most) {
     struct pollfd events[2] = {{os->wake[0], POLLIN, 0}, {s, POLLIN, 0}};
     char bytes[64];
@@ -427,37 +429,37 @@ static void join_thread(os_part *os) { pthread_join(os->thread, NULL); }
 
 typedef struct {
     double position[3], orientation[4];
-    int64_t wrench_tick;     /* of the wrench that the hand feels */
+    int64_t wrench_tick;     /* tick of the wrench that the hand feels */
 } sent_pose;
 
 typedef struct {
-    double arrival;          /* s, monotonic; 0: none yet */
+    double arrival;          /* s, monotonic; 0 before the first */
     trocar_client_wrench wrench;
 } received_wrench;
 
 typedef struct {
-    int64_t number;          /* from 1, returned in the reply */
+    int64_t number;          /* from 1; the reply repeats it */
     int32_t what, seeds;
     double spacing;          /* m */
 } sent_command;
 
 typedef struct {
-    int64_t number;          /* of the command; 0: none yet */
+    int64_t number;          /* number of the command; 0 before the first */
     bool done;
     char why[256];
 } received_reply;
 
-/* What may be rendered, and what has been last. */
+/* Limits on one vector to render, and its last value. */
 typedef struct {
-    double most, rate;       /* N or N m; per s */
+    double most, rate;       /* N or N m; the same per s */
     double last[3];
 } limiter;
 
-/* Passes the newest value from one thread to another: three slots. The writer fills its own and swaps it with the middle one; the
-   reader swaps its own with the middle one if that is fresh. */
+/* Passes the newest value from one thread to another through three slots. The writer fills its own slot and swaps it with the
+   middle one; the reader swaps its own slot with the middle one if that is fresh. */
 enum { FRESH = 4u, INDEX = 3u };
 typedef struct {
-    shared_word middle;      /* index, | FRESH until it is read */
+    shared_word middle;      /* index, with the bit FRESH until the value is read */
     char apart_from_middle[APART];
     unsigned back;           /* writer's */
     char apart_from_back[APART];
@@ -469,17 +471,17 @@ typedef struct {
 typedef struct {
     struct sockaddr_in sender;
     uint32_t sequence, size, filled;
-    unsigned count, missing; /* fragments; none is missing: there is no such message */
+    unsigned count, missing; /* number of fragments, and number not yet arrived; 0 missing: no message is being assembled */
     bool here[FRAGMENTS_MOST];
     char channel[CHANNEL_MOST + 1];
     unsigned char bytes[MESSAGE_MOST];
 } assembly;
 
-/* An address of LCM: udpm://GROUP:PORT?ttl=TTL */
+/* An LCM address: udpm://GROUP:PORT?ttl=TTL */
 typedef struct {
     struct sockaddr_in group;
     int ttl;                 /* 0: for this machine alone */
-    int buffer;              /* bytes, of the socket that receives; 0: the system's choice */
+    int buffer;              /* bytes, size of the socket's receive buffer; 0: the system's choice */
 } lcm_address;
 
 struct trocar_client {
@@ -496,27 +498,27 @@ struct trocar_client {
     shared_word ends;
     os_part os;
 
-    /* device's loop */
+    /* used by the device's loop */
     double watchdog;         /* s */
-    double alive_since;      /* s, 0: no wrenches arrive */
+    double alive_since;      /* s; 0 while no wrenches arrive */
     limiter force, torque;
     double rendered_at;      /* s, time of the last wrench that was rendered */
     int64_t felt_tick;
     bool without_force;
-    int64_t asked;           /* number of the last command, 0: none yet */
+    int64_t asked;           /* number of the last command; 0 before the first */
     double asked_at;         /* s */
 
-    /* client's thread */
+    /* used by the client's thread */
     lcm_address address;
     socket_handle sender, receiver;
     uint32_t packets;        /* sent */
     int64_t session, seq;
     int needle;
-    bool echoed;             /* the first message has come back from the network */
-    int64_t server;          /* the followed one's number */
-    double heard;            /* s, when it was heard last; 0: never */
-    int64_t newest_tick;     /* of its wrenches, */
-    double newest_at;        /* and when that came; 0: none yet */
+    bool echoed;             /* the client's first message has come back from the network */
+    int64_t server;          /* number of the followed server */
+    double heard;            /* s, arrival of that server's last message; 0 before the first */
+    int64_t newest_tick;     /* newest tick of the server's wrenches */
+    double newest_at;        /* s, arrival of that wrench; 0 before the first */
     struct {
         struct in_addr address;
         bool here;
@@ -535,7 +537,7 @@ static void slots_init(slots *s) {
 /* Publishes the writer's slot. */
 static void slots_publish(slots *s) { s->back = swap_word(&s->middle, s->back | FRESH) & INDEX; }
 
-/* Moves the reader's slot to the newest value; false if there is no new one. */
+/* Moves the reader's slot to the newest value; returns false if there is no new value. */
 static bool slots_renew(slots *s) {
     if (!(peek_word(&s->middle) & FRESH)) return false;
     s->front = swap_word(&s->middle, s->front) & INDEX;
@@ -563,7 +565,7 @@ int trocar_client_publish(trocar_client *c, const double position[3], const doub
 
 static double length_of(const double a[3]) { return sqrt(a[0] * a[0] + a[1] * a[1] + a[2] * a[2]); }
 
-/* Limits the length of `wanted`, then its distance from the last one, to what may change in `period` (s). True if it had to. */
+/* Limits the length of `wanted`, then its distance from the last value, to the change allowed in `period` (s). Returns true if it changed the vector. */
 static bool limit(limiter *l, double period, double wanted[3]) {
     double length = length_of(wanted), scale = length > l->most ? l->most / length : 1.0, change[3];
     for (int i = 0; i < 3; i++) change[i] = scale * wanted[i] - l->last[i];
@@ -608,7 +610,7 @@ int trocar_client_newest(trocar_client *c, trocar_client_wrench *wrench) {
     return 1;
 }
 
-/* As much as fits into `size` bytes. */
+/* Copies as much of the text as fits into `size` bytes. */
 static void copy_text(char *to, size_t size, const char *text) {
     size_t length = strlen(text);
     if (size == 0) return;
@@ -645,7 +647,7 @@ int trocar_client_drop_seeds(trocar_client *c, int count, double spacing) { retu
 
 /* ---- what comes from the network ------------------------------------------------------------------------------------------ */
 
-/* Whether to use a message of this server: the first one heard, until it falls silent. */
+/* True if messages of this server are used: the first one heard, until it falls silent. */
 static bool follows(trocar_client *c, int64_t server, double time) {
     if (server != c->server && c->heard != 0 && time - c->heard <= PATIENCE) return false;
     if (server != c->server) c->newest_at = 0;
@@ -654,7 +656,7 @@ static bool follows(trocar_client *c, int64_t server, double time) {
     return true;
 }
 
-/* Whether a newer wrench, which still holds, has overtaken this one on its way. */
+/* True if a newer wrench, which is still valid, arrived before this one. */
 static bool is_overtaken(const trocar_client *c, int64_t tick, double time) {
     return c->newest_at != 0 && tick < c->newest_tick && time - c->newest_at < c->watchdog;
 }
@@ -680,7 +682,7 @@ static void take_wrench(trocar_client *c, const unsigned char *bytes, size_t siz
     slots_publish(&c->wrench_slots);
 }
 
-/* Text of the network goes to terminals: only ASCII's printable characters stay. */
+/* Keeps only printable ASCII characters, because texts from the network are printed on terminals. */
 static void make_printable(char *text) {
     for (; *text != '\0'; text++)
         if (*text < ' ' || *text > '~') *text = '?';
@@ -699,7 +701,7 @@ static void take_reply(trocar_client *c, const unsigned char *bytes, size_t size
 }
 
 static const char WRENCHES[] = "TROCAR_WRENCH", REPLIES[] = "TROCAR_REPLY", POSES[] = "TROCAR_POSE", COMMANDS[] = "TROCAR_COMMAND";
-static const char ECHO_CHANNEL[] = "LCM_SELF_TEST"; /* on which liblcm, too, sends itself a message */
+static const char ECHO_CHANNEL[] = "LCM_SELF_TEST"; /* the channel on which liblcm also sends messages to itself */
 
 static void take_message(trocar_client *c, const char *channel, const unsigned char *bytes, size_t size) {
     if (strcmp(channel, WRENCHES) == 0) take_wrench(c, bytes, size);
@@ -707,7 +709,8 @@ static void take_message(trocar_client *c, const char *channel, const unsigned c
     else if (strcmp(channel, ECHO_CHANNEL) == 0) c->echoed |= size == 8 && (int64_t)get_number(bytes, 8) == c->session;
 }
 
-/* Bytes of the channel name at the start of `text`, with its zero; 0 if it is too long or does not end within `size`. */
+/* Returns the number of bytes of the channel name at the start of `text`, with its terminating zero; 0 if the name is too long or does not end within
+   `size`. */
 static size_t channel_bytes(const unsigned char *text, size_t size) {
     const unsigned char *end = memchr(text, 0, size < CHANNEL_MOST + 1 ? size : CHANNEL_MOST + 1);
     return end == NULL ? 0 : (size_t)(end - text) + 1;
@@ -717,8 +720,8 @@ static bool is_same_address(const struct sockaddr_in *a, const struct sockaddr_i
     return a->sin_addr.s_addr == b->sin_addr.s_addr && a->sin_port == b->sin_port;
 }
 
-/* One message is put together at a time, from its fragment 0 on; the others may come in any order. A new one takes the place of one that
-   is not whole, of which fragments were lost. */
+/* Assembles a fragmented message, one at a time. Its fragment 0 must come first; the others may come in any order. A new message
+   replaces an incomplete one, of which fragments were lost. */
 static void take_fragment(trocar_client *c, const unsigned char *packet, size_t size, const struct sockaddr_in *from) {
     enum { HEADER = 20 };
     assembly *a = &c->assembly;
@@ -763,13 +766,13 @@ static void take_datagram(trocar_client *c, const unsigned char *packet, size_t 
     if (name > 0) take_message(c, (const char *)packet + HEADER, packet + HEADER + name, size - HEADER - name);
 }
 
-/* Whether this is the machine's own address: then, and only then, the system sends from it what is sent to it. */
+/* True if this is the machine's own address: only then does the system use it as the source of packets sent to it. */
 static bool is_own(struct in_addr address) {
     struct sockaddr_in to = {0}, from = {0};
     socklen_t length = sizeof from;
     socket_handle s = socket(AF_INET, SOCK_DGRAM, 0);
     to.sin_family = AF_INET;
-    to.sin_port = htons(1); /* any: nothing is sent */
+    to.sin_port = htons(1); /* any port: nothing is sent */
     to.sin_addr = address;
     bool own = s != NO_SOCKET && connect(s, (struct sockaddr *)&to, sizeof to) == 0 && getsockname(s, (struct sockaddr *)&from, &length) == 0 &&
                from.sin_addr.s_addr == address.s_addr;
@@ -777,12 +780,13 @@ static bool is_own(struct in_addr address) {
     return own;
 }
 
-/* With ttl=0 LCM is for this machine alone, but its socket gets other machines' datagrams too. The last answer holds for a second, as most
-   datagrams have the same sender, and interfaces may come and go. (The kernel drops datagrams from outside that claim to come from here.) */
+/* True if datagrams from this address are accepted. With ttl=0 LCM is for this machine alone, but its socket also gets other machines'
+   datagrams. The last answer is used for a second, because most datagrams have the same sender, while interfaces may come and go. (The
+   kernel drops datagrams from outside that claim this machine as their source.) */
 static bool is_welcome(trocar_client *c, const struct sockaddr_in *from) {
     double time = now();
     uint32_t address = ntohl(from->sin_addr.s_addr);
-    if (c->address.ttl > 0 || address == INADDR_ANY || address >> 24 == 127) return true; /* without an address: where only loopback is up */
+    if (c->address.ttl > 0 || address == INADDR_ANY || address >> 24 == 127) return true; /* there is no address if only the loopback interface is up */
     if (c->known_sender.address.s_addr != from->sin_addr.s_addr || time >= c->known_sender.until) {
         c->known_sender.address = from->sin_addr;
         c->known_sender.here = is_own(from->sin_addr);
@@ -797,7 +801,7 @@ static void receive(trocar_client *c) {
         socklen_t length = sizeof from;
         int size = (int)recvfrom(c->receiver, (char *)c->datagram, sizeof c->datagram, 0, (struct sockaddr *)&from, &length);
         if (size < 0) {
-            if (!would_block()) pause_shortly(); /* the network is down: there may be the same error at once */
+            if (!would_block()) pause_shortly(); /* while the network is down, every call may fail at once */
             return;
         }
         if (is_welcome(c, &from)) take_datagram(c, c->datagram, (size_t)size, &from);
@@ -806,7 +810,7 @@ static void receive(trocar_client *c) {
 
 /* ---- what goes to the network ------------------------------------------------------------------------------------------ */
 
-/* False if the network refuses it. `size`: of the message that follows the header and the channel in `packet`. */
+/* Sends a packet; false if the network refuses it. `size` is that of the message behind the header and the channel in `packet`. */
 static bool send_packet(trocar_client *c, const char *channel, const unsigned char *message, size_t size) {
     unsigned char packet[SENT_MOST];
     size_t name = strlen(channel) + 1, whole = 8 + name + size;
@@ -822,7 +826,7 @@ static bool send_message(trocar_client *c, const char *channel, const message_ty
     return send_packet(c, channel, bytes, encode(type, message, bytes));
 }
 
-/* A pose that the network refuses is lost (and counted by the server); the next one follows soon. */
+/* Sends the waiting pose. A pose that the network refuses is lost (the server counts it); the next one follows soon. */
 static void send_pose(trocar_client *c) {
     const sent_pose *p = &c->poses[c->pose_slots.front];
     needle_pose m = {.utime = wall_clock(), .session = c->session, .seq = c->seq++, .wrench_tick = p->wrench_tick, .needle = c->needle};
@@ -852,14 +856,14 @@ static void exchange_until_end(trocar_client *c) {
 
 /* ---- opening and closing --------------------------------------------------------------------------------------------------- */
 
-/* The number after `key` in the URL's options, or `standard`. */
+/* Returns the number after `key` in the URL's options, or `standard` if it is missing. */
 static long option_of(const char *url, const char *key, long standard) {
     for (const char *at = url + strcspn(url, "?"); *at != '\0'; at += strcspn(at, "?&"))
         if (strncmp(++at, key, strlen(key)) == 0 && at[strlen(key)] == '=') return strtol(at + strlen(key) + 1, NULL, 0);
     return standard;
 }
 
-/* udpm://GROUP:PORT?KEY=VALUE&KEY=VALUE, of which all after udpm:// may be missing. */
+/* Parses udpm://GROUP:PORT?KEY=VALUE&KEY=VALUE, where everything after udpm:// may be missing. */
 static bool read_url(const char *url, lcm_address *a) {
     static const char provider[] = "udpm://";
     char group[] = "239.255.76.67\0";
@@ -898,7 +902,7 @@ static bool open_receiver(trocar_client *c) {
     struct sockaddr_in own = c->address.group;
     struct ip_mreq membership;
 #ifdef _WIN32
-    own.sin_addr.s_addr = htonl(INADDR_ANY); /* elsewhere a socket can be bound to the group, and gets nothing else */
+    own.sin_addr.s_addr = htonl(INADDR_ANY); /* on other systems, a socket can be bound to the multicast group and gets no other datagrams */
 #endif
     memset(&membership, 0, sizeof membership);
     membership.imr_multiaddr = c->address.group.sin_addr;
@@ -912,7 +916,7 @@ static bool open_receiver(trocar_client *c) {
            set_option(c->receiver, IPPROTO_IP, IP_ADD_MEMBERSHIP, &membership, sizeof membership);
 }
 
-/* Sends a message until it comes back. */
+/* Sends a message repeatedly until it comes back from the network. */
 static bool hears_itself(trocar_client *c) {
     unsigned char message[8];
     put_number(message, (uint64_t)c->session, 8);
@@ -942,7 +946,7 @@ static void free_client(trocar_client *c) {
 static trocar_client *create_client(const trocar_client_options *o) {
     trocar_client *c = malloc(sizeof *c);
     if (c == NULL) return NULL;
-    memset(c, 0, sizeof *c); /* also touches the pages, so that the device's loop has no page fault */
+    memset(c, 0, sizeof *c); /* also touches the pages, so that the device's loop causes no page fault */
     slots_init(&c->pose_slots);
     slots_init(&c->wrench_slots);
     slots_init(&c->command_slots);
@@ -956,7 +960,7 @@ static trocar_client *create_client(const trocar_client_options *o) {
     c->without_force = o->without_force != 0;
     c->sender = c->receiver = NO_SOCKET;
     if (!random_number(&c->session)) c->session = wall_clock();
-    c->session = (c->session & INT64_MAX) | 1; /* 0 means nobody */
+    c->session = (c->session & INT64_MAX) | 1; /* 0 means that nobody owns the needle */
     return c;
 }
 

@@ -10,26 +10,26 @@
            ...                                                  render wrench.force and wrench.torque
        }
 
-   A thread of the client handles the network. The functions marked RT exchange the newest pose and the newest
-   wrench with it through memory. They take no lock, do not allocate and never wait, so that they can be called from a
-   real-time loop; publishing takes one system call, which wakes the client's thread. Call them from one thread only, the
-   device's; the others may be called from any thread, one at a time.
+   A thread of the client handles the network. The functions marked RT exchange the newest pose and the newest wrench with it through memory.
+   They take no lock, do not allocate and never wait, so that they can be called from a real-time loop; publishing takes one system call,
+   which wakes the client's thread. Call them from one thread only, the device's; the other functions may be called from any thread, one at a
+   time.
 
-   A client holds one needle. For a scene with several, open a client for each, with `needle` in its options.
+   A client holds one needle. For a scene with several needles, open a client for each, with `needle` in its options.
 
    The client chooses a session number, follows one server if two are heard, tells the server which wrench the hand feels
    (its virtual coupling needs the round trip), and discards wrenches for other devices.
 
    Watchdog: after 20 ms without a wrench the force is zero. When wrenches arrive again, the force is ramped up in 0.1 s.
 
-   Limits: whatever arrives, force and torque stay below the limits in the options and change no faster than these say. LCM has no
-   authentication, so that anyone on the network can send a wrench; set what your device bears.
+   Limits: whatever arrives, force and torque stay below the limits in the options, and so do their rates of change. LCM has no
+   authentication, so anyone on the network can send a wrench; set limits that are safe for your device.
 
    Frames: the scene's world frame, in metres. Quaternions are w, x, y, z. The needle's axis is its local +z, from base to tip,
    and its bevel faces local +y.
 
-   Link with trocar::client (CMake) or trocar-client (pkg-config), or add trocar_client.c to your program: it is C99 and needs nothing but the
-   operating system, Linux or Windows (there, link ws2_32); macOS should work and is untested. */
+   Link with trocar::client (CMake) or trocar-client (pkg-config), or add trocar_client.c to your program: it is C99 and needs only the
+   operating system, Linux or Windows (on Windows, link ws2_32); macOS should work but is untested. */
 #ifndef TROCAR_CLIENT_H
 #define TROCAR_CLIENT_H
 
@@ -43,43 +43,44 @@ extern "C" {
 typedef struct trocar_client trocar_client;
 
 typedef struct trocar_client_options {
-    const char *url;         /* LCM URL, of UDP multicast: udpm://...; NULL: $LCM_DEFAULT_URL, or else LCM's default */
-    double watchdog;         /* s without a wrench until the force is zero; 0: 0.02 */
-    int priority;            /* SCHED_FIFO priority of the client's thread, below the device's loop; 0: as the caller. Windows: not 0: time-critical */
+    const char *url;         /* LCM URL of UDP multicast, udpm://...; NULL: $LCM_DEFAULT_URL, or else LCM's default */
+    double watchdog;         /* s without a wrench after which the force is zero; 0: 0.02 */
+    /* SCHED_FIFO priority of the client's thread, below that of the device's loop; 0: as the caller. Windows: not 0 means time-critical */
+    int priority;
     int needle;              /* index of the device's needle in the scene, from 0 */
-    double max_force;        /* N, of the force to render; 0: 20; INFINITY: not limited */
-    double max_torque;       /* N m; 0: 1 */
-    double max_force_rate;   /* N/s; 0: 2000 */
-    double max_torque_rate;  /* N m/s; 0: 100 */
+    double max_force;        /* N, largest force to render; 0: 20; INFINITY: not limited */
+    double max_torque;       /* N m, largest torque; 0: 1 */
+    double max_force_rate;   /* N/s, largest rate of the force; 0: 2000 */
+    double max_torque_rate;  /* N m/s, largest rate of the torque; 0: 100 */
     int without_force;       /* 1: the client renders no force, like a mouse or a tracker; the needle then follows its poses rigidly */
 } trocar_client_options;
 
 /* The wrench to render. All zero while no wrenches arrive. */
 typedef struct trocar_client_wrench {
-    double force[3];         /* N, world frame: of the needle's base on the hand */
+    double force[3];         /* N, world frame: force of the needle's base on the hand */
     double torque[3];        /* N m, world frame, about the base point */
     double depth;            /* m, length of the needle's track in the tissue */
-    int64_t tick;            /* of the server */
-    int32_t contacts;        /* active contact nodes */
-    int32_t events;          /* of that tick only: trocar_client_event; subscribe to TROCAR_WRENCH for those of every tick */
-    int32_t membrane;        /* punctured in that tick, -1 if none */
-    int32_t flags;           /* trocar_client_flag; SATURATED also when the client has limited it */
+    int64_t tick;            /* tick of the server */
+    int32_t contacts;        /* number of active contact nodes */
+    int32_t events;          /* events of that tick only, bits: trocar_client_event; for the events of every tick, subscribe to TROCAR_WRENCH */
+    int32_t membrane;        /* membrane that was punctured in that tick, -1 if none */
+    int32_t flags;           /* bits: trocar_client_flag; SATURATED is also set when the client has limited the wrench */
 } trocar_client_wrench;
 
 /* begin: generated by scripts/pages/client_messages from lcmtypes/trocar.lcm */
 /* Bits of `flags` in a wrench. */
 typedef enum trocar_client_flag {
-    TROCAR_CLIENT_FLAG_STALE = 1,                    /* no recent pose: wrench held, then ramped to zero */
-    TROCAR_CLIENT_FLAG_SATURATED = 2,                /* force or torque limited in magnitude or rate */
-    TROCAR_CLIENT_FLAG_NOT_REALTIME = 4,             /* server runs without SCHED_FIFO or without locked memory */
-    TROCAR_CLIENT_FLAG_RAMPING = 8,                  /* wrench ramped while engaging, releasing or after a fault */
-    TROCAR_CLIENT_FLAG_LATE_WORKER = 16,             /* compliance around the tip not computed yet; the last snapshot or an estimate is used */
-    TROCAR_CLIENT_FLAG_UNSTABLE = 32,                /* non-finite value: the insertion restarts */
-    TROCAR_CLIENT_FLAG_OVERRUN = 64,                 /* too many consecutive missed periods: wrench ramped to zero */
-    TROCAR_CLIENT_FLAG_ACTIVE = 128,                 /* the hand received more energy than it supplied (see energy in status_t), or oscillated, and the coupling is softer */
+    TROCAR_CLIENT_FLAG_STALE = 1,                    /* no recent pose: the wrench is held, then ramped to zero */
+    TROCAR_CLIENT_FLAG_SATURATED = 2,                /* force or torque is limited in magnitude or rate */
+    TROCAR_CLIENT_FLAG_NOT_REALTIME = 4,             /* the server runs without SCHED_FIFO or without locked memory */
+    TROCAR_CLIENT_FLAG_RAMPING = 8,                  /* the wrench is ramped while engaging, while releasing or after a fault */
+    TROCAR_CLIENT_FLAG_LATE_WORKER = 16,             /* the compliance around the tip has not been computed yet; the last snapshot or an estimate is used */
+    TROCAR_CLIENT_FLAG_UNSTABLE = 32,                /* a value is not finite: the insertion restarts */
+    TROCAR_CLIENT_FLAG_OVERRUN = 64,                 /* too many consecutive periods were missed: the wrench is ramped to zero */
+    TROCAR_CLIENT_FLAG_ACTIVE = 128,                 /* the hand received more energy than it supplied (see energy in status_t), or oscillated, and the coupling has been softened */
     TROCAR_CLIENT_FLAG_MISSED_GUIDE = 256,           /* the needle passes a guide beside its holes, and is not guided */
     TROCAR_CLIENT_FLAG_OUTSIDE_MODEL = 512,          /* the shaft is pushed into a body from the side, where the model has no force: do not trust the wrench */
-    TROCAR_CLIENT_FLAG_PROBE_STOPPED = 1024          /* the tissue keeps the ultrasound probe short of its pose: see probe_wrench_t */
+    TROCAR_CLIENT_FLAG_PROBE_STOPPED = 1024          /* the tissue stops the ultrasound probe short of its pose: see probe_wrench_t */
 } trocar_client_flag;
 
 /* Bits of `events` in a wrench. */
@@ -89,60 +90,61 @@ typedef enum trocar_client_event {
     TROCAR_CLIENT_EVENT_ADDED = 4,                   /* a contact became active */
     TROCAR_CLIENT_EVENT_REMOVED = 8,                 /* a contact slipped off the tip */
     TROCAR_CLIENT_EVENT_EXITED = 16,                 /* the tip left the tissue on the far side */
-    TROCAR_CLIENT_EVENT_REENTERED = 32,              /* the tip came back after that */
-    TROCAR_CLIENT_EVENT_WITHDRAWN = 64,              /* the needle left the tissue the way it came in */
-    TROCAR_CLIENT_EVENT_LATE = 128,                  /* as the flag LATE_WORKER, in every tick */
+    TROCAR_CLIENT_EVENT_REENTERED = 32,              /* the tip came back into the tissue after EXITED */
+    TROCAR_CLIENT_EVENT_WITHDRAWN = 64,              /* the needle left the tissue where it had entered */
+    TROCAR_CLIENT_EVENT_LATE = 128,                  /* like the flag LATE_WORKER, set in every tick */
     TROCAR_CLIENT_EVENT_FULL = 256,                  /* no free contact was left to add, or the track has more than 256 layers */
-    TROCAR_CLIENT_EVENT_UNSTABLE = 512,              /* as the flag UNSTABLE */
+    TROCAR_CLIENT_EVENT_UNSTABLE = 512,              /* like the flag UNSTABLE */
     TROCAR_CLIENT_EVENT_KEPT = 1024,                 /* no longer set */
-    TROCAR_CLIENT_EVENT_MISSED_GUIDE = 2048,         /* as the flag MISSED_GUIDE, in every tick */
-    TROCAR_CLIENT_EVENT_OUTSIDE_MODEL = 4096,        /* as the flag OUTSIDE_MODEL, in every tick */
-    TROCAR_CLIENT_EVENT_TRACK_DROPPED = 8192,        /* no room for more tracks: the needle's oldest track is closed */
-    TROCAR_CLIENT_EVENT_INEXACT = 16384              /* the solve did not reach its tolerance: the wrench may be off by more */
+    TROCAR_CLIENT_EVENT_MISSED_GUIDE = 2048,         /* like the flag MISSED_GUIDE, set in every tick */
+    TROCAR_CLIENT_EVENT_OUTSIDE_MODEL = 4096,        /* like the flag OUTSIDE_MODEL, set in every tick */
+    TROCAR_CLIENT_EVENT_TRACK_DROPPED = 8192,        /* there was no room for more tracks: the needle's oldest track has been dropped */
+    TROCAR_CLIENT_EVENT_INEXACT = 16384              /* the solver did not reach its tolerance: the error of the wrench may be larger */
 } trocar_client_event;
 /* end: generated by scripts/pages/client_messages */
 
-/* Connects; `options` may be NULL. Waits for the network, but not for a server, which may start later. Returns NULL and a
-   message with the remedy in `why`, of `size` bytes (NULL: the message goes to stderr). Starts a thread and allocates. */
+/* Connects; `options` may be NULL. Waits for the network, but not for a server, which may start later. On failure,
+   returns NULL and writes a message with the remedy to `why`, of `size` bytes (to stderr if `why` is NULL). Starts a
+   thread and allocates. */
 trocar_client *trocar_client_open(const trocar_client_options *options, char *why, size_t size);
 
 /* Releases the needle, so that another device can take it at once, and disconnects. NULL is allowed. */
 void trocar_client_close(trocar_client *client);
 
-/* Sends this pose of the needle's base. If poses come faster than the network takes them, only the newest is sent. Returns 0, and
-   sends nothing, if a number is not finite. RT */
+/* Sends this pose of the needle's base. If poses come faster than the network accepts them, only the newest is sent. Returns 1,
+   or 0 if a number is not finite, in which case nothing is sent. RT */
 int trocar_client_publish(trocar_client *client, const double position[3], const double orientation[4]);
 
-/* The newest wrench; one that a newer one has overtaken on its way is dropped. Returns 1, or 0 and a zero wrench if the watchdog has expired,
+/* Gets the newest wrench; wrenches that arrive out of order are dropped. Returns 1, or 0 and a zero wrench if the watchdog has expired,
    because there is no server, the needle belongs to another device, or the scene has no such needle (trocar-top shows the reason). RT */
 int trocar_client_newest(trocar_client *client, trocar_client_wrench *wrench);
 
-/* Commands for the client's needle. Each is sent at once; the server's reply arrives later: see trocar_client_reply. One command at a time:
-   they return 1, or 0, and do nothing, while the previous one waits for its reply. RT
+/* Commands for the client's needle. Each is sent at once; the server's reply arrives later: see trocar_client_reply. Only one command may be
+   pending: the functions return 1, or do nothing and return 0 while the previous command waits for its reply. RT
 
        reset       removes the needle and relaxes the tissue; the next pose engages the needle again
-       leave       lets go of the needle: it rests in tissue and template. Stop publishing poses, and close the client or take the needle again
-       take        holds a resting needle again, where it is: the first pose after the reply stands for the place where it rests, and the needle
+       leave       leaves the needle to rest in tissue and template. Stop publishing poses, and close the client or take the needle again
+       take        holds a resting needle again: the first pose after the reply is identified with the place where it rests, and the needle
                    follows the hand's motion from there
-       drop_seeds  leaves `count` seeds, 1 to 16, of which the first has its distal end at the tip, as the needle is drawn back over them;
-                   `spacing`, between their centres, is in m, 0: the scene's
-       undo        cancels the seeds that are still in the needle; if there are none, removes the seed that it left last */
+       drop_seeds  drops `count` seeds, 1 to 16, which the needle leaves as it is drawn back; the first has its distal end at the tip;
+                   `spacing` is the distance of their centres in m; 0 means the scene's
+       undo        cancels the seeds that are still in the needle; if there are none, removes the seed that the needle left last */
 int trocar_client_reset(trocar_client *client);
 int trocar_client_leave(trocar_client *client);
 int trocar_client_take(trocar_client *client);
 int trocar_client_drop_seeds(trocar_client *client, int count, double spacing);
 int trocar_client_undo(trocar_client *client);
 
-/* What has become of the last command. */
+/* Result of the last command. */
 typedef enum trocar_client_answer {
-    TROCAR_CLIENT_NONE,      /* there was no command */
+    TROCAR_CLIENT_NONE,      /* no command has been given */
     TROCAR_CLIENT_WAITING,
     TROCAR_CLIENT_DONE,
-    TROCAR_CLIENT_REFUSED,   /* nothing was changed */
-    TROCAR_CLIENT_UNANSWERED /* for three seconds: there is no server, or the network has lost the command or the reply */
+    TROCAR_CLIENT_REFUSED,   /* the server refused the command and changed nothing */
+    TROCAR_CLIENT_UNANSWERED /* no reply for three seconds: there is no server, or the network has lost the command or the reply */
 } trocar_client_answer;
 
-/* The answer to the last command. Unless it is DONE, `why`, of `size` bytes, gets the reason (NULL: it is not wanted). RT */
+/* Returns the answer to the last command. Unless it is DONE, the reason is written to `why`, of `size` bytes, if that is not NULL. RT */
 trocar_client_answer trocar_client_reply(trocar_client *client, char *why, size_t size);
 
 #ifdef __cplusplus

@@ -1,11 +1,11 @@
-/* A planned implant in a scene: which needle goes into which hole, how deep, and where it leaves its seeds. */
+/* A planned implant in a scene: each needle's hole and depth, and where it leaves its seeds. */
 #ifndef TROCAR_IMPLANT_PLAN_H
 #define TROCAR_IMPLANT_PLAN_H
 
 #include "base/vec.h"
 #include "shared/plan_table.h"
 
-/* A material point of the tissue in a tetrahedron: it moves with the corners. */
+/* A material point of the tissue in a tetrahedron, with whose corners it moves. */
 typedef struct {
     int nodes[4];
     double weights[4];
@@ -14,25 +14,26 @@ typedef struct {
 typedef struct {
     char hole[PLAN_HOLE];
     int column, row;         /* of the hole, from 0 */
-    pose entry;              /* where the hole's axis meets the face at which needles enter; oriented along the axis */
+    pose entry;              /* where the hole's axis meets the template's entry face, oriented along the axis */
     int seed_count;          /* at least 1 */
-    const double *depths;    /* m behind that face: depths of the tip at which it drops each seed, deepest first; in the tissue at rest */
-    const material_point *places; /* of the seeds' centres */
+    const double *depths;    /* m behind that face: depth of the tip at which each seed is dropped, deepest first, in the tissue at rest */
+    const material_point *places; /* the places of the seeds' centres */
 } planned_needle;
 
 typedef struct {
     double needle_length;    /* m */
     double seed_length;      /* m */
-    int node_count;          /* of the scene's mesh */
-    double greatest_aside;   /* m, largest distance of a seed in the table from the axis of its hole, on which it will be dropped */
+    int node_count;          /* number of nodes of the scene's mesh */
+    double greatest_aside;   /* m, largest distance of a planned seed from the axis of its hole, along which it will be dropped */
     int needle_count, seed_count;
     planned_needle needles[TROCAR_MAX_NEEDLES];
     double depths[TROCAR_MAX_SEEDS];
     material_point places[TROCAR_MAX_SEEDS];
 } implant_plan;
 
-/* Reads the table that `python3 -m trocar.plan show --out` writes. Needles are in its order; the first is the scene's needle 0. BAD_INPUT for a bad
-   table or scene, a plan for another template than the scene's, a plan with more needles than the scene, and a seed outside the tissue at rest. */
+/* Reads the table written by `python3 -m trocar.plan show --out`. The needles keep the order of the table; the first is the scene's needle 0.
+   BAD_INPUT for a bad table or scene, a plan for another template than the scene's, a plan with more needles than the scene, and a seed outside the
+   tissue at rest. */
 trocar_status implant_plan_read(const trocar_scene *scene, const char *path, implant_plan *plan, report *why);
 
 #endif

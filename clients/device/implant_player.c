@@ -11,16 +11,17 @@
 #include "shared/motion.h"
 #include "trocar_client.h"
 
-static const double MEAN_SPEED = 0.065; /* m/s, mean of a stroke; minimum jerk peaks at 1.875 times that. Measured hands: mean 48 mm/s, peak 123 mm/s
-                                           (docs/validation.md, "A whole implant") */
-static const double CLEAR = 0.005;      /* m, of the tip in front of the template before and after */
-static const double PAUSE = 0.1;        /* s at rest, before a needle is left and before a seed is dropped */
-static const double FURTHER = 1e-3;     /* m, see drop_seed */
+static const double MEAN_SPEED = 0.065; /* m/s, mean speed of a stroke; a minimum-jerk stroke peaks at 1.875 times that. Measured hands: mean 48
+                                           mm/s, peak 123 mm/s (docs/validation.md, "A whole implant") */
+static const double CLEAR = 0.005;      /* m, distance of the tip from the template before insertion and after withdrawal */
+static const double PAUSE = 0.1;        /* s at rest before a needle is left and before a seed is dropped */
+static const double FURTHER = 1e-3;     /* m by which drop_seed draws the needle back before it tries again */
 static const int REPEATS = 5;
-static const double AT_TARGET = 0.3e-3; /* m, distance of the tip from the displaced target at which it counts as reached */
-static const int CORRECTIONS = 5;       /* at most; the tissue moves with the needle */
-static const double PATIENCE_TO_SEE = 1.0; /* s without pictures before giving up; the server sends 30 a second */
-static const char *const PENDING = "still holds"; /* in the reason of a refusal while a seed is still in the needle: see api_seeds.c */
+static const double AT_TARGET = 0.3e-3; /* m from the displaced target at which the tip counts as having reached it */
+static const int CORRECTIONS = 5;       /* most approaches to a target, which the needle's motion displaces */
+static const double PATIENCE_TO_SEE = 1.0; /* s without pictures after which the player gives up; the server sends 30 pictures a second */
+/* part of the reason with which the server refuses a command while a seed is still in the needle: see api_seeds.c */
+static const char *const PENDING = "still holds";
 
 typedef struct {
     const implant_plan *plan;
@@ -30,13 +31,13 @@ typedef struct {
     trocar_client *client;
     trocar_client_wrench wrench;
     int needle;
-    int priority;            /* of the client's thread, 0: that of this thread */
-    const char *stage;       /* for the table: in, out */
+    int priority;            /* priority of the client's thread; 0: as the calling thread */
+    const char *stage;       /* stage of the implant for the table: in, out */
     double began, due;       /* s */
     double heard;            /* s, arrival of the newest wrench */
     double tip;              /* m, how far the needle reaches beyond the template's face */
     implant_watch watch;
-    double left_at[TROCAR_MAX_NEEDLES]; /* m, `tip` when the needle was left */
+    double left_at[TROCAR_MAX_NEEDLES]; /* m, value of `tip` when the needle was left */
 } player;
 
 static const planned_needle *planned(const player *p) { return &p->plan->needles[p->needle]; }
@@ -68,7 +69,7 @@ static void note_force(player *p) {
     p->summary->greatest_force_needle = p->needle;
 }
 
-/* One period in which the hand holds the needle at `tip`. */
+/* Runs one period in which the hand holds the needle at `tip`. */
 static trocar_status hold_period(player *p) {
     trocar_status status = next_period(p);
     if (status != TROCAR_OK) return status;
@@ -100,7 +101,7 @@ static trocar_status engage(player *p) {
     return status == TROCAR_OK ? hold(p, p->play->settle) : status;
 }
 
-/* Reads the marks of a needle that is held without poses, from a message newer than this moment. */
+/* Reads the marks of a needle that is held without sending poses, from a message newer than this moment. */
 static trocar_status read_depth(player *p) {
     double asked = playing_now();
     trocar_status status = TROCAR_OK;
@@ -117,7 +118,7 @@ static trocar_status read_depth(player *p) {
     return status;
 }
 
-/* m, depth of the tip for dropping this seed. */
+/* Returns the depth of the tip (m) for dropping this seed. */
 static double target(const player *p, int seed) {
     double depth = planned(p)->depths[seed];
     return p->play->follow ? depth + implant_watch_shift(&p->watch, planned(p), seed) : depth;
@@ -140,14 +141,15 @@ static trocar_status go_to(player *p, double depth) {
     return status == TROCAR_OK ? hold(p, PAUSE) : status;
 }
 
-/* Moves to where this seed should be dropped, and rests there. A followed target moves with the needle. */
+/* Moves the tip to the depth at which this seed should be dropped, and rests there. If targets are followed, the tissue carries the target along with
+   the needle. */
 static trocar_status go_to_target(player *p, int seed) {
     trocar_status status = go_to(p, target(p, seed));
     for (int i = 0; p->play->follow && status == TROCAR_OK && i < CORRECTIONS && fabs(target(p, seed) - p->tip) > AT_TARGET; i++) status = go_to(p, target(p, seed));
     return status;
 }
 
-/* Waits for the reply to the last command; `holding`: sends poses meanwhile, which a resting needle must not get because it has no owner. */
+/* Waits for the reply to the last command. With `holding`, it sends poses meanwhile; a resting needle must not get poses, because it has no owner. */
 static trocar_status await_reply(player *p, bool holding, trocar_client_answer *answer, char reason[256]) {
     trocar_status status = TROCAR_OK;
     while (status == TROCAR_OK && (*answer = trocar_client_reply(p->client, reason, 256)) == TROCAR_CLIENT_WAITING)
@@ -174,8 +176,8 @@ static trocar_status insert_and_leave(player *p) {
     return await_done(p, "cannot be left");
 }
 
-/* Drops a seed. If the tissue has followed the needle back, the last seed is still in it and the server refuses the next one; then the hand draws the
-   needle a little further and tries again. Any other refusal ends the implant. */
+/* Drops a seed. If the tissue has followed the needle as it was drawn back, the previous seed is still in the needle, and the server refuses the next
+   one; the hand then draws the needle back a little further and tries again. Any other refusal ends the implant. */
 static trocar_status drop_seed(player *p) {
     char reason[256];
     trocar_client_answer answer = TROCAR_CLIENT_NONE;
@@ -207,7 +209,7 @@ static trocar_status take_and_draw_back(player *p) {
     return status == TROCAR_OK ? stroke(p, -CLEAR) : status;
 }
 
-/* A client holds one needle, so each needle gets its own client. */
+/* Opens a client for this needle and calls `handle`; each needle has its own client, because a client holds one needle. */
 static trocar_status with_needle(player *p, int needle, trocar_status (*handle)(player *)) {
     trocar_client_options options = {.url = p->play->lcm_url, .needle = needle, .priority = p->priority, .without_force = 1};
     char reason[512];
@@ -227,7 +229,7 @@ trocar_status implant_carry_out(const implant_plan *plan, const implant_play *pl
     if (play->csv) fputs("t [s],needle,hole,stage,tip [m],fx [N],fy [N],fz [N],against [N],depth [m],flags\n", play->csv);
 
     *summary = (implant_summary){0};
-    if (play->realtime && playing_use_realtime()) p.priority = PRIORITY_DEVICE - 1; /* the client's thread runs just below */
+    if (play->realtime && playing_use_realtime()) p.priority = PRIORITY_DEVICE - 1; /* the client's thread runs at a priority just below this one */
     for (int i = 0; status == TROCAR_OK && i < plan->needle_count; i++) status = with_needle(&p, i, insert_and_leave);
     for (int i = 0; status == TROCAR_OK && i < plan->needle_count; i++) status = with_needle(&p, i, take_and_draw_back);
     implant_watch_close(&p.watch);

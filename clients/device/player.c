@@ -1,5 +1,5 @@
-/* One thread and two events: the timer (send the next pose) and LCM's socket (a wrench has arrived). Deadlines are absolute, so
-   that the rate does not drift; missed periods are skipped and counted. */
+/* One thread handles two events: the timer (send the next pose) and LCM's socket (a wrench has arrived). Deadlines are
+   absolute, so that the rate does not drift; missed periods are skipped and counted. */
 #include "device/player.h"
 
 #include <errno.h>
@@ -19,7 +19,7 @@
 #include "shared/server_choice.h"
 #include "trocar_command_t.h"
 
-static const double last_answers = 0.008; /* s of listening after the last pose: shorter than the server's hold time */
+static const double last_answers = 0.008; /* s to listen after the last pose: shorter than the server's hold time */
 
 typedef struct {
     const play_settings *settings;
@@ -29,13 +29,13 @@ typedef struct {
     int timer;
     double period;           /* s */
     hand hand;
-    vec3 force;              /* N, newest, on the hand */
+    vec3 force;              /* newest force on the hand, N */
     int64_t wrench_tick;     /* tick of that force */
-    trocar_status status;    /* of the first failure in a callback */
+    trocar_status status;    /* status of the first failure in a callback */
     report *why;
 } player;
 
-/* True if this is the server whose wrenches are used. Another one is reported once and counted. */
+/* True if this is the server whose wrenches are used. Another server is reported once, and its wrenches are counted. */
 static bool follow(player *p, int64_t server) {
     if (server_choice_follows(&p->servers, server, playing_now())) return true;
     if (p->record->foreign_wrenches++ == 0)
@@ -56,7 +56,7 @@ static void on_wrench(const lcm_recv_buf_t *buffer, const char *channel, void *u
     if (p->status == TROCAR_OK) p->status = status;
 }
 
-/* Pose of the base at script time t: the script's, or that of the hand following it. */
+/* Returns the pose of the base at script time t: the script's pose, or that of the hand that follows the script. */
 static pose next_pose(player *p, double t) {
     pose wanted = motion_pose(p->settings->script, p->settings->start, t * p->settings->speed);
     if (!p->settings->closed_loop) return wanted;
@@ -86,7 +86,7 @@ static int wait_event(player *p) {
     return (int)expired;
 }
 
-/* Sends the start pose until the server's first answer. */
+/* Sends the start pose until the server first answers. */
 static trocar_status await_server(player *p) {
     double deadline = playing_now() + p->settings->patience;
     while (p->record->received_count == 0) {
@@ -103,7 +103,7 @@ static trocar_status await_server(player *p) {
     return TROCAR_OK;
 }
 
-/* Rests for `settle`, plays the script, then listens a little longer. */
+/* Rests for `settle`, plays the script, then listens for a short time. */
 static trocar_status play_script(player *p) {
     double start = playing_now() + p->settings->settle, t = 0;
     p->record->start = start;
@@ -153,7 +153,7 @@ trocar_status play(const play_settings *settings, recording *r, report *why) {
     p.hand.velocity = v3(0, 0, 0);
 
     playing_heed_signals();
-    if (settings->realtime) playing_use_realtime(); /* before LCM is created, because its reader thread inherits the priority */
+    if (settings->realtime) playing_use_realtime(); /* done before LCM is created, because its reader thread inherits the priority */
 
     trocar_status status = open_links(&p);
     if (status == TROCAR_OK) status = await_server(&p);

@@ -8,8 +8,8 @@
             wrench = server.newest()
             ...                                               # render wrench.force and wrench.torque
 
-It does what clients/client/trocar_client.h does, with the same watchdog, limits and commands. Python is not for real time: for a device that renders
-force at 1 kHz use the C library. Positions and forces may be any sequences of numbers, such as NumPy's arrays; the answers are tuples.
+It offers the functions of clients/client/trocar_client.h, with the same watchdog, limits and commands. Python is not for real time: for a device
+that renders force at 1 kHz, use the C library. Positions and forces may be any sequences of numbers, such as NumPy's arrays; the answers are tuples.
 
 Frames: the scene's world frame, in metres. Quaternions are w, x, y, z. The needle's axis is its local +z, from base to tip, and its bevel
 faces local +y."""
@@ -28,16 +28,16 @@ from typing import NamedTuple, Tuple
 __all__ = ["Answer", "Client", "Events", "Flags", "Wrench"]
 
 _RAMP = 0.1             # s, after an outage
-_PATIENCE = 0.1         # s of silence after which another server is followed
-_LONGEST_PERIOD = 0.01  # s of the device's loop, for which the wrench may change
+_PATIENCE = 0.1         # s of silence after which the client follows another server
+_LONGEST_PERIOD = 0.01  # s of the device's loop, the longest for which the wrench may change
 _LONGEST_REPLY = 3.0    # s
-_LONGEST_ECHO = 10.0    # s in which a first message has to come back from the network
-_MESSAGE_MOST, _FRAGMENTS_MOST, _TEXT_MOST = 1 << 17, 256, 255  # bytes of a message, fragments of one, bytes kept of a text
+_LONGEST_ECHO = 10.0    # s within which the client's first message has to come back from the network
+_MESSAGE_MOST, _FRAGMENTS_MOST, _TEXT_MOST = 1 << 17, 256, 255  # bytes of the longest message, most fragments of a message, most bytes kept of a text
 _ECHO = b"LCM_SELF_TEST"
 
 
 class _Message:
-    """Encodes and decodes one type: a fingerprint, numbers in big-endian order, and last a text if the type has one."""
+    """Encodes and decodes one message type: a fingerprint, numbers in big-endian order, and a text at the end if the type has one."""
 
     def __init__(self, fingerprint, layout, fields):
         self._fingerprint, self._layout = fingerprint, struct.Struct(">Q" + layout[1:])
@@ -45,7 +45,7 @@ class _Message:
         self._has_text = layout.endswith("I")
 
     def encode(self, **values):
-        """The bytes of a message without a text; fields that are not given are 0."""
+        """Returns the bytes of a message without a text; fields that are not given are 0."""
         numbers = []
         for name, length in self._fields:
             value = values.get(name, 0 if length is None else [0] * length)
@@ -53,7 +53,7 @@ class _Message:
         return self._layout.pack(self._fingerprint, *numbers)
 
     def decode(self, data):
-        """Its fields, or None if the bytes are not one message of this type and nothing else."""
+        """Returns the message's fields, or None if the bytes are not exactly one message of this type."""
         size = self._layout.size
         if len(data) < size:
             return None
@@ -65,7 +65,7 @@ class _Message:
         for name, length in self._fields:
             found[name] = numbers[at] if length is None else tuple(numbers[at:at + length])
             at += length or 1
-        if self._has_text:  # only printable characters of ASCII stay, as it may go to a terminal
+        if self._has_text:  # keeps only printable ASCII characters, as the text may be printed on a terminal
             kept = text.split(b"\0", 1)[0][:_TEXT_MOST]
             found[self._fields[-1][0]] = "".join(chr(byte) if 32 <= byte <= 126 else "?" for byte in kept)
         return found
@@ -79,17 +79,17 @@ _STATUS_DONE, _STATUS_REFUSED = 0, 1
 class Flags(enum.IntFlag):
     """Bits of `flags` in a wrench."""
 
-    STALE = 1  # no recent pose: wrench held, then ramped to zero
-    SATURATED = 2  # force or torque limited in magnitude or rate
-    NOT_REALTIME = 4  # server runs without SCHED_FIFO or without locked memory
-    RAMPING = 8  # wrench ramped while engaging, releasing or after a fault
-    LATE_WORKER = 16  # compliance around the tip not computed yet; the last snapshot or an estimate is used
-    UNSTABLE = 32  # non-finite value: the insertion restarts
-    OVERRUN = 64  # too many consecutive missed periods: wrench ramped to zero
-    ACTIVE = 128  # the hand received more energy than it supplied (see energy in status_t), or oscillated, and the coupling is softer
+    STALE = 1  # no recent pose: the wrench is held, then ramped to zero
+    SATURATED = 2  # force or torque is limited in magnitude or rate
+    NOT_REALTIME = 4  # the server runs without SCHED_FIFO or without locked memory
+    RAMPING = 8  # the wrench is ramped while engaging, while releasing or after a fault
+    LATE_WORKER = 16  # the compliance around the tip has not been computed yet; the last snapshot or an estimate is used
+    UNSTABLE = 32  # a value is not finite: the insertion restarts
+    OVERRUN = 64  # too many consecutive periods were missed: the wrench is ramped to zero
+    ACTIVE = 128  # the hand received more energy than it supplied (see energy in status_t), or oscillated, and the coupling has been softened
     MISSED_GUIDE = 256  # the needle passes a guide beside its holes, and is not guided
     OUTSIDE_MODEL = 512  # the shaft is pushed into a body from the side, where the model has no force: do not trust the wrench
-    PROBE_STOPPED = 1024  # the tissue keeps the ultrasound probe short of its pose: see probe_wrench_t
+    PROBE_STOPPED = 1024  # the tissue stops the ultrasound probe short of its pose: see probe_wrench_t
 
 
 class Events(enum.IntFlag):
@@ -100,16 +100,16 @@ class Events(enum.IntFlag):
     ADDED = 4  # a contact became active
     REMOVED = 8  # a contact slipped off the tip
     EXITED = 16  # the tip left the tissue on the far side
-    REENTERED = 32  # the tip came back after that
-    WITHDRAWN = 64  # the needle left the tissue the way it came in
-    LATE = 128  # as the flag LATE_WORKER, in every tick
+    REENTERED = 32  # the tip came back into the tissue after EXITED
+    WITHDRAWN = 64  # the needle left the tissue where it had entered
+    LATE = 128  # like the flag LATE_WORKER, set in every tick
     FULL = 256  # no free contact was left to add, or the track has more than 256 layers
-    UNSTABLE = 512  # as the flag UNSTABLE
+    UNSTABLE = 512  # like the flag UNSTABLE
     KEPT = 1024  # no longer set
-    MISSED_GUIDE = 2048  # as the flag MISSED_GUIDE, in every tick
-    OUTSIDE_MODEL = 4096  # as the flag OUTSIDE_MODEL, in every tick
-    TRACK_DROPPED = 8192  # no room for more tracks: the needle's oldest track is closed
-    INEXACT = 16384  # the solve did not reach its tolerance: the wrench may be off by more
+    MISSED_GUIDE = 2048  # like the flag MISSED_GUIDE, set in every tick
+    OUTSIDE_MODEL = 4096  # like the flag OUTSIDE_MODEL, set in every tick
+    TRACK_DROPPED = 8192  # there was no room for more tracks: the needle's oldest track has been dropped
+    INEXACT = 16384  # the solver did not reach its tolerance: the error of the wrench may be larger
 
 
 _NEEDLE_POSE = _Message(0xc03690dc1196e46f, ">qqq3d4dqi",
@@ -124,7 +124,7 @@ _COMMAND_REPLY = _Message(0x0742fd4bf51c371f, ">qqqqiiiI",
 
 
 class Answer(enum.Enum):
-    """What has become of the last command."""
+    """Result of the last command."""
 
     NONE = "there was no command"
     WAITING = "no reply yet"
@@ -134,21 +134,21 @@ class Answer(enum.Enum):
 
 
 class Wrench(NamedTuple):
-    """What to render. All zero while no wrenches arrive."""
+    """The wrench to render. All zero while no wrenches arrive."""
 
-    answered: bool = False                                      # whether it is a server's
-    force: Tuple[float, float, float] = (0.0, 0.0, 0.0)         # N, world frame: of the needle's base on the hand
+    answered: bool = False                                      # True if a server sent this wrench
+    force: Tuple[float, float, float] = (0.0, 0.0, 0.0)         # N, world frame: force of the needle's base on the hand
     torque: Tuple[float, float, float] = (0.0, 0.0, 0.0)        # N m, world frame, about the base point
     depth: float = 0.0                                          # m, length of the needle's track in the tissue
-    tick: int = 0                                               # of the server
-    contacts: int = 0                                           # active contact nodes
-    events: Events = Events(0)                                  # of that tick only
-    membrane: int = -1                                          # punctured in that tick, -1 if none
-    flags: Flags = Flags(0)                                     # SATURATED also when the client has limited the wrench
+    tick: int = 0                                               # tick of the server
+    contacts: int = 0                                           # number of active contact nodes
+    events: Events = Events(0)                                  # events of that tick only
+    membrane: int = -1                                          # membrane that was punctured in that tick, -1 if none
+    flags: Flags = Flags(0)                                     # flags of the server; SATURATED is also set when the client has limited the wrench
 
 
 def _read_url(url):
-    """((group, port), ttl, size of the receive buffer or 0)"""
+    """Parses the URL; returns ((group, port), ttl, size of the receive buffer or 0)."""
     match = re.fullmatch(r"udpm://([0-9.]*)(?::(\d+))?(?:/?\?(.*))?", url)
     if not match:
         raise ValueError
@@ -161,10 +161,10 @@ def _read_url(url):
 
 
 def _is_own(address):
-    """Whether this is the machine's own address: then, and only then, the system sends from it what is sent to it."""
+    """True if this is the machine's own address: only then does the system use it as the source of packets sent to it."""
     with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as probe:
         try:
-            probe.connect((address, 1))     # nothing is sent
+            probe.connect((address, 1))     # sends nothing
             return probe.getsockname()[0] == address
         except OSError:
             return False
@@ -175,7 +175,7 @@ class _Limiter:
         self.most, self.rate, self.last = most, rate, (0.0, 0.0, 0.0)
 
     def limit(self, wanted, period):
-        """(what may be rendered after `period` s, whether it is less than wanted)"""
+        """Returns (the vector to render after `period` s, whether it differs from the wanted one)."""
         length = math.sqrt(sum(x * x for x in wanted))
         scale = self.most / length if length > self.most else 1.0
         change = [scale * x - last for x, last in zip(wanted, self.last)]
@@ -186,11 +186,11 @@ class _Limiter:
 
 
 class Client:
-    """Holds one needle of a scene. For several needles open a client for each.
+    """Holds one needle of a scene. For several needles, open a client for each.
 
-    url: LCM's address of UDP multicast; None: $LCM_DEFAULT_URL, or else LCM's default. watchdog: s without a wrench until the force is zero.
-    max_force (N), max_torque (N m) and their rates (per s) limit what is rendered, whatever arrives. without_force: for a mouse or a
-    tracker; the needle then follows its poses rigidly. Call its methods from one thread."""
+    url: LCM URL of UDP multicast; None: $LCM_DEFAULT_URL, or else LCM's default. watchdog: s without a wrench after which the force is zero.
+    max_force (N), max_torque (N m) and their rates (per s) limit the rendered wrench, whatever arrives. without_force: for a mouse or a
+    tracker; the needle then follows its poses rigidly. Call the methods from one thread."""
 
     def __init__(self, url=None, needle=0, watchdog=0.02, max_force=20.0, max_torque=1.0, max_force_rate=2000.0, max_torque_rate=100.0,
                  without_force=False):
@@ -202,7 +202,7 @@ class Client:
         self._session = secrets.randbits(63) | 1
         self._seq = self._packets = self._felt_tick = self._asked = 0
         self._alive_since = self._rendered_at = self._asked_at = 0.0
-        self._newest = None         # (arrival, fields): set by the thread, replaced as a whole
+        self._newest = None         # (arrival, fields): set by the thread, always as a new tuple
         self._reply = (0, False, "")
         self._server, self._heard = 0, -math.inf
         self._assembly, self._known = None, (None, False, 0.0)
@@ -229,7 +229,7 @@ class Client:
         self._receiver.close()
 
     def publish(self, position, orientation):
-        """Sends this pose of the needle's base. False, and sends nothing, if a number is not finite."""
+        """Sends this pose of the needle's base. Returns False and sends nothing if a number is not finite."""
         numbers = [float(x) for x in (*position, *orientation)]
         if len(numbers) != 7 or not all(map(math.isfinite, numbers)):
             return False
@@ -241,8 +241,8 @@ class Client:
         return True
 
     def newest(self):
-        """The newest wrench; one that a newer one has overtaken on its way is dropped. It is zero, and not `answered`, if the watchdog has
-        expired, because there is no server, the needle belongs to another device, or the scene has no such needle (trocar-top shows the reason)."""
+        """Returns the newest wrench; wrenches that arrive out of order are dropped. It is zero, and not `answered`, if the watchdog has expired,
+        because there is no server, the needle belongs to another device, or the scene has no such needle (trocar-top shows the reason)."""
         newest, now = self._newest, time.monotonic()
         if newest is None or now - newest[0] >= self._watchdog:
             self._force.last = self._torque.last = (0.0, 0.0, 0.0)
@@ -259,33 +259,33 @@ class Client:
         flags = Flags(found["flags"]) | (Flags.SATURATED if less_force or less_torque else Flags(0))
         return Wrench(True, force, torque, found["depth"], found["tick"], found["contacts"], Events(found["events"]), found["membrane"], flags)
 
-    # Commands for the client's needle. Each is sent at once; the server's reply arrives later. One command at a time: they return False, and do
-    # nothing, while the previous one waits for its reply.
+    # Commands for the client's needle. Each is sent at once; the server's reply arrives later. Only one command may be pending: the methods
+    # return False, and do nothing, while the previous command waits for its reply.
 
     def reset(self):
         """Removes the needle and relaxes the tissue; the next pose engages the needle again."""
         return self._ask(_COMMAND_RESET)
 
     def leave(self):
-        """Lets go of the needle: it rests in tissue and template. Stop publishing poses, and close the client or take the needle again."""
+        """Leaves the needle to rest in tissue and template. Stop publishing poses, and close the client or take the needle again."""
         return self._ask(_COMMAND_LEAVE)
 
     def take(self):
-        """Holds a resting needle again, where it is: the first pose after the reply stands for the place where it rests, and the needle follows
-        the hand's motion from there."""
+        """Holds a resting needle again where it rests: the first pose after the reply is identified with that place, and the needle follows the
+        hand's motion from there."""
         return self._ask(_COMMAND_TAKE)
 
     def drop_seeds(self, count, spacing=0.0):
-        """Leaves `count` seeds, 1 to 16, of which the first has its distal end at the tip, as the needle is drawn back over them; `spacing`,
-        between their centres, is in m, 0: the scene's."""
+        """Drops `count` seeds, 1 to 16, which the needle leaves as it is drawn back over them; the first has its distal end at the tip.
+        `spacing` is the distance of their centres in m; 0 means the scene's."""
         return self._ask(_COMMAND_DROP_SEED, count, spacing)
 
     def undo(self):
-        """Cancels the seeds that are still in the needle; if there are none, removes the seed that it left last."""
+        """Cancels the seeds that are still in the needle; if there are none, removes the seed that the needle left last."""
         return self._ask(_COMMAND_UNDO)
 
     def reply(self):
-        """(the answer to the last command, the reason unless it is DONE)"""
+        """Returns (the answer to the last command, the reason unless it is DONE)."""
         number, done, why = self._reply
         if self._asked == 0:
             return Answer.NONE, ""
@@ -341,7 +341,7 @@ class Client:
         try:
             self._sender.sendto(packet, self._group)
         except OSError:
-            if not self._echoed:    # later a pose is lost, and counted by the server
+            if not self._echoed:    # a pose that is lost later is counted by the server
                 raise
 
     def _command(self, what, number, seeds=0, spacing=0.0):
@@ -352,7 +352,7 @@ class Client:
         while not self._ends:
             try:
                 self._receive()
-            except OSError:     # the network is down: there may be the same error at once
+            except OSError:     # while the network is down, every call may fail at once
                 time.sleep(0.01)
 
     def _receive(self):
@@ -364,7 +364,8 @@ class Client:
             self._take_datagram(packet, sender)
 
     def _is_welcome(self, address):
-        """With ttl=0 LCM is for this machine alone, but its socket gets other machines' datagrams too."""
+        """True if datagrams from this address are accepted. With ttl=0 LCM is for this machine alone, but its socket also gets other machines'
+        datagrams."""
         if self._ttl > 0 or address == "0.0.0.0" or address.startswith("127."):
             return True
         now = time.monotonic()
@@ -380,7 +381,7 @@ class Client:
             self._take_message(channel, message)
 
     def _take_fragment(self, packet, sender):
-        """One message is put together at a time, from its fragment 0 on; the others may come in any order."""
+        """Assembles a fragmented message, one at a time. Its fragment 0 must come first; the others may come in any order."""
         if len(packet) < 20:
             return
         sequence, total, offset, number, count = struct.unpack(">IIIHH", packet[4:20])
@@ -412,7 +413,7 @@ class Client:
             self._echoed = True
 
     def _is_ours(self, found, now):
-        """Whether a message is for this client, and from the server that it follows: the first one heard, until it falls silent."""
+        """True if a message is for this client, and from the server that it follows: the first one heard, until that one falls silent."""
         if found is None or found["session"] != self._session or found["needle"] != self._needle:
             return False
         if found["server"] != self._server:

@@ -17,7 +17,7 @@ static double component_of(const trocar_needle_wrench_t *w, int component) {
 
 /* ---- the golden log ----------------------------------------------------------------------------------------------------- */
 
-/* The next wrench to compare: of the session, and of the server that its first wrench names. */
+/* Reads the next wrench to compare, which must be of the session, and of the server that the session's first wrench names. */
 static trocar_status read_golden(comparison *c, report *why) {
     for (;;) {
         trocar_status status = wrench_stream_next(c->stream, &c->golden, &c->ended, why);
@@ -30,7 +30,7 @@ static trocar_status read_golden(comparison *c, report *why) {
     }
 }
 
-/* Finds the peaks over all wrenches; checks order and numbers before the replay begins. */
+/* Reads all golden wrenches to find the peaks, and checks their order and numbers before the replay begins. */
 static trocar_status look_through(comparison *c, report *why) {
     int64_t last = -1, server = 0;
     bool begun = false, ended = false;
@@ -70,7 +70,7 @@ void comparison_free(comparison *c) {
 
 /* ---- comparing ---------------------------------------------------------------------------------------------------------- */
 
-/* Distance of `value` from the range of the replay in the window. */
+/* Returns the distance of `value` from the range of the replayed values in the window. */
 static double distance(double value, const comparison *c, int component, bool before, bool after) {
     double least = component_of(&c->window[1], component), greatest = least;
     if (isnan(least)) return INFINITY;
@@ -93,7 +93,7 @@ static deviation worst_component(const comparison *c, bool before, bool after) {
     return worst;
 }
 
-/* Golden wrenches up to the pose in the middle of the window. */
+/* Compares the golden wrenches up to the pose in the middle of the window. */
 static trocar_status compare_middle(comparison *c, bool before, bool after, report *why) {
     trocar_status status = TROCAR_OK;
     for (; status == TROCAR_OK && !c->ended && c->golden.pose_seq <= c->window[1].pose_seq; status = read_golden(c, why)) {

@@ -15,7 +15,7 @@ trocar_status pvd_open(pvd_series *p, const char *prefix, report *why) {
     return TROCAR_OK;
 }
 
-/* File names in the list are relative to its folder. */
+/* Adds a state to the list. Its file names are relative to the list's folder. */
 static void list_state(pvd_series *p, bool probe, double time) {
     static const char *const parts[] = {"tissue", "needle", "probe"};
     const char *slash = strrchr(p->prefix, '/'), *name = slash ? slash + 1 : p->prefix;

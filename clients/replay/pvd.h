@@ -1,5 +1,5 @@
-/* A time series for ParaView: PREFIX.pvd lists PREFIX-0000-tissue.vtu, PREFIX-0000-needle.vtu,
-   PREFIX-0000-probe.vtu (in a scene with a probe), -0001- ... with their times. */
+/* A time series for ParaView: PREFIX.pvd lists PREFIX-0000-tissue.vtu, PREFIX-0000-needle.vtu, PREFIX-0000-probe.vtu
+   (if the scene has a probe), PREFIX-0001-... with their times. */
 #ifndef TROCAR_PVD_H
 #define TROCAR_PVD_H
 
@@ -17,17 +17,17 @@ typedef struct {
     int count;               /* states written */
 } pvd_series;
 
-/* BAD_INPUT if PREFIX.pvd cannot be written. `prefix` must outlive it. */
+/* Starts a series. BAD_INPUT if PREFIX.pvd cannot be written. `prefix` must outlive the series. */
 trocar_status pvd_open(pvd_series *p, const char *prefix, report *why);
 
-/* Writes this state with its time (s), in the patient's coordinates if `patient` is not NULL. */
+/* Writes this state with its time (s), in patient coordinates if `patient` is not NULL. */
 trocar_status pvd_take(pvd_series *p, const trocar_model *model, trocar_picture *picture, const trocar_output *output,
                        const patient_frame *patient, double time, report *why);
 
 /* True if the state at this time (s) belongs to the series. */
 bool pvd_is_due(const pvd_series *p, double time);
 
-/* Writes the list; until then it does not exist. */
+/* Writes the list, which does not exist before this call. */
 trocar_status pvd_close(pvd_series *p, report *why);
 void pvd_abandon(pvd_series *p);
 

@@ -15,7 +15,7 @@ static void add_outer_product(mat3 *sum, vec3 a, vec3 b) {
         for (int j = 0; j < 3; j++) sum->m[i][j] += left[i] * right[j];
 }
 
-/* Orthogonal factor of a matrix of positive determinant: X <- (X + X^-T) / 2. */
+/* Computes the orthogonal factor of a matrix with positive determinant by X <- (X + X^-T) / 2. */
 static mat3 polar_factor(mat3 x) {
     double scale = cbrt(m3_determinant(&x));
     for (int i = 0; i < 3; i++)

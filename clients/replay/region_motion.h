@@ -1,4 +1,4 @@
-/* Motion of a region as a whole: the rigid motion that best fits the displacement of its nodes. */
+/* The motion of a region as a whole: the rigid motion that best fits the displacements of its nodes. */
 #ifndef TROCAR_REGION_MOTION_H
 #define TROCAR_REGION_MOTION_H
 
@@ -7,27 +7,27 @@
 #include "trocar.h"
 
 typedef struct {
-    vec3 shift;              /* m, of the points' centroid */
+    vec3 shift;              /* m, shift of the points' centroid */
     vec3 turn;               /* rad, rotation vector about the centroid */
 } rigid_motion;
 
-/* Least squares over `count` points that moved from `from` to `from + displacement`: shift of the centroid and the rotation of
-   Kabsch 1976, as the polar factor of the covariance by Newton's iteration (Higham 1986). No rotation for coplanar points, or for
-   rotations so large that the covariance is a reflection. */
+/* Least-squares fit to `count` points that moved from `from` to `from + displacement`: the shift of the centroid and the rotation
+   of Kabsch 1976, computed as the polar factor of the covariance by Newton's iteration (Higham 1986). The rotation is zero for
+   coplanar points, and for rotations so large that the covariance is a reflection. */
 rigid_motion rigid_motion_fit(int count, const vec3 *from, const vec3 *displacement);
 
-/* Follows the nodes of one region. */
+/* The nodes of one region, whose motion is computed. */
 typedef struct {
     int count;
     int *nodes;              /* count, ascending */
     vec3 *from, *displacement; /* count; m */
 } region_motion;
 
-/* BAD_INPUT if the mesh has no volume of this name. */
+/* Finds the region's nodes. BAD_INPUT if the mesh has no volume of this name. */
 trocar_status region_motion_create(const trocar_model *model, const char *region, region_motion *motion, report *why);
 void region_motion_free(region_motion *motion);
 
-/* Motion under these displacements of the mesh's nodes (3 node_count, m). */
+/* Returns the region's motion under these displacements of the mesh's nodes (3 node_count, m). */
 rigid_motion region_motion_of(region_motion *motion, const double *displacements);
 
 #endif

@@ -1,6 +1,6 @@
 /* trocar-replay: simulates a recorded pose log in lockstep, one tick per pose, without a network or a clock. Only one needle is
-   replayed. It becomes needle 0 of the simulation, whatever its index, because all needles have the same properties. With --all, every
-   needle in the log is replayed, along with the commands that leave, take and reset needles. */
+   replayed, as needle 0 of the simulation, whatever its index, because all needles have the same properties. With --all, every needle
+   in the log is replayed, with the commands that leave, take and reset needles. */
 #include <inttypes.h>
 #include <math.h>
 #include <stdbool.h>
@@ -30,19 +30,19 @@ error_t argp_err_exit_status = EXIT_BAD_INPUT;
 
 typedef struct {
     const char *scene_path, *pose_path, *log_path, *csv_path, *json_path, *vtu_prefix, *pvd_prefix, *golden_path, *shift_path, *region, *seeds_path;
-    double at;               /* s after the first pose; NaN: the last one */
-    double tolerance;        /* fraction of the peak */
-    int needle;              /* index of the replayed needle; -1: the first pose's */
+    double at;               /* s after the first pose; NaN: the last pose */
+    double tolerance;        /* as a fraction of the peak */
+    int needle;              /* index of the replayed needle; -1: the first pose's needle */
     int every;               /* only every Nth wrench is logged */
     bool quiet, patient, all;
 } options;
 
 /* A needle of a log that is replayed with --all. */
 typedef struct {
-    bool begun;              /* it has been reset at a pose of `session` */
-    bool taken;              /* the next pose continues from where it rested */
-    int64_t session, utime;  /* of its last pose */
-    hand_clutch clutch;      /* of the hand that has taken it */
+    bool begun;              /* the needle has been reset at a pose of `session` */
+    bool taken;              /* the next pose continues from where the needle rested */
+    int64_t session, utime;  /* session and utime of the needle's last pose */
+    hand_clutch clutch;      /* offset of the hand that has taken the needle */
     waiting_drop waiting;
 } replayed_needle;
 
@@ -50,26 +50,26 @@ typedef struct {
     const options *options;
     trocar_scene *scene;
     patient_frame frame;     /* for --patient */
-    const patient_frame *patient; /* of the files: `frame` or NULL */
-    pose_log poses;          /* counts and commands; */
-    pose_stream *stream;     /* and the poses, one after another */
+    const patient_frame *patient; /* coordinates of the files: `frame` or NULL */
+    pose_log poses;          /* counts and commands of the log */
+    pose_stream *stream;     /* the log's poses, one after another */
     pose_step now;
     int64_t before;          /* utime of the previous pose */
     trocar_model *model;
     trocar_sim *sim;
-    trocar_output result;              /* of the last tick */
+    trocar_output result;              /* output of the last tick */
     trocar_picture *picture;           /* for --vtu and --pvd */
-    double *displacements;             /* for --shift: 3 per node of the mesh, m; else NULL */
+    double *displacements;             /* for --shift: 3 per node of the mesh, m; otherwise NULL */
     output log_file, csv_file, json_file, shift_file, seeds_file;
     region_motion motion;
     comparison comparison;
     pvd_series series;
-    bool dumped;             /* for --vtu: the first state at or after --at */
-    int64_t logged;          /* events in log_file */
-    bool has_probe;          /* the scene has one */
-    int commands_done;       /* of the log's commands; */
-    int refused, refused_before; /* refused here, and already refused by the server */
-    report refusal;          /* reason of the first refusal here */
+    bool dumped;             /* for --vtu: the state at --at has been written */
+    int64_t logged;          /* number of events in log_file */
+    bool has_probe;          /* the scene has a probe */
+    int commands_done;       /* number of the log's commands that have been handled */
+    int refused, refused_before; /* number of commands refused here, and number that the server had already refused */
+    report refusal;          /* reason of the first refusal in this replay */
     replayed_needle needles[TROCAR_MAX_NEEDLES];
     int gaps;                /* number of gaps longer than POSE_LOG_GAP */
 } replay;
@@ -148,7 +148,7 @@ static const struct argp parser = {
 
 /* ---- set-up ------------------------------------------------------------------------------------------------------ */
 
-/* s after the first pose. */
+/* Returns the pose's time, s after the first pose. */
 static double time_of(const replay *r, const trocar_needle_pose_t *pose) { return 1e-6 * (double)(pose->utime - r->poses.first.utime); }
 
 static trocar_status check_dump_time(const replay *r, report *why) {
@@ -157,7 +157,7 @@ static trocar_status check_dump_time(const replay *r, report *why) {
     return fail(why, TROCAR_BAD_INPUT, "%s: --at %g s is after the last pose at %g s", r->options->pose_path, r->options->at, end);
 }
 
-/* --vtu writes the state after the first tick at or after --at that moves a needle. */
+/* True if --vtu writes the state now: after the first tick at or after --at that moves a needle. */
 static bool dump_is_due(const replay *r, int tick) {
     if (!r->options->vtu_prefix || r->dumped) return false;
     return isnan(r->options->at) ? tick == r->poses.count - 1 : time_of(r, &r->now.pose) >= r->options->at;
@@ -177,7 +177,7 @@ static trocar_status open_outputs(replay *r, report *why) {
     return status;
 }
 
-/* Follows the chosen region, by default the scene's first. */
+/* Prepares to follow the chosen region, by default the scene's first. */
 static trocar_status prepare_shift(replay *r, report *why) {
     char region[256];
     r->displacements = malloc(3 * (size_t)trocar_model_node_count(r->model) * sizeof *r->displacements);
@@ -263,8 +263,8 @@ static trocar_status log_tick(replay *r, int tick, const trocar_needle_wrench_t 
     return status;
 }
 
-/* The log starts with everything that the wrenches depend on, except scene and poses. Its messages keep the recording's needle, which the
-   scene may not have. */
+/* Starts the log with everything that the wrenches depend on except scene and poses. The log's messages keep the needle's index in the
+   recording, which the scene may not have. */
 static trocar_status log_origin(replay *r, report *why) {
     int needles = trocar_model_needles(r->model), needle = r->poses.needle;
     lcm_eventlog_t log = log_at(r);
@@ -275,7 +275,7 @@ static trocar_status log_origin(replay *r, report *why) {
     return log_write_status(&log, &m, r->options->log_path, why);
 }
 
-/* Of the simulation. */
+/* Returns the needle's index in the simulation. */
 static int needle_of(const replay *r) { return r->options->all ? r->now.pose.needle : 0; }
 
 static void add_probe(const replay *r, tick_row *row) {
@@ -306,7 +306,7 @@ static void write_row(const replay *r) {
     if (r->json_file.file) tick_row_json(&row, r->json_file.file);
 }
 
-/* Rotations in the sagittal, coronal and axial planes are about the normals of these planes. */
+/* Writes the region's motion. Rotations in the sagittal, coronal and axial planes are about the normals of these planes. */
 static trocar_status shift_tick(replay *r, report *why) {
     trocar_status status = trocar_sim_displacements(r->sim, r->displacements, why);
     if (status != TROCAR_OK) return status;
@@ -346,7 +346,7 @@ static trocar_status carry_out(replay *r, const logged_command *logged, report *
     case TROCAR_COMMAND_T_LEAVE:
         status = trocar_sim_leave(r->sim, needle, why);
         if (status == TROCAR_OK) status = trocar_sim_work(r->sim, NULL, why);
-        if (status == TROCAR_OK) n->begun = false; /* nobody holds it */
+        if (status == TROCAR_OK) n->begun = false; /* no hand holds the needle */
         return status;
     case TROCAR_COMMAND_T_TAKE:
         status = trocar_sim_take(r->sim, needle, why);
@@ -367,7 +367,7 @@ static void note_refusal(replay *r, const report *reason) {
     if (r->refused++ == 0) r->refusal = *reason;
 }
 
-/* Stops waiting for a needle's pending drop; `next`: its next command, or NULL. */
+/* Stops waiting for a needle's pending drop; `next` is the needle's next command, or NULL. */
 static void end_waiting(replay *r, int needle, const logged_command *next) {
     waiting_drop *w = &r->needles[needle].waiting;
     if (!end_waiting_drop(w, r->sim, needle, next)) note_refusal(r, &w->reason);
@@ -387,7 +387,7 @@ static trocar_status log_command(replay *r, const logged_command *logged, report
     return status;
 }
 
-/* As in the server, a refused command changes nothing. */
+/* Executes a command. As in the server, a refused command changes nothing. */
 static trocar_status run_command(replay *r, const logged_command *logged, report *why) {
     report reason;
     end_waiting(r, r->options->all ? logged->command.needle : 0, logged);
@@ -411,7 +411,7 @@ static trocar_status run_commands(replay *r, int pose, report *why) {
     return status;
 }
 
-/* Like the server: skips (*dt = 0) a pose for a needle that rests or that another session holds. A silent session loses the needle. */
+/* Decides as the server does: skips (*dt = 0) a pose for a needle that rests or that another session holds. A silent session loses the needle. */
 static trocar_status follow_needle(replay *r, trocar_pose *base, double *dt, report *why) {
     static const int64_t SILENCE = 2000000; /* us */
     const trocar_needle_pose_t *m = &r->now.pose;
@@ -438,7 +438,7 @@ static trocar_status follow_needle(replay *r, trocar_pose *base, double *dt, rep
     return trocar_sim_reset(r->sim, m->needle, base, why);
 }
 
-/* Moves the probe to its newest pose before this one, and logs the poses passed. */
+/* Moves the probe to its newest pose before this one, and logs the probe's poses up to there. */
 static trocar_status follow_probe(replay *r, report *why) {
     trocar_status status = TROCAR_OK;
     int count = r->now.probe_count;
@@ -457,7 +457,7 @@ static trocar_status check_needles(const replay *r, report *why) {
     int needles = trocar_model_needles(r->model);
     if (r->poses.most_needle >= needles)
         return fail(why, TROCAR_BAD_INPUT, "%s: a pose or a command of needle %d: the scene's \"needles\" is %d", r->options->pose_path, r->poses.most_needle, needles);
-    for (int i = 0; i < needles; i++) { /* outside the tissue until its first pose */
+    for (int i = 0; i < needles; i++) { /* the needle waits outside the tissue until its first pose */
         trocar_pose away = {{0, 0, -10.0}, {1, 0, 0, 0}};
         trocar_status status = trocar_sim_reset(r->sim, i, &away, why);
         if (status != TROCAR_OK) return status;
@@ -470,7 +470,7 @@ static trocar_status dump(replay *r, report *why) {
     return export_state(r, why);
 }
 
-/* Length of a tick, as pose_log_interval. */
+/* Returns the length of a tick, as pose_log_interval does. */
 static double interval_of(replay *r, int tick) {
     double dt = tick == 0 ? 1.0 / trocar_model_rate(r->model) : 1e-6 * (double)(r->now.pose.utime - r->before);
     if (tick == 0 || dt <= POSE_LOG_GAP) return dt;
@@ -519,7 +519,7 @@ static trocar_status run_all(replay *r, report *why) {
     for (int i = 0; i < trocar_model_needles(r->model); i++) end_waiting(r, i, NULL);
     if (status == TROCAR_OK) status = pose_stream_next(r->stream, &r->now, why);
     if (status == TROCAR_OK) status = follow_probe(r, why);
-    if (status == TROCAR_OK && r->options->vtu_prefix && !r->dumped) status = dump(r, why); /* no pose after that moment moved a needle */
+    if (status == TROCAR_OK && r->options->vtu_prefix && !r->dumped) status = dump(r, why); /* no later pose moved a needle */
     if (status == TROCAR_OK && r->seeds_file.file) status = seed_table_write(r->seeds_file.file, r->scene, r->model, r->sim, r->patient, why);
     if (status == TROCAR_OK) status = output_commit(&r->seeds_file, why);
     if (status == TROCAR_OK) status = output_commit(&r->log_file, why);
@@ -547,7 +547,7 @@ static void summarise(const replay *r) {
         fprintf(stderr, "%" PRId64 " commands for seeds skipped: of other needles or sessions, or before the first pose\n", r->poses.skipped_commands);
 }
 
-/* Printed even with --quiet, because it explains why the bits differ. */
+/* Names another owner of the needle. Printed even with --quiet, because it explains why the bits differ. */
 static void name_other_owner(const replay *r) {
     const char *golden = r->comparison.inverse, *here = trocar_model_inverse(r->model);
     if (golden[0] == '\0' || strcmp(golden, here) == 0) return;

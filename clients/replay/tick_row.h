@@ -1,4 +1,4 @@
-/* One tick in the output of trocar-replay, as a row of CSV and as a line of JSON: the same values, with all their digits. */
+/* One tick in the output of trocar-replay, as a row of CSV and as a line of JSON: both have the same values, with all digits. */
 #ifndef TROCAR_TICK_ROW_H
 #define TROCAR_TICK_ROW_H
 
@@ -9,26 +9,26 @@
 
 typedef struct {
     double time;             /* s since the first pose */
-    vec3 force, torque;      /* N, N m: of the base on the hand */
+    vec3 force, torque;      /* N, N m: exerted by the base on the hand */
     double depth;            /* m */
     int contacts;
     char events[256];        /* see events_text */
     int needle;
-    double tip_lead;         /* rad: roll of the tip minus that of the base */
+    double tip_lead;         /* rad: the tip's roll minus that of the base */
     vec3 base, tip;          /* in `unit` */
-    const char *unit;        /* "m" or, in the patient's coordinates, "mm" */
-    bool has_probe;          /* the rest is written only if the scene has a probe */
-    vec3 probe_force, probe_torque; /* N, N m: on the hand that holds it */
+    const char *unit;        /* "m" or, in patient coordinates, "mm" */
+    bool has_probe;          /* the scene has a probe; without one, the following members are not written */
+    vec3 probe_force, probe_torque; /* N, N m: exerted on the hand that holds the probe */
     int probe_contacts;
     bool probe_placed;
-    vec3 probe_base;         /* if it has a place */
+    vec3 probe_base;         /* valid if the probe has been placed */
 } tick_row;
 
-/* The columns of the probe come last. */
+/* Writes the names of the columns; those of the probe come last. */
 void tick_row_csv_head(FILE *out, const char *unit, bool has_probe);
 void tick_row_csv(const tick_row *r, FILE *out);
 
-/* One object on one line; member names include units. */
+/* Writes one object on one line; member names include units. */
 void tick_row_json(const tick_row *r, FILE *out);
 
 #endif

@@ -17,7 +17,7 @@ static void begin_array(const char *type, const char *name, int components, FILE
 
 static void end_array(FILE *out) { fprintf(out, "</DataArray>\n"); }
 
-/* Kind of a quantity: mesh_to_patient for positions, lengths_to_patient or axes_to_patient. */
+/* Conversion of one kind of quantity: mesh_to_patient for positions, lengths_to_patient or axes_to_patient for vectors. */
 typedef vec3 (*conversion)(const patient_frame *patient, vec3 v);
 
 static void write_vector(const double v[3], const patient_frame *patient, conversion convert, FILE *out) {
@@ -102,7 +102,7 @@ static void write_tissue_cells(const trocar_model *model, const trocar_refined_m
     fprintf(out, "</CellData>\n");
 }
 
-/* Replaces "--" in names, which XML forbids in comments. */
+/* Writes the regions' names, in which "--" is replaced, because XML forbids it in comments. */
 static void write_region_names(const trocar_model *model, FILE *out) {
     fprintf(out, "<!-- regions:");
     for (int g = 0; g < trocar_model_region_count(model); g++) {
@@ -113,7 +113,7 @@ static void write_region_names(const trocar_model *model, FILE *out) {
     fprintf(out, " -->\n");
 }
 
-/* The applied forces include the damper at the tip, which slows tissue that springs back; the needle does not feel it. */
+/* Writes the tissue. The applied forces include the damper at the tip, which slows tissue that springs back; the needle does not feel it. */
 static void write_tissue(const trocar_model *model, const trocar_refined_mesh *m, const patient_frame *patient, FILE *out) {
     fprintf(out, "<?xml version=\"1.0\"?>\n<VTKFile type=\"UnstructuredGrid\" version=\"0.1\" byte_order=\"LittleEndian\">\n<UnstructuredGrid>\n<FieldData>\n");
     write_field_vector("tip_damping", m->damping, patient, axes_to_patient, out);
@@ -154,7 +154,7 @@ enum { MAX_CENTRELINE = TROCAR_MAX_JOINTS + TROCAR_MAX_POINTS };
 
 typedef struct {
     int count;
-    double position[MAX_CENTRELINE][3], force[MAX_CENTRELINE][3]; /* m; and N, on the needle */
+    double position[MAX_CENTRELINE][3], force[MAX_CENTRELINE][3]; /* m; and N, force on the needle */
     double arc[MAX_CENTRELINE];
 } centreline;
 
@@ -167,7 +167,7 @@ static void append(centreline *c, double arc, const double position[3], const do
     c->count++;
 }
 
-/* Joints and contact points, merged by arc length; a tip at the needle's end is the last joint. */
+/* Collects joints and contact points, merged by arc length; a tip at the needle's end is the last joint. */
 static void trace_needle(const trocar_model *model, const trocar_picture *picture, centreline *c) {
     static const double none[3] = {-0.0, -0.0, -0.0}, no_tip[3] = {0};
     trocar_contact contacts[TROCAR_MAX_POINTS];
@@ -200,7 +200,7 @@ static void write_line(int count, FILE *out) {
     fprintf(out, "</Cells>\n");
 }
 
-/* VTK requires field data before the piece. */
+/* Writes the needle. VTK requires field data before the piece. */
 static void write_needle(const centreline *c, const double base[3], const trocar_output *given, const patient_frame *patient, FILE *out) {
     fprintf(out, "<?xml version=\"1.0\"?>\n<VTKFile type=\"UnstructuredGrid\" version=\"0.1\" byte_order=\"LittleEndian\">\n"
                  "<UnstructuredGrid>\n<FieldData>\n");
@@ -234,9 +234,10 @@ trocar_status vtu_write_needle(const trocar_model *model, const trocar_picture *
 
 /* ---- probe ------------------------------------------------------------------------------------------------------- */
 
-enum { AROUND = 48, ALONG = 16 }; /* points around the probe; rings: the base, and the rest from the edge of the tip's rounding to its end */
+/* points around the probe, and rings along it: one at the base, the others from the edge of the tip's rounding to its end */
+enum { AROUND = 48, ALONG = 16 };
 
-/* Radius and axial position of a ring, m. The last one is the edge of the flat end. */
+/* Computes radius and axial position of a ring, m. The last ring is the edge of the flat end. */
 static void profile(const trocar_probe_shape *s, int ring, double *radius, double *along) {
     double angle = 0.5 * M_PI * (ring - 1) / (ALONG - 2);
     *radius = ring == 0 ? s->radius : s->radius - s->tip_radius * (1 - cos(angle));
@@ -254,7 +255,7 @@ static void write_probe_points(const trocar_probe_shape *s, pose base, const pat
     write_points(points[0], AROUND * ALONG + 1, patient, out);
 }
 
-/* Two triangles between neighbouring points of neighbouring rings, one to the middle of the end. */
+/* Writes two triangles between neighbouring points of neighbouring rings, and one from each edge of the last ring to the middle of the end. */
 static void write_probe_triangles(bool placed, FILE *out) {
     int rings = placed ? ALONG - 1 : 0, count = placed ? (2 * rings + 1) * AROUND : 0;
     fprintf(out, "<Cells>\n");

@@ -6,7 +6,7 @@
 #include "message_words.h"
 #include "trocar_needle_wrench_t.h"
 
-/* Names of the bits, joined by a separator; a puncture includes the membrane's name if that is not NULL. */
+/* Writes the names of the bits, joined by a separator. The membrane's name follows a puncture if it is not NULL. */
 static void words_text(const message_word *words, size_t count, unsigned bits, const char *membrane, const char *separator, char *text,
                        size_t size) {
     size_t used = 0;

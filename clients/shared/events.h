@@ -5,14 +5,14 @@
 #include <stdbool.h>
 #include <stddef.h>
 
-/* Names joined by '|', e.g. "puncture:capsule|added"; empty for none. `membrane` is the punctured one's name. Text longer than
-   `size` is truncated. */
+/* Writes the names joined by '|', e.g. "puncture:capsule|added"; empty if no bit is set. `membrane` is the name of the
+   punctured membrane. The text is truncated to `size`. */
 void events_text(unsigned events, const char *membrane, char *text, size_t size);
 
-/* Names joined by ", ", e.g. "stale, ramping"; empty for none. */
+/* Writes the names joined by ", ", e.g. "stale, ramping"; empty if no bit is set. */
 void flags_text(unsigned flags, char *text, size_t size);
 
-/* Enumerates the flags by index from 0; false after the last. */
+/* Gives the flag with this index, from 0; false after the last. */
 bool flag_at(int index, unsigned *bit, const char **word);
 
 #endif

@@ -9,13 +9,13 @@ typedef struct {
     FILE *file;              /* NULL when not open */
 } output;
 
-/* Opens the temporary file; BAD_INPUT if it cannot be created. */
+/* Opens the temporary file. BAD_INPUT if it cannot be created. */
 trocar_status output_open(output *o, const char *path, report *why);
 
-/* Closes and renames it; SYSTEM (and no file) if it could not be written completely. */
+/* Closes the file and renames it. SYSTEM, and no file remains, if it could not be written completely. */
 trocar_status output_commit(output *o, report *why);
 
-/* Removes the temporary file; harmless after a commit or without an open. */
+/* Removes the temporary file; does nothing after a commit or without an open file. */
 void output_abandon(output *o);
 
 #endif

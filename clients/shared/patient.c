@@ -42,7 +42,7 @@ bool find_start(const trocar_scene *scene, const patient_frame *frame, const vec
     return known || given;
 }
 
-/* A key's list of `count` numbers; false if one of them is missing. */
+/* Reads a key's list of `count` numbers; false if one of them is missing. */
 static bool read_numbers(const trocar_scene *scene, const char *key, int count, double *numbers) {
     char text[256], *rest = text;
     if (trocar_scene_get(scene, key, text, sizeof text, NULL) != TROCAR_OK) return false;

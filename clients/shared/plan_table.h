@@ -1,4 +1,4 @@
-/* Planned seeds, from the table that `python3 -m trocar.plan show --out` writes. */
+/* Planned seeds, read from the table written by `python3 -m trocar.plan show --out`. */
 #ifndef TROCAR_PLAN_TABLE_H
 #define TROCAR_PLAN_TABLE_H
 
@@ -10,8 +10,8 @@
 enum { PLAN_HOLE = 8 };
 
 typedef struct {
-    char hole[PLAN_HOLE];        /* such as C3.5 */
-    double position[3];          /* m, centre, in the tissue at rest */
+    char hole[PLAN_HOLE];        /* name such as C3.5 */
+    double position[3];          /* m, the seed's centre in the tissue at rest */
 } planned_seed;
 
 typedef struct {
@@ -19,10 +19,10 @@ typedef struct {
     planned_seed seeds[TROCAR_MAX_SEEDS];
 } plan_table;
 
-/* BAD_INPUT with file, line and remedy if the file is not such a table. */
+/* Reads the table. BAD_INPUT with file, line and remedy if the file is not such a table. */
 trocar_status plan_table_read(const char *path, plan_table *plan, report *why);
 
-/* Checks that each seed is on the axis of its hole of this template. BAD_INPUT, with the line in the table, if not: then the plan is for another
+/* Checks that each seed is on the axis of its hole in this template. Otherwise BAD_INPUT, with the line in the table: the plan is for another
    template. */
 trocar_status plan_table_fits(const plan_table *plan, const trocar_guide *guide, const char *path, report *why);
 

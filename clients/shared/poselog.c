@@ -15,14 +15,14 @@
 #include "intake/safety_limits.h"
 #include "trocar_command_reply_t.h"
 
-/* LCM's own reader trusts the lengths in the file, prints to stderr and resumes at the next magic number, so that a damaged log
-   would look like a shorter one. The format is simple enough to read with checks. An event on disk, big-endian: magic, event number
-   (8), timestamp (8), two lengths (4 each), channel, data. */
+/* LCM's own reader trusts the lengths in the file, prints to stderr and resumes at the next magic number, so that it would take a
+   damaged log for a shorter one. This reader checks everything instead. An event on disk is big-endian: magic, event number (8),
+   timestamp (8), two lengths (4 each), channel, data. */
 enum { EVENT_HEADER = 28, EVENT_CHANNEL_LENGTH = 20, EVENT_DATA_LENGTH = 24, CHANNEL_MAX = 63, DATA_MAX = 512, STATUS_MAX = 4096 };
 static const unsigned char event_magic[4] = {0xED, 0xA1, 0xDA, 0x01};
 
-/* Message types of older releases, which lack the last fields: `needle` of poses and wrenches, `server` of wrenches, and the
-   last five fields of a status, or only its `state`. */
+/* A message type of an older release, which lacks the last fields: `needle` of poses and wrenches, `server` of wrenches, and
+   the last five fields of a status, or all but its `state`. */
 typedef struct {
     uint64_t fingerprint;
     int missing;             /* bytes */
@@ -32,27 +32,27 @@ static const older_type older_poses[] = {{0xbe3af96bc721e5ea, 4}, {0}};
 static const older_type older_wrenches[] = {{0x558602e319c11faf, 4}, {0x9bb829ef4984e48c, 8 + 4}, {0}};
 static const older_type older_statuses[] = {{0xe428bcd4a42ff814, 4}, {0xbcbe6819f8e2446a, 3 * 4 + 8 + 4}, {0}};
 
-/* State of the pose readers: the log, the last accepted poses, and the server's code that decides about the probe's poses. */
+/* State of the pose readers: the log, the last accepted poses, and the server's code that accepts or refuses the probe's poses. */
 typedef struct {
     pose_log *poses;
-    bool keeps;              /* keep all of them in the log */
-    trocar_needle_pose_t newest[TROCAR_MAX_NEEDLES]; /* accepted pose of each needle; */
-    bool begun[TROCAR_MAX_NEEDLES]; /* there is one */
+    bool keeps;              /* keep all poses of the needle in the log */
+    trocar_needle_pose_t newest[TROCAR_MAX_NEEDLES]; /* last accepted pose of each needle */
+    bool begun[TROCAR_MAX_NEEDLES]; /* the needle has an accepted pose */
     probe_arbiter probe;
     trocar_probe_pose_t *passed; /* poses of the probe since the last pose of a needle; unused if all are kept */
     int passed_count, passed_room;
     trocar_needle_pose_t pose; /* accepted last; */
-    bool accepted;           /* by the last event */
+    bool accepted;           /* the last event was accepted */
 } reading;
 
-/* A log being read. */
+/* A log that is being read. */
 typedef struct {
     const char *path;
     FILE *file;
     int64_t size, offset;    /* bytes */
     int64_t event;           /* number of the current event */
     bool cut;                /* the file ends within the current event */
-    bool found;              /* an event of the first wanted channel has been found */
+    bool found;              /* the log has an event of the first wanted channel */
 } reader;
 
 typedef struct {
@@ -102,7 +102,7 @@ static trocar_status read_header(reader *r, event_header *h, report *why) {
     return fread(h->channel, 1, length, r->file) == length ? TROCAR_OK : bad_event(r, "cannot be read", why);
 }
 
-/* Positions the file at the next event. */
+/* Moves the file to the next event. */
 static trocar_status skip_event(reader *r, const event_header *h, report *why) {
     r->offset += EVENT_HEADER + h->channel_length + h->data_length;
     r->event++;
@@ -114,7 +114,7 @@ static trocar_status read_data(const reader *r, const event_header *h, unsigned 
     return fread(data, 1, length, r->file) == length ? TROCAR_OK : bad_event(r, "cannot be read", why);
 }
 
-/* Checks that the data start with the fingerprint of their type. */
+/* Checks that the data start with their type's fingerprint. */
 static trocar_status check_type(const reader *r, const unsigned char *data, const char *type, int64_t fingerprint, report *why) {
     int64_t found = big_endian_64(data);
     if (found == fingerprint) return TROCAR_OK;
@@ -124,8 +124,8 @@ static trocar_status check_type(const reader *r, const unsigned char *data, cons
                 r->path, r->event, r->offset, type, (uint64_t)found, (uint64_t)fingerprint);
 }
 
-/* Converts a message of an older type to the current one: sets the current fingerprint and appends the missing fields as zero.
-   Returns the new length. `data` must have room for it and be zero after the message. */
+/* Converts a message of an older type to the current type: sets the current fingerprint and appends the missing fields as
+   zeros. Returns the new length. `data` must have room for that length and be zero after the message. */
 static int64_t complete(unsigned char *data, int64_t length, const older_type *older, int64_t fingerprint) {
     uint64_t found = (uint64_t)big_endian_64(data);
     while (older->missing && older->fingerprint != found) older++;
@@ -165,7 +165,7 @@ static bool is_finite(const trocar_needle_wrench_t *w) {
     return true;
 }
 
-/* Makes room for one more element in an array that holds `count`: doubles it when the count reaches a power of two. */
+/* Makes room for one more element in an array of `count` elements, whose size is doubled when the count reaches a power of two. */
 static trocar_status make_room(void **array, int count, size_t size, report *why) {
     if (count & (count - 1)) return TROCAR_OK;
     size_t room = count ? 2 * (size_t)count : 1;
@@ -191,7 +191,7 @@ static trocar_status add_pose(const trocar_needle_pose_t *p, reading *in, report
     return TROCAR_OK;
 }
 
-/* Accepts poses as the server does: of one needle and session, none repeated or out of order. */
+/* Accepts poses as the server does: only those of one needle and session, and none that is repeated or out of order. */
 static trocar_status append_pose(const reader *r, const trocar_needle_pose_t *p, reading *in, report *why) {
     pose_log *log = in->poses;
     const trocar_needle_pose_t *last = log->count ? &log->last : NULL;
@@ -220,7 +220,7 @@ static trocar_status take_pose(const reader *r, const event_header *h, void *con
 /* State of the wrench readers. */
 typedef struct {
     trocar_needle_wrench_t wrench; /* accepted last; */
-    bool accepted;           /* by the last event */
+    bool accepted;           /* the last event was accepted */
     int64_t skipped;         /* not finite */
     char inverse[16];
 } wrench_reading;
@@ -250,7 +250,7 @@ static trocar_status decode_command(const reader *r, const event_header *h, cons
     return bad_event(r, "not the length of a trocar.command_t: the log is damaged", why);
 }
 
-/* Records a command that concerns seeds; one of another version, which has none, is ignored. */
+/* Records a command that concerns seeds; commands of older message types, which have no seeds, are ignored. */
 static trocar_status note_command(const reader *r, const event_header *h, void *context, report *why) {
     pose_log *log = ((reading *)context)->poses;
     unsigned char data[DATA_MAX] = {0};
@@ -267,9 +267,9 @@ static trocar_status note_command(const reader *r, const event_header *h, void *
     return add_command(&m, log, why);
 }
 
-enum { MOST_UNANSWERED = 1024 }; /* unanswered commands; a server has fewer */
+enum { MOST_UNANSWERED = 1024 }; /* most commands without an answer; a server has fewer pending */
 
-/* Records the result of a command; a reply of another version is ignored. */
+/* Records the result of a command; replies of another message type are ignored. */
 static trocar_status note_reply(const reader *r, const event_header *h, void *context, report *why) {
     pose_log *log = ((reading *)context)->poses;
     unsigned char data[DATA_MAX] = {0};
@@ -277,7 +277,7 @@ static trocar_status note_reply(const reader *r, const event_header *h, void *co
     trocar_status status = read_data(r, h, data, DATA_MAX, why);
     if (status != TROCAR_OK || h->data_length > DATA_MAX || !reply_fits(data, (size_t)h->data_length)) return status;
     if (trocar_command_reply_t_decode(data, 0, (int)h->data_length, &m) < 0) return TROCAR_OK;
-    logged_command *asked = NULL; /* the oldest command without an answer, because a sender may repeat a number */
+    logged_command *asked = NULL; /* the oldest command without an answer, because a sender may use a number again */
     for (int i = log->command_count - 1; i >= 0 && log->command_count - i <= MOST_UNANSWERED; i--) {
         const trocar_command_t *c = &log->commands[i].command;
         bool same = c->session == m.session && c->seq == m.seq && c->needle == m.needle && c->command == m.command;
@@ -288,7 +288,7 @@ static trocar_status note_reply(const reader *r, const event_header *h, void *co
     return TROCAR_OK;
 }
 
-/* Stores the kind of inverse from a status; a status of another version is ignored. */
+/* Stores the kind of inverse from a status; statuses of another message type are ignored. */
 static trocar_status take_status(const reader *r, const event_header *h, void *context, report *why) {
     wrench_reading *in = context;
     unsigned char data[STATUS_MAX] = {0};
@@ -310,7 +310,7 @@ static trocar_status keep_probe(const trocar_probe_pose_t *m, pose_log *log, rep
     return status;
 }
 
-/* Kept only until the next pose of a needle. */
+/* Keeps a pose of the probe until the next pose of a needle only. */
 static trocar_status pass_probe(const trocar_probe_pose_t *m, reading *in, report *why) {
     in->poses->probe_count++;
     if (in->accepted) in->passed_count = 0;
@@ -326,7 +326,7 @@ static trocar_status pass_probe(const trocar_probe_pose_t *m, reading *in, repor
     return TROCAR_OK;
 }
 
-/* Records a pose of the probe by the server's own rules, on the clock of the poses. */
+/* Accepts or refuses a pose of the probe by the server's own rules, with the poses' time as clock. */
 static trocar_status note_probe(const reader *r, const event_header *h, void *context, report *why) {
     reading *in = context;
     pose_log *log = in->poses;
@@ -346,14 +346,14 @@ static trocar_status note_probe(const reader *r, const event_header *h, void *co
     return in->keeps ? keep_probe(&m, log, why) : pass_probe(&m, in, why);
 }
 
-/* A channel to read: `take` gets its events, with the file positioned at the event's data. */
+/* A channel to read. `take` handles its events, with the file positioned at the event's data. */
 typedef struct {
     const char *channel;
     trocar_status (*take)(const reader *r, const event_header *h, void *log, report *why);
 } wanted_channel;
 
-/* Reads an event, or skips it if its channel is not wanted; the last entry of `wanted` is empty. With `cut`, a log that ends within an event ends
-   before it, and `cut` receives a message about it. */
+/* Reads an event, or skips it if its channel is not wanted; the last entry of `wanted` is empty. If `cut` is not NULL, a log that is truncated
+   within an event counts as ending before that event, and `cut` receives a message about it. */
 static trocar_status read_event(reader *r, const wanted_channel *wanted, void *context, report *cut, report *why) {
     event_header h;
     trocar_status status = read_header(r, &h, why);
@@ -385,7 +385,7 @@ static trocar_status read_log(const char *path, const wanted_channel *wanted, vo
     return status == TROCAR_OK ? check_found(&r, wanted, why) : status;
 }
 
-/* Accepts, for all needles, each pose later than the last one of its needle and session. */
+/* Accepts, of all needles, each pose that is later than the last one of its needle and session. */
 static trocar_status take_any_pose(const reader *r, const event_header *h, void *context, report *why) {
     reading *in = context;
     trocar_needle_pose_t p = {0};
@@ -422,7 +422,7 @@ static void begin_reading(reading *in, pose_log *log, int needle, bool keeps) {
     probe_arbiter_init(&in->probe);
 }
 
-/* Needle -1 means that of the first pose. */
+/* Reads the poses of this needle; -1 means the needle of the first pose. */
 static trocar_status read_poses(const char *path, int needle, bool all, bool keeps, pose_log *log, report *cut, report *why) {
     reading *in = malloc(sizeof *in);
     if (!in) return fail(why, TROCAR_NO_MEMORY, "%s: no memory to read it", path);
@@ -455,7 +455,7 @@ struct pose_stream {
     reader file;
     const wanted_channel *wanted;
     reading in;
-    pose_log log;            /* a second log, for counts and commands */
+    pose_log log;            /* a second reading of the log, for counts and commands */
 };
 
 trocar_status pose_stream_open(const char *path, int needle, bool all, pose_stream **opened, report *why) {

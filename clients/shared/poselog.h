@@ -1,4 +1,4 @@
-/* LCM event logs of poses and wrenches, read with checks that LCM's own reader lacks. */
+/* Reads LCM event logs of poses and wrenches, with checks that LCM's own reader lacks. */
 #ifndef TROCAR_POSELOG_H
 #define TROCAR_POSELOG_H
 
@@ -22,110 +22,112 @@
 #define REPLY_CHANNEL "TROCAR_REPLY"
 #define PROBE_CHANNEL "TROCAR_PROBE"
 
-/* The server's answer to a command; unknown if the log has no reply to it. */
+/* The server's answer to a command; unknown if the log contains no reply to the command. */
 typedef enum { ANSWER_UNKNOWN, ANSWER_DONE, ANSWER_REFUSED } logged_answer;
 
-/* A command, and the pose before which it came. */
+/* A command, and the pose before which it arrived. */
 typedef struct {
-    int next_pose;                /* the number of poses if it came after the last one */
+    int next_pose;                /* index of that pose; the number of poses if the command arrived after the last */
     trocar_command_t command;
     logged_answer answer;
 } logged_command;
 
-/* A pose of the ultrasound probe, and the needle pose before which it came, as in logged_command. */
+/* A pose of the ultrasound probe, and the needle pose before which it arrived, as in logged_command. */
 typedef struct {
     int next_pose;
     trocar_probe_pose_t pose;
 } logged_probe;
 
-/* The poses of a log that the server would accept: in order, of one session and thus of one needle. */
+/* The poses of a log that the server would accept: in order, and of one session and thus of one needle. */
 typedef struct {
     int needle;
-    int most_needle;              /* the largest index of a pose's or command's needle */
+    int most_needle;              /* largest needle index of a pose or command */
     int count;
     trocar_needle_pose_t first, last;
     trocar_needle_pose_t *poses;  /* count; NULL from pose_log_scan */
     int command_count;
-    logged_command *commands;     /* command_count, in order: from pose_log_read_all every command, otherwise only DROP_SEED and UNDO of the poses' session and needle */
+    /* [command_count], in order: all commands from pose_log_read_all, otherwise only DROP_SEED and UNDO of the poses' session and needle */
+    logged_command *commands;
     int probe_count;
-    logged_probe *probes;         /* probe_count, in order: those that the server would accept; NULL from pose_log_scan */
+    logged_probe *probes;         /* [probe_count], in order: the poses that the server would accept; NULL from pose_log_scan */
     int64_t skipped_probes;       /* number of poses of the probe that the server would refuse */
-    int64_t skipped_sessions;     /* number of skipped poses of other needles, or of other sessions than the first pose's */
+    int64_t skipped_sessions;     /* number of skipped poses of other needles, or of other sessions than that of the first pose */
     int64_t skipped_old;          /* number of skipped poses that were repeated or out of order */
-    int64_t skipped_commands;     /* number of skipped commands of this kind from other senders, or from before the first pose */
+    int64_t skipped_commands;     /* number of skipped commands of these kinds from other senders, or from before the first pose */
 } pose_log;
 
 /* The wrenches of a log that answer a pose, in the order of the log. */
 typedef struct {
     int count;
     trocar_needle_wrench_t *wrenches; /* count */
-    int64_t skipped_not_finite;   /* number of skipped wrenches that are not finite; servers up to release 0.1 could send them */
-    char inverse[16];             /* kind of inverse according to the log's last status; empty: unknown */
+    int64_t skipped_not_finite;   /* number of skipped wrenches that are not finite, which servers up to release 0.1 could send */
+    char inverse[16];             /* kind of inverse according to the log's last status; empty if unknown */
 } wrench_log;
 
-/* Reads the poses of needle and probe and the commands, or the wrenches, of the log at `path`; other channels are ignored. Only one needle's poses are read: those of
-   `needle`, or with -1 (as in pose_log_read) those of the first pose's needle. BAD_INPUT, with file and event or byte, for a log that is missing, damaged, truncated,
-   of other message types or empty, and for a pose that is not finite, without a unit quaternion (safety_check_pose) or not later
-   than the previous one. Messages of older releases, which do not name their needle or server, count as needle 0's and
+/* Reads the poses of needle and probe and the commands, or the wrenches, of the log at `path`; other channels are ignored. Only the poses of one needle are
+   read: of `needle`, or of the first pose's needle if `needle` is -1, as in pose_log_read. BAD_INPUT, with file and event or byte, for a log that is missing,
+   damaged, truncated, empty or of other message types, and for a pose that is not finite, has no unit quaternion (safety_check_pose) or is not later than the
+   previous one. Messages of older releases, which do not name their needle or server, count as needle 0's and
    server 0's. */
 trocar_status pose_log_read(const char *path, pose_log *log, report *why);
 trocar_status pose_log_read_needle(const char *path, int needle, pose_log *log, report *why);
 
-/* All needles' poses, in the order of the log, and the commands between them. */
+/* Reads all needles' poses, in the order of the log, and the commands between them. */
 trocar_status pose_log_read_all(const char *path, pose_log *log, report *why);
 
-/* Like pose_log_read, for a recording that is truncated or still being written: reads its complete events. `cut` says where the log ends within an event; it is
-   empty if the log is complete. */
+/* Like pose_log_read, for a recording that is truncated or still being written: reads its complete events. If the log ends within an event, `cut` says where;
+   otherwise it is empty. */
 trocar_status pose_log_read_to_cut(const char *path, pose_log *log, report *cut, report *why);
 void pose_log_free(pose_log *log);
 
-/* Logs of any length: pose_log_scan reads one as pose_log_read_needle, or with `all` as pose_log_read_all, and keeps only the commands. A stream then
-   reads it again, pose by pose. */
+/* For logs of any length: pose_log_scan reads a log as pose_log_read_needle does, or with `all` as pose_log_read_all does, and keeps only the
+   commands. A stream then reads the log again, pose by pose. */
 trocar_status pose_log_scan(const char *path, int needle, bool all, pose_log *log, report *why);
 
 typedef struct pose_stream pose_stream;
 
-/* What has been read up to a pose. */
+/* The part of the log that has been read up to a pose. */
 typedef struct {
     bool ended;                   /* there was no further pose */
     trocar_needle_pose_t pose;
-    int probe_count;              /* number of probe poses between the previous pose (or the beginning) and this one (or the end) */
-    const trocar_probe_pose_t *probes; /* probe_count; until the next call */
+    int probe_count;              /* number of probe poses between the previous pose (or the beginning) and this pose (or the end) */
+    const trocar_probe_pose_t *probes; /* [probe_count], valid until the next call */
 } pose_step;
 
 trocar_status pose_stream_open(const char *path, int needle, bool all, pose_stream **stream, report *why);
 trocar_status pose_stream_next(pose_stream *stream, pose_step *step, report *why);
 void pose_stream_close(pose_stream *stream);
 
-/* Reads a log of wrenches in the same way: those that answer a pose, in the order of the log. */
+/* Reads a log of wrenches pose by pose in the same way: those that answer a pose, in the order of the log. */
 typedef struct wrench_stream wrench_stream;
 trocar_status wrench_stream_open(const char *path, wrench_stream **stream, report *why);
 trocar_status wrench_stream_next(wrench_stream *stream, trocar_needle_wrench_t *wrench, bool *ended, report *why);
-int64_t wrench_stream_skipped(const wrench_stream *stream);       /* number of non-finite ones so far */
-const char *wrench_stream_inverse(const wrench_stream *stream);   /* as in wrench_log, so far */
+int64_t wrench_stream_skipped(const wrench_stream *stream);       /* number of wrenches skipped so far because they are not finite */
+const char *wrench_stream_inverse(const wrench_stream *stream);   /* as in wrench_log, up to the last wrench read */
 void wrench_stream_close(wrench_stream *stream);
 
 trocar_status wrench_log_read(const char *path, wrench_log *log, report *why);
 void wrench_log_free(wrench_log *log);
 
-/* For lockstep: time of pose i, s after the first one; and length of its tick, s: since the previous pose, or one period for the
-   first. A gap longer than POSE_LOG_GAP counts as POSE_LOG_GAP and adds one to `gaps`. */
+/* For lockstep: time of pose i, s after the first pose; and length of its tick, s, which is the time since the previous pose, or
+   one period for the first pose. A gap longer than POSE_LOG_GAP counts as POSE_LOG_GAP and adds one to `gaps`. */
 #define POSE_LOG_GAP 0.1     /* s */
 double pose_log_time(const pose_log *log, int i);
 double pose_log_interval(const pose_log *log, int i, double rate_hz, int *gaps);
 
-/* The pose in a message, with normalised quaternion; and the message for a pose of needle 0 from a client that renders no force. */
+/* pose_of_message returns the pose in a message, with a normalised quaternion. The other function returns the message for a pose of needle 0 from a
+   client that renders no force. */
 pose pose_of_message(const trocar_needle_pose_t *message);
 trocar_needle_pose_t message_of_pose(pose p, int64_t utime, int64_t session, int64_t seq);
 
-/* The base pose in a probe message. */
+/* Returns the pose of the probe's base in a message. */
 trocar_pose base_of_probe(const trocar_probe_pose_t *message);
 
-/* Moves the probe to its newest pose before needle pose `i` (log->count: after the last one). `done`: number of probe poses passed so far. Does
-   nothing if the scene has no probe. */
+/* Moves the probe to its newest pose before needle pose `i` (log->count: after the last one). `done` is the number of probe poses handled so
+   far. Does nothing if the scene has no probe. */
 trocar_status pose_log_move_probe(const pose_log *log, int i, const trocar_model *model, trocar_sim *sim, int *done, report *why);
 
-/* Appends one event; its timestamp is the message's (the pose's, for a wrench). SYSTEM if it cannot be written. */
+/* Each function appends one event, whose timestamp is the message's (for a wrench, the pose's). SYSTEM if the event cannot be written. */
 trocar_status log_write_command(lcm_eventlog_t *log, const trocar_command_t *command, const char *path, report *why);
 trocar_status log_write_reply(lcm_eventlog_t *log, const trocar_command_t *command, bool done, const char *path, report *why);
 trocar_status log_write_probe(lcm_eventlog_t *log, const trocar_probe_pose_t *pose, const char *path, report *why);

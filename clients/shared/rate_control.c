@@ -16,7 +16,7 @@ static vec3 approach_vector(vec3 value, vec3 wanted, vec3 step) {
     return v3(approach(value.x, wanted.x, step.x), approach(value.y, wanted.y, step.y), approach(value.z, wanted.z, step.z));
 }
 
-/* Advances a coordinate; the speed becomes zero at the limits `low` and `high`. Outside them it may only move back. */
+/* Advances a coordinate; the speed becomes zero at the limits `low` and `high`. A coordinate outside them may only move back. */
 static double move(double from, double *speed, double dt, double low, double high) {
     double to = from + *speed * dt;
     bool leaves = *speed > 0 ? to > high : to < low;
@@ -25,7 +25,7 @@ static double move(double from, double *speed, double dt, double low, double hig
     return from;
 }
 
-/* Advances along `axis` (of the home pose's frame); the speed becomes zero if a coordinate would leave its limits. */
+/* Advances the position along `axis` (of the home pose's frame); the speed becomes zero if a coordinate would leave its limits. */
 static vec3 move_along(vec3 x, vec3 axis, double *speed, double dt, const rate_control_limits *l) {
     vec3 asked = v3_scale(*speed, axis), v = asked;
     vec3 moved = v3(move(x.x, &v.x, dt, -l->max_sideways, l->max_sideways), move(x.y, &v.y, dt, -l->max_sideways, l->max_sideways),
@@ -43,7 +43,7 @@ static vec3 move_base(rate_control_state *d, const rate_control_limits *l, doubl
     vec3 moved = v3(move(x.x, &d->velocity.x, dt, -l->max_sideways, l->max_sideways),
                     move(x.y, &d->velocity.y, dt, -l->max_sideways, l->max_sideways), x.z);
     moved = move_along(moved, axis, &d->velocity.z, dt, l);
-    return v3_add(d->base.position, q_rotate(home, v3_sub(moved, x))); /* unchanged at rest */
+    return v3_add(d->base.position, q_rotate(home, v3_sub(moved, x))); /* exactly unchanged at rest */
 }
 
 static double tilt_of(quat q, quat home) {
@@ -51,7 +51,7 @@ static double tilt_of(quat q, quat home) {
     return acos(fmax(-1, fmin(1, along)));
 }
 
-/* Tilts in the home pose's frame, rolls in the needle's frame. A tilt beyond the limit is rejected unless it reduces the excess. */
+/* Tilts the base in the home pose's frame, and rolls it in the needle's frame. A tilt beyond the limit is rejected unless it reduces the excess. */
 static quat turn_base(rate_control_state *d, const rate_control_limits *l, double dt) {
     quat q = d->base.orientation, home = d->home.orientation;
     quat tilted = q_multiply(q_exp(q_rotate(home, v3(d->turn.x * dt, d->turn.y * dt, 0))), q);

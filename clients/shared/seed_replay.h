@@ -1,5 +1,6 @@
-/* Commands for seeds in a replay. Commands that the server refused are not executed. A drop that the server executed may come too early in a replay,
-   because the previous seed leaves the needle a few um later: it then waits until that seed is out, at most until the needle's next command or reset.
+/* Executes commands for seeds in a replay. Commands that the server refused are not executed. A drop that the server executed may come too early in a
+   replay, because the previous seed leaves the needle a few um later; the drop then waits until that seed is out, but at most until the needle's next
+   command or reset.
    */
 #ifndef TROCAR_SEED_REPLAY_H
 #define TROCAR_SEED_REPLAY_H
@@ -9,18 +10,19 @@
 #include "shared/poselog.h"
 
 typedef struct {
-    const trocar_command_t *drop; /* a waiting drop, in the log; NULL: none */
-    report reason;           /* why it waits, or why it was given up */
+    const trocar_command_t *drop; /* a waiting drop in the log; NULL if there is none */
+    report reason;           /* why the drop waits, or why it was given up */
 } waiting_drop;
 
 /* Executes a command like handle_seeds. Returns TROCAR_OK also for commands that the server refused, for a drop that starts to
    wait, and for an undo of a waiting drop. */
 trocar_status replay_seed_command(waiting_drop *w, trocar_sim *sim, int needle, const logged_command *logged, report *why);
 
-/* Call before each tick of the needle. False: the waiting drop is refused for another reason, and given up. */
+/* Tries a waiting drop; call it before each tick of the needle. Returns false if the drop is refused for another reason, and given up. */
 bool try_waiting_drop(waiting_drop *w, trocar_sim *sim, int needle);
 
-/* Call before the needle's next command (`next`), before it is reset, and at the end (NULL). False: the waiting drop is given up. */
+/* Ends the wait; call it before the needle's next command (`next`), before the needle is reset, and at the end (NULL). Returns false if a waiting
+   drop is given up. */
 bool end_waiting_drop(waiting_drop *w, trocar_sim *sim, int needle, const logged_command *next);
 
 #endif

@@ -1,4 +1,4 @@
-/* trocar-top: timing, faults and guards of a running trocar-server, live in a terminal. */
+/* trocar-top: shows timing, faults and guards of a running trocar-server live in a terminal. */
 #include <curses.h>
 #include <lcm/lcm.h>
 #include <math.h>
@@ -20,11 +20,11 @@ const char *argp_program_version = "trocar-top " TROCAR_VERSION;
 error_t argp_err_exit_status = EXIT_BAD_INPUT;
 
 typedef struct {
-    const char *lcm_url;     /* NULL: $LCM_DEFAULT_URL or LCM's default */
+    const char *lcm_url;     /* NULL: $LCM_DEFAULT_URL, or else LCM's default */
     bool plain, once;
-    double wait;             /* s for the first message of a server, with --once */
-    const char *udp;         /* HOST:PORT, NULL: none */
-    double udp_rate;         /* Hz; 0: every wrench, NaN: not given */
+    double wait;             /* s to wait for a server's first message, with --once */
+    const char *udp;         /* HOST:PORT; NULL if nothing is sent */
+    double udp_rate;         /* Hz; 0: every wrench; NaN: not given */
 } options;
 
 enum { OPTION_ONCE = 256, OPTION_WAIT, OPTION_UDP, OPTION_UDP_RATE };
@@ -141,7 +141,7 @@ static void interrupt(int signal) {
     interrupted = 1;
 }
 
-/* Receives messages until this time, or (with keys) until a key is pressed or the window changes. */
+/* Receives messages until this time. With `keys`, it also ends when a key is pressed or the window changes. */
 static void receive_until(lcm_t *lcm, double end, bool keys) {
     struct pollfd events[2] = {{.fd = lcm_get_fileno(lcm), .events = POLLIN}, {.fd = STDIN_FILENO, .events = POLLIN}};
     for (double left; (left = end - now()) > 0 && !interrupted;) {
@@ -153,7 +153,7 @@ static void receive_until(lcm_t *lcm, double end, bool keys) {
 
 /* ---- screens ----------------------------------------------------------------------------------------------------- */
 
-/* The lines of the dashboard, and one of --udp-json. */
+/* Returns the lines of the dashboard and, with --udp-json, a line about the datagrams. */
 static int draw_lines(const monitor *m, int height, dashboard_line lines[DASHBOARD_LINES + 1]) {
     int count = dashboard_draw(&m->shown, now(), m->sends ? height - 1 : height, lines);
     if (!m->sends) return count;
@@ -175,12 +175,12 @@ static void print_lines(const monitor *m) {
 static int print_once(const options *o, lcm_t *lcm, monitor *m) {
     double end = now() + o->wait;
     while (!m->shown.heard && now() < end && !interrupted) receive_until(lcm, now() + 0.1, false);
-    if (m->shown.heard) receive_until(lcm, now() + 0.3, false);  /* for the status */
+    if (m->shown.heard) receive_until(lcm, now() + 0.3, false);  /* waits for the status */
     print_lines(m);
     return m->shown.heard ? EXIT_SUCCESS : EXIT_FAILURE;
 }
 
-/* Reports changes on stderr: whether a server is heard, and whether anybody listens. */
+/* Sends without a display. Reports changes on stderr: whether a server is heard, and whether a program listens. */
 static int send_only(lcm_t *lcm, const monitor *m) {
     static const double silence = 1.0; /* s */
     bool heard = true;
@@ -234,7 +234,7 @@ static int show(lcm_t *lcm, monitor *m) {
     return EXIT_SUCCESS;
 }
 
-/* Opens the screen if it supports drawing, unlike a file or a dumb terminal. */
+/* Opens the screen if the terminal supports drawing, unlike a file or a dumb terminal. */
 static bool open_screen(const options *o) {
     if (o->plain || o->once || !isatty(STDIN_FILENO) || !isatty(STDOUT_FILENO)) return false;
     if (!newterm(NULL, stdout, stdin)) return false;

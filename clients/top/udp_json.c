@@ -13,7 +13,8 @@
 
 /* ---- the destination -------------------------------------------------------------------------------------------------- */
 
-/* Names such as localhost may have addresses of both kinds. PlotJuggler listens on IPv4 by default, and a sender cannot see who listens. */
+/* Connects to the first address that works. Names such as localhost may have addresses of both kinds; IPv4 comes first because PlotJuggler listens on
+   it by default, and a sender cannot see which one is listened to. */
 static int connect_any(const struct addrinfo *found, bool version_4) {
     for (const struct addrinfo *a = found; a; a = a->ai_next) {
         if ((a->ai_family == AF_INET) != version_4) continue;
@@ -75,7 +76,8 @@ static void begin_needle(datagram *d, int needle) {
     json_open(&d->j, name, '{');
 }
 
-/* If nobody listens, the system reports this at every second datagram, as the answer to the first one. So a failure counts as lasting a second. */
+/* Notes a failure, which counts as lasting a second: if no program listens, the system reports this at every second datagram, in answer to the one
+   before. */
 static void note(udp_json *u, int error) {
     int64_t now = monotonic_ns();
     u->count += error == 0;
@@ -84,7 +86,7 @@ static void note(udp_json *u, int error) {
     if (error) u->failed = now;
 }
 
-/* Closes the inner object and sends. */
+/* Closes the inner object and sends the datagram. */
 static void finish(udp_json *u, datagram *d) {
     json_close(&d->j, '}');
     json_close(&d->j, '}');
@@ -102,7 +104,7 @@ void udp_json_pose(udp_json *u, const trocar_needle_pose_t *m) {
     memcpy(n->position, m->position, sizeof n->position);
 }
 
-/* A wrench counts as due 0.1 ms early, because wrenches do not come to the microsecond. */
+/* Sends or collects a wrench. It counts as due 0.1 ms early, because wrenches do not arrive at exact intervals. */
 void udp_json_wrench(udp_json *u, const trocar_needle_wrench_t *m) {
     if (!exists(m->needle)) return;
     udp_needle *n = &u->needles[m->needle];

@@ -13,11 +13,11 @@
 #include "trocar_status_t.h"
 
 typedef struct {
-    int64_t sent;            /* us: utime of the wrench that was sent last */
+    int64_t sent;            /* us: utime of the last wrench that was sent */
     int32_t events;          /* events of all wrenches since then */
     int32_t membrane;        /* the last membrane punctured since then; -1: none */
-    int64_t session;         /* that has sent `position` */
-    double position[3];      /* m, of the base */
+    int64_t session;         /* session that sent `position` */
+    double position[3];      /* m, position of the base */
 } udp_needle;
 
 typedef struct {
@@ -26,22 +26,22 @@ typedef struct {
     int64_t period;          /* us between two wrenches of a needle; 0: every wrench */
     udp_needle needles[TROCAR_MAX_NEEDLES];
     int64_t count;           /* datagrams sent */
-    int error;               /* errno of the last failure, 0: none in the last second. ECONNREFUSED: nobody listens there */
-    int64_t failed;          /* ns, monotonic: time of that failure */
+    int error;               /* errno of the last failure; 0 if there was none in the last second. ECONNREFUSED: no program listens there */
+    int64_t failed;          /* ns, monotonic: time of the last failure */
 } udp_json;
 
-/* `to`: HOST:PORT, with an IPv6 address in brackets. `rate`: wrenches per second and needle at most, 0: all. BAD_INPUT if it is malformed, if the
-   name has no address, or if there is no route to it. */
+/* Connects to `to`, HOST:PORT with an IPv6 address in brackets. At most `rate` wrenches are sent per second and needle; 0: all. BAD_INPUT if `to`
+   is malformed, the name has no address, or there is no route to it. */
 trocar_status udp_json_open(udp_json *u, const char *to, double rate, report *why);
 void udp_json_close(udp_json *u);
 
-/* Sends a message, or keeps it for a later datagram. Never waits. */
+/* Each function sends a message, or keeps it for a later datagram. They never wait. */
 void udp_json_pose(udp_json *u, const trocar_needle_pose_t *pose);
 void udp_json_wrench(udp_json *u, const trocar_needle_wrench_t *wrench);
 void udp_json_timing(udp_json *u, const trocar_loop_timing_t *timing);
 void udp_json_status(udp_json *u, const trocar_status_t *status);
 
-/* A text on the state of the datagrams, for the user. */
+/* Describes the state of the datagrams to the user. */
 void udp_json_describe(const udp_json *u, char *text, size_t size);
 
 #endif

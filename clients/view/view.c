@@ -28,13 +28,13 @@ static const int64_t PICTURE_PATIENCE = 60000000000; /* ns */
 typedef struct {
     const view_options *options;
     trocar_scene *scene;
-    trocar_model *model;     /* its mesh alone */
+    trocar_model *model;     /* the mesh without a simulation */
     double needle_length;    /* m */
-    int needle_count;        /* live; a log shows one */
+    int needle_count;        /* number of needles of a live scene; a log shows one */
     pose homes[TROCAR_MAX_NEEDLES]; /* each needle's waiting pose outside the tissue */
     timeline timeline;
     byte_buffer encoded_scene;
-    char page[4096];         /* folder of the page */
+    char page[4096];         /* folder with the page */
     web *web;
     int stop_wake;
     bool stop;
@@ -43,7 +43,7 @@ typedef struct {
     subscriber feed;
     pilot pilot;
     implant implant;
-    report cut;              /* where the log is truncated, empty if it is complete */
+    report cut;              /* where the log is truncated; empty if it is complete */
 
     output png;              /* --png only */
     bool png_taken;
@@ -51,7 +51,7 @@ typedef struct {
 
 /* ---- callbacks of the web server ---- */
 
-/* The status of a needle, as members of a JSON object. */
+/* Writes the status of a needle, as members of a JSON object. */
 static void write_needle(const view *v, int needle, json *j) {
     static const char *const states[] = {"held", "leaving", "resting", "taking"};
     const trocar_status_t *s = v->feed.needles[needle].status;
@@ -78,7 +78,7 @@ static void write_needles(const view *v, json *j) {
     json_close(j, ']');
 }
 
-/* The probe's owner as text; "elsewhere": another client has moved it, and may be silent now. */
+/* Writes the probe's owner as text; "elsewhere" means that another client has moved the probe, and may be silent now. */
 static void write_probe(const view *v, json *j) {
     const trocar_probe *p = &v->feed.probe;
     json_open(j, "probe", '{');
@@ -88,7 +88,7 @@ static void write_probe(const view *v, json *j) {
     json_close(j, '}');
 }
 
-/* Number of the server since the start, why a browser has lost the needle, and the driven needle's destination. */
+/* Writes the number of servers since the start, why a browser has lost the needle, and the driven needle's destination. */
 static void write_pilot(view *v, json *j) {
     pilot *p = &v->pilot;
     json_integer(j, "server", v->feed.servers);
@@ -102,7 +102,7 @@ static void write_pilot(view *v, json *j) {
     json_close(j, '}');
 }
 
-/* State of the browser and of the server, as JSON: see page/src/link.js. */
+/* Returns the state of the browser and of the server, as JSON: see page/src/link.js. */
 static char *describe(void *context, bool drives, bool driven, uint32_t steered) {
     view *v = context;
     char *text = NULL;
@@ -118,7 +118,7 @@ static char *describe(void *context, bool drives, bool driven, uint32_t steered)
     json_bool(&j, "drives", drives);
     json_bool(&j, "driven", driven);
     json_integer(&j, "steered", steered);
-    json_integer(&j, "needle", v->pilot.needle); /* also while the server is silent, because the page may still drive it */
+    json_integer(&j, "needle", v->pilot.needle); /* written even while the server is silent, because the page may still drive the needle */
     write_pilot(v, &j);
     if (alive) {
         json_number(&j, "rate", v->feed.timing.rate_hz);
@@ -143,7 +143,7 @@ static void receive(view *v) {
     implant_hear(&v->implant, &v->feed);
 }
 
-/* Receives pending messages first. */
+/* True if a browser may drive this needle; handles pending messages first. */
 static bool may_drive(void *context, uint32_t needle) {
     view *v = context;
     if (!v->lcm || needle >= (uint32_t)v->needle_count) return false;
@@ -200,7 +200,7 @@ static trocar_status watch_signals(view *v, report *why) {
 
 /* ---- set-up ---- */
 
-/* The page is in the build folder of the program, or in share/trocar if it is installed. */
+/* Returns the folder with the page: the program's build folder, or share/trocar if the program is installed. */
 static const char *page_folder(const view_options *o, char *place, size_t size) {
     static const char beside[] = "/page", installed[] = "/../share/trocar/page";
     if (o->web.page) return o->web.page;
@@ -286,7 +286,7 @@ static trocar_status prepare(view *v, report *why) {
 }
 
 static void clean_up(view *v) {
-    if (v->web) web_free(v->web); /* first, because a driving browser releases the needle when its connection closes */
+    if (v->web) web_free(v->web); /* freed first, because a driving browser releases the needle when its connection closes */
     pilot_close(&v->pilot);
     subscriber_close(&v->feed);
     implant_close(&v->implant);
@@ -314,7 +314,7 @@ static void serve(view *v) {
     while (!v->stop) web_round(v->web);
 }
 
-/* URL of the page with the parameters of the picture: see pose in page/src/main.js. */
+/* Writes the URL of the page with the parameters of the picture: see pose in page/src/main.js. */
 static void picture_url(const view *v, size_t size, char *url) {
     const picture *p = &v->options->picture;
     int length = snprintf(url, size, "http://127.0.0.1:%d/?picture&width=%d&height=%d&view=%d&theme=%s", web_port(v->web), p->width, p->height,
@@ -323,7 +323,7 @@ static void picture_url(const view *v, size_t size, char *url) {
     if (p->cut && !isnan(p->place)) snprintf(url + length, size - (size_t)length, "&place=%.9g", p->place);
 }
 
-/* The page renders the picture and sends it back. */
+/* Takes a picture: the page renders it and sends it back. */
 static trocar_status take_picture(view *v, report *why) {
     char url[256];
     picture_url(v, sizeof url, url);
@@ -343,7 +343,7 @@ static trocar_status take_picture(view *v, report *why) {
 
 int main(int count, char **arguments) {
     view_options o = read_view_options(count, arguments);
-    realtime_flush_denormals();   /* as in trocar-replay, so that results are the same */
+    realtime_flush_denormals();   /* as in trocar-replay, so that the results are the same */
 
     static view v;
     v.options = &o;

@@ -13,7 +13,7 @@ error_t argp_err_exit_status = EXIT_BAD_INPUT;
 enum { OPTION_URL = 256, OPTION_BIND, OPTION_SOCKET, OPTION_HOST, OPTION_PAGE, OPTION_LOG, OPTION_PNG, OPTION_AT,
        OPTION_SIZE, OPTION_VIEW, OPTION_CUT, OPTION_THEME, OPTION_SOURCE, OPTION_STRENGTH, OPTION_PRESCRIPTION, OPTION_SWELLING, OPTION_PLAN };
 
-enum { LEAST_SIDE = 320, GREATEST_SIDE = 4096 /* pixels; rendered at twice the resolution for anti-aliasing */ };
+enum { LEAST_SIDE = 320, GREATEST_SIDE = 4096 /* pixels; the page renders at twice the resolution for anti-aliasing */ };
 
 static const struct argp_option option_list[] = {
     {"scene", 's', "FILE", 0, "Scene of the server or of the log (required)", 0},
@@ -41,7 +41,7 @@ static const struct argp_option option_list[] = {
     {0},
 };
 
-/* Index of `text` in `names`; otherwise exits through argp_error. */
+/* Returns the index of `text` in `names`; exits through argp_error if it is missing. */
 static int parse_name(struct argp_state *state, const char *option, const char *text, const char *const *names, int count) {
     int place = 0;
     while (place < count && strcmp(text, names[place]) != 0) place++;

@@ -10,7 +10,7 @@ typedef struct {
     int width, height;       /* pixels */
     int view;                /* 1 .. 4, as the keys of the page */
     const char *theme;
-    char cut;                /* axis normal to the cut, 0: none */
+    char cut;                /* axis normal to the cut; 0 if there is no cut */
     double place;            /* m, position of the cut on its axis; NAN: at the tip */
 } picture;
 
@@ -18,13 +18,13 @@ typedef struct {
     const char *scene_path, *lcm_url, *log_path, *png_path;
     double at;               /* s; INFINITY: the end of the log */
     picture picture;
-    const char *picture_option;   /* last option that needs --png, NULL: none */
-    const char *live_option; /* last option that needs a live server, NULL: none */
+    const char *picture_option;   /* name of the last option given that needs --png; NULL if there is none */
+    const char *live_option; /* name of the last option given that needs a live server; NULL if there is none */
     implant_settings implant;
     web_settings web;
 } view_options;
 
-/* The options with their defaults. Exits with EXIT_BAD_INPUT and a message for mistakes, and with 0 after --help and --version. */
+/* Parses the options, with their defaults. Exits with EXIT_BAD_INPUT and a message for mistakes, and with 0 after --help and --version. */
 view_options read_view_options(int count, char **arguments);
 
 #endif

@@ -1,4 +1,4 @@
-/* What is behind the handles of trocar.h; for its own files only. */
+/* The structs behind the handles of trocar.h; private to core/api. */
 #ifndef TROCAR_API_H
 #define TROCAR_API_H
 
@@ -13,40 +13,40 @@
 
 struct trocar_scene {
     scene values;
-    trocar_mesh mesh;        /* copy of a mesh that came as arrays; empty without one */
-    char **names;            /* of its regions, then of its surfaces */
+    trocar_mesh mesh;        /* copy of a mesh that was given as arrays; empty without one */
+    char **names;            /* names of its regions, then of its surfaces */
 };
 
 struct trocar_model {
-    simulation parts;        /* without those of one run */
-    atomic_int users;        /* the host, until it frees the model, and the simulations, pictures and models that are made from it */
-    trocar_model *base;      /* whose mesh, stiffness and inverse it shares; NULL: its own */
+    simulation parts;        /* constant data only */
+    atomic_int users;        /* number of users: the host, until it frees the model, and the simulations, pictures and models created from it */
+    trocar_model *base;      /* model whose mesh, stiffness and inverse it shares; NULL: its own */
     double rate_hz;
-    pose start;              /* of the base; its position is NAN: none */
-    double patient_to_mesh[16]; /* the first is NAN: none */
-    bool mesh_only;          /* nothing but the mesh, regions and membranes */
+    pose start;              /* initial pose of the base; NAN position: none */
+    double patient_to_mesh[16]; /* the first entry is NAN if there is none */
+    bool mesh_only;          /* the model has only mesh, regions and membranes */
 };
 
 /* One needle of a simulation. */
 typedef struct {
     needle_link link;
-    /* The ticking thread's: */
-    insertion_state state;   /* while it is held; as it was, while it rests */
-    uint64_t stamp;          /* another one when `state` changes */
-    double base_compliance;  /* m/N, of the spring that holds the base */
-    pose given;              /* where the last tick or reset would have the base */
-    tissue_loads loads;      /* its own forces now */
-    double since_loads;      /* s, since they were last handed over */
-    /* The worker's: */
-    remesher *remesher;      /* the nodes of this needle */
-    bool loaded;             /* as in the last answer, */
-    vec3 u_free[MAX_HANDLES]; /* m, likewise: found once for each request, */
+    /* Used by the ticking thread: */
+    insertion_state state;   /* present state while held; while resting, the state in which it was left */
+    uint64_t stamp;          /* changes whenever `state` changes */
+    double base_compliance;  /* m/N, compliance of the spring that holds the base */
+    pose given;              /* pose of the base in the last tick or reset */
+    tissue_loads loads;      /* the needle's present forces on the tissue */
+    double since_loads;      /* s, time since `loads` were last posted */
+    /* Used by the worker: */
+    remesher *remesher;      /* contact nodes of this needle */
+    bool loaded;             /* u_free of the last answer is not zero everywhere */
+    vec3 u_free[MAX_HANDLES]; /* m, as in the last answer: computed once per request */
     unresolved_shift unresolved;
-    tissue_loads held;       /* its forces as far as they are known; of one that rests, only those where it is no longer */
+    tissue_loads held;       /* the needle's last known forces; while resting, only its residual loads */
     resting_needle *resting; /* NULL: it has never rested */
-    bool attached;           /* it rests */
-    uint64_t served_changes, served_shifts; /* of the resting needles, as in the last answer */
-    double shown_force[MAX_UNKNOWNS]; /* N, as they were shown last */
+    bool attached;           /* the needle is attached to the tissue */
+    uint64_t served_changes, served_shifts; /* counts for the resting needles and the probe, as of the last answer */
+    double shown_force[MAX_UNKNOWNS]; /* N, forces that were last shown */
 } needle_track;
 
 struct trocar_sim {
@@ -54,42 +54,42 @@ struct trocar_sim {
     int needle_count;
     needle_track *needles;
     sim_link link;
-    /* The ticking thread's: */
+    /* Used by the ticking thread: */
     insertion_workspace *workspace;
-    int64_t (*clock)(void);  /* ns; NULL: nothing is measured */
+    int64_t (*clock)(void);  /* ns; NULL: stages are not timed */
     seed_list seeds;
-    vec3 *field_scratch;     /* of trocar_sim_displacements, NULL before the first */
-    /* The worker's: */
-    inverse *inverse;        /* with what rests attached to it, or the model's, where needles cannot rest */
-    needle_pairs *pairs;     /* NULL: there is one needle only */
+    vec3 *field_scratch;     /* scratch for trocar_sim_displacements; NULL before its first call */
+    /* Used by the worker: */
+    inverse *inverse;        /* inverse with resting needles and probe attached; the model's if nothing can be attached */
+    needle_pairs *pairs;     /* NULL: there is only one needle */
     resting_set resting;
-    resting_scratch *resting_scratch; /* NULL before the first */
-    uint64_t last_attached;  /* id */
-    int next_served;         /* needle whose request it looks for first, */
-    int next_shown;          /* and after which it looks for one to show */
-    probe *probe;            /* NULL: the scene has none */
-    bool probe_posed;        /* a pose has come: */
-    pose probe_pose;         /* the newest one */
-    uint64_t probe_beneath;  /* resting.changes when it pressed last */
-    double since_response;   /* s in lockstep since they responded to the loads */
-    bool to_respond;         /* what rests and the probe have not responded to the newest loads and pose */
-    int answers;             /* to requests since they did */
+    resting_scratch *resting_scratch; /* NULL until a needle is first left */
+    uint64_t last_attached;  /* id of the needle attached last */
+    int next_served;         /* needle whose request is checked next */
+    int next_shown;          /* needle checked last for being shown */
+    probe *probe;            /* NULL: the scene has no probe */
+    bool probe_posed;        /* a pose has been received */
+    pose probe_pose;         /* the newest pose */
+    uint64_t probe_beneath;  /* resting.changes when the probe pressed last */
+    double since_response;   /* s of lockstep time since the last response to the loads */
+    bool to_respond;         /* resting needles and probe have not responded to the newest loads and pose yet */
+    int answers;             /* requests answered since the last response */
 };
 
-/* A copy of what there is to see. */
+/* A copy of the visible state of a simulation. */
 struct trocar_picture {
     trocar_model *model;
-    insertion_state *states; /* as many as the model has needles, */
-    uint64_t stamps[MAX_NEEDLES]; /* and which ones they are */
+    insertion_state *states; /* one for each of the model's needles */
+    uint64_t stamps[MAX_NEEDLES]; /* stamp of each copied state */
     shown_probe probe;
-    int next_resting;        /* needle that is looked at first among those that rest */
+    int next_resting;        /* resting needle that is checked first */
     seed_list seeds;
-    vec3 *scratch;           /* for displacements, NULL before the first */
-    refined_mesh refined;    /* of the last trocar_picture_refined_mesh, */
-    vec3 *force, *displacement; /* and of its nodes */
+    vec3 *scratch;           /* scratch for displacements; NULL before the first call */
+    refined_mesh refined;    /* result of the last trocar_picture_refined_mesh */
+    vec3 *force, *displacement; /* forces and displacements at its nodes */
 };
 
-/* For one more user, who gives it back with trocar_model_free. */
+/* Adds a user, who must call trocar_model_free. */
 static inline trocar_model *model_share(trocar_model *model) {
     atomic_fetch_add_explicit(&model->users, 1, memory_order_relaxed);
     return model;

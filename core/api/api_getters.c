@@ -1,8 +1,8 @@
-/* trocar.h: what there is to see of a simulation. */
+/* trocar.h: getters of a simulation. */
 #include "api/ticking.h"
 #include "api/view.h"
 
-/* NULL for a needle that does not exist. */
+/* State of a needle; NULL if `needle` is out of range. */
 static const insertion_state *state_of(const trocar_sim *sim, int needle) { return has_needle(sim->model, needle) ? state_of_needle(sim, needle, NULL) : NULL; }
 
 int trocar_sim_contacts(const trocar_sim *sim, int needle, trocar_contact *contacts, int room) {

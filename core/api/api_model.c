@@ -7,7 +7,7 @@
 
 _Static_assert(sizeof(bool) == sizeof(uint8_t) && (int)MESH_MAX_GROUPS == 32, "trocar.h says so");
 
-/* An allocated model with what the scene says beside the simulation's parts; *config is for these. */
+/* Allocates a model and copies the parts of the scene that are not in the simulation's configuration; fills *config for the rest. */
 static trocar_status begin_model(const trocar_scene *scene, trocar_model **model, simulation_config *config, report *why) {
     trocar_status status = scene_check(&scene->values, why);
     if (status != TROCAR_OK) return status;
@@ -25,7 +25,7 @@ static trocar_status begin_model(const trocar_scene *scene, trocar_model **model
 
 static trocar_status end_model(trocar_model *m, trocar_status status, trocar_model **model) {
     if (m->parts.config.mesh_given) m->parts.config.mesh_path[0] = '\0'; /* a file that was not read */
-    m->parts.config.mesh_given = NULL; /* the scene's, which may go */
+    m->parts.config.mesh_given = NULL; /* belongs to the scene, which may be freed */
     m->parts.config.scene_path = NULL;
     if (status == TROCAR_OK) *model = m;
     else free(m);
@@ -56,7 +56,7 @@ trocar_status trocar_model_derive(const trocar_model *base, const trocar_scene *
     trocar_model *m = NULL;
     simulation_config config;
     *model = NULL;
-    if (base->mesh_only) return fail(why, TROCAR_BAD_INPUT, "a model with the mesh only has no stiffness to share");
+    if (base->mesh_only) return fail(why, TROCAR_BAD_INPUT, "a model that has only a mesh has no stiffness to share");
     trocar_status status = begin_model(scene, &m, &config, why);
     if (status != TROCAR_OK) return status;
     config.insertion.most_steps = base->parts.config.insertion.most_steps;
@@ -150,9 +150,9 @@ trocar_guide trocar_model_guide(const trocar_model *model, int index) {
     if (index < 0 || index >= model->parts.config.guide_count) return (trocar_guide){.columns = 0};
     const guide *g = &model->parts.guides[index];
     trocar_guide out = {.spacing = g->spacing, .hole_diameter = 2.0 * g->hole_radius, .thickness = g->thickness, .columns = g->columns, .rows = g->rows};
-    put(g->origin, out.origin);
-    put(g->normal, out.normal);
-    for (int a = 0; a < 2; a++) put(g->across[a], out.across[a]);
+    store_vec3(g->origin, out.origin);
+    store_vec3(g->normal, out.normal);
+    for (int a = 0; a < 2; a++) store_vec3(g->across[a], out.across[a]);
     return out;
 }
 

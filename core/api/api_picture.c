@@ -11,8 +11,8 @@
 trocar_status trocar_picture_create(trocar_model *model, trocar_picture **created, trocar_error *error) {
     trocar_error ignored, *why = error ? error : &ignored;
     *created = NULL;
-    if (model->mesh_only) return fail(why, TROCAR_BAD_INPUT, "this model is its mesh alone: create it without mesh_only");
-    trocar_status status = blas_make_room(2, why); /* its displacements are found beside the worker */
+    if (model->mesh_only) return fail(why, TROCAR_BAD_INPUT, "this model has only a mesh: create it without mesh_only");
+    trocar_status status = blas_make_room(2, why); /* displacements are computed in parallel with the worker */
     if (status != TROCAR_OK) return status;
     trocar_picture *p = calloc(1, sizeof *p);
     size_t states = (size_t)model->parts.config.needle_count * sizeof *p->states;
@@ -21,7 +21,7 @@ trocar_status trocar_picture_create(trocar_model *model, trocar_picture **create
         free(p);
         return fail(why, TROCAR_NO_MEMORY, "no memory for a picture");
     }
-    memset(p->states, 0, states); /* touched, so that no page fault comes later */
+    memset(p->states, 0, states); /* touched, so that no page fault occurs later */
     p->model = model_share(model);
     floating_mode before = flush_denormals();
     for (int i = 0; i < model->parts.config.needle_count; i++) insertion_reset(&model->parts.insertion, (pose){.orientation = {1, 0, 0, 0}}, &p->states[i]);
@@ -41,7 +41,7 @@ void trocar_picture_free(trocar_picture *picture) {
     free(picture);
 }
 
-enum { RESTING_AT_ONCE = 2 }; /* needles that rest and have changed, which one call copies */
+enum { RESTING_AT_ONCE = 2 }; /* resting needles with changes that one call copies */
 
 void trocar_sim_take_picture(const trocar_sim *sim, trocar_picture *picture) {
     int room = RESTING_AT_ONCE, first = picture->next_resting;
@@ -70,7 +70,7 @@ void trocar_picture_copy(const trocar_picture *from, trocar_picture *to) {
     if (from->probe.stamp != to->probe.stamp) to->probe = from->probe;
 }
 
-/* NULL for a needle that does not exist. */
+/* State of a needle; NULL if `needle` is out of range. */
 static const insertion_state *state_of(const trocar_picture *picture, int needle) {
     return has_needle(picture->model, needle) ? &picture->states[needle] : NULL;
 }
@@ -100,7 +100,7 @@ double trocar_picture_tip_lead(const trocar_picture *picture, int needle) {
     return state ? state->tip_lead : 0.0;
 }
 
-trocar_probe trocar_picture_probe(const trocar_picture *picture) { return picture->probe.told; }
+trocar_probe trocar_picture_probe(const trocar_picture *picture) { return picture->probe.output; }
 
 static void states_of(const trocar_picture *p, const insertion_state *states[MAX_NEEDLES]) {
     for (int i = 0; i < p->model->parts.config.needle_count; i++) states[i] = &p->states[i];

@@ -17,7 +17,7 @@ int trocar_model_probe_start(const trocar_model *model, trocar_pose *start) {
 
 trocar_status trocar_sim_set_probe(trocar_sim *sim, const trocar_pose *base, trocar_error *error) {
     pose at;
-    if (!sim->probe) return error ? fail(error, TROCAR_BAD_INPUT, "the scene has no probe: probe.surface says what it presses") : TROCAR_BAD_INPUT;
+    if (!sim->probe) return error ? fail(error, TROCAR_BAD_INPUT, "the scene has no probe: name the surface that it presses in probe.surface") : TROCAR_BAD_INPUT;
     trocar_status status = check_pose(base, &at, error);
     if (status != TROCAR_OK) return status;
     probe_link_post(&sim->link.probe, at);
@@ -27,5 +27,5 @@ trocar_status trocar_sim_set_probe(trocar_sim *sim, const trocar_pose *base, tro
 
 trocar_probe trocar_sim_probe(const trocar_sim *sim) {
     const shown_probe *shown = shown_probe_of(sim);
-    return shown ? shown->told : (trocar_probe){.placed = 0};
+    return shown ? shown->output : (trocar_probe){.placed = 0};
 }

@@ -1,4 +1,4 @@
-/* trocar.h: many ticks in a call, and many insertions side by side on one model. */
+/* trocar.h: many ticks per call, and many insertions in parallel on one model. */
 #include <pthread.h>
 #include <stdatomic.h>
 #include <stdbool.h>
@@ -8,9 +8,9 @@
 #include "base/report.h"
 #include "tissue/blas.h"
 
-enum { TICKS_BETWEEN = 64 }; /* two looks at the watch */
+enum { TICKS_BETWEEN = 64 }; /* ticks between two checks of the watch */
 
-static void tell(const trocar_watch *watch, const char *what, double fraction) {
+static void report_progress(const trocar_watch *watch, const char *what, double fraction) {
     if (watch && watch->progress) watch->progress(what, fraction, watch->context);
 }
 
@@ -18,7 +18,7 @@ static bool is_cancelled(const trocar_watch *watch) { return watch && watch->can
 
 /* ---- one insertion ----------------------------------------------------------------------------------------------------- */
 
-/* Of all poses from `*done` on as many as there are between two looks. */
+/* Runs the poses from `*done` on, up to the next check. */
 static trocar_status run_some(trocar_sim *sim, int needle, const trocar_pose *poses, int steps, double dt, int *done, trocar_output *outputs, report *why) {
     int end = steps - *done < TICKS_BETWEEN ? steps : *done + TICKS_BETWEEN;
     trocar_status status = TROCAR_OK;
@@ -29,14 +29,14 @@ static trocar_status run_some(trocar_sim *sim, int needle, const trocar_pose *po
 trocar_status trocar_sim_run(trocar_sim *sim, int needle, const trocar_pose *poses, int steps, double dt, const trocar_watch *watch, trocar_output *outputs,
                              trocar_error *error) {
     trocar_error ignored, *why = error ? error : &ignored;
-    if (steps < 0) return fail(why, TROCAR_BAD_INPUT, "a run of %d steps", steps);
+    if (steps < 0) return fail(why, TROCAR_BAD_INPUT, "%d steps: expected 0 or more", steps);
     trocar_status status = TROCAR_OK;
     report reason;
     int done = 0;
     memset(outputs, 0, (size_t)steps * sizeof *outputs);
     while (done < steps && status == TROCAR_OK) {
         status = run_some(sim, needle, poses, steps, dt, &done, outputs, &reason);
-        tell(watch, "run", (double)done / steps);
+        report_progress(watch, "run", (double)done / steps);
         if (status == TROCAR_OK && done < steps && is_cancelled(watch)) status = fail(&reason, TROCAR_CANCELLED, "cancelled");
     }
     if (status == TROCAR_OK) return status;
@@ -53,14 +53,14 @@ typedef struct {
     double dt;
     const trocar_watch *watch;
     trocar_output *outputs;
-    atomic_int next;         /* first insertion that no thread has taken yet */
+    atomic_int next;         /* index of the first insertion that no thread has started */
     atomic_bool cancelled;
-    int64_t told;            /* ticks, of which the watch knows; the calling thread's */
-    pthread_mutex_t lock;    /* of all below */
+    int64_t reported;        /* ticks reported to the watch; used by the calling thread only */
+    pthread_mutex_t lock;    /* protects the members below */
     pthread_cond_t changed;
-    int64_t ticks;           /* done in all insertions */
-    int running;             /* threads beside the caller's */
-    trocar_status status, unable; /* of the first insertion that failed; of the first thread that had no memory for a simulation */
+    int64_t ticks;           /* ticks completed in all insertions */
+    int running;             /* number of running threads besides the caller's */
+    trocar_status status, unable; /* status of the first insertion that failed; of the first thread without memory for a simulation */
     report why, why_unable;
 } rollout;
 
@@ -73,10 +73,10 @@ static void note(rollout *r, trocar_status status, const report *reason, trocar_
     pthread_mutex_unlock(&r->lock);
 }
 
-/* By the calling thread, without the lock. */
+/* Reports progress; called by the calling thread without the lock. */
 static void look(rollout *r, int64_t ticks) {
-    r->told = ticks;
-    tell(r->watch, "rollout", (double)ticks / ((double)r->batch * r->steps));
+    r->reported = ticks;
+    report_progress(r->watch, "rollout", (double)ticks / ((double)r->batch * r->steps));
     if (is_cancelled(r->watch)) atomic_store(&r->cancelled, true);
 }
 
@@ -105,8 +105,8 @@ static trocar_status run_one(rollout *r, trocar_sim *sim, const void *fresh, siz
     return fail(why, status, "insertion %d, step %d: %.900s", index, done, reason.text);
 }
 
-/* Every insertion starts from the same fresh state, so that it does not matter which thread runs it, or after which. A thread without memory
-   leaves them to the others. */
+/* Every insertion starts from the same fresh state, so the result does not depend on the thread that runs it or on earlier insertions. A thread without memory
+   leaves the insertions to the others. */
 static void take_part(rollout *r, bool caller) {
     report why;
     trocar_sim *sim;
@@ -136,12 +136,12 @@ static void *run(void *context) {
     return NULL;
 }
 
-/* The calling thread has no insertion left to begin: it watches until the others have ended theirs. */
+/* When no insertion is left to start, the calling thread reports progress until the others have finished theirs. */
 static void wait_for_others(rollout *r) {
     pthread_mutex_lock(&r->lock);
-    while (r->running > 0 || r->told < r->ticks) {
+    while (r->running > 0 || r->reported < r->ticks) {
         int64_t ticks = r->ticks;
-        if (ticks == r->told) {
+        if (ticks == r->reported) {
             pthread_cond_wait(&r->changed, &r->lock);
             continue;
         }
@@ -159,7 +159,7 @@ static trocar_status outcome(const rollout *r, report *why) {
         return r->status;
     }
     if (r->next >= r->batch) return TROCAR_OK;
-    *why = r->why_unable; /* no thread could begin */
+    *why = r->why_unable; /* no thread could start */
     return r->unable;
 }
 
@@ -169,7 +169,7 @@ trocar_status trocar_rollout_watched(trocar_model *model, const trocar_pose *pos
     trocar_error ignored, *why = error ? error : &ignored;
     pthread_t thread[MAX_THREADS];
     if (batch < 0 || steps < 0 || threads < 1 || threads > MAX_THREADS)
-        return fail(why, TROCAR_BAD_INPUT, "a rollout of %d x %d steps in %d threads: from 1 to %d threads", batch, steps, threads, MAX_THREADS);
+        return fail(why, TROCAR_BAD_INPUT, "a rollout of %d x %d steps in %d threads: expected 1 to %d threads", batch, steps, threads, MAX_THREADS);
     if (batch == 0 || steps == 0) return TROCAR_OK;
     rollout r = {.model = model, .poses = poses, .batch = batch, .steps = steps, .dt = dt, .watch = watch, .outputs = outputs};
     memset(outputs, 0, (size_t)batch * (size_t)steps * sizeof *outputs);
@@ -182,7 +182,7 @@ trocar_status trocar_rollout_watched(trocar_model *model, const trocar_pose *pos
     pthread_mutex_lock(&r.lock);
     r.running -= most - 1 - started;
     pthread_mutex_unlock(&r.lock);
-    take_part(&r, true); /* it does all the work if no other thread could be started */
+    take_part(&r, true); /* the caller does all the work if no other thread could be started */
     wait_for_others(&r);
     for (int i = 0; i < started; i++) pthread_join(thread[i], NULL);
     pthread_cond_destroy(&r.changed);

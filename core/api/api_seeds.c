@@ -26,10 +26,10 @@ static trocar_status refuse_drop(const trocar_sim *sim, int needle, int count, d
         return fail(why, TROCAR_BAD_INPUT, "needle %d still holds %d of the seeds dropped before: draw it back, or undo", needle, seeds_pending(needle, &sim->seeds));
     case SEEDS_FULL: return fail(why, TROCAR_BAD_INPUT, "no room for %d more: a simulation has at most %d seeds", count, (int)MAX_SEEDS);
     case SEEDS_TOO_LONG:
-        return fail(why, TROCAR_BAD_INPUT, "needle %d is %.1f mm deep in the tissue, less than the %.1f mm that is to stay there: push it farther in", needle,
+        return fail(why, TROCAR_BAD_INPUT, "needle %d is %.1f mm deep in the tissue, less than the %.1f mm of the seeds: push it farther in", needle,
                     mm * (state->tip.place.depth - tip_entry_depth(state)), mm * seeds_strand_length(size, count, spacing));
     case SEEDS_OUTSIDE:
-    default: return fail(why, TROCAR_BAD_INPUT, "the tip of needle %d is outside of the tissue, where no seed stays", needle);
+    default: return fail(why, TROCAR_BAD_INPUT, "the tip of needle %d is outside the tissue: seeds can be dropped only in the tissue", needle);
     }
 }
 
@@ -49,15 +49,15 @@ trocar_status trocar_sim_undo_seed(trocar_sim *sim, int needle, trocar_error *er
     trocar_error ignored, *why = error ? error : &ignored;
     if (check_needle(sim, needle, why) != TROCAR_OK) return TROCAR_BAD_INPUT;
     if (seeds_undo(needle, &sim->seeds) == SEEDS_ACCEPTED) return TROCAR_OK;
-    return fail(why, TROCAR_BAD_INPUT, "needle %d has dropped no seed that could be taken back", needle);
+    return fail(why, TROCAR_BAD_INPUT, "needle %d has no dropped seed to take back", needle);
 }
 
 static int seeds_of(const seed_list *list, trocar_seed *seeds, int room) {
     for (int i = 0; i < list->count && i < room; i++) {
         const seed *s = &list->seeds[i];
         seeds[i] = (trocar_seed){.tet = s->tet, .needle = s->needle, .guide = s->guide, .hole = s->hole, .strand = s->strand};
-        put(s->at, seeds[i].position);
-        put(s->direction, seeds[i].direction);
+        store_vec3(s->at, seeds[i].position);
+        store_vec3(s->direction, seeds[i].direction);
         memcpy(seeds[i].weights, s->weights, sizeof s->weights);
     }
     return list->count;
@@ -83,7 +83,7 @@ int trocar_model_displace_seed(const trocar_model *model, const double *displace
     memcpy(s.weights, given->weights, sizeof s.weights);
     vec3 at, along;
     seed_displaced(&model->parts.mesh, &s, (const vec3 *)(const void *)displacements, &at, &along);
-    put(at, position);
-    put(along, direction);
+    store_vec3(at, position);
+    store_vec3(along, direction);
     return 1;
 }

@@ -33,7 +33,7 @@ static trocar_status create_inverse(trocar_sim *sim, report *why) {
 
 static trocar_status allocate(trocar_sim *sim, report *why) {
     size_t needles = (size_t)sim->needle_count * sizeof *sim->needles;
-    sim->needles = allocate_on_cache_lines(needles); /* touched, so that no page fault comes later */
+    sim->needles = allocate_on_cache_lines(needles); /* touched, so that no page fault occurs later */
     sim->workspace = allocate_on_cache_lines(sizeof *sim->workspace);
     if (!sim->needles || !sim->workspace) return fail(why, TROCAR_NO_MEMORY, "no memory for a simulation");
     trocar_status status = sim_link_create(&sim->link, sim->model->parts.probe_surface >= 0, why);
@@ -51,12 +51,12 @@ trocar_status trocar_sim_create(trocar_model *model, trocar_sim **created, troca
     static const trocar_pose at_origin = {{0, 0, 0}, {1, 0, 0, 0}};
     trocar_error ignored, *why = error ? error : &ignored;
     *created = NULL;
-    if (model->mesh_only) return fail(why, TROCAR_BAD_INPUT, "this model is its mesh alone: create it without mesh_only");
+    if (model->mesh_only) return fail(why, TROCAR_BAD_INPUT, "this model has only a mesh: create it without mesh_only");
     trocar_sim *sim = calloc(1, sizeof *sim);
     if (!sim) return fail(why, TROCAR_NO_MEMORY, "no memory for a simulation");
     sim->model = model_share(model);
     sim->needle_count = model->parts.config.needle_count;
-    sim->link.wake = -1;
+    sim->link.work_event = -1;
     trocar_status status = allocate(sim, why);
     const pose start = sim->model->parts.config.probe.start;
     if (status == TROCAR_OK && sim->probe && !isnan(start.position.x)) {
@@ -66,7 +66,7 @@ trocar_status trocar_sim_create(trocar_model *model, trocar_sim **created, troca
     for (int i = 0; i < sim->needle_count && status == TROCAR_OK; i++) {
         sim->needles[i].link.since_release = RELEASE_TIME;
         status = trocar_sim_reset(sim, i, &at_origin, why);
-        sim->needles[i].state.tracks = (track_list){.count = 0}; /* nobody has put it there: it has cut nothing */
+        sim->needles[i].state.tracks = (track_list){.count = 0}; /* not an insertion, so nothing has been cut */
     }
     if (status == TROCAR_OK) *created = sim;
     else trocar_sim_free(sim);
@@ -111,7 +111,7 @@ trocar_status trocar_sim_step(trocar_sim *sim, int needle, const trocar_pose *ba
     if (status == TROCAR_OK && outdated) status = answer_and_publish(sim, needle, why);
     if (status == TROCAR_OK) {
         const compliance_snapshot *answer = link_answer(&n->link);
-        run_tick(sim, needle, answer, at, dt, output); /* if the insertion has started over, it simply goes on */
+        run_tick(sim, needle, answer, at, dt, output); /* if the insertion was restarted, the step continues normally */
         status = worker_after_tick(sim, needle, answer, dt, why);
     }
     restore_floating_mode(before);

@@ -1,4 +1,4 @@
-/* trocar.h: save and restore a simulation. Between lockstep steps, where one thread is ticking thread and worker. */
+/* trocar.h: save and restore a simulation. Called between lockstep steps, where one thread is both ticking thread and worker. */
 #include <stdlib.h>
 #include <string.h>
 
@@ -8,15 +8,15 @@
 #include "api/worker_resting.h"
 #include "base/flush_denormals.h"
 
-/* After the model's address, the clock of the responses and the seeds, of each needle. Copied member by member: the caller's memory need not be
-   aligned. What the worker has not done yet when it is saved, it does after a restore. */
+/* The saved data of each needle, after the model's address, the clock of the responses, and the seeds. Copied member by member, because the caller's memory
+   need not be aligned. Pending work of the worker is done after a restore. */
 typedef struct {
     int phase;
-    insertion_state state;   /* of one that is being left: as it was left */
+    insertion_state state;   /* state of the needle; while it is being left, the state in which it was left */
     double base_compliance;
     int64_t since_release;
     compliance_snapshot snapshot;
-    resting_needle resting;  /* while it is attached */
+    resting_needle resting;  /* valid while attached */
 } saved_needle;
 
 enum { SEEDS_AT = sizeof(trocar_model *) + sizeof(double), HEAD = SEEDS_AT + sizeof(seed_list) };
@@ -25,7 +25,7 @@ size_t trocar_sim_state_size(const trocar_sim *sim) { return HEAD + (size_t)sim-
 
 static trocar_status check_size(const trocar_sim *sim, size_t size, report *why) {
     size_t expected = trocar_sim_state_size(sim);
-    return size == expected ? TROCAR_OK : fail(why, TROCAR_BAD_INPUT, "a state has %zu bytes, not %zu", expected, size);
+    return size == expected ? TROCAR_OK : fail(why, TROCAR_BAD_INPUT, "the state of this simulation has %zu bytes, not %zu", expected, size);
 }
 
 static void save_needle(const trocar_sim *sim, int index, char *to) {
@@ -53,7 +53,7 @@ trocar_status trocar_sim_save(const trocar_sim *sim, void *state, size_t size, t
     return TROCAR_OK;
 }
 
-/* All but the remesher, which needs to know what rests. */
+/* Restores everything except the remesher, which requires the resting needles. */
 static trocar_status restore_needle(trocar_sim *sim, needle_track *needle, const char *from, report *why) {
     int phase;
     compliance_snapshot *slot = link_answer_slot(&needle->link);
@@ -72,7 +72,7 @@ static trocar_status restore_needle(trocar_sim *sim, needle_track *needle, const
     if (!needle->attached) {
         insertion_add_loads(&sim->model->parts.insertion, &needle->state, &needle->loads);
         copy_loads(&needle->loads, &needle->held);
-        link_post_loads(&needle->link, &needle->loads); /* in place of what was posted before */
+        link_post_loads(&needle->link, &needle->loads); /* replaces loads that were posted earlier */
         return TROCAR_OK;
     }
     trocar_status status = make_room_to_rest(sim, needle, why);
@@ -89,14 +89,15 @@ trocar_status trocar_sim_restore(trocar_sim *sim, const void *state, size_t size
     trocar_status status = check_size(sim, size, why);
     if (status != TROCAR_OK) return status;
     memcpy(&model, state, sizeof model);
-    if (model != sim->model) return fail(why, TROCAR_BAD_INPUT, "the state is that of another model");
+    if (model != sim->model) return fail(why, TROCAR_BAD_INPUT, "the state belongs to another model");
     floating_mode before = flush_denormals();
     memcpy(&sim->since_response, (const char *)state + sizeof model, sizeof sim->since_response);
     memcpy(&sim->seeds, (const char *)state + SEEDS_AT, sizeof sim->seeds);
     const char *from = (const char *)state + HEAD;
     for (int i = 0; i < sim->needle_count && status == TROCAR_OK; i++, from += sizeof(saved_needle)) status = restore_needle(sim, &sim->needles[i], from, why);
     for (int i = 0; i < sim->needle_count && status == TROCAR_OK; i++)
-        if (link_phase(&sim->needles[i].link) == PHASE_LEAVING) fill_left(sim, i), link_publish_left(&sim->needles[i].link); /* with the tracks of all */
+        /* requires the tracks of all needles */
+        if (link_phase(&sim->needles[i].link) == PHASE_LEAVING) fill_left(sim, i), link_publish_left(&sim->needles[i].link);
     if (status == TROCAR_OK) status = rest_again(sim, why);
     if (status == TROCAR_OK) status = restore_probe(sim, from, why);
     for (int i = 0; i < sim->needle_count && status == TROCAR_OK; i++) {

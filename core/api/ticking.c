@@ -1,4 +1,4 @@
-/* trocar.h: ticks, and needles that are left and taken. */
+/* trocar.h: ticks; leaving and taking needles. */
 #include "api/ticking.h"
 
 #include <float.h>
@@ -20,7 +20,7 @@ trocar_status check_pose(const trocar_pose *p, pose *out, report *why) {
     for (int i = 0; i < 3; i++) sum += p->position[i];
     if (isfinite(sum) && fabs(sqrt(norm) - 1.0) <= 1e-3) {
         quat q = {p->orientation[0], p->orientation[1], p->orientation[2], p->orientation[3]};
-        bool unit = fabs(norm - 1.0) <= 8 * DBL_EPSILON; /* as it comes out of q_unit: normalising it again could change its last bit */
+        bool unit = fabs(norm - 1.0) <= 8 * DBL_EPSILON; /* a quaternion from q_unit: normalising it again could change its last bit */
         *out = (pose){v3(p->position[0], p->position[1], p->position[2]), unit ? q : q_unit(q)};
         return TROCAR_OK;
     }
@@ -50,9 +50,9 @@ void adopt_needle(trocar_sim *sim, needle_track *n) {
     link_adopt(&n->link, &n->state, &n->loads);
 }
 
-/* Those nearest to the tip first, should there be no room for all. */
+/* Copies the tracks nearest to the tip first, because there may not be room for all. */
 void fill_left(trocar_sim *sim, int needle) {
-    static const double DISTANCES[] = {-1.0, 10e-3, 40e-3}; /* m; needles move by some millimetres while they are let go of */
+    static const double DISTANCES[] = {-1.0, 10e-3, 40e-3}; /* m; a needle moves by a few millimetres while it is released */
     needle_track *n = &sim->needles[needle];
     left_needle *slot = link_left_slot(&n->link);
     memcpy(&slot->state, &n->state, sizeof slot->state);
@@ -74,7 +74,7 @@ trocar_status trocar_sim_leave(trocar_sim *sim, int needle, trocar_error *error)
     adopt_needle(sim, n);
     const char *reason = link_refuses(&n->link, ON_LEAVE);
     if (reason) return refuse(error, needle, reason);
-    if (n->state.tip.place.phase == TIP_FREE) return refuse(error, needle, "it is not in the tissue, where it could rest");
+    if (n->state.tip.place.phase == TIP_FREE) return refuse(error, needle, "it is not in the tissue: insert it before leaving it");
     if (n->state.moving_on) return refuse(error, needle, "it is on its way to another shape: hold it still first");
     fill_left(sim, needle);
     link_leave(&n->link, &n->state);
@@ -113,7 +113,7 @@ trocar_status trocar_sim_reset(trocar_sim *sim, int needle, const trocar_pose *b
     seeds_keep(needle, &sim->seeds);
     n->stamp = next_stamp();
     n->loads.count = 0;
-    if (link_reset(&n->link, n->state.request.serial) || n->link.posted_loads.count > 0) { /* the others no longer feel it */
+    if (link_reset(&n->link, n->state.request.serial) || n->link.posted_loads.count > 0) { /* the other needles no longer feel it */
         link_post_loads(&n->link, &(tissue_loads){.count = 0});
         wake_worker(&sim->link);
     }
@@ -130,7 +130,7 @@ static void answer(const tick_output *wrench, trocar_output *output) {
                               .switches = wrench->switches};
 }
 
-/* Have the needle's forces changed enough for the others to feel it? RT */
+/* True if the needle's forces have changed enough for the others to feel it. RT */
 static bool loads_changed(const needle_track *needle) {
     static const double NOTICEABLE = 1e-3; /* N */
     const tissue_loads *now = &needle->loads, *then = &needle->link.posted_loads;
@@ -140,11 +140,11 @@ static bool loads_changed(const needle_track *needle) {
     return false;
 }
 
-/* Tells the worker the needle's forces, for the others. Needles that rest and the probe respond at a pace of their own. RT */
+/* Posts the needle's forces to the worker, for the other needles. Resting needles and the probe have their own response period. RT */
 static void post_loads(trocar_sim *sim, needle_track *needle, double dt) {
     bool rest = atomic_load_explicit(&sim->link.resting, memory_order_relaxed) > 0 || atomic_load_explicit(&sim->link.probe.placed, memory_order_relaxed);
     const shown_probe *probe = shown_probe_of(sim);
-    double period = response_period(probe ? probe->told.contacts : 0);
+    double period = response_period(probe ? probe->output.contacts : 0);
     bool fades = rest && atomic_load_explicit(&needle->link.since_release, memory_order_relaxed) < RELEASE_TIME + (int64_t)(1e9 * period);
     needle->since_loads += dt;
     if ((!rest && sim->needle_count == 1) || (rest && needle->since_loads < period) || !(fades || loads_changed(needle))) return;
@@ -153,7 +153,7 @@ static void post_loads(trocar_sim *sim, needle_track *needle, double dt) {
     wake_worker(&sim->link);
 }
 
-/* Does anything but the needle itself feel its forces? RT */
+/* True if other bodies feel the needle's forces. RT */
 static bool is_felt(const trocar_sim *sim) { return sim->needle_count > 1 || sim->probe; }
 
 trocar_status run_tick(trocar_sim *sim, int index, const compliance_snapshot *snapshot, pose base, double dt, trocar_output *output) {

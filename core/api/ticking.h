@@ -4,26 +4,26 @@
 
 #include "api/api.h"
 
-/* BAD_INPUT for a needle that does not exist. RT */
+/* BAD_INPUT if `needle` is out of range. RT */
 trocar_status check_needle(const trocar_sim *sim, int needle, report *why);
 
-/* BAD_INPUT for what is not finite or not of unit length. RT */
+/* BAD_INPUT if the pose is not finite or its quaternion is not of unit length. RT */
 trocar_status check_pose(const trocar_pose *p, pose *out, report *why);
 
-/* What the worker has shown last; NULL: there is no probe. RT */
+/* The probe as last published by the worker; NULL if there is no probe. RT */
 const shown_probe *shown_probe_of(const trocar_sim *sim);
 
-/* The state to show: of a needle that rests, what the worker has made of it last. RT */
+/* The visible state: for a resting needle, the state last published by the worker. RT */
 const insertion_state *state_of_needle(const trocar_sim *sim, int needle, uint64_t *stamp);
 
-/* Goes on with a needle that the worker has handed back, if it has. RT */
+/* Adopts the state of a needle that the worker has returned, if it has. RT */
 void adopt_needle(trocar_sim *sim, needle_track *needle);
 
-/* Fills in what is handed over of a needle that is left, with the tracks of all. RT */
+/* Fills the message about a needle that is left, including the tracks of all needles. RT */
 void fill_left(trocar_sim *sim, int needle);
 
-/* One tick with what `answer` knows of the tissue. A number that is not finite would stay in the state: then the insertion starts
-   over, and the outcome is NUMERIC. RT */
+/* Computes one tick with the snapshot `answer`. A non-finite number would stay in the state, so in that case the insertion restarts and the result is NUMERIC.
+   RT */
 trocar_status run_tick(trocar_sim *sim, int needle, const compliance_snapshot *answer, pose base, double dt, trocar_output *output);
 
 #endif

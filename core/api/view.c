@@ -30,7 +30,7 @@ static trocar_contact_status status_of(friction_state friction) {
     return friction == STICK ? TROCAR_CONTACT_STICKING : TROCAR_CONTACT_SLIDING;
 }
 
-/* Of guides that the needle touches, at most MAX_GUIDE_POINTS; returns how many they are. */
+/* Lists the contacts with guides, at most MAX_GUIDE_POINTS; returns their number. */
 static int guide_contacts_of(const trocar_model *parent, const insertion_state *s, trocar_contact *contacts) {
     int count = 0;
     for (int i = 0; i < MAX_GUIDE_POINTS; i++) {
@@ -39,13 +39,13 @@ static int guide_contacts_of(const trocar_model *parent, const insertion_state *
         trocar_contact *contact = &contacts[count++];
         *contact = (trocar_contact){.kind = TROCAR_CONTACT_GUIDE, .state = face->friction, .arc = face->arc, .status = status_of(face->friction),
                                     .slot = i / GUIDE_FACES};
-        put(needle_at(&parent->parts.needle, &s->needle, face->arc).position, contact->position);
-        put(face->force, contact->force);
+        store_vec3(needle_at(&parent->parts.needle, &s->needle, face->arc).position, contact->position);
+        store_vec3(face->force, contact->force);
     }
     return count;
 }
 
-/* From base to tip. */
+/* Sorts contacts from base to tip. */
 static void sort_by_arc(trocar_contact *contacts, int count) {
     for (int i = 1; i < count; i++)
         for (int k = i; k > 0 && contacts[k].arc < contacts[k - 1].arc; k--) {
@@ -63,15 +63,15 @@ static int tissue_contacts_of(const trocar_model *parent, const insertion_state 
         const shaft_contact *c = &s->contacts[slot];
         contacts[i] = (trocar_contact){.kind = TROCAR_CONTACT_TISSUE, .state = c->shaft.friction, .arc = contact_arc(c, model->given.length), .depth = c->depth,
                                        .id = s->refined.nodes[slot].id, .status = status_of(c->shaft.friction), .slot = slot};
-        put(needle_at(model, &s->needle, contacts[i].arc).position, contacts[i].position);
-        put(c->force, contacts[i].force);
+        store_vec3(needle_at(model, &s->needle, contacts[i].arc).position, contacts[i].position);
+        store_vec3(c->force, contacts[i].force);
     }
     if (s->tip.place.phase != TIP_INSIDE) return active;
     if (active < room) {
         contacts[active] = (trocar_contact){.kind = TROCAR_CONTACT_TIP, .state = s->tip.solved.friction, .arc = s->tip.solved.arc, .depth = s->tip.place.depth,
                                             .status = status_of(s->tip.solved.friction), .slot = -1};
-        put(needle_at(model, &s->needle, s->tip.solved.arc).position, contacts[active].position);
-        put(s->tip.solved.force, contacts[active].force);
+        store_vec3(needle_at(model, &s->needle, s->tip.solved.arc).position, contacts[active].position);
+        store_vec3(s->tip.solved.force, contacts[active].force);
     }
     return active + 1;
 }
@@ -97,7 +97,7 @@ int pending_contacts_of(const trocar_model *parent, const insertion_state *s, tr
         double arc = planned ? model->given.length : contact_arc(c, model->given.length);
         contacts[i] = (trocar_contact){.kind = TROCAR_CONTACT_TISSUE, .arc = arc, .depth = c->depth, .id = s->refined.nodes[slot].id,
                                        .status = planned ? TROCAR_CONTACT_PLANNED : TROCAR_CONTACT_ADDING, .slot = slot};
-        put(planned ? c->track : needle_at(model, &s->needle, arc).position, contacts[i].position);
+        store_vec3(planned ? c->track : needle_at(model, &s->needle, arc).position, contacts[i].position);
     }
     return pending;
 }
@@ -108,14 +108,14 @@ int tracks_of(const insertion_state *state, trocar_track_point *points, int room
         for (int i = list->first[track]; i < track_end(list, track) && i < room; i++) {
             const track_point *p = &list->points[i];
             points[i] = (trocar_track_point){.tet = p->tet, .track = track, .membrane = p->membrane};
-            put(p->at, points[i].position);
+            store_vec3(p->at, points[i].position);
         }
     return list->point_count;
 }
 
 int centreline_of(const trocar_model *model, const insertion_state *state, double *joints, int room) {
     int count = model->parts.needle.given.segments + 1;
-    for (int j = 0; j < count && j < room; j++) put(state->needle.joints[j], joints + 3 * j);
+    for (int j = 0; j < count && j < room; j++) store_vec3(state->needle.joints[j], joints + 3 * j);
     return count;
 }
 

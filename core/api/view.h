@@ -1,10 +1,10 @@
-/* States of the mechanics as trocar.h shows them. No handle but the model, which is constant. */
+/* Converts states of the mechanics to the structs of trocar.h. The only handle used is the model, which is constant. */
 #ifndef TROCAR_VIEW_H
 #define TROCAR_VIEW_H
 
 #include "api/api.h"
 
-static inline void put(vec3 v, double out[3]) {
+static inline void store_vec3(vec3 v, double out[3]) {
     out[0] = v.x;
     out[1] = v.y;
     out[2] = v.z;
@@ -12,18 +12,18 @@ static inline void put(vec3 v, double out[3]) {
 
 trocar_pose pose_out(pose base);
 
-/* What a scene may leave out: 0, and nothing is written, if it did. */
+/* Convert values that are optional in a scene. Return 0, without writing, if the scene does not give them. */
 int start_out(pose start, trocar_pose *out);
 int transform_out(const double matrix[16], double out[16]);
 
-/* What trocar_sim_contacts and the like say of a state. RT */
+/* Implement trocar_sim_contacts and similar functions for a given state. RT */
 int contacts_of(const trocar_model *model, const insertion_state *state, trocar_contact *contacts, int room);
 int pending_contacts_of(const trocar_model *model, const insertion_state *state, trocar_contact *contacts, int room);
 int tracks_of(const insertion_state *state, trocar_track_point *points, int room);
 int centreline_of(const trocar_model *model, const insertion_state *state, double *joints, int room);
 
-/* Adds the forces of all needles but the first, and of the probe, on the mesh without contact nodes; `states` has one pointer for each needle
-   of the model. */
+/* Adds the forces of the probe, and of all needles except the first, to the mesh without contact nodes; `states` has one pointer for each needle of the
+   model. */
 void spread_others(const trocar_model *model, const insertion_state *const states[], const shown_probe *probe, vec3 *nominal);
 
 /* Displacements of the mesh's nodes and of the first needle's contact nodes. Allocates *scratch if it is NULL. NO_MEMORY. */

@@ -1,4 +1,4 @@
-/* trocar.h: what the worker does, in its own thread and in lockstep. */
+/* trocar.h: the worker's turns, in its own thread and in lockstep. */
 #include "api/worker.h"
 
 #include "api/worker_answer.h"
@@ -6,11 +6,11 @@
 #include "api/worker_resting.h"
 #include "base/flush_denormals.h"
 
-enum { MOST_ANSWERS = 4 };             /* to requests, one after another, before what rests gets its turn */
+enum { MOST_ANSWERS = 4 };             /* requests answered in a row before resting needles and probe respond */
 
 /* ---- in its own thread ------------------------------------------------------------------------------------------------------ */
 
-/* The newest forces of held needles. True: some are new. */
+/* Copies the newest forces of held needles. Returns true if any are new. */
 static bool take_loads(trocar_sim *sim) {
     bool any = false;
     for (int i = 0; i < sim->needle_count; i++) {
@@ -25,7 +25,7 @@ static bool take_loads(trocar_sim *sim) {
     return any;
 }
 
-/* What rests and the probe respond to the newest loads. */
+/* Lets resting needles and the probe respond to the newest loads. */
 static trocar_status respond_in_turn(trocar_sim *sim, report *why) {
     sim->to_respond = false;
     sim->answers = 0;
@@ -33,7 +33,7 @@ static trocar_status respond_in_turn(trocar_sim *sim, report *why) {
     return status == TROCAR_OK ? respond_to_loads(sim, false, why) : status;
 }
 
-/* One needle slips. True: there is more. */
+/* Lets one needle slip. Returns true if there is more work. */
 static bool slip_in_turn(trocar_sim *sim, trocar_status *status, report *why) {
     uint64_t shifts = sim->resting.shifts;
     bool more = slip_some(sim, false);
@@ -41,7 +41,7 @@ static bool slip_in_turn(trocar_sim *sim, trocar_status *status, report *why) {
     return more;
 }
 
-/* Does one thing at a time, so that a request never waits for long: it comes first, but not for ever. */
+/* Does one piece of work per call, so that a request never waits long. Requests have priority, but cannot starve the other work. */
 trocar_status trocar_sim_work(trocar_sim *sim, trocar_work *done, trocar_error *error) {
     trocar_error ignored, *why = error ? error : &ignored;
     worker_is_awake(&sim->link);
@@ -71,7 +71,7 @@ trocar_status trocar_sim_work(trocar_sim *sim, trocar_work *done, trocar_error *
     return status;
 }
 
-int trocar_sim_work_descriptor(const trocar_sim *sim) { return sim->link.wake; }
+int trocar_sim_work_descriptor(const trocar_sim *sim) { return sim->link.work_event; }
 
 /* ---- in lockstep -------------------------------------------------------------------------------------------------------------- */
 
@@ -87,7 +87,7 @@ trocar_status worker_before_tick(trocar_sim *sim, int index, bool *outdated, rep
     return status;
 }
 
-/* What rests and the probe respond to this tick. */
+/* Lets resting needles and the probe respond to this tick. */
 static trocar_status respond(trocar_sim *sim, needle_track *needle, double dt, report *why) {
     copy_loads(&needle->loads, &needle->held);
     sim->since_response += dt;

@@ -21,9 +21,9 @@ void mark_stale(trocar_sim *sim, const needle_track *except) {
 
 /* ---- answers ------------------------------------------------------------------------------------------------------------------ */
 
-static const double AHEAD = 10e-3; /* m, of which the tip goes on before there is a newer answer */
+static const double AHEAD = 10e-3; /* m, possible advance of the tip until the next answer */
 
-/* The track of a needle, or of one in the air that which it would cut. */
+/* Divides the needle's track into steps; for a needle outside the tissue, its expected track. */
 static void lay_steps(const trocar_sim *sim, int index, const remesh_request *request, shaft_steps *steps) {
     const mesh *m = &sim->model->parts.mesh;
     double finest = sim->model->parts.insertion.settings.contact_spacing;
@@ -34,7 +34,7 @@ static void lay_steps(const trocar_sim *sim, int index, const remesh_request *re
     shaft_steps_lay(m, &track, 0.0, finest, steps);
 }
 
-/* What the others add to that between the elements' nodes. */
+/* Finds the displacements by other needles that the mesh does not resolve. */
 static trocar_status find_unresolved(const trocar_sim *sim, int index, const remesh_request *request, const other_loads *others, unresolved_shift *shift, report *why) {
     shaft_steps steps;
     memset(shift, 0, sizeof *shift);
@@ -48,7 +48,7 @@ static trocar_status find_unresolved(const trocar_sim *sim, int index, const rem
     return status;
 }
 
-/* Fills u_free of the worker's slot: found for the first answer to a request, and the same for those that know more. Worker's side. */
+/* Fills u_free of the worker's slot: computed for the first answer to a request, and reused for later ones. Worker only. */
 static trocar_status fill_free(trocar_sim *sim, int index, const remesh_request *request, bool first, report *why) {
     needle_track *needle = &sim->needles[index];
     compliance_snapshot *snapshot = link_answer_slot(&needle->link);
@@ -69,7 +69,7 @@ static trocar_status fill_free(trocar_sim *sim, int index, const remesh_request 
     return status;
 }
 
-/* Rows of an inverse that has changed are no longer right. Worker's side. */
+/* Discards rows that are invalid because the inverse has changed. Worker only. */
 static trocar_status start_anew_if_changed(trocar_sim *sim, needle_track *needle, report *why) {
     if (needle->served_changes == attached_changes(sim)) return TROCAR_OK;
     needle->served_changes = attached_changes(sim);

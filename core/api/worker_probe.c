@@ -27,10 +27,10 @@ static void show(trocar_sim *sim) {
     const probe_state *s = &p->state;
     shown_probe *slot = probe_link_slot(&sim->link.probe);
     slot->stamp = next_stamp();
-    slot->told = (trocar_probe){.contacts = s->count, .placed = s->placed, .stopped = s->stopped};
-    if (s->placed) slot->told.base = pose_out(s->base);
-    put(s->wrench_force, slot->told.force);
-    put(s->wrench_torque, slot->told.torque);
+    slot->output = (trocar_probe){.contacts = s->count, .placed = s->placed, .stopped = s->stopped};
+    if (s->placed) slot->output.base = pose_out(s->base);
+    store_vec3(s->wrench_force, slot->output.force);
+    store_vec3(s->wrench_torque, slot->output.torque);
     slot->count = p->now.count;
     memcpy(slot->nodes, p->now.nodes, (size_t)slot->count * sizeof *slot->nodes);
     memcpy(slot->force, p->now.force, (size_t)slot->count * sizeof *slot->force);
@@ -53,7 +53,7 @@ trocar_status press_probe(trocar_sim *sim, report *why) {
 /* ---- save and restore ---------------------------------------------------------------------------------------------------------- */
 
 typedef struct {
-    bool placed, posed, waits; /* waits: for the worker to take the pose that was asked for */
+    bool placed, posed, waits; /* waits: `asked` is a pose that the worker has not taken yet */
     pose pose, asked;
     probe_state state;
 } saved_probe;

@@ -6,13 +6,13 @@
 
 trocar_status create_probe(trocar_sim *sim, report *why);
 
-/* Takes the newest pose. True: there was one. */
+/* Takes the newest pose. Returns true if there was a new one. */
 bool take_probe_pose(trocar_sim *sim);
 
-/* The probe presses where it is, after a move or when other loads have changed. */
+/* Presses the probe at its pose, after it has moved or other loads have changed. */
 trocar_status press_probe(trocar_sim *sim, report *why);
 
-/* Between lockstep steps. */
+/* Save and restore; call between lockstep steps. */
 size_t saved_probe_size(const trocar_sim *sim);
 void save_probe(trocar_sim *sim, void *to);
 trocar_status restore_probe(trocar_sim *sim, const void *from, report *why);

@@ -19,9 +19,9 @@ typedef struct {
 #define TO(phase) {.legal = true, .next = PHASE_##phase}
 #define NOT(why) {.reason = why}
 
-static const char RESTS[] = "it rests already", NOT_AT_REST[] = "it has not come to rest yet", NO_REST[] = "it does not rest",
-                  NOT_HELD[] = "it is not held", ADOPT_FIRST[] = "it has come back and is to be adopted", NOT_BACK[] = "it has not come back",
-                  NOT_LEFT[] = "it is not being left", NOT_ASKED[] = "it is not asked back";
+static const char RESTS[] = "it is already resting", NOT_AT_REST[] = "it has not come to rest yet", NO_REST[] = "it is not resting",
+                  NOT_HELD[] = "it is not held", ADOPT_FIRST[] = "it has been returned and must be adopted", NOT_BACK[] = "it has not been returned",
+                  NOT_LEFT[] = "it is not being left", NOT_ASKED[] = "it has not been requested back";
 
 static const transition TABLE[NEEDLE_EVENTS][PHASES] = {
     /*               HELD            LEAVING           RESTING         TAKING          TAKEN */
@@ -105,7 +105,7 @@ bool link_post_request(needle_link *link, const remesh_request *request, int64_t
     slot->asked = now;
     slot->request = *request;
     triple_buffer_publish(&link->requests);
-    if (serial - link->posted > REQUESTS_REMEMBERED) link->posted = serial - REQUESTS_REMEMBERED; /* after a restore */
+    if (serial - link->posted > REQUESTS_REMEMBERED) link->posted = serial - REQUESTS_REMEMBERED; /* limits the loop below after a restore */
     while (link->posted < serial) link->asked[++link->posted % REQUESTS_REMEMBERED] = now;
     return true;
 }
@@ -135,7 +135,7 @@ void link_adopt(needle_link *link, insertion_state *state, tissue_loads *loads) 
     set_phase(link, PHASE_HELD);
 }
 
-/* That its loads have vanished is said after it is held, as those of a needle that rests are not read. */
+/* The vanished loads are published after the change to HELD, because loads of a resting needle are not read. */
 bool link_reset(needle_link *link, uint64_t serial) {
     bool away = link_phase(link) != PHASE_HELD;
     if (away) {
@@ -147,7 +147,8 @@ bool link_reset(needle_link *link, uint64_t serial) {
 
 int64_t link_waiting(const needle_link *link, int64_t now) {
     if (link->answered >= link->posted || link_phase(link) != PHASE_HELD) return 0;
-    uint64_t oldest = link->posted - link->answered < REQUESTS_REMEMBERED ? link->answered + 1 : link->posted + 1; /* or the oldest remembered */
+    /* serial of the oldest unanswered request, or of the oldest remembered one */
+    uint64_t oldest = link->posted - link->answered < REQUESTS_REMEMBERED ? link->answered + 1 : link->posted + 1;
     return now - link->asked[oldest % REQUESTS_REMEMBERED];
 }
 
@@ -194,7 +195,7 @@ void probe_link_publish(probe_link *link) { triple_buffer_publish(&link->shown);
 
 bool probe_link_waiting(probe_link *link, pose *at) {
     if (!triple_buffer_waits(&link->poses)) return false;
-    memcpy(at, triple_buffer_read(&link->poses, NULL), sizeof *at); /* read, and put back */
+    memcpy(at, triple_buffer_read(&link->poses, NULL), sizeof *at); /* reads the pose and puts it back */
     memcpy(triple_buffer_slot(&link->poses), at, sizeof *at);
     triple_buffer_publish(&link->poses);
     return true;
@@ -209,8 +210,8 @@ void probe_link_restore(probe_link *link, bool placed, const pose *waiting) {
 /* ---- a simulation -------------------------------------------------------------------------------------------------------------------- */
 
 trocar_status sim_link_create(sim_link *link, bool probe, report *why) {
-    link->wake = eventfd(0, EFD_NONBLOCK | EFD_CLOEXEC);
-    if (link->wake < 0) return fail(why, TROCAR_SYSTEM, "cannot create an eventfd: %s", strerror(errno));
+    link->work_event = eventfd(0, EFD_NONBLOCK | EFD_CLOEXEC);
+    if (link->work_event < 0) return fail(why, TROCAR_SYSTEM, "cannot create an eventfd: %s", strerror(errno));
     if (!probe) return TROCAR_OK;
     trocar_status status = triple_buffer_create(&link->probe.poses, sizeof(pose), why);
     return status == TROCAR_OK ? triple_buffer_create(&link->probe.shown, sizeof(shown_probe), why) : status;
@@ -219,17 +220,17 @@ trocar_status sim_link_create(sim_link *link, bool probe, report *why) {
 void sim_link_free(sim_link *link) {
     triple_buffer_free(&link->probe.poses);
     triple_buffer_free(&link->probe.shown);
-    if (link->wake >= 0) close(link->wake);
+    if (link->work_event >= 0) close(link->work_event);
 }
 
 void wake_worker(const sim_link *link) {
     uint64_t one = 1;
-    ssize_t written = write(link->wake, &one, sizeof one); /* fails only if the counter is full: the worker is awake anyway */
+    ssize_t written = write(link->work_event, &one, sizeof one); /* fails only if the counter is full, and then the worker is awake anyway */
     (void)written;
 }
 
 void worker_is_awake(const sim_link *link) {
     uint64_t count;
-    ssize_t taken = read(link->wake, &count, sizeof count);
+    ssize_t taken = read(link->work_event, &count, sizeof count);
     (void)taken;
 }

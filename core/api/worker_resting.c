@@ -9,16 +9,16 @@
 #include "base/cache_line.h"
 #include "base/flush_denormals.h"
 
-enum { MOST_TICKS = 2000 };            /* until a needle that was let go of has come to rest: 2 s, in which what its shaft lags behind decays */
+enum { MOST_TICKS = 2000 };            /* ticks for a released needle to come to rest: 2 s, in which the lag of its shaft decays */
 
-/* Wrench that its base may be left with, and how far its shaft may slide in a tick. */
+/* Largest remaining wrench of the base, and largest slip of the shaft in a tick, of a needle at rest. */
 typedef struct { double force, torque, slip; } rest_limits; /* N, N m, m */
-static const rest_limits AT_REST = {1e-3, 1e-4, 1e-7}, RELAXING = {20e-3, 2e-3, 2e-6}; /* tissue that relaxes creeps on for seconds */
+static const rest_limits AT_REST = {1e-3, 1e-4, 1e-7}, RELAXING = {20e-3, 2e-3, 2e-6}; /* relaxing tissue continues to creep for seconds */
 
-static const double LARGEST_STEP = 16.0; /* times that without sliding */
+static const double LARGEST_STEP = 16.0; /* largest step, relative to the step without sliding */
 static const double TICK = 1e-3;       /* s */
-static const double SHOWN = 1e-4, SHOWN_ALL = 1e-7; /* N, by which a force may differ from what is shown */
-enum { SHOWN_AT_ONCE = 4 };            /* needles whose shape is found in one pass of the worker */
+static const double SHOWN = 1e-4, SHOWN_ALL = 1e-7; /* N, change of a force after which a needle is shown again */
+enum { SHOWN_AT_ONCE = 4 };            /* needles whose shape is computed in one pass of the worker */
 
 /* ---- letting go ----------------------------------------------------------------------------------------------- */
 
@@ -30,21 +30,21 @@ static bool is_at_rest(const insertion_model *model, const insertion_state *stat
     return v3_norm(wrench->force) < limits->force && v3_norm(across) < limits->torque && slip < limits->slip;
 }
 
-/* The hand lets go: the base moves until its wrench has vanished, and with it the needle. Linearised there, it is ready to be attached. */
-static trocar_status let_go(trocar_sim *sim, int index, const track_list *others, insertion_state *state, report *why) {
+/* Releases the base, which moves until its wrench has vanished, and linearises the needle at its final position, ready to be attached. */
+static trocar_status release_base(trocar_sim *sim, int index, const track_list *others, insertion_state *state, report *why) {
     needle_track *n = &sim->needles[index];
     resting_scratch *scratch = sim->resting_scratch;
-    const compliance_snapshot *snapshot = link_answer_slot(&n->link); /* not published: nobody ticks this needle now */
+    const compliance_snapshot *snapshot = link_answer_slot(&n->link); /* not published: the needle is not ticked during the release */
     tick_output wrench;
     tick_input tick = {.model = &sim->model->parts.insertion, .snapshot = snapshot, .dt = TICK, .base = {.pose = state->needle.base}, .others = {others}, .other_count = 1};
     state->base_shift = v3(0, 0, 0);
     trocar_status status = answer_fully(sim, index, &state->request, why);
-    double size = 1.0; /* of the steps: they get larger while the wrench hardly falls, as the shaft slides */
+    double size = 1.0; /* step size: it grows while the wrench hardly falls because the shaft slides */
     vec3 before = v3(0, 0, 0);
     for (int i = 0; i < MOST_TICKS && status == TROCAR_OK; i++) {
         base_motion step;
         insertion_tick(&tick, state, &scratch->workspace, &wrench);
-        if (state->moving_on || !insertion_is_finite(state, &wrench)) return fail(why, TROCAR_NUMERIC, "needle %d finds no equilibrium when it is let go", index);
+        if (state->moving_on || !insertion_is_finite(state, &wrench)) return fail(why, TROCAR_NUMERIC, "needle %d has no equilibrium without the hand", index);
         bool at_rest = is_at_rest(tick.model, state, &wrench) && state->request.serial == snapshot->serial;
         if (state->request.serial != snapshot->serial) status = answer_fully(sim, index, &state->request, why);
         if (status == TROCAR_OK) status = resting_linearise(&tick, state, sim->inverse, scratch, n->resting, why);
@@ -56,7 +56,7 @@ static trocar_status let_go(trocar_sim *sim, int index, const track_list *others
         if (status == TROCAR_OK) tick.base.pose = pose_moved(tick.base.pose, step);
     }
     if (status != TROCAR_OK) return status;
-    return fail(why, TROCAR_NUMERIC, "needle %d does not come to rest when it is let go: %.2g N are left at its base", index, v3_norm(wrench.force));
+    return fail(why, TROCAR_NUMERIC, "needle %d does not come to rest without the hand: %.2g N remain at its base", index, v3_norm(wrench.force));
 }
 
 /* ---- what rests -------------------------------------------------------------------------------------------------- */
@@ -68,7 +68,7 @@ static int list_attached(const trocar_sim *sim, resting_needle *list[MAX_NEEDLES
     return count;
 }
 
-/* Attaches what rests, after something has come or gone. */
+/* Attaches the resting needles again, after their set has changed. */
 static trocar_status attach_again(trocar_sim *sim, report *why) {
     resting_needle *list[MAX_NEEDLES];
     other_loads held;
@@ -80,7 +80,7 @@ static trocar_status attach_again(trocar_sim *sim, report *why) {
     return status == TROCAR_OK ? press_probe(sim, why) : status;
 }
 
-/* The needle as it is, in the slot that is published next. */
+/* Fills the slot that is published next with the needle's present state. */
 static const shown_needle *find_shown(trocar_sim *sim, needle_track *n) {
     shown_needle *slot = link_shown_slot(&n->link);
     resting_show(&sim->model->parts.insertion, n->resting, &sim->resting_scratch->workspace.response.tangent, &slot->state);
@@ -94,7 +94,7 @@ static void show(trocar_sim *sim, needle_track *n) {
     link_publish_shown(&n->link);
 }
 
-/* Those whose forces differ by more than this from what is shown, at most so many. */
+/* Shows the needles whose forces differ by more than `difference` from the shown ones, at most `most` of them. */
 static void show_changed(trocar_sim *sim, double difference, int most) {
     for (int i = 0; i < sim->needle_count && most > 0; i++) {
         needle_track *n = &sim->needles[sim->next_shown = (sim->next_shown + 1) % sim->needle_count];
@@ -113,7 +113,7 @@ bool slip_some(trocar_sim *sim, bool all) {
     return more;
 }
 
-/* Part of what the last release has changed that the others do not feel yet, by the clock of the needle that has been ticked most since then. */
+/* Fraction of the last release's change that the other needles do not feel yet, by the clock of the needle ticked most since then. */
 static double left_of_release(const trocar_sim *sim) {
     int64_t most = 0;
     for (int i = 0; i < sim->needle_count; i++) {
@@ -147,7 +147,7 @@ trocar_status rest_again(trocar_sim *sim, report *why) {
     atomic_store(&sim->link.resting, count);
     sim->resting.fading = left_of_release(sim);
     if (count == 0 && sim->resting.count == 0) return TROCAR_OK;
-    for (int i = 0; i < count; i++) list[i]->id = ++sim->last_attached; /* this simulation may know another one under its number */
+    for (int i = 0; i < count; i++) list[i]->id = ++sim->last_attached; /* another needle may have the same id in this simulation */
     trocar_status status = resting_set_attach(&sim->resting, count, list, why);
     for (int i = 0; i < sim->needle_count && status == TROCAR_OK; i++)
         if (sim->needles[i].attached) show(sim, &sim->needles[i]);
@@ -161,7 +161,7 @@ static void hold_loads(const trocar_sim *sim, const insertion_state *state, bool
     else insertion_add_loads(&sim->model->parts.insertion, state, loads);
 }
 
-/* Is another needle that is held in the tissue? */
+/* True if another held needle is in the tissue. */
 static bool is_felt_by_a_hand(const trocar_sim *sim, int index) {
     for (int i = 0; i < sim->needle_count; i++)
         if (i != index && !sim->needles[i].attached && sim->needles[i].held.count > 0) return true;
@@ -178,11 +178,11 @@ static trocar_status lay_down(trocar_sim *sim, int index, unsigned seen, report 
     if (status == TROCAR_OK) {
         const left_needle *left = link_left(&n->link);
         memcpy(state, &left->state, sizeof *state);
-        status = let_go(sim, index, &left->others, state, why);
+        status = release_base(sim, index, &left->others, state, why);
         if (status == TROCAR_OK) resting_bore(&sim->model->parts.insertion, &left->state, n->resting);
     }
     if (status == TROCAR_OK) {
-        hold_loads(sim, state, false, &n->held); /* the others as it is now, before it becomes one of them */
+        hold_loads(sim, state, false, &n->held); /* response to the other needles as they are now, before this one is attached */
         status = respond_to_loads(sim, true, why);
     }
     if (status == TROCAR_OK) {
@@ -204,11 +204,11 @@ static trocar_status lay_down(trocar_sim *sim, int index, unsigned seen, report 
     for (int i = 0; i < sim->needle_count; i++) atomic_store_explicit(&sim->needles[i].link.since_release, felt ? 0 : RELEASE_TIME, memory_order_relaxed);
     resting_set_fade(&sim->resting, left_of_release(sim));
     free(state);
-    link_complete(&n->link, seen, status == TROCAR_OK ? ON_RESTS : ON_STAYS); /* one that has been reset meanwhile is detached next */
+    link_complete(&n->link, seen, status == TROCAR_OK ? ON_RESTS : ON_STAYS); /* a needle that was reset in the meantime is detached next */
     return status;
 }
 
-/* Goes on with what the needle does to the tissue as loads that are not attached to it, which changes nothing. */
+/* Replaces the attachment by the equivalent loads, which changes nothing. */
 static trocar_status detach(trocar_sim *sim, needle_track *n, report *why) {
     trocar_status status = respond_to_loads(sim, true, why);
     resting_loads(n->resting, &n->held);
@@ -220,7 +220,7 @@ static trocar_status detach(trocar_sim *sim, needle_track *n, report *why) {
 
 static trocar_status return_needle(trocar_sim *sim, int index, unsigned seen, report *why) {
     needle_track *n = &sim->needles[index];
-    link_request(&n->link, NULL); /* one from before it was left would be answered after this */
+    link_request(&n->link, NULL); /* discards requests from before the needle was left, which would otherwise be answered later */
     trocar_status status = detach(sim, n, why);
     const shown_needle *shown = find_shown(sim, n);
     if (status == TROCAR_OK) status = answer_fully(sim, index, &shown->state.request, why);
@@ -230,10 +230,10 @@ static trocar_status return_needle(trocar_sim *sim, int index, unsigned seen, re
     return status;
 }
 
-/* It has been reset: its forces vanish. */
+/* Removes a needle that was reset: its forces vanish. */
 static trocar_status remove_needle(trocar_sim *sim, needle_track *n, report *why) {
     trocar_status status = detach(sim, n, why);
-    copy_loads(link_loads(&n->link, NULL), &n->held); /* it may have been pushed in again */
+    copy_loads(link_loads(&n->link, NULL), &n->held); /* a needle that was reset may already have been inserted again */
     mark_stale(sim, NULL);
     return status == TROCAR_OK ? respond_to_loads(sim, true, why) : status;
 }

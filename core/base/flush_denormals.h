@@ -1,4 +1,4 @@
-/* Flushes denormals to zero in every thread of the simulation: on some processors operations on them are a hundred times slower, and results must not
+/* Flushes denormals to zero in every thread of the simulation: on some processors, operations on denormals are a hundred times slower, and results must not
    depend on the floating-point mode of the host program. */
 #ifndef TROCAR_FLUSH_DENORMALS_H
 #define TROCAR_FLUSH_DENORMALS_H

@@ -1,4 +1,5 @@
-/* Large pages for arrays that are read or written as a whole: with pages of 4 KB a pass takes a third longer, and page faults cost as much again. */
+/* Large pages for arrays that are read or written as a whole: with pages of 4 KB, a pass over the array takes a third longer, and page faults cost as much
+   again. */
 #ifndef TROCAR_LARGE_PAGES_H
 #define TROCAR_LARGE_PAGES_H
 
@@ -6,7 +7,8 @@
 #include <sys/mman.h>
 #include <unistd.h>
 
-/* MADV_HUGEPAGE, or MADV_NOHUGEPAGE before the array is freed, because the heap may give the pages to others. Advisory; ignored for small arrays. */
+/* Advises MADV_HUGEPAGE, or MADV_NOHUGEPAGE before the array is freed, because the heap may reuse the pages for other data. Advisory; ignored for small
+   arrays. */
 static inline void advise_pages(const void *array, size_t bytes, int advice) {
     static const size_t LEAST = (size_t)1 << 22;
     uintptr_t page = (uintptr_t)sysconf(_SC_PAGESIZE);

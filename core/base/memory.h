@@ -2,19 +2,19 @@
 #ifndef TROCAR_MEMORY_H
 #define TROCAR_MEMORY_H
 
-/* Installed memory; 8 GB if the system does not say. */
+/* Installed memory; 8 GB if the system does not report it. */
 double memory_total(void);
 
-/* The most that this process can have: installed memory, or the limit of its control group (a container, a service). */
+/* Largest amount of memory for this process: installed memory, or the limit of its control group (a container, a service). */
 double memory_most(void);
 
-/* Memory available without swapping, within the limit of the control group; 8 GB if the system does not say. */
+/* Memory available without swapping, within the limit of the control group; 8 GB if the system does not report it. */
 double memory_available(void);
 
-/* The tightest limit of a control group and its ancestors, and how much of it is left; INFINITY: no limit. */
+/* The tightest limit of a control group and its ancestors, and its unused part; INFINITY: no limit. */
 typedef struct { double most, available; } memory_limits;
 
-/* Limits of this process, from the files proc/self/cgroup and sys/fs/cgroup in the folder `root` ("": the system's), version 1 or 2. */
+/* Limits of this process, from the files proc/self/cgroup and sys/fs/cgroup in the folder `root` ("": that of the system), version 1 or 2. */
 memory_limits memory_of_groups(const char *root);
 
 #endif

@@ -1,5 +1,5 @@
-/* Lock-free ring buffer: passes every value, in order, from one thread to another. One writer, one reader; neither ever waits. Memory
-   is allocated, zeroed and touched at creation. */
+/* Lock-free ring buffer: passes every value, in order, from one thread to another. It has one writer and one reader, and neither ever waits. Memory is
+   allocated, zeroed and touched at creation. */
 #ifndef TROCAR_SPSC_RING_H
 #define TROCAR_SPSC_RING_H
 

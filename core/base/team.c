@@ -12,11 +12,11 @@ typedef struct {
 } member;
 
 struct team {
-    int members;             /* including the calling thread, which is number 0 */
+    int members;             /* number of threads, including the calling thread, which is member 0 */
     pthread_mutex_t lock;
     pthread_cond_t begun, ended;
     unsigned round;          /* number of loops started so far */
-    int busy;                /* members that have not finished this round, except the calling thread */
+    int busy;                /* members, other than the calling thread, that have not finished this round */
     bool over;
     void (*work)(void *context, int i, int member);
     void *context;

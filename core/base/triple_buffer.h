@@ -1,5 +1,5 @@
-/* Lock-free triple buffer: passes the newest value from one thread to another. One writer, one reader; neither ever waits. Memory is
-   allocated, zeroed and touched at creation. */
+/* Lock-free triple buffer: passes the newest value from one thread to another. It has one writer and one reader, and neither ever waits. Memory is allocated,
+   zeroed and touched at creation. */
 #ifndef TROCAR_TRIPLE_BUFFER_H
 #define TROCAR_TRIPLE_BUFFER_H
 
@@ -10,12 +10,12 @@
 
 #include "base/cache_line.h"
 
-/* The writer fills its slot and swaps it with the middle one; the reader swaps its slot with the middle one if that is fresh.
-   Each slot belongs to one side at a time, so that a value never changes while it is read. */
+/* The writer fills its slot and swaps it with the middle one; the reader swaps its slot with the middle one if the middle one is fresh. Each slot belongs to
+   one side at a time, so that a value never changes while it is read. */
 typedef struct {
     size_t size;                               /* bytes per slot */
     unsigned char *slots;                      /* 3 slots */
-    alignas(CACHE_LINE) atomic_uint middle;    /* index of the middle slot; | FRESH if it has not been read yet */
+    alignas(CACHE_LINE) atomic_uint middle;    /* index of the middle slot, combined with FRESH if it has not been read yet */
     alignas(CACHE_LINE) unsigned back;         /* writer's slot */
     alignas(CACHE_LINE) unsigned front;        /* reader's slot */
 } triple_buffer;
@@ -27,7 +27,7 @@ void triple_buffer_free(triple_buffer *n);
 void *triple_buffer_slot(triple_buffer *n);
 /* Publishes the filled slot. Writer only. RT */
 void triple_buffer_publish(triple_buffer *n);
-/* Returns the newest value, valid until the next call; all zeros if none was published. Sets `fresh` (may be NULL) if it is new since the last call.
+/* Returns the newest value, valid until the next call; all zeros if nothing was published. Sets `fresh` (may be NULL) if the value is new since the last call.
    Reader only. RT */
 const void *triple_buffer_read(triple_buffer *n, bool *fresh);
 /* True if there is an unread value. Reader only. RT */

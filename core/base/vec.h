@@ -9,7 +9,7 @@ typedef struct { double m[3][3]; } mat3;       /* m[row][column] */
 typedef struct { double w, x, y, z; } quat;    /* unit quaternion; rotates from body to world coordinates */
 typedef struct { vec3 position; quat orientation; } pose;
 
-/* fmax and fmin without calls of the C library; return b if either argument is NaN. */
+/* fmax and fmin without library calls; return b if either argument is NaN. */
 static inline double larger_of(double a, double b) { return a > b ? a : b; }
 static inline double smaller_of(double a, double b) { return a < b ? a : b; }
 
@@ -80,10 +80,10 @@ static inline mat3 m3_columns(vec3 a, vec3 b, vec3 c) {
     return (mat3){{{a.x, b.x, c.x}, {a.y, b.y, c.y}, {a.z, b.z, c.z}}};
 }
 
-/* Like hypot(), but without its protection against overflow, which takes most of its time. */
+/* Like hypot(), but without protection against overflow, which takes most of its time. */
 static inline double length_of(double x, double y) { return sqrt(x * x + y * y); }
 
-/* Returns axes whose third one is this unit vector. */
+/* Returns a frame whose third axis is this unit vector. */
 static inline mat3 frame_along(vec3 direction) {
     vec3 aside = fabs(direction.x) < 0.6 ? v3(1, 0, 0) : v3(0, 1, 0), x = v3_unit(v3_cross(aside, direction));
     return m3_columns(x, v3_cross(direction, x), direction);
@@ -104,7 +104,7 @@ static inline vec3 q_rotate(quat q, vec3 v) {
     vec3 u = v3(q.x, q.y, q.z), t = v3_scale(2.0, v3_cross(u, v));
     return v3_add(v3_axpy(q.w, t, v), v3_cross(u, t));
 }
-/* The body's axes in world coordinates; a needle points along z. */
+/* The body's axes in world coordinates; a needle points along its z axis. */
 static inline vec3 q_axis_x(quat q) { return v3(1.0 - 2.0 * (q.y * q.y + q.z * q.z), 2.0 * (q.x * q.y + q.w * q.z), 2.0 * (q.x * q.z - q.w * q.y)); }
 static inline vec3 q_axis_y(quat q) { return v3(2.0 * (q.x * q.y - q.w * q.z), 1.0 - 2.0 * (q.x * q.x + q.z * q.z), 2.0 * (q.y * q.z + q.w * q.x)); }
 static inline vec3 q_axis(quat q) { return v3(2.0 * (q.x * q.z + q.w * q.y), 2.0 * (q.y * q.z - q.w * q.x), 1.0 - 2.0 * (q.x * q.x + q.y * q.y)); }
@@ -126,15 +126,15 @@ static inline quat q_exp(vec3 r) {
 static inline vec3 q_log(quat q) {
     if (q.w < 0) q = (quat){-q.w, -q.x, -q.y, -q.z};
     double s2 = q.x * q.x + q.y * q.y + q.z * q.z, scale;
-    if (s2 < 1e-3) /* of a unit quaternion: 2 asin(s) / s */
+    if (s2 < 1e-3) /* for a unit quaternion: 2 asin(s) / s */
         scale = 2.0 + s2 * (1.0 / 3 + s2 * (3.0 / 20 + s2 * (5.0 / 56 + s2 * (35.0 / 576 + s2 * (63.0 / 1408)))));
     else
         scale = 2.0 * atan2(sqrt(s2), q.w) / sqrt(s2);
     return v3(scale * q.x, scale * q.y, scale * q.z);
 }
 
-/* Unit quaternion of a rotation matrix. Each row of `rows` is a multiple of it (times one of its components); the row with the largest diagonal is
-   the most accurate. */
+/* Unit quaternion of a rotation matrix. Each row of `rows` is the quaternion times one of its components; the row with the largest diagonal entry is the most
+   accurate. */
 static inline quat q_of_matrix(const mat3 *turn) {
     const double (*m)[3] = turn->m;
     const double rows[4][4] = {{1 + m[0][0] + m[1][1] + m[2][2], m[2][1] - m[1][2], m[0][2] - m[2][0], m[1][0] - m[0][1]},

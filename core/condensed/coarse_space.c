@@ -7,18 +7,18 @@
 #include "tissue/blas.h"
 #include "tissue/factor_solve.h"
 
-enum { PART = 64, MODES = 6 }; /* most nodes per part; rigid motions of a part */
+enum { PART = 64, MODES = 6 }; /* largest number of nodes per part; rigid motions of a part */
 
 typedef struct { int node; vec3 at; } place;
 
 struct coarse_space {
     int nodes, parts;
-    place *places;           /* of the free nodes (first dof / 3), part by part; positions relative to the middle of the part, in units of its size */
-    int *start;              /* parts + 1: index of a part's first place */
+    place *places;           /* the free nodes (first dof / 3), part by part; positions relative to the middle of the part, in units of its size */
+    int *start;              /* parts + 1: index of each part's first node in `places` */
     cholmod_common common;
-    cholmod_factor *factor;  /* of Z^T K Z */
-    cholmod_dense *moments;  /* of the parts, */
-    factor_solution motions; /* and theirs */
+    cholmod_factor *factor;  /* factor of Z^T K Z */
+    cholmod_dense *moments;  /* resultants of the force on each part */
+    factor_solution motions; /* rigid motions of each part */
 };
 
 /* ---- parts ------------------------------------------------------------------------------------------------------------ */
@@ -41,7 +41,7 @@ static int compare_z(const void *a, const void *b) {
     return compare(p->at.z, q->at.z, p->node, q->node);
 }
 
-/* Halves the set across its longest side until the parts are small. */
+/* Halves the set perpendicular to its longest side until the parts are small. */
 static void divide(coarse_space *c, int first, int count) {
     place *p = c->places + first;
     vec3 low = p->at, high = p->at, sum = v3(0.0, 0.0, 0.0);
@@ -71,9 +71,9 @@ static void modes_at(vec3 at, double z[3][MODES]) {
 /* ---- Z^T K Z ---------------------------------------------------------------------------------------------------------- */
 
 typedef struct {
-    int *part_of;            /* by node */
-    vec3 *at;                /* by node */
-    int *slot, *touched;     /* per part: its block in the table, or -1; list of parts that have one */
+    int *part_of;            /* part of each node */
+    vec3 *at;                /* position of each node */
+    int *slot, *touched;     /* per part: its block in the table, or -1; list of parts that have a block */
     double (*table)[MODES][MODES];
     int count;
 } columns_of_part;
@@ -94,7 +94,7 @@ static void add_node(const tissue *t, int part, int node, columns_of_part *c) {
                 c->touched[c->count] = in;
                 memset(c->table[c->count++], 0, sizeof *c->table);
             }
-            double factor = in == part && row[k] == 3 * node + a ? 0.5 * value[k] : value[k]; /* a diagonal block is added to its transpose */
+            double factor = in == part && row[k] == 3 * node + a ? 0.5 * value[k] : value[k]; /* diagonal blocks are added to their transpose later */
             for (int i = 0; i < MODES; i++)
                 for (int j = 0; j < MODES; j++) c->table[c->slot[in]][i][j] += factor * there[b][i] * here[a][j];
         }
@@ -165,7 +165,7 @@ coarse_space *coarse_space_create(const tissue *t) {
     if (!c) return NULL;
     cholmod_start(&c->common);
     c->common.print = 0;
-    c->common.supernodal = CHOLMOD_SUPERNODAL; /* the other kind neither reports an indefinite matrix nor reuses its workspace */
+    c->common.supernodal = CHOLMOD_SUPERNODAL; /* the simplicial factor neither reports an indefinite matrix nor reuses its workspace */
     c->nodes = nodes;
     c->places = malloc((size_t)nodes * sizeof *c->places);
     c->start = calloc((size_t)(nodes / (PART / 2) + 2), sizeof *c->start);

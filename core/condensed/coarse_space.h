@@ -1,4 +1,4 @@
-/* Rigid motions of parts of the body, some tens of neighbouring nodes each: a coarse space for conjugate gradients, which then only have to find the
+/* Rigid motions of parts of the body, each some tens of neighbouring nodes: a coarse space for conjugate gradients, which then only have to find the
    deformation of the parts (deflation: Nicolaides, SIAM J. Numer. Anal. 24, 1987). */
 #ifndef TROCAR_COARSE_SPACE_H
 #define TROCAR_COARSE_SPACE_H
@@ -11,8 +11,8 @@ typedef struct coarse_space coarse_space;
 coarse_space *coarse_space_create(const tissue *t);
 void coarse_space_free(coarse_space *c);
 
-/* Computes motion = Z (Z^T K Z)^-1 Z^T force, dof_count each: rigid motions of the parts (Z) after which force - K motion has no resultant on any
-   part. One call at a time. False: no memory. */
+/* Computes motion = Z (Z^T K Z)^-1 Z^T force (dof_count entries each), with the rigid motions Z of the parts: afterwards, force - K motion has no resultant on
+   any part. Not thread-safe. Returns false if there is no memory. */
 bool coarse_space_solve(coarse_space *c, const double *force, double *motion);
 
 #endif

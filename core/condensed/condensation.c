@@ -49,16 +49,16 @@ static void multiply_by_corner(bool single, int rows, int n, const void *a, int 
     else cblas_dtrmm(CblasColMajor, CblasRight, CblasLower, CblasNoTrans, CblasNonUnit, rows, n, 1.0, a, lda, b, ldb);
 }
 
-/* Replaces panel J of L by that of T: T_JJ = L_JJ^-1, T_BJ = -T_BB L_BJ T_JJ, with the corner L_JJ and the rows L_BJ below it. */
+/* Replaces panel J of L by panel J of T: T_JJ = L_JJ^-1, T_BJ = -T_BB L_BJ T_JJ, where L_JJ is the diagonal block and L_BJ are the rows below it. */
 typedef struct {
     const panels *l;
     int j;
     bool single;
     char *product;           /* T_BJ */
-    bool *filled;            /* per panel: true if the rows of T_BJ beside it have entries */
+    bool *filled;            /* per panel: true if its rows of T_BJ have entries */
 } replacement;
 
-/* Computes the rows of T_BJ beside a panel; the last and longest products come first. */
+/* Computes the rows of T_BJ that belong to one panel; the last panels, with the longest products, come first. */
 static void multiply_rows(void *context, int index, int member) {
     (void)member;
     const replacement *r = context;
@@ -128,7 +128,7 @@ typedef struct {
     report *why;
 } square;
 
-/* K^-1 = T^T T between two panels, by rows of the lower triangle. */
+/* Computes K^-1 = T^T T between two panels, by rows of the lower triangle. */
 static void multiply_panels(void *context, int index, int member) {
     square *s = context;
     if (atomic_load(&s->cancelled)) return;
@@ -138,7 +138,7 @@ static void multiply_panels(void *context, int index, int member) {
     size_t number = single ? sizeof(float) : sizeof(double);
     void *tile = s->tiles + (size_t)member * PANEL_WIDTH * PANEL_WIDTH * number;
     double beta = 0.0;
-    for (int row = i, end; row < s->t->count; row = end) { /* for panels in which both have entries */
+    for (int row = i, end; row < s->t->count; row = end) { /* ranges of panels in which both factors have entries */
         bool filled = panels_filled(s->t, row, i) && panels_filled(s->t, row, j);
         for (end = row + 1; end < s->t->count && filled == (panels_filled(s->t, end, i) && panels_filled(s->t, end, j)); end++) continue;
         if (!filled) continue;
@@ -153,7 +153,7 @@ static void multiply_panels(void *context, int index, int member) {
             double block[9];
             bool diagonal = q->first + c == p->first + r;
             for (int k = 0; k < 9; k++) {
-                int row = k / 3, column = k % 3, swapped = diagonal && column > row; /* exactly symmetric */
+                int row = k / 3, column = k % 3, swapped = diagonal && column > row; /* keeps the result exactly symmetric */
                 int at = (c + (swapped ? row : column)) * PANEL_WIDTH + r + (swapped ? column : row);
                 block[k] = single ? (double)((const float *)tile)[at] : ((const double *)tile)[at];
             }
@@ -166,7 +166,7 @@ static void multiply_panels(void *context, int index, int member) {
     if (inverse_go_on(s->progress, s->why) != TROCAR_OK) atomic_store(&s->cancelled, true);
 }
 
-/* In single precision, overflow or underflow shows on the diagonal. */
+/* In single precision, an overflow or underflow appears on the diagonal. */
 static trocar_status multiply_triangle(const panels *t, symmetric_blocks *inverse, team *team, inverse_progress progress, report *why) {
     size_t number = inverse->single ? sizeof(float) : sizeof(double);
     square s = {.t = t, .inverse = inverse, .progress = progress, .why = why};
@@ -181,7 +181,7 @@ static trocar_status multiply_triangle(const panels *t, symmetric_blocks *invers
 
 double condensation_bytes(int count) { return 72.0 * count * count; }
 
-/* Peak memory of the inversion: the triangle with the copy of one panel, then the triangle with the inverse and its tiles. Each piece is rounded up
+/* Peak memory of the inversion: first the triangle plus a copy of one panel, then the triangle plus the inverse and its tiles. Each allocation is rounded up
    to whole pages. */
 static double inversion_bytes(int count, bool single, const team *t) {
     double number = single ? sizeof(float) : sizeof(double), share = number / sizeof(double);
@@ -190,7 +190,7 @@ static double inversion_bytes(int count, bool single, const team *t) {
     return rounding + share * panels_bytes(3 * count, 3 * count) + fmax(panel_product, (double)symmetric_blocks_bytes(count, single) + tiles);
 }
 
-/* Checks memory before the elimination begins, because a system that runs out of memory may kill the process without a message. */
+/* Checks memory before the elimination begins, because the kernel may kill a process that runs out of memory without a message. */
 static trocar_status check_memory(const substructure *plan, double needed, report *why) {
     double available = memory_available();
     if (needed <= available) return TROCAR_OK;
@@ -198,7 +198,7 @@ static trocar_status check_memory(const substructure *plan, double needed, repor
                 "smaller region_of_interest, or a machine with more memory", plan->nodes, plan->region_count, 1e-9 * needed, 1e-9 * available);
 }
 
-/* L_RR, in double precision. */
+/* Computes L_RR, in double precision. */
 static trocar_status find_corner(tissue *t, const condensed_region *region, team *team, int *nodes, panels *corner, double *needed, report *why) {
     substructure plan;
     *needed = 0.0;
@@ -234,8 +234,8 @@ static trocar_status condense_with(team *team, tissue *t, const condensed_region
     return TROCAR_OK;
 }
 
-/* BLAS threads are slower for matrices as small as most fronts, so the team replaces them. BLAS's number of threads belongs to the process and is
-   left alone here, so that several regions can be condensed at once. */
+/* For matrices as small as most fronts, BLAS threads are slower than the team, which replaces them. The number of BLAS threads is global to the process and is
+   not changed here, so that several regions can be condensed at once. */
 trocar_status condense(tissue *t, const condensed_region *region, int *nodes, symmetric_blocks *inverse, double *needed, report *why) {
     team *team = team_create(region->threads);
     trocar_status status = condense_with(team, t, region, nodes, inverse, needed, why);

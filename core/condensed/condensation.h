@@ -9,9 +9,9 @@
 /* Approximate memory of the inversion in double precision: the factor and the inverse, 36 count^2 bytes each. Half of that in single precision. */
 double condensation_bytes(int count);
 
-/* Writes the inverse between nodes[inverse->count], the region's free nodes, which are sorted first. Assembles K if necessary. The bits do not depend
-   on region->threads. `needed`: bytes, known before the elimination begins; INFINITY if the mesh is too large. NO_MEMORY, before the elimination, if
-   that exceeds what is available; BAD_INPUT as in tissue_factor, or if the inverse overflows or underflows. */
+/* Writes the inverse between nodes[inverse->count], the region's free nodes, which are sorted first. Assembles K if necessary. The result does not depend on
+   region->threads, to the bit. `needed`: required bytes, known before the elimination begins; INFINITY if the mesh is too large. NO_MEMORY, before the
+   elimination, if that exceeds the available memory; BAD_INPUT as in tissue_factor, or if the inverse overflows or underflows. */
 trocar_status condense(tissue *t, const condensed_region *region, int *nodes, symmetric_blocks *inverse, double *needed, report *why);
 
 #endif

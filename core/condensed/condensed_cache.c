@@ -15,7 +15,7 @@
 #include <time.h>
 #include <unistd.h>
 
-enum { ALIGNMENT = 64 };     /* bytes, of all datasets in the file */
+enum { ALIGNMENT = 64 };     /* bytes, alignment of all datasets in the file */
 
 /* ---- name ------------------------------------------------------------------------------------------------------------- */
 
@@ -28,7 +28,7 @@ static uint64_t hash(uint64_t h, const void *data, size_t bytes) {
         uint64_t word;
         memcpy(&word, at, 8);
         h = (h ^ word) * PRIME;
-        h ^= h >> 32;            /* so that high bits of a word reach the low bits of the hash */
+        h ^= h >> 32;            /* mixes high bits of a word into the low bits of the hash */
     }
     for (; bytes > 0; bytes--, at++) h = (h ^ *at) * PRIME;
     return h;
@@ -119,7 +119,7 @@ cache_state condensed_cache_map(const condensed_cache *cache, int *order, symmet
         matrix->numbers = NULL;
         return CACHE_DAMAGED;
     }
-    utimensat(AT_FDCWD, cache->path, NULL, 0); /* used now */
+    utimensat(AT_FDCWD, cache->path, NULL, 0); /* marks the file as used now */
     return CACHE_READ;
 }
 
@@ -138,12 +138,12 @@ static bool make_folders(const char *path) {
 
 typedef struct {
     const char *name;
-    hid_t type;              /* the same in the file as in memory, so that it can be mapped */
+    hid_t type;              /* the same in the file as in memory, so that the file can be mapped */
     hsize_t count;
     const void *data;
 } dataset;
 
-/* Contiguous if it will be mapped, else one chunk with a checksum (Fletcher). */
+/* Writes a contiguous dataset if it will be mapped, otherwise one chunk with a checksum (Fletcher). */
 static bool write_dataset(hid_t file, const dataset *d, bool mapped) {
     hid_t space = H5Screate_simple(1, &d->count, NULL), properties = H5Pcreate(H5P_DATASET_CREATE);
     if (!mapped) {
@@ -225,7 +225,7 @@ trocar_status condensed_cache_check(const condensed_cache *cache, const symmetri
     return fail(why, TROCAR_SYSTEM, "%s cannot be written: it takes %.3g GB, and there is room for %.3g GB", cache->path, 1e-9 * bytes, 1e-9 * left);
 }
 
-/* A file that is still being written is younger than this, on any machine. */
+/* Removes abandoned temporary files. On any machine, a file that is still being written is younger than OLD. */
 static void remove_halves(const condensed_cache *cache) {
     static const long OLD = 3600; /* s */
     char folder[sizeof cache->path];

@@ -26,7 +26,7 @@ typedef enum {
 
 const char *inverse_precision_name(inverse_precision precision);
 
-/* True if the inverse between this many nodes is kept in single precision. */
+/* True if the inverse between this many nodes is stored in single precision. */
 bool inverse_is_single(inverse_precision given, int nodes);
 
 /* Inputs of the choice. */
@@ -39,9 +39,9 @@ typedef struct {
     double memory;           /* bytes, of the machine */
 } inverse_facts;
 
-/* The scene's choice. If that is auto: dense if remeshing requires it or if it is small; else condensed if the scene defines a region of interest and
-   it fits into memory, including its computation (even if it is cached, so that the choice is always the same); else sparse. `about` receives the
-   name and the reason. Never returns AUTO. */
+/* Returns the scene's choice. If that is auto: dense if remeshing requires it or if it is small; otherwise condensed, if the scene defines a region of
+   interest and the inverse fits into memory, including its computation (even if it is cached, so that the choice is always the same); otherwise sparse.
+   `about` receives the name and the reason. Never returns AUTO. */
 inverse_choice inverse_choose(const inverse_facts *facts, report *about);
 
 #endif

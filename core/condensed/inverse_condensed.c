@@ -14,29 +14,27 @@
 #include "condensed/conjugate_gradients.h"
 #include "inverse/inverse_owner.h"
 
-/* The dense inverse between the nodes of a region of interest, K^-1_RR. Displacement fields are found by conjugate gradients, which take no more
-   memory than K. Blocks of other nodes come from a sparse inverse that is created on first use: a start with a cached inverse needs neither the
-   factorisation nor K. */
+/* The dense inverse between the nodes of a region of interest, K^-1_RR. Displacement fields are found by conjugate gradients, which need no more memory than
+   K. Blocks of other nodes come from a sparse inverse that is created on first use, so that a start from the cache needs neither the factorisation nor K. */
 typedef struct {
     inverse shared;
     int *nodes;              /* matrix.count free nodes of the region, in the order of the matrix */
     int *place;              /* node_count: index in `nodes`, or -1 */
     symmetric_blocks matrix; /* m/N */
-    file_mapping mapping;    /* of the cache file that holds the matrix; empty if the matrix is in its own memory */
+    file_mapping mapping;    /* mapping of the cache file with the matrix; empty if the matrix is allocated */
     pthread_mutex_t assembling;        /* protects K until it is assembled: worker, display and preparation may need it concurrently */
-    pthread_mutex_t factoring;         /* protects the next three members and the factor, for a minute or more; displacement fields do not wait for it
-                                          */
-    _Atomic(inverse *) rest; /* NULL: not needed yet, or failed */
+    pthread_mutex_t factoring;         /* protects the next three members and the factor, for a minute or more; displacement fields do not wait for it */
+    _Atomic(inverse *) rest; /* sparse inverse for other nodes; NULL: not needed yet, or failed */
     trocar_status rest_status;
     report no_rest;          /* reason of the failure */
-    coarse_space *coarse;    /* for conjugate gradients; NULL: not needed yet, or failed */
+    coarse_space *coarse;    /* coarse space for conjugate gradients; NULL: not needed yet, or failed */
     bool coarse_sought;
     int given_count, *given; /* the region's nodes in the caller's order */
 } condensed_inverse;
 
 /* ---- the rest of the body --------------------------------------------------------------------------------------------- */
 
-/* Assembles K once, and then lets others read it. */
+/* Assembles K once; then other threads may read it. */
 static trocar_status assemble(condensed_inverse *c, report *why) {
     tissue *t = c->shared.tissue;
     if (atomic_load(&t->assembled)) return TROCAR_OK;
@@ -46,7 +44,7 @@ static trocar_status assemble(condensed_inverse *c, report *why) {
     return status;
 }
 
-/* A failure is final, because each attempt would take minutes; a shortage of memory at the beginning is not, if there is enough now. */
+/* A failure is final, because each attempt would take minutes. A shortage of memory at the beginning is not final, if there is enough now. */
 static bool is_final(const condensed_inverse *c) {
     double refused = c->shared.tissue->refused;
     return c->rest_status != TROCAR_OK && !(c->rest_status == TROCAR_NO_MEMORY && refused > 0.0 && refused <= memory_available());
@@ -57,7 +55,7 @@ static trocar_status rest_of(condensed_inverse *c, inverse **rest, report *why) 
     pthread_mutex_lock(&c->factoring);
     inverse *created = c->rest;
     if (!created && !is_final(c)) {
-        c->rest_status = assemble(c, &c->no_rest); /* before factorising, so that displacement fields need not wait for the factor */
+        c->rest_status = assemble(c, &c->no_rest); /* assembles before factorising, so that displacement fields need not wait for the factor */
         if (c->rest_status == TROCAR_OK) c->rest_status = tissue_factor(c->shared.tissue, c->given_count, c->given, &c->no_rest);
         if (c->rest_status == TROCAR_OK) c->rest_status = inverse_create_sparse(c->shared.tissue, SPARSE_CACHE, &created, &c->no_rest);
         c->rest = created;
@@ -85,10 +83,10 @@ static void look_up(const condensed_inverse *c, int row, int column, double *out
         symmetric_blocks_get(&c->matrix, c->place[row], c->place[column], out, ld);
         return;
     }
-    for (int a = 0; a < 3; a++) memset(out + (size_t)a * (size_t)ld, 0, 3 * sizeof *out); /* in the region but not in the matrix, hence fixed */
+    for (int a = 0; a < 3; a++) memset(out + (size_t)a * (size_t)ld, 0, 3 * sizeof *out); /* a node in the region but not in the matrix is fixed */
 }
 
-/* Copies blocks of the region; other blocks come from the sparse inverse. */
+/* Copies blocks of the region; other blocks are requested from the sparse inverse. */
 static trocar_status condensed_gather(inverse *inv, const inverse_blocks *blocks, report *why) {
     condensed_inverse *c = (condensed_inverse *)inv;
     if (!is_inside(c, blocks->row_count, blocks->rows) || !is_inside(c, blocks->column_count, blocks->columns)) {
@@ -102,11 +100,11 @@ static trocar_status condensed_gather(inverse *inv, const inverse_blocks *blocks
     return TROCAR_OK;
 }
 
-static const double FIELD_TOLERANCE = 1e-10; /* of the force */
-enum { COARSE_STEPS = 1000 };                /* with a coarse space; 45 suffice at 20 000 and at 45 000 nodes */
-enum { FIELD_STEPS = 20000 };                /* without; 3000 suffice for a gland 2000 times stiffer at nu = 0.499 and 4985 nodes */
+static const double FIELD_TOLERANCE = 1e-10; /* relative to the force */
+enum { COARSE_STEPS = 1000 };                /* limit with a coarse space; 45 suffice at 20 000 and at 45 000 nodes */
+enum { FIELD_STEPS = 20000 };                /* limit without a coarse space; 3000 suffice for a gland 2000 times stiffer at nu = 0.499 and 4985 nodes */
 
-/* Gives up a coarse space that does not converge (gland 2000 times stiffer at nu = 0.499). */
+/* Drops a coarse space that does not converge (gland 2000 times stiffer at nu = 0.499). */
 static bool search(condensed_inverse *c, const double *force, double *displacement) {
     const tissue *t = c->shared.tissue;
     if (!c->coarse_sought) c->coarse = coarse_space_create(t);
@@ -118,7 +116,7 @@ static bool search(condensed_inverse *c, const double *force, double *displaceme
     return true;
 }
 
-/* The search starts from the displacement of the last call: consecutive fields differ little. */
+/* The search starts from the displacement of the last call, because consecutive fields differ little. */
 static void condensed_apply(inverse *inv, const double *force, double *displacement) {
     condensed_inverse *c = (condensed_inverse *)inv;
     tissue *t = inv->tissue;
@@ -177,7 +175,7 @@ static trocar_status fill(condensed_inverse *c, const condensed_region *region, 
         size_t used = strlen(why->text);
         snprintf(why->text + used, sizeof why->text - used, "; a file made on another machine is used if it is copied to %.600s", cache.path);
     }
-    if (status == TROCAR_NO_MEMORY && needed > memory_most()) return TROCAR_BAD_INPUT; /* another attempt would not help */
+    if (status == TROCAR_NO_MEMORY && needed > memory_most()) return TROCAR_BAD_INPUT; /* another attempt would fail as well */
     if (status != TROCAR_OK) return status;
     snprintf(notice->text, sizeof notice->text, "%d nodes, %s %.900s", count,
              found == CACHE_ABSENT ? "written to" : "damaged, rewritten to", cache.path);

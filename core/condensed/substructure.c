@@ -10,15 +10,15 @@
 /* Rows and columns per tile (whole 3 x 3 blocks) in which fronts are added to the region's triangle. */
 enum { TILE = 288 };
 
-/* Quantities of a part of the body: a load's |load|^2, and its energy |L^-1 load|^2 = load^T K^-1 load with the rest of the body fixed. */
+/* Response of a part of the body to a load: |load|^2, and the energy |L^-1 load|^2 = load^T K^-1 load with the rest of the body fixed. */
 typedef struct { double squares, energy; } response;
 
 /* ---- plan ------------------------------------------------------------------------------------------------------------- */
 
-/* Size of a front in nodes: rows are pivots, then nodes that are eliminated later, then those of the region. */
+/* Size of a front in nodes. Its rows are the pivots, then nodes that are eliminated later, then nodes of the region. */
 typedef struct {
     const int *rows;         /* positions in the order, ascending */
-    int pivots, columns, count; /* columns: pivots and later nodes */
+    int pivots, columns, count; /* columns: pivots and nodes eliminated later */
 } extent;
 
 static extent extent_of(const substructure *s, int front) {
@@ -31,7 +31,7 @@ static extent extent_of(const substructure *s, int front) {
     return e;
 }
 
-/* What remains of a front after its pivots are eliminated; the parent takes it over. */
+/* Memory of a front after its pivots are eliminated, until its parent takes over the remainder. */
 static double rest_bytes(const extent *e) { return panels_bytes(3 * (e->count - e->pivots), 3 * (e->columns - e->pivots)); }
 
 static double operations_of(const extent *e) {
@@ -40,18 +40,18 @@ static double operations_of(const extent *e) {
     return sum;
 }
 
-/* Peak memory of a subtree's elimination, and what is left afterwards. */
-typedef struct { double peak, rest; } need;
+/* Peak memory of a subtree's elimination, and the memory that remains allocated afterwards. */
+typedef struct { double peak, rest; } memory_estimate;
 
-/* Inserts a child where it has to be eliminated: first the one with the largest peak relative to what it leaves (Liu 1986). */
-static void insert_child(substructure *s, const need *needs, int *list, int child) {
-    double key = needs[child].peak - needs[child].rest;
-    while (*list >= 0 && needs[*list].peak - needs[*list].rest >= key) list = &s->next[*list];
+/* Inserts a child into the list by the order of elimination: the largest peak relative to the remaining memory comes first (Liu 1986). */
+static void insert_child(substructure *s, const memory_estimate *estimates, int *list, int child) {
+    double key = estimates[child].peak - estimates[child].rest;
+    while (*list >= 0 && estimates[*list].peak - estimates[*list].rest >= key) list = &s->next[*list];
     s->next[child] = *list;
     *list = child;
 }
 
-/* What is left of a front's later columns once its parent has taken over those before its own row `end`. */
+/* Memory of a front's later columns that remains after its parent has taken over the columns before its own row `end`. */
 static double left_bytes(const extent *e, const int *local, int end) {
     enum { WIDTH = PANEL_WIDTH / 3 };
     double numbers = 0.0;
@@ -81,16 +81,16 @@ static double front_peak(const substructure *s, const extent *e, int first_child
 }
 
 /* Peak memory of a list of subtrees, eliminated one after the other. */
-static double list_peak(const substructure *s, const need *needs, int first) {
+static double list_peak(const substructure *s, const memory_estimate *estimates, int first) {
     double before = 0.0, peak = 0.0;
     for (int c = first; c >= 0; c = s->next[c]) {
-        peak = fmax(peak, before + needs[c].peak);
-        before += needs[c].rest;
+        peak = fmax(peak, before + estimates[c].peak);
+        before += estimates[c].rest;
     }
     return peak;
 }
 
-/* Orders children before parents and subtrees as in the lists: from the end, with a stack. */
+/* Orders children before parents, and subtrees as in the lists. Fills the sequence from the end, with a stack. */
 static bool find_sequence(substructure *s, int root) {
     int count = (int)s->symbolic->nsuper, depth = 0, end = count;
     int *stack = malloc(((size_t)count + 1) * sizeof *stack);
@@ -107,7 +107,7 @@ static bool find_sequence(substructure *s, int root) {
 
 enum { PANEL_NODES = PANEL_WIDTH / 3 };
 
-/* Finds the blocks of the region's triangle that have entries, and the operations of its factorisation. */
+/* Finds the blocks of the region's triangle that have entries, and the number of operations of its factorisation. */
 static bool find_filled(substructure *s) {
     const int *super = s->symbolic->super, *pi = s->symbolic->pi, *rows = s->symbolic->s;
     int count = (s->region_count + PANEL_NODES - 1) / PANEL_NODES;
@@ -130,22 +130,22 @@ static bool find_filled(substructure *s) {
 static bool find_tree(substructure *s) {
     int count = (int)s->symbolic->nsuper, root = -1;
     const int *super = s->symbolic->super;
-    need *needs = calloc((size_t)count + 1, sizeof *needs);
+    memory_estimate *estimates = calloc((size_t)count + 1, sizeof *estimates);
     int *front_of = malloc((size_t)s->nodes * sizeof *front_of), *local = malloc((size_t)s->nodes * sizeof *local);
-    bool done = needs && front_of && local;
+    bool done = estimates && front_of && local;
     for (int f = 0; f < count && done; f++)
         for (int place = super[f]; place < super[f + 1]; place++) front_of[place] = f;
     for (int f = 0; f < count && done; f++) {
         extent e = extent_of(s, f);
         for (int row = 0; row < e.count; row++) local[e.rows[row]] = row;
-        needs[f] = (need){fmax(list_peak(s, needs, s->first_child[f]), front_peak(s, &e, s->first_child[f], local)), rest_bytes(&e)};
+        estimates[f] = (memory_estimate){fmax(list_peak(s, estimates, s->first_child[f]), front_peak(s, &e, s->first_child[f], local)), rest_bytes(&e)};
         s->operations += operations_of(&e);
         int *list = e.columns > e.pivots ? &s->first_child[front_of[e.rows[e.pivots]]] : &root;
-        insert_child(s, needs, list, f);
+        insert_child(s, estimates, list, f);
     }
-    if (done) s->bytes += list_peak(s, needs, root);
+    if (done) s->bytes += list_peak(s, estimates, root);
     done = done && find_sequence(s, root);
-    free(needs);
+    free(estimates);
     free(front_of);
     free(local);
     return done;
@@ -185,8 +185,8 @@ static bool sort_by_neighbours(const cholmod_sparse *graph, int placed, int coun
     return done;
 }
 
-/* Orders the nodes outside the region, the region's nodes without neighbours outside, and the region's border. Only the border is coupled by the
-   elimination outside, so many blocks of the region's triangle stay empty. The border is sorted so that these lie together. */
+/* Orders first the nodes outside the region, then the region's nodes without neighbours outside, then the region's border. The elimination of the outside
+   couples only the border, so many blocks of the region's triangle stay empty. The border is sorted so that the filled blocks are contiguous. */
 static bool order_nodes(const substructure *s, const cholmod_sparse *graph, const bool *last, int *order) {
     enum { OUTSIDE, INNER, BORDER, GROUPS };
     const int *start = graph->p, *row = graph->i;
@@ -241,7 +241,7 @@ static bool plan(substructure *s, const bool *last) {
     s->bytes = matrix + tiles + panels_bytes(3 * s->region_count, 3 * s->region_count);
     s->bytes += (double)nodes * (2.0 * sizeof(int) + sizeof(response)); /* scratch of the elimination, per node */
     if (!find_filled(s) || !find_tree(s)) return false;
-    s->bytes = fmax(s->bytes, 2.0 * matrix); /* reordering K takes another copy */
+    s->bytes = fmax(s->bytes, 2.0 * matrix); /* reordering K requires another copy */
     return true;
 }
 
@@ -284,27 +284,27 @@ void substructure_free(substructure *s) {
 
 typedef struct {
     extent size;
-    panels matrix;           /* columns of pivots and of later nodes; all rows */
+    panels matrix;           /* columns of pivots and of nodes eliminated later; all rows */
     int pivot_panels;
     double *load;            /* 3 size.count */
-    response below;          /* of the pivots of this front and of all fronts below it */
-    int taken, taken_panels; /* columns of later nodes, and panels, that the parent has taken over */
+    response below;          /* response of the pivots of this front and of all fronts below it */
+    int taken, taken_panels; /* number of columns and panels that the parent has taken over */
 } front;
 
 typedef struct {
     const substructure *plan;
     cholmod_sparse *k;       /* K in the order of elimination, lower triangle */
-    front **fronts;          /* by supernode; NULL: not begun, or taken over */
+    front **fronts;          /* fronts by supernode; NULL: not started, or taken over */
     panels *corner;
-    int *local;              /* plan->nodes: row in the current front, in nodes */
-    double *load;            /* of the region, 3 region_count */
+    int *local;              /* plan->nodes: row of each node in the current front */
+    double *load;            /* load on the region, 3 region_count */
     double *tiles;           /* scratch: TILE x TILE for each team member */
-    int *piece;              /* plan->nodes: another node of the same connected piece; at the end its representative */
-    response *of_piece;      /* plan->nodes: by representative */
+    int *piece;              /* plan->nodes: another node of the same connected piece; at the end, its representative */
+    response *of_piece;      /* plan->nodes: response of each piece, by representative */
     double norm;             /* K's largest column sum, an upper bound of its largest eigenvalue */
     inverse_progress progress;
     report *why;
-    double done;             /* operations */
+    double done;             /* operations completed */
     int shown;               /* per cent */
 } elimination;
 
@@ -312,7 +312,7 @@ static void show(inverse_progress progress, double fraction) {
     if (progress.show) progress.show("eliminating the tissue outside the region", fraction, progress.context);
 }
 
-/* Reports the progress: fronts before this one, plus `here` in this one. CANCELLED. */
+/* Reports progress: the fronts before this one, plus `here` operations of this one. CANCELLED. */
 static trocar_status show_done(elimination *e, double here) {
     int percent = (int)(100.0 * (e->done + here) / e->plan->operations);
     if (percent <= e->shown || percent >= 100) return TROCAR_OK;
@@ -344,7 +344,7 @@ static front *front_create(const extent *e) {
 
 static double load_at(const substructure *s, int row) { return tissue_test_load(3 * ((const int *)s->symbolic->Perm)[row / 3] + row % 3); }
 
-/* The column of a panel that has this number in the whole matrix. Its rows start at p->first. */
+/* Column number `column` of the whole matrix, in its panel. Its rows start at p->first. */
 static double *column_at(const panel *p, int column) { return (double *)p->values + (size_t)(column - p->first) * (size_t)p->rows; }
 
 /* Adds K's columns of these pivots, [first, first + width) of the front. */
@@ -361,7 +361,7 @@ static void add_stiffness(const elimination *e, front *f, panel *p) {
     }
 }
 
-/* Groups a child's nodes [child->taken, end), which are added to a panel. */
+/* Groups of a child's nodes [child->taken, end), which are added to a panel. */
 typedef struct {
     const elimination *elimination;
     const front *child;
@@ -389,7 +389,7 @@ static void add_columns(void *context, int i, int member) {
     }
 }
 
-/* Adds a child's columns to this panel, and frees the child's panels that are done. */
+/* Adds a child's columns to this panel, and frees the child's completed panels. */
 static void add_child(const elimination *e, front *child, panel *p) {
     const extent *c = &child->size;
     addition a = {e, child, p, child->taken};
@@ -405,7 +405,7 @@ static void add_child(const elimination *e, front *child, panel *p) {
     }
 }
 
-/* Computes what a front's pivots contribute to the region, by tiles of the lower triangle. */
+/* Contribution of a front's pivots to the region, computed in tiles of the lower triangle. */
 typedef struct {
     const elimination *elimination;
     const front *front;
@@ -449,11 +449,11 @@ static double add_energy(elimination *e, int place, const double y[3]) {
     return energy;
 }
 
-/* The ratio of |load|^2 to the energy is an upper bound of the part's smallest eigenvalue, and close to it if the part is loose. With the rest of the
-   body fixed, no part has a smaller eigenvalue than the whole (interlacing). In the whole, a small loose part would not show beside a large body. */
+/* The ratio of |load|^2 to the energy is an upper bound of the part's smallest eigenvalue, and close to it if the part is loose. With the rest of the body
+   fixed, no part has a smaller eigenvalue than the whole (interlacing). A test of the whole body would miss a small loose part beside a large one. */
 static bool is_constrained(const elimination *e, const response *part) { return part->squares >= LOOSE_BODY * e->norm * part->energy; }
 
-/* Solves L y = load for the pivots, and passes the rest of the load on. */
+/* Solves L y = load for the pivots, and passes the remaining load to the parent. */
 static void pass_load(elimination *e, front *f) {
     panels_forward(&f->matrix, f->pivot_panels, f->load);
     for (int row = 0; row < f->size.pivots; row++) f->below.energy += add_energy(e, f->size.rows[row], f->load + 3 * row);

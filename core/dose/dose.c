@@ -25,7 +25,7 @@ struct trocar_dose {
     double *moved;           /* [count][3], m, displaced; NULL before the first displacement */
     bool displaced;          /* true: `moved` replaces `points` */
     int64_t *quanta;         /* [count], dose in TROCAR_DOSE_QUANTUM */
-    listed_seed *seeds;      /* seed_count of room */
+    listed_seed *seeds;      /* room for `room` seeds, of which seed_count are used */
     int seed_count, room;
     int32_t next_id;
 };
@@ -258,7 +258,7 @@ trocar_status trocar_dose_move(trocar_dose *d, int32_t id, const trocar_dose_see
     return TROCAR_OK;
 }
 
-/* A point's position at rest. */
+/* Position of a point at rest. */
 static void point_at_rest(const trocar_dose *d, int64_t index, double p[3]) {
     point_block one;
     if (d->points) take_listed(d->points + 3 * index, 1, &one);

@@ -11,14 +11,14 @@ static int larger_first(const void *a, const void *b) {
 
 trocar_status trocar_dvh_sort(double *doses, int64_t count, trocar_error *error) {
     trocar_error ignored, *why = error ? error : &ignored;
-    if (count < 1) return fail(why, TROCAR_BAD_INPUT, "a dose-volume histogram of no voxels: expected at least one dose");
+    if (count < 1) return fail(why, TROCAR_BAD_INPUT, "a dose-volume histogram without voxels: expected at least one dose");
     for (int64_t i = 0; i < count; i++)
         if (!isfinite(doses[i])) return fail(why, TROCAR_BAD_INPUT, "dose %lld is %g: expected a finite number", (long long)i, doses[i]);
     qsort(doses, (size_t)count, sizeof *doses, larger_first);
     return TROCAR_OK;
 }
 
-/* Each voxel represents 1 / count of the volume, and has its dose at the middle of that share. */
+/* Each voxel represents 1 / count of the volume; its dose is that at the middle of this share. */
 double trocar_dvh_dose(const double *doses, int64_t count, double fraction) {
     double last = (double)(count - 1), at = fraction * (double)count - 0.5;
     at = at > 0.0 ? at < last ? at : last : 0.0;
@@ -27,7 +27,7 @@ double trocar_dvh_dose(const double *doses, int64_t count, double fraction) {
 }
 
 double trocar_dvh_volume(const double *doses, int64_t count, double dose) {
-    int64_t low = 0, high = count; /* doses before low are sufficient, those from high on are not */
+    int64_t low = 0, high = count; /* doses before `low` are sufficient, those from `high` on are not */
     while (low < high) {
         int64_t middle = low + (high - low) / 2;
         if (doses[middle] >= dose) low = middle + 1;

@@ -40,7 +40,7 @@ static bool refuse(const reader *r, const char *place, const char *format, ...) 
 /* ---- values ------------------------------------------------------------------------------------------------------------------ */
 
 typedef struct {
-    double low, high;            /* inclusive */
+    double low, high;            /* inclusive limits */
     const char *words;
 } range;
 
@@ -83,7 +83,7 @@ static bool read_row(const reader *r, const char *place, const yaml_value *row, 
     return true;
 }
 
-/* Keys must increase from row to row by enough that interpolation is insensitive to rounding. */
+/* Radii or angles must increase from row to row by enough that interpolation is insensitive to rounding. */
 static bool grows(const reader *r, const char *place, const char *what, const double *values, int index) {
     if (index == 0 || values[index] >= values[index - 1] + 0.001) return true;
     return refuse(r, place, "the %s %g is not above the one before, %g, by 0.001 or more: sort by %s and remove repetitions", what, values[index], values[index - 1], what);
@@ -117,14 +117,14 @@ static bool read_radial(const reader *r, const yaml_value *list, seed_table *t) 
     return true;
 }
 
-/* Returns the interval of increasing numbers that contains x, or the closest one. */
+/* Returns the interval of ascending numbers that contains x, or the closest one. */
 static int interval_of(const double *numbers, int count, double x) {
     int i = 0;
     while (i + 2 < count && x >= numbers[i + 1]) i++;
     return i;
 }
 
-/* log g = intercept + slope r at this radius. */
+/* Finds log g = intercept + slope r at this radius. */
 static void log_g_at(const seed_table *t, double radius, double *intercept, double *slope) {
     int i = interval_of(t->g_radius, t->g_count, radius);
     double from = t->g_radius[i];
@@ -197,7 +197,7 @@ static void mirror(seed_table *t) {
 
 /* ---- pieces and cells -------------------------------------------------------------------------------------------------------------- */
 
-/* F between two angles, from row i of the table at radius k: a + b angle. */
+/* Finds F between two angles, from row i of the table at radius k: a + b angle. */
 static void along_angle(const seed_table *t, int k, int i, double *a, double *b) {
     *b = (t->f[k][i + 1] - t->f[k][i]) / (t->angle[i + 1] - t->angle[i]);
     *a = t->f[k][i] - *b * t->angle[i];
@@ -247,7 +247,7 @@ static bool make_pieces(const seed_table *t, trocar_dose_source *s) {
 
 /* ---- document ---------------------------------------------------------------------------------------------------------------------- */
 
-/* Finds the values of all these keys in a mapping; fails if one is unknown, repeated or missing. */
+/* Finds the values of all these keys in a mapping; fails if a key is unknown, repeated or missing. */
 static bool read_keys(const reader *r, const char *place, const yaml_value *mapping, const char *const *keys, int count, yaml_value *values) {
     if (mapping->kind != YAML_MAPPING) return refuse(r, place, "expected keys and values");
     bool found[16] = {false};
@@ -257,7 +257,7 @@ static bool read_keys(const reader *r, const char *place, const yaml_value *mapp
         int k = 0;
         while (k < count && strcmp(keys[k], key) != 0) k++;
         if (k == count) return refuse(r, place, "unknown key \"%.40s\": remove it, or correct its spelling", key);
-        if (found[k]) return refuse(r, place, "the key \"%s\" is there twice: remove one", key);
+        if (found[k]) return refuse(r, place, "the key \"%s\" appears twice: remove one", key);
         found[k] = true;
         values[k] = value;
     }

@@ -11,7 +11,7 @@
 static const double MAX_VOXELS = 0x1p28;
 static const double FARTHEST = 1000.0; /* m */
 
-/* The place of a voxel's centre in a tetrahedron. */
+/* Position of a voxel's centre in a tetrahedron. */
 typedef struct {
     int32_t node[4];
     double weight[4];
@@ -21,7 +21,7 @@ struct trocar_structure {
     int64_t count;
     double spacing;
     double *points;          /* [count][3], m */
-    tet_place *places;       /* [count]; NULL if made from a surface */
+    tet_place *places;       /* [count]; NULL if the structure was made from a surface */
 };
 
 /* Voxels of a box around an organ; centres are at (first + index + 1/2) spacing. */
@@ -37,7 +37,7 @@ static vec3 node_of(const trocar_mesh *mesh, int32_t index) {
 
 static double coordinate(vec3 p, int axis) { return axis == 0 ? p.x : axis == 1 ? p.y : p.z; }
 
-/* Index of the first voxel whose centre is not before x, counted from the lattice's first one. It may be outside the lattice. */
+/* Index of the first voxel whose centre is not before x, counted from the first voxel of the lattice. It may be outside the lattice. */
 static int64_t voxel_from(const lattice *l, int axis, double x) { return (int64_t)ceil(x / l->spacing - 0.5) - l->first[axis]; }
 static double centre_of(const lattice *l, int axis, int64_t index) { return l->spacing * ((double)(l->first[axis] + index) + 0.5); }
 
@@ -49,7 +49,7 @@ static trocar_status check_node(const trocar_mesh *mesh, const char *what, int e
     return fail(why, TROCAR_BAD_INPUT, "node %d is at (%g, %g, %g): expected finite numbers, at most 1000 m", node, p.x, p.y, p.z);
 }
 
-/* The lattice around the given elements of `corners` nodes each. */
+/* Finds the lattice around the given elements, which have `corners` nodes each. */
 static trocar_status find_lattice(const trocar_mesh *mesh, const char *what, const int32_t *elements, int count, int corners, const int32_t *group, int chosen,
                                   double spacing, lattice *l, report *why) {
     double low[3] = {INFINITY, INFINITY, INFINITY}, high[3] = {-INFINITY, -INFINITY, -INFINITY};
@@ -72,7 +72,7 @@ static trocar_status find_lattice(const trocar_mesh *mesh, const char *what, con
     double total = 1.0;
     l->spacing = spacing;
     for (int k = 0; k < 3; k++) total *= (high[k] - low[k]) / spacing + 2.0;
-    if (total > MAX_VOXELS) return fail(why, TROCAR_BAD_INPUT, "a spacing of %g m makes %.2g voxels: at most 2^28; make it larger", spacing, total);
+    if (total > MAX_VOXELS) return fail(why, TROCAR_BAD_INPUT, "a spacing of %g m gives %.2g voxels, more than 2^28: make it larger", spacing, total);
     l->total = 1;
     for (int k = 0; k < 3; k++) {
         l->first[k] = (int64_t)floor(low[k] / spacing - 0.5);
@@ -106,10 +106,10 @@ static void put_centre(const lattice *l, int64_t voxel, double point[3]) {
 
 /* ---- tetrahedra ------------------------------------------------------------------------------------------------------------------ */
 
-/* For barycentric coordinates. */
+/* Frame for barycentric coordinates in a tetrahedron. */
 typedef struct {
     vec3 origin;
-    mat3 inverse;            /* of the edges from the origin */
+    mat3 inverse;            /* inverse of the matrix of edges from the origin */
 } tet_frame;
 
 /* Returns false if the tetrahedron is flat. */
@@ -137,7 +137,7 @@ static void corners_of(const trocar_mesh *mesh, int32_t tet, vec3 corner[4]) {
     for (int c = 0; c < 4; c++) corner[c] = node_of(mesh, mesh->tets[4 * (int64_t)tet + c]);
 }
 
-/* Assigns a tetrahedron's number plus 1 to its voxels, unless they have one. Returns how many were assigned. */
+/* Assigns a tetrahedron's number plus 1 to its voxels, unless they have one. Returns the number of voxels assigned. */
 static int64_t claim(const trocar_mesh *mesh, int32_t tet, const lattice *l, int32_t *owner) {
     vec3 corner[4];
     int64_t from[3], to[3], claimed = 0;
@@ -233,7 +233,7 @@ static trocar_status check_closed(const trocar_mesh *mesh, int surface, report *
     return status;
 }
 
-/* The point where an edge crosses the plane of this x. Both triangles at the edge compute the same numbers. */
+/* Point where an edge crosses the plane of this x. Both triangles at the edge compute the same numbers. */
 static bool cross_edge(const trocar_mesh *mesh, int32_t a, int32_t b, double x, double at[2]) {
     vec3 p = node_of(mesh, a < b ? a : b), q = node_of(mesh, a < b ? b : a);
     if ((p.x <= x) == (q.x <= x)) return false;
@@ -243,7 +243,7 @@ static bool cross_edge(const trocar_mesh *mesh, int32_t a, int32_t b, double x, 
     return true;
 }
 
-/* Marks in each column the first voxel above the triangle: an odd number of marks below a centre means inside. In the plane of each x the triangles'
+/* Marks the first voxel above the triangle in each column: a centre with an odd number of marks below it is inside. In the plane of each x, the triangles'
    sections are closed polygons, and a line of constant y crosses them an even number of times, even through corners. */
 static void mark_triangle(const trocar_mesh *mesh, const int32_t node[3], const lattice *l, uint8_t *marks) {
     vec3 a = node_of(mesh, node[0]), b = node_of(mesh, node[1]), c = node_of(mesh, node[2]);
@@ -264,7 +264,7 @@ static void mark_triangle(const trocar_mesh *mesh, const int32_t node[3], const 
     }
 }
 
-/* Converts marks to 1 for inside. Returns the number of voxels inside. */
+/* Converts marks to 1 for voxels inside. Returns the number of voxels inside. */
 static int64_t fill(const lattice *l, uint8_t *marks) {
     int64_t count = 0;
     for (int64_t column = 0; column < l->total; column += l->counts[2]) {

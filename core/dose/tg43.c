@@ -1,9 +1,9 @@
-/* D(r, theta) = S_K Lambda G(r, theta) / G(1 cm, 90 degrees) g(r) F(r, theta), with G = beta / (L r sin theta): AAPM TG-43U1 (Rivard et al., Med.
-   Phys. 31, 2004), equations 1 and 4. Interpolation and extrapolation follow TG-43U1S1 (Rivard et al., Med. Phys. 34, 2007): g log-linear in r, also
-   beyond the last radius, and constant before the first; F bilinear, and that of the nearest radius outside. A grid of a million points should take
-   some tens of milliseconds with the formula itself rather than an interpolation of it. Therefore points are processed in blocks, in loops without
-   branches or calls, which compilers vectorise; arctangent and exponential are polynomials. Only table cells are looked up point by point, because
-   neighbouring points are mostly in the same cell. */
+/* D(r, theta) = S_K Lambda G(r, theta) / G(1 cm, 90 degrees) g(r) F(r, theta), with G = beta / (L r sin theta): AAPM TG-43U1 (Rivard et al., Med. Phys. 31,
+   2004), equations 1 and 4. Interpolation and extrapolation follow TG-43U1S1 (Rivard et al., Med. Phys. 34, 2007): g is log-linear in r, also beyond the last
+   radius, and constant before the first one; F is bilinear, and outside the table equal to that at the nearest radius. A grid of a million points should take
+   some tens of milliseconds with the formula itself rather than an interpolation. Therefore points are processed in blocks, in loops without branches or
+   calls, which compilers vectorise; arctangent and exponential are polynomials. Only table cells are looked up point by point, because neighbouring points are
+   mostly in the same cell. */
 #include "dose/tg43.h"
 
 #include <stdint.h>
@@ -23,7 +23,7 @@ static inline double atan_over(double t) {
 
 /* exp(x) for -700 <= x <= 700: 2^n times the Taylor series of the remainder, relative error 1e-14. */
 static inline double exponential(double x) {
-    const double round = 0x1.8p52; /* adding this to an integer leaves it in the last bits */
+    const double round = 0x1.8p52; /* adding this constant to an integer moves the integer into the last bits */
     double shifted = x * 1.44269504088896340736 + round, n = shifted - round;
     double rest = (x - n * 0x1.62e42fefa38p-1) - n * 0x1.ef35793c7673p-45; /* ln 2 in two parts */
     double sum = 1.0 / 39916800.0;
@@ -51,8 +51,8 @@ static inline double angle_of(double x, double y) {
     return x < 0.0 ? PI - a : a;
 }
 
-/* beta / (L rho) of a line of length L on the axis, at distance `radius` and rho from the axis; beta = atan2(L rho, radius^2 - L^2 / 4). Finite on
-   the axis beyond the line's ends. */
+/* beta / (L rho) of a line of length L on the axis, at distance `radius` from its centre and rho from the axis; beta = atan2(L rho, radius^2 - L^2 / 4).
+   Finite on the axis beyond the line's ends. */
 static inline double geometry(double length, double rho, double radius_squared) {
     double y = length * rho, x = radius_squared - 0.25 * length * length, across = fabs(x);
     double low = y < across ? y : across, high = y < across ? across : y, q = atan_over(low / high), a = low / high * q;

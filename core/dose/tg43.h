@@ -9,8 +9,8 @@ enum { TG43_BLOCK = 256 };       /* points per block */
 
 typedef struct { vec3 centre, axis; } seed_place; /* m; the axis is a unit vector */
 
-/* Dose rate in Gy/h for a strength of 1 U at `count` <= TG43_BLOCK points (m), within 1e-12 of the formula. Points inside the capsule get the dose of
-   the closest point on its side wall. RT */
+/* Dose rate in Gy/h for a strength of 1 U at `count` <= TG43_BLOCK points (m), within 1e-12 of the formula. Points inside the capsule receive the dose at the
+   closest point of its side wall. RT */
 void tg43_rates(const trocar_dose_source *s, const seed_place *seed, const double *x, const double *y, const double *z, int count, double *rate);
 
 #endif

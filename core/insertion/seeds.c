@@ -6,25 +6,25 @@
 #include "insertion/state/strata.h"
 #include "insertion/tip/tip_path.h"
 
-static const double ON_FACE = -1e-6; /* 1: barycentric weight down to which a point counts as inside. Rounding */
+static const double ON_FACE = -1e-6; /* 1: smallest barycentric weight of a point that counts as inside an element. Rounding tolerance */
 
 /* ---- the track, from the tip back ---------------------------------------------------------------------------------------- */
 
-/* A place on the track. */
+/* A position on the track. */
 typedef struct {
     double depth;            /* m */
     vec3 at;                 /* m, nominal */
     int tet;
-    int next;                /* contact ahead of it on the way back, from the base; -1: the entry */
+    int next;                /* next contact toward the entry, in order from the base; -1: the entry */
 } track_site;
 
-/* The next contact on the way back from a site; NULL: there is none in the body that the tip is in. */
+/* The next contact from a site toward the entry; NULL if there is none in the tip's body. */
 static const shaft_contact *contact_behind(const insertion_state *state, const track_site *site) {
     const shaft_contact *contact = site->next >= 0 ? &state->contacts[state->refined.order[site->next]] : NULL;
     return contact && contact->depth < tip_entry_depth(state) ? NULL : contact;
 }
 
-/* Goes back to this depth, which is in the body that the tip is in. */
+/* Moves the site back to this depth, which must be in the tip's body. */
 static void go_back(const insertion_model *model, const insertion_state *state, double depth, track_site *site) {
     double entry = tip_entry_depth(state);
     int gap = last_gap(state);
@@ -42,8 +42,8 @@ static void go_back(const insertion_model *model, const insertion_state *state, 
     }
 }
 
-/* Finds the seed whose distal end is at this depth, from a site that is not closer to the entry; leaves the site at its proximal end.
-   False: it would not be in the tissue. */
+/* Places the seed whose distal end is at this depth, starting at a site that is at least as deep; leaves the site at the seed's proximal end. False if the
+   seed would not lie in the tissue. */
 static bool find_place(const insertion_model *model, const insertion_state *state, double depth, double length, track_site *site, seed *s) {
     go_back(model, state, depth, site);
     vec3 distal = site->at;
@@ -68,14 +68,14 @@ static int count_pending(const seed_list *list) {
     return sum;
 }
 
-/* The hole that the needle is in; of several guides, the first one's. */
+/* Records the hole that the needle is in; with several guides, the first guide's. */
 static void note_hole(const insertion_model *model, const insertion_state *state, seed *s) {
     s->guide = s->hole = NO_HOLE;
     for (int i = model->guide_count - 1; i >= 0; i--)
         if (state->guides[i].passage == GUIDE_IN_HOLE) s->guide = i, s->hole = state->guides[i].hole;
 }
 
-/* Why these seeds cannot be dropped, whatever the way back looks like. */
+/* Checks that do not depend on the track: why these seeds cannot be dropped. */
 static seed_refusal refuse(const insertion_model *model, const seed_size *size, const insertion_state *state, int needle, int count, double spacing,
                            const seed_list *list) {
     if (count < 1 || count > MAX_STRAND) return SEEDS_BAD_COUNT;

@@ -1,4 +1,4 @@
-/* Brachytherapy seeds: material points of the tissue that a needle has left there. Plain data. See docs/mechanics.md, "Seeds". */
+/* Brachytherapy seeds: material points of the tissue at which a needle has deposited a seed. Plain data. See docs/mechanics.md, "Seeds". */
 #ifndef TROCAR_SEEDS_H
 #define TROCAR_SEEDS_H
 
@@ -12,66 +12,66 @@ enum { MAX_SEEDS = 256, MAX_STRAND = 16 };
 
 typedef struct {
     double length, diameter;     /* m */
-    double spacing;              /* m, between the centres of neighbouring seeds of a strand */
+    double spacing;              /* m, between the centres of adjacent seeds of a strand */
 } seed_size;
 
-/* A seed in the tissue, or the place where one will be left. */
+/* A seed in the tissue, or the planned position of a pending one. */
 typedef struct {
-    int tet;                     /* nominal element of its centre, */
-    double weights[4];           /* and barycentric weights of its centre in that */
-    vec3 at;                     /* m, nominal: its centre */
-    vec3 direction;              /* unit vector from its proximal end to its distal one, in the undeformed tissue */
-    int needle;                  /* that left it, */
-    int guide, hole;             /* which was in this hole of this guide; NO_HOLE: in none */
-    int strand;                  /* number in its strand, 0: the distal one */
+    int tet;                     /* nominal element of its centre */
+    double weights[4];           /* barycentric weights of its centre in that element */
+    vec3 at;                     /* m, nominal position of its centre */
+    vec3 direction;              /* unit vector from its proximal to its distal end, in the undeformed tissue */
+    int needle;                  /* index of the needle that deposited it */
+    int guide, hole;             /* guide and hole that the needle was in; NO_HOLE: none */
+    int strand;                  /* number in its strand; 0 is the distal seed */
 } seed;
 
-/* The seeds of one drop: those from `placed` on are still in the needle. */
+/* The seeds of one drop; those from index `placed` on are still in the needle. */
 typedef struct {
     int count, placed;
-    seed seeds[MAX_STRAND];      /* from the distal one on */
-    double uncovered[MAX_STRAND]; /* m, depth of the tip at which each is left: that of its proximal end */
+    seed seeds[MAX_STRAND];      /* seeds in order from the distal to the proximal end */
+    double uncovered[MAX_STRAND]; /* m, depth of the tip at which each seed is deposited: the depth of its proximal end */
 } seed_drop;
 
-/* All seeds of a simulation: they stay when needles are reset or gone. */
+/* All seeds of a simulation; they remain when needles are reset or removed. */
 typedef struct {
     int count;
-    seed seeds[MAX_SEEDS];       /* in the order in which they were placed */
-    seed_drop drops[MAX_NEEDLES]; /* of each needle, the last one */
+    seed seeds[MAX_SEEDS];       /* seeds in the order of placement */
+    seed_drop drops[MAX_NEEDLES]; /* the last drop of each needle */
 } seed_list;
 
-/* Only those in use: there is room for many. RT */
+/* Copies only the entries in use, because the arrays are large. RT */
 static inline void seeds_copy(const seed_list *from, int needle_count, seed_list *to) {
     to->count = from->count;
     memcpy(to->seeds, from->seeds, (size_t)from->count * sizeof *from->seeds);
     memcpy(to->drops, from->drops, (size_t)needle_count * sizeof *from->drops);
 }
 
-/* Why a seed cannot be dropped, or taken back. */
+/* Why seeds cannot be dropped or taken back. */
 typedef enum {
     SEEDS_ACCEPTED, SEEDS_BAD_COUNT, SEEDS_BAD_SPACING, SEEDS_TOO_THICK, SEEDS_PENDING, SEEDS_FULL, SEEDS_OUTSIDE, SEEDS_TOO_LONG, SEEDS_NONE
 } seed_refusal;
 
-/* The tip marks the distal end of the first of `count` seeds, `spacing` apart (m; 0: the scene's). Each is left in the tissue when the needle
-   has been drawn back over its length. RT */
+/* Drops `count` seeds with this spacing (m; 0: the scene's). The tip marks the distal end of the first one. Each seed is deposited once the needle has been
+   drawn back over its length. RT */
 seed_refusal seeds_drop(const insertion_model *model, const seed_size *size, const insertion_state *state, int needle, int count, double spacing, seed_list *list);
 
-/* m, length of such a strand from end to end. RT */
+/* Length of a strand of `count` seeds from end to end, m. RT */
 double seeds_strand_length(const seed_size *size, int count, double spacing);
 
-/* Leaves in the tissue what the needle has been drawn back over. After each of its ticks. RT */
+/* Deposits the seeds that the needle has been drawn back over. Call after each of its ticks. RT */
 void seeds_follow(const insertion_state *state, int needle, seed_list *list);
 
-/* The needle keeps the seeds that it has not been drawn back over. RT */
+/* Cancels the pending part of the drop: the needle keeps the seeds that it has not been drawn back over. RT */
 void seeds_keep(int needle, seed_list *list);
 
-/* Seeds of the last drop that are still in the needle. RT */
+/* Number of seeds of the last drop that are still in the needle. RT */
 static inline int seeds_pending(int needle, const seed_list *list) { return list->drops[needle].count - list->drops[needle].placed; }
 
-/* Takes back what is pending of the needle's last drop; if nothing is, the seed that it placed last. RT */
+/* Cancels the pending seeds of the needle's last drop; if none is pending, removes the seed that it deposited last. RT */
 seed_refusal seeds_undo(int needle, seed_list *list);
 
-/* m and unit vector: centre and direction in the tissue displaced by `displacement` (node_count, m). RT */
+/* Centre (m) and direction (unit vector) of a seed in the tissue displaced by `displacement` (node_count, m). RT */
 void seed_displaced(const mesh *m, const seed *s, const vec3 *displacement, vec3 *at, vec3 *direction);
 
 #endif

@@ -33,7 +33,7 @@ void simulation_defaults(simulation_config *config) {
     };
 }
 
-/* "name1, name2, ..." of the mesh's groups of one dimension, for messages. */
+/* Names of the mesh's groups of one dimension, "name1, name2, ...", for messages. */
 static const char *list_groups(const mesh *m, int dimension, char *text, size_t size) {
     size_t used = 0;
     text[0] = '\0';
@@ -76,7 +76,7 @@ static trocar_status bind_membranes(simulation *s, report *why) {
 
 enum { PLACE_ROOM = 600 };
 
-/* "FILE:LINE: ", or nothing for a key that no file gives. */
+/* "FILE:LINE: ", or empty for a key that is not in a file. */
 static const char *place_in_scene(const simulation *s, int line, char place[PLACE_ROOM]) {
     place[0] = '\0';
     if (line > 0 && s->config.scene_path) snprintf(place, PLACE_ROOM, "%.500s:%d: ", s->config.scene_path, line);
@@ -113,7 +113,7 @@ static trocar_status bind_probe(simulation *s, report *why) {
                 "the tissue, or leave start away and place it with a pose", place_in_scene(s, p->start_line, place), p->shape.radius);
 }
 
-/* Finds in the mesh what the configuration names. */
+/* Looks up the configuration's names in the mesh. */
 static trocar_status bind_to_mesh(simulation *s, report *why) {
     trocar_status status = bind_regions(s, why);
     if (status == TROCAR_OK) status = bind_membranes(s, why);
@@ -121,7 +121,7 @@ static trocar_status bind_to_mesh(simulation *s, report *why) {
     return status == TROCAR_OK ? bind_probe(s, why) : status;
 }
 
-/* With the tissue: a surface that is fixed everywhere does not yield to a probe. */
+/* Checks that the probe's surface can yield, because a surface that is entirely fixed does not. Requires the tissue. */
 static trocar_status check_probe_surface(const simulation *s, report *why) {
     char place[PLACE_ROOM];
     if (s->probe_surface < 0) return TROCAR_OK;
@@ -152,14 +152,15 @@ static trocar_status build_tissue(simulation *s, report *why) {
 
 /* ---- who owns the inverse --------------------------------------------------------------------------------------------- */
 
-/* BLAS has one thread but while a large mesh is factorised or inverted as a whole, where more save minutes; condensing has threads of its own. */
-enum { SEVERAL_THREADS = 30000 }; /* unknowns */
+/* BLAS uses one thread, except while a large mesh is factorised or inverted as a whole, where several threads save minutes. Condensation has its own
+   threads. */
+enum { SEVERAL_THREADS = 30000 }; /* unknowns from which BLAS uses several threads */
 
 static bool is_large(const simulation *s) { return s->tissue.dof_count > SEVERAL_THREADS; }
 
 static trocar_status build_whole(simulation *s, bool sparse, int roi_count, const int *roi, report *why) {
     inverse_progress progress = s->config.progress;
-    if (!sparse) progress.show = NULL; /* it is made soon */
+    if (!sparse) progress.show = NULL; /* a dense inverse takes too little time to report progress */
     trocar_status status = inverse_factor(&s->tissue, sparse ? roi_count : 0, roi, progress, why);
     if (status != TROCAR_OK) return status;
     return sparse ? inverse_create_sparse(&s->tissue, SPARSE_CACHE, &s->inverse, why) : inverse_create_dense(&s->tissue, progress, &s->inverse, why);
@@ -177,7 +178,7 @@ static trocar_status build_owner(simulation *s, int roi_count, const int *roi, r
     const simulation_config *config = &s->config;
     inverse_facts facts = {.given = config->inverse, .precision = config->precision, .node_count = s->mesh.node_count,
                            .dof_count = s->tissue.dof_count, .roi_given = roi_given(&config->roi), .roi_count = roi_count,
-                           .memory = memory_total()}; /* not what is free just now: the same scene shall have the same owner each time */
+                           .memory = memory_total()}; /* total, not free, memory, so that the same scene always gets the same owner */
     inverse_choice choice = inverse_choose(&facts, &s->about_inverse);
     int threads = is_large(s) ? blas_own_threads() : 1;
     trocar_status status = blas_make_room(threads, why);
@@ -193,7 +194,7 @@ static trocar_status build_owner(simulation *s, int roi_count, const int *roi, r
     return (is_large(s) ? build_large : build_whole)(s, choice == INVERSE_SPARSE, roi_count, roi, why);
 }
 
-/* The nodes that a probe can press belong to the region of interest, if there is one. */
+/* Adds the nodes that a probe can press to the region of interest, if there is one. */
 static trocar_status add_probe_nodes(const simulation *s, int **nodes, int *count, report *why) {
     if (s->probe_surface < 0 || *count == 0) return TROCAR_OK;
     const mesh_group *surface = &s->mesh.groups[s->probe_surface];
@@ -265,7 +266,7 @@ static bool same_names(int count, const char (*a)[MESH_NAME], const char (*b)[ME
     return true;
 }
 
-/* The first key of regions that differs, in `text`; NULL: none does. */
+/* The first key of the regions that differs, written to `text`; NULL if none does. */
 static const char *region_key_that_differs(const simulation_config *a, const simulation_config *b, char *text, size_t size) {
     if (a->region_count != b->region_count) return "regions";
     for (int i = 0; i < a->region_count; i++) {
@@ -285,8 +286,8 @@ static bool same_roi(const roi_config *a, const roi_config *b) {
 
 static const char *first_membrane(const simulation_config *c) { return c->membrane_count > 0 ? c->membranes[0].name : ""; }
 
-/* The first key that differs, of those on which mesh, stiffness or inverse depend; NULL: none does. `text` has room for a key. The nodes of a condensed inverse
-   lie around the first membrane and the probe, unless the scene gives them. */
+/* The first differing key, among those on which mesh, stiffness or inverse depend; NULL if none differs. `text` has room for a key. Unless the scene gives the
+   nodes of a condensed inverse, they lie around the first membrane and the probe. */
 static const char *stiffness_key_that_differs(const simulation_config *a, const simulation_config *b, char *text, size_t size) {
     const char *of_region = region_key_that_differs(a, b, text, size);
     const struct { bool same; const char *key; } keys[] = {
@@ -311,9 +312,9 @@ trocar_status simulation_derive(const simulation *base, const simulation_config 
     char text[64];
     memset(s, 0, sizeof *s);
     if (config->mesh_given || base->config.mesh_path[0] == '\0')
-        return fail(why, TROCAR_BAD_INPUT, "mesh: a model whose mesh came as arrays shares nothing: build this one by itself");
+        return fail(why, TROCAR_BAD_INPUT, "mesh: a model whose mesh was given as arrays cannot be shared: build a separate model");
     const char *key = stiffness_key_that_differs(&base->config, config, text, sizeof text);
-    if (key) return fail(why, TROCAR_BAD_INPUT, "%s: differs from the model whose stiffness is to be shared: build this one by itself", key);
+    if (key) return fail(why, TROCAR_BAD_INPUT, "%s: differs from that of the model to be shared: build a separate model", key);
     s->config = *config;
     s->shares = true;
     s->mesh = base->mesh;

@@ -7,7 +7,7 @@ enum { ALL = BLOCK_CACHE_NODES };
 
 bool block_cache_create(block_cache *c, int node_count) {
     c->known = calloc((size_t)ALL * ALL, sizeof *c->known);
-    c->blocks = calloc((size_t)9 * ALL * ALL, sizeof *c->blocks); /* pages that are not used stay untouched */
+    c->blocks = calloc((size_t)9 * ALL * ALL, sizeof *c->blocks); /* unused pages are never touched */
     return lru_create(&c->nodes, (size_t)node_count, ALL) && c->known && c->blocks;
 }
 
@@ -25,7 +25,7 @@ static void claim(block_cache *c, int node) {
 
 static size_t place(const block_cache *c, int node) { return (size_t)c->nodes.slot[node]; }
 
-/* Marks the cached ones first, so that they are not evicted when the others are added. */
+/* Claims slots for cached nodes first, so that they are not evicted when the others are added. */
 static void claim_all(block_cache *c, int count, const int *nodes, bool there) {
     for (int i = 0; i < count; i++)
         if ((c->nodes.slot[nodes[i]] >= 0) == there) claim(c, nodes[i]);

@@ -11,15 +11,15 @@
 enum { BLOCK_CACHE_NODES = 1024 }; /* 75 MB */
 
 typedef struct {
-    lru nodes;               /* BLOCK_CACHE_NODES slots: rows and columns of the square below */
+    lru nodes;               /* BLOCK_CACHE_NODES slots: rows and columns of the arrays below */
     bool *known;             /* BLOCK_CACHE_NODES square, symmetric */
-    double *blocks;          /* BLOCK_CACHE_NODES square of 3 x 3 blocks, row-major; those on and above the diagonal */
+    double *blocks;          /* BLOCK_CACHE_NODES square of 3 x 3 blocks, row-major; only blocks on and above the diagonal are used */
 } block_cache;
 
 bool block_cache_create(block_cache *c, int node_count);
 void block_cache_free(block_cache *c);
 
-/* Computes blocks that are not cached: at most `size` rows and columns at once. */
+/* A source of blocks that are not cached: computes at most `size` rows and columns at once. */
 typedef struct {
     trocar_status (*compute)(void *context, const inverse_blocks *tile, report *why);
     void *context;
@@ -30,7 +30,7 @@ typedef struct {
 /* Copies cached blocks, and computes and caches the others. If there are too many nodes to cache, their blocks are only computed. */
 trocar_status block_cache_gather(block_cache *c, const block_source *source, const inverse_blocks *blocks, report *why);
 
-/* Assigns slots to all these nodes, evicting the least recently used. False, and nothing changed, if there are too many. */
+/* Assigns slots to all these nodes, evicting the least recently used ones. Returns false, and changes nothing, if there are too many. */
 bool block_cache_take(block_cache *c, int row_count, const int *rows, int column_count, const int *columns);
 
 /* Looks up, stores and reads the block between two nodes that have slots. */

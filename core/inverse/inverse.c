@@ -8,7 +8,7 @@
 
 trocar_status inverse_go_on(inverse_progress progress, report *why) {
     bool cancelled = progress.cancelled && progress.cancelled(progress.context);
-    return cancelled ? fail(why, TROCAR_CANCELLED, "cancelled while the model was made") : TROCAR_OK;
+    return cancelled ? fail(why, TROCAR_CANCELLED, "cancelled while the model was being built") : TROCAR_OK;
 }
 
 trocar_status inverse_factor(tissue *t, int count, const int *last, inverse_progress progress, report *why) {

@@ -1,5 +1,5 @@
-/* The inverse K^-1 of the stiffness matrix, behind one interface with three implementations (dense, sparse, condensed). Callers
-   request blocks between nodes, or a whole displacement field. */
+/* The inverse K^-1 of the stiffness matrix: one interface with three implementations (dense, sparse, condensed). Callers request blocks between nodes, or a
+   whole displacement field. */
 #ifndef TROCAR_INVERSE_H
 #define TROCAR_INVERSE_H
 
@@ -8,22 +8,22 @@
 
 typedef struct inverse inverse;
 
-/* Sparse factor; half-solves of nodes are computed on demand and cached. */
+/* Creates a sparse inverse: half-solves of nodes with the sparse factor are computed on demand and cached. */
 static const double SPARSE_CACHE = 1.5e9; /* bytes, default size of the cache */
 trocar_status inverse_create_sparse(tissue *t, double cache_bytes, inverse **created, report *why);
 
-/* Callbacks of a long start-up, called in the thread that makes the inverse: one receives the progress, 0 to 1, the other says whether to give up.
-   Both may be NULL. */
+/* Callbacks during a long start, called in the thread that creates the inverse: `show` receives the progress, from 0 to 1; `cancelled` returns non-zero to
+   stop. Both may be NULL. */
 typedef struct {
     void (*show)(const char *what, double fraction, void *context);
     void *context;
     int (*cancelled)(void *context);
 } inverse_progress;
 
-/* Returns CANCELLED if the caller wants to give up. */
+/* Returns CANCELLED if the caller wants to stop. */
 trocar_status inverse_go_on(inverse_progress progress, report *why);
 
-/* The paper's method: the whole 3n x 3n inverse, 8 (3n)^2 bytes. `t` must outlive it. */
+/* Creates a dense inverse, as in the paper: the whole 3n x 3n matrix, 8 (3n)^2 bytes. `t` must outlive it. */
 trocar_status inverse_create_dense(tissue *t, inverse_progress progress, inverse **created, report *why);
 
 /* Factorises K (see tissue_factor) and reports progress. */
@@ -32,40 +32,40 @@ trocar_status inverse_factor(tissue *t, int count, const int *last, inverse_prog
 typedef struct {
     int count;
     const int *nodes;
-    bool single;             /* precision */
-    int threads;             /* for condensing, with BLAS at one thread; 0: one */
-    const char *directory;   /* of the cache */
+    bool single;             /* single precision */
+    int threads;             /* number of threads for condensing, with single-threaded BLAS; 0: one */
+    const char *directory;   /* directory of the cache */
     bool must_be_saved;      /* fail (SYSTEM) before computing if the inverse cannot be saved */
     inverse_progress progress;
 } condensed_region;
 
-/* Dense between the region's nodes, 36 count^2 bytes, half of that in single precision. Mapped from `directory` if cached there (see
-   condensed_cache.h), else computed and saved. A sparse inverse handles other nodes; `t` is factorised when the first of them is needed, and K is
-   assembled on demand. `notice` receives the source. */
+/* Creates a condensed inverse: dense between the region's nodes, 36 count^2 bytes, or half of that in single precision. It is mapped from `directory` if
+   cached there (see condensed_cache.h), otherwise computed and saved. A sparse inverse handles other nodes; `t` is factorised when the first of them is
+   requested, and K is assembled on demand. `notice` receives the source. */
 trocar_status inverse_create_condensed(tissue *t, const condensed_region *region, inverse **created, report *notice, report *why);
 
 void inverse_free(inverse *inv);
 const char *inverse_name(const inverse *inv);
 
-/* Does deferred work now: the factorisation for nodes outside a condensed inverse's region, which takes a minute or more, and gigabytes, on a large
-   mesh. Returns the same errors as the gather that needs it. May be called from any thread, concurrently with the other functions. */
+/* Performs deferred work now: the factorisation for nodes outside a condensed inverse's region, which takes minutes and gigabytes on a large mesh. Returns the
+   same errors as inverse_gather would. May be called from any thread, concurrently with the other functions. */
 trocar_status inverse_prepare(inverse *inv, report *why);
 
-/* True if gathering blocks in advance makes gathering them again much cheaper. */
+/* True if gathering blocks in advance makes a later request for them much cheaper. */
 bool inverse_prefetches(const inverse *inv);
 
-/* How many new nodes may be gathered in advance at once, so that a request waits for them for at most some milliseconds. */
+/* Largest number of new nodes to gather in advance at once, so that a request never waits for them longer than a few milliseconds. */
 int inverse_slice(const inverse *inv);
 
-/* False if blocks of this node would require factorising the whole matrix; request them only if they are indispensable. */
+/* False if blocks of this node require factorising the whole matrix; such nodes should be requested only if indispensable. */
 bool inverse_holds(const inverse *inv, int node);
 
 /* Writes the blocks of K^-1 between these nodes. Rows and columns of fixed nodes are zero. Fails, and writes nothing, if the factor of the whole
    matrix is needed but cannot be computed. Thread-safe; calls to the sparse inverse are serialised. */
 trocar_status inverse_gather(inverse *inv, const inverse_blocks *blocks, report *why);
 
-/* Computes u = K^-1 f, both node_count vectors (N -> m); forces on fixed nodes are ignored. With a condensed inverse K u differs from f by 1e-10 of
-   f. Returns zero if memory is missing or f is not finite. Thread-safe; calls are serialised. */
+/* Computes u = K^-1 f, both vectors of node_count entries (N -> m); forces on fixed nodes are ignored. With a condensed inverse, the relative residual is
+   1e-10. Returns zero displacements if there is no memory or f is not finite. Thread-safe; calls are serialised. */
 void inverse_apply(inverse *inv, const vec3 *force, vec3 *displacement);
 
 const tissue *inverse_tissue(const inverse *inv);

@@ -1,6 +1,6 @@
-/* With M = G + C of all attachments, L L^T = M, c_i = P^T K^-1 e_i (displacement of the rows under forces on node i), y_i = L^-1 c_i, V = L^-1 R and
-   its orthonormal basis Q = V T^-1, T^T T = V^T V: inverse(i, j) = K^-1(i, j) - z_i^T z_j, with z_i = y_i - Q Q^T y_i; df = -L^-T z, q = T^-1 Q^T y
-   under the displacement d, y = L^-1 d. c_i, z_i and Q^T y_i are cached for the nodes used most recently, and so are the blocks. */
+/* With M = G + C of all attachments, L L^T = M, c_i = P^T K^-1 e_i (displacement of the rows under forces on node i), y_i = L^-1 c_i, V = L^-1 R and its
+   orthonormal basis Q = V T^-1, T^T T = V^T V: inverse(i, j) = K^-1(i, j) - z_i^T z_j, with z_i = y_i - Q Q^T y_i. The response to displacements d of the
+   rows, y = L^-1 d, is df = -L^-T z, q = T^-1 Q^T y. c_i, z_i, Q^T y_i and the blocks are cached for the most recently used nodes. */
 #include "inverse/inverse_attached.h"
 
 #include <cblas.h>
@@ -11,9 +11,9 @@
 #include "inverse/block_cache.h"
 #include "inverse/inverse_owner.h"
 
-enum { BATCH = 32, TILE = 64 };                     /* nodes solved for together; rows or columns (nodes) of a product */
+enum { BATCH = 32, TILE = 64 };                     /* nodes per solve; rows or columns (nodes) per product */
 static const double CACHE = 96e6;                   /* bytes of c_i, z_i and Q^T y_i */
-enum { LEAST_NODES = 2 * TILE, MOST_NODES = 1024 }; /* that are kept */
+enum { LEAST_NODES = 2 * TILE, MOST_NODES = 1024 }; /* number of cached nodes */
 
 typedef struct { uint64_t id; int first, rows; } placed;
 
@@ -26,7 +26,7 @@ typedef struct {
     int *corner;             /* 4 row_count: positions of the rows' nodes in `nodes` */
     int node_count, *nodes;  /* all nodes of the rows' elements, without duplicates */
     double *between;         /* row_count square, column-major: C */
-    double *factor;          /* the same: L */
+    double *factor;          /* row_count square, column-major: L */
     double *basis;           /* row_count x motion_count: Q */
     double *triangle;        /* motion_count square: T, upper */
     lru slots;
@@ -128,7 +128,7 @@ static trocar_status attached_gather(inverse *inv, const inverse_blocks *blocks,
     return block_cache_gather(&a->blocks, &(block_source){compute_tile, a, a->tile, TILE}, blocks, why);
 }
 
-/* Other threads may use the base as well. */
+/* Other threads may use the base at the same time. */
 static void base_apply(inverse *base, const double *force, double *displacement) {
     pthread_mutex_lock(&base->apply_lock);
     base->owner->apply(base, force, displacement);
@@ -277,7 +277,7 @@ static const placed *find_placed(const attached_inverse *a, uint64_t id) {
     return NULL;
 }
 
-/* C between attachments that were both there before. */
+/* Copies C between attachments that existed before. */
 static void copy_between(attached_inverse *a, const attached_inverse *before) {
     size_t n = (size_t)a->row_count, old = (size_t)before->row_count;
     for (int s = 0; s < a->placed_count; s++)
@@ -289,7 +289,7 @@ static void copy_between(attached_inverse *a, const attached_inverse *before) {
         }
 }
 
-/* C between a new attachment and all others, from c of its rows' nodes. */
+/* Computes C between a new attachment and all others, from c of its rows' nodes. */
 static trocar_status find_between(attached_inverse *a, const placed *thing, report *why) {
     size_t n = (size_t)a->row_count;
     bool *own = calloc((size_t)a->node_count + 1, sizeof *own);
@@ -313,7 +313,7 @@ static trocar_status find_between(attached_inverse *a, const placed *thing, repo
                 }
     }
     free(own);
-    for (int i = thing->first; i < thing->first + thing->rows && status == TROCAR_OK; i++) /* and between all others and it */
+    for (int i = thing->first; i < thing->first + thing->rows && status == TROCAR_OK; i++) /* copies C to the transposed entries */
         for (size_t j = 0; j < n; j++) a->between[j * n + (size_t)i] = a->between[(size_t)i * n + j];
     return status;
 }
@@ -333,12 +333,12 @@ static trocar_status factor_all(attached_inverse *a, const attachment *things, r
             memcpy(a->basis + (size_t)motion * ld + first, thing->motions + (size_t)k * (size_t)thing->motion_ld, (size_t)thing->row_count * sizeof *a->basis);
     }
     if (LAPACKE_dpotrf(LAPACK_COL_MAJOR, 'L', n, a->factor, n) != 0)
-        return fail(why, TROCAR_NUMERIC, "the resting needles and the tissue are not stable together");
+        return fail(why, TROCAR_NUMERIC, "resting needles and tissue together are unstable");
     if (q == 0) return TROCAR_OK;
     cblas_dtrsm(CblasColMajor, CblasLeft, CblasLower, CblasNoTrans, CblasNonUnit, n, q, 1.0, a->factor, n, a->basis, n);
     cblas_dsyrk(CblasColMajor, CblasUpper, CblasTrans, q, n, 1.0, a->basis, n, 0.0, a->triangle, q);
     if (LAPACKE_dpotrf(LAPACK_COL_MAJOR, 'U', q, a->triangle, q) != 0)
-        return fail(why, TROCAR_NUMERIC, "one of the resting needles is not held by anything");
+        return fail(why, TROCAR_NUMERIC, "nothing holds one of the resting needles");
     cblas_dtrsm(CblasColMajor, CblasRight, CblasUpper, CblasNoTrans, CblasNonUnit, n, q, 1.0, a->triangle, q, a->basis, n);
     return TROCAR_OK;
 }
@@ -367,7 +367,7 @@ trocar_status inverse_attach(inverse *inv, int count, const attachment *things, 
 int inverse_attached_rows(const inverse *inv) { return ((const attached_inverse *)inv)->row_count; }
 int inverse_attached_motions(const inverse *inv) { return ((const attached_inverse *)inv)->motion_count; }
 
-/* Converts z and Q^T y to df and q, in place, for this many columns. */
+/* Converts z and Q^T y in place to df and q, for this many columns. */
 static void respond(const attached_inverse *a, int count, double *force, double *motion) {
     int n = a->row_count, q = a->motion_count;
     if (count == 1) { /* reads L once, without copying it */

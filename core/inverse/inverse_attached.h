@@ -1,44 +1,43 @@
-/* The inverse of a stiffness matrix with attachments to the tissue, such as resting needles: a low-rank correction to an inverse that is not changed.
-   See docs/mechanics.md, "Resting needles". One thread at a time. */
+/* The inverse of a stiffness matrix with attachments to the tissue, such as resting needles: a low-rank correction to a base inverse, which stays unchanged.
+   See docs/mechanics.md, "Resting needles". Not thread-safe. */
 #ifndef TROCAR_INVERSE_ATTACHED_H
 #define TROCAR_INVERSE_ATTACHED_H
 
 #include "inverse/inverse.h"
 
-/* One component of the force on the tissue at a point. */
+/* A row: one component of the force on the tissue at a point. */
 typedef struct {
-    int tet;                 /* nominal element, or -1: the force acts on something else than the tissue */
+    int tet;                 /* nominal element, or -1: the force does not act on the tissue */
     double weights[4];       /* barycentric */
     vec3 direction;          /* unit vector */
 } attached_row;
 
-/* One attachment. The change df of its forces under displacements d of its rows by other loads closes all gaps, and leaves an attachment that is free
-   to move in equilibrium, with motions q: (G + C) df = R q - d, R^T df = 0. C: compliance of the tissue between its rows and those of all other
-   attachments. */
+/* One attachment. When other loads displace its rows by d, the change df of its forces closes all gaps, and an attachment that is free to move stays in
+   equilibrium, with motions q: (G + C) df = R q - d, R^T df = 0. C: compliance of the tissue between its rows and those of all other attachments. */
 typedef struct {
     uint64_t id;             /* an attachment with the same id as before is unchanged */
     int row_count;
     const attached_row *rows;
-    const double *compliance; /* G, row_count square, lower triangle: [i * ld + j], j <= i, m/N; positive semidefinite, and definite together with C;
-                                 0: a rigid attachment */
+    const double *compliance; /* G, row_count square, lower triangle: [i * ld + j], j <= i, m/N; positive semidefinite, and definite together with C; 0: a
+                                 rigid attachment */
     int ld;
-    const double *mutual;    /* compliance between its rows and those of all attachments before it, in their order: [i * mutual_ld + j], m/N; NULL:
-                                none. Not part of what the mesh resolves; semidefinite together with the compliances of all */
+    const double *mutual;    /* compliance between its rows and those of all attachments before it, in their order, that the mesh does not resolve: [i *
+                                mutual_ld + j], m/N; NULL: none. Semidefinite together with the compliances of all attachments */
     int mutual_ld;
     int motion_count;        /* independent motions that only its rows resist */
     const double *motions;   /* R, displacement of each row under each motion: [motion * motion_ld + row] */
     int motion_ld;
 } attachment;
 
-/* Starts without attachments, and then answers what `base` answers. `base` must outlive it. */
+/* Creates an inverse without attachments, which equals `base`. `base` must outlive it. */
 trocar_status inverse_create_attached(inverse *base, inverse **created, report *why);
 
-/* Replaces all attachments by these, in this order; the descriptions are copied. Takes one factorisation with as many rows as they have together and,
-   for a new attachment, blocks of the base's inverse. After a failure nothing is attached. Allocates. */
+/* Replaces all attachments by these, in this order; the descriptions are copied. The cost is one factorisation of the size of all rows together, plus blocks
+   of the base inverse for new attachments. After a failure nothing is attached. Allocates. */
 trocar_status inverse_attach(inverse *inv, int count, const attachment *things, report *why);
 
-int inverse_attached_rows(const inverse *inv);    /* of all things */
-int inverse_attached_motions(const inverse *inv); /* likewise */
+int inverse_attached_rows(const inverse *inv);    /* number of rows of all attachments */
+int inverse_attached_motions(const inverse *inv); /* number of motions of all attachments */
 
 /* Forces on nodes. */
 typedef struct {

@@ -14,7 +14,7 @@ typedef struct {
     trocar_status (*gather)(inverse *inv, const inverse_blocks *blocks, report *why);
     void (*apply)(inverse *inv, const double *force, double *displacement); /* dof_count each */
     trocar_status (*prepare)(inverse *inv, report *why);                    /* NULL: no deferred work */
-    void (*release)(inverse *inv);                                          /* frees all but the common part */
+    void (*release)(inverse *inv);                                          /* frees everything except the common part */
     bool (*prefetches)(const inverse *inv);                                 /* see inverse_prefetches; NULL: false */
     bool (*holds)(const inverse *inv, int node);                            /* NULL: all nodes */
     int (*slice)(const inverse *inv);                                       /* see inverse_slice; NULL: INT_MAX */

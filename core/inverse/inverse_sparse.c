@@ -9,27 +9,27 @@
 #include "inverse/sparse_inverse_columns.h"
 #include "tissue/factor_solve.h"
 
-/* One per thread. */
+/* A solver with its own workspace, one per thread. */
 typedef struct {
     cholmod_common common;
     cholmod_dense *right;
     factor_solution solution;
 } solver;
 
-/* Half-solves computed on demand; they and the resulting blocks are kept in LRU caches. */
+/* Half-solves computed on demand; LRU caches store them and the resulting blocks. */
 typedef struct {
     inverse shared;
     sparse_columns *half;
     lru slots;               /* slots of nodes' half-solves in the cache */
     size_t slot_size;        /* numbers in the longest half-solve */
     double *halves;          /* slots.slot_count x slot_size */
-    pthread_mutex_t gather_lock;       /* of all above */
+    pthread_mutex_t gather_lock;       /* protects all members above */
     double *block, *tile;    /* 3 PRODUCT_BLOCK square: scratch of gather */
     block_cache blocks;
-    solver field_solver;     /* for displacement fields, which another thread may request */
+    solver field_solver;     /* solver for displacement fields, which another thread may request */
 } sparse_inverse;
 
-enum { LEAST_SLOTS = 2 * PRODUCT_BLOCK }; /* needed by one product */
+enum { LEAST_SLOTS = 2 * PRODUCT_BLOCK }; /* number of slots that one product needs */
 
 /* Solves for up to HALF_BLOCK nodes that are not cached. */
 static void solve_halves(sparse_inverse *s, int count, const int *nodes) {
@@ -42,7 +42,7 @@ static void solve_halves(sparse_inverse *s, int count, const int *nodes) {
     sparse_columns_half_solve(s->half, count, dofs, y);
 }
 
-/* Computes missing half-solves of free nodes. Marks cached ones as used first, so that up to LEAST_SLOTS nodes are in the cache together. */
+/* Computes missing half-solves of free nodes. Touches cached ones first, so that up to LEAST_SLOTS nodes are in the cache together. */
 static void solve_missing(sparse_inverse *s, int count, const int *nodes) {
     int missing[HALF_BLOCK], found = 0;
     for (int i = 0; i < count; i++) lru_touch(&s->slots, nodes[i]);
@@ -76,7 +76,7 @@ static void point_to_halves(sparse_inverse *s, block_side *side) {
     for (int i = 0; i < side->count; i++) side->y[i] = s->halves + (size_t)s->slots.slot[side->node[i]] * s->slot_size;
 }
 
-/* Writes the blocks between at most PRODUCT_BLOCK rows and columns. */
+/* Writes the blocks between at most PRODUCT_BLOCK rows and PRODUCT_BLOCK columns. */
 static void gather_block(sparse_inverse *s, const inverse_blocks *b) {
     block_side left = movable(s->shared.tissue, b->row_count, b->rows), right = movable(s->shared.tissue, b->column_count, b->columns);
     int both[LEAST_SLOTS];
@@ -108,12 +108,12 @@ static trocar_status sparse_gather(inverse *inv, const inverse_blocks *blocks, r
     return status;
 }
 
-/* Solves K x = right; the solution is in the workspace. NULL if out of memory; only the first call allocates. */
+/* Solves K x = right and returns the solution, in the workspace; NULL if out of memory. Only the first call allocates. */
 static const double *solver_run(solver *w, const tissue *t) {
     return factor_solve(t->factor, w->right, &w->solution, &w->common) ? w->solution.x->x : NULL;
 }
 
-/* Solves once, to allocate all memory here. */
+/* Solves once, so that all memory is allocated here. */
 static bool solver_create(solver *w, const tissue *t) {
     cholmod_start(&w->common);
     w->common.print = 0;

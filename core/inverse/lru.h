@@ -14,13 +14,13 @@ typedef struct {
     uint64_t time;
 } lru;
 
-bool lru_create(lru *c, size_t key_count, size_t slot_count); /* false without memory; lru_free must be called in either case */
+bool lru_create(lru *c, size_t key_count, size_t slot_count); /* false if there is no memory; lru_free must be called in either case */
 void lru_free(lru *c);
 
 /* Marks a key as most recently used; false if it has no slot. */
 bool lru_touch(lru *c, int key);
 
-/* Gives a key without a slot the least recently used one, and returns it. */
+/* Assigns the least recently used slot to a key without a slot, and returns the slot. */
 int lru_claim(lru *c, int key);
 
 #endif

@@ -6,24 +6,24 @@
 
 enum { WIDTH = 3 * HALF_BLOCK, SIDE = 3 * PRODUCT_BLOCK, PANEL = 512 /* rows of Y packed at once */ };
 
-/* A supernode is a set of consecutive columns of L with the same pattern, stored as a dense block with its triangle on top. CHOLMOD's
-   arrays: `super` first column, `pi` first row index in `s`, `px` first value in `x`. Supernodes are in postorder: the subtree of a
-   supernode is a range of supernodes that ends with it. */
+/* A supernode is a set of consecutive columns of L with the same pattern, stored as a dense block whose top part is a triangle. CHOLMOD's arrays: `super`
+   first column, `pi` first row index in `s`, `px` first value in `x`. Supernodes are in postorder: the subtree of a supernode is a range of supernodes that
+   ends with it. */
 struct sparse_columns {
     const tissue *tissue;
     const int *super, *pi, *px, *rows;
     const double *values;
     int supernodes;
-    int *supernode;          /* dof_count: of each column */
+    int *supernode;          /* dof_count: supernode of each column */
     int *parent;             /* per supernode: parent in the elimination tree, or -1 */
     int *lowest;             /* per supernode: first supernode of its subtree */
     int *height;             /* per supernode: number of columns on the path from its first column to the root */
-    int *start;              /* per supernode: first column used by the solve, or -1; -1 between calls */
+    int *start;              /* per supernode: first column used by the present solve, or -1; -1 between calls */
     double *x;               /* dof_count x WIDTH, column-major; zero between calls */
     double *update;          /* CHOLMOD's maxesize x WIDTH */
     double *left, *right;    /* PANEL x SIDE: packed rows of Y */
     double *product;         /* SIDE x SIDE */
-    int *way;                /* supernodes over which the product sums */
+    int *way;                /* supernodes in the product's sum */
 };
 
 /* ---- the tree --------------------------------------------------------------------------------------------------------- */
@@ -132,7 +132,7 @@ typedef struct {
     int supernode, from, rows;
 } panel;
 
-/* Packs these rows of each Y; zero above the start of a path. Column-major, leading dimension PANEL. */
+/* Packs these rows of each Y, with zeros above the start of a path. Column-major, leading dimension PANEL. */
 static void pack(const sparse_columns *h, panel p, const side *of, const half_solved *solved, double *packed) {
     for (int i = 0; i < of->count; i++) {
         int dof = solved->dofs[of->place[i]], length = sparse_columns_length(h, dof), at = length - h->height[p.supernode] + p.from;

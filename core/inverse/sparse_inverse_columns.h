@@ -10,18 +10,18 @@ enum { HALF_BLOCK = 32, PRODUCT_BLOCK = 64 }; /* nodes per solve; rows or column
 
 typedef struct sparse_columns sparse_columns;
 
-/* Creates a solver for this tissue's factor, which must outlive it. Use one per thread. */
+/* Creates a solver for this tissue's factor, which must outlive it. Each thread needs its own. */
 trocar_status sparse_columns_create(const tissue *t, sparse_columns **created, report *why);
 void sparse_columns_free(sparse_columns *h);
 
-/* Number of rows of Y of the node with first dof `dof`; and the maximum over all nodes. */
+/* sparse_columns_length: number of rows of Y of the node with first dof `dof`; sparse_columns_longest: the maximum over all nodes. */
 int sparse_columns_length(const sparse_columns *h, int dof);
 int sparse_columns_longest(const sparse_columns *h);
 
-/* Y of up to HALF_BLOCK nodes, y[i] column-major sparse_columns_length x 3. Allocates nothing. */
+/* Computes Y of up to HALF_BLOCK nodes, y[i] column-major sparse_columns_length x 3. Allocates nothing. */
 void sparse_columns_half_solve(sparse_columns *h, int count, const int *dofs, double *const *y);
 
-/* Nodes by their first dofs, and their Y. */
+/* Nodes, given by their first dofs, and their Y. */
 typedef struct {
     int count;
     const int *dofs;

@@ -5,7 +5,7 @@
 
 enum { CHANCES = 10, MOST_PIVOTS = 1000 };
 
-/* Computes the positive entries of z by factorising their part of A; the others are 0. */
+/* Computes the positive entries of z by factorising the corresponding part of A; the others are 0. */
 static bool solve_positive(int n, const double *a, int ld, const double *q, const double *positive, double *z, double *part) {
     int count = 0;
     for (int i = 0; i < n; i++) {
@@ -25,12 +25,12 @@ static bool solve_positive(int n, const double *a, int ld, const double *q, cons
 }
 
 bool complementarity_solve(int n, const double *a, int ld, const double *q, double tolerance, double *z, double *scratch) {
-    double *positive = scratch, *part = scratch + n; /* part: n square, and n for the right side */
+    double *positive = scratch, *part = scratch + n; /* part: n square, plus n for the right-hand side */
     int fewest = n + 1, chances = CHANCES;
     for (int i = 0; i < n; i++) positive[i] = z[i] > 0.0;
     for (int pivot = 0; pivot < MOST_PIVOTS; pivot++) {
         if (!solve_positive(n, a, ld, q, positive, z, part)) return false;
-        double *wrong = part; /* 1 where an entry has the wrong sign */
+        double *wrong = part; /* 1 for an entry with the wrong sign */
         int count = 0, last = -1;
         for (int i = 0; i < n; i++) {
             double w = q[i];

@@ -1,4 +1,4 @@
-/* The kernel compiled again, for processors with AVX-512 (x86-64-v4; CMakeLists.txt). */
+/* The kernel of elimination_kernels.c, compiled for processors with AVX-512 (x86-64-v4; CMakeLists.txt). */
 #include "linalg/elimination.h" /* ISO C forbids empty files */
 
 #ifdef __AVX512F__

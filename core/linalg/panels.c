@@ -33,7 +33,7 @@ double panels_bytes(int rows, int columns) {
     return sizeof(double) * numbers;
 }
 
-/* Waking a team does not pay below some tens of microseconds of work. */
+/* Waking the team takes longer than a computation of a few tens of microseconds. */
 static team *team_for(team *t, double operations) { return operations < 2e6 ? NULL : t; }
 
 static size_t bytes_of(const panel *p) { return (size_t)p->rows * (size_t)p->width * sizeof(double); }
@@ -44,7 +44,7 @@ static void clear_column(void *context, int column, int member) {
     memset((double *)p->values + (size_t)column * (size_t)p->rows, 0, (size_t)p->rows * sizeof(double));
 }
 
-/* Writes first: pages that are read before they are written would be mapped twice. */
+/* Writes the pages first: pages that are read before they are written would be mapped twice. */
 bool panel_allocate(panel *p, team *t) {
     p->values = malloc(bytes_of(p));
     if (!p->values) return false;
@@ -65,12 +65,12 @@ void panel_multiply(const panel *from, int row, int rows, int column, int column
     else cblas_dgemm(CblasColMajor, CblasNoTrans, CblasTrans, rows, columns, from->width, alpha, a, from->rows, b, from->rows, beta, c, ld);
 }
 
-/* The rows of panel j below its corner, in pieces for a team: one piece per other panel if some are not filled. The division does not depend on the
-   number of members, so results do not either. */
+/* The rows of panel j below its corner, divided into pieces for a team: one piece per later panel if some are not filled. The division, and therefore the
+   result, does not depend on the number of members. */
 typedef struct {
     const panels *all;
     const panel *to;
-    int j, factored;         /* panels that contribute */
+    int j, factored;         /* number of panels that contribute */
     int pieces;
 } share;
 
@@ -89,7 +89,7 @@ static int start_of(const share *s, int piece) {
     return s->all->filled ? s->all->panels[s->j + 1 + piece].first - s->to->first : s->to->width + (int)(below * piece / s->pieces) / VECTORS * VECTORS;
 }
 
-/* Subtracts the contribution of the factored panels from the corner, or from a piece of the rows below it. */
+/* Subtracts the contribution of the factored panels from the corner, or from a piece of the rows below the corner. */
 static void subtract(void *context, int i, int member) {
     (void)member;
     const share *s = context;
@@ -101,7 +101,7 @@ static void subtract(void *context, int i, int member) {
             panel_multiply(&s->all->panels[k], to->first + row, end - row, to->first, to->width, -1.0, 1.0, (double *)to->values + row, to->rows);
 }
 
-/* Solves X L^T = these rows, with the corner's factor L. */
+/* Solves X L^T = these rows for X, with the corner's factor L. */
 static void solve_piece(void *context, int i, int member) {
     (void)member;
     const share *s = context;

@@ -1,4 +1,4 @@
-/* Lower trapezoidal matrices in panels of columns, each in its own memory, so that they can be freed one by one. */
+/* Lower trapezoidal matrices, stored in panels of columns that are allocated separately, so that they can be freed one by one. */
 #ifndef TROCAR_PANELS_H
 #define TROCAR_PANELS_H
 
@@ -7,7 +7,7 @@
 
 #include "base/team.h"
 
-enum { PANEL_WIDTH = 576 };  /* largest number of columns in a panel, in whole blocks of 3 */
+enum { PANEL_WIDTH = 576 };  /* largest number of columns in a panel, a multiple of the block size 3 */
 
 /* Columns [first, first + width), from the diagonal down. */
 typedef struct {
@@ -19,12 +19,12 @@ typedef struct {
 typedef struct {
     int count;
     panel *panels;
-    bool *filled;            /* count square: true at [i * count + j] if the rows beside panel i have entries in panel j; NULL: all have */
+    bool *filled;            /* count square: true at [i * count + j] if the rows of panel i have entries in panel j; NULL: all have entries */
 } panels;
 
 static inline bool panels_filled(const panels *p, int i, int j) { return !p->filled || p->filled[i * p->count + j]; }
 
-/* Divides a matrix of `rows` rows, and at most as many columns, into panels, one of which starts at column `split`. Allocates only the list. */
+/* Divides a matrix with `rows` rows, and at most as many columns, into panels, one of which starts at column `split`. Allocates only the list of panels. */
 bool panels_divide(panels *p, int rows, int columns, int split);
 void panels_free(panels *p);
 
@@ -39,9 +39,9 @@ void panel_release(panel *p);
    same rows, only the lower triangle of C is computed. */
 void panel_multiply(const panel *from, int row, int rows, int column, int columns, double alpha, double beta, double *c, int ld);
 
-/* Left-looking Cholesky factorisation, panel by panel: subtracts the contribution of the factored panels k < min(j, pivots) from panel j, and factors
-   it if j < pivots; blocks that are not filled are skipped. False if a pivot is not positive. The team shares the rows; each member calls BLAS, which
-   must use one thread. */
+/* Left-looking Cholesky factorisation, panel by panel: subtracts the contribution of the factored panels k < min(j, pivots) from panel j, and factorises it if
+   j < pivots; blocks that are not filled are skipped. Returns false if a pivot is not positive. The team shares the rows; each member calls BLAS, which must
+   use one thread. */
 bool panels_eliminate(panels *p, int j, int pivots, team *t);
 
 /* Replaces the first entries of `load` (as many as the first `pivots` panels have columns) by y = L^-1 load, and subtracts L y from the others. */

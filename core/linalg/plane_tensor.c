@@ -2,7 +2,7 @@
 
 #include "base/vec.h"
 
-/* The axes across. */
+/* Axes of the plane across the track. */
 static void axes_across(vec3 direction, vec3 *x, vec3 *y) {
     mat3 frame = frame_along(direction);
     *x = v3(frame.m[0][0], frame.m[1][0], frame.m[2][0]);
@@ -16,7 +16,7 @@ plane_tensor plane_part(const mat3 *tensor, vec3 direction) {
     return (plane_tensor){v3_dot(x, by_x), v3_dot(x, by_y), v3_dot(y, by_y)};
 }
 
-/* Half the difference of the principal values, squared. */
+/* Square of half the difference of the principal values. */
 static double square_spread_of(plane_tensor t) {
     double half = 0.5 * (t.xx - t.yy);
     return half * half + t.xy * t.xy;
@@ -33,7 +33,7 @@ plane_tensor plane_at_least(plane_tensor t, double least) {
 principal_tensor plane_principal(plane_tensor t, vec3 direction) {
     vec3 x, y;
     axes_across(direction, &x, &y);
-    double spread = sqrt(square_spread_of(t)), double_cosine = spread > 0.0 ? 0.5 * (t.xx - t.yy) / spread : 1.0; /* of twice the angle to x */
+    double spread = sqrt(square_spread_of(t)), double_cosine = spread > 0.0 ? 0.5 * (t.xx - t.yy) / spread : 1.0; /* cosine of twice the angle to x */
     double cosine = sqrt(larger_of(0.5 * (1.0 + double_cosine), 0.0)), sine = copysign(sqrt(larger_of(0.5 * (1.0 - double_cosine), 0.0)), t.xy);
     return (principal_tensor){plane_mean(t) - spread, 2.0 * spread, v3_axpy(cosine, x, v3_scale(sine, y))};
 }

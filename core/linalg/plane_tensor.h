@@ -9,7 +9,7 @@ typedef struct {
     double xx, xy, yy;
 } plane_tensor;
 
-/* Writes a tensor as `least` in all directions plus `more` along the unit vector `easy`. */
+/* A tensor written as `least` in all directions plus `more` along the unit vector `easy`. */
 typedef struct {
     double least, more;
     vec3 easy;
@@ -27,7 +27,7 @@ plane_tensor plane_part(const mat3 *tensor, vec3 direction);
 /* RT */
 static inline plane_tensor plane_scaled(double s, plane_tensor t) { return (plane_tensor){s * t.xx, s * t.xy, s * t.yy}; }
 
-/* Raises principal values below `least` to it. RT */
+/* Raises principal values below `least` to `least`. RT */
 plane_tensor plane_at_least(plane_tensor t, double least);
 
 /* RT */

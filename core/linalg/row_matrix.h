@@ -1,4 +1,4 @@
-/* 3 x 3 matrices by rows of four numbers, of which the fourth is padding: products in vector registers. */
+/* 3 x 3 matrices stored as rows of four numbers, of which the fourth is padding: products use vector registers. */
 #ifndef TROCAR_ROW_MATRIX_H
 #define TROCAR_ROW_MATRIX_H
 
@@ -18,7 +18,7 @@ static inline mat3 matrix_of(row_matrix a) {
     return m;
 }
 
-/* Without the padding. */
+/* Sum without the padding. */
 static inline double row_sum(simd4 row) { return row[0] + row[1] + row[2]; }
 
 static inline row_matrix rm_add(row_matrix a, row_matrix b) { return (row_matrix){{a.row[0] + b.row[0], a.row[1] + b.row[1], a.row[2] + b.row[2]}}; }

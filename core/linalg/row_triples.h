@@ -1,5 +1,5 @@
-/* Three rows of a matrix at a time, those of a node: many nodes' columns in one pass, four columns at once. Columns are computed in whole
-   vectors, so a few unused neighbours are computed as well. */
+/* Operations on three rows of a matrix, those of a node, over the columns of many nodes, four columns at once. Columns are computed in whole vectors,
+   including a few unused neighbours. */
 #ifndef TROCAR_ROW_TRIPLES_H
 #define TROCAR_ROW_TRIPLES_H
 
@@ -15,7 +15,7 @@ typedef struct {
 
 void column_ranges_add(column_ranges *c, int begin, int end); /* `begin` is a multiple of COLUMN_STEP */
 
-/* Three rows, `ld` apart, and what they are multiplied with. */
+/* Three rows, `ld` apart, and the matrix that multiplies them. */
 typedef struct {
     const double *rows;
     int ld;
@@ -25,10 +25,10 @@ typedef struct {
 void rows_clear(const column_ranges *c, double *to, int ld);
 void rows_copy(const column_ranges *c, const double *from, int from_ld, double *to, int ld);
 
-/* to += sum of by * rows, entry by entry in this order: the sum's last bits do not depend on what else is computed with it. */
+/* Computes to += sum of by * rows, entry by entry in this order: the last bits do not depend on other entries. */
 void rows_add(const column_ranges *c, int count, const row_triple *parts, double *to, int ld);
 
-/* to = sum of weight * rows, added in the same order. */
+/* Computes to = sum of weight * rows, added in this order. */
 typedef struct {
     const double *rows;
     int ld;

@@ -1,4 +1,4 @@
-/* Four doubles at once, by the compiler's vector types: one AVX2 register, or two of NEON. */
+/* Four doubles in one vector, with the compiler's vector types: one AVX2 register, or two NEON registers. */
 #ifndef TROCAR_SIMD4_H
 #define TROCAR_SIMD4_H
 
@@ -19,11 +19,11 @@ static inline simd4 simd4_all(double x) { return (simd4){x, x, x, x}; }
 static inline simd4 simd4_from(int i) { return simd4_all(i) + (simd4){0, 1, 2, 3}; }
 static inline double simd4_sum(simd4 x) { return (x[0] + x[2]) + (x[1] + x[3]); }
 
-/* x where the mask, a comparison of lanes, is true, and zero in the other lanes. */
+/* x in the lanes where the mask, a comparison, is true, and zero in the others. */
 typedef __typeof__((simd4){0} < (simd4){0}) simd4_mask;
 static inline simd4 simd4_where(simd4_mask mask, simd4 x) { return (simd4)(mask & (simd4_mask)x); }
 
-/* The largest multiple of SIMD4_WIDTH that is not above i >= 0. */
+/* The largest multiple of SIMD4_WIDTH that is at most i, for i >= 0. */
 static inline int simd4_below(int i) { return i / SIMD4_WIDTH * SIMD4_WIDTH; }
 
 #endif

@@ -1,5 +1,5 @@
-/* One vector as wide as the registers that this file is compiled for, eight doubles (AVX-512) or four (AVX2; two registers of NEON).
-   For loops that are compiled once for each width. */
+/* A vector as wide as the registers of the compilation target: eight doubles (AVX-512) or four (AVX2, or two NEON registers). For loops that are compiled once
+   for each width. */
 #ifndef TROCAR_SIMD_WIDE_H
 #define TROCAR_SIMD_WIDE_H
 
@@ -29,16 +29,16 @@ static inline simd_wide simd_wide_from(int i) {
     return x;
 }
 
-/* x where the mask, a comparison of vectors, is true, and zero in the other lanes. */
+/* x in the lanes where the mask, a comparison, is true, and zero in the others. */
 typedef __typeof__((simd_wide){0} < (simd_wide){0}) simd_wide_mask;
 static inline simd_wide simd_wide_where(simd_wide_mask mask, simd_wide x) { return (simd_wide)(mask & (simd_wide_mask)x); }
 
-/* The largest multiple of SIMD_WIDE_WIDTH that is not above i >= 0. */
+/* The largest multiple of SIMD_WIDE_WIDTH that is at most i, for i >= 0. */
 static inline int simd_wide_below(int i) { return i / SIMD_WIDE_WIDTH * SIMD_WIDE_WIDTH; }
 
-#ifdef TROCAR_AVX512 /* this program has code for x86-64-v4 beside that for any other processor */
+#ifdef TROCAR_AVX512 /* the program has code for x86-64-v4 besides that for any other processor */
 
-/* True if this processor runs it. The bits are the same only if both have fused multiplications. RT */
+/* True if this processor supports x86-64-v4. Results are equal to the bit only if both versions have fused multiplication. RT */
 static inline bool runs_avx512(void) {
 #ifdef __FMA__
     return __builtin_cpu_supports("avx512f") && __builtin_cpu_supports("avx512bw") && __builtin_cpu_supports("avx512cd")

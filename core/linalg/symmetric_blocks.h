@@ -1,4 +1,4 @@
-/* A symmetric matrix of 3 x 3 blocks. Those on and below the diagonal are kept, each of them in one piece, in double or single precision. */
+/* A symmetric matrix of 3 x 3 blocks. Blocks on and below the diagonal are stored, each contiguous, in double or single precision. */
 #ifndef TROCAR_SYMMETRIC_BLOCKS_H
 #define TROCAR_SYMMETRIC_BLOCKS_H
 
@@ -7,18 +7,18 @@
 
 typedef struct {
     int count;               /* rows of blocks */
-    bool single;             /* float, else double */
+    bool single;             /* true: float; false: double */
     void *numbers;           /* block (i, j), j <= i, row-major, is the (i (i + 1) / 2 + j)th */
 } symmetric_blocks;
 
-/* Numbers that `count` rows of blocks take, and bytes. */
+/* Numbers and bytes of storage for `count` rows of blocks. */
 size_t symmetric_blocks_numbers(int count);
 size_t symmetric_blocks_bytes(int count, bool single);
 
 /* out[a * ld + b] = entry (a, b) of block (row, column), which may be above the diagonal. */
 void symmetric_blocks_get(const symmetric_blocks *m, int row, int column, double *out, int ld);
 
-/* Block (row, column) with column <= row from block[9], row-major. */
+/* Sets block (row, column), column <= row, from block[9], row-major. */
 void symmetric_blocks_set(symmetric_blocks *m, int row, int column, const double block[9]);
 
 #endif

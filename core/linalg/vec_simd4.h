@@ -1,4 +1,4 @@
-/* Four vectors, rotations or matrices at once, one in each lane; the operations of vec.h. */
+/* The operations of vec.h for four vectors, rotations or matrices at once, one in each lane. */
 #ifndef TROCAR_VEC_SIMD4_H
 #define TROCAR_VEC_SIMD4_H
 

@@ -21,13 +21,13 @@ typedef struct {
 /* A triangle of the outer surface. */
 typedef struct {
     int nodes[3];            /* counter-clockwise as seen from outside */
-    int tet, face;           /* the tetrahedron behind it, and its face (opposite vertex `face`) */
+    int tet, face;           /* tetrahedron behind the triangle, and its face (opposite vertex `face`) */
 } boundary_face;
 
 /* Node of the bounding-volume tree over the boundary faces. */
 typedef struct {
     vec3 low, high;          /* m */
-    int first, count;        /* leaf: faces order[first .. first+count); inner: count 0, children first, first+1 */
+    int first, count;        /* leaf: faces order[first .. first+count); inner node: count 0, children first, first+1 */
 } bvh_node;
 
 typedef struct {
@@ -45,17 +45,17 @@ typedef struct {
     int *bvh_order;          /* boundary_count */
     double *node_size;       /* node_count: mean edge length of equivalent regular tets around the node, m */
     bool *anatomical;        /* node_count: on the outer surface, an interface of regions, or a named surface, line or point */
-    report remarks;          /* changes made to the file's mesh, and suspected errors in it; may be empty */
+    report remarks;          /* changes made to the file's mesh, and suspected errors in the file; may be empty */
 } mesh;
 
-/* Reads any format that Gmsh reads, with coordinates in `unit` (m); checks nodes, tets, orientation and conformity, and joins bodies whose faces
-   match. BAD_INPUT with a message that names the file. Not thread-safe, because Gmsh has global state. */
+/* Reads MSH 2.2 and 4.1, and by way of Gmsh, if it is installed, any other format that Gmsh reads, with coordinates in `unit` (m); checks nodes, tets,
+   orientation and conformity, and joins bodies whose faces match. BAD_INPUT with a message that names the file. */
 trocar_status mesh_read_in(const char *path, double unit, mesh *m, report *why);
 
 /* Loads a mesh file whose coordinates are in metres. */
 static inline trocar_status mesh_read(const char *path, mesh *m, report *why) { return mesh_read_in(path, 1.0, m, why); }
 
-/* Makes a mesh from arrays, which are copied. BAD_INPUT for indices out of range and duplicate names, and as in mesh_finish. */
+/* Creates a mesh from arrays, which are copied. BAD_INPUT for indices out of range, for duplicate names, and as in mesh_finish. */
 trocar_status mesh_from_arrays(const trocar_mesh *given, mesh *m, report *why);
 trocar_status mesh_arrays_check(const trocar_mesh *given, report *why); /* only checks indices and names */
 
@@ -73,10 +73,10 @@ __attribute__((format(printf, 2, 3))) void mesh_remark(mesh *m, const char *form
 /* Appends a remark if the body or its elements are implausibly large or small compared with the needle, which suggests a wrong unit. */
 void mesh_compare_with_needle(mesh *m, double length, double diameter);
 
-/* Index of the group of this name and dimension (any if -1), or -1. */
+/* Index of the group with this name and dimension (-1: any), or -1. */
 int mesh_find_group(const mesh *m, const char *name, int dimension);
 
-/* Barycentric weights of x in tet t: they sum to 1 and are all >= 0 inside. RT */
+/* Barycentric weights of x in tetrahedron t: their sum is 1, and they are all >= 0 inside. RT */
 void mesh_barycentric(const mesh *m, int tet, vec3 x, double weights[4]);
 
 /* Edge length of the mesh in element `tet`, m: mean of node_size. RT */
@@ -110,8 +110,8 @@ surface_hit mesh_enter(const mesh *m, vec3 a, vec3 b);
 /* The tetrahedron that contains x, or -1. The search starts at tet `start` (-1: any) and also works in non-convex meshes. */
 int mesh_locate(const mesh *m, vec3 x, int start);
 
-/* Face through which the ray from x in tet `tet` along d leaves it, and the distance in units of d; -1 if d is zero. A start
-   slightly outside a face is treated as on it. RT */
+/* Face through which the ray from x in tet `tet` along d leaves it, and the distance in units of d; -1 if d is zero. A point slightly outside a face is
+   treated as on the face. RT */
 int mesh_exit(const mesh *m, int tet, vec3 x, vec3 d, double *distance);
 
 /* Compares node numbers, for qsort and bsearch. */

@@ -1,4 +1,4 @@
-/* Completes a mesh that consists of nodes and elements: orientation, neighbours, named surfaces, outer surface. Refuses invalid meshes. */
+/* Completes a mesh that consists of nodes and elements: orientation, neighbours, named surfaces, outer surface. Rejects invalid meshes. */
 #include <stdlib.h>
 #include <string.h>
 
@@ -8,7 +8,8 @@
 /* Face i is opposite vertex i; for a tet of positive volume its nodes are counter-clockwise as seen from outside. */
 static const int FACE[4][3] = {{1, 2, 3}, {0, 3, 2}, {0, 1, 3}, {0, 2, 1}};
 
-static const double FLAT = 1e-9; /* 1: volume over longest edge^3; a tet with less is degenerate (a regular one has 0.118). Rounding */
+static const double FLAT = 1e-9; /* 1: volume over longest edge^3 below which a tetrahedron counts as degenerate (a regular one has 0.118). Rounding
+                                    tolerance */
 
 /* ---- checks and orientation ---- */
 
@@ -47,7 +48,7 @@ static trocar_status orient_tets(mesh *m, const char *name, report *why) {
     return TROCAR_OK;
 }
 
-/* Size at each node: mean edge length of regular tets with the volumes of those around the node. */
+/* Computes the size at each node: mean edge length of regular tetrahedra with the volumes of those around the node. */
 static trocar_status measure_nodes(mesh *m, const char *name, report *why) {
     int *valence = calloc(m->node_count, sizeof *valence);
     if (!valence) return fail(why, TROCAR_NO_MEMORY, "%s: no memory for %d nodes", name, m->node_count);
@@ -116,7 +117,7 @@ static face_record *sorted_faces(const mesh *m) {
     return faces;
 }
 
-/* Two tets that share a face are on opposite sides of it, so that its nodes have opposite orientations in them. */
+/* Two tetrahedra that share a face are on opposite sides of it, so the face's nodes must have opposite orientations in them. */
 static trocar_status join_neighbours(mesh *m, const face_record *faces, const char *name, report *why) {
     size_t count = 4 * (size_t)m->tet_count, next;
     for (size_t i = 0; i < count; i = next) {

@@ -2,8 +2,8 @@
 
 #include <stdlib.h>
 
-static const double SAME_PLACE = 1e-6; /* fraction: of the body's size, within which nodes coincide. Rounding: of files in single precision */
-static const vec3 ORDER = {0.5773, 0.7211, 0.3834};               /* sorting direction, not aligned with the axes of regular meshes */
+static const double SAME_PLACE = 1e-6; /* fraction: distance, relative to the body's size, within which nodes coincide. Rounding: files in single precision */
+static const vec3 ORDER = {0.5773, 0.7211, 0.3834};               /* direction of sorting, not aligned with the axes of regular meshes */
 static const int FACES[4][3] = {{1, 2, 3}, {0, 2, 3}, {0, 1, 3}, {0, 1, 2}};
 
 typedef struct { double along; int node; } placed_node;

@@ -7,7 +7,7 @@
 typedef struct {
     int merged;              /* nodes merged with another */
     int apart;               /* nodes that coincide with another but whose faces do not match */
-    int example;             /* one of those, original number; -1 if none */
+    int example;             /* original number of one of the nodes counted in `apart`, or -1 */
 } mesh_merge_result;
 
 /* Joins bodies at matching faces by merging their nodes. Reads and changes nodes and tets; `renumbered` (node_count) receives the

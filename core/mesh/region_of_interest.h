@@ -6,7 +6,7 @@
 
 enum { REACH_MAX_REGIONS = 16, REACH_USUAL = 3000 /* nodes, default size */ };
 
-/* The region as given in the scene: the union of all parts. */
+/* The region of interest as given in the scene: the union of regions and corridor. */
 typedef struct {
     int region_count;
     char regions[REACH_MAX_REGIONS][MESH_NAME];
@@ -16,9 +16,9 @@ typedef struct {
 
 bool roi_given(const roi_config *given);
 
-/* Nodes in the region of interest, ascending; the caller frees them. By default, all nodes of a mesh of up to REACH_USUAL nodes, else that many nodes
-   around the normal through the centroid of the surface group `surface`; none if that is not an outer surface (or is -1). BAD_INPUT for an unknown
-   region, or if a given region contains no nodes. */
+/* Finds the nodes in the region of interest, ascending; the caller frees them. By default, these are all nodes of a mesh with up to REACH_USUAL nodes,
+   otherwise that many nodes around the normal through the centroid of the surface group `surface`; none if that is not an outer surface (or is -1). BAD_INPUT
+   for an unknown region, or if a given region contains no nodes. */
 trocar_status roi_find(const mesh *m, const roi_config *given, int surface, int **nodes, int *count, report *why);
 
 #endif

@@ -2,7 +2,7 @@
 
 #include <stdlib.h>
 
-static const double SLACK = 1e-12; /* fraction: of the body's size, tolerance on distances. Rounding */
+static const double SLACK = 1e-12; /* fraction: tolerance of distances, relative to the body's size. Rounding tolerance */
 enum { LEAF_FACES = 4, STACK_SIZE = 64 };   /* each level halves the faces, so 64 levels suffice for any mesh */
 
 /* ---- building ---- */
@@ -90,8 +90,8 @@ static bool meets_box(const segment *ray, const bvh_node *box, double limit) {
         && clip_axis(ray->from.z, ray->along.z, box->low.z - slack, box->high.z + slack, &enter, &leave);
 }
 
-/* True if the line passes to the left of the edge p -> q, seen against `along`. The rounding error of the triple product is below 1e-14 of the
-   product of lengths; within that both triangles of an edge accept the line, so that it cannot pass between them. */
+/* True if the line passes to the left of the edge p -> q, seen against `along`. The rounding error of the triple product is below 1e-14 of the product of
+   lengths. Within that tolerance, both triangles of an edge accept the line, so that it cannot pass between them. */
 static bool left_of_edge(vec3 along, vec3 p, vec3 q) {
     return v3_dot(along, v3_cross(p, q)) <= 1e-14 * v3_norm(along) * v3_norm(p) * v3_norm(q);
 }

@@ -4,12 +4,12 @@
 #include "needle/centreline_kernels.h"
 #include "needle/rod_kernels.h"
 
-static const double MOST_BOW = 0.01; /* needle lengths: largest bow that a scene may give; beyond that the needle would clearly be bent, and its tip short of its
-                                        length. Chosen */
-static const double FARTHEST = 2.0; /* steps: if a step is longer than this many of the last one, its shape is not extrapolated from that one. Chosen */
+static const double MOST_BOW = 0.01; /* needle lengths: largest bow in a scene; beyond it the needle would be visibly bent, and the distance from base to tip
+                                        shorter than its length. Chosen by judgement */
+static const double FARTHEST = 2.0; /* steps: ratio of a step's length to that of the last one above which the shape is not extrapolated. Chosen by judgement */
 
-/* m/m, slope against the axis of a segment of the needle without force: that of a bow y = bow L (1 - cos(2 pi s / L)) / 2. The needle leaves its base along the axis, and
-   its tip is on the axis and points along it. */
+/* Slope of a segment of the unloaded needle against the axis, m/m, for the bow y = bow L (1 - cos(2 pi s / L)) / 2. At its base and tip, the needle is on the
+   axis and parallel to it. */
 static double natural_slope(const needle_parameters *given, int segment) {
     int last = given->segments - 1;
     return M_PI * given->bow * sin(2.0 * M_PI * segment / last);
@@ -47,7 +47,7 @@ void needle_set_straight(const needle_model *model, pose base, needle_state *sta
     rod_set_frames(model, &of, state);
 }
 
-/* No load twists the rod, so that every segment turns about its own axis by as much as the base does. */
+/* No load twists the rod, so every segment rotates about its own axis by the same angle as the base. */
 void needle_move_base(const needle_model *model, pose base, needle_state *state) {
     double roll = q_roll_between(state->base.orientation, base.orientation);
     quat turn = q_exp(v3(0, 0, roll));
@@ -73,7 +73,7 @@ void needle_motion_of(const needle_model *model, const needle_state *before, con
 
 bool needle_extrapolate(const needle_model *model, const needle_motion *motion, double dt, needle_state *state) {
     bool known = motion->time > 0.0 && dt <= FARTHEST * motion->time;
-    if (known) rod_go_on(model, motion, dt / motion->time, state);
+    if (known) rod_extrapolate(model, motion, dt / motion->time, state);
     return known;
 }
 
@@ -93,19 +93,19 @@ double needle_energy(const needle_model *model, const needle_state *state) {
 
 /* ---- the centreline ------------------------------------------------------------------------------------------------ */
 
-/* The tangent between two segments, turned by this fraction (0 to 1) from that of the first to that of the second. */
+/* A tangent between two segments, rotated by this fraction (0 to 1) from the axis of the first to that of the second. */
 typedef struct {
     int before, after;
     double fraction;
 } tangent_turn;
 
-/* Finds the weights of the three joints at a place. */
+/* Finds the weights of the three joints for a point at this arc. */
 static tangent_turn weigh_joints(const needle_model *model, double arc, needle_point *p) {
     int n = model->given.segments;
-    double s = arc / model->segment_length; /* in segments from the base */
+    double s = arc / model->segment_length; /* position in segments from the base */
     s = smaller_of(larger_of(s, 0.0), n);
     int joint = (int)(s + 0.5);                        /* nearest joint: the middle control point */
-    if (joint < 1 || joint > n - 1) {                  /* first and last half segment: straight */
+    if (joint < 1 || joint > n - 1) {                  /* the first and last half segments are straight */
         int k = joint < 1 ? 0 : n - 1;
         p->first = joint < 1 ? 0 : n - 2;
         for (int i = 0; i < NEEDLE_POINT_JOINTS; i++) p->weights[i] = 0.0;
@@ -113,7 +113,7 @@ static tangent_turn weigh_joints(const needle_model *model, double arc, needle_p
         p->weights[k - p->first + 1] = s - k;
         return (tangent_turn){k, k, 0.0};
     }
-    double f = s + 0.5 - joint;                        /* from the middle of one segment to that of the next */
+    double f = s + 0.5 - joint;                        /* position between the middle of one segment and that of the next */
     p->first = joint - 1;
     p->weights[0] = 0.5 * (1.0 - f) * (1.0 - f);
     p->weights[1] = 0.5 + f - f * f;

@@ -8,8 +8,8 @@
 enum {
     NEEDLE_MAX_SEGMENTS = 64,
     NEEDLE_LD = (NEEDLE_MAX_SEGMENTS / 4 + 1) * 12, /* three columns for each joint; whole blocks of four joints */
-    NEEDLE_PLACES = NEEDLE_MAX_SEGMENTS + 4, /* whole vectors of segments, and joints beyond them */
-    NEEDLE_POINT_JOINTS = 3,                /* that a point of the centreline is interpolated from */
+    NEEDLE_PLACES = NEEDLE_MAX_SEGMENTS + 4, /* padded for whole vectors of segments, and joints beyond them */
+    NEEDLE_POINT_JOINTS = 3,                /* number of joints between which a point of the centreline is interpolated */
 };
 
 typedef struct {
@@ -29,7 +29,7 @@ typedef struct {
     double radius;           /* m, outer */
     double bending;          /* EI, N m^2 */
     double torsion;          /* GJ, N m^2 */
-    double natural[NEEDLE_PLACES]; /* rad, about local x: turn of each segment of a needle without force against the one before */
+    double natural[NEEDLE_PLACES]; /* rad, about local x: rotation of each segment of the unloaded needle relative to the previous one */
 } needle_model;
 
 typedef struct {
@@ -41,7 +41,7 @@ typedef struct {
 /* Change of the needle's shape in a step. */
 typedef struct {
     double time;             /* s, duration; 0: not known */
-    quat turn[NEEDLE_MAX_SEGMENTS]; /* of each segment, world frame */
+    quat turn[NEEDLE_MAX_SEGMENTS]; /* rotation of each segment, world frame */
 } needle_motion;
 
 /* A point on the centreline: quadratic B-spline over three joints (linear at both ends), so that its tangent is
@@ -53,21 +53,21 @@ typedef struct {
     mat3 frame;              /* columns: normal 1 (near local x), normal 2 (near local y), tangent */
 } needle_point;
 
-/* Components of segments or joints, so that four are computed at once; symmetric matrices: xx, xy, xz, yy, yz, zz. */
+/* Series of components of segments or joints, so that four are computed at once; symmetric matrices: xx, xy, xz, yy, yz, zz. */
 typedef struct { double at[3][NEEDLE_PLACES]; } vector_series;
 typedef struct { double at[6][NEEDLE_PLACES]; } symmetric_series;
 typedef struct { double at[9][NEEDLE_PLACES]; } matrix_series;
 
-/* Tangent at the current shape (scratch of one Newton iteration). */
+/* Tangent at the present shape (scratch of one Newton iteration). */
 typedef struct {
     int unstable;                               /* number of negative eigenvalues of the tangent stiffness, that is, buckling modes of the
                                                    unsupported needle under these loads */
-    vec3 drift[NEEDLE_MAX_SEGMENTS + 1];        /* displacement of the joints that count for zero load (linearised), m */
-    double compliance[NEEDLE_LD][NEEDLE_LD];    /* between joints, m/N: [3 i + a][3 j + b], for j > i - NEEDLE_POINT_JOINTS */
+    vec3 drift[NEEDLE_MAX_SEGMENTS + 1];        /* m, displacement of the joints for zero load (linearised) */
+    double compliance[NEEDLE_LD][NEEDLE_LD];    /* m/N, compliance between joints: [3 i + a][3 j + b], for j > i - NEEDLE_POINT_JOINTS */
     symmetric_series pivot_inverse;             /* block L D L^T of the tangent stiffness */
     matrix_series lower;
-    vector_series moments;                      /* spatial moment of the joint before each segment, N m */
-    double rotation[3 * NEEDLE_MAX_SEGMENTS][NEEDLE_LD]; /* of the segments per unit force at each joint beyond, rad/N */
+    vector_series moments;                      /* N m, spatial moment of the joint before each segment */
+    double rotation[3 * NEEDLE_MAX_SEGMENTS][NEEDLE_LD]; /* rad/N, rotation of the segments per unit force at each later joint */
 } needle_tangent;
 
 #endif

@@ -26,10 +26,10 @@ static inline double rod_joint_length(const needle_model *model, int k) { return
 /* Turns the segments and moves the joints accordingly. RT */
 void rod_set_frames(const needle_model *model, const rod_frames *of, needle_state *state);
 
-/* As the functions of the same names in needle.h. RT */
+/* Implementations of the functions with the same names in needle.h. RT */
 vec3 rod_root_moment(const needle_model *model, const needle_state *state);
 void rod_linearise(const needle_model *model, const needle_state *state, const vec3 *load, int first, needle_tangent *tangent);
 double rod_advance(const needle_model *model, const needle_tangent *tangent, const vec3 *load, needle_state *state);
-void rod_go_on(const needle_model *model, const needle_motion *motion, double fraction, needle_state *state);
+void rod_extrapolate(const needle_model *model, const needle_motion *motion, double fraction, needle_state *state);
 
 #endif

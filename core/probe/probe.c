@@ -7,30 +7,30 @@
 #include "snapshot/free_displacement.h"
 
 enum { LD = 3 * MAX_PRESSED };
-enum { MOST_ITERATIONS = 50 }; /* iterations: of Newton's method in one solution; the next solution continues from there. Effort */
-enum { MOST_STOPS = 4 }; /* steps: of the secant that finds where the probe stops; the probe stays where the last one ended. Effort */
-static const double REACH = 0.5; /* probe radii: points closer than this can take part. Chosen: twice the probe's largest step */
-static const double BRIDGE = 1.0 - M_SQRT1_2; /* probe radii, below 1: depth of the middle of an edge whose ends touch the probe a right angle apart.
-                                                 Beyond this depth the edge no longer follows the wall around the probe, which would pass between its
-                                                 ends. Derived for that angle, which is chosen; force and field are within 1.5 % of another program's
+enum { MOST_ITERATIONS = 50 }; /* iterations: largest number of Newton iterations in one solution; the next solution continues from there. Effort limit */
+enum { MOST_STOPS = 4 }; /* steps: largest number of secant steps to find where the probe stops; the probe stays at the last one. Effort limit */
+static const double REACH = 0.5; /* probe radii: distance within which points can take part. Chosen: twice the probe's largest step */
+static const double BRIDGE = 1.0 - M_SQRT1_2; /* probe radii, below 1: depth of the middle of an edge whose ends touch the probe a right angle apart. Beyond
+                                                 this depth, the edge no longer follows the wall around the probe, and the probe would pass between its ends.
+                                                 Derived for that angle, which is chosen; force and field are within 1.5 % of another program's
                                                  (verify_probe) */
-static const double LONG_EDGE = 0.5; /* probe radii: middles of shorter edges do not take part, because they would have to stretch to nearly three
-                                        times their length to reach that depth. Derived for the depth BRIDGE */
-static const double STEP = 0.25; /* probe radii: largest step of the probe, so that closest points move little. Chosen */
-static const double CONVERGED = 1e-9; /* m: largest change of a node's position in a converged iteration. Rounding */
-static const double PENETRATION = 1e-12; /* m: penetration of a node that still counts as outside. Rounding */
-static const double TURNED = 0.02; /* rad: change of a normal beyond which the node is attached again along the new normal. Effort */
-static const double NOTICEABLE = 1e-5; /* N: smallest change of a force that causes a new answer. Effort */
-static const double STOPPED = 1e-3; /* fraction: of max_force, margin below it at which the probe stops. Chosen */
-static const double EDGE_COMPLIANCE = 1e-4; /* fraction: of an edge's own compliance, added to its diagonal, because an edge and its ends are not
-                                               independent. Chosen */
+static const double LONG_EDGE = 0.5; /* probe radii: length of edges below which their middles do not take part, because such edges would have to stretch to
+                                        nearly three times their length to reach the depth BRIDGE. Derived for that depth */
+static const double STEP = 0.25; /* probe radii: largest step of the probe, so that closest points move little. Chosen by judgement */
+static const double CONVERGED = 1e-9; /* m: largest change of a node's position in a converged iteration. Rounding tolerance */
+static const double PENETRATION = 1e-12; /* m: penetration up to which a node still counts as outside. Rounding tolerance */
+static const double TURNED = 0.02; /* rad: change of a normal beyond which the node is attached again along the new normal. Effort limit */
+static const double NOTICEABLE = 1e-5; /* N: smallest change of a force that causes a new answer. Effort limit */
+static const double STOPPED = 1e-3; /* fraction: margin below max_force, relative to it, at which the probe stops. Chosen by judgement */
+static const double EDGE_COMPLIANCE = 1e-4; /* fraction: part of an edge's own compliance that is added to its diagonal entry, because an edge and its ends are
+                                               not independent. Chosen by judgement */
 
 typedef struct probe_scratch {
-    vec3 free_u[MAX_PRESSED], u[MAX_PRESSED], load[MAX_PRESSED]; /* of the near nodes: displacement without the probe and with it (m), load (N) */
-    vec3 normal[MAX_PRESSED];                                    /* of the candidates: */
-    double gap[MAX_PRESSED], force[MAX_PRESSED];                 /* m, N */
-    int near_ends[MAX_PRESSED][2];                               /* places of their ends in `near`; -1: none */
-    int chosen[MAX_PRESSED];                                     /* the candidates in the complementarity problem */
+    vec3 free_u[MAX_PRESSED], u[MAX_PRESSED], load[MAX_PRESSED]; /* near nodes: displacement without the probe and with it (m), load (N) */
+    vec3 normal[MAX_PRESSED];                                    /* outward normals of the candidates */
+    double gap[MAX_PRESSED], force[MAX_PRESSED];                 /* m and N, of the candidates */
+    int near_ends[MAX_PRESSED][2];                               /* indices of the candidates' ends in `near`; -1: none */
+    int chosen[MAX_PRESSED];                                     /* candidates in the complementarity problem */
     double matrix[MAX_PRESSED * MAX_PRESSED], right[MAX_PRESSED], z[MAX_PRESSED], pivoting[MAX_PRESSED * (MAX_PRESSED + 2)];
     int nodes[2 * MAX_PRESSED];
     vec3 now[MAX_PRESSED], unloaded[MAX_PRESSED];
@@ -52,7 +52,7 @@ static int compare_edges(const void *a, const void *b) {
     return x[0] != y[0] ? compare_nodes(x, y) : compare_nodes(x + 1, y + 1);
 }
 
-/* Long edges of the surface's triangles that can move: two nodes, ascending, and a tet. NULL: no memory. */
+/* Lists the long, movable edges of the surface's triangles: two nodes, ascending, and a tetrahedron. NULL if there is no memory. */
 static int (*list_edges(const probe *p, int surface, int *count))[3] {
     const mesh *m = mesh_of(p);
     int most = 0;
@@ -166,7 +166,7 @@ static int compare_gaps(const void *a, const void *b) {
     return x[0] < y[0] ? -1 : x[0] > y[0] ? 1 : (x[1] > y[1]) - (x[1] < y[1]);
 }
 
-/* Chooses the pressed points, and then the closest ones, as far as there is room for them and their ends. */
+/* Chooses the pressed points, then the closest other points, as long as there is room for them and their ends. */
 static void choose_closest(probe *p, double (*gaps)[2]) {
     int before[MAX_PRESSED], near_before = p->near_count;
     memcpy(before, p->near, sizeof before);
@@ -193,14 +193,14 @@ static void choose_closest(probe *p, double (*gaps)[2]) {
         }
 }
 
-/* Chooses the points again unless all relevant ones are listed already. */
+/* Chooses the points again, unless all relevant points are already listed. */
 static trocar_status list_near(probe *p, pose base, report *why) {
     bool listed = p->near_count > 0;
     for (int i = 0; i < p->point_count && listed; i++)
         listed = gap_at_rest(p, base, i) > REACH * p->shape.radius || find(i, p->candidate_count, p->candidates) >= 0;
     for (int i = 0; i < p->state.count && listed; i++) listed = find(p->state.points[i].point, p->candidate_count, p->candidates) >= 0;
     if (listed) return TROCAR_OK;
-    double (*gaps)[2] = malloc((size_t)p->point_count * sizeof *gaps); /* and the point */
+    double (*gaps)[2] = malloc((size_t)p->point_count * sizeof *gaps); /* gap, and index of the point */
     if (!gaps) return fail(why, TROCAR_NO_MEMORY, "no memory for the probe's contacts");
     for (int i = 0; i < p->point_count; i++) gaps[i][0] = gap_at_rest(p, base, i), gaps[i][1] = i;
     for (int i = 0; i < p->state.count; i++) gaps[p->state.points[i].point][0] = -INFINITY;
@@ -223,7 +223,7 @@ static vec3 yields(const probe *p, int i, int j, vec3 force) {
     return m3_apply(&block, force);
 }
 
-/* Value of a near-node field at a candidate; fixed ends count as 0. */
+/* Interpolates a field on the near nodes at a candidate; fixed ends count as 0. */
 static vec3 at_candidate(const probe *p, int candidate, const vec3 *field) {
     const int *ends = p->scratch->near_ends[candidate];
     vec3 sum = v3(0, 0, 0);
@@ -242,7 +242,7 @@ static vec3 candidate_yields(const probe *p, int i, int j, vec3 force) {
     return sum;
 }
 
-/* m/N: compliance of candidate i along its normal beyond that of its nodes. */
+/* Compliance of candidate i along its normal in addition to that of its nodes, m/N. */
 static double own_compliance(const probe *p, int i) {
     if (p->points[p->candidates[i]].weight == 1.0) return 0.0;
     vec3 normal = p->scratch->normal[i];
@@ -275,7 +275,7 @@ static trocar_status find_free(probe *p, const nodal_forces *loads, const double
 
 /* ---- contact --------------------------------------------------------------------------------------------------------------------- */
 
-/* Moves the near nodes to the positions that the forces give. Returns the largest change, m. */
+/* Moves the near nodes to their positions under the forces. Returns the largest change, m. */
 static double displace(probe *p) {
     probe_scratch *s = p->scratch;
     double longest = 0.0;
@@ -299,7 +299,7 @@ static vec3 displaced(const probe *p, int candidate) {
     return v3_add(p->points[p->candidates[candidate]].rest, at_candidate(p, candidate, p->scratch->u));
 }
 
-/* One Newton step: gaps are linear in the displacement about the present one, and the new displacement closes them wherever the force is not zero. */
+/* One Newton step: the gaps are linearised about the present displacement, and the new displacement closes them wherever the force is not zero. */
 static bool solve_linearised(probe *p, pose base) {
     probe_scratch *s = p->scratch;
     int count = 0;
@@ -415,8 +415,8 @@ static bool take_solution(probe *p, pose base) {
     return changed;
 }
 
-/* Distributes forces on points to nodes, each node once. */
-static void tell(probe *p) {
+/* Distributes the forces on points to nodes, each node once. */
+static void publish(probe *p) {
     probe_scratch *s = p->scratch;
     int count = 0;
     for (int i = 0; i < p->state.count; i++) {
@@ -443,7 +443,7 @@ static void tell(probe *p) {
     p->now.count = p->unloaded.count = distinct;
 }
 
-/* Subtracts the attached points' response to the held needles from the forces. */
+/* Subtracts the response of the attached points to held needles from the forces. */
 static trocar_status find_free_forces(probe *p, const nodal_forces *loads, bool changed, report *why) {
     double *response = p->scratch->response, most = 0.0;
     vec3 *unloaded = p->scratch->unloaded;
@@ -473,7 +473,7 @@ bool probe_axis_in_tissue(const mesh *m, const probe_shape *shape, pose base) {
     return mesh_locate(m, tip, -1) >= 0 || mesh_locate(m, base.position, -1) >= 0 || mesh_enter(m, base.position, tip).hit;
 }
 
-/* Displacement by loads other than the probe's. */
+/* Other loads, which displace the surface without the probe. */
 typedef struct {
     nodal_forces forces;
     const double *attached;
@@ -486,13 +486,13 @@ static trocar_status solve_force(probe *p, pose at, const probe_loads *loads, do
     return status;
 }
 
-/* Finds the place between the present one and `to` where the force is just below the limit, by the secant; at `to` it would be `beyond`. Leaves the
-   solution for the pose that it returns. */
+/* Finds, by the secant method, the pose between the present one and `to` at which the force is just below the limit; at `to` it would be `beyond`. The
+   solution for the returned pose is left in the scratch. */
 static trocar_status solve_short_of(probe *p, pose *to, double beyond, const probe_loads *loads, report *why) {
     pose from = p->state.base, end = *to;
-    double force = v3_norm(p->state.wrench_force), part = 1.0, aim = (1.0 - STOPPED) * p->max_force;
+    double force = v3_norm(p->state.wrench_force), part = 1.0, target = (1.0 - STOPPED) * p->max_force;
     for (int i = 0; i < MOST_STOPS; i++) {
-        part = i + 1 < MOST_STOPS ? part * fmax(0.0, (aim - force) / (beyond - force)) : 0.0;
+        part = i + 1 < MOST_STOPS ? part * fmax(0.0, (target - force) / (beyond - force)) : 0.0;
         *to = part > 0.0 ? pose_between(from, end, part) : from;
         trocar_status status = solve_force(p, *to, loads, &beyond, why);
         if (status != TROCAR_OK || part == 0.0 || beyond <= p->max_force) return status;
@@ -500,7 +500,7 @@ static trocar_status solve_short_of(probe *p, pose *to, double beyond, const pro
     return TROCAR_OK;
 }
 
-/* Moves to the next pose on the probe's way. Sets `free` to false if the tissue stops it before. */
+/* Moves to the next pose on the probe's path. Sets `free` to false if the tissue stops the probe before that pose. */
 static trocar_status press_at(probe *p, pose at, const probe_loads *loads, bool *free, bool *changed, report *why) {
     double force;
     if (p->state.count == 0 && is_far(p, at)) {
@@ -516,7 +516,7 @@ static trocar_status press_at(probe *p, pose at, const probe_loads *loads, bool 
     return status;
 }
 
-/* Places the probe directly at a pose that it has not reached in steps, if nothing prevents it. Otherwise the probe stays where it was. */
+/* Places the probe directly at a pose that it has not reached in steps, unless its axis or its force prevents that. Otherwise the probe stays where it was. */
 static trocar_status put_in(probe *p, pose base, const probe_loads *loads, bool *free, bool *changed, report *why) {
     double force = 0.0;
     trocar_status status = TROCAR_OK;
@@ -560,7 +560,7 @@ trocar_status probe_press(probe *p, pose base, const other_loads *others, bool b
         p->compliance_known = false;
         attach(p, &ignored);
     }
-    tell(p);
+    publish(p);
     return status;
 }
 
@@ -570,6 +570,6 @@ trocar_status probe_resume(probe *p, const probe_state *state, report *why) {
     p->near_count = 0;
     trocar_status status = attach(p, why);
     if (status != TROCAR_OK) p->state.count = 0;
-    tell(p);
+    publish(p);
     return status;
 }

@@ -1,38 +1,38 @@
-/* A rigid probe that presses a named surface of the mesh: unilateral contact without friction at the surface's nodes and the middles of its long
-   edges. See docs/mechanics.md, "Probe". Called by the worker, in one thread at a time. */
+/* A rigid probe that presses a named surface of the mesh: unilateral contact without friction at the surface's nodes and the middles of its long edges. See
+   docs/mechanics.md, "Probe". Called by the worker; not thread-safe. */
 #ifndef TROCAR_PROBE_H
 #define TROCAR_PROBE_H
 
 #include "probe/probe_shape.h"
 #include "snapshot/snapshot.h"
 
-enum { MAX_PRESSED = 256 };  /* limit on nodes and on points that take part; of a larger surface, those closest to the probe */
+enum { MAX_PRESSED = 256 };  /* largest number of nodes, and of points, that take part; on a larger surface, those closest to the probe */
 
-/* A constant place on the surface: a node, or the middle of an edge, which moves as the mean of its ends. */
+/* A material point of the surface: a node, or the middle of an edge, which moves as the mean of its ends. */
 typedef struct {
     vec3 rest;               /* m, undeformed */
     int ends[2];             /* indices in `surface`; -1: none, or fixed */
-    double weight;           /* of each end: 1 for a node, 1/2 for an edge */
-    double slack;            /* m: how far it may lie inside the probe; 0 for a node */
-    int tet;                 /* an element that contains it, */
-    double weights[4];       /* and its barycentric weights there */
+    double weight;           /* weight of each end: 1 for a node, 1/2 for an edge */
+    double slack;            /* m, allowed depth inside the probe; 0 for a node */
+    int tet;                 /* an element that contains the point */
+    double weights[4];       /* barycentric weights of the point in that element */
 } surface_point;
 
 typedef struct {
     int point;
-    vec3 normal;             /* out of the probe, where it touches the point */
+    vec3 normal;             /* outward normal of the probe at the point of contact */
     double force;            /* N, on the tissue along `normal`, positive */
     vec3 row;                /* the direction in which the point is attached: `normal` at that time */
-    vec3 free_force;         /* N: the force if no needle were held */
+    vec3 free_force;         /* N, force if no needle were held */
     double own_compliance;   /* m/N: the point's own compliance; 0 for a node */
 } pressed_point;
 
-/* Everything that changes. Plain data. */
+/* The mutable state. Plain data. */
 typedef struct {
-    bool placed;             /* false: the probe has no place yet */
+    bool placed;             /* false: the probe has no pose yet */
     bool stopped;            /* true: the tissue stopped it before the requested pose */
-    pose base;               /* where it is */
-    vec3 wrench_force, wrench_torque; /* N, and N m about the base: on the hand that holds it */
+    pose base;               /* present pose */
+    vec3 wrench_force, wrench_torque; /* N, and N m about the base: on the hand that holds the probe */
     int count;
     pressed_point points[MAX_PRESSED]; /* the pressed points, ascending */
 } probe_state;
@@ -44,35 +44,35 @@ typedef struct {
     double max_force;        /* N */
     int surface_count, *surface; /* nodes of the surface that are not fixed, ascending */
     int point_count;
-    surface_point *points;   /* first the nodes, in the same order */
+    surface_point *points;   /* the nodes come first, in the same order */
     probe_state state;
-    uint64_t changes;        /* counts changes of the attached set, */
-    uint64_t shifts;         /* and of the free forces */
-    uint64_t last_attached;  /* id */
-    int attached_count;      /* points */
-    int near_count, near[MAX_PRESSED]; /* nodes that can take part, ascending, with */
-    double *compliance;      /* m/N: 3 near_count square, row by row; kept while it is valid */
+    uint64_t changes;        /* number of changes of the attached set */
+    uint64_t shifts;         /* number of changes of the free forces */
+    uint64_t last_attached;  /* id of the last attachment */
+    int attached_count;      /* number of attached points */
+    int near_count, near[MAX_PRESSED]; /* nodes that can take part, ascending */
+    double *compliance;      /* m/N: compliance between the nodes in `near`, 3 near_count square, row-major; reused while it is valid */
     bool compliance_known;
     int candidate_count, candidates[MAX_PRESSED]; /* points that can take part, ascending: all their ends are near */
     nodal_forces now, unloaded; /* nodal forces of the pressed points: force, and free_force */
     struct probe_scratch *scratch;
-    int load_room, *load_nodes; /* loads by others: scratch */
+    int load_room, *load_nodes; /* scratch for loads by others */
     vec3 *load_forces;
 } probe;
 
-/* `surface`: index of a surface of the mesh. `max_force` (N): the probe stops where its force would exceed it. `beneath` must outlive the probe.
-   BAD_INPUT if no node of the surface can move. */
+/* Creates a probe that presses surface number `surface` of the mesh. `max_force` (N): force at which the probe stops. `beneath` must outlive the probe.
+   BAD_INPUT if all nodes of the surface are fixed. */
 trocar_status probe_create(inverse *beneath, const probe_shape *shape, int surface, double max_force, probe **created, report *why);
 void probe_free(probe *p);
 
-/* Presses at this pose, with these loads by others on the tissue. `beneath_changed`: the attachments beneath have changed. Moves longer than a
-   quarter of the radius are taken in steps. If the force would rise above max_force, the probe stops on its way. If there are more than MOST_STEPS
-   steps, or the probe has no place yet, it is placed directly at the pose, unless its axis would lie in the tissue at rest or its force
-   exceed max_force: then it stays where it was, stopped. On failure nothing is pressed. Allocates when the set of pressed points changes. */
+/* Presses at this pose, with the loads `others` on the tissue. `beneath_changed`: the attachments of `beneath` have changed. Moves longer than a quarter of
+   the radius are divided into steps. If the force would exceed max_force, the probe stops on its path. If that takes more than MOST_STEPS steps, or the probe
+   has no pose yet, it is placed directly at the pose, unless its axis would intersect the tissue at rest or its force would exceed max_force; in that case it
+   stays where it was, and counts as stopped. On failure nothing is pressed. Allocates when the set of pressed points changes. */
 enum { MOST_STEPS = 16 };
 trocar_status probe_press(probe *p, pose base, const other_loads *others, bool beneath_changed, report *why);
 
-/* True if the axis of a probe at this pose, from base to tip, meets the undeformed tissue. */
+/* True if the axis of a probe at this pose, from base to tip, intersects the undeformed tissue. */
 bool probe_axis_in_tissue(const mesh *m, const probe_shape *shape, pose base);
 
 /* Restores a saved state. */

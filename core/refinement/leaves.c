@@ -22,7 +22,7 @@ void leaf_positions(const mesh *m, const refinement *r, int active, const int co
 
 /* ---- leaves ------------------------------------------------------------------------------------------------------ */
 
-/* A contact node of its own takes the place of each corner in turn that it has a weight for. */
+/* Replaces each corner with a non-zero weight in turn by the contact node. */
 static int split_leaf(const leaf_point *at, int slot, int count, leaf leaves[MAX_LEAVES]) {
     int split = 0;
     while (split < count && !same_corners(leaves[split].corners, at->corners)) split++;
@@ -38,7 +38,7 @@ static int split_leaf(const leaf_point *at, int slot, int count, leaf leaves[MAX
     return place;
 }
 
-/* The leaf that a node splits on one side of it, NULL where it splits none in element `tet`. */
+/* The leaf that a node splits on one side; NULL if it splits none in element `tet`. */
 static const leaf_point *leaf_split(const added_node *node, int side, int tet) {
     if (node->moved >= 0 || (side == 0 ? node->tet : node->across_tet) != tet) return NULL;
     return side == 0 ? &node->at : &node->across;
@@ -98,8 +98,8 @@ static double least_weight(const leaf_point *p) { return smaller_of(smaller_of(p
 
 bool added_on_face(const added_node *node) { return least_weight(&node->at) == 0.0; }
 
-/* If the added node in `slot` splits the leaf that p is in, moves p into the child that contains it. With p's weights b and
-   the node's weights g, the child is the one opposite the corner of least b/g, and that ratio is the node's weight. */
+/* If the added node in `slot` splits p's leaf, moves p into the child that contains it. With p's weights b and the node's weights g, the child is the one
+   opposite the corner of smallest b/g, and that ratio is the node's weight. */
 static bool descend(const leaf_point *at, int slot, leaf_point *p) {
     if (!same_corners(at->corners, p->corners)) return false;
     int least = at->weights[0] == 0.0;
@@ -112,7 +112,7 @@ static bool descend(const leaf_point *at, int slot, leaf_point *p) {
     return true;
 }
 
-/* Where nodes have moved, leaves no longer fill the ones that they came from: the leaf that x is deepest in. */
+/* Where nodes have moved, leaves no longer fill their parents: returns the leaf in which x is deepest. */
 static leaf_point search_leaves(const mesh *m, const refinement *r, int active, int tet, vec3 x) {
     leaf leaves[MAX_LEAVES];
     int count = leaves_of(m, r, active, tet, leaves);
@@ -131,12 +131,12 @@ leaf_point refinement_locate(const mesh *m, const refinement *r, int active, int
     for (int i = 0; i < active; i++)
         for (int side = 0; side < 2; side++) {
             const leaf_point *at = leaf_split(&r->nodes[r->order[i]], side, tet);
-            if (at && descend(at, r->order[i], &p)) break; /* once is enough: the children are not split by the same node */
+            if (at && descend(at, r->order[i], &p)) break; /* once is enough: the same node does not split the children */
         }
     return p;
 }
 
-static const double INSIDE = -1e-9; /* 1: barycentric weight down to which a point is in an element. Rounding */
+static const double INSIDE = -1e-9; /* 1: smallest barycentric weight of a point that counts as inside an element. Rounding tolerance */
 
 int refinement_element(const mesh *m, const refinement *r, int active, int near, vec3 x, double weights[4]) {
     enum { MOST = 32 };

@@ -1,16 +1,15 @@
-/* The refined mesh: contact nodes, and the leaves, parts of nominal elements, into which they split the mesh. refinement.h adds and removes
-   nodes. */
+/* The refined mesh: contact nodes, and the leaves (parts of nominal elements) into which they split the mesh. refinement.h adds and removes nodes. */
 #ifndef TROCAR_LEAVES_H
 #define TROCAR_LEAVES_H
 
 #include "tissue/resolved_radius.h"
 
 enum {
-    MAX_CONTACTS = 64,       /* contact nodes alive at once */
-    MAX_PATCH = 48,          /* nodes that one change of the mesh touches */
-    MAX_PATCH_LEAVES = 2 * (MAX_PATCH - 3), /* around a moved node: Euler's formula on the sphere of its neighbours */
+    MAX_CONTACTS = 64,       /* contact nodes that exist at the same time */
+    MAX_PATCH = 48,          /* nodes touched by one change of the mesh */
+    MAX_PATCH_LEAVES = 2 * (MAX_PATCH - 3), /* leaves around a moved node: Euler's formula on the sphere of its neighbours */
     MAX_MOVED_PATCHES = 1024,   /* nodes touched by all moves together */
-    MAX_LEAVES = 1 + 3 * MAX_CONTACTS, /* of one nominal element */
+    MAX_LEAVES = 1 + 3 * MAX_CONTACTS, /* leaves of one nominal element */
 };
 
 /* A point of the refined mesh: leaf corners (nominal node >= 0, added node -1 - slot) and barycentric weights. */
@@ -21,47 +20,46 @@ typedef struct {
 
 /* A contact node of the needle. */
 typedef struct {
-    uint64_t id;             /* never used twice in one insertion state */
+    uint64_t id;             /* unique within one insertion state */
     int tet;                 /* nominal element that contains it */
     vec3 position;           /* nominal, m */
-    int moved;               /* nominal node that was moved here, or -1: a node of its own, which splits its leaf */
-    leaf_point at;           /* in four or, where the weight of the corner opposite is 0: on a face, in three */
-    int across_tet;          /* on a face: nominal element of the leaf on the other side, -1 where there is none */
-    leaf_point across;       /* that leaf, split in three as well */
-    int touched;             /* nodes of the patch of a moved node, with itself */
-    line_in_tet line;        /* on which to measure what the mesh resolves at the node: the needle's way past it. Set by
-                                whoever adds it; no direction: it is not measured */
+    int moved;               /* nominal node that was moved to this position; -1: a separate node, which splits its leaf */
+    leaf_point at;           /* leaf that it splits into four; into three if one weight is 0, because the node is then on the face opposite that corner */
+    int across_tet;          /* nominal element of the leaf on the other side, for a node on a face; -1: none */
+    leaf_point across;       /* leaf on the other side, split into three as well */
+    int touched;             /* number of nodes of a moved node's patch, including the node */
+    line_in_tet line;        /* line on which to measure the mesh's resolution at the node: the needle's path past it. Set by the caller; zero direction: not
+                                measured */
 } added_node;
 
-/* The contact nodes. Each keeps its slot, and the id that identifies it, from its addition to its removal; a new one takes the lowest
-   free slot. Each splits or bends the mesh with the nodes before it in `order`: functions that count "the first `active`" nodes mean
-   those at the front of `order`. */
+/* The contact nodes. Each keeps its slot and its id from addition to removal; a new node takes the lowest free slot. Each node splits or bends the mesh of the
+   nodes before it in `order`: in the functions below, "the first `active` nodes" are those at the front of `order`. */
 typedef struct {
     int count;
     int order[MAX_CONTACTS];  /* slots in use, in order of addition */
-    added_node nodes[MAX_CONTACTS]; /* by slot */
+    added_node nodes[MAX_CONTACTS]; /* nodes by slot */
 } refinement;
 
 /* An element of the refined mesh. */
 typedef struct {
-    int tet;                 /* nominal element that it is a part of */
+    int tet;                 /* nominal element that contains the leaf */
     int corners[4];
 } leaf;
 
-/* Of an added node: it lies on a face of its leaf. RT */
+/* True if an added node lies on a face of its leaf. RT */
 bool added_on_face(const added_node *node);
 
-/* Where a leaf corner is, counting only the first `active` contact nodes, m. RT */
+/* Position of a leaf corner, counting only the first `active` contact nodes, m. RT */
 vec3 refinement_position(const mesh *m, const refinement *r, int active, int corner);
 
 /* The leaf of nominal element `tet` that contains x, counting only the first `active` contact nodes. RT */
 leaf_point refinement_locate(const mesh *m, const refinement *r, int active, int tet, vec3 x);
 
-/* The nominal element, its moved corners (of the first `active` contact nodes) where they are now, that contains x, and the weights of its
-   corners there: walking from `near`, nominally around x. RT */
+/* The nominal element that contains x, with its corners moved by the first `active` contact nodes, and the weights of its corners. The search starts at
+   `near`, which is nominally around x. RT */
 int refinement_element(const mesh *m, const refinement *r, int active, int near, vec3 x, double weights[4]);
 
-/* The leaves that have nominal node `node` (of element `start`) as a corner, or -1 if there are more than MAX_PATCH_LEAVES. RT */
+/* The leaves around nominal node `node` (of element `start`). Returns their number, or -1 if there are more than MAX_PATCH_LEAVES. RT */
 int refinement_around(const mesh *m, const refinement *r, int active, int node, int start, leaf leaves[MAX_PATCH_LEAVES]);
 
 /* ---- for refinement.c and refined_mesh.c ---- */
@@ -75,7 +73,7 @@ void leaf_positions(const mesh *m, const refinement *r, int active, const int co
 bool same_corners(const int a[4], const int b[4]);
 bool leaf_has_corner(const leaf *l, int corner);
 
-/* The face that the point is closest to by its weights: the corner opposite it. RT */
+/* The face closest to the point by its weights, as the index of the opposite corner. RT */
 int closest_face(const leaf_point *p);
 
 #endif

@@ -1,4 +1,4 @@
-/* What one contact node changes: the nodes of the elements that it splits or bends, and the change of their stiffness. */
+/* The patch of one contact node: the nodes of the elements that it splits or bends, and the change of their stiffness. */
 #ifndef TROCAR_PATCH_H
 #define TROCAR_PATCH_H
 
@@ -10,23 +10,22 @@ enum {
 };
 
 typedef struct {
-    int count;                   /* nodes touched that are not fixed */
-    int nodes[MAX_PATCH];        /* nominal node, or added node -1 - slot; the contact node itself, if it is an added one, is last */
+    int count;                   /* number of touched nodes that are not fixed */
+    int nodes[MAX_PATCH];        /* nominal node, or -1 - slot for an added node; the contact node itself, if added, is the last one */
     double change[MAX_RANK][MAX_RANK]; /* stiffness after minus before, N/m: [3 i + a][3 k + b], symmetric */
 } patch;
 
-/* The change that the contact node in place `position` of the order brings to the mesh with all nodes before it. `position` may be r->count:
-   a node that is in order[count] and not counted yet. Its sum with the stiffness of that mesh is
-   the stiffness of the next one. Averaged strains stay those of the nominal mesh, which is right for added nodes only:
-   nodes move with STRAIN_BY_ELEMENT. */
+/* Computes the change by the contact node at place `position` of the order, in the mesh with all nodes before it. `position` may be r->count for a node in
+   order[count] that is not counted yet. The stiffness of that mesh plus the change is the stiffness of the next mesh. Averaged strains remain those of the
+   nominal mesh, which is valid for added nodes only: moved nodes require STRAIN_BY_ELEMENT. */
 void patch_create(const tissue *t, const refinement *r, int position, patch *p);
 
-/* Of the same change, only the columns of the added node itself: where it ends up coupled, and how stiff it is. */
+/* The part of a node addition's patch that belongs to the added node itself: its coupling and its own stiffness. */
 enum { SPLIT_NODES = 5 };
 typedef struct {
     int count;
-    int nodes[SPLIT_NODES];      /* beside it, not fixed, coded as in patch */
-    mat3 beside[SPLIT_NODES];    /* N/m: rows of that node, columns of the added one */
+    int nodes[SPLIT_NODES];      /* adjacent nodes that are not fixed, coded as in `patch` */
+    mat3 beside[SPLIT_NODES];    /* N/m: rows of the adjacent node, columns of the added one */
     mat3 own;                    /* N/m */
 } split_columns;
 void patch_own_columns(const tissue *t, const refinement *r, int position, split_columns *s);

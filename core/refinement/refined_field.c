@@ -6,7 +6,7 @@
 
 /* ---- surplus ----------------------------------------------------------------------------------------------------- */
 
-/* The surplus' hat function has gradient g_i / w_i in the sub-tet that replaces corner i, whose volume is w_i V. */
+/* The surplus's hat function has the gradient g_i / w_i in the sub-tetrahedron that replaces corner i, whose volume is w_i V. */
 mat3 surplus_compliance(const tissue *t, const refinement *r, int tet, const leaf_point *at) {
     double youngs_modulus, poisson_ratio;
     element_moduli(t, tet, &youngs_modulus, &poisson_ratio);
@@ -15,7 +15,7 @@ mat3 surplus_compliance(const tissue *t, const refinement *r, int tet, const lea
     double volume = tet_gradients(corners, g);
     mat3 d = {{{0}}};
     for (int i = 0; i < 4; i++) {
-        double weight = fmax(at->weights[i], 1e-9); /* on a face d is infinite and the compliance zero */
+        double weight = fmax(at->weights[i], 1e-9); /* on a face, d is infinite and the compliance zero */
         mat3 k = stiffness_block(g[i], g[i], volume / weight, youngs_modulus, poisson_ratio);
         m3_add_scaled(&d, 1.0, &k);
     }
@@ -32,8 +32,8 @@ mat3 node_surplus(const tissue *t, const refinement *r, int position) {
 
 /* ---- displacements ------------------------------------------------------------------------------------------------- */
 
-/* Displacements under forces on the nominal nodes and, behind them, the added ones, as if no surplus coupled to the old nodes: exact
-   where all lie inside elements. `loads`: the forces that the nominal mesh bears. */
+/* Displacements under forces on the nominal nodes, followed by the added ones, if no surplus coupled to the old nodes: exact if all added nodes lie inside
+   elements. `loads`: the resulting forces on the nominal mesh. */
 static void displace_uncoupled(inverse *inv, const refinement *r, const vec3 *force, vec3 *loads, vec3 *u) {
     const tissue *t = inverse_tissue(inv);
     const size_t n = (size_t)t->mesh->node_count;
@@ -46,7 +46,7 @@ static void displace_uncoupled(inverse *inv, const refinement *r, const vec3 *fo
         }
     inverse_apply(inv, loads, u);
     for (int q = 0; q < r->count; q++) {
-        if (r->nodes[q].moved >= 0) { /* has no unknown of its own */
+        if (r->nodes[q].moved >= 0) { /* a moved node has no unknown of its own */
             u[n + (size_t)q] = v3(0, 0, 0);
             continue;
         }
@@ -60,7 +60,7 @@ static void displace_uncoupled(inverse *inv, const refinement *r, const vec3 *fo
     }
 }
 
-/* Adds the forces of all changes of stiffness under displacements u. */
+/* Adds the forces of all stiffness changes under the displacements u. */
 static void add_changes(const tissue *t, const refinement *r, const vec3 *u, vec3 *force) {
     const int n = t->mesh->node_count;
     for (int q = 0; q < r->count; q++) {
@@ -84,8 +84,8 @@ static void add_multiple(vec3 *to, double factor, const vec3 *what, size_t count
     for (size_t i = 0; i < count; i++) to[i] = v3_axpy(factor, what[i], to[i]);
 }
 
-/* Conjugate gradients (Hestenes and Stiefel 1952), preconditioned by the above. The nominal stiffness is never multiplied with: its
-   part of the direction's forces are the preconditioner's own loads. `force` becomes the residual. */
+/* Conjugate gradients (Hestenes and Stiefel 1952), preconditioned by displace_uncoupled. The nominal stiffness is never multiplied: its part of the
+   direction's forces equals the preconditioner's own loads. `force` becomes the residual. */
 static void displace_coupled(inverse *inv, const refinement *r, vec3 *force, vec3 *u, vec3 *scratch) {
     enum { MOST = 100 };
     const tissue *t = inverse_tissue(inv);
@@ -93,7 +93,7 @@ static void displace_coupled(inverse *inv, const refinement *r, vec3 *force, vec
     vec3 *direction = scratch, *borne = scratch + all, *answer = scratch + 2 * all, *loads = scratch + 3 * all, *resisted = scratch + 4 * all;
     double first = 0.0, before = 0.0;
     memset(u, 0, all * sizeof *u);
-    memset(direction, 0, 2 * all * sizeof *direction); /* and borne */
+    memset(direction, 0, 2 * all * sizeof *direction); /* clears `direction` and `borne` */
     for (int step = 0; step < MOST; step++) {
         for (size_t i = 0; i < n; i++)
             if (t->fixed[i]) force[i] = v3(0, 0, 0);

@@ -11,7 +11,7 @@ typedef struct {
     int *parent;             /* tet_count: nominal element */
 } refined_mesh;
 
-/* The contact nodes must be in slots without gaps (refinement_compact). Allocates. NO_MEMORY. */
+/* Creates the arrays. The contact nodes must be in consecutive slots (refinement_compact). Allocates. NO_MEMORY. */
 trocar_status refined_mesh_create(const mesh *m, const refinement *r, refined_mesh *out, report *why);
 void refined_mesh_free(refined_mesh *out);
 

@@ -4,12 +4,12 @@
 
 #include "refinement/leaves.h"
 
-static const double LEAST_WEIGHT = 0.02; /* fraction: barycentric weight of an added node in its leaf, at least; no slivers, no zero volumes. Chosen */
-static const double ON_FACE = 1e-9; /* 1: barycentric weight up to which a node is on a face. Rounding */
+static const double LEAST_WEIGHT = 0.02; /* fraction: smallest barycentric weight of an added node in its leaf, which prevents slivers. Chosen by judgement */
+static const double ON_FACE = 1e-9; /* 1: largest barycentric weight of a node that counts as on a face. Rounding tolerance */
 
 /* ---- addition ---------------------------------------------------------------------------------------------------- */
 
-/* Weights of at least LEAST_WEIGHT, but for the corner `zero` (none if -1), which has none. */
+/* Raises the weights to LEAST_WEIGHT, except that of corner `zero` (-1: none), which is set to zero. */
 static void keep_inside(leaf_point *p, int zero) {
     double sum = 0.0;
     for (int i = 0; i < 4; i++) sum += p->weights[i] = i == zero ? 0.0 : fmax(p->weights[i], LEAST_WEIGHT);
@@ -23,7 +23,7 @@ static uint64_t slots_in_use(const refinement *r) {
     return used;
 }
 
-/* Puts the lowest free slot behind the others, where it is not counted yet. */
+/* Puts the lowest free slot at the end of the order, where it is not counted yet. */
 static int take_slot(refinement *r) { return r->order[r->count] = __builtin_ctzll(~slots_in_use(r)); }
 
 static int append(const mesh *m, refinement *r, int tet, const leaf_point *at, uint64_t id) {
@@ -43,7 +43,7 @@ int refinement_add(const mesh *m, refinement *r, int tet, vec3 x, uint64_t id) {
     return append(m, r, tet, &p, id);
 }
 
-/* The leaf on the other side of the face opposite corner `face`: in the same element or one beside it. */
+/* Finds the leaf on the other side of the face opposite corner `face`: in the same element or an adjacent one. */
 static bool find_across(const mesh *m, const refinement *r, int active, int tet, const int corners[4], int face, leaf *across) {
     leaf leaves[MAX_LEAVES];
     for (int k = -1; k < 4; k++) {
@@ -60,7 +60,7 @@ static bool find_across(const mesh *m, const refinement *r, int active, int tet,
     return false;
 }
 
-/* The other side of the face opposite corner `face` that the node is on, with the first `active` contact nodes. */
+/* Sets the other side of a node on the face opposite corner `face`, with the first `active` contact nodes. */
 static void split_across(const mesh *m, const refinement *r, int active, int face, added_node *node) {
     leaf across;
     if (!find_across(m, r, active, node->tet, node->at.corners, face, &across)) return;
@@ -101,7 +101,7 @@ bool refinement_hangs_on(const added_node *node, uint64_t slots) {
     return node->moved < 0 && (touches(&node->at, slots) || (node->across_tet >= 0 && touches(&node->across, slots)));
 }
 
-/* Finds the leaf that a node is in now, with the first `active` nodes. Where it is on a face of that, it is to rounding. */
+/* Finds the leaf that now contains a node, with the first `active` nodes. A node on a face of that leaf is on it only to rounding. */
 static void place_again(const mesh *m, const refinement *r, int active, added_node *node) {
     node->at = refinement_locate(m, r, active, node->tet, node->position);
     node->across_tet = -1;

@@ -1,4 +1,4 @@
-/* State of nested addition, for remesh_nested.c, nested_rows.c and nested_removal.c only. Notation as in remesh_nested.c. */
+/* State of nested addition, private to remesh_nested.c, nested_rows.c and nested_removal.c. Notation as in remesh_nested.c. */
 #ifndef TROCAR_NESTED_H
 #define TROCAR_NESTED_H
 
@@ -6,17 +6,17 @@
 #include "linalg/row_triples.h"
 
 enum {
-    REACHED = 12,                         /* nominal nodes that an addition can reach: of two elements, and of those beside them */
-    MAX_EXTRA = REACHED + 4,             /* nominal nodes that one addition needs and that are not in the window */
+    REACHED = 12,                         /* largest number of nominal nodes that one addition couples to: the nodes of two elements and their neighbours */
+    MAX_EXTRA = REACHED + 4,             /* largest number of nominal nodes that one addition needs outside the window */
     MAX_PLACES = MAX_HANDLES + MAX_EXTRA, /* handles, then extra nodes */
     NESTED_LD = 3 * MAX_PLACES,
 };
 
 typedef struct {
-    bool on_face;                         /* the surplus couples to the old nodes */
-    double weights[4];                    /* nominal weights: its weights at the nominal nodes of its element */
-    int nominal_count, nominal[REACHED];  /* nominal nodes that the coupling reaches through the nodes that it touches, */
-    mat3 coupling[REACHED];               /* and c_j there, N/m */
+    bool on_face;                         /* the node is on a face, and its surplus couples to the old nodes */
+    double weights[4];                    /* nominal weights: those of the nominal nodes of its element */
+    int nominal_count, nominal[REACHED];  /* nominal nodes to which the coupling extends through the touched nodes */
+    mat3 coupling[REACHED];               /* c_j at the nodes in `nominal`, N/m */
     mat3 chain[MAX_CONTACTS];             /* G_ij = S_i sum_touched F_i^T c_j, i < j */
     mat3 surplus;                         /* S_j, m/N */
 } bordering;
@@ -24,39 +24,39 @@ typedef struct {
 typedef struct {
     remesher shared;
     bordering borders[MAX_CONTACTS];
-    int extra_count, extra[MAX_EXTRA];  /* of the addition in progress */
+    int extra_count, extra[MAX_EXTRA];  /* extra nodes of the addition in progress */
     double (*nominal)[NESTED_LD];         /* NESTED_LD rows: K^-1 between the places in use, m/N: [3 i + a][3 j + b] */
-    double (*factors)[3][NESTED_LD];      /* MAX_CONTACTS times: F_j^T, m/N times N/m: F_j(i) at [j][b][3 i + a] */
-    void *nominal_memory, *factors_memory; /* these two */
+    double (*factors)[3][NESTED_LD];      /* MAX_CONTACTS entries, m/N times N/m: F_j^T; F_j(i) is at [j][b][3 i + a] */
+    void *nominal_memory, *factors_memory; /* memory of `nominal` and `factors` */
 } nested_remesher;
 
-/* Place of a coded node, or -1; F_j there. */
+/* Place of a coded node, or -1; and F_j at a place. */
 int nested_place(const nested_remesher *r, int node);
 mat3 nested_factor(const nested_remesher *r, int j, int place);
 
-/* The columns of the handles in use, and of contact node `slot` that is being added (-1: none). */
+/* Column ranges of the handles in use and of contact node `slot`, which is being added (-1: none). */
 column_ranges nested_columns(const nested_remesher *r, int slot);
 
-/* The same, with the extra nodes. */
+/* Column ranges of the handles in use, of contact node `slot` and of the extra nodes. */
 column_ranges nested_all_columns(const nested_remesher *r, int slot);
 
-/* Fills `nominal` and `factors` of places that are new: in the window, or extra nodes. */
+/* Fills `nominal` and `factors` for new places: window entries or extra nodes. */
 trocar_status nested_enter(nested_remesher *r, int count, const int *places, report *why);
 
-/* The contact node in `slot`, as an interpolation of nominal nodes: its rows and columns of `nominal`. */
+/* Interpolates the contact node in `slot` between nominal nodes: fills its rows and columns of `nominal`. */
 void nested_interpolate(nested_remesher *r, int slot);
 
-/* The inverse with the first `count` contact nodes between a nominal node's place and all handles: three rows, SNAPSHOT_LD apart. */
+/* Rows of the inverse with the first `count` contact nodes, between a nominal node's place and all handles: three rows, SNAPSHOT_LD apart. */
 void nested_inverse_rows(const nested_remesher *r, int count, int place, const column_ranges *columns, double *rows);
 
-/* Makes the columns of a symmetric matrix equal to the rows of this place, at the other places. */
+/* Copies the rows of this place to the columns of a symmetric matrix, at the other places. */
 void nested_mirror(double *matrix, int ld, int place, int count, const int *places);
 
-/* The rows of the handles in use gain F S F^T, or lose it again. */
+/* Adds F S F^T to the rows of the handles in use (sign 1), or subtracts it (sign -1). */
 void nested_update_rows(nested_remesher *r, int slot, double sign);
 
-/* Exchanges the node in `slot`, no longer in the order, with those from `position` on in it, so that it can be removed as the last one:
-   changes factors, chains and surpluses. */
+/* Exchanges the node in `slot`, which is no longer in the order, with the nodes from `position` on, so that it can be removed as the last one: updates
+   factors, chains and surpluses. */
 void nested_move_to_end(nested_remesher *r, int slot, int position);
 
 #endif

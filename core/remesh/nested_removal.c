@@ -1,9 +1,7 @@
-/* Removal of a contact node on which no later one depends: it is exchanged with those after it, one by one, until it is the last, whose
-   F S F^T can be subtracted. With X and N its factor and surplus on the way, and v = sum_touched X^T c_k = y_k of the next one, k,
-
-       F_k <- F_k - X N v,    S_k <- (S_k^-1 + v^T N v)^-1,    X <- X + F_k S_k v^T,    N <- (N^-1 + v S_k v^T)^-1
-
-   (right-hand sides: before the exchange), and likewise G. Inside an element v is zero, or the later node depends on this one. */
+/* Removal of a contact node on which no later one depends. The node is exchanged with the later nodes, one by one, until it is the last one, whose F S F^T can
+   be subtracted. With its factor X and surplus N during the exchanges, and v = sum_touched X^T c_k = y_k for the next node k,
+       F_k <- F_k - X N v, S_k <- (S_k^-1 + v^T N v)^-1, X <- X + F_k S_k v^T, N <- (N^-1 + v S_k v^T)^-1
+   (values before the exchange on the right-hand sides), and likewise G. Inside an element v is zero unless the later node depends on this one. */
 #include "remesh/nested.h"
 
 static mat3 product3(const mat3 *a, const mat3 *b, const mat3 *c) {
@@ -18,7 +16,7 @@ static mat3 inverse_sum(const mat3 *a, const mat3 *v, const mat3 *b) {
     return m3_inverse(&sum);
 }
 
-/* G of later nodes loses the removed one's part in F_k; y of these comes up to date. */
+/* Removes the contribution of the removed node to F_k from G of later nodes, and updates their y. */
 static void exchange_chains(nested_remesher *r, int position, const mat3 *v, const mat3 *n, const mat3 *exchanged, mat3 *y) {
     const int *order = r->shared.refined.order, k = order[position];
     mat3 stiffness = m3_inverse(&r->borders[k].surplus), nv = m3_multiply(n, v), transposed = m3_transposed(&nv);
@@ -32,7 +30,7 @@ static void exchange_chains(nested_remesher *r, int position, const mat3 *v, con
     }
 }
 
-/* With rows of F^T in place of columns of F. */
+/* Uses rows of F^T in place of columns of F. */
 static void exchange_factors(nested_remesher *r, int slot, int k, const mat3 *v, const mat3 *n) {
     column_ranges columns = nested_columns(r, -1);
     mat3 transposed = m3_transposed(v), lost = m3_multiply(n, v), gained = m3_multiply(&r->borders[k].surplus, &transposed);

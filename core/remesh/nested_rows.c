@@ -1,7 +1,7 @@
-/* Rows of nested addition in bulk. K^-1 and the factors F^T are kept between all places, so that what an addition needs is there in one
-   piece: a row of F_j is a sum of rows of K^-1 and of earlier F_i. Blocks come from the inverse's owner only for nodes that are new. The sum
-   of an entry is the same whether it comes from a row or from a new node's block: what is kept depends on the contact nodes and their order
-   alone, to the bit; after the removal of a node on a face from among others, to rounding. */
+/* Rows of nested addition in bulk. K^-1 and the factors F^T are stored between all places, so that an addition works on contiguous rows: a row of F_j is a sum
+   of rows of K^-1 and of earlier F_i. The inverse's owner supplies blocks only for new nodes. An entry is the same sum whether it is computed from a row or
+   from a new node's block. Therefore the stored values depend only on the contact nodes and their order, to the bit; after the removal of a node on a face
+   that was not the last one, to rounding. */
 #include "remesh/nested.h"
 
 #include <string.h>
@@ -21,7 +21,7 @@ int nested_place(const nested_remesher *r, int node) {
     return handle;
 }
 
-/* The nominal node of a place in the window or of an extra node. */
+/* The nominal node at a place of the window or of the extra nodes. */
 static int node_at(const nested_remesher *r, int place) {
     return place < MAX_HANDLES ? r->shared.window[place - MAX_CONTACTS] : r->extra[place - MAX_HANDLES];
 }
@@ -68,7 +68,8 @@ void nested_mirror(double *matrix, int ld, int place, int count, const int *plac
 
 /* ---- new nominal nodes ----------------------------------------------------------------------------------------------- */
 
-/* Everything between the new nodes and what they meet: other places, the elements of the contact nodes, and what surpluses couple to. */
+/* Fetches all blocks between the new nodes and the nodes that they are combined with: other places, the elements of the contact nodes, and the nodes that
+   surpluses couple to. */
 static trocar_status gather(nested_remesher *r, int count, const int *places, report *why) {
     remesher *shared = &r->shared;
     gather_start(shared);
@@ -84,7 +85,7 @@ static trocar_status gather(nested_remesher *r, int count, const int *places, re
     return gather_finish(shared, why);
 }
 
-/* Block of K^-1 between a new node and another one: rows are GATHERED_LD apart. */
+/* Block of K^-1 between a new node and another one; its rows are GATHERED_LD apart. */
 static const double *gathered(const nested_remesher *r, int node, int other) {
     const gathered_blocks *g = &r->shared.gathered;
     return g->blocks + (size_t)(3 * g->row_of[node]) * GATHERED_LD + 3 * g->column_of[other];
@@ -112,7 +113,7 @@ static void enter_nominal(nested_remesher *r, int place) {
     }
 }
 
-/* F_j of a nominal node: the same sum as in rows_add. Zero of surpluses inside elements. */
+/* F_j of a nominal node: the same sum as in rows_add. Zero for surpluses inside elements. */
 static void enter_factors(nested_remesher *r, int place) {
     const refinement *refined = &r->shared.refined;
     double factors[MAX_CONTACTS][3][BLOCK_LD];
@@ -155,7 +156,7 @@ void nested_interpolate(nested_remesher *r, int slot) {
     rows_interpolate(&columns, count, parts, r->nominal[3 * slot], NESTED_LD);
     nested_mirror(r->nominal[0], NESTED_LD, slot, all, places);
     column_ranges_add(&own, 3 * slot / COLUMN_STEP * COLUMN_STEP, 3 * slot + 3);
-    rows_interpolate(&own, count, parts, r->nominal[3 * slot], NESTED_LD); /* whose columns are there now */
+    rows_interpolate(&own, count, parts, r->nominal[3 * slot], NESTED_LD); /* its columns are filled by now */
 }
 
 /* ---- the inverse ----------------------------------------------------------------------------------------------------- */

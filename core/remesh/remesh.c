@@ -39,7 +39,7 @@ void remesher_free(remesher *r) {
 
 /* ---- serving ------------------------------------------------------------------------------------------------------- */
 
-/* A step that went well, unless it met blocks that the inverse's owner could not give. */
+/* Status of a successful step, unless the inverse's owner failed to supply some blocks. */
 static trocar_status confirm(const remesher *r, report *why) {
     if (r->gathered.status != TROCAR_OK) *why = r->gathered.why;
     return r->gathered.status;
@@ -51,7 +51,7 @@ static trocar_status take_nodes(remesher *r, int count, const int *handles, repo
     return status == TROCAR_OK ? confirm(r, why) : status;
 }
 
-/* Compliance of the nominal mesh between the places of two nodes. */
+/* Compliance of the nominal mesh between the positions of two nodes. */
 static mat3 nominal_between(remesher *r, const added_node *node, const added_node *other) {
     const mesh *m = r->tissue->mesh;
     mat3 sum = {{{0}}};
@@ -91,7 +91,7 @@ static void remove_node(remesher *r, int position) {
     r->operations->remove(r, slot, position);
 }
 
-/* Nodes that are still wanted keep their places; new ones take the free places. */
+/* Nodes that are still wanted keep their places; new nodes take the free places. */
 static trocar_status move_window(remesher *r, const remesh_request *request, report *why) {
     int fresh[MAX_WINDOW] = {0}, count = 0;
     bool wanted[MAX_WINDOW] = {false};
@@ -109,7 +109,7 @@ static trocar_status move_window(remesher *r, const remesh_request *request, rep
         fresh[count++] = MAX_CONTACTS + place;
     }
     trocar_status status = take_nodes(r, count, fresh, why);
-    for (int i = 0; i < count && status != TROCAR_OK; i++) window_put(r, fresh[i] - MAX_CONTACTS, -1); /* their rows are not there */
+    for (int i = 0; i < count && status != TROCAR_OK; i++) window_put(r, fresh[i] - MAX_CONTACTS, -1); /* their rows were not filled */
     return status;
 }
 
@@ -122,7 +122,7 @@ static bool same_node(const added_node *a, const added_node *b) {
         && (a->across_tet < 0 || same_leaf(&a->across, &b->across));
 }
 
-/* Slots (bit i: slot i) whose nodes have to go: those not wanted, or not where they are, and those that hang on such nodes. */
+/* Slots (bit i: slot i) whose nodes must be removed: nodes that are not wanted or have moved, and nodes that depend on them. */
 static uint64_t slots_to_clear(const remesher *r, const refinement *wanted) {
     const refinement *refined = &r->refined;
     uint64_t clear = 0, same = 0;
@@ -151,7 +151,7 @@ static trocar_status update_nodes(remesher *r, const refinement *wanted, report 
     return TROCAR_OK;
 }
 
-/* Only rows and columns in use: a snapshot is large. */
+/* Copies only rows and columns in use, because a snapshot is large. */
 static void copy_rows(remesher *r, compliance_snapshot *snapshot) {
     int handles[MAX_HANDLES], count = handles_in_use(r, handles);
     size_t contacts = 3 * (size_t)refinement_span(&r->refined), window = 3 * (size_t)MAX_CONTACTS, end = 3 * (size_t)(count > 0 ? handles[count - 1] + 1 : 0);
@@ -162,7 +162,7 @@ static void copy_rows(remesher *r, compliance_snapshot *snapshot) {
     }
 }
 
-/* Of the slots in use. */
+/* Copies the rows of the slots in use. */
 static void copy_contact_rows(const remesher *r, const contact_rows *from, contact_rows *to) {
     int span = refinement_span(&r->refined);
     for (int i = 0; i < span; i++)
@@ -181,14 +181,15 @@ static void list_ahead(remesher *r, int tet) {
     }
 }
 
-/* Lists the nodes of all elements on the line and beside it, from the tip or from where it enters the body to where it leaves it. */
+/* Lists the nodes of all elements on the line and adjacent to it, from the tip, or from the line's entry into the body, to its exit. */
 static void follow_line(remesher *r) {
     const mesh *m = r->tissue->mesh;
     vec3 tip = r->line_tip, direction = r->line_direction;
     r->line_new = false;
     r->ahead_count = r->ahead_done = 0;
     if (!inverse_prefetches(r->inverse) || v3_norm(direction) == 0.0) return;
-    double beyond = v3_norm(v3_sub(m->bvh[0].low, tip)) + v3_norm(v3_sub(m->bvh[0].high, m->bvh[0].low)); /* m: where the body is behind the line's end */
+    /* m: a distance beyond which the line has left the body */
+    double beyond = v3_norm(v3_sub(m->bvh[0].low, tip)) + v3_norm(v3_sub(m->bvh[0].high, m->bvh[0].low));
     surface_hit hit = mesh_enter(m, tip, v3_axpy(beyond, direction, tip));
     int tet = mesh_locate(m, tip, -1);
     if (tet < 0 && hit.hit) tet = hit.tet, tip = hit.point;
@@ -204,12 +205,12 @@ static void follow_line(remesher *r) {
     }
 }
 
-/* The blocks between a slice of these nodes and all that they may meet: those before them, the window's and the contacts'. */
+/* Fetches the blocks between a slice of these nodes and all nodes that they may be combined with: those before them, the window's and the contacts'. */
 bool remesher_look_ahead(remesher *r) {
     enum { LARGE = 32, SMALL = 8 };
-    int slice = r->refined.count > 0 ? SMALL : LARGE, most = inverse_slice(r->inverse); /* once the needle is in, requests must not wait for long */
+    int slice = r->refined.count > 0 ? SMALL : LARGE, most = inverse_slice(r->inverse); /* once the needle is inside, requests must not wait long */
     if (slice > most) slice = most;
-    report why; /* who needs these nodes will be told */
+    report why; /* ignored: a later request for these nodes reports the error */
     if (r->line_new) follow_line(r);
     int first = r->ahead_done, left = r->ahead_count - first;
     if (left == 0) return false;
@@ -240,9 +241,9 @@ static void fill(remesher *r, const remesh_request *request, compliance_snapshot
     r->line_tip = request->tip;
     r->line_direction = request->direction;
     r->line_new = true;
-    snapshot->left = r->left.any;
-    snapshot->left_time = r->left.time;
-    if (r->left.any) memcpy(snapshot->u_left, r->left.u, sizeof snapshot->u_left);
+    snapshot->has_residuals = r->residual.any;
+    snapshot->residual_time = r->residual.time;
+    if (r->residual.any) memcpy(snapshot->u_residual, r->residual.u, sizeof snapshot->u_residual);
 }
 
 static trocar_status check_counts(const remesh_request *request, report *why) {
@@ -257,7 +258,7 @@ static trocar_status update(remesher *r, const remesh_request *request, report *
     if (status == TROCAR_OK) status = move_window(r, request, why);
     if (status == TROCAR_OK) status = update_nodes(r, &request->wanted, why);
     if (status == TROCAR_OK && r->operations->gather) status = r->operations->gather(r, why);
-    return status == TROCAR_OK ? left_displacement_find(r->inverse, request, r->window, &r->left, why) : status;
+    return status == TROCAR_OK ? residual_displacement_find(r->inverse, request, r->window, &r->residual, why) : status;
 }
 
 trocar_status remesher_serve(remesher *r, const remesh_request *request, compliance_snapshot *snapshot, report *why) {
@@ -301,9 +302,9 @@ trocar_status remesher_resume(remesher *r, const remesh_request *request, const 
     if (status == TROCAR_OK) status = update_nodes(r, &request->wanted, why);
     memcpy(r->resolved, snapshot->resolved, sizeof r->resolved);
     copy_contact_rows(r, snapshot->between_contacts, r->between_contacts);
-    r->left.any = snapshot->left;
-    r->left.time = snapshot->left_time;
-    memcpy(r->left.u, snapshot->u_left, sizeof r->left.u);
-    memcpy(r->handles, snapshot->compliance, sizeof snapshot->compliance); /* rows by another way round differ in the last bits */
+    r->residual.any = snapshot->has_residuals;
+    r->residual.time = snapshot->residual_time;
+    memcpy(r->residual.u, snapshot->u_residual, sizeof r->residual.u);
+    memcpy(r->handles, snapshot->compliance, sizeof snapshot->compliance); /* rows computed in another order differ in the last bits */
     return status;
 }

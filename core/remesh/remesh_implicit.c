@@ -1,9 +1,7 @@
-/* Implicit low-rank form: the change of stiffness of every contact node stays a factor, never multiplied out,
-
-       inverse(a, b) = C(a, b) - sum_j F_j(a) M_j F_j(b)^T,      F_j(a) = C(a, touched_j) - sum_(i<j) F_i(a) M_i F_i(touched_j)^T
-
-   (Woodbury, change by change: the block factors of one capacitance matrix over all dofs touched), where C is the inverse of the
-   nominal mesh and, for each added node, a spring that its change takes away again. Rows are formed at the handles only. */
+/* Implicit low-rank form: the stiffness change of every contact node stays a factor, never multiplied out,
+       inverse(a, b) = C(a, b) - sum_j F_j(a) M_j F_j(b)^T, F_j(a) = C(a, touched_j) - sum_(i<j) F_i(a) M_i F_i(touched_j)^T
+   (Woodbury, change by change: the block factors of one capacitance matrix over all touched dofs). C is the inverse of the nominal mesh, with an auxiliary
+   spring for each added node, which its change removes again. Rows are formed at the handles only. */
 #include "remesh/remesh_method.h"
 
 #include <cblas.h>
@@ -11,15 +9,15 @@
 #include <string.h>
 
 typedef struct {
-    int first, rank;                      /* its columns among those of all changes */
+    int first, rank;                      /* first column, and number of columns, among those of all changes */
     int nodes[MAX_PATCH];                 /* touched, coded */
     double middle[MAX_RANK * MAX_RANK];   /* M, rank square, N/m */
 } low_rank;
 
 typedef struct {
     remesher shared;
-    double spring;                        /* m/N, of an added node before its change */
-    low_rank changes[MAX_CONTACTS];       /* in order */
+    double spring;                        /* m/N, compliance of an added node's auxiliary spring */
+    low_rank changes[MAX_CONTACTS];       /* changes in the order of the nodes */
     double *factors;                      /* SNAPSHOT_LD x ALL_RANKS, row-major: F of the handles in use */
     double *chain;                        /* ALL_RANKS square, row-major: column block j holds M_i F_i(touched_j)^T, i < j */
     double *touched;                      /* MAX_RANK x ALL_RANKS: F of the nodes that a new change touches */
@@ -32,7 +30,7 @@ static int ranks_before(const implicit_remesher *r, int index) {
     return index > 0 ? r->changes[index - 1].first + r->changes[index - 1].rank : 0;
 }
 
-/* C between two coded nodes. */
+/* Writes C between two coded nodes. */
 static void start_block(implicit_remesher *r, int node, int other, double *out, int ld) {
     if (node >= 0 && other >= 0) {
         mat3 block = nominal_block(&r->shared, node, other);
@@ -43,7 +41,7 @@ static void start_block(implicit_remesher *r, int node, int other, double *out, 
         for (int b = 0; b < 3; b++) out[a * ld + b] = node == other && a == b ? r->spring : 0.0;
 }
 
-/* F_j of a node, of change j = `index` in order, behind those before it in `row`. */
+/* Computes F_j of a node for change j = `index`, after those of earlier changes in `row`. */
 static void extend_factors(implicit_remesher *r, int index, int node, double *row) {
     const low_rank *change = &r->changes[index];
     for (int q = 0; 3 * q < change->rank; q++) start_block(r, node, change->nodes[q], row + change->first + 3 * q, ALL_RANKS);
@@ -52,7 +50,7 @@ static void extend_factors(implicit_remesher *r, int index, int node, double *ro
                     r->chain + change->first, ALL_RANKS, 1.0, row + change->first, ALL_RANKS);
 }
 
-/* The rows in use lose F M F^T of change `index` (sign -1), or gain it back. */
+/* Subtracts F M F^T of change `index` from the rows in use (sign -1), or adds it again (sign 1). */
 static void update_rows(implicit_remesher *r, int index, double sign) {
     const low_rank *change = &r->changes[index];
     int handles[MAX_HANDLES], count = handles_in_use(&r->shared, handles), n = change->rank;
@@ -72,11 +70,11 @@ static void update_rows(implicit_remesher *r, int index, double sign) {
         }
 }
 
-/* The whole row of a handle whose factors are known. */
+/* Forms the whole row of a handle whose factors are known. */
 static void form_row(implicit_remesher *r, int handle) {
     int handles[MAX_HANDLES], count = handles_in_use(&r->shared, handles), own = handle_node(&r->shared, handle);
     int changes = r->shared.refined.count;
-    double *row = factor_row(r, handle), *weighted = r->touched; /* F M, one after the other */
+    double *row = factor_row(r, handle), *weighted = r->touched; /* F M of each change in turn */
     for (int k = 0; k < changes; k++) {
         const low_rank *change = &r->changes[k];
         cblas_dgemm(CblasRowMajor, CblasNoTrans, CblasNoTrans, 3, change->rank, change->rank, 1.0, row + change->first, ALL_RANKS,
@@ -105,7 +103,7 @@ static void gather_touched(implicit_remesher *r, int index, bool as_rows) {
     }
 }
 
-/* Everything that the factors of rows given before may need, with the first `count` changes. */
+/* Fetches all blocks that the factors of the given rows may need, with the first `count` changes. */
 static trocar_status gather_factors(implicit_remesher *r, int count, report *why) {
     for (int k = 0; k < MAX_WINDOW; k++)
         if (r->shared.window[k] >= 0) gather_column(&r->shared, r->shared.window[k]);
@@ -123,7 +121,7 @@ static trocar_status implicit_take_nodes(remesher *shared, int count, const int 
     return status;
 }
 
-/* F of the nodes touched, up to the new change's own, which is the inverse so far between them. */
+/* Computes F of the touched nodes, up to the new change's own, which is the present inverse between them. */
 static void touch_nodes(implicit_remesher *r, int index) {
     const low_rank *change = &r->changes[index];
     for (int q = 0; 3 * q < change->rank; q++)
@@ -158,7 +156,7 @@ static trocar_status implicit_add(remesher *shared, int slot, report *why) {
     int handles[MAX_HANDLES], count = handles_in_use(shared, handles);
     for (int i = 0; i < count; i++) extend_factors(r, index, handle_node(shared, handles[i]), factor_row(r, handles[i]));
     update_rows(r, index, -1.0);
-    shared->refined.count++; /* its own row as that of any handle */
+    shared->refined.count++; /* its own row is computed like that of any handle */
     find_factors(r, slot);
     form_row(r, slot);
     shared->refined.count--;
@@ -182,7 +180,7 @@ static void implicit_release(remesher *shared) {
 
 static const remesh_operations implicit = {implicit_add, implicit_remove, false, implicit_take_nodes, NULL, implicit_release, false};
 
-/* Large, but pages that no change has reached stay untouched. */
+/* Large, but pages that no change reaches are never touched. */
 trocar_status remesher_create_implicit(inverse *inv, remesher **created, report *why) {
     implicit_remesher *r = calloc(1, sizeof *r);
     *created = r ? &r->shared : NULL;
@@ -200,6 +198,6 @@ trocar_status remesher_create_implicit(inverse *inv, remesher **created, report 
     int node = 0;
     while (inverse_tissue(inv)->fixed[node] || !inverse_holds(inv, node)) node++;
     if (status == TROCAR_OK) status = inverse_gather(inv, &(inverse_blocks){1, &node, 1, &node, row, 3}, why);
-    r->spring = row[0]; /* of any size, as it is taken away again; the compliances' own does not lose digits */
+    r->spring = row[0]; /* arbitrary, because the spring is removed again; the magnitude of the compliances loses no digits */
     return status;
 }

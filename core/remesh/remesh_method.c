@@ -62,7 +62,7 @@ void gather_start(remesher *r) {
 }
 
 static void list_once(int node, int *place_of, int *nodes, int *count, int most) {
-    if (place_of[node] >= 0 || *count == most) return; /* what does not fit is fetched one by one */
+    if (place_of[node] >= 0 || *count == most) return; /* blocks that do not fit are fetched one by one */
     place_of[node] = *count;
     nodes[(*count)++] = node;
 }
@@ -112,7 +112,7 @@ trocar_status change_middle(int n, strided_matrix change, strided_matrix block, 
 static bool gathered_create(gathered_blocks *g, int nodes) {
     g->row_of = malloc((size_t)nodes * sizeof *g->row_of);
     g->column_of = malloc((size_t)nodes * sizeof *g->column_of);
-    g->blocks = calloc((size_t)9 * MAX_ROWS * MAX_COLUMNS, sizeof *g->blocks); /* pages not needed stay untouched */
+    g->blocks = calloc((size_t)9 * MAX_ROWS * MAX_COLUMNS, sizeof *g->blocks); /* pages that are not needed are never touched */
     for (int i = 0; g->row_of && g->column_of && i < nodes; i++) g->row_of[i] = g->column_of[i] = -1;
     return g->row_of && g->column_of && g->blocks;
 }

@@ -1,10 +1,8 @@
 /* Nested addition: each contact node borders the inverse with its surplus, rank 3. With the surpluses as unknowns,
-
-       inverse(a, b) = K^-1(a, b) + sum_j F_j(a) S_j F_j(b)^T,      F_j(a) = K^-1(a, .) c_j + sum_(i<j) F_i(a) G_ij - s_j(a) I
-
-   where K^-1 is that of the nominal mesh (interpolated for an added node) and s_j(a) is surplus j's hat function at node a. Inside an
-   element c_j = 0; on a face it touches five nodes. Nothing of the mesh's size is touched. docs/mechanics.md, "Node addition". Indices i and j
-   below are slots; i < j: i is before j in order. */
+       inverse(a, b) = K^-1(a, b) + sum_j F_j(a) S_j F_j(b)^T, F_j(a) = K^-1(a, .) c_j + sum_(i<j) F_i(a) G_ij - s_j(a) I
+   where K^-1 is that of the nominal mesh (interpolated for an added node) and s_j(a) is surplus j's hat function at node a. Inside an element c_j = 0; on a
+   face it touches five nodes. The cost is independent of the size of the mesh. See docs/mechanics.md, "Node addition". Indices i and j below are slots; i < j
+   means that i is before j in the order. */
 #include "remesh/nested.h"
 
 #include <stdlib.h>
@@ -13,7 +11,7 @@
 #include "base/cache_line.h"
 #include "refinement/refined_field.h"
 
-static const double ROUNDING = 1e-12; /* 1: a barycentric weight below this is that of a node on the opposite face. Rounding */
+static const double ROUNDING = 1e-12; /* 1: barycentric weight below which a node counts as on the opposite face. Rounding tolerance */
 
 /* ---- what the new node couples to ------------------------------------------------------------------------------------ */
 
@@ -33,9 +31,9 @@ static void add_coupling(bordering *border, int nominal, double weight, const ma
     m3_add_scaled(&border->coupling[p], weight, c);
 }
 
-/* c at a touched node, and at the nominal nodes that this one hangs on. */
+/* Adds c of a touched node, distributed to the nominal nodes on which it depends. */
 static void collect_coupling(nested_remesher *r, bordering *border, int node, const mat3 *c) {
-    if (node >= 0) { /* a nominal one; contact nodes are coded as -1 - slot */
+    if (node >= 0) { /* nominal; contact nodes are coded as -1 - slot */
         add_coupling(border, node, 1.0, c);
         return;
     }
@@ -50,8 +48,7 @@ static double weight_of(const added_node *node, int corner) {
     return 0.0;
 }
 
-/* c of the touched nodes, in `touched->beside`, and d in `touched->own`. With u_new = sum w u + h, c = K(old, new) + w K(new, new),
-   d = K(new, new). */
+/* c of the touched nodes goes to `touched->beside`, and d to `touched->own`. With u_new = sum w u + h, c = K(old, new) + w K(new, new) and d = K(new, new). */
 static void couple(nested_remesher *r, int slot, split_columns *touched) {
     const refinement *refined = &r->shared.refined;
     patch_own_columns(r->shared.tissue, refined, refined->count, touched);
@@ -65,8 +62,8 @@ static void add_extra(nested_remesher *r, int node) {
     if (nested_place(r, node) < 0) r->extra[r->extra_count++] = node;
 }
 
-/* Places for the nominal nodes that the addition needs, by its nominal weights, by those in its leaf (which rounding may tell apart), and by what it
-   couples to. Those of the window have one. */
+/* Finds places for the nominal nodes that the addition needs: those with nominal weights, those of its leaf (which rounding may separate from the former), and
+   those that it couples to. Nodes in the window have a place already. */
 static trocar_status add_all_extra(nested_remesher *r, int slot, report *why) {
     const bordering *border = &r->borders[slot];
     const int *corners = r->shared.tissue->mesh->tets[r->shared.refined.nodes[slot].tet];
@@ -99,7 +96,7 @@ static bool is_zero(const mat3 *a) {
     return memcmp(a, &zero, sizeof zero) == 0;
 }
 
-/* Factors of a surplus on a face at all places: sums of rows. */
+/* Computes the factors of a surplus on a face at all places, as sums of rows. */
 static void find_factors(nested_remesher *r, int slot, const split_columns *touched, const int *places) {
     const refinement *refined = &r->shared.refined;
     bordering *border = &r->borders[slot];
@@ -118,13 +115,13 @@ static void find_factors(nested_remesher *r, int slot, const split_columns *touc
     rows_add(&columns, count, parts, r->factors[slot][0], NESTED_LD);
 }
 
-/* Factors, chains and surplus of a node on a face. */
+/* Computes factors, chains and surplus of a node on a face. */
 static trocar_status border_face(nested_remesher *r, int slot, const split_columns *touched, report *why) {
     int places[SPLIT_NODES];
     mat3 stiffness = touched->own, reached = {{{0}}};
     for (int q = 0; q < touched->count; q++) places[q] = nested_place(r, touched->nodes[q]);
     find_factors(r, slot, touched, places);
-    for (int q = 0; q < touched->count; q++) { /* c^T W: W is the factor at the nodes touched, where this surplus' hat is zero */
+    for (int q = 0; q < touched->count; q++) { /* c^T W: at the touched nodes, where this surplus's hat function is zero, W is the factor */
         mat3 transposed = m3_transposed(&touched->beside[q]), factor = nested_factor(r, slot, places[q]);
         add_product(&reached, &transposed, &factor);
     }
@@ -134,7 +131,7 @@ static trocar_status border_face(nested_remesher *r, int slot, const split_colum
     return TROCAR_OK;
 }
 
-/* Inside an element only the node itself has a factor, and those that hang on it. */
+/* Inside an element, only the node itself and the nodes that depend on it have a factor. */
 static void border_inside(nested_remesher *r, int slot) {
     const added_node *node = &r->shared.refined.nodes[slot];
     column_ranges columns = nested_all_columns(r, slot);
@@ -142,7 +139,7 @@ static void border_inside(nested_remesher *r, int slot) {
     r->borders[slot].surplus = surplus_compliance(r->shared.tissue, &r->shared.refined, node->tet, &node->at);
 }
 
-/* Those of a new node: its corners' with its weights, and its own surplus. */
+/* Factors of earlier surpluses at a new node: those of its corners with its weights, and its own surplus. */
 static void interpolate_factors(nested_remesher *r, int slot) {
     const refinement *refined = &r->shared.refined;
     const leaf_point *at = &refined->nodes[slot].at;
@@ -169,7 +166,7 @@ static void fill_row(nested_remesher *r, int slot, const column_ranges *columns,
     rows_add(columns, 1, &surplus, row, SNAPSHOT_LD);
 }
 
-/* The new row: interpolated between the corners of the leaf, and the surplus. */
+/* Adds the new row: interpolated between the corners of the leaf, plus the surplus. */
 static void add_row(nested_remesher *r, int slot) {
     remesher *shared = &r->shared;
     const leaf_point *at = &shared->refined.nodes[slot].at;
@@ -187,10 +184,10 @@ static void add_row(nested_remesher *r, int slot) {
     fill_row(r, slot, &columns, count, corners);
     nested_mirror(shared->handles, SNAPSHOT_LD, slot, all, handles);
     column_ranges_add(&own, 3 * slot / COLUMN_STEP * COLUMN_STEP, 3 * slot + 3);
-    fill_row(r, slot, &own, count, corners); /* whose columns are there now */
+    fill_row(r, slot, &own, count, corners); /* its columns are filled by now */
 }
 
-/* Compliance of the nominal mesh between the new node and all contact nodes. */
+/* Computes the compliance of the nominal mesh between the new node and all contact nodes. */
 static void find_between_contacts(nested_remesher *r, int slot) {
     const refinement *refined = &r->shared.refined;
     for (int k = 0; k <= refined->count; k++) {
@@ -230,7 +227,7 @@ static trocar_status nested_add(remesher *shared, int slot, report *why) {
 
 static void nested_remove(remesher *shared, int slot, int position) {
     nested_remesher *r = (nested_remesher *)shared;
-    if (!r->borders[slot].on_face) return; /* the surplus goes with its row */
+    if (!r->borders[slot].on_face) return; /* the surplus disappears with its row */
     nested_move_to_end(r, slot, position);
     nested_update_rows(r, slot, -1.0);
 }

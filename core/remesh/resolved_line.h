@@ -1,16 +1,16 @@
-/* The worker's part of the local compliance: what the mesh resolves of the needle, along its way and at its contact nodes. */
+/* The worker's part of the local compliance: measures the mesh's resolution along the needle's path and at its contact nodes. */
 #ifndef TROCAR_RESOLVED_LINE_H
 #define TROCAR_RESOLVED_LINE_H
 
 #include "remesh/remesh_method.h"
 
-/* Is there a line in the request that has not been measured? */
+/* True if a line of the request has not been measured. */
 bool lines_are_new(const remesher *r, const remesh_request *request);
 
-/* Brings the pieces up to date with a request: measures those that are new, at most so many. */
+/* Updates the pieces for a request: measures at most `most` new ones. */
 trocar_status resolve_pieces(remesher *r, const remesh_request *request, int most, report *why);
 
-/* At the contact node in `slot`, which comes next in the order, with those before it in the mesh. */
+/* Measures at the contact node in `slot`, which is next in the order, in the mesh with the nodes before it. */
 trocar_status resolve_contact(remesher *r, int slot, report *why);
 
 #endif

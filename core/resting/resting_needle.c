@@ -8,13 +8,15 @@
 #include "insertion/memory/creep.h"
 #include "insertion/step/insertion.h"
 
-static const double STEP_SHIFT = 0.3e-3; /* m: by which the base moves in one step of 1 ms to where it rests, at most. Chosen: 0.3 m/s, as fast as a hand inserts */
-static const double STEP_TURN = 3e-3; /* rad: by which it turns in one step, at most. Chosen */
-static const double DEPENDENT = 1e-6; /* fraction: motions whose rows differ by less from a combination of others' are none of their own. Rounding */
+static const double STEP_SHIFT = 0.3e-3; /* m: largest shift of the base in one step of 1 ms while it moves to its resting position. Chosen: 0.3 m/s, as fast
+                                            as a hand inserts */
+static const double STEP_TURN = 3e-3; /* rad: largest rotation of the base in one step of 1 ms while it moves to its resting position. Chosen by judgement */
+static const double DEPENDENT = 1e-6; /* fraction: relative difference from a combination of other motions below which a motion counts as dependent. Rounding
+                                         tolerance */
 
 /* ---- linearising ---------------------------------------------------------------------------------------------------------- */
 
-/* The point that an unknown's force acts at: see unknown(). */
+/* The point at which an unknown's force acts: see unknown(). */
 static int point_of(const resting_needle *r, int u) {
     int along = u - 2 * r->point_count;
     if (along < 0) return u / 2;
@@ -27,7 +29,7 @@ static vec3 direction_of(const resting_needle *r, int u) {
     return v3(f->m[0][axis], f->m[1][axis], f->m[2][axis]);
 }
 
-/* Where the point's force acts on the nominal mesh; -1: it does not. */
+/* Element of the nominal mesh in which the point's force acts, or -1 if it does not act on the mesh. */
 static int element_of(const mesh *m, const insertion_state *state, const contact_point *p, double weights[4]) {
     if (p->kind == POINT_GUIDE) return -1;
     if (p->kind == POINT_TIP) {
@@ -59,7 +61,7 @@ int resting_place(const resting_needle *r, int u) {
     return place >= 0 && place < r->places.count && r->rows[u].tet >= 0 ? place : -1;
 }
 
-/* How much of what this place stands for is on step k of the track. */
+/* Fraction of this place's piece of shaft that lies on step k of the track. */
 static double part_on_step(const resting_needle *r, int place, int k) {
     const shaft_piece *piece = &r->places.loads[place].shaft;
     double from = r->steps.start + k * r->steps.step;
@@ -72,7 +74,7 @@ vec3 resting_moved(const resting_needle *r, int place, int from, int to, const v
     return sum;
 }
 
-/* Between places of the needle (rows) and those of another one: what the mesh lacks of the displacements there under the other one's forces, added. */
+/* Adds the displacements under another needle's forces that the mesh does not resolve, as blocks between places of the needle (rows) and of the other one. */
 static trocar_status add_lacks(needle_pairs *pairs, const resting_needle *r, const resting_needle *other, bool transposed, mat3 *blocks, int ld, report *why) {
     mat3 lacks[SHIFT_STEPS];
     for (int j = 0; j < other->places.count; j++) {
@@ -103,7 +105,7 @@ trocar_status resting_mutual(needle_pairs *pairs, const resting_needle *r, const
     return status;
 }
 
-/* The tissue's compliance between points that are interpolated in the nominal mesh: `blocks`, 3 point_count square. */
+/* The tissue's compliance between points interpolated in the nominal mesh: `blocks`, 3 point_count square. */
 static trocar_status interpolated(const mesh *m, const insertion_state *state, inverse *inv, const resting_needle *r, double *blocks, report *why) {
     int count = 0, nodes[4 * MAX_POINTS], place[MAX_POINTS][4], ld = 3 * r->point_count;
     double weights[MAX_POINTS][4];
@@ -133,7 +135,7 @@ static trocar_status interpolated(const mesh *m, const insertion_state *state, i
     return status;
 }
 
-/* What the contact problem has assembled, without the nominal mesh's part. The tip's rows have nothing else of the tissue. */
+/* Takes the assembled compliance of the contact problem without the nominal mesh's part. The tip's rows contain no other part of the tissue. */
 static trocar_status take_compliance(const mesh *m, const insertion_state *state, const insertion_workspace *w, inverse *inv, resting_needle *r, report *why) {
     const contact_problem *p = &w->problem;
     int ld = 3 * r->point_count;
@@ -150,7 +152,7 @@ static trocar_status take_compliance(const mesh *m, const insertion_state *state
     return status;
 }
 
-/* A row that bears no force, whatever happens. */
+/* Decouples a row, so that it bears no force under any load. */
 static void uncouple(resting_needle *r, int u) {
     for (int v = 0; v < u; v++) r->compliance[u][v] = 0.0;
     for (int v = u + 1; v < r->unknown_count; v++) r->compliance[v][u] = 0.0;
@@ -167,7 +169,7 @@ static bool is_open(const insertion_workspace *w, const resting_needle *r, int u
 
 static vec3 displaced(base_motion t, vec3 lever) { return v3_add(t.shift, v3_cross(t.turn, lever)); }
 
-/* Orthonormal motions of the rows, and the base's that cause them. Turns count by the arc that they describe at the tip. */
+/* Computes orthonormal motions of the rows, and the motions of the base that cause them. Rotations are measured by the arc that they describe at the tip. */
 static void take_motions(const insertion_workspace *w, pose base, double length, resting_needle *r) {
     vec3 x = q_rotate(base.orientation, v3(1.0 / length, 0, 0)), y = q_rotate(base.orientation, v3(0, 1.0 / length, 0));
     const base_motion given[MAX_MOTIONS] = {{.shift = {1, 0, 0}}, {.shift = {0, 1, 0}}, {.shift = {0, 0, 1}}, {.turn = x}, {.turn = y}};
@@ -194,7 +196,7 @@ static void take_motions(const insertion_workspace *w, pose base, double length,
     }
 }
 
-/* A force at a point in its unknowns; of the tip's along the needle, `shaft` acts on the shaft next to it. */
+/* Adds a force at a point to its unknowns; of the tip's force along the needle, `shaft` acts on the adjacent shaft. */
 static void put_force(const resting_needle *r, int point, vec3 force, double shaft, double *unknowns) {
     vec3 f = m3_apply_transposed(&r->points[point].at.frame, force);
     int count = r->point_count;
@@ -215,7 +217,7 @@ static void take_forces(const insertion_model *model, const insertion_state *sta
     }
 }
 
-/* Load on the tissue by the contact with this handle, if it is the one with this id. */
+/* Load on the tissue by the contact with this handle, if its id is `id`. */
 static vec3 contact_load(const insertion_model *model, const insertion_state *state, int handle, uint64_t id) {
     for (int k = 0; contact_is_active(state, k); k++)
         if (state->refined.order[k] == handle && state->refined.nodes[handle].id == id) return v3_add(state->contacts[handle].force, creep_load(model, &state->memory, k));
@@ -237,9 +239,9 @@ static trocar_status linearise(const tick_input *given, const insertion_state *s
     tick_input tick = *given;
     insertion_workspace *w = &scratch->workspace;
     tick_output ignored = {0};
-    scratch->state = r->anchor = *state; /* linearising goes on with the copy's memory */
+    scratch->state = r->anchor = *state; /* the linearisation advances the copy's memory */
     tick.base = (mount){.pose = state->needle.base};
-    if (!insertion_linearise(&tick, &scratch->state, w, &ignored, loaded)) return fail(why, TROCAR_BAD_INPUT, "it is not in the tissue: only what is in the tissue rests there");
+    if (!insertion_linearise(&tick, &scratch->state, w, &ignored, loaded)) return fail(why, TROCAR_BAD_INPUT, "the needle is not in the tissue: only inserted needles can be left");
     const contact_problem *p = &w->problem;
     r->point_count = p->count;
     r->axial_count = p->axial_count;
@@ -273,8 +275,8 @@ static bool is_definite(const resting_needle *r, resting_scratch *scratch) {
     return LAPACKE_dpotrf(LAPACK_COL_MAJOR, 'L', r->unknown_count, scratch->matrix[0], MAX_UNKNOWNS) == 0;
 }
 
-/* A needle that would buckle under its forces, were it not for the tissue, is taken to be as stiff as without them: what can be attached is
-   stable by itself. */
+/* A needle that would buckle under its forces without the tissue is linearised with the stiffness that it has without them: an attachment must be stable by
+   itself. */
 trocar_status resting_linearise(const tick_input *tick, const insertion_state *state, inverse *inv, resting_scratch *scratch, resting_needle *r, report *why) {
     trocar_status status = linearise(tick, state, inv, true, scratch, r, why);
     return status != TROCAR_OK || is_definite(r, scratch) ? status : linearise(tick, state, inv, false, scratch, r, why);
@@ -291,7 +293,7 @@ pose pose_moved(pose base, base_motion step) {
     return (pose){v3_add(base.position, step.shift), q_unit(q_multiply(q_exp(step.turn), base.orientation))};
 }
 
-/* With all sticking, motions q of the base change the forces by M^-1 R q, M being the compliance with the tissue's: R^T (f + M^-1 R q) = 0. */
+/* If all points stick, motions q of the base change the forces by M^-1 R q, with the compliance M that includes the tissue's: R^T (f + M^-1 R q) = 0. */
 trocar_status resting_release_step(const resting_needle *r, double size, resting_scratch *scratch, base_motion *step, report *why) {
     int n = r->unknown_count, m = r->motion_count;
     const contact_problem *p = &scratch->workspace.problem;
@@ -303,7 +305,7 @@ trocar_status resting_release_step(const resting_needle *r, double size, resting
         }
     memcpy(columns, r->motions, sizeof columns);
     if (LAPACKE_dposv(LAPACK_COL_MAJOR, 'L', n, m, scratch->matrix[0], MAX_UNKNOWNS, columns[0], MAX_UNKNOWNS) != 0)
-        return fail(why, TROCAR_NUMERIC, "needle and tissue are not stable together");
+        return fail(why, TROCAR_NUMERIC, "needle and tissue together are unstable");
     for (int a = 0; a < m; a++) {
         q[a] = 0.0;
         for (int u = 0; u < n; u++) q[a] -= r->motions[a][u] * r->anchor_force[u];
@@ -325,8 +327,7 @@ trocar_status resting_release_step(const resting_needle *r, double size, resting
 
 /* ---- as it is now --------------------------------------------------------------------------------------------------------------- */
 
-/* Part of the bound that is left after sliding: friction weakens from static to kinetic. The tip's cutting force and the guides' friction do
-   not. */
+/* Fraction of the bound that remains after sliding: friction weakens from static to kinetic, but the tip's cutting force and the friction of guides do not. */
 static double weakened(const insertion_model *model, const resting_needle *r, int i) {
     int point = i < r->point_count ? i : r->point_count - 1;
     const contact_point *p = &r->points[point];
@@ -339,7 +340,7 @@ static double weakened(const insertion_model *model, const resting_needle *r, in
 double resting_upper(const insertion_model *model, const resting_needle *r, int i) { return r->upper[i] * weakened(model, r, i); }
 double resting_lower(const insertion_model *model, const resting_needle *r, int i) { return r->lower[i] * weakened(model, r, i); }
 
-/* Forces and slips in the state. */
+/* Writes forces and slips to the state. */
 static void put_back(const resting_needle *r, insertion_state *state) {
     int count = r->point_count;
     for (int i = 0; i < count; i++) {

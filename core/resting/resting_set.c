@@ -6,10 +6,10 @@
 #include "snapshot/free_displacement.h"
 
 enum { AT_ONCE = 6 };
-enum { MOST_SWEEPS = 500 }; /* sweeps: of Gauss and Seidel's method over a needle's points. Effort */
-enum { MOST_ROUNDS = 20 }; /* rounds: over all needles that rest, between two loads. Effort */
-static const double ENOUGH = 1e-7; /* N: by which a force may be above its bound. Rounding */
-static const double YIELDING = 1e-3; /* N/m: a stiffness below which slip would relieve nothing. Rounding */
+enum { MOST_SWEEPS = 500 }; /* sweeps: largest number of Gauss-Seidel sweeps over a needle's points. Effort limit */
+enum { MOST_ROUNDS = 20 }; /* rounds: largest number over all resting needles, between two changes of the loads. Effort limit */
+static const double ENOUGH = 1e-7; /* N: excess of a force over its bound that is accepted. Rounding tolerance */
+static const double YIELDING = 1e-3; /* N/m: stiffness below which a slip would relieve no force. Rounding tolerance */
 
 static void forget_columns(resting_set *s) {
     for (int i = 0; i < MAX_NEEDLES; i++) {
@@ -46,7 +46,7 @@ static bool make_room(resting_set *s, int count) {
     return s->load_room > 0;
 }
 
-/* Where held needles displace the rows of one beyond what the mesh resolves, m. */
+/* Displacements of a needle's rows by held needles that the mesh does not resolve, m. */
 static trocar_status find_displaced(const resting_set *s, const resting_needle *r, const other_loads *held, double *displacement, bool *any, report *why) {
     mat3 lacks[SHIFT_STEPS];
     vec3 moved[SHIFT_STEPS], at[MAX_LOADS] = {{0, 0, 0}};
@@ -77,11 +77,11 @@ static trocar_status respond_aside(resting_set *s, const other_loads *held, repo
     }
     if (s->any_aside) inverse_attached_displaced(s->inverse, s->force, s->aside, s->aside_move);
     for (int i = 0; i < s->count; i++) memcpy(s->needles[i]->aside, s->aside + s->row[i], (size_t)s->needles[i]->unknown_count * sizeof *s->aside);
-    s->any_aside = s->any_aside || before; /* once more, to say that it has gone */
+    s->any_aside = s->any_aside || before; /* stays set once more, to report that the displacement has vanished */
     return TROCAR_OK;
 }
 
-/* Response of all to the loads of held needles and the probe. */
+/* Response of all resting needles to the loads of held needles and the probe. */
 static trocar_status respond(resting_set *s, const other_loads *held, report *why) {
     const mesh *m = inverse_tissue(s->inverse)->mesh;
     if (!make_room(s, 1 + loads_most_nodes(held))) return fail(why, TROCAR_NO_MEMORY, "no memory for the loads of held needles");
@@ -122,7 +122,7 @@ bool resting_set_fade(resting_set *s, double part) {
     return true;
 }
 
-/* What the mesh lacks between each needle and those before it: for attachments. */
+/* Compliance between each needle and those before it that the mesh does not resolve, for attachments. */
 static trocar_status find_mutual(const resting_set *s, int index, double **compliance, report *why) {
     const resting_needle *r = s->needles[index];
     *compliance = NULL;
@@ -177,7 +177,7 @@ trocar_status resting_set_attach(resting_set *s, int count, resting_needle *cons
 trocar_status resting_set_change(resting_set *s, int count, resting_needle *const *needles, const other_loads *held, report *why) {
     trocar_status status = resting_set_attach(s, count, needles, why);
     if (status == TROCAR_OK) status = respond(s, held, why);
-    for (int i = 0; i < count && status == TROCAR_OK; i++) { /* nothing jumps: what the new set adds for these loads is taken off */
+    for (int i = 0; i < count && status == TROCAR_OK; i++) { /* subtracts the new set's response to these loads, so that no force jumps */
         resting_needle *r = needles[i];
         for (int u = 0; u < r->unknown_count; u++) r->free_force[u] = r->force[u] - s->force[s->row[i] + u] - s->aside[s->row[i] + u];
         for (int k = 0; k < r->motion_count; k++) r->free_motion[k] = r->motion[k] - s->move[s->motion[i] + k] - s->aside_move[s->motion[i] + k];
@@ -198,13 +198,13 @@ static double excess(const insertion_model *model, const resting_needle *r, int 
     return f > upper ? f - upper : f < lower ? f - lower : 0.0;
 }
 
-static bool gives_way(const insertion_model *model, const resting_needle *r) {
+static bool exceeds_friction(const insertion_model *model, const resting_needle *r) {
     for (int i = 0; i < r->axial_count; i++)
         if (fabs(excess(model, r, i)) > ENOUGH) return true;
     return false;
 }
 
-/* Responses of all rows, and of all motions, to a slip of each of the needle's rows along it, a few rows in one call. True: they are complete. */
+/* Computes the responses of all rows and motions to a unit slip of each of the needle's rows, a few rows per call. Returns true if they are complete. */
 static bool find_columns(resting_set *s, int index) {
     const resting_needle *r = s->needles[index];
     int rows[AT_ONCE], count = r->axial_count - s->columns_known[index];
@@ -221,8 +221,8 @@ static bool find_columns(resting_set *s, int index) {
     return s->columns_known[index] == r->axial_count;
 }
 
-/* Slips of one needle's points such that its forces are within their bounds, with all other slips as they are: the least of a convex
-   function, by Gauss-Seidel. w: a slip s at point i changes force j by w[i][j] s, at most 0 for i = j. */
+/* Slips of one needle's points for which its forces are within their bounds, with all other slips fixed: the minimum of a convex function, by Gauss-Seidel. w:
+   a slip s at point i changes force j by w[i][j] s, at most 0 for i = j. */
 static void find_slips(const insertion_model *model, const resting_needle *r, const double *const w[MAX_AXIAL], double slip[MAX_AXIAL]) {
     double force[MAX_AXIAL], upper[MAX_AXIAL], lower[MAX_AXIAL];
     int first = 2 * r->point_count;
@@ -235,7 +235,7 @@ static void find_slips(const insertion_model *model, const resting_needle *r, co
     for (int sweep = 0; sweep < MOST_SWEEPS; sweep++) {
         double worst = 0.0;
         for (int i = 0; i < r->axial_count; i++) {
-            double yields = -w[i][i], alone = force[i] + yields * slip[i]; /* if it did not slip */
+            double yields = -w[i][i], alone = force[i] + yields * slip[i]; /* force without this slip */
             if (!(yields > YIELDING)) continue;
             double now = alone > upper[i] ? (alone - upper[i]) / yields : alone < lower[i] ? (alone - lower[i]) / yields : 0.0, more = now - slip[i];
             if (more == 0.0) continue;
@@ -252,7 +252,7 @@ static bool slip_needle(resting_set *s, const insertion_model *model, int index)
     size_t n = (size_t)inverse_attached_rows(s->inverse), m = (size_t)inverse_attached_motions(s->inverse), count = (size_t)r->axial_count;
     const double *w[MAX_AXIAL];
     double slip[MAX_AXIAL];
-    if (!find_columns(s, index)) return s->columns[index] != NULL; /* next time; out of memory: the needle keeps sticking */
+    if (!find_columns(s, index)) return s->columns[index] != NULL; /* true: more columns next time; false: out of memory, and the needle keeps sticking */
     const double *columns = s->columns[index];
     for (int i = 0; i < r->axial_count; i++) w[i] = columns + (size_t)i * n + (size_t)(s->row[index] + 2 * r->point_count);
     find_slips(model, r, w, slip);
@@ -295,9 +295,9 @@ bool resting_set_slip(resting_set *s, const insertion_model *model, int most) {
     while (s->slips_left > 0 && s->quiet < s->count && done < most) {
         const resting_needle *last = s->needles[s->next_slip];
         int known = s->columns_known[s->next_slip];
-        bool half_way = known > 0 && known < last->axial_count && gives_way(model, last);
+        bool half_way = known > 0 && known < last->axial_count && exceeds_friction(model, last);
         if (!half_way) s->next_slip = (s->next_slip + 1) % s->count, s->slips_left--;
-        if (gives_way(model, s->needles[s->next_slip]) && slip_needle(s, model, s->next_slip)) done++, s->quiet = 0, s->slipped = true;
+        if (exceeds_friction(model, s->needles[s->next_slip]) && slip_needle(s, model, s->next_slip)) done++, s->quiet = 0, s->slipped = true;
         else s->quiet++;
     }
     bool more = s->slips_left > 0 && s->quiet < s->count;
@@ -308,7 +308,7 @@ bool resting_set_slip(resting_set *s, const insertion_model *model, int most) {
     return more;
 }
 
-/* What others feel of a needle: its forces, and this part of what the last release has changed of them. */
+/* Force of a row as felt by other needles: its present force plus the remaining fraction of its change in the last release. */
 static double felt(const resting_needle *r, double fading, int u) { return r->force[u] + r->beside[u] + fading * r->fading[u]; }
 
 static void list_loads(const resting_needle *r, double fading, tissue_loads *loads) {

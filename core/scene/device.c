@@ -17,8 +17,8 @@ static const struct { double force, torque, stiffness; } RENDERED[] = {
 };
 _Static_assert(sizeof RENDERED / sizeof *RENDERED == sizeof device_profiles / sizeof *device_profiles - 1, "a row for each name");
 
-/* s from zero to full force. Faster than people perceive; at 5 ms the force of a hard impact would lag far enough behind the hand to drive a light
-   one (tests/unit/server/test_virtual_coupling.c). */
+/* Time from zero to full force, s. It is shorter than people perceive. At 5 ms, the force of a hard impact would lag far enough behind the hand to drive a
+   light one (tests/unit/server/test_virtual_coupling.c). */
 static const double FULL_SLEW = 3e-3;
 
 bool device_use_profile(const char *name, device_limits *limits) {

@@ -1,4 +1,4 @@
-/* Limits of haptic devices, which the server respects, and known devices by name. */
+/* Limits of haptic devices, which the server enforces, and known devices by name. */
 #ifndef TROCAR_DEVICE_H
 #define TROCAR_DEVICE_H
 
@@ -10,10 +10,10 @@ typedef trocar_device_limits device_limits;
 
 device_limits device_defaults(void);
 
-/* Names of the known devices, ended by NULL. */
+/* Names of the known devices, terminated by NULL. */
 extern const char *const device_profiles[];
 
-/* Sets the limits on force and torque, their rates and the stiffness to those of a device; false if the name is unknown. For a device without torque,
+/* Sets the limits of force and torque, their rates and the stiffness to those of a device; returns false if the name is unknown. For a device without torque,
    the torque limits are unchanged. Sources: meshes/PARAMETERS.md. */
 bool device_use_profile(const char *name, device_limits *limits);
 

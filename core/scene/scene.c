@@ -7,7 +7,7 @@
 #include "base/input_file.h"
 #include "scene/scene_document.h"
 
-enum { MAX_FILE = 1 << 20 }; /* bytes; a scene has a few thousand */
+enum { MAX_FILE = 1 << 20 }; /* bytes; a scene has a few thousand bytes */
 
 /* ---- values that must fit each other ---------------------------------------------------------------------------------------- */
 
@@ -60,7 +60,7 @@ static void check_all(const scene *s, fault *f) {
         reject(f, "region_of_interest.corridor.to", "the same point as \"from\"");
 }
 
-static trocar_status told(const char *name, const fault *f, report *why) {
+static trocar_status report_fault(const char *name, const fault *f, report *why) {
     if (!f->found) return TROCAR_OK;
     return fail(why, TROCAR_BAD_INPUT, "%s: %s%s%s", name, f->key, *f->key ? ": " : "", f->words);
 }
@@ -71,7 +71,7 @@ trocar_status scene_check(const scene *s, report *why) {
     if (s->simulation.region_count == 0) reject(&f, "", "missing key \"regions\"");
     if (s->simulation.fixed_count == 0) reject(&f, "", "missing key \"fixed\"");
     check_all(s, &f);
-    return told(*s->path ? s->path : "scene", &f, why);
+    return report_fault(*s->path ? s->path : "scene", &f, why);
 }
 
 /* ---- the file ---------------------------------------------------------------------------------------------------------------- */
@@ -101,7 +101,7 @@ static trocar_status read_file(const char *path, char **text, size_t *length, re
     return status;
 }
 
-/* Checks values that are compared with the mesh later, once it has been read. */
+/* Records the lines of values that are checked against the mesh later. */
 static void note_lines(scene *s, yaml_text *document) {
     char key[KEY_ROOM];
     for (int i = 0; i < s->simulation.guide_count; i++) {
@@ -123,7 +123,7 @@ static trocar_status load_text(const char *yaml, size_t length, scene *s, report
     note_lines(s, &document);
     char name[sizeof s->path + 16];
     snprintf(name, sizeof name, "%s:%d", s->path, yaml_line(&document, f.place));
-    status = told(name, &f, why);
+    status = report_fault(name, &f, why);
     yaml_close(&document);
     return status;
 }
@@ -144,7 +144,7 @@ trocar_status scene_load(const char *path, scene *s, report *why) {
 
 /* ---- one key ----------------------------------------------------------------------------------------------------------------- */
 
-/* The list entry that "regions[0].x" or "regions[prostate].x" means, and the pattern "regions[].x". NULL: no such entry. */
+/* Finds the list entry for "regions[0].x" or "regions[prostate].x", and the pattern "regions[].x". NULL if there is no such entry. */
 static void *find_entry(scene *s, const char *key, bool append, char pattern[KEY_ROOM]) {
     const char *open = strchr(key, '['), *close = open ? strchr(open, ']') : NULL;
     snprintf(pattern, KEY_ROOM, "%s", key);
@@ -157,7 +157,7 @@ static void *find_entry(scene *s, const char *key, bool append, char pattern[KEY
     size_t prefix = (size_t)(open - key);
     list_kind list = NO_LIST + 1;
     while (list < LISTS && !(strlen(LIST_TABLE[list].key) == prefix && strncmp(LIST_TABLE[list].key, key, prefix) == 0)) list++;
-    if (list == LISTS || !find_row(pattern)) return NULL;
+    if (list == LISTS || !find_key(pattern)) return NULL;
     long index = strtol(name, &end, 10);
     bool next = append && list == RELAXATION && index == *count_of(s, list) && index < LIST_TABLE[list].most; /* an entry without a name cannot be appended by name */
     if (*end == '\0' && next) return append_entry(s, list);
@@ -170,11 +170,11 @@ static void *find_entry(scene *s, const char *key, bool append, char pattern[KEY
     return entry;
 }
 
-/* The table row of a key, and the place of its value. */
-static const row *find_value(scene *s, const char *key, bool append, void **base, fault *f) {
+/* Finds the table row of a key, and the struct that contains its value. */
+static const key_spec *find_value(scene *s, const char *key, bool append, void **base, fault *f) {
     char pattern[KEY_ROOM];
     *base = strlen(key) < KEY_ROOM ? find_entry(s, key, append, pattern) : NULL;
-    const row *r = *base ? find_row(pattern) : NULL;
+    const key_spec *r = *base ? find_key(pattern) : NULL;
     if (!r) reject(f, "", "no key \"%.100s\"%s", key, *base ? "" : ", or no such entry");
     return r;
 }
@@ -189,9 +189,9 @@ trocar_status scene_set(scene *s, const char *key, const char *value, report *wh
     if (status == TROCAR_OK) {
         void *base;
         yaml_value root = yaml_root(&document);
-        const row *r = find_value(changed, key, true, &base, &f);
+        const key_spec *r = find_value(changed, key, true, &base, &f);
         if (r) take_value(changed, r, key, base, &root, &f);
-        status = told("scene", &f, why);
+        status = report_fault("scene", &f, why);
         yaml_close(&document);
     }
     if (status == TROCAR_OK) *s = *changed;
@@ -202,8 +202,8 @@ trocar_status scene_set(scene *s, const char *key, const char *value, report *wh
 trocar_status scene_get(const scene *s, const char *key, char *value, size_t size, report *why) {
     fault f = {.found = false};
     void *base;
-    const row *r = find_value((scene *)s, key, false, &base, &f);
-    if (!r) return told("scene", &f, why);
+    const key_spec *r = find_value((scene *)s, key, false, &base, &f);
+    if (!r) return report_fault("scene", &f, why);
     int length = print_value(s, r, base, value, size);
     if (length >= 0 && (size_t)length < size) return TROCAR_OK;
     return fail(why, TROCAR_BAD_INPUT, "%s: its value does not fit in %zu bytes", key, size);

@@ -1,15 +1,15 @@
-/* The scene: what to simulate, from a YAML file or from calls. Every key is one row of a table (scene_table.c), which reading, setting, printing and
-   the reference table of the documentation share. */
+/* The scene, read from a YAML file or set by calls. Every key is one row of a table (scene_table.c), which reading, setting, printing and the reference
+   documentation share. */
 #ifndef TROCAR_SCENE_H
 #define TROCAR_SCENE_H
 
 #include "scene/scene_struct.h"
 
-/* A scene without mesh, regions and fixed groups; all other values are defaults. */
+/* Sets a scene without mesh, regions and fixed groups; all other values are defaults. */
 void scene_defaults(scene *s);
 
-/* Reads a scene file over the defaults. BAD_INPUT with file, line and key if a key is unknown, missing or repeated, or a value has the wrong type or
-   is out of range. simulation_create compares names with the mesh later. */
+/* Reads a scene file over the defaults. BAD_INPUT with file, line and key if a key is unknown, missing or repeated, or a value has the wrong type or is out of
+   range. Names are checked against the mesh later. */
 trocar_status scene_load(const char *path, scene *s, report *why);
 
 /* Sets one key from YAML text: "needle.length" to "0.15", "fixed" to "[back, below]". List entries are chosen by index or name, as in
@@ -19,7 +19,7 @@ trocar_status scene_set(scene *s, const char *key, const char *value, report *wh
 /* Prints the value of a key as YAML. BAD_INPUT if there is no such key or entry, or if `size` is too small. */
 trocar_status scene_get(const scene *s, const char *key, char *value, size_t size, report *why);
 
-/* Checks whatever involves more than one key: mandatory keys, and values that must fit each other. */
+/* Checks conditions that involve more than one key: mandatory keys, and values that must be consistent. */
 trocar_status scene_check(const scene *s, report *why);
 
 #endif

@@ -4,7 +4,7 @@
 
 static void join_key(char out[KEY_ROOM], const char *before, const char *key) { snprintf(out, KEY_ROOM, "%s%s%s", before, *before ? "." : "", key); }
 
-/* A mapping: its key, such as "regions[0].friction", the matching pattern of the table, and the struct that its values go into. */
+/* A mapping: its key, such as "regions[0].friction", the matching pattern of the table, and the struct for its values. */
 typedef struct {
     const char *key, *pattern;
     void *base;              /* the scene, or a list entry */
@@ -32,7 +32,7 @@ static void take_list(scene *s, list_kind list, const yaml_value *value, fault *
 
 /* Keys of earlier releases. */
 static const struct { const char *key, *remedy; } RETIRED[] = {
-    {"contact.resolution", "the simulator measures what the mesh resolves: remove the key"},
+    {"contact.resolution", "the simulator measures the mesh's resolution: remove the key"},
 };
 
 static void reject_unknown(fault *f, const char *key, const mapping *at, const char *name) {
@@ -45,7 +45,7 @@ static void take_pair(scene *s, const mapping *at, const char *name, const yaml_
     char key[KEY_ROOM], row_key[KEY_ROOM];
     join_key(key, at->key, name);
     join_key(row_key, at->pattern, name);
-    const row *r = find_row(row_key);
+    const key_spec *r = find_key(row_key);
     if (r) {
         take_value(s, r, key, at->base, value, f);
         return;
@@ -56,16 +56,16 @@ static void take_pair(scene *s, const mapping *at, const char *name, const yaml_
             return;
         }
     if (strcmp(row_key, "regions[].relaxation") == 0)
-        reject(f, key, "all regions share one series, because the inverse of the stiffness is valid at all times only then; move it to the top level");
+        reject(f, key, "all regions share one series, because one inverse of the stiffness must serve all times; move it to the top level");
     else if (leads_on(row_key, ".")) take_mapping(s, &(mapping){key, row_key, at->base}, value, f);
     else reject_unknown(f, key, at, name);
 }
 
-/* Reads the device's profile before the keys that override it. */
+/* True for the device's profile, which is read before the keys that override it. */
 static bool comes_first(const char *pattern, const char *name) {
     char key[KEY_ROOM];
     join_key(key, pattern, name);
-    const row *r = find_row(key);
+    const key_spec *r = find_key(key);
     return r && r->kind == PROFILE;
 }
 

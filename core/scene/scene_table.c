@@ -42,8 +42,8 @@ static const char *profile_word(int index) { return device_profiles[index]; }
 #define MATERIAL(member) offsetof(region_config, material.member)
 #define GUIDE(member) offsetof(guide_config, member)
 
-const row SCENE_TABLE[] = {
-    {"mesh", "", FILE_PATH, OF(simulation.mesh_path), .required = true, .doc = "mesh file, in any format that Gmsh reads; relative to the scene file"},
+const key_spec SCENE_TABLE[] = {
+    {"mesh", "", FILE_PATH, OF(simulation.mesh_path), .required = true, .doc = "mesh file: MSH 2.2 or 4.1, or any format that Gmsh reads, if it is installed; relative to the scene file"},
     {"mesh_unit", "", LENGTH_UNIT, OF(simulation.mesh_unit), .doc = "of the mesh file's coordinates"},
     {"patient_to_mesh", "", TRANSFORM, OF(patient_to_mesh),
      .doc = "4 x 4, row by row: from the patient's coordinates (DICOM's LPS, mm) to the mesh's (m)"},
@@ -174,7 +174,7 @@ enum { ROWS = sizeof SCENE_TABLE / sizeof *SCENE_TABLE };
 _Static_assert((int)ROWS <= (int)SCENE_KEYS_MOST, "trocar_key_at has no room for more keys: raise SCENE_KEYS_MOST");
 const int SCENE_ROWS = ROWS;
 
-const list_row LIST_TABLE[LISTS] = {
+const list_spec LIST_TABLE[LISTS] = {
     [REGIONS] = {"regions", OF(simulation.regions), OF(simulation.region_count), sizeof(region_config), 1, MAX_REGIONS},
     [MEMBRANES] = {"membranes", OF(simulation.membranes), OF(simulation.membrane_count), sizeof(membrane_config), 0, MAX_MEMBRANES},
     [GUIDES] = {"guides", OF(simulation.guides), OF(simulation.guide_count), sizeof(guide_config), 0, MAX_GUIDES},
@@ -185,10 +185,11 @@ void *entry_of(scene *s, list_kind list, int index) {
     return (char *)s + LIST_TABLE[list].entries + (size_t)index * LIST_TABLE[list].stride;
 }
 int *count_of(scene *s, list_kind list) { return (int *)((char *)s + LIST_TABLE[list].count); }
-const char *name_of(const scene *s, list_kind list, int index) { return list == RELAXATION ? NULL : entry_of((scene *)s, list, index); } /* its first member */
+/* The name is the entry's first member. */
+const char *name_of(const scene *s, list_kind list, int index) { return list == RELAXATION ? NULL : entry_of((scene *)s, list, index); }
 _Static_assert(offsetof(region_config, name) == 0 && offsetof(membrane_config, name) == 0 && offsetof(guide_config, name) == 0, "name_of relies on it");
 
-int *names_count(scene *s, const row *r, int *least, int *most) {
+int *names_count(scene *s, const key_spec *r, int *least, int *most) {
     bool fixed = r->offset == OF(simulation.fixed);
     *least = fixed ? 1 : 0;
     *most = fixed ? MAX_FIXED : REACH_MAX_REGIONS;
@@ -203,7 +204,7 @@ void *append_entry(scene *s, list_kind list) {
     return entry;
 }
 
-const row *find_row(const char *pattern) {
+const key_spec *find_key(const char *pattern) {
     for (int i = 0; i < ROWS; i++)
         if (strcmp(SCENE_TABLE[i].key, pattern) == 0) return &SCENE_TABLE[i];
     return NULL;
@@ -238,7 +239,7 @@ scene_key_info scene_key_at(int index) {
     static char lists[ROWS][WORDS_ROOM];
     static const char *const others[] = {[NAME] = "a name", [NAMES] = "a list of names", [FILE_PATH] = "a path", [DIRECTORY_PATH] = "a path",
                                          [POINT] = "three numbers", [ROTATION] = "four numbers", [TRANSFORM] = "sixteen numbers"};
-    const row *r = &SCENE_TABLE[index];
+    const key_spec *r = &SCENE_TABLE[index];
     const char *accepts = r->allowed ? r->allowed->words : r->kind == LENGTH_UNIT ? UNIT_WORDS : others[r->kind];
     if (r->words) {
         list_words(r->words, lists[index], sizeof lists[index]);

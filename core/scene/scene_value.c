@@ -20,7 +20,7 @@ void reject_at(fault *f, const char *place, const char *key, const char *format,
 
 /* ---- values -------------------------------------------------------------------------------------------------------------- */
 
-/* A decimal number or YAML's infinity, with nothing after it. */
+/* Parses a decimal number or YAML's infinity, with nothing after it. */
 static bool parse_number(const char *text, double *value) {
     static const char *const infinities[] = {".inf", ".Inf", ".INF", "+.inf"};
     for (size_t i = 0; i < sizeof infinities / sizeof *infinities; i++)
@@ -30,7 +30,7 @@ static bool parse_number(const char *text, double *value) {
     return end != text && *end == '\0' && isfinite(*value);
 }
 
-static bool take_number(const row *r, const char *key, const char *text, const range *allowed, double *value, fault *f) {
+static bool take_number(const key_spec *r, const char *key, const char *text, const range *allowed, double *value, fault *f) {
     double number;
     if (parse_number(text, &number) && number >= allowed->low && number <= allowed->high && (r->kind != COUNT || number == floor(number)))
         return *value = number, true;
@@ -38,7 +38,7 @@ static bool take_number(const row *r, const char *key, const char *text, const r
     return false;
 }
 
-/* A named unit, or its size in metres. */
+/* Reads a named unit, or its size in metres. */
 static void take_unit(const char *key, const char *text, double *unit, fault *f) {
     double number;
     double named = unit_size(text);
@@ -58,7 +58,7 @@ static const struct { const char *key, *word, *remedy; } RETIRED[] = {
     {"needle.model", "tetrahedra", "scripts/verify compares it with the rod: remove the key, or set rod"},
 };
 
-static int take_word(const row *r, const char *key, const char *text, fault *f) {
+static int take_word(const key_spec *r, const char *key, const char *text, fault *f) {
     char list[WORDS_ROOM];
     for (int i = 0; r->words(i); i++)
         if (strcmp(text, r->words(i)) == 0) return i;
@@ -77,7 +77,7 @@ static void take_name(const char *key, const char *text, char name[MESH_NAME], f
 }
 
 /* Makes a path relative to the scene file. */
-static void take_path(const scene *s, const row *r, const char *key, const char *text, char path[1024], fault *f) {
+static void take_path(const scene *s, const key_spec *r, const char *key, const char *text, char path[1024], fault *f) {
     const char *slash = strrchr(s->path, '/');
     int directory = slash && text[0] != '/' ? (int)(slash - s->path) + 1 : 0;
     if (text[0] == '\0') reject(f, key, "expected the path of a %s", r->kind == FILE_PATH ? "file" : "directory");
@@ -85,8 +85,8 @@ static void take_path(const scene *s, const row *r, const char *key, const char 
     if (length < 0 || length >= 1024) reject(f, key, "path longer than 1023 characters");
 }
 
-/* A list of exactly `count` numbers. */
-static bool take_numbers(const row *r, const char *key, const yaml_value *value, const char *count_in_words, int count, double *numbers, fault *f) {
+/* Reads a list of exactly `count` numbers. */
+static bool take_numbers(const key_spec *r, const char *key, const yaml_value *value, const char *count_in_words, int count, double *numbers, fault *f) {
     bool good = value->count == count;
     for (int i = 0; i < count && good; i++) {
         yaml_value item = yaml_item(value, i);
@@ -97,12 +97,12 @@ static bool take_numbers(const row *r, const char *key, const yaml_value *value,
     return good;
 }
 
-static void take_point(const row *r, const char *key, const yaml_value *value, vec3 *point, fault *f) {
+static void take_point(const key_spec *r, const char *key, const yaml_value *value, vec3 *point, fault *f) {
     double n[3];
     if (take_numbers(r, key, value, "three", 3, n, f)) *point = v3(n[0], n[1], n[2]);
 }
 
-static void take_rotation(const row *r, const char *key, const yaml_value *value, quat *rotation, fault *f) {
+static void take_rotation(const key_spec *r, const char *key, const yaml_value *value, quat *rotation, fault *f) {
     double n[4];
     if (!take_numbers(r, key, value, "four", 4, n, f)) return;
     double length = sqrt(n[0] * n[0] + n[1] * n[1] + n[2] * n[2] + n[3] * n[3]);
@@ -110,8 +110,8 @@ static void take_rotation(const row *r, const char *key, const yaml_value *value
     else *rotation = q_unit((quat){n[0], n[1], n[2], n[3]});
 }
 
-/* A transform from mm to m without distortion: rotation, translation and the factor 1e-3. */
-static void take_transform(const row *r, const char *key, const yaml_value *value, double matrix[16], fault *f) {
+/* Reads a transform from mm to m without distortion: rotation, translation and the factor 1e-3. */
+static void take_transform(const key_spec *r, const char *key, const yaml_value *value, double matrix[16], fault *f) {
     double n[16];
     if (!take_numbers(r, key, value, "sixteen", 16, n, f)) return;
     vec3 x = v3(1e3 * n[0], 1e3 * n[1], 1e3 * n[2]), y = v3(1e3 * n[4], 1e3 * n[5], 1e3 * n[6]), z = v3(1e3 * n[8], 1e3 * n[9], 1e3 * n[10]);
@@ -121,7 +121,7 @@ static void take_transform(const row *r, const char *key, const yaml_value *valu
     else memcpy(matrix, n, sizeof n);
 }
 
-static void take_names(scene *s, const row *r, const char *key, const yaml_value *value, fault *f) {
+static void take_names(scene *s, const key_spec *r, const char *key, const yaml_value *value, fault *f) {
     int least, most, *count = names_count(s, r, &least, &most);
     char (*names)[MESH_NAME] = (void *)((char *)s + r->offset), entry[KEY_ROOM];
     if (value->count < least) reject(f, key, "expected at least %d entry", least);
@@ -133,18 +133,18 @@ static void take_names(scene *s, const row *r, const char *key, const yaml_value
         if (item.kind != YAML_TEXT) reject(f, entry, "expected a single value");
         else take_name(entry, item.text, names[i], f);
         for (int k = 0; k < i; k++)
-            if (strcmp(names[i], names[k]) == 0) reject(f, entry, "\"%s\" is there twice", names[i]);
+            if (strcmp(names[i], names[k]) == 0) reject(f, entry, "\"%s\" appears twice", names[i]);
     }
 }
 
-/* A name that no other entry of the list has. */
-static void take_entry_name(scene *s, const row *r, const char *key, const char *text, char *name, fault *f) {
+/* Reads a name that must be unique in the list. */
+static void take_entry_name(scene *s, const key_spec *r, const char *key, const char *text, char *name, fault *f) {
     for (int i = 0; i < *count_of(s, r->list); i++)
-        if (name_of(s, r->list, i) != name && strcmp(name_of(s, r->list, i), text) == 0) reject(f, key, "\"%s\" is there twice", text);
+        if (name_of(s, r->list, i) != name && strcmp(name_of(s, r->list, i), text) == 0) reject(f, key, "\"%s\" appears twice", text);
     take_name(key, text, name, f);
 }
 
-void take_value(scene *s, const row *r, const char *key, void *base, const yaml_value *value, fault *f) {
+void take_value(scene *s, const key_spec *r, const char *key, void *base, const yaml_value *value, fault *f) {
     void *target = (char *)base + r->offset;
     bool list = r->kind == NAMES || r->kind == POINT || r->kind == ROTATION || r->kind == TRANSFORM;
     double number;
@@ -180,7 +180,7 @@ _Static_assert(sizeof(remesh_method) == sizeof(int) && sizeof(inverse_choice) ==
 
 /* ---- printing ------------------------------------------------------------------------------------------------------- */
 
-/* The shortest decimal that reads back as the same number. */
+/* Prints the shortest decimal that reads back as the same number. */
 static int print_number(char *text, size_t size, double x) {
     if (isinf(x)) return snprintf(text, size, ".inf");
     char shortest[32];
@@ -191,7 +191,7 @@ static int print_number(char *text, size_t size, double x) {
     return snprintf(text, size, "%s", shortest);
 }
 
-/* Prints numbers as a YAML list; nothing if the first is NAN, which means that the key was not given. */
+/* Prints numbers as a YAML list; prints nothing if the first is NAN, which means that the key was not given. */
 static int print_numbers(char *text, size_t size, const double *numbers, int count) {
     char number[32];
     if (isnan(numbers[0])) return snprintf(text, size, "%s", "");
@@ -203,14 +203,14 @@ static int print_numbers(char *text, size_t size, const double *numbers, int cou
     return (size_t)used < size ? used + snprintf(text + used, size - (size_t)used, "]") : used;
 }
 
-static int print_names(const scene *s, const row *r, char *text, size_t size) {
+static int print_names(const scene *s, const key_spec *r, char *text, size_t size) {
     int least, most, count = *names_count((scene *)s, r, &least, &most), used = snprintf(text, size, "[");
     char (*names)[MESH_NAME] = (void *)((char *)s + r->offset);
     for (int i = 0; i < count && (size_t)used < size; i++) used += snprintf(text + used, size - (size_t)used, "%s%s", i ? ", " : "", names[i]);
     return (size_t)used < size ? used + snprintf(text + used, size - (size_t)used, "]") : used;
 }
 
-int print_value(const scene *s, const row *r, const void *base, char *value, size_t size) {
+int print_value(const scene *s, const key_spec *r, const void *base, char *value, size_t size) {
     const void *target = (const char *)base + r->offset;
     switch (r->kind) {
     case NUMBER:

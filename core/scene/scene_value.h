@@ -8,8 +8,8 @@
 /* The first fault; later ones are ignored. */
 typedef struct {
     bool found;
-    char place[KEY_ROOM];    /* the place whose line is reported */
-    char key[KEY_ROOM];      /* the key named in the message, may be empty */
+    char place[KEY_ROOM];    /* key whose line is reported */
+    char key[KEY_ROOM];      /* key named in the message; may be empty */
     char words[WORDS_ROOM];
 } fault;
 
@@ -18,9 +18,9 @@ void reject_at(fault *f, const char *place, const char *key, const char *format,
 #define reject(f, key, ...) reject_at(f, key, key, __VA_ARGS__)
 
 /* Writes the value of one key into the scene; `base` is the scene or the list entry. */
-void take_value(scene *s, const row *r, const char *key, void *base, const yaml_value *value, fault *f);
+void take_value(scene *s, const key_spec *r, const char *key, void *base, const yaml_value *value, fault *f);
 
 /* Prints a value as YAML. Returns its length, like snprintf. */
-int print_value(const scene *s, const row *r, const void *base, char *value, size_t size);
+int print_value(const scene *s, const key_spec *r, const void *base, char *value, size_t size);
 
 #endif

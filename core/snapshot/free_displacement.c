@@ -6,7 +6,7 @@
 
 enum { MAX_NODES = MAX_WINDOW + 4 * MAX_CONTACTS };
 
-/* Nominal nodes, each once, and their displacements: one for each set of loads. */
+/* Nominal nodes, each once, with one displacement for each set of loads. */
 typedef struct {
     int count, nodes[MAX_NODES];
     vec3 displacement[MAX_RELAXATION][MAX_NODES];
@@ -23,7 +23,7 @@ static void list_node(node_field *field, int node) {
     if (place == field->count) field->nodes[field->count++] = node;
 }
 
-/* The window's nodes and the corners around the contact nodes. */
+/* Lists the window's nodes and the corners around the contact nodes. */
 static void list_nodes(const mesh *m, const remesh_request *request, const int window[MAX_WINDOW], node_field *field) {
     for (int k = 0; k < MAX_WINDOW; k++)
         if (window[k] >= 0) list_node(field, window[k]);
@@ -31,7 +31,7 @@ static void list_nodes(const mesh *m, const remesh_request *request, const int w
         for (int c = 0; c < 4; c++) list_node(field, m->tets[request->wanted.nodes[request->wanted.order[i]].tet][c]);
 }
 
-/* Adds the displacements under forces (N, one for each set) at a point of an element. */
+/* Adds the displacements under forces at a point of an element (N, one for each set). */
 static trocar_status add_forces(inverse *inv, int tet, const double weights[4], int sets, const vec3 *forces, node_field *field, report *why) {
     double blocks[3 * MAX_NODES][12];
     const int *corners = inverse_tissue(inv)->mesh->tets[tet];
@@ -64,7 +64,7 @@ trocar_status nodal_displacement_add(inverse *inv, const nodal_forces *loads, in
     return TROCAR_OK;
 }
 
-/* Displacements of the handles (MAX_HANDLES) in one set. */
+/* Displacements of the handles (MAX_HANDLES) in one set of loads. */
 static void read_handles(const mesh *m, const remesh_request *request, const int window[MAX_WINDOW], const node_field *field, int set, vec3 *handles) {
     for (int k = 0; k < MAX_WINDOW; k++)
         if (window[k] >= 0) handles[MAX_CONTACTS + k] = field->displacement[set][place_of(field, window[k])];
@@ -104,20 +104,20 @@ trocar_status free_displacement_find(inverse *inv, const remesh_request *request
     return TROCAR_OK;
 }
 
-trocar_status left_displacement_find(inverse *inv, const remesh_request *request, const int window[MAX_WINDOW], left_field *left, report *why) {
+trocar_status residual_displacement_find(inverse *inv, const remesh_request *request, const int window[MAX_WINDOW], residual_field *residual, report *why) {
     const mesh *m = inverse_tissue(inv)->mesh;
-    left->any = request->left.count > 0;
-    left->time = request->left.time;
-    if (!left->any) return TROCAR_OK;
+    residual->any = request->residual_loads.count > 0;
+    residual->time = request->residual_loads.time;
+    if (!residual->any) return TROCAR_OK;
     node_field field = {.count = 0};
     list_nodes(m, request, window, &field);
-    for (int i = 0; i < request->left.count; i++) {
-        const left_load *load = &request->left.loads[i];
+    for (int i = 0; i < request->residual_loads.count; i++) {
+        const residual_load *load = &request->residual_loads.loads[i];
         trocar_status status = add_forces(inv, load->tet, load->weights, MAX_RELAXATION, load->load, &field, why);
         if (status != TROCAR_OK) return status;
     }
-    memset(left->u, 0, sizeof left->u);
-    for (int s = 0; s < MAX_RELAXATION; s++) read_handles(m, request, window, &field, s, left->u[s]);
+    memset(residual->u, 0, sizeof residual->u);
+    for (int s = 0; s < MAX_RELAXATION; s++) read_handles(m, request, window, &field, s, residual->u[s]);
     return TROCAR_OK;
 }
 

@@ -1,26 +1,24 @@
-/* Free displacement: where the tissue at the handles would be if the needle that asks exerted no force. See docs/mechanics.md, "Several
-   needles". */
+/* Free displacement: displacement of the tissue at the handles without the requesting needle's forces. See docs/mechanics.md, "Several needles". */
 #ifndef TROCAR_FREE_DISPLACEMENT_H
 #define TROCAR_FREE_DISPLACEMENT_H
 
 #include "inverse/inverse.h"
 #include "snapshot/snapshot.h"
 
-/* Fills u_free of a snapshot that answers `request`: the displacement that `others` cause in the nominal mesh. `inv`: with all
-   that is attached. A contact node's is
-   interpolated from its nominal element, which is exact as long as no load acts on an added node of the same element. Worker's
-   side; allocates nothing. */
+/* Fills u_free of a snapshot that answers `request`: the displacement of the nominal mesh by `others`. `inv` must have all attachments. The displacement of a
+   contact node is interpolated in its nominal element, which is exact as long as no load acts on an added node of the same element. Worker only; allocates
+   nothing. */
 trocar_status free_displacement_find(inverse *inv, const remesh_request *request, const other_loads *others, compliance_snapshot *snapshot, report *why);
 
-/* The same for u_left, which a remesher finds once for each request: the displacement that each term of its left loads causes. */
+/* Displacement of the handles under each term of the residual loads, for u_residual. A remesher computes it once per request. */
 typedef struct {
-    bool any;                /* of these is not zero */
-    double time;             /* s, left_loads.time of the request */
+    bool any;                /* the displacements are not all zero */
+    double time;             /* s, residual_loads.time of the request */
     vec3 u[MAX_RELAXATION][MAX_HANDLES]; /* m */
-} left_field;
-trocar_status left_displacement_find(inverse *inv, const remesh_request *request, const int window[MAX_WINDOW], left_field *left, report *why);
+} residual_field;
+trocar_status residual_displacement_find(inverse *inv, const remesh_request *request, const int window[MAX_WINDOW], residual_field *residual, report *why);
 
-/* Adds the displacements of these nodes (m) that forces on nodes cause. */
+/* Adds the displacements of these nodes (m) under forces on nodes. */
 trocar_status nodal_displacement_add(inverse *inv, const nodal_forces *loads, int count, const int *nodes, vec3 *displacement, report *why);
 
 /* The loads of other needles and of the probe as forces on nodes, each node once. Returns the number of nodes, at most loads_most_nodes. */

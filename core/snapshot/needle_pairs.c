@@ -3,16 +3,16 @@
 #include <stdlib.h>
 #include <string.h>
 
-enum { FIELDS = 1024 };              /* lines whose fields are kept: those of 32 needles */
-static const double REACH = 3.0; /* edge lengths: from a line; beyond, no patch has any node. Derived: a patch reaches 1.6 edge lengths, and up to one element
-                                    farther */
+enum { FIELDS = 1024 };              /* lines whose fields are cached: those of 32 needles */
+static const double REACH = 3.0; /* edge lengths: distance from a line beyond which its patches have no nodes. Derived: a patch extends 1.6 edge lengths, plus
+                                    up to one element */
 
 struct needle_pairs {
     resolver *resolver;
     const mesh *mesh;
     double radius;
-    int count, next;                 /* of the fields; the one that is replaced next */
-    line_in_tet lines[FIELDS];       /* of each of them */
+    int count, next;                 /* number of cached fields; the one to be replaced next */
+    line_in_tet lines[FIELDS];       /* line of each cached field */
     line_field *fields[FIELDS];
 };
 
@@ -89,14 +89,14 @@ void shaft_steps_lay(const mesh *m, const tissue_loads *own, double ahead, doubl
     }
 }
 
-/* Where a piece is beside a step. */
+/* Position of a shaft piece beside a step. */
 typedef struct {
-    double part;             /* 1/m, of a force on the piece, over the length of the step; 0: nowhere */
-    vec3 place;              /* m, on the piece: beside the step's middle */
+    double part;             /* 1/m, fraction of a force on the piece that acts beside the step, per length of the step; 0: none */
+    vec3 place;              /* m, point of the piece beside the step's middle */
 } meeting;
 
-/* Lines act on each other where they are beside each other: as far along the line halfway between their directions. Both then have the same
-   measure of it, which makes the forces reciprocal. */
+/* Lines interact where they are beside each other, measured along the bisector of their directions. Both lines then use the same measure, so that the forces
+   are reciprocal. */
 static meeting meet(const shaft_steps *steps, int k, const shaft_piece *piece) {
     vec3 along = steps->at[k].direction, other = piece->direction;
     if (v3_dot(along, other) < 0.0) other = v3_scale(-1.0, other);
@@ -109,8 +109,7 @@ static meeting meet(const shaft_steps *steps, int k, const shaft_piece *piece) {
     return (meeting){common / ((piece->to - piece->from) * steps->step * lean), place};
 }
 
-/* What the mesh lacks at a place of what a force per length on the other line does: the mean of what both lines' patches say, as each sees the mesh
-   from its own side. */
+/* Displacement at a place by a force per length on the other line, as far as the mesh does not resolve it: the mean of the estimates by both lines' patches. */
 static mat3 lacks_between(const needle_pairs *p, const line_field *of, const shaft_steps *steps, int k, const line_field *own, int tet, vec3 place) {
     double weights[4];
     mat3 there = line_field_lacks(of, p->mesh, steps->at[k].tet, steps->at[k].weights, steps->at[k].place, p->radius);

@@ -51,7 +51,7 @@ const line_piece *snapshot_piece(const compliance_snapshot *snapshot, int tet) {
     return NULL;
 }
 
-/* Along the line, displacements by a line force are linear within an element, and by a force at the place itself quadratic. */
+/* Along the line within an element, displacements by a line force vary linearly, and displacements by a force at the point itself quadratically. */
 resolved_field piece_at(const line_piece *piece, vec3 x) {
     const resolved_field *f = piece->at;
     double way = v3_dot(v3_sub(x, piece->start), piece->line.direction);

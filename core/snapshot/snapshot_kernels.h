@@ -1,4 +1,4 @@
-/* Reading the snapshot at a point of the tissue: `handles` and `weights` are those of the corners of its element. */
+/* Evaluates the snapshot at a point of the tissue: `handles` and `weights` are those of the corners of its element. */
 #ifndef TROCAR_SNAPSHOT_KERNELS_H
 #define TROCAR_SNAPSHOT_KERNELS_H
 
@@ -12,7 +12,7 @@ typedef struct {
 /* Compliance between the point and a handle, m/N. RT */
 mat3 compliance_to_point(const compliance_snapshot *snapshot, const int handles[4], const double weights[4], int other);
 
-/* Compliance of the point under a force that its corners bear by weights of their own, m/N. RT */
+/* Compliance of the point under a force that is distributed to its corners by other weights, m/N. RT */
 mat3 compliance_of_point(const compliance_snapshot *snapshot, const int handles[4], const double weights[4], const double force_weights[4]);
 
 /* Displacement of the point under loads at handles, m. RT */

@@ -29,7 +29,8 @@ double line_lateral_logarithm(double u, double poisson_ratio) { return -8.0 * M_
 
 double line_lateral_radius(double u, double poisson_ratio) { return exp(line_lateral_logarithm(u, poisson_ratio)); }
 
-/* Integrals over a segment, with z counted from its points to x and r the distance: of 1/r, 1/r^3, z/r^3 and z^2/r^3, and of their gradients. */
+/* Integrals over a segment, where z is the coordinate of x relative to a point of the segment and r their distance: of 1/r, 1/r^3, z/r^3 and z^2/r^3, and of
+   their gradients. */
 typedef struct {
     double value[4];
     vec3 gradient[4];
@@ -99,7 +100,7 @@ vec3 mindlin_displacement(vec3 source, vec3 force, vec3 at, double nu) {
     double r1 = sqrt(x * x + y * y + below * below), r2 = sqrt(x * x + y * y + above * above);
     double r1_3 = r1 * r1 * r1, r2_3 = r2 * r2 * r2, r2_5 = r2_3 * r2 * r2, k = 3.0 - 4.0 * nu, q = 4.0 * (1.0 - nu) * (1.0 - 2.0 * nu);
     double reach = r2 + above;
-    /* a force normal to the surface moves the point away from the axis and along it; */
+    /* a force normal to the surface moves the point away from the axis and along it */
     double outward = below / r1_3 + k * below / r2_3 - q / (r2 * reach) + 6.0 * c * z * above / r2_5;
     double along = k / r1 + (8.0 * (1.0 - nu) * (1.0 - nu) - k) / r2 + below * below / r1_3
                  + (k * above * above - 2.0 * c * z) / r2_3 + 6.0 * c * z * above * above / r2_5;

@@ -1,4 +1,4 @@
-/* Solves with a factor of CHOLMOD. */
+/* Solves with a CHOLMOD factor. */
 #ifndef TROCAR_FACTOR_SOLVE_H
 #define TROCAR_FACTOR_SOLVE_H
 
@@ -8,7 +8,7 @@
 /* A solution and its workspace, reused by later solves: only the first one allocates. Initialise to NULL. */
 typedef struct { cholmod_dense *x, *y, *e; } factor_solution;
 
-/* Solves A x = right; x has the size of right. False if out of memory. */
+/* Solves A x = right; x has the size of right. Returns false if out of memory. */
 bool factor_solve(cholmod_factor *factor, cholmod_dense *right, factor_solution *s, cholmod_common *common);
 
 void factor_solution_free(factor_solution *s, cholmod_common *common);

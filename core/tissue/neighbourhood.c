@@ -8,7 +8,7 @@ trocar_status neighbourhood_create(const tissue *t, neighbourhood *n, report *wh
     n->node_count = n->tet_count = 0;
     n->local = malloc((size_t)t->mesh->node_count * sizeof *n->local);
     n->taken = calloc((size_t)t->mesh->tet_count, sizeof *n->taken);
-    if (!n->local || !n->taken) return fail(why, TROCAR_NO_MEMORY, "no memory to measure what the mesh resolves");
+    if (!n->local || !n->taken) return fail(why, TROCAR_NO_MEMORY, "no memory to measure the mesh's resolution");
     for (int i = 0; i < t->mesh->node_count; i++) n->local[i] = -1;
     return TROCAR_OK;
 }
@@ -53,7 +53,7 @@ static bool is_near(const neighbourhood *n, int tet, double radius, double half_
     return false;
 }
 
-/* Grows from the element across faces. False if there is no room for this many. */
+/* Collects elements outward from the first one, across faces. Returns false if there is no room for all of them. */
 static bool grow(neighbourhood *n, int tet, double radius, double half_length) {
     forget(n);
     if (!add_tet(n, tet)) return false;
@@ -84,13 +84,13 @@ static void mark_cut(neighbourhood *n) {
         }
 }
 
-/* The line's path through the elements, in pieces that lie in one element each; on a face or an edge, in one of its elements. */
+/* The line's path through the elements, in pieces that each lie in one element; a piece on a face or an edge belongs to one of its elements. */
 static int by_start(const void *a, const void *b) {
     double x = ((const chord *)a)->from, y = ((const chord *)b)->from;
     return (x > y) - (x < y);
 }
 
-static const double ON_FACE = 1e-9; /* 1: barycentric weight up to which the line counts as on a face. Rounding */
+static const double ON_FACE = 1e-9; /* 1: largest barycentric weight of a line that counts as on a face. Rounding tolerance */
 
 static void trace_line(neighbourhood *n) {
     const mesh *m = n->tissue->mesh;
@@ -149,9 +149,9 @@ static void add_elements(neighbourhood *n, double poisson_ratio) {
     }
 }
 
-/* Criterion by which elements share their volumetric strain, each with a part of its volume. */
+/* Criterion for elements that share their volumetric strain; each contributes part of its volume. */
 typedef struct {
-    int region, node, strain_patch; /* elements of a region with a local node as a corner, or of a strain patch; -1: irrelevant */
+    int region, node, strain_patch; /* elements of a region with this local node as a corner, or elements of this strain patch; -1: not used */
 } strain_group;
 
 static bool shares_strain(const neighbourhood *n, int tet, const strain_group *group) {

@@ -29,8 +29,8 @@ static double modulus_at(int count, const relaxation_term *terms, double rate) {
     return sum;
 }
 
-/* The rate of creep between two neighbouring rates of relaxation (the lower one may be 0): in between, the modulus falls from plus to minus infinity,
-   or from its long-term value. */
+/* Rate of creep between two adjacent rates of relaxation (the lower one may be 0). Between them, the modulus falls from infinity, or from its long-term value,
+   to minus infinity. */
 static double creep_rate(int count, const relaxation_term *terms, double low, double high) {
     for (double middle = 0.5 * (low + high); low < middle && middle < high; middle = 0.5 * (low + high)) {
         if (modulus_at(count, terms, middle) > 0.0) low = middle;
@@ -39,9 +39,8 @@ static double creep_rate(int count, const relaxation_term *terms, double low, do
     return low;
 }
 
-/* J, the creep function, and G, the relaxation function, satisfy s^2 G~(s) J~(s) = 1. M(s) = s G~(s) is a rational function with simple poles at -1 /
-   relaxation times. The times of J are where M is zero, one between any two poles; its compliances follow from the residues of 1 / (s M(s)) there: -1
-   / (s M'(s)). */
+/* The creep function J and the relaxation function G satisfy s^2 G~(s) J~(s) = 1. M(s) = s G~(s) is a rational function with simple poles at -1 / relaxation
+   times. The times of J correspond to the zeros of M, one between any two poles; its compliances are the residues of 1 / (s M(s)) there: -1 / (s M'(s)). */
 trocar_status creep_from_relaxation(int count, const relaxation_term *terms, creep_series *creep, report *why) {
     relaxation_term sorted[MAX_RELAXATION];
     relaxation_fault wrong = relaxation_check(count, terms);

@@ -7,7 +7,7 @@
 
 enum { MAX_RELAXATION = 4 }; /* terms of a series */
 
-/* The part `weight` of the stress under constant strain decays as exp(-t / time). */
+/* A term of the series: the part `weight` of the stress under constant strain decays as exp(-t / time). */
 typedef struct {
     double weight;
     double time;             /* s */
@@ -20,10 +20,10 @@ typedef struct {
     double time[MAX_RELAXATION]; /* s, ascending */
 } creep_series;
 
-/* The fault of a series: `term` is the first bad one. */
+/* The first fault of a series. */
 typedef struct {
     int term;
-    const char *key;         /* "weight" or "time"; NULL: the series is valid */
+    const char *key;         /* "weight" or "time"; NULL if the series is valid */
     const char *words;
 } relaxation_fault;
 relaxation_fault relaxation_check(int count, const relaxation_term *terms);
@@ -31,7 +31,7 @@ relaxation_fault relaxation_check(int count, const relaxation_term *terms);
 /* Stress at t (s) after a strain was applied, relative to the initial stress. */
 double relaxation_at(int count, const relaxation_term *terms, double t);
 
-/* The creep of tissue with this relaxation. BAD_INPUT for a series that relaxation_check refuses. */
+/* Computes the creep of tissue with this relaxation. BAD_INPUT for a series that relaxation_check rejects. */
 trocar_status creep_from_relaxation(int count, const relaxation_term *terms, creep_series *creep, report *why);
 
 #endif

@@ -9,16 +9,15 @@
 #include "tissue/exact_fields.h"
 #include "tissue/neighbourhood.h"
 
-static const double RADIUS = 1.6; /* edge lengths: the measuring patch consists of the elements with a node within this distance of the line.
-                                     Measured: with this patch ln R differs from that of the whole mesh by 0.01 across and by 0.02 to 0.03 along
-                                     (docs/mechanics.md) */
-static const double HALF_LENGTH = 1.2; /* edge lengths: extent of the patch along the line, and at least this many lengths of the line's way through
-                                          the element. Measured, the same */
-static const double FREE = 0.45; /* edge lengths: boundary nodes closer to the line are left free, because the exact solution has no meaning for a
-                                    mesh so close to it. Measured, the same */
-static const double GAP = 1e-9; /* m: largest gap between consecutive pieces of the line. Rounding */
+static const double RADIUS = 1.6; /* edge lengths: distance from the line within which elements with a node belong to the patch. Measured: with this patch ln R
+                                     differs from that of the whole mesh by 0.01 across and by 0.02 to 0.03 along (docs/mechanics.md) */
+static const double HALF_LENGTH = 1.2; /* edge lengths: half the extent of the patch along the line, and smallest multiple of the line's length within the
+                                          element. Measured like RADIUS */
+static const double FREE = 0.45; /* edge lengths: distance from the line below which boundary nodes are left free, because the exact solution is not valid for
+                                    a mesh so close to the line. Measured like RADIUS */
+static const double GAP = 1e-9; /* m: largest gap between consecutive pieces of the line. Rounding tolerance */
 
-/* Displacement of one point along one axis per unit load on each component, and per unit displacement of each held component. */
+/* Displacement of one point along one axis per unit load on each component, and per unit displacement of each fixed component. */
 typedef struct {
     double of_load[AROUND_DOFS], of_moved[AROUND_DOFS];
 } influence;
@@ -32,7 +31,7 @@ struct resolver {
 
 trocar_status resolver_create(const tissue *t, resolver **created, report *why) {
     resolver *r = *created = calloc(1, sizeof *r);
-    if (!r) return fail(why, TROCAR_NO_MEMORY, "no memory to measure what the mesh resolves");
+    if (!r) return fail(why, TROCAR_NO_MEMORY, "no memory to measure the mesh's resolution");
     trocar_status status = neighbourhood_create(t, &r->around, why);
     if (status == TROCAR_OK) return TROCAR_OK;
     resolver_free(r);
@@ -61,8 +60,7 @@ static void weights_at(const resolver *r, int tet, vec3 x, int nodes[4], double 
     for (int c = 0; c < 4; c++) nodes[c] = r->around.local[r->around.tissue->mesh->tets[tet][c]];
 }
 
-/* Computes the influence on one point along one axis of each component's load, and of each held component's displacement. One solve gives it for all
-   lines. */
+/* Computes the influence of each component's load, and of each fixed component's displacement, on one point along one axis. One solve serves all lines. */
 static void find_influence(resolver *r, int tet, vec3 x, int axis, influence *on) {
     double right[AROUND_DOFS], weights[4];
     int n = 3 * r->around.node_count, nodes[4];
@@ -79,13 +77,13 @@ static void find_influence(resolver *r, int tet, vec3 x, int axis, influence *on
     for (int i = 0; i < r->unknowns; i++) on->of_moved[r->unknown[i]] = 0.0;
 }
 
-/* Displacement under the load and the displacements of the held components. */
+/* Displacement under the present load and the present displacements of the fixed components. */
 static double moved_by(const resolver *r, const influence *on) {
     int n = 3 * r->around.node_count;
     return cblas_ddot(n, on->of_load, 1, r->load, 1) + cblas_ddot(n, on->of_moved, 1, r->moved, 1);
 }
 
-static void put(resolver *r, int node, vec3 u) {
+static void prescribe(resolver *r, int node, vec3 u) {
     r->moved[3 * node] = u.x;
     r->moved[3 * node + 1] = u.y;
     r->moved[3 * node + 2] = u.z;
@@ -115,8 +113,8 @@ static int parts_of_face(const line_segment *line, vec3 a, vec3 b, vec3 c) {
     return !is_endless(line) && v3_norm(v3_sub(middle, v3(0, 0, z))) > size ? FAR : NEAR;
 }
 
-/* Adds the traction that the body's continuation behind its free surface would bear, by quadrature over parts of each face. Without it, the surface's
-   own yielding would count as the mesh's. */
+/* Adds the traction that the continuation of the body beyond its free surface would exert, by quadrature over parts of each face. Without it, the compliance
+   of the surface itself would be attributed to the mesh. */
 static void load_surface(resolver *r, const line_segment *line) {
     const mesh *m = r->around.tissue->mesh;
     for (int i = 0; i < r->around.tet_count; i++)
@@ -129,7 +127,7 @@ static void load_surface(resolver *r, const line_segment *line) {
             vec3 outward = v3_scale(0.5 / (parts * parts), v3_cross(b, c));
             if (v3_dot(outward, v3_sub(r->around.position[r->around.local[m->tets[r->around.tets[i]][f]]], a)) > 0.0) outward = v3_scale(-1.0, outward);
             for (int p = 0; p < parts; p++)
-                for (int q = 0; q < 2 * (parts - p) - 1; q++) { /* triangles in row p, upright and upside down */
+                for (int q = 0; q < 2 * (parts - p) - 1; q++) { /* sub-triangles in row p, upright and upside down */
                     double s = (p + (q % 2 ? 2.0 : 1.0) / 3.0) / parts, t = (q / 2 + (q % 2 ? 2.0 : 1.0) / 3.0) / parts;
                     vec3 traction = traction_of(r, line, v3_axpy(t, c, v3_axpy(s, b, a)), outward);
                     const double weights[] = {1.0 - s - t, s, t};
@@ -159,7 +157,7 @@ static bool is_near_line(const resolver *r, int node) {
     return hypot(r->around.position[node].x, r->around.position[node].y) < FREE * r->around.size;
 }
 
-/* Prescribes the line force's displacement on the boundary; near the line, nodes are free across the needle, or along it. */
+/* Prescribes the displacement by the line force on the boundary; near the line, the nodes are free, either across the needle or along it. */
 static void free_for_line(resolver *r, bool along) {
     r->unknowns = 0;
     for (int i = 0; i < r->around.node_count; i++)
@@ -170,14 +168,14 @@ static void free_for_line(resolver *r, bool along) {
 static void push(resolver *r, const line_segment *line) {
     for (int i = 0; i < r->around.node_count; i++) {
         bool held = r->around.cut[i] && !(is_endless(line) && is_near_line(r, i));
-        put(r, i, held ? displacement_of(r, line, r->around.position[i]) : v3(0, 0, 0));
+        prescribe(r, i, held ? displacement_of(r, line, r->around.position[i]) : v3(0, 0, 0));
     }
     load_line(r, line);
 }
 
 static void push_endless(resolver *r, int axis) { push(r, &(line_segment){axis, -INFINITY, INFINITY}); }
 
-/* Computes, from the displacements across under forces along the frame's x and y, their mean and their deviation from it. */
+/* Computes the mean of the lateral displacements under forces along the frame's x and y, and their deviation from it. */
 static void set_lateral(const resolver *r, double moved[2][2], resolved_field *resolved) {
     double mean = 0.5 * (moved[0][0] + moved[1][1]), nu = r->around.poisson_ratio;
     double half = line_lateral_logarithm(0.5 * (moved[0][0] - moved[1][1]), nu), shear = line_lateral_logarithm(0.5 * (moved[0][1] + moved[1][0]), nu);
@@ -197,7 +195,7 @@ static double reach_of(const resolver *r, double place) {
     return end - place;
 }
 
-/* Spaced more closely near the tip, where it matters most. */
+/* Points are closer together near the tip, where accuracy matters most. */
 static double end_place(const line_end *end, int k) {
     double part = (double)k / LINE_ENDS;
     return part * part * end->reach;
@@ -277,8 +275,8 @@ static plane surface_near(const resolver *r, vec3 x) {
     return found;
 }
 
-/* Displacement of a boundary node under a unit force along the line, distributed to the corners of the element as on the mesh. At the boundary, its
-   difference from a point force is what matters. */
+/* Displacement of a boundary node under a unit force along the line, distributed to the corners of the element as in the mesh. At the boundary, only its
+   difference from a point force matters. */
 static vec3 push_at(const resolver *r, int tet, const double weights[4], int node, const plane *surface) {
     const mesh *m = r->around.tissue->mesh;
     vec3 along = neighbourhood_direction(&r->around), at = m->nodes[r->around.nodes[node]], sum = {0};
@@ -300,7 +298,8 @@ static vec3 push_at(const resolver *r, int tet, const double weights[4], int nod
 
 static trocar_status measure_point(resolver *r, int tet, int count, const vec3 *x, resolved_field *resolved, report *why) {
     r->unknowns = 0;
-    for (int c = 0; c < 4; c++) r->around.cut[r->around.local[r->around.tissue->mesh->tets[tet][c]]] = false; /* the force acts on them */
+    /* the force acts on these nodes, so they are free */
+    for (int c = 0; c < 4; c++) r->around.cut[r->around.local[r->around.tissue->mesh->tets[tet][c]]] = false;
     for (int i = 0; i < r->around.node_count; i++)
         for (int a = 0; a < 3 && !r->around.cut[i]; a++) r->unknown[r->unknowns++] = 3 * i + a;
     trocar_status status = factor(r, why);
@@ -311,7 +310,7 @@ static trocar_status measure_point(resolver *r, int tet, int count, const vec3 *
         weights_at(r, tet, x[k], nodes, weights);
         memset(r->load, 0, 3 * (size_t)r->around.node_count * sizeof *r->load);
         for (int c = 0; c < 4; c++) r->load[3 * nodes[c] + 2] = weights[c];
-        for (int i = 0; i < r->around.node_count; i++) put(r, i, r->around.cut[i] ? push_at(r, tet, weights, i, &surface) : v3(0, 0, 0));
+        for (int i = 0; i < r->around.node_count; i++) prescribe(r, i, r->around.cut[i] ? push_at(r, tet, weights, i, &surface) : v3(0, 0, 0));
         find_influence(r, tet, x[k], 2, &r->on[0][0]);
         resolved[k].point = moved_by(r, &r->on[0][0]);
     }
@@ -320,7 +319,7 @@ static trocar_status measure_point(resolver *r, int tet, int count, const vec3 *
 
 /* ---- beside the line ----------------------------------------------------------------------------------------------- */
 
-/* Displacement of all nodes under a push along one axis, with the factorised stiffness. */
+/* Computes the displacement of all nodes under a force along one axis, with the factorised stiffness. */
 static void move_all(resolver *r, int axis, line_field *field) {
     double right[AROUND_DOFS];
     int n = 3 * r->around.node_count;

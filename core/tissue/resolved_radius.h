@@ -1,18 +1,18 @@
-/* Measures what the mesh resolves of a needle's field at a place: line forces, endless or not, and a point force act on a small patch of its elements
-   whose boundary moves as in the exact solution, and the displacement of the mesh is compared with that solution. No constant is fitted. See
-   docs/mechanics.md, "Local compliance". */
+/* Measures how well the mesh resolves a needle's field at a place. Line forces, endless or not, and a point force act on a small patch of elements whose
+   boundary moves as in the exact solution, and the displacement of the mesh is compared with that solution. No constant is fitted. See docs/mechanics.md,
+   "Local compliance". */
 #ifndef TROCAR_RESOLVED_RADIUS_H
 #define TROCAR_RESOLVED_RADIUS_H
 
 #include "tissue/tissue.h"
 
-/* The line force ends near the needle's tip, where a mesh that is pushed across yields differently from a cylinder of the resolved radius. `more` is
-   added to the logarithm of the radius there. It is a mean over the directions across; along the needle the effect is too small for a patch to
-   measure. */
+/* Correction for a line force that ends near the needle's tip, where the lateral compliance of the mesh differs from that of a cylinder with the resolved
+   radius. `more` is added to the logarithm of the radius there. It is a mean over the directions across the line; along the needle, the effect is too small to
+   be measured on a patch. */
 enum { LINE_ENDS = 4 };
 typedef struct {
     double reach;            /* m ahead of the point, within the body: a line that continues this far counts as endless */
-    double more[LINE_ENDS];  /* for a line that ends (k / LINE_ENDS)^2 of the reach ahead of the point */
+    double more[LINE_ENDS];  /* correction for a line whose end is (k / LINE_ENDS)^2 of the reach ahead of the point */
 } line_end;
 
 /* Interpolates `more` for a line that ends this far ahead (m). RT */
@@ -26,9 +26,9 @@ double line_end_total(const line_end *end);
 
 /* The measurement at one point of the line. The material is uniform, that of the point's element: only the mesh is measured. */
 typedef struct {
-    double lateral, axial;   /* m: radius of a rigid cylinder that yields to a line force as much as the mesh does; across, a geometric mean */
-    mat3 uneven;             /* symmetric: for a push along unit vector e across the line, the logarithm of the radius is larger by e.uneven e */
-    line_end end;            /* ahead: in the line's direction */
+    double lateral, axial;   /* m: radius of a rigid cylinder with the mesh's compliance to a line force; across the line, a geometric mean */
+    mat3 uneven;             /* symmetric: for a force along the unit vector e across the line, e.uneven e is added to the logarithm of the radius */
+    line_end end;            /* ahead of the point, in the line's direction */
     double point;            /* 1/m: displacement of the mesh along the line under a force at the point, times the shear modulus */
 } resolved_field;
 
@@ -38,15 +38,15 @@ typedef struct {
     vec3 point, direction;   /* m, and unit vector */
 } line_in_tet;
 
-/* Displacement of the mesh around an endless line under unit force per length, for a shear modulus of 1. The difference to Kelvin's solution is
-   missing between this needle and others nearby. */
+/* Displacement of the mesh around an endless line under unit force per length, for a shear modulus of 1. Its difference from Kelvin's solution is missing in
+   the mesh's interaction between this needle and nearby ones. */
 enum { FIELD_NODES = 256 };
 typedef struct {
     line_in_tet line;
     mat3 frame;              /* columns: its axes */
-    double poisson_ratio, softness; /* 1 / mu, m^2/N, of the line's element */
-    int count, nodes[FIELD_NODES]; /* of the mesh */
-    vec3 moved[FIELD_NODES][3]; /* in the line's frame, under a force along each of its axes; 1/m means N/m over Pa */
+    double poisson_ratio, softness; /* Poisson's ratio, and 1 / mu (m^2/N), of the line's element */
+    int count, nodes[FIELD_NODES]; /* nodes of the mesh */
+    vec3 moved[FIELD_NODES][3]; /* displacement in the line's frame under a force along each of its axes; 1/m means N/m over Pa */
 } line_field;
 
 typedef struct resolver resolver;
@@ -57,15 +57,15 @@ void resolver_free(resolver *r);
 
 enum { MAX_RESOLVED = 3 };
 
-/* Measures at `count` points of element `tet`, all on one line along the unit vector `direction`. Allocates nothing; takes about a millisecond. Of
-   `end`, only the first and the last are measured. NUMERIC if the patch has no stiffness. */
+/* Measures at `count` points of element `tet`, all on one line along the unit vector `direction`. Allocates nothing; takes about a millisecond. `end` is
+   measured only at the first and the last point. NUMERIC if the patch has no stiffness. */
 trocar_status resolver_measure(resolver *r, int tet, vec3 direction, int count, const vec3 *x, resolved_field *resolved, report *why);
 
-/* The field of one line. NUMERIC as above. */
+/* Computes the field of one line. NUMERIC if the patch has no stiffness. */
 trocar_status resolver_spread(resolver *r, const line_in_tet *line, line_field *field, report *why);
 
-/* The part of the displacement at x (with these weights in element `tet`) that the mesh lacks, per force per length on the line: m^2/N, world frame.
-   x counts as no closer to the line than `radius` (m). Zero outside the patch, where the mesh resolves the field. */
+/* The part of the displacement at x (with these weights in element `tet`) that the mesh does not resolve, per force per length on the line: m^2/N, world
+   frame. The distance of x from the line is raised to at least `radius` (m). Zero outside the patch, where the mesh resolves the field. */
 mat3 line_field_lacks(const line_field *field, const mesh *m, int tet, const double weights[4], vec3 x, double radius);
 
 #endif

@@ -7,15 +7,15 @@ enum { PATCH_SIZE = 8, LEAST_SIZE = 4, NO_PATCH = -1 };
 
 typedef struct {
     const mesh *mesh;
-    int *patch;              /* tet_count: NO_PATCH at first */
-    int *grown;              /* tet_count: tets in the order in which patches took them */
+    int *patch;              /* tet_count: patch of each tetrahedron; initially NO_PATCH */
+    int *grown;              /* tet_count: tetrahedra in the order in which they were added to patches */
     int *first;              /* per patch: its first index in `grown` */
     int *size;               /* per patch: number of tets */
     int count, taken;        /* patches; tets in `grown` */
 } partition;
 
-/* The tets of the same region that share a face with this one, in ascending order. Ties then do not depend on the order of a tet's corners, which
-   differs in the mirror image of a mesh. Returns how many. */
+/* Lists the tetrahedra of the same region that share a face with this one, in ascending order. With this order, ties do not depend on the order of a
+   tetrahedron's corners, which differs in the mirror image of a mesh. Returns their number. */
 static int beside(const mesh *m, int tet, int others[4]) {
     int count = 0;
     for (int face = 0; face < 4; face++) {
@@ -54,13 +54,13 @@ static bool adds_no_node(const partition *p, int tet) {
     return true;
 }
 
-/* How well a free tet suits the growing patch. The fewer nodes a patch has, the fewer entries K has: first tets that add no node, then those with
-   more faces to the patch, then those that would otherwise be left over. */
+/* Score of a free tetrahedron for the growing patch. The fewer nodes a patch has, the fewer entries K has: tetrahedra that add no node come first, then those
+   with more faces on the patch, then those that would otherwise be isolated. */
 static int suitability(const partition *p, int tet) {
     return 100 * adds_no_node(p, tet) + 10 * shared_faces(p, tet, p->count) - shared_faces(p, tet, NO_PATCH);
 }
 
-/* The free tet beside the patch that suits it best, the first among equals; -1 if there is none. */
+/* The free tetrahedron next to the patch with the best score, the first one among equals; -1 if there is none. */
 static int next_member(const partition *p) {
     int best = -1, most = 0, others[4];
     for (int k = p->first[p->count]; k < p->taken; k++) {
@@ -83,7 +83,7 @@ static void grow_patch(partition *p, int seed) {
     p->count++;
 }
 
-/* Patches spread like a front: each starts beside the earliest tet that still has a free neighbour. */
+/* Patches spread like a front: each starts next to the earliest tetrahedron that still has a free neighbour. */
 static void grow_all(partition *p) {
     int front = 0, others[4];
     for (int start = 0; start < p->mesh->tet_count; start++) {
@@ -101,7 +101,7 @@ static void grow_all(partition *p) {
 /* Index in `grown` after a patch's last tet. */
 static int end_of(const partition *p, int patch) { return patch + 1 < p->count ? p->first[patch + 1] : p->taken; }
 
-/* Moves one tet of a small patch to the smallest patch beside it that is large enough; false if there is none. */
+/* Moves one tetrahedron of a small patch to the smallest adjacent patch that is large enough; returns false if there is none. */
 static bool give_away(partition *p, int small) {
     int given = -1, to = -1, others[4];
     for (int k = p->first[small]; k < end_of(p, small); k++) {
@@ -120,8 +120,8 @@ static bool give_away(partition *p, int small) {
     return true;
 }
 
-/* Distributes the tets of patches that could not grow to their neighbours. The first patch of each connected part is full or the whole part, so in
-   the end only small parts have small patches. */
+/* Distributes the tetrahedra of patches that could not grow to adjacent patches. The first patch of each connected part is full or the whole part, so that
+   finally only small parts have small patches. */
 static void dissolve_small(partition *p) {
     for (bool changed = true; changed;) {
         changed = false;
@@ -130,7 +130,7 @@ static void dissolve_small(partition *p) {
     }
 }
 
-/* Removes the numbers of dissolved patches. */
+/* Removes dissolved patches from the numbering. */
 static void renumber(partition *p) {
     int kept = 0, *number = p->first;
     for (int i = 0; i < p->count; i++) number[i] = p->size[i] > 0 ? kept++ : NO_PATCH;

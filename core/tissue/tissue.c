@@ -37,7 +37,7 @@ static int number_dofs(tissue *t) {
     return next;
 }
 
-/* Moduli if the volumetric part is integrated separately: the same mu, and lambda = 0. */
+/* Moduli if the volumetric part is integrated separately: mu is unchanged, and lambda is 0. */
 void element_moduli(const tissue *t, int tet, double *youngs_modulus, double *poisson_ratio) {
     const region_material *material = &t->materials[t->mesh->region[tet]];
     bool whole = t->volumetric == STRAIN_BY_ELEMENT;
@@ -69,7 +69,7 @@ static void add_element(const tissue *t, int tet, cholmod_triplet *triplets) {
 
 /* ---- mean volumetric strain ---------------------------------------------------------------------------------------- */
 
-/* The means of div u to which an element contributes, with equal shares of its volume: its patch's, or its nodes'. Returns how many. */
+/* Lists the means of div u to which an element contributes with equal parts of its volume: that of its patch, or those of its nodes. Returns their number. */
 static int means_of(const tissue *t, int tet, int means[4]) {
     if (t->volumetric == STRAIN_BY_PATCH) {
         means[0] = t->patch[tet];
@@ -104,7 +104,7 @@ static void add_divergence(const tissue *t, int tet, const double *whole, cholmo
     }
 }
 
-/* B B^T of one region: sum over its means of lambda V (mean of div u)^2, V the mean's volume. `whole` has room for all of these. */
+/* Computes B B^T of one region: the sum over its means of lambda V (mean of div u)^2, where V is the mean's volume. `whole` has room for all means. */
 static cholmod_sparse *volumetric_stiffness(tissue *t, int region, double *whole) {
     const mesh *m = t->mesh;
     size_t shares = 0;

@@ -16,64 +16,64 @@ typedef struct {
     double cutting_viscosity;  /* N s/m, additional resistance per tip speed */
     double spreading_force;    /* N, resistance at the tip that remains in an open track */
     double friction_static;    /* N/m, limit of the shaft's friction per length while sticking */
-    double friction_kinetic;   /* N/m, the same after sliding over the weakening distance */
+    double friction_kinetic;   /* N/m, limit of the shaft's friction per length after sliding over the weakening distance */
     double friction_viscous;   /* N s/m^2, additional friction per length and sliding speed */
 } region_material;
 
-/* How the volumetric energy, lambda/2 (div u)^2, is integrated. By element, linear tetrahedra lock (at nu = 0.45 needle forces are 10 to 15 % too
-   large). Averaging prevents this: over disjoint patches of 8 tetrahedra of one region (after the F-bar patches of de Souza Neto and others 2005), or
-   at the nodes of each region (Bonet and Burton 1998), which couples a node with its neighbours' neighbours and makes large meshes expensive. The
-   remaining energy, mu eps:eps, is always integrated by element, which keeps K positive definite. */
+/* Integration of the volumetric energy, lambda/2 (div u)^2. Integrated by element, linear tetrahedra lock (at nu = 0.45 needle forces are 10 to 15 % too
+   large). Averaging prevents this: over disjoint patches of 8 tetrahedra of one region (after the F-bar patches of de Souza Neto and others 2005), or at the
+   nodes of each region (Bonet and Burton 1998), which couples a node with its neighbours' neighbours and makes large meshes expensive. The remaining energy,
+   mu eps:eps, is always integrated by element, which keeps K positive definite. */
 typedef enum { STRAIN_BY_PATCH, STRAIN_BY_NODE, STRAIN_BY_ELEMENT } volumetric_strain;
 
 typedef struct {
     const mesh *mesh;
     volumetric_strain volumetric;
     int *patch, patch_count;   /* tet_count: patch of each tet, see strain_patches.h; NULL if the strain is not averaged by patch */
-    const region_material *materials; /* by group index; only entries of dimension 3 are used */
+    const region_material *materials; /* materials by group index; only entries of dimension 3 are used */
     bool *fixed;               /* node_count: zero displacement */
     int dof_count;             /* free displacements */
     int *dof;                  /* node_count: first of the node's three dofs, or -1 if fixed */
-    cholmod_common common;     /* of the thread that owns the factor */
+    cholmod_common common;     /* workspace of the thread that owns the factor */
     cholmod_sparse *stiffness; /* K, dof_count square, lower triangle, N/m; NULL before tissue_stiffness */
     atomic_bool assembled;     /* K exists, visible to any thread */
     cholmod_factor *factor;    /* supernodal Cholesky factor of K; NULL before tissue_factor */
-    double refused;            /* bytes that the last tissue_factor needed but did not get; 0: it was not refused for lack of memory */
+    double refused;            /* bytes that the last tissue_factor required when it failed for lack of memory; 0: it did not */
     int *column;               /* dof_count / 3: position in the factor of dofs 3 i, 3 i + 1, 3 i + 2 */
 } tissue;
 
-/* Everything but K and its factor. `mesh` and `materials` must outlive the tissue. */
+/* Defines everything except K and its factor. `mesh` and `materials` must outlive the tissue. */
 trocar_status tissue_define(const mesh *m, const region_material *materials, const bool *fixed, volumetric_strain volumetric,
                             tissue *t, report *why);
 
-/* Assembles K unless it exists. */
+/* Assembles K unless it is already assembled. */
 trocar_status tissue_stiffness(tissue *t, report *why);
 
-/* tissue_define and tissue_stiffness. */
+/* Calls tissue_define and tissue_stiffness. */
 trocar_status tissue_assemble(const mesh *m, const region_material *materials, const bool *fixed, volumetric_strain volumetric,
                               tissue *t, report *why);
 
-/* Factorises K, which it assembles if necessary. The given nodes are eliminated last, so that blocks of the inverse between them need only a small
-   part of the factor. BAD_INPUT if the fixed nodes do not constrain the body, or the factor exceeds the machine's memory or CHOLMOD's indices;
-   NO_MEMORY, before it is computed, if too little is available now. After an error there is no factor. */
+/* Factorises K, after assembling it if necessary. The given nodes are eliminated last, so that blocks of the inverse between them need only a small part of
+   the factor. BAD_INPUT if the fixed nodes do not constrain the body, or the factor exceeds the machine's memory or the range of CHOLMOD's indices; NO_MEMORY,
+   before the computation, if too little memory is available now. After an error, `factor` is NULL. */
 trocar_status tissue_factor(tissue *t, int count, const int *nodes, report *why);
 
-static const double LOOSE_BODY = 1e-13; /* fraction: of the largest eigenvalue of K; if the smallest one is below, the body counts as loose. Rounding
-                                           */
+static const double LOOSE_BODY = 1e-13; /* fraction: smallest eigenvalue of K, relative to the largest one, below which the body counts as loose. Rounding
+                                           tolerance */
 
-/* Reports a loose body (BAD_INPUT). */
+/* Reports a loose body (BAD_INPUT) in `why`. */
 trocar_status tissue_loose(report *why);
 
 /* A load that is not orthogonal to any rigid motion, for finding loose bodies. */
 static inline double tissue_test_load(int dof) { return 1.0 + 0.37 * (dof % 7); }
 
-/* Assembles and factorises with no node last; for tests. A simulation factorises once it knows the last nodes, or never. */
+/* Assembles and factorises without nodes to be eliminated last; for tests. A simulation factorises once it knows the last nodes, or never. */
 trocar_status tissue_create(const mesh *m, const region_material *materials, const bool *fixed, volumetric_strain volumetric,
                             tissue *t, report *why);
 void tissue_free(tissue *t);
 
-/* The constant part of a tissue after tissue_define. K and its factor stay with the original, and another thread may be making them. Nothing needs to
-   be freed; the original must outlive it. */
+/* The constant part of a tissue after tissue_define, for use while another thread creates K and its factor, which stay with the original. Nothing needs to be
+   freed; the original must outlive it. */
 tissue tissue_constants(const tissue *t);
 
 /* Moduli of the part of the energy that is integrated by element. */
@@ -82,7 +82,7 @@ void element_moduli(const tissue *t, int tet, double *youngs_modulus, double *po
 /* 12 x 12 stiffness of a linear tetrahedron (node-major, 3 dofs per node), N/m. Zienkiewicz & Taylor, vol. 1. */
 void tet_stiffness(const vec3 corners[4], double youngs_modulus, double poisson_ratio, double k[12][12]);
 
-/* 3 x 3 block of the same for shape-function gradients ga, gb: V (lambda ga gb^T + mu gb ga^T + mu (ga.gb) I). */
+/* 3 x 3 block of an element's stiffness for the shape-function gradients ga, gb: V (lambda ga gb^T + mu gb ga^T + mu (ga.gb) I). */
 mat3 stiffness_block(vec3 ga, vec3 gb, double volume, double youngs_modulus, double poisson_ratio);
 
 #endif

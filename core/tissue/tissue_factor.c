@@ -1,4 +1,4 @@
-/* The Cholesky factor of K: elimination order, factorisation, and the check that the body is constrained. */
+/* The Cholesky factor of K: elimination order, factorisation, and the check for a loose body. */
 #include <cblas.h>
 #include <math.h>
 #include <stdlib.h>
@@ -69,13 +69,13 @@ trocar_status tissue_loose(report *why) {
                 "under `fixed` that every part of the mesh is connected to");
 }
 
-/* Memory: the factor, the largest update of a supernode, and K in the order of elimination. */
+/* Required memory: the factor, the largest update of a supernode, and K in the order of elimination. */
 static double factor_bytes(tissue *t) {
     double numbers = (double)t->factor->xsize + (double)t->factor->maxcsize;
     return sizeof(double) * numbers + (sizeof(double) + sizeof(int)) * (double)cholmod_nnz(t->stiffness, &t->common);
 }
 
-/* Checked beforehand, because a system that runs out of memory may kill the process without a message. */
+/* Checks memory beforehand, because the kernel may kill a process that runs out of memory without a message. */
 static trocar_status check_memory(tissue *t, report *why) {
     static const char remedy[] = "with inverse: condensed and needles that stay in the region_of_interest it is not needed";
     if (!t->factor || t->common.status == CHOLMOD_TOO_LARGE)
@@ -90,7 +90,7 @@ static trocar_status check_memory(tissue *t, report *why) {
 
 static trocar_status factor(tissue *t, int count, const int *nodes, report *why) {
     bool *last = mark_free_nodes(t, count, nodes);
-    if (count > 0) { /* a region of interest is for large meshes: more and narrower supernodes, with fewer zeros, save 5 % of the memory */
+    if (count > 0) { /* a region of interest implies a large mesh: more and narrower supernodes, with fewer zeros, save 5 % of the memory */
         static const double LEAST_FULL[3] = {0.2, 0.025, 0.0125};
         memcpy(t->common.zrelax, LEAST_FULL, sizeof LEAST_FULL);
     }

@@ -21,20 +21,20 @@ typedef struct {
     yaml_node_t *node;
 } yaml_value;
 
-/* BAD_INPUT, with `name` and line, if the text is empty or not YAML. Call yaml_close only after success. */
+/* Parses a document. BAD_INPUT, with `name` and line, if the text is empty or not YAML. Call yaml_close only after success. */
 trocar_status yaml_open(const char *name, const char *text, size_t length, yaml_text *y, report *why);
 void yaml_close(yaml_text *y);
 
 yaml_value yaml_root(yaml_text *y);
 yaml_value yaml_item(const yaml_value *list, int index);
 
-/* Key and value of a pair; a key that is not a single value reads as "". */
+/* Returns the key of a pair and its value; a key that is not a single value reads as "". */
 const char *yaml_pair(const yaml_value *mapping, int index, yaml_value *value);
 bool yaml_has_key(const yaml_value *mapping, const char *key);
 bool yaml_key_repeated(const yaml_value *mapping, int index); /* true if an earlier pair has the same key */
 
-/* Line (from 1) of the key or item at a path such as "regions[0].friction.static", or of its innermost existing parent. For a repeated key, the line
-   of the first. */
+/* Line (from 1) of the key or item at a path such as "regions[0].friction.static", or of its innermost existing parent. For a repeated key, the line of its
+   first occurrence. */
 int yaml_line(yaml_text *y, const char *path);
 
 #endif

@@ -1,1 +1,1 @@
-"""From a patient's outlines to a mesh and a scene: see README.md in this folder."""
+"""Makes a mesh and a scene from a patient's outlines: see README.md in this folder."""

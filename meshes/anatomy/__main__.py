@@ -11,13 +11,13 @@ from . import approach, check, limits, materials, meshing, options, organ as org
 from .shapes import contours, voxels
 from .trouble import BadFile
 
-MOST_GROUPS = 32            # of a mesh, of all dimensions
-SPARE_GROUPS = 4            # of these: the tissue around, skin, bone, and what is fixed
+MOST_GROUPS = 32            # largest number of groups in a mesh, of all dimensions
+SPARE_GROUPS = 4            # number of groups for the tissue around, skin, bone, and the fixed nodes
 ENDINGS = (".msh", ".yaml", "-quality.md", "-quality.svg")
 
 
 def organs_of(given, found):
-    """The regions, the first of interest first, and the body, if its surface is the skin, or None."""
+    """Returns the regions, the first of interest first, and the body if its surface is the skin, or None."""
     choice = sources.choose(given, found)
     body = [choice.body] if choice.body else []
     inner = [choice.soft[0], *choice.bones, *choice.soft[1:]]
@@ -50,7 +50,7 @@ def organ_of(roi, name, bone, came):
 
 
 def prefix_of(given):
-    """Where the files go: a folder gets those of "patient"."""
+    """Returns the path prefix of the files; in a folder, it is "patient"."""
     path = os.path.join(given.output, options.DEFAULT) if given.output.endswith(os.sep) or os.path.isdir(given.output) else given.output
     folder = os.path.dirname(path) or "."
     if not (os.path.isdir(folder) and os.access(folder, os.W_OK)):
@@ -59,7 +59,7 @@ def prefix_of(given):
 
 
 def run(given):
-    """What was made: the organs, the mesh, the domain, the outlines' volumes; None if only the regions were listed."""
+    """Returns the organs, the mesh, the domain and the outlines' volumes; None if the regions were only listed."""
     limits.SECONDS, limits.TELL = given.time_limit, not given.quiet
     prefix = None if given.list else prefix_of(given)
     own = materials.read(given.materials) if given.materials else {}
@@ -75,7 +75,7 @@ def run(given):
         raise
     if given.picture:
         limits.run("picture", picture.draw, organs + ([skin] if skin else []), found.regions, given.picture)
-    with tempfile.TemporaryDirectory(prefix=".anatomy-", dir=os.path.dirname(prefix) or ".") as folder:      # so that nothing half done is left
+    with tempfile.TemporaryDirectory(prefix=".anatomy-", dir=os.path.dirname(prefix) or ".") as folder:      # so that no incomplete files are left
         made = make(given, organs, skin, own, os.path.join(folder, os.path.basename(prefix)))
         check.load(os.path.join(folder, os.path.basename(prefix) + ".yaml"), len(made[1].points))
         for ending in ENDINGS:
@@ -101,7 +101,7 @@ def make(given, organs, skin, own, prefix):
 
 
 def quiet_walls(organs, own):
-    """Names of the surfaces that get no group of their own because there are too many: of regions that no needle feels."""
+    """Names the surfaces that get no group of their own because there are too many: those of regions that no needle feels."""
     soft = [organ for organ in organs if not organ.bone]
     felt = [organ for organ in soft if materials.find(organ.roi, organ.kind, own).material.wall is not None]
     free = MOST_GROUPS - SPARE_GROUPS - len(soft) - len(felt)
@@ -112,7 +112,8 @@ def quiet_walls(organs, own):
 
 
 def write_texts(given, own, organs, domain, made):
-    """`organs`: with the body. made: prefix of the files, the mesh, the outlines' volumes, the needle's start, the template or None, and what became of each part."""
+    """`organs`: including the body. made: prefix of the files, the mesh, the outlines' volumes, the needle's start, the template or None, and the
+    result for each part."""
     prefix, mesh, outlined, start, plate, parts = made
     organs, skin = [organ for organ in organs if organ.name in outlined], [organ for organ in organs if organ.name not in outlined]
     title = os.path.basename(prefix)

@@ -1,4 +1,4 @@
-"""Where the needle goes in: from the skin toward the first region, past the bones."""
+"""Chooses where the needle enters: from the skin toward the first region, past the bones."""
 import dataclasses
 
 import numpy as np
@@ -7,18 +7,18 @@ import vtk
 from .shapes import shells
 from .shapes.contours import Unusable
 
-AHEAD = 1e-3            # m from the tip to the skin before the insertion
+AHEAD = 1e-3            # m, distance of the tip from the skin before the insertion
 NEEDLE = 0.2            # m, length of the scene's needle, unless the target is deeper:
-LONGER, LONGEST = 0.05, 0.5     # then it has the next multiple of this, up to that
+LONGER, LONGEST = 0.05, 0.5     # for a deeper target, the needle has the next multiple of the first, up to the second
 SAMPLES = 14            # along each side of a region's box, to find its deepest point
-CANDIDATES = 400        # entries that are tried, nearest first
-CLEARANCES = 4.0, 2.0, 0.0      # mm between the needle and what it passes, the first that any way has
-ALONG = 2.0             # mm between the places at which that is measured
-FROM_CUT = 5.0          # mm from where the image cuts off the body, within which no needle goes in
-ASIDE = 3.0             # mm from a target to the region's surface, and to a region that the needle should go around
+CANDIDATES = 400        # number of entry points that are tried, nearest first
+CLEARANCES = 4.0, 2.0, 0.0      # mm between the needle and its obstacles; the largest clearance that some path keeps is used
+ALONG = 2.0             # mm between the points at which the clearance is measured
+FROM_CUT = 5.0          # mm from where the image cuts off the body, within which no needle enters
+ASIDE = 3.0             # mm from a target to the region's surface, and to regions that the needle should avoid
 MOVED = 1.0             # mm: an entry that is moved further gets a remark
-HOLES, HOLE_SPACING = 13, 5.0       # of a template, along each side; mm
-THICKNESS = 20.0        # mm, of a template
+HOLES, HOLE_SPACING = 13, 5.0       # number of holes along each side of a template, and mm between them
+THICKNESS = 20.0        # mm, thickness of a template
 BEHIND = 5.0            # mm from a template to the skin of a box
 
 
@@ -33,21 +33,21 @@ class Path:
 @dataclasses.dataclass
 class Template:
     """A plate with HOLES x HOLES holes. DICOM mm."""
-    origin: np.ndarray       # the middle of the holes, on the face where needles enter
-    normal: np.ndarray       # unit; needles pass in this direction
+    origin: np.ndarray       # middle of the holes, on the face where needles enter
+    normal: np.ndarray       # unit vector; needles pass in this direction
 
     def along(self):
-        """Columns are counted from the patient's right, the operator's left, as far as the plate's direction lets them."""
+        """Direction along which columns are counted: from the patient's right, the operator's left, as far as the plate's direction permits."""
         left = np.array([1.0, 0, 0]) if abs(self.normal[0]) < 0.9 else np.array([0, 1.0, 0])
         left -= (left @ self.normal) * self.normal
         return left / np.linalg.norm(left)
 
     def rows_along(self):
-        """Rows are counted from the patient's back."""
+        """Direction along which rows are counted: from the patient's back."""
         return np.cross(self.along(), self.normal)
 
     def holes(self):
-        """(n, 3) on the front face."""
+        """Positions of the holes on the front face, (n, 3)."""
         steps = HOLE_SPACING * (np.arange(HOLES) - (HOLES - 1) / 2)
         u, v = np.meshgrid(steps, steps)
         return self.origin + u.reshape(-1, 1) * self.along() + v.reshape(-1, 1) * self.rows_along()
@@ -61,13 +61,13 @@ def locator_of(shell):
 
 
 def first_hit(shell, start, end):
-    """Point where a segment first meets a surface, or None."""
+    """Returns the point where a segment first meets a surface, or None."""
     return hit_in(locator_of(shell), start, end)
 
 
 def hit_in(locator, start, end):
     share, point, local, sub = vtk.reference(0.0), [0.0] * 3, [0.0] * 3, vtk.reference(0)
-    edge = 1e-6 * np.linalg.norm(end - start)     # a tolerance, or segments slip through between two triangles
+    edge = 1e-6 * np.linalg.norm(end - start)     # tolerance, without which segments could pass between two triangles
     met = locator.IntersectWithLine(list(map(float, start)), list(map(float, end)), edge, share, point, local, sub)
     return np.array(point) if met else None
 
@@ -79,7 +79,7 @@ class Obstacles:
         self.found = [(shell, locator_of(shell), shell.points.min(axis=0), shell.points.max(axis=0)) for shell in found]
 
     def lets_pass(self, start, end, clearance):
-        """Whether a needle from start to end keeps this distance from all of them."""
+        """True if a needle from start to end keeps this distance from all obstacles."""
         places = start + np.linspace(0, 1, 2 + int(np.linalg.norm(end - start) / ALONG))[:, None] * (end - start)
         low, high = places.min(axis=0) - clearance, places.max(axis=0) + clearance
         for shell, locator, least, greatest in self.found:
@@ -91,15 +91,15 @@ class Obstacles:
 
 
 def middle_of(surfaces, spared=()):
-    """The centre of a region's largest part, if it is ASIDE within, and as far from regions that the needle goes around; else the place with the most room between all of
-    these surfaces, which are also those of lesions in the region."""
+    """Returns the centre of a region's largest part if it is at least ASIDE inside, and as far from regions that the needle avoids; otherwise the point with
+    the most room between all of these surfaces, including those of lesions in the region."""
     largest = max(surfaces, key=lambda shell: shell.volume())
     centre = largest.centre()
     low, high = largest.points.min(axis=0), largest.points.max(axis=0)
     beside = [shell for shell in spared if np.all(shell.points.min(axis=0) < high) and np.all(shell.points.max(axis=0) > low)]
 
     def room(points):
-        """mm to the nearest of all the surfaces; negative outside of the region, or inside of the others."""
+        """Returns the distance (mm) to the nearest of all the surfaces; negative outside the region, or inside the others."""
         return np.min([-shells.distances(largest, points), *(shells.distances(shell, points) for shell in beside)], axis=0)
     if room(centre[None])[0] > ASIDE:
         return centre
@@ -109,8 +109,8 @@ def middle_of(surfaces, spared=()):
 
 
 def nearest_free(target, places, bones, spared=()):
-    """The nearest of some places on the skin from which the way to the target meets no bone, and if possible nothing that is to be spared; and whether it does. Or None.
-    `spared`: surfaces, none of which hold the target."""
+    """Returns the nearest of some points on the skin from which the path to the target meets no bone and, if possible, no spared surface; and whether it
+    meets none of these. None if there is no such point. `spared`: surfaces, none of which contains the target."""
     order = np.argsort(np.linalg.norm(places - target, axis=1), kind="stable")
     order = order[::1 + len(order) // CANDIDATES]
     for others in (spared, ()) if spared else ((),):
@@ -127,8 +127,8 @@ def note_of(through):
 
 
 def through_skin(target, skin, bones, spared=(), cut=None):
-    """The path from the nearest place of the skin. Skin, bones, spared: closed surfaces; `cut`: function of points (n, 3) that says how far they are, in mm, from where
-    the image cuts off the body, which is no skin."""
+    """Returns the path from the nearest point of the skin. Skin, bones, spared: closed surfaces; `cut`: function that returns how far (mm) points (n, 3) are
+    from where the image cuts off the body, which is not skin."""
     places = np.vstack([shell.points for shell in skin])
     if cut:
         places = places[cut(places) > FROM_CUT]
@@ -141,7 +141,8 @@ def through_skin(target, skin, bones, spared=(), cut=None):
 
 
 def through_template(template, target, bones):
-    """Where the needle leaves a template for the skin, and the point of its way nearest to the target. Of the holes whose way there meets no bone, the nearest."""
+    """Returns where the needle leaves a template for the skin, and the point of its path nearest to the target: the nearest of the holes whose path
+    meets no bone."""
     holes = template.holes()
     ahead = (target - holes) @ template.normal
     least = THICKNESS + BEHIND
@@ -158,7 +159,7 @@ def through_template(template, target, bones):
 
 
 def on_skin(skin, entry, target):
-    """Where the way from before a template's hole first meets the skin."""
+    """Returns where the path from a template's hole first meets the skin."""
     way = (target - entry) / np.linalg.norm(target - entry)
     met = [point for point in (first_hit(shell, entry - (BEHIND - 1e-3) * way, target) for shell in skin) if point is not None]
     if not met:
@@ -167,8 +168,8 @@ def on_skin(skin, entry, target):
 
 
 def through_face(target, low, high, bones, face, spared=()):
-    """The path through a face of a box (axis, and side: -1 low, 1 high) on which no bone is in the way: straight, or with the least tilt; or None. And
-    whether it leads through what is to be spared."""
+    """Returns the path through a face of a box (axis, and side: -1 low, 1 high) that meets no bone: straight, or with the least tilt; or None. Also
+    returns whether it crosses spared regions."""
     axis, side = face
     aside = [a for a in range(3) if a != axis]
     grid = np.meshgrid(*(np.linspace(low[a] + 5, high[a] - 5, 15) for a in aside))
@@ -181,7 +182,7 @@ def through_face(target, low, high, bones, face, spared=()):
 
 
 def orientation(direction):
-    """Unit quaternion w, x, y, z that turns +z into this direction, by the least angle."""
+    """Returns the unit quaternion w, x, y, z that turns +z to this direction by the smallest angle."""
     x, y, z = direction
     if z < -1 + 1e-12:
         return np.array([0.0, 1.0, 0.0, 0.0])
@@ -191,19 +192,19 @@ def orientation(direction):
 
 @dataclasses.dataclass
 class Start:
-    """Of the needle in the mesh's frame, m."""
-    position: np.ndarray     # of the base
+    """Pose and length of the needle in the mesh's frame, m."""
+    position: np.ndarray     # position of the base
     orientation: np.ndarray  # w, x, y, z
     entry: np.ndarray        # on the mesh's skin
-    depth: float             # that a scripted motion must push the needle so that its tip comes to the target
+    depth: float             # by which a scripted motion must push the needle so that its tip reaches the target
     remark: str = ""
-    length: float = NEEDLE   # of the needle
-    misses: bool = False     # the region, or bone is in the way
+    length: float = NEEDLE   # length of the needle
+    misses: bool = False     # the needle misses the region, or bone is in its way
 
 
 def needle_for(skin, target, plate=None):
-    """How deep a scripted motion must push the needle, and its length, so that its base stays before the template. All m. `plate`: a point of
-    the template's face where needles enter, or None."""
+    """Returns how deep a scripted motion must push the needle, and the needle's length with which its base stays in front of the template.
+    All in m. `plate`: a point of the template's face where needles enter, or None."""
     deep, way = np.linalg.norm(target - skin), (target - skin) / np.linalg.norm(target - skin)
     push = AHEAD + deep
     ahead = max(0.0, (skin - plate) @ way) if plate is not None else 0.0
@@ -216,7 +217,8 @@ def needle_for(skin, target, plate=None):
 
 
 def start_in(mesh, entry, target, gland, plate=None):
-    """The pose from which the needle goes straight through `entry` to `target` (m); `gland`: name of the first region; `plate`: see needle_for."""
+    """Returns the pose from which the needle goes straight through `entry` to `target` (m); `gland`: name of the first region; `plate`: see
+    needle_for."""
     way = (target - entry) / np.linalg.norm(target - entry)
     skin = first_hit(mesh.surfaces["skin"], entry - 0.3 * way, target)
     every = [first_hit(shell, entry - 0.3 * way, target) for name, shell in mesh.surfaces.items() if name not in ("skin",)]
@@ -234,7 +236,7 @@ def start_in(mesh, entry, target, gland, plate=None):
 
 
 def check_template(template, skin):
-    """`skin`: where the needle enters it, DICOM mm."""
+    """Checks that the template fits; `skin`: where the needle enters the skin, DICOM mm."""
     ahead = (skin - template.origin) @ template.normal
     if ahead < THICKNESS:
         raise Unusable("needle", f"the skin is {ahead:.0f} mm beyond the face of the template where needles enter, which is {THICKNESS:g} mm thick: move --template back")

@@ -5,11 +5,12 @@ import sys
 
 HERE = os.path.dirname(os.path.abspath(__file__))
 BUILD = os.path.join(HERE, "../../build")
-PREFIX = os.path.join(HERE, "../../../lib")     # of an installation outside of Python's own folders
+PREFIX = os.path.join(HERE, "../../../lib")     # of an installation outside Python's own folders
 
 
 def trocar(build=None):
-    """The module trocar: of this build, else of the checkout, else as installed. TROCAR_LIBRARY chooses another library. ImportError if it or its library is missing."""
+    """Returns the module trocar: of this build, else of the checkout, else as installed. TROCAR_LIBRARY selects another library. Raises ImportError
+    if the module or its library is missing."""
     build = build or BUILD
     for package, *patterns in ((f"{build}/clients/python", f"{build}/core/libtrocar.so"),
                                (f"{PREFIX}/python3/dist-packages", f"{PREFIX}/*/libtrocar.so.*.*", f"{PREFIX}/libtrocar.so.*.*")):
@@ -20,6 +21,6 @@ def trocar(build=None):
             break
     try:
         import trocar as module
-    except OSError as error:    # of the library
+    except OSError as error:    # raised if the library is missing
         raise ImportError(str(error)) from error
     return module

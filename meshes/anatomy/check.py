@@ -1,14 +1,14 @@
-"""Loads a scene with the library that will run it, so that the program only says that it succeeded if it did."""
+"""Loads a scene with the library that will run it, so that the program reports success only if the scene works."""
 import sys
 
 from . import binding, limits
 from .shapes.contours import Unusable
 
-WHOLE = 10000               # nodes: of larger meshes only the mesh and its names are read, as the inverse takes minutes
+WHOLE = 10000               # nodes: of larger meshes, only the mesh and its names are read, because the inverse takes minutes
 
 
 def load(path, nodes):
-    """Raises Unusable if the library cannot make a model of the scene. Without the library, says so."""
+    """Raises Unusable if the library cannot make a model of the scene. If the library is missing, reports that."""
     try:
         trocar = binding.trocar()
     except ImportError as error:
@@ -20,7 +20,7 @@ def load(path, nodes):
 
 
 def refused(trocar, path, mesh_only):
-    """What the library says against a scene, or ""."""
+    """Returns the library's objection to a scene, or ""."""
     try:
         trocar.Model(trocar.Scene.load(path), mesh_only=mesh_only)
     except trocar.Error as error:

@@ -1,4 +1,4 @@
-"""Reads DICOM files by pydicom, which takes a file that ends too early for a shorter one.
+"""Reads DICOM files with pydicom, which by itself takes a truncated file for a shorter one.
 
 Also `trocar._dicom` in the Python package.
 """
@@ -13,10 +13,10 @@ import pydicom
 
 
 class _File(io.BytesIO):
-    """A file's content. `beyond`: how often more was read than there is."""
+    """A file's content. `beyond`: number of reads that asked for more than there is."""
 
     beyond = 0
-    ends_between = False    # the last of these reads began at the end
+    ends_between = False    # the last of these reads began at the end of the file
 
     def read(self, size: int | None = -1) -> bytes:
         data = super().read(size)
@@ -27,10 +27,11 @@ class _File(io.BytesIO):
 
 
 def read(path: str | PathLike[str]) -> pydicom.Dataset:
-    """The data set of a file. EOFError, which names the file, if it ends within an element; OSError if it cannot be opened; else what pydicom raises.
+    """Returns the data set of a file. Raises EOFError, which names the file, if the file ends within an element; OSError if it cannot be opened; otherwise
+    pydicom's exceptions.
 
-    pydicom looks for another element at the end of a complete file, once, and finds nothing. Any other read beyond the end was for something that the file
-    announces. Elements of the highest level that a file lacks because it ends between two of them are not noticed.
+    pydicom looks for another element at the end of a complete file, once, and finds nothing. Any other read beyond the end was for an element that the
+    file announces. A file that is cut between two elements of the highest level is not recognised.
     """
     if os.path.exists(path) and not os.path.isfile(path):    # a FIFO would wait for ever
         raise OSError(0, "not a regular file", path)
@@ -40,10 +41,10 @@ def read(path: str | PathLike[str]) -> pydicom.Dataset:
         data = pydicom.dcmread(file)
     except zlib.error as error:    # in a deflated transfer syntax
         raise EOFError(f"{path}: its compressed content ends too early, or is damaged: {error}") from error
-    except Exception as error:    # whatever half an element makes pydicom raise
+    except Exception as error:    # any exception that an incomplete element causes in pydicom
         if file.beyond and file.getbuffer()[128:132] == b"DICM":
             raise EOFError(_words(path, file)) from error
-        if isinstance(error, OSError):    # pydicom's, about the content: the file itself has been read
+        if isinstance(error, OSError):    # pydicom's own, about the content: the file itself has been read
             raise ValueError(str(error)) from error
         raise
     if file.beyond > 1 or (file.beyond and not file.ends_between):

@@ -9,13 +9,13 @@ import sys
 import time
 import traceback
 
-DEFAULT = 120.0         # processor time per stage, s, which does not depend on the machine's other load
-NODES = 10000           # of the largest mesh for which that is the default
+DEFAULT = 120.0         # s, processor time per stage, which does not depend on the machine's other load
+NODES = 10000           # nodes of the largest mesh for which that is the default
 SECONDS = DEFAULT       # the limit in force
-WAITING = 10            # times that, in real time, for a stage that waits instead of working
-TELL = False            # say which stage begins
+WAITING = 10            # factor for the limit in real time, for a stage that waits instead of working
+TELL = False            # print the name of each stage
 BEGUN = time.monotonic()
-FEW = 6                 # names in a message
+FEW = 6                 # number of names in a message
 WITH_PARENT = 1         # prctl's PR_SET_PDEATHSIG
 
 
@@ -24,11 +24,11 @@ class TooLong(Exception):
 
 
 class NoMemory(MemoryError):
-    """A stage that this machine's memory does not suffice for."""
+    """This machine has too little memory for a stage."""
 
 
 class Crashed(Exception):
-    """A library crashed its process or raised an unknown exception. `number`: of the signal that ended it, or None."""
+    """A library crashed its process or raised an unknown exception. `number`: that of the signal that ended the process, or None."""
 
     def __init__(self, text, number=None):
         super().__init__(text)
@@ -36,12 +36,12 @@ class Crashed(Exception):
 
 
 def seconds_for(nodes):
-    """The default for a mesh of this many nodes."""
+    """Returns the default for a mesh of this many nodes."""
     return DEFAULT * max(1.0, nodes / NODES)
 
 
 def run(stage, work, *arguments):
-    """work(*arguments), in a child process. `stage`: what it does, for messages."""
+    """Runs work(*arguments) in a child process. `stage`: name of the work, for messages."""
     if TELL:
         print(f"anatomy: {time.monotonic() - BEGUN:.0f} s: {stage}", file=sys.stderr, flush=True)
     receiver, sender = multiprocessing.Pipe(duplex=False)
@@ -73,7 +73,7 @@ def run(stage, work, *arguments):
 
 
 def few(names):
-    """Names for a message."""
+    """Formats names for a message."""
     names = list(names)
     return ", ".join(names[:FEW]) + (f" and {len(names) - FEW} more" if len(names) > FEW else "")
 
@@ -83,7 +83,7 @@ def too_long(stage):
 
 
 def serve(sender, work, arguments):
-    """The child: sends (result, exception, its traceback)."""
+    """Runs in the child: sends (result, exception, its traceback)."""
     signal.signal(signal.SIGTERM, signal.SIG_DFL)
     ctypes.CDLL(None).prctl(WITH_PARENT, signal.SIGKILL)
     most, hard = math.ceil(SECONDS), resource.getrlimit(resource.RLIMIT_CPU)[1]
@@ -93,7 +93,7 @@ def serve(sender, work, arguments):
     os.dup2(quiet, 2)
     try:
         answer = work(*arguments), None, None
-    except Exception as error:  # of any kind: the parent decides
+    except Exception as error:  # any exception: the parent decides
         answer = None, error, traceback.format_exc()
     try:
         sender.send(answer)
@@ -104,7 +104,7 @@ def serve(sender, work, arguments):
 
 
 def end_on_signals():
-    """SIGTERM ends the program as Ctrl-C does, and its child with it."""
+    """Makes SIGTERM end the program and its child, as Ctrl-C does."""
     def stop(number, _):
         raise SystemExit(128 + number)
     signal.signal(signal.SIGTERM, stop)

@@ -1,4 +1,4 @@
-"""What became of each part of each region: as read, without what others or the box took, and in the mesh."""
+"""Reports the volume of each part of each region: as read, without the losses to other regions and the box, and in the mesh."""
 import dataclasses
 
 import numpy as np
@@ -9,29 +9,29 @@ from .shapes.contours import Unusable
 from .shapes.label_image import OUTSIDE
 from .organ import in_ml, note_left_out, placed
 
-MOST_LOSS = 0.10        # of a region's volume: meshes with a larger error are refused
-PART_LOSS = 0.05        # of a part's volume: larger errors are named
-SEEN = 5e-4             # of a region's volume: smaller overlaps are not
-TOLD = 0.01             # of a bone's surface: if more is missing, it is reported; more than MOST_LOSS is refused
-MISSING = 5.0           # mm: a bone's point this far from the mesh's bone is missing
+MOST_LOSS = 0.10        # fraction of a region's volume: meshes with a larger error are refused
+PART_LOSS = 0.05        # fraction of a part's volume: larger errors are named
+SEEN = 5e-4             # fraction of a region's volume: smaller overlaps are not mentioned
+TOLD = 0.01             # fraction of a bone's surface: a larger missing fraction is reported; above MOST_LOSS, the mesh is refused
+MISSING = 5.0           # mm: a point of a bone that is further than this from the mesh's bone counts as missing
 NARROW = "they are too small or too thin for this number of nodes"
 
 
 @dataclasses.dataclass
 class Row:
-    """A part of a region, or parts that have merged. m^3."""
-    name: str            # of the region
-    place: np.ndarray    # middle, in the mesh's frame, m
-    parts: int           # that the row stands for
+    """A part of a region, or several parts that have merged. Volumes in m^3."""
+    name: str            # name of the region
+    place: np.ndarray    # its middle, in the mesh's frame, m
+    parts: int           # number of parts that the row represents
     read: float          # as read
-    used: float          # without what others or the box took
-    mesh: float          # in the mesh; None: hollow
-    gone: str = ""       # why nothing is left of it
-    each: list = dataclasses.field(default_factory=list)     # of the parts that it stands for, as read
+    used: float          # volume without the losses to other regions and the box
+    mesh: float          # volume in the mesh; None: hollow
+    gone: str = ""       # why nothing is left of the part
+    each: list = dataclasses.field(default_factory=list)     # volumes as read of the parts that the row represents
 
 
 def rows_of(domain, made):
-    """Of all parts. `made`: meshing.Attempt."""
+    """Returns the rows of all parts. `made`: meshing.Attempt."""
     if not domain.regions:
         return [Row(body.name, body.shell.centre(), 1, body.volume, body.volume, None if body.hollow else held)
                 for body, held in zip(domain.bodies, made.held)]
@@ -67,7 +67,7 @@ def taken(lost, part):
 
 
 def note(organs, domain, rows, outlined, skip=False):
-    """Remarks on what is lost; `outlined`: region -> m^3 that its mesh must hold. `skip`: parts that are gone are no reason to refuse the mesh."""
+    """Adds remarks on losses; `outlined`: region -> m^3 that its mesh must have. `skip`: parts that are gone are no reason to refuse the mesh."""
     called = {organ.name: organ for organ in organs}
     if domain.regions:
         note_overlaps(called, domain, outlined)

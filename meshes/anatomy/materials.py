@@ -1,4 +1,4 @@
-"""Materials by organ. The sources are in meshes/PARAMETERS.md; materials.md shows what an insertion into each gives."""
+"""Materials by organ. The sources are in meshes/PARAMETERS.md; materials.md shows the result of an insertion into each material."""
 import csv
 import dataclasses
 import re
@@ -14,7 +14,7 @@ class Material:
     cutting: float           # N
     static: float            # N/m, friction
     kinetic: float           # N/m
-    wall: float = None       # N, puncture force of its surface; None: no resistance
+    wall: float = None       # N, puncture force of the region's surface; None: no resistance
     stiffening: float = 0.0
     poisson: float = 0.45
     viscosity: float = 1.0   # N s/m
@@ -23,23 +23,23 @@ class Material:
 
 @dataclasses.dataclass(frozen=True)
 class Row:
-    """`words`: beginnings of words in a region's name; `codes`: SNOMED CT. `basis`: where the modulus is from: CITED, ASSUMED, or GUESS. `force`: a published force on
-    a needle in it that materials.md compares with an insertion; empty: none was found."""
+    """`words`: beginnings of words in a region's name; `codes`: SNOMED CT. `basis`: origin of the modulus: CITED, ASSUMED, or GUESS. `force`: a published
+    force on a needle in this organ, which materials.md compares with an insertion; empty: none was found."""
     material: Material
     basis: str
     source: str
     words: tuple = ()
     codes: tuple = ()
-    spare: bool = False      # a needle on its way to another region goes around it
+    spare: bool = False      # a needle on its way to another region avoids this one
     force: str = ""
 
 
-LIVER_FIT = 31e3             # Pa, with STIFFENING: what a needle meets in liver with its capsule
+LIVER_FIT = 31e3             # Pa, with STIFFENING: fitted to needle forces in liver with its capsule
 STIFFENING = 0.165
 ENCLOSED = "as liver's, in the ratio of their moduli by shear waves"
 SURROUNDING = Row(Material(30e3, 0.25, 12, 7), ASSUMED, "half of figure 8's prostate")
 OTHER = Row(Material(30e3, 0.25, 12, 7), GUESS, "as figure 8's surrounding")
-# In order of precedence: a name that fits several rows gets the first of them.
+# In order of precedence: a name that matches several rows gets the first of them.
 TABLE = {
     "tumour": Row(Material(60e3, 0.25, 12, 7), GUESS, "twice what surrounds it",
                   ("tumor", "tumour", "lesion", "metasta", "carcinoma", "cancer", "nodule", "neoplasm", "mass(_|$)", "gtv"), ("108369006", "52988006", "4147007")),
@@ -100,7 +100,7 @@ def is_body(name):
 
 
 def known(name, kind=""):
-    """The row of TABLE for a region's name, or for what its file says it is; None: there is none."""
+    """Returns the row of TABLE for a region's name, or for its description in the file; None if there is none."""
     codes, plain = set(words_of(kind)), "_".join(words_of(name))
     if plain in ALSO:
         return ALSO[plain]
@@ -115,12 +115,12 @@ def known(name, kind=""):
 
 
 def row_of(name, kind=""):
-    """As known, or "any other"."""
+    """Like known, but returns the row "any other" instead of None."""
     return known(name, kind) or "any other"
 
 
 def is_spared(name, kind=""):
-    """Whether a needle to another region goes around this one."""
+    """True if a needle to another region should avoid this one."""
     row = known(name, kind)
     return bool(row) and TABLE[row].spare
 
@@ -128,17 +128,17 @@ def is_spared(name, kind=""):
 @dataclasses.dataclass(frozen=True)
 class Found:
     material: Material
-    row: str                 # of the table, or the file that it is from
+    row: str                 # name of the table's row, or of the file, that defines the material
     basis: str
     source: str
-    force: str = ""          # as Row's
+    force: str = ""          # as in Row
 
     def text(self):
         return f"{self.row}: {self.basis}, {self.source}"
 
 
 def find(name, kind="", own=None):
-    """`own`: what read() returns."""
+    """Returns the material of a region; `own`: the result of read()."""
     for called, material in (own or {}).items():
         if words_of(called) == words_of(name):
             return Found(material, "--materials", "given", "by the user")
@@ -148,7 +148,7 @@ def find(name, kind="", own=None):
 
 
 def read(path):
-    """Region name -> Material, of a CSV file with the columns COLUMNS, of which only the name is required."""
+    """Reads region name -> Material from a CSV file with the columns COLUMNS, of which only the name is required."""
     found = {}
     try:
         with open(path, newline="", encoding="utf-8-sig") as file:

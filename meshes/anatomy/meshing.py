@@ -1,5 +1,5 @@
-"""Gmsh: coarse surfaces of the organs, the box around them, tetrahedra between, and the search for the number of nodes. Each try runs in
-a separate process with a time limit."""
+"""Meshes the domain with Gmsh: coarse surfaces of the organs, the box around them, the tetrahedra in between, and the search for the
+number of nodes. Each attempt runs in a separate process with a time limit."""
 import dataclasses
 import math
 import os
@@ -17,34 +17,35 @@ from .shapes.loft import mesh_shell
 from .session import current_mesh
 from .shapes.shells import Shell, crossings, decimated, distances
 
-GROWTH = 4.0            # ratio of element sizes at the box's corners and in the gland
-CORRIDOR = 0.5          # ratio in the corridor
+GROWTH = 4.0            # ratio of element sizes at the box's corners to those in the gland
+CORRIDOR = 0.5          # ratio of element sizes in the corridor
 MOST_GROWTH = 1.09      # largest factor by which a coarse surface is enlarged to restore its volume
 FINEST_SURFACE = 2500   # triangles, enough for remeshing a surface
 TRIES = 16
-MOST_WORK = 20000       # nodes of all tries, after which the search ends: not seconds, so that all machines find the same mesh
-LARGE_WORK = 4          # times the wanted nodes: when it ends for large meshes while none is near
-MOST_MISSED = 0.02      # of a region's surface: a mesh in which more is missing is taken only if there is no other,
+MOST_WORK = 20000       # total nodes of all attempts, after which the search ends; not a time, so that all machines find the same mesh
+LARGE_WORK = 4          # multiple of the wanted nodes after which the search ends for large meshes while no attempt is near
+MOST_MISSED = 0.02      # fraction of a region's surface: a mesh with a larger missing fraction is accepted only if there is no other
 REFUSED_MISSED = 0.10   # and refused above this
-FAILURES = 3            # of Gmsh, after which no other element sizes are tried,
-FAR_FAILURES = 2        # and so many where the best mesh has far too many nodes, and elements are to become larger still
-JITTER = 0.025          # of the element size, to get different meshes with the same number of nodes
-SMOOTH = 5000           # nodes: in larger meshes their number follows the element size without leaps
-CLOSE = 0.04            # of the wanted number of nodes: among meshes this close the one with the best angles is chosen
-OFF = 0.10              # of the wanted number of nodes: meshes further off are remarked on,
-MOST_OFF = 2.0          # and refused if they have so many times more or fewer nodes
-ON_THIN = 0.48          # of a mesh's nodes: on the surfaces of its thin regions, at most, as tetrahedra beside them grow only gradually (measured: 0.33 to 0.47)
+FAILURES = 3            # number of Gmsh's failures after which no other element sizes are tried
+FAR_FAILURES = 2        # the same if the best mesh has far too many nodes, and elements would become larger still
+JITTER = 0.025          # fraction of the element size, to get different meshes with the same number of nodes
+SMOOTH = 5000           # nodes: in larger meshes, their number follows the element size without jumps
+CLOSE = 0.04            # fraction of the wanted number of nodes: among meshes this close the one with the best angles is chosen
+OFF = 0.10              # fraction of the wanted number of nodes: the report mentions meshes further off
+MOST_OFF = 2.0          # meshes with so many times more or fewer nodes are refused
+# of a mesh's nodes: largest fraction on the surfaces of its thin regions, because tetrahedra beside them grow only gradually (measured: 0.33 to 0.47)
+ON_THIN = 0.48
 WORST = 4.0             # factor on the paper's extreme angles, giving 2.5 and 174.9 degrees; meshes beyond that are refused
-CUT = 1.5               # voxels: a triangle this close to a face of the block, and
-BORDER = 2.5            # voxels: so close to the image's border, where smoothing has moved the surface inward,
-FACING = 0.7            # cosine: turned to it, is a cut through the body
-LEAST_CUT = 0.02        # of the skin's triangles: if fewer are cut, the body lies on its back,
-LYING = 10e-3           # m: up to this height it is fixed
-INSIDE = 0.3            # of an element: regions deeper in the gland are inside it, not beside it
+CUT = 1.5               # voxels: a triangle closer than this to a face of the block may be a cut (see FACING)
+BORDER = 2.5            # voxels: the same distance from the image's border, where smoothing has moved the surface inward
+FACING = 0.7            # cosine: a triangle that close which faces the border by more than this is a cut through the body
+LEAST_CUT = 0.02        # fraction of the skin's triangles: if fewer are cut, the body lies on its back
+LYING = 10e-3           # m: a body that lies on its back is fixed up to this height
+INSIDE = 0.3            # fraction of an element: regions that are deeper than this in the gland count as inside it
 
 
 class Failure(Exception):
-    """Gmsh failed. `names`: regions whose surfaces are the reason; `z`: position of the fault, m, or None."""
+    """Gmsh failed. `names`: regions whose surfaces are the cause; `z`: position of the fault, m, or None."""
 
     def __init__(self, problem, names, z=None):
         super().__init__(problem, names, z)     # all arguments, because the exception is sent between processes
@@ -55,7 +56,7 @@ class Failure(Exception):
 
 
 class Thin(Failure):
-    """Regions are too thin: elements of another size will not do. `enough`: the number of nodes that would, if it is known."""
+    """Regions are too thin, and elements of another size would not help. `enough`: a sufficient number of nodes, if it is known."""
 
     def __init__(self, problem, names, enough=None):
         super().__init__(problem, names)
@@ -68,8 +69,8 @@ class Body:
     name: str               # of the region
     surface: str            # name of its surface's group
     shell: object           # fine, m, world frame
-    volume: float           # target volume of its mesh, m^3
-    longest: float          # m: longer triangles would not follow its shape
+    volume: float           # name of the group of its surface
+    longest: float          # fine surface, m, world frame
     hollow: bool = False    # bone: no tetrahedra inside
 
 
@@ -78,47 +79,47 @@ class Region:
     """A region that may touch others."""
     name: str
     surface: str
-    shells: list             # of its parts: closed, m, world frame
-    sizes: list              # volumes of its parts, m^3; None: unknown, because only some of it is in the block
+    shells: list             # surfaces of its parts: closed, m, world frame
+    sizes: list              # volumes of its parts, m^3; None: unknown, because only a part is in the block
     hollow: bool = False     # bone: no tetrahedra inside
-    layer: object = None     # of the label map that it is from, if it is: regions of one layer do not overlap
+    layer: object = None     # the layer of its label map, if it comes from one: regions of one layer do not overlap
 
     def volumes(self):
-        """What the mesh must hold of each part, m^3; None: as it comes."""
+        """Volumes that the mesh must have for each part, m^3; None: not prescribed."""
         return [None] * len(self.sizes) if self.hollow else self.sizes
 
 
 @dataclasses.dataclass
 class Domain:
-    """The domain to be meshed, in a box with the skin on one face: bodies that do not touch, or `regions` that may."""
+    """The domain to be meshed, in a box with the skin on one face: bodies that do not touch, or `regions` that may touch."""
     bodies: list
     low: np.ndarray
     high: np.ndarray
-    middle: np.ndarray       # of the gland
+    middle: np.ndarray       # middle of the gland
     reach: float             # m: half the gland's longest side
     origin: np.ndarray       # DICOM mm: origin of the mesh's frame
     corridor: tuple = None   # x, y, radius, m
     regions: list = None     # in order of priority
     gland: str = ""
-    path: tuple = None       # entry, target, m: of the needle
+    path: tuple = None       # the needle's entry and target, m
     plate: np.ndarray = None    # m: a point of the template's face where needles enter
     tube: float = None       # m: radius around the path with smaller elements
-    skin: bool = False       # the last region is the body around the others, and there is no box: the rest is air
+    skin: bool = False       # the last region is the body around the others, and there is no box: outside is air
     border: object = None    # voxels.Border: where the image cuts off the body
-    crop: tuple = None       # low, high: regions are cut off outside
-    front: str = "z-"        # face of the box that is the skin
-    quiet: tuple = ()        # names of surfaces that get no group
-    image: tuple = None      # of the regions, its pieces, and the parts' losses to each other: see label_image.image_for
-    needed: list = None      # nodes on the surface of each region where it is thin, about
+    crop: tuple = None       # low and high corner, outside which regions are cut off
+    front: str = "z-"        # the face of the box that is the skin
+    quiet: tuple = ()        # names of surfaces that get no group of their own
+    image: tuple = None      # image of the regions, its pieces, and the parts' losses to each other: see label_image.image_for
+    needed: list = None      # approximate number of nodes on the surface of each region where it is thin
 
     def parts(self):
-        """The number of the region of each part of the regions, or the body of each body: (owner, number within it)."""
+        """Numbers the parts of the regions, or the bodies: (owner, number within it)."""
         if self.regions:
             return [(region, n) for region in self.regions for n in range(len(region.shells))]
         return [(body, 0) for body in self.bodies]
 
     def parents(self):
-        """Index of the smallest body around each body, or None."""
+        """Returns the index of the smallest body around each body, or None."""
         found = []
         for body in self.bodies:
             around = [i for i, other in enumerate(self.bodies) if other is not body and other.shell.volume() > body.shell.volume()
@@ -128,7 +129,7 @@ class Domain:
 
 
 def size_formula(domain, fine):
-    """Elements of size `fine` in the gland, growing to GROWTH times it at the corners of the box, smaller in the corridor."""
+    """Returns a formula for elements of size `fine` in the gland, growing by GROWTH towards the corners of the box, and smaller in the corridor."""
     away = "Sqrt({})".format("+".join(f"({axis}-({c:.9g}))^2" for axis, c in zip("xyz", domain.middle)))
     span = math.dist(domain.middle, domain.low) - domain.reach
     growth = f"{fine:.9g}*(1+{GROWTH - 1:g}*Max(0,({away}-{domain.reach:.9g})/{span:.9g}))"
@@ -152,7 +153,7 @@ def set_sizes(formula):
 
 
 def add_discrete(shell):
-    """Tag of a surface of the current model with these triangles."""
+    """Adds a surface with these triangles to the current model; returns its tag."""
     tag = gmsh.model.addDiscreteEntity(2)
     gmsh.model.mesh.addNodes(2, tag, [], shell.points.ravel())
     numbers = gmsh.model.mesh.getNodes(2, tag)[0]
@@ -161,8 +162,8 @@ def add_discrete(shell):
 
 
 def coarse(body, formula):
-    """The body's surface with triangles of the wanted size, or smaller ones if those would cut off its ends, enlarged to the
-    body's volume, which facets reduce."""
+    """Returns the body's surface with triangles of the wanted size, or smaller if those would cut off its ends, enlarged to
+    the body's volume, which facets reduce."""
     longest = body.longest
     while True:
         try:
@@ -176,7 +177,7 @@ def coarse(body, formula):
 
 
 def failure_of(bodies, shells, error):
-    """Why these surfaces cannot be meshed: where they cross, if they do."""
+    """Explains why these surfaces cannot be meshed, for example where they cross."""
     for point, *crossed in crossings(shells):
         return Failure("its surface crosses itself" if crossed[0] == crossed[1] else "their surfaces cross",
                        sorted({bodies[k].name for k in crossed}), point[2])
@@ -196,7 +197,7 @@ def remeshed(shell, formula):
 
 
 def add_box(low, high):
-    """Plane faces {name: tag} of the box."""
+    """Adds the box; returns its plane faces {name: tag}."""
     geo = gmsh.model.geo
     corner = {(i, j, k): geo.addPoint(*(high[a] if side else low[a] for a, side in enumerate((i, j, k))))
               for i in (0, 1) for j in (0, 1) for k in (0, 1)}
@@ -223,21 +224,22 @@ def face_name(axis, side):
 
 
 def fixed_faces(front):
-    """Of a box with this skin: the opposite face and the back, on which the patient lies; if the back is the skin, the face toward the head."""
+    """Returns the fixed faces of a box with this skin: the opposite face and the back, on which the patient lies; if the back is the skin, the face
+    toward the head."""
     opposite = front[0] + ("+" if front[1] == "-" else "-")
     return sorted({opposite, "z+" if front == "y-" else "y-"}, reverse=True)
 
 
 def build(domain, fine):
-    """Meshes the domain as Gmsh's current model, with its named groups; returns the piece (or body) in each of Gmsh's volumes, {tag: number}, and
-    the share of each one's surface that is missing."""
+    """Meshes the domain as Gmsh's current model, with its named groups. Returns the piece (or body) in each of Gmsh's volumes, {tag: number}, and
+    the missing fraction of each piece's surface."""
     formula = size_formula(domain, fine)
     if domain.regions:
         pieces = domain.image[1]
         found, missed = labels.shared_surfaces(*domain.image, [region.shells for region in domain.regions],
                                                [volume for region in domain.regions for volume in region.volumes()], fine)
         check_found(domain, found, missed)
-        region = [domain.regions[k] if k != OUTSIDE else None for k in pieces.regions] + [None]     # the last is OUTSIDE's
+        region = [domain.regions[k] if k != OUTSIDE else None for k in pieces.regions] + [None]     # the last one is that of OUTSIDE
         owner = [region[piece] for piece in found.cells]
         missed = [share if region[piece] else 0.0 for piece, share in enumerate(missed)]
         patches, points, cells = patches_of_complex(domain, found, owner, fine), found.points, list(found.cells)
@@ -255,13 +257,13 @@ def build(domain, fine):
 
 
 def check_found(domain, found, missed):
-    """Raises Thin if nothing, or too little, is left of regions."""
+    """Raises Thin if too little is left of regions."""
     pieces, names = domain.image[1], [region.name for region in domain.regions]
     left = {pieces.regions[piece] for piece in found.cells if piece != OUTSIDE}
     gone = [name for k, name in enumerate(names) if k not in left]
     if gone:
         raise Thin("nothing is left of it: it lies inside other regions or is too thin", gone)
-    weight, thin = pieces.voxels() ** (2 / 3), {}       # like the surface
+    weight, thin = pieces.voxels() ** (2 / 3), {}       # scales like the surface
     for k, name in enumerate(names[:-1] if domain.skin else names):
         mine = [piece for piece, number in enumerate(pieces.regions) if number == k]
         share = float(np.average([missed[piece] for piece in mine], weights=weight[mine]))
@@ -275,8 +277,8 @@ def check_found(domain, found, missed):
 @dataclasses.dataclass
 class Patch:
     """A surface between two cells."""
-    name: str                # of its group
-    triangles: np.ndarray    # into the points of all
+    name: str                # name of its group
+    triangles: np.ndarray    # indices into all points
     sides: tuple             # cells, or OUTSIDE
 
 
@@ -289,8 +291,8 @@ def patches_of_bodies(domain, shells):
 
 
 def patches_of_complex(domain, found, owner, fine):
-    """Where two regions meet, the surface is named after the bone, else after the gland, else after the region drawn on top; a region inside
-    the gland has its own name. `owner`: the region of each cell, or None."""
+    """Makes the patches. A surface where two regions meet is named after the bone, else after the gland, else after the region drawn on top;
+    a region inside the gland has its own name. `owner`: the region of each cell, or None."""
     gland = next(region for region in domain.regions if region.name == domain.gland)
     order = {region.name: k for k, region in enumerate(domain.regions)}
     sides = np.sort(found.sides, axis=1)
@@ -318,7 +320,7 @@ def patches_of_complex(domain, found, owner, fine):
 
 
 def outer_patches(domain, found, triangles, pair, name):
-    """The patches between a cell and the air: on the faces of the block, and where the image ends, the body goes on, and they are fixed."""
+    """Makes the patches between a cell and the air: on the faces of the block; and where the image ends and the body continues, they are fixed."""
     middles, sides = found.points[triangles].mean(axis=1), tuple(int(side) for side in pair)
     a, b, c = (found.points[triangles[:, k]] for k in range(3))
     normals = np.cross(b - a, c - a)
@@ -328,7 +330,7 @@ def outer_patches(domain, found, triangles, pair, name):
     if domain.border:
         facing = normals @ domain.border.normals.T > FACING
         cut |= np.any(facing & (domain.border.offsets - middles @ domain.border.normals.T < BORDER * domain.image[0].step), axis=1)
-    if name == "skin" and np.count_nonzero(cut) < LEAST_CUT * len(cut):     # nothing else holds it: it lies on its back
+    if name == "skin" and np.count_nonzero(cut) < LEAST_CUT * len(cut):     # nothing else fixes the body, so it lies on its back
         cut |= middles[:, 1] < middles[:, 1].min() + LYING
     return [Patch(called, triangles[mine], sides) for called, mine in (("fixed", cut), (name, ~cut)) if mine.any()]
 
@@ -348,12 +350,12 @@ def add_patches(points, patches):
 
 
 def fill(domain, points, patches, cells, formula):
-    """Creates tetrahedra in the cells (name, whether it is hollow), and around them. Returns {cell: Gmsh's volume}."""
+    """Creates tetrahedra in the cells (name, whether hollow) and around them. Returns {cell: Gmsh's volume}."""
     gmsh.model.add("tissue")
 
     def tissue(side):
         return not domain.skin if side == OUTSIDE else not cells[side][1]
-    patches = [patch for patch in patches if any(map(tissue, patch.sides))]     # the others, as between two bones, are no part of the mesh
+    patches = [patch for patch in patches if any(map(tissue, patch.sides))]     # the other patches, as between two bones, are not part of the mesh
     surfaces = add_patches(points, patches)
     faces = {} if domain.skin else add_box(domain.low, domain.high)
     geo = gmsh.model.geo
@@ -377,7 +379,7 @@ def fill(domain, points, patches, cells, formula):
 
 
 def name_groups(volumes, surfaces, faces, front):
-    """volumes, surfaces: (name, tag). faces: name -> tag, of the box; front: which of them is the skin."""
+    """Names the groups. volumes, surfaces: (name, tag). faces: name -> tag, of the box; front: the face that is the skin."""
     groups = {}
     for name, tag in volumes:
         groups.setdefault((3, name), []).append(tag)
@@ -393,25 +395,26 @@ def name_groups(volumes, surfaces, faces, front):
 
 
 def first_size(extent, nodes):
-    """Element size in the gland for about this many nodes in a box of this extent; same unit."""
+    """Returns the element size in the gland for about this many nodes in a box of this extent, in the same unit."""
     return 0.8 * (float(np.prod(extent)) / nodes) ** (1 / 3)
 
 
 @dataclasses.dataclass
 class Attempt:
-    """A mesh, and what became of the pieces (or bodies) of its regions."""
+    """A mesh, and the result for each piece (or body) of its regions."""
     mesh: quality.Mesh
-    missed: list = dataclasses.field(default_factory=list)      # of each piece: share of its surface that is not in the mesh
-    held: list = dataclasses.field(default_factory=list)        # of each piece: its volume in the mesh, m^3
+    missed: list = dataclasses.field(default_factory=list)      # for each piece the fraction of its surface that is not in the mesh
+    held: list = dataclasses.field(default_factory=list)        # for each piece its volume in the mesh, m^3
 
     def rank(self, nodes):
-        """Lower is better: usable angles, no surface missing, a number of nodes close to the wanted one, and then the angles, or the number."""
+        """Rank of the attempt, lower is better: usable angles, no surface missing, a number of nodes close to the wanted one, and then the angles, or
+        the number."""
         off, badness = abs(len(self.mesh.points) / nodes - 1), self.mesh.badness()
         return badness > WORST, max(self.missed, default=0) > MOST_MISSED, off > CLOSE, badness if off <= CLOSE else off
 
 
 def attempt(domain, fine, path):
-    """Runs in a separate process."""
+    """Makes one attempt; runs in a separate process."""
     session.start()
     volumes, missed = build(domain, fine)
     mesh, tags = current_mesh()
@@ -429,7 +432,7 @@ def attempt(domain, fine, path):
 
 
 def held_points(domain, mesh):
-    """Mask of the points on the block's faces, which must stay plane."""
+    """Returns the mask of the points on the block's faces, which must stay plane."""
     if not domain.skin:
         near = 1e-6 * math.dist(domain.low, domain.high)
         return np.any((mesh.points < domain.low + near) | (mesh.points > domain.high - near), axis=1)
@@ -440,15 +443,16 @@ def held_points(domain, mesh):
 
 
 def move_nodes(mesh, points):
-    """In Gmsh's current model, and in `mesh`, which was made from it."""
+    """Moves nodes in Gmsh's current model, and in `mesh`, which was made from it."""
     tags = gmsh.model.mesh.getNodes()[0]
     for n in np.flatnonzero(np.any(points != mesh.points, axis=1)):
         gmsh.model.mesh.setNode(tags[n], points[n], [])
-    mesh.points[:] = points      # its surfaces have the same points
+    mesh.points[:] = points      # its surfaces share these points
 
 
 def prepare(domain, nodes):
-    """Draws the image of regions that share surfaces, and raises Thin if some of them are too thin for it or need too many nodes: seconds before the mesh is tried."""
+    """Draws the image of regions that share surfaces, and raises Thin if some of them are too thin for it or need too many nodes, seconds before the
+    mesh is tried."""
     if not domain.regions:
         return
     names = [region.name for region in domain.regions]
@@ -468,8 +472,8 @@ def prepare(domain, nodes):
 
 
 def too_thin(domain, nodes, count, problem):
-    """Thin, of the regions without which a mesh of so many nodes would have few enough: those that need the most, but not the gland while there are others,
-    nor the body around them."""
+    """Returns a Thin error that names the regions without which a mesh of this many nodes would be possible: those that need the most nodes, but not the
+    gland while there are others, nor the body around them."""
     names, left, thin = [region.name for region in domain.regions], count, []
     for k in sorted(range(len(names) - domain.skin), key=lambda k: -domain.needed[k]):
         if left > MOST_OFF * nodes and domain.needed[k] > 0 and names[k] != domain.gland:
@@ -479,7 +483,7 @@ def too_thin(domain, nodes, count, problem):
 
 
 def drawn(domain, fine):
-    """The image of the domain's regions, its pieces, the parts' losses to each other, and how many nodes the thin places of each region need."""
+    """Returns the image of the domain's regions, its pieces, the parts' losses to each other, and how many nodes the thin places of each region need."""
     image, pieces, lost = label_image.image_for([region.shells for region in domain.regions], fine, (domain.low, domain.high) if domain.skin else domain.crop, domain.skin)
     shells = [shell for region in domain.regions for shell in region.shells]
     needed = np.zeros(len(domain.regions))
@@ -490,7 +494,7 @@ def drawn(domain, fine):
 
 
 def generate(domain, nodes, path):
-    """Writes the mesh of about this many nodes with the best angles among several element sizes; returns the attempt."""
+    """Writes the mesh of about this many nodes that has the best angles among several element sizes; returns the attempt."""
     with tempfile.TemporaryDirectory() as folder:
         best = os.path.join(folder, "best.msh")
         made = search(domain, nodes, best)
@@ -506,7 +510,7 @@ def generate(domain, nodes, path):
 
 
 def search(domain, nodes, path):
-    """The best attempt, whose mesh is also written."""
+    """Returns the best attempt, whose mesh is also written."""
     fine = first_size(domain.high - domain.low, nodes)
     limit = min(FAILURES, TRIES)
     best, best_rank, close_size, failures, work, tries = None, (), None, 0, 0, []
@@ -535,8 +539,8 @@ def search(domain, nodes, path):
             os.replace(path + ".try.msh", path)
         count = len(mesh.points)
         work += count
-        centre = fine * (count / nodes) ** (1 / 2 if domain.regions else 1 / 3)    # shared surfaces need many of the nodes at any size
-        if rank[1]:      # part of a surface is missing: a makeshift, if all tries fail
+        centre = fine * (count / nodes) ** (1 / 2 if domain.regions else 1 / 3)    # shared surfaces need many of the nodes whatever the element size
+        if rank[1]:      # part of a surface is missing: used only if all attempts fail
             failures += 1
             if failures == limit and best_rank[1]:
                 break
@@ -548,19 +552,19 @@ def search(domain, nodes, path):
         tries.append((fine, count))
         if off > CLOSE:
             fine = nodes > SMOOTH and size_between(tries, nodes) or centre
-        else:  # try sizes around it
+        else:  # tries sizes around it
             close_size = close_size or centre
             fine = close_size * (1 + JITTER * (0.618 * number % 1 - 0.5))
     return best
 
 
 def too_many_at_any_size(tries, fine, count, nodes):
-    """Whether larger elements have not reduced a far too large number of nodes: the surfaces of thin regions have their own."""
+    """True if larger elements have not reduced a far too large number of nodes, because the surfaces of thin regions need their own."""
     return count > MOST_OFF * nodes and any(size < fine and MOST_OFF * nodes < fewer <= count for size, fewer in tries)
 
 
 def size_between(tries, nodes):
-    """Element size for this many nodes, from tries (size, nodes) with fewer and with more; None if there are not both."""
+    """Returns the element size for this many nodes, from attempts (size, nodes) with fewer and with more; None if there are not both."""
     more, fewer = [t for t in tries if t[1] > nodes], [t for t in tries if t[1] < nodes]
     if not more or not fewer:
         return None
@@ -569,7 +573,7 @@ def size_between(tries, nodes):
 
 
 def remarks_on_number(mesh, nodes):
-    """What the report says if the mesh has far more or fewer nodes than wanted."""
+    """Returns the report's remarks if the mesh has far more or fewer nodes than wanted."""
     count = len(mesh.points)
     if abs(count / nodes - 1) <= OFF:
         return []
@@ -586,7 +590,7 @@ def too_far_off(domain, nodes, mesh):
 
 
 def most_on_surface(mesh):
-    """The region, or the bones, with the most nodes on its surface, and their number."""
+    """Returns the region, or the bones, with the most nodes on its surface, and their number."""
     surfaces = {name: mesh.boundary(name) for name in mesh.regions if name != "surrounding"}
     if "bone" in mesh.surfaces:
         surfaces["bone"] = mesh.surfaces["bone"]

@@ -1,10 +1,10 @@
-"""The command line. Needs only Python's standard library, so that --help works where the packages for the work itself are missing."""
+"""The command line. Needs only Python's standard library, so that --help works without the packages for the work itself."""
 import argparse
 import math
 
 from . import limits
 
-DEFAULT = "patient"      # prefix of the files' names
+DEFAULT = "patient"      # prefix of the file names
 
 DESCRIPTION = """\
 Makes a mesh, a scene and a quality report from a patient's contours (DICOM RT Structure Set, CSV), label maps (NIfTI, NRRD, DICOM SEG),
@@ -23,7 +23,7 @@ def point(text):
 
 
 def template(text):
-    """Position and unit direction."""
+    """Parses a position and a unit direction."""
     values = text.split(",")
     if len(values) not in (3, 6):
         raise argparse.ArgumentTypeError(f"{text}: expected X,Y,Z or X,Y,Z,NX,NY,NZ")
@@ -35,7 +35,7 @@ def template(text):
 
 
 def parse(arguments, version=None):
-    """Arguments as a namespace. Ends the program with status 2 if they are wrong, as argparse does."""
+    """Returns the arguments as a namespace. Ends the program with status 2 if they are wrong, as argparse does."""
     parser = argparse.ArgumentParser("trocar-anatomy", description=DESCRIPTION, formatter_class=argparse.RawDescriptionHelpFormatter)
     add = parser.add_argument
     add("input", nargs="+", metavar="FILE", help="one file of contours (DICOM, .csv) or a volume mesh (.vtu, .vtk, .msh); any number of label maps on one grid (DICOM, .nii, .nii.gz, .nrrd, .nhdr); "
@@ -65,7 +65,7 @@ def parse(arguments, version=None):
     add("--margin", type=float, default=25.0, metavar="MM", help="tissue around the first region, and with --skin around all (default 25)")
     add("--materials", metavar="FILE.csv", help="materials of regions by name, in place of the built-in ones: see PARAMETERS.md")
     add("--quiet", action="store_true", help="do not say on stderr which stage begins")
-    add("--progress", action="store_true", help=argparse.SUPPRESS)      # is the default now
+    add("--progress", action="store_true", help=argparse.SUPPRESS)      # now the default
     add("--picture", metavar="FILE.svg", help="draw the regions, slice by slice, as read and as interpreted; contours even if they cannot be used")
     if version:
         add("--version", action="version", version=f"trocar-anatomy {version}")

@@ -1,4 +1,4 @@
-"""The regions that a user names, as they came: their connected parts, and what was mended or left out of them."""
+"""The regions that a user names, as read: their connected parts, and what was mended or left out."""
 import dataclasses
 import re
 import unicodedata
@@ -9,14 +9,14 @@ from . import materials
 from .shapes import contours, field, label_image, shells
 from .shapes.contours import Unusable
 
-SHORT = 20.0            # mm: if the largest region is shorter, the unit may be another one,
-SMALL = 100.0           # mm^3: and if that is smaller,
-LARGE = 2000.0          # mm: or one is longer, it probably is
+SHORT = 20.0            # mm: if the largest region is shorter than this
+SMALL = 100.0           # mm^3: and smaller than this, the unit may be another one
+LARGE = 2000.0          # mm: a longer region also suggests another unit
 LEAST = 1.0             # mm^3: smaller regions are refused
-SPECK_VOXELS = 8        # parts of a label with fewer voxels are left out,
-SPECK = SMALL           # mm^3: and smaller parts of any region that are less than SPLINTER of its largest one
+SPECK_VOXELS = 8        # parts of a label with fewer voxels are left out
+SPECK = SMALL           # mm^3: so are smaller parts of any region that are less than SPLINTER of its largest part
 STEEP = 5.0             # times the median edge: longer edges form a spike or a dent
-FEW = 4                 # edges that may be longer, or parts that are named one by one
+FEW = 4                 # number of longer edges that is accepted, and of parts that are named one by one
 MOST_CHECKED = 40000    # triangles: larger surfaces are checked for crossings in a decimated copy
 RESERVED = ("surrounding", "skin", "fixed", "capsule", "bone")    # names that every mesh uses
 LONGEST_NAME = 40       # characters; a mesh allows 63, including suffixes
@@ -24,22 +24,22 @@ LONGEST_NAME = 40       # characters; a mesh allows 63, including suffixes
 
 @dataclasses.dataclass
 class Organ:
-    """One region. DICOM mm."""
+    """One region. Lengths in DICOM mm."""
     roi: str                     # the user's name
-    name: str                    # name in mesh and scene
+    name: str                    # its name in mesh and scene
     bone: bool
-    points: np.ndarray           # (n, 3) of the outlines or the surface as read
+    points: np.ndarray           # (n, 3) points of the outlines or the surface, as read
     loft: shells.Shell = None
-    shape: field.Field = None    # if there is no loft
+    shape: field.Field = None    # used if there is no loft
     shells: list = None          # closed surfaces of its parts, from labels or surfaces
-    volumes: list = None         # of these parts, mm^3
+    volumes: list = None         # volumes of these parts, mm^3
     stack: contours.Stack = None
     volume: float = 0.0          # mm^3, of all parts
     notes: list = dataclasses.field(default_factory=list)
     share: bool = False          # its surfaces are made from a label image
-    read: float = None           # mm^3, as the file has it, before anything was mended or left out; None: as `volume`
-    kind: str = ""               # what the file says it is, for its material
-    layer: object = None         # the layer of a label map that it is from: labels of one layer do not overlap
+    read: float = None           # mm^3, volume in the file, before anything was mended or left out; None: as `volume`
+    kind: str = ""               # its description in the file, for its material
+    layer: object = None         # the layer of its label map: labels of one layer do not overlap
     cut: object = None           # voxels.Border: where the image cuts it off
 
     def note(self, text):
@@ -47,7 +47,7 @@ class Organ:
             self.notes.append(f"{self.roi}: {text}")
 
     def volumes_of(self, surfaces):
-        """mm^3, of the parts with these surfaces."""
+        """Returns the volumes of the parts with these surfaces, mm^3."""
         if self.volumes and len(self.volumes) == len(surfaces):
             return list(self.volumes)
         share = self.volume / sum(shell.volume() for shell in surfaces)
@@ -59,12 +59,12 @@ def placed(point):
 
 
 def in_ml(volume):
-    """mm^3 as text, ml."""
+    """Formats a volume (mm^3) in ml."""
     return f"{volume * 1e-3:.2g} ml" if volume < 1e3 else f"{volume * 1e-3:.1f} ml"
 
 
 def note_left_out(organ, parts, reason):
-    """`parts`: (volume in mm^3, place)."""
+    """Adds a remark on parts that were left out; `parts`: (volume in mm^3, place)."""
     if not parts:
         return
     parts = sorted(parts, key=lambda part: -part[0])
@@ -99,7 +99,7 @@ def of_rings(roi, name, bone, rings):
 
 
 def of_surface(roi, name, bone, surface, notes=()):
-    """`notes`: repairs of it."""
+    """Makes an organ from a surface; `notes`: remarks on its repairs."""
     organ = Organ(roi, name, bone, surface.points, shells=[surface], volume=surface.volume(), notes=[f"{roi}: {note}" for note in notes])
     note_long_edges(organ)
     mend_crossings(organ)
@@ -110,7 +110,7 @@ def of_surface(roi, name, bone, surface, notes=()):
 
 
 def of_label(roi, name, bone, label, kind="", layer=None):
-    """`label`: voxels.Outlined."""
+    """Makes an organ from a label; `label`: voxels.Outlined."""
     notes = [f"{roi}: {note}" for note in label.notes]
     if not label.shells:
         raise Unusable(roi, f"nothing is left of its {label.volume:.3g} mm^3 at the resolution of the image: leave it out")
@@ -123,8 +123,8 @@ def of_label(roi, name, bone, label, kind="", layer=None):
 
 
 def take_parts(organ, parts, gone, speck=0.0):
-    """Keeps the parts (volume, surface) that are no specks. `gone`: (volume, place) of those that have no surface; `speck`: volume of the smallest one that is kept
-    beside larger ones, mm^3."""
+    """Keeps the parts (volume, surface) that are not specks. `gone`: (volume, place) of parts without a surface; `speck`: volume of the smallest part that is
+    kept beside larger ones, mm^3."""
     largest = max(volume for volume, _ in parts)
     kept = [part for part in parts if part[0] == largest or part[0] >= speck and (part[0] >= SPECK or part[0] > shells.SPLINTER * largest)]
     dropped = [(volume, shell.centre()) for volume, shell in parts if not any(shell is each for _, each in kept)]
@@ -164,7 +164,8 @@ def mend_crossings(organ):
 # ---- all of them together ----------------------------------------------------------------------------------------------------------
 
 def check_sizes(organs, known):
-    """Refuses regions in what is probably another unit, unless that is `known`. The largest region tells: beside it, small ones may be lesions."""
+    """Refuses regions that are probably in another unit, unless the unit is `known`. The largest region decides, because small ones beside it may be
+    lesions."""
     for n, organ in enumerate(sorted(organs, key=lambda organ: -organ.volume)):
         size = np.ptp(organ.points, axis=0)
         measured = f"it measures {' x '.join(f'{side:.3g}' for side in size)} mm and has {organ.volume:.3g} mm^3"
@@ -179,7 +180,8 @@ def check_sizes(organs, known):
 
 
 def merged(organs, most):
-    """The organs, at most so many soft ones: those of one material become one region, the largest groups first, but never the first organ."""
+    """Returns the organs, with at most this many soft ones: organs of one material are merged into one region, the largest groups first, but never
+    the first organ."""
     organs = list(organs)
     while sum(not organ.bone for organ in organs) > most:
         groups = {}

@@ -1,4 +1,4 @@
-"""Regions slice by slice: as read (grey) and as interpreted (blue)."""
+"""Draws regions slice by slice: as read (grey) and as interpreted (blue)."""
 import math
 
 import numpy as np
@@ -9,12 +9,12 @@ from .shapes import shells
 from .quality import plt
 
 PANELS = 60     # at most
-LEVELS = 12     # slices of a region that came as labels or as a surface, at most
-NEAR = 0.03     # of its height: how far from a slice points as read are shown
+LEVELS = 12     # most slices of a region that was read from labels or a surface
+NEAR = 0.03     # fraction of the region's height: distance from a slice within which points as read are shown
 
 
 def panel(axis, title, rings, lines):
-    """`rings`, `lines`: as read and as interpreted; a ring of (n, 2) or more coordinates is closed, None is a set of points."""
+    """Draws one slice. `rings`, `lines`: as read and as interpreted; a ring of (n, 2) or more coordinates is closed, None is a set of points."""
     for ring in rings:
         if ring.ndim == 2 and len(ring):
             axis.plot(*np.vstack([ring, ring[:1]])[:, :2].T, color="0.6", linewidth=0.8, marker=".", markersize=2)
@@ -27,7 +27,7 @@ def panel(axis, title, rings, lines):
 
 
 def sheet(panels, path):
-    """`panels`: (title, rings, lines, points) or without the points."""
+    """Draws a sheet. `panels`: (title, rings, lines, points), or without the points."""
     more = len(panels) - PANELS
     panels = panels[:PANELS]
     columns = min(6, len(panels))
@@ -46,8 +46,8 @@ def sheet(panels, path):
 
 
 def draw(organs, regions, path):
-    """`organs`: with the body; `regions`: as sources.Sources has them."""
-    panels, levels = [], min(LEVELS, max(1, PANELS // len(organs)))     # so that all regions are in it
+    """Draws all regions. `organs`: including the body; `regions`: as in sources.Sources."""
+    panels, levels = [], min(LEVELS, max(1, PANELS // len(organs)))     # so that all regions fit
     for organ in organs:
         panels += panels_of_stack(organ.stack, regions[organ.roi]) if organ.stack else panels_of_shells(organ, levels)
     sheet(panels, path)
@@ -64,7 +64,7 @@ def panels_of_stack(stack, rings):
 
 
 def panels_of_shells(organ, levels):
-    """Axial slices of closed surfaces, and the points of the labels' faces or the file's surface that are close to them."""
+    """Returns axial slices of closed surfaces, with the points of the labels' faces or the file's surface that are close to them."""
     low, high = (bound(np.vstack([shell.points for shell in organ.shells])[:, 2]) for bound in (np.min, np.max))
     height, panels = high - low, []
     for z in low + height * (np.arange(levels) + 0.5) / levels:
@@ -74,7 +74,7 @@ def panels_of_shells(organ, levels):
 
 
 def section(shell, z):
-    """The lines (n, 2) in which a surface meets a plane of constant z."""
+    """Returns the lines (n, 2) in which a surface meets a plane of constant z."""
     plane = vtk.vtkPlane()
     plane.SetOrigin(0, 0, z)
     plane.SetNormal(0, 0, 1)

@@ -1,4 +1,4 @@
-"""From the regions that a user names to the meshed domain."""
+"""Makes the meshed domain from the regions that a user names."""
 import dataclasses
 import itertools
 import os
@@ -13,21 +13,21 @@ from .organ import Organ, in_ml
 SKIN_DEPTH = 35.0       # mm from the skin to the gland
 MARGIN = 25.0           # mm of tissue around the gland
 OTHERS_MARGIN = 8.0     # mm around bones and other regions
-EDGE = 5.0              # mm from the box's faces at which regions are cut off with --crop
-GAP = 0.5               # of an element: regions that do not touch keep this distance from each other
-TOUCH = 1.0             # mm: regions that come this close share a surface
-LOSS = 0.03             # of a region's volume: if keeping the gap costs more, regions share a surface
+EDGE = 5.0              # mm from the box's faces at which --crop cuts off regions
+GAP = 0.5               # fraction of an element: regions that do not touch keep this distance from each other
+TOUCH = 1.0             # mm: regions that are closer than this share a surface
+LOSS = 0.03             # fraction of a region's volume: if keeping the gap costs more, regions share a surface
 FEET = 2, -1            # axis and side of a box: its face toward the feet
-FACES = FEET, (1, -1), (0, -1), (0, 1), (2, 1), (1, 1)      # in the order in which they are tried as the skin, on which no bone may be in the way
-SLENDER = 1.5           # radii of a thin region: longest edge of its triangles
+FACES = FEET, (1, -1), (0, -1), (0, 1), (2, 1), (1, 1)      # in the order in which they are tried as the skin; no bone may lie in the needle's path
+SLENDER = 1.5           # longest edge of a thin region's triangles, in radii
 
 
 @dataclasses.dataclass
 class Plan:
-    """What the user wants beside the regions. DICOM mm."""
+    """The user's wishes beside the regions. Lengths in DICOM mm."""
     margin: float = MARGIN
-    entry: np.ndarray = None     # where the needle goes through the skin,
-    target: np.ndarray = None    # and where to
+    entry: np.ndarray = None     # where the needle goes through the skin
+    target: np.ndarray = None    # where the needle should end
     tube: float = None           # radius around the needle's path with smaller elements
     skin: Organ = None           # the body, whose surface is the skin; None: a box
     template: approach.Template = None      # the needle goes through one of its holes
@@ -35,17 +35,17 @@ class Plan:
 
 
 def outlines_touch(organ, other):
-    """Whether outlines of the two come closer than TOUCH to each other on a slice."""
+    """True if outlines of the two organs come closer than TOUCH to each other on a slice."""
     reach = (organ.stack.spacing + other.stack.spacing) / 4
     return any(abs(a.z - b.z) < reach and a.outline.boundary.distance(b.outline.boundary) < TOUCH
                for a in organ.stack.slices for b in other.stack.slices)
 
 
 def smooth_surfaces(organ):
-    """By a loft if possible, else by the field."""
+    """Makes smooth surfaces by a loft if possible, otherwise by the field."""
     if organ.shells:
         return organ.shells
-    if organ.shape is None and not organ.share:    # not needed for a label image
+    if organ.shape is None and not organ.share:    # a label image does not need it
         organ.loft = organ.loft or loft.of_stack(organ.stack)
         if organ.loft:
             return [organ.loft]
@@ -55,12 +55,13 @@ def smooth_surfaces(organ):
 
 
 def skin_surfaces(organ):
-    """Of the body, without cavities."""
+    """Returns the surfaces of the body, without cavities."""
     return shells.outermost(smooth_surfaces(organ))
 
 
 def box_around(gland, bones, others, margin=MARGIN, face=FEET):
-    """Low and high corner, DICOM mm. `face`: axis and side (-1 low, 1 high) of the skin. Each: a list of shells. `margin`: around the gland."""
+    """Returns the low and high corner, DICOM mm. `face`: axis and side (-1 low, 1 high) of the skin. gland, bones, others: lists of shells. `margin`:
+    around the gland."""
     def corners(found):
         points = np.vstack([shell.points for shell in found])
         return points.min(axis=0), points.max(axis=0)
@@ -82,8 +83,8 @@ def box_around(gland, bones, others, margin=MARGIN, face=FEET):
 
 
 def path_and_block(surfaces, bones, others, plan, spared=()):
-    """The needle's path, the corners of the block of tissue, and the face of it that is the skin: all DICOM mm. surfaces: of the gland; spared: of regions that the
-    needle goes around if it can."""
+    """Returns the needle's path, the corners of the block of tissue, and its face that is the skin, all in DICOM mm. surfaces: of the gland; spared: of
+    regions that the needle avoids if it can."""
     target = approach.middle_of(surfaces, spared) if plan.target is None else plan.target
     spared = [shell for shell in spared if shells.distances(shell, target[None])[0] > 0]
     entry = plan.entry
@@ -102,8 +103,8 @@ def path_and_block(surfaces, bones, others, plan, spared=()):
 
 
 def path_through_box(target, margin, found, spared):
-    """The box whose skin is the face toward the feet, or the first one without bones, and if possible without regions to be spared, in the way. `found`: surfaces, bones
-    and others."""
+    """Returns the path through the box whose skin is the face toward the feet, or the first face with no bones, and if possible no spared regions, in the
+    way. `found`: surfaces, bones and others."""
     second = None
     for face in FACES:
         low, high = box_around(*found, margin, face)
@@ -116,7 +117,8 @@ def path_through_box(target, margin, found, spared):
 
 
 def path_through_face(entry, target, margin, found):
-    """The box whose skin is the face through `entry` that the needle meets most squarely. `found`: surfaces, bones and others."""
+    """Returns the path through the box whose skin is the face through `entry` that the needle meets most squarely. `found`: surfaces, bones and
+    others."""
     way = target - entry
     axis = int(np.argmax(np.abs(way)))
     side = -int(np.sign(way[axis]))
@@ -131,7 +133,7 @@ def path_through_face(entry, target, margin, found):
 
 
 def kept_apart(organ, surfaces, before, gap):
-    """The organ's surfaces, kept away from earlier ones; None if these touch it, or if too much of it would be lost."""
+    """Returns the organ's surfaces, kept away from earlier ones; None if these touch it, or if too much of it would be lost."""
     distances = [[shells.distances(other, s.points) for s in surfaces] for other in before]
     away = [min(np.abs(d).min() for d in each) for each in distances]
     if any(d < TOUCH for d in away):
@@ -151,7 +153,7 @@ def kept_apart(organ, surfaces, before, gap):
 
 
 def origin_under(gland, low, high, face):
-    """DICOM mm: on the skin, a face of the box, in front of the gland's middle."""
+    """Returns the origin, DICOM mm: on the skin, a face of the box, in front of the gland's middle."""
     points = np.vstack([shell.points for shell in gland])
     origin, (axis, side) = (points.min(axis=0) + points.max(axis=0)) / 2, face
     origin[axis] = (low if side < 0 else high)[axis]
@@ -159,28 +161,28 @@ def origin_under(gland, low, high, face):
 
 
 def world(points, origin):
-    """Metres; x to the patient's right, y forward, z to the head."""
+    """Converts to metres; x to the patient's right, y forward, z to the head."""
     return (points - origin) * [-1e-3, -1e-3, 1e-3]
 
 
 def patient(points, origin):
-    """DICOM mm, of points in the mesh's frame."""
+    """Converts points in the mesh's frame to DICOM mm."""
     return points * [-1e3, -1e3, 1e3] + origin
 
 
 def surface_name(organ, organs):
-    """The first region's surface is a capsule if it is a prostate."""
+    """Names an organ's surface: that of the first region is a capsule if it is a prostate."""
     return "bone" if organ.bone else "capsule" if organ is organs[0] and materials.known(organ.roi, organ.kind) == "prostate" else organ.name + "_wall"
 
 
 def patient_to_mesh(origin):
-    """(4, 4), mm to m."""
+    """Returns the transform (4, 4), mm to m."""
     matrix = np.diag([-1e-3, -1e-3, 1e-3, 1.0])
     matrix[:3, 3] = world(np.zeros(3), origin)
     return matrix
 
 
-TRANSFORM = "patient_to_mesh"    # in the comments of a mesh: sixteen numbers follow
+TRANSFORM = "patient_to_mesh"    # in the comments of a mesh, followed by sixteen numbers
 
 
 def write_transform(path, matrix):
@@ -191,8 +193,8 @@ def write_transform(path, matrix):
 
 
 def domain_of(organs, nodes, corridor, crop=False, plan=None):
-    """The gland first. `crop`: the box holds the gland and the bones, not all regions. Returns the domain and region name -> volume of its
-    outlines, m^3."""
+    """Returns the domain, with the gland first, and region name -> volume of its outlines, m^3. `crop`: the box contains the gland and the
+    bones, not all regions."""
     plan = plan or Plan()
     if any(a.stack and b.stack and outlines_touch(a, b) for a, b in itertools.combinations(organs, 2)):
         for organ in organs:
@@ -244,14 +246,15 @@ def domain_of(organs, nodes, corridor, crop=False, plan=None):
 
 
 def priority(organ, gland):
-    """Order of priority in overlaps: smaller regions first; but bones come after regions not larger than the gland, and before others."""
+    """Returns the order of priority in overlaps: smaller regions first, except that bones come after regions not larger than the gland, and before
+    the others."""
     if organ.bone:
         return 1, organ.volume
     return (0 if organ.volume <= gland.volume else 2), organ.volume
 
 
 def apart_surfaces(organs, surfaces, gap):
-    """Surfaces of each organ, away from earlier ones; None if the organs must share surfaces where they meet."""
+    """Returns the surfaces of each organ, kept away from earlier ones; None if the organs must share surfaces where they meet."""
     if any(organ.share or organ.shells for organ in organs):
         return None
     before, apart = [], []
@@ -265,21 +268,20 @@ def apart_surfaces(organs, surfaces, gap):
 
 
 def shaped(organs, *arguments):
-    """domain_of, and the organs with their surfaces, since it may run in another process."""
+    """Calls domain_of, and also returns the organs with their surfaces, since it may run in another process."""
     return (organs, *domain_of(organs, *arguments))
 
 
 def mesh_of(organs, nodes, corridor, path, crop=False, plan=None, quiet=()):
-    """Writes the mesh; returns it, its domain, the outlines' volumes, and what became of each part (losses.Row). A loft that cannot be meshed is replaced by a
-    field, and that by surfaces from a label image. Organs that are left out are taken from the list. `quiet`: names of surfaces
-    that get no group."""
+    """Writes the mesh; returns it, its domain, the outlines' volumes, and the result for each part (losses.Row). A loft that cannot be meshed is replaced by
+    a field, and a field by surfaces from a label image. Organs that are left out are removed from the list. `quiet`: names of surfaces that get no group."""
     plan = plan or Plan()
     while True:
         made, domain, outlined = limits.run(f"surfaces of {limits.few(organ.roi for organ in organs)}", shaped, organs, nodes, corridor, crop, plan)
         for organ, finished in zip(organs, made):
             vars(organ).update(vars(finished))
         domain.quiet = quiet
-        if not domain.skin:      # of a box: the path begins on it
+        if not domain.skin:      # the path begins on the skin of a box
             approach.needle_for(*domain.path, domain.plate)
         try:
             meshing.prepare(domain, nodes)
@@ -304,7 +306,7 @@ def mesh_of(organs, nodes, corridor, path, crop=False, plan=None, quiet=()):
 
 
 def leave_out(organs, failure, nodes, skip):
-    """Takes regions that are too thin from the list, if that is wanted; else refuses all of them by name."""
+    """Removes regions that are too thin from the list if `skip` is set; otherwise refuses all of them by name."""
     thin = [organ for organ in organs if organ.name in failure.names]
     named = ", ".join(f"{organ.roi} ({in_ml(organ.volume)})" for organ in thin)
     if organs[0] in thin or not thin or not skip:
@@ -315,7 +317,7 @@ def leave_out(organs, failure, nodes, skip):
 
 
 def give_way(organs, failure, domain):
-    """Switches those of the organs that were lofted to fields; if there are none, all organs to surfaces from a label image."""
+    """Switches organs that were lofted to fields; if there are none, switches all organs to surfaces from a label image."""
     where = ""
     if failure.z is not None:
         z = domain.origin[2] + 1e3 * failure.z
@@ -335,8 +337,8 @@ def give_way(organs, failure, domain):
 
 
 def distances_to_outlines(organs, domain, mesh, outlined):
-    """Region name -> distances (mm) of the input points from its surface in the mesh, if nothing was cut off. Where bones touch each other or the mesh's end, they have no
-    surface, as there is no tissue: such points of a bone are left out."""
+    """Returns region name -> distances (mm) of the input points from its surface in the mesh, if nothing was cut off. Where bones touch each other or the
+    mesh's end, they have no surface, because there is no tissue; such points of a bone are left out."""
     found, whole = {}, mesh.boundary()
     for organ in organs:
         if outlined[organ.name] > (1 - losses.MOST_LOSS) * organ.volume * 1e-9:

@@ -5,7 +5,7 @@ import logging
 
 import numpy as np
 
-logging.getLogger("matplotlib").setLevel(logging.ERROR)      # it warns where it cannot write into the home folder, which it does not need
+logging.getLogger("matplotlib").setLevel(logging.ERROR)      # it warns if it cannot write into the home folder, which is not needed
 import matplotlib  # noqa: E402
 
 matplotlib.use("svg")
@@ -36,7 +36,7 @@ class Mesh:
         return float(self.volumes()[self.region == self.regions.index(name)].sum())
 
     def boundary(self, name=None):
-        """The triangles around a region, which others may share, or around all of them; normals outward."""
+        """Returns the triangles around a region, which others may share, or around all regions; normals outward."""
         tets = self.tets if name is None else self.tets[self.region == self.regions.index(name)]
         faces = np.concatenate([tets[:, [n for n in range(4) if n != k]] for k in range(4)])
         a, b, c, opposite = (self.points[corner] for corner in (*faces.T, tets.T.ravel()))
@@ -46,7 +46,7 @@ class Mesh:
         return Shell(self.points, faces[first[count == 1]])
 
     def torn(self):
-        """Names of the surfaces with a triangle that is no face of a tetrahedron."""
+        """Returns the names of the surfaces with a triangle that is not a face of a tetrahedron."""
         def keys(faces):
             return np.sort(faces, axis=1) @ (len(self.points) ** np.arange(3, dtype=np.int64))
         faces = np.concatenate([keys(self.tets[:, [n for n in range(4) if n != k]]) for k in range(4)])
@@ -58,7 +58,7 @@ class Mesh:
         return np.linalg.norm(self.points[pairs[:, 0]] - self.points[pairs[:, 1]], axis=1)
 
     def dihedral_angles(self):
-        """(m, 6) deg."""
+        """Dihedral angles (m, 6), deg."""
         angles = []
         for i, j in itertools.combinations(range(4), 2):
             k, l = (n for n in range(4) if n not in (i, j))
@@ -73,14 +73,14 @@ class Mesh:
         return np.bincount(self.tets.ravel(), minlength=len(self.points))
 
     def badness(self):
-        """Below 1 if all dihedral angles are within the paper's range; lower is better."""
+        """Measure of the angles: below 1 if all dihedral angles are within the paper's range; lower is better."""
         angles = self.dihedral_angles()
         return max(LEAST_ANGLE / max(angles.min(), 1e-6), (180 - GREATEST_ANGLE) / max(180 - angles.max(), 1e-6))
 
 
 def table(mesh, outlined, distances):
-    """Rows (quantity, value, the paper's value). By region name: `outlined`, volume of its outlines, m^3; distances of their points from its
-    surface, mm."""
+    """Returns rows (quantity, value, the paper's value). By region name: `outlined`, volume of its outlines, m^3; distances of their points
+    from its surface, mm."""
     edges, angles, valence = mesh.edges() * 1e3, mesh.dihedral_angles(), mesh.valence()
     values = {"nodes": str(len(mesh.points)), "tetrahedra": str(len(mesh.tets)), "edges, mm": f"{edges.min():.2f} to {edges.max():.2f}",
               "dihedral angles, deg": f"{angles.min():.2f} to {angles.max():.2f}",
@@ -100,8 +100,8 @@ def table(mesh, outlined, distances):
 
 
 def mended(organs, mesh, outlined, rows=(), domain=None):
-    """Lines of a table: what each region's volume was as read, after mending, without what others or the box took, and in the mesh; and of its parts, if it has several.
-    `rows`: losses.Row."""
+    """Returns lines of a table: each region's volume as read, after mending, without the losses to others or the box, and in the mesh; and those of its
+    parts, if it has several. `rows`: losses.Row."""
     lines = ["", "Volumes, ml; a bone is hollow in the mesh:", "", "| region | as read | mended | used | mesh | mesh to used |", "|---|---|---|---|---|---|"]
     for organ in organs:
         read, used = organ.volume if organ.read is None else organ.read, outlined[organ.name] * 1e9
@@ -123,7 +123,7 @@ def part_line(organ, row, domain):
 
 
 def used(found):
-    """Lines of a table: each region's material and where it is from. `found`: name -> materials.Found."""
+    """Returns lines of a table: each region's material and its source. `found`: name -> materials.Found."""
     lines = ["", "Materials (sources: meshes/PARAMETERS.md):", "", "| region | material | modulus, kPa | cutting, N | wall, N | basis | published force on a needle |", "|" + 7 * "---|"]
     for name, each in found.items():
         m = each.material
@@ -134,7 +134,7 @@ def used(found):
 
 
 def transform(matrix):
-    """Lines that show a transform (4, 4) from the patient's coordinates."""
+    """Returns lines that show a transform (4, 4) from patient coordinates."""
     return ["", "From DICOM's patient coordinates (mm) to the mesh's (m):", "", "```text",
             *(" ".join(f"{value + 0.0:12.6g}" for value in row) for row in matrix), "```"]
 

@@ -16,21 +16,21 @@ from .shapes.contours import Rings, Unusable
 from .trouble import BadFile
 
 OUTLINES, IMAGES, SURFACES = (".dcm", ".csv"), (".nii", ".nii.gz", ".nrrd", ".nhdr"), (".stl", ".ply", ".obj", ".vtp")
-MESHES = (".vtk", ".vtu", ".msh")                           # .vtk may be a surface as well
+MESHES = (".vtk", ".vtu", ".msh")                           # a .vtk file may also contain a surface
 UNITS = {"mm": 1.0, "cm": 10.0, "m": 1e3}                   # mm
 CELL_LABELS = ("label", "labels", "region", "regions", "regionid", "material", "materialids", "medit:ref", "gmsh:physical", "cellentityids", "segment")
-MOST_LABELS = 500                                           # different values of cells: more are no labels
+MOST_LABELS = 500                                           # largest number of different cell values: an array with more does not contain labels
 COLUMNS = ["roi", "outline", "x_mm", "y_mm", "z_mm"]
 CLOSED, EXCLUSIVE, OPEN = "CLOSED_PLANAR", "CLOSEDPLANAR_XOR", "OPEN_PLANAR"
 
 
-DICOM_MARK = 128, b"DICM"       # where it stands, and what
+DICOM_MARK = 128, b"DICM"       # offset and content of the mark
 PLY_SIZES = {"char": 1, "uchar": 1, "int8": 1, "uint8": 1, "short": 2, "ushort": 2, "int16": 2, "uint16": 2, "int": 4, "uint": 4, "int32": 4, "uint32": 4,
              "float": 4, "float32": 4, "double": 8, "float64": 8}
 
 
 def kind_of(path):
-    """The file's extension, of those that are known; .dcm for DICOM under any name."""
+    """Returns the file's extension if it is supported; .dcm for DICOM under any name."""
     every = OUTLINES + IMAGES + SURFACES + MESHES
     for extension in every:
         if path.lower().endswith(extension):
@@ -50,7 +50,8 @@ def is_dicom(path):
 
 
 def files_in(folder):
-    """The files of a folder that have regions: the structure sets and segmentations among its DICOM files; else its label maps; else its surfaces."""
+    """Returns the files of a folder that contain regions: the structure sets and segmentations among its DICOM files; otherwise its label maps;
+    otherwise its surfaces."""
     paths = sorted(os.path.join(folder, name) for name in os.listdir(folder) if os.path.isfile(os.path.join(folder, name)))
     dicom = [path for path in paths if is_dicom(path)]
     found = [path for path in dicom if modality_of(path) in ("RTSTRUCT", "SEG")]
@@ -71,13 +72,13 @@ def modality_of(path):
 
 
 def stem_of(path):
-    """The file's name without folder and extension."""
+    """Returns the file's name without folder and extension."""
     name, extension = os.path.basename(path), kind_of(path)
     return re.sub(r"\.seg$", "", name[:-len(extension)] if name.lower().endswith(extension) else name)
 
 
 def read_image(path, unit=None, names=None, frame=None):
-    """A label map. `unit`: of its lengths, or None: as the file says; `names`: label number -> name; `frame`: LPS or RAS, or None."""
+    """Reads a label map. `unit`: of its lengths, or None for the unit in the file; `names`: label number -> name; `frame`: LPS or RAS, or None."""
     if not os.path.exists(path):
         raise BadFile(f"{path}: no such file")
     scale = UNITS[unit] if unit else None
@@ -89,7 +90,7 @@ def read_image(path, unit=None, names=None, frame=None):
 
 
 def read_outlines(path):
-    """ROI name -> list of rings (n, 3); of a DICOM segmentation, a label map."""
+    """Reads ROI name -> list of rings (n, 3); from a DICOM segmentation, a label map."""
     rois = read_dicom(path) if kind_of(path) == ".dcm" else read_csv(path)
     if isinstance(rois, voxels.LabelMap):
         return rois
@@ -118,7 +119,7 @@ def read_dicom(path):
 
 
 def rois_of(data):
-    """ROI name -> list of rings, of an RT Structure Set."""
+    """Returns ROI name -> list of rings, from an RT Structure Set."""
     names = roi_names(data.get("StructureSetROISequence", []))
     rois = {name: Rings() for name in names.values()}
     for item in data.get("ROIContourSequence", []):
@@ -138,7 +139,7 @@ def rois_of(data):
 
 
 def roi_names(sequence):
-    """ROI number -> name; includes the number if the name is missing or not unique."""
+    """Returns ROI number -> name, with the number if the name is missing or not unique."""
     given = {roi.ROINumber: str(roi.get("ROIName") or "").strip() for roi in sequence}
     often = collections.Counter(given.values())
     return {number: name if name and often[name] == 1 else f"{name} (ROI {number})".strip() for number, name in given.items()}
@@ -152,7 +153,7 @@ def points_of(contour, roi):
 
 
 def read_csv(path):
-    """One point per row under the header COLUMNS; a new number in `outline` starts a new outline."""
+    """Reads one point per row under the header COLUMNS; a new number in `outline` starts a new outline."""
     rois = {}
     try:
         with open(path, newline="", encoding="utf-8-sig") as file:
@@ -179,14 +180,14 @@ def add_point(rois, row, place):
 
 
 def frame_of(path, given):
-    """LPS or RAS: what the option says, else what 3D Slicer writes into the header of a surface, else DICOM's LPS."""
+    """Returns LPS or RAS: as given by the option, else as 3D Slicer writes it into the header of a surface, else DICOM's LPS."""
     with open(path, "rb") as file:
         said = re.search(rb"SPACE=(LPS|RAS)", file.read(4096))
     return given or (said[1].decode() if said else "LPS")
 
 
 def check_length(path):
-    """Refuses an STL or PLY file that ends before the triangles that it announces: VTK reads what there is."""
+    """Refuses an STL or PLY file with fewer triangles than it announces; VTK would read those that exist."""
     with open(path, "rb") as file:
         content = file.read()
     said, found = length_of_stl(content) if kind_of(path) == ".stl" else length_of_ply(content)
@@ -195,14 +196,14 @@ def check_length(path):
 
 
 def length_of_stl(content):
-    """Bytes that a binary file announces, and that it has; of a text file 1 and whether it ends."""
+    """Returns the bytes that a binary file announces, and those that it has; for a text file, 1 and whether it is complete."""
     if content[:5] == b"solid" and b"facet" in content[:1000]:
         return 1, int(b"endsolid" in content[-200:] or b"facet" not in content)
     return (84 + 50 * int.from_bytes(content[80:84], "little"), len(content)) if len(content) >= 84 else (84, len(content))
 
 
 def length_of_ply(content):
-    """Least number of bytes that the header of a PLY file announces, and what it has."""
+    """Returns the least number of bytes that the header of a PLY file announces, and the number that it has."""
     header, end, data = content.partition(b"end_header")
     if not end:
         return len(content) + 1, len(content)
@@ -219,7 +220,7 @@ def length_of_ply(content):
 
 
 def data_of(path):
-    """What VTK reads from a surface or volume mesh."""
+    """Returns VTK's data of a surface or volume mesh."""
     if not os.path.exists(path):
         raise BadFile(f"{path}: no such file")
     readers = {".stl": vtk.vtkSTLReader, ".ply": vtk.vtkPLYReader, ".obj": vtk.vtkOBJReader, ".vtp": vtk.vtkXMLPolyDataReader,
@@ -238,8 +239,8 @@ def is_surface(path):
 
 
 def read_mesh(path, unit=None, frame=None, array=None, names=None):
-    """Region name -> (surface of its tetrahedra in mm, remarks). `array`: the cells' array of labels. A mesh that this program made says where the
-    patient is, unless `unit` or `frame` do."""
+    """Reads region name -> (surface of its tetrahedra in mm, remarks). `array`: the cells' array of labels. A mesh that this program made contains
+    the patient's position, which `unit` and `frame` override."""
     if not os.path.exists(path):
         raise BadFile(f"{path}: no such file")
     mesh = gmsh_mesh(path) if kind_of(path) == ".msh" else vtk_mesh(path, array, names or {})
@@ -259,12 +260,12 @@ def read_mesh(path, unit=None, frame=None, array=None, names=None):
 
 
 def says_where(path):
-    """Whether a mesh that this program made says where the patient is."""
+    """True if this is a mesh made by this program, which contains the patient's position."""
     return kind_of(path) == ".msh" and transform_in(path) is not None
 
 
 def transform_in(path):
-    """The transform (4, 4) in the comments at the end of a mesh: see pipeline.write_transform. Or None."""
+    """Returns the transform (4, 4) in the comments at the end of a mesh (see pipeline.write_transform), or None."""
     with open(path, "rb") as file:
         file.seek(0, os.SEEK_END)
         file.seek(max(0, file.tell() - 4096))
@@ -300,7 +301,7 @@ def vtk_mesh(path, array, names):
 
 
 def cell_labels(path, data, array):
-    """The cells' array of this name, else one with a usual name, else the only one of whole numbers."""
+    """Returns the cells' array of this name, else one with a usual name, else the only one of whole numbers."""
     arrays = {data.GetArrayName(n): vtk_to_numpy(data.GetArray(n)) for n in range(data.GetNumberOfArrays())}
     whole = [name for name, values in arrays.items()
              if values.ndim == 1 and np.all(np.isfinite(values)) and np.all(values == np.rint(values)) and len(np.unique(values)) <= MOST_LABELS]
@@ -319,7 +320,8 @@ def check_points(path, data):
 
 
 def read_surface(path, scale, frame=None):
-    """A closed, repaired surface in mm, and remarks on the repairs; `scale`: mm per unit of the file; `frame`: LPS or RAS, or None."""
+    """Reads a closed surface; returns it repaired, in mm, with remarks on the repairs; `scale`: mm per unit of the file; `frame`: LPS or RAS, or
+    None."""
     if kind_of(path) in (".stl", ".ply"):
         check_length(path)
     surface = data_of(path)

@@ -1,4 +1,4 @@
-"""Moves single nodes to widen the flattest dihedral angles of a mesh, where Gmsh's optimisation, which leaves surfaces as they are, ends."""
+"""Moves single nodes to widen the flattest dihedral angles of a mesh, where Gmsh's optimisation stops because it does not move surfaces."""
 import itertools
 
 import numpy as np
@@ -7,17 +7,17 @@ from .quality import GREATEST_ANGLE, LEAST_ANGLE
 
 ROUNDS = 6
 ENOUGH = 0.99           # badness at which nodes are left alone: dihedral angles of 10.04 to 159.3 degrees
-STEPS = np.array([0.3, 0.15, 0.07, 0.03])       # of the mean edge at a node
-ON_SURFACE = 0.15       # of the mean edge at a node: how far it may be moved in all, if it lies on a surface
-LEAST_GAIN = 1e-3       # of the badness, for a move
-MOST_CHANGE = 2e-3      # of a region's volume by moving nodes of its surface; beyond, only inner nodes are moved
+STEPS = np.array([0.3, 0.15, 0.07, 0.03])       # fraction of the mean edge at a node
+ON_SURFACE = 0.15       # fraction of the mean edge at a node: total distance by which a node on a surface may be moved
+LEAST_GAIN = 1e-3       # fraction of the badness: smallest gain for which a node is moved
+MOST_CHANGE = 2e-3      # fraction of a region's volume: largest change by moving nodes of its surface; beyond this, only inner nodes are moved
 DIRECTIONS = np.array([d for d in itertools.product((-1, 0, 1), repeat=3) if any(d)], float)
 DIRECTIONS /= np.linalg.norm(DIRECTIONS, axis=1, keepdims=True)
 FACES = np.array([[1, 2, 3], [0, 3, 2], [0, 1, 3], [0, 2, 1]])     # normals to the same side for either orientation
 
 
 def badness(corners):
-    """(..., 4, 3) corners of tetrahedra -> (...): above 1 if a dihedral angle is outside of the paper's range; infinite for a flat one."""
+    """(..., 4, 3) corners of tetrahedra -> (...): above 1 if a dihedral angle is outside the paper's range; infinite for a flat tetrahedron."""
     a, b, c = (corners[..., FACES[:, k], :] for k in range(3))
     normal = np.cross(b - a, c - a)
     length = np.linalg.norm(normal, axis=-1)
@@ -35,7 +35,7 @@ def signed_volumes(corners):
 
 
 def relocated(mesh, still):
-    """The mesh's points, some of them moved; `still`: mask of the points that stay."""
+    """Returns the mesh's points, some of them moved; `still`: mask of the points that must not move."""
     surface = np.zeros(len(mesh.points), bool)
     for shell in mesh.surfaces.values():
         surface[np.unique(shell.triangles)] = True
@@ -65,7 +65,8 @@ def moved(mesh, still, surface):
 
 
 def better_place(points, star, node, anchor):
-    """Where a node makes the worst of its tetrahedra (star) better, or None. `anchor`: which it stays close to, or None."""
+    """Returns a position of a node that improves the worst of its tetrahedra (star), or None. `anchor`: a position to which it must stay close, or
+    None."""
     others = np.unique(star[star != node])
     edge = np.linalg.norm(points[others] - points[node], axis=1).mean()
     places = (points[node] + edge * STEPS[:, None, None] * DIRECTIONS).reshape(-1, 3)

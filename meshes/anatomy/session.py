@@ -9,7 +9,7 @@ _running = False
 
 
 def start():
-    """Starts a new session with settings for reproducible meshes. After a failure an old one would stay locked and make empty meshes."""
+    """Starts a new session with settings for reproducible meshes. After a failure, an old session would stay locked and make empty meshes."""
     global _running
     if _running:
         gmsh.finalize()
@@ -22,7 +22,7 @@ def start():
 
 
 def current_mesh():
-    """The tetrahedra of Gmsh's current model, and its named groups; and the tag of the volume of each tetrahedron."""
+    """Returns the tetrahedra of Gmsh's current model, its named groups, and the tag of each tetrahedron's volume."""
     tags, flat, _ = gmsh.model.mesh.getNodes()
     at = np.zeros(int(tags.max()) + 1, int)
     at[tags] = np.arange(len(tags))
@@ -42,7 +42,7 @@ def current_mesh():
 
 
 def read(path):
-    """The mesh in a file; groups without a name are numbered."""
+    """Reads the mesh in a file; groups without a name are numbered."""
     gmsh.open(path)
     gmsh.model.mesh.setOrder(1)
     if len(gmsh.model.mesh.getElementsByType(4)[0]) == 0:

@@ -1,4 +1,4 @@
-"""The files that a user gives: which regions are in them, and which of these are meant."""
+"""The files that a user gives: the regions in them, and which of these are meant."""
 import dataclasses
 import difflib
 import fnmatch
@@ -12,21 +12,21 @@ from .shapes import contours, voxels
 from .trouble import BadFile, Empty
 
 DAMAGED = "damaged, or not what its name says"
-PLAUSIBLE = 50.0        # mm: the lengths of an image, or of all surfaces together, of at least this size are taken for mm
-MOST_NAMED = 30         # regions that a message lists
+PLAUSIBLE = 50.0        # mm: an image, or all surfaces together, of at least this length are taken to be in mm
+MOST_NAMED = 30         # number of regions that a message lists
 
 
 @dataclasses.dataclass
 class Sources:
     regions: dict                   # name -> rings, (surface, remarks), or a label's code, in the files' order
     map: voxels.LabelMap = None
-    in_mm: bool = False             # their unit is beyond doubt
+    in_mm: bool = False             # their unit is certain
     notes: list = dataclasses.field(default_factory=list)
 
 
 def read(path, work, *arguments):
-    """work(path, *arguments), as a stage. A library raises whatever it likes on a damaged file, or crashes: the file is named. The system
-    ends a process with SIGKILL if there is too little memory."""
+    """Runs work(path, *arguments) as a stage. If a library raises any exception on a damaged file, or crashes, the error names the file.
+    The system ends a process with SIGKILL if there is too little memory."""
     try:
         return limits.run(f"reading {path}", work, path, *arguments)
     except (BadFile, contours.Unusable, limits.TooLong):
@@ -43,7 +43,7 @@ def read(path, work, *arguments):
 
 
 def refuse_options(given, *names):
-    """Refuses these options if they are given: this kind of file has no use for them."""
+    """Refuses these options if they are given, because this kind of file does not use them."""
     for name in names:
         if getattr(given, name):
             raise BadFile(f"{given.input[0]}: --{name} has no meaning for this kind of file: leave it out")
@@ -64,7 +64,7 @@ def paths_of(given):
 
 
 def read_all(given):
-    """Sources of the files that were given."""
+    """Returns the sources of the files that were given."""
     paths = paths_of(given)
     kinds, first = {reading.kind_of(path) for path in paths}, paths[0]
     names = voxels.read_names(given.names) if given.names else {}
@@ -99,7 +99,7 @@ def read_all(given):
 
 
 def stems(paths):
-    """path -> the name of its region."""
+    """Returns path -> the name of its region."""
     found = {}
     for path in paths:
         stem = reading.stem_of(path)
@@ -111,7 +111,7 @@ def stems(paths):
 
 
 def of_maps(readers, in_mm):
-    """Of any number of label maps, [(path, function that reads it)]; those that are empty are left out if others are not."""
+    """Reads any number of label maps, [(path, function that reads it)]; empty maps are left out if others are not empty."""
     maps, empty = {}, []
     for path, reader in readers:
         try:
@@ -138,7 +138,7 @@ def of_map(map_, in_mm):
 
 
 def is_large(surfaces):
-    """Whether the surfaces together are as large as regions of a body are, in mm: then a small one among them is a lesion."""
+    """True if the surfaces together are as large as regions of a body in mm: a small one among them is then a lesion."""
     points = np.vstack([surface.points for surface, _ in surfaces.values()])
     return len(surfaces) > 1 and PLAUSIBLE <= np.ptp(points, axis=0).max() <= organ.LARGE
 
@@ -147,8 +147,8 @@ def is_large(surfaces):
 
 @dataclasses.dataclass
 class Choice:
-    """Names of regions."""
-    soft: list               # the one of interest first
+    """The names of the chosen regions."""
+    soft: list               # the region of interest first
     bones: list
     body: str = None
 
@@ -159,7 +159,7 @@ def listed(names):
 
 
 def pick(wanted, sources, path):
-    """The regions that a user's word means: one by its name or number, or all that fit a pattern."""
+    """Returns the regions that a user's word means: one by its name or number, or all that match a pattern."""
     plain = wanted.strip().lower()
     alike = [name for name in sources.regions if name.strip().lower() == plain]
     if alike:
@@ -176,7 +176,7 @@ def pick(wanted, sources, path):
 
 
 def choose(given, sources):
-    """A pattern leaves out what is named elsewhere."""
+    """Chooses the regions. A pattern leaves out regions that are named elsewhere."""
     path = given.input[0]
     words = [("soft", word) for word in given.roi] + [("bones", word) for word in given.bone] + [("body", word) for word in ([given.skin] if given.skin else [])]
     meant = [(kind, pick(word, sources, path), bool(set("*?[") & set(word)) and word not in sources.regions) for kind, word in words]
@@ -199,7 +199,7 @@ def choose(given, sources):
 
 
 def choose_rest(given, sources, found):
-    """All regions that are not chosen yet: bones and the body by their names."""
+    """Chooses all remaining regions: bones and the body by their names."""
     if not found.soft:
         raise BadFile(f"{given.input[0]}: choose the region of interest with --roi; --all adds the others; it has: {listed(sources.regions)}")
     for name in sources.regions:

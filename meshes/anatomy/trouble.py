@@ -1,17 +1,17 @@
-"""What can be wrong with a file, and packages that only some files need."""
+"""Errors of files, and packages that only some files need."""
 import importlib
 
 
 class BadFile(Exception):
-    """The text names the file and, if possible, the place in it."""
+    """A file is bad. The text names the file and, if possible, the position in it."""
 
 
 class Empty(BadFile):
-    """A label map without a label."""
+    """A label map contains no label."""
 
 
 def needed(module, package, path):
-    """A module that only this kind of file needs."""
+    """Imports a module that only this kind of file needs."""
     try:
         return importlib.import_module(module)
     except ImportError as error:

@@ -12,9 +12,9 @@
 
 #include "base/flush_denormals.h"
 
-enum { LARGEST_FAULTED_IN = 32 << 20 }; /* bytes of a mapping */
+enum { LARGEST_FAULTED_IN = 32 << 20 }; /* bytes; larger mappings are not touched */
 
-/* Touches all pages of code, data, heap and stacks. Larger buffers, which libraries keep for other threads, are left alone: clearing hundreds of
+/* Touches all pages of code, data, heap and stacks. Larger buffers, which libraries keep for other threads, are skipped: clearing hundreds of
    megabytes would take half of the start-up time. */
 static void fault_in(void) {
     FILE *maps = fopen("/proc/self/maps", "r");
@@ -28,7 +28,8 @@ static void fault_in(void) {
     if (maps != NULL) fclose(maps);
 }
 
-/* Locks pages only when they are touched: otherwise a library that maps 128 MiB at run time would stall its caller for 40 ms. */
+/* Locks pages when they are first touched. Locking a whole mapping at once would stall a thread for 40 ms whenever a library maps 128 MiB at run
+   time. */
 static trocar_status lock_what_is_touched(report *why) {
     if (mlockall(MCL_CURRENT | MCL_FUTURE | MCL_ONFAULT) == 0) return TROCAR_OK;
     return fail(why, TROCAR_NO_REALTIME,
@@ -60,7 +61,7 @@ trocar_status realtime_set_priority(int priority, report *why) {
 trocar_status realtime_check_permission(int priority, report *why) {
     struct sched_param before;
     sched_getparam(0, &before);
-    int policy = sched_getscheduler(0); /* including the flag SCHED_RESET_ON_FORK */
+    int policy = sched_getscheduler(0); /* `policy` includes the flag SCHED_RESET_ON_FORK */
     trocar_status status = realtime_set_priority(priority, why);
     if (status != TROCAR_OK) return status;
     sched_setscheduler(0, policy, &before);

@@ -4,6 +4,6 @@
 
 #include <stdint.h>
 
-int64_t session_new(void);   /* random, above 0 */
+int64_t session_new(void);   /* returns a random number above 0 */
 
 #endif

@@ -50,7 +50,7 @@ double histogram_quantile(const histogram *h, double q) {
 
 double histogram_max(const histogram *h) { return 1e-9 * (double)h->max; }
 
-/* Buckets are assigned to bins by their upper edge: bins are exact to a bucket's width. */
+/* Each bucket is assigned to the bin that contains its upper edge, so bins are exact to a bucket's width. */
 void histogram_bins(const histogram *h, int32_t bins[HISTOGRAM_BINS]) {
     for (int k = 0; k < HISTOGRAM_BINS; k++) bins[k] = 0;
     for (int i = 0; i < HISTOGRAM_BUCKETS; i++) {

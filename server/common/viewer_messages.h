@@ -9,14 +9,14 @@
 #include "trocar_seeds_t.h"
 #include "trocar_tracks_t.h"
 
-enum { VIEWER_CONTACTS = TROCAR_MAX_POINTS }; /* with the tip */
+enum { VIEWER_CONTACTS = TROCAR_MAX_POINTS }; /* including the tip */
 
 typedef struct {
     int node_count;
-    trocar_picture *picture;       /* filled by the caller before the messages are made */
-    double *nodal;                 /* 3 node_count, m: displacements */
-    float *displacement;           /* the same, in the message's type */
-    float **displacement_rows;     /* node_count pointers to its rows, for LCM */
+    trocar_picture *picture;       /* the caller fills it before making the messages */
+    double *nodal;                 /* m, displacements: 3 per node */
+    float *displacement;           /* the same displacements in the message's type */
+    float **displacement_rows;     /* pointers to the rows of `displacement`, one per node, for LCM */
     double joints[TROCAR_MAX_JOINTS][3], positions[VIEWER_CONTACTS][3], forces[VIEWER_CONTACTS][3];
     double *joint_rows[TROCAR_MAX_JOINTS], *position_rows[VIEWER_CONTACTS], *force_rows[VIEWER_CONTACTS];
     double arc[VIEWER_CONTACTS];
@@ -26,14 +26,14 @@ typedef struct {
     int16_t track_numbers[TROCAR_MAX_TRACK_POINTS];
     int8_t track_membranes[TROCAR_MAX_TRACK_POINTS];
     trocar_track_point track_scratch[TROCAR_MAX_TRACK_POINTS];
-    float seed_vectors[4][TROCAR_MAX_SEEDS][3]; /* positions and directions, displaced and at rest, */
-    float *seed_rows[4][TROCAR_MAX_SEEDS];      /* and pointers to their rows, for LCM */
-    int16_t seed_numbers[4][TROCAR_MAX_SEEDS];  /* needle, guide, hole, strand */
+    float seed_vectors[4][TROCAR_MAX_SEEDS][3]; /* positions and directions of the seeds, displaced and at rest */
+    float *seed_rows[4][TROCAR_MAX_SEEDS];      /* pointers to the rows of `seed_vectors`, for LCM */
+    int16_t seed_numbers[4][TROCAR_MAX_SEEDS];  /* needle, guide, hole and strand of each seed */
     int16_t seeds_pending[TROCAR_MAX_NEEDLES];
     trocar_seed seed_scratch[TROCAR_MAX_SEEDS];
     trocar_model *model;
     trocar_seeds_t seeds;
-    trocar_tracks_t tracks;        /* all four are valid until made again; the sender sets utime and server */
+    trocar_tracks_t tracks;        /* all four messages are valid until they are made again; the sender sets utime and server */
     trocar_contacts_t contacts;
     trocar_deformation_t deformation;
 } viewer_messages;
@@ -42,7 +42,7 @@ typedef struct {
 trocar_status viewer_messages_create(viewer_messages *v, trocar_model *model, report *why);
 void viewer_messages_free(viewer_messages *v);
 
-/* Makes `contacts` and `tracks` of one needle, and `deformation`, from the picture. Not for the haptic thread. NO_MEMORY. */
+/* Makes `contacts` and `tracks` of one needle from the picture, and makes `deformation`. Not for the haptic thread. NO_MEMORY. */
 void viewer_messages_make_needle(viewer_messages *v, int needle, int64_t tick, int64_t pose_utime);
 void viewer_messages_make_tracks(viewer_messages *v, int needle, int64_t tick);
 trocar_status viewer_messages_make_tissue(viewer_messages *v, int64_t tick, report *why);

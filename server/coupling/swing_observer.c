@@ -2,16 +2,17 @@
 
 #include <stdbool.h>
 
-static const double SHORTEST = 0.2e-3;      /* m; physiological tremor is smaller */
-static const double SLOWEST = 0.15;         /* s from one turning point to the next: 3.3 Hz */
-static const double LASTING = 0.9;          /* of the length of the swing one period before: damping below 1.7 % of the critical one */
-static const double LEAST_CHANGE = 0.01;    /* N: unless the force changes, the coupling has no part in the swing */
+static const double SHORTEST = 0.2e-3;      /* m, the shortest swing that counts; physiological tremor is smaller */
+static const double SLOWEST = 0.15;         /* s, the longest time from one turning point to the next: 3.3 Hz */
+/* the fraction of the previous swing's length in the same direction above which a swing does not decay: damping below 1.7 % of critical */
+static const double LASTING = 0.9;
+static const double LEAST_CHANGE = 0.01;    /* N: while the force changes by less, the coupling has no part in the swing */
 
 void swing_begin(swing_observer *s, vec3 position, int64_t now) {
     *s = (swing_observer){.turn = position, .farthest = position, .turned = now, .reached = now};
 }
 
-/* The farthest point was a turning point. */
+/* Ends the swing at its farthest point, which was a turning point. */
 static int end_swing(swing_observer *s, vec3 force) {
     double length = v3_norm(v3_sub(s->farthest, s->turn)), time = 1e-9 * (double)(s->reached - s->turned);
     bool lasts = length > fmax(SHORTEST, LASTING * s->lengths[0]) && time < SLOWEST && s->stir > LEAST_CHANGE;

@@ -9,15 +9,15 @@
 
 /* All zero at the start. */
 typedef struct {
-    int64_t id;                  /* of the last other server, 0: none yet */
-    int64_t heard;               /* ns, monotonic: arrival of its last message */
-    char host[64], scene[96];    /* from its message, truncated */
+    int64_t id;                  /* number of the last other server; 0 if none has been heard */
+    int64_t heard;               /* ns, monotonic: arrival of the other server's last message */
+    char host[64], scene[96];    /* the other server's host and scene, truncated */
 } other_server;
 
-/* Takes the bytes of a status_t; messages of server `own` and invalid ones are ignored. */
+/* Takes the bytes of a status_t. Messages of the server `own` and invalid messages are ignored. */
 void other_server_hear(other_server *o, int64_t own, const void *data, size_t size, int64_t now);
 
-/* True if it sent a message within the last second. */
+/* True if the other server sent a message within the last second. */
 bool other_server_present(const other_server *o, int64_t now);
 
 #endif

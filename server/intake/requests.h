@@ -18,7 +18,7 @@ typedef struct {
 /* IO -> haptic: a client's request concerning a needle; haptic -> IO: the same, with its result */
 typedef struct {
     trocar_command_t asked;
-    uint64_t engagement;         /* of the needle at the time of the request */
+    uint64_t engagement;         /* the needle's engagement at the time of the request */
     bool anew;                   /* before the request, the next pose was already going to start a new engagement */
     bool refused;
     char why[256];

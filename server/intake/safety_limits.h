@@ -10,23 +10,23 @@
 #include "base/vec.h"
 #include "trocar.h"
 
-/* The verdict on a pose; each has its counter in status_t. */
+/* The verdict on a pose. status_t has a counter for each. */
 typedef enum {
     POSE_ACCEPTED, POSE_MALFORMED, POSE_NO_NEEDLE, POSE_NOT_FINITE, POSE_NOT_UNIT, POSE_JUMPED, POSE_REFUSED, POSE_OLD,
     POSE_VERDICTS
 } pose_verdict;
 
-/* ACCEPTED, NOT_FINITE, or NOT_UNIT (quaternion off unit length by more than 1e-3). */
+/* Returns ACCEPTED, NOT_FINITE, or NOT_UNIT if the quaternion's length differs from 1 by more than 1e-3. */
 pose_verdict safety_check_pose(const pose *p);
 
-/* Shortest time from a to b within the device's limits, s. */
+/* Returns the shortest time (s) in which the needle can move from a to b within the device's limits. */
 double safety_travel_time(const trocar_device_limits *limits, const pose *a, const pose *b);
 
-/* The newest pose for the next tick. */
+/* The newest pose, as the next tick uses it. */
 typedef struct {
     bool held;               /* a session owns the needle; false before the first pose and after a release */
     uint64_t engagement;     /* incremented by each new owner and each reset, which start a new insertion; 0 before the first */
-    int64_t session, seq, utime, wrench_tick; /* of the message */
+    int64_t session, seq, utime, wrench_tick; /* as in the message */
     int64_t received;        /* ns, monotonic clock of this machine */
     pose base;
 } pose_sample;
@@ -35,38 +35,38 @@ enum { SAFETY_OVERRUNS = 20 };  /* consecutive late ticks that trigger the ramp 
 
 /* State of the safety limits; all zero at the start. */
 typedef struct {
-    uint64_t engagement;     /* the model's current engagement, 0: none yet, */
-    int64_t session;         /* and the session that it belongs to */
+    uint64_t engagement;     /* the model's current engagement; 0 if there was none yet */
+    int64_t session;         /* session of that engagement */
     pose base;               /* last pose given to the model */
-    int64_t received;        /* ns, its arrival */
+    int64_t received;        /* ns, arrival of that pose */
     bool released, stale, overrun;
-    int late_ticks;          /* in a row */
+    int late_ticks;          /* number of late ticks in a row */
     double good_time;        /* s without a late tick since the ramp was triggered */
     double gain;             /* 0..1 */
     vec3 force, torque;      /* last output wrench, N and N m */
-    double kept;             /* 1..0: fraction of the wrench from before a transfer that is still rendered */
+    double kept;             /* 1..0: fraction of the wrench before the transfer that is still rendered */
     vec3 before_force, before_torque; /* that wrench */
 } safety_limits;
 
 typedef enum { SAFETY_IDLE, SAFETY_ENGAGE, SAFETY_FOLLOW, SAFETY_HOLD } safety_decision;
 
-/* Decides what the model does with the newest pose at time `now` (ns): ignore it, start a new insertion at g->base, move to g->base, or stay there.
-   After a silence, a pose that is further away than the limits allow starts a new engagement. RT */
+/* Decides how the model uses the newest pose at time `now` (ns): ignore it, start a new insertion at g->base, move the needle to g->base, or leave
+   it there. After a silence, a pose that is further away than the limits allow starts a new engagement. RT */
 safety_decision safety_pose(safety_limits *g, const trocar_device_limits *limits, const pose_sample *newest, int64_t now);
 
 /* Records whether this tick was late by whole periods. SAFETY_OVERRUNS late ticks in a row trigger the ramp; a second of good timing or the next
    engagement ends it. RT */
 void safety_timing(safety_limits *g, bool late, double dt);
 
-/* Announces that the model's wrench may jump for a reason other than the hand's motion: the output moves from the last one to the model's within
-   ramp_time, always between the two (bumpless transfer). RT */
+/* Starts a bumpless transfer, for when the model's wrench may jump for a reason other than the hand's motion: within ramp_time, the output
+   changes from the last output to the model's wrench and always lies between them. RT */
 void safety_begin_transfer(safety_limits *g);
 
-/* Ramps the model's wrench in or out, then limits magnitude and slew without changing its direction; updates both in place.
-   `wind_down` ramps to zero independent of the poses. Returns flags of needle_wrench_t. RT */
+/* Ramps the model's wrench in or out, then limits its magnitude and slew rate without changing its direction; updates force
+   and torque in place. `wind_down` ramps the wrench to zero whatever the poses. Returns flags of needle_wrench_t. RT */
 int safety_wrench(safety_limits *g, const trocar_device_limits *limits, bool wind_down, double dt, vec3 *force, vec3 *torque);
 
-/* True if the wrench is zero and stays zero while winding down. RT */
+/* True if the wrench is zero and will stay zero during the shutdown. RT */
 bool safety_at_rest(const safety_limits *g);
 
 #endif

@@ -1,5 +1,6 @@
 #!/usr/bin/python3
-"""Label maps, surfaces and volume meshes of every kind, and where the needle goes in: against shapes of known place and volume.
+"""Label maps, surfaces and volume meshes of every kind, and the needle's entry, compared with shapes of known position and
+volume.
 """
 import bz2
 import contextlib
@@ -21,12 +22,12 @@ from anatomy.shapes import contours, label_image, shells, voxels
 from anatomy.trials import inputs, label_stress
 
 SPACING = (1.0, 1.25, 2.0)
-MIDDLE = np.array([30.0, -20.0, 100.0])    # LPS, mm, of the left of two half balls that touch
+MIDDLE = np.array([30.0, -20.0, 100.0])    # LPS, mm, middle of two half balls that touch; the first lies to the left
 RADIUS = 18.0
 
 
 def two_halves(degrees=0.0):
-    """A ball, its left half (+x) label 1 and its right half label 2, in a larger ball of label 3: (k, j, i), and the place of the voxels."""
+    """Returns a ball whose left half (+x) is label 1 and right half label 2, in a larger ball of label 3: (k, j, i), and the transform of the voxels."""
     size = np.array([60, 48, 30])
     x, y, z = np.meshgrid(*(np.arange(n) * s - n * s / 2 for n, s in zip(size, SPACING)), indexing="ij")
     radius = np.sqrt(x ** 2 + y ** 2 + z ** 2)
@@ -48,7 +49,7 @@ class Files(unittest.TestCase):
         os.chdir(directory.name)
 
     def check_map(self, found, place, values, tolerance=1e-4):
-        """The map has the voxels of two_halves where they are, whatever the order of its axes."""
+        """Checks that the map has the voxels of two_halves at their positions, whatever the order of its axes."""
         for name, value in values.items():
             mask = found.mask(name)
             self.assertEqual(np.count_nonzero(mask), np.count_nonzero(self.labels == value), name)
@@ -74,7 +75,7 @@ class Files(unittest.TestCase):
         self.check_map(reading.read_image("e.nii"), place, {"1": 1, "2": 2}, 1e-3)
 
     def test_images_that_end_too_early_are_refused(self):
-        """Wherever they end: also within the checksum at the end of a compressed file, after the last voxel."""
+        """Files may be truncated anywhere: also within the checksum at the end of a compressed file, after the last voxel."""
         self.labels, place = two_halves()
         inputs.write_nrrd("a.seg.nrrd", self.labels, place, NAMES, "right-anterior-superior")
         inputs.write_seg("b.dcm", self.labels, place, NAMES)
@@ -95,7 +96,8 @@ class Files(unittest.TestCase):
                     reading.read_outlines(f"cut-{name}") if name.endswith(".dcm") else reading.read_image(f"cut-{name}")
 
     def test_dicom_label_map_with_planes_left_out(self):
-        """Segmentation type LABELMAP: a pixel is its segment's number. Only every second plane has a frame, so only the header says how thick planes are."""
+        """Segmentation type LABELMAP: a pixel's value is its segment's number. Only every second plane has a frame, so only the header gives the
+        thickness of a plane."""
         self.labels, place = two_halves(20)
         self.labels[1::2] = 0
         inputs.write_seg("a.dcm", self.labels, place, NAMES)
@@ -118,7 +120,7 @@ class Files(unittest.TestCase):
             reading.read_outlines("c.dcm")
 
     def test_a_code_of_3d_slicer(self):
-        """As 3D Slicer 5 writes it, with the anatomic region after the type."""
+        """As written by 3D Slicer 5, with the anatomic region after the type."""
         found, place = two_halves()
         inputs.write_nrrd("x.seg.nrrd", found, place, {1: "Segment_1"})
         with open("x.seg.nrrd", "rb") as file:
@@ -270,11 +272,11 @@ def approach_sphere(centre, radius):
 
 
 def two_boxes():
-    """Two cubes of side 1 on top of each other, of tetrahedra."""
+    """Two cubes of side 1 on top of each other, made of tetrahedra."""
     points = np.array([[x, y, z] for z in (0, 1, 2) for y in (0, 1) for x in (0, 1)], float)
     cube = [[0, 1, 3, 7], [0, 1, 7, 5], [0, 5, 7, 4], [0, 3, 2, 7], [0, 2, 6, 7], [0, 6, 4, 7]]
     tets = np.array([[n + 4 * k for n in tet] for k in (0, 1) for tet in cube])
-    tets[::3, :2] = tets[::3, 1::-1]    # of either orientation, as files have them
+    tets[::3, :2] = tets[::3, 1::-1]    # of either orientation, as in files
     return points, tets, np.repeat([0, 1], 6), ["low", "high"]
 
 
@@ -316,7 +318,7 @@ class Surfaces(unittest.TestCase):
         self.assertAlmostEqual(wall.shells[0].signed_volume() / wall.volume, 1, delta=0.03)
         found = organ.of_label("Wall", "wall", False, wall)
         self.assertEqual((found.volume, found.volumes, found.notes), (wall.volume, [wall.volume], []))
-        image, _ = label_image.image_of([found.shells], 6.0)       # what is meshed
+        image, _ = label_image.image_of([found.shells], 6.0)       # the image that is meshed
         self.assertAlmostEqual(image.volume(1) / wall.volume, 1, delta=0.03)
 
     def test_a_body_has_no_cavities_where_its_organs_are(self):
@@ -346,7 +348,7 @@ class Approach(unittest.TestCase):
         self.assertIsNone(approach.first_hit(below, path.entry, path.target))
         path, low, high, face = pipeline.path_and_block([gland], [], [], pipeline.Plan())
         self.assertEqual((face, path.entry.tolist()), ((2, -1), [0, 0, low[2]]))
-        around = approach_sphere((0, 0, 0), 20.0)      # no way in
+        around = approach_sphere((0, 0, 0), 20.0)      # there is no way in
         path, low, high, face = pipeline.path_and_block([gland], [around], [], pipeline.Plan())
         self.assertEqual((face, path.entry.tolist()), ((2, -1), [0, 0, low[2]]))
 
@@ -362,7 +364,7 @@ class Approach(unittest.TestCase):
             self.assertAlmostEqual(np.linalg.norm(start.position - start.entry), 0.001 + length)
 
     def test_the_base_of_the_needle_never_has_to_pass_the_template(self):
-        """The end of the needle that scripts push is still before the plate when the tip is at the target."""
+        """The base of the needle that scripts push is still in front of the plate when the tip is at the target."""
         skin = approach_sphere((0, 0, 0), 0.1)
         mesh = quality.Mesh(skin.points, np.array([[0, 1, 2, 3]]), np.array([0]), ["gland"], {"skin": skin})
         for depth, before, wanted in ((0.04, 0.05, 0.2), (0.16, 0.025, 0.2), (0.16, 0.05, 0.25), (0.04, 0.3, 0.35)):
@@ -402,7 +404,7 @@ class Approach(unittest.TestCase):
 
 
 class Whole(unittest.TestCase):
-    """The command on label maps."""
+    """Runs the command on label maps."""
 
     def setUp(self):
         directory = tempfile.TemporaryDirectory()
@@ -423,15 +425,15 @@ class Whole(unittest.TestCase):
                                                    f"--entry={MIDDLE[0] + 26},{MIDDLE[1]},{MIDDLE[2]}")
         for organ in organs:
             self.assertAlmostEqual(mesh.region_volume(organ.name) * 1e9 / organ.read, 1, delta=0.01)
-            self.assertNotIn("overlap", " ".join(organ.notes))      # labels of one layer cannot
+            self.assertNotIn("overlap", " ".join(organ.notes))      # labels of one layer cannot overlap
         sides = {name: {tuple(sorted(t)) for t in mesh.boundary(name).triangles.tolist()} for name in ("left_lobe", "right_lobe")}
         shared = sides["left_lobe"] & sides["right_lobe"]
         middle = np.array([mesh.points[list(t)].mean(axis=0) for t in shared])
         area = sum(np.linalg.norm(np.cross(mesh.points[b] - mesh.points[a], mesh.points[c] - mesh.points[a])) / 2 for a, b, c in shared) * 1e6
-        self.assertAlmostEqual(area / (np.pi * RADIUS ** 2), 1, delta=0.1)      # all of the disk between them: no gap
+        self.assertAlmostEqual(area / (np.pi * RADIUS ** 2), 1, delta=0.1)      # the whole disk between them, without a gap
         self.assertLess(np.abs(pipeline.patient(middle, domain.origin)[:, 0] - MIDDLE[0]).max(), 2.5)
         whole = sum(mesh.region_volume(name) for name in mesh.regions) * 1e9
-        self.assertAlmostEqual(whole / ellipsoid_volume(26, 26, 26), 1, delta=0.03)     # nothing but the body
+        self.assertAlmostEqual(whole / ellipsoid_volume(26, 26, 26), 1, delta=0.03)     # only the body
         start = approach.start_in(mesh, *domain.path, "left_lobe")
         self.assertTrue(np.allclose(start.position, domain.path[0] + [-0.201, 0, 0], atol=3e-3) or start.position[0] < -0.19)
         text = open("x.yaml", encoding="utf-8").read()
@@ -464,7 +466,7 @@ class Whole(unittest.TestCase):
             self.assertNotEqual(held, "y-")
         self.assertEqual([meshing.fixed_faces(front) for front in ("z-", "z+", "x+")], [["z+", "y-"], ["z-", "y-"], ["y-", "x-"]])
         session.start()
-        again, _ = reading.read_mesh("x.msh")["left_lobe"]       # in the patient's coordinates
+        again, _ = reading.read_mesh("x.msh")["left_lobe"]       # in patient coordinates
         self.assertAlmostEqual(again.volume() / mesh.region_volume("left_lobe"), 1e9, delta=1e4)
         self.assertLess(np.linalg.norm(again.centre() - target), 1.5)
         unmoved, _ = reading.read_mesh("x.msh", "m", "LPS")["left_lobe"]
@@ -499,11 +501,11 @@ class Whole(unittest.TestCase):
 
 
 class Random(unittest.TestCase):
-    """Two of the maps of label_stress; the others take too long."""
+    """Runs two of the maps of label_stress; the others take too long."""
 
     def test_random_maps_are_meshed_or_refused_with_a_cause(self):
         with tempfile.TemporaryDirectory() as folder, unittest.mock.patch.object(meshing, "TRIES", 2):
-            for number in (0, 6):    # in 6 tetrahedra reach beyond the image
+            for number in (0, 6):    # in map 6, tetrahedra reach beyond the image
                 row, good = label_stress.random_row(number, folder)
                 self.assertTrue(good, row)
 

@@ -1,5 +1,5 @@
 #!/usr/bin/python3
-"""Stages that do not end or crash their process."""
+"""Stages that do not end, or that crash their process."""
 import os
 import signal
 import subprocess
@@ -34,7 +34,7 @@ def refuse():
 
 
 class Large:
-    """Too large to be sent between processes."""
+    """An object that is too large to be sent between processes."""
 
     def __reduce__(self):
         raise MemoryError
@@ -86,7 +86,7 @@ class Limits(unittest.TestCase):
         program.send_signal(signal.SIGTERM)
         self.assertEqual(program.wait(20), 128 + signal.SIGTERM)
         program.stdout.close()
-        for _ in range(200): # the kernel kills it once the program has ended; it is gone when init has reaped it
+        for _ in range(200): # the kernel kills the process once the program has ended; it is gone when init has reaped it
             if not running(child):
                 break
             time.sleep(0.05)

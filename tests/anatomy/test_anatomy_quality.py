@@ -1,5 +1,5 @@
 #!/usr/bin/python3
-"""Measures of a mesh against tetrahedra known from geometry."""
+"""Quality measures of a mesh, compared with tetrahedra known from geometry."""
 import unittest
 
 import numpy as np
@@ -50,7 +50,7 @@ class Quality(unittest.TestCase):
         return quality.Mesh(corners, tets, np.zeros(len(tets), int), ["x"], {"skin": shells.Shell(corners, triangles)})
 
     def test_nodes_are_moved_to_widen_flat_angles(self):
-        """The node goes from near a face back to the middle, and the surface stays."""
+        """A node moves from near a face back to the middle, and the surface stays."""
         mesh, held = self.ball(0.97), np.arange(9) < 8
         corners = mesh.points.copy()
         self.assertTrue(np.allclose(relocate.badness(corners[mesh.tets]).max(), mesh.badness()))
@@ -58,11 +58,11 @@ class Quality(unittest.TestCase):
         mesh.points = relocate.relocated(mesh, held)
         self.assertLess(mesh.badness(), 1)
         self.assertTrue(np.array_equal(mesh.points[held], corners[held]))
-        self.assertAlmostEqual(mesh.region_volume("x"), 8)      # none is inside out
+        self.assertAlmostEqual(mesh.region_volume("x"), 8)      # no tetrahedron is inside out
 
     def test_nodes_are_moved_until_angles_are_above_10_degrees(self):
         mesh = next(m for m in map(self.ball, np.linspace(0.9, 0.7, 500)) if m.badness() < 0.999)
-        self.assertGreater(mesh.badness(), 0.99)      # a least angle of 9.94 to 10 degrees would be as good
+        self.assertGreater(mesh.badness(), 0.99)      # a smallest angle of 9.94 to 10 degrees would be as good
         mesh.points = relocate.relocated(mesh, np.arange(9) < 8)
         self.assertLess(mesh.badness(), 0.99)
 

@@ -1,6 +1,6 @@
 #!/usr/bin/python3
-"""What real scans have broken, made again from shapes of known place and volume: files, names, choice of regions, skin, way in, and single parts.
-tests/verification/verify_anatomy.py has the meshes that take longer.
+"""Problems that real scans revealed, reproduced with shapes of known position and volume: files, names, choice of regions, skin, entry, and
+single parts. tests/verification/verify_anatomy.py has the meshes that take longer.
 """
 import contextlib
 import io
@@ -30,7 +30,7 @@ class Case(unittest.TestCase):
         os.chdir(directory.name)
 
     def run_(self, *arguments, tries=2):
-        """What run() returns, and what was said on stderr."""
+        """Returns the result of run(), and the output on stderr."""
         said = io.StringIO()
         with contextlib.redirect_stdout(io.StringIO()), contextlib.redirect_stderr(said), unittest.mock.patch.object(meshing, "TRIES", tries):
             made = command.run(options.parse([str(argument) for argument in arguments]))
@@ -113,7 +113,8 @@ Segmentation_Extent:={extent}
 
 
 def write_old_nrrd(path, labels_, origin, extent, first=True, name="Liver", four=False):
-    """As 3D Slicer 4.6 wrote segmentations: an axis of segments with one sample, and data that start at Segmentation_Extent. `four`: all directions have four coordinates."""
+    """Writes a segmentation like 3D Slicer 4.6: an axis of segments with one sample, and data that start at Segmentation_Extent. `four`: all
+    directions have four coordinates."""
     sizes = list(map(str, labels_.shape[::-1]))
     axes, nothing = (["(1,0,0,0)", "(0,1,0,0)", "(0,0,1,0)"], "(0,0,0,1)") if four else (["(1,0,0)", "(0,1,0)", "(0,0,1)"], "none")
     fields = {"sizes": " ".join(["1", *sizes] if first else [*sizes, "1"]), "axes": " ".join([nothing, *axes] if first else [*axes, nothing]),
@@ -274,7 +275,7 @@ class Files(Case):
 
 class Way(Case):
     def test_the_border_of_the_image_is_no_skin(self):
-        """A body that the image cuts off on all sides but the front, and a kidney close to its back."""
+        """A body that the image cuts off on all sides except the front, and a kidney close to its back."""
         grid = torso.Grid((2.5, 2.5, 2.5), (-100, -90, -80), (100, 90, 80))
         labels_ = np.zeros(grid.shape, np.uint8)
         labels_[np.broadcast_to(grid.y > -75 + 0.002 * grid.x ** 2, grid.shape)] = 1
@@ -291,7 +292,7 @@ class Way(Case):
             approach.through_skin(np.array([50.0, 50, 50]), all_.shells, [], cut=all_.border)
 
     def test_the_target_in_an_organ_is_in_none_of_its_lesions(self):
-        """The middle of the liver is in a lesion that touches itself along an edge of voxels in map 94, and 0.1 mm beside one in map 159."""
+        """The middle of the liver is in a lesion that touches itself along an edge of voxels in map 94, and 0.1 mm beside a lesion in map 159."""
         for number in (94, 159):
             labels_, place, names, _ = label_stress.crowded_map(number, label_stress.SMALL)
             map_ = voxels.LabelMap([labels_], place, {name: voxels.Segment(0, value) for value, name in names.items()})
@@ -322,7 +323,7 @@ class Way(Case):
         self.assertTrue(materials.is_spared(organs[1].roi))
 
     def test_a_templates_columns_begin_on_the_patients_right(self):
-        """As in implant.yaml, whose mesh has x to the patient's right too."""
+        """As in implant.yaml, whose mesh also has x to the patient's right."""
         plate = approach.Template(np.array([0.0, 0, -60]), np.array([0.0, 0, 1]))
         lines = "\n".join(scene.guide(plate, pipeline.patient_to_mesh(np.zeros(3))))
         self.assertIn("along: [-1, 0, 0]", lines)
@@ -380,7 +381,8 @@ class Parts(Case):
             found = voxels.outlined(voxels.LabelMap([labels_], np.eye(4), {"x": voxels.Segment(0, 1)}), ["x"])["x"]
             self.assertEqual(([round(volume) for volume in found.volumes], len(found.shells), found.gone), (parts, len(parts), []))
             notes = " ".join(organ.of_label("x", "x", False, found).notes)
-            self.assertEqual("2 parts, of 0.22 ml, 0.22 ml, around" in notes, apart == (0, 6, 6), notes)     # what others count as two is named
+            # two parts that others count as two are named
+            self.assertEqual("2 parts, of 0.22 ml, 0.22 ml, around" in notes, apart == (0, 6, 6), notes)
 
     def test_satellites_keep_their_volume_or_are_named(self):
         (organs, mesh, domain, _), said = self.run_(*cases.satellites(cases.Case(".")), "--output", "x")
@@ -397,7 +399,7 @@ class Parts(Case):
         self.assertIn("material of", said)
 
     def test_a_small_part_far_away_is_kept(self):
-        """0.43 ml of a bowel, 0.3 % of it."""
+        """The part is 0.43 ml of a bowel, 0.3 % of it."""
         grid = torso.Grid((1.5, 1.5, 1.5), (-80, -40, -40), (80, 40, 40))
         labels_ = (grid.ellipsoid((-35, 0, 0), (40, 30, 30)) | grid.ellipsoid((65, 20, 10), (4.7,) * 3)).astype(np.uint8)
         found = voxels.outlined(voxels.LabelMap([labels_], grid.place, {"small_bowel": voxels.Segment(0, 1)}), ["small_bowel"])["small_bowel"]

@@ -16,7 +16,7 @@ def stack(rings):
 
 
 def around_cells(cells):
-    """The surface of unit cubes with these lowest corners, in which points are shared."""
+    """Returns the surface of unit cubes with these lowest corners, with shared points."""
     numbers, triangles = {}, []
     for cell in sorted(cells):
         for axis in range(3):
@@ -33,7 +33,7 @@ def around_cells(cells):
 
 
 def turns_around(shell, point):
-    """How often a closed surface goes around a point, from the solid angles of its triangles (van Oosterom and Strackee 1983)."""
+    """Returns the winding number of a closed surface around a point, from the solid angles of its triangles (van Oosterom and Strackee 1983)."""
     a, b, c = (shell.points[shell.triangles[:, k]] - point for k in range(3))
     la, lb, lc = (np.linalg.norm(side, axis=1) for side in (a, b, c))
     dot = [np.einsum("ij,ij->i", *pair) for pair in ((a, b), (b, c), (c, a))]
@@ -47,7 +47,7 @@ class Surfaces(unittest.TestCase):
 
     @staticmethod
     def coarse_sphere():
-        """Few triangles, because crossings are searched edge by edge."""
+        """A sphere of few triangles, because crossings are searched edge by edge."""
         return shells.decimated(field.of_stack(stack(ellipsoid(20, 20, 20, 4))).surfaces()[0], 2000)
 
     def test_both_ways_give_the_volume_of_an_ellipsoid(self):
@@ -112,7 +112,8 @@ class Surfaces(unittest.TestCase):
             self.assertAlmostEqual(found.signed_volume() / sphere.volume(), 1)
 
     def test_a_surface_that_touches_itself_along_an_edge_keeps_its_inside(self):
-        """Around cells that share one edge only, in a chain that is closed elsewhere or not; the order of triangles from files may be any."""
+        """Tests a surface around cells that share only one edge, in a chain that is otherwise closed or open; the order of triangles from files may
+        be any."""
         random = np.random.default_rng(1)
         for cells in ({(0, 0, 0), (1, 1, 0)}, {(0, 0, 0), (1, 1, 0), (0, 0, 1), (1, 0, 1), (1, 1, 1)}):
             touching = around_cells(cells)
@@ -171,7 +172,7 @@ class Surfaces(unittest.TestCase):
 
 
 def shared(found, a, b):
-    """Area of the boundary between two regions, and whether it closes the surface of either."""
+    """Returns the area of the boundary between two regions, and whether it closes the surface of either."""
     between = {tuple(pair) for pair in ((a, b), (b, a))}
     mine = [(found.cells[i] if i >= 0 else None, found.cells[j] if j >= 0 else None) in between for i, j in found.sides]
     return found.areas()[mine].sum()
@@ -200,7 +201,7 @@ class Shared(unittest.TestCase):
 
     @staticmethod
     def channelled(count=9, half=30.0, narrow=0.5, high=30.0):
-        """A block with a slot from above, 2 * narrow wide, which ends above the bottom; as a complex."""
+        """Returns a block with a slot from above, 2 * narrow wide, which ends above the bottom, as a complex."""
         x = np.concatenate([np.linspace(-half, -narrow, count), np.linspace(narrow, half, count)])
         y = np.linspace(-half, half, count)
         cells = np.zeros((2 * count - 1, count - 1, 2), bool)
@@ -241,7 +242,7 @@ class Shared(unittest.TestCase):
 
     @staticmethod
     def made(regions, volumes, edge, *box):
-        """The complex of regions, with these volumes of their parts; and what it is made of."""
+        """Returns the complex of regions, with these volumes of their parts, and the pieces from which it is made."""
         image, pieces, lost = label_image.image_for(regions, edge, *box)
         found, missed = labels.shared_surfaces(image, pieces, lost, regions, volumes, edge)
         return image, pieces, found, lost, missed
@@ -286,13 +287,13 @@ class Shared(unittest.TestCase):
 
     @staticmethod
     def image(shape):
-        """Of two regions with one part each."""
+        """Makes an image of two regions with one part each."""
         return label_image.Image(np.zeros(3), 1.0, np.zeros(shape, np.uint16), np.zeros(shape, np.uint16), np.array([0, 1, 2]))
 
     def test_a_sheet_goes_to_what_is_around_it(self):
         image = self.image((36, 36, 40))
         image.labels[4:32, 4:32, 4:10] = 1
-        image.labels[4:32, 4:32, 10] = 2        # next to the body of the second region one voxel of it covers the first
+        image.labels[4:32, 4:32, 10] = 2        # beside the body of the second region, where one of its voxels covers the first
         image.labels[4:32, 12:32, 10:34] = 2
         image.sources[:] = image.labels
         label_image.drop_thin(image, 2, 1.0)
@@ -305,7 +306,7 @@ class Shared(unittest.TestCase):
         image.labels[4:16, 4:16, 21:32] = 1     # a voxel away
         label_image.separate(image)
         self.assertEqual(len(label_image.connected_in(image.labels == 1)[1]), 2)
-        empty = ~np.any(image.labels, axis=(0, 1))[20:32]     # next to the larger one
+        empty = ~np.any(image.labels, axis=(0, 1))[20:32]     # beside the larger one
         self.assertGreaterEqual(np.argmin(empty) + 1, label_image.CLEAR)
 
     def test_a_thin_bone_beside_a_large_organ_is_not_lost(self):
@@ -323,14 +324,14 @@ class Shared(unittest.TestCase):
             self.assertLess(np.abs(shells.distances(bone, shell.points)).max(), 5.0)
 
     def test_corners_of_triangles_lie_on_the_region(self):
-        """The surface must not include the border of the image, which CGAL would treat as a surface."""
+        """The surface must not include the border of the image, which CGAL would otherwise treat as a surface."""
         ball = field.of_stack(stack(ellipsoid(40, 40, 40, 4))).surfaces()[0]
         image, _, found, _, _ = self.made([[ball]], [None], 20.0)
         self.assertLess(np.abs(shells.distances(ball, found.points)).max(), image.step)
 
     @staticmethod
     def tube(centres, radius):
-        """A closed surface around a polyline in the plane z = 0."""
+        """Returns a closed surface around a polyline in the plane z = 0."""
         line = vtk.vtkPolyLineSource()
         line.SetNumberOfPoints(len(centres))
         for k, point in enumerate(centres):

@@ -1,6 +1,6 @@
-/* bench_implants: many implants, one after the other, in one simulation: a time-lapse of days, for the memory to stay as it is. Needles are pushed
-   in, leave seeds, rest, are taken and drawn out in random order; one is removed while it rests; a state is saved and restored in between. Every tenth implant is the
-   same, and its forces have to be, too.
+/* bench_implants: many implants, one after the other, in one simulation, as in days of use, to check that memory does not grow. Needles are pushed in, leave
+   seeds, rest, are taken and drawn out in random order; one is removed while it rests; a state is saved and restored in between. Every tenth implant is the
+   same, and so must be its forces.
 
    usage: bench_implants [COUNT [SCENE]]     by default 200 meshes/figure8.yaml. Exit status 1 if the resident memory after the last implant is more
    than 1 % above that after the tenth part of them, or if the force on a hand is not what it was in the implant like it to 1e-6 of the peak. */
@@ -12,7 +12,7 @@
 #include "live_sim.h"
 #include "trocar.h"
 
-enum { NEEDLES = 4, DEPTH = 25, CLEAR = 5, KINDS = 10 }; /* mm; implants that differ */
+enum { NEEDLES = 4, DEPTH = 25, CLEAR = 5, KINDS = 10 }; /* mm; number of different implants */
 
 static trocar_error why;
 #define OK(call) must(call, "bench_implants: " #call, &why)
@@ -28,7 +28,7 @@ static long resident_kib(void) {
     return kib;
 }
 
-/* N, largest axial force on the hand in and out, of each needle; and the most by which it differs from the first implant of the kind. */
+/* N, largest axial force on the hand while each needle is inserted and withdrawn; and the largest difference from the first implant of the kind. */
 static double first[KINDS][NEEDLES][2], peak, drift;
 
 static void compare(int kind, bool again, int needle, bool out, double force) {
@@ -37,7 +37,7 @@ static void compare(int kind, bool again, int needle, bool out, double force) {
     drift = fmax(drift, fabs(force - first[kind][needle][out]));
 }
 
-/* At 0.2 m/s. The largest axial force is added to `most`. */
+/* Moves at 0.2 m/s. The largest axial force is added to `most`. */
 static int move(trocar_sim *sim, int needle, trocar_pose *base, int mm, double *most) {
     trocar_output out;
     int ticks = 5 * abs(mm);
@@ -49,7 +49,7 @@ static int move(trocar_sim *sim, int needle, trocar_pose *base, int mm, double *
     return ticks;
 }
 
-/* The same random order for implants of a kind. */
+/* Shuffles in the same random order for implants of a kind. */
 static void shuffle(int kind, int order[NEEDLES]) {
     srand((unsigned)kind);
     for (int k = 0; k < NEEDLES; k++) {

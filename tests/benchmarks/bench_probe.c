@@ -1,5 +1,5 @@
-/* bench_probe: what a moving probe costs the tick and the worker. A needle is pushed in again and again, in real time, by turns without the probe
-   and with it sliding along in the skin beside the needle. The worker runs in a thread of its own, as in a server.
+/* bench_probe: the time that a moving probe adds to the tick and the worker. A needle is pushed in repeatedly, in real time, alternately without
+   the probe and with the probe sliding along the skin beside the needle. The worker runs in a thread of its own, as in a server.
 
    usage: bench_probe [SCENE]     by default meshes/implant.yaml; its surface "skin" is pressed */
 #include <math.h>
@@ -17,16 +17,16 @@ static trocar_error why;
 #define OK(call) must(call, "bench_probe: " #call, &why)
 
 typedef struct {
-    histogram ticks, latency, between; /* the last: two solutions for the probe */
+    histogram ticks, latency, between; /* `between` is the time between two solutions for the probe */
 } measured;
 
-/* Along x, 12 mm beside the needle, 3 mm deep, its tip going back and forth by 20 mm at 50 mm/s. */
+/* Returns a pose along x, 12 mm beside the needle, 3 mm deep, with the tip moving back and forth by 20 mm at 50 mm/s. */
 static trocar_pose across(double time) {
     double half = sqrt(0.5), x = 0.02 * fabs(fmod(time / 0.4, 2.0) - 1.0);
     return (trocar_pose){{x - 0.15, -0.012, 0.003 - 0.010}, {half, 0, half, 0}};
 }
 
-/* As the server's haptic thread, where that is allowed. */
+/* Uses the priority of the server's haptic thread, if permitted. */
 static void be_real_time(bool yes) {
     static bool told;
     struct sched_param priority = {.sched_priority = yes ? 80 : 0};

@@ -30,7 +30,7 @@ typedef struct {
 typedef struct {
     int nodes, tetrahedra, unknowns;
     const char *inverse;
-    histogram sweep;         /* reading and writing one triangle of the inverse, column by column; empty if it is not dense */
+    histogram sweep;         /* time of reading and writing one triangle of the inverse, column by column; empty if it is not dense */
     int row_count;
     row rows[MAX_ROWS_OF_SCENE];
 } scene_result;
@@ -99,7 +99,7 @@ static trocar_status measure_row(bench *b, inverse *inv, int method, remesh_chan
     return status;
 }
 
-/* Time of the memory accesses alone: a lower bound for the sweeps of the dense methods. */
+/* Measures the time of the memory accesses alone: a lower bound for the sweeps of the dense methods. */
 static void measure_sweep(inverse *inv, histogram *time) {
     size_t n = (size_t)inverse_tissue(inv)->dof_count;
     histogram_clear(time);

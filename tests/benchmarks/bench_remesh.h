@@ -1,11 +1,11 @@
-/* bench_parts remesh: the time to add or remove a contact node, by every method. The methods are internal: a simulation uses one of them
-   and trocar.h does not time it. */
+/* bench_parts remesh: measures the time to add or remove a contact node by every method. The methods are internal: a simulation uses one
+   of them, and trocar.h does not time it. */
 #ifndef TROCAR_BENCH_REMESH_H
 #define TROCAR_BENCH_REMESH_H
 
 #include "base/report.h"
 
-/* Parses the options, measures, prints a table and writes JSON if asked to. BAD_INPUT for a bad scene; argp exits
+/* Parses the options, measures, prints a table and, if asked to, writes JSON. BAD_INPUT for a bad scene; argp exits
    on bad options. */
 trocar_status bench_remesh(int count, char **arguments, report *why);
 

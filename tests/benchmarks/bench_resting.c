@@ -1,10 +1,10 @@
-/* bench_resting: what resting needles cost the tick and the worker. Needles are left in the implant scene, through holes of its template; then
-   one more is pushed in, five times for each number of them, in the same simulation. The worker runs in a thread of its own, as in a server.
-   Under chrt -f 20 other programs disturb it as little as a server.
+/* bench_resting: the time that resting needles add to the tick and the worker. Needles are left in the implant scene, through holes of its
+   template; then another one is pushed in, five times for each number of resting needles, in the same simulation. The worker runs in a thread of
+   its own, as in a server. Under chrt -f 20, other programs disturb it as little as a server.
 
-   With --processor-time, for a machine that is busy with other things: ticks and worker take turns in one thread, on a clock that counts
-   the processor time of the worker's calls, as if it had a processor of its own. The ticks find their caches full of the worker's data then, and
-   their times can't be compared.
+   With --processor-time, for a busy machine, ticks and worker alternate in one thread, on a clock that counts the processor time of the worker's
+   calls, as if the worker had a processor of its own. The worker then evicts the ticks' data from the caches, so the times of the ticks cannot
+   be compared.
 
    usage: bench_resting [--processor-time] [SCENE [COUNT...]]     by default meshes/implant.yaml, 0 1 5 25 */
 #include <stdio.h>
@@ -22,7 +22,7 @@ static trocar_error why;
 
 static trocar_pose at(double x, double y, double z) { return (trocar_pose){{x, y, z}, {1, 0, 0, 0}}; }
 
-/* Columns and rows of holes 5 mm apart, near the middle: the last one is for the needle that is pushed. */
+/* Returns the pose of a hole near the middle of the template, whose holes are 5 mm apart: the last one is for the needle that is pushed. */
 static trocar_pose hole(int needle, double z) {
     int k = needle + (needle >= 12);
     return needle == MOST ? at(0.0, 0.0, z) : at(0.005 * (k % 5 - 2), 0.005 * (k / 5 - 2), z);
@@ -49,11 +49,11 @@ static int64_t shared_clock(void) { return processor_ns() + clock_offset; }
 
 static void set_clock(int64_t ns) { clock_offset = ns - processor_ns(); }
 
-/* The same with a worker that takes turns: a tick at each ms of the clock, however long the call to the worker took that it waited for. */
+/* The same with an alternating worker: a tick at each ms of the clock, however long the worker's call took for which it waited. */
 static void push_by_turns(trocar_sim *sim, int needle, histogram *ticks, histogram *latency) {
     trocar_pose base = hole(MOST, -0.201);
     trocar_output out;
-    int64_t worker = 0; /* ns, where its work has come to */
+    int64_t worker = 0; /* ns, time at which the worker's work ends */
     trocar_sim_set_clock(sim, shared_clock);
     OK(trocar_sim_reset(sim, needle, &base, &why));
     for (int t = 0; t < DEPTH_TICKS; t++) {

@@ -16,13 +16,13 @@
 enum { SPEEDS = 3, COUNTS = 6, MAX_SCENES = 32 };
 static const double speeds[SPEEDS] = {0.005, 0.02, 0.05};        /* m/s */
 static const int contact_counts[COUNTS] = {5, 10, 20, 30, 40, 60};
-static const double TIMED_SPACING = 1e-3;                        /* m, spacing of contact nodes when timing by their number: allows 60 */
+static const double TIMED_SPACING = 1e-3;                        /* m, spacing of contact nodes for timing by their number, which allows 60 nodes */
 
 typedef struct {
     const char *scene_paths[MAX_SCENES], *json_path;
     int scene_count, ticks;
     double depth;
-    const char *inverse;     /* NULL: the scene's */
+    const char *inverse;     /* NULL: the scene's inverse */
 } options;
 
 /* One scene with one kind of inverse. */
@@ -31,11 +31,11 @@ typedef struct {
     trocar_model *model;
     trocar_sim *sim;
     double start_seconds, start_processor_seconds;
-    double peak_bytes;       /* resident, of the process: rises from scene to scene */
-    int counts;              /* contact counts that the mesh allows */
+    double peak_bytes;       /* resident memory of the process, which rises from scene to scene */
+    int counts;              /* numbers of contacts that the mesh allows */
     tick_timing ticks[COUNTS];
     scale_timing speeds[SPEEDS], figure8;
-    scale_timing with, without; /* the time of measuring what the mesh resolves: the second speed again, all nodes cached */
+    scale_timing with, without; /* with and without the time of measuring what the mesh resolves: the second speed again, with all nodes cached */
 } measured;
 
 /* ---- command line ------------------------------------------------------------------------------------------------ */
@@ -125,7 +125,8 @@ static trocar_status measure(const options *o, measured *m, report *why) {
     scale_timing_set_spacing(m->model, TIMED_SPACING);
     for (; m->counts < COUNTS && status == TROCAR_OK; m->counts++) {
         timing_case wanted = {.start = MOTION_START, .dt = dt, .contacts = contact_counts[m->counts], .ticks = o->ticks, .motion = TIMED_ADVANCE};
-        if (tick_timing_measure(m->sim, m->scene, &wanted, &m->ticks[m->counts], why) != TROCAR_OK) break; /* the needle's path has fewer contacts */
+        /* there are fewer contacts on the needle's path */
+        if (tick_timing_measure(m->sim, m->scene, &wanted, &m->ticks[m->counts], why) != TROCAR_OK) break;
     }
     struct rusage usage;
     getrusage(RUSAGE_SELF, &usage);
@@ -177,7 +178,7 @@ static void json_timed(json *j, const char *name, const histogram *time) {
     json_close(j, '}');
 }
 
-/* Members of an object. */
+/* Writes the members of an object. */
 static void json_motion(json *j, const scale_timing *s) {
     json_integer(j, "ticks", s->ticks);
     json_integer(j, "crossings", s->crossings);

@@ -1,4 +1,4 @@
-/* A simulation in real time, with the server's own worker beside the ticks. */
+/* A simulation in real time, with the server's own worker in a thread beside the ticks. */
 #ifndef TROCAR_LIVE_SIM_H
 #define TROCAR_LIVE_SIM_H
 
@@ -20,10 +20,10 @@ void must(trocar_status status, const char *what, const report *why);
 /* Starts the worker's thread. */
 void live_worker_start(live_worker *w, trocar_sim *sim);
 
-/* Ends it, adds the time from each request to its answer, and says which request failed first. */
+/* Ends the thread, adds the time from each request to its answer, and reports which request failed first. */
 void live_worker_stop(live_worker *w, histogram *latency);
 
-/* The quantiles 0.5 and 0.99 and the maximum, times `unit`, in columns of this width. */
+/* Prints the quantiles 0.5 and 0.99 and the maximum, times `unit`, in columns of this width. */
 void print_times(const histogram *times, double unit, int width, int digits);
 
 #endif

@@ -1,4 +1,5 @@
-/* Time that the remesher takes to add a contact node to the inverse and to remove it. Requests it directly, without a needle: internal. */
+/* Measures the time that the remesher takes to add a contact node to the inverse and to remove it. Calls the remesher directly, without a needle, so
+   it is internal. */
 #ifndef TROCAR_REMESH_TIMING_H
 #define TROCAR_REMESH_TIMING_H
 
@@ -10,10 +11,10 @@ typedef enum { ADD_INSIDE, ADD_ON_FACE, MOVE_NODE, REMESH_CHANGES } remesh_chang
 typedef struct {
     int method;
     remesh_change change;
-    int touched;             /* moved nodes: only those whose patch has this many nodes; 0: any */
+    int touched;             /* for moved nodes: only those whose patch has this many nodes; 0: any */
     int contacts;            /* contact nodes already present, added in the same way (for moved nodes: inside elements) */
     int samples;             /* at most; */
-    double seconds;          /* after this time no more than three */
+    double seconds;          /* s, after which at most three more samples are taken */
 } remesh_case;
 
 typedef struct {
@@ -26,7 +27,7 @@ const char *remesh_change_name(remesh_change change);
 /* Runs in the calling thread; errors as in remesher_create. */
 trocar_status remesh_timing_measure(inverse *inv, const remesh_case *wanted, remesh_timing *result, report *why);
 
-/* For each size of the patch (0 .. MAX_PATCH) the number of movable nodes. */
+/* Counts the movable nodes for each size of the patch (0 .. MAX_PATCH). */
 void remesh_timing_valences(const tissue *t, int counts[MAX_PATCH + 1]);
 
 #endif

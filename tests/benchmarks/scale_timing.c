@@ -8,33 +8,33 @@
 #include "insertion/tip/prefetch.h"
 #include "insertion/tip/tip.h"
 
-static const double REST = 0.5; /* s, before a script starts, so that the needle's line is known */
+static const double REST = 0.5; /* s at rest before a script starts, so that the needle's line is known */
 
 /* A contact node of the needle, from its request to its activation. */
 typedef struct {
     uint64_t id;
     double asked;            /* s, time of the request */
-    double due;              /* s, when it should be active because the tip has left its element; INFINITY: not yet */
+    double due;              /* s, when the node should be active because the tip has left its element; INFINITY: not yet */
     bool answered, active, late;
 } followed;
 
 typedef struct {
     trocar_sim *sim;
     insertion_state state;
-    compliance_snapshot *snapshot, *next; /* in use; being computed */
-    double speed;            /* m/s, of the hand, never below 1 mm/s */
+    compliance_snapshot *snapshot, *next; /* the snapshot in use, and the one being computed */
+    double speed;            /* m/s, speed of the hand, at least 1 mm/s */
     double now, ready;       /* s, model time; time when `next` is finished, negative: the worker is idle */
-    double idle;             /* s, time up to which the worker's idle time is used */
-    int tet;                 /* element of the tip; */
-    double entered_at, entered_depth; /* s, m: time and depth of entering it */
+    double idle;             /* s, time up to which the worker's idle time has been used */
+    int tet;                 /* element that contains the tip */
+    double entered_at, entered_depth; /* s, m: time and depth at which the tip entered it */
     int contact_count;
-    followed contacts[MAX_CONTACTS];  /* of the state */
+    followed contacts[MAX_CONTACTS];  /* the contacts of the state */
     bool free_patches;
     scale_timing *result;
 } scale_run;
 
-/* Idle time since the last answer is spent on slices of looking ahead; a slice that takes longer than the elapsed time delays the
-   next one. */
+/* Spends the idle time since the last answer on preparing nodes in advance; a slice that takes longer than the elapsed time
+   delays the next one. */
 static void look_ahead(scale_run *run) {
     bool more = true;
     while (more && run->idle < run->now) {
@@ -45,8 +45,8 @@ static void look_ahead(scale_run *run) {
     if (!more) run->idle = fmax(run->idle, run->now);
 }
 
-/* The worker takes the newest request when it has finished the last one. What the mesh resolves on new lines comes after
-   the rows, line by line, until there is a newer request. */
+/* The worker takes the newest request when it has finished the last one. After the rows, it measures what the mesh
+   resolves on new lines, line by line, until there is a newer request. */
 static trocar_status work(scale_run *run, report *why) {
     if (run->ready >= 0.0 && run->ready <= run->now) {
         compliance_snapshot *old = run->snapshot;
@@ -61,7 +61,7 @@ static trocar_status work(scale_run *run, report *why) {
         look_ahead(run);
         return TROCAR_OK;
     }
-    double begin = fmax(run->now, run->idle); /* a slice of idle work in progress is finished first */
+    double begin = fmax(run->now, run->idle); /* the current slice of idle work is finished first */
     int64_t start = processor_ns();
     trocar_status status = fresh ? remesher_serve(r, &run->state.request, run->next, why)
                                  : remesher_measure(r, &run->state.request, 1, run->next, why);
@@ -86,7 +86,7 @@ static void follow_contacts(scale_run *run) {
         run->contacts[run->contact_count] = (followed){.id = now->nodes[now->order[run->contact_count]].id, .asked = run->now, .due = INFINITY};
 }
 
-/* The contact node of an element should be active when the tip leaves it; after a leap at a membrane, when the tip would have left
+/* The contact node of an element should be active when the tip leaves it; after a jump at a membrane, when the tip would have left
    at the hand's speed. */
 static void leave_element(scale_run *run) {
     double depth = run->state.tip.place.depth, due = fmax(run->now, run->entered_at + (depth - run->entered_depth) / run->speed);
@@ -102,7 +102,7 @@ static void note_progress(scale_run *run) {
         bool takes_part = contact_is_active(&run->state, i);
         if (i < known && !contact->answered) histogram_add(&run->result->crossing, (int64_t)(1e9 * (run->now - contact->asked)));
         if (takes_part && !contact->active) histogram_add(&run->result->activation, (int64_t)(1e9 * fmax(run->now - contact->due, 0.0)));
-        if (i >= contacts_passed(&run->state)) contact->due = INFINITY; /* pulled back over it */
+        if (i >= contacts_passed(&run->state)) contact->due = INFINITY; /* drawn back over the node */
         if (!takes_part && !contact->active && !contact->late && run->now >= contact->due) {
             contact->late = true;
             run->result->late_crossings++;

@@ -1,5 +1,5 @@
-/* The worker's lateness during an insertion: ticks run in model time, the worker in the processor time of each answer, so that a
-   busy machine gives the same figures. One thread.
+/* Measures the worker's lateness during an insertion. Ticks run in model time, and the worker takes the processor time of each answer, so
+   that a busy machine gives the same figures. One thread.
 
    It uses internals: it runs the worker at once and withholds each answer until it would have been ready, whereas trocar_sim_work hands an
    answer to the next tick; and it changes the spacing of contact nodes of a model that has been created. */
@@ -14,25 +14,25 @@
 #include "trocar.h"
 
 typedef struct {
-    pose start;              /* of the needle's base, tip before the skin */
-    const motion *script;    /* motion after half a second of rest; NULL: along the needle's axis, */
-    double speed, depth;     /* m/s, m: at this speed to this depth */
+    pose start;              /* pose of the needle's base, with the tip in front of the skin */
+    const motion *script;    /* motion after half a second of rest; NULL: along the needle's axis */
+    double speed, depth;     /* m/s and m, speed and depth of that motion */
     double dt;               /* s, length of a tick */
-    bool free_patches;       /* what the mesh resolves is there as soon as the rows are, as if measuring it took no time */
+    bool free_patches;       /* the result of measuring what the mesh resolves is available with the rows, as if it took no time */
 } scale_case;
 
 typedef struct {
     int ticks, most_contacts;
-    histogram tick;          /* of insertion_tick, processor time */
-    histogram serve;         /* of each answer, processor time: of its rows, */
-    histogram patch;         /* and of measuring what the mesh resolves on one line */
-    int contacts;            /* requested contact nodes, each when the tip enters its element: */
-    histogram crossing;      /* from there to the tick that could use it */
-    histogram activation;    /* of the active ones: delay after the tip left their element (0: before) */
-    int unanswered;          /* removed before their row arrived, or without it at the end */
-    int crossings;           /* of faces between elements during insertion */
-    int late_crossings;      /* whose contact node was not active when the tip had crossed the element (at the hand's speed) */
-    int late_ticks;          /* whose snapshot did not cover the tip */
+    histogram tick;          /* processor time of insertion_tick */
+    histogram serve;         /* processor time of each answer's rows */
+    histogram patch;         /* processor time of measuring what the mesh resolves on one line */
+    int contacts;            /* number of requested contact nodes, each requested when the tip enters its element */
+    histogram crossing;      /* time from that request to the tick that could use the node */
+    histogram activation;    /* for active nodes: delay after the tip left their element (0: before) */
+    int unanswered;          /* number removed before their row arrived, or without a row at the end */
+    int crossings;           /* number of faces between elements crossed during insertion */
+    int late_crossings;      /* crossings whose contact node was not active when the tip had crossed the element (at the hand's speed) */
+    int late_ticks;          /* ticks whose snapshot did not cover the tip */
 } scale_timing;
 
 trocar_status scale_timing_measure(trocar_sim *sim, const scale_case *wanted, scale_timing *result, report *why);

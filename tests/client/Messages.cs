@@ -1,5 +1,5 @@
-// Reads messages, each after its type's letter and its length (2 bytes), and writes them as the client in C# encodes what it has decoded, or
-// nothing but a length of 0 for what is not one message.
+// Reads messages, each after its type's letter and its length (2 bytes), and writes them as encoded by the C# client after decoding; for
+// bytes that are not one message, it writes only a length of 0.
 using System;
 using System.IO;
 using Trocar;

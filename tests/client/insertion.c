@@ -1,5 +1,5 @@
 /* A bridge for tests, in C99, for any system that trocar_client.h knows: resets the needle, pushes it 21 mm in at 10 mm/s, and holds it for half a
-   second. With SECONDS it only holds still before the skin for so long. Prints what it felt, one number with its name a line.
+   second. With SECONDS, it only holds still in front of the skin for that time. Prints the measured values, one number with its name per line.
    usage: insertion URL [SECONDS] */
 #ifndef _WIN32
 #define _DEFAULT_SOURCE
@@ -41,8 +41,8 @@ static double length_of(const double a[3]) { return sqrt(a[0] * a[0] + a[1] * a[
 
 typedef struct {
     trocar_client_wrench wrench;
-    double force, most, step; /* N: last, largest, largest change from one period to the next */
-    long periods, answered, outages, back; /* `back`: to an older wrench */
+    double force, most, step; /* N: last force, largest force, largest change from one period to the next */
+    long periods, answered, outages, back; /* `back`: returns to an older wrench */
     int was_answered;
 } felt_so_far;
 
@@ -64,7 +64,7 @@ static void exchange(trocar_client *c, double advance, felt_so_far *f) {
     f->was_answered = answered;
 }
 
-/* How many times the command has to be given until the server's reply comes. */
+/* Resets the needle; returns how many times the command had to be given until the server replied. */
 static int reset(trocar_client *c, felt_so_far *f) {
     for (int times = 1; times <= 5; times++) {
         trocar_client_reset(c);
@@ -87,7 +87,7 @@ int main(int count, char **arguments) {
     } else {
         for (double end = now() + 10; !before.was_answered && now() < end;) exchange(c, 0, &before);
         printf("resets %d\n", reset(c, &before));
-        for (double begin = now(), t = -0.5; t < 0.5 + WAY / SPEED; t = now() - begin - 0.5) /* half a second at rest: the ramp */
+        for (double begin = now(), t = -0.5; t < 0.5 + WAY / SPEED; t = now() - begin - 0.5) /* half a second at rest, for the ramp */
             exchange(c, t < 0 ? 0 : t < WAY / SPEED ? SPEED * t : WAY, &felt);
     }
     printf("periods %ld\nanswered %ld\noutages %ld\nback %ld\n", felt.periods, felt.answered, felt.outages, felt.back);

@@ -1,5 +1,5 @@
 #!/usr/bin/python3
-"""As insertion.c, with the client in Python.
+"""Like insertion.c, with the client in Python.
 
 usage: insertion.py URL [SECONDS]
 """

@@ -1,5 +1,5 @@
-/* Round trips of the free client and of liblcm in turns, in one run: a pose goes out, another process answers it with a wrench, and the wrench
-   arrives. A program with liblcm waits in lcm_handle; the free client's device loop looks for the newest wrench until it is there.
+/* Measures round trips of the free client and of liblcm alternately in one run: a pose is sent, another process answers with a wrench, and the
+   wrench arrives. A program with liblcm waits in lcm_handle; the free client's device loop polls for the newest wrench until it arrives.
    usage: latency ROUNDS; in a private network namespace */
 #define _GNU_SOURCE
 #include <arpa/inet.h>
@@ -30,7 +30,7 @@ static double now(void) {
     return (double)t.tv_sec + 1e-9 * (double)t.tv_nsec;
 }
 
-/* False where that is not permitted. */
+/* False if that is not permitted. */
 static bool use_priority(int priority) { return sched_setscheduler(0, SCHED_FIFO, &(struct sched_param){.sched_priority = priority}) == 0; }
 
 /* ---- the other process, without any library's delays -------------------------------------------------------------------- */
@@ -134,7 +134,7 @@ int main(int count, char **arguments) {
         if (getppid() == parent) answer_poses();
         return 1;
     }
-    bool real_time = use_priority(NETWORK); /* liblcm's thread gets the priority of the one that subscribes */
+    bool real_time = use_priority(NETWORK); /* liblcm's thread inherits the priority of the thread that subscribes */
     lcm_one l = {.lcm = lcm_create(NULL)};
     free_one f = {.client = trocar_client_open(&(trocar_client_options){.priority = real_time ? NETWORK : 0}, NULL, 0)};
     if (l.lcm == NULL || f.client == NULL || trocar_needle_wrench_t_subscribe(l.lcm, "TROCAR_WRENCH", on_wrench, &l) == NULL) return 1;
@@ -143,7 +143,7 @@ int main(int count, char **arguments) {
                      {"liblcm", lcm_round, &l, malloc((size_t)rounds * sizeof(double)), 0, 0}};
     for (int done = 0; done < rounds; done += BLOCK)
         for (int i = 0; i < 2; i++) {
-            while (lcm_handle_timeout(l.lcm, 0) > 0) continue; /* what came for the other one */
+            while (lcm_handle_timeout(l.lcm, 0) > 0) continue; /* discards messages for the other client */
             measure(&both[i], rounds - done < BLOCK ? rounds - done : BLOCK);
         }
     printf("%s\n", real_time ? "SCHED_FIFO" : "without real time");

@@ -1,8 +1,9 @@
 #!/usr/bin/python3
-"""A bad network between two LCM groups: what is sent to one arrives in the other, but some of it is lost, some comes twice, and some is
-overtaken. Prints `ready`, and at its end (SIGTERM) what it did, as JSON.
+"""A bad network between two LCM groups: datagrams sent to one group arrive in the other, but some are lost, some are doubled, and some are
+overtaken. Prints `ready`, and at its end (SIGTERM) the counts as JSON.
 
-usage: lossy_link.py GROUP:PORT GROUP:PORT LOSS TWICE DELAY    LOSS, TWICE: parts of the datagrams; DELAY: most, in s; each has a delay of its own
+usage: lossy_link.py GROUP:PORT GROUP:PORT LOSS TWICE DELAY    LOSS, TWICE: fractions of the datagrams; DELAY: largest delay, s; each datagram has
+a random delay
 """
 import heapq
 import json
@@ -46,7 +47,7 @@ def main():
                     packet, (_, port) = s.recvfrom(65536)
                 except BlockingIOError:
                     break
-                if port == own:     # on its way in the other direction
+                if port == own:     # in transit in the other direction
                     continue
                 if rng.random() < loss:
                     done["lost"][way] += 1

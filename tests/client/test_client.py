@@ -1,11 +1,11 @@
 #!/usr/bin/python3
-"""One of the free clients, in a bridge that inserts a needle: insertion.c, built for this system or for Windows (under Wine), Insertion.cs and
-UnityInsertion.cs (under Mono), or insertion.py.
+"""Tests one of the free clients in a bridge that inserts a needle: insertion.c, built for this system or for Windows (under Wine), Insertion.cs
+and UnityInsertion.cs (under Mono), or insertion.py.
 
 - On a good network, and on one that loses every tenth datagram, doubles every twentieth and mixes up their order within 4 ms, the needle comes to
-  rest as in the library: the same force and depth. No wrench is followed by an older one, and the force keeps to the client's rate. The needle
-  follows the hand rigidly, as a virtual coupling would be softer where the round trip is longer.
-- Crafted packets and a flood of fuzzed fragments leave it alive and answered.
+  rest with the force and depth that the library gives. No wrench is followed by an older one, and the force keeps within the client's rate limit.
+  The needle follows the hand rigidly, because a virtual coupling would be softer if the round trip is longer.
+- The bridge survives crafted packets and a flood of fuzzed fragments, and still gets answers.
 - Wrenches that come in fragments, out of order, are rendered as well.
 - With ttl=0, wrenches of another machine are not rendered; with ttl=1 they are.
 
@@ -41,12 +41,12 @@ for command, package in NEEDED.get(LANGUAGE, {}).items():
         print(f"skipped: no {command}; install {package}")
         sys.exit(77)
 in_namespace(SOURCE)
-# Real-time priority as for a bridge, so that other work on the machine is not taken for a fault; where it is permitted.
+# Real-time priority as for a bridge, if permitted, so that a busy machine does not look like a fault.
 AT_ONCE = ["chrt", "--fifo", "20"] if subprocess.run(["chrt", "--fifo", "20", "true"], capture_output=True).returncode == 0 else []
 
 
 def build(folder):
-    """The bridge as a command. Its compilers are as strict as the language allows."""
+    """Returns the bridge as a command. Its compilers are as strict as the language allows."""
     if LANGUAGE == "c":
         return [f"{BUILD}/tests/client/insertion"]
     if LANGUAGE == "python":
@@ -90,7 +90,7 @@ def rigid_scene(folder):
 
 
 def library(scene):
-    """The force (N) and depth (m) with which the insertion ends."""
+    """Returns the force (N) and depth (m) at the end of the insertion."""
     os.environ["TROCAR_LIBRARY"] = f"{BUILD}/core/libtrocar.so"
     sys.path.insert(0, f"{BUILD}/clients/python")
     import trocar
@@ -120,7 +120,7 @@ def same_insertion(bridge, folder):
         server.kill()
     force, depth = library(scene)
     print(f"link: {done}\nlibrary: force {force:.6f} depth {depth:.6f}")
-    for way in (0, 1):  # from the server, to the server
+    for way in (0, 1):  # from the server, and to the server
         total = done["passed"][way] + done["lost"][way]
         assert total > 500 and abs(done["lost"][way] - LOSS * total) < 4 * math.sqrt(LOSS * total) and done["overtaken"][way] > 0.05 * total, f"the link is another one: {done}"
     for felt in (good, bad):
@@ -141,7 +141,7 @@ def run(command):
 
 
 def plug_in():
-    """Another machine, 10.0.0.2, at the other end of a cable. Returns the process that keeps it, and a socket of it."""
+    """Connects another machine, 10.0.0.2, at the other end of a cable. Returns the process that keeps its namespace, and a socket in it."""
     other = subprocess.Popen(["unshare", "--net", "sleep", "1000"])
     while os.readlink(f"/proc/{other.pid}/ns/net") == os.readlink("/proc/self/ns/net"):
         time.sleep(0.01)
@@ -159,7 +159,7 @@ def plug_in():
 
 
 def turned(q, v):
-    """The vector, turned by a quaternion."""
+    """Returns the vector rotated by a quaternion."""
     w, (x, y, z) = q[0], q[1:]
     t = [2 * (y * v[2] - z * v[1]), 2 * (z * v[0] - x * v[2]), 2 * (x * v[1] - y * v[0])]
     return [v[0] + w * t[0] + y * t[2] - z * t[1], v[1] + w * t[1] + z * t[0] - x * t[2], v[2] + w * t[2] + x * t[1] - y * t[0]]
@@ -182,7 +182,7 @@ def whole(message, _):
 
 
 def fragments(message, sequence):
-    """Four of them: the first one first, one twice."""
+    """Returns four fragments: fragment 0 first, and one of them twice."""
     size = -(-len(message) // 4)
     for number in (0, 2, 1, 2, 3):
         part = message[size * number:size * (number + 1)]
@@ -190,7 +190,7 @@ def fragments(message, sequence):
 
 
 def answered(bridge, types, sender, ttl, cut=whole):
-    """The part of its periods in which the bridge rendered the wrenches that `sender` sends it, to the group and to its machine."""
+    """Returns the fraction of its periods in which the bridge rendered the wrenches that `sender` sends to the group and to its machine."""
     client = subprocess.Popen([*bridge, f"udpm://{NEAR}:{PORT}?ttl={ttl}", "2"], stdout=subprocess.PIPE, text=True)
     wrench, pose = types.needle_wrench_t(), hear_pose(types)
     wrench.session, wrench.server, wrench.force = pose.session, 5, [1.0, 0.0, 0.0]

@@ -1,6 +1,6 @@
 #!/usr/bin/python3
-"""The messages of the clients in Python and C# against those of lcm-gen: random ones are decoded and encoded again to the same bytes, and what is
-damaged is refused; and random datagrams do no harm to the one in Python. (Those to the other ones are in test_client.py and tests/fuzz.)
+"""Compares the messages of the Python and C# clients with those of lcm-gen: random messages are decoded and encoded again to the same bytes,
+damaged ones are refused, and random datagrams do not harm the Python client. (test_client.py and tests/fuzz send them to the other clients.)
 
 usage: test_messages.py SOURCE_DIR python|csharp
 """
@@ -47,7 +47,7 @@ def make(types, letter):
 
 
 def damage(data):
-    """As long as the bytes are not those of a message."""
+    """Damages the bytes until they are not those of a message."""
     kind = rng.randrange(3)
     if kind == 0:
         return data[:rng.randrange(len(data))]
@@ -69,13 +69,13 @@ def try_python(types, cases):
         for name, value in found.items():
             wanted = getattr(message, name)
             assert tuple(value) == tuple(wanted) if isinstance(value, tuple) else value == wanted, (letter, name)
-        if letter != "r":   # texts are not sent
+        if letter != "r":   # the clients do not send texts
             assert kinds[letter].encode(**found) == data, letter
     datagrams(client, [data for _, data, _ in cases])
 
 
 class Alone:
-    """Takes datagrams without a network: a client that has not been connected."""
+    """A client that has not been connected, for datagrams without a network."""
 
     def __new__(cls, client):
         client.Client._connect = lambda self, url: None

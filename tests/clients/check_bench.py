@@ -3,7 +3,7 @@
 
 usage: check_bench.py BENCH.json CONTACTS...
 
-Only ratios of times are compared; with TROCAR_CHECK_TIMING=no, not those to the matrix product.
+Only ratios of times are compared; with TROCAR_CHECK_TIMING=no, ratios to the matrix product are not.
 """
 import json
 import os
@@ -12,7 +12,7 @@ from pathlib import Path
 
 MOTIONS = ("advance", "sweep")
 MOST_GROWTH = 16            # from n to 2 n contacts: a cubic solve, and a second Newton pass
-MOST_PER_BASELINE = 0.5     # 10 contacts against a product of order 256; about 0.05 on an idle machine
+MOST_PER_BASELINE = 0.5     # 10 contacts relative to a product of order 256; about 0.05 on an idle machine
 
 
 def check(holds, what):

@@ -1,5 +1,6 @@
 #!/usr/bin/python3
-"""Check the JSON of `trocar-bench dose`. Only ratios of times are compared, and with TROCAR_CHECK_TIMING=no not those to the baseline.
+"""Check the JSON of `trocar-bench dose`. Only ratios of times are compared; with TROCAR_CHECK_TIMING=no, ratios to the baseline are
+not.
 
 usage: check_dose_bench.py DOSE.json VOXELS SEEDS
 """
@@ -9,7 +10,7 @@ import sys
 
 from check_bench import check, check_quantiles
 
-MOST_PER_VOXEL = 2e-4       # of a seed, against a product of order 256; about 2.5e-5 on an idle machine
+MOST_PER_VOXEL = 2e-4       # time of a seed relative to a product of order 256; about 2.5e-5 on an idle machine
 
 
 def main():

@@ -15,7 +15,7 @@ TETRAHEDRON = 10  # VTK's cell type
 
 
 class Grid:
-    """An ASCII VTU file with one piece: arrays by name."""
+    """An ASCII VTU file with one piece; its arrays by name."""
 
     def __init__(self, path):
         root = ElementTree.parse(path).getroot()
@@ -61,13 +61,13 @@ class Table:
 
 
 def relative(error, scale):
-    """Norm of the error relative to the scale; zero over zero is zero."""
+    """Returns the norm of the error relative to the scale; zero over zero is zero."""
     error = np.max(np.abs(error), initial=0.0)
     return 0.0 if error == 0.0 else error / scale if scale > 0 else np.inf
 
 
 def elasticity(youngs_modulus, poisson_ratio):
-    """Isotropic D, strains in the order xx yy zz xy yz zx with engineering shear; shape (elements, 6, 6)."""
+    """Returns the isotropic D, with strains in the order xx yy zz xy yz zx and engineering shear; shape (elements, 6, 6)."""
     factor = youngs_modulus / ((1 + poisson_ratio) * (1 - 2 * poisson_ratio))
     d = np.zeros((len(youngs_modulus), 6, 6))
     d[:, :3, :3] = (factor * poisson_ratio)[:, None, None]
@@ -78,7 +78,7 @@ def elasticity(youngs_modulus, poisson_ratio):
 
 
 def strain_matrices(corners):
-    """B of shape (elements, 6, 12) and the signed volumes, from the inverse of rows (1 x y z)."""
+    """Returns B of shape (elements, 6, 12) and the signed volumes, from the inverse of rows (1 x y z)."""
     rows = np.concatenate([np.ones(corners.shape[:2] + (1,)), corners], axis=2)
     gradients = np.linalg.inv(rows)[:, 1:, :]  # d N_corner / d x_axis: [element, axis, corner]
     b = np.zeros((len(corners), 6, 12))
@@ -93,7 +93,7 @@ def strain_matrices(corners):
 
 
 def internal_forces(grid, tets):
-    """K u at all points, and the elements' volumes."""
+    """Returns K u at all points, and the elements' volumes."""
     b, volumes = strain_matrices(grid.points[tets])
     d = elasticity(grid.cell_data["youngs_modulus"], grid.cell_data["poisson_ratio"])
     u = grid.point_data["displacement"][tets].reshape(-1, 12)
@@ -111,13 +111,13 @@ def internal_forces(grid, tets):
 
 
 def patch_volumetric_stress(grid, volumes, divergence, modulus):
-    """lambda div u, with div u averaged by volume over each patch of cells."""
+    """Returns lambda div u, with div u averaged by volume over each patch of cells."""
     patch = grid.cell_data["volumetric_patch"].astype(int)
     return modulus * (np.bincount(patch, volumes * divergence) / np.bincount(patch, volumes))[patch]
 
 
 def nodal_volumetric_stress(grid, volumes, divergence, modulus):
-    """lambda div u, with div u averaged by volume at nodes, region by region, and the four nodes' mean for each cell."""
+    """Returns lambda div u, with div u averaged by volume at nodes, region by region, and then the mean of the four nodes for each cell."""
     nodes = grid.cell_data["volumetric_nodes"].astype(int) + len(grid.points) * grid.cell_data["region"].astype(int)[:, None]
     size = nodes.max() + 1
     volume, change = np.zeros(size), np.zeros(size)
@@ -134,7 +134,7 @@ def most_tets_on_a_face(tets):
 
 
 def check_tissue(grid, table, volume):
-    """Residual, supports and mesh of the tissue; returns the sum of the needle's forces on it."""
+    """Checks residual, supports and mesh of the tissue; returns the sum of the needle's forces on it."""
     if np.any(grid.types != TETRAHEDRON):
         raise ValueError("the tissue has cells other than linear tetrahedra")
     tets = grid.connectivity.reshape(-1, 4)
@@ -155,7 +155,7 @@ def check_tissue(grid, table, volume):
 
 
 def check_needle(grid, table):
-    """Balance of the needle against its base; returns the sum of the forces exerted on it."""
+    """Checks the balance of the needle against its base; returns the sum of the forces exerted on it."""
     force, base = grid.point_data["force"], {name: grid.field[name].reshape(3) for name in
                                              ("base_position", "base_force", "base_torque")}
     arm = grid.points - base["base_position"]

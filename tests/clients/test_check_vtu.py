@@ -1,5 +1,5 @@
 #!/usr/bin/python3
-"""check_vtu.py on a case solved by hand: it accepts the solution and refuses each damaged copy.
+"""Tests check_vtu.py on a case solved by hand: it accepts the solution and refuses each damaged copy.
 
 A block of two materials, fixed at z = 0, has the displacement u = a(z) with a constant slope in each layer and a
 continuous traction from layer to layer; all other sides carry the traction of that stress.
@@ -16,7 +16,7 @@ import numpy as np
 import check_vtu
 
 SIZE = np.array([0.02, 0.03, 0.04])       # m
-CELLS = 2                                 # along each axis; the layers meet at half height
+CELLS = 2                                 # number of cells along each axis; the layers meet at half height
 LAYERS = ((20e3, 0.3), (50e3, 0.45))      # Pa, Poisson's ratio
 
 
@@ -26,7 +26,7 @@ def lame(youngs_modulus, poisson_ratio):
 
 
 def slopes():
-    """du/dz of each layer, (x, y, z): shear stress and the normal stress along z are continuous."""
+    """Returns du/dz of each layer, (x, y, z): shear stress and the normal stress along z are continuous."""
     (lambda_0, mu_0), (lambda_1, mu_1) = (lame(*layer) for layer in LAYERS)
     first = np.array([0.02, -0.01, 0.015])
     shear, normal = mu_0 / mu_1, (lambda_0 + 2 * mu_0) / (lambda_1 + 2 * mu_1)
@@ -41,7 +41,7 @@ def stress(layer):
 
 
 def block():
-    """Points, Kuhn tetrahedra and the layer of each."""
+    """Returns points, Kuhn tetrahedra and the layer of each."""
     side = CELLS + 1
     points = np.array([[i, j, k] for k in range(side) for j in range(side) for i in range(side)]) / CELLS * SIZE
     tets, layer = [], []
@@ -61,7 +61,7 @@ def block():
 
 
 def tractions(points, tets, layer):
-    """Nodal forces of the stress on all outer faces but those at z = 0."""
+    """Returns the nodal forces of the stress on all outer faces except those at z = 0."""
     forces, centre = np.zeros_like(points), SIZE / 2
     for tet, number in zip(tets, layer):
         for face in itertools.combinations(tet, 3):
@@ -173,7 +173,7 @@ class CheckVtu(unittest.TestCase):
 
     def test_strain_is_averaged_over_the_patches(self):
         case = solved_case()
-        case["volumetric_patch"] = np.arange(len(case["tets"])) // 6  # a cube of Kuhn's each: one layer, one strain
+        case["volumetric_patch"] = np.arange(len(case["tets"])) // 6  # each Kuhn cube lies in one layer and has one strain
         self.assertTrue(self.verdict(case)[0])
         case["volumetric_patch"][:] = 0  # across the layers
         self.assertFalse(self.verdict(case)[0])

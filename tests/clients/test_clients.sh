@@ -1,6 +1,6 @@
 #!/bin/bash
-# The clients as a user runs them: bad input, the replay's files, the balance of forces in its exports, a simulated hand on the
-# needle.
+# Runs the clients as a user would: bad input, the replay's files, the balance of forces in its exports, a simulated hand on
+# the needle.
 # usage: test_clients.sh PROGRAMS_DIR SOURCE_DIR CASE
 set -euo pipefail
 programs=$1 source=$2    # absolute
@@ -11,7 +11,7 @@ cd "$work"
 
 fail() { echo "FAILED: $*" >&2; exit 1; }
 
-# The command must exit with status 2 and a message with this text, and leave no file behind.
+# Expects the command to exit with status 2 and a message with this text, and to leave no file behind.
 refuses() {
     local text=$1 status=0
     shift
@@ -30,7 +30,7 @@ bad_input() {
     "$replay" --scene "$scene" --poses longer.log --out other.log --every 100 --quiet
     head -c 1000 /dev/zero >zero.log
     : >empty.log
-    mkfifo fifo # nobody writes to it
+    mkfifo fifo # no process writes to it
     sed "s|^mesh: .*|mesh: $PWD/fifo|" "$scene" >fifo.yaml
     touch marker && sleep 0.02
     refuses "fifo: cannot open the scene: not a regular file" timeout 10 "$replay" --scene fifo --poses poses.log
@@ -213,8 +213,8 @@ balance() {
     done
 }
 
-# At rest, the hand's spring balances the needle's force: z = target + force / stiffness. Without a virtual coupling, which never rests while the delay
-# changes, as on a busy machine. Status 77: no namespace here.
+# At rest, the hand's spring balances the needle's force: z = target + force / stiffness. There is no virtual coupling, because it never rests while
+# the delay changes, as on a busy machine. Status 77: network namespaces are not permitted.
 hand() {
     "$source/scripts/netns" true || exit 77
     "$source/scripts/netns" "$source/tests/clients/test_clients.sh" "$programs" "$source" hand_inside

@@ -1,5 +1,5 @@
 #!/usr/bin/python3
-"""trocar-replay --json-lines has the values of --csv, to the last bit, under the names that docs/studies/plotting.md gives.
+"""trocar-replay --json-lines gives the values of --csv, to the last bit, under the names listed in docs/studies/plotting.md.
 
 usage: test_json_lines.py BUILD_DIR SOURCE_DIR
 """
@@ -27,7 +27,7 @@ def replay(folder, scene, poses, *options):
 
 
 def expected(row):
-    """The object of a row of CSV."""
+    """Returns the object that corresponds to a row of CSV."""
     def vector(form):
         return {axis: float(row[form.format(axis)]) for axis in "xyz"}
     unit = "mm" if "base_x [mm]" in row else "m"
@@ -36,13 +36,13 @@ def expected(row):
          f"base_{unit}": vector(f"base_{{}} [{unit}]"), f"tip_{unit}": vector(f"tip_{{}} [{unit}]")}
     if "probe_contacts" in row:
         o["probe"] = {"force_N": vector("probe_f{} [N]"), "torque_Nm": vector("probe_t{} [N m]"), "contacts": int(row["probe_contacts"])}
-        if row[f"probe_x [{unit}]"]:    # it has been placed
+        if row[f"probe_x [{unit}]"]:    # the probe has been placed
             o["probe"][f"base_{unit}"] = vector(f"probe_{{}} [{unit}]")
     return o
 
 
 def layout_curves():
-    """The curves of the layout that docs/studies/plotting.md offers for CSV."""
+    """Returns the curves of the layout that docs/studies/plotting.md provides for CSV."""
     return re.findall('<curve name="([^"]+)"', (SOURCE / "docs/examples/plotjuggler-csv.xml").read_text())
 
 

@@ -1,5 +1,5 @@
 #!/usr/bin/python3
-"""trocar-replay takes no more memory for a long log than for a short one, also where it compares and writes.
+"""trocar-replay needs no more memory for a long log than for a short one, also when it compares and writes.
 
 usage: test_long_logs.py BUILD_DIR SOURCE_DIR
 """
@@ -15,7 +15,7 @@ SHORT, LONG = 2, 150    # s of poses, a thousand each
 
 
 def peak(*command):
-    """MB, the largest size in memory."""
+    """Returns the peak memory of the command, MB."""
     process = os.posix_spawn(command[0], [str(part) for part in command], os.environ)
     _, status, used = os.wait4(process, 0)
     if status != 0:

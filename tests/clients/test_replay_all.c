@@ -1,4 +1,4 @@
-/* trocar-replay: a log of several needles with commands (--all), and one with poses of the probe, give the forces that the same calls give. */
+/* trocar-replay gives the forces that the same calls give, for a log of several needles with commands (--all) and for a log with poses of the probe. */
 #define _DEFAULT_SOURCE
 #include <math.h>
 #include <setjmp.h>
@@ -31,7 +31,7 @@ typedef struct {
     lcm_eventlog_t *log;
     int64_t utime, seq;
     trocar_output last;
-    double (*force)[3];      /* N, of each tick; NULL: not kept */
+    double (*force)[3];      /* N, in each tick; NULL: not recorded */
     int ticks;
     int64_t moved[2];        /* us, utime of each needle's last pose; 0: the next one begins an insertion */
 } recording;
@@ -52,7 +52,7 @@ static void command(recording *r, int what, int needle) {
     OK(log_write_command(r->log, &m, path, &why));
 }
 
-/* A pose in the log, `aside` from where the needle of the simulation is held. */
+/* Writes a pose to the log, `aside` from where the needle of the simulation is held. */
 static void pose_at(recording *r, int needle, double x, double z, double aside) {
     trocar_pose base = {{x, 0.003, z}, {1, 0, 0, 0}};
     trocar_needle_pose_t m = {.utime = r->utime += 1000, .session = 10 + needle, .seq = r->seq++, .needle = needle,
@@ -77,7 +77,7 @@ static void leave(recording *r, int needle) {
     OK(trocar_sim_work(r->sim, NULL, &why));
 }
 
-/* Two needles put in and left, the first taken where it lies with the hand elsewhere and drawn back, the second removed. */
+/* Two needles are inserted and left; the first is taken where it rests, with the hand elsewhere, and drawn back; the second is removed. */
 static void record(recording *r) {
     const trocar_pose away = {{0, 0, -10}, {1, 0, 0, 0}};
     for (int i = 0; i < 2; i++) OK(trocar_sim_reset(r->sim, i, &away, &why));
@@ -97,11 +97,11 @@ static void record(recording *r) {
         OK(log_write_pose(r->log, &m, path, &why));
         OK(trocar_sim_step(r->sim, 0, &base, 1e-3, &r->last, &why));
     }
-    command(r, TROCAR_COMMAND_T_TAKE, 1); /* refused: it is gone */
+    command(r, TROCAR_COMMAND_T_TAKE, 1); /* refused, because the needle is gone */
 }
 
-/* Two needles beside each other; the first is reset while it is held, once at hand and once after it has been left and taken, and goes in again elsewhere
-   while the second moves on. */
+/* Two needles lie beside each other. The first is reset twice, once while it is held and once after it has been left and taken, and is inserted again
+   elsewhere while the second moves on. */
 static void record_resets(recording *r) {
     const trocar_pose away = {{0, 0, -10}, {1, 0, 0, 0}};
     for (int i = 0; i < 2; i++) OK(trocar_sim_reset(r->sim, i, &away, &why));
@@ -109,7 +109,7 @@ static void record_resets(recording *r) {
     push(r, 1, 0.005);
     command(r, TROCAR_COMMAND_T_RESET, 0);
     OK(trocar_sim_reset(r->sim, 0, &away, &why));
-    for (int t = 1; t <= BACK; t++) pose_at(r, 1, 0.005, -0.201 + 1e-4 * (IN + t), 0.0); /* as if the first had never been there */
+    for (int t = 1; t <= BACK; t++) pose_at(r, 1, 0.005, -0.201 + 1e-4 * (IN + t), 0.0); /* as if the first needle had never been inserted */
     push(r, 0, -0.01);
     leave(r, 0);
     command(r, TROCAR_COMMAND_T_TAKE, 0);
@@ -121,7 +121,7 @@ static void record_resets(recording *r) {
     push(r, 0, 0.02);
 }
 
-/* A scene of two needles in a folder of its own, and the log of what `record` does there. Returns the model; the simulation is the recording's. */
+/* Makes a scene of two needles in a folder of its own, and the log written by `record`. Returns the model; the simulation belongs to the recording. */
 static trocar_model *log_two_needles(recording *r, void (*record)(recording *)) {
     trocar_scene *scene;
     trocar_model *model;
@@ -169,7 +169,7 @@ static void a_log_with_commands_replays_as_it_was(void **state) {
     for (int a = 0; a < 3; a++) assert_close(force[a], r.last.force[a], 1e-9);
     snprintf(line, sizeof line, "grep -q '5 commands, 1 of them refused' %s/text", folder);
     assert_int_equal(system(line), 0);
-    rename(out, path); /* what it writes can be replayed again */
+    rename(out, path); /* the output can be replayed again */
     assert_int_equal(run("--all -q"), 0);
     assert_int_not_equal(run("--all --needle 1 -q 2>/dev/null"), 0);
     remove_folder();
@@ -186,7 +186,7 @@ static const char probe_keys[] = "probe: {surface: skin, radius: 0.008, tip_radi
 
 static trocar_pose probe_at(int tick) { return (trocar_pose){{0.02, -0.015, -LENGTH - 0.001 + 2e-5 * tick}, {1, 0, 0, 0}}; }
 
-/* Forces of all ticks as rows of x, y, z; returns their number. */
+/* Reads the forces of all ticks as rows of x, y, z; returns their number. */
 static int read_forces(double (*force)[3], int room) {
     FILE *file = fopen(csv, "r");
     char row[1024];
@@ -215,7 +215,7 @@ static void resets_take_effect_at_once(void **state) {
     free(r.force);
 }
 
-/* The probe goes 5 mm into the skin beside a needle, every tenth tick. Poses of another session, and old ones, are not used. */
+/* The probe is pressed 5 mm into the skin beside a needle, with a pose every tenth tick. Poses of another session, and old ones, are not used. */
 static void record_with_probe(recording *r) {
     trocar_pose base = {{0, 0.003, -0.201}, {1, 0, 0, 0}};
     OK(trocar_sim_reset(r->sim, 0, &base, &why));
@@ -295,7 +295,7 @@ static void the_probe_of_a_log_moves_as_it_did(void **state) {
              folder, folder, folder);
     assert_int_equal(system(line), 0);
 
-    rename(out, path); /* what it writes can be replayed again, to the same bits */
+    rename(out, path); /* the output can be replayed again, to the same bits */
     snprintf(line, sizeof line, "-q --csv %s.2", csv);
     assert_int_equal(run(line), 0);
     snprintf(line, sizeof line, "cmp %s %s.2 && rm -r %s", csv, csv, folder);

@@ -1,5 +1,5 @@
 #!/usr/bin/python3
-"""trocar-top --udp-json with a running server and a listener: the datagrams are JSON, with the values that are on the network.
+"""trocar-top --udp-json with a running server and a listener: the datagrams are JSON and have the values of the LCM messages.
 
 usage: test_udp_json.py BUILD_DIR SOURCE_DIR
 Status 77: no private network namespace here.
@@ -34,7 +34,7 @@ def bind(port):
 
 
 def listen(listener, seconds):
-    """The objects that arrive in this time."""
+    """Returns the objects that arrive within this time."""
     found, end = [], time.monotonic() + seconds
     while time.monotonic() < end:
         try:
@@ -77,8 +77,8 @@ def xyz(vector):
 
 
 def compare(objects, wrenches):
-    """Values are those of the tick, to the bit. Returns the wrenches' objects."""
-    time.sleep(0.1)  # the last wrench may still be on its way to the thread
+    """Checks that the values are those of the tick, to the bit. Returns the wrenches' objects."""
+    time.sleep(0.1)  # the last wrench may not have reached the thread yet
     found = [o for o in objects if "tick" in o.get("needle0", {})]
     for o in found:
         n = o["needle0"]
@@ -90,7 +90,7 @@ def compare(objects, wrenches):
 
 
 def names(value, name=""):
-    """The names that PlotJuggler gives to the numbers of an object."""
+    """Yields the names that PlotJuggler gives to the numbers of an object."""
     if isinstance(value, dict):
         return {each for key in value for each in names(value[key], f"{name}/{key}")}
     return {name} if isinstance(value, (int, float)) else set()
@@ -103,13 +103,14 @@ def check_layout(objects):
 
 
 def check_period(found, wrenches, period):
-    """A period (us, less 0.1 ms) or more between two datagrams, and mostly no more: a busy machine may lose wrenches before trocar-top reads them."""
+    """Checks that at least a period (us, minus 0.1 ms) lies between two datagrams, and mostly not more: a busy machine may lose wrenches before
+    trocar-top reads them."""
     gaps = [wrenches.of_tick[after["needle0"]["tick"]][0] - wrenches.of_tick[before["needle0"]["tick"]][0] for before, after in zip(found, found[1:])]
     assert len(gaps) > 4 and min(gaps) >= period - 100 and statistics.median(gaps) < 1.5 * period, gaps
 
 
 def check_events(found, wrenches):
-    """Events of ticks that were not sent are in the next datagram, and no others."""
+    """Checks that the next datagram contains the events of ticks that were not sent, and no others."""
     gathered = 0
     for before, after in zip(found, found[1:]):
         n, events = after["needle0"], 0
@@ -157,7 +158,7 @@ def live():
     assert len(loops) > 3 and all(0 < loop["compute_p50_s"] < 0.1 and loop["rate_Hz"] == 1000 for loop in loops), loops
     assert len(states) > 3 and states[-1]["owned"] is True and states[-1]["poses_accepted"] > states[0]["poses_accepted"] > 0, states
 
-    # The listener goes away and comes back, and so does the server.
+    # The listener disappears and comes back, and so does the server.
     listener.close()
     time.sleep(0.5)
     listener = bind(9870)
@@ -184,8 +185,8 @@ def live():
     time.sleep(1.2)
     said = end(top)
     assert "udp json    127.0.0.1:9870: " in said[0] and "lateness" in said[0], said
-    # Events of wrenches that are not sent are in the next one that is.
-    listener.close()                             # with what has come since
+    # Events of wrenches that are not sent appear in the next one that is.
+    listener.close()                             # with the datagrams received since
     listener = bind(9870)
     top = start(TOP, "--udp-json", "127.0.0.1:9870", "--udp-rate", "5", stdout=subprocess.DEVNULL, stderr=subprocess.DEVNULL)
     found = compare(listen(listener, 3.0), wrenches)

@@ -1,5 +1,5 @@
-/* Datagrams to the free client, several in a row: two bytes before each give its length and its sender. Whatever comes, the wrench to
-   render keeps to the limits, and texts are printable. The client is one file, whose inner functions get the datagrams. */
+/* Sends datagrams to the free client, several in a row: two bytes before each give its length and its sender. For any input, the
+   wrench to render stays within the limits, and texts are printable. The client is one file, whose inner functions get the datagrams. */
 #include "fuzz.h"
 
 #include "trocar_client.c"
@@ -27,13 +27,13 @@ int LLVMFuzzerTestOneInput(const uint8_t *data, size_t size) {
         fresh->session = SESSION;
         fresh->asked = 1;
     }
-    memcpy(c, fresh, offsetof(trocar_client, assembly.bytes)); /* all but two buffers */
+    memcpy(c, fresh, offsetof(trocar_client, assembly.bytes)); /* all except two buffers */
     while (size >= 3) {
         size_t length = (size_t)data[0] << 8 | data[1];
         const struct sockaddr_in from = {.sin_family = AF_INET, .sin_port = data[2]};
         data += 3, size -= 3;
         if (length > size) length = size;
-        unsigned char *datagram = malloc(length + 1); /* so that reading beyond its end is found */
+        unsigned char *datagram = malloc(length + 1); /* a separate allocation, so that reading beyond its end is detected */
         REQUIRE(datagram != NULL);
         memcpy(datagram + 1, data, length);
         take_datagram(c, datagram + 1, length, &from);

@@ -9,13 +9,13 @@
 
 enum { NEEDLES = 2 };
 
-/* Returns the needle whose pose was accepted, or -1. `refused`: poses since each needle's last one that was accepted. */
+/* Returns the needle whose pose was accepted, or -1. `refused`: number of poses refused since each needle's last accepted pose. */
 static int check(const pose_arbiter *in, const arbiter_needle before[NEEDLES], pose_verdict verdict, int64_t now, const int refused[NEEDLES]) {
     int changed = -1;
     for (int i = 0; i < NEEDLES; i++) {
         const pose_sample *s = &in->needles[i].newest, *b = &before[i].newest;
         if (memcmp(s, b, sizeof *b) == 0) continue;
-        if (!s->held) { /* its owner has moved to another needle */
+        if (!s->held) { /* the owner has moved to another needle */
             REQUIRE(verdict == POSE_ACCEPTED && in->record.needles[i].owner == 0);
             continue;
         }

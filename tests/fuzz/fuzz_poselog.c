@@ -29,7 +29,7 @@ static void check_commands(const pose_log *log) {
     }
 }
 
-/* The same one by one. */
+/* Reads the same log pose by pose. */
 static void read_stream(const char *path, const pose_log *log) {
     pose_stream *stream;
     pose_step step;

@@ -1,4 +1,4 @@
-"""Server, bridge and stand-in for tests, in a private network namespace."""
+"""Runs server, bridge and stand-in for tests, in a private network namespace."""
 import bisect
 import collections
 import gc
@@ -17,7 +17,7 @@ sys.path.insert(0, str(Path(__file__).resolve().parent.parent / "shared"))
 from simulated_device import DeviceService
 from standin import Service, use_realtime
 
-gc.disable()    # its pauses would look like the bridge's
+gc.disable()    # its pauses would look like pauses of the bridge
 
 
 def wait_for(condition, what, seconds=5.0):
@@ -30,8 +30,8 @@ def wait_for(condition, what, seconds=5.0):
 
 
 class Wrenches:
-    """When the server's wrenches came, by the kernel's clock, seconds of time.monotonic: a process that is told to stop may go on for some
-    milliseconds until it is scheduled."""
+    """Records when the server's wrenches arrived, by the kernel's clock, in seconds of time.monotonic: a process that is told to stop may
+    run for some milliseconds until it is scheduled."""
 
     SO_TIMESTAMPNS = 35
 
@@ -55,7 +55,7 @@ class Wrenches:
                 self.times.append(seconds + 1e-9 * nanoseconds + time.monotonic() - time.time())
 
     def newest(self, before):
-        """The newest one before this time, -inf: none."""
+        """Returns the time of the newest wrench before this time, -inf if there is none."""
         times = list(self.times)
         k = bisect.bisect_left(times, before)
         return times[k - 1] if k > 0 else -math.inf
@@ -65,7 +65,8 @@ class Rig:
     def __init__(self, build, source, folder, realtime=False, device=None, **service):
         """`device`: a simulated device (simulated_device.py) that feels the force; otherwise the test sets its positions."""
         self.build, self.source, self.folder = Path(build), Path(source), Path(folder)
-        # The stand-in's positions are the test's: there is no loop that a coupling could keep stable, only its force would follow the delay.
+        # The test sets the stand-in's positions, so there is no closed loop to keep stable, and a coupling would only make the force depend on the
+        # delay.
         figure8 = (self.source / "meshes/figure8.yaml").read_text().replace("mesh: ", f"mesh: {self.source.resolve()}/meshes/", 1)
         self.scene = self.folder / "scene.yaml"
         self.scene.write_text(figure8 + "device: {max_stiffness: .inf}\n")
@@ -107,11 +108,11 @@ class Rig:
         self.service.stop()
 
     def force(self):
-        """The newest force, device's frame, N."""
+        """Returns the newest force, N, in the device's frame."""
         return self.service.forces[-1][1]
 
     def since(self, start):
-        """[(time, force)] that were received after this time."""
+        """Returns [(time, force)] received after this time."""
         forces, k = self.service.forces, len(self.service.forces)
         while k > 0 and forces[k - 1][0] >= start:
             k -= 1
@@ -121,7 +122,7 @@ class Rig:
         return [math.hypot(*force) for _, force in self.since(start)]
 
     def force_without_server(self, begin, end):
-        """Seconds from the last wrench, of a server that stopped soon after `begin`, to the last force before `end`."""
+        """Returns the seconds from the last wrench of a server that stopped soon after `begin` to the last force before `end`."""
         last_wrench = self.wrenches.newest(end)
         assert begin - 0.1 < last_wrench < end - 0.1, "the server did not stop"
         return max((at for at, force in self.since(last_wrench) if force != (0, 0, 0) and at < end), default=last_wrench) - last_wrench

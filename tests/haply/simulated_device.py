@@ -44,7 +44,7 @@ class Device:
 
 
 class DeviceService(Service):
-    """Gives the forces that it receives to a device, and reports where that is."""
+    """Applies the forces that it receives to a device, and reports the device's position."""
 
     def __init__(self, device, **service):
         self.held = device

@@ -22,7 +22,7 @@ from standin import Disconnect, use_realtime
 
 HOME, LIMIT = (0.0, 0.1, 0.1), 0.4
 WATCHDOG, SLACK = 0.02, 0.005  # s
-STEP = 2e-4        # m, of the hand: within the server's limits of speed
+STEP = 2e-4        # m, step of the hand, within the server's limits of speed
 
 
 def percentiles(values):
@@ -41,8 +41,8 @@ def insert(rig, depth=0.04, speed=0.05):
 
 
 def round_trips(rig, count):
-    """The resting hand makes a small step: times from the first state that tells it to the first force that differs, inf where there is none
-    within 80 ms."""
+    """The resting hand makes a small step. Returns the times from the first state that shows it to the first force that differs, inf if
+    there is none within 80 ms."""
     insert(rig)
     times = []
     for k in range(1, count + 1):
@@ -63,7 +63,7 @@ def rates(rig, seconds=5):
 
 
 def stops(rig, count):
-    """The server is stopped in the middle of an insertion: times from the last wrench to the last force."""
+    """The server is stopped in the middle of an insertion. Returns the times from the last wrench to the last force."""
     times = []
     for _ in range(count):
         rig.wait_for_force(0.1, "no force before a stop")
@@ -77,7 +77,7 @@ def stops(rig, count):
 
 
 def hangs(rig, count):
-    """The service does not answer for 0.3 s: the first force that it finds then is zero."""
+    """The service does not answer for 0.3 s; the first force that it receives after that must be zero."""
     for _ in range(count):
         rig.wait_for_force(0.1, "no force before a hang")
         hung = []
@@ -116,7 +116,7 @@ def damaged(state, change):
 
 
 class Faults:
-    """Faults of the service: answers one message in `every` wrongly. Judges every force at once."""
+    """Faults of the service: one message in `every` is answered wrongly. Judges every force at once."""
 
     def __init__(self, rig, random):
         self.rig, self.random, self.counts, self.judged, self.violations, self.greatest = rig, random, {}, len(rig.service.forces), [], 0.0
@@ -213,7 +213,7 @@ def random_faults(rig, minutes, seed):
             rig.service.start()
         if rig.bridge.poll() is not None:
             raise AssertionError(f"the bridge ended: {rig.bridge.returncode}\n{rig.said()}")
-    # Both sides are well again: force in the tissue, none outside it.
+    # Both sides work again: force in the tissue, and none outside it.
     rig.service.answer = json.dumps
     time.sleep(2)
     seen, end = [], time.monotonic() + 9

@@ -1,5 +1,5 @@
 #!/usr/bin/python3
-"""Stands in for the Haply Inverse Service: written from the maker's documentation alone (clients/bridges/haply/message.h lists the pages).
+"""A stand-in for the Haply Inverse Service, written only from the maker's documentation (clients/bridges/haply/message.h lists the pages).
 
 usage: standin.py [PORT]     serves a device that pushes 50 mm forward and draws back, in 4 s, until it is stopped; PORT: 10001
 """
@@ -125,7 +125,7 @@ class Service:
 
     def state(self, full):
         position = self.position(time.monotonic()) if callable(self.position) else self.position
-        if not self.frozen:  # the last digit of a sensor is never still
+        if not self.frozen:  # the last digit of a sensor always changes
             self.counted += 1
             position = (position[0], position[1], position[2] + 1e-8 * (self.counted % 7))
         new = self.version >= "3.5"
@@ -155,7 +155,7 @@ class Service:
 
 
 def use_realtime():
-    """Of this thread, where it is permitted, so that other work on the machine is not taken for a fault."""
+    """Uses real-time priority for this thread, if permitted, so that a busy machine does not look like a fault."""
     try:
         os.sched_setscheduler(0, os.SCHED_FIFO | os.SCHED_RESET_ON_FORK, os.sched_param(20))
     except PermissionError:

@@ -1,6 +1,6 @@
 #!/usr/bin/python3
-"""The real server and trocar-haply with a simulated device behind the stand-in: a hand that pushes the needle comes to rest, as in the same
-closed loop in one process (../stability/stability_map.c); and --measure-delay finds the device's delay and mass.
+"""Tests the real server and trocar-haply with a simulated device behind the stand-in: a hand that pushes the needle comes to rest, as in
+the same closed loop in one process (../stability/stability_map.c); and --measure-delay finds the device's delay and mass.
 
 usage: test_device.py BUILD_DIR SOURCE_DIR [--points FILE] [--slow]
 
@@ -26,14 +26,14 @@ from in_namespace import in_namespace
 from simulated_device import Device, Properties
 from standin import use_realtime
 
-PUSH = {"bone": (1e-3, 11e-3), "liver": (1e-3, 41e-3), "air": (60e-3, 40e-3)}    # m: from the tip to the skin, and of the push
+PUSH = {"bone": (1e-3, 11e-3), "liver": (1e-3, 41e-3), "air": (60e-3, 40e-3)}    # m: from the tip to the skin, and length of the push
 SPEED, WINDOW, WINDOWS, LARGE = 0.1, 0.25, 20, 0.5e-3    # m/s, s, -, m: as in stability_map.c
 REST, PATIENCE = 4, 60    # windows in a row in which the hand must rest, of at most so many: a stall of the machine pushes a resting hand again
 COLUMNS = "profile,tissue,hand,device,mass_kg,delay_ms,told,swing_mm,quiet_s,widest_mm,force_n,stiffness_n_per_m,active".split(",")
 
 
 def write_scene(source, path, point):
-    """Figure 8's scene, changed as stability_map.c does."""
+    """Writes figure 8's scene, changed as by stability_map.c."""
     text = (Path(source) / "meshes/figure8.yaml").read_text().replace("mesh: ", f"mesh: {source}/meshes/")
     if point["tissue"] == "bone":
         text = re.sub(r"youngs_modulus: (60|30)e3", "youngs_modulus: 10e9", text).replace("puncture_force: 0.6", "puncture_force: .inf")
@@ -51,7 +51,7 @@ def device_of(build, point):
 
 
 def coupling(build):
-    """Stiffness of the coupling (N/m) and whether the server says ACTIVE, from trocar-top."""
+    """Returns the stiffness of the coupling (N/m) and whether the server reports ACTIVE, from trocar-top."""
     text = subprocess.run([f"{build}/clients/trocar-top", "--once"], capture_output=True, text=True, timeout=20).stdout
     return float(re.search(r"coupling ([0-9]+) N/m", text).group(1)), "ACTIVE" in text.upper()
 
@@ -102,7 +102,7 @@ def check_points(build, source, slow):
         assert float(expected["swing_mm"]) < 1e3 * LARGE, expected
         assert float(found["swing_mm"]) < 1e3 * LARGE, f"the hand does not come to rest: {found}"
         ratio = float(found["stiffness_n_per_m"]) / float(expected["stiffness_n_per_m"])
-        assert slow or 0.2 < ratio < 5, f"another stiffness than in one process: {found}, {expected}"    # a level more or less is a factor of 4
+        assert slow or 0.2 < ratio < 5, f"another stiffness than in one process: {found}, {expected}"    # one level more or less is a factor of 4
 
 
 def measure_delay(build, source, mass, delay):

@@ -1,4 +1,4 @@
-/* What trocar-haply --measure-delay finds, for simulated devices whose delay and mass are known. */
+/* trocar-haply --measure-delay finds the delay and mass of simulated devices. */
 #include <stdio.h>
 
 #include "device_response.h"
@@ -10,7 +10,7 @@
 #include <stdint.h>
 #include <cmocka.h>
 
-static const double PERIOD = 1e-3; /* s, of the bridge's messages */
+static const double PERIOD = 1e-3; /* s between two messages of the bridge */
 
 /* Runs the measurement as the bridge does; `drift` is the hand's voluntary motion, m/s. */
 static bool measure(const device_properties *properties, double drift, double reply, response_model *found) {

@@ -1,4 +1,4 @@
-/* Force limits of trocar-haply: greatest force, rate, ramps, and nothing that is not finite. */
+/* Force limits of trocar-haply: largest force, rate, ramps, and only finite values. */
 #include <setjmp.h>
 #include <stdarg.h>
 #include <stddef.h>
@@ -14,7 +14,7 @@ static const vec3 NONE = {0, 0, 0};
 
 static limiter make(double max_force, double max_rate) { return (limiter){.max_force = max_force, .max_rate = max_rate}; }
 
-/* `seconds` of a constant wanted force; each step keeps both limits. */
+/* Requests a constant force for `seconds`; each step stays within both limits. */
 static vec3 hold(limiter *l, vec3 felt, vec3 carried, double seconds) {
     vec3 last = l->force;
     for (int k = 0; k < lround(seconds / PERIOD); k++) {
@@ -29,7 +29,7 @@ static vec3 hold(limiter *l, vec3 felt, vec3 carried, double seconds) {
 static void force_rises_in_a_tenth_of_a_second(void **state) {
     (void)state;
     limiter l = make(10, 1e5);
-    assert_close(hold(&l, v3(0, -2, 0), NONE, 0.04).y, -2 * 0.4 * 0.4, 1e-9); /* both gains: after a cut and of the grip */
+    assert_close(hold(&l, v3(0, -2, 0), NONE, 0.04).y, -2 * 0.4 * 0.4, 1e-9); /* both gains: after a cut, and that of the grip */
     assert_close(hold(&l, v3(0, -2, 0), NONE, 0.07).y, -2, 1e-12);
 }
 
@@ -41,7 +41,7 @@ static void force_and_rate_are_limited(void **state) {
     assert_close(force.z, -2.4, 1e-9);
     force = hold(&l, v3(-30, 0, 40), NONE, 0.06);
     assert_close(v3_norm(force), 0, 1e-9); /* half of the way from 3 N to -3 N, at 50 N/s */
-    assert_close(limiter_next(&l, v3(-300, 0, 0), NONE, 5).x, -50 * 0.01, 1e-9); /* a late call is no excuse */
+    assert_close(limiter_next(&l, v3(-300, 0, 0), NONE, 5).x, -50 * 0.01, 1e-9); /* a late call does not permit a larger change */
 }
 
 static void a_cut_is_immediate(void **state) {
@@ -62,7 +62,7 @@ static void what_is_not_finite_gives_no_force(void **state) {
         assert_true(v3_norm(limiter_next(&l, v3(0, wrong[i], 0), NONE, PERIOD)) == 0);
         hold(&l, v3(1, 0, 0), NONE, 1);
         assert_true(v3_norm(limiter_next(&l, v3(1, 0, 0), NONE, i == 0 ? NAN : -1.0)) == 0);
-        assert_close(hold(&l, v3(1, 0, 0), NONE, 1).x, 1, 1e-12); /* and it recovers */
+        assert_close(hold(&l, v3(1, 0, 0), NONE, 1).x, 1, 1e-12); /* and the force recovers */
     }
 }
 
@@ -77,7 +77,7 @@ static void a_weight_is_carried_without_the_needle(void **state) {
         assert_close(force.z, 0.5, 1e-12);
     }
     assert_close(force.x, 0, 1e-12);
-    assert_close(hold(&l, v3(1, 0, 0), weight, 0.049).x, 0.5, 1e-9); /* 0.05 s after it was let go of for the last time */
+    assert_close(hold(&l, v3(1, 0, 0), weight, 0.049).x, 0.5, 1e-9); /* 0.05 s after the last release */
 }
 
 int main(void) {

@@ -1,4 +1,4 @@
-/* Workspace of trocar-haply: axes, scale, base or tip, the handle's orientation, the clutch, and the force's way back. */
+/* The workspace of trocar-haply: axes, scale, base or tip, the handle's orientation, the clutch, and the force's transformation back. */
 #include <setjmp.h>
 #include <stdarg.h>
 #include <stddef.h>
@@ -64,7 +64,7 @@ static void the_needle_points_where_the_handle_points(void **state) {
     assert_vector(q_axis(mapping_pose(&m, v3(0, 0, 0), &up, false).orientation), 0, 0.5, sqrt(0.75));
     q = mapping_pose(&m, v3(0, 0, 0), &rolled, false).orientation;
     assert_vector(q_axis(q), 0, 0, 1);
-    assert_vector(q_rotate(q, v3(0, 1, 0)), -1, 0, 0); /* the handle's top is at the device's right */
+    assert_vector(q_rotate(q, v3(0, 1, 0)), -1, 0, 0); /* the handle's top points to the device's right */
 }
 
 static void the_tip_stays_at_the_cursor(void **state) {
@@ -109,13 +109,13 @@ static void the_clutch_holds_and_lets_go_without_a_jump(void **state) {
         mapping_pose(&m, v3(0, 0, 0), &first, false);
         pose pressed = mapping_pose(&m, v3(0, 0.05, 0), &first, true);
         assert_same(mapping_pose(&m, v3(0.03, 0.01, -0.02), &other, true), pressed);
-        assert_same(mapping_pose(&m, v3(0.03, 0.01, -0.02), NULL, false), pressed); /* the handle was lost: its button is unknown */
+        assert_same(mapping_pose(&m, v3(0.03, 0.01, -0.02), NULL, false), pressed); /* the handle was lost, so its button is unknown */
         assert_same(mapping_pose(&m, v3(0.04, 0.01, -0.02), &other, false), pressed);
         pose after = mapping_pose(&m, v3(0.04, 0.02, -0.02), &further, false);
         vec3 was = v3_axpy(tip * 0.2, q_axis(pressed.orientation), pressed.position), is = v3_axpy(tip * 0.2, q_axis(after.orientation), after.position);
         assert_vector(v3_sub(is, was), 0, 0, 0.01);
         vec3 turned = q_log(q_multiply(after.orientation, q_conjugate(pressed.orientation)));
-        assert_vector(turned, 0, 5 * DEGREE, 0); /* about up, as the hand */
+        assert_vector(turned, 0, 5 * DEGREE, 0); /* about the vertical axis, like the hand */
     }
 }
 
@@ -127,7 +127,7 @@ static void a_first_position_with_the_clutch_pressed_is_the_start(void **state) 
     assert_vector(mapping_pose(&m, v3(0, 0.1, 0), &IDENTITY, false).position, 0.1, 0.2, 0.3);
 }
 
-/* At scale 1 the hand does the work that the needle does. */
+/* At scale 1 the hand does the same work as the needle. */
 static void the_force_returns_in_the_devices_frame(void **state) {
     (void)state;
     mapping_settings s = standard();

@@ -1,4 +1,4 @@
-/* Messages of the Haply Inverse Service: choice of device and handle, events, and what is written. Bad messages are test_haply.py's. */
+/* Messages of the Haply Inverse Service: choice of device and handle, events, and written messages. test_haply.py tests bad messages. */
 #include <setjmp.h>
 #include <stdarg.h>
 #include <stddef.h>
@@ -41,7 +41,7 @@ static void handles_of_three_kinds(void **unused) {
     assert_true(read_good(text, &(haply_choice){.clutch = "b"}).clutch);
     state = read_good(text, &(haply_choice){.handle = "61548", .clutch = "a"});
     assert_string_equal(state.handle, "61548");
-    assert_true(state.clutch); /* it has one button only */
+    assert_true(state.clutch); /* the handle has only one button */
     assert_string_equal(read_good(text, &(haply_choice){.handle = "2", .clutch = "a"}).handle, "");
 }
 

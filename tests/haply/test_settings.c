@@ -1,4 +1,4 @@
-/* Where trocar-haply's options and the server's scene place the needle. */
+/* The needle's placement by trocar-haply's options and the server's scene. */
 #include "settings.h" /* before cmocka.h, whose macro hides `fail` */
 
 #include <setjmp.h>
@@ -19,7 +19,7 @@
 
 enum { MOST = 16 };
 
-/* Settings of a command line, whose scene has this text; up to MOST words, divided by spaces. */
+/* Places the needle by a command line whose scene has this text; up to MOST words, separated by spaces. */
 static trocar_status place(const char *scene, const char *options, haply_settings *settings, report *why) {
     char path[] = "/tmp/test_haply_settings.XXXXXX", line[256], *words[MOST] = {"trocar-haply", "--scene", path};
     int count = 3, file = mkstemp(path);
@@ -58,13 +58,13 @@ static void options_come_first(void **state) {
     assert_base(MINIMAL, "--start 0.1,0.2,0.3", v3(0.1, 0.2, 0.3), v3(0, 0, 1));
 }
 
-/* The mesh's x is 250 mm less the patient's y, its y is x less 125 mm, its z is z and 500 mm. */
+/* The mesh's x is 250 mm minus the patient's y, its y is the patient's x minus 125 mm, and its z is the patient's z plus 500 mm. */
 static void places_of_the_patient_are_millimetres_along_its_axes(void **state) {
     (void)state;
     assert_base(MINIMAL PATIENT NEEDLE, "--patient --start 100,50,-300", v3(0.2, -0.025, 0.2), v3(1, 0, 0));
     assert_base(MINIMAL PATIENT NEEDLE, "--patient --point tip --start 100,50,-300", v3(0.05, -0.025, 0.2), v3(1, 0, 0));
     assert_base(MINIMAL PATIENT NEEDLE, "--patient --offset 100,50,-300", v3(0.2, -0.025, 0.2), v3(1, 0, 0));
-    assert_base(MINIMAL PATIENT NEEDLE, "--patient", v3(0.01, 0.02, -0.2), v3(1, 0, 0)); /* the scene's is in the mesh */
+    assert_base(MINIMAL PATIENT NEEDLE, "--patient", v3(0.01, 0.02, -0.2), v3(1, 0, 0)); /* the scene's start is in the mesh's frame */
 }
 
 static void a_scene_that_does_not_say_is_refused(void **state) {

@@ -1,4 +1,4 @@
-/* The whole inverse as one matrix, which the paper's methods update. */
+/* The whole inverse as one matrix, as updated by the paper's methods. */
 #ifndef TROCAR_ORACLES_DENSE_MATRIX_H
 #define TROCAR_ORACLES_DENSE_MATRIX_H
 
@@ -6,10 +6,10 @@
 
 #include "inverse/inverse.h"
 
-/* Does the owner keep it all? */
+/* True if the inverse stores the whole matrix. */
 bool is_dense(const inverse *inv);
 
-/* dof_count square, in the numbering of the tissue, for free(). NULL without memory. */
+/* Returns the matrix, dof_count square, in the tissue's numbering; release it with free(). NULL without memory. */
 double *dense_matrix(inverse *inv);
 
 #endif

@@ -20,7 +20,7 @@
 
 /* ---- the mesh -------------------------------------------------------------------------------------------------------- */
 
-/* Node of a layer; in mirrored layers above and below are exchanged. */
+/* Returns a node of a layer; in mirrored layers, above and below are exchanged. */
 static int layer_node(bool above, bool mirrored, int node) { return (above != mirrored ? SOLID_SECTION : 0) + node; }
 
 static vec3 rest_of(const solid_model *model, int node) {
@@ -80,7 +80,7 @@ static void place_section(const solid_model *model, solid_state *state, int sect
         state->rim[section][i] = v3_add(state->line.joints[section], q_rotate(state->line.base.orientation, model->solid.rim[i]));
 }
 
-/* Quaternion of the orthonormal axes in the columns of m (Shepperd 1978: uses the largest of the four components). */
+/* Returns the quaternion of the orthonormal axes in the columns of m (Shepperd 1978: uses the largest of the four components). */
 static quat q_of_axes(const mat3 *m) {
     double trace = m->m[0][0] + m->m[1][1] + m->m[2][2];
     if (trace > 0.0)
@@ -95,7 +95,7 @@ static quat q_of_axes(const mat3 *m) {
     return q_unit((quat){m->m[k][j] - m->m[j][k], v[0], v[1], v[2]});
 }
 
-/* Axis of a segment from the centre nodes, roll angle from the first two rim nodes at both ends. */
+/* Computes the axis of a segment from the centre nodes, and its roll angle from the first two rim nodes at both ends. */
 static void find_frames(const solid_model *model, solid_state *state) {
     for (int k = 0; k < model->line.given.segments; k++) {
         vec3 axis = v3_unit(v3_sub(state->line.joints[k + 1], state->line.joints[k]));
@@ -168,7 +168,7 @@ static strained strain_tet(const solid_mesh *solid, const layer_tet *tet, const 
     return s;
 }
 
-/* Force on node a of the tetrahedron in equilibrium with its stress: V F S g_a. */
+/* Returns the force on node a of the tetrahedron in equilibrium with its stress: V F S g_a. */
 static vec3 nodal_force(const solid_mesh *solid, const layer_tet *tet, const strained *s, int a) {
     vec3 traction = m3_apply(&s->stress, tet->gradients[a]);
     return v3_scale(solid->volume, m3_apply(&s->deformation, traction));
@@ -225,7 +225,7 @@ static void assemble(const solid_model *model, const solid_state *state, solid_t
         }
 }
 
-/* Displacements of sections 1..n of the linearised needle under `load` on its centre nodes (NULL: none). */
+/* Computes the displacements of sections 1..n of the linearised needle under `load` on its centre nodes (NULL: none). */
 static void solve_step(int n, const solid_tangent *tangent, const vec3 *load, double (*step)[TRIDIAGONAL_ROWS]) {
     for (int k = 0; k < n; k++)
         for (int i = 0; i < SOLID_SECTION; i++) {
@@ -260,7 +260,7 @@ static vec3 step_of(double (*step)[TRIDIAGONAL_ROWS], int section, int node) {
     return v3(d[0], d[1], d[2]);
 }
 
-/* Least-squares rotation of a section from the displacements of its rim nodes. */
+/* Returns the least-squares rotation of a section from the displacements of its rim nodes. */
 static vec3 rotation_of(const vec3 *arm, const vec3 *change) {
     mat3 inertia = {{{0}}};
     vec3 momentum = v3(0, 0, 0);
@@ -274,7 +274,7 @@ static vec3 rotation_of(const vec3 *arm, const vec3 *change) {
     return m3_apply(&inverse, momentum);
 }
 
-/* `arm` after `change`, with its rotational part `turn` applied as a finite rotation. */
+/* Returns `arm` after `change`, whose rotational part `turn` is applied as a finite rotation. */
 static vec3 turned_arm(vec3 arm, vec3 change, vec3 turn) {
     vec3 rest = v3_sub(v3_add(arm, change), v3_cross(turn, arm));
     return q_rotate(q_exp(turn), rest);

@@ -1,6 +1,6 @@
-/* The paper's eq. 3: the dofs touched switch from force to displacement, where their block of the inverse is minus a stiffness, to
-   which the change is added, and switch back. In one triangle, with the signs that keep the matrix symmetric (Goodnight, A tutorial on
-   the SWEEP operator, 1979):
+/* The paper's eq. 3: the affected dofs switch from force to displacement, where their block of the inverse is minus a stiffness; the
+   change is added to that block, and the dofs switch back. In one triangle, with the signs that keep the matrix symmetric (Goodnight,
+   A tutorial on the SWEEP operator, 1979):
 
        a_ij -= a_ip a_pj / a_pp,   a_ip = a_ip / a_pp  (back: - a_ip / a_pp),   a_pp = -1 / a_pp
 
@@ -14,7 +14,7 @@
 /* Switches these dofs to displacement (`back` -1) or back (1). */
 typedef trocar_status (*switching)(dense_remesher *, int n, int count, const int *dofs, double back, report *);
 
-/* To switched dofs; `sign` -1 takes it away. */
+/* Adds the change to switched dofs; with `sign` -1, removes it. */
 static void add_change(dense_remesher *r, const dense_change *c, double sign) {
     for (int b = 0; b < c->count; b++)
         for (int a = 0; a < c->count; a++)
@@ -36,7 +36,7 @@ static trocar_status undo(dense_remesher *r, const dense_change *c, switching sw
 
 /* ---- one by one --------------------------------------------------------------------------------------------------- */
 
-/* Columns are short: without this the memory rests at the start of each. */
+/* Prefetches columns: they are short, and without this the memory would stall at the start of each. */
 static void fetch_ahead(const double *entries) {
     enum { LINES = 16, PER_LINE = 8 };
     for (int k = 0; k < LINES; k++) __builtin_prefetch(entries + k * PER_LINE, 1);
@@ -48,8 +48,8 @@ typedef struct {
     double *column;
 } dof_switch;
 
-/* One pass through the triangle, no slower than reading and writing it: each column loses its share of the rank one; the dof's own row
-   and column, `column` so far, are put while they are at hand, and those of the next dof to switch (none: -1) taken. */
+/* Passes once through the triangle, as fast as reading and writing it: each column is updated by its share of the rank-one change; the
+   dof's own row and column, `column` so far, are stored on the way, and those of the next dof to switch (-1: none) are collected. */
 static void sweep(dense_remesher *r, int n, const dof_switch *now, const dof_switch *then, double back) {
     int dof = now->dof, next = then->dof;
     const double *column = now->column;
@@ -85,7 +85,8 @@ trocar_status remesher_create_bcs(inverse *inv, remesher **created, report *why)
 
 /* ---- all at once -------------------------------------------------------------------------------------------------- */
 
-/* With P = +-(block of the dofs) = L L^T: the rest loses or gains (X L^-T) (X L^-T)^T, X becomes X P^-1, the block -+P^-1. */
+/* With P = +-(block of the dofs) = L L^T, (X L^-T) (X L^-T)^T is subtracted from or added to the rest, X becomes X P^-1, and the block becomes
+   -+P^-1. */
 static trocar_status switch_block(dense_remesher *r, int n, int count, const int *dofs, double back, report *why) {
     double *columns = r->columns, *scaled = r->weighted, *pivot = r->block;
     if (count == 0) return TROCAR_OK; /* a new node among fixed ones */

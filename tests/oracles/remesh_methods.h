@@ -1,10 +1,11 @@
-/* The methods of remeshing that only a comparison needs, beside those of the library: the paper's, which update the whole dense inverse. */
+/* Remeshing methods that are only needed for comparison, in addition to those of the library: the paper's methods, which update the whole dense
+   inverse. */
 #ifndef TROCAR_ORACLES_REMESH_METHODS_H
 #define TROCAR_ORACLES_REMESH_METHODS_H
 
 #include "remesh/remesh.h"
 
-/* These go on from the library's. */
+/* The numbers follow those of the library's methods. */
 enum {
     REMESH_WOODBURY = REMESH_METHODS, /* the paper's eq. 4 in one triangle */
     REMESH_WOODBURY_GENERAL, /* the same in the full matrix */
@@ -16,7 +17,7 @@ enum {
 bool any_remesh_needs_dense(int method);
 const char *any_remesh_name(int method);
 
-/* As remesher_create. BAD_INPUT when the method needs a dense inverse that `inv` does not keep. */
+/* Like remesher_create. BAD_INPUT if the method needs a dense inverse that `inv` does not store. */
 trocar_status any_remesher_create(inverse *inv, int method, remesher **created, report *why);
 
 #endif

@@ -2,15 +2,15 @@
 
        inverse' = inverse - A M A^T,      M = change (I + B change)^-1 = (I + change B)^-1 change
 
-   A new node starts on a spring that the change takes away: the paper's "large number", but as it is accounted for exactly, any size
-   will do, and one like the tissue's own loses no digits. What is stored of a change undoes it as the last one only; to take another one
-   away by the same formula would lose up to eight digits. */
+   A new node starts on a spring, the paper's "large number", which the change removes. Because the removal is exact, the spring may have
+   any stiffness, and one like the tissue's own loses no digits. The stored part of a change can undo it only if it is the last change;
+   removing another one by the same formula would lose up to eight digits. */
 #include "oracles/remesh_dense.h"
 
 #include <cblas.h>
 #include <string.h>
 
-enum { BLOCK = 192 };        /* columns of one triangle updated at a time: the rectangle beside them is wasted on the diagonal only */
+enum { BLOCK = 192 };        /* columns of one triangle that are updated at a time; the rectangle beside them is wasted only on the diagonal */
 
 /* Leaves A in the change's own part of `columns` and A M in that of `weighted`, where `undo` finds them. */
 static trocar_status factor_change(dense_remesher *r, const dense_change *c, report *why) {

@@ -1,4 +1,4 @@
-/* One insertion in lockstep, below trocar.h: for tests that look into states. */
+/* One insertion in lockstep, without trocar.h, for tests that inspect states. */
 #ifndef TROCAR_ORACLES_RUN_H
 #define TROCAR_ORACLES_RUN_H
 
@@ -11,15 +11,15 @@ typedef struct {
     vec3 *field_scratch;
 } needle_run;
 
-/* `parts` must outlive it. On failure nothing is left. */
+/* Creates the run; `parts` must outlive it. On failure nothing is allocated. */
 trocar_status run_create(simulation *parts, needle_run *r, report *why);
 void run_free(needle_run *r);
 
-/* One tick, then the remesher serves what it asked for, for the next tick. Deterministic. The caller sets base and dt of `tick`; the rest is
-   set here. */
+/* Runs one tick, and then the remesher serves its request for the next tick. Deterministic. The caller sets base and dt of `tick`; the rest
+   is set here. */
 trocar_status run_step(needle_run *r, tick_input tick, insertion_state *state, compliance_snapshot *snapshot, tick_output *output, report *why);
 
-/* Everything that changes, as it is between two ticks: plain data, about 2 MB. */
+/* The complete changing state between two ticks: plain data, about 2 MB. */
 typedef struct {
     insertion_state state;
     compliance_snapshot snapshot;
@@ -27,11 +27,11 @@ typedef struct {
 
 void run_save(const insertion_state *state, const compliance_snapshot *snapshot, checkpoint *saved);
 
-/* Into this run or another one of the same configuration. What follows is what followed the save: to the bit with the nested method on a dense or
-   condensed inverse, and to rounding with other methods, with the sparse inverse and outside a condensed one's region. */
+/* Restores the state in this run or another one of the same configuration. The results continue as after the save: to the bit with the nested
+   method on a dense or condensed inverse, and to rounding with other methods, with the sparse inverse and outside a condensed one's region. */
 trocar_status run_restore(needle_run *r, const checkpoint *saved, insertion_state *state, compliance_snapshot *snapshot, report *why);
 
-/* As simulation_field, of this needle alone. */
+/* Like simulation_field, for this needle alone. */
 void run_displacement(needle_run *r, const insertion_state *state, vec3 *nominal, vec3 *added);
 
 #endif

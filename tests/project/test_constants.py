@@ -1,6 +1,6 @@
 #!/usr/bin/python3
-"""scripts/pages/constants: reads constants and their comments, and makes variables of them that a compiler accepts. Every constant of the mechanics has
-unit, purpose and source, and docs/reference/constants.md is what these comments and the measured changes make.
+"""Tests scripts/constants: it reads constants and their comments, and turns them into variables that a compiler accepts. Every constant of the
+mechanics has unit, purpose and source, and docs/reference/constants.md agrees with these comments and the measured changes.
 
 usage: test_constants.py SOURCE_DIR
 """

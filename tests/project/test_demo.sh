@@ -1,6 +1,6 @@
 #!/bin/bash
-# scripts/demo as a newcomer may run it, in a folder whose name has a space. Status 77: no network namespace here.
-# usage: test_demo.sh BUILD_DIR SOURCE_DIR
+# Runs scripts/demo as a new user might, in a folder whose name has a space. Status 77: network namespaces are not
+# permitted. usage: test_demo.sh BUILD_DIR SOURCE_DIR
 set -euo pipefail
 build=$1 source=$2
 "$source/scripts/netns" true || exit 77

@@ -88,7 +88,7 @@ class Page:
         self.environment = dict(os.environ, PATH=f"{folder}/.bin:{prefix}/bin:{os.environ['PATH']}", LC_ALL="C.UTF-8",
                                 PKG_CONFIG_PATH=f"{library}/pkgconfig", LD_LIBRARY_PATH=str(library), PYTHONPATH=f"{build}/clients/python",
                                 TROCAR_LIBRARY=f"{library}/libtrocar.so", XDG_CACHE_HOME=str(folder / "out"), MPLBACKEND="svg",
-                                MPLCONFIGDIR=str(prefix / "matplotlib"))    # one cache of fonts for all pages
+                                MPLCONFIGDIR=str(prefix / "matplotlib"))    # one font cache for all pages
 
     def run(self, block):
         """Returns the fault, or None."""
@@ -101,7 +101,7 @@ class Page:
         if block.language in SHELL:
             return self.start(code) if "background" in block.marks else self.shell(code)
         if block.language == "csharp":
-            return None     # compiled by a command of the page
+            return None     # a command of the page compiles it
         return {"c": self.compile, "cpp": self.compile, "python": self.interpret, "yaml": self.load}[block.language](block, code)
 
     def shell(self, code):
@@ -324,7 +324,7 @@ def check_readme(source):
 
 
 def check_quoted(source):
-    """Numbers that more than one document gives are those of the data, or of each other. Returns faults."""
+    """Checks that numbers that more than one document gives agree with the data, or with each other. Returns faults."""
     text = lambda name: (source / name).read_text()
     rate = max(float(value) for value in re.findall(r"^\| \d+ Hz: force \| 4 kHz, over the peak \| ([\d.e-]+) ", text("tests/verification/REPORT.md"), re.MULTILINE))
     rows = [row for row in json.loads(text("docs/results/tick/tick.json"))["rows"] if row["contacts"] == 30]

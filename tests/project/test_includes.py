@@ -15,7 +15,7 @@ import sys
 
 
 def includes(root, *parts):
-    """The units (paths without suffix, relative to root) that each unit includes; those of the parts only, if any are given."""
+    """Returns the units (paths without suffix, relative to root) that each unit includes; only those of the parts, if any are given."""
     files = {path.relative_to(root).as_posix(): path for part in parts or ('.',) for path in (root / part).rglob('*.[ch]') if 'node_modules' not in path.parts}
     graph = {}
     for name, path in files.items():
@@ -36,7 +36,7 @@ def by_folder(graph):
 
 
 def circles(graph):
-    """Depth-first search; a circle is an edge to a node that is still open."""
+    """Yields circles, found by depth-first search: a circle is an edge to a node that is still open."""
     found, state, way = [], {}, []
 
     def visit(node):
@@ -104,7 +104,7 @@ VECTORS = {f'linalg/{name}' for name in ('simd4', 'simd_wide', 'vec_simd4', 'row
 
 
 def leaks(graph):
-    """Units outside of linalg that include vector types and are not kernels."""
+    """Returns units outside linalg that include vector types and are not kernels."""
     return sorted(unit for unit, others in graph.items() if others & VECTORS and not unit.startswith('linalg/') and not unit.endswith('_kernels'))
 
 

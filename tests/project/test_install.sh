@@ -25,7 +25,7 @@ for archive in "$package" "$bridges"; do
     done
 done >needed
 [ -s needed ] || fail "no program needs a library"
-# One call for all, since each takes half a second; packages may list /usr/lib as /lib.
+# One call for all libraries, because each call takes half a second; packages may list /usr/lib as /lib.
 dpkg -S $(awk '{ print $4; sub("^/usr/", "/", $4); print $4 }' needed | sort -u) >owners 2>/dev/null || true
 while read -r archive path library file; do
     depends=$(dpkg-deb --field "$archive" Depends)
@@ -35,6 +35,10 @@ done <needed
 depends=$(dpkg-deb --field "$package" Depends)
 [[ $depends == *libopenblas0-pthread* ]] || fail "libopenblas0-pthread is not required: $depends"
 ! [[ $depends =~ cjson|openigtlink|spnav|evdev ]] || fail "the server needs a bridge's library: $depends"
+# Gmsh, with its hundred packages, is for meshes of other formats: nothing needs it.
+! grep gmsh needed || fail "a program needs Gmsh"
+! objdump -p root/usr/lib/*/libtrocar.so | grep -i gmsh || fail "the library needs Gmsh"
+[[ $depends$(dpkg-deb --field "$package" Recommends) != *gmsh* && $(dpkg-deb --field "$package" Suggests) == *libgmsh4.8* ]] || fail "Gmsh is not just suggested"
 apt-get install --simulate "$package" "$python_package" "$bridges" >apt.txt 2>&1 || fail "$(cat apt.txt)"
 for name in trocar python3-trocar trocar-bridges; do grep -q "^Inst $name " apt.txt || fail "$(cat apt.txt)"; done
 for archive in "$python_package" "$bridges"; do
@@ -64,7 +68,7 @@ while read -r document; do
     done
 done <documents
 
-# The unit refers to installed files, whatever the prefix, and to a group that is created.
+# The unit refers to files that are installed, whatever the prefix, and to a group that is created.
 names_what_is_there() {
     local unit=$1$2/lib/systemd/system/trocar-server.service file
     grep -qxF "ExecStart=$2/bin/trocar-server --scene \${TROCAR_SCENE}" "$unit" || fail "the unit of $2 starts another program: $(cat "$unit")"
@@ -80,7 +84,7 @@ cmake --install "$build" --prefix "$work/local" >cmake.txt || fail "$(cat cmake.
 names_what_is_there "" "$work/local"
 "$work/local/bin/trocar-server" --version >version
 
-# Every program prints its version and has a man page with its options and a completion file. One is Python's.
+# Every program prints its version and has a man page with its options and a completion file. One program is in Python.
 export PYTHONPATH=$prefix/lib/python3/dist-packages TROCAR_LIBRARY=$libraries/libtrocar.so PYTHONDONTWRITEBYTECODE=1
 for path in "$prefix"/bin/*; do
     program=$(basename "$path")
@@ -94,7 +98,7 @@ for path in "$prefix"/bin/*; do
 done
 unset PYTHONPATH TROCAR_LIBRARY
 
-# The completions that bash offers after this line.
+# Prints the completions that bash offers for this line.
 offers() {
     PATH=$prefix/bin:$PATH bash -c '
         source /usr/share/bash-completion/bash_completion
@@ -117,7 +121,7 @@ touch scene.yaml scene.csv scene.jsonl
 [ "$(offers trocar-replay --json-lines sc)" = scene.jsonl ] || fail "trocar-replay --json-lines sc<TAB>: $(offers trocar-replay --json-lines sc)"
 [ "$(offers trocar-replay --scene sc)" = scene.yaml ] || fail "trocar-replay --scene sc<TAB>: $(offers trocar-replay --scene sc)"
 
-# The implant's report is there, finds the messages' definition, and judges a recording as far as it goes.
+# The implant's report is installed, finds the messages' definition, and evaluates a recording as far as it goes.
 /usr/bin/python3 - poses.log <<'END'
 import struct, sys
 event = lambda number, channel, data: struct.pack(">IqqII", 0xEDA1DA01, number, number, len(channel), len(data)) + channel + data
@@ -137,7 +141,7 @@ cp -r "$prefix/share/doc/trocar/examples" bridge
 cmake -S bridge -B bridge/build -DCMAKE_PREFIX_PATH="$prefix" >cmake.txt && cmake --build bridge/build >>cmake.txt || fail "$(cat cmake.txt)"
 cc bridge/bridge.c -o bridge/with-pkg-config $(pkg-config --cflags --libs trocar-client) || fail "pkg-config trocar-client"
 c++ -std=c++17 bridge/bridge.cpp -o bridge/in-c++ $(pkg-config --cflags --libs trocar-client) || fail "the bridge in C++"
-# The client alone, as on a system with nothing but a compiler: the archive by pkg-config, and the source.
+# The client alone, as on a system with only a compiler: the archive by pkg-config, and the source.
 for how in "$(PKG_CONFIG_PATH= PKG_CONFIG_LIBDIR=$libraries/pkgconfig pkg-config --cflags --libs trocar-client)" \
            "-std=gnu99 -I$prefix/share/trocar/client $prefix/share/trocar/client/trocar_client.c -lpthread -lm"; do
     cc -Wall -Wextra -Werror bridge/bridge.c -o alone $how || fail "the client alone: $how"
@@ -148,7 +152,7 @@ examples=$prefix/share/doc/trocar/examples figure8=$prefix/share/trocar/scenes/f
 export LD_LIBRARY_PATH=$(dirname "$(find "$prefix/lib" -name libtrocar.so)")
 cmake -S "$source/tests/project/install" -B planner -DCMAKE_PREFIX_PATH="$prefix" >cmake.txt && cmake --build planner >>cmake.txt || fail "$(cat cmake.txt)"
 c++ -std=c++17 "$examples/insert.cpp" -o insert_cpp $(pkg-config --cflags --libs trocar) || fail "pkg-config trocar"
-# With no other package's file, as on a system with a compiler and pkg-config.
+# Without any other package's file, as on a system with a compiler and pkg-config.
 alone=$(PKG_CONFIG_PATH= PKG_CONFIG_LIBDIR=$(dirname "$(find "$prefix" -name trocar.pc)") pkg-config --cflags --libs trocar 2>&1) || fail "pkg-config alone: $alone"
 [ "$(xargs -n 1 <<<"$alone" | sort -u)" = "$(xargs -n 1 <<<"$(pkg-config --cflags --libs trocar)" | sort -u)" ] || fail "pkg-config alone: $alone"
 ! pkg-config --libs --static trocar | grep gfortran || fail "the static library needs a Fortran compiler"

@@ -1,6 +1,6 @@
 #!/bin/bash
-# scene.md, messages.md and programs.md in docs/reference are what scripts/pages/reference makes of the scene table, of trocar.lcm and of the
-# programs' --help, and they are complete.
+# scene.md, messages.md and programs.md in docs/reference agree with the output of scripts/reference for the scene table, trocar.lcm
+# and the programs' --help, and they are complete.
 # usage: test_reference.sh BUILD_DIR SOURCE_DIR
 set -euo pipefail
 build=$1 source=$2 # absolute

@@ -1,4 +1,4 @@
-/* Dose: what the library refuses, that a refusal changes nothing, and how long a seed takes. test_dose.py has the numbers. */
+/* Tests what the dose functions refuse, that a refusal changes nothing, and how long adding a seed takes. test_dose.py tests the doses. */
 #include <setjmp.h>
 #include <stdarg.h>
 #include <stddef.h>
@@ -44,7 +44,7 @@ static const char *const TABLE[] = {
 };
 enum { LINES = sizeof TABLE / sizeof *TABLE };
 
-/* Loads the table with one line replaced; NULL: as it is. */
+/* Loads the table with one line replaced; unchanged if `replacement` is NULL. */
 static trocar_status load_with(int line, const char *replacement, trocar_dose_source **source, trocar_error *why) {
     char path[] = "/tmp/test_dose_XXXXXX";
     int descriptor = mkstemp(path);
@@ -71,7 +71,7 @@ static void bad_tables_are_refused_with_line_and_remedy(void **state) {
         {2, "dose_rate_constant: nan", ":2: dose_rate_constant: \"nan\""},
         {2, "dose_rate_constant: 0,965", ":2: dose_rate_constant: \"0,965\""},
         {2, "dose_rate_constant: {}", ":2: dose_rate_constant: expected"},
-        {2, "name: other", "the key \"name\" is there twice"},
+        {2, "name: other", "the key \"name\" appears twice"},
         {3, "active_length: 3.0", ":3: active_length: 3 cm do not fit into a capsule of 0.45 cm"},
         {4, "half_lief: 60", "unknown key \"half_lief\""},
         {5, "capsule: {length: 0.45}", ":5: capsule: missing key \"diameter\""},
@@ -159,7 +159,7 @@ static void refusals_change_nothing(void **state) {
     assert_memory_equal(before, after, sizeof before);
     assert_int_equal(trocar_dose_add(dose, &good, &second, NULL), TROCAR_OK);
     assert_int_equal(trocar_dose_remove(dose, id, NULL), TROCAR_OK);
-    assert_int_equal(trocar_dose_remove(dose, id, &why), TROCAR_BAD_INPUT); /* ids are not given again */
+    assert_int_equal(trocar_dose_remove(dose, id, &why), TROCAR_BAD_INPUT); /* an id is never used again */
     assert_int_equal(trocar_dose_seed_count(dose), 1);
     trocar_dose_values(dose, after);
     assert_memory_equal(before, after, sizeof before);
@@ -190,7 +190,7 @@ static void bad_grids_and_points_are_refused(void **state) {
     trocar_dose_source_free(source);
 }
 
-/* The largest doses do not overflow the sum: as many seeds as there may be, in one place. */
+/* The largest possible doses, of as many seeds as allowed in one place, do not overflow the sum. */
 static void sums_do_not_overflow(void **state) {
     (void)state;
     trocar_dose_source *source = create_source();
@@ -226,7 +226,7 @@ static void bad_meshes_are_refused(void **state) {
     int64_t count = trocar_structure_count(s);
     trocar_structure_free(s);
     assert_int_equal(trocar_structure_from_surface(&mesh, 0, 1e-3, &s, &why), TROCAR_OK);
-    assert_int_equal(trocar_structure_count(s), count); /* the same tetrahedron by its faces; no centre lies on one */
+    assert_int_equal(trocar_structure_count(s), count); /* the same tetrahedron, given by its faces; no voxel's centre lies on a face */
     assert_int_equal(trocar_structure_displacements(s, nodal, moved, &why), TROCAR_BAD_INPUT);
     trocar_structure_free(s);
     free(moved);
@@ -262,7 +262,8 @@ static double processor_time(void) {
     return (double)t.tv_sec + 1e-9 * (double)t.tv_nsec;
 }
 
-/* A seed on a million voxels takes less than 50 ms of one processor. The fastest of some, as other programs share the processor's caches and units. */
+/* Adding a seed to a million voxels takes less than 50 ms of one processor. The fastest of several runs counts, because other programs share the
+   processor's caches and units. */
 static void a_seed_is_added_quickly(void **state) {
     (void)state;
 #if defined(__SANITIZE_ADDRESS__) || defined(__SANITIZE_THREAD__)

@@ -1,4 +1,4 @@
-/* Guides through trocar.h: keys, the holes that two needles take, contacts, restored states, refused scenes. */
+/* Guides through trocar.h: keys, the holes in which two needles are, contacts, restored states, refused scenes. */
 #include <math.h>
 #include <setjmp.h>
 #include <stdarg.h>
@@ -19,7 +19,7 @@ static trocar_error why;
 
 enum { IN = 500 }; /* ticks of 1 ms */
 
-/* 5 x 3 holes, 5 mm apart; the plate ends 5 mm before the skin. */
+/* 5 x 3 holes, 5 mm apart; the plate ends 5 mm in front of the skin. */
 static const char *const TEMPLATE[][2] = {
     {"guides[template].origin", "[0.005, 0.003, -0.025]"}, {"guides[template].normal", "[0, 0, 1]"}, {"guides[template].along", "[1, 0, 0]"},
     {"guides[template].columns", "5"}, {"guides[template].rows", "3"}, {"guides[template].hole_diameter", "1.47e-3"},
@@ -42,7 +42,7 @@ static trocar_model *create_model(const char *needles) {
     return model;
 }
 
-/* Needle 0 over hole 6, to the left of the middle, needle 1 over hole 8; from 5 mm before the plate on, drifting aside. */
+/* Needle 0 starts in front of hole 6, to the left of the middle, needle 1 in front of hole 8, both 5 mm in front of the plate and drifting sideways. */
 static trocar_pose base_at(int needle, int tick) {
     return (trocar_pose){{needle == 0 ? 0.0 - 4e-6 * tick : 0.010, 0.003 + 4e-6 * needle * tick, -0.23 + 1.2e-4 * tick}, {1, 0, 0, 0}};
 }
@@ -67,7 +67,7 @@ static void each_needle_has_its_hole(void **state) {
     assert_int_equal(trocar_sim_hole(sim, 0, 0), 6);
     assert_int_equal(trocar_sim_hole(sim, 1, 0), 8);
     assert_int_equal(trocar_sim_hole(sim, 0, 1), TROCAR_NO_HOLE);
-    for (int n = 0; n < 2; n++) { /* on the hand, minus the forces on tissue and guide */
+    for (int n = 0; n < 2; n++) { /* the force on the hand is the opposite of the sum of the forces on tissue and guide */
         trocar_contact contacts[TROCAR_MAX_POINTS];
         int count = trocar_sim_contacts(sim, n, contacts, TROCAR_MAX_POINTS), guided = 0;
         double sum[3] = {0};
@@ -132,7 +132,7 @@ static void the_model_tells_where_the_holes_are(void **state) {
     trocar_scene_free(scene);
 }
 
-/* Found with the mesh: the message has the file, the line of the origin, the key, and the remedy. */
+/* The library finds this with the mesh: the message gives the file, the line of the origin, the key and the remedy. */
 static void a_guide_in_the_tissue_is_refused(void **state) {
     (void)state;
     char path[] = "/tmp/test_guided.XXXXXX.yaml", expected[128];

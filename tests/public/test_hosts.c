@@ -1,4 +1,4 @@
-/* What the library keeps to in any host, through trocar.h: its contracts in rare cases, little memory, threads, and calls that are to end. */
+/* Contracts of the library in any host program, through trocar.h: rare cases, little memory, threads, and cancelled calls. */
 #include <math.h>
 #include <pthread.h>
 #include <setjmp.h>
@@ -18,7 +18,7 @@
 #include <cmocka.h>
 
 #if defined(__SANITIZE_ADDRESS__) || defined(__SANITIZE_THREAD__)
-#define SANITIZED 1 /* their shadow takes all address space */
+#define SANITIZED 1 /* a sanitizer's shadow memory takes all address space */
 #else
 #define SANITIZED 0
 #endif
@@ -27,7 +27,7 @@ static trocar_error why;
 
 #define OK(call) do { if ((call) != TROCAR_OK) fail_msg("%s: %s", #call, why.text); } while (0)
 
-/* The cube; below `bone` (m) its tetrahedra are bone. INFINITY: none is. */
+/* Creates the cube; tetrahedra below `bone` (m) are bone. INFINITY: there is no bone. */
 static trocar_scene *cube_scene(double bone) {
     static const char *const regions[] = {"body", "bone"};
     cube_mesh *cube = malloc(sizeof *cube);
@@ -65,7 +65,7 @@ static trocar_pose at(double x, double y, double tip) { return (trocar_pose){{x,
 
 /* ---- contracts ---------------------------------------------------------------------------------------------------------- */
 
-/* Reset with its tip in bone, a needle counts as inserted: it has punctured the skin, and no membrane that does not exist. */
+/* A needle that is reset with its tip in bone counts as inserted: it has punctured the skin, but no membrane that does not exist. */
 static void bone_is_no_membrane(void **state) {
     (void)state;
     trocar_model *model = model_of(cube_scene(0.015));
@@ -81,7 +81,7 @@ static void bone_is_no_membrane(void **state) {
         skin += points[i].membrane == 0;
     }
     assert_int_equal(skin, 1);
-    for (int t = 0; t < 50; t++) { /* pushed, it goes nowhere, and nothing gives way */
+    for (int t = 0; t < 50; t++) { /* the needle is pushed, does not move, and punctures nothing */
         trocar_output out;
         base.position[2] += 1e-5;
         OK(trocar_sim_step(sim, 0, &base, 1e-3, &out, &why));
@@ -154,7 +154,7 @@ static trocar_model *model_from(const char *name, const char *key, const char *v
     return model_of(scene);
 }
 
-/* "Fills at most `room`": none at all where there is none. */
+/* "Fills at most `room`": if there is no room, nothing is written. */
 static void no_room_is_no_fault(void **state) {
     (void)state;
     trocar_model *model = model_from("template.yaml", NULL, NULL);
@@ -190,7 +190,7 @@ static void go(trocar_sim *sim, int needle, trocar_pose *base, double to) {
     }
 }
 
-/* Where the second needle's base comes to rest in a track that `first` has cut. */
+/* Returns the pose in which the second needle's base comes to rest in a track that needle `first` has cut. */
 static trocar_pose rest_in_track_of(trocar_model *model, int first) {
     const trocar_pose far = {{0.05, 0.05, -0.4}, {1, 0, 0, 0}};
     trocar_pose base = {{0.005, 0.003, -0.201}, {1, 0, 0, 0}};
@@ -201,7 +201,7 @@ static trocar_pose rest_in_track_of(trocar_model *model, int first) {
     go(sim, first, &base, -0.202);
     if (first != 1) OK(trocar_sim_reset(sim, 1, &base, &why));
     go(sim, 1, &base, -0.16);
-    go(sim, 1, &base, -0.163); /* drawn back: let go of, it springs forward */
+    go(sim, 1, &base, -0.163); /* drawn back, so that the needle springs forward when it is left */
     OK(trocar_sim_leave(sim, 1, &why));
     OK(trocar_sim_work(sim, NULL, &why));
     assert_int_equal(trocar_sim_needle_state(sim, 1), TROCAR_NEEDLE_RESTING);
@@ -211,7 +211,7 @@ static trocar_pose rest_in_track_of(trocar_model *model, int first) {
     return rest;
 }
 
-/* Tissue that any needle has cut stays cut, also while one is let go of. */
+/* Tissue that any needle has cut stays cut, also while another needle is being left. */
 static void a_needle_is_let_go_in_anothers_track_as_in_its_own(void **state) {
     (void)state;
     trocar_model *model = model_from("figure8.yaml", "needles", "2");
@@ -220,7 +220,7 @@ static void a_needle_is_let_go_in_anothers_track_as_in_its_own(void **state) {
     trocar_model_free(model);
 }
 
-/* The same after a restore of a needle that was to be left. */
+/* The same holds after restoring a state in which the needle was about to be left. */
 static void saved_before_it_is_let_go_it_comes_to_the_same(void **state) {
     (void)state;
     trocar_model *model = model_from("figure8.yaml", "needles", "2");
@@ -252,7 +252,7 @@ static void saved_before_it_is_let_go_it_comes_to_the_same(void **state) {
     trocar_model_free(model);
 }
 
-/* In any order: what uses the model keeps it. */
+/* Objects may be freed in any order: an object that uses the model keeps it. */
 static void the_model_goes_with_its_last_user(void **state) {
     (void)state;
     trocar_scene *scene;
@@ -307,7 +307,7 @@ static void *read_keys(void *context) {
     return NULL;
 }
 
-/* First of all tests: nobody has asked before. For ThreadSanitizer. */
+/* Runs before all other tests, so that no key has been asked for. For ThreadSanitizer. */
 static void the_table_of_keys_is_made_once(void **state) {
     (void)state;
     pthread_t thread[THREADS];
@@ -328,8 +328,8 @@ static void *look_at_field(void *context) {
     return NULL;
 }
 
-/* The stiffness matrix of a condensed inverse is assembled when a field is first asked for, while other threads derive models. For
-   ThreadSanitizer. */
+/* The stiffness matrix of a condensed inverse is assembled for the first displacement field, while other threads derive models.
+   For ThreadSanitizer. */
 static void models_are_derived_beside_a_first_field(void **state) {
     (void)state;
     char cache[] = "/tmp/test_hosts.XXXXXX", command[64];
@@ -338,7 +338,8 @@ static void models_are_derived_beside_a_first_field(void **state) {
         trocar_scene *scene;
         OK(trocar_scene_load(MESHES "/figure8.yaml", &scene, &why));
         OK(trocar_scene_set(scene, "inverse", "condensed", &why));
-        OK(trocar_scene_set(scene, "region_of_interest.corridor.from", "[0.005, 0.003, 0.0]", &why)); /* all that the needle asks for: nothing else assembles it */
+        /* the only part of the tissue that the needle uses, so that nothing else assembles the matrix */
+        OK(trocar_scene_set(scene, "region_of_interest.corridor.from", "[0.005, 0.003, 0.0]", &why));
         OK(trocar_scene_set(scene, "region_of_interest.corridor.to", "[0.005, 0.003, 0.04]", &why));
         OK(trocar_scene_set(scene, "region_of_interest.corridor.radius", "0.03", &why));
         OK(trocar_scene_set(scene, "cache", cache, &why));
@@ -401,7 +402,7 @@ static bool is_zero(const trocar_output *out) {
     return memcmp(out, &zero, sizeof zero) == 0;
 }
 
-/* Outputs are the whole rollout's up to where each insertion was cancelled, and zero from there on. */
+/* Up to the tick in which an insertion was cancelled, its outputs are those of the complete rollout; after that, they are zero. */
 static void a_rollout_is_watched_and_cancelled(void **state) {
     (void)state;
     static trocar_pose poses[BATCH][STEPS];
@@ -427,7 +428,7 @@ static void a_rollout_is_watched_and_cancelled(void **state) {
             for (; t < STEPS; t++) assert_true(is_zero(&some[i][t]));
         }
         if (threads == 1) assert_true(left_out > STEPS);
-        assert_int_equal(status, left_out > 0 ? TROCAR_CANCELLED : TROCAR_OK); /* the other threads may have been so quick */
+        assert_int_equal(status, left_out > 0 ? TROCAR_CANCELLED : TROCAR_OK); /* the other threads may have finished earlier */
     }
     trocar_model_free(model);
 }
@@ -463,7 +464,7 @@ static void a_run_is_watched_and_cancelled(void **state) {
     trocar_model_free(model);
 }
 
-/* Every time that a model in the making asks, it can be cancelled, with each kind of inverse; then nothing is left of it. */
+/* A model can be cancelled at every call of its progress function while it is created, with each kind of inverse; afterwards all its memory is free. */
 static void a_model_is_cancelled_at_any_question(void **state) {
     (void)state;
     static const char *const kinds[] = {"dense", "sparse", "condensed"};
@@ -490,7 +491,7 @@ static void a_model_is_cancelled_at_any_question(void **state) {
             assert_int_equal(status, TROCAR_CANCELLED);
             assert_null(model);
             assert_int_equal(w.asked, most + 1);
-            if (most > 8) most += 7; /* not all of a hundred */
+            if (most > 8) most += 7; /* tries not all of a hundred calls */
         }
         assert_true(asked >= (kind == 1 ? 3 : 5));
     }
@@ -516,7 +517,7 @@ static void limit(size_t bytes) {
     setrlimit(RLIMIT_AS, &limits);
 }
 
-/* With so many threads as there is memory for, all insertions are carried out. */
+/* With only as many threads as memory permits, all insertions are still carried out. */
 static void threads_without_memory_leave_the_work_to_others(void **state) {
     (void)state;
     if (SANITIZED) skip();
@@ -532,7 +533,7 @@ static void threads_without_memory_leave_the_work_to_others(void **state) {
     size_t one = mapped() - before;
     trocar_sim_free(sim);
     assert_true(one > 50000000);
-    OK(trocar_rollout(model, poses[0], BATCH, STEPS, 1e-3, 2, all[0], &why)); /* and BLAS has what it takes for two threads */
+    OK(trocar_rollout(model, poses[0], BATCH, STEPS, 1e-3, 2, all[0], &why)); /* so that BLAS has its memory for two threads */
     int short_of_memory = 0;
     for (double room = 0.2; room < 4.0; room += 0.4) {
         limit(mapped() + (size_t)(room * (double)one));
@@ -543,13 +544,13 @@ static void threads_without_memory_leave_the_work_to_others(void **state) {
         if (status != TROCAR_OK)
             for (int i = 0; i < BATCH; i++) assert_true(is_zero(&some[i][0]));
         short_of_memory += status != TROCAR_OK;
-        if (room > 2.0) assert_int_equal(status, TROCAR_OK); /* a simulation and its saved state, once */
+        if (room > 2.0) assert_int_equal(status, TROCAR_OK); /* room for one simulation and its saved state */
     }
     assert_true(short_of_memory > 0);
     trocar_model_free(model);
 }
 
-/* This program anew: makes a model, a simulation and a picture. Ends with their status. */
+/* Runs in a new process of this program: creates a model, a simulation and a picture. The exit status is theirs. */
 static int live(void) {
     trocar_scene *scene;
     trocar_model *model = NULL;
@@ -567,12 +568,12 @@ static int live(void) {
     _exit((int)status);
 }
 
-/* OK or NO_MEMORY, and soon. */
+/* The result is OK or NO_MEMORY, and it comes soon. */
 static void too_little_address_space_is_told(void **state) {
     (void)state;
     if (SANITIZED) skip();
     int told = 0, done = 0;
-    for (size_t room = 250; room <= 900; room += 25) { /* MB, of which the program and its libraries take about 180 */
+    for (size_t room = 250; room <= 900; room += 25) { /* MB, of which the program and its libraries use about 180 */
         pid_t child = fork();
         if (child == 0) {
             setenv("OPENBLAS_NUM_THREADS", "2", 1);

@@ -1,4 +1,4 @@
-/* libtrocar through its public header trocar.h alone. */
+/* Tests libtrocar through its public header trocar.h only. */
 #include <gmshc.h>
 #include <math.h>
 #include <pthread.h>
@@ -54,7 +54,7 @@ static trocar_model *model_of(trocar_scene *scene) {
 
 enum { TICKS = 500 };
 
-/* In at 50 mm/s, a little sideways, with a slow turn. */
+/* Inserts at 50 mm/s, with slow motion sideways and a slow turn. */
 static trocar_pose pose_at(int tick) {
     double turn = 1e-3 * tick;
     return (trocar_pose){{1e-3 + 1e-6 * tick, 2e-3, -0.2005 + 50e-6 * tick}, {cos(0.5 * turn), 0, 0, sin(0.5 * turn)}};
@@ -135,7 +135,7 @@ static void keys_are_set_and_told(void **state) {
     trocar_scene_free(scene);
 }
 
-/* Every key's default can be read from a scene, and setting it again changes nothing. */
+/* Every key's default can be read from a scene, and setting a key to it changes nothing. */
 static void the_table_of_keys_is_whole(void **state) {
     (void)state;
     trocar_scene *scene = cube_scene();
@@ -223,7 +223,7 @@ static void a_restored_state_goes_on_as_before(void **state) {
     OK(trocar_sim_restore(other, saved, size, &why));
     run(other, TICKS / 2, TICKS, b);
     assert_same(a, b);
-    OK(trocar_sim_restore(sim, saved, size, &why)); /* back into the simulation that has gone on */
+    OK(trocar_sim_restore(sim, saved, size, &why)); /* into the simulation that has continued */
     run(sim, TICKS / 2, TICKS, b);
     assert_same(a, b);
 
@@ -259,7 +259,7 @@ static void split_calls_agree_with_lockstep(void **state) {
 typedef struct {
     trocar_sim *sim;
     volatile bool stop;
-    int rounds; /* answers after which no more work was pending */
+    int rounds; /* number of answers after which no more work was pending */
 } worker;
 
 static void *work(void *context) {
@@ -273,8 +273,8 @@ static void *work(void *context) {
     return NULL;
 }
 
-/* With an asynchronous worker the forces match lockstep to within a tick or two. However slow the machine, each tick comes after a round that the
-   worker began after the tick before: of two rounds that end, the second has. */
+/* With an asynchronous worker, the forces agree with lockstep to within one or two ticks. Independent of the machine's speed, each tick follows a
+   round of work that began after the previous tick: of two rounds that have ended, the second began after it. */
 static void a_worker_thread_serves_the_tick(void **state) {
     (void)state;
     static trocar_output a[TICKS];
@@ -324,15 +324,15 @@ static void what_is_seen_fits_the_force(void **state) {
     for (int i = 0; i < CUBE_NODES; i++)
         if (trocar_model_nodes(model)[3 * i + 2] > 0.0399) assert_true(field[i][2] == 0.0);
     assert_true(trocar_sim_needle_energy(sim, 0) > 0.0);
-    assert_true(fabs(trocar_sim_tip_lead(sim, 0)) < 0.01); /* tilted, not turned */
-    assert_true(trocar_sim_tip_lead(sim, 1) == 0.0);       /* there is none */
+    assert_true(fabs(trocar_sim_tip_lead(sim, 0)) < 0.01); /* tilted, but not turned */
+    assert_true(trocar_sim_tip_lead(sim, 1) == 0.0);       /* this needle is not in the tissue */
     assert_int_equal(trocar_sim_contacts(sim, 0, contacts, 1), count);
     assert_int_equal(trocar_sim_contacts(sim, 1, contacts, 1), 0);
     trocar_sim_free(sim);
     trocar_model_free(model);
 }
 
-/* A picture taken by one thread does not change while the simulation goes on. */
+/* A picture taken by one thread does not change while the simulation continues. */
 static void a_picture_keeps_what_was_seen(void **state) {
     (void)state;
     enum { ROOM = TROCAR_MAX_POINTS, MIDWAY = 4 * TICKS / 5 };
@@ -352,7 +352,7 @@ static void a_picture_keeps_what_was_seen(void **state) {
     OK(trocar_sim_displacements(sim, field[0][0], &why));
     run(sim, MIDWAY, TICKS, a);
     trocar_picture_copy(picture, copy);
-    assert_true(count >= 2); /* the tip and others */
+    assert_true(count >= 2); /* the tip and at least one other contact */
     assert_int_equal(trocar_picture_contacts(copy, 0, kept, ROOM), count);
     assert_memory_equal(kept, seen, (size_t)count * sizeof *seen);
     assert_int_equal(trocar_picture_centreline(copy, 0, joints[1][0], TROCAR_MAX_JOINTS), joint_count);
@@ -369,7 +369,7 @@ static void a_picture_keeps_what_was_seen(void **state) {
     trocar_model_free(model);
 }
 
-/* The refined mesh fills the body, and the forces on its nodes are those of the contacts and the damper at the tip. */
+/* The refined mesh fills the body, and the forces on its nodes are those of the contacts and of the damper at the tip. */
 static void the_refined_mesh_carries_the_contacts(void **state) {
     (void)state;
     static trocar_output a[TICKS];
@@ -410,7 +410,7 @@ static void the_refined_mesh_carries_the_contacts(void **state) {
 static int64_t made_time;
 static int64_t made_clock(void) { return made_time; }
 
-/* Without a worker the age of the oldest request grows; once it is answered, no request is pending. */
+/* Without a worker, the age of the oldest request grows; once it has been answered, no request is pending. */
 static void waiting_and_latency_are_told(void **state) {
     (void)state;
     trocar_model *model = model_of(cube_scene());
@@ -428,7 +428,7 @@ static void waiting_and_latency_are_told(void **state) {
     OK(trocar_sim_work(sim, &done, &why));
     assert_true(done.answered == 1 && done.latency >= 7000000 && done.latency <= made_time);
     trocar_pose base = pose_at(TICKS - 1);
-    for (int i = 0; i < 5; i++) { /* until there is nothing left to request */
+    for (int i = 0; i < 5; i++) { /* until no request is left */
         assert_int_equal(trocar_sim_tick(sim, 0, &base, 1e-3, &out), TROCAR_OK);
         OK(trocar_sim_work(sim, &done, &why));
     }
@@ -449,7 +449,7 @@ static void a_base_on_a_spring_yields(void **state) {
     run(sim, 0, TICKS, rigid);
     trocar_pose start = pose_at(0), given = pose_at(TICKS - 1);
     trocar_sim_set_base_compliance(sim, 0, 2e-3);
-    OK(trocar_sim_reset(sim, 0, &start, &why)); /* keeps the spring */
+    OK(trocar_sim_reset(sim, 0, &start, &why)); /* the reset keeps the spring */
     run(sim, 0, TICKS, soft);
     trocar_pose base = trocar_sim_base(sim, 0);
     const double *force = soft[TICKS - 1].force;
@@ -459,7 +459,7 @@ static void a_base_on_a_spring_yields(void **state) {
     trocar_model_free(model);
 }
 
-/* For a viewer: mesh and names are available at once, functions that need the stiffness are not. */
+/* A model for a viewer: mesh and names are available at once, functions that need the stiffness are not. */
 static void a_model_may_be_its_mesh_alone(void **state) {
     (void)state;
     trocar_scene *scene = cube_scene();
@@ -483,7 +483,7 @@ static void a_model_may_be_its_mesh_alone(void **state) {
     int tets = trocar_model_tet_count(model);
     assert_null(trocar_model_strain_patches(model));
     for (int i = 0; i < tets; i++) assert_in_range(trocar_model_strain_patches(whole)[i], 0, tets - 1);
-    for (int i = 0; i < 4 * tets; i++) { /* neighbours are mutual; a face of the skin has none */
+    for (int i = 0; i < 4 * tets; i++) { /* neighbours refer to each other; a face of the skin has no neighbour */
         int neighbour = trocar_model_neighbours(model)[i], mutual = 0;
         for (int f = 0; neighbour >= 0 && f < 4; f++) mutual += trocar_model_neighbours(model)[4 * neighbour + f] == i / 4;
         assert_int_equal(mutual, neighbour >= 0);
@@ -538,7 +538,7 @@ static void a_rollout_does_not_depend_on_threads(void **state) {
     assert_same(single, one[0]);
     poses[2][100].orientation[0] = 7;
     assert_refused(trocar_rollout(model, poses[0], BATCH, TICKS, 1e-3, 2, two[0], &why), "insertion 2, step 100");
-    assert_same(one[3], two[3]); /* the others are finished */
+    assert_same(one[3], two[3]); /* the other insertions are complete */
     assert_memory_equal(one[2], two[2], 100 * sizeof(trocar_output));
     assert_true(two[2][100].force[2] == 0.0 && two[2][TICKS - 1].depth == 0.0);
     assert_refused(trocar_rollout(model, poses[0], BATCH, TICKS, 1e-3, 0, two[0], &why), "threads");
@@ -558,9 +558,14 @@ static void a_host_keeps_its_gmsh_session_and_its_floating_point(void **state) {
     cube_create(cube);
     cube_write(cube, named);
     free(cube);
+    FILE *mesh = fopen(named, "r+");
+    assert_true(mesh && fseek(mesh, strlen("$MeshFormat\n"), SEEK_SET) == 0);
+    fputs("2.1", mesh); /* a version that only Gmsh reads */
+    fclose(mesh);
     trocar_scene *scene = cube_scene();
     OK(trocar_scene_set(scene, "mesh", named, &why));
     gmshInitialize(0, NULL, 0, &error);
+    gmshOptionSetNumber("Mesh.MshFileVersion", 2.2, &error);
     gmshModelAdd("host", &error);
     gmshModelGeoAddPoint(1, 2, 3, 0, 7, &error);
     gmshModelGeoSynchronize(&error);
@@ -574,6 +579,10 @@ static void a_host_keeps_its_gmsh_session_and_its_floating_point(void **state) {
 #if defined(__SSE2__)
     assert_int_equal(_mm_getcsr() & ~0x3fu, before & ~0x3fu); /* except for the sticky exception flags */
 #endif
+    double version = 0, binary = 1;
+    gmshOptionGetNumber("Mesh.MshFileVersion", &version, &error);
+    gmshOptionGetNumber("Mesh.Binary", &binary, &error);
+    assert_true(version == 2.2 && binary == 0);
     gmshModelGetCurrent(&current, &error);
     assert_int_equal(error, 0);
     assert_string_equal(current, "host");

@@ -1,5 +1,5 @@
-/* The library in a host with a decimal comma: it reads, writes and computes what it does in the C locale, and leaves the host's locale alone.
-   The locale de_DE.UTF-8 must be there (test_locale.sh makes it). Status 77: it is not. */
+/* In a host with a decimal comma, the library reads, writes and computes as in the C locale, and does not change the host's locale. The
+   locale de_DE.UTF-8 must exist (test_locale.sh creates it). Status 77: it does not exist. */
 #include <locale.h>
 #include <math.h>
 #include <setjmp.h>
@@ -17,7 +17,7 @@
 
 enum { ROOM = 1 << 18, TICKS = 300 };
 
-/* All that the library says and computes, as text; numbers that it returns in hexadecimal, which no locale changes. */
+/* Everything that the library writes and computes, as text; the numbers that it returns are hexadecimal, which no locale changes. */
 typedef struct {
     char text[ROOM];
     size_t used;
@@ -109,7 +109,7 @@ static void note_model(record *r, const trocar_scene *scene, const char *inverse
     assert_true(strcmp(inverse, "condensed") != 0 || called > 0);
 }
 
-/* A mesh file in another unit, with a remark about its size; guides that do not fit, and a text dose table. */
+/* Records a mesh file in another unit, with a remark about its size; guides that do not fit; and a dose table in text form. */
 static void note_others(record *r) {
     trocar_error why = {""};
     trocar_scene *scene;

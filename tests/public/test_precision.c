@@ -1,4 +1,4 @@
-/* A condensed inverse in single precision against one in double precision: the forces of an insertion. */
+/* Compares the forces of an insertion with a condensed inverse in single precision and in double precision. */
 #include <math.h>
 #include <setjmp.h>
 #include <stdarg.h>
@@ -19,7 +19,7 @@ static trocar_error why;
 
 enum { IN = 700, TICKS = 1000 }; /* ticks of 1 ms: 70 mm deep, then 6 mm sideways */
 
-/* In a cache of its own, which is removed: so it is computed, and read back by nobody. */
+/* Uses a cache of its own, which is then removed, so that the inverse is computed and no other test reads it. */
 static trocar_model *create_model(const char *precision) {
     char directory[] = "/tmp/test_precision.XXXXXX", command[64];
     trocar_scene *scene;
@@ -67,7 +67,7 @@ static void forces_in_single_precision_are_those_in_double_precision(void **stat
     }
     print_message("largest force %.3f N, largest difference %.2g of it\n", largest, error / largest);
     assert_true(largest > 1.0);
-    assert_true(error > 0.0); /* they are two precisions */
+    assert_true(error > 0.0); /* the results of the two precisions differ */
     assert_true(error < 1e-5 * largest);
 }
 

@@ -1,7 +1,7 @@
 #!/bin/bash
-# The libraries export exactly the declared functions, the header compiles alone in each language, and the binary interface equals
-# tests/public/libtrocar.abi. After an intended change: test_symbols.sh BUILD_DIR SOURCE_DIR --renew
-# usage: test_symbols.sh BUILD_DIR SOURCE_DIR [--renew]
+# The libraries export exactly the declared functions, the header compiles on its own in each language, and the binary interface
+# equals tests/public/libtrocar.abi. After an intended change: test_symbols.sh BUILD_DIR SOURCE_DIR --renew usage: test_symbols.sh
+# BUILD_DIR SOURCE_DIR [--renew]
 set -euo pipefail
 build=$1 source=$2 # absolute
 library=$build/core/libtrocar.so
@@ -23,7 +23,7 @@ for standard in c++11 c++17 c++20; do
     ${CXX:-c++} -std=$standard -Wall -Wextra -pedantic-errors -Werror -fsyntax-only -x c++ "$source/core/trocar.h" || fail "$standard"
 done
 
-# The sources' paths in it are those of whoever built the library: from core on they are the same everywhere.
+# Dumps the interface. The paths of its sources are shortened to start at core, so that they do not depend on the machine.
 dump() {
     abidw --no-corpus-path --no-comp-dir-path --exported-interfaces-only --drop-undefined-syms --drop-private-types --header-file "$source/core/trocar.h" \
         --no-show-locs "$library" | sed "s| path='[^']*/core/| path='core/|"

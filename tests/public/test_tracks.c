@@ -19,14 +19,14 @@ static trocar_error why;
 
 static const double DEGREE = M_PI / 180, DT = 1e-3, SPEED = 0.1, DEPTH = 0.06, LENGTH = 0.2;
 
-/* A straight way into the tissue: through a point of the skin, tilted about an axis in it. */
+/* A straight path into the tissue, through a point of the skin, tilted about an axis in the skin. */
 typedef struct {
-    double x, y, tilt, about; /* m from the first way; rad */
+    double x, y, tilt, about; /* m from the first path; rad */
 } line;
 
 static const line FIRST = {0};
 
-/* `roll`: rad, of the needle about its axis before it is tilted. */
+/* Returns the base's pose; `roll` (rad) turns the needle about its axis before it is tilted. */
 static trocar_pose base_at(const line *l, double depth, double roll) {
     double back = LENGTH + 1e-3 - depth, c = cos(0.5 * l->tilt), s = sin(0.5 * l->tilt), about = l->about - 0.5 * roll;
     double axis[3] = {sin(l->tilt) * sin(l->about), -sin(l->tilt) * cos(l->about), cos(l->tilt)};
@@ -34,7 +34,7 @@ static trocar_pose base_at(const line *l, double depth, double roll) {
                          {c * cos(0.5 * roll), s * cos(about), s * sin(about), c * sin(0.5 * roll)}};
 }
 
-/* The scene of figure 8 with so much of its friction, which leaves puncture and cutting as all that dissipates where it is 0. */
+/* Loads the scene of figure 8 with its friction multiplied by this factor; with 0, only puncture and cutting dissipate energy. */
 static trocar_scene *load_scene(double friction) {
     trocar_scene *scene;
     OK(trocar_scene_load(MESHES "/figure8.yaml", &scene, &why));
@@ -72,13 +72,13 @@ static void reset(const fixture *f) {
     for (int n = 0; n < trocar_model_needles(f->model); n++) OK(trocar_sim_reset(f->sim, n, &start, &why));
 }
 
-/* What the hand has done since it held the needle in the air. */
+/* The hand's motion and work since it held the needle in the air. */
 typedef struct {
     int needle;
     line way;
-    double depth, roll;      /* m, of the straight needle's tip; rad */
-    double work, lowest;     /* J, now, and at the lowest */
-    double peak;             /* N along z, of the push */
+    double depth, roll;      /* m, depth of the straight needle's tip; rad */
+    double work, lowest;     /* J, present work, and its minimum */
+    double peak;             /* N along z, largest force of the push */
     int punctures;
     uint32_t events;
     trocar_output last;
@@ -101,7 +101,7 @@ static void move_to(const fixture *f, hand *h, double depth) {
     for (int i = 1; i <= ticks; i++) tick(f, h, from + (depth - from) * i / ticks);
 }
 
-/* In place. A turn without friction does no work. */
+/* Turns the needle in place. Without friction, this does no work. */
 static void turn_to(const fixture *f, hand *h, double roll) {
     double from = h->roll;
     for (int i = 1; i <= 500; i++) {
@@ -122,7 +122,7 @@ static place tip_of(const fixture *f, int needle) {
 
 static double distance(place a, place b) { return sqrt(pow(a.x - b.x, 2) + pow(a.y - b.y, 2) + pow(a.z - b.z, 2)); }
 
-/* In, and out into the air again, where nothing is stored: what the hand has done was dissipated. */
+/* Inserts the needle and withdraws it into the air, where no energy is stored: all the hand's work has been dissipated. */
 static hand insert(const fixture *f, int needle, line way) {
     hand h = {.needle = needle, .way = way};
     move_to(f, &h, DEPTH);
@@ -172,7 +172,7 @@ static void tissue_closes_if_the_scene_says_so(void **state) {
     discard(&f);
 }
 
-/* Between 1 and 1.5 times reach and angle a track fades: neither as good as open nor as good as closed. */
+/* Between 1 and 1.5 times reach and angle, a track's influence fades: the resistance lies between that of an open and of a closed track. */
 static void a_track_fades_with_distance_and_angle(void **state) {
     (void)state;
     static const double DIAMETER = 1.27e-3, ANGLE = 0.09, TIMES[] = {0.9, 1.25, 1.6};
@@ -193,7 +193,7 @@ static void a_track_fades_with_distance_and_angle(void **state) {
     discard(&f);
 }
 
-/* A needle that points elsewhere is not led: from the same hole in the skin it cuts the way of a needle in whole tissue. */
+/* A track does not lead a needle that points elsewhere: from the same hole in the skin, it cuts the path of a needle in intact tissue. */
 static void needle_is_steered_out(void **state) {
     (void)state;
     fixture f = make(load_scene(0.0));
@@ -212,7 +212,8 @@ static void needle_is_steered_out(void **state) {
     discard(&f);
 }
 
-/* Sideways, m: how far the tip of a bevelled needle is after 50 mm. Goes first that deep, if `before`, then to 20 mm, where it turns by `roll`. */
+/* Returns the lateral position (m) of a bevelled needle's tip after 50 mm. If `before`, the needle first goes that deep. It is then at 20 mm, where
+   it is rolled by `roll`. */
 static double steered(const fixture *f, bool before, double roll) {
     hand h = {0};
     reset(f);
@@ -223,8 +224,9 @@ static double steered(const fixture *f, bool before, double roll) {
     return tip_of(f, 0).y - 0.003;
 }
 
-/* Drawn back, turned half round and pushed again, a bevelled needle goes nearly where one goes that turns there in whole tissue, if twice the
-   bevel's slope is beyond 1.5 times the angle. Otherwise its old track holds it, as with the default angle and a slope of 0.045. */
+/* A bevelled needle that is drawn back, rolled by half a turn and pushed again follows nearly the path of a needle that is rolled at the same
+   depth in intact tissue, if twice the bevel's slope is above 1.5 times the angle. Otherwise it stays in its old track, as with the default
+   angle and a slope of 0.045. */
 static void a_turned_bevel_leaves_its_track(void **state) {
     (void)state;
     static const struct { double angle, slope, least, most; } CASES[] = {
@@ -244,10 +246,10 @@ static void a_turned_bevel_leaves_its_track(void **state) {
     }
 }
 
-/* From the far side a second needle comes to the end of the first one's track, and follows it backwards. */
+/* A second needle from the far side meets the end of the first needle's track, and follows the track backwards. */
 static void a_track_is_followed_backwards(void **state) {
     (void)state;
-    static const line BACK = {0, 0, M_PI, 0}; /* where the tip is at z = 1 mm - depth */
+    static const line BACK = {0, 0, M_PI, 0}; /* the tip is at z = 1 mm - depth */
     double work[2];
     for (int cut = 0; cut < 2; cut++) {
         trocar_scene *scene = load_scene(0.0);
@@ -268,7 +270,7 @@ static void a_track_is_followed_backwards(void **state) {
     assert_true(work[1] < 0.1 * work[0]);
 }
 
-/* Drawn back and pushed again, the tip is free up to where it was, and cuts on from there as if nothing had happened. */
+/* A needle that is drawn back and pushed again meets no cutting resistance up to its former depth, and then cuts as if it had not been drawn back. */
 static void partly_withdrawn_needle_cuts_on_where_it_was(void **state) {
     (void)state;
     fixture f = make(load_scene(0.0));
@@ -289,8 +291,8 @@ static void partly_withdrawn_needle_cuts_on_where_it_was(void **state) {
     discard(&f);
 }
 
-/* Barnett 2015, of two insertions into the same place: tearing 61 %, spreading 18 % and friction 21 % of the first force. Fitted at 40 mm
-   in a body without membranes; what is left of the second force is then the model's. */
+/* Barnett 2015, for two insertions at the same place: tearing 61 %, spreading 18 % and friction 21 % of the first force. The scene is
+   fitted at a depth of 40 mm in a body without membranes; the ratio of the second force to the first is then a result of the model. */
 static void published_shares_leave_39_percent(void **state) {
     (void)state;
     static const double WHOLE = 1.0, AT = 0.04; /* N, m */
@@ -302,7 +304,7 @@ static void published_shares_leave_39_percent(void **state) {
         for (size_t k = 0; k < sizeof given / sizeof *given; k++) {
             char key[64];
             snprintf(key, sizeof key, "regions[%d].%s", i, given[k].key);
-            if (strcmp(given[k].key, "friction.kinetic") == 0) { /* never above the static limit */
+            if (strcmp(given[k].key, "friction.kinetic") == 0) { /* at most the static limit */
                 char limit[64];
                 snprintf(limit, sizeof limit, "regions[%d].friction.static", i);
                 OK(trocar_scene_set_number(scene, limit, given[k].value, &why));
@@ -329,7 +331,8 @@ static void published_shares_leave_39_percent(void **state) {
     discard(&f);
 }
 
-/* A membrane gives way to its puncture force, or to what the tip cuts and spreads, whichever is more. Punctured, it leaves the spreading. */
+/* A membrane is punctured at its puncture force, or at the force with which the tip cuts and spreads tissue, whichever is larger. Once it is
+   punctured, spreading still takes its force. */
 static void spreading_stays_where_a_membrane_was_punctured(void **state) {
     (void)state;
     static const double CUTTING = 0.3, SPREADING = 0.5, PUNCTURES[] = {0.6, 1.5}; /* N */
@@ -348,7 +351,7 @@ static void spreading_stays_where_a_membrane_was_punctured(void **state) {
         fixture f = make(scene);
         reset(&f);
         hand first = insert(&f, 0, FIRST), second = {0};
-        move_to(&f, &second, 0.8 * DEPTH); /* not to the end of the track, beyond which it would cut */
+        move_to(&f, &second, 0.8 * DEPTH); /* short of the track's end, beyond which the needle would cut */
         print_message("puncture force %.1f N: %.3f N at most, then %.3f N\n", PUNCTURES[i], first.peak, second.peak);
         assert_true(fabs(first.peak - fmax(CUTTING + SPREADING, PUNCTURES[i])) < 0.05);
         assert_true(second.punctures == 0 && fabs(second.peak - SPREADING) < 0.05);
@@ -360,7 +363,7 @@ static void spreading_stays_where_a_membrane_was_punctured(void **state) {
 
 static double uniform(unsigned *seed) { return (double)rand_r(seed) / RAND_MAX; }
 
-/* Without friction, which would hide it. Whatever the hand does around an old track, it never gets back more than it gave. */
+/* Without friction, which would hide an error. Whatever motion the hand makes around an old track, it never gets back more energy than it supplied. */
 static void tracks_never_give_energy(void **state) {
     (void)state;
     trocar_scene *scene = load_scene(0.0);
@@ -375,7 +378,7 @@ static void tracks_never_give_energy(void **state) {
             move_to(&f, &h, 0.06 * uniform(&seed));
             double before = h.work;
             if (leg % 2 == 0) continue;
-            move_to(&f, &h, -2e-3); /* in the air, where nothing is stored */
+            move_to(&f, &h, -2e-3); /* in the air, where no energy is stored */
             assert_true(h.work >= 0.0 && before >= -1e-9);
         }
         move_to(&f, &h, -2e-3);
@@ -396,18 +399,18 @@ static void one_needle_follows_the_others_track(void **state) {
     assert_true(second.work < 0.1 * first.work && second.punctures == 0);
     assert_true(trocar_sim_tracks(f.sim, 0, NULL, 0) > 10);
     trocar_pose start = base_at(&FIRST, 0.0, 0.0);
-    OK(trocar_sim_reset(f.sim, 0, &start, &why)); /* its tracks go with it */
+    OK(trocar_sim_reset(f.sim, 0, &start, &why)); /* the reset removes the needle's tracks */
     hand third = insert(&f, 1, FIRST);
     assert_true(third.work > 0.9 * first.work && third.punctures == 2);
     discard(&f);
 }
 
-/* Points from skin to tip, where they were cut, with the punctures; none after a reset. */
+/* The points of a track run from skin to tip, lie where the needle has cut, and carry the punctures; after a reset there are none. */
 static void tracks_are_told(void **state) {
     (void)state;
     static trocar_track_point points[TROCAR_MAX_TRACK_POINTS];
     fixture f = make(load_scene(1.0));
-    assert_int_equal(trocar_sim_tracks(f.sim, 0, points, TROCAR_MAX_TRACK_POINTS), 0); /* at the origin, although in the tissue */
+    assert_int_equal(trocar_sim_tracks(f.sim, 0, points, TROCAR_MAX_TRACK_POINTS), 0); /* none at the origin, although it lies in the tissue */
     reset(&f);
     assert_int_equal(trocar_sim_tracks(f.sim, 0, points, TROCAR_MAX_TRACK_POINTS), 0);
     insert(&f, 0, FIRST);
@@ -447,7 +450,7 @@ static void saved_state_has_its_tracks(void **state) {
     discard(&f);
 }
 
-/* More tracks than there is room for: the oldest is dropped, which is told, and closes. */
+/* If there are more tracks than there is room for, the oldest is dropped, which an event reports, and closes. */
 static void the_oldest_track_is_dropped(void **state) {
     (void)state;
     fixture f = make(load_scene(0.0));
@@ -461,7 +464,7 @@ static void the_oldest_track_is_dropped(void **state) {
         assert_int_equal(h.punctures, 1);
     }
     assert_true(h.events & TROCAR_EVENT_TRACK_DROPPED);
-    for (int old = 1; old >= 0; old--) { /* the second oldest is still open */
+    for (int old = 1; old >= 0; old--) { /* the second oldest track is still open */
         h = (hand){.way = {2.5e-3 * old - 15e-3, -15e-3, 0, 0}};
         move_to(&f, &h, 14e-3);
         assert_int_equal(h.punctures, old == 0);

@@ -26,7 +26,7 @@ import trocar
 
 RATE = 1000          # Hz
 NOISE = 0.02         # N, standard deviation
-OUTLIERS = 0.01      # share of samples that are off by up to 2 N
+OUTLIERS = 0.01      # fraction of samples that are off by up to 2 N
 START = -0.201       # m, base of the needle with its tip 1 mm in front of the skin
 CAPSULE = 36.8       # mm, depth at which this track crosses it
 REGIONS = ["--region", "surrounding=0", "--region", f"prostate={CAPSULE}"]
@@ -48,7 +48,7 @@ SCRIPT = load_script()
 
 
 def fit(*arguments):
-    """The script's main in this process, to avoid starting Python and NumPy for each run. Exceptions pass through."""
+    """Runs the script's main in this process, to avoid starting Python and NumPy for each run. Exceptions pass through."""
     out, err, status = io.StringIO(), io.StringIO(), 0
     sys.argv = [FIT, *arguments]
     with contextlib.redirect_stdout(out), contextlib.redirect_stderr(err):
@@ -63,14 +63,14 @@ def fit(*arguments):
 
 
 def in_and_out(speed, depth=0.072, rest=0.3):
-    """z of the base, m: in and out at this speed (m/s)."""
+    """Returns z of the base, m: in and out at this speed (m/s)."""
     steps = int(depth / speed * RATE)
     way = speed / RATE * np.arange(steps)
     return np.concatenate([START + way, np.full(int(rest * RATE), START + depth), START + depth - way, np.full(50, START)])
 
 
 def insertion(model, positions):
-    """Outputs of all ticks, as a structured array, for a needle at these successive z."""
+    """Returns the outputs of all ticks, as a structured array, for a needle at these successive z."""
     poses = np.zeros((1, len(positions), 7))
     poses[..., :4] = [0.005, 0.003, 0, 1]
     poses[0, :, 2] = positions
@@ -112,7 +112,7 @@ def model_of(scene):
 
 
 def parse(text):
-    """{region or membrane: {key: value}} of the script's output."""
+    """Returns {region or membrane: {key: value}} from the script's output."""
     values, name = {}, None
     for line in text.splitlines():
         key, _, value = line.split("#")[0].strip().lstrip("- ").partition(": ")
@@ -140,7 +140,7 @@ def assert_truth(values, keys, limit=0.05):
 
 
 def parameters_come_back():
-    """Soft tissue: all parameters but static friction, which is reported as a lower bound."""
+    """In soft tissue, all parameters are recovered except static friction, which is reported as a lower bound."""
     write_scene("soft.yaml", 40e3)
     soft = model_of("soft.yaml")
     measure(soft, 0.005, "slow.csv")
@@ -155,7 +155,7 @@ def parameters_come_back():
 
 
 def static_friction_comes_back_in_stiff_tissue():
-    """Stiff tissue, which deforms by less than the weakening distance."""
+    """Stiff tissue deforms by less than the weakening distance."""
     write_scene("stiff.yaml", 1e6)
     stiff = model_of("stiff.yaml")
     measure(stiff, 0.005, "stiff-slow.csv")
@@ -218,7 +218,7 @@ def refuses(words, *arguments):
 
 
 def changed(path, change):
-    """slow.csv with another text."""
+    """Writes slow.csv with its text changed."""
     with open("slow.csv", encoding="utf-8") as file:
         text = file.read()
     with open(path, "w", encoding="utf-8") as file:

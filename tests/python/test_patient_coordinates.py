@@ -1,4 +1,5 @@
-"""Programs with a scene in patient coordinates: needle.start, --patient. The expected values are computed here with NumPy.
+"""Tests programs with a scene in patient coordinates: needle.start, --patient. The expected values are computed here with
+NumPy.
 
 usage: test_patient_coordinates.py BUILD_DIR SOURCE_DIR"""
 import re
@@ -12,14 +13,14 @@ import numpy as np
 
 BUILD, SOURCE = Path(sys.argv[1]).resolve(), Path(sys.argv[2]).resolve()
 ROTATION = np.array([[-1, 0, 0], [0, np.cos(2.8), -np.sin(2.8)], [0, -np.sin(2.8), -np.cos(2.8)]])  # almost a half turn
-ORIGIN = np.array([0.012, -0.034, 0.056])  # m: the patient's origin in the mesh
+ORIGIN = np.array([0.012, -0.034, 0.056])  # m: position of the patient's origin in the mesh
 START, TILT = np.array([0.004, 0.055, -0.185]), 0.3  # m, rad about x: direction (0, -sin, cos)
 QUATERNION = [np.cos(TILT / 2), np.sin(TILT / 2), 0, 0]
 AXIS = np.array([0, -np.sin(TILT), np.cos(TILT)])
 
 
 def patient(points):
-    """Mesh (m) to patient (mm)."""
+    """Converts mesh (m) to patient (mm)."""
     return 1e3 * (points - ORIGIN) @ ROTATION
 
 

@@ -1,5 +1,6 @@
 #!/usr/bin/python3
-"""Plans: the YAML reader, DICOM RT Plans held against dcmtk's and dicom3tools' readers, misplacement; and a log with commands replayed.
+"""Plans: the YAML reader, DICOM RT Plans compared with the readers of dcmtk and dicom3tools, misplacement; and a replayed log with
+commands.
 
 usage: test_plan.py BUILD_DIR SOURCE_DIR
 """
@@ -32,7 +33,7 @@ MODEL = trocar.Model(trocar.Scene.load(SCENE), mesh_only=True)
 
 
 def with_guide(**keys):
-    """The same scene with another guide."""
+    """Writes the same scene with another guide."""
     scene = trocar.Scene.load(SCENE)
     for key, value in keys.items():
         scene[f"guides[0].{key}"] = value
@@ -79,7 +80,7 @@ class Reader(Case):
         seeds = plans.planned_seeds(plan, MODEL)
         self.assertEqual((len(plan.needles), len(seeds)), (16, 60))
         self.assertEqual(plans.check(plan, MODEL), {"prostate": 60})
-        # Column F is the sixth of 13, 5 mm apart, whose seventh is in the middle; row 4 the seventh of 13; the face is at z = -25 mm.
+        # Column F is the sixth of 13, 5 mm apart, of which the seventh is in the middle; row 4 is the seventh of 13; the face is at z = -25 mm.
         first = next(s for s in seeds if s.hole == "F4")
         np.testing.assert_allclose(first.position, [0.005, 0.0, -0.025 + 0.09975 - 0.00225], atol=1e-12)
         np.testing.assert_allclose(plans.Frame(MODEL).position(first.position), [-5, 0, 72.5], atol=1e-9)
@@ -154,7 +155,7 @@ class Reader(Case):
 
 
 def dumped(path):
-    """What dcmtk reads: [(applicator, position, orientation, relative position)] of the control points."""
+    """Returns what dcmtk reads: [(applicator, position, orientation, relative position)] of the control points."""
     found, hole, place = [], None, {}
     for line in subprocess.run(["dcmdump", "+L", path], check=True, capture_output=True, text=True).stdout.splitlines():
         match = re.match(r" *\((300a,\w{4})\) \w\w \[?([^\]#]*?)\]? *#", line)
@@ -225,7 +226,7 @@ class Dicom(Case):
             np.testing.assert_allclose([needle.depth, *needle.seeds], [planned.depth, *planned.seeds], atol=2e-7)
 
     def test_needles_keep_their_order(self):
-        """In which they are inserted: the file's, not the alphabet's."""
+        """The order is that of insertion, as in the file, not the alphabet's."""
         plan = plans.read(EXAMPLE)
         plan.needles = plan.needles[5:] + plan.needles[:5]
         rtplan.export(plan, MODEL, self.out / "turned.dcm")
@@ -242,7 +243,7 @@ class Dicom(Case):
         self.assertIsNone(rtplan.read(self.out / "without.dcm", MODEL).prescription)
 
     def test_seeds_that_are_moved_to_their_axes_are_counted(self):
-        """The template a little elsewhere than the scene has it; and one seed beside its axis."""
+        """The template is slightly displaced from the scene's, and one seed lies beside its axis."""
         moved = rtplan.read(self.exported(), with_guide(origin=[0.0004, 0, -0.025]))
         self.assertEqual(len(moved.remarks), 1)
         self.assertRegex(moved.remarks[0], r"^60 of 60 seeds were off .* moved onto them, all by the same 0\.40 mm \([+-]0\.40 along columns, [+-]0\.00 along rows\): check the template's place$")
@@ -265,7 +266,7 @@ class Dicom(Case):
         self.refused("plan.dcm: its modality is RTPLAN, not RTSTRUCT", self.exported, MODEL, self.out / "plan.dcm")
 
     def test_seeds_that_were_left_are_exported(self):
-        """Tilted and displaced ones, one of them of a needle outside of the template."""
+        """The seeds are tilted and displaced, and one is from a needle outside the template."""
         tilt = np.array([0.6, 0.0, 0.8])
         placed = [plans.Placed(1, "template", "F4", np.array([0.005, 0.001, 0.066]), tilt), plans.Placed(2, "template", "F4", np.array([0.005, 0.001, 0.0575]), tilt),
                   plans.Placed(3, "", "", np.array([0.0101, 0.002, 0.05]), np.array([0, 0, 1.0]))]
@@ -315,7 +316,8 @@ class Dicom(Case):
         self.assertEqual(data.Modality, "RTPLAN")
 
     def test_what_ends_too_early_is_refused(self):
-        """Wherever it ends, in every transfer syntax without compression, with sequences of known and of unknown length. dcmtk writes them."""
+        """The file may be cut anywhere, in every transfer syntax without compression, with sequences of known and of unknown length. dcmtk writes the
+        files."""
         path, expected = self.exported(), len(plans.planned_seeds(plans.read(EXAMPLE), MODEL))
         for options in (["+te", "+e"], ["+te", "-e"], ["+ti", "+e"], ["+ti", "-e"], ["+tb", "+e"], ["+tb", "-e"], ["+td"]):
             with self.subTest(options=options):
@@ -426,7 +428,7 @@ class Program(Case):
         self.assertEqual(self.run_plan("import", self.out / "b.dcm", *scene, "--seeds", self.out / "b.csv"), (0, "", ""))
         self.assertEqual(self.run_plan("compare", EXAMPLE, self.out / "b.csv", *scene), self.run_plan("compare", EXAMPLE, table, *scene))
         status, _, error = self.run_plan("import", self.out / "b.dcm", *scene, "--out", self.out / "b.yaml")
-        self.assertEqual((status, error), (0, ""))    # it is on its hole's axis
+        self.assertEqual((status, error), (0, ""))    # the seed is on its hole's axis
         shifted = SCENE.read_text().replace("origin: [0, 0, -0.025]", "origin: [0.0004, 0, -0.025]").replace("implant.msh", str(SOURCE / "meshes/implant.msh"))
         self.assertIn("0.0004", shifted)
         status, _, error = self.run_plan("import", self.out / "a.dcm", "--scene", self.write(shifted, "shifted.yaml"), "--out", self.out / "c.yaml")
@@ -463,7 +465,7 @@ class Log:
 
 class Replay(Case):
     def replay_answered(self, status):
-        """The same log with the server's answer to the drop of one seed that came while three were in the needle."""
+        """Replays the same log with the server's answer to the drop of one seed that came while three were in the needle."""
         command_t, command_reply_t = self.command_types
         log = Log(self.out / "answered.log")
         for channel, message in self.events:
@@ -482,7 +484,7 @@ class Replay(Case):
         holes = [s.hole for s in plans.read_seeds(self.out / "answered.csv", self.model)]
         done = subprocess.run([BUILD / "clients/trocar-replay", "--scene", SCENE, "--seeds", self.out / "again.csv", "--poses", self.out / "answered-out.log"],
                               capture_output=True, text=True)
-        self.assertEqual([s.hole for s in plans.read_seeds(self.out / "again.csv", self.model)], holes, done.stderr) # answers are written, too
+        self.assertEqual([s.hole for s in plans.read_seeds(self.out / "again.csv", self.model)], holes, done.stderr) # the answers are written, too
         return holes
 
     def test_a_log_with_commands_is_an_implant(self):
@@ -550,7 +552,7 @@ class Replay(Case):
                                        [s.position for s in plans.seeds_of(sim, now=True)], atol=1e-9)
             (self.out / "copy.log").rename(self.out / "again.log")
         self.assertEqual(self.replay_answered(command_reply_t.REFUSED), ["F4"] * 2 + ["I3.5"] * 3)
-        # The server had carried it out: it waits until the three are out. UNDO takes that one back.
+        # The server had executed the drop: it waits until the three are out. UNDO cancels that drop.
         self.assertEqual(self.replay_answered(command_reply_t.DONE), ["F4"] * 3 + ["I3.5"] * 3)
 
     def types(self):

@@ -1,6 +1,6 @@
 #!/usr/bin/python3
-"""Planning: plans with entries, rolls and turns; distances from obstacles held against formulas; insertions whose plan is known from geometry; what the planner
-promises, carried out again step by step; the robust plan in samples that are built anew; seeds; bad problems.
+"""Planning: plans with entries, rolls and turns; distances from obstacles compared with formulas; insertions whose plan is known from geometry; the planner's
+results, repeated step by step; the robust plan in newly built samples; seeds; bad problems.
 
 usage: test_planner.py BUILD_DIR SOURCE_DIR
 """
@@ -54,7 +54,7 @@ class Case(unittest.TestCase):
         return self.out / name
 
     def main(self, *arguments):
-        """(status, stdout, stderr) of the program."""
+        """Returns (status, stdout, stderr) of the program."""
         output, errors = io.StringIO(), io.StringIO()
         with contextlib.redirect_stdout(output), contextlib.redirect_stderr(errors):
             status = planner.main([str(argument) for argument in arguments])
@@ -67,7 +67,7 @@ class Case(unittest.TestCase):
 
 
 def moved(model, point, field):
-    """(3,) m, where a point of the tissue is: by a tetrahedron found by solving for its weights."""
+    """Returns the present position (3,) m of a tissue point, with a tetrahedron found by solving for its weights."""
     corners = model.nodes[model.tets]
     matrix = np.concatenate([corners.transpose(0, 2, 1), np.ones((len(corners), 1, 4))], axis=1)
     weights = np.linalg.solve(matrix, np.array([*point, 1.0])[None, :, None])[:, :, 0]
@@ -80,7 +80,7 @@ def turned(axis, angle):
 
 
 def carried_out(model, needle, target, speed=0.08, settle=0.05, dt=1e-3):
-    """(3,) m from the displaced target to the tip: the needle of a plan, step by step."""
+    """Returns the vector (3,) m from the displaced target to the tip: the needle of a plan, step by step."""
     direction = np.array(needle.direction)
     cross = np.cross([0.0, 0.0, 1.0], direction)
     upright = turned(cross / np.linalg.norm(cross), np.arcsin(np.linalg.norm(cross))) if np.linalg.norm(cross) > 1e-12 else np.array([1.0, 0, 0, 0])
@@ -154,7 +154,7 @@ class PlanFormat(Case):
         np.testing.assert_allclose(tips[0][0][-1], line[3], atol=1e-12)
         self.assertLess(np.ptp(tips[1][0], axis=0).max(), 1e-12)    # at rest while it turns
         for bevel, roll in ((tips[0][1][0], -1.5), (tips[-1][1][-1], 3.14 - 1.5)):
-            np.testing.assert_allclose(bevel[0], -np.sin(roll), atol=5e-3)    # turned about z, but for the tilt
+            np.testing.assert_allclose(bevel[0], -np.sin(roll), atol=5e-3)    # rotated about z, apart from the tilt
         self.assertEqual(len(tips[-1][0]), 3)
 
 
@@ -181,7 +181,7 @@ class Obstacles(Case):
         self.assertLessEqual(capsule.distance(shaft, 1e-3, Embedding(model), field, enough=0.0), found + 1e-12)
 
     def test_in_tissue_that_does_not_move_it_is_as_at_rest(self):
-        """The nearest point at rest is never missed by rounding."""
+        """Rounding never makes the result miss the nearest point at rest."""
         model = trocar.Model(trocar.Scene.load(SCENE), mesh_only=True)
         embedding, still, random = Embedding(model), np.zeros_like(model.nodes), np.random.default_rng(1)
         for _ in range(300):
@@ -192,7 +192,7 @@ class Obstacles(Case):
 
 
 class Geometry(Case):
-    """Tissue without forces is not displaced: a line is the plan."""
+    """Tissue without forces is not displaced, so the plan is a straight line."""
 
     def test_straight_through_the_area(self):
         text = PROBLEM.replace("set: {needle.bevel_slope: 0.05}", WITHOUT_FORCES)
@@ -222,7 +222,7 @@ class Geometry(Case):
         self.assertRegex(result.why, "entry is at its limit.*tilt is at its limit")
 
     def test_beside_bone_without_a_tilt(self):
-        """Fixed nodes: where the bone is, no tissue moves at all."""
+        """Nodes in the bone are fixed, so the tissue there does not move at all."""
         text = "scene: " + str(SOURCE / "meshes/prostate.yaml") + """
 set: {needle.bevel_slope: 0.05}
 coordinates: patient
@@ -240,7 +240,7 @@ avoid:
 
     def test_around_an_obstacle(self):
         rows = ["roi,outline,x_mm,y_mm,z_mm"]
-        for z in (5, 10, 15):    # a column before the target, 6 mm wide
+        for z in (5, 10, 15):    # a column in front of the target, 6 mm wide
             rows += [f"Rod,{z},{x},{y},{z}" for x, y in ((-9, -7), (-3, -7), (-3, -1), (-9, -1))]
         self.write("\n".join(rows) + "\n", "rod.csv")
         identity = "patient_to_mesh: [-1e-3,0,0,0, 0,-1e-3,0,0, 0,0,1e-3,0, 0,0,0,1]"
@@ -253,7 +253,7 @@ avoid:
         self.assertGreater(result.rigid.clearance, -1e-4)
         shaft = np.array(result.expected.shaft)
         inside = shaft[-1] + np.linspace(0, 1, 4001)[:, None] * (shaft[0] - shaft[-1])
-        box = np.maximum(np.abs(inside - [0.006, 0.004, 0.010]) - [3e-3, 3e-3, 7.5e-3], 0.0)    # half a slice beyond the last
+        box = np.maximum(np.abs(inside - [0.006, 0.004, 0.010]) - [3e-3, 3e-3, 7.5e-3], 0.0)    # half a slice beyond the last one
         self.assertGreater(np.linalg.norm(box, axis=1).min(), 2e-3 + 0.6e-3)    # clearance, and the 18 G needle's radius of 0.635 mm
 
 
@@ -261,7 +261,7 @@ class Promises(Case):
     def test_what_is_promised_is_what_happens(self):
         problem, models, (result,) = self.solved(PROBLEM + "turn: true\n")
         self.assertTrue(result.reached)
-        self.assertGreater(result.unplanned.error, 1e-3)    # the bevel bends it aside
+        self.assertGreater(result.unplanned.error, 1e-3)    # the bevel bends the needle sideways
         offset = carried_out(trocar.Model(problem.scene()), result.needle, result.target)
         np.testing.assert_allclose(offset, result.expected.offset, atol=1e-5)
         self.assertLess(np.linalg.norm(offset), 5e-5)
@@ -283,7 +283,7 @@ class Promises(Case):
         self.assertAlmostEqual(max(errors), result.expected.worst, delta=1e-5)
         self.assertAlmostEqual(np.mean(errors), result.expected.mean, delta=1e-5)
         self.assertLess(result.expected.worst, 0.95 * result.nominal.worst)
-        self.assertGreater(result.expected.error, result.nominal.error)    # that is its price
+        self.assertGreater(result.expected.error, result.nominal.error)    # the robust plan is worse for the nominal values
 
     def test_saved_states_change_nothing(self):
         scene = trocar.Scene.load(SCENE)
@@ -320,7 +320,7 @@ class Template(Case):
         guide = models[0].guides[0]
         off = np.array(result.target) - plans.hole_axis(guide, "I4")
         off -= (off @ guide.normal) * guide.normal
-        # At roll 0 the bevel faces +y, and the tip goes to -y; the target is too far for it.
+        # At roll 0 the bevel faces +y, and the tip moves to -y; the target is too far for it.
         away = np.array([np.sin(result.needle.roll), -np.cos(result.needle.roll), 0.0])
         self.assertGreater(away @ off / np.linalg.norm(off), np.cos(0.25))
         self.assertLess(result.expected.error, result.rigid.error - 1e-3)
@@ -340,7 +340,7 @@ class Seeds(Case):
         self.assertEqual([needle for needle in before.needles if needle.hole != "F4"], [dataclasses.replace(needle, line=old.line) for needle, old in
                                                                                         zip(after.needles, before.needles) if needle.hole != "F4"])
         means = []
-        for plan in (before, after):    # carried out, and held against the plan as it was
+        for plan in (before, after):    # carried out, and compared with the original plan
             only = lambda plan: dataclasses.replace(plan, needles=[needle for needle in plan.needles if needle.hole == "F4"])
             sim = trocar.Sim(model)
             for poses in motion.Implant(plan=only(plan)).play(sim, 1e-3):

@@ -1,5 +1,5 @@
 #!/usr/bin/python3
-"""The Python package against trocar-replay and against itself.
+"""Compares the Python package with trocar-replay and with itself.
 
 usage: test_python.py BUILD_DIR SOURCE_DIR
 """
@@ -25,7 +25,7 @@ FIGURE8 = SOURCE / "meshes/figure8.yaml"
 
 
 def cube(n=3, h=0.01):
-    """A cube of n^3 boxes, each cut into six tetrahedra around its diagonal (Kuhn)."""
+    """Returns a cube of n^3 boxes, each cut into six tetrahedra around its diagonal (Kuhn)."""
     side = n + 1
     index = lambda x, y, z: x + side * (y + side * z)
     axis = np.arange(side) * h
@@ -52,7 +52,7 @@ def cube(n=3, h=0.01):
 
 
 def measured(work):
-    """Result of `work`, its processor time in seconds, and the growth of the process's memory in bytes."""
+    """Returns the result of `work`, its processor time in seconds, and the growth of the process's memory in bytes."""
     resident = lambda: int(Path("/proc/self/statm").read_text().split()[1]) * os.sysconf("SC_PAGE_SIZE")
     results, before, peak = [], resident(), 0
     start = time.process_time()
@@ -158,7 +158,7 @@ class PythonTest(unittest.TestCase):
         self.assertTrue(np.all(sim.displacements()[model.nodes[:, 2] > 0.0299] == 0))
 
     def test_contacts_by_id_slot_status_and_needle(self):
-        """Each field against what the library's documentation promises, over a push and a retraction of the second of two needles."""
+        """Checks each field against the library's documentation, over a push and a retraction of the second of two needles."""
         scene = trocar.Scene.load(FIGURE8)
         scene["needles"] = 2
         sim = trocar.Sim(trocar.Model(scene))
@@ -206,7 +206,7 @@ class PythonTest(unittest.TestCase):
         self.assertEqual(sim.needle_state(0), "held")
         out = sim.step(sim.base(0), 0.001)
         self.assertLess(np.linalg.norm(out.force), 2e-3)
-        np.testing.assert_allclose([c.force for c in sim.contacts(0)], forces, atol=1e-3)  # what it is let go with
+        np.testing.assert_allclose([c.force for c in sim.contacts(0)], forces, atol=1e-3)  # the forces with which the needle is left
 
     def test_tracks_are_where_the_needle_went(self):
         sim = trocar.Sim(self.model)
@@ -236,7 +236,7 @@ class PythonTest(unittest.TestCase):
         np.testing.assert_array_equal(forces, [sim.step(pose(tick), 0.001).force for tick in range(100, 200)])
 
     def test_the_gil_is_released(self):
-        """This thread runs on during a rollout in another one."""
+        """This thread continues during a rollout in another thread."""
         poses = np.zeros((4, 500, 7))
         poses[..., 0:3] = [0.005, 0.003, -0.201]
         poses[..., 2] += 1e-4 * np.arange(500)
@@ -282,7 +282,7 @@ class PythonTest(unittest.TestCase):
 
 
 def read_poses(path):
-    """(utime, pose) of the poses in an LCM event log: big-endian, an 8-byte fingerprint, then the fields of needle_pose_t."""
+    """Returns (utime, pose) of the poses in an LCM event log: big-endian, an 8-byte fingerprint, then the fields of needle_pose_t."""
     data, at = path.read_bytes(), 0
     while at < len(data):
         assert data[at:at + 4] == bytes.fromhex("EDA1DA01")

@@ -29,7 +29,7 @@ PATIENCE = 60  # s, after which a process counts as hanging
 
 
 def pushed(model, ticks=300):
-    """A simulation with a needle pushed in."""
+    """Returns a simulation with a needle pushed in."""
     sim = trocar.Sim(model)
     sim.run(straight(ticks), 0.001)
     return sim
@@ -43,12 +43,12 @@ def straight(ticks, end=1.5e-4):
 
 
 def last_force(scene_path):
-    """In a worker: makes a model of its own. A scene that cannot be read is an Error."""
+    """Runs in a worker: makes a model of its own. A scene that cannot be read raises Error."""
     return trocar.rollout(trocar.Model(trocar.Scene.load(scene_path)), straight(100)[None])["force"][0, -1].tolist()
 
 
 def in_child(work):
-    """What a forked child does, by its exit status; None if it hangs."""
+    """Runs `work` in a forked child and returns its exit status; None if it hangs."""
     child = os.fork()
     if child == 0:
         try:
@@ -76,7 +76,7 @@ class ProcessTest(unittest.TestCase):
         self.assertEqual(in_child(lambda: trocar.Model(trocar.Scene.load(FIGURE8))), 0)
 
     def test_a_child_forked_while_another_thread_makes_models(self):
-        """Whatever that thread holds just then."""
+        """This works whatever locks that thread holds at the time."""
         over = threading.Event()
 
         def make():
@@ -106,7 +106,7 @@ class ProcessTest(unittest.TestCase):
         self.assertIsInstance(pickle.loads(pickle.dumps(caught.exception)), trocar.Error)
 
     def test_the_threads_of_other_programs_openmp_are_left_alone(self):
-        """Its limit on nested regions is the host's again after a model has been made."""
+        """After a model has been made, OpenMP's limit on nested regions is the host's again."""
         program = ("import ctypes, trocar, sys; openmp = ctypes.CDLL('libgomp.so.1'); openmp.omp_set_max_active_levels(3); "
                    "trocar.Model(trocar.Scene.load(sys.argv[1])); print(openmp.omp_get_max_active_levels())")
         done = subprocess.run([sys.executable, "-c", program, FIGURE8], env={**os.environ, "PYTHONPATH": str(BUILD / "clients/python")}, capture_output=True,
@@ -135,7 +135,7 @@ class ObjectTest(unittest.TestCase):
             sim.hole(0)
 
     def test_two_threads_on_one_simulation(self):
-        """The second one is refused, and leaves no trace: forces are those of a simulation that was left alone."""
+        """The second thread is refused, and leaves no trace: the forces are those of an undisturbed simulation."""
         sim, alone, begun, refused, outputs = trocar.Sim(self.model), trocar.Sim(self.model), threading.Event(), 0, []
         poses = straight(4000, 0.2e-4)
         running = threading.Thread(target=lambda: outputs.append(sim.run(poses, 0.001, progress=lambda *_: begun.set())))
@@ -149,7 +149,7 @@ class ObjectTest(unittest.TestCase):
         sim.contacts()
 
     def test_threads_that_make_models_of_one_scene(self):
-        """Each may read it. To change it is refused as long as one does."""
+        """Every thread may read the scene. Changing the scene is refused as long as a thread reads it."""
         scene, models, refused, both = trocar.Scene.load(FIGURE8), [], [], threading.Barrier(2, timeout=PATIENCE)
         scene["inverse"], scene["region_of_interest.regions"] = "condensed", ["prostate"]
 
@@ -158,7 +158,7 @@ class ObjectTest(unittest.TestCase):
                 if told:
                     return
                 told.append(what)
-                both.wait()    # both are in the library
+                both.wait()    # both threads are in the library
                 try:
                     scene["needle.length"] = 2 * scene["needle.length"]
                 except trocar.Error as error:
@@ -195,7 +195,7 @@ class ObjectTest(unittest.TestCase):
         np.testing.assert_array_equal(results, [expected] * 4)
 
     def test_models_may_go_before_their_simulations(self):
-        """In a circle of references Python frees in any order, as it does at exit."""
+        """In a cycle of references, Python frees objects in any order, as it does at exit."""
         for _ in range(20):
             model = trocar.Model(trocar.Scene.load(FIGURE8))
             circle = [model, model.derive(trocar.Scene.load(FIGURE8))]
@@ -210,7 +210,7 @@ class ObjectTest(unittest.TestCase):
         scene = trocar.Scene.load(FIGURE8)
         model = trocar.Model(scene)
         sim = pushed(model.derive(scene), 200)
-        sim.model = None    # as if the host had lost it
+        sim.model = None    # as if the host had lost the model
         del model
         gc.collect()
         other = pushed(self.model, 200)
@@ -255,7 +255,7 @@ class SceneTest(unittest.TestCase):
         self.assertLess({"mesh", "regions[0].name", "guides[0].columns", "membranes[1].puncture_force"}, set(keys))
         again = trocar.Scene()
         for key in [k for k in keys if k.endswith(".name")] + [k for k in keys if not k.endswith(".name")]:
-            if "[" in key and key.endswith(".name"):    # the entry is made by its name
+            if "[" in key and key.endswith(".name"):    # the name creates the entry
                 list_, rest = key.split("[", 1)
                 again[f"{list_}[{scene[key]}].name"] = scene[key]
             elif key != "device.profile" and not key.startswith("region_of_interest."):
@@ -287,7 +287,7 @@ class SceneTest(unittest.TestCase):
 
 
 class InterruptionTest(unittest.TestCase):
-    """Long calls tell how far they are, and end when they are to."""
+    """Long calls report their progress, and end when asked to."""
 
     @classmethod
     def setUpClass(cls):
@@ -295,7 +295,7 @@ class InterruptionTest(unittest.TestCase):
         cls.batch = np.tile(straight(2000, 0.3e-4), (200, 1, 1))    # a minute
 
     def interrupted(self, call):
-        """s after which Ctrl-C in this call raises KeyboardInterrupt."""
+        """Returns the seconds after which Ctrl-C in this call raises KeyboardInterrupt."""
         before = signal.signal(signal.SIGINT, signal.default_int_handler)
         timer = threading.Timer(0.3, os.kill, (os.getpid(), signal.SIGINT))
         timer.start()
@@ -323,7 +323,7 @@ class InterruptionTest(unittest.TestCase):
         sim.run(there_and_back, 0.001)
         whole = 100 * (time.monotonic() - start)
         self.assertLess(self.interrupted(lambda: sim.run(np.tile(there_and_back, (100, 1)), 0.001)), 0.25 * whole)
-        sim.reset(straight(1)[0])    # it can be used again
+        sim.reset(straight(1)[0])    # the simulation can be used again
 
     def test_progress_grows_to_the_end(self):
         seen = []

@@ -1,6 +1,6 @@
 #!/bin/bash
-# A study on Debian's Slurm (munged, slurmctld, slurmd) on one node in a network namespace: as a job array of four tasks, cancelled in
-# the middle and submitted again. The result is that of the same study without Slurm, byte by byte.
+# Runs a study on Debian's Slurm (munged, slurmctld, slurmd) on one node in a network namespace: as a job array of four tasks,
+# cancelled in the middle and submitted again. The result is that of the same study without Slurm, byte by byte.
 # usage: test_slurm.sh BUILD_DIR SOURCE_DIR
 set -euo pipefail
 PATH=$PATH:/usr/sbin:/sbin
@@ -20,7 +20,7 @@ await() {
 }
 
 node=$(hostname -s) user=$(id -un)
-ip address add 192.0.2.1/32 dev lo # Slurm asks for an address that is not loopback's before it listens
+ip address add 192.0.2.1/32 dev lo # Slurm needs a non-loopback address before it listens
 mkdir state spool
 chmod 755 "$work" # munged refuses a socket that others cannot reach
 head -c 128 /dev/urandom >munge.key
@@ -78,7 +78,7 @@ END
 study() { /usr/bin/python3 -m trocar.study "$@"; }
 study run study.yaml --out local --workers 2 --quiet >/dev/null || fail "without Slurm"
 
-# Rows in all tasks' files, without headings.
+# Prints the number of rows in all tasks' files, without headings.
 rows() { cat study/rows-*.csv 2>/dev/null | grep -vc '^run,' || true; }
 some_rows() { [ "$(rows)" -ge 3 ]; }
 submitted=$(study run study.yaml --out study --engine slurm --tasks 4) || fail "submission"
@@ -101,7 +101,7 @@ grep -q 'incomplete last line' study/slurm-2.txt || fail "the torn line is not r
 cmp study/result.csv local/result.csv || fail "the results differ"
 [ "$(rows)" -eq 12 ] || fail "$(rows) rows: some runs were done twice"
 
-# Submission, waiting and collecting in one command, of a study that is done but for two runs.
+# Submits, waits and collects in one command, for a study in which only two runs are missing.
 sed -i 2,3d study/rows-3-of-4.csv
 rm study/result.csv
 study run study.yaml --out study --engine slurm --tasks 4 --wait >wait.log || fail "--wait: $(cat wait.log)"

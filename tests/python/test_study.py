@@ -1,6 +1,6 @@
 #!/usr/bin/python3
-"""Studies: derived models, motions as trocar-device's, strict reading, samples, resumption after a kill, records, frames, and Sobol's indices of a function
-whose indices are known.
+"""Studies: derived models, motions equal to trocar-device's, strict reading, samples, resumption after a kill, records, frames, and Sobol's indices
+of a function whose indices are known.
 
 usage: test_study.py BUILD_DIR SOURCE_DIR
 """
@@ -68,7 +68,7 @@ class Case(unittest.TestCase):
         return self.out / "study.yaml"
 
     def main(self, *arguments):
-        """(status, stdout, stderr) of the program."""
+        """Returns (status, stdout, stderr) of the program."""
         output, errors = io.StringIO(), io.StringIO()
         with contextlib.redirect_stdout(output), contextlib.redirect_stderr(errors):
             status = studies.main([str(argument) for argument in arguments])
@@ -88,7 +88,7 @@ class Derived(unittest.TestCase):
             scene[key] = value
         base = trocar.Model(trocar.Scene.load(SCENE))
         derived = base.derive(scene)
-        del base    # its memory stays
+        del base    # its memory stays in use
         poses = motion.script("insert", speed=4).poses(motion.START, 1e-3)
         forces = []
         for model in (derived, trocar.Model(scene), MODEL):
@@ -246,10 +246,10 @@ class Reading(Case):
         self.assertTrue((samples[:, 0] > 5).all() and (samples[:, 0] < 13).all() and (np.abs(samples[:, 1]) < 2e-3).all())
         longer = studies.read(self.write(edit=("count: 12", "count: 400"))).samples()
         np.testing.assert_array_equal(samples, longer[:12])
-        self.assertAlmostEqual(longer[:, 1].std(), 0.88e-3, delta=0.08e-3)    # of a normal distribution cut at two deviations
+        self.assertAlmostEqual(longer[:, 1].std(), 0.88e-3, delta=0.08e-3)    # of a normal distribution truncated at two deviations
         tail = studies.read(self.write(edit=("within: [-2e-3, 2e-3]", "within: [9e-3, 10e-3]"))).samples()[:, 1]
         self.assertTrue((9e-3 <= tail).all() and (tail <= 10e-3).all() and len(set(tail)) == 12)
-        self.assertLess(tail.mean(), 9.3e-3)    # from 9 deviations on, values are on average 0.11 deviations above that limit
+        self.assertLess(tail.mean(), 9.3e-3)    # beyond 9 deviations, values are on average 0.11 deviations above that limit
         grid = studies.read(self.write(a=("method: random, count: 12, seed: 3", "method: grid"), b=("uniform: [5, 13]", "uniform: [5, 13], steps: 3"),
                                        c=("normal: [0, 1e-3], within: [-2e-3, 2e-3]", "values: [0, 1e-3]")))
         np.testing.assert_allclose(grid.samples(), [[5, 0], [5, 1e-3], [9, 0], [9, 1e-3], [13, 0], [13, 1e-3]])
@@ -276,7 +276,7 @@ class Sensitivity(unittest.TestCase):
             self.assertTrue((interval[:, 0] <= exact + 0.005).all() and (exact - 0.005 <= interval[:, 1]).all())
 
     def test_values_that_are_nearly_constant(self):
-        """Bootstrap samples without the points that differ have no indices. With one such point these are 36 % of all, with four 2 %."""
+        """Bootstrap samples without the differing points have no indices. With one such point these are 36 % of the samples, with four 2 %."""
         for points, has_interval in ((1, False), (4, True)):
             values = np.zeros((64, 3))
             values[:points] = [[1, 2, 3]]
@@ -313,7 +313,7 @@ class Running(Case):
         self.assertRegex(errors, "incomplete last line.*\n.*%d of 12" % (len(before) - 1))
         self.assertEqual((self.out / "killed/result.csv").read_bytes(), whole)
         rows = killed.read_bytes().splitlines()
-        self.assertEqual(rows[:len(before)], before)    # nothing was done twice
+        self.assertEqual(rows[:len(before)], before)    # no run was repeated
         self.assertEqual(len(rows), 13)
 
         busy = studies.carry_out.__globals__["TaskFile"](killed, studies.read(path), studies.read(path).samples())
@@ -377,7 +377,7 @@ class Running(Case):
                 there.write_bytes(before)
 
     def test_any_change_of_a_row_is_noticed(self):
-        """Each character of it in turn."""
+        """Changes each character of a row in turn."""
         path = self.write(edit=("count: 12", "count: 2"))
         whole, file = self.result(path, "o"), self.out / "o/rows-1-of-1.csv"
         text = file.read_bytes()
@@ -395,7 +395,7 @@ class Running(Case):
         self.assertEqual(self.result(path, "o"), whole)
 
     def test_a_random_study_grows(self):
-        """What is done stays as it is; the result is that of the larger study done at once. A smaller one leaves runs out."""
+        """Finished runs stay as they are; the result is that of the larger study done at once. A smaller study omits runs."""
         stiffness = ("regions[surrounding].friction.kinetic: {uniform: [5, 13]}", "regions[surrounding].youngs_modulus: {values: [20e3, 30e3]}")
         for kind, edit in (("motion", ("count: 12", "count: 12")), ("stiffness", stiffness)):
             small, large, smaller = ({"a": edit, "b": ("count: 12", f"count: {count}")} for count in (4, 11, 3))
@@ -437,7 +437,7 @@ class Running(Case):
         self.assertEqual(*manifests)
 
     def test_each_run_with_a_stiffness_of_its_own(self):
-        """On the sparse inverse; and by itself, on the dense one."""
+        """On the sparse inverse; and a single run on the dense one."""
         path = self.write(a=("count: 12", "count: 3"), b=("regions[surrounding].friction.kinetic: {uniform: [5, 13]}", "regions[surrounding].youngs_modulus: {uniform: [20e3, 40e3]}"))
         whole = self.result(path, "o", "--hdf5")
         for task in ("1/2", "2/2"):
@@ -478,10 +478,10 @@ class Running(Case):
             self.assertLessEqual(len({int(groups.of_run[index]) for index in task}), 2)
 
     def test_a_run_that_fails_gives_no_base(self):
-        """The first two runs have an inner diameter above the outer one; the third one's model serves the others."""
+        """The first two runs have an inner diameter above the outer one; the model of the third run serves the others."""
         path = self.write(a=("random, count: 12, seed: 3", "grid"), b=("normal: [0, 1e-3], within: [-2e-3, 2e-3]", "values: [0, 1e-3]"),
                           c=("regions[surrounding].friction.kinetic: {uniform: [5, 13]}", "needle.inner_diameter: {values: [2e-3, 0.8e-3]}"))
-        with mock.patch.object(runs, "Model", wraps=trocar.Model) as made:    # counts those of this process
+        with mock.patch.object(runs, "Model", wraps=trocar.Model) as made:    # counts the models of this process
             outcome = studies.carry_out(studies.read(path), self.out / "o", (1, 1), 1, lambda *_: None, self.fail)
         self.assertEqual((made.call_count, outcome.done, outcome.failed), (3, 4, 2))
 
@@ -534,14 +534,14 @@ class Slurm(Case):
 
 
 def opened_by(insertions):
-    """In a worker: the process that opened the file it reads, this process, and what it reads of the last insertion."""
+    """Runs in a worker: returns the process that opened the file it reads, this process, and the last insertion."""
     found = insertions[len(insertions) - 1]["force"]
     return insertions.opened[0], os.getpid(), found
 
 
 class Frames(Case):
     def test_the_size_is_said_before_it_starts(self):
-        """Compared with the file of a run on a longer motion; and of a study that nobody wants to carry out."""
+        """Compares with the file of a run with a longer motion; and for a study that is too large to carry out."""
         longer = ("straight: {depth: 0.006, speed: 0.1}", "script: insert")
         study = studies.read(self.write(edit=longer, more=("count: 12", "count: 1")), True)
         said = []
@@ -556,7 +556,7 @@ class Frames(Case):
         self.assertEqual(frames.size_in_words(studies.read(self.write()), self.out), "")
 
     def test_the_example_reads_in_workers(self):
-        """Forked ones and spawned ones, after the parent has read."""
+        """Forked and spawned workers, after the parent has read the file."""
         self.result(self.write(edit=("count: 12", "count: 3")), "o", "--record", "frames")
         sys.path.insert(0, str(SOURCE / "docs/examples"))
         self.addCleanup(sys.path.remove, str(SOURCE / "docs/examples"))
@@ -571,7 +571,7 @@ class Frames(Case):
                 np.testing.assert_array_equal(found, expected)
         read, write = os.pipe()
         child = os.fork()
-        if child == 0:    # inherits the object as it is, as a forked worker of PyTorch does
+        if child == 0:    # a forked worker of PyTorch inherits the object unchanged
             opened, process, found = opened_by(insertions)
             os.write(write, bytes([opened == process and np.array_equal(found, expected)]))
             os._exit(0)
@@ -582,7 +582,7 @@ class Frames(Case):
     def test_frames(self):
         path = self.write(edit=("count: 12", "count: 3"))
         self.result(path, "o", "--record", "frames")
-        for command in ("collect", "summary"):    # they find the frames in the manifest
+        for command in ("collect", "summary"):    # both find the frames in the manifest
             self.assertEqual(self.main(command, path, "--out", self.out / "o", *(["--no-plots"] if command == "summary" else []))[0], 0)
         status, _, errors = self.main("run", path, "--out", self.out / "o")
         self.assertEqual(status, 2)

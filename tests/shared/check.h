@@ -1,4 +1,4 @@
-/* Comparison in double precision (cmocka's own is in float). Include after cmocka.h. */
+/* Comparison in double precision (cmocka's own uses float). Include it after cmocka.h. */
 #ifndef TROCAR_TESTS_CHECK_H
 #define TROCAR_TESTS_CHECK_H
 

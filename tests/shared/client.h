@@ -1,5 +1,5 @@
-/* A device on the real network for end-to-end tests: sends a pose every millisecond and checks each answer. Include after cmocka.h;
-   run in a private network namespace. */
+/* A device on the real network for end-to-end tests: sends a pose every millisecond and checks each answer. Include it after
+   cmocka.h, and run the test in a private network namespace. */
 #ifndef TROCAR_TESTS_CLIENT_H
 #define TROCAR_TESTS_CLIENT_H
 
@@ -20,7 +20,7 @@
 
 enum { NEWS_REMEMBERED = 256 };
 
-/* Contents of the timing messages since watch(). */
+/* Statistics of the timing messages since watch(). */
 typedef struct {
     int count;
     double lateness_p99[NEWS_REMEMBERED], compute_p99[NEWS_REMEMBERED]; /* s */
@@ -35,14 +35,14 @@ typedef struct {
     trocar_loop_timing_t_subscription_t *timing_subscription;
     int64_t session, seq;
     pose base;
-    bool sends;                      /* a pose every millisecond */
+    bool sends;                      /* sends a pose every millisecond */
     trocar_needle_wrench_t wrench;   /* newest */
     trocar_status_t *status;
     trocar_loop_timing_t timing;
     int64_t wrenches;
     timing_record record;            /* since watch() */
-    double oldest_snapshot;          /* s, since watch() */
-    int seen, always;                /* flags of any wrench since watch(), flags of all */
+    double oldest_snapshot;          /* s, largest age of a snapshot since watch() */
+    int seen, always;                /* flags of any wrench since watch(), and flags of all wrenches */
     int told;                        /* flags of any status since watch() */
     double least, most;              /* N, smallest and largest force since watch() */
 } client;
@@ -50,7 +50,7 @@ typedef struct {
 static inline double norm3(const double a[3]) { return sqrt(a[0] * a[0] + a[1] * a[1] + a[2] * a[2]); }
 static inline double force_of(const client *c) { return norm3(c->wrench.force); }
 
-/* Holds during every fault: wrenches are finite, and their size and step per tick stay within the device's limits. */
+/* Checks what holds during every fault: wrenches are finite, and their size and change per tick stay within the device's limits. */
 static inline void check_wrench(const client *c, const trocar_needle_wrench_t *w) {
     double step[3], turn[3];
     for (int a = 0; a < 3; a++) {
@@ -144,13 +144,13 @@ static inline void command(client *c, int64_t session, int what) {
     trocar_command_t_publish(c->lcm, "TROCAR_COMMAND", &m);
 }
 
-/* Timing is checked only without a sanitizer. */
+/* True if timing is checked, which needs a build without a sanitizer. */
 static inline bool in_time(void) {
     const char *wanted = getenv("TROCAR_CHECK_TIMING");
     return wanted == NULL || strcmp(wanted, "no") != 0;
 }
 
-/* Waits for the next status and timing that cover everything up to now. */
+/* Waits for the next status and timing, which cover everything up to now. */
 static inline void hear_news(client *c) {
     pass(c, 0.25);
     assert_non_null(c->status);
@@ -158,7 +158,7 @@ static inline void hear_news(client *c) {
 
 static inline int faulty_flags(const client *c) { return c->wrench.flags & ~FLAG(NOT_REALTIME); }
 
-/* Needle at rest, 20 mm deep, with its full force: the state before each fault and after recovery from it. */
+/* Checks the state before each fault and after recovery from it: the needle is at rest, 20 mm deep, and has its full force. */
 static inline void expect_health(client *c) {
     PASS_UNTIL(c, faulty_flags(c) == 0 && c->wrench.pose_seq > 0 && force_of(c) > 0.2);
     int64_t ticks = c->wrench.tick, start = monotonic_ns();
@@ -183,13 +183,13 @@ static inline void client_insert(client *c) {
     watch(c);
 }
 
-/* LCM's reader thread inherits the priority. */
+/* Opens the client, whose LCM reader thread inherits the priority. */
 static inline bool client_open(client *c, const char *scene_path) {
     scene s;
     report why;
     if (scene_load(scene_path, &s, &why) != TROCAR_OK) return false;
     *c = (client){.session = 77, .limits = s.device};
-    sched_setscheduler(0, SCHED_FIFO, &(struct sched_param){.sched_priority = 70}); /* ignored where it is not permitted */
+    sched_setscheduler(0, SCHED_FIFO, &(struct sched_param){.sched_priority = 70}); /* ignored if it is not permitted */
     c->lcm = lcm_create(NULL);
     if (c->lcm == NULL) return false;
     c->wrench_subscription = trocar_needle_wrench_t_subscribe(c->lcm, "TROCAR_WRENCH", on_wrench, c);

@@ -14,7 +14,7 @@ static const double CUBE_EDGE = 0.1; /* m */
 
 typedef struct {
     mesh mesh;
-    region_material materials[2]; /* below and above half height */
+    region_material materials[2]; /* below and above half the height */
     bool fixed[CUBE_NODES];
     tissue tissue;
     inverse *inverse;
@@ -27,7 +27,7 @@ static inline vec3 cube_random_vector(double size) {
 
 static inline bool cube_inside(int i) { return i > 0 && i < CUBE_CELLS; }
 
-/* `irregular` is how far inner nodes move, in cells; 0.1 keeps every tet well shaped. */
+/* `irregular` is the displacement of inner nodes, in cells; with 0.1, every tet stays well shaped. */
 static inline void cube_nodes(mesh *m, double irregular) {
     double cell = CUBE_EDGE / CUBE_CELLS;
     m->node_count = CUBE_NODES;
@@ -40,7 +40,7 @@ static inline void cube_nodes(mesh *m, double irregular) {
     }
 }
 
-/* Kuhn's six tets run along the axes from one corner of the cell to the opposite one, in each order of the axes. */
+/* Kuhn's six tets lead from one corner of the cell to the opposite one along the axes, in each order of the axes. */
 static inline void cube_tets(mesh *m) {
     static const int orders[6][3] = {{0, 1, 2}, {1, 2, 0}, {2, 0, 1}, {0, 2, 1}, {2, 1, 0}, {1, 0, 2}};
     m->tet_count = 6 * CUBE_CELLS * CUBE_CELLS * CUBE_CELLS;
@@ -56,7 +56,7 @@ static inline void cube_tets(mesh *m) {
     }
 }
 
-/* The mesh, materials and fixed nodes only. */
+/* Creates the mesh, materials and fixed nodes only. */
 static inline trocar_status cube_shape(cube *c, double irregular, report *why) {
     memset(c, 0, sizeof *c);
     cube_nodes(&c->mesh, irregular);
@@ -70,7 +70,7 @@ static inline trocar_status cube_shape(cube *c, double irregular, report *why) {
     return mesh_finish(&c->mesh, 0, NULL, NULL, "cube", why);
 }
 
-/* Mesh, materials, fixed nodes, stiffness and inverse. `c` must not be moved: its parts point to each other. */
+/* Creates mesh, materials, fixed nodes, stiffness and inverse. `c` must not be moved, because its parts point to each other. */
 static inline trocar_status cube_create(cube *c, double irregular, report *why) {
     trocar_status status = cube_shape(c, irregular, why);
     if (status == TROCAR_OK) status = tissue_create(&c->mesh, c->materials, c->fixed, STRAIN_BY_ELEMENT, &c->tissue, why);
@@ -84,13 +84,13 @@ static inline void cube_free(cube *c) {
     mesh_free(&c->mesh);
 }
 
-/* Sets K to zero, so that it can't be factorised any more. */
+/* Sets K to zero, so that it can no longer be factorised. */
 static inline void cube_loosen(tissue *t) {
     size_t entries = (size_t)((const int *)t->stiffness->p)[t->stiffness->ncol];
     memset(t->stiffness->x, 0, entries * sizeof(double));
 }
 
-/* A random point of this tet; each of its barycentric weights is at least `margin`. */
+/* Returns a random point of this tet, with each barycentric weight at least `margin`. */
 static inline vec3 cube_point(const cube *c, int tet, double margin) {
     double w[4], sum = 0.0;
     for (int i = 0; i < 4; i++) sum += w[i] = cube_random(0.0, 1.0);

@@ -1,18 +1,18 @@
-/* The figure-8 motion played in lockstep, and the difference of two runs. */
+/* Plays the figure-8 motion in lockstep, and measures the difference of two runs. */
 #ifndef TROCAR_TESTS_FIGURE8_H
 #define TROCAR_TESTS_FIGURE8_H
 
 #include "lockstep.h"
 #include "shared/motion.h"
 
-/* The figure-8 motion: force and torque of every tick. */
+/* The force and torque of every tick of the figure-8 motion. */
 enum { FIGURE8_MOST_TICKS = 2400 * 4 };
 static const double FIGURE8_DURATION = 2.4, FIGURE8_SLOWEST_PERIOD = 4e-3; /* s */
 
 typedef struct {
     double rate;
     int ticks, punctures;
-    double worst_jump;       /* per tick, over max(7 %, 0.05 N), away from punctures */
+    double worst_jump;       /* per tick, relative to max(7 %, 0.05 N), except near punctures */
     unsigned events;
     double wrench[FIGURE8_MOST_TICKS][6];
 } figure8_record;
@@ -57,8 +57,8 @@ static inline double figure8_peak(const figure8_record *r, int from, int to) {
     return largest;
 }
 
-/* Largest difference of a's components [from, to) from b's at the same time or up to `shift` s away (punctures may fall on
-   neighbouring ticks), relative to b's peak. */
+/* Returns the largest difference between components [from, to) of a and those of b at the same time or up to `shift` s
+   away (because punctures may fall on neighbouring ticks), relative to b's peak. */
 static inline double figure8_difference(const figure8_record *a, const figure8_record *b, int from, int to, double shift) {
     double largest = 0.0;
     for (int i = 0; i < a->ticks; i++) {

@@ -1,4 +1,4 @@
-/* A simulation of a scene as a program using the library would create it, for tests. */
+/* A simulation of a scene, for tests, created as by a program that uses the library. */
 #ifndef TROCAR_TESTS_HOST_H
 #define TROCAR_TESTS_HOST_H
 
@@ -11,7 +11,7 @@ typedef struct {
     trocar_scene *scene;
     trocar_model *model;
     trocar_sim *sim;
-    trocar_output output;    /* of the last tick */
+    trocar_output output;    /* output of the last tick */
 } host;
 
 /* Sets one key of the scene to another value, unless `key` is NULL. */

@@ -1,5 +1,5 @@
 /* Compares a remeshing method's snapshots with the modified mesh, assembled and inverted from scratch. Shared by the tests of all
-   methods. Include in place of cmocka. */
+   methods. Include this file instead of cmocka. */
 #ifndef TROCAR_TESTS_REMESHING_H
 #define TROCAR_TESTS_REMESHING_H
 
@@ -22,7 +22,7 @@
 enum { MOST_NODES = 1000 };
 
 static cube body;
-static const tissue *tested; /* the cube's, or another one */
+static const tissue *tested; /* the cube's tissue, or another one */
 static inverse *tested_inverse;
 static compliance_snapshot snapshot, before;
 static remesh_request request;
@@ -57,7 +57,7 @@ static void serve(remesher *r) {
     if (remesher_serve(r, &request, &snapshot, &why) != TROCAR_OK) fail_msg("%s", why.text);
 }
 
-/* `count` different nodes in random order. */
+/* Chooses `count` different nodes in random order. */
 static inline void choose_window(int count) {
     static int nodes[MOST_NODES];
     int all = tested->mesh->node_count;
@@ -89,7 +89,7 @@ static vec3 point_in(int tet, double margin) {
     return mesh_point(tested->mesh, tet, w);
 }
 
-/* Few elements are used, so that several nodes share one. */
+/* Adds nodes of one kind in few elements, so that several nodes share an element. */
 static inline void add_nodes(kind wanted, int count) {
     for (int i = 0; i < count; i++) {
         int tet = (61 * (rand() % 6) + 3) % tested->mesh->tet_count;
@@ -97,7 +97,7 @@ static inline void add_nodes(kind wanted, int count) {
     }
 }
 
-/* Nodes of every kind that the method supports, some close to vertices and edges. */
+/* Adds nodes of every kind that the method supports, some of them close to vertices and edges. */
 static inline void add_mixed(int method, int count) {
     static const double at[4][4] = {{1, 0, 0, 0}, {0.5, 0.5, 0, 0}, {0.3, 0.3, 0.4, 0}, {0, 0.001, 0.999, 0}};
     for (int i = 0; i < count; i++) {
@@ -110,7 +110,7 @@ static inline void add_mixed(int method, int count) {
 
 /* ---- comparison ---- */
 
-/* Node of a handle in the refined mesh, -1 where the handle is not in use. */
+/* Returns the node of a handle in the refined mesh, or -1 if the handle is not in use. */
 static int node_of(int handle) {
     if (handle >= MAX_CONTACTS) return snapshot.window[handle - MAX_CONTACTS];
     if (snapshot.ids[handle] == 0) return -1;
@@ -206,7 +206,7 @@ static void check_averaged_by(volumetric_strain volumetric) {
     tissue_free(&t);
 }
 
-/* Added nodes leave the mean strains to the nominal nodes. */
+/* Added nodes leave the mean strains at the nominal nodes. */
 static void averaged_strain_is_the_nominal_mesh_s(void **state) {
     (void)state;
     check_averaged_by(STRAIN_BY_PATCH);
@@ -217,7 +217,7 @@ static void check_among_fixed(void) {
     remesher *r = start(method);
     choose_window(20);
     for (int i = 0; i < 8; i++) {
-        int tet = 11 * i; /* of the lowest layer */
+        int tet = 11 * i; /* in the lowest layer */
         add_node(i % 2 ? ON_FACE : INSIDE, tet, point_in(tet, 0.1));
         if (method != REMESH_NESTED) assert_int_equal(add_node(MOVED, tet, point_in(tet, 0.1)), -1);
     }
@@ -227,7 +227,7 @@ static void check_among_fixed(void) {
     remesher_free(r);
 }
 
-/* Elements whose corners are all fixed. */
+/* Adds nodes in elements whose corners are all fixed. */
 static void nodes_among_fixed_ones(void **state) {
     (void)state;
     tissue t;
@@ -242,7 +242,7 @@ static void nodes_among_fixed_ones(void **state) {
     tissue_free(&t);
 }
 
-/* Nodes of one kind in the elements along a line, each at the middle of the line's path through the element. */
+/* Adds nodes of one kind in the elements along a line, each at the middle of the line's path through its element. */
 static void add_track(vec3 from, vec3 to) {
     vec3 along = v3_sub(to, from);
     for (surface_hit at = mesh_enter(tested->mesh, from, to); at.tet >= 0;) {
@@ -311,7 +311,7 @@ static void full_window_and_all_contacts(void **state) {
     }
 }
 
-/* Nodes requested at points on the mesh's own nodes, edges and faces. */
+/* Requests nodes at points on the mesh's own nodes, edges and faces. */
 static void nodes_aimed_at_corners_edges_and_faces(void **state) {
     (void)state;
     static const double at[4][4] = {{1, 0, 0, 0}, {0.5, 0.5, 0, 0}, {0.3, 0.3, 0.4, 0}, {0, 0, 0, 1}};
@@ -324,8 +324,8 @@ static void nodes_aimed_at_corners_edges_and_faces(void **state) {
     }
 }
 
-/* Nodes are added and removed many times while others stay; the remaining ones are compared each time, and the original mesh at the
-   end. */
+/* Nodes are added and removed many times while others stay; the remaining nodes are compared each time, and the original mesh at
+   the end. */
 static void removal_restores_the_original(void **state) {
     (void)state;
     remesher *r = start(method);
@@ -357,7 +357,8 @@ static void removal_restores_the_original(void **state) {
     remesher_free(r);
 }
 
-/* Nodes go in random order, from among others that share their elements and their faces; some come in between. What stays keeps its slot. */
+/* Nodes are removed in random order from among others that share their elements and faces; some are added in between. Remaining nodes keep their
+   slots. */
 static void nodes_go_in_any_order(void **state) {
     (void)state;
     remesher *r = start(method);
@@ -382,7 +383,7 @@ static void nodes_go_in_any_order(void **state) {
     remesher_free(r);
 }
 
-/* Displacement at a point of the nominal mesh under a force at another one, interpolated, from an inversion from scratch. */
+/* Returns the interpolated displacement at a point of the nominal mesh under a force at another point, from an inversion from scratch. */
 static mat3 nominal_between(const reference *nominal, const added_node *node, const added_node *other) {
     mat3 sum = {{{0}}};
     double w[4], v[4];
@@ -395,7 +396,7 @@ static mat3 nominal_between(const reference *nominal, const added_node *node, co
     return sum;
 }
 
-/* Nodes that are added, many in an element, on faces and moved ones, too, do not make contacts yield more. */
+/* Added nodes, many in one element, on faces, and moved ones, do not make contacts more compliant. */
 static void contacts_yield_as_in_the_nominal_mesh(void **state) {
     (void)state;
     static const refinement none = {.count = 0};
@@ -405,7 +406,7 @@ static void contacts_yield_as_in_the_nominal_mesh(void **state) {
     for (int n = 0; n < 9; n++) {
         if (n < 3 || n > 6) add_nodes(INSIDE, 9);
         else add_mixed(method, 9);
-        if (n == 7) request.wanted.count = 0; /* none on faces from here on */
+        if (n == 7) request.wanted.count = 0; /* no nodes on faces from here on */
         if (n == 7) add_nodes(INSIDE, 12);
         for (int k = 0; k < 4; k++) refinement_remove(tested->mesh, &request.wanted, request.wanted.nodes[request.wanted.order[rand() % request.wanted.count]].id);
         serve(r);

@@ -1,15 +1,15 @@
-"""What the reports of tests/verification and tests/validation have in common: REPORT.md and plots/ in the folder of the script."""
+"""Functions shared by the reports of tests/verification and tests/validation: REPORT.md and plots/ in the folder of the script."""
 import contextlib
 import subprocess
 
 import matplotlib
 
 matplotlib.use("svg")
-matplotlib.rcParams["svg.fonttype"] = "none"  # text stays text
+matplotlib.rcParams["svg.fonttype"] = "none"  # keeps text as text
 matplotlib.rcParams["svg.hashsalt"] = "trocar"  # the same input gives the same file
 import matplotlib.pyplot as plt  # noqa: E402
 
-# Colours of Okabe and Ito: readable without colour vision.
+# Colours of Okabe and Ito, which can be told apart without colour vision.
 COLOURS = ("#0072B2", "#D55E00", "#009E73", "#CC79A7", "#E69F00", "#56B4E9", "#000000")
 
 
@@ -34,7 +34,7 @@ def commit_of(folder):
 
 @contextlib.contextmanager
 def axes_for(curves, path):
-    """Axes to draw the curves into, with the first one's labels; saved at the end."""
+    """Provides axes for the curves, with the first curve's labels; saves the plot at the end."""
     figure, axes = plt.subplots(figsize=(6.4, 4.0), layout="constrained")
     yield axes
     axes.set_xlabel(curves[0]["x_label"])

@@ -1,22 +1,22 @@
-/* Bevelled needles pushed through uniform tissue and the tracks that they cut, for test_steering.c and verify_steering.c. */
+/* Pushes bevelled needles through uniform tissue and records the tracks that they cut, for test_steering.c and verify_steering.c. */
 #ifndef TROCAR_TESTS_STEERING_H
 #define TROCAR_TESTS_STEERING_H
 
 #include "lockstep.h"
 
 typedef struct {
-    const char *mesh;            /* NULL: the figure-8 scene's */
+    const char *mesh;            /* NULL: the mesh of the figure-8 scene */
     needle_parameters needle;
     double tissue_modulus;       /* Pa, everywhere */
-    double strength;             /* of membranes and friction, and against cutting: times that of the 60 kPa tissue */
+    double strength;             /* factor on the membranes' strength, the friction and the cutting resistance of the 60 kPa tissue */
     double x, y;                 /* m, entry point */
     double roll;                 /* rad about the needle's axis at the start; 0: the bevel faces +y */
     double half_turn_at;         /* m of base travel at which the needle is rolled by half a turn; INFINITY: never */
     double bevel_from;           /* m of base travel from which the bevel acts; 0: from the start */
-    double way;                  /* m, travel of the base along +z, starting with the tip 1 mm before the skin */
+    double way;                  /* m, travel of the base along +z, which starts with the tip 1 mm in front of the skin */
 } steering_case;
 
-/* The nominal track, from the skin to the tip. */
+/* The nominal track from the skin to the tip. */
 typedef struct {
     int count;
     vec3 points[MAX_CONTACTS + 2]; /* m */
@@ -29,7 +29,7 @@ static inline steering_case steering_steel(double slope) {
     return c;
 }
 
-/* Webster's wire: solid nitinol, 0.7 mm. Short, because nothing guides it between base and skin. */
+/* Webster's wire: solid nitinol, 0.7 mm. It is short, because nothing guides it between base and skin. */
 static inline steering_case steering_nitinol(double slope) {
     steering_case c = steering_steel(slope);
     c.needle.length = 0.1;
@@ -39,7 +39,7 @@ static inline steering_case steering_nitinol(double slope) {
     return c;
 }
 
-/* One material, and membranes that a thin needle punctures without buckling. */
+/* One material, and membranes that a thin needle can puncture without buckling. */
 static inline simulation_config steering_config(const steering_case *given) {
     simulation_config c = lockstep_config();
     if (given->mesh) snprintf(c.mesh_path, sizeof c.mesh_path, "%s", given->mesh);
@@ -80,11 +80,11 @@ static inline steering_track steering_run(const steering_case *given) {
     return track;
 }
 
-/* Initial direction of steering: away from the bevel's face. */
+/* Returns the initial direction of steering: away from the bevel's face. */
 static inline vec3 steering_direction(double roll) { return v3(sin(roll), -cos(roll), 0); }
 
-/* Where the track of a needle rolled by half a turn at `at` must end, by superposition: for small deflections cutting is linear in
-   the bevel's slope, so the half turn subtracts twice the track of a bevel that acts only from there on. */
+/* Returns by superposition where the track of a needle that is rolled by half a turn at `at` must end: for small deflections,
+   cutting is linear in the bevel's slope, so the half turn subtracts twice the track of a bevel that acts only after that point. */
 static inline double steering_superposed(const steering_case *given, double at, vec3 sideways) {
     steering_case always = *given, later = *given;
     always.half_turn_at = INFINITY;
@@ -95,8 +95,8 @@ static inline double steering_superposed(const steering_case *given, double at, 
     return v3_dot(v3_sub(a, whole.points[0]), sideways) - 2.0 * v3_dot(v3_sub(b, part.points[0]), sideways);
 }
 
-/* Signed curvature, 1/m, of the part of the track between these depths (z, m) in the plane of +z and `sideways`: least-squares
-   parabola over the part's chord. Positive: toward `sideways`. */
+/* Returns the signed curvature, 1/m, of the part of the track between these depths (z, m) in the plane of +z and `sideways`: a
+   least-squares parabola over the part's chord. Positive: toward `sideways`. */
 static inline double steering_curvature(const steering_track *track, double from, double to, vec3 sideways) {
     int first = 0, last = track->count - 1;
     while (first < last && track->points[first].z < from) first++;
@@ -117,7 +117,7 @@ static inline double steering_curvature(const steering_track *track, double from
     return 2.0 * m3_apply(&inverse, t).z / (length * length);
 }
 
-/* Deviation of the tip from a straight path toward `sideways`, m. */
+/* Returns the deviation of the tip from a straight path, toward `sideways`, m. */
 static inline double steering_deflection(const steering_track *track, vec3 sideways) {
     return v3_dot(v3_sub(track->points[track->count - 1], track->points[0]), sideways);
 }

@@ -1,16 +1,16 @@
-/* Runs a test that keeps time, and tells a slow program from a machine that stands still.
+/* Runs a test that depends on time, and distinguishes a slow program from a machine that was stalled.
    usage: witness [--once | --reports] COMMAND [ARGUMENT...]
 
-   A hypervisor that takes the processors away for milliseconds makes any real-time program late. One thread per processor, of
-   higher priority than anything under test, wakes each millisecond and notes when it was late itself. A test that fails on a
-   machine that kept time has failed. One that fails while the machine stood still is run once more; if it fails
-   again, the status is 77 (skipped) and the message says how long the machine was away.
+   A hypervisor that takes the processors away for milliseconds makes any real-time program late. One thread per processor, of higher
+   priority than everything under test, wakes each millisecond and notes its own lateness. A test that fails on a machine without stalls
+   has failed. A test that fails while the machine was stalled is run once more; if it fails again, the status is 77 (skipped), and the
+   message says how long the machine was stalled.
 
-   A sanitizer's report in the command's output is a failure on any machine, and so is a program that a signal kills. (Not in a
-   file: of a program with both, UBSan writes to the standard error output whatever the option log_path says, as of GCC 12.)
+   A sanitizer's report in the command's output is a failure on any machine, and so is a program that a signal kills. (The reports are not
+   written to a file, because with several sanitizers UBSan writes to standard error whatever the option log_path says, as of GCC 12.)
    --once: no second run, for instrumented programs, which are slow. --reports: a test without a report has passed if it ran to its end,
-   whatever its status, for ThreadSanitizer: under it a tick takes milliseconds now and then (its shadow memory is mapped on first touch),
-   and the other presets judge everything else. */
+   whatever its status. This is for ThreadSanitizer, under which a tick sometimes takes milliseconds (its shadow memory is mapped on first
+   touch); the other presets judge everything else. */
 #define _GNU_SOURCE
 #include <errno.h>
 #include <fcntl.h>
@@ -30,19 +30,19 @@
 
 enum {
     SKIPPED = 77,
-    CANNOT_RUN = 126,                /* this status and above: no such program, or killed by a signal */
+    CANNOT_RUN = 126,                /* this status and above: there is no such program, or a signal killed it */
     MAX_PROCESSORS = 64,
     PRIORITY = 98,                   /* above the server (80), below the kernel's own threads (99) */
     PERIOD_NS = 1000000,
-    LATE_NS = 500000,                /* an idle machine wakes such a thread within some 50 us */
+    LATE_NS = 500000,                /* an idle machine wakes such a thread within about 50 us */
 };
 
-static const double QUIET = 2e-3;    /* share of late wake-ups that a test has to bear */
+static const double QUIET = 2e-3;    /* fraction of late wake-ups that a test has to tolerate */
 
 typedef struct {
     int processor;
     bool real_time;
-    long wakes, late;                /* whole periods that were slept through count as late, too */
+    long wakes, late;                /* whole periods during which the thread did not wake count as late, too */
     long long longest_ns;
 } observer;
 
@@ -73,10 +73,11 @@ static void *observe(void *context) {
     return NULL;
 }
 
-/* Passes on what the command writes until it has ended, and tells whether a sanitizer had something to report. A process left in the
-   background may hold the pipe open, and write to it, for ever: what the command itself wrote is then at most what a pipe holds. */
+/* Passes on the command's output until the command has ended. Returns true if a sanitizer reported something. A process left in the
+   background may hold the pipe open, and write to it, for ever; after the command has ended, its own remaining output is at most
+   what a pipe can hold. */
 static bool pass_on(int pipe_end, int process) {
-    enum { PIPE_HOLDS = 65536, CARRIED = 32 }; /* carried over from one piece to the next: longer than a report's mark */
+    enum { PIPE_HOLDS = 65536, CARRIED = 32 }; /* bytes carried over from one piece to the next: longer than a report's mark */
     static const char *const reports[] = {"Sanitizer: ", "runtime error: "};
     static char text[CARRIED + 4096];
     struct pollfd sources[] = {{.fd = pipe_end, .events = POLLIN}, {.fd = process, .events = POLLIN}};
@@ -122,7 +123,7 @@ static int run(char *const command[], bool *reported) {
     return WIFEXITED(status) ? WEXITSTATUS(status) : 128 + WTERMSIG(status);
 }
 
-/* Status of the command; *quiet tells whether the machine kept time meanwhile, or could not be watched. */
+/* Returns the command's status; *quiet becomes true if the machine had no stalls meanwhile, or could not be watched. */
 static int run_watched(char *const command[], bool *quiet, bool *reported) {
     pthread_t threads[MAX_PROCESSORS];
     observer observers[MAX_PROCESSORS] = {0};

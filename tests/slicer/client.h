@@ -1,4 +1,4 @@
-/* Clients of an OpenIGTLink server: one made from the classes of Debian's library, and a plain connection for what the library cannot do. */
+/* Clients of an OpenIGTLink server: one made from the classes of Debian's library, and a plain connection for anything that the library cannot do. */
 #ifndef TROCAR_TESTS_SLICER_CLIENT_H
 #define TROCAR_TESTS_SLICER_CLIENT_H
 
@@ -61,7 +61,7 @@ public:
     void receive_for(double s) {
         for (double end = seconds() + s; seconds() < end && receive();) continue;
     }
-    /* Until it holds; false after `patience` s. */
+    /* Waits until the condition holds; false after `patience` s. */
     template <typename Condition> bool until(Condition holds, double patience = 10) {
         for (double end = seconds() + patience; seconds() < end && receive();)
             if (holds()) return true;
@@ -122,7 +122,7 @@ public:
     ~Connection() { close(descriptor); }
     void send(const std::vector<unsigned char> &bytes) { EXPECT(::send(descriptor, bytes.data(), bytes.size(), MSG_NOSIGNAL) == static_cast<ssize_t>(bytes.size())); }
     bool receive(void *bytes, size_t size) { return recv(descriptor, bytes, size, MSG_WAITALL) == static_cast<ssize_t>(size); }
-    bool is_closed() { /* by the other side; skips what comes before */
+    bool is_closed() { /* closed by the other side; skips received bytes */
         unsigned char bytes[65536];
         ssize_t count;
         for (double end = seconds() + 10; (count = recv(descriptor, bytes, sizeof bytes, 0)) > 0 && seconds() < end;) continue;

@@ -1,4 +1,4 @@
-/* Sends what trocar-server would send, with values that the test chooses, and hears what is sent to it. */
+/* Sends trocar-server's messages with values that the test chooses, and receives the messages sent to it. */
 #ifndef TROCAR_TESTS_SLICER_FAKE_SERVER_H
 #define TROCAR_TESTS_SLICER_FAKE_SERVER_H
 
@@ -28,7 +28,7 @@ using Vector = std::array<double, 3>;
 
 class FakeServer {
 public:
-    /* Before start(). `displace`: of a node, m, at the time in s. */
+    /* Set before start(). `displace` returns a node's displacement, m, at the time in s. */
     std::vector<Vector> nodes, centreline;
     std::function<Vector(const Vector &, double)> displace = [](const Vector &, double) { return Vector{0, 0, 0}; };
     double orientation[4] = {1, 0, 0, 0}, tip_lead = 0;
@@ -36,7 +36,7 @@ public:
     double probe_orientation[4] = {1, 0, 0, 0};
     std::atomic<int64_t> number{77};
     std::atomic<bool> silent{false};
-    std::atomic<size_t> most_nodes{SIZE_MAX}; /* that it tells of */
+    std::atomic<size_t> most_nodes{SIZE_MAX}; /* number of nodes in its messages */
 
     FakeServer() {
         hearing = lcm_create(nullptr);
@@ -70,7 +70,7 @@ public:
         trocar_command_t_unsubscribe(hearing, on_command);
         lcm_destroy(hearing);
     }
-    std::vector<trocar_needle_pose_t> poses() { /* since the last call */
+    std::vector<trocar_needle_pose_t> poses() { /* returns the poses since the last call */
         std::lock_guard<std::mutex> lock(mutex);
         return std::move(heard_poses);
     }
@@ -124,7 +124,7 @@ private:
         trocar_status_t_publish(lcm, "TROCAR_STATUS", &s);
     }
 
-    /* A wrench every 2 ms, a picture every 33.3 ms, the status every 0.1 s. */
+    /* Sends a wrench every 2 ms, a picture every 33.3 ms and the status every 0.1 s. */
     void send() {
         lcm_t *lcm = lcm_create(nullptr);
         double picture = seconds(), status = picture, wrench = picture;

@@ -1,5 +1,5 @@
 #!/usr/bin/python3
-"""Run by hand: what trocar-slicer costs, and what it costs the haptic loop, in a private network:
+"""Run by hand: measures the time that trocar-slicer takes, and its effect on the haptic loop, in a private network:
 
     scripts/netns tests/slicer/measure.py BUILD_DIR SCENE [SECONDS [ROUNDS [STREAMED]]]
 
@@ -33,7 +33,7 @@ def start(command, **environment):
 
 
 class Timing:
-    """The server's TROCAR_TIMING messages: ten a second, each with the percentiles of its 100 ms."""
+    """The server's TROCAR_TIMING messages: ten per second, each with the percentiles of its 100 ms."""
 
     def __init__(self):
         self.socket = socket.socket(socket.AF_INET, socket.SOCK_DGRAM)
@@ -58,7 +58,7 @@ class Timing:
 
 
 class Reader:
-    """A client that reads all it gets."""
+    """A client that reads everything it receives."""
 
     def __init__(self):
         self.connection = socket.create_connection(("127.0.0.1", PORT))

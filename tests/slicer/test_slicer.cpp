@@ -1,4 +1,4 @@
-/* trocar-slicer from outside: values in the patient's coordinates, computed here by hand; images against surfaces; slow clients, garbage, restarts,
+/* Tests trocar-slicer from outside: values in patient coordinates, computed here by hand; images against surfaces; slow clients, garbage, restarts,
    trackers. usage: test_slicer TROCAR_SLICER TROCAR_SERVER MESHES CASE (values, faults, slow, trackers or server), in a private network namespace */
 #include <algorithm>
 #include <cstdlib>
@@ -105,7 +105,7 @@ struct Surface {
         }
         return sum / 6;
     }
-    /* Whether a ray in a direction that no edge has crosses it an odd number of times. */
+    /* True if a ray in a direction along no edge crosses the surface an odd number of times. */
     bool contains(const Vector &x) const {
         static const Vector along = {0.4358, 0.5123, 0.7399};
         int crossings = 0;
@@ -126,7 +126,7 @@ static const std::vector<std::string> ORGANS = {"prostate", "surrounding", "peri
 
 static Vector shear(const Vector &x, double) { return {0.04 * x[2], -0.03 * x[0], 0.05 * x[1] + 0.002}; }
 
-/* The volume's points in the displaced mesh and its volume, mm^3, against those of the message. */
+/* Compares the volume's points in the displaced mesh and its volume, mm^3, with those of the message. */
 static void check_surface(const Mesh &mesh, const std::string &name, const Surface &surface) {
     const int32_t *tets = trocar_model_tets(mesh.model), *regions = trocar_model_tet_regions(mesh.model), *neighbours = trocar_model_neighbours(mesh.model);
     int region = trocar_model_find_region(mesh.model, name.c_str(), 3);
@@ -160,7 +160,7 @@ static void check_surface(const Mesh &mesh, const std::string &name, const Surfa
 
 /* ---- images ---- */
 
-/* As Slicer reads the message (OpenIGTLinkIO, igtlioConverterUtilities.cxx): the position is the middle of the image. */
+/* Returns a position as Slicer reads the message (OpenIGTLinkIO, igtlioConverterUtilities.cxx): the image's position is its middle. */
 static Vector place_of(igtl::ImageMessage::Pointer m, double i, double j) {
     igtl::Matrix4x4 matrix;
     float spacing[3];
@@ -174,7 +174,7 @@ static Vector place_of(igtl::ImageMessage::Pointer m, double i, double j) {
     return x;
 }
 
-/* The number of the organ that each pixel's middle is in, by the surfaces; the image must tell the same, but for pixels at a surface. */
+/* Finds the organ that contains each pixel's middle, by the surfaces; the image must agree, except for pixels at a surface. */
 static void check_image(igtl::ImageMessage::Pointer m, const std::vector<Surface> &organs, const char *name) {
     int size[3], differing = 0, further = 0, tissue = 0;
     m->GetDimensions(size);
@@ -212,7 +212,7 @@ static void test_values() {
     EXPECT(bridge.ready(), "%s", bridge.errors_text().c_str());
     Client client(bridge.port());
     EXPECT(client.has({"NeedleToReference", "NeedleTipToReference", "NeedleForce", "ProbeToReference", "ProbeForce", "TrocarStatus", "Needle", "AxialImage", "SagittalImage"}));
-    client.receive_for(0.5); /* of one picture all, not of two */
+    client.receive_for(0.5); /* all messages belong to one picture */
     for (auto &ages : client.ages) EXPECT(ages.second.back() > 0 && ages.second.back() < 1, "%s is %g s old", ages.first.c_str(), ages.second.back());
 
     expect_columns(client.transform("NeedleToReference"), {{-1, 0, 0, 0, -1, 0, 0, 0, 1, -40, 0, 0}}, 1e-4, "base");
@@ -242,7 +242,7 @@ static void test_values() {
     check_image(client.images["AxialImage"], organs, "axial");
     check_image(client.images["SagittalImage"], organs, "sagittal");
 
-    /* The axial image is across the probe's axis, 141 mm from its base: 150 mm less the tip's 9. */
+    /* The axial image lies across the probe's axis, 141 mm from its base: 150 mm minus the tip's 9 mm. */
     int size[3];
     client.images["AxialImage"]->GetDimensions(size);
     for (int j : {0, size[1] - 1})
@@ -253,7 +253,7 @@ static void test_values() {
     EXPECT(bridge.stop(SIGTERM) == 0);
 }
 
-/* Like ultrasound: the gland darker than what is around it, the needle a bright spot where it crosses the plane. */
+/* As in ultrasound, the gland is darker than the tissue around it, and the needle is a bright spot where it crosses the plane. */
 static void test_echo() {
     Mesh mesh(write_scene());
     FakeServer server;
@@ -271,7 +271,7 @@ static void test_echo() {
     m->GetDimensions(size);
     const auto *grey = static_cast<const unsigned char *>(m->GetScalarPointer());
     double sum[2] = {}, count[2] = {};
-    Vector needle = to_ras({0.005, 0.002, 0.061}); /* where it crosses the plane at z = 61 mm */
+    Vector needle = to_ras({0.005, 0.002, 0.061}); /* the point where the needle crosses the plane at z = 61 mm */
     for (int j = 0; j < size[1]; j++)
         for (int i = 0; i < size[0]; i++) {
             Vector x = place_of(m, i, j);
@@ -317,7 +317,7 @@ static const Columns STYLUS = {{-1, 0, 0, 0, -1, 0, 0, 0, 1, -40, 0, 0}}; /* the
 static void test_slow_client(const Mesh &mesh) {
     FakeServer server;
     set_up(server, mesh);
-    server.displace = [](const Vector &x, double t) { return Vector{0.01 * x[2] * std::sin(20 * t), 0, 0}; }; /* every picture is another one */
+    server.displace = [](const Vector &x, double t) { return Vector{0.01 * x[2] * std::sin(20 * t), 0, 0}; }; /* every picture differs */
     server.start();
     Program bridge(work, bridge_command(trocar_scene_path(mesh.scene)));
     EXPECT(bridge.ready());
@@ -325,7 +325,7 @@ static void test_slow_client(const Mesh &mesh) {
     warm.receive_for(0.5);
     long memory = bridge.memory();
     std::vector<std::unique_ptr<Connection>> slow;
-    for (int i = 0; i < 3; i++) slow.push_back(std::make_unique<Connection>(bridge.port(), 4096)); /* that never read */
+    for (int i = 0; i < 3; i++) slow.push_back(std::make_unique<Connection>(bridge.port(), 4096)); /* these clients never read */
     Client client(bridge.port());
     double from = seconds();
     client.receive_for(3);
@@ -337,11 +337,11 @@ static void test_slow_client(const Mesh &mesh) {
     std::printf("beside clients that never read: %g surfaces a second, needle %.1f ms old at p50, %.1f ms at p99; memory %+ld kB\n", client.counts["prostate"] / time,
                 1e3 * ages[ages.size() / 2], 1e3 * ages[ages.size() * 99 / 100], (bridge.memory() - memory) / 1024);
     EXPECT(ages[ages.size() / 2] < 0.02, "needle %g s old", ages[ages.size() / 2]);
-#ifndef __SANITIZE_ADDRESS__ /* which keeps freed memory for a while */
+#ifndef __SANITIZE_ADDRESS__ /* the sanitizer keeps freed memory for a while */
     EXPECT(bridge.memory() - memory < 16 << 20, "%ld bytes", bridge.memory() - memory);
 #endif
 
-    /* One of them reads at last: it has missed values, and soon gets the newest. */
+    /* One of them finally reads: it has missed values, and soon gets the newest. */
     int needles = 0;
     double age = 1e9;
     for (double end = seconds() + 10; age > 0.2 && seconds() < end;) {
@@ -361,7 +361,7 @@ static void test_slow_client(const Mesh &mesh) {
     EXPECT(needles < 60, "%d needle poses of 90", needles);
 }
 
-/* Reads messages as fast as this, with the receive buffer that the system gives it: up to megabytes, which the bridge must not fill. */
+/* Reads messages at this rate, with the receive buffer that the system provides: up to megabytes, which the bridge must not fill. */
 static void test_slow_reader(const Mesh &mesh, double rate) {
     FakeServer server;
     set_up(server, mesh);
@@ -389,14 +389,14 @@ static void test_slow_reader(const Mesh &mesh, double rate) {
         double age = epoch_seconds() - static_cast<double>(stamp) / 4294967296.0;
         std::string name(reinterpret_cast<char *>(head) + 14, strnlen(reinterpret_cast<char *>(head) + 14, 20));
         counts[name]++;
-        if (seconds() > begin + 3 && name != "TrocarStatus") oldest = std::max(oldest, age); /* organs at rest are given once */
+        if (seconds() > begin + 3 && name != "TrocarStatus") oldest = std::max(oldest, age); /* organs at rest are sent once */
     }
     std::printf("a client that reads %.1f MB/s, messages of up to %.2f MB: values at most %.2f s old;", 1e-6 * rate, 1e-6 * static_cast<double>(largest), oldest);
     for (const auto &c : counts) std::printf(" %s %d", c.first.c_str(), c.second);
     std::printf("\n");
     EXPECT(oldest < 0.5 + 3 * static_cast<double>(largest) / rate, "%g s old", oldest);
     EXPECT(counts["prostate"] >= 5 && counts["NeedleToReference"] > 50, "%d surfaces, %d needle poses", counts["prostate"], counts["NeedleToReference"]);
-    EXPECT(rate < 1e7 || counts["prostate"] > 150, "%d surfaces in 8 s", counts["prostate"]); /* one that keeps up gets them all */
+    EXPECT(rate < 1e7 || counts["prostate"] > 150, "%d surfaces in 8 s", counts["prostate"]); /* a client that keeps up gets all of them */
 }
 
 static void test_slow() {
@@ -421,7 +421,8 @@ static void test_garbage(const Mesh &mesh) {
     }
     EXPECT(bridge.said("sent no OpenIGTLink header: disconnected") && bridge.said("announced a message of more than 256 MB: disconnected"), "%s", bridge.errors_text().c_str());
 
-    /* These are skipped, and what follows is heard: each on a connection of its own, because faults are said once a second for each. */
+    /* These messages are skipped and the following ones are accepted: each is sent on a connection of its own, because faults are reported once a
+       second for each connection. */
     float nan = std::numeric_limits<float>::quiet_NaN(), infinity = std::numeric_limits<float>::infinity();
     std::vector<unsigned char> good = raw_columns(STYLUS);
     struct { std::vector<unsigned char> bytes; const char *said; } faults[] = {
@@ -448,7 +449,7 @@ static void test_garbage(const Mesh &mesh) {
     }
     wait(0.1);
     EXPECT(server.poses().empty(), "a faulty matrix moves the needle");
-    for (int i : {0, 5, 12, 13}) { /* they are still understood; the first of several senders moves the needle */
+    for (int i : {0, 5, 12, 13}) { /* these messages are still understood; the first of several senders moves the needle */
         std::vector<unsigned char> whole = raw(1, "TRANSFORM", "StylusToReference", good, 48);
         connections[i]->send({whole.begin(), whole.begin() + 30}); /* in two parts */
         wait(0.02);
@@ -469,7 +470,7 @@ static void test_garbage(const Mesh &mesh) {
     EXPECT(bridge.stop(SIGTERM) == 0);
 }
 
-/* A client that sends headers of version 2 gets them; queries bring values again that have not changed. */
+/* A client that sends headers of version 2 receives such headers; queries return values again that have not changed. */
 static void test_versions(const Mesh &mesh) {
     FakeServer server;
     set_up(server, mesh);
@@ -517,7 +518,7 @@ static void test_server_restart(const Mesh &mesh) {
     Program bridge(work, bridge_command(trocar_scene_path(mesh.scene)));
     EXPECT(bridge.ready());
     Client client(bridge.port());
-    EXPECT(client.has({"prostate"})); /* before any server: at rest */
+    EXPECT(client.has({"prostate"})); /* before any server is heard, the tissue is at rest */
     EXPECT(client.text("TrocarStatus").find("\"server\": false") != std::string::npos || client.until([&] { return client.counts["TrocarStatus"] > 0; }));
     server.start();
     EXPECT(client.has({"NeedleToReference"}));
@@ -575,12 +576,12 @@ static void test_trackers() {
     FakeServer server;
     set_up(server, mesh);
     server.start();
-    igtl::ServerSocket::Pointer plus = igtl::ServerSocket::New(); /* a tracker that is a server itself */
+    igtl::ServerSocket::Pointer plus = igtl::ServerSocket::New(); /* a tracker that is itself a server */
     Program bridge(work, bridge_command(trocar_scene_path(mesh.scene), {"--tracker", "127.0.0.1:18945", "--probe-from", "StepperToReference"}));
     EXPECT(bridge.ready());
     EXPECT(soon([&] { return bridge.said("no tracker at 127.0.0.1:18945"); }));
 
-    /* A client moves the needle by 10 mm between two poses of a tracker, 50 ms apart: evenly, in steps. */
+    /* A client moves the needle by 10 mm between two poses of a tracker, 50 ms apart: uniformly, in steps. */
     igtl::ClientSocket::Pointer client = igtl::ClientSocket::New();
     EXPECT(client->ConnectToServer("127.0.0.1", bridge.port()) == 0);
     Columns moved = STYLUS;
@@ -610,7 +611,7 @@ static void test_trackers() {
     EXPECT(between >= 5 && largest < 0.006, "%d poses between, the largest step %g m", between, largest);
     EXPECT(!poses.empty() && std::fabs(poses.back().position[1] - 0.01) < 1e-8);
 
-    /* Poses missing: it stays, then it is let go; with the next pose it is taken again. */
+    /* While poses are missing, the needle stays, and is then released; the next pose takes it again. */
     wait(1);
     poses = server.poses();
     EXPECT(poses.size() > 100 && server.releases == 0, "%zu poses", poses.size());
@@ -634,7 +635,7 @@ static void test_trackers() {
     }
     client->CloseSocket();
 
-    /* The tracker's own server comes, goes, and comes back. */
+    /* The tracker's own server connects, disappears, and comes back. */
     EXPECT(soon([&] { return server.releases == 2; }, 5));
     EXPECT(plus->CreateServer(18945) == 0);
     for (int i = 0; i < 2; i++) {
@@ -682,7 +683,7 @@ static void test_server() {
     EXPECT(std::fabs(base.numbers[9] - 5) < 1e-3 && std::fabs(base.numbers[10] - 3) < 1e-3 && std::fabs(base.numbers[11] - last) < 0.01, "base at z = %g mm", base.numbers[11]);
     EXPECT(std::fabs(tip.numbers[11] - (last + 200)) < 1 && std::hypot(tip.numbers[9] - 5, tip.numbers[10] - 3) < 10, "tip at z = %g mm", tip.numbers[11]);
 
-    /* It is killed and started again: clients stay, are told, and the tracker's needle is there again. */
+    /* The server is killed and started again: clients stay connected and are informed, and the tracker's needle is held again. */
     server->stop(SIGKILL);
     EXPECT(client.until([&] { return client.text("TrocarStatus").find("\"server\": false") != std::string::npos; }));
     server = std::make_unique<Program>(work + "/server", std::vector<std::string>{server_path, "--scene", scene, "--allow-non-rt"});
@@ -691,7 +692,8 @@ static void test_server() {
     insert();
     EXPECT(bridge.said("the server is silent") && bridge.said("another server"), "%s", bridge.errors_text().c_str());
     EXPECT(client.text("TrocarStatus").find("\"server\": true") != std::string::npos);
-    EXPECT(force > 0.1 && depth > 20, "%g N at %g mm", force, depth); /* less: the new server's needle was in the tissue at once, which is cut there */
+    /* the force is smaller, because the new server's needle was in the tissue at once, where the tissue counts as cut */
+    EXPECT(force > 0.1 && depth > 20, "%g N at %g mm", force, depth);
     EXPECT(bridge.stop(SIGTERM) == 0 && server->stop(SIGTERM) == 0);
 }
 

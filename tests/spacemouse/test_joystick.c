@@ -1,5 +1,5 @@
-/* trocar-spacemouse's axes and buttons in numbers, and its joystick: libevdev is given a device in memory and a socket in place of the
-   kernel's device, so that no joystick is needed. With /dev/uinput there is a virtual one as well. */
+/* Tests trocar-spacemouse's axes and buttons, and its joystick: libevdev gets a device in memory and a socket instead of the kernel's
+   device, so that no joystick is needed. If /dev/uinput exists, a virtual joystick is tested as well. */
 #define _GNU_SOURCE
 #include "joystick.h"
 
@@ -28,11 +28,11 @@
 
 /* ---- a device in memory ---------------------------------------------------------------------------------------------- */
 
-static int ends[2];                     /* sockets: the driver's and the test's */
-static struct libevdev *memory;         /* the opened device, NULL: a real one */
+static int ends[2];                     /* sockets of the driver and the test */
+static struct libevdev *memory;         /* the opened device; NULL: a real device */
 typedef struct { int uploads, removals; struct ff_effect last; } rendered;
-static rendered motors;                 /* under `lock`: the driver may run in a thread */
-static int refusal;                     /* errno of the next uploads, 0: none */
+static rendered motors;                 /* protected by `lock`, because the driver may run in a thread */
+static int refusal;                     /* errno of the next uploads; 0: success */
 static pthread_mutex_t lock = PTHREAD_MUTEX_INITIALIZER;
 
 int __real_libevdev_new_from_fd(int fd, struct libevdev **dev);
@@ -109,7 +109,7 @@ static void send_event(unsigned type, unsigned code, int value) {
     assert_int_equal(send(ends[1], &e, sizeof e, 0), sizeof e);
 }
 
-/* The last order to play or to stop the effect, -1: none came. */
+/* Returns the last order to play or to stop the effect; -1 if there was none. */
 static int played(void) {
     int value = -1;
     for (struct input_event e; recv(ends[1], &e, sizeof e, MSG_DONTWAIT) == sizeof e;)
@@ -146,7 +146,7 @@ static void the_mapping_scales_turns_and_cuts(void **unused) {
     assert_close(c.right, -0.5, 1e-12);  /* (0.6 - 0.2) / 0.8; the home pose's x is to the left */
     assert_close(c.forward, 0, 0);       /* within the dead zone */
     assert_close(c.up, -1, 0);
-    assert_close(c.pitch, 0, 1e-12);     /* at its edge */
+    assert_close(c.pitch, 0, 1e-12);     /* at the edge of the dead zone */
     assert_close(c.yaw, 1, 0);
     assert_close(c.roll, -0.5, 1e-12);
     assert_true(mapping_parse_axes(&m, "forward=-hat0y", joystick_driver.axis_names, why, sizeof why));
@@ -157,7 +157,7 @@ static void the_mapping_scales_turns_and_cuts(void **unused) {
     assert_string_equal(why, "'jump' is none of clutch, reset, leave, seed, undo");
 }
 
-/* A needle that points along x and z, in equal parts, and a hand that feels 2 N along -x: 2 cos 45 degrees against the push. */
+/* The needle points along x and z in equal parts, and the hand feels 2 N along -x: 2 cos 45 degrees against the push. */
 static void the_push_is_along_the_needle(void **unused) {
     (void)unused;
     quat q = q_exp(v3(0, 0.25 * M_PI, 0));
@@ -166,7 +166,7 @@ static void the_push_is_along_the_needle(void **unused) {
     assert_close(axial_push((double[]){2, 7, 0}, q), -sqrt(2), 1e-12);
 }
 
-/* Force against forward, N, and the level by hand. */
+/* A force against forward, N, and the level computed by hand. */
 static void the_level_is_proportional_and_limited(void **unused) {
     (void)unused;
     joystick_force f = {.full_force = 10, .limit = 0.5};
@@ -195,7 +195,7 @@ static void axes_and_buttons_arrive(void **unused) {
     send_event(EV_KEY, BTN_TOP, 1);
     send_event(EV_KEY, BTN_TOP, 0);      /* 1: a short press counts, */
     send_event(EV_KEY, BTN_MISC, 1);     /* 2: and those from BTN_MISC on last */
-    send_event(EV_KEY, BTN_SOUTH, 1);    /* which the device does not have */
+    send_event(EV_KEY, BTN_SOUTH, 1);    /* a button that the device does not have */
     assert_true(joystick_driver.read(&j, 0, &state, text, sizeof text));
     assert_close(state.axes[0], 1, 0);
     assert_close(state.axes[1], -0.5, 1e-12);  /* 256 of 512 */
@@ -218,7 +218,7 @@ static double axis_after(joystick *j, unsigned code, int value, int axis) {
     return state.axes[axis];
 }
 
-/* A trigger rests at 0 of 0 .. 1023. A stick whose value is 0 because it has not reported yet rests where its first report is. */
+/* A trigger rests at 0 of 0 .. 1023. A stick whose value is 0 because it has not reported yet rests at the value of its first report. */
 static void untouched_axes_are_at_rest(void **unused) {
     (void)unused;
     joystick j = open_stick();
@@ -237,7 +237,7 @@ static void untouched_axes_are_at_rest(void **unused) {
     close_stick(&j);
 }
 
-/* The same effect is uploaded again and again; it ends by itself after 100 ms, and is stopped and removed at the end. */
+/* The same effect is uploaded repeatedly; it ends by itself after 100 ms, and is stopped and removed at the end. */
 static void the_force_is_rendered_and_ends(void **unused) {
     (void)unused;
     joystick j = open_stick();
@@ -258,14 +258,14 @@ static void the_force_is_rendered_and_ends(void **unused) {
     joystick_driver.render(&j, 1);
     refusal = 0;
     joystick_driver.render(&j, 1);
-    assert_int_equal(motors.uploads, 0); /* it has been told that there is no force */
+    assert_int_equal(motors.uploads, 0); /* the driver has been told that there is no force */
     close_stick(&j);
 }
 
 static double seconds(void) { return 1e-9 * (double)monotonic_ns(); }
 static void sleep_for(double duration) { sleep_until(monotonic_ns() + (int64_t)(1e9 * duration)); }
 
-/* The thread renders 50 forces a second at most, and none when the bridge's loop stands still or the device is closed. */
+/* The thread renders at most 50 forces a second, and none if the bridge's loop stops or the device is closed. */
 static void the_thread_bounds_the_rate_and_lets_go(void **unused) {
     (void)unused;
     joystick j = {.path = "/dev/zero", .force = {.full_force = 10, .limit = 1}};
@@ -285,7 +285,7 @@ static void the_thread_bounds_the_rate_and_lets_go(void **unused) {
     int uploads = so_far().uploads;
     print_message("%d forces in %.2f s\n", uploads, lasted);
     assert_true(uploads > 2 && uploads <= lasted / 0.02 + 1);
-    sleep_for(0.3);                     /* no more from the loop */
+    sleep_for(0.3);                     /* no more forces from the loop */
     assert_int_equal(level_now(), 0);
     input_render(in, 5);
     sleep_for(0.04);
@@ -296,7 +296,7 @@ static void the_thread_bounds_the_rate_and_lets_go(void **unused) {
     ends[0] = 0;
 }
 
-/* A virtual joystick of the kernel. It has no motors: uinput's side of an upload would have to answer from a thread. */
+/* A virtual joystick of the kernel. It has no motors, because uinput's side of an upload would have to answer from a thread. */
 static void a_virtual_joystick_is_read(void **unused) {
     (void)unused;
     int uinput = open("/dev/uinput", O_RDWR | O_CLOEXEC);

@@ -1,6 +1,6 @@
 #!/usr/bin/python3
-"""trocar-spacemouse between a stand-in for spacenavd, written from its protocol, and a real server: directions and speeds of the needle's
-base, compared with hand calculation; dead zone, buttons; the device, the daemon and the server go away and come back.
+"""Tests trocar-spacemouse between a stand-in for spacenavd, written from its protocol, and a real server: directions and speeds of the
+needle's base, compared with hand calculation; dead zone, buttons; the device, the daemon and the server go away and come back.
 
 usage: test_spacemouse.py BUILD_DIR SOURCE_DIR motion|events [uncertain]    uncertain: instrumented programs, whose speed is not judged
 Status 77: no private network namespace here.
@@ -24,14 +24,14 @@ from in_namespace import in_namespace
 
 BUILD, SOURCE = sys.argv[1:3]
 BRIDGE = f"{BUILD}/clients/bridges/spacemouse/trocar-spacemouse"
-START = (0.005, 0.003, -0.201)      # m: the tip is 1 mm before the skin
+START = (0.005, 0.003, -0.201)      # m: the tip is 1 mm in front of the skin
 SPEED, TURN = 0.02, 0.4             # m/s, rad/s: options of the bridge
 MOTION, PRESS, RELEASE, DEVICE = range(4)
 CHANGE_PROTOCOL, SET_EVENT_MASK, DEVICE_NAME = 0x7faa5500, 0x1003, 0x2000
 
 
 class Daemon:
-    """A stand-in for spacenavd: events and responses are 8 int32. Protocol 0: an old daemon, which takes requests for a sensitivity."""
+    """A stand-in for spacenavd: events and responses are 8 int32. Protocol 0 is that of an old daemon, which accepts requests for a sensitivity."""
 
     def __init__(self, path, protocol=1, name=b"SpaceNavigator"):
         self.path, self.protocol, self.name, self.requests = path, protocol, name, []
@@ -92,7 +92,7 @@ class Poses:
         self.newest = None
 
     def take(self):
-        """The poses since the last call."""
+        """Returns the poses since the last call."""
         found = []
         while True:
             try:
@@ -128,7 +128,7 @@ class Program:
         threading.Thread(target=lambda: self.said.extend(self.process.stderr), daemon=True).start()
 
     def says(self, text):
-        """Waits for a line with this text after the last one that was waited for."""
+        """Waits for a line with this text after the previous awaited line."""
         def find():
             for i in range(self.read, len(self.said)):
                 if text in self.said[i]:
@@ -147,12 +147,12 @@ def check(what, value, wanted, tolerance):
 
 
 def velocity(poses):
-    """m/s of the base."""
+    """Returns the velocity of the base, m/s."""
     return typical(poses, lambda a, b: [q - p for p, q in zip(a[1], b[1])])
 
 
 def rotation(one, other):
-    """Rotation vector about the axes of the world, rad, from one pose to another."""
+    """Returns the rotation vector about the world's axes, rad, from one pose to another."""
     a, b = one[2], other[2]
     w = sum(p * q for p, q in zip(a, b))
     x = b[1] * a[0] - b[0] * a[1] - b[2] * a[3] + b[3] * a[2]
@@ -168,7 +168,7 @@ def rotation_rate(poses):
 
 
 def typical(poses, change, step=20):
-    """Median of the rates of change over 20 poses, by their own times: a machine that stands still now and then does not alter it."""
+    """Returns the median of the rates of change over 20 poses, by their own times: occasional stalls of the machine do not alter it."""
     pairs = [(a, b) for a, b in zip(poses, poses[step:]) if b[0] > a[0]]
     rates = [[each / (b[0] - a[0]) for each in change(a, b)] for a, b in pairs]
     return [statistics.median(axis) for axis in zip(*rates)]
@@ -178,7 +178,7 @@ class Trial:
     def __init__(self, folder):
         self.folder, self.path, self.server = folder, f"{folder}/spnav.sock", None
         self.poses = Poses()
-        self.slack = 0.3 if "uncertain" in sys.argv else 0.03   # share of a speed; a busy machine may hold the bridge up
+        self.slack = 0.3 if "uncertain" in sys.argv else 0.03   # fraction of a speed; a busy machine may delay the bridge
 
     def start_server(self):
         self.server = subprocess.Popen([f"{BUILD}/server/trocar-server", "--scene", f"{SOURCE}/meshes/figure8.yaml", "--allow-non-rt"],
@@ -190,7 +190,7 @@ class Trial:
         self.server.wait()
 
     def steady(self, daemon, seconds=0.25, **axes):
-        """The poses while the device is deflected, after the ramp of 0.15 s."""
+        """Returns the poses while the device is deflected, after the ramp of 0.15 s."""
         daemon.deflect(**axes)
         time.sleep(0.2)
         seen = self.poses.during(seconds)
@@ -200,25 +200,26 @@ class Trial:
         return seen
 
     def stands_still(self):
-        """Poses come and are all the same, to the bit."""
+        """Expects poses that are all equal, to the bit."""
         seen = self.poses.during(0.1)
         assert len(seen) > 5 and all(pose[1:] == seen[0][1:] for pose in seen), f"{len(seen)} poses, {seen[:1]} to {seen[-1:]}"
 
     def comes_to_rest(self):
-        """After the ramp of 0.15 s, or later on a busy machine, but before it could reach the limit of its workspace, 40 mm aside."""
+        """Expects the base to stop after the ramp of 0.15 s, or later on a busy machine, but before it could reach the limit of its workspace, 40 mm
+        sideways."""
         def rests():
             seen = self.poses.during(0.1)
             return len(seen) > 5 and seen[0][1:] == seen[-1][1:]
         wait(rests, "the needle does not come to rest", patience=2)
 
     def goes(self, along, meanwhile=lambda: None):
-        """The base moves along x by a millimetre, to this side."""
+        """Expects the base to move along x by a millimetre, in this direction."""
         self.poses.take()
         begin = self.poses.newest[1][0]
         wait(lambda: meanwhile() or self.poses.take() and along * (self.poses.newest[1][0] - begin) > 1e-3, f"the base does not go along {along} x")
 
     def moves(self, daemon):
-        """Counts of the axes, and what the base does. Seen by a user who looks along +z, with +y up, -x is to the right."""
+        """Tests the axes' counts and the base's motions. For a user who looks along +z, with +y up, -x is to the right."""
         dead = 0.05
         for counts, speed in (({"z": -350}, (0, 0, -SPEED)), ({"x": 350, "y": 175}, (-SPEED / 2, SPEED / 2 * (0.5 - dead) / (1 - dead), 0)),
                               ({"x": -9999, "y": -350, "z": 175}, (SPEED / 2, -SPEED / 2, SPEED * (0.5 - dead) / (1 - dead)))):
@@ -250,7 +251,7 @@ class Trial:
         wait(lambda: self.poses.take() and self.poses.newest[1][2] > START[2] + 0.03, "the needle does not go in")
         daemon.deflect()
         self.comes_to_rest()
-        daemon.event(PRESS, 2)        # leave: no more poses, until it is taken again
+        daemon.event(PRESS, 2)        # leave: no more poses until the needle is taken again
         bridge.says("leave: done")
         time.sleep(0.05)
         assert not self.poses.during(0.1), "poses of a needle that rests"
@@ -293,7 +294,7 @@ class Trial:
         bridge.says("spacenavd has stopped")
         self.comes_to_rest()
 
-        # An old daemon does not say that the device is gone: half a second of silence counts as rest.
+        # An old daemon does not report that the device is gone: half a second of silence counts as rest.
         daemon = Daemon(self.path, protocol=0)
         bridge.says("protocol 0")
         self.goes(1, meanwhile=lambda: daemon.deflect(x=-350))
@@ -312,7 +313,7 @@ class Trial:
         self.poses.take()
 
     def starts_where_the_patient_is_told(self):
-        """In millimetres along the patient's axes; the direction stays the scene's."""
+        """Start positions are in millimetres along the patient's axes; the direction stays the scene's."""
         scene = Path(self.path).with_name("scene.yaml")
         text = Path(f"{SOURCE}/meshes/figure8.yaml").read_text()
         assert text.count("\nneedle:\n") == 1

@@ -51,7 +51,7 @@ void rig_watch(closed_loop *l) {
     device_watch(&l->device);
 }
 
-/* The newest pose that has arrived, for the server's next tick. */
+/* Delivers the newest pose that has arrived to the server's next tick. */
 static void deliver_pose(closed_loop *l) {
     for (int64_t i = l->seq; i > 0 && i > l->seq - LOOP_FLIGHT; i--) {
         const pose_sample *p = &l->poses[i % LOOP_FLIGHT];
@@ -88,14 +88,14 @@ static void run_server(closed_loop *l) {
     l->next_tick += to_ns(l->properties.period);
 }
 
-/* The newest wrench that has arrived, NULL before the first. */
+/* Returns the newest wrench that has arrived, NULL before the first. */
 static const trocar_needle_wrench_t *newest_wrench(const closed_loop *l) {
     for (int64_t i = l->tick; i > 0 && i > l->tick - LOOP_FLIGHT; i--)
         if (l->wrenches[i % LOOP_FLIGHT].arrival <= l->now) return &l->wrenches[i % LOOP_FLIGHT].wrench;
     return NULL;
 }
 
-/* The service's reply with the position, which becomes a pose, and the next message with the newest force. */
+/* Handles the service's reply with the position, which becomes a pose, and sends the next message with the newest force. */
 static void run_bridge(closed_loop *l) {
     const trocar_needle_wrench_t *w = newest_wrench(l);
     vec3 force = v3(0, 0, 0);

@@ -1,5 +1,5 @@
 /* The closed loop of hand, device, bridge, network and server in one process on a simulated clock: the server's own tick (haptic.h), a
-   bridge that works as trocar-haply does, and a simulated device. */
+   bridge that works like trocar-haply, and a simulated device. */
 #ifndef TROCAR_TESTS_CLOSED_LOOP_H
 #define TROCAR_TESTS_CLOSED_LOOP_H
 
@@ -9,10 +9,10 @@
 #include "simulated_device.h"
 #include "trocar_needle_wrench_t.h"
 
-enum { LOOP_FLIGHT = 128 };    /* messages in flight, at most */
+enum { LOOP_FLIGHT = 128 };    /* largest number of messages in transit */
 
 typedef struct {
-    double period, sampling; /* s, of the server's tick and of the bridge's messages */
+    double period, sampling; /* s, period of the server's tick, and time between two messages of the bridge */
     double network;          /* s, each way between bridge and server */
     double max_force, max_force_rate; /* N and N/s, of the bridge */
     bool names_wrenches;     /* the bridge names the wrench that it renders */
@@ -26,19 +26,19 @@ typedef struct {
     loop_properties properties;
     simulated_device device;
     limiter limiter;
-    passivity passivity;     /* of the bridge; acts if it has a period */
-    int64_t now, next_tick, next_message; /* ns */
+    passivity passivity;     /* controller of the bridge; active if it has a period */
+    int64_t now, next_tick, next_message; /* poses sent, by seq modulo LOOP_FLIGHT */
     int64_t tick, seq;
-    pose_sample poses[LOOP_FLIGHT];          /* sent, by seq modulo LOOP_FLIGHT */
+    pose_sample poses[LOOP_FLIGHT];          /* wrenches sent, by tick modulo LOOP_FLIGHT */
     struct { int64_t arrival; trocar_needle_wrench_t wrench; } wrenches[LOOP_FLIGHT]; /* by tick likewise */
     int64_t felt;            /* tick of the wrench that the bridge renders, -1: none yet */
     trocar_needle_wrench_t newest; /* wrench of the last tick */
-    int flags;               /* of any wrench since rig_watch */
+    int flags;               /* flags of any wrench since rig_watch */
     double greatest_force;   /* N, since then */
-    vec3 lowest_base, highest_base; /* m, of the hand's end as the server sees it, since then */
+    vec3 lowest_base, highest_base; /* m, range of the hand's end as seen by the server, since then */
 } closed_loop;
 
-/* A simulation of `model` at `period`, and a device that rests at `start` with the needle along z. Aborts if that fails. */
+/* Creates a simulation of `model` at `period`, and a device that rests at `start` with the needle along z. Aborts on failure. */
 closed_loop *rig_create(trocar_model *model, const trocar_device_limits *limits, const loop_properties *properties, const device_properties *device,
                          vec3 start);
 void rig_free(closed_loop *l);
@@ -46,10 +46,10 @@ void rig_free(closed_loop *l);
 /* Runs for this time. */
 void rig_run(closed_loop *l, double seconds);
 
-/* Seconds since the start. */
+/* Returns the seconds since the start. */
 double rig_time(const closed_loop *l);
 
-/* Forgets flags, greatest force and the device's extremes. */
+/* Resets flags, greatest force and the device's extremes. */
 void rig_watch(closed_loop *l);
 
 #endif

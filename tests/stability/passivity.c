@@ -1,11 +1,11 @@
 #include "passivity.h"
 
-static const double SMOOTHING = 2e-3;        /* s, of the velocity: a step of 0.05 mm in 1 ms is 0.05 m/s */
+static const double SMOOTHING = 2e-3;        /* s, smoothing of the velocity: a step of 0.05 mm in 1 ms is 0.05 m/s */
 
-/* A mass braked by -b v(t - T) is stable for b T / m < pi / 2; this leaves room for a mass of a third. */
+/* A mass braked by -b v(t - T) is stable for b T / m < pi / 2; this leaves a margin for a third of the mass. */
 double passivity_damping(double mass, double delay) { return mass / (2.0 * (delay + SMOOTHING)); }
 
-/* The device has moved: by the force that acted meanwhile. */
+/* Adds the energy of the device's motion under the force that acted meanwhile. */
 static void observe(passivity *p, vec3 position) {
     vec3 way = p->count > 0 ? v3_sub(position, p->position) : v3(0, 0, 0);
     long acting = p->count - p->delay;

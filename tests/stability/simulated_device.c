@@ -38,7 +38,7 @@ void device_watch(simulated_device *d) { d->lowest = d->highest = d->hand.positi
 static vec3 lower(vec3 a, vec3 b) { return v3(fmin(a.x, b.x), fmin(a.y, b.y), fmin(a.z, b.z)); }
 static vec3 higher(vec3 a, vec3 b) { return v3(fmax(a.x, b.x), fmax(a.y, b.y), fmax(a.z, b.z)); }
 
-/* The last time at or before t at which the device's loop runs. */
+/* Returns the last time at or before t at which the device's loop runs. */
 static double sample_before(const simulated_device *d, double t) {
     double period = d->properties.period;
     return period > 0.0 ? period * floor(t / period + 1e-9) : t;
@@ -49,7 +49,7 @@ static double sample_after(const simulated_device *d, double t) {
     return period > 0.0 ? period * ceil(t / period - 1e-9) : t;
 }
 
-/* Applies the forces that are due, then moves the hand on, to t or to where the next one is due. */
+/* Applies the forces that are due, then moves the hand on to t or to the time when the next force is due. */
 static void advance(simulated_device *d, double t) {
     while (d->applied < d->sent && d->forces[d->applied % DEVICE_FORCES].due <= d->time) d->force = d->forces[d->applied++ % DEVICE_FORCES].force;
     double next = fmin(t, d->time + LONGEST_STEP);
@@ -61,7 +61,7 @@ static void advance(simulated_device *d, double t) {
 }
 
 void device_apply(simulated_device *d, double now, vec3 force) {
-    if (d->sent - d->applied >= DEVICE_FORCES) d->applied = d->sent - DEVICE_FORCES + 1; /* nobody reads: the oldest ones are forgotten */
+    if (d->sent - d->applied >= DEVICE_FORCES) d->applied = d->sent - DEVICE_FORCES + 1; /* if no program reads, the oldest forces are dropped */
     d->forces[d->sent % DEVICE_FORCES].due = sample_after(d, now + d->properties.delay);
     d->forces[d->sent % DEVICE_FORCES].force = force;
     d->sent++;

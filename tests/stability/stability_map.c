@@ -42,9 +42,9 @@ static struct {
 
 #define EACH(value, list) for (char **value = (list).values; value < (list).values + (list).count; value++)
 
-/* Figure 8's scene, changed; the needle's tip is `gap` before the skin, and the hand pushes by `push`. Bone has
-   the modulus of cortical bone: skin that can't be punctured is only as hard as the tissue under it (40 N/m);
-   and the needle is too thick to buckle, which would end the force and with it any oscillation. */
+/* The scene of figure 8 with changes; the needle's tip is `gap` in front of the skin, and the hand pushes by `push`.
+   Bone has the modulus of cortical bone: skin that can't be punctured is only as hard as the tissue under it (40
+   N/m); and the needle is too thick to buckle, which would end the force and with it any oscillation. */
 typedef struct { const char *name; double gap, push; const char *keys[4][2]; } surroundings;
 static const surroundings EVERYWHERE[] = {
     {"bone", 1e-3, 11e-3, {{"membranes[skin].puncture_force", ".inf"}, {"regions[prostate].youngs_modulus", "10e9"},
@@ -53,8 +53,8 @@ static const surroundings EVERYWHERE[] = {
                             {"regions[prostate].cutting_force", "0.25"}}},
     {"air", 60e-3, 40e-3, {{NULL}}},
 };
-static const double SPEED = 0.1;             /* m/s, of the push */
-static const double SETTLED = 2.0;           /* s before it, at rest */
+static const double SPEED = 0.1;             /* m/s, speed of the push */
+static const double SETTLED = 2.0;           /* s at rest before the push */
 static const double WINDOW = 0.25;           /* s */
 enum { WINDOWS = 20 };                       /* after it */
 static const double LARGE = 0.5e-3;          /* m: a swing that counts as unstable */
@@ -74,14 +74,14 @@ static void pair(const char *text, double *first, double *second) {
 
 static bool is_server_in_control(void) { return strcmp(choice.control, "server") == 0; }
 
-/* The server's own, which is silent under any other control. */
+/* The server's own observer, which is disabled under any other control. */
 int __real_swing_observe(swing_observer *s, vec3 position, vec3 force, int64_t now);
 int __wrap_swing_observe(swing_observer *s, vec3 position, vec3 force, int64_t now);
 int __wrap_swing_observe(swing_observer *s, vec3 position, vec3 force, int64_t now) {
     return is_server_in_control() ? __real_swing_observe(s, position, force, now) : 0;
 }
 
-/* The position that a command moves is read a round trip later, and a period of the device's loop. */
+/* The position that a command changes is read one round trip and one period of the device's loop later. */
 static passivity controller_of(const device_properties *d, double period, double max_force) {
     int delay = strcmp(choice.control, "blind") == 0 ? 1 : 1 + (int)lround(2.0 * d->delay / period);
     double damping = strcmp(choice.control, "none") == 0 ? 0.0 : passivity_damping(0.1, delay * period);
@@ -117,7 +117,7 @@ static trocar_scene *open_scene(const char *profile, const surroundings *in) {
 /* Runs one point and prints its row. */
 static void judge(trocar_model *model, trocar_scene *scene, const char *profile, const surroundings *in, const char *hand, const char *mass,
                   const char *delay, const char *device) {
-    /* As trocar-haply with its defaults. */
+    /* A bridge like trocar-haply with its defaults. */
     loop_properties p = {.period = 1e-3, .sampling = 1e-3, .network = 0.1e-3, .max_force = 3, .max_force_rate = 400, .names_wrenches = true};
     device_properties d = {.mass = atof(mass), .delay = 1e-3 * atof(delay)};
     pair(hand, &d.stiffness, &d.damping);

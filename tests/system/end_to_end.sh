@@ -1,6 +1,6 @@
 #!/bin/sh
-# Server and device over LCM: the figure-8 motion, then every way to stop the server.
-# usage: end_to_end.sh SERVER DEVICE SCENE; in a private network namespace (scripts/netns).
+# Runs server and device over LCM: the figure-8 motion, then every way to stop the server. usage: end_to_end.sh SERVER
+# DEVICE SCENE; run it in a private network namespace (scripts/netns).
 set -eu
 
 server=$1 device=$2 scene=$3
@@ -10,13 +10,13 @@ trap 'test -z "$pid" || kill -KILL "$pid" 2>/dev/null || true; rm -rf "$work"' E
 
 die() { echo "FAILED: $*"; cat "$work"/*.out 2>/dev/null || true; exit 1; }
 
-# A number of the device's report.
+# Prints a number of the device's report.
 value() { sed -n "s/^ *\"$1\": *\([-+0-9.eE]*\),*\$/\1/p" "$work/report.json"; }
 
-# Is the arithmetic condition true?
+# True if the arithmetic condition is true.
 holds() { awk "BEGIN { exit !($1) }"; }
 
-# Datagrams sent in this namespace so far.
+# Prints the number of datagrams sent in this namespace so far.
 sent() { awk '/^Udp: [0-9]/ { print $5 }' /proc/net/snmp; }
 
 start_server() {
@@ -63,7 +63,7 @@ start_server --rate 500
 end_server INT
 [ "$(sent)" -gt "$silent" ] || die "the running server sent no datagram"
 
-# The command must exit with this status and message without sending anything.
+# Expects the command to exit with this status and message, without sending anything.
 ends_with() {
     wanted=$1 text=$2 status=0 before=$(sent)
     shift 2
@@ -84,10 +84,10 @@ sed "s|^rate_hz:|rat_hz:|" "$scene" >"$work/key.yaml"
 refuses "key.yaml:$(grep -n rat_hz "$work/key.yaml" | cut -d: -f1): unknown key" --scene "$work/key.yaml"
 head -c 20000 "${scene%/*}/prostate-570.msh" >"$work/cut.msh"
 sed "s|^mesh:.*|mesh: cut.msh|" "$scene" >"$work/mesh.yaml"
-refuses "cut.msh: Gmsh cannot read" --scene "$work/mesh.yaml"
+refuses "the file ends inside \$" --scene "$work/mesh.yaml"
 
-# Without permission for real time the supervisor does not restart the server. As a service, with raised limits but without
-# capabilities, the server gets real time (if this machine lets the limits be raised).
+# Without permission for real time, the supervisor does not restart the server. As a service, with raised limits but
+# without capabilities, the server enters real time (if this machine permits raising the limits).
 without="setpriv --bounding-set -sys_nice,-ipc_lock"
 ends_with 4 "Raise the limit" timeout 10 "$(dirname "$0")/../../scripts/keep_alive" prlimit --rtprio=0 --memlock=65536 $without "$server" --scene "$scene"
 [ "$(grep -c "Raise the limit" "$work/bad.out")" = 1 ] || die "the server was restarted: $(cat "$work/bad.out")"

@@ -1,6 +1,6 @@
-/* Injects every fault that a server must survive into a running one. The server is a child process with all its threads on a real
-   network; a client sends it poses and checks each wrench, status and timing before, during and after the fault. Run in a private
-   network namespace (CMakeLists.txt).
+/* Injects every fault that a server must survive into a running server. The server is a child process with all its threads on a
+   real network; a client sends it poses and checks each wrench, status and timing before, during and after the fault. Run in a
+   private network namespace (CMakeLists.txt).
 
    Faults that no message can cause are injected by functions that the linker wraps around the server's own (--wrap). */
 #define _GNU_SOURCE
@@ -17,7 +17,7 @@
 #include <time.h>
 #include <unistd.h>
 
-#include "api/api.h" /* to put a NaN into the state and to delay an answer inside the library */
+#include "api/api.h" /* to put a NaN into the state, and to delay an answer inside the library */
 #include "coupling/virtual_coupling.h"
 #include "server.h"
 
@@ -41,11 +41,11 @@ typedef struct {
     atomic_llong wall_offset;        /* us, added to the wall clock */
     atomic_int worker_nap;           /* ms, added to each request */
     atomic_int tick_nap;             /* us, added to each tick */
-    atomic_int pass_nap;             /* us, added to each Newton pass */
+    atomic_int pass_nap;             /* us, added to each Newton iteration */
     atomic_int stall;                /* us, added to the next tick */
     _Atomic double spike;            /* N along x, added to the model's force */
     atomic_bool poison;              /* the next tick starts with a NaN in the state */
-    _Atomic double stiffness;        /* N/m, of the virtual coupling; INFINITY: none */
+    _Atomic double stiffness;        /* N/m, stiffness of the virtual coupling; INFINITY: none */
 } injected;
 
 static injected *fault;
@@ -126,7 +126,7 @@ static double median(const double *values, int count) {
     return sorted[count / 2];
 }
 
-static timing_record calm; /* before the fault */
+static timing_record calm; /* timing before the fault */
 
 static int insert(void **state) {
     client *c = *state;
@@ -138,7 +138,8 @@ static int insert(void **state) {
     return 0;
 }
 
-/* Without a coupling unless a case asks for one: the force through it also follows the delay, which changes on a busy machine. */
+/* Removes all faults. There is no virtual coupling unless a case asks for one, because the force through it also depends on the delay, which changes
+   on a busy machine. */
 static int mend(void **state) {
     (void)state;
     atomic_store(&fault->stiffness, INFINITY);
@@ -149,7 +150,7 @@ static int mend(void **state) {
     return 0;
 }
 
-/* Loop timing did not degrade during or after the fault: the median of the reported percentiles is about as before. */
+/* Also checks that the loop's timing did not degrade during or after the fault: the median of the reported percentiles is about the same as before. */
 static int mend_in_time(void **state) {
     client *c = *state;
     mend(state);
@@ -165,7 +166,7 @@ static int mend_in_time(void **state) {
     return -1;
 }
 
-/* No wrench or status had flags other than these and NOT_REALTIME. */
+/* Checks that no wrench or status had flags other than these and NOT_REALTIME. */
 static void expect_only(const client *c, int flags) {
     assert_int_equal((c->seen | c->told) & ~flags & ~FLAG(NOT_REALTIME), 0);
 }
@@ -178,7 +179,7 @@ static void silence_holds_ramps_and_returns_by_a_ramp(void **state) {
     c->sends = false;
     PASS_UNTIL(c, c->wrench.flags & FLAG(STALE));
     int64_t tick = c->wrench.tick;
-    assert_true(fabs(c->most - force) < 0.02 * force && force_of(c) > 0.5 * force); /* held until now */
+    assert_true(fabs(c->most - force) < 0.02 * force && force_of(c) > 0.5 * force); /* the force has been held until now */
     PASS_UNTIL(c, force_of(c) == 0.0);
     assert_in_range(c->wrench.tick - tick, 1, 1e3 * c->limits.ramp_time + 5);
     assert_true(norm3(c->wrench.raw_force) > 0.5 * force); /* the model's own force is still reported */
@@ -197,7 +198,7 @@ static void spoil(trocar_needle_pose_t *m, int kind) {
     if (kind == 0) m->position[1] = NAN;
     else if (kind == 1) m->orientation[2] = INFINITY;
     else if (kind == 2) m->orientation[0] = 0.5;
-    else if (kind == 3) m->position[0] += 1.0; /* a metre in a millisecond */
+    else if (kind == 3) m->position[0] += 1.0; /* one metre in one millisecond */
     else m->orientation[0] = cos(0.5), m->orientation[1] = sin(0.5); /* one radian */
 }
 
@@ -225,7 +226,7 @@ static void impossible_poses_are_refused_and_counted(void **state) {
     assert_int_equal(c->status->poses_jumped - before.poses_jumped, 200);
     assert_non_null(strstr(c->status->message, "faster than the scene's limits"));
 
-    c->sends = false; /* only bad poses: the same as none */
+    c->sends = false; /* only bad poses, which count as none */
     for (int i = 0; i < 1000 && force_of(c) > 0.0; i++) {
         send_spoiled(c, i % 3);
         step(c);
@@ -241,7 +242,7 @@ static void a_spike_is_clamped_and_flagged(void **state) {
     int64_t tick = c->wrench.tick;
     atomic_store(&fault->spike, 500.0);
     PASS_UNTIL(c, force_of(c) > 0.99 * c->limits.max_force);
-    assert_true(c->wrench.tick - tick >= 8); /* 20 N at 2 N a tick */
+    assert_true(c->wrench.tick - tick >= 8); /* 20 N at 2 N per tick */
     assert_true(c->wrench.flags & FLAG(SATURATED));
     assert_true(c->wrench.raw_force[0] > 400.0);
     assert_true(c->wrench.force[0] > 0.99 * c->limits.max_force);
@@ -252,7 +253,7 @@ static void a_spike_is_clamped_and_flagged(void **state) {
     expect_health(c);
 }
 
-/* The insertion restarted without force; force returns once the needle moves on. */
+/* The insertion has restarted without force; the force returns once the needle moves on. */
 static void push_on(client *c) {
     for (int i = 0; i < 50; i++) {
         c->base.position.z += 0.1e-3;
@@ -273,7 +274,7 @@ static void a_wrench_that_is_no_number_stays_inside(void **state) {
     expect_health(c);
 }
 
-/* A NaN in the state would persist. Tested with a rigidly held base and with a virtual coupling, whose stretch it reaches. */
+/* A NaN in the state would persist. Tested with a rigidly held base, and with a virtual coupling, whose stretch then also becomes NaN. */
 static void a_number_that_is_none_in_the_model_begins_anew(void **state) {
     client *c = *state;
     for (int coupled = 0; coupled < 2; coupled++) {
@@ -304,7 +305,7 @@ static void publish_noise(client *c, const char *channel) {
     lcm_publish(c->lcm, channel, bytes, size);
 }
 
-/* By kind: valid but of another type; right length but another version of the type; too short; too long; noise. */
+/* Publishes a malformed message. Kinds: valid but of another type; right length but another version of the type; too short; too long; noise. */
 static void publish_malformed(client *c, const char *channel, int kind) {
     trocar_needle_pose_t m = {.session = c->session, .seq = c->seq + 1, .orientation = {1}};
     uint8_t bytes[256] = {0};
@@ -315,13 +316,13 @@ static void publish_malformed(client *c, const char *channel, int kind) {
     else if (kind == 4) publish_noise(c, channel);
     else {
         if (!for_poses) size = trocar_command_t_encode(bytes, 0, sizeof bytes, &(trocar_command_t){.session = c->session, .command = 1});
-        if (kind == 1) bytes[7] ^= 1; /* in the type's hash */
+        if (kind == 1) bytes[7] ^= 1; /* changes the type's hash */
         lcm_publish(c->lcm, channel, bytes, (unsigned)(size - (kind == 2) + (kind == 3)));
     }
 }
 
-/* Datagrams on LCM's port that no LCM library sends: without a magic number, or with that of a message or fragment followed by
-   noise. */
+/* Sends datagrams to LCM's port that no LCM library would send: without a magic number, or with that of a message or fragment
+   followed by noise. */
 static void send_datagrams(int count) {
     int s = socket(AF_INET, SOCK_DGRAM, 0);
     struct sockaddr_in to = {.sin_family = AF_INET, .sin_port = htons(7667), .sin_addr.s_addr = inet_addr("239.255.76.67")};
@@ -373,7 +374,7 @@ static void a_flood_does_not_touch_the_loop(void **state) {
         assert_true((double)(busy.ticks - calm.ticks) > 0.7 * 1e-6 * (double)(busy.utime - calm.utime) * busy.rate_hz);
         assert_true(busy.compute_p50 < 3 * calm.compute_p50 + 100e-6);
     }
-    assert_true(c->most < 1.1 * force); /* poses may get lost, but the force must not grow */
+    assert_true(c->most < 1.1 * force); /* poses may be lost, but the force must not grow */
     hear_news(c);
     int64_t counted = c->status->poses_malformed - before.poses_malformed;
     assert_true(counted > 100 && counted <= sent);
@@ -409,12 +410,12 @@ static void a_second_client_is_refused_and_told(void **state) {
     assert_true(fabs(force_of(c) - force) < 0.1 * force);
 }
 
-/* What the server says of seeds. */
+/* The server's messages about seeds. */
 typedef struct {
     int replies, count, pending;
-    trocar_command_reply_t reply;    /* the newest one */
+    trocar_command_reply_t reply;    /* the newest reply */
     char message[256];
-    float rest[3];                   /* m, of the first seed */
+    float rest[3];                   /* m, position at rest of the first seed */
 } seed_news;
 
 static void on_reply(const lcm_recv_buf_t *b, const char *channel, const trocar_command_reply_t *m, void *context) {
@@ -433,7 +434,7 @@ static void on_seeds(const lcm_recv_buf_t *b, const char *channel, const trocar_
     if (m->seed_count > 0) memcpy(news->rest, m->rest_position[0], sizeof news->rest);
 }
 
-/* Sends a command for seeds and waits for the reply: refused with these words, or done if they are NULL. */
+/* Sends a command for seeds and waits for the reply: it must be refused with these words, or done if `words` is NULL. */
 static void tell(client *c, seed_news *news, trocar_command_t m, const char *words) {
     static int64_t seq = 100;
     int before = news->replies;
@@ -499,7 +500,7 @@ static void old_and_repeated_poses_are_refused(void **state) {
     expect_only(c, FLAG(STALE) | FLAG(RAMPING));
 }
 
-/* One pose with the owner's session, whatever its number, and then the whole of it repeated. */
+/* Sends one pose with the owner's session and any sequence number, and then repeats the whole exchange. */
 static void a_forged_number_does_not_lock_the_owner_out(void **state) {
     static const int64_t forged[] = {INT64_MAX, 0, INT64_MIN};
     client *c = *state;
@@ -512,14 +513,14 @@ static void a_forged_number_does_not_lock_the_owner_out(void **state) {
         pass(c, 0.1);
         hear_news(c);
         assert_int_equal(c->status->owner, c->session);
-        assert_true(c->wrench.pose_seq > c->seq - 50 && c->wrench.pose_seq <= c->seq); /* the owner's, not those from before it */
+        assert_true(c->wrench.pose_seq > c->seq - 50 && c->wrench.pose_seq <= c->seq); /* the owner's poses, not those from before the forged one */
     }
     assert_true(c->least > 0.9 * force && c->most < 1.1 * force);
     expect_health(c);
     expect_only(c, 0);
 }
 
-/* The needle is gone at once, although its owner sends nothing more; the hand feels that by a ramp. */
+/* The reset removes the needle at once, although its owner sends nothing more; the hand feels a ramp. */
 static void a_reset_needs_no_pose_to_take_effect(void **state) {
     client *c = *state;
     assert_true(norm3(c->wrench.raw_force) > 0.2 && c->wrench.depth > 0.01);
@@ -533,7 +534,7 @@ static void a_reset_needs_no_pose_to_take_effect(void **state) {
         largest = fmax(largest, (last - force_of(c)) / (double)(c->wrench.tick - tick));
         tick = c->wrench.tick;
     }
-    assert_true(largest < 0.1); /* N per tick; the limit of slew alone would permit 2 */
+    assert_true(largest < 0.1); /* N per tick; the slew limit alone would permit 2 */
     hear_news(c);
     assert_true(c->wrench.depth == 0.0 && c->status->owner == c->session);
     client_insert(c);
@@ -576,7 +577,7 @@ static void a_late_worker_does_not_stop_the_loop(void **state) {
     expect_health(c);
 }
 
-/* The worker answers nothing while the needle goes in, from before the skin on, and then all at once. */
+/* The worker answers nothing while the needle is inserted, starting in front of the skin, and then answers everything at once. */
 static void without_a_worker_the_tip_has_force(void **state) {
     client *c = *state;
     atomic_store(&fault->worker_nap, 100000);
@@ -586,7 +587,7 @@ static void without_a_worker_the_tip_has_force(void **state) {
     for (int i = 0; i < 1500; i++) {
         c->base.position.z += 0.02e-3;
         step(c);
-        if (i == 300) watch(c); /* the tip is 5 mm behind the skin */
+        if (i == 300) watch(c); /* the tip is 5 mm below the skin */
     }
     assert_true(c->least > 0.1 && c->seen & FLAG(LATE_WORKER));
     assert_true(c->wrench.depth > 0.02 && c->oldest_snapshot > 1.0);
@@ -618,7 +619,7 @@ static void overruns_in_a_row_ramp_down(void **state) {
     expect_health(c);
 }
 
-/* Each tick needs more than half of its period: a loop that ran two steps to catch up would be late for ever. */
+/* Each tick needs more than half of its period, so a loop that ran two steps to catch up would be late for ever. */
 static void a_stall_makes_no_other_tick_late(void **state) {
     client *c = *state;
     atomic_store(&fault->pass_nap, 600);
@@ -648,7 +649,7 @@ static int start(void **state) {
     return atomic_load(&fault->ready) && client_open(&c, SCENE) ? 0 : -1;
 }
 
-/* After all these faults the server still stops cleanly, with the wrench ramped to zero. */
+/* After all these faults, the server still stops cleanly and ramps the wrench to zero. */
 static int stop(void **state) {
     client *c = *state;
     int status = 0;

@@ -1,16 +1,17 @@
 #!/bin/bash
 # Plays a recording with lcm-logplayer at its original speed to a running server and records the wrenches with lcm-logger: they must
-# match the lockstep replay. Status 77: no network namespace here.
+# match the lockstep replay. Status 77: network namespaces are not permitted.
 # usage: live_replay.sh BUILD_DIR SOURCE_DIR
 set -euo pipefail
 . "${0%/*}/../shared/in_namespace.sh"
 
-# Player and server do not share a clock, so a tick may see two new poses or none. Viscous friction (100 N s/m^2 over 50 mm: up to a
-# third of the force) sees that as another speed, more so if the machine stalls. At the end both are at rest.
+# Player and server do not share a clock, so a tick may see two new poses or none. Viscous friction (100 N s/m^2 over 50 mm, which
+# is up to a third of the force) reacts to that as to another speed, and more if the machine stalls. At the end, both needles are at
+# rest.
 at_once=$(chrt --fifo 60 true 2>/dev/null && echo chrt --fifo 60) || true # real-time priority for the player, as for a device
-common=15   # limit in percent of the peak for 95 % of the wrenches
-largest=100 # limit for all
-last=1      # limit for the last one
+common=15   # limit for 95 % of the wrenches, in percent of the peak
+largest=100 # limit for all wrenches
+last=1      # limit for the last wrench
 scene=$source/meshes/figure8.yaml
 trace=$work/poses.log
 

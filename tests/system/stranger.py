@@ -1,7 +1,7 @@
 #!/usr/bin/python3
 """Sends LCM messages to a server as datagrams of its own, without a route for multicast.
 
-usage: stranger.py TYPES ADDRESS poses SESSION       1500 poses for needle 0, that push it 30 mm in
+usage: stranger.py TYPES ADDRESS poses SESSION       1500 poses for needle 0, which insert it by 30 mm
        stranger.py TYPES ADDRESS shutdown SESSION    a SHUTDOWN of this session
        stranger.py TYPES ADDRESS forged SOURCE       a SHUTDOWN whose packet claims to come from this address; needs root
        stranger.py TYPES ADDRESS flood SECONDS       SHUTDOWNs as fast as they can be sent
@@ -44,7 +44,7 @@ def checksum(data):
 
 
 def forged(source, to, payload):
-    """An IP packet; UDP without a checksum, which IPv4 permits."""
+    """Returns an IP packet that contains UDP without a checksum, which IPv4 permits."""
     udp = struct.pack(">HHHH", 40000, PORT, 8 + len(payload), 0) + payload
     head = struct.pack(">BBHHHBBH4s4s", 0x45, 0, 20 + len(udp), 0, 0, 64, socket.IPPROTO_UDP, 0, socket.inet_aton(source), socket.inet_aton(to))
     return head[:10] + struct.pack(">H", checksum(head)) + head[12:] + udp

@@ -1,5 +1,6 @@
 #!/usr/bin/python3
-"""trocar-device --plan against a live server: where its needles are when it drops their first seeds, by what the server says of them.
+"""Tests trocar-device --plan against a live server: the positions of its needles, according to the server, when it drops their first
+seeds.
 
 usage: test_implant_operator.py BUILD_DIR SOURCE_DIR
 """
@@ -48,7 +49,7 @@ def events(path):
 
 class Operator(unittest.TestCase):
     def server(self):
-        """In real time where that is permitted: a gap in the poses at the skin may make a needle buckle."""
+        """Uses real time if permitted: a gap in the poses at the skin may make a needle buckle."""
         for options in ([], ["--allow-non-rt"]):
             server = subprocess.Popen([BUILD / "server/trocar-server", "--scene", SCENE, *options], stdout=subprocess.PIPE, stderr=subprocess.DEVNULL, text=True)
             for line in server.stdout:
@@ -58,7 +59,8 @@ class Operator(unittest.TestCase):
         self.fail("the server does not start")
 
     def carry_out(self, *options):
-        """Depths (mm behind the template's face) of the base's far end, by needle: at the end of the insertion and at the first drop. And the seeds' table."""
+        """Returns, by needle, the depths (mm behind the template's face) of the base's far end, at the end of the insertion and at the first drop;
+        and the seeds' table."""
         with tempfile.TemporaryDirectory() as name:
             folder = Path(name)
             (folder / "plan.yaml").write_text(PLAN)
@@ -82,7 +84,8 @@ class Operator(unittest.TestCase):
     def judged(self, folder, log, plan):
         subprocess.run(["lcm-gen", "-p", "--ppath", folder, SOURCE / "lcmtypes/trocar.lcm"], check=True, capture_output=True)
         sys.path.insert(0, str(folder))
-        ours = {key: sys.modules.pop(key) for key in list(sys.modules) if key.split(".")[0] == "trocar"}    # its generated namesake is meant
+        # removes other modules named trocar, so that the generated one is imported
+        ours = {key: sys.modules.pop(key) for key in list(sys.modules) if key.split(".")[0] == "trocar"}
         from trocar import command_t, contacts_t, seeds_t
         for key in [key for key in sys.modules if key.split(".")[0] == "trocar"]:
             del sys.modules[key]
@@ -107,7 +110,7 @@ class Operator(unittest.TestCase):
         return left, dropped, [row.along for row in rows]
 
     def test_depths_are_read_at_the_template(self):
-        """The second needle drags the first one. Taken again, it is drawn to the plan's depth all the same."""
+        """The second needle drags the first one along. When the first is taken again, it is still drawn to the plan's depth."""
         (left, dropped, along), said = self.carry_out()
         for needle, depth in enumerate((94.75, 99.75)):
             self.assertAlmostEqual(left[needle], depth, delta=0.3)
@@ -115,7 +118,7 @@ class Operator(unittest.TestCase):
         self.assertRegex(said, r"(?m)^greatest drag +-[2-9]\.\d mm while it rested, of the needle in hole [EF]3$")
         self.assertEqual(len(along), 4)
 
-        """Seen in an image, the seeds' places are followed: deeper, as the needles push the gland ahead."""
+        """The device follows the seeds' places as seen in an image, which are deeper, because the needles push the gland ahead."""
         (left, followed, closer), _ = self.carry_out("--follow")
         for needle, depth in enumerate((94.75, 99.75)):
             self.assertGreater(left[needle], depth + 1)

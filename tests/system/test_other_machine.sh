@@ -1,7 +1,7 @@
 #!/bin/bash
-# A server with LCM's default URL (ttl=0), and another machine (a network namespace at the other end of a cable) that sends it datagrams: they
-# change nothing, and the server says that it drops them. With ttl=1 that machine may move the needle, but shut the server down only while it
-# holds one. Status 77: no namespaces here.
+# Another machine (a network namespace at the other end of a cable) sends datagrams to a server with LCM's default URL (ttl=0): they change
+# nothing, and the server reports that it drops them. With ttl=1, that machine may move the needle, but may shut the server down only while it
+# holds a needle. Status 77: network namespaces are not permitted.
 # usage: test_other_machine.sh BUILD_DIR SOURCE_DIR
 set -euo pipefail
 . "${0%/*}/../shared/in_namespace.sh"
@@ -13,7 +13,7 @@ fail() { echo "FAILED: $*" >&2; tail -n 8 server device; head -n 30 top 2>/dev/n
 
 lcm-gen -p --ppath types "$source/lcmtypes/trocar.lcm"
 
-# The other machine, at the other end of the cable from `lan` to `lan`. This one has a network as usual: multicast goes out by the cable.
+# The other machine is at the other end of the cable, from `lan` to `lan`. This machine has a network as usual: multicast is sent over the cable.
 unshare --net sleep 1000 &
 other=$!
 until [ "$(readlink /proc/$other/ns/net)" != "$(readlink /proc/self/ns/net)" ]; do sleep 0.01; done
@@ -45,7 +45,7 @@ stranger poses 5
 top
 shows 'poses +taken 0'
 for session in 0 1 5; do stranger shutdown $session; done
-stranger forged $here       # the kernel drops packets from outside that claim to come from here
+stranger forged $here       # the kernel drops packets from outside that claim to come from this machine
 stranger forged 127.0.0.1
 there ping -c 1 -W 1 $here >ping 2>&1 || true
 there env LCM_DEFAULT_URL="$url" "$build/clients/trocar-device" --script insert --wait 1 >device 2>&1 && fail "another machine has got a wrench"
@@ -56,7 +56,7 @@ shows 'poses +taken 0'
 grep -q "another machine ($there)" server || fail "the server does not say that it drops packets"
 grep -q "another machine ($there)" top || fail "the status does not say so"
 
-# Meanwhile this machine works as if nobody else were there.
+# Meanwhile, this machine works as if there were no other.
 stranger flood 8 & flood=$!
 "$build/clients/trocar-device" --script insert --speed 2 --csv device.csv >device 2>&1 || fail "the device failed"
 grep -qE '^punctures +2' device || fail "the device did not feel both punctures"

@@ -1,11 +1,11 @@
 #!/bin/bash
-# Server, device, bridge, monitor and viewer under crafted packets and a stream of fuzzed fragments: all survive and keep working.
-# Status 77: no network namespace.
+# Sends crafted packets and a stream of fuzzed fragments to server, device, bridge, monitor and viewer: all survive and keep
+# working. Status 77: network namespaces are not permitted.
 # usage: test_packets.sh BUILD_DIR SOURCE_DIR
 set -euo pipefail
 . "${0%/*}/../shared/in_namespace.sh"
 cd "$work"
-touch server view # read before their programs may have started
+touch server view # they may be read before their programs have started
 
 fail() { echo "FAILED: $*" >&2; tail -n 5 server device top view report.json 2>/dev/null || true; exit 1; }
 declare -A programs # name: process

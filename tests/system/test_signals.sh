@@ -1,6 +1,6 @@
 #!/bin/bash
-# Each signal that would end a program ends the server by a ramp: the hand never feels the force vanish in one step. Status 77: no network namespace.
-# usage: test_signals.sh BUILD_DIR SOURCE_DIR
+# Every signal that would end a program makes the server end with a ramp: the hand never feels the force vanish in one step. Status 77: network
+# namespaces are not permitted. usage: test_signals.sh BUILD_DIR SOURCE_DIR
 set -euo pipefail
 . "${0%/*}/../shared/in_namespace.sh"
 cd "$work"
@@ -16,8 +16,8 @@ start_server() {
 
 push() { "$build/clients/trocar-device" --script insert --speed 0.5 --realtime --csv "$1.csv" >device 2>&1 & device=$!; }
 
-# The wrenches of $1.csv end at zero. Before that, with the needle in the tissue, no force in the last 200 ms falls by more than a fifth of it in a tick: the
-# ramp takes 100, and a membrane may give way.
+# Expects the wrenches of $1.csv to end at zero. Before that, with the needle in the tissue, the force must not fall by more than a fifth of it in any tick
+# of the last 200 ms, of which the ramp takes 100 ms; a membrane may be punctured.
 ends_by_a_ramp() {
     awk -F, -v name="$1" 'NR == 1 { next }
         { force[++n] = sqrt($2 * $2 + $3 * $3 + $4 * $4); tick[n] = $(NF - 4) }
@@ -40,13 +40,13 @@ for signal in HUP INT QUIT TERM USR1 USR2 ALRM VTALRM PROF IO PWR XCPU; do
     status=0
     wait $server || status=$?
     [ $status -eq 0 ] || fail "status $status after SIG$signal"
-    sleep 0.2 # the device hears the last wrenches
+    sleep 0.2 # lets the device receive the last wrenches
     kill $device 2>/dev/null || true
     wait $device || true
     ends_by_a_ramp $signal
 done
 
-# Nobody reads what it prints; a terminal is closed that was to be left: it goes on.
+# The server continues if nobody reads its output, and if the terminal of a server started with nohup is closed.
 start_server
 kill -PIPE $server
 kill -XFSZ $server

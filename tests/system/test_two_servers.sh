@@ -1,6 +1,6 @@
 #!/bin/bash
-# Two servers on one URL: both servers and all clients report it, and the device renders only one of them, until that one ends.
-# Status 77: no network namespace here.
+# With two servers on one URL, both servers and all clients report the conflict, and the device renders the wrenches of only
+# one server until that one ends. Status 77: network namespaces are not permitted.
 # usage: test_two_servers.sh BUILD_DIR SOURCE_DIR
 set -euo pipefail
 . "${0%/*}/../shared/in_namespace.sh"
@@ -9,7 +9,7 @@ cd "$work"
 fail() { echo "FAILED: $*" >&2; tail -n 20 first second device top 2>/dev/null || true; exit 1; }
 touch first second
 
-# Starts the server $1 with its own scene file; $! is its process.
+# Starts the server $1 with its own scene file; $! is its process id.
 start() {
     sed "s|^mesh: *|mesh: $source/meshes/|" "$source/meshes/figure8.yaml" >"$1.yaml"
     "$build/server/trocar-server" --scene "$1.yaml" --allow-non-rt >"$1" 2>&1 &

@@ -1,4 +1,4 @@
-"""What the experiments share: a block of one material, a needle held at its hub, insertions at constant speed.
+"""Shared by the experiments: a block of one material, a needle held at its hub, insertions at constant speed.
 
 The block is the mesh of figure 8, 100 x 90 x 100 mm with its skin at z = 0, held at its far and lower faces. The package `trocar` is
 found through PYTHONPATH and TROCAR_LIBRARY, as on docs/python.md.
@@ -67,7 +67,7 @@ class Bench:
         return [self.step() for _ in range(round(seconds / DT))]
 
     def rotate(self, to, rate):
-        """Turns the base to the angle `to`, rad."""
+        """Turns the base to the angle `to`, rad, at `rate`, rad/s."""
         ticks = max(1, round(abs(to - self.roll) / (rate * DT)))
         start = self.roll
         outputs = []
@@ -78,7 +78,7 @@ class Bench:
 
 
 def push(outputs):
-    """Force against pushing in, N, of each tick."""
+    """Returns the force against pushing in, N, of each tick."""
     return np.array([-out.force[2] for out in outputs])
 
 

@@ -10,11 +10,11 @@ import sys
 from pathlib import Path
 
 
-FITTED = "fitted"              # parameters were fitted to this very number
-CONSISTENT = "consistency"     # follows from what was fitted or assumed, if the model works as described; judged close to what it was fitted to
-PREDICTED = "predicted"        # fitted on something else
+FITTED = "fitted"              # parameters were fitted to exactly this number
+CONSISTENT = "consistency"     # follows from fitted or assumed values if the model works as described; compared closely with the fitted value
+PREDICTED = "predicted"        # the model was fitted to other data
 
-# How sure a published number is; defined in docs/validation.md.
+# Reliability of a published number, as defined in docs/validation.md.
 ABSTRACT, TABLE, SECONDARY, DOUBTFUL, UNPUBLISHED = GRADES = ("abstract", "table", "secondary", "doubtful", "none")
 
 
@@ -46,9 +46,10 @@ class Rows:
               + (f"; regression interval {held}" if held else "") + ("" if passed else "  <- FAILED"), flush=True)
 
     def add(self, quantity, source, sure, interval, ours, unit, *, published="", kind, fitted, reason="", note="", scatter="", digits=3, regression=None, weak=False):
-        """A number; it is inside if it lies in the interval (low, high). `published` says what was published, if not simply low to high;
-        `scatter` is how much our number varies. A row outside needs a reason, and `regression`, an interval around the number that this model
-        gives: the row fails when the number leaves it. `weak`: a model in which nothing moves would be inside as well; needs `regression`, too."""
+        """Adds a number; it is inside if it lies in the interval (low, high). `published` describes the published value if it is not simply low to
+        high; `scatter` is the variation of the model's number. A row outside needs a reason, and `regression`, an interval around the number that
+        this model gives: the row fails when the number leaves it. `weak`: a model in which nothing moves would be inside as well; needs
+        `regression`, too."""
         low, high = interval
         if weak and not regression:
             raise ValueError(f"{quantity}: a weak row needs a regression interval")
@@ -56,12 +57,12 @@ class Rows:
                   kind, fitted, reason, note, ours, unit, regression, scatter, weak=weak)
 
     def trend(self, quantity, source, sure, published, holds, ours, *, kind, fitted, reason="", note="", number=None, unit="", regression=None):
-        """A tendency, published without numbers that could be compared. If it does not hold, it needs a reason, and `number` and `regression`
-        as in `add`."""
+        """Adds a published tendency without numbers that could be compared. If it does not hold, it needs a reason, and `number` and
+        `regression` as in `add`."""
         self._add(quantity, source, sure, published, holds, ours, kind, fitted, reason, note, number, unit, regression, trend=True)
 
     def curve(self, figure, label, x, y, x_label, y_label, published=False):
-        """A line in FIGURE.svg, into which all curves of one figure are drawn."""
+        """Adds a line in FIGURE.svg, into which all curves of one figure are drawn."""
         self.entries.append({"entry": "curve", "section": self.section, "figure": figure, "label": label, "x": [float(v) for v in x],
                              "y": [float(v) for v in y], "x_label": x_label, "y_label": y_label, "published": published})
 

@@ -1,5 +1,5 @@
 #!/usr/bin/python3
-"""meshes/implant.yaml against what is seen in patients.
+"""Compares meshes/implant.yaml with measurements in patients.
 
 The scene was fitted once to two numbers: the puncture force of the skin so that an 18 G needle meets 8.9 N in the perineum, friction so that it
 then meets 5.6 N in the gland, both at 80 mm/s. Other gauges, motion and rotation of the gland, and where seeds end up are predictions; shift
@@ -20,8 +20,8 @@ SEEDS = "Quantifying 125I placement accuracy in prostate brachytherapy using pos
 PREPRINT = "preprint of a haptic simulator made after Podder et al. 2006"
 FIT_SPEED = 0.08         # m/s
 FORCES = "puncture force of the skin and level of friction, to the forces of 18 G at 80 mm/s"
-DEEP = 0.080             # m, tip beyond the skin: 5 mm beyond the gland
-HOLES = ((0.005, 0.0), (-0.015, 0.005), (0.015, -0.005), (0.0, 0.01), (-0.005, -0.01))   # m, of the template
+DEEP = 0.080             # m, tip below the skin: 5 mm beyond the gland
+HOLES = ((0.005, 0.0), (-0.015, 0.005), (0.015, -0.005), (0.0, 0.01), (-0.005, -0.01))   # m, positions of the template's holes
 
 
 class Needle:
@@ -55,7 +55,7 @@ class Gland:
         self.base = self.rest[:, 2] > np.quantile(self.rest[:, 2], 0.85)
 
     def motion(self, sim):
-        """Mean displacement along the needle (m), that of its base, and rotation in the coronal plane (degrees)."""
+        """Returns the mean displacement along the needle (m), that of the base, and the rotation in the coronal plane (degrees)."""
         moved = sim.displacements()[self.nodes]
         a, b = self.rest - self.rest.mean(0), self.rest + moved - (self.rest + moved).mean(0)
         u, _, v = np.linalg.svd(a.T @ b)
@@ -64,7 +64,7 @@ class Gland:
 
 
 def sideways(sim, hole):
-    """Greatest distance of the needle from the hole's axis, m."""
+    """Returns the greatest distance of the needle from the hole's axis, m."""
     return float(np.hypot(*(sim.centreline()[:, :2] - hole).T).max())
 
 

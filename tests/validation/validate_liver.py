@@ -2,8 +2,8 @@
 """Bovine liver: force against displacement up to the puncture of its capsule, then cutting and friction.
 
 Modulus and stiffening are fitted to the first half of the displacement, up to 8 mm (0.77 N), of a published polynomial; the rest of the curve is
-judged on the same polynomial, which was fitted to the whole trace. The force of the puncture, 2.50 N, is put in. So where the puncture comes
-tests only whether the model's curve has the right shape beyond 8 mm: it is a row of consistency, not a prediction.
+judged on the same polynomial, which was fitted to the whole trace. The puncture force, 2.50 N, is an input, so the place of the puncture only
+tests whether the model's curve has the right shape beyond 8 mm: this row is a test of consistency, not a prediction.
 """
 import sys
 
@@ -20,12 +20,12 @@ NEEDLE = {"length": 0.1, "inner_diameter": 0}       # held by a robot close to t
 
 
 def published(d):
-    """N, at d mm."""
+    """Returns the published force, N, at d mm."""
     return 0.0061 * d**2 + 0.0480 * d
 
 
 def curve(modulus, stiffening, depth=0.03):
-    """Displacement (mm), force (N) and the tick of the puncture, of an insertion."""
+    """Returns displacement (mm), force (N) and the tick of the puncture, for an insertion."""
     scene = block(modulus, puncture=PUNCTURE, cutting=CUTTING, friction=(FRICTION, FRICTION, 0), needle=NEEDLE)
     for region in ("prostate", "surrounding"):
         scene[f"regions[{region}].stiffening"] = stiffening
@@ -36,13 +36,13 @@ def curve(modulus, stiffening, depth=0.03):
 
 
 def fit_modulus():
-    """The modulus, Pa, that gives the published linear term, 0.048 N/mm: without stiffening, force is in proportion to it."""
+    """Returns the modulus, Pa, that gives the published linear term, 0.048 N/mm: without stiffening, the force is proportional to it."""
     way, force, _ = curve(30e3, 0, 0.005)
     return 30e3 * 0.0480 / (np.interp(4, way, force) / 4)
 
 
 def fit_stiffening(modulus):
-    """Least squares over FIT, by trying."""
+    """Fits by least squares over FIT, by trying values."""
     def error(stiffening):
         way, force, _ = curve(modulus, stiffening, 0.009)
         return float(np.sum((np.interp(FIT, way, force) - published(FIT)) ** 2))

@@ -1,8 +1,8 @@
 #!/usr/bin/python3
 """A needle that is pushed into tissue and held: its force decays.
 
-The series of the scene is fitted so that half of the peak is left after 8 s; times 0.15 and 2.5 s are the published ones. Because tissue
-relaxes during the insertion already, the weights are larger than the decay that shows. The course in between follows from the times.
+The scene's series is fitted so that half of the peak is left after 8 s; the times 0.15 and 2.5 s are published. Because tissue already
+relaxes during the insertion, the weights are larger than the visible decay. The curve in between follows from the times.
 """
 import sys
 
@@ -13,11 +13,11 @@ from rows import CONSISTENT, DOUBTFUL, FITTED, Rows
 
 SOURCE = "open data of needles held in tissue, provenance doubtful"
 TIMES = (0.15, 2.5)      # s
-LEFT = 0.5               # of the peak, after 8 s
+LEFT = 0.5               # fraction of the peak force that remains after 8 s
 
 
 def held(weight, seconds, speed=0.05):
-    """Force while the needle is held, over the force when it stopped; `weight` of each term."""
+    """Returns the force while the needle is held, relative to the force when it stopped; `weight` of each term."""
     scene = block(20e3, cutting=0.2, friction=(110, 90, 0), relaxation=[(weight, time) for time in TIMES])
     bench = Bench(trocar.Model(scene))
     peak = push(bench.move(0.06, speed))[-1]
@@ -25,7 +25,7 @@ def held(weight, seconds, speed=0.05):
 
 
 def fitted_weight():
-    """Weight of each term for which LEFT of the force is left after 8 s: secant steps."""
+    """Returns the weight of each term with which LEFT of the force remains after 8 s, by secant steps."""
     weights = [0.30, 0.40]
     lefts = [held(w, 8)[-1] for w in weights]
     for _ in range(2):
@@ -40,7 +40,7 @@ weight = 0.34 if rows.short else fitted_weight()
 course = held(weight, 8)
 rows.add("force left 8 s after the needle stops", SOURCE, DOUBTFUL, (0.4, 0.6), course[-1], "of the peak", published="about 0.5 of the peak; judged within 0.1", kind=FITTED,
          fitted=f"two terms of weight {weight:.2f}, at the published times")
-# What is lost with the faster of the two times: after five of them it is gone, of the slower one 26 %.
+# The part lost with the faster of the two times: after five such times it is gone, and 26 % of the slower part.
 early = (1 - course[750]) / (1 - course[-1])
 rows.trend("course of the decay", SOURCE, DOUBTFUL, "two time constants, near 0.15 and 2.5 s", 0.3 < early < 0.8,
            f"{100 * early:.0f} % of what is lost in 8 s is lost in the first 0.75 s", kind=CONSISTENT,

@@ -1,5 +1,5 @@
 #!/usr/bin/python3
-"""Faster needles: published for porcine and lamb hearts, with relaxing tissue under a membrane.
+"""Faster needles, as published for porcine and lamb hearts, with relaxing tissue under a membrane.
 
 The series of the relaxation is that of meshes/implant.yaml. The membrane breaks at a fixed force, which is an assumption. That a faster needle
 meets a steeper force is a prediction; with a fixed force at rupture, less displacement and less work follow from it and are not counted again.
@@ -17,7 +17,7 @@ SPEEDS = (0.005, 0.02, 0.1, 0.5)          # m/s
 
 
 def until_rupture(model, speed):
-    """Displacement (m), and force (N), up to the puncture of the skin."""
+    """Returns displacement (m) and force (N) up to the puncture of the skin."""
     bench = Bench(model)
     outputs = bench.move(0.04, speed)
     end = next(i for i, out in enumerate(outputs) if out.events & trocar.Event.PUNCTURED and out.membrane == 0) + 1

@@ -17,7 +17,7 @@ GEL, MEAT, PROSTATE = 100e3, 30e3, 20e3        # Pa, assumed: the abstracts give
 
 
 def track(youngs_modulus, slope, diameter, depth, *, length=0.09, stiffness=200e9):
-    """Positions of the needle's joints, m, from its entry, after an insertion to `depth`."""
+    """Returns the positions of the needle's joints, m, relative to its entry, after an insertion to `depth`."""
     needle = {"outer_diameter": diameter, "inner_diameter": 0, "length": length, "bevel_slope": slope, "youngs_modulus": stiffness}
     bench = Bench(trocar.Model(block(youngs_modulus, friction=(10, 7, 0), needle=needle)), length=length, x=0.0)
     bench.move(depth, 0.02)
@@ -31,7 +31,7 @@ def deflection(*arguments, **options):
 
 
 def fitted_slope(target, *arguments, **options):
-    """The slope that gives this deflection, mm. Deflections are nearly proportional to it."""
+    """Returns the slope that gives this deflection, mm; deflections are nearly proportional to it."""
     slope = 0.05
     for _ in range(2):
         slope *= target / deflection(arguments[0], slope, *arguments[1:], **options)
@@ -66,7 +66,7 @@ TRAVEL, PERIOD, SPEED = 0.078, 0.004, 0.02     # m, m of travel for each cycle, 
 
 
 def curvature(model, length, share):
-    """1/m, of the track of a needle that turns once during `share` of each cycle's travel."""
+    """Returns the curvature, 1/m, of the track of a needle that turns once during `share` of each cycle's travel."""
     bench = Bench(model, length=length, x=0.0)
     bench.move(0.0, SPEED)
     tips = []

@@ -1,5 +1,5 @@
 #!/usr/bin/python3
-"""Turning a needle in tissue: how far its tip lags behind, and what turning does to the axial force."""
+"""Turning a needle in tissue: how far its tip lags behind, and the effect of turning on the axial force."""
 import sys
 
 import numpy as np
@@ -16,7 +16,7 @@ PATIENT = (63, 51, 0)   # N/m, N/m, N s/m^2: friction in the gland of meshes/imp
 
 
 def lag(friction, depths):
-    """Lag of the tip, rad, of a thin needle that is turned by one and a half turns at these depths."""
+    """Returns the lag of the tip, rad, of a thin needle that is turned by one and a half turns at these depths."""
     model = trocar.Model(block(30e3, friction=friction, needle=NITINOL))
     lags = []
     for depth in depths:

@@ -9,16 +9,16 @@
 #include "shared/motion.h"
 
 static const double PEAK_OF_MEAN = 1.875;    /* ratio of peak to mean speed of a minimum-jerk move */
-static const double NEEDLE_LENGTH = 0.2;     /* m, of the scene */
+static const double NEEDLE_LENGTH = 0.2;     /* m, length of the scene's needle */
 static const double FASTEST = 0.05, FASTEST_STEERING = 0.03; /* m/s */
 static const double FASTEST_ROLL = 6.0;      /* rad/s */
-static const double DEEPEST = 0.085;         /* m, of the tip beyond the skin */
+static const double DEEPEST = 0.085;         /* m, depth of the tip below the skin */
 
 /* One move from rest to rest; zero parts are unused. */
 typedef struct {
     double seconds;
     double advance;          /* m, along the needle */
-    vec3 sideways;           /* m, of the base, across the needle */
+    vec3 sideways;           /* m, motion of the base across the needle */
     double roll;             /* rad */
     vec3 tilt;               /* rad, about the entry point */
 } hand_leg;
@@ -26,7 +26,7 @@ typedef struct {
 enum { HAND_MAX_LEGS = 24 };
 
 typedef struct {
-    pose start;              /* tip 1 mm before the skin */
+    pose start;              /* tip 1 mm in front of the skin */
     double bevel_slope;
     int leg_count;
     hand_leg legs[HAND_MAX_LEGS];
@@ -68,7 +68,7 @@ static inline void hand_insert_and_withdraw(random_hand *hand, unsigned *seed, i
     hand_add(hand, seed, FASTEST, (hand_leg){.advance = -depth - 0.004});
 }
 
-/* In, steering, out, and in again at the same place or beside it. */
+/* Returns a motion: insertion, steering, withdrawal, and insertion at the same place or beside it. */
 static inline random_hand random_hand_create(unsigned seed) {
     random_hand hand = {.bevel_slope = hand_chance(&seed, 0.5) ? hand_uniform(&seed, 0.0, 0.1) : 0.0};
     vec3 entry = v3(hand_uniform(&seed, -0.02, 0.02), hand_uniform(&seed, -0.015, 0.015), 0);
@@ -83,7 +83,7 @@ static inline random_hand random_hand_create(unsigned seed) {
     return hand;
 }
 
-/* One insertion with two moves, a few seconds long. */
+/* Returns one insertion with two moves, a few seconds long. */
 static inline random_hand random_hand_brief(unsigned seed) {
     random_hand whole = random_hand_create(seed), hand = {.start = whole.start, .bevel_slope = whole.bevel_slope};
     seed += 1000;
@@ -91,7 +91,7 @@ static inline random_hand random_hand_brief(unsigned seed) {
     return hand;
 }
 
-/* Pose at time t of a leg that started at `from`; a tilt rotates about the point `free_length` ahead of the base. */
+/* Returns the pose at time t of a leg that started at `from`; a tilt rotates about the point `free_length` ahead of the base. */
 static inline pose hand_pose(const hand_leg *leg, pose from, double free_length, double t) {
     double f = motion_fraction(0.0, leg->seconds, t);
     vec3 pivot = v3_axpy(free_length, q_rotate(from.orientation, v3(0, 0, 1)), from.position);

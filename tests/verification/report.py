@@ -119,7 +119,7 @@ def main():
         print(__doc__)
         return 0 if "--help" in sys.argv else 2
     folder = Path(sys.argv[1])
-    commit = commit_of(HERE)  # before the plots are touched
+    commit = commit_of(HERE)  # read before the plots are replaced
     write(HERE, report_lines(read_entries(folder), folder, commit))
     return 0
 

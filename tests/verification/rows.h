@@ -20,7 +20,7 @@
 #include "shared/json.h"
 
 typedef struct {
-    const char *section;       /* of the following rows; may be changed between rows */
+    const char *section;       /* section of the following rows; may be changed between rows */
     const char *folder;        /* for output; exists */
     bool short_form;           /* a few seconds at most: --short was given */
     json file;
@@ -34,8 +34,8 @@ typedef struct {
     double value;
     double expected;           /* NAN: none */
     double error, limit;       /* relative, unless the note says otherwise */
-    const char *unit;          /* of value and expected; NULL: none */
-    const char *note;          /* reason of a failure, or a remark; NULL: none */
+    const char *unit;          /* unit of value and expected; NULL if they have none */
+    const char *note;          /* reason of a failure, or a remark; NULL if there is none */
 } row;
 
 /* A line in a figure: curves with the same figure name are drawn into FIGURE.svg, those with the same label in one colour. */
@@ -100,7 +100,7 @@ static inline void rows_add(rows *r, row entry) {
     fflush(stdout);
 }
 
-/* A line without a limit: entry.limit is ignored. */
+/* Writes a line without a limit: entry.limit is ignored. */
 static inline void rows_measured(rows *r, row entry) {
     rows_values(r, "measured", &entry);
     json_close(&r->file, '}');
@@ -108,14 +108,14 @@ static inline void rows_measured(rows *r, row entry) {
     fflush(stdout);
 }
 
-/* A value compared with an expected one: relative error. */
+/* Compares a value with an expected one, by the relative error. */
 static inline void rows_compare(rows *r, const char *check, const char *reference, double value, double expected,
                                 double limit, const char *unit) {
     rows_add(r, (row){.check = check, .reference = reference, .value = value, .expected = expected,
                       .error = fabs(value - expected) / fabs(expected), .limit = limit, .unit = unit});
 }
 
-/* A value that is itself an error. */
+/* Writes a value that is itself an error. */
 static inline void rows_error(rows *r, const char *check, const char *reference, double error, double limit) {
     rows_add(r, (row){.check = check, .reference = reference, .value = error, .expected = NAN, .error = fabs(error), .limit = limit});
 }
@@ -132,7 +132,7 @@ static inline void rows_curve(rows *r, curve c) {
     json_close(&r->file, '}');
 }
 
-/* The program's exit status: 0 if every row passed, else 1. */
+/* Returns the program's exit status: 0 if every row passed, else 1. */
 static inline int rows_end(rows *r) {
     json_close(&r->file, ']');
     fputc('\n', r->file.out);

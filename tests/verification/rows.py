@@ -38,7 +38,7 @@ class Rows:
         return cls(Path(sys.argv[0]).stem.removeprefix("verify_"), section, options.folder, options.build, options.short)
 
     def add(self, check, reference, value, expected, error, limit, unit="", note=""):
-        """One line of the report; it passes if error <= limit. `error` is relative unless the note says otherwise."""
+        """Adds one line of the report; it passes if error <= limit. `error` is relative unless the note says otherwise."""
         passed = bool(error <= limit)
         self.entries.append({"kind": "row", "section": self.section, "check": check, "reference": reference,
                              "value": number(value), "expected": None if expected is None else number(expected),
@@ -46,27 +46,27 @@ class Rows:
         print(f"{'pass' if passed else 'FAIL'}  {check}: {value:.6g} {unit} (error {error:.3g}, limit {limit:.3g})", flush=True)
 
     def measured(self, check, reference, value, expected, error, unit="", note=""):
-        """A line without a limit: it neither passes nor fails and is not counted."""
+        """Adds a line without a limit, which neither passes nor fails and is not counted."""
         self.entries.append({"kind": "measured", "section": self.section, "check": check, "reference": reference, "value": number(value),
                              "expected": None if expected is None else number(expected), "error": number(error), "unit": unit, "note": note})
         print(f"      {check}: {value:.6g} {unit} (error {error:.3g}, no limit)", flush=True)
 
     def compare(self, check, reference, value, expected, limit, unit="", note=""):
-        """A value compared with an expected one: relative error."""
+        """Compares a value with an expected one, by the relative error."""
         self.add(check, reference, value, expected, abs(value - expected) / abs(expected), limit, unit, note)
 
     def error(self, check, reference, error, limit, note=""):
-        """A value that is itself an error."""
+        """Adds a value that is itself an error."""
         self.add(check, reference, error, None, abs(error), limit, note=note)
 
     def curve(self, figure, label, x, y, x_label, y_label, logarithmic=False):
-        """A line in FIGURE.svg, into which all curves of one figure are drawn."""
+        """Adds a line in FIGURE.svg, into which all curves of one figure are drawn."""
         self.entries.append({"kind": "curve", "section": self.section, "figure": figure, "label": label,
                              "x": [number(v) for v in x], "y": [number(v) for v in y],
                              "x_label": x_label, "y_label": y_label, "logarithmic": logarithmic})
 
     def plot(self, file):
-        """A figure drawn by the check itself into the output folder."""
+        """Adds a figure that the check itself has drawn into the output folder."""
         self.entries.append({"kind": "plot", "section": self.section, "plot": file})
 
     def end(self):

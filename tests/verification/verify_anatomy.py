@@ -1,5 +1,5 @@
 #!/usr/bin/python3
-"""Scenes from crowded label maps: every one is loaded by the library and pierced, and every part keeps its volume or is named.
+"""Scenes from crowded label maps: the library loads every scene, a needle is inserted, and every part keeps its volume or is named.
 
 The maps are random: an organ with lesions in it, another that touches it, satellites, bones that touch or lie up to 3 mm apart, and a body around some of
 them (meshes/anatomy/trials/label_stress.py). Volumes are counted from voxels and from tetrahedra, without the program's own tables; the needle is pushed along the way of the
@@ -22,7 +22,7 @@ except ImportError as error:
 
 MAPS, FEW = 200, 1
 BOVINE = 0.0061, 0.0480     # N/mm^2, N/mm: published force on bovine liver against the needle's displacement, as in validate_liver.py
-DENT = 0.2                  # of it: 35 mm of other tissue lie before the region and give way too
+DENT = 0.2                  # fraction of that: 35 mm of other tissue lie in front of the region and also deform
 
 
 def maps(rows):
@@ -49,7 +49,7 @@ def liver(rows):
 
 
 def every_material(rows):
-    """Whether a needle gets into a region of each material."""
+    """Tests whether a needle enters a region of each material."""
     with tempfile.TemporaryDirectory() as folder:
         path, failed = material_check.make(folder), []
         for name, entry in materials.TABLE.items():

@@ -59,8 +59,8 @@ static double divergence_in(const mesh *m, int e, const vec3 *u, double *volume)
     return sum;
 }
 
-/* Volumetric stress of each nominal element: lambda times the mean of its corners' div u, which is the mean by volume over the
-   elements of one region around a corner. The caller's to free. */
+/* Returns the volumetric stress of each nominal element: lambda times the mean of its corners' div u, which is the mean by
+   volume over the elements of one region around a corner. The caller frees it. */
 static double *averaged_stress(const lockstep *l, const vec3 *u) {
     const mesh *m = &l->simulation.mesh;
     double *stress = calloc((size_t)m->tet_count, sizeof *stress), *sum = calloc(2 * (size_t)m->node_count, sizeof *sum);
@@ -79,7 +79,7 @@ static double *averaged_stress(const lockstep *l, const vec3 *u) {
     return stress;
 }
 
-/* The same where it is lambda times the mean by volume over the element's patch. */
+/* Returns the stress if it is lambda times the mean by volume over the element's patch. */
 static double *patch_stress(const lockstep *l, const vec3 *u) {
     const mesh *m = &l->simulation.mesh;
     const int *patch = l->simulation.tissue.patch;
@@ -95,7 +95,7 @@ static double *patch_stress(const lockstep *l, const vec3 *u) {
     return stress;
 }
 
-/* Stress integrated over the elements of the refined mesh, assembled here from shape functions. */
+/* Integrates the stress over the elements of the refined mesh, assembled here from shape functions. */
 static resultant reaction_of_fixed_nodes(lockstep *l) {
     const mesh *m = &l->simulation.mesh;
     refinement refined;
@@ -165,7 +165,7 @@ static void check_forces(rows *r, volumetric_strain strain) {
     lockstep_free(l);
 }
 
-/* Newton passes until nothing changes instead of until 1e-8 m. */
+/* Makes Newton's method continue until nothing changes, instead of until 1e-8 m. */
 static void converge(simulation_config *c) {
     c->insertion.max_passes = 20;
     c->insertion.tolerance = 1e-15;
@@ -199,8 +199,8 @@ static bool whole_shaft_slides(const lockstep *l, friction_state way) {
     return contacts_active(&l->state) > 0 && l->state.tip.solved.friction == way && l->state.tip.shaft.friction == way && l->state.tip.barrier.blocked_by == NOT_BLOCKED;
 }
 
-/* Largest error of the axial force during a move while the whole shaft slides, against friction times depth plus (during insertion)
-   cutting. */
+/* Returns the largest error of the axial force during a move while the whole shaft slides, relative to friction times depth plus
+   (during insertion) cutting. */
 static double curve_error(lockstep *l, double way, friction_state slides, int *ticks, double *depth, double *force, int *count) {
     double worst = 0.0;
     int n = (int)(fabs(way) / 2e-5 + 0.5);
@@ -215,7 +215,8 @@ static double curve_error(lockstep *l, double way, friction_state slides, int *t
     return worst;
 }
 
-/* The rise before the puncture: needle and tissue in series, with the tissue's compliance at the entry point from a separate solve.
+/* Returns the rise before the puncture: needle and tissue in series, with the tissue's compliance at the entry point from a
+   separate solve.
    */
 static double compliance_at_entry(lockstep *l) {
     const mesh *m = &l->simulation.mesh;
@@ -275,7 +276,7 @@ static void check_reversibility(rows *r, bool converged, double limit) {
     if (converged) converge(&c);
     lockstep *l = lockstep_create(&c, lockstep_start());
     lockstep_move(l, v3(0, 0, 0.07), 1.0, TICK);
-    lockstep_move(l, v3(0, 0, -0.0001), 0.1, TICK); /* unload, so that nothing slides */
+    lockstep_move(l, v3(0, 0, -0.0001), 0.1, TICK); /* unloads the needle, so that nothing slides */
     tick_output before = l->wrench;
     double swing = 0.0, twist = 0.0, force = 0.0, torque = 0.0;
     for (int i = 0; i < 5; i++) {
@@ -331,7 +332,7 @@ static void check_repetition(rows *r) {
     lockstep_free(l);
 }
 
-/* Through the flank, 100 mm of tissue, along x. */
+/* Inserts along x through the side of the body, 100 mm of tissue. */
 static void check_exit(rows *r) {
     simulation_config c = homogeneous();
     lockstep *l = lockstep_create(&c, (pose){v3(-0.2505, 0.0, 0.03), q_exp(v3(0, M_PI / 2, 0))});

@@ -25,17 +25,17 @@ static const uint64_t TIP = UINT64_MAX, TIP_SHAFT = UINT64_MAX - 1;
 
 /* One force on the tissue. */
 typedef struct {
-    uint64_t id;             /* of the contact node, TIP or TIP_SHAFT */
+    uint64_t id;             /* id of the contact node, TIP or TIP_SHAFT */
     int tet;                 /* nominal element */
     vec3 nominal;            /* m */
-    vec3 force;              /* N, of the needle on the tissue */
-    vec3 damping;            /* N, of the damper at the tip on the tissue */
-    vec3 moved;              /* m, displacement of the tissue and stretch of the local compliance */
-    vec3 tangent;            /* of the needle there */
-    double slip;             /* m, of the last solve */
-    double torque;           /* N m, of the shaft on the tissue around it */
+    vec3 force;              /* N, force of the needle on the tissue */
+    vec3 damping;            /* N, force of the damper at the tip on the tissue */
+    vec3 moved;              /* m, displacement of the tissue plus stretch of the local compliance */
+    vec3 tangent;            /* tangent of the needle at the point */
+    double slip;             /* m, slip in the last solve */
+    double torque;           /* N m, torque of the shaft on the tissue around it */
     double twisted;          /* rad, by which it has turned that tissue */
-    double turned;           /* rad, by which the shaft slid round in the last solve */
+    double turned;           /* rad, by which the shaft slid around its axis in the last solve */
     double end;              /* m/N, local compliance under the tip's end face; 0: not the tip */
 } point;
 
@@ -49,14 +49,14 @@ typedef struct {
     double tip_weights[4];
     double tissue, local, needle; /* J, stored */
     pose base;
-    vec3 force, torque;      /* of the base on the hand */
+    vec3 force, torque;      /* exerted by the base on the hand */
 } picture;
 
 typedef struct {
     double work, friction, cutting; /* cutting and puncture: force times distance */
     double damping;          /* dissipated by the damper at the tip */
-    double freed;            /* stored by the tissue as the tip advances; negative: released */
-    double handed;           /* lost when contact nodes and tributary lengths change */
+    double freed;            /* energy stored by the tissue as the tip advances; negative: released */
+    double handed;           /* energy lost when contact nodes and tributary lengths change */
 } energies;                  /* J, so far */
 
 static picture *picture_create(const lockstep *l) {
@@ -73,7 +73,7 @@ static void picture_free(picture *s) {
 /* The total force on the tissue at a point. */
 static vec3 load_at(const point *p) { return v3_add(p->force, p->damping); }
 
-/* The tissue around a shaft yields across the track and along it; that at the end face alike in every direction. */
+/* The tissue around a shaft yields differently across the track and along it; at the end face, it yields equally in every direction. */
 static void add_local(picture *s, point *p, vec3 track, principal_tensor lateral, double axial) {
     vec3 load = load_at(p), across = v3_axpy(-v3_dot(load, track), track, load), moved = v3_scale(axial * v3_dot(load, track), track);
     moved = v3_axpy(lateral.least, across, v3_axpy(lateral.more * v3_dot(load, lateral.easy), lateral.easy, moved));
@@ -82,7 +82,7 @@ static void add_local(picture *s, point *p, vec3 track, principal_tensor lateral
     s->local += 0.5 * v3_dot(load, moved);
 }
 
-/* A tip's share of the shaft turns with TIP_SHAFT. */
+/* The shaft in the tip's share turns with TIP_SHAFT. */
 static void add_twist(const lockstep *l, picture *s, point *p, const contact_point *at) {
     const roll_friction *roll = twist_at(l, at);
     p->torque = roll->torque;
@@ -91,7 +91,7 @@ static void add_twist(const lockstep *l, picture *s, point *p, const contact_poi
     s->local += 0.5 * p->torque * p->twisted;
 }
 
-/* Displacement of the nominal mesh at a point in this state. */
+/* Returns the displacement of the nominal mesh at a point in this state. */
 static vec3 displacement_at(const mesh *m, const picture *s, const point *p) {
     double weights[4];
     vec3 u = v3(0, 0, 0);
@@ -136,7 +136,7 @@ static void take_picture(lockstep *l, picture *s) {
     s->torque = l->wrench.torque;
 }
 
-/* The same point in another state, with zero force if it is not active there. */
+/* Returns the same point in another state, with zero force if it is not active there. */
 static point find(const mesh *m, const picture *s, const point *p) {
     for (int i = 0; i < s->count; i++)
         if (s->points[i].id == p->id) return s->points[i];
@@ -176,8 +176,8 @@ static void add_tick(const mesh *m, const picture *before, const picture *after,
     e->handed -= after->tissue + after->local - before->tissue - before->local;
 }
 
-/* Energy stored by the tissue as the tip moves on, J: 1/2 f dC f over all forces, before and after. `stayed` has the forces after
-   the tick with the tip at its position before it. */
+/* Returns the energy stored by the tissue as the tip moves on, J: 1/2 f dC f over all forces, before and after. `stayed` has the
+   forces after the tick with the tip at its position before it. */
 static double bound_by_tip(lockstep *l, const picture *before, const picture *after, picture *stayed) {
     if (before->tip_tet < 0 || after->tip_tet < 0) return 0.0;
     insertion_state state = l->state;
@@ -203,7 +203,7 @@ static const leg straight[] = {{1.0, {0, 0, 0.071}, {0, 0, 0}}, {1.0, {0, 0, -0.
 static const leg steered[] = {{0.6, {0, 0, 0.051}, {0, 0, 0}}, {0.2, {0.001, 0.004, 0}, {0.01, 0, 0.5}}, {0.3, {0, 0, 0.02}, {0, 0, 1.0}},
                               {0.3, {0, 0, -0.03}, {0, 0, 0}}, {0.3, {0, -0.003, 0.02}, {0, 0, 0}}, {1.0, {-0.001, -0.001, -0.066}, {0, 0, 0}}};
 
-/* Turned to and fro: at rest, while it goes in, and while it is drawn out. */
+/* The needle is turned back and forth: at rest, while it is inserted, and while it is withdrawn. */
 static const leg turned[] = {{0.4, {0, 0, 0.041}, {0, 0, 0}}, {0.3, {0, 0, 0}, {0, 0, 3.0}}, {0.3, {0, 0, 0}, {0, 0, -3.0}}, {0.3, {0, 0, 0.025}, {0, 0, 3.0}},
                              {0.2, {0, 0, 0}, {0, 0, -2.0}}, {0.5, {0, 0, -0.03}, {0, 0, -3.0}}, {0.4, {0, 0, -0.04}, {0, 0, 0}}};
 
@@ -218,7 +218,7 @@ typedef struct {
 
 static double stored(const picture *s) { return s->tissue + s->local + s->needle; }
 
-/* Dissipated by friction, cutting, puncture and the damper at the tip. */
+/* Returns the energy dissipated by friction, cutting, puncture and the damper at the tip. */
 static double dissipated(const energies *e) { return e->friction + e->cutting + e->damping + e->freed; }
 
 static void follow(balance *b, const picture *now, double time) {

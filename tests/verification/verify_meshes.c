@@ -15,7 +15,7 @@ typedef struct {
     int nodes, punctures;
     double push, pull, sagittal, torque;   /* largest of the figure-8 motion, N and N m */
     double way[4], force[4];               /* m of base travel from the skin on and N along the needle at each puncture */
-    double sideways;                       /* N, base moved 5 mm sideways at 55 mm depth */
+    double sideways;                       /* m of base travel from the skin, and N along the needle, at each puncture */
 } outcome;
 
 static void figure8(lockstep *l, outcome *o) {

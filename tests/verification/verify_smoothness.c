@@ -1,6 +1,6 @@
-/* The largest change of the base force per tick at 1 kHz in random insertions with steering, retraction and reinsertion, on
-   several meshes. People notice changes of 7 %, or 0.05 N for small forces. In tissue that stiffens, forces must rise, too, while a needle
-   is pushed that does not slide. */
+/* The largest change of the base force per tick at 1 kHz in random insertions with steering, retraction and reinsertion, on several
+   meshes. People notice changes of 7 %, or 0.05 N for small forces. In stiffening tissue, the force must also rise while a sticking needle
+   is pushed. */
 #include "lockstep.h"
 #include "random_hand.h"
 #include "rows.h"
@@ -104,7 +104,7 @@ static void draw(rows *r, const char *name, const distribution *d) {
                           .y_label = "part of the ticks above it", .logarithmic = true, .count = count, .x = change, .y = part});
 }
 
-/* On the mesh at `path`; NULL: the scene's. */
+/* Creates insertions on the mesh at `path`; NULL: the scene's. */
 static lockstep *create_insertions(const char *path, double stiffening) {
     simulation_config config = lockstep_config();
     for (int i = 0; i < config.region_count; i++) config.regions[i].material.stiffening = stiffening;
@@ -126,9 +126,9 @@ static void check_runs(rows *r, const char *name, const char *path, double stiff
 
 static void check_mesh(rows *r, const char *name, const char *path, double stiffening, int runs) { check_runs(r, name, path, stiffening, runs, NULL); }
 
-/* Of the insertions in stiffening tissue, some that need what keeps forces continuous near old tracks. In turn: the direction of cutting
-   before the first contact; the work of the hold near the surface; a last contact that lets go there; a membrane beside its puncture; a
-   short track beside a long one; tissue that springs back into a track, beside the skin's puncture and beside the capsule's. */
+/* Insertions in stiffening tissue that test the continuity of forces near old tracks, in this order: the direction of cutting before the
+   first contact; the work of the hold near the surface; a last contact that lets go there; a membrane beside its puncture; a short track
+   beside a long one; tissue that springs back into a track, beside the skin's puncture and beside the capsule's. */
 static const int NEAR_OLD_TRACKS[] = {142, 114, 74, 170, 38, 182, 147};
 
 /* ---- monotone ----------------------------------------------------------------------------------------------------------------
@@ -146,7 +146,7 @@ typedef struct {
     unsigned events;
 } pushes;
 
-/* Pushes by `way` and adds what it meets, to the end or until a membrane gives way. */
+/* Pushes by `way` and records the forces, to the end or until a membrane is punctured. */
 static void push(lockstep *l, vec3 way, pushes *p) {
     vec3 direction = v3_unit(way);
     int ticks = (int)ceil(v3_norm(way) / (PUSH_SPEED * TICK));
@@ -172,7 +172,7 @@ static void add_monotone_row(rows *r, const char *what, int count, const pushes 
     rows_add(r, (row){.check = check, .reference = "not negative", .value = p->least / p->most, .expected = NAN, .error = fmax(0.0, -p->least / p->most), .limit = 1e-6, .note = note});
 }
 
-/* Inserted at random places, then stuck. */
+/* Checks needles that are inserted at random places and then stick. */
 static void check_stuck(rows *r, int count) {
     simulation_config config = lockstep_config();
     config.needle.youngs_modulus *= 1e4;
@@ -213,7 +213,7 @@ static void check_pressed(rows *r, int count) {
     lockstep_free(l);
 }
 
-/* `--runs FIRST LAST S`: only these insertions, on the scene's mesh, in tissue that stiffens by S; prints the changes that are above the limit. */
+/* `--runs FIRST LAST S`: only these insertions, on the scene's mesh, in tissue with the stiffening S; prints the changes above the limit. */
 static int look_at_runs(int first, int last, double stiffening) {
     lockstep *l = create_insertions(NULL, stiffening);
     smoothness *s = calloc(1, sizeof *s);

@@ -34,7 +34,7 @@ static void draw_track(rows *r, const char *figure, const char *label, const ste
 
 static const char *nodes_of(const steering_case *c) { return !c->mesh ? "570 nodes" : strcmp(c->mesh, FINEST) ? "3300 nodes" : "6500 nodes"; }
 
-/* Unsymmetric elements push the tip aside: on coarse meshes this is measured, with a limit on a finer one. */
+/* Unsymmetric elements push the tip sideways: on coarse meshes this is measured, and on a finer mesh it has a limit. */
 static void on_mesh(rows *r, row entry, const steering_case *c, bool fine) {
     char check[160];
     snprintf(check, sizeof check, "%s, %s", entry.check, nodes_of(c));
@@ -73,7 +73,7 @@ static void check_half_turn(rows *r, const char *name, steering_case c, bool dec
     draw_track(r, "steering-half-turn", check, &s);
 }
 
-/* Rolled by half a turn before the insertion: the track is mirrored, as far as the mesh allows. */
+/* Rolled by half a turn before the insertion, the needle makes a mirrored track, as far as the mesh allows. */
 static void check_mirror(rows *r, const char *check, steering_case c) {
     c.x = c.y = 0.0;
     double upright = curvature_of(&c);
@@ -110,7 +110,8 @@ static void check_nitinol_slopes(rows *r) {
                            .note = "an estimate"});
 }
 
-/* From the softest tissue to rubber. Strength goes with the modulus in tissue softer than 60 kPa, which would be dented by centimetres otherwise. */
+/* From the softest tissue to rubber. Strength is proportional to the modulus in tissue softer than 60 kPa, which would otherwise be dented by
+   centimetres. */
 static void check_stiffness(rows *r, const char *name, steering_case c) {
     static const double moduli[] = {5e3, 15e3, 60e3, 250e3, 1e6, 3e6};
     for (int i = 0; i < 6; i++) {
@@ -127,7 +128,7 @@ static void check_stiffness(rows *r, const char *name, steering_case c) {
 
 /* Curvatures of one needle on one mesh with the bevel facing four sides. */
 typedef struct {
-    double mean, spread; /* 1/m; largest less smallest, as a part of the mean */
+    double mean, spread; /* 1/m; largest minus smallest, as a fraction of the mean */
 } curvatures;
 
 static curvatures curvatures_around(steering_case c, const char *mesh) {
@@ -141,8 +142,8 @@ static curvatures curvatures_around(steering_case c, const char *mesh) {
     return (curvatures){sum / 4.0, (most - least) / (sum / 4.0)};
 }
 
-/* Unsymmetric elements turn the track by about as much on every mesh, but each in another direction: the mean over four sides tells what the
-   mesh's size does, the spread what its irregularity does. */
+/* Unsymmetric elements turn the track by about as much on every mesh, but in different directions: the mean over four sides shows the effect
+   of the mesh's size, and the spread that of its irregularity. */
 static void check_meshes(rows *r) {
     static const int sizes[] = {570, 1700, 3300, 6500};
     steering_case cases[] = {steering_steel(0.05), steering_nitinol(0.05)};

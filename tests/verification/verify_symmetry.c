@@ -1,12 +1,12 @@
 /* A scene rotated and shifted by any amount, with its mesh, gives the same wrench in its own frame; a mirrored scene gives the
-   mirrored wrench. The mesh is written to a new file, so that reading, search trees and refinement see other numbers. */
+   mirrored wrench. The mesh is written to a new file, so that reading, search trees and refinement work with other numbers. */
 #include "lockstep.h"
 #include "rows.h"
 
 static const double TICK = 1e-3; /* s */
 enum { MOST_TICKS = 4000 };
 
-/* x -> linear x + shift; `linear` is a rotation, or one after a mirroring of x. */
+/* x -> linear x + shift; `linear` is a rotation, possibly after a reflection of x. */
 typedef struct {
     mat3 linear;
     vec3 shift;
@@ -15,7 +15,7 @@ typedef struct {
 
 static vec3 place_point(const placing *p, vec3 x) { return v3_add(m3_apply(&p->linear, x), p->shift); }
 
-/* The frame of a mirrored needle: its local x is mirrored too, so that the frame stays right-handed. */
+/* Returns the frame of a mirrored needle: its local x is mirrored too, so that the frame stays right-handed. */
 static pose place_pose(const placing *p, pose at) {
     const mat3 mirror = {{{-1, 0, 0}, {0, 1, 0}, {0, 0, 1}}};
     mat3 frame = q_matrix(at.orientation);
@@ -62,7 +62,7 @@ static void place_mesh(const placing *p, const char *from, const char *to) {
     fclose(out);
 }
 
-/* A tilted bevelled needle: pushed in, moved to the side and rolled, pulled back. */
+/* Returns the pose of a tilted bevelled needle: pushed in, moved to the side and rolled, pulled back. */
 static pose hand_at(double t) {
     double in = fmin(t / 1.0, 1.0), aside = fmin(fmax((t - 1.0) / 0.3, 0.0), 1.0), out = fmin(fmax((t - 1.3) / 0.5, 0.0), 1.0);
     quat lean = q_multiply(q_exp(v3(0.05, -0.08, 0)), q_exp(v3(0, 0, 0.6 + 0.5 * aside)));
@@ -96,7 +96,7 @@ static trace *play(const rows *r, const placing *p) {
     return t;
 }
 
-/* Largest difference in any tick relative to the largest value. */
+/* Returns the largest difference in any tick relative to the largest value. */
 static double difference(int ticks, const vec3 *a, const vec3 *b) {
     double worst = 0.0, size = 0.0;
     for (int i = 0; i < ticks; i++) {

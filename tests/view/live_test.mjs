@@ -71,7 +71,7 @@ try {
     await until(first, 'trocar.status.drives && trocar.status.owned === "here"')
     assert.deepEqual(await first.evaluate('trocar.drive.command()'), [0, 0, 0, 0, 0, 0])
     const shownBase = () => first.evaluate('[trocar.shown.tick, trocar.shown.needles[0].joints[2]]')
-    const [taken] = await shownBase() // this picture may be of a moment at which the needle was still driven
+    const [taken] = await shownBase() // this picture may be from a moment at which the needle was still driven
     await until(first, `trocar.shown.tick > ${taken} + 1000`)
     const [tick, base] = await shownBase()
     await until(first, `trocar.shown.tick > ${tick} + 200`)
@@ -110,7 +110,7 @@ try {
     const [here, there] = [await tip(first), 'trocar.stage.needles[0].tip?.z']
     await until(second, `Math.abs(${there} - ${here}) < 1e-4`) // the needle is at rest
     await until(second, 'document.getElementById("take").disabled')
-    await until(second, 'trocar.history.count > 50') // it gets the plots from before it connected
+    await until(second, 'trocar.history.count > 50') // the page receives the plots from before it connected
     await second.setViewportSize(SMALL)
   })
 
@@ -204,7 +204,7 @@ try {
   await driven('a needle is not driven by old pictures, and what is said of it moves no button', first, async () => {
     const base = () => first.evaluate('[...trocar.history.pictures.at(-1).needles[0].joints.slice(0, 3)]'), reset = async () => (await first.locator('#reset').boundingBox()).y
     const place = await reset()
-    await first.evaluate('trocar.drawn = trocar.stage.finished; trocar.stage.finished = () => false') // as when drawing takes for ever
+    await first.evaluate('trocar.drawn = trocar.stage.finished; trocar.stage.finished = () => false') // as if drawing took for ever
     const seen = await first.evaluate('[...trocar.shown.needles[0].joints.slice(0, 3)]')
     await first.keyboard.down('s')
     try {
@@ -333,7 +333,8 @@ try {
     assert.deepEqual(await second.evaluate(drawn), [false, true], 'the other one has not been held yet')
     await take(0)
     assert.deepEqual(await second.evaluate(drawn), [true, true])
-    await until(second, `${depth} === 0 && parseFloat(document.getElementById("depth").textContent) === 0`) // plots and numbers of the chosen one
+    // plots and numbers show the chosen needle
+    await until(second, `${depth} === 0 && parseFloat(document.getElementById("depth").textContent) === 0`)
     await push()
     const [one, other] = await second.evaluate('trocar.shown.needles.map(({ contacts, joints }) => ({ contacts: contacts.length / 9, x: joints[0] }))')
     assert(one.contacts > 1 && other.contacts > 1, 'each with its contacts')

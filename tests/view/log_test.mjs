@@ -14,7 +14,8 @@ const SIZES = [[390, 844], [1440, 900], [1920, 1080]] // live_test.mjs checks mo
 const MOMENTS = [ // name; s; cut; what must be visible
   ['before', 0.05, '', ({ contacts, track }) => contacts === 0 && track === 0],
   ['deep', 1.3, 'x', ({ depth, gland, track, offTip }) => depth > 0.06 && gland > 5e-5 && track > 10 && offTip < 2e-3], // the track ends at the tip
-  ['retraction', 1.47, 'x', ({ force, contacts, sticking, gland }) => force > 0.3 && sticking > contacts / 2 && gland < -2e-5], // pulled, with the tissue sticking
+  // pulled, with the tissue sticking
+  ['retraction', 1.47, 'x', ({ force, contacts, sticking, gland }) => force > 0.3 && sticking > contacts / 2 && gland < -2e-5],
 ]
 
 const player = await start('clients/view/trocar-view', '--log', LOG)
@@ -124,7 +125,7 @@ async function read(file) {
   return `data:image/png;base64,${(await readFile(file)).toString('base64')}`
 }
 
-/** Runs in the page: mean difference per channel, and the share of pixels that differ by more than 40. */
+/** Runs in the page: returns the mean difference per channel, and the fraction of pixels that differ by more than 40. */
 async function compareImages(urls) {
   const pixels = await Promise.all(urls.map(async (url) => {
     const image = new Image()

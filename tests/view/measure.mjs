@@ -1,7 +1,7 @@
-// Run by hand: the cost of browsers for the haptic loop, and the time from a pose to its picture; in a private network:
-// scripts/netns node tests/view/measure.mjs BUILD_DIR SOURCE_DIR [SECONDS] [BROWSERS] [ROUNDS] Runs with and without browsers
-// alternate, because the machine's other load changes the loop's times as much as browsers do; the medians of the runs are
-// compared.
+// Run by hand: measures the effect of browsers on the haptic loop, and the time from a pose to its picture; in a private
+// network: scripts/netns node tests/view/measure.mjs BUILD_DIR SOURCE_DIR [SECONDS] [BROWSERS] [ROUNDS] Runs with and without
+// browsers alternate, because the machine's other load changes the loop's times as much as browsers do; the medians of the
+// runs are compared.
 import { once } from 'node:events'
 import { ADDRESS, launch, run, start, stop } from './parts.mjs'
 
@@ -9,7 +9,7 @@ const [seconds = '8', most = '3', rounds = '9'] = process.argv.slice(4)
 const quantile = (values, q) => [...values].sort((a, b) => a - b)[Math.min(values.length - 1, Math.floor(q * values.length))]
 const median = (values) => quantile(values, 0.5)
 
-/** p50 and p99 in us as printed by the server. */
+/** p50 and p99 in us, as printed by the server. */
 const times = (said, name) => new RegExp(`^${name} +p50 ([0-9.]+) us, p99 ([0-9.]+) us`, 'm').exec(said).slice(1).map(Number)
 
 /** The device plays the figure 8 while `count` browsers show it. */
@@ -29,7 +29,7 @@ async function measure(count) {
   await stop(view)
   const lateness = times(server.said, 'lateness'), tick = times(server.said, 'compute')
   console.log(`${count} browsers: lateness ${lateness.join(', ')} us, tick ${tick.join(', ')} us (p50, p99)`)
-  return { lateness, tick, pictures: pictures.slice(Math.floor(pictures.length / 5)) } // the first pictures load the page
+  return { lateness, tick, pictures: pictures.slice(Math.floor(pictures.length / 5)) } // the page loads during the first pictures
 }
 
 /** Prints the medians of the runs; returns those of the p99. */

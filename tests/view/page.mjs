@@ -1,4 +1,4 @@
-// Common to live_test.mjs and log_test.mjs: a browser, pages in it, and the check of a page's layout.
+// Shared by live_test.mjs and log_test.mjs: a browser, its pages, and the check of a page's layout.
 import assert from 'node:assert/strict'
 import { ADDRESS, axe, launch } from './parts.mjs'
 
@@ -7,7 +7,7 @@ const PATIENCE = 150000 // ms, for a busy machine; nothing here measures time
 export const browser = await launch()
 export const faults = []
 
-/** A page in its own window, with further options of its context; errors in it fail the run. */
+/** Opens a page in its own window, with further options of its context; an error in the page fails the run. */
 export async function open(size = { width: 1000, height: 640 }, options = {}) {
   const page = await (await browser.newContext({ viewport: size, colorScheme: 'dark', ...options })).newPage()
   page.setDefaultTimeout(PATIENCE)
@@ -43,8 +43,8 @@ export async function hold(page) {
   await until(page, 'trocar.status.drives && trocar.status.owned === "here"')
 }
 
-/** A check with the needle in the page's hand. When server or page are silent for too long, as on a busy machine, the needle is let go: then the
- *  check is repeated. */
+/** Runs a check while the page holds the needle. If server or page are silent for too long, as on a busy machine, the needle is released, and
+ * the check is repeated. */
 export async function driven(name, page, body) {
   await check(name, async () => {
     for (let attempt = 1; ; attempt++) {
@@ -64,7 +64,7 @@ export async function driven(name, page, body) {
   })
 }
 
-/** In both themes: no violations found by axe-core, and nothing overlaps or is cut off. */
+/** Checks in both themes that axe-core finds no violations, and that nothing overlaps or is cut off. */
 export async function checkLayout(page, name) {
   if (!await page.evaluate('"axe" in window')) await page.evaluate(axe)
   for (const theme of ['light', 'dark']) { // the pages are dark before and after
@@ -79,12 +79,12 @@ export async function checkLayout(page, name) {
   assert.deepEqual(await page.evaluate(textFaults), [], name)
 }
 
-/** These elements, all that are shown, are in full view without scrolling. */
+/** Checks that these elements, if shown, are in full view without scrolling. */
 export async function checkInView(page, selectors, name) {
   assert.deepEqual(await page.evaluate(hiddenParts, selectors), [], name)
 }
 
-/** Runs in the page: axe-core's violations, and whether it checked contrast. (Transferring all results takes longer than the check.) */
+/** Runs in the page: returns axe-core's violations, and whether it checked contrast. (Transferring all results takes longer than the check.) */
 async function objections() {
   const { violations, passes } = await axe.run({ resultTypes: ['violations'] })
   return { violations: violations.map(({ id, nodes }) => `${id}: ${nodes.map(({ target, any }) => `${target} ${any.map(({ message }) => message)}`)}`),
@@ -99,7 +99,8 @@ function plainGround(theme) {
   for (const canvas of document.querySelectorAll('#stage canvas, #trus canvas, #sagittal canvas')) canvas.style.visibility = hidden
 }
 
-/** Runs in the page: texts that stick out of what they stand on, or of what clips them. Texts that are shortened by dots have a title with the whole. */
+/** Runs in the page: returns texts that extend beyond their background, or beyond the element that clips them. Texts that are shortened by dots have
+    a title with the whole text. */
 function textFaults() {
   const faults = [], dialog = document.querySelector('dialog[open]'), walker = document.createTreeWalker(dialog ?? document.body, NodeFilter.SHOW_TEXT)
   while (walker.nextNode()) {
@@ -132,7 +133,7 @@ function hiddenParts(selectors) {
   })
 }
 
-/** Runs in the page: elements that overlap, are cut off, or are outside the window. */
+/** Runs in the page: returns elements that overlap, are cut off, or are outside the window. */
 function layoutFaults() {
   const dialog = document.querySelector('dialog[open]'), SCROLLERS = 'dialog, #plots, #needle-list, #dose-pane, #implant'
   const parts = [...(dialog ? [dialog] : []), ...(dialog ?? document).querySelectorAll('h1, h2, button, label, summary, dt, dd, th, td, select, output, input[type=range], input[type=text], #next, #answer:not(:empty), #panes, canvas#timeline, .badge, .panel, #readout, #legend span, #banner, #drive-note:not(:empty), .stick-area, #scene-name, .u-series, #plots .uplot')]

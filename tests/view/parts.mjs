@@ -1,4 +1,4 @@
-// Common to page.mjs, measure.mjs and soak.mjs; all are called with BUILD_DIR SOURCE_DIR.
+// Shared by page.mjs, measure.mjs and soak.mjs; all are called with BUILD_DIR SOURCE_DIR.
 import assert from 'node:assert/strict'
 import { spawn } from 'node:child_process'
 import { createRequire } from 'node:module'

@@ -16,17 +16,17 @@ const says = (id, pattern) => until(page, `${pattern}.test(${text(id)})`)
 const tip = () => page.evaluate('trocar.stage.needles[0].tip.toArray()')
 
 let shots = 0
-/** A picture of the page, for people to look at. */
+/** Saves a picture of the page, for people to look at. */
 const shoot = (name) => page.screenshot({ path: path.join(OUT, `procedure-${++shots}-${name}.png`) })
 
-/** The middle of a hole on the screen. */
+/** Returns the position of a hole's middle on the screen. */
 const onScreen = (hole) => page.evaluate((name) => {
   const { procedure, echo } = trocar, { template } = procedure, place = template.place(template.find(name)), box = echo.canvas.getBoundingClientRect()
   const [x, y] = echo.toPixel(place.x, place.y), ratio = echo.marks.width / box.width
   return [box.left + x / ratio, box.top + y / ratio]
 }, hole)
 
-/** Holds a key down until the expression is true. On a busy machine the page may stop the needle meanwhile, and then wants the key pressed again. */
+/** Holds a key down until the expression is true. On a busy machine the page may stop the needle meanwhile, and the key must be pressed again. */
 const press = async (key, done) => {
   for (let times = 0; times < 30 && !await page.evaluate(done); times++) {
     await page.keyboard.down(key)
@@ -36,7 +36,8 @@ const press = async (key, done) => {
   await until(page, done)
 }
 
-// Two planned seeds in C3.5, which is 4 columns to the patient's right of the middle one and 1 row below it, 5 mm each; another one elsewhere.
+// Two planned seeds in C3.5, which is 4 columns to the patient's right of the middle hole and 1 row below it, with 5 mm per column and row; another
+// seed elsewhere.
 const plan = path.join(OUT, 'plan.csv')
 await writeFile(plan, 'hole,seed,x [m],y [m],z [m]\nC3.5,1,0.02,-0.005,0.05875\nC3.5,2,0.02,-0.005,0.04875\nF4,1,0.005,0,0.06\n')
 let view = await start('clients/view/trocar-view', '--scene', implant, '--plan', plan), server, page
@@ -104,7 +105,7 @@ try {
 
   await driven('a seed is dropped, and stays when the needle is drawn back', page, async () => {
     const left = 'trocar.procedure.seeds.seeds.length === 1'
-    if (await page.evaluate(`!trocar.procedure.seeds.pending[0] && !(${left})`)) { // else this is repeated
+    if (await page.evaluate(`!trocar.procedure.seeds.pending[0] && !(${left})`)) { // otherwise this is repeated
       await page.click('#drop')
       await says('answer', /The seed is at the tip/)
       await says('next', /Draw the needle back 4\.\d mm/)
@@ -164,7 +165,7 @@ try {
 
   await check('the resting needle is taken again where it is, and pulled out when it rests', async () => {
     const lies = await page.evaluate('trocar.stage.needles[0].tip.z')
-    await page.click('#take') // lets go of the second one
+    await page.click('#take') // releases the second needle
     await until(page, '!trocar.status.drives')
     await page.click('button[aria-label="Take needle 0"]')
     await until(page, "trocar.status.drives && trocar.status.needle === 0 && trocar.status.state === 'held'")
@@ -185,7 +186,7 @@ try {
       await until(page, '!trocar.status.alive')
       assert.deepEqual(await page.evaluate('[trocar.status.needle, trocar.chosen]'), [chosen, chosen])
     } finally {
-      server.kill('SIGCONT') // a stopped process would not end, either
+      server.kill('SIGCONT') // a stopped process would not end
     }
     await until(page, `trocar.status.alive && ${text('link')} === 'live'`)
   })
@@ -250,7 +251,7 @@ try {
   await browser.close()
 }
 
-/** Runs in the page: what it says to do next, in each state of the needle. */
+/** Runs in the page: returns its instructions in each state of the needle. */
 function allSteps() {
   const { procedure, stage, chosen } = trocar, tip = stage.needles[chosen].tip, said = []
   const { steering } = procedure.drive, far = procedure.targetNow
@@ -269,14 +270,14 @@ function allSteps() {
   return [...said, document.getElementById('drive-note').textContent]
 }
 
-/** Runs in the page: what is said of a seed in the first tetrahedron of each region. */
+/** Runs in the page: returns its text about a seed in the first tetrahedron of each region. */
 function wordsForRegions() {
   const { procedure, stage: { scene } } = trocar
   const first = ({ group }) => scene.tets.findIndex((value, i) => i % 5 === 0 && value === group) / 5
   return scene.regions.map((region) => procedure.outOfTarget(first(region)))
 }
 
-/** Runs in the page: the next step of a needle whose tip is beyond the tissue. */
+/** Runs in the page: returns the next step for a needle whose tip is beyond the tissue. */
 function throughTheTissue() {
   const { procedure, stage, chosen } = trocar
   procedure.choose(procedure.template.find('G4'))
@@ -290,7 +291,7 @@ function throughTheTissue() {
   return stopped ? said : 'it is not stopped'
 }
 
-/** Runs in the page: as if all needles but the driven one rested in the tissue. */
+/** Runs in the page: makes all needles except the driven one rest in the tissue. */
 function fillWithNeedles() {
   const { procedure } = trocar, describe = procedure.describe.bind(procedure)
   procedure.isInUse = () => true

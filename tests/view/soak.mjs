@@ -1,19 +1,19 @@
-// Run by hand: memory of the page, of Chromium and of trocar-view per minute while the figure 8 is repeated with the tissue cut
-// open; fails if it grows. In a private network, so that no other Chromium is counted:
+// Run by hand: measures the memory of the page, of Chromium and of trocar-view per minute while the figure 8 is repeated with
+// the tissue cut open; fails if it grows. In a private network, so that no other Chromium is counted:
 //   scripts/netns node tests/view/soak.mjs BUILD_DIR SOURCE_DIR [MINUTES]
 import { readdirSync, readFileSync } from 'node:fs'
 import { ADDRESS, launch, run, start, stop } from './parts.mjs'
 
 const FULL = 2        // minutes until the last minute's history is full
-const GROWTH = 1.1    // tolerated ratio of the median of the later half to that of the earlier one
+const GROWTH = 1.1    // tolerated ratio of the median of the later half to that of the earlier half
 const minutes = Number(process.argv[4] ?? 10)
 
-/** Private and proportional shared memory of a process without file mappings, MB. */
+/** Returns the private and proportional shared memory of a process without file mappings, MB. */
 function resident(id) {
   try {
     const held = readFileSync(`/proc/${id}/smaps_rollup`, 'latin1')
     return ['Pss_Anon', 'Pss_Shmem'].reduce((sum, name) => sum + Number(new RegExp(`^${name}:\\s*(\\d+)`, 'm').exec(held)[1]) / 1000, 0)
-  } catch { return 0 /* it has ended */ }
+  } catch { return 0 /* the process has ended */ }
 }
 
 function isChromium(id) {
@@ -22,7 +22,7 @@ function isChromium(id) {
   } catch { return false }
 }
 
-/** All Chromium processes: a private network has its own process numbers. */
+/** Returns the memory of all Chromium processes; a private network has its own process numbers. */
 const residentOfChromium = () => readdirSync('/proc').filter((id) => /^\d+$/.test(id) && isChromium(id)).reduce((sum, id) => sum + resident(id), 0)
 
 function grows(name) {

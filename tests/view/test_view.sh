@@ -1,6 +1,6 @@
 #!/bin/bash
-# The complete viewer in a private network namespace: with a live server, with a log and pictures of it, in the procedure mode of an implant, or with a probe.
-# Status 77: this machine has no Chromium, no npm or no namespaces.
+# Runs the complete viewer in a private network namespace: with a live server, with a log and pictures of it, in the procedure mode of an implant, or with a
+# probe. Status 77: Chromium, npm or namespaces are missing.
 # usage: test_view.sh BUILD_DIR SOURCE_DIR live|log|procedure|probe [OUT_DIR]
 set -euo pipefail
 build=$1 source=$2 part=$3 out=${4:-}

@@ -1,6 +1,6 @@
 #!/usr/bin/python3
-"""Needles that change hands in trocar-view with a live server: a browser that goes away leaves a needle in the tissue as it is, and another browser takes it as it is;
-a needle that is on its way to a hole enters no other one.
+"""Needles that change hands in trocar-view with a live server: a browser that disconnects leaves a needle in the tissue as it is, and another browser takes
+it as it is; a needle that moves to a hole enters no other hole.
 
 usage: test_view_hands.py BUILD_DIR SOURCE_DIR
 """
@@ -19,7 +19,7 @@ from in_namespace import in_namespace
 BUILD, SOURCE = Path(sys.argv[1]).resolve(), Path(sys.argv[2]).resolve()
 in_namespace(SOURCE)
 SCENE = SOURCE / "meshes/implant.yaml"
-LENGTH, FACE = 0.2, -0.025                                     # m, of the scene's needle and template
+LENGTH, FACE = 0.2, -0.025                                     # m: length of the scene's needle, and z of the template's face
 place = lambda column, row: (5e-3 * (6 - column), 5e-3 * (row - 6))    # m, x and y of a hole: column A is at the patient's right
 
 
@@ -46,7 +46,7 @@ class Hands(unittest.TestCase):
         self.addCleanup(lambda: (self.view.kill(), self.view.wait()))
 
     def start_server(self):
-        """In real time where that is permitted: a gap in the poses at the skin may make a needle buckle."""
+        """Uses real time if permitted: a gap in the poses at the skin may make a needle buckle."""
         try:
             return start(BUILD / "server/trocar-server", "--scene", SCENE)[0]
         except AssertionError:
@@ -82,7 +82,7 @@ class Hands(unittest.TestCase):
         self.ask(browser, lambda: browser.say(web.HOLE, 0, column, row), lambda: (browser.status.get("hole") or {}).get("column") == column)
 
     def insert(self, browser, depth, needle=0):
-        """A needle in hole E4 with `depth` (m) of it in the tissue, and a while later."""
+        """Inserts a needle through hole E4 until `depth` (m) of it is in the tissue, and waits for a while."""
         self.take(browser, needle)
         self.go_to(browser, 4, 6)
         browser.until(lambda: browser.depth.get(needle, 0) > depth, (0, 0, 0.5))
@@ -95,13 +95,13 @@ class Hands(unittest.TestCase):
             browser.hear()
 
     def seen(self, browser, needle=0):
-        """The tip, and the tissue's displacement, mm."""
+        """Returns the tip, and the tissue's displacement, mm."""
         browser.picture = None
         browser.until(lambda: browser.picture is not None and browser.needle(needle) is not None)
         return [1e3 * x for x in browser.needle(needle)[-1]], [1e3 * x for x in browser.displacements()]
 
     def settled(self, browser, needle=0):
-        """As `seen`, once the needle has come to rest: the tissue pushes it back a little when nobody holds it."""
+        """Like `seen`, once the needle has come to rest: the tissue pushes it back slightly when nobody holds it."""
         before, now = None, self.seen(browser, needle)
         for _ in range(60):
             if before and max(abs(a - b) for a, b in zip(before[0], now[0])) < 0.02:
@@ -112,7 +112,7 @@ class Hands(unittest.TestCase):
         self.fail(f"the needle does not come to rest: {before[0]}, {now[0]}")
 
     def check_same(self, before, after, tolerance):
-        """The tip is where it was, and the tissue as displaced as it was, mm."""
+        """Checks that the tip and the tissue's displacement are as before, mm."""
         for a, b in zip(before[0], after[0]):
             self.assertAlmostEqual(a, b, delta=tolerance)
         self.assertGreater(max(map(abs, before[1])), 1)
@@ -140,11 +140,11 @@ class Hands(unittest.TestCase):
         browser = self.browse()
         browser.until(lambda: self.state(browser, 0) == ("resting", "nobody"))
         self.ask(browser, lambda: browser.say(web.REMOVE, needle=0), lambda: self.state(browser, 0)[0] == "held")
-        self.take(browser)                      # it is outside: nothing to lay down
+        self.take(browser)                      # the needle is outside, so it need not be left first
         browser.until(lambda: browser.depth.get(0) == 0)
 
     def test_a_needle_that_nobody_holds_is_taken_as_it_is(self):
-        """The viewer is killed, so that it can tell nobody. The server takes the needle from it after two seconds."""
+        """The viewer is killed, so that it cannot inform the server, which takes the needle from it after two seconds."""
         browser = self.browse()
         self.insert(browser, 0.06)
         self.view.kill()
@@ -174,7 +174,7 @@ class Hands(unittest.TestCase):
             return browser.depth.get(0, 0) > 0.02
         browser.until(note, (0, 0, 1))
         x, y = place(7, 6)
-        inside = [base for base, tip in way if tip[2] > FACE + 0.011]    # further than it may have come before it was ordered to the hole
+        inside = [base for base, tip in way if tip[2] > FACE + 0.011]    # further than it may have moved before it was ordered to the hole
         self.assertTrue(inside)
         for base in inside:
             self.assertAlmostEqual(base[0], x, delta=6e-4)

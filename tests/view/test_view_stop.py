@@ -2,7 +2,7 @@
 """Stopping trocar-view while a browser drives: the needle is released, and the program exits cleanly.
 
 usage: test_view_stop.py BUILD_DIR SOURCE_DIR
-Recorded wrenches, played by LCM, stand in for a server.
+Recorded wrenches, played by LCM, replace a server.
 """
 import base64
 import json

@@ -8,7 +8,7 @@ PICTURE, SAMPLES, STATUS, REPLY = 2, 3, 4, 6
 
 
 class Browser:
-    """`status`, `picture` and `depth` are the newest."""
+    """A browser; `status`, `picture` and `depth` are the newest."""
 
     def __init__(self, port):
         self.socket = socket.create_connection(("127.0.0.1", port), timeout=30)
@@ -53,7 +53,7 @@ class Browser:
                 self.depth[struct.unpack_from("<i", content, at + 60)[0]] = struct.unpack_from("<f", content, at + 32)[0]
 
     def until(self, true, steer=None):
-        """Hears updates until `true()`; meanwhile it steers."""
+        """Receives updates until `true()` holds, and meanwhile steers."""
         for _ in range(4000):
             if true():
                 return
@@ -63,7 +63,7 @@ class Browser:
         raise AssertionError(f"never; {self.status}, {self.reply}, depth {self.depth}")
 
     def needle(self, index):
-        """Of the newest picture: the needle's nodes (n, 3), m; None if it is not in it."""
+        """Returns the needle's nodes in the newest picture (n, 3), m; None if the needle is not in it."""
         at = 32 + (64 if struct.unpack_from("<I", self.picture, 28)[0] else 0)
         for _ in range(struct.unpack_from("<I", self.picture, 20)[0]):
             number, joints, contacts, points = struct.unpack_from("<4I", self.picture, at + 24)
@@ -74,7 +74,7 @@ class Browser:
         return None
 
     def displacements(self):
-        """Of the newest picture, m, 3 for each node in turn."""
+        """Returns the displacements in the newest picture, m, 3 for each node in turn."""
         scale, = struct.unpack_from("<f", self.picture, 16)
         count, = struct.unpack_from("<I", self.picture, 24)
         return [scale * value for value in struct.unpack(f"<{3 * count}h", self.picture[-6 * count:])]

@@ -3,13 +3,13 @@
 #include <complex.h>
 #include <math.h>
 
-/* Hz. Above the hand's tremor (8 to 12 Hz) and its voluntary motion, and low enough for a motion of some 0.01 mm. */
+/* Hz: above the hand's tremor (8 to 12 Hz) and its voluntary motion, and low enough that the motion has some 0.01 mm. */
 static const double FREQUENCIES[RESPONSE_FREQUENCIES] = {14, 23, 37};
-static const double SETTLING = 0.5, DURATION = 4.0;  /* s: settling, and measuring time */
-static const double LONGEST_STEP = 1e-3;             /* s, of the integration */
-static const double LONGEST_DELAY = 0.06;            /* s: longer than a period of the second frequency, shorter than a period of the lowest */
+static const double SETTLING = 0.5, DURATION = 4.0;  /* s: duration of the settling before the measurement, and of the measurement */
+static const double LONGEST_STEP = 1e-3;             /* s, longest step of the integration */
+static const double LONGEST_DELAY = 0.06;            /* s: longer than a period of the second frequency, shorter than a period of the lowest frequency */
 static const double MOST_MISFIT = 0.2;
-static const double LEAST_MOTION = 1e-6;             /* m, amplitude at a frequency: less counts as noise */
+static const double LEAST_MOTION = 1e-6;             /* m: a smaller amplitude at a frequency counts as noise */
 
 void response_begin(device_response *r, double greatest, double now) {
     *r = (device_response){.amplitude = greatest / RESPONSE_FREQUENCIES, .begin = now + SETTLING};
@@ -17,7 +17,7 @@ void response_begin(device_response *r, double greatest, double now) {
 
 bool response_is_over(const device_response *r, double now) { return now > r->begin + DURATION; }
 
-/* Adds the integral of value times e^(-i w t) over a short interval around `middle`, in a Hann window, which suppresses the hand's drift. */
+/* Adds the integral of value times e^(-i w t) over a short interval around `middle`. A Hann window suppresses the hand's drift. */
 static void integrate_step(const device_response *r, double sums[][2], double value, double middle, double length) {
     double t = middle - r->begin;
     if (t < 0.0 || t > DURATION) return;
@@ -28,7 +28,7 @@ static void integrate_step(const device_response *r, double sums[][2], double va
     }
 }
 
-/* Adds the integral of value times e^(-i w t) over any interval, for a value that changes linearly. */
+/* Adds the integral of value times e^(-i w t) over an interval of any length, in which the value changes linearly. */
 static void integrate(const device_response *r, double sums[][2], double from, double first, double to, double last) {
     int steps = (int)ceil((to - from) / LONGEST_STEP);
     double length = (to - from) / steps;
@@ -56,10 +56,10 @@ void response_add(device_response *r, double now, double position) {
     r->position.known = true;
 }
 
-/* Fits mass, damper and spring to the impedances (N/m) for one delay; returns the squared misfit, relative to the impedances. */
+/* Fits mass, damping and stiffness to the impedances (N/m) for one delay. Returns the squared misfit, relative to the impedances. */
 static double fit(const double complex *impedances, double delay, response_model *model) {
     double s0 = 0, s1 = 0, s2 = 0, b0 = 0, b1 = 0, d0 = 0, d1 = 0, misfit = 0;
-    for (int i = 0; i < RESPONSE_FREQUENCIES; i++) { /* weighted least squares: Re z = k - m w^2, Im z = c w */
+    for (int i = 0; i < RESPONSE_FREQUENCIES; i++) { /* weighted least squares fit of Re z = k - m w^2, Im z = c w */
         double w = 2.0 * M_PI * FREQUENCIES[i], weight = 1.0 / (cabs(impedances[i]) * cabs(impedances[i]));
         double complex z = impedances[i] * cexp(-I * w * delay);
         s0 += weight;

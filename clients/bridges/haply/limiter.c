@@ -1,7 +1,7 @@
 #include "limiter.h"
 
 static const double RAMP = 0.1;          /* s, as in trocar_client after an outage */
-static const double LONGEST_PERIOD = 0.01; /* s: a late call may change the force by no more than in this time */
+static const double LONGEST_PERIOD = 0.01; /* s: a late call may change the force by no more than a call after this time */
 
 void limiter_cut(limiter *l) {
     l->gain = l->grip = 0;

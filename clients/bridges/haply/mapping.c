@@ -1,6 +1,6 @@
 #include "mapping.h"
 
-/* The shortest rotation of z to this direction. */
+/* Returns the shortest rotation of the z axis to this direction. */
 static quat along(vec3 direction) {
     vec3 d = v3_unit(direction);
     if (d.z < -0.999999) return (quat){0, 1, 0, 0};
@@ -26,7 +26,7 @@ static void clutch_released(mapping *m, vec3 position, const quat *handle) {
 }
 
 pose mapping_pose(mapping *m, vec3 position, const quat *handle, bool clutch) {
-    if (!handle) clutch = m->clutched; /* without a handle the button is unknown: nothing changes */
+    if (!handle) clutch = m->clutched; /* without a handle the button's state is unknown, so the clutch keeps its state */
     if (m->set.fixed) handle = NULL;
     if (!m->placed) m->origin = m->set.has_offset ? m->set.offset : v3_sub(m->set.start, in_scene(m, position));
     if (m->clutched && !clutch) clutch_released(m, position, handle);

@@ -8,40 +8,41 @@
 #include "base/vec.h"
 
 typedef struct {
-    quat rotation;           /* from the device's frame to the scene's */
+    quat rotation;           /* rotates the device's frame to the scene's */
     double scale;            /* m of the needle per m of the hand */
-    vec3 start;              /* m, scene: of the needle's point at the cursor when the first position arrives */
-    vec3 offset;             /* m, scene: of the device's origin; replaces `start` if */
+    vec3 start;              /* m, scene's frame: position of the needle's point at the cursor when the first position arrives */
+    vec3 offset;             /* m, scene's frame: position of the device's origin; replaces `start` if `has_offset` */
     bool has_offset;
     bool tip;                /* the needle's tip is at the cursor, not its base */
-    double length;           /* m, of the needle; matters for the tip only */
-    bool fixed;              /* orientation: always along `direction` */
-    vec3 direction;          /* of the needle in the scene, if there is no handle */
-    quat tool;               /* of the needle in the handle's frame */
+    double length;           /* m, length of the needle; only used if `tip` */
+    bool fixed;              /* the needle always lies along `direction` */
+    vec3 direction;          /* direction of the needle in the scene if there is no handle */
+    quat tool;               /* orientation of the needle in the handle's frame */
 } mapping_settings;
 
 typedef struct {
     mapping_settings set;
     bool placed;
-    vec3 origin;             /* m, scene: of the device's origin */
-    quat turn;               /* rotation of the needle relative to the handle's direction since the clutch was used */
-    quat orientation;        /* the needle's newest */
+    vec3 origin;             /* m, scene's frame: position of the device's origin */
+    quat turn;               /* rotation of the needle relative to the handle's direction, changed by each use of the clutch */
+    quat orientation;        /* newest orientation of the needle */
     bool clutched;
-    pose held;               /* of the base, while the clutch is pressed */
+    pose held;               /* pose of the base while the clutch is pressed */
 } mapping;
 
 void mapping_init(mapping *m, const mapping_settings *settings);
 
-/* Pose of the base for a cursor at `position` (m, device's frame) and the handle's orientation. NULL: there is no handle; the needle keeps its
-   orientation and the clutch its state. While the clutch is pressed the needle stays; when released, it continues from there. */
+/* Returns the pose of the base for a cursor at `position` (m, device's frame) and the handle's orientation. If `handle` is NULL, there is no
+   handle: the needle keeps its orientation and the clutch its state. While the clutch is pressed the needle stays; when the clutch is
+   released, the needle continues from there. */
 pose mapping_pose(mapping *m, vec3 position, const quat *handle, bool clutch);
 
-/* Force in the device's frame. */
+/* Rotates a force from the scene's frame to the device's. */
 vec3 mapping_force(const mapping *m, vec3 in_scene);
 
-/* Default frames for a device in front of a patient: the scene's z (into the body) is the device's +y, forward; its y is up, the device's +z. The
-   needle in the handle: its axis along the handle's +y, in which it points; its bevel towards the handle's +z. Both are the half turn about (0, 1,
-   1), which exchanges y and z. */
+/* Default frames for a device in front of a patient. Scene: z (into the body) is the device's +y, forward, and y (up) is the device's +z. Needle
+   in the handle: its axis lies along the handle's pointing direction +y, and its bevel faces the handle's +z. Both rotations are the half turn
+   about (0, 1, 1), which exchanges y and z. */
 #define MAPPING_Y_TO_Z ((quat){0, 0, M_SQRT1_2, M_SQRT1_2})
 
 #endif

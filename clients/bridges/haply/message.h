@@ -1,5 +1,5 @@
-/* Messages of the Haply Inverse Service: JSON over WebSocket, port 10001. Made from these pages of https://docs.haply.co/inverseSDK,
-   read for service 3.5 and for 3.1 to 3.4:
+/* Messages of the Haply Inverse Service: JSON over WebSocket, port 10001. Written from these pages of https://docs.haply.co/inverseSDK,
+   for service 3.5 and for 3.1 to 3.4:
 
        service/realtime/websocket-protocol   one state for each message sent; the first message lists the devices
        service/api/simulation                the same for 3.1 to 3.4: no session_id, `mode` instead of control_mode
@@ -8,8 +8,8 @@
        service/commons/basis                 right-handed, +x right, +y forward, +z up; m, N
        service/tutorials/01 to 06            session.configure.profile.name in the first message only; handles; local +y of a handle points
 
-   Uncertain: 3.5 documents the force as "vector", samples for 3.1 to 3.4 as "values"; the bridge goes by session_id, which only 3.5
-   documents. The names of a handle's buttons other than a, b and c are not documented. */
+   Uncertain: the key of the force is "vector" in the documentation of 3.5 and "values" in the samples for 3.1 to 3.4; the bridge chooses
+   by session_id, which only 3.5 documents. The names of a handle's buttons other than a, b and c are not documented. */
 #ifndef TROCAR_HAPLY_MESSAGE_H
 #define TROCAR_HAPLY_MESSAGE_H
 
@@ -20,13 +20,13 @@
 
 enum { HAPLY_ID = 64 };
 
-/* Selects device and handle. An empty ID means the first in the list. */
+/* Selects a device and a handle. An empty ID selects the first one in the list. */
 typedef struct {
     char device[HAPLY_ID], handle[HAPLY_ID];
-    char clutch[HAPLY_ID];   /* name of a button */
+    char clutch[HAPLY_ID];   /* name of the button that works the clutch */
 } haply_choice;
 
-/* Verdict on a message, or on its time, handle or change, which haply_read does not check. */
+/* Verdict on a message. haply_read does not check the last ones, which concern the message's time, its handle and changes of the state. */
 typedef enum {
     HAPLY_GOOD,
     HAPLY_NOT_JSON,
@@ -40,26 +40,27 @@ typedef enum {
 } haply_problem;
 
 typedef struct {
-    char device[HAPLY_ID], handle[HAPLY_ID]; /* IDs; empty: none */
-    vec3 position;           /* m, cursor, device's frame */
-    quat orientation;        /* of the handle in the device's frame */
+    char device[HAPLY_ID], handle[HAPLY_ID]; /* IDs; empty if there is none */
+    vec3 position;           /* m, position of the cursor in the device's frame */
+    quat orientation;        /* orientation of the handle in the device's frame */
     bool clutch;             /* the button is pressed */
     bool has_session_id;     /* service 3.5 or later */
 } haply_state;
 
 /* Reads a message. Unless it is GOOD, only `device` and `has_session_id` are valid in `state`, and there is no position. A handle that is missing, or
-   whose quaternion is not of unit length, leaves state->handle empty. Never trusts the text, which may be truncated, not be JSON, or contain numbers
+   whose quaternion is not of unit length, leaves state->handle empty. The text is not trusted: it may be truncated, not be JSON, or contain numbers
    of any size. */
 haply_problem haply_read(const char *text, size_t length, const haply_choice *choice, haply_state *state);
 
-/* A text on what is wrong and what was expected. */
+/* Returns a text that says what is wrong and what was expected. */
 const char *haply_expected(haply_problem problem);
 
-/* A message of the service's events, port 10020 (service/events): `told` receives level, name and message if the level is warning or worse. */
+/* Reads a message of the service's events, port 10020 (service/events). True if its level is warning or worse; `told` then receives level, name and
+   message. */
 bool haply_read_event(const char *text, size_t length, char *told, size_t size);
 
-/* Writes messages into `text`, of `size` bytes; return the length. `key` is "vector" or "values". `greet` also names this program to
-   the service, as in a session's first message. */
+/* These functions write a message into `text`, of `size` bytes, and return its length. `key` is "vector" or "values". With `greet`,
+   the message also names this program to the service, as the first message of a session does. */
 size_t haply_write_force(char *text, size_t size, const char *device, const char *key, vec3 force, bool greet);
 size_t haply_write_inquiry(char *text, size_t size);  /* asks for the list of devices */
 

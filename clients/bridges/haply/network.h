@@ -1,4 +1,4 @@
-/* WebSocket clients that connect again by themselves, and a timer, in one loop of libwebsockets. */
+/* WebSocket clients that reconnect by themselves, and a timer, in one event loop of libwebsockets. */
 #ifndef TROCAR_HAPLY_NETWORK_H
 #define TROCAR_HAPLY_NETWORK_H
 
@@ -8,22 +8,22 @@
 
 #include "base/report.h"
 
-enum { NETWORK_TEXT = 1 << 18 };  /* bytes of the longest message that is received; a longer one is empty */
+enum { NETWORK_TEXT = 1 << 18 };  /* bytes of the longest message that can be received; a longer one arrives empty */
 
 struct lws;
 typedef struct network network;
 
 typedef struct {
     const char *address;
-    int port;                /* 0: never connects */
-    double retry;            /* s between attempts to connect */
+    int port;                /* 0 if it never connects */
+    double retry;            /* s between two attempts to connect */
     void *context;
     void (*opened)(void *context);
     void (*closed)(void *context, const char *why);       /* also called after each failed attempt */
     void (*received)(void *context, const char *text, size_t length);
-    size_t (*write)(void *context, char *text, size_t size); /* writes a requested message; returns its length, 0: none */
+    size_t (*write)(void *context, char *text, size_t size); /* writes a requested message and returns its length; 0 if there is no message */
 
-    /* the network's */
+    /* for the network only */
     struct lws *wsi;
     bool open, trying, overlong;
     int64_t retry_at;        /* ns */
@@ -31,19 +31,19 @@ typedef struct {
     char text[NETWORK_TEXT];
 } websocket;
 
-/* `tick` is called `rate` times a second. */
+/* Creates the loop, which calls `tick` `rate` times a second. */
 trocar_status network_create(double rate, void (*tick)(void *context), void *context, network **created, report *why);
 void network_free(network *n);
 
-/* Waits for events and handles them; returns after a signal, too. */
+/* Waits for events and handles them; also returns after a signal. */
 void network_round(network *n);
 
-/* Connects if it is time to. Call it in every tick. */
+/* Connects when the next attempt is due. Call it in every tick. */
 void websocket_keep(network *n, websocket *s);
 
 void websocket_ask_to_write(websocket *s);
 
-/* Closes the connection soon; it is opened again afterwards. */
+/* Closes the connection soon; websocket_keep opens it again. */
 void websocket_drop(websocket *s);
 
 #endif

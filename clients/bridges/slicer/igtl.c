@@ -10,8 +10,8 @@
 #include <igtl_transform.h>
 #include <igtl_util.h>
 
-enum { ASCII = 3, UTF_8 = 106 }; /* IANA's MIBenum */
-enum { EXTENDED_HEADER = 12, NO_METADATA = 2 /* bytes: the number of entries, 0 */ };
+enum { ASCII = 3, UTF_8 = 106 }; /* character sets by IANA's MIBenum */
+enum { EXTENDED_HEADER = 12, NO_METADATA = 2 /* bytes; metadata with no entries consists of their number, 0 */ };
 static const uint64_t LARGEST_BODY = UINT64_C(1) << 28;
 
 /* ---- values ---- */
@@ -117,13 +117,14 @@ void igtl_move_points(igtl_message *m, int64_t utime, const float *points, int c
 
 /* ---- packets ---- */
 
-/* Fixed point: seconds since the epoch in the upper half, fractions of one in the lower. */
+/* Returns a time as a fixed-point number: seconds since the epoch in the upper half, fractions of a second in the lower half. */
 static igtl_uint64 stamp_of(int64_t utime) {
     igtl_uint64 seconds = (igtl_uint64)(utime / 1000000), us = (igtl_uint64)(utime % 1000000);
     return seconds << 32 | (us << 32) / 1000000;
 }
 
-/* Version 2 adds around the content: lengths of extended header and metadata, and a message number, which is not used. */
+/* Writes what version 2 of the protocol adds around the content: the lengths of extended header and metadata, and a message number, which is not
+   used. */
 static void write_extension(unsigned char *body, size_t content) {
     const uint16_t sizes[2] = {htobe16(EXTENDED_HEADER), htobe16(NO_METADATA)};
     memset(body, 0, EXTENDED_HEADER);

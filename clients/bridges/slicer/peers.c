@@ -18,12 +18,12 @@
 
 enum { LARGEST_TRANSFORM = 65536, TRACKER = PEERS, PACES = 16 };
 static const int64_t SECOND = 1000000000;   /* ns */
-static const int64_t PACE_INTERVAL = 30000000; /* ns between two records of a client's reading: the last PACES cover half a second */
-static const uint64_t LEAST_UNREAD = 65536; /* bytes that may always wait unread at a client, */
-static const double LONGEST_UNREAD = 0.2;   /* s: or as many as the client reads in this time */
+static const int64_t PACE_INTERVAL = 30000000; /* ns between two records of a client's reading; PACES records cover half a second */
+static const uint64_t LEAST_UNREAD = 65536; /* bytes that may always be left unread at a client */
+static const double LONGEST_UNREAD = 0.2;   /* s: more bytes may be left unread if the client reads them within this time */
 static const char STANDARD_PORT[] = "18944";
 
-/* What a client had read at that time. */
+/* The number of bytes that a client had read at a given time. */
 typedef struct {
     int64_t at;              /* ns, monotonic */
     uint64_t read;           /* bytes */
@@ -31,23 +31,23 @@ typedef struct {
 
 struct peer {
     int socket;
-    bool connecting;         /* to the tracker's server */
+    bool connecting;         /* a connection to the tracker's server is being made */
     char who[80];            /* address and port */
-    int version;             /* highest header version that it has sent: it receives the same */
-    igtl_packet *sending;    /* NULL: nothing is under way */
-    size_t sent;             /* bytes of it */
-    uint64_t whole;          /* bytes sent since it has connected, */
-    int64_t sent_at;         /* ns: the last of them */
-    uint64_t widest;         /* bytes, the largest receive window that it has offered */
+    int version;             /* highest header version that the peer has sent; messages to it have the same */
+    igtl_packet *sending;    /* NULL if no message is being sent */
+    size_t sent;             /* number of its bytes that have been sent */
+    uint64_t whole;          /* bytes sent since the peer connected */
+    int64_t sent_at;         /* ns: when the last of them was sent */
+    uint64_t widest;         /* bytes, the largest receive window that the peer has offered */
     pace paces[PACES];       /* in turn; */
     int newest_pace;
-    int turn;                /* the heavy message to consider first */
-    int64_t *given;          /* for each message, number of the value that it received last */
-    igtl_head head;          /* of the incoming message; */
-    bool in_body;            /* true: its body comes next */
-    uint64_t skip;           /* remaining bytes of a body that is not wanted */
+    int turn;                /* index of the heavy message to consider first */
+    int64_t *given;          /* for each message, the number of the value that the peer received last */
+    igtl_head head;          /* header of the incoming message */
+    bool in_body;            /* the body of the incoming message comes next */
+    uint64_t skip;           /* remaining bytes of a body that is skipped */
     size_t filled;
-    unsigned char bytes[LARGEST_TRANSFORM]; /* of a header, or of a transform's body */
+    unsigned char bytes[LARGEST_TRANSFORM]; /* bytes of a header, or of a transform's body */
     int64_t complained;      /* ns, monotonic: when a refusal was last reported; 0: never */
     int unsaid;              /* refused since */
 };
@@ -78,7 +78,7 @@ static void name_peer(peer *c, const struct sockaddr *address, socklen_t size) {
 }
 
 static peer *add_peer(peers *p, int i, int socket, const struct sockaddr *address, socklen_t size) {
-    const int on = 1, unsent = 65536; /* bytes in the kernel at which the client counts as slow: they belong to outdated values */
+    const int on = 1, unsent = 65536; /* number of bytes in the kernel at which the client counts as slow, because they belong to outdated values */
     peer *c = calloc(1, sizeof *c);
     int64_t *given = calloc((size_t)p->settings.message_count, sizeof *given);
     if (!c || !given) {
@@ -121,7 +121,7 @@ int peers_count(const peers *p) {
 
 /* ---- the tracker's server ---- */
 
-/* Tries the next address at once, and after the last one the first again in a second. */
+/* Tries the tracker's next address at once; after the last address, tries the first again in a second. */
 static void try_next_address(peers *p, int error) {
     p->tracker = p->tracker->ai_next;
     p->tracker_retry = monotonic_ns() + (p->tracker ? 0 : SECOND);
@@ -173,10 +173,10 @@ static void complain(peer *c, const char *what, const char *fault) {
     c->unsaid = 0;
 }
 
-/* GET_TYPE requests values again: of one name, or of all. Other queries need no answer, because everything is sent anyway. */
+/* Answers GET_TYPE, which requests the value of one name, or all values, again. Other queries need no answer, because everything is sent anyway. */
 static void answer_query(const peers *p, peer *c) {
     if (strncmp(c->head.type, "GET_", 4) != 0) return;
-    const char *type = c->head.type + 4; /* cut after 12 bytes with its prefix: TRANSFOR */
+    const char *type = c->head.type + 4; /* the type with its prefix is cut after 12 bytes: TRANSFOR */
     for (int i = 0; i < p->settings.message_count; i++) {
         const igtl_message *m = &p->settings.messages[i];
         if (*type && strncmp(type, m->type, strlen(type)) == 0 && (!c->head.name[0] || strcmp(c->head.name, m->name) == 0)) c->given[i] = 0;
@@ -208,7 +208,7 @@ static void end_message(const peers *p, peer *c) {
     complain(c, what, fault);
 }
 
-/* NULL, or the reason why the peer can no longer be understood. */
+/* Handles received bytes. Returns NULL, or the reason why the peer can no longer be understood. */
 static const char *take_bytes(const peers *p, peer *c, const unsigned char *bytes, size_t count) {
     const char *fault = NULL;
     while (count > 0 && !fault) {
@@ -247,8 +247,9 @@ static void receive(peers *p, int i) {
 
 /* ---- how far a client is behind ---- */
 
-/* Bytes that it has not read: those on their way, and those waiting on its machine, by which its offered window is smaller than the largest one. Each
-   acknowledgement reports the window, but reading alone causes none: until something more is sent, this may be too high. */
+/* Returns the number of bytes that the peer has not read: those on their way, and those waiting on its machine, which make its offered window smaller
+   than the largest one. Each acknowledgement reports the window, but reading alone causes no acknowledgement, so the number may be too high until
+   something more is sent. */
 static uint64_t unread(peer *c) {
     struct tcp_info info = {0};
     socklen_t size = sizeof info;
@@ -260,7 +261,7 @@ static uint64_t unread(peer *c) {
     return c->widest - info.tcpi_snd_wnd + (uint64_t)on_the_way;
 }
 
-/* Bytes per second that it has read over the last half second. */
+/* Returns the peer's mean reading rate over the last half second, bytes per second. */
 static double reading_rate(peer *c, uint64_t waiting, int64_t now) {
     pace *newest = &c->paces[c->newest_pace], at_present = {now, c->whole > waiting ? c->whole - waiting : 0};
     if (now - newest->at >= PACE_INTERVAL) {
@@ -271,8 +272,8 @@ static double reading_rate(peer *c, uint64_t waiting, int64_t now) {
     return oldest->at < now && at_present.read > oldest->read ? 1e9 * (double)(at_present.read - oldest->read) / (double)(now - oldest->at) : 0.0;
 }
 
-/* True if it should read what it has before it gets another heavy message: it would show outdated values. Small messages continue, and bring news of
-   its window; if there are none, a heavy one does, each second. */
+/* True if the peer should read the bytes that it has before it gets another heavy message, because it would show outdated values. Small messages are
+   still sent, and their acknowledgements report its window; if there are none, a heavy message is sent each second for that purpose. */
 static bool is_behind(peer *c) {
     int64_t now = monotonic_ns();
     uint64_t waiting = unread(c);
@@ -287,7 +288,7 @@ static bool is_behind(peer *c) {
 
 static bool is_new(const peers *p, const peer *c, int message) { return p->settings.messages[message].number != c->given[message]; }
 
-/* The next message to send, or -1. Light ones come first, the others take turns. */
+/* Returns the index of the next message to send, or -1. Light messages come first, the others take turns. */
 static int next_message(const peers *p, peer *c) {
     int light = p->settings.light_count, heavy = p->settings.message_count - light;
     for (int i = 0; i < light; i++)
@@ -316,11 +317,11 @@ static void note_sent(peer *c, size_t count) {
     c->sent_at = monotonic_ns();
 }
 
-/* Sends until the socket accepts no more. */
+/* Sends messages until the socket accepts no more. */
 static void send_news(peers *p, int i) {
     peer *c = p->all[i];
     while (c->sending || begin_sending(p, c)) {
-        if (!c->sending) continue; /* no memory for it */
+        if (!c->sending) continue; /* no memory for the message */
         ssize_t count = send(c->socket, c->sending->bytes + c->sent, c->sending->size - c->sent, MSG_DONTWAIT | MSG_NOSIGNAL);
         if (count < 0 && (errno == EAGAIN || errno == EINTR)) return;
         if (count < 0) close_broken(p, i);
@@ -347,7 +348,7 @@ int peers_watch(peers *p, struct pollfd *events) {
 }
 
 void peers_handle(peers *p, const struct pollfd *events, int count) {
-    int next = 1; /* events are in the order of the peers, */
+    int next = 1; /* the events are in the order of the peers */
     for (int i = 0; i <= TRACKER && next < count; i++) {
         if (!p->all[i] || p->all[i]->socket != events[next].fd) continue;
         short ready = events[next++].revents;
@@ -358,7 +359,7 @@ void peers_handle(peers *p, const struct pollfd *events, int count) {
         if (ready & (POLLIN | POLLHUP | POLLERR)) receive(p, i);
         if (p->all[i] && (ready & POLLOUT)) send_news(p, i);
     }
-    if (events[0].revents) accept_peer(p); /* last, so that a new peer is not among the events */
+    if (events[0].revents) accept_peer(p); /* done last, because the events do not include a new peer */
 }
 
 /* ---- opening ---- */

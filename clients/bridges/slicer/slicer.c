@@ -1,4 +1,4 @@
-/* trocar-slicer: an OpenIGTLink server, which shows a running trocar-server in 3D Slicer, and lets trackers move its needle and probe. */
+/* trocar-slicer: an OpenIGTLink server that shows a running trocar-server in 3D Slicer and lets trackers move its needle and probe. */
 #include <argp.h>
 #include <errno.h>
 #include <stdlib.h>
@@ -16,42 +16,42 @@ const char *argp_program_version = "trocar-slicer " TROCAR_VERSION;
 error_t argp_err_exit_status = EXIT_BAD_INPUT;
 
 enum { PORT = 18944, LARGEST_BUFFER = 4 << 20 /* bytes */,
-       MESSAGES = 1000 /* LCM messages per round, so that a flood of them does not keep clients waiting */ };
+       MESSAGES = 1000 /* LCM messages handled per round, so that a flood of them does not delay the clients */ };
 static const int64_t SECOND = 1000000000;          /* ns */
-static const int64_t OTHER_SENDER = 1000000000;    /* ns of silence after which another client may drive */
+static const int64_t OTHER_SENDER = 1000000000;    /* ns of a sender's silence after which another sender may move the needle or probe */
 
 typedef struct {
     const char *scene_path, *lcm_url, *needle_name, *probe_name;
     double rate;             /* Hz */
     double pixel;            /* m */
-    int needle;              /* that a tracker drives */
+    int needle;              /* index of the needle that a tracker drives */
     slice_style images;
     peer_settings peers;
 } options;
 
-/* The sender that moves something: the first of several that try. */
+/* The sender that may move the needle or probe: the first of several that try. */
 typedef struct {
     char who[80];
-    int64_t heard;           /* ns, monotonic; 0: nobody yet */
+    int64_t heard;           /* ns, monotonic: when the sender's last pose arrived; 0 if there is no sender */
     bool other_said;
 } mover;
 
 typedef struct {
     const options *options;
     trocar_scene *scene;
-    trocar_model *model;     /* its mesh alone */
+    trocar_model *model;     /* the mesh without a simulation */
     lcm_t *lcm;
     subscriber feed;
     outlets outlets;
     peers peers;
     tracked_needle needle;
     tracked_probe probe;
-    bool tracking;           /* the needle's thread is running */
+    bool tracking;           /* the thread that drives the needle is running */
     mover needle_mover, probe_mover;
     int64_t picture_made, forces_due, status_due; /* ns, monotonic */
-    int64_t shown;           /* utime of the deformation that clients have, -1: the tissue at rest, -2: nothing */
+    int64_t shown;           /* utime of the deformation that clients have; -1: the tissue at rest; -2: nothing */
     bool was_alive, probe_said;
-    int64_t servers, refused; /* values of the subscriber's counters that have been reported */
+    int64_t servers, refused; /* the subscriber's counters at the last report */
 } bridge;
 
 /* ---- command line ---- */
@@ -119,7 +119,7 @@ static const struct argp parser = {
 
 /* ---- trackers ---- */
 
-/* True if this sender may move it: the current one does, until it is silent. */
+/* True if this sender may move the needle or probe: only the current sender may, until it is silent. */
 static bool may_move(mover *m, const char *who, const char *name) {
     int64_t now = monotonic_ns();
     bool same = strcmp(who, m->who) == 0, silent = m->heard == 0 || now - m->heard > OTHER_SENDER;
@@ -166,7 +166,7 @@ static void say_server(bridge *b) {
 
 /* ---- the loop ---- */
 
-/* True every `period` on average. */
+/* True once per `period` on average. */
 static bool is_due(int64_t *due, int64_t now, int64_t period) {
     if (now < *due) return false;
     *due = now - *due < period ? *due + period : now + period;
@@ -175,15 +175,15 @@ static bool is_due(int64_t *due, int64_t now, int64_t period) {
 
 static int64_t newest_picture(const bridge *b) { return b->feed.deformation ? b->feed.deformation->utime : -1; }
 
-/* Updates the clients. Pictures, which cost the most, are made only while there are clients. */
+/* Updates the clients' values. Pictures, which take the most time, are computed only while there are clients. */
 static void show_news(bridge *b) {
     int64_t now = monotonic_ns(), period = (int64_t)(1e9 / b->options->rate);
     say_server(b);
     if (is_due(&b->status_due, now, SECOND / 10)) outlets_show_status(&b->outlets, &b->feed);
     if (peers_count(&b->peers) == 0) return;
     if (is_due(&b->forces_due, now, period)) outlets_show_forces(&b->outlets, &b->feed);
-    if (newest_picture(b) != b->shown && now - b->picture_made > period / 4 * 3) { /* the server's pictures jitter: at their own rate none must wait or
-                                                                                      be lost */
+    if (newest_picture(b) != b->shown && now - b->picture_made > period / 4 * 3) { /* the server's pictures jitter: at their own rate, none of them
+                                                                                      must wait or be lost */
         b->picture_made = now;
         b->shown = newest_picture(b);
         outlets_show_picture(&b->outlets, &b->feed);
@@ -207,7 +207,7 @@ static void serve(bridge *b) {
 
 /* ---- set-up ---- */
 
-/* Returns the LCM URL with a larger receive buffer, as far as the system permits: with the default one, large deformations, which arrive in several
+/* Returns the LCM URL with a receive buffer as large as the system permits: with the default size, large deformations, which arrive in several
    packets at once, are sometimes lost. */
 static void widen_url(const char *url, size_t size, char *wider) {
     int most = 0;

@@ -9,9 +9,9 @@
 #include "base/triple_buffer.h"
 #include "common/timing.h"
 
-static const int PERIOD = 20;                    /* ms between two forces; states are passed on at once */
+static const int PERIOD = 20;                    /* ms between two updates of the force; states are passed on at once */
 static const int64_t RETRY = 1000000000;         /* ns between attempts to open the device */
-static const int64_t SILENCE = 50000000;         /* ns after which the force is zero unless renewed */
+static const int64_t SILENCE = 50000000;         /* ns without renewal after which the force is zero */
 
 struct input {
     const input_driver *driver;
@@ -21,12 +21,12 @@ struct input {
     triple_buffer states;                        /* input_state */
     _Atomic double push;                         /* N */
     _Atomic int64_t pushed;                      /* ns, monotonic: when the force was set */
-    /* of the thread */
+    /* used by the thread only */
     input_state state;
     char said[512];
 };
 
-/* Prints a message, unless it is the last one printed. */
+/* Prints a message, unless it was also the last one printed. */
 static void say(input *in, const char *text) {
     if (strcmp(in->said, text) == 0) return;
     snprintf(in->said, sizeof in->said, "%s", text);
@@ -46,7 +46,7 @@ static void render(input *in, int64_t *rendered) {
     *rendered = now;
 }
 
-/* Runs while the device is connected. */
+/* Reads states and renders forces while the device is connected. */
 static void serve(input *in) {
     char text[512] = "";
     bool there = true;
@@ -56,7 +56,7 @@ static void serve(input *in) {
         publish(in);
         if (there) render(in, &rendered);
     }
-    memset(in->state.axes, 0, sizeof in->state.axes); /* so that the needle stays where it is */
+    memset(in->state.axes, 0, sizeof in->state.axes); /* stops the needle */
     memset(in->state.held, 0, sizeof in->state.held);
     publish(in);
     in->driver->close(in->device);

@@ -18,7 +18,8 @@ static const unsigned codes[INPUT_AXES] = {ABS_X, ABS_Y, ABS_Z, ABS_RX, ABS_RY, 
 
 /* ---- what the user does ------------------------------------------------------------------------------------------- */
 
-/* The joystick interface of the kernel (joydev.c) counts the codes from BTN_JOYSTICK on first, then those from BTN_MISC on. */
+/* Returns the code of button n in the order of the kernel's joystick interface (joydev.c), which counts the codes from BTN_JOYSTICK on first, then
+   those from BTN_MISC on. */
 static unsigned nth_code(unsigned n) {
     const unsigned first = KEY_MAX + 1 - BTN_JOYSTICK;
     return n < first ? BTN_JOYSTICK + n : BTN_MISC + n - first;
@@ -50,13 +51,14 @@ void joystick_state(const joystick *j, input_state *state) {
         if (libevdev_has_event_code(dev, EV_KEY, nth_code(n))) state->held[number++] = libevdev_get_event_value(dev, EV_KEY, nth_code(n));
 }
 
-/* Triggers rest at one end of their range, sticks in the middle. */
+/* Records the axes' values at rest: triggers rest at one end of their range, sticks in the middle. */
 static void take_rest(joystick *j) {
     memset(j->moved, 0, sizeof j->moved);
     for (int i = 0; i < INPUT_AXES; i++) j->rest[i] = libevdev_get_event_value(j->dev, EV_ABS, codes[i]);
 }
 
-/* Until its first report, a stick of 0 .. 255 has the value 0, like a trigger. It then jumps to the middle, while a trigger gets there step by step.
+/* Corrects the value at rest of a stick with the range 0 .. 255. Until its first report, such a stick has the value 0, like a trigger. It then jumps
+   to the middle, while a trigger gets there step by step.
    */
 static void correct_rest(joystick *j, unsigned code, int value) {
     for (int i = 0; i < INPUT_AXES; i++) {
@@ -69,7 +71,8 @@ static void correct_rest(joystick *j, unsigned code, int value) {
     }
 }
 
-/* After an overflow of the kernel's buffer, libevdev resynchronises to the present values. A button press during the overflow is lost. */
+/* Reads the next event. After an overflow of the kernel's buffer, libevdev resynchronises to the present values; a button press during the overflow
+   is lost. */
 static int next_event(struct libevdev *dev, struct input_event *e) {
     int status = libevdev_next_event(dev, LIBEVDEV_READ_FLAG_NORMAL, e);
     while (status == LIBEVDEV_READ_STATUS_SYNC) status = libevdev_next_event(dev, LIBEVDEV_READ_FLAG_SYNC, e);
@@ -104,7 +107,7 @@ static void play(joystick *j, int level, bool begin) {
     struct ff_effect effect = {.type = FF_CONSTANT, .id = (int16_t)j->effect, .direction = (uint16_t)lround(j->force.direction * 0x10000 / 360),
                                .replay = {.length = LASTS}, .u.constant = {.level = (int16_t)level}};
     if (ioctl(j->fd, EVIOCSFF, &effect) < 0) {
-        if (errno == ENODEV) return; /* noticed at the next read */
+        if (errno == ENODEV) return; /* the next read reports the loss */
         fprintf(stderr, "trocar-spacemouse: the joystick rejects the force (%s): no force is rendered\n", strerror(errno));
         j->has_force = false;
         return;

@@ -1,31 +1,33 @@
-/* Maps deflections of a device to rate commands, and its buttons to actions. */
+/* Maps a device's deflections to rate commands, and its buttons to actions. */
 #ifndef TROCAR_MAPPING_H
 #define TROCAR_MAPPING_H
 
 #include "input.h"
 #include "shared/rate_control.h"
 
-/* As seen by somebody at the scene's needle who looks along +z into the body, with +y up: their right is -x. */
+/* Motions as seen by a person at the scene's needle who looks along +z into the body, with +y up: the person's right is -x. */
 typedef enum { MOVE_RIGHT, MOVE_UP, MOVE_FORWARD, MOVE_PITCH, MOVE_YAW, MOVE_ROLL, MOVES } move_kind;
 
 typedef enum { ACTION_CLUTCH, ACTION_RESET, ACTION_LEAVE, ACTION_SEED, ACTION_UNDO, ACTIONS } action_kind;
 
 typedef struct {
-    struct { int axis; double sign; } moves[MOVES]; /* index into input_state.axes, -1: none */
-    int buttons[ACTIONS];                           /* index into input_state.held, -1: none */
-    double dead_zone;                               /* fraction of the full deflection that counts as none */
+    struct { int axis; double sign; } moves[MOVES]; /* index into input_state.axes; -1 if no axis is mapped */
+    int buttons[ACTIONS];                           /* index into input_state.held; -1 if no button is mapped */
+    double dead_zone;                               /* fraction of the full deflection below which a deflection counts as zero */
 } mapping;
 
-/* Parses "forward=-y,right=x"; axes that are not named do not move. False, and a reason, if it is malformed. */
+/* Parses a list such as "forward=-y,right=x"; moves that are not named get no axis. If the list is malformed, returns false, with the reason in
+   `why`. */
 bool mapping_parse_axes(mapping *m, const char *text, const char *const *axis_names, char *why, size_t size);
 
-/* "clutch=0,reset=1", likewise. */
+/* Likewise parses a list such as "clutch=0,reset=1". */
 bool mapping_parse_buttons(mapping *m, const char *text, char *why, size_t size);
 
-/* Deflections count from the edge of the dead zone, so that the needle starts slowly: (|a| - d) / (1 - d). */
+/* Returns the rate command for the device's state. Deflections count from the edge of the dead zone, (|a| - d) / (1 - d), so that the needle starts
+   slowly. */
 rate_control_command mapping_command(const mapping *m, const input_state *state);
 
-/* N, the force on a hand that pushes the needle along its axis: positive against the push. `force` (N, world frame) is the wrench's. */
+/* Returns the force (N) on a hand that pushes the needle along its axis, positive against the push. `force` (N, world frame) is the wrench's. */
 double axial_push(const double force[3], quat orientation);
 
 #endif

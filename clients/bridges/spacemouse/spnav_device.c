@@ -10,7 +10,7 @@
 
 #include "common/timing.h"
 
-/* ns. A spacenavd before 1.0 does not report that a device has been unplugged: then a deflection without news counts as none. */
+/* ns without an event after which a deflection counts as zero, because a spacenavd before 1.0 does not report that a device has been unplugged */
 static const int64_t SILENCE = 500000000;
 
 static const char *const names[] = {"x", "y", "z", "rx", "ry", "rz", NULL};
@@ -28,7 +28,7 @@ static bool open_daemon(void *context, char *text, size_t size) {
         snprintf(text, size, "device: spacenavd, protocol 0, which does not say whether there is a device");
         return true;
     }
-    spnav_evmask(0); /* no events between request and response */
+    spnav_evmask(0); /* no events between a request and its response */
     bool present = spnav_dev_name(name, sizeof name) > 0;
     spnav_evmask(SPNAV_EVMASK_DEFAULT);
     if (present) snprintf(text, size, "device: %s", name);
@@ -61,7 +61,7 @@ static void take_device(const struct spnav_event_dev *e, input_state *state, cha
     }
 }
 
-/* libspnav reports neither the end of the connection nor an error. */
+/* True if the daemon has closed the connection; libspnav reports neither this nor an error. */
 static bool is_closed(int socket) {
     char byte;
     ssize_t count = recv(socket, &byte, 1, MSG_PEEK | MSG_DONTWAIT);

@@ -52,9 +52,10 @@ class Event(IntFlag):
 class Output(NamedTuple):
     """One tick's result.
 
-    force (3,) N and torque (3,) N m, world frame: what the needle's base exerts on the hand, torque about the base point; depth m of
-    the track in the tissue; contacts active along the shaft; events, bits of `Event`; membrane punctured in this tick, -1 if none;
-    passes of Newton's method, switches between sticking and sliding while the tick was solved.
+    force (3,) N and torque (3,) N m, world frame: exerted by the needle's base on the hand, torque about the base point; depth, m:
+    length of the track in the tissue; contacts: number of active contacts along the shaft; events: bits of `Event`; membrane: the
+    one punctured in this tick, -1 if none; passes: iterations of Newton's method; switches: changes between sticking and sliding
+    while the tick was solved.
     """
 
     force: npt.NDArray[np.float64]
@@ -68,7 +69,7 @@ class Output(NamedTuple):
 
 
 def _contact_names(enum: str) -> dict[int, str]:
-    """TROCAR_CONTACT_TIP -> "tip", by value."""
+    """Maps values to names: TROCAR_CONTACT_TIP becomes "tip"."""
     return {value: name.removeprefix("TROCAR_CONTACT_").lower() for value, name in ffi.typeof(enum).elements.items()}
 
 
@@ -77,9 +78,11 @@ _CONTACT_STATUS = _contact_names("trocar_contact_status")
 
 
 class Contact(NamedTuple):
-    """A point where the needle meets tissue or a guide; force (3,) N is on that, position (3,) m on the deformed needle.
+    """A point where the needle meets tissue or a guide; force (3,) N acts on the tissue or guide, position (3,) m lies on the
+    deformed needle.
 
-    A tissue contact keeps its id and slot from its addition to its removal. An id is never used again for this needle; a slot is.
+    A tissue contact keeps its id and slot from its addition to its removal. An id is never used again for this needle, but a slot
+    is.
     """
 
     kind: str  # "tissue", "tip" or "guide"
@@ -89,13 +92,13 @@ class Contact(NamedTuple):
     position: npt.NDArray[np.float64]
     force: npt.NDArray[np.float64]
     id: int  # 0 for the tip
-    status: str  # "planned" ahead of the tip, "adding" until the worker has answered, "sticking" or "sliding"
+    status: str  # "planned" ahead of the tip; "adding" until the worker has answered; then "sticking" or "sliding"
     slot: int  # -1 for the tip
     needle: int  # index of the needle
 
 
 class Track(NamedTuple):
-    """Where a needle has cut since its last reset: tissue stays cut.
+    """The path along which a needle has cut since its last reset; tissue stays cut.
 
     points (n, 3) m in the tissue at rest, from skin to tip, at most 4 mm apart; membranes (n,): index in the scene of the membrane punctured
     at that point, -1 if none.
@@ -108,25 +111,25 @@ class Track(NamedTuple):
 class Seed(NamedTuple):
     """A seed that a needle has left in the tissue.
 
-    position (3,) m of its centre, and direction (3,), unit vector from its proximal to its distal end, in the tissue at rest;
-    `Model.displaced_seeds` gives both in displaced tissue.
+    position (3,) m is the seed's centre, and direction (3,) the unit vector from its proximal to its distal end, both in the
+    tissue at rest; `Model.displaced_seeds` computes both in displaced tissue.
     """
 
     position: npt.NDArray[np.float64]
     direction: npt.NDArray[np.float64]
-    needle: int  # that left it
-    guide: int | None  # the needle was in this hole of this guide: column + columns * row, from 0
+    needle: int  # index of the needle that left the seed
+    guide: int | None  # hole of this guide in which the needle was: column + columns * row, from 0
     hole: int | None
-    strand: int  # number in its strand, 0: the distal one
-    tet: int  # tetrahedron of its centre,
-    weights: npt.NDArray[np.float64]  # (4,) and barycentric weights in it
+    strand: int  # number in its strand, 0 for the distal seed
+    tet: int  # tetrahedron that contains the seed's centre
+    weights: npt.NDArray[np.float64]  # (4,) barycentric weights of the centre in that tetrahedron
 
 
 class Guide(NamedTuple):
     """A guide of the scene. Hole (column, row), from 0, has its axis at origin + (column - (columns - 1) / 2) spacing across[0] +
     (row - (rows - 1) / 2) spacing across[1] on the front face.
 
-    origin (3,) m; normal (3,) and across (2, 3), unit vectors: through the plate, along columns, along rows.
+    origin (3,) m; normal (3,), unit vector through the plate; across (2, 3), unit vectors along columns and along rows.
     """
 
     name: str
@@ -141,18 +144,19 @@ class Guide(NamedTuple):
 
 
 class SeedSize(NamedTuple):
-    """The scene's keys `seeds.`, m."""
+    """The scene's keys `seeds.*`, m."""
 
     length: float
     diameter: float
-    spacing: float  # of a strand, between the centres of neighbouring seeds
+    spacing: float  # spacing of a strand, between the centres of neighbouring seeds
 
 
 class Probe(NamedTuple):
     """The ultrasound probe as last solved.
 
-    pose (7,) of its base; force (3,) N and torque (3,) N m, world frame: exerted on the hand that holds it, torque about the base point;
-    contacts, the number of points of its surface that it presses; stopped, true if the tissue keeps it from the last pose given.
+    pose (7,): of the probe's base; force (3,) N and torque (3,) N m, world frame: exerted on the hand that holds the probe, torque about
+    the base point; contacts: number of the tissue's surface points that the probe presses; stopped: true if the tissue stops the probe
+    short of the last pose given.
     """
 
     pose: npt.NDArray[np.float64]
@@ -178,14 +182,14 @@ _KEY_KIND = {value: name.removeprefix("TROCAR_KEY_").lower() for value, name in 
 
 
 def keys() -> list[Key]:
-    """All keys that a scene can have."""
+    """Returns all keys that a scene can have."""
     rows = (lib.trocar_key_at(i) for i in range(lib.trocar_key_count()))
     text = lambda value: ffi.string(value).decode()
     return [Key(text(r.key), text(r.unit), text(r.accepts), text(r.standard), text(r.doc), bool(r.required), _KEY_KIND[r.kind]) for r in rows]
 
 
 def _pattern(key: str) -> str:
-    """regions[gland].friction.static -> regions[].friction.static"""
+    """Replaces names in a key: regions[gland].friction.static becomes regions[].friction.static."""
     first, bracket, rest = key.partition("[")
     return first + "[]" + rest.rpartition("]")[2] if bracket else key
 
@@ -197,7 +201,7 @@ _KIND_OF = {key.key: key.kind for key in keys()}  # by pattern
 class Mesh:
     """A tetrahedral mesh in memory.
 
-    nodes (n, 3) m; tets (m, 4) node indices; regions, their names, with tet_region (m,) an index into them; surfaces, names, with
+    nodes (n, 3) m; tets (m, 4) node indices; regions: names, with tet_region (m,) an index into `regions`; surfaces: names, with
     triangles (k, 3) node indices and triangle_surface (k,) an index into `surfaces`.
     """
 
@@ -211,11 +215,11 @@ class Mesh:
 
 
 class Scene:
-    """Description of a simulation: the keys of a scene file. `key in scene` and iteration refer to the keys that have a value; list entries have
-    their index. Any number of threads may read a scene and make models of it; changing it meanwhile raises Error."""
+    """Description of a simulation: the keys of a scene file. `key in scene` and iteration refer to the keys that have a value; entries of lists
+    appear with their index. Any number of threads may read a scene and make models of it; changing it meanwhile raises Error."""
 
     def __init__(self) -> None:
-        """A scene with the default of every key; `mesh`, `regions` and `fixed` must be set."""
+        """Creates a scene in which every key has its default; `mesh`, `regions` and `fixed` must be set."""
         why, handle = ffi.new("trocar_error *"), ffi.new("trocar_scene **")
         _check(lib.trocar_scene_create(handle, why), why)
         self._own(handle[0])
@@ -225,7 +229,7 @@ class Scene:
 
     @classmethod
     def load(cls, path: str | PathLike[str]) -> Scene:
-        """Reads a YAML file. Error with file, line and key."""
+        """Reads a YAML file. Raises Error with file, line and key."""
         why, handle = ffi.new("trocar_error *"), ffi.new("trocar_scene **")
         _check(lib.trocar_scene_load(fspath(path).encode(), handle, why), why)
         scene = cls.__new__(cls)
@@ -256,7 +260,7 @@ class Scene:
                     yield key
 
     def _text(self, key: str, why: Any = ffi.NULL) -> str | None:
-        """The value as in YAML, "" if the key has no value, None if there is no such key."""
+        """Returns the value as in YAML, "" if the key has no value, None if there is no such key."""
         text = ffi.new("char[8192]")
         with self._turn.to_read():
             status = lib.trocar_scene_get(self._handle, key.encode(), text, 8192, why)
@@ -277,7 +281,7 @@ class Scene:
             _check(lib.trocar_scene_set(self._handle, key.encode(), value.encode(), why), why)
 
     def __getitem__(self, key: str) -> Any:
-        """The value of a key: float, str, list of float or list of str. An empty list, or "", if it is not set."""
+        """Returns the value of a key: float, str, list of float or list of str; an empty list, or "", if it is not set."""
         why = ffi.new("trocar_error *")
         text = self._text(key, why)
         if text is None:
@@ -291,7 +295,7 @@ class Scene:
         return text
 
     def names(self, list_: str) -> list[str]:
-        """Names of the entries of "regions", "membranes" or "guides"."""
+        """Returns the names of the entries of "regions", "membranes" or "guides"."""
         return [str(self[f"{list_}[{i}].name"]) for i in range(self._count(list_))]
 
     def _count(self, list_: str) -> int:
@@ -299,7 +303,7 @@ class Scene:
             return int(lib.trocar_scene_count(self._handle, list_.encode()))
 
     def set_mesh(self, mesh: Mesh) -> None:
-        """Sets the mesh from arrays instead of a file; they are copied."""
+        """Sets the mesh from arrays instead of a file; the arrays are copied."""
         nodes = np.ascontiguousarray(mesh.nodes, np.float64).reshape(-1, 3)
         tets = np.ascontiguousarray(mesh.tets, np.int32).reshape(-1, 4)
         region = np.ascontiguousarray(np.zeros(len(tets)) if mesh.tet_region is None else mesh.tet_region, np.int32)
@@ -322,7 +326,7 @@ class Scene:
 
 
 class _View:
-    """Read-only view of the library's memory for NumPy; keeps its owner alive as long as an array uses it."""
+    """Read-only view of the library's memory for NumPy. It keeps the memory's owner alive as long as an array uses it."""
 
     def __init__(self, pointer: Any, kind: str, shape: tuple[int, ...], owner: Any):
         address = int(ffi.cast("uintptr_t", pointer))
@@ -331,11 +335,11 @@ class _View:
 
 
 class Model:
-    """Mesh, stiffness, inverse, needle and materials: constant, shared by any number of simulations and threads."""
+    """Mesh, stiffness, inverse, needle and materials: constant, and shared by any number of simulations and threads."""
 
     def __init__(self, scene: Scene, mesh_only: bool = False, progress: Callable[[str, float], Any] | None = None) -> None:
-        """Builds everything: seconds for thousands of nodes. The GIL is released meanwhile. mesh_only: only reads the mesh and the names in it;
-        nothing can be simulated then.
+        """Builds everything, which takes seconds for thousands of nodes. The GIL is released meanwhile. mesh_only: only reads the mesh and the
+        names in it; the model can then not be simulated.
 
         progress(what, fraction) is called during long steps. An exception in it ends the call, and so does Ctrl-C, except while the mesh is
         read or a matrix is factorised.
@@ -350,14 +354,14 @@ class Model:
         self._guide_names = scene.names("guides")
 
     def __copy__(self) -> Model:
-        return self  # it is constant
+        return self  # a model is constant
 
     def __deepcopy__(self, _: Any) -> Model:
         return self
 
     def derive(self, scene: Scene) -> Model:
-        """A model of another scene that shares this one's mesh, stiffness and inverse: takes milliseconds. The scenes may differ in needle, friction,
-        cutting, puncture forces, relaxation, guides and seeds. Raises Error, with the key, if the stiffness would differ."""
+        """Makes a model of another scene that shares this one's mesh, stiffness and inverse, which takes milliseconds. The scenes may differ in
+        needle, friction, cutting, puncture forces, relaxation, guides and seeds. Raises Error, with the key, if the stiffness would differ."""
         why, handle = ffi.new("trocar_error *"), ffi.new("trocar_model **")
         with scene._turn.to_read():
             _check(lib.trocar_model_derive(self._handle, scene._handle, handle, why), why)
@@ -368,21 +372,21 @@ class Model:
 
     @property
     def nodes(self) -> npt.NDArray[np.float64]:
-        """(n, 3) m, nodes of the mesh at rest; read only, not a copy."""
+        """Nodes of the mesh at rest, (n, 3) m; read only, not a copy."""
         return np.asarray(_View(lib.trocar_model_nodes(self._handle), "f8", (lib.trocar_model_node_count(self._handle), 3), self))
 
     @property
     def tets(self) -> npt.NDArray[np.int32]:
-        """(m, 4) node indices; read only, not a copy."""
+        """Node indices of the tetrahedra, (m, 4); read only, not a copy."""
         return np.asarray(_View(lib.trocar_model_tets(self._handle), "i4", (lib.trocar_model_tet_count(self._handle), 4), self))
 
     @property
     def tet_regions(self) -> npt.NDArray[np.int32]:
-        """(m,) index into `groups`; read only, not a copy."""
+        """Index into `groups` for each tetrahedron, (m,); read only, not a copy."""
         return np.asarray(_View(lib.trocar_model_tet_regions(self._handle), "i4", (lib.trocar_model_tet_count(self._handle),), self))
 
     def surface(self, name: str) -> npt.NDArray[np.int32]:
-        """(k, 3) node indices: the triangles of a surface among the mesh's groups. ValueError if there is no surface of this name."""
+        """Returns the triangles of a surface among the mesh's groups: (k, 3) node indices. Raises ValueError if there is no surface of this name."""
         if name not in self.groups:
             raise ValueError("the mesh has no surface \"%s\": it has %s" % (name, ", ".join(self.groups)))
         shape = (lib.trocar_model_tet_count(self._handle), 4)
@@ -398,17 +402,17 @@ class Model:
 
     @property
     def inverse(self) -> str:
-        """Which inverse is used: "dense", "sparse" or "condensed"."""
+        """Kind of inverse: "dense", "sparse" or "condensed"."""
         return ffi.string(lib.trocar_model_inverse(self._handle)).decode()
 
     @property
     def description(self) -> str:
-        """The chosen inverse and the reason."""
+        """The chosen inverse and the reason for the choice."""
         return ffi.string(lib.trocar_model_description(self._handle)).decode()
 
     @property
     def rate_hz(self) -> float:
-        """rate_hz of the scene."""
+        """The scene's rate_hz."""
         return lib.trocar_model_rate(self._handle)
 
     @property
@@ -430,13 +434,13 @@ class Model:
 
     @property
     def patient_to_mesh(self) -> npt.NDArray[np.float64] | None:
-        """(4, 4) transform from the patient's coordinates (DICOM's, mm) to the mesh's (m). None if the scene has none."""
+        """Transform (4, 4) from patient coordinates (DICOM, mm) to the mesh (m). None if the scene has none."""
         matrix = ffi.new("double[16]")
         return np.array(list(matrix)).reshape(4, 4) if lib.trocar_model_patient_to_mesh(self._handle, matrix) else None
 
     @property
     def needle_length(self) -> float:
-        """m, from base to tip."""
+        """Length of the needle from base to tip, m."""
         return lib.trocar_model_needle_length(self._handle)
 
     @property
@@ -451,18 +455,18 @@ class Model:
 
     @property
     def seed_size(self) -> SeedSize:
-        """The scene's keys `seeds.`."""
+        """The scene's keys `seeds.*`."""
         size = lib.trocar_model_seed_size(self._handle)
         return SeedSize(size.length, size.diameter, size.spacing)
 
     def entry(self, start: npt.ArrayLike, end: npt.ArrayLike) -> npt.NDArray[np.float64] | None:
-        """(3,) m, where the segment between two points first enters the tissue at rest. None if it never does."""
+        """Returns the point (3,) m where the segment between two points first enters the tissue at rest. None if it never does."""
         point = ffi.new("double[3]")
         given = [ffi.new("double[3]", [float(x) for x in np.asarray(p, np.float64)]) for p in (start, end)]
         return np.array(list(point)) if lib.trocar_model_entry(self._handle, *given, point) else None
 
     def displaced_seeds(self, seeds: Sequence[Seed], displacements: npt.ArrayLike) -> tuple[npt.NDArray[np.float64], npt.NDArray[np.float64]]:
-        """Positions (k, 3) m and directions (k, 3) of seeds for nodal displacements `displacements` (n, 3) m."""
+        """Returns positions (k, 3) m and directions (k, 3) of seeds for the nodal displacements `displacements` (n, 3) m."""
         field = np.ascontiguousarray(displacements, np.float64)
         if field.shape != self.nodes.shape:
             raise ValueError("displacements are %s; got shape %s" % (self.nodes.shape, field.shape))
@@ -485,8 +489,8 @@ def _pose(pose: npt.ArrayLike) -> Any:
 
 
 class Sim:
-    """The changing state: needle and tissue. For one thread at a time: a concurrent call raises Error. A copy continues independently from the same
-    state."""
+    """The changing state: needle and tissue. Only one thread at a time may use it: a concurrent call raises Error. A copy continues independently
+    from the same state."""
 
     def __init__(self, model: Model) -> None:
         why, handle = ffi.new("trocar_error *"), ffi.new("trocar_sim **")
@@ -513,14 +517,15 @@ class Sim:
                                                                                 (count, count - 1)), "bad input")
 
     def reset(self, pose: npt.ArrayLike, needle: int = 0) -> None:
-        """Makes the needle straight at `pose` (7,), and the tissue as if it had never been there. In the tissue it counts as inserted, without force."""
+        """Makes the needle straight at `pose` (7,), and the tissue as if the needle had never been there. A needle that lies in the tissue counts as
+        inserted, without force."""
         why = ffi.new("trocar_error *")
         pointer, _kept = _pose(pose)
         with self._turn:
             _check(lib.trocar_sim_reset(self._handle, needle, pointer, why), why)
 
     def step(self, pose: npt.ArrayLike, dt: float, needle: int = 0) -> Output:
-        """A tick of `dt` seconds with the base at `pose` (7,), and the mesh update that it requests. Releases the GIL."""
+        """Runs a tick of `dt` seconds with the base at `pose` (7,), and the mesh update that the tick requests. Releases the GIL."""
         why = ffi.new("trocar_error *")
         pointer, _kept = _pose(pose)
         with self._turn:
@@ -530,8 +535,8 @@ class Sim:
                           out.passes, out.switches)
 
     def run(self, poses: npt.ArrayLike, dt: float, needle: int = 0, progress: Callable[[str, float], Any] | None = None) -> npt.NDArray[Any]:
-        """A `step` for each of the poses (steps, 7), faster than a loop in Python. Returns a structured array (steps,) with the
-        fields of `Output`. Raises Error with the number of the step that failed.
+        """Runs a `step` for each of the poses (steps, 7), which is faster than a loop in Python. Returns a structured array
+        (steps,) with the fields of `Output`. Raises Error with the number of the step that failed.
 
         progress("run", fraction) is called every 64 steps. An exception in it ends the run, and so does Ctrl-C.
         """
@@ -546,7 +551,7 @@ class Sim:
         return outputs
 
     def set_probe(self, pose: npt.ArrayLike) -> None:
-        """Moves the probe's base to `pose` (7,): x y z (m), w x y z. The next `step` presses it there, before its tick."""
+        """Moves the probe's base to `pose` (7,): x y z (m), w x y z. The next `step` first presses the probe there."""
         why = ffi.new("trocar_error *")
         pointer, _kept = _pose(pose)
         with self._turn:
@@ -554,7 +559,7 @@ class Sim:
 
     @property
     def probe(self) -> Probe | None:
-        """The probe as last solved. None if the scene has no probe, or before it has been placed."""
+        """Returns the probe as last solved. None if the scene has no probe, or before the probe has been placed."""
         with self._turn:
             p = lib.trocar_sim_probe(self._handle)
         if not p.placed:
@@ -563,7 +568,7 @@ class Sim:
                      bool(p.stopped))
 
     def leave(self, needle: int = 0) -> None:
-        """Leaves a needle: it rests in tissue and guides, with its base free."""
+        """Leaves a needle to rest in tissue and guides, with its base free."""
         why = ffi.new("trocar_error *")
         with self._turn:
             _check(lib.trocar_sim_leave(self._handle, needle, why), why)
@@ -577,20 +582,20 @@ class Sim:
             _check(lib.trocar_sim_work(self._handle, ffi.NULL, why), why)
 
     def needle_state(self, needle: int = 0) -> str:
-        """One of "held" (also outside the tissue), "leaving", "resting" and "taking"."""
+        """Returns "held" (also for a needle outside the tissue), "leaving", "resting" or "taking"."""
         self._check_needle(needle)
         with self._turn:
             return ("held", "leaving", "resting", "taking")[lib.trocar_sim_needle_state(self._handle, needle)]
 
     def base(self, needle: int = 0) -> npt.NDArray[np.float64]:
-        """The base's pose: x y z (m) and the quaternion w x y z."""
+        """Returns the base's pose: x y z (m) and the quaternion w x y z."""
         self._check_needle(needle)
         with self._turn:
             pose = lib.trocar_sim_base(self._handle, needle)
         return np.array([*pose.position, *pose.orientation])
 
     def save(self) -> bytes:
-        """The complete state, for `restore` of any simulation of the same model."""
+        """Returns the complete state, for `restore` of any simulation of the same model."""
         why, size = ffi.new("trocar_error *"), lib.trocar_sim_state_size(self._handle)
         state = bytearray(size)
         with self._turn:
@@ -598,17 +603,17 @@ class Sim:
         return bytes(state)
 
     def restore(self, state: bytes) -> None:
-        """Goes back to a saved state."""
+        """Restores a saved state."""
         why = ffi.new("trocar_error *")
         with self._turn:
             _check(lib.trocar_sim_restore(self._handle, ffi.from_buffer(state), len(state), why), why)
 
     def contacts(self, needle: int = 0) -> list[Contact]:
-        """Contacts from base to tip, the tip last if it is in the tissue."""
+        """Returns the contacts from base to tip; the tip comes last if it is in the tissue."""
         return self._contacts(lib.trocar_sim_contacts, needle)
 
     def pending_contacts(self, needle: int = 0) -> list[Contact]:
-        """Tissue contacts that bear no force yet, from base to tip: status "adding", and at most one "planned", the last."""
+        """Returns the tissue contacts that bear no force yet, from base to tip: status "adding", and at most one "planned", the last."""
         return self._contacts(lib.trocar_sim_pending_contacts, needle)
 
     def _contacts(self, read: Any, needle: int) -> list[Contact]:
@@ -621,7 +626,7 @@ class Sim:
                         _CONTACT_STATUS[c.status], c.slot, needle) for c in found[0:count]]
 
     def hole(self, guide: int, needle: int = 0) -> int | None:
-        """The hole of a guide that the needle is in, column + columns * row from 0. None if it is in no hole."""
+        """Returns the hole of a guide in which the needle is, column + columns * row from 0. None if it is in no hole."""
         self._check_needle(needle)
         guides = lib.trocar_model_guide_count(self.model._handle)
         if not 0 <= guide < guides:
@@ -631,7 +636,7 @@ class Sim:
         return hole if hole >= 0 else None
 
     def tracks(self, needle: int = 0) -> list[Track]:
-        """The tracks that the needle has cut since its last reset, oldest first."""
+        """Returns the tracks that the needle has cut since its last reset, oldest first."""
         self._check_needle(needle)
         room = lib.TROCAR_MAX_TRACK_POINTS
         found = ffi.new("trocar_track_point[]", room)
@@ -642,7 +647,7 @@ class Sim:
                 for part in (points[points["track"] == t] for t in np.unique(points["track"]))]
 
     def centreline(self, needle: int = 0) -> npt.NDArray[np.float64]:
-        """(segments + 1, 3) m, joints of the needle from base to tip."""
+        """Returns the joints of the needle from base to tip, (segments + 1, 3) m."""
         self._check_needle(needle)
         joints = np.empty((lib.trocar_model_segments(self.model._handle) + 1, 3))
         with self._turn:
@@ -650,23 +655,23 @@ class Sim:
         return joints
 
     def drop_seeds(self, count: int = 1, spacing: float = 0.0, needle: int = 0) -> None:
-        """Drops a seed, or a strand of them `spacing` m apart (0: the scene's). The tip marks the first one's distal end.
+        """Drops a seed, or a strand of seeds `spacing` m apart (0: the scene's spacing). The first seed's distal end is at the tip.
 
-        They are left in the tissue as the needle is drawn back past them. Raises Error, without effect, if the tip is outside the tissue, while
-        seeds are pending and so on.
+        The seeds are left in the tissue as the needle is drawn back past them. Raises Error, and changes nothing, for example if the tip is
+        outside the tissue or seeds are pending.
         """
         why = ffi.new("trocar_error *")
         with self._turn:
             _check(lib.trocar_sim_drop_seeds(self._handle, needle, count, spacing, why), why)
 
     def undo_seed(self, needle: int = 0) -> None:
-        """Takes back the pending seeds of the needle's last drop; if there are none, removes the seed that it has left last."""
+        """Cancels the pending seeds of the needle's last drop; if there are none, removes the seed that the needle left last."""
         why = ffi.new("trocar_error *")
         with self._turn:
             _check(lib.trocar_sim_undo_seed(self._handle, needle, why), why)
 
     def seeds(self) -> list[Seed]:
-        """The seeds in the tissue, in the order in which they were left."""
+        """Returns the seeds in the tissue, in the order in which they were left."""
         found = ffi.new("trocar_seed[]", lib.TROCAR_MAX_SEEDS)
         with self._turn:
             count = lib.trocar_sim_seeds(self._handle, found, lib.TROCAR_MAX_SEEDS)
@@ -675,13 +680,13 @@ class Sim:
                      s.tet, np.array(list(s.weights))) for s in found[0:count]]
 
     def pending_seeds(self, needle: int = 0) -> int:
-        """Number of seeds that were dropped but are still in the needle."""
+        """Returns the number of seeds that were dropped but are still in the needle."""
         self._check_needle(needle)
         with self._turn:
             return lib.trocar_sim_pending_seeds(self._handle, needle)
 
     def displacements(self) -> npt.NDArray[np.float64]:
-        """(n, 3) m, displacement of the mesh's nodes: one solve with the whole matrix."""
+        """Returns the displacements of the mesh's nodes, (n, 3) m: one solve with the whole matrix."""
         why = ffi.new("trocar_error *")
         field = np.empty((lib.trocar_model_node_count(self.model._handle), 3))
         with self._turn:
@@ -689,13 +694,14 @@ class Sim:
         return field
 
     def tip_lead(self, needle: int = 0) -> float:
-        """Rotation of the tip about the needle's axis minus that of the base, rad. Negative: the tip lags behind a base turned forward."""
+        """Returns the rotation of the tip about the needle's axis minus that of the base, rad. Negative: the tip lags behind a base that turned
+        forward."""
         self._check_needle(needle)
         with self._turn:
             return lib.trocar_sim_tip_lead(self._handle, needle)
 
     def needle_energy(self, needle: int = 0) -> float:
-        """Elastic energy of the bent needle, J."""
+        """Returns the elastic energy of the bent needle, J."""
         self._check_needle(needle)
         with self._turn:
             return lib.trocar_sim_needle_energy(self._handle, needle)
@@ -708,11 +714,11 @@ assert _OUTPUT.itemsize == ffi.sizeof("trocar_output")
 
 
 def rollout(model: Model, poses: npt.ArrayLike, dt: float = 0.001, threads: int = 1, progress: Callable[[str, float], Any] | None = None) -> npt.NDArray[Any]:
-    """Many insertions on one model.
+    """Simulates many insertions on one model.
 
-    poses (batch, steps, 7): each insertion starts with its first pose in tissue at rest, and takes a tick of `dt` seconds per pose. Returns
-    a structured array (batch, steps) with the fields of `Output`: result["force"] is (batch, steps, 3). `threads` run in parallel; the GIL is
-    released. The numbers do not depend on the number of threads (dense and condensed inverse).
+    poses (batch, steps, 7): each insertion starts with its first pose in tissue at rest, and takes a tick of `dt` seconds per pose. Returns a
+    structured array (batch, steps) with the fields of `Output`: result["force"] is (batch, steps, 3). `threads` threads run in parallel; the
+    GIL is released. With a dense or condensed inverse, the results do not depend on the number of threads.
 
     progress("rollout", fraction) is called every 64 ticks. An exception in it ends the rollout, and so does Ctrl-C.
     """

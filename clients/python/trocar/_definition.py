@@ -1,4 +1,4 @@
-"""The definition of a study: its file, its samples, and what it records."""
+"""The definition of a study: its file, its samples, and the quantities that it records."""
 from __future__ import annotations
 
 import hashlib
@@ -27,7 +27,7 @@ _STIFFNESS = ("youngs_modulus", "poisson_ratio")
 
 
 class BadStudy(Exception):
-    """An unusable study: file, line and remedy."""
+    """A study that cannot be used; the message gives file, line and remedy."""
 
 
 @dataclass
@@ -38,12 +38,12 @@ class Parameter:
     unit: str
     kind: str                 # uniform, log_uniform, normal or values
     numbers: list[float]      # limits, mean and standard deviation, or the values
-    within: tuple[float, float] | None = None    # limits of a normal distribution
-    steps: int = 0            # of a grid
+    within: tuple[float, float] | None = None    # limits of a truncated normal distribution
+    steps: int = 0            # number of steps of a grid
     line: int = 0
 
     def quantile(self, u: npt.NDArray[np.float64]) -> npt.NDArray[np.float64]:
-        """Values of numbers from 0 to 1."""
+        """Returns the values at the quantiles u, from 0 to 1."""
         if self.kind == "values":
             return np.asarray(self.numbers)[np.minimum((u * len(self.numbers)).astype(int), len(self.numbers) - 1)]
         a, b = self.numbers
@@ -52,14 +52,14 @@ class Parameter:
         if self.kind == "log_uniform":
             return a * (b / a) ** u
         from scipy.stats import norm, truncnorm
-        u = np.clip(u, 2.0 ** -54, 1.0 - 2.0 ** -53)    # a Sobol point may be 0
+        u = np.clip(u, 2.0 ** -54, 1.0 - 2.0 ** -53)    # a coordinate of a Sobol point may be 0
         if self.within is None:
             return a + b * norm.ppf(u)
         low, high = self.within
-        return np.clip(truncnorm.ppf(u, (low - a) / b, (high - a) / b, loc=a, scale=b), low, high)    # accurate far from the mean, too
+        return np.clip(truncnorm.ppf(u, (low - a) / b, (high - a) / b, loc=a, scale=b), low, high)    # accurate also far from the mean
 
     def levels(self) -> list[float]:
-        """On a grid."""
+        """Returns the values on a grid."""
         return self.numbers if self.kind == "values" else self.quantile(np.linspace(0.0, 1.0, self.steps)).tolist()
 
     def extremes(self) -> list[float]:
@@ -70,7 +70,7 @@ class Parameter:
 class Measure:
     """A recorded quantity, in one or more columns."""
 
-    name: str                 # of the quantity
+    name: str                 # name of the quantity
     quantity: Quantity
     option: Any = None        # name of a membrane or region; (3,) m of a target
     at: float | None = None   # s; None: at the end, or over the whole motion
@@ -88,21 +88,21 @@ class Study:
     path: str
     scene_path: str
     settings: dict[str, str]            # keys of the scene, the same in all runs
-    motion: Any                         # of trocar.motion
+    motion: Any                         # the motion, from trocar.motion
     parameters: list[Parameter]
     method: str
     count: int
     seed: int
     measures: list[Measure]
-    frames_every: float = 0.0           # s; 0: no frames
+    frames_every: float = 0.0           # s between two frames; 0: no frames
     plan: Plan | None = None
     digests: dict[str, str] = field(default_factory=dict)    # SHA-256 of the files that were read, by their role
-    described: str = ""                 # motion and so on, as text for the manifest
-    inverse: str = "auto"               # of the scene
-    _scene: Scene | None = None         # with `settings`; read once, so that later changes of the file have no effect
+    described: str = ""                 # motion and other settings, as text for the manifest
+    inverse: str = "auto"               # the scene's inverse
+    _scene: Scene | None = None         # scene with `settings`; read once, so that later changes of the file have no effect
 
     def samples(self) -> npt.NDArray[np.float64]:
-        """(runs, parameters) values, which depend on seed and index alone."""
+        """Returns the parameters' values, (runs, parameters), which depend on seed and index alone."""
         p = len(self.parameters)
         if self.method == "grid":
             return np.array(list(itertools.product(*(parameter.levels() for parameter in self.parameters))))
@@ -118,7 +118,7 @@ class Study:
         return np.stack([parameter.quantile(column) for parameter, column in zip(self.parameters, unit.T)], axis=1)
 
     def run_scene(self, values: npt.NDArray[np.float64], sparse: bool = False) -> Scene:
-        """The scene of one run. All runs use the same object: it is valid until the next call, which sets all parameters again."""
+        """Returns the scene of one run. All runs use the same object: it is valid until the next call, which sets all parameters again."""
         scene = self._scene
         for parameter, value in zip(self.parameters, values):
             if not parameter.name.startswith("motion."):
@@ -127,16 +127,16 @@ class Study:
         return scene
 
     def run_motion(self, values: npt.NDArray[np.float64]) -> Any:
-        """The motion of one run."""
+        """Returns the motion of one run."""
         by = {parameter.name.removeprefix("motion."): float(value) for parameter, value in zip(self.parameters, values) if parameter.name.startswith("motion.")}
         return self.motion.adjusted(**by)
 
     def stiffness_columns(self) -> list[int]:
-        """Parameters that change the stiffness."""
+        """Returns the parameters that change the stiffness."""
         return [i for i, parameter in enumerate(self.parameters) if parameter.name.rsplit(".", 1)[-1] in _STIFFNESS and parameter.name.startswith("regions[")]
 
     def possible_stiffnesses(self) -> float:
-        """The largest number of columns of a run, however many runs there are."""
+        """Returns the largest number of different stiffnesses, however many runs there are."""
         varied = [self.parameters[i] for i in self.stiffness_columns()]
         return math.prod(len(p.numbers) if p.kind == "values" else math.inf for p in varied)
 
@@ -147,10 +147,10 @@ class Study:
         return [column for measure in self.measures for column in measure.columns()]
 
     def manifest(self) -> dict[str, str]:
-        """Everything that the results depend on, as text: to tell studies apart."""
+        """Returns everything that the results depend on, as text, to tell studies apart."""
         version = f"trocar {__version__}"
         if self.method in ("sobol", "latin hypercube", "saltelli") or any(p.kind == "normal" for p in self.parameters):
-            import scipy    # draws the samples
+            import scipy    # needed to draw the samples
             version += f", scipy {scipy.__version__}"
         found = {**self.digests, "version": version, "settings": repr(sorted(self.settings.items())), "motion": self.described,
                  "samples": f"{self.method}, {'any number' if self.method == 'random' else self.count}, seed {self.seed}", "record": "; ".join(self.result_columns()) + repr([np.asarray(m.option).tolist() for m in self.measures]),
@@ -164,7 +164,7 @@ class Study:
 
 
 def _digest_of(said: Any) -> str:
-    """Digest of a file's contents, independent of its folder."""
+    """Returns the digest of a file's contents, independent of its folder."""
     return hashlib.sha256(repr(said).encode()).hexdigest()
 
 
@@ -193,13 +193,13 @@ class _StudyReader:
             raise BadStudy(f"{path}: cannot be read: {error.strerror}") from error
 
     def digest_scene(self, study: Study, scene: Scene) -> None:
-        """Digest of the scene's values: comments, order and units of its file do not matter. The mesh has its own digest, and no result depends on
-        the device."""
+        """Adds the digest of the scene's values: comments, order and units of its file do not matter. The mesh has a digest of its own, and no
+        result depends on the device's keys."""
         said = {key: scene[key] for key in scene if key not in ("mesh", "cache") and not key.startswith("device.")}
         study.digests["scene"] = _digest_of(sorted(said.items()))
 
     def setting(self, scene: Scene, node: Any, key: str, value: float | str, place: str) -> None:
-        """Sets an existing key."""
+        """Sets a key that must exist."""
         try:
             scene[key]
             scene[key] = value
@@ -207,7 +207,8 @@ class _StudyReader:
             raise self.reader.fail(node, f"{place}: {error}") from error
 
     def in_patient(self, given: dict[str, Any], place: str, known: bool) -> bool:
-        """True if positions are in the patient's coordinates (mm), by the key "coordinates" beside them. `known`: the scene defines these."""
+        """True if positions are in patient coordinates (mm), according to the key "coordinates" beside them. `known`: the scene defines patient
+        coordinates."""
         word = self.reader.text(given["coordinates"], place) if "coordinates" in given else "mesh"
         if word not in ("mesh", "patient"):
             raise self.reader.fail(given["coordinates"], f"{place}: \"{word}\": write mesh (m) or patient (mm)")
@@ -216,7 +217,7 @@ class _StudyReader:
         return word == "patient"
 
     def point(self, node: Any, place: str, frame: Frame, patient: bool) -> npt.NDArray[np.float64]:
-        """(3,) m in the mesh."""
+        """Returns a point in the mesh, (3,) m."""
         numbers = np.array(self.reader.numbers(node, place, 3))
         return frame.to_mesh(numbers) if patient else numbers
 
@@ -225,8 +226,8 @@ class _StudyReader:
         return self.reader.fail(node, f"{place}: not in the tissue at rest: write x, y, z in {unit}")
 
     def start(self, given: dict[str, Any], scene: Scene) -> npt.NDArray[np.float64] | None:
-        """Pose of the base: x, y, z in the mesh (m), or with `coordinates: patient` in the patient (mm), in the direction of the scene's needle.start; or with
-        a quaternion, in the mesh. None if the motion has no start."""
+        """Returns the pose of the base: x, y, z in the mesh (m), or with `coordinates: patient` in the patient (mm), in the direction of the scene's
+        needle.start; or a position and a quaternion in the mesh. None if the motion has no start."""
         if "start" not in given:
             if "coordinates" in given:
                 raise self.reader.fail(given["coordinates"], "motion.coordinates: allowed only with start: write start too, or leave it out")
@@ -486,6 +487,6 @@ class _StudyReader:
 
 
 def read(path: str | PathLike[str], frames: bool = False) -> Study:
-    """Reads a study. Raises BadStudy with file, line and remedy for anything that it does not understand. frames: record frames even if the file does not
-    say so."""
+    """Reads a study. Raises BadStudy with file, line and remedy for anything in the file that is not understood. frames: record frames even if the file
+    does not say so."""
     return _StudyReader(fspath(path)).read(frames)

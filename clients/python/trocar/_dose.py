@@ -43,12 +43,12 @@ class Source:
     """A seed model: the TG-43 data of one kind of seed. Constant."""
 
     def __init__(self, name: str) -> None:
-        """Consensus data: "I-125 6711" or "Pd-103 200"."""
+        """Loads consensus data: "I-125 6711" or "Pd-103 200"."""
         self._create(lib.trocar_dose_source_create, name)
 
     @classmethod
     def load(cls, path: str | PathLike[str]) -> Source:
-        """Reads a table file. Error with file, line and remedy."""
+        """Reads a table file. Raises Error with file, line and remedy."""
         source = cls.__new__(cls)
         source._create(lib.trocar_dose_source_load, fspath(path))
         return source
@@ -66,13 +66,14 @@ class Source:
         self.half_life: float = data.half_life
 
     def __copy__(self) -> Source:
-        return self  # it is constant
+        return self  # a source is constant
 
     def __deepcopy__(self, _: Any) -> Source:
         return self
 
     def rates(self, positions: npt.ArrayLike, directions: npt.ArrayLike, strengths: npt.ArrayLike, points: npt.ArrayLike) -> npt.NDArray[np.float64]:
-        """(n,) Gy/h: initial dose rate at points (n, 3) m of seeds at positions (m, 3) m along directions (m, 3), of strengths (m,) U.
+        """Returns the initial dose rate (n,) Gy/h at points (n, 3) m for seeds at positions (m, 3) m along directions (m, 3), of
+        strengths (m,) U.
 
         The GIL is released.
         """
@@ -85,7 +86,7 @@ class Source:
         return rates
 
     def hours(self, hours: float = float("inf")) -> float:
-        """Dose over the first `hours` of decay, divided by the initial rate: h. By default that of a permanent implant."""
+        """Returns the ratio (h) of the dose over the first `hours` of decay to the initial dose rate; by default for a permanent implant."""
         return lib.trocar_dose_hours(self._handle, hours)
 
 
@@ -94,19 +95,19 @@ assert _SEED.itemsize == ffi.sizeof("trocar_dose_seed")
 
 
 class Dose:
-    """Dose of a permanent implant at many points. For one thread at a time; the GIL is released.
+    """Dose of a permanent implant at many points. Only one thread at a time may use it; the GIL is released.
 
-    Sums are exact: removing a seed leaves every point as if it had never been there, to the bit.
+    Sums are exact: after a seed has been removed, every dose is bit for bit as if the seed had never been added.
     """
 
     def __init__(self, source: Source, origin: npt.ArrayLike, spacing: float, shape: tuple[int, int, int]) -> None:
-        """A dose on a grid: `shape` voxels, `spacing` m apart, the centre of the first one at `origin` (3,) m."""
+        """Computes the dose on a grid: `shape` voxels, `spacing` m apart, the centre of the first one at `origin` (3,) m."""
         grid = ffi.new("trocar_dose_grid *", {"origin": _three(origin, "origin"), "spacing": spacing, "counts": shape})
         self._create(source, tuple(shape), lambda handle, why: lib.trocar_dose_create(source._handle, grid, handle, why))
 
     @classmethod
     def at(cls, source: Source, points: npt.ArrayLike) -> Dose:
-        """A dose at points (n, 3), m."""
+        """Computes the dose at points (n, 3), m."""
         where = _vectors(points, "points")
         dose = cls.__new__(cls)
         dose._create(source, (len(where),), lambda handle, why: lib.trocar_dose_create_points(source._handle, _inputs(where), len(where), handle, why))
@@ -132,19 +133,19 @@ class Dose:
         return seed[0]
 
     def remove(self, seed: int) -> None:
-        """Removes the seed of this id."""
+        """Removes the seed with this id."""
         why = ffi.new("trocar_error *")
         with self._turn:
             _check(lib.trocar_dose_remove(self._handle, seed, why), why)
 
     def move(self, seed: int, position: npt.ArrayLike, direction: npt.ArrayLike, strength: float) -> None:
-        """Changes place, direction and strength of the seed of this id."""
+        """Changes position, direction and strength of the seed with this id."""
         why = ffi.new("trocar_error *")
         with self._turn:
             _check(lib.trocar_dose_move(self._handle, seed, _seed(position, direction, strength), why), why)
 
     def displace(self, displacements: npt.ArrayLike | None) -> None:
-        """Moves the points to their places at rest plus displacements (n, 3), m; None: back to rest. Seeds do not move."""
+        """Moves the points by the displacements (n, 3), m, from their positions at rest; None: back to rest. Seeds do not move."""
         why, moved = ffi.new("trocar_error *"), None
         if displacements is not None:
             moved = np.ascontiguousarray(displacements, np.float64).reshape(-1, 3)
@@ -161,7 +162,7 @@ class Dose:
 
     @property
     def values(self) -> npt.NDArray[np.float64]:
-        """Gy, a copy: (nx, ny, nz) on a grid, else (n,)."""
+        """Doses in Gy, a copy: (nx, ny, nz) on a grid, else (n,)."""
         values = np.empty(self.shape)
         with self._turn:
             lib.trocar_dose_values(self._handle, _outputs(values))
@@ -171,7 +172,7 @@ class Dose:
 class Structure:
     """The voxels whose centres are inside an organ at rest.
 
-    points (n, 3) m, read only; voxel, m^3, is the volume of one.
+    points (n, 3) m: the voxels' centres, read only; voxel: volume of one voxel, m^3.
     """
 
     def __init__(self, handle: Any) -> None:
@@ -180,17 +181,17 @@ class Structure:
         self.points: npt.NDArray[np.float64] = np.frombuffer(ffi.buffer(lib.trocar_structure_points(self._handle), 24 * count)).reshape(-1, 3).copy()
         self.points.flags.writeable = False
         self.voxel: float = lib.trocar_structure_voxel(self._handle)
-        self._nodes: int | None = None  # of the model's mesh
+        self._nodes: int | None = None  # number of nodes of the model's mesh
 
     def __copy__(self) -> Structure:
-        return self  # it is constant
+        return self  # a structure is constant
 
     def __deepcopy__(self, _: Any) -> Structure:
         return self
 
     @classmethod
     def from_surface(cls, nodes: npt.ArrayLike, triangles: npt.ArrayLike, spacing: float = 1e-3) -> Structure:
-        """Voxels inside a closed surface: nodes (n, 3) m, triangles (m, 3) of node indices."""
+        """Finds the voxels inside a closed surface: nodes (n, 3) m, triangles (m, 3) of node indices."""
         where, corners = _vectors(nodes, "nodes"), np.ascontiguousarray(triangles, np.int32).reshape(-1, 3)
         mesh = ffi.new("trocar_mesh *", {"node_count": len(where), "nodes": _inputs(where), "triangle_count": len(corners),
                                          "triangles": _inputs(corners, "int32_t[]")})
@@ -198,7 +199,7 @@ class Structure:
 
     @classmethod
     def from_region(cls, model: Model, region: str, spacing: float = 1e-3) -> Structure:
-        """Voxels inside a region of a model's mesh, by its name."""
+        """Finds the voxels inside a region of a model's mesh, by its name."""
         nodes, tets, regions = model.nodes, model.tets, model.tet_regions
         index = lib.trocar_model_find_region(model._handle, region.encode(), 3)
         if index < 0:
@@ -216,7 +217,7 @@ class Structure:
         return cls(handle[0])
 
     def displacements(self, nodal: npt.ArrayLike) -> npt.NDArray[np.float64]:
-        """(n, 3) m at the points, from those of the mesh's nodes as returned by `Sim.displacements`. For regions only."""
+        """Returns the displacements (n, 3) m at the points, from those of the mesh's nodes as returned by `Sim.displacements`. For regions only."""
         nodal = _vectors(nodal, "displacements")
         if self._nodes is not None and len(nodal) != self._nodes:
             raise ValueError("%d displacements for a mesh of %d nodes" % (len(nodal), self._nodes))
@@ -228,7 +229,7 @@ class Structure:
 class DVH:
     """Cumulative dose-volume histogram of voxels of equal size.
 
-    doses (n,) Gy, largest first; voxel, m^3, is the volume of one.
+    doses (n,) Gy, largest first; voxel: volume of one voxel, m^3.
     """
 
     def __init__(self, doses: npt.ArrayLike, voxel: float) -> None:
@@ -238,14 +239,15 @@ class DVH:
         _check(lib.trocar_dvh_sort(_outputs(self.doses), len(self.doses), why), why)
 
     def dose(self, fraction: float) -> float:
-        """Gy that this fraction of the volume receives at least: 0.9 for D90."""
+        """Returns the dose (Gy) that this fraction of the volume receives at least: 0.9 for D90."""
         return lib.trocar_dvh_dose(_inputs(self.doses), len(self.doses), fraction)
 
     def volume(self, dose: float) -> float:
-        """Fraction of the volume that receives `dose` Gy or more."""
+        """Returns the fraction of the volume that receives `dose` Gy or more."""
         return lib.trocar_dvh_volume(_inputs(self.doses), len(self.doses), dose)
 
     def summary(self, prescription: float) -> dict[str, float]:
-        """The customary figures for a prescription in Gy: volume_cm3; mean, least, most, d10, d30, d80, d90 in Gy; v100, v150, v200 as fractions; v100_cm3."""
+        """Returns the usual figures for a prescription in Gy: volume_cm3; mean, least, most, d10, d30, d80, d90 in Gy; v100, v150, v200 as fractions;
+        v100_cm3."""
         found = lib.trocar_dvh_summarise(_inputs(self.doses), len(self.doses), self.voxel, prescription)
         return {name: getattr(found, name) for name, _ in ffi.typeof("trocar_dvh_summary").fields}

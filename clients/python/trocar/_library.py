@@ -1,4 +1,4 @@
-"""libtrocar.so through cffi: the declarations come from the header that the build copies into this folder."""
+"""Loads libtrocar.so through cffi: the declarations come from the header that the build copies into this folder."""
 from __future__ import annotations
 
 import os
@@ -13,7 +13,7 @@ from cffi import FFI
 
 
 def _declarations(header: str) -> str:
-    """The header without comments, preprocessor lines and attributes, which cffi's parser does not support."""
+    """Returns the header without comments, preprocessor lines and attributes, which cffi's parser does not support."""
     text = re.sub(r"/\*.*?\*/", "", header, flags=re.S)
     text = re.sub(r'#ifdef __cplusplus\n.*?#endif', "", text, flags=re.S)
     text = re.sub(r"^#.*$", "", text, flags=re.M)
@@ -36,7 +36,7 @@ ffi, lib = _load()
 
 
 class Error(Exception):
-    """The library's message; `status` is "bad input", "no memory", "numeric", "system" or "cancelled"."""
+    """An error of the library, with its message; `status` is "bad input", "no memory", "numeric", "system" or "cancelled"."""
 
     def __init__(self, text: str, status: str):
         super().__init__(text)
@@ -46,7 +46,7 @@ class Error(Exception):
         return type(self), (str(self), self.status)
 
 
-Error.__module__ = "trocar"  # where it is imported from
+Error.__module__ = "trocar"  # the module that users import it from
 
 
 _STATUS = ("ok", "bad input", "no memory", "numeric", "system", "no real time", "cancelled")
@@ -58,7 +58,7 @@ def _check(status: int, why: Any) -> None:
 
 
 class _Turn:
-    """Lets one thread use an object of the library, whose calls release the GIL, or several that only read it. Others get an Error."""
+    """Protects an object of the library, whose calls release the GIL: one thread may use it, or several may read it. Other threads get an Error."""
 
     def __init__(self, what: str):
         self._what, self._lock = what, threading.Lock()
@@ -87,7 +87,8 @@ class _Turn:
 
 
 class _Watch:
-    """Makes a long call report `progress(what, fraction)`, and end when that raises, or when a signal's handler does, such as that of Ctrl-C."""
+    """Makes a long call report `progress(what, fraction)`. The call ends if that function raises an exception, or if a signal handler does, as for
+    Ctrl-C."""
 
     def __init__(self, progress: Callable[[str, float], Any] | None):
         self._raised: BaseException | None = None

@@ -1,4 +1,4 @@
-"""Points in the tetrahedra of a model's mesh."""
+"""Finds the tetrahedra of a model's mesh that contain points."""
 from __future__ import annotations
 
 from typing import TYPE_CHECKING
@@ -13,7 +13,7 @@ Array = npt.NDArray[np.float64]
 
 
 def locate(model: Model, points: npt.ArrayLike) -> tuple[npt.NDArray[np.intp], Array]:
-    """The tetrahedra (k,) that contain points (k, 3) (m, at rest), -1 outside the tissue, and barycentric weights (k, 4)."""
+    """Returns the tetrahedra (k,) that contain points (k, 3) (m, at rest), -1 outside the tissue, and barycentric weights (k, 4)."""
     corners = model.nodes[model.tets]
     inverse = np.linalg.inv((corners[:, 1:] - corners[:, :1]).transpose(0, 2, 1))
     tets, weights = [], []

@@ -1,4 +1,4 @@
-"""Obstacles of a planned needle: surfaces and regions of the mesh, and contours of the patient, as points that move with the tissue."""
+"""Obstacles for a planned needle: surfaces and regions of the mesh, and the patient's contours, as points that move with the tissue."""
 from __future__ import annotations
 
 import csv
@@ -14,11 +14,11 @@ from ._files import open_input
 
 Array = npt.NDArray[np.float64]
 
-NEAR = 24    # tetrahedra whose centres are closest to a point: tried first
+NEAR = 24    # number of tetrahedra tried first: those whose centres are closest to a point
 
 
 class Embedding:
-    """Finds points in the displaced tissue, given at rest. A point outside the tissue moves with the closest node."""
+    """Finds the positions of points, given at rest, in the displaced tissue. A point outside the tissue moves with the closest node."""
 
     def __init__(self, model: Model):
         from scipy.spatial import cKDTree
@@ -35,17 +35,18 @@ class Embedding:
         best = weights.min(axis=2).argmax(axis=1)
         rows = np.arange(len(points))
         nodes, weights = self._tets[near[rows, best]], weights[rows, best]
-        outside = weights.min(axis=1) < -0.05    # a point beside the tissue, or in a flat element whose centre is not close, is extrapolated a little
+        # a point just outside the tissue, or in a flat element whose centre is not close, is extrapolated a little
+        outside = weights.min(axis=1) < -0.05
         nodes[outside], weights[outside] = self._nodes.query(points[outside])[1][:, None], 0.25
         return nodes, weights
 
 
 @dataclass
 class Obstacle:
-    """Points of an obstacle, at rest."""
+    """The points of an obstacle, at rest."""
 
     name: str
-    clearance: float    # m, from the needle's surface
+    clearance: float    # m, wanted distance from the needle's surface
     points: Array       # (n, 3) m
 
     def __post_init__(self) -> None:
@@ -54,23 +55,24 @@ class Obstacle:
         self._low, self._high = self.points.min(axis=0), self.points.max(axis=0)
 
     def distance(self, shaft: Array, radius: float, embedding: Embedding | None = None, field: Array | None = None, enough: float = math.inf) -> float:
-        """m from the surface of a needle with this centreline (n, 3) and radius (m), negative where it cuts the obstacle's points; at rest, or in the
-        tissue displaced by `field` (nodes, 3). If the distance is certainly above `enough` (m), a lower bound may be returned, which is cheaper."""
+        """Returns the distance (m) from the surface of a needle with this centreline (n, 3) and radius (m), negative where the needle cuts through
+        the obstacle's points. The tissue is at rest, or displaced by `field` (nodes, 3). If the distance is certainly above `enough` (m), a lower
+        bound may be returned, which is faster to compute."""
         line = _refined(shaft, 0.5e-3)
-        apart = np.maximum(self._low - line, line - self._high).max(axis=1)    # distance from the box around the points
+        apart = np.maximum(self._low - line, line - self._high).max(axis=1)    # distance from the box around the obstacle's points
         moved = 0.0 if field is None else float(np.linalg.norm(field, axis=1).max())
         if apart.min() - moved - radius > enough:
             return float(apart.min()) - moved - radius
         apart_first = np.argsort(apart, kind="stable")
         nearest = float(self._tree.query(line[apart_first[:32]])[0].min())
-        line = line[apart <= nearest + 2.0 * moved]    # other points of the needle are not closest
+        line = line[apart <= nearest + 2.0 * moved]    # other points of the needle cannot be the closest
         nearest = min(nearest, float(self._tree.query(line, distance_upper_bound=nearest)[0].min()))
         if field is None:
             return nearest - radius
         if nearest - moved - radius > enough:
             return nearest - moved - radius
         from scipy.spatial import cKDTree
-        # Points that can be closest in the displaced tissue are no further than this at rest; with a margin for rounding.
+        # Points that can be the closest in the displaced tissue are no further away than this at rest, with a margin for rounding.
         reach = (nearest + 2.0 * moved) * (1.0 + 1e-9)
         close = np.unique(np.concatenate(self._tree.query_ball_point(line, reach)).astype(int))
         points = self.points[close]
@@ -80,19 +82,19 @@ class Obstacle:
 
 
 def _refined(line: Array, spacing: float) -> Array:
-    """A polyline with points at most `spacing` (m) apart."""
+    """Returns the polyline with points at most `spacing` (m) apart."""
     parts = [np.linspace(a, b, max(math.ceil(np.linalg.norm(b - a) / spacing), 1), endpoint=False) for a, b in zip(line[:-1], line[1:])]
     return np.concatenate([*parts, line[-1:]])
 
 
 def spacing_of(clearance: float) -> float:
-    """m between an obstacle's points: distances are then exact to an eighth of the clearance."""
+    """Returns the spacing (m) of an obstacle's points with which distances are exact to an eighth of the clearance."""
     return float(np.clip(0.5 * clearance, 0.25e-3, 1e-3))
 
 
 def _simplex_points(corners: Array, spacing: float, most: float) -> Array:
-    """Points at most `spacing` apart in triangles or tetrahedra with corners (n, 3 or 4, 3). ValueError if there would be more than `most`, counting
-    points shared by neighbours for each."""
+    """Returns points at most `spacing` apart in triangles or tetrahedra with corners (n, 3 or 4, 3). Raises ValueError if there would be more than
+    `most`, where points shared by neighbours count for each."""
     found, count = [], corners.shape[1]
     edges = np.linalg.norm(corners[:, :, None] - corners[:, None], axis=3).max(axis=(1, 2))
     parts = np.maximum(np.ceil(edges / spacing).astype(int), 1)
@@ -119,11 +121,12 @@ def region_points(model: Model, name: str, spacing: float, most: float = math.in
 
 
 class BadContours(Exception):
-    """Unusable contours: file, line and remedy."""
+    """Contours that cannot be used; the message gives file, line and remedy."""
 
 
 def read_contours(path: str, roi: str) -> list[Array]:
-    """The outlines (n, 3) mm, in the patient's coordinates, of a region of interest in a table (roi, outline, x_mm, y_mm, z_mm) or an RT Structure Set."""
+    """Reads the outlines (n, 3) mm, in patient coordinates, of a region of interest from a table (roi, outline, x_mm, y_mm, z_mm) or an RT Structure
+    Set."""
     outlines = _read_table(path) if path.endswith(".csv") else _read_structures(path)
     if roi not in outlines:
         raise BadContours(f"{path}: no region of interest \"{roi}\": there are {', '.join(outlines) or 'none'}")
@@ -169,7 +172,7 @@ def _read_structures(path: str) -> dict[str, list[Array]]:
 
 
 def _inside(polygon: Array, points: Array) -> npt.NDArray[np.bool_]:
-    """Tests points against a polygon in the plane, by the even-odd rule."""
+    """True for points inside a polygon in the plane, by the even-odd rule."""
     odd = np.zeros(len(points), bool)
     for (x1, y1), (x2, y2) in zip(polygon, np.roll(polygon, -1, axis=0)):
         crosses = (y1 > points[:, 1]) != (y2 > points[:, 1])
@@ -179,8 +182,8 @@ def _inside(polygon: Array, points: Array) -> npt.NDArray[np.bool_]:
 
 
 def contour_points(outlines: list[Array], to_mesh: Callable[[Array], Array], spacing: float) -> Array:
-    """Points at most `spacing` (m) apart that fill outlines on axial slices. Between slices, the shape is that of the closer one, and it extends half a slice
-    beyond the last, as in planimetry."""
+    """Returns points at most `spacing` (m) apart that fill outlines on axial slices. Between slices, the shape is that of the closer slice; it extends half a
+    slice beyond the last, as in planimetry."""
     step = 1e3 * spacing
     heights = np.unique(np.round([outline[:, 2].mean() for outline in outlines], 3))
     pitch = float(np.diff(heights).min()) if len(heights) > 1 else step

@@ -24,21 +24,21 @@ Array = npt.NDArray[np.float64]
 
 OBJECTIVES = ("nominal", "mean", "worst")
 METHODS = ("sobol", "latin hypercube", "random", "grid")
-MOST_SAMPLES = 64    # a model of each sample is kept in memory
-MOST_POINTS = 2e6    # of an obstacle
-LONGEST = 0.1        # m, of a clearance or a tolerance
+MOST_SAMPLES = 64    # each sample's model is kept in memory
+MOST_POINTS = 2e6    # largest number of points of an obstacle
+LONGEST = 0.1        # m, largest clearance or tolerance
 LONGEST_REST = 60.0  # s
-IN_FRONT = 1e-3      # m: a rectangle on the skin is in the tissue by rounding
+IN_FRONT = 1e-3      # m: by rounding, a rectangle on the skin may lie in the tissue
 SLOWEST = 1e-3       # m/s
 
 
 class BadProblem(BadStudy):
-    """An unusable problem: file, line and remedy."""
+    """A problem that cannot be used; the message gives file, line and remedy."""
 
 
 @dataclass
 class Area:
-    """A rectangle through which needles enter. A needle's direction is the area's, tilted about each of two axes."""
+    """A rectangle through which needles enter. A needle has the area's direction, tilted about each of two axes."""
 
     origin: Array       # (3,) m, a corner
     edges: Array        # (2, 3) m
@@ -51,27 +51,27 @@ class Problem:
 
     path: str
     study: Study                          # scene, settings and samples
-    hand: Implant                         # how needles are moved: speed, rest
-    targets: list[tuple[str, Array]] = field(default_factory=list)    # names and points (3,) m at rest
-    plan: Plan | None = None              # whose seeds should end where it has them, instead of targets
+    hand: Implant                         # how needles are moved: speed and rests
+    targets: list[tuple[str, Array]] = field(default_factory=list)    # names, and points (3,) m at rest
+    plan: Plan | None = None              # a plan whose seeds should end at their planned places; replaces targets
     area: Area | None = None
-    template: str = ""                    # instead of an area
-    holes: list[str] = field(default_factory=list)    # holes of the template that may be used
-    tilt: float = 0.0                     # rad, largest about each of two axes
+    template: str = ""                    # name of the template; replaces an area
+    holes: list[str] = field(default_factory=list)    # the template's holes that may be used
+    tilt: float = 0.0                     # rad, largest tilt about each of two axes
     roll: float | None = None             # rad; None: free
-    turn: bool = False                    # half a turn on the way is allowed
+    turn: bool = False                    # the needle may be turned by half a turn on the way
     tolerance: float = 0.3e-3             # m
     obstacles: list[Obstacle] = field(default_factory=list)
     objective: str = "nominal"
     bevelled: bool = False
-    nominal: Array = field(default_factory=lambda: np.zeros(0))    # (parameters,) values in the scene
+    nominal: Array = field(default_factory=lambda: np.zeros(0))    # (parameters,) values of the parameters in the scene
 
     def scene(self, values: npt.NDArray[np.float64] | None = None) -> Scene:
-        """The scene of a sample, or that of the file; valid until the next call."""
+        """Returns the scene of a sample, or that of the file; valid until the next call."""
         return self.study.run_scene(self.nominal if values is None else values)
 
     def samples(self) -> npt.NDArray[np.float64]:
-        """(samples, parameters); (0, 0) without parameters."""
+        """Returns the samples (samples, parameters); (0, 0) if there are no parameters."""
         return self.study.samples() if self.study.parameters else np.empty((0, 0))
 
 
@@ -128,7 +128,7 @@ class _ProblemReader(_StudyReader):
             place = f"targets[{i}]"
             keys = reader.mapping(item, place, ("name", "at"))
             name, point = reader.text(keys["name"], f"{place}.name"), self.point(keys["at"], f"{place}.at", frame, patient)
-            if "|" in name or not name.isprintable():    # it appears in a Markdown table and a plan
+            if "|" in name or not name.isprintable():    # the name appears in a Markdown table and a plan
                 raise reader.fail(keys["name"], f"{place}.name: write one line without |")
             if name in [other for other, _ in problem.targets]:
                 raise reader.fail(keys["name"], f"{place}.name: \"{name}\" is another target's: choose another one")
@@ -153,7 +153,7 @@ class _ProblemReader(_StudyReader):
         return low, high
 
     def area(self, node: Any, keys: dict[str, Any], frame: Frame, patient: bool) -> Area:
-        """Two ranges and a number, along the axes of the mesh or the patient."""
+        """Reads two ranges and a number, along the axes of the mesh or the patient."""
         reader = self.reader
         missing = [axis for axis in "xyz" if axis not in keys]
         if missing:
@@ -176,7 +176,7 @@ class _ProblemReader(_StudyReader):
         return Area(origin, edges, towards_ / np.linalg.norm(towards_))
 
     def check_area(self, node: Any, model: Model, problem: Problem) -> None:
-        """Checks that the rectangle is outside the tissue, and that targets are behind it."""
+        """Checks that the rectangle is outside the tissue, and that all targets lie behind it."""
         area, part = problem.area, np.linspace(0.0, 1.0, 4)
         before = [area.origin + s * area.edges[0] + t * area.edges[1] - IN_FRONT * area.direction for s in part for t in part]
         if (locate(model, before)[0] >= 0).any():
@@ -318,5 +318,5 @@ class _ProblemReader(_StudyReader):
 
 
 def read(path: str | PathLike[str]) -> Problem:
-    """Reads a problem. Raises BadProblem with file, line and remedy for anything that it does not understand."""
+    """Reads a problem. Raises BadProblem with file, line and remedy for anything in the file that is not understood."""
     return _ProblemReader(fspath(path)).read()

@@ -1,4 +1,4 @@
-"""YAML files read key by key, strictly: errors give file, line and remedy."""
+"""Reads YAML files key by key and strictly; errors give file, line and remedy."""
 from __future__ import annotations
 
 import math
@@ -8,10 +8,10 @@ from ._files import open_input
 
 
 class Reader:
-    """A YAML document read key by key, with file and line for errors."""
+    """A YAML document that is read key by key, with file and line for errors."""
 
     def __init__(self, path: str, kind: str, error: type[Exception], keys: str):
-        """`kind` of file, such as "plan", and its `keys`, for messages; `error` is the exception class."""
+        """`kind` is the kind of file, such as "plan", and `keys` describes its keys, both for messages; `error` is the exception class."""
         self.path, self.kind, self.error, self.keys = path, kind, error, keys
         try:
             import yaml
@@ -71,7 +71,7 @@ class Reader:
         return node.value.strip()
 
     def number(self, node: Any, place: str, least: float = 0.0, inclusive: bool = False) -> float:
-        """A number above `least`, or equal to it if `inclusive`. YAML 1.1 reads 5e-3 as text, so text is converted here."""
+        """Reads a number above `least`, or equal to it if `inclusive`. YAML 1.1 reads 5e-3 as text, so text is converted here."""
         try:
             value = float(node.value) if isinstance(node, self.yaml.ScalarNode) else math.nan
         except ValueError:

@@ -1,5 +1,5 @@
-"""Simulated insertions for planning: where the tip ends, and where the tissue has moved. Common parts of insertions are simulated once, with saved
-states."""
+"""Simulated insertions for planning: the tip's final position and the tissue's displacements. Parts that insertions have in common are simulated
+once, with saved states."""
 from __future__ import annotations
 
 import math
@@ -16,25 +16,25 @@ from .plan import Turn
 
 Array = npt.NDArray[np.float64]
 
-BACK = 4e-3        # m before the wanted depth, where a state is saved: other depths continue from it
-BEFORE_TURN = 6e-3    # m before a turn, where a state is saved: other turns continue from it
-STATES = 6         # saved at a time
-ROUNDS = 8         # of the search for the depth
+BACK = 4e-3        # m before the wanted depth: a state is saved there, from which other depths continue
+BEFORE_TURN = 6e-3    # m before a turn: a state is saved there, from which other turns continue
+STATES = 6         # largest number of saved states
+ROUNDS = 8         # most rounds of the search for the depth
 EXACT = 2e-6       # m, tolerance of that search
 FARTHEST = 6e-3    # m, largest step of that search
 
 
 class Aim(NamedTuple):
-    """An insertion except for its depth."""
+    """An insertion without its depth."""
 
-    point: Array        # (3,) m, from which depths count
+    point: Array        # (3,) m, from which depths are measured
     direction: Array    # (3,) unit vector
     roll: float = 0.0   # rad
     turn: Turn | None = None
 
 
 class Outcome(NamedTuple):
-    """A needle at rest at its depth."""
+    """The needle at rest at its depth, and the tissue."""
 
     depth: float
     error: Array        # (3,) m, from the displaced target to the tip
@@ -50,7 +50,7 @@ class Target:
     """A point of the tissue, given at rest."""
 
     def __init__(self, point: npt.ArrayLike, model: Model):
-        """ValueError if it is outside the tissue."""
+        """Raises ValueError if the point is outside the tissue."""
         self.point = np.asarray(point, np.float64)
         (tet,), (self._weights,) = locate(model, [self.point])
         if tet < 0:
@@ -62,7 +62,7 @@ class Target:
 
 
 def depth_of(aim: Aim, target: Target) -> float:
-    """m, depth at which a rigid needle's tip is closest to the target at rest."""
+    """Returns the depth (m) at which a rigid needle's tip is closest to the target at rest."""
     return float((target.point - aim.point) @ aim.direction)
 
 
@@ -73,11 +73,11 @@ class Rehearsal:
         self.model, self._hand, self._sim, self._dt = model, hand, Sim(model), 1.0 / model.rate_hz
         self._step = hand.speed * self._dt
         self._saved: OrderedDict[bytes, tuple[int, bytes]] = OrderedDict()
-        self.runs = 0         # number of insertions to a depth,
-        self.ticks = 0        # and simulated ticks
+        self.runs = 0         # number of insertions to a depth
+        self.ticks = 0        # number of simulated ticks
 
-    # Each leg, before the turn and after it, consists of whole steps from its start and a last shorter one. States are saved after whole steps only,
-    # so that results do not depend on which states are still available.
+    # Each leg, before and after the turn, consists of whole steps from its start and a last shorter one. States are saved after whole steps only, so
+    # that results do not depend on which states are still available.
 
     def _run(self, poses: Array) -> None:
         self._sim.run(poses, self._dt)
@@ -91,7 +91,7 @@ class Rehearsal:
         return max(math.floor((depth - start) / self._step + 1e-9), 0)
 
     def _leg(self, aim: Aim) -> tuple[bytes, float, float]:
-        """Name, start and roll of the aim's last leg."""
+        """Returns name, start and roll of the aim's last leg."""
         numbers = np.array([*aim.point, *aim.direction, aim.roll, *(aim.turn or ())])
         return numbers.tobytes(), aim.turn.depth if aim.turn else -self._hand.outside, aim.roll + (aim.turn.by if aim.turn else 0.0)
 
@@ -105,7 +105,7 @@ class Rehearsal:
         self._run(self._poses(aim, np.full(count, aim.turn.depth), aim.roll + np.linspace(0.0, aim.turn.by, count + 1)[1:]))
 
     def _reach(self, aim: Aim, depth: float, back: float) -> None:
-        """Moves the needle to this depth on the aim's last leg; on the way, saves the state `back` before it."""
+        """Moves the needle to this depth on the aim's last leg, and on the way saves the state at the distance `back` before it."""
         leg, start, roll = self._leg(aim)
         wanted, early = self._steps(start, depth), self._steps(start, depth - back)
         there = self._saved.get(leg)
@@ -130,7 +130,7 @@ class Rehearsal:
             self._run(self._poses(aim, depths, roll))
 
     def at(self, aim: Aim, depth: float, target: Target) -> Outcome:
-        """The needle at rest at this depth. Error of the library."""
+        """Returns the outcome with the needle at rest at this depth. Raises Error."""
         if aim.turn and aim.turn.depth >= depth:
             aim = aim._replace(turn=None)
         self._reach(aim, depth, BACK)
@@ -142,8 +142,8 @@ class Rehearsal:
         return Outcome(depth, shaft[-1] - target.displaced(field), shaft, field)
 
     def best(self, aim: Aim, target: Target, further: float = 0.0) -> Outcome:
-        """The needle at the depth where the target is neither ahead of the tip nor behind it, by the secant method. `further`: expected depth beyond that of a rigid
-        needle (m). If there is no such depth, as in front of bone, the best one found. Error of the library."""
+        """Returns the outcome at the depth where the target is neither ahead of the tip nor behind it, found by the secant method. `further`: expected depth
+        beyond that of a rigid needle (m). If there is no such depth, as in front of bone, returns the best outcome found. Raises Error."""
         most = self.model.needle_length - 1e-3
         depth = float(np.clip(depth_of(aim, target) + further, 1e-3, most))
         found: list[tuple[float, float, Outcome]] = []
@@ -164,7 +164,7 @@ class Rehearsal:
 
 
 def carried_out(model: Model, plan: object, needle: object, hand: Implant, target: Target) -> Outcome:
-    """The needle of a plan in a fresh simulation, moved as plans are carried out. Error of the library."""
+    """Returns the outcome of a plan's needle in a new simulation, moved as plans are carried out. Raises Error."""
     from dataclasses import replace
     sim, dt = Sim(model), 1.0 / model.rate_hz
     for poses in replace(hand, plan=plan).insert(sim, needle, dt):

@@ -1,4 +1,4 @@
-"""Carries out the runs of a study: one process each, with rows in a file that survives a kill."""
+"""Carries out the runs of a study in one process each, with rows in a file that survives a kill."""
 from __future__ import annotations
 
 import csv
@@ -25,25 +25,25 @@ from ._files import open_input, open_regular
 from ._quantities import Recording
 from .plan import BadPlan
 
-FEW = 8          # runs of one stiffness: for fewer, the sparse inverse, which is built quickly, costs less in total
-SYNC = 1.0       # s between two fsync
+FEW = 8          # runs of one stiffness: for fewer, the sparse inverse, which is built faster, takes less time in total
+SYNC = 1.0       # s between two calls of fsync
 NOTHING = float("nan")
 
 
 class Row(NamedTuple):
-    """A finished run."""
+    """The row of a finished run."""
 
     index: int
-    status: str                # "ok", or the reason of its failure
+    status: str                # "ok", or the reason of the failure
     parameters: tuple[float, ...]
-    results: tuple[float, ...]  # NAN if missing
+    results: tuple[float, ...]  # NAN for missing results
 
 
 # ---- one run ------------------------------------------------------------------------------------------------------------------------------
 
 
 def _chunks(poses: npt.NDArray[np.float64], tick: int, stops: Sequence[int]) -> Iterator[npt.NDArray[np.float64]]:
-    """The poses from this tick on, cut after each stop."""
+    """Yields the poses from this tick on, cut after each stop."""
     cuts = [stop + 1 - tick for stop in stops if tick <= stop < tick + len(poses)]
     for first, last in zip([0, *cuts], [*cuts, len(poses)]):
         if last > first:
@@ -51,7 +51,7 @@ def _chunks(poses: npt.NDArray[np.float64], tick: int, stops: Sequence[int]) -> 
 
 
 def run(study: Study, values: npt.NDArray[np.float64], model: Model, scene: Any, frames: Any = None) -> list[float]:
-    """The recorded numbers of one run. Error of the library, BadPlan."""
+    """Returns the recorded numbers of one run. Raises Error, BadPlan."""
     dt = 1.0 / model.rate_hz
     recording = Recording(Sim(model), scene, dt, study.plan)
     results: dict[int, list[float]] = {}
@@ -84,10 +84,10 @@ def run(study: Study, values: npt.NDArray[np.float64], model: Model, scene: Any,
 
 
 class Groups(NamedTuple):
-    """Runs that share a stiffness. The same for a study whatever part of it a task does, so that no number depends on that."""
+    """Groups of runs that share a stiffness. They are the same for every task of a study, so that no result depends on the task."""
 
-    of_run: npt.NDArray[np.int64]   # (runs,) group of each
-    sparse: bool                    # models are made with the sparse inverse
+    of_run: npt.NDArray[np.int64]   # (runs,) group of each run
+    sparse: bool                    # models use the sparse inverse
 
 
 def groups_of(study: Study, samples: npt.NDArray[np.float64]) -> Groups:
@@ -96,7 +96,7 @@ def groups_of(study: Study, samples: npt.NDArray[np.float64]) -> Groups:
         return Groups(np.zeros(len(samples), np.int64), False)
     _, of_run = np.unique(samples[:, columns], axis=0, return_inverse=True)
     of_run = of_run.reshape(-1)
-    if study.method == "random":    # it may grow: finished runs must not depend on their final number
+    if study.method == "random":    # such a study may grow: finished runs must not depend on their final number
         few = study.possible_stiffnesses() > FEW
     else:
         few = len(samples) < FEW * (of_run.max() + 1)
@@ -104,14 +104,15 @@ def groups_of(study: Study, samples: npt.NDArray[np.float64]) -> Groups:
 
 
 def runs_of_task(groups: Groups, task: tuple[int, int]) -> list[int]:
-    """The runs of task (i, of N), in the order of their execution. Runs of one stiffness stay together, so that few tasks need a model of each stiffness."""
+    """Returns the runs of task (i, of N) in the order of their execution. Runs of one stiffness stay together, so that few tasks need a model of each
+    stiffness."""
     order = np.argsort(groups.of_run, kind="stable")
     i, count = task
     return (np.array_split(order, count)[i - 1] if groups.of_run.any() else order[i - 1::count]).tolist()
 
 
 def model_of(study: Study, values: npt.NDArray[np.float64], base: Model | None, sparse: bool) -> tuple[Model, Any]:
-    """The model of one run: derived from `base` if that has its stiffness."""
+    """Returns the model of one run, derived from `base` if that has the same stiffness."""
     scene = study.run_scene(values, sparse)
     if base is not None:
         try:
@@ -132,7 +133,7 @@ def line_of(cells: Iterable[Any]) -> str:
 
 
 def checked(line: str) -> bytes:
-    """A line of a task's file; its last cell is the CRC-32 of the rest."""
+    """Returns a line of a task's file, whose last cell is the CRC-32 of the rest."""
     cells = line.rstrip("\n").encode()
     return cells + b",%08x\n" % zlib.crc32(cells)
 
@@ -146,13 +147,13 @@ def heading(study: Study) -> list[str]:
 
 
 def read_rows(path: Path, study: Study, samples: npt.NDArray[np.float64]) -> list[Row]:
-    """The whole rows of a task's file. Raises BadStudy unless they belong to this study, which has these samples."""
+    """Returns the complete rows of a task's file. Raises BadStudy unless they belong to this study, which has these samples."""
     with open_input(path, "rb") as file:
         return _parse_rows(path, file.read(), study, samples)[0]
 
 
 def _parse_rows(path: Path, data: bytes, study: Study, samples: npt.NDArray[np.float64]) -> tuple[list[Row], int]:
-    """The whole rows, and their length in bytes with the heading: what follows was cut off by a kill."""
+    """Returns the complete rows, and their length in bytes with the heading: a kill cut off the bytes that follow."""
     end = data.rfind(b"\n") + 1
     if end == 0:
         return [], 0
@@ -173,7 +174,7 @@ def _parse_rows(path: Path, data: bytes, study: Study, samples: npt.NDArray[np.f
             row = Row(int(cells[0]), cells[1], numbers[:parameters], numbers[parameters:])
         except (ValueError, csv.Error):
             raise BadStudy(f"{path}:{number}: damaged or changed since it was written: remove the line, and the run is repeated") from None
-        if study.method == "random" and row.index >= len(samples):    # from when the study had more runs
+        if study.method == "random" and row.index >= len(samples):    # a row from when the study had more runs
             continue
         if not 0 <= row.index < len(samples) or row.parameters != tuple(samples[row.index].tolist()):
             raise BadStudy(f"{path}:{number}: run {row.index} has other parameters than the study: choose another folder with --out")
@@ -182,7 +183,7 @@ def _parse_rows(path: Path, data: bytes, study: Study, samples: npt.NDArray[np.f
 
 
 def _read_whole(file: int, size: int) -> bytes:
-    """The first `size` bytes; one call of pread returns 2 GiB at most."""
+    """Reads the first `size` bytes; one call of pread returns at most 2 GiB."""
     data = bytearray()
     while len(data) < size:
         part = os.pread(file, size - len(data), len(data))
@@ -193,7 +194,7 @@ def _read_whole(file: int, size: int) -> bytes:
 
 
 class TaskFile:
-    """A task's file of rows, open for appending, and locked."""
+    """A task's file of rows, open for appending and locked."""
 
     def __init__(self, path: Path, study: Study, samples: npt.NDArray[np.float64]):
         self.path = path
@@ -201,7 +202,8 @@ class TaskFile:
         try:
             self._lock()
             size = os.fstat(self._file).st_size
-            self.rows, end = _parse_rows(path, _read_whole(self._file, size), study, samples)    # closing another descriptor would release the lock
+            # opening the file again and closing that descriptor would release the lock
+            self.rows, end = _parse_rows(path, _read_whole(self._file, size), study, samples)
             self.torn = size - end    # bytes
             os.ftruncate(self._file, end)
             if end == 0:
@@ -220,7 +222,7 @@ class TaskFile:
             raise BadStudy(f"{self.path}: cannot be locked: {error.strerror}: choose with --out a folder on a file system that supports locks") from None
 
     def append(self, row: Row) -> None:
-        """Survives a kill of this process at once, and a power failure a second later."""
+        """Appends a row, which survives a kill of this process at once, and a power failure after a second."""
         data = checked(line_of(cells_of(row)))
         if os.write(self._file, data) != len(data):
             raise OSError(28, "No space left on device", str(self.path))
@@ -240,15 +242,15 @@ class TaskFile:
 
 
 def _child(write: int, work: Callable[[], Any], program: str) -> None:
-    """In the child: sends the outcome and exits."""
+    """Runs in the child: sends the outcome and exits."""
     status = 1
     try:
-        signal.signal(signal.SIGINT, signal.SIG_IGN)     # from the terminal: the parent ends its children
+        signal.signal(signal.SIGINT, signal.SIG_IGN)     # a SIGINT from the terminal also reaches the parent, which ends its children
         signal.signal(signal.SIGTERM, signal.SIG_DFL)
         with os.fdopen(write, "wb") as pipe:
             pipe.write(json.dumps(work()).encode())
         status = 0
-    except BaseException as error:  # noqa: BLE001    no exception may leave a child
+    except BaseException as error:  # noqa: BLE001    no exception may escape from a child
         print(f"{program}: {type(error).__name__}: {error}", file=sys.stderr)
     finally:
         sys.stderr.flush()
@@ -256,13 +258,13 @@ def _child(write: int, work: Callable[[], Any], program: str) -> None:
 
 
 class Pool:
-    """Up to `workers` child processes, one for each run. A child starts with its parent's objects, such as a model, without a copy, and
-    without traces of other runs."""
+    """Up to `workers` child processes, one for each run. A child starts with its parent's objects, such as a model, without copying
+    them, and without traces of other runs."""
 
     def __init__(self, workers: int, finished: Callable[[int, Any, str], None], program: str = "trocar-study"):
-        """finished(run, outcome, why): outcome as JSON keeps it, None if the child ended without one."""
+        """finished(run, outcome, why): outcome as JSON preserves it, None if the child ended without one."""
         self.workers, self.finished, self.program = workers, finished, program
-        self._running: dict[int, tuple[int, int, bytearray]] = {}    # read end: run, process, received
+        self._running: dict[int, tuple[int, int, bytearray]] = {}    # by read end of the pipe: run, process, received bytes
         self._selector = selectors.DefaultSelector()
 
     def start(self, run_: int, work: Callable[[], Any]) -> None:
@@ -278,7 +280,7 @@ class Pool:
         self._selector.register(read, selectors.EVENT_READ)
 
     def wait(self) -> None:
-        """Waits until a child has sent something."""
+        """Waits until a child has sent data."""
         for key, _ in self._selector.select():
             data = os.read(key.fd, 1 << 16)
             run_, process, received = self._running[key.fd]
@@ -297,7 +299,7 @@ class Pool:
             self.wait()
 
     def kill(self) -> None:
-        """Ends the children."""
+        """Kills the children."""
         for _, process, _ in self._running.values():
             os.kill(process, signal.SIGKILL)
         for _, process, _ in self._running.values():
@@ -317,7 +319,7 @@ def row_files(out: Path) -> list[Path]:
 
 
 def check_manifest(study: Study, out: Path) -> None:
-    """Writes the study's manifest, or compares with an existing one. Raises BadStudy if that is of another study."""
+    """Writes the study's manifest, or compares it with an existing one. Raises BadStudy if that belongs to another study."""
     path, own = out / "study.json", study.manifest()
     if path.exists():
         try:
@@ -337,7 +339,7 @@ def check_manifest(study: Study, out: Path) -> None:
 
 
 def has_frames(out: Path) -> bool:
-    """True if the study in this folder records frames, as its manifest says."""
+    """True if the study in this folder records frames, according to its manifest."""
     try:
         with open_input(out / "study.json", encoding="utf-8") as file:
             return dict(json.load(file)).get("frames", "none") != "none"
@@ -346,14 +348,14 @@ def has_frames(out: Path) -> bool:
 
 
 class Outcome(NamedTuple):
-    done: int        # by this call
+    done: int        # number of runs done by this call
     before: int      # were there
-    failed: int      # rows of this task whose status is not "ok"
-    lost: list[str]  # runs that ended without a row, and why
+    failed: int      # number of this task's rows whose status is not "ok"
+    lost: list[str]  # runs that ended without a row, and the reason
 
 
 def carry_out(study: Study, out: Path, task: tuple[int, int], workers: int, progress: Callable[[int, int], None], say: Callable[[str], None]) -> Outcome:
-    """Does those runs of task (i, of N) that no file has yet. Reports progress (done, of)."""
+    """Does the runs of task (i, of N) that no file contains yet. Reports progress (done, of)."""
     out.mkdir(parents=True, exist_ok=True)
     check_manifest(study, out)
     samples = study.samples()
@@ -369,7 +371,7 @@ def carry_out(study: Study, out: Path, task: tuple[int, int], workers: int, prog
     before, count, failed, lost = len(mine) - len(left), 0, 0, []
     failed += sum(row.status != "ok" for row in file.rows)
     if study.frames_every:
-        from . import frames as _frames    # before the first child
+        from . import frames as _frames    # imported before the first child starts
         (out / "frames").mkdir(exist_ok=True)
         say(_frames.size_in_words(study, out))
 
@@ -393,7 +395,7 @@ def carry_out(study: Study, out: Path, task: tuple[int, int], workers: int, prog
                 with _frames.Writer(out / "frames" / f"{index:07d}.h5", model) as frames:
                     return "ok", run(study, samples[index], model, scene, frames)
             except (Error, BadPlan) as error:
-                if isinstance(error, Error) and error.status in ("no memory", "system"):    # not the run's fault: it can be repeated
+                if isinstance(error, Error) and error.status in ("no memory", "system"):    # the cause is not in the run, which can be repeated
                     raise
                 return " ".join(str(error).split()), [NOTHING] * len(study.result_columns())
         return one
@@ -401,17 +403,17 @@ def carry_out(study: Study, out: Path, task: tuple[int, int], workers: int, prog
     pool = Pool(workers, finished)
     progress(before, before + len(left))
     gc.collect()
-    gc.freeze()    # children share the objects, so the collector must not write to them
+    gc.freeze()    # children share the objects, so the garbage collector must not write to them
     try:
         group, base = -1, None
-        remaining = np.bincount(groups.of_run[left]) if left else []    # runs of each group
+        remaining = np.bincount(groups.of_run[left]) if left else []    # number of remaining runs of each group
         for index in left:
             if groups.of_run[index] != group:
                 group, base = groups.of_run[index], None
-            if base is None and remaining[group] > 1:    # a single run builds its model itself, in parallel with others
+            if base is None and remaining[group] > 1:    # a single run builds its model itself, in parallel with other runs
                 try:
                     base = Model(study.run_scene(samples[index], groups.sparse))
-                except Error:    # the run itself reports it; the next run is tried
+                except Error:    # the run itself reports the error; the next run is tried
                     pass
             remaining[group] -= 1
             pool.start(index, work(index, base))

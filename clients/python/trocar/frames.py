@@ -1,11 +1,11 @@
 """Frames of a study: displacement fields, contacts and wrenches at regular times, for learning.
 
-While a study runs, each run has a file of its own in the folder `frames`; `trocar-study collect` makes one file, frames.h5, of them, whose data sets are
-chunked by run and compressed:
+While a study runs, each run has a file of its own in the folder `frames`; `trocar-study collect` merges them into one file, frames.h5, whose data sets
+are chunked by run and compressed:
 
     time (frames) s                        parameters (runs, parameters), with the attribute `names`
     pose (runs, frames, 7)                 of the base: x y z (m), w x y z
-    force, torque (runs, frames, 3)        N and N m: what the base exerts on the hand, torque about the base point
+    force, torque (runs, frames, 3)        N and N m: exerted by the base on the hand, torque about the base point
     depth (runs, frames) m                 of the track
     centreline (runs, frames, joints, 3) m from base to tip
     displacements (runs, frames, nodes, 3) m, of the mesh's nodes, single precision
@@ -37,11 +37,12 @@ __all__ = ["Writer", "collect", "size_in_words"]
 _KINDS = {"tissue": 0, "tip": 1, "guide": 2}
 _MESH = ("nodes", "tets", "tet_regions")
 _COMPRESSED = {"compression": "gzip", "compression_opts": 4, "shuffle": True}
-_LEFT = 0.65    # size of a run's file relative to its displacements and centrelines before compression: figure 8's insertion
+_LEFT = 0.65    # size of a run's file relative to its uncompressed displacements and centrelines, measured for the insertion of figure 8
 
 
 def size_in_words(study: Study, folder: Path) -> str:
-    """Approximate size of the frames of all runs of a study in this folder, and the free space there. "" for a study without frames."""
+    """Returns a text with the approximate size of the frames of all runs of a study in this folder, and the free space there; "" for a study without
+    frames."""
     samples = study.samples()
     if not study.frames_every or not len(samples):
         return ""
@@ -58,7 +59,7 @@ def _bytes(size: float) -> str:
 
 
 class Writer:
-    """Writes the frames of one run. The file appears as a whole when it is closed, or not at all after an exception."""
+    """Writes the frames of one run. The complete file appears when it is closed; after an exception, there is no file."""
 
     def __init__(self, path: Path, model: Model):
         self.path, self.model = path, model
@@ -92,7 +93,7 @@ class Writer:
 
 
 def collect(folder: Path, path: Path, parameters: np.ndarray, names: list[str]) -> int:
-    """Merges the files of all runs in `folder`, whose parameters (runs, p) these are, into one. Returns the number of runs with frames."""
+    """Merges the files of all runs in `folder` into one; `parameters` are those of the runs, (runs, p). Returns the number of runs with frames."""
     files = sorted(folder.glob("*.h5"))
     files = [file for file in files if int(file.stem) < len(parameters)]
     if not files:

@@ -1,7 +1,7 @@
 """Motions of a needle's base: the scripts of trocar-device, straight insertions, tables of poses and plans of an implant.
 
-A motion is a generator. It resets the simulation's needle and yields arrays of poses (steps, 7); who iterates over it steps the simulation
-through each of them before asking for the next, as `Sim.run` does:
+A motion is a generator. It resets the simulation's needle and yields arrays of poses (steps, 7). The caller steps the simulation through
+each array before asking for the next, as with `Sim.run`:
 
     >>> from trocar import motion
     >>> for poses in motion.script("insert").play(sim, 0.001):
@@ -26,18 +26,18 @@ if TYPE_CHECKING:
 
 __all__ = ["Adjustment", "BadMotion", "Implant", "Script", "Straight", "Table", "SCRIPTS", "START", "axis_of", "script"]
 
-START = np.array([0.005, 0.003, -0.201, 1.0, 0.0, 0.0, 0.0])  # trocar-device's: the tip of a 200 mm needle is then 1 mm in front of the skin
+START = np.array([0.005, 0.003, -0.201, 1.0, 0.0, 0.0, 0.0])  # as for trocar-device: the tip of a 200 mm needle is then 1 mm in front of the skin
 
 Array = npt.NDArray[np.float64]
 
 
 class BadMotion(Exception):
-    """An unusable table of poses, or plan: file, line and remedy."""
+    """A table of poses or a plan that cannot be used; the message gives file, line and remedy."""
 
 
 class Leg(NamedTuple):
-    """Between two times (s) the base moves by `shift` (m) and turns by `turn` (rad, a rotation vector) with minimum jerk. Both are in the needle's
-    frame at the start. Legs may overlap."""
+    """One leg of a motion: between two times (s) the base moves by `shift` (m) and turns by `turn` (rad, a rotation vector) with minimum jerk.
+    Both are in the needle's frame at the start. Legs may overlap."""
 
     start: float
     end: float
@@ -45,7 +45,7 @@ class Leg(NamedTuple):
     turn: tuple[float, float, float] = (0.0, 0.0, 0.0)
 
 
-DEPTH = 0.066  # m that the scripts insert the needle
+DEPTH = 0.066  # m by which the scripts insert the needle
 _HALF_TURN = (0.0, 0.0, math.pi)
 SCRIPTS: dict[str, tuple[float, tuple[Leg, ...]]] = {  # duration (s) and legs, as in clients/shared/motion.c
     "figure8": (2.4, (Leg(0.0, 1.3, (0, 0, 0.066)), Leg(1.3, 1.6, (0, 0.010, 0)), Leg(1.4, 2.1, (0, 0, -0.066)), Leg(2.4, 2.7, (0, -0.010, 0)))),
@@ -64,7 +64,7 @@ SCRIPTS: dict[str, tuple[float, tuple[Leg, ...]]] = {  # duration (s) and legs, 
 
 
 def multiply(a: npt.ArrayLike, b: npt.ArrayLike) -> Array:
-    """The rotation b, followed by a."""
+    """Returns the rotation b followed by a."""
     a, b = np.asarray(a, np.float64), np.asarray(b, np.float64)
     w = a[..., 0] * b[..., 0] - np.sum(a[..., 1:] * b[..., 1:], axis=-1)
     v = a[..., :1] * b[..., 1:] + b[..., :1] * a[..., 1:] + np.cross(a[..., 1:], b[..., 1:])
@@ -78,19 +78,19 @@ def rotate(q: npt.ArrayLike, vector: npt.ArrayLike) -> Array:
 
 
 def exponential(turn: npt.ArrayLike) -> Array:
-    """The quaternion of a rotation vector (rad)."""
+    """Returns the quaternion of a rotation vector (rad)."""
     turn = np.asarray(turn, np.float64)
     angle = np.linalg.norm(turn, axis=-1, keepdims=True)
     return np.concatenate([np.cos(0.5 * angle), 0.5 * np.sinc(angle / (2.0 * np.pi)) * turn], axis=-1)
 
 
 def axis_of(pose: npt.ArrayLike) -> Array:
-    """(..., 3) unit vectors from base to tip of poses (..., 7)."""
+    """Returns the unit vectors (..., 3) from base to tip of poses (..., 7)."""
     return rotate(np.asarray(pose, np.float64)[..., 3:], np.array([0.0, 0.0, 1.0]))
 
 
 def towards(direction: npt.ArrayLike) -> Array:
-    """The quaternion that turns +z into a unit vector, unless that is -z."""
+    """Returns the quaternion that turns +z into a unit vector, which must not be -z."""
     direction = np.asarray(direction, np.float64)
     half = np.array([1.0 + direction[2], -direction[1], direction[0], 0.0])
     return half / np.linalg.norm(half) if half[0] > 1e-12 else np.array([0.0, 1.0, 0.0, 0.0])
@@ -102,7 +102,7 @@ def towards(direction: npt.ArrayLike) -> Array:
 @dataclass(frozen=True)
 class Adjustment:
     """Moves a whole motion: by x, y and z (m) along the needle's axes at the start, after tilts (rad) about x and y at the tip's
-    start, and with its bevel rolled by `roll` (rad)."""
+    initial position, and with its bevel rolled by `roll` (rad)."""
 
     x: float = 0.0
     y: float = 0.0
@@ -133,12 +133,12 @@ class _Motion:
     adjustable = ("x", "y", "z", "tilt_x", "tilt_y", "roll")
 
     def adjusted(self, **by: float) -> _Motion:
-        """A copy with some of `adjustable` set."""
+        """Returns a copy with some of `adjustable` set."""
         own = {name: by.pop(name) for name in list(by) if name not in Adjustment.__dataclass_fields__}
         return replace(self, adjustment=replace(self.adjustment, **by), **own)
 
     def duration(self) -> float | None:
-        """s; None: known only once the motion is played."""
+        """Duration in s; None if it is known only once the motion is played."""
         raise NotImplementedError
 
     def _start_of(self, sim: Sim) -> Array:
@@ -148,7 +148,7 @@ class _Motion:
         return START if given is None else given
 
     def poses(self, start: Array, dt: float) -> Array:
-        """(n, 7), one every `dt` seconds, from time 0."""
+        """Returns the poses (n, 7), one every `dt` seconds, from time 0."""
         raise NotImplementedError
 
     def play(self, sim: Sim, dt: float) -> Iterator[Array]:
@@ -176,8 +176,8 @@ class Script(_Motion):
         return self.seconds * self.depth / DEPTH / self.speed
 
     def to_depth(self, depth: float) -> Script:
-        """The script with this insertion depth (m), at the same speed along the needle; trocar-device does so for a scene with needle.start.depth.
-        All times scale in proportion: sideways legs and turns are slower in a deeper script."""
+        """Returns the script with this insertion depth (m), at the same speed along the needle, as trocar-device does for a scene with
+        needle.start.depth. All times scale in proportion: sideways legs and turns are slower in a deeper script."""
         return replace(self, depth=depth)
 
     def poses(self, start: Array, dt: float) -> Array:
@@ -195,14 +195,14 @@ class Script(_Motion):
 
 
 def script(name: str, speed: float = 1.0, start: npt.ArrayLike | None = None) -> Script:
-    """The script of this name in SCRIPTS. KeyError if there is none."""
+    """Returns the script of this name in SCRIPTS. Raises KeyError if there is none."""
     seconds, legs = SCRIPTS[name]
     return Script(start=None if start is None else np.asarray(start, np.float64), legs=legs, seconds=seconds, speed=speed)
 
 
 @dataclass(frozen=True)
 class Straight(_Motion):
-    """A straight insertion by `depth` (m, of the base) at `speed` (m/s), a rest of `hold` (s), and a retraction if `back`."""
+    """A straight insertion of the base by `depth` (m) at `speed` (m/s), a rest of `hold` (s), and a retraction if `back`."""
 
     depth: float = 0.05
     speed: float = 0.05
@@ -229,14 +229,14 @@ _COLUMNS = ("t", "x", "y", "z", "qw", "qx", "qy", "qz")
 
 @dataclass(frozen=True)
 class Table(_Motion):
-    """Poses at given times, from a CSV file; in between, positions and orientations are interpolated linearly."""
+    """Poses at given times, from a CSV file; positions and orientations in between are interpolated linearly."""
 
     times: Array = field(default_factory=lambda: np.zeros(0))      # (n,) s, from 0
     given: Array = field(default_factory=lambda: np.zeros((0, 7)))
 
     @classmethod
     def read(cls, path: str | PathLike[str]) -> Table:
-        """A CSV file with the columns t (s), x, y, z (m), qw, qx, qy, qz. BadMotion with file, line and remedy."""
+        """Reads a CSV file with the columns t (s), x, y, z (m), qw, qx, qy, qz. Raises BadMotion with file, line and remedy."""
         name, rows = fspath(path), []
         try:
             with open_input(path, newline="", encoding="utf-8") as file:
@@ -280,13 +280,14 @@ class Table(_Motion):
 
 @dataclass(frozen=True)
 class Implant(_Motion):
-    """A plan of an implant, one needle after the other: in at `speed` (m/s), with a turn if the plan has one, back from seed to seed, out."""
+    """A plan of an implant, one needle after the other: insertion at `speed` (m/s), with a turn if the plan has one, withdrawal from seed to seed,
+    and out."""
 
     plan: Plan | None = None
     speed: float = 0.08
     settle: float = 0.05      # s at rest before a seed is dropped, or at the depth of a needle without seeds
-    outside: float = 0.02     # m from the template's face, or the entry, where a needle starts and ends
-    turning: float = 2.0 * math.pi    # rad/s, of a turn on the way
+    outside: float = 0.02     # m from the template's face, or from the entry, at which a needle starts and ends
+    turning: float = 2.0 * math.pi    # rad/s, speed of a turn on the way
 
     adjustable = ("speed", "roll")
 
@@ -294,18 +295,19 @@ class Implant(_Motion):
         return None
 
     def _pose(self, axis: tuple[Array, Array], depths: Array, roll: float | Array, length: float) -> Array:
-        """Poses (n, 7) with the tip at depths (n,) m along the axis, a point and a direction, and the needle rolled by `roll` (rad)."""
+        """Returns poses (n, 7) with the tip at depths (n,) m along the axis, which is a point and a direction, and with the needle rolled by `roll`
+        (rad)."""
         point, direction = axis
         turned = multiply(towards(direction), exponential(np.multiply.outer(np.broadcast_to(roll, depths.shape), [0.0, 0.0, 1.0])))
         return np.concatenate([point + (depths[:, None] - length) * direction, turned], axis=1)
 
     def _go(self, axis: tuple[Array, Array], start: float, end: float, roll: float, length: float, dt: float) -> Array:
-        """Poses that move the tip between two depths, in m, excluding the first."""
+        """Returns poses that move the tip between two depths, in m, without the first pose."""
         steps = max(math.ceil(abs(end - start) / (self.speed * dt)), 1)
         return self._pose(axis, np.linspace(start, end, steps + 1)[1:], roll, length)
 
     def insert(self, sim: Sim, needle: Needle, dt: float) -> Iterator[Array]:
-        """One needle, from its reset outside the tissue to its rest at the depth."""
+        """Yields the poses of one needle, from its reset outside the tissue to its rest at the depth."""
         from . import plan as plans
         axis, length = plans.needle_axis(self.plan, needle, sim.model), sim.model.needle_length
         roll, at = needle.roll + self.adjustment.roll, -self.outside
@@ -330,13 +332,13 @@ class Implant(_Motion):
             yield from self.insert(sim, needle, dt)
             tip = needle.depth
             for behind in needle.seeds:
-                target = needle.depth - (behind - half)    # of the tip, when the seed is dropped
+                target = needle.depth - (behind - half)    # depth of the tip when the seed is dropped
                 if target != tip:
                     yield go(tip, target)
                     yield np.tile(go(target, target), (round(self.settle / dt), 1))
                 sim.drop_seeds()
                 tip = target
-                while sim.pending_seeds():    # draws back until the seed is left
+                while sim.pending_seeds():    # draws the needle back until the seed has been left
                     yield go(tip, tip - 0.5e-3)
                     tip -= 0.5e-3
             yield go(tip, -self.outside)

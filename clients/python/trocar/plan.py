@@ -1,25 +1,25 @@
-"""Plans of an implant: needles by the template's coordinates, seeds by their distance from the needle's tip.
+"""Plans of an implant, with needles in the template's coordinates and seeds by their distance from the needle's tip.
 
 A plan is a YAML file:
 
-    template: template             # the scene's guide that it is made for, and its holes
+    template: template             # the scene's guide for which the plan is made, and its holes
     columns: 13
     rows: 13
     spacing: 5e-3                  # m
     source: {isotope: I-125, model: "6711", strength: 0.5}    # of all seeds; U, air kerma strength; may be left out
-    prescription: 145              # Gy, the dose that the target is to get at least; may be left out
+    prescription: 145              # Gy, the least dose for the target; may be left out
     needles:
       - hole: C3.5                 # a letter for the column, from A; a number for the row, from 1 in halves
-        depth: 0.115               # m, from the face of the template where needles enter to the tip
+        depth: 0.115               # m, from the template's entry face to the tip
         seeds: [2.25e-3, 12.25e-3] # m, from the tip back to each seed's centre
         roll: 1.57                 # rad, turn of the needle about its axis; may be left out
-        turn: {depth: 0.08, by: 3.14159}    # m, rad: where it is turned by how much; may be left out
+        turn: {depth: 0.08, by: 3.14159}    # m, rad: depth and angle of a turn on the way; may be left out
       - name: T1                   # may be left out
-        entry: [0.01, 0, -5e-3]    # m, in the mesh: instead of a hole, for a needle without seeds; depth counts from here
+        entry: [0.01, 0, -5e-3]    # m, in the mesh: replaces the hole of a needle without seeds; depths start here
         direction: [0, 0.1, 1]     # of any length; may be left out: [0, 0, 1]
         depth: 0.06
 
-A plan of which no needle has a hole needs no template, columns, rows and spacing. At roll 0 the bevel faces local +y after the shortest turn from +z to
+A plan in which no needle has a hole needs no template, columns, rows or spacing. At roll 0 the bevel faces local +y after the shortest turn from +z to
 the needle's direction (`trocar.motion.towards`).
 
 As a program:
@@ -53,22 +53,22 @@ _GAP = 1e-9                # m, rounding of lengths that are added
 
 
 class BadPlan(Exception):
-    """An unusable plan, or table of seeds: file, line and remedy."""
+    """A plan or table of seeds that cannot be used; the message gives file, line and remedy."""
 
 
 @dataclass
 class Source:
-    """Contents of every seed."""
+    """Model and strength of every seed."""
 
     isotope: str     # I-125 or Pd-103
-    model: str       # of the manufacturer
+    model: str       # model name of the manufacturer
     strength: float  # U (uGy m^2/h), air kerma strength of one seed at the time of the implant
 
 
 class Turn(NamedTuple):
-    """A rotation of the needle about its axis on its way, at rest."""
+    """A rotation of the needle about its axis during the insertion, while the tip is at rest."""
 
-    depth: float        # m, of the tip, counted as the needle's
+    depth: float        # m, of the tip, measured like the needle's depth
     by: float           # rad
 
 
@@ -76,19 +76,19 @@ class Turn(NamedTuple):
 class Needle:
     """One needle of a plan."""
 
-    hole: str           # such as C3.5; "" for a needle with an entry
-    depth: float        # m, from the face of the template where needles enter, or from the entry, to the tip
+    hole: str           # name such as C3.5; "" for a needle with an entry
+    depth: float        # m, from the template's entry face, or from the entry, to the tip
     seeds: list[float]  # m, from the tip back to each seed's centre, ascending
-    line: int = 0       # in the file; 0: unknown
+    line: int = 0       # line in the file; 0 if unknown
     name: str = ""
     roll: float = 0.0   # rad
     turn: Turn | None = None
     entry: tuple[float, ...] | None = None               # (3) m, in the mesh
-    direction: tuple[float, ...] = (0.0, 0.0, 1.0)       # unit vector, with an entry
+    direction: tuple[float, ...] = (0.0, 0.0, 1.0)       # unit vector, for a needle with an entry
 
     @property
     def title(self) -> str:
-        """The name or the hole, for messages."""
+        """The needle's name or hole, for messages."""
         return self.name or self.hole or "without a name"
 
 
@@ -105,26 +105,26 @@ class Plan:
     path: str = "plan"
     line: int = 0   # of `template`
     prescription: float | None = None                    # Gy
-    remarks: list[str] = field(default_factory=list)     # changes that its reader had to make, as text
+    remarks: list[str] = field(default_factory=list)     # changes that the reader had to make, as text
 
 
 class Planned(NamedTuple):
     """A planned seed in the tissue at rest."""
 
     hole: str
-    number: int                          # in its needle, 1: the distal one
-    position: npt.NDArray[np.float64]    # (3,) m, its centre, in the mesh
+    number: int                          # number in its needle, 1 for the distal seed
+    position: npt.NDArray[np.float64]    # (3,) m, the seed's centre, in the mesh
     direction: npt.NDArray[np.float64]   # (3,) unit vector from template to tip
 
 
 class Placed(NamedTuple):
-    """A seed left in the tissue, from the table that trocar-replay --seeds writes."""
+    """A seed left in the tissue, from the table written by trocar-replay --seeds."""
 
-    number: int                          # its row, from 1
-    guide: str                           # "" if its needle was in none
+    number: int                          # number of its row, from 1
+    guide: str                           # "" if its needle was in no guide
     hole: str
-    position: npt.NDArray[np.float64]    # (3,) m, its centre, in the mesh
-    direction: npt.NDArray[np.float64]   # (3,) unit vector to its distal end
+    position: npt.NDArray[np.float64]    # (3,) m, the seed's centre, in the mesh
+    direction: npt.NDArray[np.float64]   # (3,) unit vector to the seed's distal end
 
 
 class Misplacement(NamedTuple):
@@ -133,7 +133,7 @@ class Misplacement(NamedTuple):
     hole: str
     planned: Planned | None
     placed: Placed | None
-    offset: npt.NDArray[np.float64] | None  # (3,) mm, actual minus planned, along the frame's axes
+    offset: npt.NDArray[np.float64] | None  # (3,) mm, actual minus planned position, along the frame's axes
     along: float | None                     # mm, along the planned needle; positive: too deep
     across: float | None                    # mm
 
@@ -142,13 +142,13 @@ class Misplacement(NamedTuple):
 
 
 def hole_name(column: int, row: int) -> str:
-    """The name of a hole by its column and row, from 0: hole_name(2, 5) is "C3.5". Columns after Z are AA, AB and so on."""
+    """Returns the name of a hole by its column and row, from 0: hole_name(2, 5) is "C3.5". Columns after Z are AA, AB and so on."""
     letters = chr(65 + column) if column < 26 else chr(64 + column // 26) + chr(65 + column % 26)
     return f"{letters}{1 + row // 2}{'.5' if row % 2 else ''}"
 
 
 def hole_number(name: str) -> tuple[int, int] | None:
-    """(column, row) from 0 of a hole's name, in capital or small letters. None if it is not a name."""
+    """Returns (column, row), from 0, of a hole's name, in capital or small letters. None if it is not the name of a hole."""
     match = re.fullmatch(r"([A-Z]{1,2})([1-9]\d?)(?:\.([05]))?", name.upper())
     if not match:
         return None
@@ -231,7 +231,7 @@ def _all_have_entries(reader: Reader, node: Any) -> bool:
 
 
 def read(path: str | PathLike[str]) -> Plan:
-    """Reads a plan. Raises BadPlan with file, line and remedy for anything that it does not understand."""
+    """Reads a plan. Raises BadPlan with file, line and remedy for anything in the file that is not understood."""
     of_template = ("template", "columns", "rows", "spacing")
     reader = Reader(fspath(path), "plan", BadPlan, "template, columns, rows, spacing and needles")
     others = ("source", "prescription")
@@ -258,7 +258,7 @@ def read(path: str | PathLike[str]) -> Plan:
 
 
 def write(plan: Plan, path: str | PathLike[str], comment: str = "") -> None:
-    """Writes a plan that `read` reads."""
+    """Writes a plan as a file that `read` reads."""
     number = lambda value: f"{value:.9g}"
     numbers = lambda values: f"[{', '.join(map(number, values))}]"
     quoted = lambda text: "\"" + text.replace("\\", "\\\\").replace("\"", "\\\"") + "\""
@@ -298,21 +298,21 @@ class Frame:
         self._from_mesh = np.linalg.inv(matrix) if matrix is not None else np.diag([1e3, 1e3, 1e3, 1.0])
 
     def position(self, point: npt.ArrayLike) -> npt.NDArray[np.float64]:
-        """(..., 3) mm of (..., 3) m in the mesh."""
+        """Converts positions (..., 3) m in the mesh to (..., 3) mm."""
         return np.asarray(point) @ self._from_mesh[:3, :3].T + self._from_mesh[:3, 3]
 
     def vector(self, vector: npt.ArrayLike) -> npt.NDArray[np.float64]:
-        """(..., 3) mm of a difference (..., 3) of positions in the mesh, m."""
+        """Converts differences (..., 3) m of positions in the mesh to (..., 3) mm."""
         return np.asarray(vector) @ self._from_mesh[:3, :3].T
 
     def to_mesh(self, point: npt.ArrayLike) -> npt.NDArray[np.float64]:
-        """(..., 3) m in the mesh of (..., 3) mm."""
+        """Converts positions (..., 3) mm to (..., 3) m in the mesh."""
         to_mesh = np.linalg.inv(self._from_mesh)
         return np.asarray(point) @ to_mesh[:3, :3].T + to_mesh[:3, 3]
 
 
 def guide_of(plan: Plan, model: Model) -> Guide:
-    """The scene's guide for which the plan is made. Raises BadPlan if the scene has no such template."""
+    """Returns the scene's guide for which the plan is made. Raises BadPlan if the scene has no such template."""
     place = f"{plan.path}:{plan.line}" if plan.line else plan.path
     if not plan.template:
         raise BadPlan(f"{place}: the plan has no template: its needles have entries instead of holes")
@@ -328,14 +328,14 @@ def guide_of(plan: Plan, model: Model) -> Guide:
 
 
 def hole_axis(guide: Guide, hole: str) -> npt.NDArray[np.float64]:
-    """(3,) m, where the axis of the hole of this name meets the front face, at which needles enter."""
+    """Returns the point (3,) m where the axis of this hole meets the front face, at which needles enter."""
     column, row = hole_number(hole)
     aside = [guide.spacing * (index - 0.5 * (count - 1)) for index, count in ((column, guide.columns), (row, guide.rows))]
     return guide.origin + aside[0] * guide.across[0] + aside[1] * guide.across[1]
 
 
 def needle_axis(plan: Plan, needle: Needle, model: Model) -> tuple[npt.NDArray[np.float64], npt.NDArray[np.float64]]:
-    """(3,) m, the point from which the needle's depth counts, and (3,) its direction, a unit vector. Raises BadPlan like `guide_of`."""
+    """Returns the point (3,) m from which the needle's depth is measured, and its direction (3,), a unit vector. Raises BadPlan like `guide_of`."""
     if needle.entry is not None:
         return np.array(needle.entry), np.array(needle.direction) / np.linalg.norm(needle.direction)
     guide = guide_of(plan, model)
@@ -343,8 +343,8 @@ def needle_axis(plan: Plan, needle: Needle, model: Model) -> tuple[npt.NDArray[n
 
 
 def planned_seeds(plan: Plan, model: Model) -> list[Planned]:
-    """The plan's seeds in the tissue at rest: on the axes of the holes. Raises BadPlan if the scene's template differs, its needle is
-    too short, or the seeds would overlap."""
+    """Returns the plan's seeds in the tissue at rest, on the axes of the holes. Raises BadPlan if the scene's template differs, its
+    needle is too short, or seeds would overlap."""
     length, reach = model.seed_size.length, model.needle_length
     found = []
     for needle in plan.needles:
@@ -364,13 +364,13 @@ def planned_seeds(plan: Plan, model: Model) -> list[Planned]:
 
 
 def _regions_at(model: Model, points: npt.NDArray[np.float64]) -> list[str | None]:
-    """The region of each point (k, 3), None outside the tissue."""
+    """Returns the region of each point (k, 3), None outside the tissue."""
     names = model.groups
     return [names[model.tet_regions[tet]] if tet >= 0 else None for tet in locate(model, points)[0]]
 
 
 def check(plan: Plan, model: Model) -> dict[str, int]:
-    """The number of the plan's seeds in each region. Raises BadPlan like `planned_seeds`, and for a seed that reaches out of the tissue."""
+    """Counts the plan's seeds in each region. Raises BadPlan like `planned_seeds`, and for a seed that is not completely in the tissue."""
     seeds, half = planned_seeds(plan, model), 0.5 * model.seed_size.length
     if not seeds:
         return {}
@@ -389,7 +389,7 @@ def check(plan: Plan, model: Model) -> dict[str, int]:
 
 
 def read_seeds(path: str | PathLike[str], model: Model, now: bool = False) -> list[Placed]:
-    """Reads the table that `trocar-replay --seeds` writes. now: places at the end of the replay, else in the tissue at rest."""
+    """Reads the table written by `trocar-replay --seeds`. now: positions at the end of the replay, else in the tissue at rest."""
     name, prefix, frame = fspath(path), "" if now else "rest_", Frame(model)
     try:
         with open_input(path, newline="", encoding="utf-8") as file:
@@ -427,7 +427,7 @@ def read_seeds(path: str | PathLike[str], model: Model, now: bool = False) -> li
 
 
 def seeds_of(sim: Sim, now: bool = False) -> list[Placed]:
-    """The seeds of a simulation. now: places in the displaced tissue, else in the tissue at rest."""
+    """Returns the seeds of a simulation. now: positions in the displaced tissue, else in the tissue at rest."""
     seeds, guides = sim.seeds(), sim.model.guides
     places, directions = sim.model.displaced_seeds(seeds, sim.displacements()) if now else ([s.position for s in seeds], [s.direction for s in seeds])
     found = []
@@ -438,7 +438,7 @@ def seeds_of(sim: Sim, now: bool = False) -> list[Placed]:
 
 
 def _pairs(planned: Sequence[float], placed: Sequence[float]) -> list[tuple[int | None, int | None]]:
-    """Pairs the seeds of one needle, both in order of depth, with the smallest sum of distances. As many pairs as possible."""
+    """Pairs the seeds of one needle, both in order of depth: as many pairs as possible, with the smallest sum of distances."""
     few, many = sorted((planned, placed), key=len)
     cost = np.full((len(few) + 1, len(many) + 1), np.inf)
     cost[0] = 0.0
@@ -456,8 +456,8 @@ def _pairs(planned: Sequence[float], placed: Sequence[float]) -> list[tuple[int 
 
 
 def compare(plan: Plan, model: Model, placed: Iterable[Placed]) -> list[Misplacement]:
-    """The misplacement of each seed relative to the plan: seeds of a hole are paired by their order along the needle. Planned seeds that were
-    not placed, and placed ones that were not planned, have no counterpart."""
+    """Returns the misplacement of each seed relative to the plan; seeds of a hole are paired by their order along the needle. Planned seeds
+    that were not placed, and placed seeds that were not planned, have no counterpart."""
     frame, planned, placed = Frame(model), planned_seeds(plan, model), list(placed)
     normal = guide_of(plan, model).normal
     own = lambda seed: seed.guide == plan.template
@@ -477,8 +477,8 @@ def compare(plan: Plan, model: Model, placed: Iterable[Placed]) -> list[Misplace
 
 
 def summary(rows: Sequence[Misplacement]) -> dict[str, float]:
-    """Over all seeds with a counterpart: `count`, and the means, mm, of `distance`, of each axis' absolute value (`0`, `1`, `2`), of `along`
-    (absolute) and `across`, and `deeper`, the signed mean of `along`."""
+    """Summarises all seeds with a counterpart: `count`, and the means, mm, of `distance`, of each axis' absolute value (`0`, `1`, `2`), of
+    `along` (absolute) and `across`, and `deeper`, the signed mean of `along`."""
     both = [r for r in rows if r.offset is not None]
     if not both:
         return {"count": 0}
@@ -501,7 +501,7 @@ def _planned_table(seeds: Sequence[Planned], frame: Frame) -> list[list[str]]:
 
 
 def _seed_table(seeds: Sequence[Placed]) -> list[list[str]]:
-    """Writes places at rest as `read_seeds` reads them."""
+    """Returns a table of positions at rest that `read_seeds` can read."""
     head = ["seed", "guide", "hole", *(f"rest_{axis} [m]" for axis in "xyz"), *(f"rest_along_{axis}" for axis in "xyz")]
     return [head] + [[str(seed.number), seed.guide, seed.hole, *(f"{value:.9g}" for value in (*seed.position, *seed.direction))] for seed in seeds]
 
@@ -530,7 +530,7 @@ def _save(table: list[list[str]], path: str) -> None:
 
 
 def without_steering(plan: Plan, what: str) -> Plan:
-    """The plan itself. Raises BadPlan if needles are rolled or turned, which `what` cannot express."""
+    """Returns the plan itself. Raises BadPlan if needles are rolled or turned, which `what` cannot express."""
     for needle in plan.needles:
         if needle.roll or needle.turn:
             raise BadPlan(f"{plan.path}:{needle.line}: needle {needle.title}: {what} has no roll or turn, and its needles would go elsewhere: carry the plan out by "
@@ -613,7 +613,7 @@ def _options() -> argparse.ArgumentParser:
 
 
 def main(arguments: Sequence[str] | None = None) -> int:
-    """The program; returns its exit status."""
+    """Runs the program; returns its exit status."""
     parser = _options()
     given = parser.parse_args(arguments)
     if given.command == "import" and not (given.out or given.seeds):
@@ -630,6 +630,6 @@ def main(arguments: Sequence[str] | None = None) -> int:
 
 
 if __name__ == "__main__":
-    from trocar import plan as _imported  # rtplan imports this module by its name: its BadPlan must be the same
+    from trocar import plan as _imported  # rtplan imports this module by its name, and its BadPlan must be the same class
 
     sys.exit(_imported.main())

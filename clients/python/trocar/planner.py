@@ -1,4 +1,4 @@
-"""Planning: entry, direction, depth and roll with which the tip, or a plan's seeds, end where they should in the displaced tissue.
+"""Finds entry, direction, depth and roll with which the tip, or a plan's seeds, reach their targets in the displaced tissue.
 
 A problem is a YAML file:
 
@@ -20,7 +20,7 @@ A problem is a YAML file:
       parameters:
         regions[prostate].youngs_modulus: {uniform: [42e3, 78e3]}
 
-or, with `plan: FILE` instead of targets, entry and their options, a plan whose seeds should end at their planned places.
+With `plan: FILE` instead of targets, entry and their options, the problem is to make the plan's seeds end at their planned places.
 
 As a program:
 
@@ -61,42 +61,43 @@ MADE_BY = "# Made by trocar-plan"    # first line of plan.yaml
 
 
 class Expected(NamedTuple):
-    """The errors (m) of an insertion, from fresh simulations that move the needle as a plan is carried out. NaN if it cannot be simulated."""
+    """The errors (m) of an insertion, from new simulations that move the needle as a plan is carried out. NaN if the insertion cannot be simulated."""
 
-    error: float              # from the displaced target to the tip, for the scene's own values
-    mean: float               # over these and the samples
-    worst: float              # of these and the samples
+    error: float              # distance from the displaced target to the tip, for the scene's own values
+    mean: float               # mean over the scene's own values and the samples
+    worst: float              # worst of the scene's own values and the samples
     offset: list[float]       # (3) from the displaced target to the tip
-    clearance: float | None   # smallest distance from an obstacle minus the wanted clearance, in any sample; None without obstacles
+    clearance: float | None   # smallest distance from an obstacle minus the wanted clearance, over all samples; None without obstacles
     nearest: str              # that obstacle
     shaft: list[list[float]]  # (joints, 3) from base to tip
-    why: str = ""             # why it cannot be simulated, in the first sample in which that is so
+    why: str = ""             # reason why it cannot be simulated, from the first sample with that problem
 
 
 @dataclass
 class Result:
-    """A target's plan."""
+    """The plan for one target."""
 
     name: str
     target: list[float]       # (3) m, at rest
     needle: Needle
     expected: Expected
-    unplanned: Expected       # the needle aimed straight at the target at rest, from the closest hole or the point that faces it
-    rigid: Expected           # along the straight line to the target at rest that keeps clear
-    nominal: Expected         # planned for the scene's own values only; equals `expected` with that objective
-    reached: bool             # within the tolerance, and clear
+    unplanned: Expected       # the needle is aimed straight at the target at rest, from the closest hole or the point that faces it
+    rigid: Expected           # the needle follows the straight line to the target at rest that keeps its clearances
+    nominal: Expected         # planned for the scene's own values only; equals `expected` if that is the objective
+    reached: bool             # within the tolerance, with all clearances
     why: str                  # not
-    runs: int                 # insertions simulated by the search
-    seconds: float = 0.0      # processor time, for the search and for carrying it out
+    runs: int                 # number of insertions that the search simulated
+    seconds: float = 0.0      # processor time of the search and of carrying out the plan
 
 
 @dataclass
 class SeedResult:
-    """A needle's plan for its seeds."""
+    """The plan for one needle and its seeds."""
 
     needle: Needle
-    before: list[list[float]]    # (samples, seeds) m, distance of each seed from its place, with the original plan; the scene's own values first; NaN: not simulated
-    after: list[list[float]]     # with the new plan
+    # (samples, seeds) m, distance of each seed from its planned place with the original plan; the scene's own values first; NaN: not simulated
+    before: list[list[float]]
+    after: list[list[float]]     # the same with the new plan
     reached: bool
     why: str
     runs: int
@@ -107,7 +108,7 @@ class SeedResult:
 
 
 def models_of(problem: Problem) -> list[Model]:
-    """The scene's model, and those of the samples. Error of the library."""
+    """Returns the models of the scene and of the samples. Raises Error."""
     base = Model(problem.scene())
     return [base, *(model_of(problem.study, values, base, False)[0] for values in problem.samples())]
 
@@ -120,7 +121,7 @@ def _one_line(error: Exception) -> str:
 
 
 def _rounded(needle: Needle) -> Needle:
-    """The plan as written to a file."""
+    """Returns the needle as written to a file."""
     number = lambda value: float(f"{value:.9g}")
     return replace(needle, depth=number(needle.depth), roll=number(needle.roll), turn=needle.turn and Turn(*map(number, needle.turn)),
                    entry=needle.entry and tuple(map(number, needle.entry)), direction=tuple(map(number, needle.direction)))
@@ -133,13 +134,13 @@ def _needle_of(name: str, hole: str, aim: Aim, depth: float) -> Needle:
 
 
 def _frame_of(problem: Problem, model: Model) -> Plan:
-    """A plan without needles."""
+    """Returns a plan without needles."""
     guide = next((guide for guide in model.guides if guide.name == problem.template), None)
     return Plan(guide.name, guide.columns, guide.rows, guide.spacing) if guide else Plan("", 0, 0, 0.0)
 
 
 def carry_out(problem: Problem, models: Sequence[Model], needle: Needle, target: npt.ArrayLike) -> Expected:
-    """The result of aiming a needle at this point (3,) of the tissue at rest, m, in each of the models: the scene first, then the samples."""
+    """Returns the result of aiming a needle at this point (3,) of the tissue at rest, m, in each of the models: the scene first, then the samples."""
     case, frame = Case(problem, models, np.asarray(target, np.float64)), _frame_of(problem, models[0])
     outcomes: list[Outcome | None] = []
     why = ""
@@ -160,7 +161,7 @@ def carry_out(problem: Problem, models: Sequence[Model], needle: Needle, target:
 
 
 def _why(problem: Problem, found: Found, expected: Expected) -> str:
-    """The obstacle to reaching a target."""
+    """Explains what prevents the needle from reaching its target."""
     if expected.clearance is not None and expected.clearance < -ROUNDING:
         return f"{1e3 * -expected.clearance:.2f} mm too near to {expected.nearest}"
     if not np.isfinite(expected.worst):
@@ -174,7 +175,7 @@ def _why(problem: Problem, found: Found, expected: Expected) -> str:
 
 
 def plan_target(problem: Problem, models: Sequence[Model], name: str, point: npt.ArrayLike) -> Result:
-    """The plan for one target, (3,) m at rest. `models` as `models_of` returns them."""
+    """Plans for one target, (3,) m at rest. `models` as returned by `models_of`."""
     begin = time.process_time()
     case = Case(problem, models, np.asarray(point, np.float64))
     (nominal_hole, nominal), (hole, best) = case.plan()
@@ -199,24 +200,25 @@ SEED_EXACT = 2e-5    # m
 
 
 def _placed(problem: Problem, model: Model, given: Needle, needle: Needle) -> Array:
-    """(seeds, 3) m: distances of the seeds of a needle, carried out as `needle`, from their places in `given`, in the tissue at rest. BadPlan, Error."""
+    """Returns the distances (seeds, 3) m of a needle's seeds, carried out as `needle`, from their places in `given`, in the tissue at rest. Raises
+    BadPlan, Error."""
     from . import Sim
     sim, dt = Sim(model), 1.0 / model.rate_hz
     for poses in replace(problem.hand, plan=replace(problem.plan, needles=[needle])).play(sim, dt):
         sim.run(poses, dt)
     wanted = plans.planned_seeds(replace(problem.plan, needles=[given]), model)
-    placed = plans.seeds_of(sim)    # in the order in which they were left: from the distal one back
+    placed = plans.seeds_of(sim)    # in the order in which they were left: from the distal seed back
     return np.array([there.position - here.position for there, here in zip(placed, wanted)])
 
 
 def plan_seeds(problem: Problem, models: Sequence[Model], given: Needle) -> SeedResult:
-    """Depths of one needle of the problem's plan at which its seeds end where the plan has them. `models` as `models_of` returns them."""
+    """Finds depths of one needle of the problem's plan at which its seeds end at their planned places. `models` as returned by `models_of`."""
     begin, runs = time.process_time(), 0
     half, axis = 0.5 * models[0].seed_size.length, plans.needle_axis(problem.plan, given, models[0])[1]
     samples = models if problem.objective != "nominal" else models[:1]
-    wanted = np.array([given.depth - behind for behind in given.seeds])    # depths of their centres
+    wanted = np.array([given.depth - behind for behind in given.seeds])    # depths of the seeds' centres
     aimed, needle, best, why = wanted.copy(), given, None, ""
-    deep, shallow = np.full(len(wanted), np.inf), np.full(len(wanted), -np.inf)    # depths at which seeds ended too deep, and not deep enough
+    deep, shallow = np.full(len(wanted), np.inf), np.full(len(wanted), -np.inf)    # depths at which seeds ended too deep, and too shallow
     for _ in range(SEED_ROUNDS):
         try:
             off = np.array([_placed(problem, model, given, needle) for model in samples])
@@ -236,9 +238,9 @@ def plan_seeds(problem: Problem, models: Sequence[Model], given: Needle) -> Seed
             break
         deep, shallow = np.where(change > 0.0, np.minimum(deep, aimed), deep), np.where(change < 0.0, np.maximum(shallow, aimed), shallow)
         nearest = aimed - change
-        between = 0.5 * (deep + shallow)    # if a place jumps with the depth, as behind a capsule, the closer side of the jump is found
+        between = 0.5 * (deep + shallow)    # if a place jumps with the depth, as behind a capsule, this finds the closer side of the jump
         aimed = np.where((nearest < deep) & (nearest > shallow) | ~np.isfinite(between), nearest, between)
-        for i in range(1, len(aimed)):    # seeds do not overlap
+        for i in range(1, len(aimed)):    # keeps seeds from overlapping
             aimed[i] = min(aimed[i], aimed[i - 1] - 2.0 * half - 1e-6)
         tip = aimed[0] + half
         needle = _rounded(replace(given, depth=float(tip), seeds=[round(float(tip - centre), 9) for centre in aimed]))
@@ -275,9 +277,9 @@ def plan_seeds(problem: Problem, models: Sequence[Model], given: Needle) -> Seed
 
 def plan(problem: Problem, models: Sequence[Model] | None = None, workers: int = 1, only: Sequence[str] = (),
          progress: Callable[[int, int], None] = lambda done, of: None, lost: Callable[[str], None] | None = None) -> list[Result] | list[SeedResult]:
-    """The plans of all targets, or of those named, or of all needles of a plan, in their order: the same for any number of workers, which are processes.
-    Reports progress (done, of). If the search for one ends without a result, as by lack of memory, `lost` is called with it, and the results are those of
-    the others; without `lost`, or without any result, that is an Error. Error of the library."""
+    """Plans for all targets, or those named, or for all needles of a plan, in their order. The result is the same for any number of workers, which are
+    processes. Reports progress (done, of). If a search ends without a result, for example for lack of memory, `lost` is called with the target or needle,
+    and the other results are returned; without `lost`, or without any result, Error is raised. Raises Error."""
     models = models_of(problem) if models is None else models
     jobs: list[Callable[[], Result | SeedResult]]
     if problem.plan:
@@ -317,7 +319,7 @@ def plan(problem: Problem, models: Sequence[Model] | None = None, workers: int =
 
 
 def _stored(result: Result | SeedResult) -> dict[str, Any]:
-    """For a pipe."""
+    """Returns the result as objects that can be sent through a pipe."""
     from dataclasses import asdict
     kept = asdict(result)
     kept["needle"]["turn"] = result.needle.turn and list(result.needle.turn)
@@ -339,7 +341,7 @@ def _restored(kept: dict[str, Any]) -> Result | SeedResult:
 
 
 def whole(problem: Problem, model: Model, results: Sequence[Result] | Sequence[SeedResult]) -> Plan:
-    """The plan that the results form."""
+    """Returns the plan that consists of the results."""
     if problem.plan:
         changed = {result.needle.hole: result.needle for result in results}
         return replace(problem.plan, needles=[changed.get(needle.hole, needle) for needle in problem.plan.needles])
@@ -359,7 +361,7 @@ def _chosen(problem: Problem, only: Sequence[str]) -> None:
 
 
 def _keep_input(problem: Problem, out: Path) -> None:
-    """Raises BadProblem if the folder has a plan.yaml that is not an earlier result, or the problem's own plan."""
+    """Raises BadProblem if the folder's plan.yaml is not an earlier result, or if it is the problem's own plan."""
     path = out / "plan.yaml"
     if not path.exists():
         return
@@ -487,12 +489,12 @@ def _call(given: argparse.Namespace) -> int:
 
 
 def main(arguments: Sequence[str] | None = None) -> int:
-    """The program; returns its exit status."""
+    """Runs the program; returns its exit status."""
     given = _options().parse_args(arguments)
     return ended("trocar-plan", lambda: _call(given), given.problem, "python3-yaml python3-scipy python3-matplotlib")
 
 
 if __name__ == "__main__":
-    from trocar import planner as _imported  # so that classes are the same as in the other modules
+    from trocar import planner as _imported  # makes the classes the same as in the other modules
 
     sys.exit(_imported.main())

@@ -1,8 +1,8 @@
-"""Plans as DICOM RT Plans of permanent brachytherapy, by pydicom.
+"""Reads and writes plans as DICOM RT Plans of permanent brachytherapy, with pydicom.
 
-Each seed is a channel, as the standard has it for sources that are placed by hand: two control points at its centre, in the patient's
-coordinates (mm to the left, back and head), with the direction of insertion. The needle's hole is the channel's applicator ID, and the control
-point's relative position says how far the seed is behind the distal-most place in its needle.
+Each seed is a channel, as the standard specifies for manually placed sources: two control points at its centre, in patient coordinates (mm to
+the left, back and head), with the direction of insertion. The needle's hole is the channel's applicator ID, and the control point's relative
+position is the seed's distance behind the distal-most place in its needle.
 """
 from __future__ import annotations
 
@@ -33,9 +33,9 @@ __all__ = ["export", "read", "read_seeds"]
 
 RT_PLAN = "1.2.840.10008.5.1.4.1.1.481.5"
 RT_STRUCTURES = "1.2.840.10008.5.1.4.1.1.481.3"
-HALF_LIFE = {"I-125": 59.40, "Pd-103": 16.991}  # days, as in TG-43's consensus data
-FROM_AXIS = 0.5e-3                              # m, largest distance of a seed from the axis of the hole through which it counts as planned
-ON_AXIS = 0.01e-3                               # m, rounding: seeds further away are moved to the axis, which is reported
+HALF_LIFE = {"I-125": 59.40, "Pd-103": 16.991}  # days, from the consensus data of TG-43
+FROM_AXIS = 0.5e-3                              # m, largest distance from the axis of its hole at which a seed counts as planned for this template
+ON_AXIS = 0.01e-3                               # m, rounding: seeds further from the axis are moved to it, which is reported
 
 
 # ---- writing ------------------------------------------------------------------------------------------------------------------------
@@ -84,7 +84,7 @@ def _source_sequence(source: Source, date: str) -> Sequence:
 
 
 def _channel(number: int, hole: str, position: Any, direction: Any, behind: float, needle_length: float, lifetime: float) -> Dataset:
-    """One seed: `behind` mm behind the distal-most place in its needle."""
+    """Creates the channel of one seed, which is `behind` mm behind the distal-most place in its needle."""
     point = lambda index, weight: _item(ControlPointIndex=index, ControlPointRelativePosition=f"{behind + 0.0:.4f}", ControlPoint3DPosition=_decimals(position),
                                         ControlPointOrientation=[float(v) for v in direction], CumulativeTimeWeight=weight)
     return _item(ChannelNumber=number, ChannelLength=f"{needle_length:.4f}", ChannelTotalTime=f"{lifetime:.6g}", SourceMovementType="FIXED",
@@ -94,14 +94,14 @@ def _channel(number: int, hole: str, position: Any, direction: Any, behind: floa
 
 
 def _behind(placed: list[Placed], axis: np.ndarray) -> list[float]:
-    """mm, how far each seed is behind the most distal one of its hole."""
+    """Returns how far (mm) each seed is behind the most distal seed of its hole."""
     depth = [1e3 * float(seed.position @ axis) for seed in placed]
     return [max(d for d, other in zip(depth, placed) if (other.guide, other.hole) == (seed.guide, seed.hole)) - own for own, seed in zip(depth, placed)]
 
 
 def dataset(plan: Plan, model: Model, structures: Dataset | None = None, date: datetime.date | None = None, placed: list[Placed] | None = None) -> FileDataset:
-    """The plan as a DICOM data set, or with `placed` the seeds that were left. structures: the RT Structure Set that the scene was made from. date: of
-    the implant, by default today. Raises BadPlan if the scene has no patient coordinates, or the plan no source."""
+    """Returns the plan as a DICOM data set, or with `placed` the seeds that were left. structures: the RT Structure Set from which the scene was made.
+    date: of the implant, by default today. Raises BadPlan if the scene has no patient coordinates, or the plan has no source."""
     frame, guide = Frame(model), guide_of(plan, model)
     if not frame.is_patient:
         raise BadPlan(f"{plan.path}: the scene has no patient_to_mesh, which DICOM's coordinates need: trocar-anatomy writes it")
@@ -159,7 +159,7 @@ def _template_type(guide: Guide) -> str:
 
 def export(plan: Plan, model: Model, path: str | PathLike[str], structures: str | PathLike[str] | None = None,
            placed: list[Placed] | None = None, date: datetime.date | None = None) -> None:
-    """Writes the plan, or the seeds that were left, as a DICOM RT Plan. structures: an RT Structure Set's file. As `dataset`."""
+    """Writes the plan, or the seeds that were left, as a DICOM RT Plan. structures: file of an RT Structure Set. Otherwise as `dataset`."""
     data = dataset(plan, model, _structures_of(fspath(structures)) if structures else None, date, placed)
     data.save_as(fspath(path), write_like_original=False)
 
@@ -200,14 +200,14 @@ def _source_of(path: str, data: Dataset) -> Source | None:
 
 class _Seed(NamedTuple):
     channel: int
-    place: np.ndarray      # (3,) mm, its centre, in the patient's coordinates
-    behind: float          # mm, behind the distal-most place in its needle
-    along: np.ndarray      # (3,) unit vector to its distal end, in the patient's coordinates; zero if it is not given
-    hole: str              # as the file's applicator ID
+    place: np.ndarray      # (3,) mm, the seed's centre, in patient coordinates
+    behind: float          # mm behind the distal-most place in its needle
+    along: np.ndarray      # (3,) unit vector to the seed's distal end, in patient coordinates; zero if the file does not give it
+    hole: str              # the applicator ID in the file
 
 
 def _seeds_of(path: str, setup: Dataset) -> list[_Seed]:
-    """One seed for each place of a channel's control points."""
+    """Returns one seed for each place of a channel's control points."""
     seeds = []
     for channel in setup.get("ChannelSequence") or []:
         number, places = int(channel.get("ChannelNumber", 0)), []
@@ -226,14 +226,14 @@ def _seeds_of(path: str, setup: Dataset) -> list[_Seed]:
 
 
 def _hole_at(off: np.ndarray, guide: Guide) -> tuple[int, int, np.ndarray]:
-    """(column, row, (2,) m beside its axis) of the hole that is closest to a place, m from the guide's origin."""
+    """Returns (column, row, (2,) m beside its axis) of the hole that is closest to a position, m from the guide's origin."""
     grid = np.array([off @ guide.across[a] / guide.spacing + 0.5 * (count - 1) for a, count in enumerate((guide.columns, guide.rows))])
     column, row = (min(max(round(g), 0), count - 1) for g, count in zip(grid, (guide.columns, guide.rows)))
     return column, row, guide.spacing * (grid - [column, row])
 
 
 def _needles_of(path: str, seeds: list[_Seed], guide: Guide, model: Model) -> tuple[list[Needle], list[str]]:
-    """The needles in the order of the file's channels, and the changes that were necessary."""
+    """Returns the needles in the order of the file's channels, and the changes that were necessary."""
     frame, length = Frame(model), model.seed_size.length
     holes: dict[tuple[int, int], list[tuple[float, float]]] = {}
     moved = []
@@ -257,7 +257,7 @@ def _needles_of(path: str, seeds: list[_Seed], guide: Guide, model: Model) -> tu
 
 
 def _remarks_on(moved: np.ndarray, guide: Guide) -> list[str]:
-    """A text on how far (m, beside their axes) seeds have been moved to the axes of their holes."""
+    """Describes how far (m, from their axes) seeds have been moved to the axes of their holes."""
     far = np.linalg.norm(moved, axis=1)
     if far.max() <= ON_AXIS:
         return []
@@ -269,7 +269,7 @@ def _remarks_on(moved: np.ndarray, guide: Guide) -> list[str]:
 
 
 def _prescription_of(data: Dataset) -> float | None:
-    """Gy; None if the file has none, or several."""
+    """Returns the prescription, Gy; None if the file has none, or several."""
     found = {float(item.TargetPrescriptionDose) for item in data.get("DoseReferenceSequence") or [] if item.get("DoseReferenceType") == "TARGET" and item.get("TargetPrescriptionDose")}
     return found.pop() if len(found) == 1 else None
 
@@ -295,7 +295,7 @@ def _open(name: str, model: Model, template: str | None) -> tuple[Dataset, Guide
 
 @contextlib.contextmanager
 def _damage(name: str) -> Iterator[None]:
-    """pydicom reads sequences on access."""
+    """Reports damage that pydicom finds only on access, when it reads a sequence."""
     try:
         yield
     except (AttributeError, EOFError, KeyError, OSError, TypeError, ValueError, struct.error) as error:
@@ -303,9 +303,9 @@ def _damage(name: str) -> Iterator[None]:
 
 
 def read(path: str | PathLike[str], model: Model, template: str | None = None) -> Plan:
-    """The plan in an RT Plan with permanent seeds, for this scene's template. template: the guide, if the file has another
-    name for it. Needles come in the order of the file's channels. Seeds up to half a millimetre beside a hole's axis are moved to it, and listed in
-    `Plan.remarks`. Raises BadPlan if it is not such a file, or was made for another template."""
+    """Reads the plan in an RT Plan with permanent seeds, for this scene's template. template: the guide, if the file uses another name for it.
+    Needles are in the order of the file's channels. Seeds up to half a millimetre beside a hole's axis are moved to the axis, and listed in
+    `Plan.remarks`. Raises BadPlan if the file is not such a plan, or was made for another template."""
     name = fspath(path)
     with _damage(name):
         data, guide, seeds = _open(name, model, template)
@@ -314,8 +314,8 @@ def read(path: str | PathLike[str], model: Model, template: str | None = None) -
 
 
 def read_seeds(path: str | PathLike[str], model: Model, template: str | None = None) -> list[Placed]:
-    """The seeds of such a file at their own places, at any distance from the template's axes: those that were left in the tissue. A seed's hole is the one that
-    the file names, or none. Raises BadPlan like `read`."""
+    """Reads the seeds of such a file at their own positions, at any distance from the template's axes: seeds that were left in the tissue. A seed's hole is
+    the one that the file names, or none. Raises BadPlan like `read`."""
     name, frame = fspath(path), Frame(model)
     with _damage(name):
         _, guide, seeds = _open(name, model, template)

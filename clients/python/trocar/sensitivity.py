@@ -1,6 +1,6 @@
-"""Sobol's sensitivity indices of a function of independent parameters, by Saltelli's design.
+"""Computes Sobol's sensitivity indices of a function of independent parameters, with Saltelli's design.
 
-The first-order index of a parameter is the part of the result's variance due to this parameter alone; the total index also counts its
+The first-order index of a parameter is the fraction of the result's variance due to this parameter alone; the total index also counts its
 interactions with others. The design has N (p + 2) points for p parameters: N points A, N points B, and for each parameter the points A with this
 parameter's values from B.
 
@@ -34,8 +34,8 @@ class Indices(NamedTuple):
 
 
 def design(parameters: int, count: int, seed: int) -> Array:
-    """(count (p + 2), p) points in the unit cube from scrambled Sobol points in 2 p dimensions: A, B and the mixed ones of the first point, then of the
-    second one and so on. `count` should be a power of 2."""
+    """Returns (count (p + 2), p) points in the unit cube, made from scrambled Sobol points in 2 p dimensions: A, B and the mixed points of the first
+    point, then of the second one and so on. `count` should be a power of 2."""
     from scipy.stats import qmc
     both = qmc.Sobol(2 * parameters, scramble=True, seed=seed).random(count)
     a, b = both[:, :parameters], both[:, parameters:]
@@ -50,16 +50,16 @@ def _estimate(values: Array) -> tuple[Array, Array]:
     """Computes indices (..., p) from values (..., N, p + 2)."""
     a, b, mixed = values[..., :1], values[..., 1:2], values[..., 2:]
     both = np.concatenate([a, b], axis=-1)
-    mean = both.mean(axis=(-2, -1), keepdims=True)    # subtracted, because the first formula's error grows with it
+    mean = both.mean(axis=(-2, -1), keepdims=True)    # subtracted, because the error of the first formula grows with the mean
     variance = both.var(axis=(-2, -1))[..., None]
-    with np.errstate(invalid="ignore", divide="ignore"):    # a constant result has no indices: NAN
+    with np.errstate(invalid="ignore", divide="ignore"):    # a constant result has no indices: they are NAN
         first = ((b - mean) * (mixed - a)).mean(axis=-2) / variance
         total = 0.5 * ((a - mixed) ** 2).mean(axis=-2) / variance
     return first, total
 
 
 def _interval(drawn: Array) -> Array:
-    """(p, 2) limits of indices (samples, p)."""
+    """Returns the limits (p, 2) of indices (samples, p)."""
     drawn = np.where(np.isfinite(drawn), drawn, np.nan)
     enough = np.isnan(drawn).mean(axis=0) <= 0.1
     limits = np.nanpercentile(np.where(enough, drawn, 0.0), (2.5, 97.5), axis=0).T
@@ -67,9 +67,9 @@ def _interval(drawn: Array) -> Array:
 
 
 def indices(values: npt.ArrayLike, parameters: int, resamples: int = 500, seed: int = 0) -> Indices:
-    """Indices from the function's values (count (p + 2),) at the points of `design`. Points with a value that is not finite are left out with their
-    mixed ones. The intervals are percentiles of `resamples` bootstrap samples of the N points: NAN if more than a tenth of these samples have no
-    index, such as those in which all values are equal."""
+    """Computes the indices from the function's values (count (p + 2),) at the points of `design`. Points with a value that is not finite are left
+    out together with their mixed points. The intervals are percentiles of `resamples` bootstrap samples of the N points; they are NAN if more than
+    a tenth of these samples have no index, for example because all values are equal."""
     table = np.asarray(values, np.float64).reshape(-1, parameters + 2)
     table = table[np.isfinite(table).all(axis=1)]
     if len(table) < 2:

@@ -1,4 +1,4 @@
-"""Studies: many insertions with varied parameters, on all processors of a machine or a cluster.
+"""Runs studies: many insertions with varied parameters, on all processors of a machine or a cluster.
 
 A study is a YAML file:
 
@@ -44,11 +44,11 @@ __all__ = ["BadStudy", "Row", "Study", "collect", "read", "results", "simulate"]
 
 
 class Incomplete(Exception):
-    """Runs of a study are missing, or failed."""
+    """Runs of a study are missing or have failed."""
 
 
 def simulate(study: Study, index: int) -> dict[str, float]:
-    """The results of one run by column, without any file. Error of the library, BadPlan."""
+    """Returns the results of one run by column, without using any file. Raises Error, BadPlan."""
     samples = study.samples()
     model, scene = model_of(study, samples[index], None, groups_of(study, samples).sparse)
     return dict(zip(study.result_columns(), run(study, samples[index], model, scene)))
@@ -58,7 +58,7 @@ def simulate(study: Study, index: int) -> dict[str, float]:
 
 
 def results(study: Study, out: Path) -> list[Row]:
-    """The rows in all files of the folder, in order. BadStudy for files of another study, or with different rows of one run."""
+    """Returns the rows in all files of the folder, in order. Raises BadStudy for files of another study, or if one run has different rows."""
     samples, rows = study.samples(), {}
     for path in row_files(out):
         for row in read_rows(path, study, samples):
@@ -91,7 +91,7 @@ def _write_hdf5(study: Study, rows: Sequence[Row], path: Path) -> None:
 
 
 def collect(study: Study, out: Path, hdf5: bool = False, partial: bool = False) -> list[Row]:
-    """Writes result.csv, and with `hdf5` result.h5, and frames.h5 if there are frames. Incomplete if runs are missing, unless `partial`."""
+    """Writes result.csv, with `hdf5` also result.h5, and frames.h5 if there are frames. Raises Incomplete if runs are missing, unless `partial`."""
     check_manifest(study, out)
     rows, samples = results(study, out), study.samples()
     if len(rows) < len(samples) and not partial:
@@ -109,14 +109,14 @@ def collect(study: Study, out: Path, hdf5: bool = False, partial: bool = False) 
 
 
 def _batch_script(given: argparse.Namespace, out: Path) -> str:
-    """A job array with one element a task."""
+    """Returns the script of a job array with one element per task."""
     absolute = lambda path: str(Path(path).resolve())
     environment = {}
     if "PYTHONPATH" in os.environ:
         environment["PYTHONPATH"] = os.pathsep.join(absolute(part) for part in os.environ["PYTHONPATH"].split(os.pathsep) if part)
     if "TROCAR_LIBRARY" in os.environ:
         library = os.environ["TROCAR_LIBRARY"]
-        environment["TROCAR_LIBRARY"] = absolute(library) if "/" in library else library    # a bare name is searched for
+        environment["TROCAR_LIBRARY"] = absolute(library) if "/" in library else library    # a name without folder is searched for
     command = [sys.executable, "-m", "trocar.study", "run", absolute(given.study), "--out", str(out)]
     if given.record:
         command += ["--record", given.record]
@@ -248,7 +248,7 @@ def _call(given: argparse.Namespace) -> int:
 
 
 def main(arguments: Sequence[str] | None = None) -> int:
-    """The program; returns its exit status."""
+    """Runs the program; returns its exit status."""
     options = _options()
     given = options.parse_args(arguments)
     if given.command == "run" and given.engine == "slurm" and given.task:
@@ -259,6 +259,6 @@ def main(arguments: Sequence[str] | None = None) -> int:
 
 
 if __name__ == "__main__":
-    from trocar import study as _imported  # so that classes are the same as in the other modules
+    from trocar import study as _imported  # makes the classes the same as in the other modules
 
     sys.exit(_imported.main())

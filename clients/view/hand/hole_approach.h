@@ -7,18 +7,18 @@
 #include "shared/rate_control.h"
 #include "shared/template_holes.h"
 
-/* The pose in line with a hole, with the tip a little in front of the face at which needles enter. Its y is along the rows. `column` and `row` from 0; one
-   half more is between two holes. */
+/* Returns the pose in line with a hole, with the tip a little in front of the face at which needles enter. Its y is along the rows. `column` and `row`
+   count from 0, and may lie half-way between two holes. */
 pose hole_home(const trocar_guide *guide, double column, double row, double needle_length);
 
-/* The pose in front of the hole closest to a needle's base. */
+/* Returns the pose in front of the hole that is closest to a needle's base. */
 pose hole_home_beside(const trocar_guide *guide, pose base, double needle_length);
 
 /* True if base and tip are within half a millimetre of the axis of the hole in front of which `home` is. */
 bool in_line_with_hole(pose home, pose base, double needle_length);
 
-/* Advances the base by dt (s) towards `d->home`: first back along its axis until the tip is out of the template, then sideways. Twice as fast as rate
-   control, because the needle is outside the tissue. Returns true when it has arrived. */
+/* Advances the base by dt (s) towards `d->home`: first back along its axis until the tip is out of the template, then sideways. The base moves twice
+   as fast as under rate control, because the needle is outside the tissue. Returns true when it has arrived. */
 bool approach_step(rate_control_state *d, const rate_control_limits *limits, double dt);
 
 #endif

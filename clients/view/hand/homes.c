@@ -33,7 +33,7 @@ void find_homes(const trocar_scene *scene, const trocar_model *model, double nee
     int template = find_template(model);
     find_mesh_box(model, &low, &high);
     for (int needle = 0; needle < count; needle++) {
-        double aside = (needle % 2 ? 0.01 : -0.01) * ((needle + 1) / 2 % 3); /* m, alternately to both sides */
+        double aside = (needle % 2 ? 0.01 : -0.01) * ((needle + 1) / 2 % 3); /* m, to alternate sides */
         if (given) {
             homes[needle] = (pose){v3_add(start.position, q_rotate(start.orientation, v3(aside, 0, 0))), start.orientation};
         } else if (template >= 0) {

@@ -10,7 +10,7 @@
 #include "view/hand/homes.h"
 
 static const int64_t RECENT = 500000000; /* ns */
-static const double FAR = 0.5; /* m from its home: the needle was removed */
+static const double FAR = 0.5; /* m: a base this far from its home belongs to a needle that was removed */
 
 static const trocar_status_t *status_of(const pilot *p, int needle) { return p->feed->needles[needle].status; }
 
@@ -19,7 +19,7 @@ static bool rests(const pilot *p, int needle) {
     return status && status->state == TROCAR_STATUS_T_RESTING;
 }
 
-/* A needle that rests or has no owner. */
+/* True if the needle rests or has no owner. */
 static bool may_remove(const pilot *p, int needle) {
     const trocar_status_t *status = status_of(p, needle);
     return rests(p, needle) || (status && status->state == TROCAR_STATUS_T_HELD && subscriber_owner(p->feed, needle) == 0);
@@ -30,7 +30,8 @@ static void begin_handover(pilot *p, handover what) {
     p->handing_since = monotonic_ns();
 }
 
-/* True if its last wrench, not older than half a second, shows this. A needle that rests or has not been held has no wrench. */
+/* True if the needle's last wrench, which is not older than half a second, shows that it is in the tissue. A needle that rests or has not been held
+   has no wrench. */
 static bool is_in_tissue(const pilot *p, int needle) {
     const needle_feed *n = &p->feed->needles[needle];
     return n->wrench.depth > 0.0 && monotonic_ns() - n->heard < RECENT;
@@ -38,8 +39,8 @@ static bool is_in_tissue(const pilot *p, int needle) {
 
 /* ---- orders ---- */
 
-/* Orders the needle to a hole that the browser has chosen. False: there is no such hole, or the needle is not known to be outside the tissue. The
-   last wrench of a needle that has just been taken may be from before it rested. */
+/* Orders the needle to a hole that the browser has chosen. False if there is no such hole, or if the needle is not known to be outside the
+   tissue: the last wrench of a needle that has just been taken may be from before it rested. */
 static bool order_hole(pilot *p, const float *asked, publisher_order *order) {
     int index = (int)fmaxf(-1, fminf(asked[0], 1000));
     trocar_guide guide = trocar_model_guide(p->model, index);
@@ -55,7 +56,8 @@ static bool order_hole(pilot *p, const float *asked, publisher_order *order) {
     return true;
 }
 
-/* Simply holding a needle in the tissue that nobody holds would straighten it and reset the tissue. So it is first left to rest, and then taken. */
+/* Takes a needle. If nobody holds a needle in the tissue, simply holding it would straighten it and reset the tissue, so it is first left to rest and
+   then taken. */
 static publisher_order order_take(pilot *p, int needle) {
     pose home = p->homes[needle], base;
     publisher_order order = {.kind = ORDER_TAKE, .needle = needle, .rests = rests(p, needle), .home = home, .base = home};
@@ -71,7 +73,7 @@ static publisher_order order_take(pilot *p, int needle) {
     return order;
 }
 
-/* The browser releases the needle. */
+/* Orders the release of the needle by the browser. */
 static publisher_order order_release(pilot *p) {
     bool holds = p->driving && p->handing == HANDING_NOTHING && subscriber_owner(p->feed, p->needle) == p->publisher.session;
     bool drops = p->lies_down && holds && !rests(p, p->needle) && is_in_tissue(p, p->needle);
@@ -89,7 +91,7 @@ void pilot_act(pilot *p, const web_action *action) {
     case ACTION_RESET: order.kind = ORDER_RESET; break;
     case ACTION_DROP:
         order.kind = ORDER_DROP;
-        order.seeds = (int)fminf(16, fmaxf(1, c[0])); /* max and min turn NaN into one seed */
+        order.seeds = (int)fminf(16, fmaxf(1, c[0])); /* fmaxf and fminf turn NaN into one seed */
         break;
     case ACTION_UNDO: order.kind = ORDER_UNDO; break;
     case ACTION_PROBE:
@@ -125,8 +127,8 @@ void pilot_let_go(pilot *p, const char *why) {
 
 static void tell(pilot *p, order_kind kind) { publisher_tell(&p->publisher, &(publisher_order){.kind = kind}); }
 
-/* The server has let the driven needle rest, or has refused to. Its next status may come a while later; until then, the needle would appear to be
-   drivable without being taken. */
+/* Handles that the server has left the driven needle to rest, or has refused to. The needle's next status may come later; until then, it would
+   appear as if the needle could be driven without taking it. */
 static void heed_left(pilot *p, bool done) {
     handover was = p->handing;
     trocar_status_t *status = p->feed->needles[p->needle].status;
@@ -140,7 +142,7 @@ static void heed_left(pilot *p, bool done) {
     else tell(p, ORDER_GO_ON);
 }
 
-/* Handles the server's answer to the hand-over of the driven needle. */
+/* Handles the server's answer to a command that hands over the driven needle. */
 static void heed_reply(pilot *p) {
     const trocar_command_reply_t *reply = p->feed->reply;
     bool is_new = p->feed->replies_heard != p->replies_heeded;
@@ -149,7 +151,7 @@ static void heed_reply(pilot *p) {
     bool done = reply->status == TROCAR_COMMAND_REPLY_T_DONE;
     if (reply->command == TROCAR_COMMAND_T_LEAVE && p->handing != HANDING_TAKEN) heed_left(p, done);
     else if (reply->command != TROCAR_COMMAND_T_TAKE || p->handing != HANDING_TAKEN) return;
-    else if (done) tell(p, ORDER_GO_ON); /* its next status shows a little later that it has been taken */
+    else if (done) tell(p, ORDER_GO_ON); /* the needle's next status will show that it has been taken */
     else web_let_go(p->web);
 }
 

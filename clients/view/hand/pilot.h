@@ -1,4 +1,4 @@
-/* Drives a needle for a browser: turns its actions into orders to the publisher's thread, and watches needles that change hands. */
+/* Drives a needle for a browser: turns the browser's actions into orders to the publisher's thread, and watches needles that change hands. */
 #ifndef TROCAR_PILOT_H
 #define TROCAR_PILOT_H
 
@@ -8,40 +8,41 @@
 #include "view/stream/subscriber.h"
 #include "view/web/web.h"
 
-/* Stages of a hand-over. Until the server has answered, the browser keeps a needle that it leaves, or takes although it rests. */
+/* Stages of a hand-over. Until the server has answered, the browser keeps a needle that it leaves or that it takes from rest. */
 typedef enum {
     HANDING_NOTHING,
     HANDING_LEFT,
     HANDING_TAKEN,
-    HANDING_LAID,            /* nobody held the needle in the tissue: it is first left to rest, and then taken */
-    HANDING_DROPPED          /* its browser has released it in the tissue: it is left to rest; nobody drives */
+    HANDING_LAID,            /* nobody held the needle in the tissue, so it is first left to rest and then taken */
+    HANDING_DROPPED          /* its browser has released the needle in the tissue, and it is left to rest; nobody drives it */
 } handover;
 
 typedef struct {
     const trocar_model *model;
-    const pose *homes;       /* where each needle waits outside the tissue */
+    const pose *homes;       /* pose in which each needle waits outside the tissue */
     double needle_length;    /* m */
     subscriber *feed;
     web *web;
     pose_publisher publisher;
     pthread_t thread;
     bool running;            /* the publisher's thread is running */
-    int needle;              /* the needle that a browser drives, or drove last */
-    bool driving;            /* a browser drives it */
-    handover handing;        /* whether that needle is being left or taken, */
+    int needle;              /* index of the needle that a browser drives, or drove last */
+    bool driving;            /* a browser drives that needle */
+    handover handing;        /* stage of a hand-over of that needle */
     int64_t handing_since;   /* ns, monotonic */
-    int64_t replies_heeded;  /* value of subscriber.replies_heard */
-    bool lies_down;          /* a needle in the tissue rests once its browser has released it: the scene has a template */
-    bool has_hole;           /* the driven needle should go to a hole of the template: */
+    int64_t replies_heeded;  /* value of subscriber.replies_heard up to which replies have been handled */
+    bool lies_down;          /* a needle that its browser releases in the tissue is left to rest, because the scene has a template */
+    bool has_hole;           /* the driven needle should go to a hole of the template */
     int guide, column, row;
-    const char *lost;        /* why its browser lost the needle without asking; "" while one drives, and if it asked */
+    const char *lost;        /* why its browser lost the needle without asking; "" while a browser drives, and if the browser asked */
     int64_t servers;         /* value of subscriber.servers for the server that browsers drive */
 } pilot;
 
-/* Uses `p`'s model, homes, needle_length, feed and web, which must outlive it. SYSTEM if LCM or the thread fails. */
+/* Starts the publisher's thread. Uses `p`'s model, homes, needle_length, feed and web, which must outlive the pilot. SYSTEM if LCM or the thread
+   fails. */
 trocar_status pilot_open(pilot *p, lcm_t *lcm, report *why);
 
-/* Releases the needle. Also call it if pilot_open has failed or was not called. */
+/* Releases the needle. Call it also if pilot_open has failed or was not called. */
 void pilot_close(pilot *p);
 
 /* Carries out an action of the driving browser. */
@@ -51,16 +52,16 @@ void pilot_act(pilot *p, const web_action *action);
    insertion. */
 void pilot_hear(pilot *p);
 
-/* The reason why this needle cannot be driven, NULL if it can. */
+/* Returns the reason why this needle cannot be driven, NULL if it can. */
 const char *pilot_trouble(const pilot *p, int needle);
 
-/* Takes the needle from the driving browser for this reason, a static string. */
+/* Takes the needle away from the driving browser for this reason, a static string. */
 void pilot_let_go(pilot *p, const char *why);
 
-/* True if a server is running and this needle neither rests, unless it is being handed over, nor is owned by another client. */
+/* True if a server is running and this needle is not owned by another client and does not rest, unless it is being handed over. */
 bool pilot_has(const pilot *p, int needle);
 
-/* True if a browser may take this needle. A browser that drives none may take a resting needle. */
+/* True if a browser may take this needle. A browser that drives no needle may take a resting one. */
 bool pilot_may_take(const pilot *p, int needle);
 
 #endif

@@ -1,6 +1,6 @@
-/* Thread that drives a needle for a browser: publishes poses at 1 kHz like any other device. The needle stops if no orders arrive, and no poses are
-   sent while there is no server. It also moves the ultrasound probe, at 100 Hz; poses of the probe are sent only while it moves, so that another
-   client can have it two seconds later. */
+/* A thread that drives a needle for a browser: publishes poses at 1 kHz like any other device. The needle stops if no orders arrive, and no poses
+   are sent while there is no server. It also moves the ultrasound probe, at 100 Hz; poses of the probe are sent only while it moves, so that
+   another client can take it two seconds later. */
 #ifndef TROCAR_POSE_PUBLISHER_H
 #define TROCAR_POSE_PUBLISHER_H
 
@@ -16,12 +16,12 @@ typedef enum {
     ORDER_TAKE,
     ORDER_STEER,
     ORDER_RESET,
-    ORDER_HOLE,              /* goes to `home` in front of a hole of the template. From then on the needle passes the template's face through this
-                                hole only */
+    ORDER_HOLE,              /* moves the needle to `home` in front of a hole of the template; from then on the needle may pass the template only
+                                through this hole */
     ORDER_DROP,
     ORDER_UNDO,
-    ORDER_LEAVE,             /* the needle should rest; no poses until GO_ON or RELEASE, or for two seconds */
-    ORDER_LAY,               /* leaves a needle that nobody holds, in order to TAKE it */
+    ORDER_LEAVE,             /* leaves the needle to rest; no poses are sent until GO_ON or RELEASE, or for two seconds */
+    ORDER_LAY,               /* leaves a needle that nobody holds, so that it can be taken */
     ORDER_GO_ON,             /* the server has handed the resting needle over, or has refused to leave it */
     ORDER_REMOVE,            /* pulls out a resting needle */
     ORDER_PROBE,
@@ -31,55 +31,55 @@ typedef enum {
 
 typedef struct {
     order_kind kind;
-    int needle;              /* TAKE, LAY, REMOVE: the needle */
-    bool rests;              /* TAKE: it rests, and is handed over before poses are sent, as in LEAVE */
-    int seeds;               /* DROP: how many */
-    pose home, base;         /* TAKE: its waiting pose outside the tissue (also HOLE: goes there unless it is steered sideways, turned or drawn back),
-                                and its initial pose; PROBE: the probe's pose */
+    int needle;              /* the needle of TAKE, LAY and REMOVE */
+    bool rests;              /* TAKE: the needle rests, and is handed over before poses are sent, as with LEAVE */
+    int seeds;               /* DROP: number of seeds */
+    pose home, base;         /* TAKE: the needle's waiting pose outside the tissue, and its initial pose; HOLE: `home` is the pose to which the needle
+                                moves, unless it is steered sideways, turned or drawn back; PROBE: the probe's pose */
     rate_control_command command;   /* STEER, PROBE */
 } publisher_order;
 
 typedef struct {
-    lcm_t *lcm;              /* shared: lcm_publish is thread-safe */
+    lcm_t *lcm;              /* shared, because lcm_publish is thread-safe */
     int64_t session;
     double needle_length;    /* m */
     rate_control_limits limits, probe_limits;
     spsc_ring orders;        /* publisher_order */
     int wake;                /* eventfd */
     _Atomic int64_t heard;   /* ns, monotonic: arrival of the last wrench */
-    atomic_bool approaching; /* moving to its home; written by the thread */
+    atomic_bool approaching; /* the needle moves to its home; written by the thread */
 
     /* used by the thread only */
     rate_control_state drive;
     rate_control_command command;
-    int needle;              /* the needle held now, or last */
-    pose home;               /* of that needle */
+    int needle;              /* index of the needle that is held now, or was held last */
+    pose home;               /* home of that needle */
     bool holding;
-    bool has_hole;           /* `home` is in front of the hole that it was ordered to */
-    bool waiting;            /* waiting for the server: see ORDER_LEAVE */
+    bool has_hole;           /* `home` is in front of the hole to which the needle was ordered */
+    bool waiting;            /* the thread waits for the server: see ORDER_LEAVE */
     int64_t waits_since;     /* ns, monotonic */
-    int64_t ordered;         /* ns, monotonic: last order */
-    int64_t seq;             /* sequence number of the last pose, */
-    int64_t command_seq;     /* and of the last command */
+    int64_t ordered;         /* ns, monotonic: time of the last order */
+    int64_t seq;             /* sequence number of the last pose */
+    int64_t command_seq;     /* sequence number of the last command */
     bool probing;            /* the probe is moving */
     rate_control_state probe;
     rate_control_command probe_command;
-    int64_t probe_ordered, probe_sent; /* ns, monotonic: last order and last pose of the probe */
+    int64_t probe_ordered, probe_sent; /* ns, monotonic: times of the last order and the last pose of the probe */
     int64_t probe_seq;
 } pose_publisher;
 
 trocar_status publisher_create(pose_publisher *p, lcm_t *lcm, double needle_length, report *why);
 void publisher_free(pose_publisher *p);
 
-/* Called by the web thread. An order is dropped if the ring is full; the next one follows. */
+/* Gives an order. An order is dropped if the ring is full; the next one follows soon. Called by the web thread. */
 void publisher_tell(pose_publisher *p, const publisher_order *order);
 
-/* Called by the thread that gives the orders: a wrench arrived at `now` (ns, monotonic). Orders given before are executed before the next pose is
-   sent. */
+/* Notes that a wrench arrived at `now` (ns, monotonic). Orders given earlier are executed before the next pose is sent. Called by the thread that
+   gives the orders. */
 void publisher_hear(pose_publisher *p, int64_t now);
 
-/* Executes all orders, then advances by `dt` (s) and publishes a pose if it owns the needle and a server is running. Returns false
-   after ORDER_END. */
+/* Executes all orders, then advances by `dt` (s) and publishes a pose if the thread owns the needle and a server is running.
+   Returns false after ORDER_END. */
 bool publisher_round(pose_publisher *p, int64_t now, double dt);
 
 /* Thread function; `context` is a pose_publisher. Releases the needle and returns after ORDER_END. */

@@ -22,25 +22,25 @@
 
 enum {
     ORGANS = 3,
-    VOXELS = 1500000,        /* limit for the grid */
+    VOXELS = 1500000,        /* largest number of voxels of the grid */
     NICENESS = 15,
 };
 
 static const double GRID_SPACING = 1e-3;  /* m */
-static const double MARGIN = 0.02;        /* m, of the grid around the target */
-static const double NOTICED = 1e-4;       /* m, smallest motion for which the dose is computed anew */
-static const int64_t PAUSE = 500000000;   /* ns, shortest time between computations that only motion has caused */
+static const double MARGIN = 0.02;        /* m, margin of the grid around the target */
+static const double NOTICED = 1e-4;       /* m, smallest motion after which the dose is computed anew */
+static const int64_t PAUSE = 500000000;   /* ns, shortest time between computations that are caused by motion alone */
 
 /* A seed whose dose is in the grid. */
 typedef struct {
-    trocar_dose_seed rest, now; /* its place at rest, which identifies it; and its place in the grid */
+    trocar_dose_seed rest, now; /* the seed's position at rest, which identifies it, and its position in the grid */
     int32_t id;
 } counted_seed;
 
 /* Input of the thread. */
 typedef struct {
     int count;
-    trocar_dose_seed rest[TROCAR_MAX_SEEDS], now[TROCAR_MAX_SEEDS]; /* in the tissue at rest, and as displaced */
+    trocar_dose_seed rest[TROCAR_MAX_SEEDS], now[TROCAR_MAX_SEEDS]; /* positions in the tissue at rest, and in the displaced tissue */
     double nodal[];          /* displacements [nodes][3], m */
 } told_state;
 
@@ -49,7 +49,7 @@ struct dose_thread {
     trocar_dose_source *source;
     organ organs[ORGANS];
     int organ_count, node_count;
-    shrinkage shrunk;        /* of the target, organs[0], if there is one */
+    shrinkage shrunk;        /* shrinkage of the target, organs[0], if there is one */
     trocar_dose_grid grid;
     trocar_dose *dose;
     double *values;
@@ -60,7 +60,7 @@ struct dose_thread {
 
     pthread_t thread;
     bool started;
-    triple_buffer told;      /* told_state. No locks between the threads: with its low priority this one might hold them for long */
+    triple_buffer told;      /* told_state. The threads share no lock, because this thread, with its low priority, might hold it for long */
     int news, ready;         /* eventfds: new input for the thread, and a new result from it */
     atomic_bool stop;
     _Atomic(byte_buffer *) result; /* NULL: taken */
@@ -70,7 +70,7 @@ struct dose_thread {
 
 static const char *const WORDS[ORGANS][2] = {{"prostate", "gland"}, {"urethra", NULL}, {"rectum", NULL}};
 
-/* The model's first region whose name contains one of the words, or -1. */
+/* Returns the model's first region whose name contains one of the words, or -1. */
 static int find_organ(const trocar_model *m, const char *const words[2]) {
     for (int r = 0; r < trocar_model_region_count(m); r++)
         for (int w = 0; w < 2 && words[w]; w++)
@@ -78,7 +78,7 @@ static int find_organ(const trocar_model *m, const char *const words[2]) {
     return -1;
 }
 
-/* A box around the target, or around the whole tissue if there is no target. */
+/* Returns a grid in the box around the target, or around the whole tissue if there is no target. */
 static trocar_dose_grid choose_grid(const trocar_mesh *mesh, int target) {
     double low[3] = {INFINITY, INFINITY, INFINITY}, high[3] = {-INFINITY, -INFINITY, -INFINITY}, voxels = 1.0;
     for (int i = 0; i < 4 * mesh->tet_count; i++) {
@@ -111,7 +111,7 @@ static trocar_status prepare(dose_thread *t, const trocar_model *m, report *why)
         organ *o = &t->organs[t->organ_count++];
         status = organ_create(o, m, &mesh, region, why);
         o->is_target = i == 0;
-        o->shrinks = i < 2; /* the urethra runs through the gland */
+        o->shrinks = i < 2; /* the urethra, which runs through the gland, also shrinks */
     }
     if (status != TROCAR_OK) return status;
     t->shrunk.scale = t->organ_count > 0 && t->organs[0].is_target ? 1.0 / cbrt(t->settings->swelling) : 1.0;
@@ -133,14 +133,14 @@ static trocar_status prepare(dose_thread *t, const trocar_model *m, report *why)
 
 /* ---- seeds -------------------------------------------------------------------------------------------------------------- */
 
-/* m, distance of a seed from its former place. */
+/* Returns the distance of a seed from its former position, m. */
 static double distance(const trocar_dose_seed *a, const trocar_dose_seed *b) {
     double most = 0.0;
     for (int k = 0; k < 3; k++) most = fmax(most, fabs(a->position[k] - b->position[k]));
     return most;
 }
 
-/* Skips a seed that does not fit, which a server does not send. */
+/* Adds a seed; skips one that does not fit, which a server never sends. */
 static void add_seed(dose_thread *t, const trocar_dose_seed *rest, const trocar_dose_seed *now) {
     counted_seed *s = &t->counted[t->count];
     *s = (counted_seed){.rest = *rest, .now = *now};
@@ -159,7 +159,7 @@ static void move_seed(dose_thread *t, counted_seed *s, const trocar_dose_seed *n
     if (distance(&s->now, now) > NOTICED && trocar_dose_move(t->dose, s->id, now, &ignored) == TROCAR_OK) s->now = *now;
 }
 
-/* Brings the grid up to date: seeds are identified by their places at rest. */
+/* Updates the grid: seeds are identified by their positions at rest. */
 static void count_seeds(dose_thread *t, const told_state *state) {
     bool found[TROCAR_MAX_SEEDS] = {false};
     for (int k = t->count - 1; k >= 0; k--) {
@@ -176,7 +176,7 @@ static void count_seeds(dose_thread *t, const told_state *state) {
         if (!found[i]) add_seed(t, &state->rest[i], &state->now[i]);
 }
 
-/* Seeds in the target move with it when it shrinks. */
+/* Shrinks the target: seeds in it move with it. */
 static void shrink_seeds(const dose_thread *t, const told_state *state, trocar_dose_seed *shrunk) {
     for (int i = 0; i < state->count; i++) {
         shrunk[i] = state->rest[i];
@@ -249,7 +249,7 @@ static void find_levels(dose_thread *t) {
     for (int64_t i = 0; i < count; i++) t->levels[i] = (unsigned char)fmin(UINT8_MAX, 0.5 + scale * t->values[i]);
 }
 
-/* JSON and the grid's levels; empty if memory runs out. */
+/* Encodes JSON and the grid's levels; empty if memory runs out. */
 static byte_buffer encode(dose_thread *t) {
     byte_buffer section = {0};
     char *text = NULL;
@@ -271,7 +271,7 @@ static bool has_other_seeds(const told_state *now, const told_state *before) {
     return now->count != before->count || memcmp(now->rest, before->rest, (size_t)now->count * sizeof *now->rest) != 0;
 }
 
-/* True if anything that receives or gives a dose has moved. */
+/* True if a seed or a voxel of the grid or an organ has moved. */
 static bool has_moved(const dose_thread *t, const told_state *now, const told_state *before) {
     if (now->count == 0) return false;
     for (int i = 0; i < now->count; i++)
@@ -281,7 +281,7 @@ static bool has_moved(const dose_thread *t, const told_state *now, const told_st
     return false;
 }
 
-/* Waits for new input, or for this many ns; negative: without limit. */
+/* Waits for new input, or for this many ns; without limit if negative. */
 static void wait_for_news(const dose_thread *t, int64_t patience) {
     const struct timespec limit = {.tv_sec = patience / 1000000000, .tv_nsec = patience % 1000000000};
     uint64_t count;
@@ -302,11 +302,11 @@ static void publish(dose_thread *t, byte_buffer result) {
     wake(t->ready);
 }
 
-/* Limits the thread to half of the time while the tissue moves. */
+/* Computes on every input. While the tissue moves, the thread works at most half of the time. */
 static void *run(void *context) {
     dose_thread *t = context;
-    setpriority(PRIO_PROCESS, (id_t)gettid(), NICENESS); /* of this thread alone */
-    int64_t rested = 0; /* ns, monotonic: until then, motion alone does not cause a computation */
+    setpriority(PRIO_PROCESS, (id_t)gettid(), NICENESS); /* affects this thread only */
+    int64_t rested = 0; /* ns, monotonic: before this time, motion alone does not cause a computation */
     for (bool first = true; !atomic_load(&t->stop);) {
         const told_state *state = triple_buffer_read(&t->told, NULL);
         int64_t began = monotonic_ns();
@@ -326,7 +326,7 @@ static void *run(void *context) {
     return NULL;
 }
 
-/* Computes the plan's dose in the organs. */
+/* Computes the dose that the plan gives in the organs. */
 static trocar_status note_plan(dose_thread *t, const plan_table *plan, const double direction[3], report *why) {
     trocar_dose_seed *seeds = calloc((size_t)plan->count + 1, sizeof *seeds);
     if (!seeds) return fail(why, TROCAR_NO_MEMORY, "no memory for the dose");

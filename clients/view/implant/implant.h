@@ -1,4 +1,4 @@
-/* What browsers receive about an implant: the seeds, the answer to the last command, the dose and the plan. */
+/* The data that browsers receive about an implant: the seeds, the answer to the last command, the dose and the plan. */
 #ifndef TROCAR_IMPLANT_H
 #define TROCAR_IMPLANT_H
 
@@ -10,18 +10,19 @@ typedef enum { IMPLANT_SEEDS, IMPLANT_REPLY, IMPLANT_DOSE, IMPLANT_PLAN, IMPLANT
 _Static_assert((int)IMPLANT_SECTIONS <= (int)WEB_SECTIONS, "see web.h");
 
 typedef struct {
-    const char *plan;        /* path of a table, NULL: none */
+    const char *plan;        /* path of a plan's table; NULL if there is none */
     dose_settings dose;
 } implant_settings;
 
 typedef struct {
     web_section sections[IMPLANT_SECTIONS];
-    int64_t seeds_heard, replies_heard; /* as in the subscriber, when they were last encoded */
+    int64_t seeds_heard, replies_heard; /* the subscriber's counters when seeds and replies were last encoded */
     plan_table plan;
-    dose_thread *dose;       /* NULL: the scene has no template */
+    dose_thread *dose;       /* NULL if the scene has no template */
 } implant;
 
-/* `settings` must outlive it. BAD_INPUT for an invalid plan or seed model, and for a plan without a template. */
+/* Starts the dose thread and reads the plan. `settings` must outlive the implant. BAD_INPUT for an invalid plan or seed model, and for a plan in a
+   scene without a template. */
 trocar_status implant_open(implant *i, const trocar_model *model, const implant_settings *settings, report *why);
 void implant_close(implant *i);
 

@@ -8,45 +8,45 @@
 #include "trocar.h"
 
 typedef enum {
-    DOSE_PLANNED,            /* of the plan's seeds, in the tissue at rest */
+    DOSE_PLANNED,            /* dose of the plan's seeds, in the tissue at rest */
     DOSE_NOW,                /* seeds and voxels in the displaced tissue */
-    DOSE_NEEDLES_OUT,        /* in the tissue at rest */
-    DOSE_SWELLING_GONE,      /* the same after the gland, with its seeds, has shrunk uniformly about its centre */
+    DOSE_NEEDLES_OUT,        /* seeds and voxels in the tissue at rest */
+    DOSE_SWELLING_GONE,      /* as DOSE_NEEDLES_OUT, after the gland, with its seeds, has shrunk uniformly about its centre */
     DOSE_STATES
 } dose_state;
 
-enum { DVH_POINTS = 101 };   /* of a dose-volume histogram: doses from 0 to DVH_TOP */
+enum { DVH_POINTS = 101 };   /* points of a dose-volume histogram, for doses from 0 to DVH_TOP */
 #define DVH_TOP 3.0          /* prescriptions */
 
 typedef struct {
     bool known;
     trocar_dvh_summary summary;
-    double curve[DVH_POINTS]; /* fraction of the volume that gets the dose or more */
+    double curve[DVH_POINTS]; /* fraction of the volume that receives the dose or more */
 } organ_result;
 
 /* Shrinkage of a gland: lengths are multiplied by `scale`, about the centre. */
 typedef struct { double centre[3], scale; } shrinkage;
 
 typedef struct {
-    const char *name;        /* the scene's */
-    bool is_target, shrinks; /* with the gland */
+    const char *name;        /* the region's name in the scene */
+    bool is_target, shrinks; /* `shrinks`: the organ shrinks with the gland */
     trocar_structure *structure;
     double *points, *doses;  /* scratch */
     organ_result results[DOSE_STATES];
 } organ;
 
-/* Voxels of 1 mm of a region of dimension 3; `mesh` is needed for this call only. Errors as trocar_structure_from_region. */
+/* Divides a region of dimension 3 into voxels of 1 mm; `mesh` is needed for this call only. Errors as in trocar_structure_from_region. */
 trocar_status organ_create(organ *o, const trocar_model *m, const trocar_mesh *mesh, int region, report *why);
 void organ_free(organ *o);
 
-/* Mean of the voxels' centres. */
+/* Computes the mean of the voxels' centres. */
 void organ_centre(const organ *o, double centre[3]);
 
 /* True if a point at rest lies in the organ, to within a voxel. */
 bool organ_contains(const organ *o, const double point[3]);
 
-/* Computes the results of one state. `nodal`, for DOSE_NOW: displacements [nodes][3], NULL: at rest. `shrunk`: for DOSE_SWELLING_GONE. Seeds must be
-   given at their places in that state. */
+/* Computes the results of one state. `nodal`, for DOSE_NOW, are the displacements [nodes][3], or NULL for tissue at rest; `shrunk` is for
+   DOSE_SWELLING_GONE. Seeds must be given at their positions in that state. */
 void organ_compute(organ *o, dose_state state, const trocar_dose_source *source, const trocar_dose_seed *seeds, int count, double prescription,
                    const double *nodal, const shrinkage *shrunk);
 

@@ -19,8 +19,8 @@ typedef struct {
     viewer_messages messages;
     int probes_done, commands_done; /* number of probe poses and commands handled so far */
     waiting_drop waiting;
-    int refused;             /* commands for seeds that are refused here but were not by the server; */
-    report refusal;          /* reason of the first one */
+    int refused;             /* number of commands for seeds that are refused here but were not by the server */
+    report refusal;          /* reason of the first refusal */
     int gaps;
 } playback;
 
@@ -73,7 +73,7 @@ static trocar_status play_tick(playback *p, int tick, plot_sample *sample, repor
     return TROCAR_OK;
 }
 
-/* Adds a picture of the tick just played. */
+/* Adds a picture of the last tick. */
 static trocar_status add_picture(playback *p, int tick, timeline *t, report *why) {
     trocar_sim_take_picture(p->sim, p->messages.picture);
     viewer_messages_make_needle(&p->messages, 0, tick, p->poses.poses[tick].utime);
@@ -105,7 +105,7 @@ trocar_status playback_run(const trocar_scene *scene, const char *path, timeline
     return status;
 }
 
-/* Index of the last pose not after `at`, or -1 if the log ends before it. */
+/* Returns the index of the last pose not after `at`, or -1 if the log ends before `at`. */
 static int tick_at(const pose_log *poses, double at) {
     int tick = poses->count - 1;
     if (isfinite(at) && pose_log_time(poses, tick) < at - CLOCK) return -1;

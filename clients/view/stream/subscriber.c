@@ -14,10 +14,10 @@
 
 enum { QUEUE = 512 * TROCAR_MAX_NEEDLES }; /* half a second of wrenches */
 
-static const int64_t SILENCE = 500000000; /* ns without a wrench after which the server is considered gone */
-static const int64_t STALL = 150000000;   /* ns; a longer gap between two checks counts as a pause of this program; the viewer checks each 0.1 s */
+static const int64_t SILENCE = 500000000; /* ns without a wrench after which the server counts as gone */
+static const int64_t STALL = 150000000;   /* ns; a longer gap between two checks counts as a pause of this program; the viewer checks every 0.1 s */
 static const double OWNER_SILENCE = 2.0;  /* s, as in the server */
-static const int64_t NEWS = 150000000; /* ns for which a needle's last wrench is more reliable about its owner than the last status */
+static const int64_t NEWS = 150000000; /* ns for which a needle's last wrench tells its owner more reliably than the last status */
 
 /* ---- the channels ---- */
 
@@ -52,7 +52,7 @@ static void forget_seeds(subscriber *f) {
     f->replies_heard++;
 }
 
-/* Discards the data of the previous server when it follows another one. */
+/* Discards the previous server's data when the subscriber follows another server. */
 static void note_server(subscriber *f, const trocar_needle_wrench_t *w) {
     if (f->heard != 0 && w->server == f->server) return;
     f->servers++;
@@ -63,7 +63,7 @@ static void note_server(subscriber *f, const trocar_needle_wrench_t *w) {
     f->probe = (trocar_probe){.placed = 0};
 }
 
-/* The record of this needle of the followed server; NULL for another server, and for a needle that the scene does not have. */
+/* Returns the record of this needle of the followed server; NULL for another server, and for a needle that the scene does not have. */
 static needle_feed *find_needle(subscriber *f, int64_t server, int32_t needle) {
     return server == f->choice.followed && needle >= 0 && needle < f->needle_count ? &f->needles[needle] : NULL;
 }
@@ -92,7 +92,7 @@ static void on_wrench(const lcm_recv_buf_t *received, const char *channel, void 
     s.compute_p99 = (float)f->timing.compute_p99;
     s.compute_max = (float)f->timing.compute_max;
     report why;
-    timeline_add_sample(f->timeline, &s, &why); /* cannot fail live: the ring is preallocated */
+    timeline_add_sample(f->timeline, &s, &why); /* cannot fail in live mode, because the ring is preallocated */
 }
 
 static void on_timing(const lcm_recv_buf_t *received, const char *channel, void *context) {
@@ -204,12 +204,12 @@ static void on_probe(const lcm_recv_buf_t *received, const char *channel, void *
     f->probe_owner = m.session;
 }
 
-/* Computes times from tick numbers, also for pictures that arrive later than their wrench. */
+/* Returns the time of a tick, also for pictures that arrive later than the wrench of their tick. */
 static double time_of_tick(const subscriber *f, int64_t tick) {
     return 1e-9 * (double)(f->heard - f->started) - (double)(f->tick - tick) * f->period;
 }
 
-/* Completes the picture of its tick, after the contacts of each needle that has been held; before that, the probe is enough. */
+/* Completes the picture of its tick, which follows the contacts of each needle that has been held; without a held needle, the probe is enough. */
 static void on_deformation(const lcm_recv_buf_t *received, const char *channel, void *context) {
     (void)channel;
     subscriber *f = context;
@@ -219,7 +219,7 @@ static void on_deformation(const lcm_recv_buf_t *received, const char *channel, 
         f->refused++;
         return;
     }
-    report why; /* a picture is skipped if out of memory */
+    report why; /* if memory is exhausted, a picture is skipped */
     needle_shown needles[TROCAR_MAX_NEEDLES];
     bool complete = false, known = false;
     for (int i = 0; i < f->needle_count; i++) {

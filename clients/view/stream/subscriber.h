@@ -17,33 +17,33 @@
 /* The newest messages about one needle. */
 typedef struct {
     trocar_needle_wrench_t wrench;
-    int64_t heard;           /* ns, monotonic: its arrival; 0: none yet. The server sends none for a resting needle */
+    int64_t heard;           /* ns, monotonic: arrival of the last wrench; 0 before the first. The server sends none for a resting needle */
     trocar_contacts_t *contacts; /* NULL before the first */
     trocar_tracks_t *tracks; /* NULL before the first */
     trocar_status_t *status; /* NULL before the first */
 } needle_feed;
 
 typedef struct {
-    int node_count;          /* of the scene's mesh */
-    int needle_count;        /* of the scene */
-    timeline *timeline;      /* NULL: none is kept */
-    int64_t started;         /* ns, monotonic: time 0 */
+    int node_count;          /* number of nodes of the scene's mesh */
+    int needle_count;        /* number of needles of the scene */
+    timeline *timeline;      /* NULL if no timeline is kept */
+    int64_t started;         /* ns, monotonic: time of the timeline's zero */
     double period;           /* s, period of the server's loop */
-    int64_t heard;           /* ns, monotonic: arrival of the last wrench; 0: none */
-    int64_t silence, checked; /* ns since then while this program was running, and when that was last counted */
-    int64_t tick, server;    /* of that wrench */
-    int64_t servers;         /* number of servers followed so far */
+    int64_t heard;           /* ns, monotonic: arrival of the last wrench; 0 before the first */
+    int64_t silence, checked; /* ns of silence since then while this program was running, and time of the last count */
+    int64_t tick, server;    /* tick and server of that wrench */
+    int64_t servers;         /* number of servers that have been followed so far */
     trocar_loop_timing_t timing;
     needle_feed needles[TROCAR_MAX_NEEDLES];
-    trocar_probe probe;      /* the newest; no place before the first message about it */
-    int64_t probe_owner;     /* session that moves it, 0: none yet */
+    trocar_probe probe;      /* newest state of the probe; not placed before the first message about it */
+    int64_t probe_owner;     /* session that moves the probe; 0 before the first */
     trocar_seeds_t *seeds;   /* NULL before the first */
     trocar_deformation_t *deformation; /* likewise */
-    trocar_command_reply_t *reply; /* to the last command of `session` other than RELEASE, NULL: none yet */
+    trocar_command_reply_t *reply; /* reply to the last command of `session` other than RELEASE; NULL before the first */
     int64_t session;         /* the session that gives commands; set by the owner */
-    int64_t seeds_heard, replies_heard; /* so far, from all servers; a change of server counts as well */
+    int64_t seeds_heard, replies_heard; /* number of messages so far, from all servers; a change of server counts as well */
     server_choice choice;    /* only messages of the followed server are used */
-    int64_t refused;         /* messages of the wrong type for their channel */
+    int64_t refused;         /* number of messages of the wrong type for their channel */
 } subscriber;
 
 /* Subscribes; `t` must outlive it, and may be NULL. Ignores deformations of meshes with a number of nodes other than the model's, and needles that
@@ -51,21 +51,21 @@ typedef struct {
 trocar_status subscriber_open(subscriber *f, lcm_t *lcm, const trocar_model *model, timeline *t, report *why);
 void subscriber_close(subscriber *f);
 
-/* True if a wrench arrived in the last half second in which this program was running: of the time since the last call at most 0.15 s count, because
-   messages that arrive while the program is not scheduled are handled later. */
+/* True if a wrench arrived within the last half second in which this program was running. At most 0.15 s since the previous call are counted,
+   because messages that arrive while the program is not scheduled are handled later. */
 bool subscriber_alive(subscriber *f);
 
-/* s since subscriber_open: the clock of the timeline. */
+/* Returns the time since subscriber_open, s: the clock of the timeline. */
 double subscriber_time(const subscriber *f);
 
-/* True if there is something to show: a needle or the probe. */
+/* True if there is a needle or a probe to show. */
 bool subscriber_shows(const subscriber *f);
 
-/* The session that owns the needle, as far as known; 0: none. An owner that has been silent for two seconds, and might lose the needle to anybody,
-   does not count. */
+/* Returns the session that owns the needle, as far as known; 0 if there is none. An owner that has been silent for two seconds, and may lose the
+   needle to any other session, does not count. */
 int64_t subscriber_owner(const subscriber *f, int needle);
 
-/* Pose of the needle's base in the server; false if unknown. */
+/* Gets the pose of the needle's base in the server; false if it is unknown. */
 bool subscriber_base(subscriber *f, int needle, pose *base);
 
 /* Converts a wrench to a sample for the plots; timing values are zero. */

@@ -1,5 +1,6 @@
-/* Data for the browsers: encoded pictures, and samples for the plots. Live, only the newest picture and the last minute of samples are kept. For a
-   log all samples are kept, and all pictures up to a limit, then every second, every fourth and so on, always including the newest. Not thread-safe.
+/* Data for the browsers: encoded pictures, and samples for the plots. Of live data, only the newest picture and the last minute of samples are kept.
+   Of a log, all samples are kept, and all pictures up to a limit; beyond it, every second picture is kept, then every fourth and so on, and always
+   the newest. Not thread-safe.
    */
 #ifndef TROCAR_TIMELINE_H
 #define TROCAR_TIMELINE_H
@@ -8,20 +9,20 @@
 #include "view/stream/wire_format.h"
 
 #define SAMPLE_SLOT 0.01     /* s, time covered by one sample of a needle */
-#define SAMPLE_SPAN 60.0     /* s of samples kept live */
-#define PICTURE_BYTES ((size_t)256 << 20) /* limit for the pictures of a log */
+#define SAMPLE_SPAN 60.0     /* s of samples that are kept live */
+#define PICTURE_BYTES ((size_t)256 << 20) /* limit on the size of a log's pictures */
 
 typedef struct {
     bool live;
-    byte_buffer *pictures;   /* encoded; live: one */
+    byte_buffer *pictures;   /* encoded; live, only one */
     int64_t picture_end;     /* number of the next picture */
     size_t picture_room;
-    size_t picture_bytes, picture_bytes_most; /* size of the pictures, and the limit above which those of a log are thinned out */
-    int64_t pictures_given, picture_stride; /* log: one in `picture_stride` is kept */
-    plot_sample *samples;    /* of all needles, in the order of their times; live: a ring */
+    size_t picture_bytes, picture_bytes_most; /* size of the pictures, and the limit above which pictures of a log are removed */
+    int64_t pictures_given, picture_stride; /* number of pictures given; one in `picture_stride` of a log is kept */
+    plot_sample *samples;    /* samples of all needles, in the order of their times; a ring if live */
     int64_t sample_end;      /* number of the next sample */
     size_t sample_room;
-    plot_sample gathered[TROCAR_MAX_NEEDLES]; /* values gathered in the current slot */
+    plot_sample gathered[TROCAR_MAX_NEEDLES]; /* values collected in the current slot */
     double slot_end[TROCAR_MAX_NEEDLES];      /* s */
     double now;              /* s, time of the newest sample */
 } timeline;
@@ -30,7 +31,7 @@ typedef struct {
 trocar_status timeline_create(timeline *t, bool live, int needles, report *why);
 void timeline_free(timeline *t);
 
-/* Adds the values of one tick of needle `s->needle`; `s` has the events of this tick only. NO_MEMORY (log only). */
+/* Adds the values of one tick of needle `s->needle`; `s` contains the events of this tick only. NO_MEMORY (log only). */
 trocar_status timeline_add_sample(timeline *t, const plot_sample *s, report *why);
 
 /* As encode_picture. */
@@ -42,12 +43,12 @@ typedef struct {
     int64_t picture, sample;
 } timeline_cursor;
 
-/* Adds the seeds of the newest picture, after it. For a log only; live, seeds arrive by themselves. */
+/* Adds the seeds of the newest picture, after that picture. For a log only; live, seeds arrive in messages of their own. */
 trocar_status timeline_add_seeds(timeline *t, const trocar_seeds_t *seeds, report *why);
 
 bool timeline_has_news(const timeline *t, const timeline_cursor *cursor);
 
-/* Appends the samples, then the pictures that are new to the reader (live: the newest picture only), up to about `most` bytes. */
+/* Appends the samples, then the pictures that are new to the reader (live: only the newest one), up to about `most` bytes. */
 void timeline_read(const timeline *t, timeline_cursor *cursor, size_t most, byte_buffer *out);
 
 #endif

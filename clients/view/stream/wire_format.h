@@ -13,7 +13,7 @@
 #include "trocar_seeds_t.h"
 #include "trocar_tracks_t.h"
 
-/* Growing buffer. If memory runs out, `failed` is set and nothing is appended until it is cleared. */
+/* A growing buffer. If memory runs out, `failed` is set and nothing is appended until the buffer is cleared. */
 typedef struct {
     unsigned char *data;
     size_t length, room;
@@ -21,13 +21,13 @@ typedef struct {
 } byte_buffer;
 
 void bytes_append(byte_buffer *b, const void *data, size_t length);
-void bytes_clear(byte_buffer *b);  /* empties the buffer, keeps its memory */
+void bytes_clear(byte_buffer *b);  /* empties the buffer and keeps its memory */
 void bytes_free(byte_buffer *b);
 
 typedef enum { SECTION_SCENE = 1, SECTION_PICTURE, SECTION_SAMPLES, SECTION_STATUS, SECTION_SEEDS, SECTION_REPLY, SECTION_DOSE,
                SECTION_PLAN } section_kind;
 
-/* Begin a section, append its bytes, end it. `begin` returns the argument of `end`. */
+/* Begin a section, append its bytes, end it. section_begin returns the argument of section_end. */
 size_t section_begin(byte_buffer *b, section_kind kind);
 void section_end(byte_buffer *b, size_t begun);
 
@@ -37,33 +37,33 @@ typedef struct {
     float force[3];          /* N, world frame, as sent to the device */
     float torque[3];         /* N m */
     float depth;             /* m */
-    float lateness_p99, lateness_max, compute_p99, compute_max; /* s, of the last interval of TROCAR_TIMING */
+    float lateness_p99, lateness_max, compute_p99, compute_max; /* s, values of the last interval of TROCAR_TIMING */
     uint32_t events;         /* TROCAR_EVENT_ bits */
-    int32_t membrane;        /* punctured in this slot, -1: none */
+    int32_t membrane;        /* membrane punctured in this slot; -1 if none */
     int32_t needle;
 } plot_sample;
 _Static_assert(sizeof(plot_sample) == 64, "decode.js reads 64 bytes a sample");
 
-/* The scene for the page: names and sizes as JSON, nodes, tetrahedra with their regions, and the triangles between regions, on the outer surface and
-   on named surfaces. `homes`: the waiting pose of each of the `needles`. `live`: data come from a server, not from a log. */
+/* Encodes the scene for the page: names and sizes as JSON, nodes, tetrahedra with their regions, and the triangles between regions, on the outer
+   surface and on named surfaces. `homes` are the waiting poses of the `needles` needles. `live`: data come from a server, not from a log. */
 void encode_scene(byte_buffer *out, const trocar_scene *scene, const trocar_model *model, const pose *homes, int needles, bool live);
 
-/* A needle in a picture; both NULL: not held yet. */
+/* A needle in a picture; both are NULL for a needle that has not been held yet. */
 typedef struct {
     const trocar_contacts_t *contacts;
-    const trocar_tracks_t *tracks; /* the newest; NULL: none yet */
+    const trocar_tracks_t *tracks; /* the newest tracks; NULL before the first */
 } needle_shown;
 
-/* One picture at `time` (s): each needle with its contacts and tracks, the probe (NULL or not placed: none), and the displacements of all nodes,
-   rounded to 1/32767 of the largest component (30 nm per millimetre). */
+/* Encodes one picture at `time` (s): each needle with its contacts and tracks, the probe (if not NULL and placed), and the displacements of all
+   nodes, rounded to 1/32767 of the largest component (30 nm per millimetre). */
 void encode_picture(byte_buffer *out, double time, const needle_shown needles[], int count, const trocar_probe *probe, const trocar_deformation_t *tissue);
 
 void encode_samples(byte_buffer *out, const plot_sample *samples, size_t count);
 
-/* A section of JSON alone: STATUS, REPLY, PLAN. */
+/* Encodes a section that consists of JSON alone: STATUS, REPLY, PLAN. */
 void encode_json(byte_buffer *out, section_kind kind, const char *json);
 
-/* JSON, padded, and then bytes: DOSE. */
+/* Encodes a section of JSON, padded, and then bytes: DOSE. */
 void encode_json_and_bytes(byte_buffer *out, section_kind kind, const char *json, size_t length, const void *bytes, size_t count);
 
 void encode_seeds(byte_buffer *out, const trocar_seeds_t *seeds);

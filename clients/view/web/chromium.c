@@ -10,7 +10,7 @@
 #include <sys/wait.h>
 #include <unistd.h>
 
-/* Uses software rendering, so that pictures do not depend on the graphics card. */
+/* Runs the browser with software rendering, so that pictures do not depend on the graphics card. */
 static void run_browser(const char *profile, const char *url) {
     char folder[96];
     snprintf(folder, sizeof folder, "--user-data-dir=%s", profile);

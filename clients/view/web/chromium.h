@@ -8,11 +8,11 @@
 #include "base/report.h"
 
 typedef struct {
-    pid_t process;           /* process and process group; 0: none */
+    pid_t process;           /* process and process group; 0 if none is running */
     char profile[64];        /* folder of the profile */
 } chromium;
 
-/* SYSTEM if the process cannot be created. Use chromium_ended to check whether it runs. */
+/* Starts the browser. SYSTEM if the process cannot be created. Use chromium_ended to check whether it runs. */
 trocar_status chromium_start(chromium *c, const char *url, report *why);
 bool chromium_ended(chromium *c);
 void chromium_stop(chromium *c);

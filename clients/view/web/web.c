@@ -8,9 +8,9 @@
 #include <unistd.h>
 
 enum {
-    IN_FLIGHT = 2,           /* unacknowledged updates per browser */
-    UPDATE_BYTES = 1 << 18,  /* approximate size of an update */
-    PNG_BYTES = 64 << 20,    /* largest accepted picture */
+    IN_FLIGHT = 2,           /* largest number of unacknowledged updates per browser */
+    UPDATE_BYTES = 1 << 18,  /* bytes, approximate size of an update */
+    PNG_BYTES = 64 << 20,    /* bytes, size of the largest accepted picture */
     WATCHES = 4,
     HANDSHAKE_PATIENCE = 5,  /* s, timeout of a request */
     TRY_AGAIN_LATER = 1013,  /* WebSocket close code, IANA registry (RFC 6455) */
@@ -24,12 +24,12 @@ typedef struct browser {
     struct lws *wsi;
     timeline_cursor cursor;
     bool has_scene, wants_status;
-    int64_t versions[WEB_SECTIONS]; /* of the sections that it has received */
-    bool refused;            /* receives the reason and is disconnected; not in `browsers` */
+    int64_t versions[WEB_SECTIONS]; /* versions of the sections that the browser has received */
+    bool refused;            /* the browser receives the reason and is disconnected; it is not in `browsers` */
     int in_flight;
-    int silent;              /* statuses sent since its last message */
-    uint32_t steered;        /* number of its last command to move */
-    byte_buffer received;    /* part of the message received so far */
+    int silent;              /* number of statuses sent since the browser's last message */
+    uint32_t steered;        /* number of the browser's last command to move */
+    byte_buffer received;    /* the part of a message received so far */
 } browser;
 
 typedef struct {
@@ -43,16 +43,16 @@ struct web {
     lws_sorted_usec_list_t timer;
     browser *browsers;
     browser *driver;         /* the driving browser, or NULL */
-    uint32_t needle;         /* that it drives */
+    uint32_t needle;         /* index of the needle that the driver drives */
     int browser_count;
     watch watches[WATCHES];
     int watch_count;
-    byte_buffer update;      /* being sent, after LWS_PRE bytes */
+    byte_buffer update;      /* the update that is being sent, after LWS_PRE bytes */
 };
 
 /* ---- access control ---- */
 
-/* True if `given`, "name:port" or "[v6]:port", has the host `name`. */
+/* True if `given`, "name:port" or "[v6]:port", names the host `name`. */
 static bool is_host(const char *given, const char *name) {
     size_t length = strlen(name);
     bool v6 = strchr(name, ':') != NULL;
@@ -78,7 +78,7 @@ static int forbid(struct lws *wsi, const char *reason) {
     return -1;
 }
 
-/* Access check of every request, for files of the page (`socket` false) and WebSockets. Returns -1 if it was refused. */
+/* Checks the access of every request, for files of the page (`socket` false) and WebSockets. Returns -1 if the request was refused. */
 static int filter(const web *w, struct lws *wsi, bool socket) {
     const web_settings *s = &w->settings;
     char origin[256] = "", host[256] = "";
@@ -112,7 +112,7 @@ static void append_sections(web *w, browser *b) {
     }
 }
 
-/* Sends the reason. Returns -1 to close the connection. */
+/* Sends the reason of a refusal. Returns -1 to close the connection. */
 static int send_refusal(const browser *b) {
     char reason[100];
     int length = snprintf(reason, sizeof reason, "%d browsers are connected already: close one of them.", WEB_BROWSERS);
@@ -120,7 +120,7 @@ static int send_refusal(const browser *b) {
     return -1;
 }
 
-/* Returns -1 to close the connection. */
+/* Sends an update to the browser. Returns -1 to close the connection. */
 static int send_update(web *w, browser *b) {
     static const unsigned char space[LWS_PRE];
     if (b->refused) return send_refusal(b);
@@ -168,8 +168,8 @@ static bool may_drive(const web *w, uint32_t needle) {
 }
 
 /* Sends the status to all browsers and disconnects those that no longer answer, so that a page that hangs keeps neither the needle
-   nor a connection; it reconnects when it continues. Unanswered statuses are counted instead of time, so that a pause of this program
-   does not disconnect anyone. */
+   nor a connection; it reconnects when it runs again. The timer counts unanswered statuses instead of time, so that a pause of this
+   program disconnects no browser. */
 static void on_timer(lws_sorted_usec_list_t *timer) {
     web *w = lws_container_of(timer, web, timer);
     for (browser *b = w->browsers; b; b = b->next) {
@@ -185,7 +185,7 @@ static void on_timer(lws_sorted_usec_list_t *timer) {
 
 /* ---- receiving ---- */
 
-/* The first browser that requests a needle gets it; requests of others are ignored. */
+/* Handles an action. The first browser that requests a needle gets it; requests of others are ignored. */
 static void take_action(web *w, browser *b, const web_action *action) {
     switch (action->kind) {
     case ACTION_ACKNOWLEDGE:
@@ -214,7 +214,7 @@ static void take_action(web *w, browser *b, const web_action *action) {
     }
 }
 
-/* Returns false for an invalid message. */
+/* Handles a complete message. Returns false if it is invalid. */
 static bool take_message(web *w, browser *b) {
     const byte_buffer *m = &b->received;
     web_action action;
@@ -230,7 +230,7 @@ static bool take_message(web *w, browser *b) {
     return true;
 }
 
-/* Returns -1 to close the connection. */
+/* Receives part of a message. Returns -1 to close the connection. */
 static int receive(web *w, browser *b, const void *data, size_t length) {
     size_t most = w->settings.take_png ? PNG_BYTES : WEB_ACTION_BYTES;
     if (b->refused) return 0;
@@ -362,7 +362,7 @@ int web_port(const web *w) { return lws_get_vhost_listen_port(w->host); }
 
 trocar_status web_watch(web *w, int descriptor, void (*readable)(void *context), report *why) {
     if (w->watch_count == WATCHES) return fail(why, TROCAR_SYSTEM, "cannot watch more than %d descriptors", WATCHES);
-    int own = dup(descriptor); /* libwebsockets closes adopted descriptors */
+    int own = dup(descriptor); /* libwebsockets closes the descriptors that it adopts */
     watch *added = &w->watches[w->watch_count];
     *added = (watch){readable};
     lws_adopt_desc_t adopted = {.vh = w->host, .type = LWS_ADOPT_RAW_FILE_DESC, .fd.filefd = own,

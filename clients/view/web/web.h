@@ -1,5 +1,5 @@
-/* Web server for the page and its WebSockets, based on libwebsockets; single-threaded. Each browser gets new data after it has
-   acknowledged previous updates, so that a slow one receives fewer pictures and does not delay others. */
+/* A web server for the page and its WebSockets, based on libwebsockets; single-threaded. Each browser gets new data after it
+   has acknowledged previous updates, so that a slow browser receives fewer pictures and does not delay others. */
 #ifndef TROCAR_WEB_H
 #define TROCAR_WEB_H
 
@@ -9,45 +9,46 @@ typedef struct web web;
 
 enum { WEB_PORT = 8686, WEB_BROWSERS = 16, WEB_ACTION_BYTES = 32, WEB_PATIENCE = 100, WEB_SECTIONS = 4 };
 
-/* Message from a browser; little-endian, 32 bytes. */
+/* A message from a browser; little-endian, 32 bytes. */
 typedef enum { ACTION_ACKNOWLEDGE = 1, ACTION_TAKE, ACTION_STEER, ACTION_RESET, ACTION_RELEASE, ACTION_PICTURE, ACTION_HOLE, ACTION_DROP, ACTION_UNDO,
                ACTION_LEAVE, ACTION_REMOVE, ACTION_PROBE, ACTION_LAST = ACTION_PROBE } action_kind;
 typedef struct {
     uint32_t kind;
     float steer[6];          /* ACTION_STEER and ACTION_PROBE: right, up, forward, pitch, yaw, roll, each -1 .. 1; ACTION_HOLE: guide, column, row; ACTION_DROP: seeds */
-    uint32_t needle;         /* ACTION_TAKE, ACTION_REMOVE: the needle; ACTION_STEER and ACTION_PROBE: a number that the next status returns */
+    uint32_t needle;         /* ACTION_TAKE, ACTION_REMOVE: index of the needle; ACTION_STEER and ACTION_PROBE: a number that the next status returns */
 } web_action;
 _Static_assert(sizeof(web_action) == WEB_ACTION_BYTES, "link.js writes 32 bytes");
 
 /* Data that each browser receives whenever they change; only the newest version is kept. */
 typedef struct {
     byte_buffer bytes;       /* encoded section */
-    int64_t version;         /* incremented with each change; 0: nothing yet */
+    int64_t version;         /* incremented with each change; 0 before the first */
 } web_section;
 
 typedef struct {
     const char *page;        /* folder of the built page */
-    const char *address;     /* to listen on; NULL: 127.0.0.1 */
-    const char *socket;      /* path of a Unix socket to listen on instead, or NULL */
+    const char *address;     /* address to listen on; NULL: 127.0.0.1 */
+    const char *socket;      /* path of a Unix socket to listen on instead of an address, or NULL */
     const char *host;        /* host name allowed besides localhost and `address`, or NULL */
-    int port;                /* 0: any free one */
-    int patience;            /* tenths of a second without a message after which a browser is disconnected;
-                                0: WEB_PATIENCE */
+    int port;                /* 0: any free port */
+    int patience;            /* statuses (one per tenth of a second) without a message after which a browser is
+                                disconnected; 0: WEB_PATIENCE */
     const timeline *timeline;
-    const byte_buffer *scene; /* encoded: sent first */
+    const byte_buffer *scene; /* the encoded scene, which is sent first */
     const web_section *sections; /* [section_count], at most WEB_SECTIONS; sent after the scene */
     int section_count;
     void *context;           /* passed to the functions below */
-    char *(*describe)(void *context, bool drives, bool driven, uint32_t steered);  /* state as JSON, freed by the caller; NULL: none. `steered`: the
-                                                                                      number of the browser's last ACTION_STEER or ACTION_PROBE, 0: none
-                                                                                      yet */
-    void (*act)(void *context, const web_action *action);        /* action of the driving browser; ACTION_REMOVE also from another one while none
-                                                                    drives */
-    bool (*may_drive)(void *context, uint32_t needle);  /* true if a browser may take and keep this needle; NULL: always */
+    char *(*describe)(void *context, bool drives, bool driven, uint32_t steered);  /* returns the state as JSON, freed by the caller; NULL: none.
+                                                                                      `steered` is the number of the browser's last ACTION_STEER or
+                                                                                      ACTION_PROBE, 0 before the first */
+    void (*act)(void *context, const web_action *action);        /* handles an action of the driving browser; ACTION_REMOVE also comes from
+                                                                    another browser while none drives */
+    bool (*may_drive)(void *context, uint32_t needle);  /* returns true if a browser may take and keep this needle; NULL: always */
     void (*take_png)(void *context, const void *png, size_t size); /* NULL: pictures are rejected */
 } web_settings;
 
-/* Listens; the strings in `settings` must outlive it. BAD_INPUT if the page does not exist or the address cannot be used. */
+/* Creates the server, which listens at once. The strings in `settings` must outlive it. BAD_INPUT if the page does not exist or the address cannot be
+   used. */
 trocar_status web_create(const web_settings *settings, web **created, report *why);
 void web_free(web *w);
 int web_port(const web *w);
@@ -61,10 +62,10 @@ void web_round(web *w);
 /* Tells the server that the timeline has new data. */
 void web_news(web *w);
 
-/* Takes the needle from the driving browser, if any. */
+/* Takes the needle from the driving browser, if there is one. */
 void web_let_go(web *w);
 
-/* True if this Host header is allowed. Protects against DNS rebinding, where a site's name resolves to 127.0.0.1. */
+/* True if this Host header is allowed. This protects against DNS rebinding, where a site's name resolves to 127.0.0.1. */
 bool web_host_allowed(const char *host, const char *address, const char *name);
 
 /* True if a page from `origin` may open a WebSocket with this Host header: only pages served by this program under an allowed name. Otherwise another

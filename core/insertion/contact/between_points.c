@@ -3,17 +3,17 @@
 #include "insertion/guide/guides.h"
 #include "linalg/between_kernels.h"
 
-/* Places of points from base to tip, and what is known of them before their blocks. */
+/* Order of the points from base to tip, and the data that their blocks are computed from. */
 typedef struct {
-    int order[MAX_POINTS];           /* the point in each place */
+    int order[MAX_POINTS];           /* index of the point at each place */
     bool in_order;                   /* see in_order_of_slots */
     _Alignas(CACHE_LINE) between_rows frames; /* [a][b]: component a of axis b */
-    between_rows tissue;             /* m/N, world frame, between one point (rows) and the others, if they are not in order */
+    between_rows tissue;             /* m/N, world frame: compliance between one point (rows) and the others; used if they are not in order */
 } layout;
 
 /* ---- points ---------------------------------------------------------------------------------------------------------- */
 
-/* The points from base to tip: guides come first in the list, wherever they are. */
+/* Sorts the points from base to tip: in the list, guides come first wherever they are. */
 static void sort_points(const contact_points *points, int order[MAX_POINTS]) {
     for (int i = 0; i < points->count; i++) {
         int at = i;
@@ -41,13 +41,13 @@ static void put_tissue(between_rows to, int l, const mat3 *block, bool transpose
         for (int b = 0; b < 3; b++) to[a][b][l] = transposed ? block->m[b][a] : block->m[a][b];
 }
 
-/* Between two points, neither of which is at the tip. */
+/* Compliance of the tissue between two points, neither of which is the tip. */
 static mat3 between_contacts(const tick_input *tick, const contact_points *points, const creep_step *creep, int i, int j) {
     if (i < points->guided || j < points->guided) return (mat3){{{0}}};
     return m3_scaled(creep->yield, compliance_between(tick->snapshot, points->list[i].handle, points->list[j].handle));
 }
 
-/* Compliance of the tissue between the point in place k and those from there on. */
+/* Compliance of the tissue between the point at place k and the points from there on. */
 static void lay_out_tissue(const tick_input *tick, const contact_points *points, const tissue_step *tissue, const creep_step *creep, const int *order, int k,
                            between_rows to) {
     int i = order[k];
@@ -64,7 +64,7 @@ static void lay_out_tissue(const tick_input *tick, const contact_points *points,
 
 /* ---- needle ---------------------------------------------------------------------------------------------------------- */
 
-/* How the joints move under unit forces at each point. */
+/* Displacements of the joints under unit forces at each point. */
 static void interpolate_columns(const contact_points *points, const needle_response *response, between_components *joints_to_points, const int *order) {
     between_interpolation columns[MAX_POINTS];
     for (int k = 0; k < points->count; k++) columns[k] = (between_interpolation){points->list[order[k]].at.first, points->list[order[k]].at.weights};
@@ -83,13 +83,13 @@ static void put_block(contact_problem *p, int i, int j, const mat3 *block) {
         }
 }
 
-/* A guide that the needle does not touch is coupled to nothing. */
+/* Decouples a guide that the needle does not touch. */
 static void uncouple_guide(const contact_points *points, contact_problem *problem, int i) {
     static const mat3 nothing;
     for (int j = 0; j < points->count; j++) put_block(problem, i, j, &nothing);
 }
 
-/* Stores the blocks of the point in place k with itself and those beyond. */
+/* Stores the blocks of the point at place k with itself and the points beyond. */
 static void put_blocks(const contact_points *points, contact_problem *problem, const int *order, int k, between_rows blocks) {
     for (int l = k; l < points->count; l++) {
         mat3 block;
@@ -98,7 +98,7 @@ static void put_blocks(const contact_points *points, contact_problem *problem, c
     }
 }
 
-/* The tissue of the points from place k on, in order: between contacts as the snapshot has it. */
+/* Points to the tissue's compliance for points in order, from place k on: between contacts, the snapshot's rows are used directly. */
 static void read_tissue(const tick_input *tick, const contact_points *points, const tissue_step *tissue, const creep_step *creep, int k, between_points_row *row) {
     static const double none[BETWEEN_PLACES];
     const contact_point *point = &points->list[k];
@@ -111,7 +111,7 @@ static void read_tissue(const tick_input *tick, const contact_points *points, co
     if (points->tip) row->at_tip = point->kind == POINT_TIP ? tissue->tip_row[k] : m3_transposed(&tissue->tip_row[k]);
 }
 
-/* Blocks of the point in place k with those from there on. */
+/* Computes the blocks of the point at place k with the points from there on. */
 static void find_blocks(const tick_input *tick, const contact_points *points, const tissue_step *tissue, const creep_step *creep, between_components *joints_to_points,
                         layout *places, between_kernel *kernel, int k, between_rows blocks) {
     const needle_point *point = &points->list[places->order[k]].at;

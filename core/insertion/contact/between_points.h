@@ -4,8 +4,8 @@
 
 #include "insertion/state/tick.h"
 
-/* Stores P N P^T + R^T C R in the contact problem: the needle's compliance N between joints, interpolated at the points and turned into their
-   frames by P, and the nominal tissue's C between points, turned by the frames R. What rests at an open guide is coupled with nothing. RT */
+/* Stores P N P^T + R^T C R in the contact problem. N is the needle's compliance between joints, which P interpolates at the points and rotates into their
+   frames. C is the nominal tissue's compliance between points, rotated by the frames R. Points at a guide that the needle does not touch are decoupled. RT */
 void assemble_between_points(const tick_input *tick, insertion_workspace *w);
 
 #endif

@@ -5,23 +5,24 @@
 
 /* ---- one bound for sliding and turning --------------------------------------------------------------------------------- */
 
-static const double LEAST_WAY = 1e-12; /* m: in one step; a shaft whose surface slides by less rests, as the direction of its slip is rounding. Rounding */
-static const double LEAST_YIELDING = 1e-12; /* N m / rad: of the tissue's stiffness against turning of a share, at least. Rounding */
-static const double LEAST_TORQUE = 1e-6; /* N m: the MARGIN of a torque is that fraction of itself and this. Rounding */
-static const double LEAST_GAP = 1e-6; /* m: between two points on the needle, at least. Rounding */
+static const double LEAST_WAY = 1e-12; /* m: surface slip in one step below which a shaft counts as sticking, because the direction of its slip is rounding
+                                          error. Rounding tolerance */
+static const double LEAST_YIELDING = 1e-12; /* N m / rad: smallest stiffness of the tissue against rotation of a share. Rounding tolerance */
+static const double LEAST_TORQUE = 1e-6; /* N m: added to a torque before MARGIN is applied. Rounding tolerance */
+static const double LEAST_GAP = 1e-6; /* m: smallest distance between two points on the needle. Rounding tolerance */
 
 double roll_slip_length(double slip, const roll_friction *roll, double radius) {
     return roll->turned == 0.0 ? fabs(slip) : length_of(slip, radius * roll->turned);
 }
 
-/* Friction opposes the slip of the shaft's surface: of the bound F, sliding by a while turning by w meets f(a) = F a / sqrt(a^2 + w^2). This
-   is its tangent at the last a. */
+/* Friction opposes the slip of the shaft's surface: with the bound F, sliding by a and turning by w gives f(a) = F a / sqrt(a^2 + w^2). Returns the tangent at
+   the last a. */
 static shared_bound tangent(double dry, double a, double w) {
     double s = length_of(a, w), along = fabs(a) / s, across = w / s;
     return (shared_bound){dry * along * along * along, dry * across * across / s};
 }
 
-/* Where nothing slides, the forces both ways stay within the bound together. */
+/* If nothing slides, the resultant of both forces must stay within the bound. */
 static double rest_of(double dry, double other) { return sqrt(larger_of(dry * dry - other * other, 0.0)); }
 
 shared_bound roll_bound_for_sliding(double dry, double slip, const roll_friction *roll, double radius) {
@@ -41,10 +42,10 @@ shared_bound roll_bound_for_turning(double dry, double slip, double along, const
 void roll_follow_base(insertion_state *state, quat orientation) {
     double turn = q_roll_between(state->needle.base.orientation, orientation);
     state->base_turn += turn;
-    state->tip_lead -= turn; /* the tip stays until the solve turns it */
+    state->tip_lead -= turn; /* the tip does not follow until the solve turns it */
 }
 
-/* Of a point in tissue: guides hold no shaft against turning. */
+/* Roll of a point in tissue; guides do not resist rotation of the shaft. */
 static const roll_friction *roll_at(const insertion_state *state, const contact_point *p) {
     return p->kind == POINT_TIP ? &state->tip.shaft.roll : &state->contacts[p->handle].shaft.roll;
 }
@@ -61,17 +62,17 @@ double roll_torque(const insertion_state *state, const contact_points *points) {
     return sum;
 }
 
-/* One point of the chain: torque on the tissue = stiffness * angle + offset, and what decides whether it sticks. */
+/* One point of the torsional chain: torque on the tissue = stiffness * angle + offset, and the data that decide whether it sticks. */
 typedef struct {
-    double shaft;                /* N m / rad, of the shaft between the point before, or the base, and this one */
-    double yielding;             /* rad / N m, of the tissue around its share */
-    double remembered;           /* N m, of relaxing tissue */
+    double shaft;                /* N m / rad, stiffness of the shaft between the previous point, or the base, and this one */
+    double yielding;             /* rad / N m, compliance of the tissue around its share */
+    double remembered;           /* N m, memory of relaxing tissue */
     shared_bound bound;
     double stiffness, offset, angle;
 } roll_point;
 
-/* The tissue's rotation around a shaft is local: the torque m' per length turns it by m' / (4 pi mu r^2), whatever the mesh. 2 pi mu is the
-   inverse of the local compliance along the needle. */
+/* The tissue's rotation around a shaft is local: the torque m' per length rotates it by m' / (4 pi mu r^2), whatever the mesh. 2 pi mu is the inverse of the
+   local compliance along the needle. */
 static roll_point point_at(const tick_input *tick, const insertion_state *state, const creep_step *creep, const contact_point *p) {
     const insertion_model *model = tick->model;
     bool tip = p->kind == POINT_TIP;
@@ -87,7 +88,7 @@ static roll_point point_at(const tick_input *tick, const insertion_state *state,
     return point;
 }
 
-/* The torque's law while the point sticks, or slides by what the angle exceeds the tissue's. */
+/* Sets the torque's law for a sticking or a sliding point. The slip is the shaft's angle minus the tissue's. */
 static void take_law(roll_point *p, const roll_friction *roll) {
     if (roll->friction == STICK) {
         p->stiffness = 1.0 / p->yielding;
@@ -99,10 +100,10 @@ static void take_law(roll_point *p, const roll_friction *roll) {
     p->offset = (roll->friction * p->bound.bound - p->bound.viscosity * (roll->anchor + p->yielding * p->remembered)) / share;
 }
 
-/* Angles of a twisted shaft under these laws, rad: a chain from the base on, by elimination from there. */
+/* Angles of the twisted shaft under these laws, rad: a chain that starts at the base, solved by elimination in that order. */
 static void solve_chain(int n, double base, roll_point *p) {
-    double share[MAX_SHARES]; /* of the next point's angle, that a point adds to its own */
-    double held = p[0].shaft, turning = p[0].shaft * base; /* N m / rad and N m, by all that is nearer to the base */
+    double share[MAX_SHARES]; /* fraction of the next point's angle that is added to a point's own */
+    double held = p[0].shaft, turning = p[0].shaft * base; /* N m / rad and N m, contribution of the chain between the base and this point */
     for (int i = 0; i < n; i++) {
         double after = i + 1 < n ? p[i + 1].shaft : 0.0, inverse = 1.0 / (held + after + p[i].stiffness);
         p[i].angle = (turning - p[i].offset) * inverse;
@@ -122,7 +123,7 @@ static friction_state consistent(const roll_point *p, const roll_friction *roll)
     return torque > p->bound.bound + margin ? SLIP_FORWARD : torque < -p->bound.bound - margin ? SLIP_BACKWARD : STICK;
 }
 
-/* Changes points between sticking and sliding until all are consistent, as contact_solve does. */
+/* Switches points between sticking and sliding until all are consistent, as contact_solve does. */
 static void search(insertion_state *state, const contact_points *points, int n, roll_point *chain) {
     const contact_point *at = tissue_points(points);
     for (int round = 0; round < ROUNDS_TOGETHER + ROUNDS_EACH * n; round++) {
@@ -140,7 +141,7 @@ static void search(insertion_state *state, const contact_points *points, int n, 
     }
 }
 
-/* A point that is new is where the tissue is at rest. */
+/* Anchors new points where the tissue is unstrained. */
 static bool anchor_points(insertion_state *state, const contact_points *points) {
     bool twisted = state->tip_lead != 0.0;
     for (int i = points->guided; i < points->count; i++) {

@@ -1,34 +1,33 @@
 #include "insertion/guide/guides.h"
 
-static const double LEAST_STIFFNESS = 1e-2; /* N/m: along a hole's edge, where it is touched without force. Rounding */
-static const double LEAST_SLOPE = 0.3; /* cosine, below 1: of the angle between needle and hole, below which no hole holds it. Chosen: 70 degrees, as no real
-                                          needle could lie */
-static const double TOLERANCE = 1e-6; /* m: by which the needle may be off the edge where the passes end, at most. Chosen: ten times less takes up to 1.6 times
-                                         the passes */
-static const double FORCE_TOLERANCE = 0.01; /* fraction: of the edge's force, by which its spring may be off, so that a light touch ends where it should. Chosen,
-                                               like TOLERANCE */
-static const double ROUNDING = 1e-12; /* m: by which the needle may be off the edge in any case. Rounding */
+static const double LEAST_STIFFNESS = 1e-2; /* N/m: stiffness along a hole's edge where the needle touches the edge without force. Rounding tolerance */
+static const double LEAST_SLOPE = 0.3; /* cosine, below 1: cosine of the largest angle between needle and hole axis at which the hole still guides the needle.
+                                          Chosen: 70 degrees, beyond any real needle */
+static const double TOLERANCE = 1e-6; /* m: largest distance between needle and edge at which the passes end. Chosen: a tenth of it takes up to 1.6 times the
+                                         passes */
+static const double FORCE_TOLERANCE = 0.01; /* fraction: error of the edge spring's force, relative to that force, at which the passes end, so that light
+                                               touches are resolved. Chosen, like TOLERANCE */
+static const double ROUNDING = 1e-12; /* m: distance between needle and edge that is accepted in any case. Rounding tolerance */
 
 static const guide *guide_of(const tick_input *tick, const contact_points *points, int point) { return &tick->model->guides[points->list[point].guide]; }
 static const guide_state *state_of(const insertion_state *state, const contact_points *points, int point) { return &state->guides[points->list[point].guide]; }
 static const guide_contact *contact_of(const insertion_state *state, const contact_points *points, int point) { return &state_of(state, points,
                                        point)->faces[points->list[point].face]; }
 
-/* m behind the front face: the plane of a point. */
+/* Distance of a guide point's plane behind the front face, m. */
 static double plane_of(const guide_state *state, int face) { return face == 0 ? 0.0 : state->depth; }
 
-/* Is the point on its way through the plate, at the tip? */
+/* True if the point is at the tip, which is still inside the plate. */
 static bool at_tip(const guide *g, const guide_state *state, int face) { return face == 1 && state->depth < g->thickness; }
 
-/* m along the needle from the plane through `centre` to the point. */
+/* Distance along the needle from the plane through `centre` to the point, m. */
 static double beyond_plane(const needle_point *p, vec3 centre, vec3 normal) {
     return v3_dot(v3_sub(p->position, centre), normal) / v3_dot(needle_along(p), normal);
 }
 
 /* ---- in and out of holes ----------------------------------------------------------------------------------------------- */
 
-/* Arc at which the centreline crosses the plane, from a guess close to it: by Newton's method, in few steps as the line is nearly
-   straight there. */
+/* Arc at which the centreline crosses the plane. Newton's method from a close guess; few steps are enough because the centreline is nearly straight there. */
 static double crossing(const tick_input *tick, const insertion_state *state, double arc, vec3 centre, vec3 normal) {
     double length = tick->model->needle->given.length;
     for (int i = 0; i < 3; i++) {
@@ -40,7 +39,7 @@ static double crossing(const tick_input *tick, const insertion_state *state, dou
     return arc;
 }
 
-/* The tip has crossed the front face. */
+/* Records that the tip has crossed the front face. */
 static void pass_front(const tick_input *tick, const insertion_state *state, const guide *g, guide_state *s, double behind) {
     double arc = crossing(tick, state, tick->model->needle->given.length - behind, g->origin, g->normal);
     vec3 at = needle_at(tick->model->needle, &state->needle, arc).position;
@@ -52,13 +51,13 @@ static void pass_front(const tick_input *tick, const insertion_state *state, con
     s->faces[1].arc = tick->model->needle->given.length;
 }
 
-/* Does the needle lie across the hole that it is in, as no real needle could? */
+/* True if the needle is too oblique to its hole, as no real needle could be. */
 static bool lies_across(const tick_input *tick, const insertion_state *state, const guide *g, const guide_state *s) {
     needle_point p = needle_at(tick->model->needle, &state->needle, s->faces[0].arc);
     return v3_dot(needle_along(&p), g->normal) < LEAST_SLOPE;
 }
 
-/* The needle's material point on each face that friction does not hold. */
+/* Updates the needle's material point on each face where friction does not hold it. */
 static void follow_faces(const tick_input *tick, const insertion_state *state, const guide *g, guide_state *s) {
     for (int f = 0; f < GUIDE_FACES; f++) {
         guide_contact *face = &s->faces[f];
@@ -116,7 +115,7 @@ void guides_list(const tick_input *tick, const insertion_state *state, contact_p
     }
 }
 
-/* Oblique where the needle is not normal to the plate. */
+/* Oblique if the needle is not normal to the plate. */
 static crossing_map map_of(const guide *g, const needle_point *at) {
     crossing_map j;
     vec3 along = needle_along(at);
@@ -131,18 +130,16 @@ static crossing_map map_of(const guide *g, const needle_point *at) {
     return j;
 }
 
-/* Compliance of the needle against a force across it where a face holds it, m/N, no less than it has: the tissue may hold it as well. */
+/* Upper bound of the needle's compliance to a lateral force at a face, m/N; the tissue, which may also support the needle, is neglected. */
 static double needle_compliance(const tick_input *tick, double arc) {
     return arc * arc * arc / (3.0 * tick->model->needle->bending) + tick->base.compliance;
 }
 
-/* The edge is a spring of stiffness k against the part of the offset d beyond the clearance c:
-
+/* The edge is a spring of stiffness k on the part of the offset d that exceeds the clearance c:
        f = k (|d| - c) d / |d|
-
-   It is linearised not where the needle is after a pass, which may be far off the edge or on another side of it, but at the point of the edge
-   that the needle rests on if the force stays in proportion to its deflection, of compliance r: along n, the direction of d + r f, with
-   the force (|d + r f| - c) / (r + 1 / k). The solution is the same. Across n the stiffness is that of a force that turns with the point. */
+   It is not linearised about the needle's position after a pass, which may be far off the edge or on another side of it. It is linearised about the point of
+   the edge where the needle would rest if its force stayed in proportion to its deflection, with compliance r: along n, the direction of d + r f, with the
+   force (|d + r f| - c) / (r + 1 / k). The solution is the same. The stiffness perpendicular to n is that of a force that turns with the point. */
 static void find_touch(const tick_input *tick, const insertion_state *state, contact_points *points, hole_edge *edges, int point) {
     contact_point *p = &points->list[point];
     hole_edge *edge = &edges[point];
@@ -167,14 +164,13 @@ static void find_touch(const tick_input *tick, const insertion_state *state, con
     double compliance = r + 1.0 / g->stiffness;
     edge->pressed = edge->touched ? (reach - c) / compliance : 0.0;
     for (int a = 0; a < 2; a++) edge->normal[a] = reach > 0.0 ? n[a] / reach : a == 0;
-    double rubs = edge->touched && !at_tip(g, s, p->face) ? length_of(given.x, given.y) : 0.0; /* in the next pass */
+    double rubs = edge->touched && !at_tip(g, s, p->face) ? length_of(given.x, given.y) : 0.0; /* lateral force that bounds the friction in the next pass */
     double missing = length_of(f[0] - edge->pressed * edge->normal[0], f[1] - edge->pressed * edge->normal[1]) + g->friction * fabs(rubs - edge->rubbing);
     double allowed = fmin(TOLERANCE, fmax(FORCE_TOLERANCE * edge->pressed * compliance, ROUNDING));
     edge->agrees = missing * compliance <= allowed;
 }
 
-/* Where the needle leaves both faces of a plate in one pass, only the one that would pull more is let go: as a rule the other one pulls
-   because of it. */
+/* If the needle leaves both faces of a plate in one pass, only the face with the larger pull is released: usually the other face pulls only because of it. */
 static void keep_one_face(hole_edge *edges, int front) {
     hole_edge *edge = &edges[front];
     if (edge[0].pulled == 0.0 || edge[1].pulled == 0.0) return;
@@ -230,7 +226,7 @@ void guides_bound(const tick_input *tick, const insertion_state *state, const co
 void guides_add_compliance(const tick_input *tick, const contact_points *points, const hole_edge *edges, contact_problem *problem, int point) {
     const hole_edge *edge = &edges[point];
     int x = unknown(problem->count, point, 0), along = unknown(problem->count, point, 2);
-    bool touched = edge->touched; /* otherwise not coupled to anything, and without force */
+    bool touched = edge->touched; /* an untouched edge is decoupled and bears no force */
     problem->compliance[x][x] += touched ? edge->lateral[0] : 1.0;
     problem->compliance[x][x + 1] += touched ? edge->lateral[1] : 0.0;
     problem->compliance[x + 1][x + 1] += touched ? edge->lateral[2] : 1.0;

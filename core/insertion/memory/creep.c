@@ -6,10 +6,10 @@
 #include "insertion/memory/creep_kernels.h"
 #include "insertion/memory/stiffening.h"
 
-static const double TOGETHER = 1e-3; /* m: left loads closer to each other are taken together. Effort */
-static const double NOTICEABLE = 1e-3; /* N: of new left loads that are worth a request. Effort: below what a hand feels */
-static const double NEGLIGIBLE = 1e-9; /* N: of a left load that is forgotten. Rounding */
-static const double ALL_OF_IT = 1e-9; /* fraction: of a share's length, that may be left over. Rounding */
+static const double TOGETHER = 1e-3; /* m: residual loads within this distance are merged. Effort limit */
+static const double NOTICEABLE = 1e-3; /* N: sum of new residual loads that justifies a request to the worker. Effort limit: below what a hand feels */
+static const double NEGLIGIBLE = 1e-9; /* N: residual loads below this force are dropped. Rounding tolerance */
+static const double ALL_OF_IT = 1e-9; /* fraction: part of a share's length that may remain unassigned. Rounding tolerance */
 
 static const vec3 ZERO = {0, 0, 0};
 static const remembered_forces NOTHING = {{0, 0, 0}, 0, 0};
@@ -21,7 +21,7 @@ static void add_part(double factor, const remembered_forces *from, remembered_fo
     to->twist += factor * from->twist;
 }
 
-/* Sum of the terms, each with its weight. */
+/* Weighted sum of the terms. */
 static void add_up(int count, const double *weights, const remembered_forces *terms, remembered_forces *sum) {
     *sum = NOTHING;
     for (int k = 0; k < count; k++) add_part(weights[k], &terms[k], sum);
@@ -35,44 +35,44 @@ static double size_of_terms(const creep_series *series, const vec3 *terms) {
     return size;
 }
 
-/* The left load closest to x; -1: there is none. */
-static int closest_residual(const left_loads *left, vec3 x, double *distance) {
+/* Index of the residual load closest to x, or -1 if there is none. */
+static int closest_residual(const residual_loads *residual, vec3 x, double *distance) {
     int closest = -1;
     *distance = INFINITY;
-    for (int i = 0; i < left->count; i++) {
-        double away = v3_norm(v3_sub(left->loads[i].at, x));
+    for (int i = 0; i < residual->count; i++) {
+        double away = v3_norm(v3_sub(residual->loads[i].at, x));
         if (away < *distance) *distance = away, closest = i;
     }
     return closest;
 }
 
-/* Leaves the part of a share's load in the tissue, where it acts, as it has decayed at the end of the step. NULL: between two steps. */
+/* Adds this fraction of a share's load to the residual loads, at its point of action and decayed to the end of the step. `decay` is NULL between two steps. */
 static void deposit_load(const insertion_model *model, tissue_memory *memory, const share_memory *share, double part, const double *decay) {
     const creep_series *series = &model->creep;
-    left_loads *left = &memory->residual;
+    residual_loads *residual = &memory->residual;
     vec3 load[MAX_RELAXATION];
     for (int k = 0; k < series->count; k++) load[k] = v3_scale(part, share->terms[k].load);
     double distance, size = size_of_terms(series, load);
     if (size == 0.0) return;
-    int i = closest_residual(left, share->at, &distance);
-    if (i < 0 || (distance > TOGETHER && left->count < MAX_LEFT)) {
-        i = left->count++;
-        left->loads[i] = (left_load){.tet = share->tet, .at = share->at};
-        mesh_barycentric(model->mesh, share->tet, share->at, left->loads[i].weights);
+    int i = closest_residual(residual, share->at, &distance);
+    if (i < 0 || (distance > TOGETHER && residual->count < MAX_RESIDUAL_LOADS)) {
+        i = residual->count++;
+        residual->loads[i] = (residual_load){.tet = share->tet, .at = share->at};
+        mesh_barycentric(model->mesh, share->tet, share->at, residual->loads[i].weights);
     }
-    for (int k = 0; k < series->count; k++) left->loads[i].load[k] = v3_axpy(decay ? decay[k] : 1.0, load[k], left->loads[i].load[k]);
+    for (int k = 0; k < series->count; k++) residual->loads[i].load[k] = v3_axpy(decay ? decay[k] : 1.0, load[k], residual->loads[i].load[k]);
     memory->residual_added += size;
     memory->residual_growing = true;
 }
 
-static void fade_residuals(const creep_series *series, const double *decay, left_loads *left) {
+static void fade_residuals(const creep_series *series, const double *decay, residual_loads *residual) {
     int kept = 0;
-    for (int i = 0; i < left->count; i++) {
-        left_load *load = &left->loads[i];
+    for (int i = 0; i < residual->count; i++) {
+        residual_load *load = &residual->loads[i];
         for (int k = 0; k < series->count; k++) load->load[k] = v3_scale(decay[k], load->load[k]);
-        if (size_of_terms(series, load->load) > NEGLIGIBLE) left->loads[kept++] = *load;
+        if (size_of_terms(series, load->load) > NEGLIGIBLE) residual->loads[kept++] = *load;
     }
-    left->count = kept;
+    residual->count = kept;
 }
 
 bool creep_has_new_residuals(const tissue_memory *memory) {
@@ -90,7 +90,7 @@ void creep_begin(const tick_input *tick, insertion_state *state, creep_step *cre
     memory->residual_growing = false;
     for (int k = 0; k < series->count; k++) {
         creep->decay[k] = exp(-tick->dt / series->time[k]);
-        creep->residual[k] = exp(-(memory->time - tick->snapshot->left_time) / series->time[k]);
+        creep->residual[k] = exp(-(memory->time - tick->snapshot->residual_time) / series->time[k]);
         creep->yield += series->compliance[k] * (1.0 - creep->decay[k]);
     }
     for (int k = 0; k < series->count; k++) creep->weight[k] = series->compliance[k] * creep->decay[k] / creep->yield;
@@ -98,10 +98,10 @@ void creep_begin(const tick_input *tick, insertion_state *state, creep_step *cre
     memory->residual.time = memory->time;
 }
 
-/* What tissue remembers at a point of this step; that is no guide's. */
+/* Memory of the tissue at a point of this step, which must not be a guide's. */
 static const share_memory *share_of(const insertion_state *state, const contact_points *points, int point) { return &state->memory.shares[point - points->guided]; }
 
-/* Where the shares are now. The tip's goes on one radius ahead of it, like its local compliance. */
+/* An empty share at the point's present position. The tip's share extends one radius beyond the tip, like its local compliance. */
 static share_memory empty_share(const tick_input *tick, const insertion_state *state, const contact_point *p) {
     if (p->kind == POINT_TIP)
         return (share_memory){.from = p->share.from, .to = p->share.to + tick->model->needle->radius, .tet = state->tip.place.tet, .at = state->tip.place.nominal};
@@ -109,7 +109,7 @@ static share_memory empty_share(const tick_input *tick, const insertion_state *s
     return (share_memory){.from = p->share.from, .to = p->share.to, .tet = node->tet, .at = node->position};
 }
 
-/* How many shares from the base on have the borders of the last step; not the last one, which ends at the tip. */
+/* Number of shares, from the base, with the same borders as in the last step. The last share, which ends at the tip, does not count. */
 static int count_kept(const insertion_state *state, const contact_points *points) {
     const tissue_memory *memory = &state->memory;
     const contact_point *now_at = &points->list[points->guided];
@@ -118,13 +118,14 @@ static int count_kept(const insertion_state *state, const contact_points *points
     return kept;
 }
 
-/* How far the tip has moved since the last step, m. */
+/* Distance between the tip's positions in the last step and in this one, m. */
 static double tip_way_since(const insertion_state *state, const contact_points *points) {
     const tissue_memory *memory = &state->memory;
     return memory->tip && points->tip ? v3_norm(v3_sub(state->tip.place.nominal, memory->shares[memory->count - 1].at)) : 0.0;
 }
 
-/* A tip that glides along the surface has no track. What it comes from remembers, and what it comes to does not, within a diameter. */
+/* A tip that slides along the surface has no track. Within one diameter, the tissue that the tip leaves keeps its memory, and the tissue that it reaches has
+   none. */
 static void glide(const tick_input *tick, insertion_state *state, const creep_step *creep) {
     tissue_memory *memory = &state->memory;
     share_memory *share = &memory->shares[0];
@@ -137,8 +138,9 @@ static void glide(const tick_input *tick, insertion_state *state, const creep_st
     }
 }
 
-/* Hands the memory of a share on to those that lie where it did, from `first` on; what lies beyond them is left in the tissue. Returns the first of them. */
-static int hand_on(const insertion_model *model, tissue_memory *memory, const share_memory *before, int first, const double *decay) {
+/* Transfers a share's memory to the new shares, from `first` on, that overlap it; memory beyond them becomes residual load. Returns the first overlapping
+   share. */
+static int transfer_memory(const insertion_model *model, tissue_memory *memory, const share_memory *before, int first, const double *decay) {
     double length = before->to - before->from, rest = 1.0;
     while (first < memory->count && memory->shares[first].to <= before->from) first++;
     for (int k = first; k < memory->count && memory->shares[k].from < before->to; k++) {
@@ -151,8 +153,8 @@ static int hand_on(const insertion_model *model, tissue_memory *memory, const sh
     return first;
 }
 
-/* Tissue keeps its memory where it is: shares that change exchange what lies between their old and new borders, each share's memory
-   being spread evenly over its length. */
+/* Memory belongs to the tissue and stays in place: when borders of shares move, the memory between old and new borders changes its share. Memory is
+   distributed uniformly over a share's length. */
 void creep_divide(const tick_input *tick, insertion_state *state, const contact_points *points, creep_step *creep) {
     tissue_memory *memory = &state->memory;
     if (tick->model->creep.count == 0) return;
@@ -164,7 +166,7 @@ void creep_divide(const tick_input *tick, insertion_state *state, const contact_
     memory->count = points->count - points->guided;
     memory->tip = points->tip;
     for (int k = first; k < memory->count; k++) memory->shares[k] = empty_share(tick, state, &points->list[points->guided + k]);
-    for (int i = 0; i < count; i++) first = hand_on(tick->model, memory, &before[i], first, creep->decay);
+    for (int i = 0; i < count; i++) first = transfer_memory(tick->model, memory, &before[i], first, creep->decay);
 }
 
 void creep_deposit_all(const insertion_model *model, tissue_memory *memory, const double *decay) {
@@ -183,9 +185,8 @@ void creep_forget(tissue_memory *memory) {
 
 /* ---- displacements ----------------------------------------------------------------------------------------------------- */
 
-/* Around the end face, displacements reach as far as a diameter: a tip that moves on comes into tissue that remembers less. A remembered
-   dent that is deeper than this fades over its depth: otherwise tissue that springs back over a tip that cuts would do more work than
-   cutting takes. */
+/* Displacements around the end face extend over about a diameter, so an advancing tip reaches tissue with less memory. A remembered dent deeper than a
+   diameter fades over its own depth; otherwise the work of tissue that springs back on a cutting tip would exceed the work of cutting. */
 static void fade_face(const tick_input *tick, insertion_state *state, const creep_step *creep, double yielding) {
     const creep_series *series = &tick->model->creep;
     double *face = state->memory.face, dent = 0.0, moved = creep->tip_moved;
@@ -195,14 +196,14 @@ static void fade_face(const tick_input *tick, insertion_state *state, const cree
     for (int k = 0; k < series->count; k++) face[k] *= fading;
 }
 
-/* The shaft next to the tip is shorter by a radius than the share that bears the tip's sideways forces: it bears this part of what a shaft
-   as long as the share would bear, which is what `along` holds. */
+/* The shaft next to the tip is one radius shorter than the share that bears the tip's lateral forces. It bears this fraction of the load of a shaft as long as
+   the share, which is the load in `along`. */
 static double shaft_part(const tick_input *tick, const insertion_state *state) {
     const share_memory *share = &state->memory.shares[state->memory.count - 1];
     return 1.0 - tick->model->needle->radius / (share->to - share->from);
 }
 
-/* Displacement of the tissue at each point by the remembered loads. */
+/* Displacement of the tissue at each point under the remembered loads. */
 static void find_moved(const tick_input *tick, const contact_points *points, const tissue_step *tissue, creep_step *creep) {
     _Alignas(CACHE_LINE) slot_vectors load = {{0}}, moved = {{0}};
     slot_vectors by_beyond;
@@ -222,14 +223,14 @@ static void find_moved(const tick_input *tick, const contact_points *points, con
         creep->moved[i] = v3_scale(creep->yield, v3(moved[0][slot] + by_beyond[0][slot], moved[1][slot] + by_beyond[1][slot], moved[2][slot] + by_beyond[2][slot]));
     }
     if (!points->tip) return;
-    creep->moved[tip] = m3_apply(&tissue->tip_row[tip], by[tip].load); /* tip_row has the yield already */
+    creep->moved[tip] = m3_apply(&tissue->tip_row[tip], by[tip].load); /* tip_row already includes the factor yield */
     for (int i = points->guided; i < tip; i++) {
         creep->moved[tip] = v3_add(creep->moved[tip], m3_apply(&tissue->tip_row[i], by[i].load));
         creep->moved[i] = v3_add(creep->moved[i], m3_apply_transposed(&tissue->tip_row[i], by[tip].load));
     }
 }
 
-/* Traction along the needle, N/m, that a share's memory amounts to. */
+/* Traction along the needle that is equivalent to a share's memory, N/m. */
 static double traction_of(const tick_input *tick, const creep_step *creep, const share_memory *share) {
     double sum = 0.0;
     for (int k = 0; k < tick->model->creep.count; k++) sum += creep->weight[k] * share->terms[k].along;
@@ -245,8 +246,8 @@ static double traction_at(const tick_input *tick, const creep_step *creep, int c
 double creep_traction_of(const tick_input *tick, const insertion_state *state, const contact_points *points, const creep_step *creep,
                          int i) { return tick->model->creep.count > 0 ? traction_of(tick, creep, share_of(state, points, i)) : 0.0; }
 
-/* A share that is divided anew remembers another mean shear of the tissue than before. The shaft there has not moved for it: like
-   keep_shear. */
+/* A share whose borders have moved remembers a different mean shear of the tissue. As in keep_shear, the shaft's origin is shifted so that this does not move
+   the shaft. */
 static void keep_remembered_shear(const tick_input *tick, insertion_state *state, const contact_points *points, const tissue_step *tissue, const creep_step *creep,
                                   const stiffening_step *stiffening) {
     for (int i = points->guided + creep->kept; i < points->count; i++) {
@@ -285,8 +286,8 @@ void creep_prepare(const tick_input *tick, insertion_state *state, const contact
     find_moved(tick, points, tissue, creep);
 }
 
-/* Local compliance times what is remembered, as in add_local_compliance. What makes the tip's hold loose near the surface is no tissue, and
-   does not creep. */
+/* Local compliance times the remembered force, as in add_local_compliance. The additional lateral compliance near the surface is not that of tissue and does
+   not creep. */
 void creep_shift_gaps(const tick_input *tick, const insertion_state *state, const contact_points *points, const tissue_step *tissue, const creep_step *creep,
                       contact_problem *problem) {
     if (tick->model->creep.count == 0) return;
@@ -312,7 +313,7 @@ double creep_dent(const tick_input *tick, const insertion_state *state, const co
     return v3_dot(along, creep->moved[tip]) + tissue->axial[tip] * creep->face;
 }
 
-static bool has_residuals(const tick_input *tick, const insertion_state *state) { return tick->snapshot->left && tick->snapshot->left_time > state->memory.since; }
+static bool has_residuals(const tick_input *tick, const insertion_state *state) { return tick->snapshot->has_residuals && tick->snapshot->residual_time > state->memory.since; }
 
 bool creep_free_is_zero(const tick_input *tick, const insertion_state *state) { return !tick->snapshot->loaded && !has_residuals(tick, state); }
 
@@ -321,7 +322,7 @@ vec3 creep_free(const tick_input *tick, const insertion_state *state, const cree
     vec3 u = snapshot->u_free[handle];
     if (!has_residuals(tick, state)) return u;
     for (int k = 0; k < tick->model->creep.count; k++)
-        u = v3_axpy(tick->model->creep.compliance[k] * creep->residual[k], snapshot->u_left[k][handle], u);
+        u = v3_axpy(tick->model->creep.compliance[k] * creep->residual[k], snapshot->u_residual[k][handle], u);
     return u;
 }
 
@@ -376,9 +377,9 @@ vec3 creep_tip_load(const insertion_model *model, const tissue_memory *memory) {
     return memory->tip ? creep_load(model, memory, memory->count - 1) : ZERO;
 }
 
-vec3 creep_residual_load(const insertion_model *model, const left_load *left) {
+vec3 creep_residual_load(const insertion_model *model, const residual_load *residual) {
     vec3 sum = ZERO;
-    for (int k = 0; k < model->creep.count; k++) sum = v3_axpy(model->creep.compliance[k], left->load[k], sum);
+    for (int k = 0; k < model->creep.count; k++) sum = v3_axpy(model->creep.compliance[k], residual->load[k], sum);
     return sum;
 }
 

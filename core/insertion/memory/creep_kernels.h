@@ -1,13 +1,13 @@
-/* The arithmetic of creep.c, of all slots of contacts by components. */
+/* The arithmetic of creep.c over all slots of contacts, by components. */
 #ifndef TROCAR_CREEP_KERNELS_H
 #define TROCAR_CREEP_KERNELS_H
 
 #include "snapshot/snapshot.h"
 
-typedef double slot_vectors[3][CONTACT_COLUMNS]; /* [a]: component a of each slot; best on a cache line */
+typedef double slot_vectors[3][CONTACT_COLUMNS]; /* [a]: component a of each slot; should be aligned to a cache line */
 
-/* What the loads at a slot and at those beyond, up to `end`, displace at each other; by those beyond, at the slot itself, in `by_beyond`. Slots that
-   are no points' are without load. RT */
+/* Displacements between a slot and the slots beyond it, up to `end`, under the loads at both. Those at the slot itself, caused by the slots beyond, go to
+   `by_beyond`. Slots without a point must have no load. RT */
 void slots_displace(const contact_rows *row, int slot, int end, slot_vectors load, slot_vectors moved, slot_vectors by_beyond);
 
 #endif

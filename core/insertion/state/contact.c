@@ -5,21 +5,20 @@
 
 #include "linalg/rows.h"
 
-static const double LEAST_PIVOT = 1e-8; /* fraction: of a contact's own sideways compliance; smaller pivots count as that. Rounding: the root of a double's
-                                           precision, so that elimination keeps half of its digits */
+static const double LEAST_PIVOT = 1e-8; /* fraction: smallest magnitude of a pivot, relative to the contact's own lateral compliance. Rounding: the square root
+                                           of double precision, so that elimination keeps half of its digits */
 
-/* The principal directions of one contact's sideways block [p q; q r]: turned by the angle with cosine c and sine s, it is
-   diagonal. Two scalar pivots so far apart as these may become keep their digits; the block's inverse would not. */
+/* Principal directions of one contact's lateral block [p q; q r]: rotation by the angle with cosine c and sine s makes it diagonal. Two scalar pivots keep
+   their digits however far apart they are; the block's inverse would not. */
 typedef struct { double c, s, pivot[2]; } principal;
 
-/* A pivot may be negative (a needle alone may be buckled where needle and tissue together are stable). On its way from
-   one sign to the other it is kept off zero by a compliance far below anything that could be felt, and large enough for
-   the elimination to keep half of its digits. */
+/* A pivot may be negative, because a needle alone may be buckled where needle and tissue together are stable. Where a pivot changes sign, it is kept off zero
+   by a compliance far below anything perceptible, but large enough for the elimination to keep half of its digits. */
 static double off_zero(double pivot, double least) { return fabs(pivot) < least ? copysign(least, pivot) : pivot; }
 
 static principal diagonalise(double p, double q, double r, double scale) {
     double least = LEAST_PIVOT * scale, half = 0.5 * (r - p), root = sqrt(half * half + q * q), sum = fabs(half) + root;
-    bool diagonal = root == 0.0; /* else Jacobi's rotation by the smaller angle, whose tangent is t */
+    bool diagonal = root == 0.0; /* otherwise Jacobi's rotation by the smaller angle, with tangent t */
     double t = diagonal ? 0.0 : q / copysign(sum, half), c = diagonal ? 1.0 : sqrt(0.5 * sum / root);
     return (principal){c, t * c, {off_zero(p - t * q, least), off_zero(r + t * q, least)}};
 }
@@ -32,8 +31,8 @@ static void turn(principal by, double *x, double *y) {
 
 static symmetric_system system_of(contact_problem *p) { return (symmetric_system){p->compliance, 2 * p->count + p->axial_count}; }
 
-/* Eliminates the sideways unknowns, in the principal directions of each contact. What is left of the axial rows is the Schur complement: the
-   compliance and the gap along the needle with all sideways gaps closed. The sideways rows keep the factors for close_sideways(). */
+/* Eliminates the lateral unknowns, in the principal directions of each contact. The axial rows become the Schur complement: compliance and gap along the
+   needle with all lateral gaps closed. The lateral rows keep the factors for close_sideways(). */
 static void eliminate_sideways(contact_problem *p, principal axes[MAX_PAIRS]) {
     elimination_kernel *eliminate_after_panel = elimination_kernel_here();
     symmetric_system s = system_of(p);
@@ -55,12 +54,12 @@ static void eliminate_sideways(contact_problem *p, principal axes[MAX_PAIRS]) {
     for (int i = 2 * p->count; i < s.order; i++) p->gap[i] = p->compliance[i][s.order];
 }
 
-/* The compliance along the needle, after the elimination: upper triangle. */
+/* Axial compliance after the elimination: upper triangle. */
 static symmetric_system axial_system(contact_problem *p) {
     return (symmetric_system){(double (*)[CONTACT_LD])&p->compliance[2 * p->count][2 * p->count], p->axial_count};
 }
 
-/* Slips under the present forces, where the needle slides freely, m. */
+/* Slips under the present forces, of the points that slide freely, m. */
 static void find_slips(contact_problem *p, double slip[MAX_AXIAL]) {
     symmetric_system s = axial_system(p);
     double force[MAX_AXIAL + PADDING] = {0}, sum[MAX_AXIAL + PADDING];
@@ -98,7 +97,7 @@ static bool solve_symmetric(const symmetric_system *s, double x[MAX_AXIAL + PADD
     return true;
 }
 
-/* Gives the climber the law that holds near knot k: from the piece below to the piece above. */
+/* Gives the climber the law near knot k: between the piece below it and the piece above. */
 static void stand_at_knot(contact_problem *p, int k) {
     const staircase *s = &p->ahead;
     int i = p->climber;
@@ -109,13 +108,13 @@ static void stand_at_knot(contact_problem *p, int k) {
     p->viscosity[i][0] = k > 0 ? s->slope[k - 1] : 0.0;
 }
 
-/* The slip from which unknown i's own law counts, m. */
+/* Slip from which unknown i's own law is counted, m. */
 static double origin(const contact_problem *p, int i) { return p->ahead.count > 0 && i == p->climber ? p->ahead.at[p->knot] : 0.0; }
 
 static double bound(const contact_problem *p, int i) { return p->state[i] == SLIP_FORWARD ? p->upper[i] : p->lower[i]; }
 static double viscosity(const contact_problem *p, int i) { return p->viscosity[i][p->state[i] == SLIP_FORWARD]; }
 
-/* The row of the a-th of `count` unknowns among `all`, from the diagonal on. */
+/* Copies the row of the a-th of `count` selected unknowns, from the diagonal on; `all` is the number of unknowns. */
 static void copy_row(const double *row, int all, int count, const int *unknown, int a, double *to) {
     if (count == all) row_copy(row, a, count, to);
     else for (int b = a; b < count; b++) to[b] = row[unknown[b]];
@@ -149,7 +148,7 @@ static bool solve_axial(contact_problem *p, int *negative) {
     return true;
 }
 
-/* The state that unknown i should change to, or its own if it is consistent. */
+/* The consistent state of unknown i: its present one, or the one to switch to. */
 static friction_state consistent_state(contact_problem *p, int i, double slip) {
     double force = p->force[2 * p->count + i], margin = MARGIN * (1.0 + fabs(force));
     if (p->state[i] == STICK) {
@@ -162,35 +161,35 @@ static friction_state consistent_state(contact_problem *p, int i, double slip) {
     return p->state[i] * (slip - origin(p, i)) < 0.0 ? STICK : p->state[i];
 }
 
-/* The knot that unknown i should stand at: the next one if it has slid past that, else its own. */
+/* The consistent knot of unknown i: the next knot if the unknown has slid past it, otherwise its present one. */
 static int consistent_knot(const contact_problem *p, int i, double slip) {
     int next = p->knot + (int)p->state[i];
     if (p->ahead.count == 0 || i != p->climber || next == p->knot || next < 0 || next >= p->ahead.count) return p->knot;
     return (int)p->state[i] * (slip - p->ahead.at[next]) > 0.0 ? next : p->knot;
 }
 
-/* Changes the state of unknown i, and the climber's knot, if that is inconsistent. True: it has changed. */
+/* Switches an inconsistent state of unknown i, or an inconsistent knot of the climber. Returns true if either changed. */
 static bool switch_state(contact_problem *p, int i, double slip, bool may_switch) {
     friction_state next = consistent_state(p, i, slip);
     int knot = consistent_knot(p, i, slip);
     if ((next == p->state[i] && knot == p->knot) || !may_switch) return false;
     if (knot != p->knot) {
         stand_at_knot(p, knot);
-        if (p->lower[i] < p->upper[i]) next = STICK; /* on a kink without a jump it slides on */
+        if (p->lower[i] < p->upper[i]) next = STICK; /* at a kink without a jump, it keeps sliding */
     }
     p->state[i] = next;
     p->switches++;
     return true;
 }
 
-/* Active-set search: all inconsistent contacts switch at once, as a rule twice or so; if that cycles, one at a time in
-   least-index order, which is finite for positive definite problems (Murty 1974). `negative`: eigenvalues of the compliance between those that stick
-   or slide with viscosity. */
+/* Active-set search. All inconsistent contacts switch at once, usually about twice; if that cycles, one at a time in least-index order, which terminates for
+   positive definite problems (Murty 1974). `negative`: number of negative eigenvalues of the compliance between the points that stick or slide with
+   viscosity. */
 static bool search_states(contact_problem *p, int *negative) {
     int limit = ROUNDS_TOGETHER + ROUNDS_EACH * (p->axial_count + p->ahead.count);
     double slip[MAX_AXIAL];
     if (p->ahead.count > 0) stand_at_knot(p, p->knot < p->ahead.count ? p->knot : 0);
-    for (int i = 0; i < p->axial_count; i++) /* slid up to now, but can't any more: say, the tip has met bone */
+    for (int i = 0; i < p->axial_count; i++) /* these slid in the last tick but cannot any more, for example a tip that has met bone */
         if (isinf(bound(p, i))) p->state[i] = STICK;
     for (int round = 0; round < limit; round++) {
         if (!solve_axial(p, negative)) return false;
@@ -203,7 +202,7 @@ static bool search_states(contact_problem *p, int *negative) {
     return false;
 }
 
-/* Back substitution: sideways forces from the axial ones. */
+/* Back substitution: lateral forces from the axial ones. */
 static void close_sideways(contact_problem *p, const principal axes[MAX_PAIRS]) {
     symmetric_system s = system_of(p);
     double x[MAX_UNKNOWNS + PADDING] = {0};
@@ -231,7 +230,7 @@ trocar_status contact_solve(contact_problem *p) {
     memset(p->force, 0, sizeof p->force);
     memset(p->slip, 0, sizeof p->slip);
     principal axes[MAX_PAIRS];
-    for (int i = p->count; i < MAX_PAIRS; i++) p->scale[i] = 1.0; /* of what fills up the last panel */
+    for (int i = p->count; i < MAX_PAIRS; i++) p->scale[i] = 1.0; /* padding of the last panel */
     for (int i = 0; i < p->count; i++) p->scale[i] = fabs(p->compliance[2 * i][2 * i]) + fabs(p->compliance[2 * i + 1][2 * i + 1]);
     eliminate_sideways(p, axes);
     if (!search_states(p, &axial)) {

@@ -2,17 +2,18 @@
 
 #include <stdlib.h>
 
-static const double LEAST_LOGARITHM = 0.02; /* 1: of resolved over needle radius, at least; keeps contacts apart where the mesh resolves the needle's surface by
-                                               itself. Chosen */
-static const double EMBEDDING_DEPTH = 4.0; /* radii: below the surface at which a disc's surroundings are those in the depth. Fitted to resolved finite elements,
-                                              within 2 % */
-static const double DENSITY = 1050.0; /* kg/m^3: of soft tissue, for the speed of shear waves, which limits how fast tissue springs back. Cited: ICRU Report 46
-                                         (1992), skeletal muscle 1050, average soft tissue 1030 */
-static const double GUESSED_LATERAL = 0.42; /* edge lengths: radius that a mesh resolves across the needle, before it is measured. Measured: median of 4500
+static const double LEAST_LOGARITHM = 0.02; /* 1: smallest logarithm of resolved radius over needle radius; keeps contacts independent where the mesh itself
+                                               resolves the needle's surface. Chosen by judgement */
+static const double EMBEDDING_DEPTH = 4.0; /* radii: depth below the surface from which a disc counts as embedded in an infinite body. Fitted to resolved
+                                              finite elements, within 2 % */
+static const double DENSITY = 1050.0; /* kg/m^3: density of soft tissue, for the speed of shear waves, which limits how fast tissue springs back. Cited: ICRU
+                                         Report 46 (1992), skeletal muscle 1050, average soft tissue 1030 */
+static const double GUESSED_LATERAL = 0.42; /* edge lengths: radius that a mesh resolves across the needle, used until it is measured. Measured: median of 4500
                                                random places and directions in the meshes of figure8.yaml, implant.yaml and trus.yaml; 9 in 10 are within a
                                                factor of 1.6 */
-static const double GUESSED_AXIAL = 0.49; /* edge lengths: along the needle. Measured, the same */
-static const double GUESSED_POINT = 0.14; /* 1 / edge length: what the mesh yields of a point's field, times the shear modulus. Measured, the same */
+static const double GUESSED_AXIAL = 0.49; /* edge lengths: radius that a mesh resolves along the needle, used until it is measured. Measured like
+                                             GUESSED_LATERAL */
+static const double GUESSED_POINT = 0.14; /* 1 / edge length: compliance of the mesh to a point force, times the shear modulus. Measured like GUESSED_LATERAL */
 
 /* ---- model ---------------------------------------------------------------------------------------------------------- */
 
@@ -24,14 +25,14 @@ static void add_moduli(insertion_model *model, int node, const region_material *
     model->node_punch[node] += (1.0 - 2.0 * nu) / (4.0 * mu * log(3.0 - 4.0 * nu));
 }
 
-/* A surface that is never punctured is bone if it is fixed or there is nothing behind it: a tip that comes to it from the tissue meets bone. In
-   between two tissues, or for a tip that comes from outside, it is as soft as they are. */
+/* A surface that cannot be punctured is bone, for a tip that comes from the tissue, if the surface is fixed or has nothing behind it. Between two tissues, or
+   for a tip that comes from outside, it is as soft as the tissue. */
 static void mark_bone(insertion_model *model) {
     const mesh *m = model->mesh;
     for (int i = 0; i < model->membrane_count; i++) {
         if (!isinf(model->membranes[i].puncture_force)) continue;
         for (int e = 0; e < m->tet_count; e++)
-            for (int k = 0; k < 16; k++) { /* faces, and their corners */
+            for (int k = 0; k < 16; k++) { /* faces and their corners */
                 int face = k / 4, node = m->tets[e][k % 4];
                 if (k % 4 == face || !(m->face_groups[e][face] >> model->membranes[i].group & 1)) continue;
                 if (m->neighbours[e][face] < 0 || model->tissue->fixed[node]) model->node_bone[node] = 1.0;
@@ -81,7 +82,7 @@ resolved_field local_resolution_guess(const insertion_model *model, int tet) {
 
 /* ---- at a point ----------------------------------------------------------------------------------------------------- */
 
-/* A nodal field at a point, continuous across elements. */
+/* Value of a nodal field at a point, continuous across elements. */
 static double interpolate(const insertion_model *model, int tet, const double weights[4], const double *field) {
     double sum = 0.0;
     for (int i = 0; i < 4; i++) sum += larger_of(weights[i], 0.0) * field[model->mesh->tets[tet][i]];
@@ -90,7 +91,7 @@ static double interpolate(const insertion_model *model, int tet, const double we
 
 static double between(double from, double to, double part) { return from + part * (to - from); }
 
-/* 0 to 1, from tissue to bone, for a tip at this depth. In front of bone, tissue yields less and less, so that the tip stops at the bone and not
+/* Weight of bone, from 0 (tissue) to 1 (bone), for a tip at this depth. Tissue stiffens gradually in front of bone, so that the tip stops at the bone and not
    behind it. */
 static double bone_at(const insertion_model *model, int tet, const double weights[4], double depth) {
     return smaller_of(1.0, depth / (EMBEDDING_DEPTH * model->needle->radius)) * interpolate(model, tet, weights, model->node_bone);
@@ -118,15 +119,14 @@ double local_wave_speed(const insertion_model *model, int tet, vec3 x) {
     return 1.0 / sqrt(DENSITY * interpolate(model, tet, weights, model->node_softness));
 }
 
-/* Tissue yields less around a tip in the depth than around one on the surface. The tip counts as being in the depth once it is a few
-   radii below the surface, and deeper than the dent that it presses into it. Over the few radii alone, a needle that has dented the
-   skin would meet more force as it cuts on, with elastic energy that comes from nowhere. */
+/* Tissue is stiffer around a tip at depth than around a tip on the surface. The tip counts as being at depth once it is a few radii below the surface, and
+   deeper than its dent. With the radii alone, a needle that has dented the skin would meet more force as it cuts, and elastic energy would be created. */
 local_disc local_disc_at_tip(const insertion_model *model, int tet, vec3 x, double depth, double push) {
     double weights[4], radius = model->needle->radius;
     mesh_barycentric(model->mesh, tet, x, weights);
     double disc = interpolate(model, tet, weights, model->node_disc), punch = interpolate(model, tet, weights, model->node_punch);
     double dent = push * punch / radius;
-    double in = smaller_of(1.0, depth / (EMBEDDING_DEPTH * radius + dent)); /* from the surface to the end of a hole in the depth */
+    double in = smaller_of(1.0, depth / (EMBEDDING_DEPTH * radius + dent)); /* from 0 at the surface to 1 at depth, at the end of the needle's hole */
     double whole = between(punch, disc, in * 2.0 / 3.0) / radius, bone = bone_at(model, tet, weights, depth);
     return (local_disc){.compliance = between(whole, model->settings.bone_compliance, bone), .angle = 2.0 * M_PI * (1.0 + in),
                         .softness = (1.0 - bone) * interpolate(model, tet, weights, model->node_softness),

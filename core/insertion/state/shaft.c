@@ -2,16 +2,16 @@
 
 #include "insertion/state/local_compliance.h"
 
-static const double LEAST_SHARE = 1e-6; /* m: of shaft that a contact stands for, at least. Rounding */
+static const double LEAST_SHARE = 1e-6; /* m: smallest length of shaft that a contact represents. Rounding tolerance */
 
-/* Of active contact number k; behind them, of the tip. */
+/* Depth of active contact number k, or of the tip if k is beyond the last one. */
 static double depth_of(const insertion_state *state, int k) {
     return contact_is_active(state, k) ? state->contacts[state->refined.order[k]].depth : state->tip.place.depth;
 }
 
-/* Depth at which the share of point `index` ends and that of the next one begins: half way, or where the track first goes into
-   another region between them, so that no contact represents shaft in tissue that it is not in. The border moves there only as
-   fast as the next point moves away from it: otherwise forces would jump whenever the tip enters a region. */
+/* Depth of the border between the shares of points k and k + 1: halfway, or where the track first enters another region between them, so that no contact
+   represents shaft in a different tissue. The border moves to that boundary only as fast as the next point moves away from it; otherwise forces would jump
+   whenever the tip enters a region. */
 static double border_behind(const insertion_state *state, int k) {
     double here = depth_of(state, k), next = depth_of(state, k + 1), half = 0.5 * (here + next);
     for (int s = 1; s < state->stratum_count; s++) {
@@ -34,7 +34,7 @@ shaft_share shaft_share_of(const insertion_state *state, int k, bool tip) {
     return shaft_next_share(state, k, tip, &border);
 }
 
-/* Of this length in one material. */
+/* Adds the resistance of this length in one material. */
 static void add_resistance(const region_material *material, double length, shaft_resistance *sum) {
     lateral_axial line = local_line_stiffness(material);
     sum->kinetic += length * material->friction_kinetic;

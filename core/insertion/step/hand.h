@@ -7,7 +7,7 @@
 /* Slides the shaft past its contacts, and through guides, by the slips of the last solve. RT */
 void hand_slide_shaft(const tick_input *tick, insertion_state *state);
 
-/* Moves the base to its pose; notes what that does to the needle's end. A needle in the air is straight, unless a guide bends it. RT */
+/* Moves the base to its pose, and records the resulting motion of the needle's end. A needle outside the tissue is straight, unless a guide bends it. RT */
 void hand_move(const tick_input *tick, insertion_state *state, hand_advance *hand);
 
 #endif

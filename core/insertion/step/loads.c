@@ -14,9 +14,9 @@ void insertion_forces(const insertion_model *model, const insertion_state *state
         added[k] = v3_add(state->contacts[state->refined.order[k]].force, creep_load(model, &state->memory, k));
     for (int i = 0; i < state->memory.residual.count; i++)
         for (int c = 0; c < 4; c++) {
-            const left_load *left = &state->memory.residual.loads[i];
-            vec3 *corner = &nominal[model->mesh->tets[left->tet][c]];
-            *corner = v3_axpy(left->weights[c], creep_residual_load(model, left), *corner);
+            const residual_load *residual = &state->memory.residual.loads[i];
+            vec3 *corner = &nominal[model->mesh->tets[residual->tet][c]];
+            *corner = v3_axpy(residual->weights[c], creep_residual_load(model, residual), *corner);
         }
     if (tip->place.phase != TIP_INSIDE || tip->known.tet < 0) return;
     for (int c = 0; c < 4; c++) {
@@ -27,14 +27,14 @@ void insertion_forces(const insertion_model *model, const insertion_state *state
 
 void insertion_add_residual_loads(const insertion_model *model, const insertion_state *state, tissue_loads *loads) {
     for (int i = 0; i < state->memory.residual.count && loads->count < MAX_LOADS; i++) {
-        const left_load *left = &state->memory.residual.loads[i];
+        const residual_load *residual = &state->memory.residual.loads[i];
         tissue_load *load = &loads->loads[loads->count++];
-        *load = (tissue_load){.tet = left->tet, .force = creep_residual_load(model, left)};
-        memcpy(load->weights, left->weights, sizeof load->weights);
+        *load = (tissue_load){.tet = residual->tet, .force = creep_residual_load(model, residual)};
+        memcpy(load->weights, residual->weights, sizeof load->weights);
     }
 }
 
-/* The shaft that the contact in `slot`, or with NO_SLOT the tip, stands for. */
+/* The piece of shaft that the contact in `slot` represents, or the tip if `slot` is NO_SLOT. */
 enum { NO_SLOT = -1 };
 static shaft_piece piece_of(const insertion_state *state, int slot, shaft_share share) {
     const needle_tip *tip = &state->tip;
@@ -45,7 +45,7 @@ static shaft_piece piece_of(const insertion_state *state, int slot, shaft_share 
         return (shaft_piece){share.from, share.to, contact->depth, v3_sub(contact->track, contact->beside), contact->direction, line};
     }
     line_in_tet line = {tip->place.tet, tip->place.nominal, tip->place.direction};
-    for (int i = 0; i < state->request.piece_count; i++) /* one for all of its way through an element */
+    for (int i = 0; i < state->request.piece_count; i++) /* the same line for the tip's entire chord through an element */
         if (state->request.pieces[i].tet == tip->place.tet) line = state->request.pieces[i];
     return (shaft_piece){share.from, share.to, tip->place.depth, tip->place.nominal, tip->place.direction, line};
 }

@@ -1,17 +1,17 @@
-/* A needle that no stable equilibrium holds moves on to another one against the drag that damps its waves of bending. See
-   docs/mechanics.md, "Buckling". */
+/* Drag on a needle without a stable equilibrium: it damps the needle's bending waves while the needle moves to another equilibrium. See docs/mechanics.md,
+   "Buckling". */
 #ifndef TROCAR_NEEDLE_DRAG_H
 #define TROCAR_NEEDLE_DRAG_H
 
 #include "insertion/state/tick.h"
 
-/* N s, drag of this needle: moment per length that a rate of turning meets. */
+/* Drag of this needle, N s: moment per length and rate of rotation. */
 double needle_drag(const needle_model *model);
 
-/* Adds to the loads on the joints what drags a needle that has moved on from `start` in this step. RT */
+/* Adds the drag of a needle that has moved from `start` in this step to the loads on the joints. RT */
 void drag_add_loads(const tick_input *tick, needle_response *response, const pass_checkpoint *start);
 
-/* Adds to the joints' displacement at zero load what the drag displaces. The compliance of all joints must be known. RT */
+/* Adds the displacement caused by the drag to the joints' displacement at zero load. Requires the compliance of all joints. RT */
 void drag_shift_joints(const tick_input *tick, needle_response *response, const pass_checkpoint *start);
 
 #endif

@@ -9,12 +9,13 @@
 #include "insertion/step/checkpoint.h"
 #include "insertion/step/needle_drag.h"
 
-static const double NEW_PUSH = 0.05; /* fraction: of Euler's load; a needle whose push has grown by more since it was linearised is linearised again: else one
-                                        that is pushed along its axis at 50 mm/s bears eight times its buckling load before it bows (tests/unit/insertion/test_guides.c). Chosen */
-static const double LEAP = 0.05; /* rad: turn of a segment; passes that turn one by more in a step may have found another branch than that of the last step, and
-                                    a pass that does so, and more than the one before, diverges. Chosen */
-static const double CLAMPED_HINGED = 20.2; /* EI / L^2: Euler's load of a beam that is clamped at one end and hinged at the other. Exact: the square of the least
-                                              root of tan x = x, 20.19 */
+static const double NEW_PUSH = 0.05; /* fraction: change of push, relative to Euler's load, after which a needle is linearised again. Otherwise a needle pushed
+                                        along its axis at 50 mm/s would bear eight times its buckling load before it bows (tests/unit/insertion/test_guides.c).
+                                        Chosen by judgement */
+static const double LEAP = 0.05; /* rad: rotation of a segment above which the passes of one step may have reached another branch than the last step's; a pass
+                                    with a larger rotation, and a larger one than the pass before, diverges. Chosen by judgement */
+static const double CLAMPED_HINGED = 20.2; /* EI / L^2: Euler's load of a beam that is clamped at one end and hinged at the other. Exact: the square of the
+                                              smallest root of tan x = x, 20.19 */
 
 /* ---- needle and problem ---------------------------------------------------------------------------------------------- */
 
@@ -50,10 +51,10 @@ void passes_linearise(const tick_input *tick, const insertion_state *state, inse
 
 /* ---- advance ----------------------------------------------------------------------------------------------------------- */
 
-/* The spring that holds the base yields to the sum of forces. */
+/* Displaces the spring that holds the base by the sum of the forces. */
 static void shift_base(const tick_input *tick, insertion_state *state, const needle_response *response) {
     if (tick->base.compliance == 0.0) return;
-    vec3 sum = v3(0, 0, 0), before = state->base_shift; /* of the forces: the drag has none */
+    vec3 sum = v3(0, 0, 0), before = state->base_shift; /* sum of the forces only, because the drag adds up to zero */
     for (int j = 0; j <= tick->model->needle->given.segments; j++) sum = v3_add(sum, response->load[j]);
     state->base_shift = v3_scale(tick->base.compliance, sum);
     pose base = state->needle.base;
@@ -92,7 +93,7 @@ void passes_load_joints(const tick_input *tick, const insertion_state *state, co
     drag_add_loads(tick, response, start);
 }
 
-/* The solution's forces bend the needle. Returns the largest turn of a segment, rad. */
+/* Applies the solution's forces to the needle, which bends. Returns the largest rotation of a segment, rad. */
 static double advance(const tick_input *tick, insertion_state *state, insertion_workspace *w) {
     take_forces(state, &w->points, w->edges, &w->problem);
     if (w->points.tip && w->stiffening.any) damper_find_force(tick, state, w);
@@ -117,7 +118,7 @@ void passes_go_back(const tick_input *tick, insertion_state *state, insertion_wo
     passes_begin(tick, state, w);
 }
 
-/* Largest turn of a segment since it had this shape, rad. */
+/* Largest rotation of a segment since the needle had this shape, rad. */
 double passes_turned_since(const tick_input *tick, const insertion_state *state, const needle_state *shape) {
     const vec3 *now = state->needle.joints, *start = shape->joints;
     double most = 0.0;
@@ -137,7 +138,7 @@ double euler_load(const needle_model *needle) {
     return CLAMPED_HINGED * needle->bending / (needle->given.length * needle->given.length);
 }
 
-/* Is what was linearised still right after a pass that turned a segment by `turned` (rad) and changed the push on tissue and guides by `more` (N)? */
+/* True if the linearisation is still valid after a pass that rotated a segment by `turned` (rad) and changed the push on tissue and guides by `more` (N). */
 static bool has_converged(const tick_input *tick, const insertion_state *state, const insertion_workspace *w, double turned, vec3 more) {
     const needle_model *needle = tick->model->needle;
     if (!(turned * turned * needle->given.length < tick->model->settings.tolerance && v3_norm(more) < NEW_PUSH * euler_load(needle))) return false;
@@ -161,7 +162,7 @@ pass_result passes_run(const tick_input *tick, insertion_state *state, insertion
         r.converged = has_converged(tick, state, w, turned, v3_sub(now, push));
         push = now;
     }
-    /* A state from which the passes diverge is no equilibrium. A single pass cannot tell. */
+    /* A state from which the passes diverge is not an equilibrium. A single pass cannot show that. */
     r.diverging = before > 0.0 && turned > before && turned > LEAP;
     r.saddle = w->problem.negative < w->response.tangent.unstable; /* by Haynsworth's inertia formula: see docs/mechanics.md, "One tick is one convex problem" */
     r.leapt = all_turns > LEAP && passes_turned_since(tick, state, &w->start.needle) > LEAP;

@@ -4,33 +4,33 @@
 
 #include "insertion/state/tick.h"
 
-/* What passes came to. */
+/* Outcome of a series of passes. */
 typedef struct {
     bool found;              /* the contact problems had solutions */
     bool converged;
     bool diverging;
     bool saddle;             /* the equilibrium is not stable */
-    bool leapt;              /* a segment has turned so far since w->start that it may be on another branch */
+    bool leapt;              /* a segment has rotated so far since w->start that the needle may be on another branch */
 } pass_result;
 
 static inline bool passes_are_stable(pass_result r) { return r.found && r.converged && !r.saddle; } /* RT */
 
-/* Locates the points on the needle's present shape, with its present forces: before the first pass. RT */
+/* Locates the points on the needle's present shape, with its present forces. Call before the first pass. RT */
 void passes_begin(const tick_input *tick, const insertion_state *state, insertion_workspace *w);
 
-/* Back to the checkpoint w->start. RT */
+/* Restores the checkpoint w->start. RT */
 void passes_go_back(const tick_input *tick, insertion_state *state, insertion_workspace *w);
 
-/* Linearises needle and tissue, in the `first` pass about the present shape and forces, and puts the contact problem together. RT */
+/* Linearises needle and tissue (in the `first` pass, about the present shape and forces) and assembles the contact problem. RT */
 void passes_linearise(const tick_input *tick, const insertion_state *state, insertion_workspace *w, bool first);
 
-/* Passes from the present shape, at most so many. RT */
+/* Runs at most `most` passes from the present shape. RT */
 pass_result passes_run(const tick_input *tick, insertion_state *state, insertion_workspace *w, tick_output *output, int most);
 
-/* Forces of all points, and drag, on the needle's joints. RT */
+/* Adds the forces of all points, and the drag, to the needle's joints. RT */
 void passes_load_joints(const tick_input *tick, const insertion_state *state, const contact_points *points, needle_response *response, const pass_checkpoint *start);
 
-/* Largest turn of a segment since the needle had this shape, rad. RT */
+/* Largest rotation of a segment since the needle had this shape, rad. RT */
 double passes_turned_since(const tick_input *tick, const insertion_state *state, const needle_state *shape);
 
 /* Euler's load of the needle clamped at its base and hinged at its tip, N. RT */

@@ -8,18 +8,18 @@
 #include "insertion/track/contact_nodes.h"
 #include "snapshot/snapshot_kernels.h"
 
-/* Handles of the last point under the tip that the snapshot covered; false: there is none. */
+/* Finds the handles of the last point of the tip's track that the snapshot covered; returns false if there is none. */
 static bool tip_handles(const tick_input *tick, const insertion_state *state, int handles[4]) {
     const needle_tip *tip = &state->tip;
     return tip->place.phase == TIP_INSIDE && tip->known.tet >= 0 && snapshot_covers(tick->snapshot, tick->model->mesh->tets[tip->known.tet], handles);
 }
 
-/* Load of active contact number k from the base on the tissue, N. */
+/* Load of active contact number k, counted from the base, on the tissue, N. */
 static vec3 load_of(const tick_input *tick, const insertion_state *state, int k) {
     return v3_add(state->contacts[state->refined.order[k]].force, creep_load(tick->model, &state->memory, k));
 }
 
-/* Displacement of a handle under the tip's load on those at `corners`, m. */
+/* Displacement of a handle under the tip's load on the handles `corners`, m. */
 static vec3 displaced_by_tip(const tick_input *tick, const insertion_state *state, const int corners[4], int handle) {
     mat3 c = compliance_to_point(tick->snapshot, corners, state->tip.known.weights, handle);
     return m3_apply_transposed(&c, v3_add(tip_load(&state->tip), creep_tip_load(tick->model, &state->memory)));
@@ -44,20 +44,21 @@ vec3 displacement_at_tip(const tick_input *tick, const insertion_state *state, c
     return covered ? displacement_at(tick, state, creep, corners, tip->known.weights) : v3(0, 0, 0);
 }
 
-/* A contact whose row has arrived is held as the shaft next to the tip has been until now. */
+/* Activates a contact whose row has arrived. The tissue holds it as it has held the shaft next to the tip. */
 static void activate_contact(const tick_input *tick, insertion_state *state, int k) {
     int slot = state->refined.order[k];
     shaft_contact *contact = &state->contacts[slot];
     contact->status = CONTACT_ACTIVE;
     contact->force = v3(0, 0, 0);
-    if (contact->log_axial == 0.0) set_resolution(tick->model, contact, &tick->snapshot->resolved[slot]); /* the tip that left it did not know it yet */
+    /* the resolution had not been measured when the tip left the contact */
+    if (contact->log_axial == 0.0) set_resolution(tick->model, contact, &tick->snapshot->resolved[slot]);
     if (state->tip.place.phase != TIP_INSIDE || contact->depth < tip_entry_depth(state)) return;
     double origin = contact->shaft.origin;
     contact->shaft = state->tip.shaft;
     contact->shaft.origin = origin;
 }
 
-/* It takes over the tip's force on the part of its share that was the tip's, which began at `from` (m of depth). */
+/* Transfers the tip's force on the part of the contact's share that was the tip's, which began at `from` (m of depth). */
 static void take_over_force(const tick_input *tick, insertion_state *state, int k, double from) {
     shaft_contact *contact = &state->contacts[state->refined.order[k]];
     if (state->tip.place.phase != TIP_INSIDE || contact->depth < tip_entry_depth(state)) return;
@@ -96,11 +97,10 @@ void follow_known_point(const tick_input *tick, insertion_state *state, tick_out
     if (!tip_handles(tick, state, handles)) handles[0] = NO_HANDLE;
 }
 
-/* What remains of a difference between two measurements, of elements side by side or of a line that has turned, fades out as the tip
-   moves on by about a diameter. */
+/* Two measurements differ, because the element is another or the line has turned. The difference fades out as the tip advances by about a diameter. */
 static double faded(double now, double then, double used, double fading) { return now + (used - then) * fading; }
 
-/* Goes on with what was measured last: elements side by side differ little. Farther away, or without any measurement, the worker is late. */
+/* Keeps the last measurement, because adjacent elements differ little. Farther away, or without any measurement, the worker counts as late. */
 static void keep_resolution(const tick_input *tick, insertion_state *state, tick_output *output) {
     const insertion_model *model = tick->model;
     needle_tip *tip = &state->tip;

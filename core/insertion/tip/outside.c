@@ -1,17 +1,18 @@
 #include "insertion/tip/outside.h"
 
-static const double NEAR = 10e-3; /* m: of shaft from where the track begins and ends; the skin there is not where it was at rest. Chosen */
+static const double NEAR = 10e-3; /* m: distance from the beginning and end of the track within which shaft is not checked, because the skin there is
+                                     displaced. Chosen by judgement */
 
-/* A stretch of the shaft, m from the base. */
+/* A part of the shaft, m from the base. */
 typedef struct {
     double from, to;
-} stretch;
+} shaft_range;
 
-/* The needle's track with what is too close to it: nothing but the tip in the air. */
-static stretch known_stretch(const tick_input *tick, const insertion_state *state) {
+/* The part of the shaft in the track, with a margin; only the tip if the needle is outside the tissue. */
+static shaft_range known_range(const tick_input *tick, const insertion_state *state) {
     const needle_tip *tip = &state->tip;
     double length = tick->model->needle->given.length;
-    if (tip->place.phase == TIP_FREE) return (stretch){length - NEAR, length};
+    if (tip->place.phase == TIP_FREE) return (shaft_range){length - NEAR, length};
     vec3 moved = v3_sub(state->needle.joints[tick->model->needle->given.segments], tip_position(&tip->place));
     double entry = length - tip->place.depth, exit = length;
     if (contacts_passed(state) > 0) {
@@ -20,12 +21,12 @@ static stretch known_stretch(const tick_input *tick, const insertion_state *stat
         entry = first->shaft.origin;
         if (tip->place.phase == TIP_BEYOND) exit = last->shaft.origin + tip->place.depth + NEAR + v3_norm(moved);
     }
-    return (stretch){entry - NEAR - v3_norm(moved), exit};
+    return (shaft_range){entry - NEAR - v3_norm(moved), exit};
 }
 
 void outside_watch(const tick_input *tick, insertion_state *state, tick_output *output) {
     int count = tick->model->needle->given.segments, k = state->watched = (state->watched + 1) % count;
-    stretch known = known_stretch(tick, state);
+    shaft_range known = known_range(tick, state);
     double from = k * tick->model->needle->segment_length, to = from + tick->model->needle->segment_length;
     bool free = to <= known.from || (from >= known.to && to <= count * tick->model->needle->segment_length - NEAR);
     bool inside = free && mesh_enter(tick->model->mesh, state->needle.joints[k], state->needle.joints[k + 1]).hit;

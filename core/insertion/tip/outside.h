@@ -1,10 +1,10 @@
-/* What the model leaves out: a shaft that is pushed into a body from the side. It bears no force there, and is told. */
+/* A limit of the model: a shaft that is pushed into a body sideways bears no force in that body. The tick reports this. */
 #ifndef TROCAR_OUTSIDE_H
 #define TROCAR_OUTSIDE_H
 
 #include "insertion/state/tick.h"
 
-/* Looks at one segment of the needle in each tick. EVENT_OUTSIDE_MODEL as long as one of them was in a body, off the needle's track. RT */
+/* Checks one segment of the needle per tick. Sets EVENT_OUTSIDE_MODEL as long as any segment is in a body off the needle's track. RT */
 void outside_watch(const tick_input *tick, insertion_state *state, tick_output *output);
 
 #endif

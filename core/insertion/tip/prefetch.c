@@ -4,23 +4,23 @@
 
 #include "insertion/memory/creep.h"
 
-static const double LINE_OFFSET = 1e-3; /* m: a line of the needle that is farther off is a new one. Effort */
-static const double LINE_TURN = 0.02; /* rad: a line that is turned by more is a new one. Effort */
-static const line_tolerance SAME_LINE = {1e-9, 1e-9}; /* m and rad: lines that differ by less are the same. Rounding */
-static const double ABOUT_TO_TOUCH = 2e-3; /* m: before the skin, from where on the line must be the very one, so that an insertion does not depend on how the
-                                              needle came there. Chosen */
-static const double NEAR_FACE = 1e-7; /* m: distance between touching surfaces. Rounding */
-static const double WAY_IN = 1.25; /* ratio: of the way into a body that is asked for, to `prefetch_distance`. Chosen */
-enum { AHEAD = 16 }; /* elements: ahead of the tip. Effort */
-enum { BEHIND = 4 }; /* contacts: behind the tip. Effort */
-enum { AROUND_EDGE = 32 }; /* elements: that meet at an edge, at most; about five do, and twenty in a poor mesh. Effort */
+static const double LINE_OFFSET = 1e-3; /* m: offset beyond which a line of the needle counts as a new one. Effort limit */
+static const double LINE_TURN = 0.02; /* rad: rotation beyond which a line of the needle counts as a new one. Effort limit */
+static const line_tolerance SAME_LINE = {1e-9, 1e-9}; /* m and rad: differences below which lines are the same. Rounding tolerance */
+static const double ABOUT_TO_TOUCH = 2e-3; /* m: distance to the skin below which the requested line must be exact, so that an insertion does not depend on the
+                                              needle's earlier motion. Chosen by judgement */
+static const double NEAR_FACE = 1e-7; /* m: distance between touching surfaces. Rounding tolerance */
+static const double WAY_IN = 1.25; /* ratio: length of path into a body that is requested, relative to `prefetch_distance`. Chosen by judgement */
+enum { AHEAD = 16 }; /* elements: number requested ahead of the tip. Effort limit */
+enum { BEHIND = 4 }; /* contacts: number behind the tip whose elements are requested. Effort limit */
+enum { AROUND_EDGE = 32 }; /* elements: largest number around an edge; about five are usual, and twenty in a poor mesh. Effort limit */
 
 typedef struct {
-    int count, needed;       /* as in remesh_request */
+    int count, needed;       /* number of nodes, and of indispensable ones, as in remesh_request */
     int nodes[MAX_WINDOW];
     int piece_count;
     line_in_tet pieces[MAX_PIECES];
-    line_tolerance tolerance; /* of lines that were asked for before */
+    line_tolerance tolerance; /* tolerance for reusing lines that were requested before */
 } wanted_tissue;
 
 static bool contains(const int *nodes, int count, int node) {
@@ -29,7 +29,7 @@ static bool contains(const int *nodes, int count, int node) {
     return false;
 }
 
-/* Its corners that are not in the list: all four are looked for at once. */
+/* Adds the corners of an element that are not in the list; searches for all four at once. */
 static void add_tet(const mesh *m, int tet, wanted_tissue *list) {
     int corners[4], found[4] = {0};
     memcpy(corners, m->tets[tet], sizeof corners);
@@ -45,26 +45,26 @@ static void add_piece(int tet, vec3 x, vec3 direction, wanted_tissue *list) {
     if (list->piece_count < MAX_PIECES) list->pieces[list->piece_count++] = (line_in_tet){tet, x, v3_unit(direction)};
 }
 
-/* A straight way through elements, and across gaps. */
+/* A straight path through elements and across gaps. */
 typedef struct {
-    int tet;                 /* where it has come to; -1: out of the tissue */
-    vec3 x, direction;       /* m, and unit vector */
+    int tet;                 /* current element; -1: outside the tissue */
+    vec3 x, direction;       /* m, current point, and unit vector */
     bool back;               /* the direction points back along the track */
-    double left;             /* m still to go */
-    int steps;               /* elements that it has gone through */
+    double remaining;        /* m, remaining length */
+    int steps;               /* number of elements crossed */
 } straight_way;
 
-/* Goes on to where the way meets tissue again. */
+/* Continues the path where it meets tissue again. */
 static bool cross_gap(const mesh *m, straight_way *way) {
-    surface_hit next = mesh_enter(m, v3_axpy(-NEAR_FACE, way->direction, way->x), v3_axpy(way->left, way->direction, way->x));
+    surface_hit next = mesh_enter(m, v3_axpy(-NEAR_FACE, way->direction, way->x), v3_axpy(way->remaining, way->direction, way->x));
     if (!next.hit) return false;
     way->tet = next.tet;
     way->x = next.point;
-    way->left -= next.fraction * way->left;
+    way->remaining -= next.fraction * way->remaining;
     return true;
 }
 
-/* Adds elements up to the end of the way; in the first `measured` of them, the line is measured. The way may then be made longer. */
+/* Adds the elements along the path up to its end; in the first `measured` of them, the line is measured. The caller may lengthen the path afterwards. */
 static void add_way(const mesh *m, straight_way *way, int measured, wanted_tissue *list) {
     for (; way->steps < AHEAD; way->steps++) {
         double chord;
@@ -72,9 +72,9 @@ static void add_way(const mesh *m, straight_way *way, int measured, wanted_tissu
         add_tet(m, way->tet, list);
         if (way->steps < measured) add_piece(way->tet, way->x, way->back ? v3_scale(-1.0, way->direction) : way->direction, list);
         int face = mesh_exit(m, way->tet, way->x, way->direction, &chord);
-        if (face < 0 || chord > way->left) return;
+        if (face < 0 || chord > way->remaining) return;
         way->x = v3_axpy(chord, way->direction, way->x);
-        way->left -= chord;
+        way->remaining -= chord;
         way->tet = m->neighbours[way->tet][face];
     }
 }
@@ -85,13 +85,13 @@ static void add_surroundings(const mesh *m, int tet, wanted_tissue *list) {
         if (m->neighbours[tet][f] >= 0) add_tet(m, m->neighbours[tet][f], list);
 }
 
-/* The elements behind the outer faces that share an edge with this one, to which a tip on it may glide: around each edge, from element to
-   element, until the tissue ends. */
+/* Adds the elements behind outer faces that share an edge with this face, onto which a tip may slide: around each edge, from element to element, until the
+   tissue ends. */
 static void add_beside(const mesh *m, int tet, int face, wanted_tissue *list) {
     for (int c = 0; c < 4; c++) {
         if (c == face) continue;
-        int at = tet, exit = c, last = m->tets[tet][face], sum = 0; /* `last`: the corner of the face crossed that is not on the edge */
-        for (int k = 0; k < 4; k++) sum += k == face || k == c ? 0 : m->tets[tet][k]; /* of the edge's ends */
+        int at = tet, exit = c, last = m->tets[tet][face], sum = 0; /* `last`: the corner of the crossed face that is not on the edge */
+        for (int k = 0; k < 4; k++) sum += k == face || k == c ? 0 : m->tets[tet][k]; /* sum of the indices of the edge's ends */
         for (int step = 0; step < AROUND_EDGE && m->neighbours[at][exit] >= 0; step++) {
             at = m->neighbours[at][exit];
             int all = 0;
@@ -105,19 +105,19 @@ static void add_beside(const mesh *m, int tet, int face, wanted_tissue *list) {
     }
 }
 
-/* Back along the track from x to the last contact node but `skipped`, or to where the needle went in. Returns that point. */
+/* Adds the elements back along the track from x to the last contact node, without counting the last `skipped` ones, or to the entry. Returns that point. */
 static vec3 add_stretch_back(const mesh *m, const insertion_state *state, int tet, vec3 x, int skipped, wanted_tissue *list) {
     int k = contacts_passed(state) - 1 - skipped;
     const shaft_contact *contact = k >= 0 ? &state->contacts[state->refined.order[k]] : NULL;
     vec3 to = contact ? v3_sub(contact->track, contact->beside) : state->entry, back = v3_sub(to, x);
     double length = v3_norm(back);
     if (length == 0.0) return to;
-    straight_way way = {.tet = tet, .x = x, .direction = v3_scale(1.0 / length, back), .back = true, .left = length};
+    straight_way way = {.tet = tet, .x = x, .direction = v3_scale(1.0 / length, back), .back = true, .remaining = length};
     add_way(m, &way, AHEAD, list);
     return to;
 }
 
-/* The way back: the elements of the last contact nodes, and those between the tip and the last one, and from there to the one before. */
+/* Adds the track behind the tip: the elements of the last contact nodes, those between the tip and the last node, and those between the last two. */
 static void add_track(const mesh *m, const insertion_state *state, wanted_tissue *list) {
     vec3 last = add_stretch_back(m, state, state->tip.place.tet, state->tip.place.nominal, 0, list);
     int passed = contacts_passed(state);
@@ -130,13 +130,13 @@ static void add_track(const mesh *m, const insertion_state *state, wanted_tissue
     }
 }
 
-/* From where the needle enters a body that it is not in yet, by about `reach` from its end. */
+/* Adds the elements along the path of a needle into a body ahead, from the entry point to about `reach` from the needle's end. */
 static void add_way_in(const mesh *m, surface_hit hit, vec3 direction, double reach, wanted_tissue *list) {
-    straight_way way = {.tet = hit.tet, .x = hit.point, .direction = direction, .left = reach * (WAY_IN - hit.fraction)};
+    straight_way way = {.tet = hit.tet, .x = hit.point, .direction = direction, .remaining = reach * (WAY_IN - hit.fraction)};
     if (hit.hit) add_way(m, &way, 1, list);
 }
 
-/* Where the end of a needle in the air is in the tissue at rest: as far from the surface there as from the displaced one. */
+/* Position, in the tissue at rest, of a free needle's end: its distance to the surface is the same as to the displaced surface. */
 static vec3 end_before_tissue(const insertion_model *model, const insertion_state *state) {
     vec3 end = state->needle.joints[model->needle->given.segments];
     return isnan(state->surface.x) ? end : v3_sub(end, state->surface);
@@ -148,10 +148,10 @@ static wanted_tissue wanted_nodes(const insertion_model *model, const insertion_
     vec3 direction = q_axis(state->needle.frames[n - 1]), end = state->needle.joints[n];
     double reach = model->settings.prefetch_distance;
     wanted_tissue list = {.count = 0, .piece_count = 0, .tolerance = SAME_FIELD};
-    if (state->tip.place.phase == TIP_FREE) { /* where the needle would go in */
+    if (state->tip.place.phase == TIP_FREE) { /* the expected entry */
         end = end_before_tissue(model, state);
         surface_hit hit = mesh_enter(m, end, v3_axpy(reach, direction, end));
-        if (!hit.hit) { /* in a dent */
+        if (!hit.hit) { /* the end is in a dent */
             hit = mesh_enter(m, v3_axpy(-DENT_DEPTH, direction, end), end);
             hit.fraction = 0.0;
         }
@@ -163,17 +163,17 @@ static wanted_tissue wanted_nodes(const insertion_model *model, const insertion_
     }
     double weights[4];
     int moved = refinement_element(m, &state->refined, state->refined.count, state->tip.place.tet, state->tip.place.nominal, weights);
-    add_surroundings(m, moved, &list); /* the element around the tip with moved nodes, */
-    if (moved != state->tip.place.tet) add_surroundings(m, state->tip.place.tet, &list); /* and in the nominal mesh */
+    add_surroundings(m, moved, &list); /* the element around the tip in the mesh with moved nodes */
+    if (moved != state->tip.place.tet) add_surroundings(m, state->tip.place.tet, &list); /* and its element in the nominal mesh */
     if (state->tip.place.phase == TIP_INSIDE && state->tip.place.depth == 0.0) add_beside(m, state->tip.place.tet, state->tip.barrier.face, &list);
-    straight_way way = {.tet = state->tip.place.tet, .x = state->tip.place.nominal, .direction = tip_way(&state->tip.place, direction), .left = model->settings.gradient_span};
+    straight_way way = {.tet = state->tip.place.tet, .x = state->tip.place.nominal, .direction = tip_way(&state->tip.place, direction), .remaining = model->settings.gradient_span};
     add_way(m, &way, AHEAD, &list);
     surface_hit next = {.hit = false};
     if (state->tip.place.phase == TIP_BEYOND) next = mesh_enter(m, end, v3_axpy(reach, direction, end));
     if (next.hit) add_tet(m, next.tet, &list);
     list.needed = list.count;
     add_track(m, state, &list);
-    way.left += reach - model->settings.gradient_span;
+    way.remaining += reach - model->settings.gradient_span;
     add_way(m, &way, 0, &list);
     add_way_in(m, next, direction, reach, &list);
     return list;
@@ -194,7 +194,7 @@ static void copy_contacts(const refinement *from, refinement *to) {
     }
 }
 
-static void copy_left(const left_loads *from, left_loads *to) {
+static void copy_residual_loads(const residual_loads *from, residual_loads *to) {
     to->time = from->time;
     to->count = from->count;
     memcpy(to->loads, from->loads, (size_t)from->count * sizeof *from->loads);
@@ -203,7 +203,7 @@ static void copy_left(const left_loads *from, left_loads *to) {
 static bool window_suffices(const remesh_request *request, const wanted_tissue *wanted) {
     for (int i = 0; i < wanted->count; i++) {
         int among = i < wanted->needed ? request->needed : request->window_count;
-        bool same_place = i < among && request->window[i] == wanted->nodes[i]; /* as a rule */
+        bool same_place = i < among && request->window[i] == wanted->nodes[i]; /* the usual case */
         if (!same_place && !contains(request->window, among, wanted->nodes[i])) return false;
     }
     for (int i = 0; i < wanted->piece_count; i++)
@@ -211,7 +211,7 @@ static bool window_suffices(const remesh_request *request, const wanted_tissue *
     return true;
 }
 
-/* Lines that were asked for already stay as they were, so that the worker need not measure them again. */
+/* Lines that were requested before stay unchanged, so that the worker need not measure them again. */
 static void copy_pieces(wanted_tissue *wanted, remesh_request *request) {
     for (int i = 0; i < wanted->piece_count; i++) {
         const line_in_tet *known = request_line(request, &wanted->pieces[i], wanted->tolerance);
@@ -221,7 +221,7 @@ static void copy_pieces(wanted_tissue *wanted, remesh_request *request) {
     memcpy(request->pieces, wanted->pieces, (size_t)wanted->piece_count * sizeof *wanted->pieces);
 }
 
-/* Where the needle is going: the tip's material point and the end's direction. */
+/* Direction of motion: the tip's material point and the direction of the needle's end. */
 static void find_line(const insertion_model *model, const insertion_state *state, vec3 *tip, vec3 *direction) {
     int n = model->needle->given.segments;
     *tip = state->tip.place.phase == TIP_INSIDE ? state->tip.place.nominal : state->tip.place.phase == TIP_FREE ? end_before_tissue(model, state) : state->needle.joints[n];
@@ -244,7 +244,7 @@ void prefetch_request(const insertion_model *model, insertion_state *state) {
     request->serial++;
     request->tip = tip;
     request->direction = direction;
-    copy_left(&state->memory.residual, &request->left);
+    copy_residual_loads(&state->memory.residual, &request->residual_loads);
     state->memory.residual_added = 0.0;
     if (!same) copy_contacts(&state->refined, &request->wanted);
     copy_pieces(&wanted, request);

@@ -1,13 +1,13 @@
-/* What the tick asks the worker for next. */
+/* The tick's next request to the worker. */
 #ifndef TROCAR_PREFETCH_H
 #define TROCAR_PREFETCH_H
 
 #include "insertion/state/insertion_model.h"
 #include "insertion/state/insertion_state.h"
 
-static const double DENT_DEPTH = 20e-3; /* m: by which other needles may have displaced the skin where a needle goes in. Chosen */
+static const double DENT_DEPTH = 20e-3; /* m: largest displacement of the skin by other needles at a needle's entry. Chosen by judgement */
 
-/* Brings state->request up to date: contact nodes, and the nodes of the elements around the tip, behind it and ahead. RT */
+/* Updates state->request: contact nodes, and the nodes of the elements around, behind and ahead of the tip. RT */
 void prefetch_request(const insertion_model *model, insertion_state *state);
 
 #endif

@@ -9,8 +9,8 @@
 
 static const double MOST_SHEAR = 0.7; /* fraction below 1: shear of the tissue along the track up to which the tip's direction follows it. Chosen: far beyond
                                          small strains */
-static const double GLIDE_REACH = 2e-3; /* m: how far above and below a gliding tip the surface is searched for. Chosen */
-static const double LIFTED = 1e-6; /* m: from which on a tip has left the surface. Rounding: where that is displaced to is not known better */
+static const double GLIDE_REACH = 2e-3; /* m: distance above and below a sliding tip within which the surface is searched for. Chosen by judgement */
+static const double LIFTED = 1e-6; /* m: distance from the surface beyond which a tip has left it. Rounding: accuracy of the surface's displacement */
 
 /* ---- on the surface ---------------------------------------------------------------------------------------------------- */
 
@@ -34,13 +34,13 @@ bool tip_is_below(const insertion_model *model, vec3 from, vec3 to) {
     return hit.hit && reaches(model->mesh, hit, to, &tet);
 }
 
-/* Moves the tip's material point along the outer surface by `shift`, m, tangential to it. `inward` is the surface's unit normal. */
+/* Moves the tip's material point along the outer surface by the tangential vector `shift` (m). `inward` is the surface's unit normal. */
 static void tip_glide(const tick_input *tick, insertion_state *state, tick_output *output, vec3 inward, vec3 shift) {
     const insertion_model *model = tick->model;
     needle_tip *tip = &state->tip;
     vec3 goal = v3_add(tip->place.nominal, shift);
     surface_hit hit = mesh_enter(model->mesh, v3_axpy(-GLIDE_REACH, inward, goal), v3_axpy(GLIDE_REACH, inward, goal));
-    if (!hit.hit) { /* over the edge, provided that the straight needle is past the tissue: otherwise it would meet the surface again */
+    if (!hit.hit) { /* over the edge, if the straight needle is past the tissue; otherwise it would meet the surface again */
         vec3 axis = q_axis(state->needle.base.orientation);
         vec3 end = needle_straight_end(model->needle, state->needle.base);
         if (!tip_is_below(model, v3_axpy(-GLIDE_REACH, axis, end), end)) withdraw_tip(state, output);
@@ -55,15 +55,15 @@ static void tip_glide(const tick_input *tick, insertion_state *state, tick_outpu
     tip->barrier.entering = true;
 }
 
-/* It slides half of the way that would bring the force back into the cone: the whole way could overshoot and lift off a needle that
-   hardly presses. */
+/* The tip slides half the distance that would bring the force back into the friction cone: the full distance could overshoot and lift off a needle that hardly
+   presses. */
 void tip_glide_on_surface(const tick_input *tick, insertion_state *state, tick_output *output) {
     const insertion_model *model = tick->model;
     const needle_tip *tip = &state->tip;
     vec3 inward = mesh_face_normal(model->mesh, tip->place.tet, tip->barrier.face);
-    double pressing = v3_dot(tip->solved.force, inward);
-    vec3 tangential = v3_axpy(-pressing, inward, tip->solved.force);
-    double excess = v3_norm(tangential) - model->settings.surface_friction * fmax(pressing, 0.0);
+    double normal_force = v3_dot(tip->solved.force, inward);
+    vec3 tangential = v3_axpy(-normal_force, inward, tip->solved.force);
+    double excess = v3_norm(tangential) - model->settings.surface_friction * fmax(normal_force, 0.0);
     if (excess <= 0.0) return;
     if (!tip->resolution.known) return;
     double compliance = 0.5 * local_at_tip(model, tip->place.tet, tip->place.nominal, 0.0, tip->filtered_push, tip->resolution.field.point);
@@ -80,9 +80,8 @@ void tip_puncture(const tick_input *tick, insertion_state *state, tick_output *o
     if (tip->place.phase == TIP_BEYOND) enter_touching_body(tick, state, output, v3_unit(needle_direction(tick, state)));
 }
 
-/* Unit nominal direction whose image in the deformed tissue, d + gradient, is along `direction`; `direction` itself where the
-   tissue is deformed beyond the range of linear elasticity. Compression along the needle is left out: the error that this makes in
-   one tick is corrected by the slip of the next. */
+/* Unit nominal direction d whose image in the deformed tissue, d + gradient, is along `direction`; `direction` itself if the tissue is deformed beyond the
+   range of linear elasticity. Compression along the needle is neglected: its error in one tick is corrected by the slip of the next. */
 static vec3 pull_back(vec3 gradient, vec3 direction) {
     direction = v3_unit(direction);
     vec3 sideways = v3_axpy(-v3_dot(gradient, direction), direction, gradient);
@@ -93,7 +92,7 @@ static vec3 pull_back(vec3 gradient, vec3 direction) {
 
 vec3 tip_cut_direction(const tick_input *tick, const insertion_state *state, vec3 track_gradient) { return pull_back(track_gradient, needle_direction(tick, state)); }
 
-/* The track's direction at the tip: a running mean over about one diameter of the needle. `way` is the piece that was just cut. */
+/* Updates the track's direction at the tip: a running mean over about one needle diameter. `way` is the segment that was just cut. */
 static void follow_track(const insertion_model *model, needle_tip *tip, vec3 way) {
     double length = v3_norm(way);
     if (length == 0.0) return;
@@ -101,7 +100,7 @@ static void follow_track(const insertion_model *model, needle_tip *tip, vec3 way
     tip->place.direction = v3_unit(v3_axpy(-expm1(-0.5 * length / model->needle->radius), change, tip->place.direction));
 }
 
-/* A bent needle that bears no force along its axis still touches the surface if its end would be in the tissue when straight. */
+/* True if a bent needle without axial force still touches the surface: its end would be in the tissue if it were straight. */
 static bool stays_on_surface(const tick_input *tick, const insertion_state *state) {
     const needle_tip *tip = &state->tip;
     if (tip->place.depth > 0.0) return false;
@@ -111,7 +110,7 @@ static bool stays_on_surface(const tick_input *tick, const insertion_state *stat
     return reaches(tick->model->mesh, (surface_hit){.hit = true, .tet = tip->place.tet, .point = tip->place.nominal}, v3_sub(end, displaced), &tet);
 }
 
-void tip_move(const tick_input *tick, insertion_state *state, const creep_step *creep, tick_output *output, vec3 aim) {
+void tip_move(const tick_input *tick, insertion_state *state, const creep_step *creep, tick_output *output, vec3 cut_direction) {
     const insertion_model *model = tick->model;
     needle_tip *tip = &state->tip;
     if (tip->place.phase == TIP_BEYOND) reenter_tissue(tick, state, creep, output);
@@ -119,7 +118,7 @@ void tip_move(const tick_input *tick, insertion_state *state, const creep_step *
     if (tip->place.phase != TIP_INSIDE) return;
     vec3 before = tip_position(&tip->place);
     if (tip->solved.slip > 0.0) {
-        vec3 direction = old_tracks_lead(&tip->track, aim);
+        vec3 direction = old_tracks_lead(&tip->track, cut_direction);
         cut_forward(tick, state, output, direction, tip->track.openness > 0.0 ? fmin(tip->solved.slip, tip->track.to_end) : tip->solved.slip);
         follow_track(model, tip, v3_sub(tip_position(&tip->place), before));
         if (tip->place.phase == TIP_BEYOND) enter_touching_body(tick, state, output, direction);
@@ -130,7 +129,7 @@ void tip_move(const tick_input *tick, insertion_state *state, const creep_step *
     tip->solved.slip = 0.0;
 }
 
-/* The tissue around a straight needle comes to rest: its contacts hold the shaft where it is. */
+/* Sets the tissue around a straight needle to an unstrained state: its contacts hold the shaft in its present position. */
 static void rest_shaft(const insertion_model *model, insertion_state *state) {
     const vec3 *joints = state->needle.joints;
     vec3 base = joints[0], axis = v3_unit(v3_sub(joints[model->needle->given.segments], base));
@@ -150,7 +149,8 @@ void tip_engage(const insertion_model *model, insertion_state *state) {
     vec3 direction = v3_unit(v3_sub(end, base));
     double whole = v3_norm(v3_sub(end, state->entry));
     for (int step = 0; step < MAX_STEPS && state->tip.place.phase == TIP_INSIDE && state->tip.place.depth < whole; step++) {
-        if (state->tip.barrier.blocked_by != NOT_BLOCKED) puncture_barrier(tick, state, output, v3_unit(needle_direction(tick, state))); /* the needle is already in it */
+        /* the needle has already penetrated the barrier */
+        if (state->tip.barrier.blocked_by != NOT_BLOCKED) puncture_barrier(tick, state, output, v3_unit(needle_direction(tick, state)));
         cut_forward(tick, state, output, direction, whole - state->tip.place.depth);
         if (state->tip.place.phase != TIP_BEYOND) continue;
         vec3 left = state->tip.place.nominal;

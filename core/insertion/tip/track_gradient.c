@@ -5,20 +5,20 @@
 #include "insertion/tip/prefetch.h"
 #include "insertion/tip/tip_path.h"
 
-/* Displacement of the tissue at a contact, which the shaft carries along, m. */
+/* Displacement of the tissue at a contact, which moves with the shaft, m. */
 static vec3 carried(const tick_input *tick, const insertion_state *state, const shaft_contact *contact) {
     needle_point p = needle_at(tick->model->needle, &state->needle, contact_arc(contact, tick->model->needle->given.length));
     return v3_sub(p.position, contact->track);
 }
 
-/* Displacement of the tissue carried along by the shaft, a span (contact.gradient_span) behind the tip, m. */
+/* Displacement of the tissue that moves with the shaft, one span (contact.gradient_span) behind the tip, m. */
 static vec3 displacement_behind(const tick_input *tick, const insertion_state *state, vec3 at_tip) {
     vec3 ahead = at_tip;
     double ahead_depth = state->tip.place.depth, sought = ahead_depth - tick->model->settings.gradient_span;
     for (int k = contacts_active(state) - 1; k >= 0; k--) {
         const shaft_contact *contact = &state->contacts[state->refined.order[k]];
         double depth = contact->depth;
-        if (depth < tip_entry_depth(state)) break; /* in another body */
+        if (depth < tip_entry_depth(state)) break; /* the contact is in another body */
         vec3 here = carried(tick, state, contact);
         if (depth <= sought) return v3_axpy((sought - depth) / (ahead_depth - depth), v3_sub(ahead, here), here);
         ahead = here;
@@ -27,7 +27,7 @@ static vec3 displacement_behind(const tick_input *tick, const insertion_state *s
     return ahead;
 }
 
-/* The same up to one span ahead of the tip in the tissue; the tip's own if the snapshot does not cover that point. */
+/* Displacement of the tissue up to one span ahead of the tip, m; that at the tip if the snapshot does not cover the point. */
 static vec3 displacement_ahead(const tick_input *tick, const insertion_state *state, const creep_step *creep, vec3 direction, vec3 at_tip) {
     const mesh *m = tick->model->mesh;
     double left = tick->model->settings.gradient_span, chord;

@@ -6,14 +6,14 @@ static const region_material *material_at(const insertion_model *model, int tet)
     return &model->materials[model->mesh->region[tet]];
 }
 
-double cutting_resistance(const insertion_model *model, int tet, double open) {
+double cutting_resistance(const insertion_model *model, int tet, double openness) {
     const region_material *material = material_at(model, tet);
-    return (1.0 - open) * material->cutting_force + material->spreading_force;
+    return (1.0 - openness) * material->cutting_force + material->spreading_force;
 }
 
-double blocked_resistance(const insertion_model *model, int tet, double open, int blocked_by, double damage) {
+double blocked_resistance(const insertion_model *model, int tet, double openness, int blocked_by, double damage) {
     if (blocked_by == BLOCKED_BY_BONE) return INFINITY;
-    double cutting = cutting_resistance(model, tet, open);
+    double cutting = cutting_resistance(model, tet, openness);
     return blocked_by == NOT_BLOCKED ? cutting : fmax(cutting, damage == 1.0 ? 0.0 : (1.0 - damage) * model->membranes[blocked_by].puncture_force);
 }
 

@@ -2,11 +2,12 @@
 
 #include "insertion/track/obstacle.h"
 
-static const double FADE = 1.5; /* ratio above 1: a track is fully open up to a distance and an angle, and not at all beyond so many times them. Chosen */
-static const double CATCH_UP = 4.0; /* needle diameters: over which a tip beside a track comes closer to it by a factor e. Chosen */
-static const double CLOSED = 1e-5; /* m: a tip this close to the end of a track is at its end. Rounding */
+static const double FADE = 1.5; /* ratio above 1: a track's openness falls from 1 at the limits of distance and angle to 0 at this multiple of them. Chosen by
+                                   judgement */
+static const double CATCH_UP = 4.0; /* needle diameters: distance over which a tip beside a track approaches it by a factor e. Chosen by judgement */
+static const double CLOSED = 1e-5; /* m: a tip this close to the end of a track has reached its end. Rounding tolerance */
 
-/* 1 up to the limit, falling to 0 at FADE times that. */
+/* 1 up to the limit, falling to 0 at FADE times the limit. */
 static double fade(double value, double limit) { return fmin(fmax((FADE - value / limit) / (FADE - 1.0), 0.0), 1.0); }
 
 static double reach_of(const insertion_model *model) { return model->settings.track_reach * 2.0 * model->needle->radius; }
@@ -30,13 +31,13 @@ void old_tracks_puncture(insertion_state *state, tick_output *output, int membra
 
 /* ---- what is open -------------------------------------------------------------------------------------------------------- */
 
-/* The tracks in the tissue: list 0 is the needle's own. NULL past the last one. */
+/* The track lists in the tissue; index 0 is the needle's own list. NULL past the last list. */
 static const track_list *list_of(const tick_input *tick, const insertion_state *state, int index) {
     if (index == 0) return &state->tracks;
     return index <= tick->other_count ? tick->others[index - 1] : NULL;
 }
 
-/* How open this membrane is at x: as a track would be, by the distance from its punctures. */
+/* Openness of this membrane at x: like that of a track, by the distance from its punctures. */
 static double membrane_open(const tick_input *tick, const insertion_state *state, int membrane, vec3 x) {
     double reach = reach_of(tick->model), closest = INFINITY;
     const track_list *list;
@@ -58,7 +59,7 @@ typedef struct {
     vec3 direction;
 } candidate;
 
-/* How open this track is to the tip. It may be followed in either direction. */
+/* Openness of this track to the tip, which may follow it in either direction. */
 static candidate judge(const insertion_model *model, const track_list *list, int track, vec3 x, vec3 direction) {
     double reach = reach_of(model);
     track_place place = tracks_closest(list, track, x, FADE * reach);
@@ -97,8 +98,8 @@ vec3 old_tracks_lead(const open_track *track, vec3 direction) {
     return v3_unit(v3_axpy(track->openness, v3_sub(track->direction, direction), direction));
 }
 
-/* A tip that is led sideways by u a metre does the work f . u, f being the force across the needle. The hand has to do it, as the wall of
-   a track is without friction: then a step never gives back more than it took. */
+/* A tip guided sideways by u per metre does the work f . u, with f the lateral force on the needle. The hand must do this work, because the wall of a track is
+   frictionless; then a step never returns more energy than it received. */
 double old_tracks_bound(const open_track *track, vec3 tip_force, vec3 needle, double resistance) {
     if (track->openness == 0.0) return resistance;
     vec3 across = v3_axpy(-v3_dot(tip_force, needle), needle, tip_force);

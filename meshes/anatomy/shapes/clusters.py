@@ -1,10 +1,10 @@
-"""Pieces of a label image whose surfaces hang together.
+"""Finds clusters of pieces in a label image whose surfaces are connected.
 
-CGAL finds a surface by a few random rays and follows it from there; of a surface that hangs together with no other one, such as that of a lesion in
-an organ, it may know nothing. So such surfaces are extracted one by one, each in a section of the image of its own, where rays cannot miss it.
+CGAL finds a surface with a few random rays and follows it from there; it may miss a surface that is connected to no other one, such as that of a lesion in
+an organ. Such surfaces are therefore extracted one by one, each in a section of the image of its own, where rays cannot miss it.
 
-Pieces that touch are neighbours in a graph. Two of its edges belong to one cluster if a circle runs through both: the cluster's surfaces meet along lines.
-A piece that encloses others is in several clusters, of which it is the inside of one and the outside of the others.
+Pieces that touch are neighbours in a graph. Two of its edges belong to one cluster if a cycle contains both: the cluster's surfaces meet along lines. A
+piece that encloses others is in several clusters: it is the inside of one and the outside of the others.
 """
 import collections
 import dataclasses
@@ -18,14 +18,14 @@ AROUND = 0               # number of the tissue (or air) around all pieces; piec
 
 @dataclasses.dataclass
 class Cluster:
-    outer: int               # the number around it
+    outer: int               # number of the piece around the cluster
     inner: list              # the other numbers
-    stands: dict             # any number -> that of the cluster's which it is part of, or hangs on
-    edges: set               # pairs of numbers whose surface it has
+    stands: dict             # maps any number to the number in the cluster to which it belongs or is attached
+    edges: set               # pairs of numbers whose common surface belongs to the cluster
 
 
 def neighbours_in(numbers):
-    """{number: set of numbers that it touches} of an image of numbered pieces."""
+    """Returns {number: set of numbers that it touches} for an image of numbered pieces."""
     pairs = []
     for axis in range(3):
         one, other = np.take(numbers, range(1, numbers.shape[axis]), axis), np.take(numbers, range(numbers.shape[axis] - 1), axis)
@@ -39,7 +39,7 @@ def neighbours_in(numbers):
 
 
 def edges_in_circles(graph, root):
-    """Sets of edges, by the biconnected components of a connected graph (Hopcroft and Tarjan 1973)."""
+    """Returns the sets of edges of the biconnected components of a connected graph (Hopcroft and Tarjan 1973)."""
     depth, low, found, stack = {root: 0}, {root: 0}, [], []
     way = [(root, None, iter(sorted(graph[root])))]
     while way:
@@ -68,7 +68,7 @@ def edges_in_circles(graph, root):
 
 
 def clusters_of(graph):
-    """Clusters, each after the one that encloses it."""
+    """Returns the clusters, each after the one that encloses it."""
     found = [cluster_of(graph, {frozenset(edge) for edge in edges}) for edges in edges_in_circles(graph, AROUND)]
     return sorted(found, key=lambda each: distance_in(graph, each.outer))
 
@@ -80,7 +80,7 @@ def cluster_of(graph, edges):
 
 
 def joined(graph, clusters, pairs):
-    """The clusters, of which those of each pair (of their numbers) are one."""
+    """Returns the clusters, merging those of each pair (of their numbers)."""
     groups = [{k} for k in range(len(clusters))]
     for a, b in pairs:
         one, other = (next(group for group in groups if k in group) for k in (a, b))
@@ -92,7 +92,7 @@ def joined(graph, clusters, pairs):
 
 
 def hanging_on(graph, mine, edges):
-    """Every node -> the one of these from which it is reached without their edges."""
+    """Maps every node to the cluster's node from which it is reached without the cluster's edges."""
     stands = {node: node for node in mine}
     way = list(mine)
     while way:
@@ -105,7 +105,7 @@ def hanging_on(graph, mine, edges):
 
 
 def distance_in(graph, node):
-    """Steps from AROUND."""
+    """Returns the number of steps from AROUND."""
     seen, level, steps = {AROUND}, {AROUND}, 0
     while node not in level:
         level = {other for each in level for other in graph[each]} - seen

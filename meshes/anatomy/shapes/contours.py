@@ -1,4 +1,4 @@
-"""Outlines on parallel slices: checks and repairs of the input, and its conversion to polygons.
+"""Outlines on parallel slices: checks and repairs the input, and converts it to polygons.
 
 Coordinates are DICOM's patient coordinates in millimetres: x to the patient's left, y backward, z toward the head.
 """
@@ -15,21 +15,21 @@ from shapely.validation import make_valid
 SAME_SLICE = 0.1      # mm: outlines this close in z are on one slice
 OUT_OF_PLANE = 0.5    # mm by which the points of one outline may differ in z
 SPIKE = 0.5           # mm: parts narrower than twice this are drawing errors
-SPECK = 3.0           # mm^2: smaller outlines are unintended
-INSIDE = 0.98         # share of an outline that must lie inside another one to be a hole in it
-HOLE = 0.8            # of the enclosing area: a larger outline inside another one is the same one drawn again
-DOUBLED = 0.02        # of its area: outlines that differ by less are copies
-MOST_OPEN = 0.1       # share of the outlines that may be open
-SCRAMBLED = 0.8       # points are out of order if the outline has less than this share of its area with points sorted by angle
+SPECK = 3.0           # mm^2: smaller outlines are drawing errors
+INSIDE = 0.98         # fraction of an outline that must lie inside another one for it to be a hole
+HOLE = 0.8            # fraction of the enclosing area: a larger outline inside another one is the same outline drawn again
+DOUBLED = 0.02        # fraction of the area: outlines that differ by less are copies
+MOST_OPEN = 0.1       # largest fraction of the outlines that may be open
+SCRAMBLED = 0.8       # the points are out of order if the outline has less than this fraction of its area with points sorted by angle
 
 
 class Rings(list):
-    """Rings of a region as read from a structure set."""
+    """The rings of a region as read from a structure set."""
 
     def __init__(self, rings=(), exclusive=False, left_open=()):
         super().__init__(rings)
         self.exclusive = exclusive           # even-odd rule for overlaps (DICOM's CLOSEDPLANAR_XOR)
-        self.left_open = list(left_open)     # outlines that are not closed (OPEN_PLANAR): they enclose nothing
+        self.left_open = list(left_open)     # outlines that are not closed (OPEN_PLANAR) and enclose nothing
 
 
 class Unusable(Exception):
@@ -55,8 +55,8 @@ class Stack:
     """One organ's outlines, ascending in z; at least two slices."""
     name: str
     slices: list
-    notes: list = dataclasses.field(default_factory=list)      # remarks on what was left out
-    left_out: list = dataclasses.field(default_factory=list)   # z of slices
+    notes: list = dataclasses.field(default_factory=list)      # remarks on outlines that were left out
+    left_out: list = dataclasses.field(default_factory=list)   # z of the slices that were left out
 
     @property
     def spacing(self):
@@ -64,18 +64,18 @@ class Stack:
         return statistics.median(upper.z - lower.z for lower, upper in itertools.pairwise(self.slices))
 
     def volume(self):
-        """Planimetry, mm^3: trapezia between slices, half a slice's thickness beyond the first and the last."""
+        """Volume by planimetry, mm^3: trapezia between slices, and half a slice's thickness beyond the first and the last."""
         between = sum((lower.outline.area + upper.outline.area) / 2 * (upper.z - lower.z)
                       for lower, upper in itertools.pairwise(self.slices))
         return between + (self.slices[0].outline.area + self.slices[-1].outline.area) / 2 * self.spacing
 
     def is_tube(self):
-        """One outline without a hole on every slice."""
+        """True if every slice has one outline without a hole."""
         return all(len(s.outline.geoms) == 1 and not s.outline.geoms[0].interiors for s in self.slices)
 
 
 def polygons(shape):
-    """The polygons in a result of shapely, without points and lines."""
+    """Returns the polygons in a result of shapely, without points and lines."""
     if shape.geom_type == "Polygon":
         return [shape] if not shape.is_empty else []
     return [p for part in getattr(shape, "geoms", []) for p in polygons(part)]
@@ -87,7 +87,7 @@ def in_order_of_angle(points):
 
 
 def clean_ring(points):
-    """The area inside one closed outline, whatever its direction and start; None if there is none."""
+    """Returns the area inside one closed outline, whatever its direction and start; None if there is none."""
     points = points[np.append(True, np.any(np.diff(points, axis=0) != 0, axis=1))]
     if len(points) > 1 and np.array_equal(points[0], points[-1]):
         points = points[:-1]
@@ -104,8 +104,8 @@ def clean_ring(points):
 
 
 def merge(areas):
-    """The area enclosed by all outlines of a slice, and whether they overlap: a much smaller outline inside another one is a hole;
-    all other overlaps are united."""
+    """Returns the area enclosed by all outlines of a slice, and whether they overlap: a much smaller outline inside another one is
+    a hole; all other overlaps are united."""
     outer, inner, overlap = [], [], False
     for area in sorted(areas, key=lambda a: -a.area):
         apart, near = ([p for p in outer if p.intersects(area) == meets] for meets in (False, True))
@@ -132,7 +132,7 @@ def large_enough(shape):
 
 
 def open_slices(roi, rings):
-    """A remark on outlines that are not closed; Unusable if there are too many."""
+    """Returns a remark on outlines that are not closed; raises Unusable if there are too many."""
     open_ = sorted(float(np.median(ring[:, 2])) for ring in getattr(rings, "left_open", []) if len(ring))
     if not open_:
         return []
@@ -144,7 +144,7 @@ def open_slices(roi, rings):
 
 
 def islands_left_out(z, rings):
-    """A remark on outlines of a slice that are left out beside others."""
+    """Returns a remark on outlines of a slice that are left out while others are used."""
     if not rings:
         return []
     places = ", ".join(f"({x:.0f}, {y:.0f})" for x, y in (ring.mean(axis=0) + 0.0 for ring in rings))
@@ -154,7 +154,7 @@ def islands_left_out(z, rings):
 
 
 def build_stack(roi, rings):
-    """`rings`: arrays of points (x, y, z), in any order of slices."""
+    """Builds an organ's stack; `rings`: arrays of points (x, y, z), in any order of slices."""
     flat = []
     for ring in rings:
         ring = np.asarray(ring, float).reshape(-1, 3)
@@ -195,8 +195,8 @@ def build_stack(roi, rings):
 
 
 def even_points(polygon, count):
-    """`count` points along the outer outline at equal distances, counter-clockwise, from the one with the greatest y
-    over the centroid."""
+    """Returns `count` points at equal distances along the outer outline, counter-clockwise, starting from the point
+    with the greatest y above the centroid."""
     ring = np.array(polygon.exterior.coords)[:-1]
     if not polygon.exterior.is_ccw:
         ring = ring[::-1]
@@ -211,7 +211,7 @@ def even_points(polygon, count):
 
 
 def smooth_outline(polygon, count, harmonics):
-    """The outline through its first Fourier descriptors, with the polygon's area."""
+    """Returns the outline given by its first Fourier descriptors, with the polygon's area."""
     points = even_points(polygon, 4 * count)
     spectrum = np.fft.fft(points[:, 0] + 1j * points[:, 1])
     frequency = np.fft.fftfreq(len(points), 1 / len(points))

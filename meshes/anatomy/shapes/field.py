@@ -9,23 +9,23 @@ from vtk.util.numpy_support import numpy_to_vtk
 from . import shells
 from .shells import configured, from_vtk, parts, pipe
 
-VOXELS = 48        # along the longest side of an organ
-PASS_BAND = 0.1    # of the smoothing filter, of 2: removes waves shorter than about six voxels
+VOXELS = 48        # number of voxels along the longest side of an organ
+PASS_BAND = 0.1    # pass band of the smoothing filter, at most 2: removes waves shorter than about six voxels
 
 
 @dataclasses.dataclass
 class Field:
-    low: np.ndarray      # (3,) first grid point
+    low: np.ndarray      # (3,) position of the first grid point
     step: float
     values: np.ndarray   # (z, y, x) signed distance, negative inside
 
     def points(self):
-        """(z y x, 3)"""
+        """Positions of the grid points, (z y x, 3)."""
         k, j, i = np.indices(self.values.shape)
         return self.low + self.step * np.stack([i, j, k], axis=-1).reshape(-1, 3)
 
     def holding(self, volume):
-        """Offset uniformly, by at most two steps, to this volume."""
+        """Returns the field offset uniformly, by at most two steps, so that it encloses this volume."""
         def held(level):
             return float(np.clip(0.5 - (self.values - level) / self.step, 0, 1).sum()) * self.step ** 3
         low, high = -2 * self.step, 2 * self.step
@@ -35,15 +35,15 @@ class Field:
         return Field(self.low, self.step, self.values - high)
 
     def apart_from(self, shell, gap):
-        """The same shape without the parts closer than `gap` to another shape's surface, on either side."""
-        reach = np.abs(self.values) < 4 * max(gap, self.step)   # further away this surface is irrelevant
+        """Returns the same shape without the parts closer than `gap` to another shape's surface, on either side."""
+        reach = np.abs(self.values) < 4 * max(gap, self.step)   # further away, this surface has no influence
         reach |= self.values < 0
         distance = np.full(self.values.size, np.inf)
         distance[reach.ravel()] = shells.distances(shell, self.points()[reach.ravel()])
         return Field(self.low, self.step, np.maximum(self.values, gap - np.abs(distance.reshape(self.values.shape))))
 
     def surfaces(self):
-        """Smooth closed surfaces where the field is zero."""
+        """Returns smooth closed surfaces where the field is zero."""
         if self.values.min() >= 0:
             return []
         image = vtk.vtkImageData()
@@ -59,14 +59,14 @@ class Field:
 
 
 def grid(low, high):
-    """Axes of a grid over a box and a margin; its step."""
+    """Returns the axes of a grid over a box and a margin, and its step."""
     step = (high - low).max() / VOXELS
     low, high = low - 2.5 * step, high + 2.5 * step
     return [np.arange(a, b + step, step) for a, b in zip(low, high)], step
 
 
 def distance_to_outline(outline, x, y):
-    """Signed distance at points of a slice."""
+    """Returns the signed distance at points of a slice."""
     nearest = np.full(x.shape, np.inf)
     for polygon in outline.geoms:
         for ring in (polygon.exterior, *polygon.interiors):

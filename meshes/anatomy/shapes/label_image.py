@@ -1,6 +1,7 @@
 """A label image of regions: drawn from their surfaces, without gaps and sheets that are too thin for the mesh, and divided into connected pieces.
 
-A region comes as parts, each with a surface. Parts may merge or break where the image is cleaned; `Pieces` tells which piece holds what of which part.
+A region comes as parts, each with a surface. Parts may merge or break where the image is cleaned; `Pieces` records how much of each part each piece
+contains.
 """
 import collections
 import dataclasses
@@ -12,16 +13,16 @@ from vtk.util.numpy_support import numpy_to_vtk, vtk_to_numpy
 from . import field, shells
 
 MOST_VOXELS = 4e6
-VOXELS_PER_EDGE = 6.0       # edge length of the surface triangles
-VOXELS_PER_RADIUS = 2.5     # of the thinnest part
-FLATNESS = 0.3              # of the thinnest part's radius: largest distance of a facet from its surface
+VOXELS_PER_EDGE = 6.0       # edge length of the surface triangles, in voxels
+VOXELS_PER_RADIUS = 2.5     # voxels in the radius of the thinnest part
+FLATNESS = 0.3              # largest distance of a facet from its surface, as a fraction of the thinnest part's radius
 CLOSE_VOXELS = 3.0          # smaller gaps between regions are closed, because the facets on both sides would cross
-CLEAR = 2.9                 # least number of voxels between pieces that do not touch
-REACH = 20                  # voxels around a piece that are searched for the next one
-MOST_THIN = 0.10            # of a region: if more than that is thin, it keeps its thin places
-LEAST_VOID = 2.0            # voxels: radius of the largest ball in a void that is not filled
+CLEAR = 2.9                 # smallest number of voxels between pieces that do not touch
+REACH = 20                  # voxels around a piece that are searched for the next piece
+MOST_THIN = 0.10            # fraction of a region: if more of it is thin, it keeps its thin places
+LEAST_VOID = 2.0            # voxels: radius of the largest ball in a void; larger voids are not filled
 FINE = 100                  # voxels along a surface that crosses itself
-OUTSIDE = -1                # in place of a region: the tissue around
+OUTSIDE = -1                # in place of a region: the tissue around all regions
 
 
 @dataclasses.dataclass
@@ -34,7 +35,7 @@ class Image:
     owners: np.ndarray   # (parts + 1,) label of each part's region, after a 0
 
     def sources_in(self, mask, label, window=...):
-        """Parts of the label's region in the voxels of a mask; 0 elsewhere."""
+        """Returns the parts of the label's region in the voxels of a mask; 0 elsewhere."""
         sources = self.sources[window]
         return np.where(mask & (self.owners[sources] == label), sources, 0)
 
@@ -44,9 +45,9 @@ class Image:
 
 @dataclasses.dataclass
 class Pieces:
-    """The connected parts of an image's labels, as they will be meshed."""
+    """The connected parts of an image's labels, in the form in which they will be meshed."""
     numbers: np.ndarray      # (z, y, x) uint16: 1 + the number of the piece; 0: none
-    regions: list            # of each piece: its region, or OUTSIDE for a void of the tissue around
+    regions: list            # for each piece its region, or OUTSIDE for a void of the tissue around
     held: dict               # (part, piece): number of the part's voxels in it
 
     def voxels(self):
@@ -54,7 +55,7 @@ class Pieces:
 
 
 def box_of(mask, margin):
-    """Slices of an array that hold a mask and so many voxels around it; None if it is empty."""
+    """Returns the slices of an array that contain a mask and this many voxels around it; None if the mask is empty."""
     found = []
     for axis in range(3):
         at = np.flatnonzero(mask.any(axis=tuple(a for a in range(3) if a != axis)))
@@ -72,14 +73,15 @@ def image_data(values):
 
 
 def pairs_in(first, second):
-    """The different pairs of two arrays of numbers from 0, in order, and how often each occurs. (np.unique of rows takes twenty times as long.)"""
+    """Returns the different pairs of two arrays of numbers from 0, in order, and how often each occurs. (np.unique of rows takes twenty times as
+    long.)"""
     width = int(second.max(initial=0)) + 1
     keys, often = np.unique(first.astype(np.int64) * width + second, return_counts=True)
     return np.column_stack([keys // width, keys % width]), often
 
 
 def distance_to(mask, step):
-    """Distance of each voxel to the nearest one of a mask."""
+    """Returns the distance of each voxel to the nearest one of a mask."""
     squared = vtk.vtkImageEuclideanDistance()
     squared.SetInputData(image_data(np.where(mask, 0, 1).astype(np.uint8)))
     squared.SetMaximumDistance(1e9)
@@ -88,7 +90,7 @@ def distance_to(mask, step):
 
 
 def connected_in(mask):
-    """Connected parts of a mask, numbered from 1, and their numbers of voxels, largest first. Voxels are connected by their faces."""
+    """Returns the connected parts of a mask, numbered from 1, and their numbers of voxels, largest first. Voxels are connected by their faces."""
     connectivity = vtk.vtkImageConnectivityFilter()
     connectivity.SetInputData(image_data(mask.astype(np.uint8)))
     connectivity.SetScalarRange(1, 1)
@@ -102,8 +104,8 @@ def connected_in(mask):
 # ---- drawing ---------------------------------------------------------------------------------------------------------------------------
 
 def drawn(shell, low, step, shape):
-    """Mask (z, y, x) of the voxels enclosed by a closed surface, and where in an image of this shape it lies; None if it is beside the image.
-    `step`: of the image, one for all axes or three."""
+    """Returns the mask (z, y, x) of the voxels enclosed by a closed surface, and its position in an image of this shape; None if it lies
+    outside the image. `step`: that of the image, one for all axes or three."""
     step = np.broadcast_to(step, 3)
     first = np.maximum(0, np.floor((shell.points.min(axis=0) - low) / step).astype(int) - 1)
     last = np.minimum(np.array(shape[::-1]) - 1, np.ceil((shell.points.max(axis=0) - low) / step).astype(int) + 1)
@@ -125,7 +127,7 @@ def drawn(shell, low, step, shape):
 
 
 def winding(shell, low, step, size):
-    """Winding number of a surface around each voxel of a grid (z, y, x): 0 is outside, even if parts overlap or are inverted."""
+    """Returns the winding number of a surface around each voxel of a grid (z, y, x): 0 is outside, even if parts overlap or are inverted."""
     points = (shell.points - low) / step + [1.23e-5, 2.34e-5, 0]    # so that no vertex lies on a column's line
     steps = np.zeros((size[0], size[1], size[2] + 1), np.int32)
     a, b, c = (points[shell.triangles[:, k]] for k in range(3))
@@ -144,7 +146,7 @@ def winding(shell, low, step, size):
 
 
 def all_inside(shell):
-    """Surfaces of everything enclosed by a surface that may cross itself."""
+    """Returns the surfaces of the whole interior of a surface that may cross itself."""
     step = float(np.ptp(shell.points, axis=0).max()) / FINE
     low = shell.points.min(axis=0) - 3 * step
     size = np.ceil((shell.points.max(axis=0) + 3 * step - low) / step).astype(int) + 1
@@ -155,19 +157,19 @@ def all_inside(shell):
 
 
 def thinness(found):
-    """Radius of a cylinder with the ratio of volume to surface of these surfaces together."""
+    """Returns the radius of a cylinder that has the same ratio of volume to surface as these surfaces together."""
     return 2 * sum(shell.volume() for shell in found) / sum(shell.area() for shell in found)
 
 
 def thinnest(regions):
-    """The thinness of the thinnest part."""
+    """Returns the thinness of the thinnest part."""
     return min(thinness([part]) for region in regions for part in region)
 
 
 def image_of(regions, edge, box=None, body=False):
-    """The regions (lists of parts' surfaces) drawn in their order of priority, the first on top; label k + 1 is region k. Nothing is drawn outside
-    of `box` (low, high). `body`: the last region is much larger than that. Returned with the share of each part that is lost to other regions and to
-    the box (as number OUTSIDE): {(part, winner): share}; parts are numbered over all regions."""
+    """Draws the regions (lists of parts' surfaces) in their order of priority, the first on top; label k + 1 is region k. Nothing is drawn outside
+    `box` (low, high). `body`: the last region is much larger than the box. Also returns the fraction of each part that is lost to other regions and
+    to the box (as number OUTSIDE): {(part, winner): share}; parts are numbered over all regions."""
     thin = thinnest(regions[:-1] if body and len(regions) > 1 else regions)
     points = np.vstack([shell.points for region in regions for shell in region])
     if body:
@@ -207,8 +209,8 @@ def image_of(regions, edge, box=None, body=False):
 # ---- cleaning -------------------------------------------------------------------------------------------------------------------------------
 
 def close_gaps(image, count, gap):
-    """Fills gaps narrower than `gap` between two regions with the nearer region: the voxels added by a closing of both together (dilation,
-    then erosion by half the gap), so that nothing grows outward where they meet."""
+    """Fills gaps narrower than `gap` between two regions with the nearer region: it adds the voxels of a closing of both together
+    (dilation, then erosion by half the gap), so that the regions do not grow outward where they meet."""
     if count < 2:
         return
     nearest = [np.full(image.labels.shape, np.inf, np.float32) for _ in range(2)]
@@ -230,7 +232,8 @@ def close_gaps(image, count, gap):
 
 
 def splinters(numbers, sources):
-    """Mask (n + 1,) of the connected pieces (numbered from 1) that hold less than SPLINTER of each of their sources: see Image; 0 is none."""
+    """Returns the mask (n + 1,) of the connected pieces (numbered from 1) that contain less than SPLINTER of each of their sources: see Image; 0 is
+    none."""
     count = numbers.max(initial=0) + 1
     pairs, held = pairs_in(numbers[numbers > 0], sources[numbers > 0])
     pairs, held = pairs[pairs[:, 1] > 0], held[pairs[:, 1] > 0]
@@ -287,7 +290,7 @@ def drop_thin(image, count, radius):
 
 
 def walls(image, left):
-    """Mask of those of these voxels without which voids of the tissue around would become one: connected ones that touch several."""
+    """Returns the mask of those of these voxels without which voids of the tissue around would merge: connected voxels that touch several voids."""
     voids, sizes = connected_in(image.labels == 0)
     if len(sizes) < 2 or not left.any():
         return np.zeros(left.shape, bool)
@@ -305,7 +308,7 @@ def walls(image, left):
 
 
 def holding(image, labels, mask, opened, sources, radius):
-    """Thin places in parts of a region that an opening would break or remove, except those beside other regions."""
+    """Returns the thin places in parts of a region that an opening would break or remove, except those beside other regions."""
     whole, _ = connected_in(mask)
     numbers, _ = connected_in(opened)
     large = ~splinters(numbers, sources)
@@ -322,7 +325,7 @@ def holding(image, labels, mask, opened, sources, radius):
 
 
 def surrounded(numbers, number):
-    """Section of an image of numbered clusters: this one and REACH voxels around it."""
+    """Returns the section of an image of numbered clusters with this one and REACH voxels around it."""
     return numbers[box_of(numbers == number, REACH)]
 
 
@@ -343,7 +346,7 @@ def separate(image):
 
 
 def pieces_of(image, count):
-    """The image's connected pieces; splinters are reassigned first."""
+    """Returns the image's connected pieces; splinters are reassigned first."""
     left = np.zeros(image.labels.shape, bool)
     for label in range(1, count + 1):
         mask = image.labels == label
@@ -362,13 +365,13 @@ def pieces_of(image, count):
         found[window] += np.where(numbers > 0, numbers + len(regions), 0).astype(np.uint16)
         regions += [label - 1] * len(sizes)
     add_voids(found, regions)
-    both = (found > 0) & (image.sources > 0) & (image.owners[image.sources] == image.labels)      # a void holds no part
+    both = (found > 0) & (image.sources > 0) & (image.owners[image.sources] == image.labels)      # a void contains no part
     pairs, held = pairs_in(image.sources[both], found[both])
     return Pieces(found, regions, {(int(part) - 1, int(piece) - 1): int(n) for (part, piece), n in zip(pairs, held)})
 
 
 def add_voids(numbers, regions):
-    """Numbers the voids that pieces enclose as pieces of no region; small ones go to what is around them."""
+    """Numbers the voids that pieces enclose as pieces of no region; small voids become part of the piece around them."""
     voids, sizes = connected_in(numbers == 0)
     outer = voids[0, 0, 0]
     for void in range(1, len(sizes) + 1):
@@ -386,8 +389,8 @@ def add_voids(numbers, regions):
 
 
 def image_for(regions, edge, box=None, body=False):
-    """Image of regions (lists of parts' surfaces, in order of priority), without gaps and sheets that are too thin for triangles of
-    about this edge, its pieces, and the shares of the parts that are lost: see image_of."""
+    """Returns the image of regions (lists of parts' surfaces, in order of priority), without gaps and sheets that are too thin for
+    triangles of about this edge; its pieces; and the fractions of the parts that are lost: see image_of."""
     image, lost = image_of(regions, edge, box, body)
     thin = FLATNESS * thinnest(regions[:-1] if body and len(regions) > 1 else regions)
     drop_thin(image, len(regions), thin)

@@ -1,6 +1,6 @@
 """Regions that touch or contain each other, as one complex of surfaces: the boundary between two regions is one shared surface.
 
-The regions come as a label image (label_image.py). CGAL extracts the surfaces between its pieces, one cluster of them (clusters.py) after the other, and a
+The input is a label image of the regions (label_image.py). CGAL extracts the surfaces between its pieces, one cluster (clusters.py) after the other; a
 correction then moves the shared points so that each piece has its volume again.
 """
 import collections
@@ -14,24 +14,24 @@ from .clusters import AROUND
 from .label_image import FLATNESS, OUTSIDE, box_of, distance_to, thinness
 from .shells import Shell, connected
 
-FLATNESS_OF_EDGE = 0.1      # of the edge of a triangle: lower bound of a facet's distance from its surface
+FLATNESS_OF_EDGE = 0.1      # fraction of a triangle's edge: lower bound of a facet's distance from its surface
 THIN = 1.5                  # radii: size of the tetrahedra in a piece thinner than the edge of a triangle
-GRAIN = 0.75                # of the radius of the largest ball in a piece: largest size of the tetrahedra in it
-SLOPE = 0.5                 # of the distance from a piece that was missed: how fast tetrahedra grow around it
-PER_SIZE = 1.3              # edge of a triangle, of the size of small tetrahedra beside it
-EQUILATERAL = 0.866         # of the square of its edge: area of the surface for each node of equilateral triangles
-MM = 1e3                    # the file for CGAL has six decimals
-SMALL = 0.8                 # of the edge of a triangle: smaller tetrahedra get a layer of this size around them
-REFINEMENTS = 6             # attempts at thin pieces
-MARGIN = 0.5                # of the edge of a triangle: from the pieces to the border of their section
-JOININGS = 3                # attempts at clusters whose surfaces cross
-FINER = 0.85                # ratio of their sizes between attempts
-MOST_MISSING = 0.01         # of a piece's surface
-MOST_PLACES = 4000          # of a piece's surface that are checked for this
-FACET_ANGLE = 25.0          # deg: CGAL's surface refinement ends for up to 30
-CIRCUMRADIUS = 0.6          # of the edge of a triangle: equilateral ones have 0.577
-CORRECTIONS = 8             # Newton steps towards the volumes; three are enough as a rule
-UNFOLDINGS = 6              # attempts at volumes without crossing surfaces
+GRAIN = 0.75                # fraction of the radius of the largest ball in a piece: largest size of the tetrahedra in the piece
+SLOPE = 0.5                 # size per distance from a piece that was missed: how fast tetrahedra grow around it
+PER_SIZE = 1.3              # edge of a triangle, in sizes of the small tetrahedra beside it
+EQUILATERAL = 0.866         # of the squared edge: area of the surface per node of equilateral triangles
+MM = 1e3                    # scale, because the file for CGAL has six decimals
+SMALL = 0.8                 # fraction of a triangle's edge: smaller tetrahedra get a layer of this size around them
+REFINEMENTS = 6             # attempts for thin pieces
+MARGIN = 0.5                # fraction of a triangle's edge: distance from the pieces to the border of their section
+JOININGS = 3                # attempts for clusters whose surfaces cross
+FINER = 0.85                # ratio of the sizes of successive attempts
+MOST_MISSING = 0.01         # largest fraction of a piece's surface that may be missing
+MOST_PLACES = 4000          # number of points of a piece's surface that are checked for this
+FACET_ANGLE = 25.0          # deg; CGAL's surface refinement terminates for up to 30
+CIRCUMRADIUS = 0.6          # fraction of a triangle's edge; 0.577 for equilateral triangles
+CORRECTIONS = 8             # Newton steps towards the volumes; three usually suffice
+UNFOLDINGS = 6              # attempts to restore volumes without crossing surfaces
 
 
 @dataclasses.dataclass
@@ -39,15 +39,15 @@ class Complex:
     """Triangles between cells; a cell is a connected part of a piece, or a void enclosed by pieces."""
     points: np.ndarray       # (n, 3)
     triangles: np.ndarray    # (m, 3), normals from the first to the second cell
-    sides: np.ndarray        # (m, 2) the cells on either side: index into `cells`, or OUTSIDE
+    sides: np.ndarray        # (m, 2) cells on either side: index into `cells`, or OUTSIDE
     cells: list              # number of each cell's piece, or OUTSIDE for a void
 
     def among(self, pieces):
-        """Mask of the cells that belong to these pieces, with a last element for OUTSIDE."""
+        """Returns the mask of the cells that belong to these pieces, with a last element for OUTSIDE."""
         return np.append(np.isin(self.cells, list(pieces)) & (np.array(self.cells) != OUTSIDE), False)
 
     def volume_gradient(self, pieces):
-        """Volume of all cells of these pieces, and its derivative with respect to the points."""
+        """Returns the volume of all cells of these pieces, and its derivative with respect to the points."""
         gradient, volume = np.zeros_like(self.points), 0.0
         mine = self.among(pieces)
         sign = mine[self.sides[:, 0]].astype(float) - mine[self.sides[:, 1]]
@@ -68,7 +68,7 @@ class Complex:
         return np.linalg.norm(np.cross(b - a, c - a), axis=1) / 2
 
     def surface(self, pieces):
-        """The triangles around all cells of these pieces, normals outward."""
+        """Returns the triangles around all cells of these pieces, with normals outward."""
         mine = self.among(pieces)
         first, second = mine[self.sides[:, 0]], mine[self.sides[:, 1]]
         return Shell(self.points, np.vstack([self.triangles[first & ~second], self.triangles[second & ~first][:, ::-1]]))
@@ -79,7 +79,7 @@ class Section:
     """A cluster's part of the image."""
     low: np.ndarray          # (3,) middle of the first voxel
     step: float
-    numbers: np.ndarray      # (z, y, x): 1 + the number of one of `pieces` in this list, 0: around
+    numbers: np.ndarray      # (z, y, x): 1 + the index of a piece in `pieces`, 0 around them
     pieces: list             # of the image
     radii: list              # their thinness, m
     balls: list              # radii of the largest balls in them, m
@@ -87,14 +87,14 @@ class Section:
 
 @dataclasses.dataclass
 class Sizes:
-    """Bounds of the radii of the spheres around CGAL's tetrahedra, m."""
+    """Limits of the circumradii of CGAL's tetrahedra, m."""
     edge: float              # everywhere
     within: list             # in each piece
     seeded: set              # pieces around which tetrahedra grow with the distance, in all other pieces
 
 
 def cgal_labels(section, sizes):
-    """An image of labels from 1 for CGAL, without 0; for each label its piece (OUTSIDE: around), and the size of the tetrahedra in it."""
+    """Returns an image of labels from 1 for CGAL, without 0; for each label its piece (OUTSIDE: around), and the size of the tetrahedra in it."""
     numbers, edge, step = section.numbers.astype(np.int64), sizes.edge, section.step
     bound = np.full(numbers.shape, edge, np.float32)
     layer = np.zeros(numbers.shape, np.int64)
@@ -119,17 +119,18 @@ def cgal_labels(section, sizes):
 
 
 def meshed(section, flatness, sizes):
-    """CGAL's tetrahedra in a section: points, tetrahedra, and 1 + the number of the piece of each, or 0. Only the surfaces between pieces are used."""
+    """Returns CGAL's tetrahedra in a section: points, tetrahedra, and for each 1 + the number of its piece, or 0. Only the surfaces between pieces
+    are used."""
     labels, held, radii = cgal_labels(section, sizes)
     labels = np.pad(labels[1:-1, 1:-1, 1:-1], 1)      # CGAL needs an empty border
     step = MM * section.step
     made = pygalmesh.generate_from_array(
-        np.ascontiguousarray(labels.transpose(2, 1, 0)), (step,) * 3, perturb=False, exude=False,    # these depend on the clock
+        np.ascontiguousarray(labels.transpose(2, 1, 0)), (step,) * 3, perturb=False, exude=False,    # perturb and exude depend on the clock
         min_facet_angle=FACET_ANGLE, max_radius_surface_delaunay_ball=MM * CIRCUMRADIUS * sizes.edge, max_facet_distance=MM * flatness,
         max_cell_circumradius={"default": MM * sizes.edge, **{label: MM * float(radius) for label, radius in enumerate(radii, 1)}}, verbose=False, seed=1)
     points, tets, numbers = np.asarray(made.points, float), made.cells_dict["tetra"], made.cell_data_dict["medit:ref"]["tetra"]
     middles = np.rint(centres_of(points[tets]) / step).astype(int)
-    i, j, k = np.clip(middles, 0, np.array(labels.shape[::-1]) - 1).T    # a few may lie beyond a small image
+    i, j, k = np.clip(middles, 0, np.array(labels.shape[::-1]) - 1).T    # a few may lie outside a small image
     label, found = labels[k, j, i], np.zeros(len(tets), int)
     for number in np.unique(numbers):    # CGAL renumbers the labels
         mine = numbers == number
@@ -140,7 +141,7 @@ def meshed(section, flatness, sizes):
 
 
 def centres_of(corners):
-    """Centres of the spheres around tetrahedra (n, 4, 3); of a flat one its middle."""
+    """Returns the circumcentres of tetrahedra (n, 4, 3); for a flat one its middle."""
     edges = corners[:, 1:] - corners[:, :1]
     flat = np.abs(np.linalg.det(edges)) < 1e-9 * np.linalg.norm(edges, axis=2).prod(axis=1)
     edges[flat] = np.eye(3)
@@ -150,7 +151,7 @@ def centres_of(corners):
 
 
 def neighbours(tets):
-    """All faces, and the tetrahedra on both sides of each, or OUTSIDE."""
+    """Returns all faces, and the tetrahedra on both sides of each, or OUTSIDE."""
     faces = np.sort(np.concatenate([tets[:, sorted({0, 1, 2, 3} - {k})] for k in range(4)]), axis=1)
     owner = np.tile(np.arange(len(tets)), 4)
     order = np.lexsort(faces.T)
@@ -163,8 +164,8 @@ def neighbours(tets):
 
 
 def without_splinters(points, tets, labels):
-    """Labels of the tetrahedra; cells smaller than SPLINTER of their region's largest get the label that surrounds most of their surface;
-    0 is none."""
+    """Returns the labels of the tetrahedra. Cells smaller than SPLINTER of their region's largest cell get the label that surrounds most
+    of their surface; 0 is none."""
     corners, left, right = neighbours(tets)
     a, b, c = (points[corners[:, k]] for k in range(3))
     area = np.linalg.norm(np.cross(b - a, c - a), axis=1)
@@ -189,7 +190,7 @@ def without_splinters(points, tets, labels):
 
 
 def complex_of(points, tets, labels):
-    """The surfaces of labels, cells numbered by connected parts."""
+    """Returns the surfaces of labels, with cells numbered by connected parts."""
     labels = without_splinters(points, tets, labels)
     tets, labels = tets[labels > 0], labels[labels > 0]
     if not len(tets):
@@ -208,7 +209,7 @@ def complex_of(points, tets, labels):
 
 
 def with_voids(found):
-    """The same with a cell for each void enclosed by regions, which may touch the outer surface at a point."""
+    """Returns the same complex with a cell for each void enclosed by regions; a void may touch the outer surface at a point."""
     open_ = np.flatnonzero(found.sides[:, 1] == OUTSIDE)
     corners = found.triangles[open_]
     edges = np.sort(np.concatenate([corners[:, pair] for pair in ((0, 1), (1, 2), (2, 0))]), axis=1)
@@ -225,8 +226,8 @@ def with_voids(found):
 
 
 def corrected(made, volumes):
-    """Moves the points as little as possible to give groups of pieces these volumes: [(pieces, volume)]. Where that makes surfaces cross, as in a narrow
-    channel, the points stay, and the others are moved more."""
+    """Moves the points as little as possible to give groups of pieces these volumes: [(pieces, volume)]. Where that would make surfaces cross, as in a
+    narrow channel, the points stay, and the others are moved more."""
     if not volumes:
         return made
     free = np.ones(len(made.points))
@@ -244,7 +245,7 @@ def corrected(made, volumes):
 
 
 def with_volumes(made, volumes, free):
-    """`free`: weight (n,) of each point, 0: it stays."""
+    """`free`: weight (n,) of each point; a point with weight 0 stays."""
     wanted = np.array([volume for _, volume in volumes])
     weight = np.zeros(len(made.points))
     for k in range(3):
@@ -262,7 +263,7 @@ def with_volumes(made, volumes, free):
 
 
 def missing(section, piece, found, tolerance):
-    """Share of a piece's boundary that is further than `tolerance` from its extracted surface."""
+    """Returns the fraction of a piece's boundary that is further than `tolerance` from its extracted surface."""
     if piece not in found.cells:
         return 1.0
     mine = section.numbers == piece + 1
@@ -277,12 +278,13 @@ def missing(section, piece, found, tolerance):
 
 
 def section_of(image, numbers, cluster, edge, radii, balls):
-    """A cluster's section: what hangs on its outside is outside, and what hangs on another of its pieces belongs to that. `radii`, `balls`: of all pieces."""
+    """Returns a cluster's section: anything attached to its outside counts as outside, and anything attached to one of its pieces belongs to that
+    piece. `radii`, `balls`: of all pieces."""
     place = np.zeros(int(numbers.max()) + 1, np.uint16)
     for number, stands in cluster.stands.items():
         place[number] = 0 if stands == cluster.outer else 1 + cluster.inner.index(stands)
     mine = place[numbers]
-    margin = int(np.ceil(MARGIN * edge / image.step)) + 2      # otherwise triangles have corners on the section's border
+    margin = int(np.ceil(MARGIN * edge / image.step)) + 2      # otherwise triangles would have corners on the section's border
     tight = box_of(mine > 0, 0)
     pieces = [number - 1 for number in cluster.inner]
     low = image.low + image.step * (np.array([each.start for each in tight])[::-1] - margin)
@@ -290,12 +292,12 @@ def section_of(image, numbers, cluster, edge, radii, balls):
 
 
 def size_in(radius, ball, edge):
-    """Size of the tetrahedra in a piece of this thinness, of which the largest ball has this radius."""
+    """Returns the size of the tetrahedra in a piece of this thinness, whose largest ball has this radius."""
     return min(THIN * radius if radius < edge / 2 else radius, GRAIN * ball if ball < edge else edge, edge)
 
 
 def nodes_of_thin(pieces, shells_of_parts, step, edge):
-    """About how many nodes the surface of each piece needs in which tetrahedra must be smaller than the edge of a triangle; 0 for others."""
+    """Returns about how many nodes the surface of each piece needs if its tetrahedra must be smaller than a triangle's edge; 0 for other pieces."""
     balls = largest_balls(pieces, step)
     radii = thinness_of(pieces, shells_of_parts, balls)
     volumes = pieces.voxels() * step ** 3
@@ -304,7 +306,7 @@ def nodes_of_thin(pieces, shells_of_parts, step, edge):
 
 
 def surfaces_in(section, edge, flatness):
-    """The complex of a section's pieces, and the missing share of each one's surface. CGAL follows a surface from the first
+    """Returns the complex of a section's pieces, and the missing fraction of each piece's surface. CGAL follows a surface from the first
     points found on it, and misses places that are thinner than its elements; elements in and around such pieces are made smaller until nothing
     is missing."""
     sizes = Sizes(edge, [size_in(radius, ball, edge) for radius, ball in zip(section.radii, section.balls)], set())
@@ -323,7 +325,7 @@ def surfaces_in(section, edge, flatness):
 
 
 def largest_balls(pieces, step):
-    """Radius of the largest ball in each piece, m."""
+    """Returns the radius of the largest ball in each piece, m."""
     found = []
     for piece in range(len(pieces.regions)):
         mask = pieces.numbers == piece + 1
@@ -332,7 +334,7 @@ def largest_balls(pieces, step):
 
 
 def thinness_of(pieces, shells_of_parts, balls):
-    """The thinness of each piece, by the surfaces of the parts that it holds; of a void its largest ball."""
+    """Returns the thinness of each piece, computed from the surfaces of the parts that it contains; for a void, its largest ball."""
     held = collections.defaultdict(list)
     for part, piece in pieces.held:
         held[piece].append(shells_of_parts[part])
@@ -340,7 +342,7 @@ def thinness_of(pieces, shells_of_parts, balls):
 
 
 def surfaces_of_clusters(image, pieces, edge, radii, balls):
-    """The complex of all pieces, and the missing share of each one's surface. Clusters whose surfaces cross are extracted together."""
+    """Returns the complex of all pieces, and the missing fraction of each piece's surface. Clusters whose surfaces cross are extracted together."""
     graph = clusters.neighbours_in(pieces.numbers)
     every, flatness, made = clusters.clusters_of(graph), max(FLATNESS * min(radii), FLATNESS_OF_EDGE * edge), {}
     for _ in range(JOININGS):
@@ -359,7 +361,8 @@ def surfaces_of_clusters(image, pieces, edge, radii, balls):
 
 
 def glued(every, made, count):
-    """One complex of the clusters' ones, with the pieces of all; the missing share of each piece's surface; and the cluster of each point."""
+    """Merges the clusters' complexes into one complex with the pieces of all; also returns the missing fraction of each piece's surface, and the
+    cluster of each point."""
     points, triangles, sides, cells, missed, owner = [np.zeros((0, 3))], [np.zeros((0, 3), int)], [np.zeros((0, 2), int)], [], [1.0] * count, []
     total = 0
     for k, (cluster, (found, lost, pieces)) in enumerate(zip(every, made)):
@@ -367,7 +370,7 @@ def glued(every, made, count):
             missed[piece] = share
         outer = outer_cell(cluster, found, cells, points, triangles, sides)
         first = len(cells)
-        cells += [pieces[piece] if piece != OUTSIDE else cluster.outer - 1 for piece in found.cells]       # a void is part of what is around
+        cells += [pieces[piece] if piece != OUTSIDE else cluster.outer - 1 for piece in found.cells]       # a void is part of the piece around it
         sides.append(np.where(found.sides == OUTSIDE, outer, found.sides + first))
         triangles.append(found.triangles + total)
         points.append(found.points)
@@ -377,7 +380,7 @@ def glued(every, made, count):
 
 
 def outer_cell(cluster, found, cells, points, triangles, sides):
-    """The cell around a cluster: of those of the piece around it the one that holds its points."""
+    """Returns the cell around a cluster: the cell of the surrounding piece that contains the cluster's points."""
     around = [k for k, piece in enumerate(cells) if piece == cluster.outer - 1] if cluster.outer != AROUND else []
     if len(around) < 2 or not len(found.points):
         return around[0] if around else OUTSIDE
@@ -387,7 +390,7 @@ def outer_cell(cluster, found, cells, points, triangles, sides):
 
 
 def groups_of(pieces):
-    """Sets of parts and pieces that belong together, as a list of (parts, pieces): a part may break, and parts may merge."""
+    """Returns the sets of parts and pieces that belong together, as a list of (parts, pieces): a part may break, and parts may merge."""
     groups = []
     for part, piece in pieces.held:
         mine = [group for group in groups if part in group[0] or piece in group[1]]
@@ -397,8 +400,8 @@ def groups_of(pieces):
 
 
 def wanted_volumes(pieces, found, volumes, lost, step):
-    """[([piece], volume)]: what the pieces that were found must hold. `volumes`: of the parts, None: not to be restored; voids must hold their voxels, of size `step`;
-    `lost`: see image_of."""
+    """Returns [([piece], volume)]: the volumes that the extracted pieces must have. `volumes`: of the parts, None: not restored; voids must have the volume
+    of their voxels, of size `step`; `lost`: see image_of."""
     voxels = pieces.voxels()
     wanted = [([piece], voxels[piece] * step ** 3) for piece, region in enumerate(pieces.regions) if region == OUTSIDE and piece in found.cells]
     for parts, members in groups_of(pieces):
@@ -411,8 +414,9 @@ def wanted_volumes(pieces, found, volumes, lost, step):
 
 
 def shared_surfaces(image, pieces, lost, regions, volumes, edge):
-    """Complex of the pieces of regions (lists of parts' surfaces), with triangles of about this edge, and the missing share of each piece's surface.
-    `image`, `pieces`, `lost`: from image_for. `volumes`: of the parts, over all regions; None: it is not restored, as for bones only the surface matters."""
+    """Returns the complex of the pieces of regions (lists of parts' surfaces), with triangles of about this edge, and the missing fraction of each piece's
+    surface. `image`, `pieces`, `lost`: from image_for. `volumes`: of the parts, over all regions; None: the volume is not restored, because only the surface
+    of bones matters."""
     balls = largest_balls(pieces, image.step)
     radii = thinness_of(pieces, [shell for region in regions for shell in region], balls)
     found, missed = surfaces_of_clusters(image, pieces, edge, radii, balls)

@@ -6,11 +6,11 @@ from .. import limits, session
 from . import contours
 from .shells import Shell, oriented
 
-POINTS, HARMONICS = 24, 6     # of an outline's spline; higher harmonics are tremor
+POINTS, HARMONICS = 24, 6     # number of points and harmonics of an outline's spline; higher harmonics are tremor
 QUARTERS = 4                  # splines per section: a face that closes on itself is hard to mesh
-END = 0.8                     # size of the section half a thickness beyond the last slice, where the organ ends
-ERROR = 0.05                  # of the volume: a loft with a larger error has folded
-FINE = 1 / 24                 # triangle's edge, of the organ's longest side
+END = 0.8                     # relative size of the section half a thickness beyond the last slice, where the organ ends
+ERROR = 0.05                  # fraction of the volume: a loft with a larger error has folded
+FINE = 1 / 24                 # edge of a triangle, relative to the organ's longest side
 
 
 def wire(points, z):
@@ -22,7 +22,7 @@ def wire(points, z):
 
 
 def sections(stack):
-    """(points, z) from bottom to top."""
+    """Returns (points, z) from bottom to top."""
     outlines = [(contours.smooth_outline(s.outline.geoms[0], POINTS, HARMONICS), s.z) for s in stack.slices]
 
     def end(outline, z):
@@ -49,7 +49,7 @@ def triangulate(stack):
 
 
 def mesh_shell():
-    """The triangles of Gmsh's current model."""
+    """Returns the triangles of Gmsh's current model."""
     tags, flat, _ = gmsh.model.mesh.getNodes()
     at = np.zeros(int(tags.max()) + 1, int)
     at[tags] = np.arange(len(tags))
@@ -59,21 +59,21 @@ def mesh_shell():
 
 
 def of_stack(stack):
-    """The closed surface, or None if outlines branch or the loft folds: see `field`."""
+    """Returns the closed surface, or None if outlines branch or the loft folds: see `field`."""
     if not stack.is_tube():
         return None
     try:
         shell = limits.run(f"loft of {stack.name}", lofted, stack)
     except limits.TooLong:      # the result must not depend on the machine's speed
         raise
-    except Exception:  # Gmsh raises no other class
+    except Exception:  # Gmsh raises no more specific class
         return None
     sound = is_closed(shell) and abs(shell.volume() / stack.volume() - 1) < ERROR
     return shell if sound else None
 
 
 def lofted(stack):
-    """Runs in a separate process."""
+    """Makes the loft; runs in a separate process."""
     session.start()
     gmsh.model.add("loft")
     return triangulate(stack)

@@ -7,8 +7,8 @@ from vtk.util.numpy_support import numpy_to_vtk, numpy_to_vtkIdTypeArray, vtk_to
 
 vtk.vtkSMPTools.SetBackend("Sequential")   # threads do not survive in the processes of `limits`
 
-OFFSETS = 4       # steps toward a volume
-SPLINTER = 0.01   # of the largest part's volume: smaller parts are dropped
+OFFSETS = 4       # number of steps toward a volume
+SPLINTER = 0.01   # fraction of the largest part's volume: smaller parts are dropped
 
 
 @dataclasses.dataclass
@@ -24,26 +24,26 @@ class Shell:
         return float(np.linalg.norm(self._normals(), axis=1).sum())
 
     def cones(self, apex):
-        """Signed volume of the cones from a point to the triangles."""
+        """Returns the signed volume of the cones from a point to the triangles."""
         return float(np.einsum("ij,ij->", self._normals(), self.points[self.triangles[:, 0]] - apex)) / 3
 
     def signed_volume(self):
-        """Negative where the normals point inward."""
+        """The volume, negative if the normals point inward."""
         return self.cones(self.points[0])
 
     def about_middle(self):
-        """Volume of the cones from the mean of its points to the triangles; for an open surface the cones of its holes are missing."""
+        """The volume of the cones from the mean of the points to the triangles; for an open surface, the cones of its holes are missing."""
         return abs(self.cones(self.points.mean(axis=0)))
 
     def volume(self):
         return abs(self.signed_volume())
 
     def facing_outward(self):
-        """The same, if need be with all triangles turned over."""
+        """Returns the same surface with normals outward: if necessary, all triangles are reversed."""
         return self if self.signed_volume() > 0 else Shell(self.points, self.triangles[:, ::-1])
 
     def holding(self, volume):
-        """The same with all points moved along their normals by one distance, so that it holds this volume."""
+        """Returns the same surface with all points moved along their normals by one distance, so that it encloses this volume."""
         points = self.points
         for _ in range(OFFSETS):
             moved = Shell(points, self.triangles)
@@ -61,11 +61,11 @@ class Shell:
         return (self.points.min(axis=0) + self.points.max(axis=0)) / 2
 
     def edges(self):
-        """(k, 2), each once."""
+        """Returns the edges (k, 2), each once."""
         return np.unique(np.sort(np.concatenate([self.triangles[:, pair] for pair in ((0, 1), (1, 2), (2, 0))]), axis=1), axis=0)
 
     def scaled(self, factor):
-        """About its centre."""
+        """Returns the surface scaled about its centre."""
         return Shell(self.centre() + factor * (self.points - self.centre()), self.triangles)
 
 
@@ -76,7 +76,7 @@ def configured(filter_, **settings):
 
 
 def pipe(source, *filters):
-    """Output of a chain of VTK filters."""
+    """Returns the output of a chain of VTK filters."""
     for each in filters:
         each.SetInputData(source)
         each.Update()
@@ -99,7 +99,7 @@ def from_vtk(surface):
 
 
 def all_parts(shell):
-    """The connected parts, largest first."""
+    """Returns the connected parts, largest first."""
     pick = configured(vtk.vtkPolyDataConnectivityFilter(), ExtractionMode=vtk.VTK_EXTRACT_SPECIFIED_REGIONS)
     source = to_vtk(shell)
     pick.SetInputData(source)
@@ -114,13 +114,13 @@ def all_parts(shell):
 
 
 def parts(shell):
-    """The surface without splinters."""
+    """Returns the surface without splinters."""
     found = all_parts(shell)
     return [part for part in found if part.volume() > SPLINTER * found[0].volume()]
 
 
 def outermost(found):
-    """The closed surfaces that do not lie within a larger one, such as those of cavities."""
+    """Returns the closed surfaces that do not lie within a larger one, as those of cavities do."""
     ordered, kept = sorted((part for shell in found for part in all_parts(shell)), key=lambda part: -part.volume()), []
     for part in ordered:
         if part.volume() > SPLINTER * ordered[0].volume() and not any(distances(other, part.points[:1])[0] < 0 for other in kept):
@@ -129,14 +129,15 @@ def outermost(found):
 
 
 def solids(found):
-    """Connected surfaces with normals outward -> one surface for each solid: its outer surface, and those of its cavities with normals into them."""
+    """Makes one surface for each solid from connected surfaces with normals outward: its outer surface, and those of its cavities, with normals into
+    them."""
     ordered, around = sorted(found, key=lambda part: -part.volume()), []
     for n, part in enumerate(ordered):
         around.append([k for k in range(n) if is_within(part, ordered[k])])
     made = {n: [part] for n, part in enumerate(ordered) if len(around[n]) % 2 == 0}
     for n, part in enumerate(ordered):
         if len(around[n]) % 2:
-            made[around[n][-1]].append(Shell(part.points, part.triangles[:, ::-1]))     # the smallest around it
+            made[around[n][-1]].append(Shell(part.points, part.triangles[:, ::-1]))     # added to the smallest solid around it
     return [joined(parts_) for parts_ in made.values()]
 
 
@@ -152,21 +153,21 @@ def joined(found):
 
 
 def oriented(shell):
-    """A connected surface with all normals outward, whatever the order of each triangle's corners. Triangles that agree are left as they are: where four meet at an edge, as
-    around a label's voxels that share one, only their order tells which two belong together."""
+    """Returns a connected surface with all normals outward, whatever the order of each triangle's corners. Triangles with consistent order are not changed:
+    where four meet at an edge, as around a label's voxels that share an edge, only their order shows which two belong together."""
     made = shell if triangles_agree(shell) else sheets_turned(shell)
     return made if made.signed_volume() > 0 else Shell(made.points, made.triangles[:, ::-1])
 
 
 def triangles_agree(shell):
-    """Whether each edge is run through as often in one direction as in the other."""
+    """True if each edge is traversed as often in one direction as in the other."""
     ends = np.concatenate([shell.triangles[:, pair] for pair in ((0, 1), (1, 2), (2, 0))])
     _, edge = np.unique(np.sort(ends, axis=1) @ [len(shell.points), 1], return_inverse=True)
     return not np.any(np.bincount(edge.reshape(-1), np.where(ends[:, 0] < ends[:, 1], 1, -1)))
 
 
 def sheets_turned(shell):
-    """The same with the triangles of each sheet in one order, and each sheet's normals outward."""
+    """Returns the same surface with the triangles of each sheet in one order, and each sheet's normals outward."""
     normals = configured(vtk.vtkPolyDataNormals(), Consistency=True, NonManifoldTraversal=False, Splitting=False, ComputePointNormals=False,
                          ComputeCellNormals=True)     # without either kind of normals VTK returns its input
     alike = from_vtk(pipe(to_vtk(shell), normals))
@@ -178,7 +179,7 @@ def sheets_turned(shell):
 
 
 def decimated(shell, triangles):
-    """Decimated to about this many triangles at most, with the same volume."""
+    """Returns the surface decimated to about this many triangles at most, with the same volume."""
     if len(shell.triangles) <= triangles:
         return shell
     return from_vtk(pipe(to_vtk(shell), configured(vtk.vtkQuadricDecimation(), TargetReduction=1 - triangles / len(shell.triangles),
@@ -186,7 +187,7 @@ def decimated(shell, triangles):
 
 
 def mended(surface):
-    """Cleans a surface from a file: points merged, holes filled, normals away from the solid, triangles only. Returns it with remarks."""
+    """Cleans a surface from a file: merges points, fills holes, turns normals outward, keeps triangles only. Returns it with remarks."""
     holes = configured(vtk.vtkFillHolesFilter(), HoleSize=0.2 * surface.GetLength())
     triangles = configured(vtk.vtkTriangleFilter(), PassLines=False, PassVerts=False)
     merged = pipe(surface, triangles, configured(vtk.vtkCleanPolyData(), Tolerance=1e-5))
@@ -209,7 +210,8 @@ def mended(surface):
 
 
 def sheets_of(shell):
-    """The sheet of each triangle, the edges of each, and how many triangles meet at each edge. A sheet is connected by edges where two triangles meet."""
+    """Returns the sheet of each triangle, the edges of each, and how many triangles meet at each edge. A sheet is connected by edges where two
+    triangles meet."""
     edges = np.sort(np.concatenate([shell.triangles[:, pair] for pair in ((0, 1), (1, 2), (2, 0))]), axis=1)
     _, edge, often = np.unique(edges, axis=0, return_inverse=True, return_counts=True)
     edge = edge.reshape(3, -1).T       # of each triangle
@@ -221,7 +223,8 @@ def sheets_of(shell):
 
 
 def without_fins(shell):
-    """The surface without its fins, and their number of triangles: sheets that end in the open, and hang on the rest by edges where more than two triangles meet."""
+    """Returns the surface without its fins, and the number of their triangles. Fins are sheets with a free border that are attached to the rest by
+    edges where more than two triangles meet."""
     sheet, edge, often = sheets_of(shell)
     if not np.any(often > 2):
         return shell, 0
@@ -232,20 +235,20 @@ def without_fins(shell):
 
 
 def connected(count, pairs):
-    """For each of `count` numbers the smallest one connected to it by pairs (k, 2)."""
+    """Returns for each of `count` numbers the smallest one connected to it by pairs (k, 2)."""
     root = np.arange(count)
     while True:
         before = root.copy()
         least = np.minimum(root[pairs[:, 0]], root[pairs[:, 1]])
         order = np.argsort(-least, kind="stable")
-        root[pairs[order].ravel()] = np.repeat(least[order], 2)    # the last assignment wins: the smallest number
+        root[pairs[order].ravel()] = np.repeat(least[order], 2)    # the last assignment is the smallest number
         root = root[root]
         if np.array_equal(root, before):
             return root
 
 
 def edges_of(surface, kind):
-    """Number of the edges of this kind."""
+    """Returns the number of edges of this kind."""
     edges = configured(vtk.vtkFeatureEdges(), BoundaryEdges=False, FeatureEdges=False, ManifoldEdges=False, NonManifoldEdges=False)
     return pipe(surface, configured(edges, **{kind: True})).GetNumberOfCells()
 
@@ -255,15 +258,15 @@ def open_edges(surface):
 
 
 def crossings(shells):
-    """(point, i, j) wherever an edge of shell i passes through a triangle of shell j that has neither of its ends."""
-    owner = np.repeat(np.arange(len(shells)), [len(shell.points) for shell in shells])   # of each point
+    """Returns (point, i, j) wherever an edge of shell i passes through a triangle of shell j that contains neither of its ends."""
+    owner = np.repeat(np.arange(len(shells)), [len(shell.points) for shell in shells])   # shell of each point
     for point, edge, triangle in crossing_pairs(joined(shells)):
         yield point, owner[edge[0]], owner[triangle[0]]
 
 
 def crossing_pairs(whole):
-    """(point, edge, triangle) wherever an edge of the surface passes through one of its triangles that has neither of its ends (Moeller and
-    Trumbore 1997); edge and triangle: their corners. VTK's locator finds the triangles whose boxes meet the edge's."""
+    """Returns (point, edge, triangle) wherever an edge of the surface passes through one of its triangles that contains neither of its ends
+    (Moeller and Trumbore 1997); edge and triangle by their corners. VTK's locator finds the triangles whose boxes meet the edge's."""
     locator, near, surface = vtk.vtkStaticCellLocator(), vtk.vtkIdList(), to_vtk(whole)
     locator.SetDataSet(surface)
     locator.BuildLocator()
@@ -292,7 +295,7 @@ def crossing_pairs(whole):
 
 
 def distances(shell, points):
-    """Signed distance of points (n, 3) to a closed shell, negative inside."""
+    """Returns the signed distance of points (n, 3) to a closed shell, negative inside."""
     distance = vtk.vtkImplicitPolyDataDistance()
     distance.SetInput(to_vtk(shell))
     values = vtk.vtkDoubleArray()

@@ -1,4 +1,4 @@
-"""Label maps: NIfTI, NRRD and DICOM SEG. Their labels become closed surfaces in DICOM's patient coordinates, mm.
+"""Reads label maps (NIfTI, NRRD and DICOM SEG) and turns their labels into closed surfaces in DICOM's patient coordinates, mm.
 
 Between two slices shapes are interpolated by their signed distances (Raya and Udupa 1990). A surface between two labels is where their distances
 are equal, so that labels which touch in the image share it.
@@ -24,26 +24,26 @@ from .label_image import box_of, connected_in, drawn, image_data
 from .shells import Shell, configured, pipe
 from ..trouble import BadFile, Empty, needed
 
-MOST_VOXELS = 6e6      # in which surfaces are sought: larger images are thinned out
-MOST_SIZE = 2 ** 31    # voxels of a file
-ELONGATED = 1.5        # ratio of a voxel's sides, above which slices are added between the others
-AROUND = 3             # voxels around the labels
-PASS_BAND = 0.1        # of the smoothing filter, of 2: removes waves shorter than about six voxels
-SMOOTHED = 0.05        # change of a part's volume by smoothing, above which it stays as it was: it is a few voxels thin
-OFF_VOLUME = 0.05      # of a part's volume: where distances are interpolated, parts a slice thin become too thin; these are made thicker
-MOST_CHECKED = 4000    # points on a label's surface, to which the mesh's distance is measured
-ROUNDING = 1e-3        # by which labels may differ from whole numbers, as after scaling
-APART = 1.0            # mm: a file whose two transforms place its corners further apart gets a remark
+MOST_VOXELS = 6e6      # largest number of voxels in which surfaces are extracted: larger images are subsampled
+MOST_SIZE = 2 ** 31    # largest number of voxels of a file
+ELONGATED = 1.5        # ratio of a voxel's sides above which slices are interpolated between the others
+AROUND = 3             # number of voxels around the labels
+PASS_BAND = 0.1        # pass band of the smoothing filter, at most 2: removes waves shorter than about six voxels
+SMOOTHED = 0.05        # largest change of a part's volume by smoothing: a part that changes more is a few voxels thin and is not smoothed
+OFF_VOLUME = 0.05      # fraction of a part's volume: interpolation of distances makes parts that are one slice thin too thin; these are thickened
+MOST_CHECKED = 4000    # number of points on a label's surface at which the mesh's distance is measured
+ROUNDING = 1e-3        # by which labels may differ from whole numbers, for example after scaling
+APART = 1.0            # mm: a file gets a remark if its two transforms place its corners further apart
 OFF_LATTICE = 0.05     # voxels by which maps on one lattice may differ
-LPS = np.diag([-1.0, -1.0, 1.0, 1.0])   # from RAS, and back
+LPS = np.diag([-1.0, -1.0, 1.0, 1.0])   # converts RAS to LPS, and back
 
 
 @dataclasses.dataclass
 class Segment:
     layer: int               # of the map
     value: int
-    code: str = ""           # what the file says it is, for its material
-    also: tuple = ()         # other names by which a user may call it
+    code: str = ""           # its description in the file, for its material
+    also: tuple = ()         # other names by which a user may refer to it
 
 
 @dataclasses.dataclass
@@ -65,8 +65,8 @@ class LabelMap:
 # ---- files -------------------------------------------------------------------------------------------------------------------
 
 def numbered(values, names):
-    """name -> Segment for each value other than 0 in the first layer."""
-    found = np.unique(np.concatenate([np.unique(plane) for plane in values]))      # plane by plane: sorting needs memory
+    """Returns name -> Segment for each value other than 0 in the first layer."""
+    found = np.unique(np.concatenate([np.unique(plane) for plane in values]))      # plane by plane, because sorting needs memory
     segments = {}
     for value in map(int, found[found > 0]):
         segments[unique(names.get(value, str(value)), segments)] = Segment(0, value, also=(str(value),))
@@ -74,7 +74,7 @@ def numbered(values, names):
 
 
 def whole(path, values):
-    """An array of labels (k, j, i), from one of any type (i, j, k)."""
+    """Returns an array of labels (k, j, i), from one of any type (i, j, k)."""
     while values.ndim > 3 and values.shape[-1] == 1:
         values = values[..., 0]
     if values.ndim != 3 or min(values.shape) < 2:
@@ -100,7 +100,8 @@ def check_place(path, place):
 
 
 def check_compressed(path):
-    """EOFError or OSError if the file is compressed and does not reach its end with the right checksum. nibabel reads only as far as the voxels go."""
+    """Raises EOFError or OSError if the file is compressed and does not reach its end with the right checksum, because nibabel reads only up to the
+    last voxel."""
     if not path.lower().endswith(".gz"):
         return
     with gzip.open(path) as file:
@@ -109,7 +110,7 @@ def check_compressed(path):
 
 
 def read_nifti(path, unit, names):
-    """`unit`: mm per unit of the file, or None: what the file says. `names`: label number -> name."""
+    """Reads a NIfTI file. `unit`: mm per unit of the file, or None for the unit in the file. `names`: label number -> name."""
     nibabel = needed("nibabel", "python3-nibabel", path)
     try:
         check_compressed(path)
@@ -118,7 +119,7 @@ def read_nifti(path, unit, names):
         given = image.header.get_xyzt_units()[0] if hasattr(image.header, "get_xyzt_units") else "mm"
     except MemoryError:
         raise
-    except Exception as error:  # of several kinds, as of damaged compression
+    except Exception as error:  # exceptions of several kinds, for example for damaged compression
         raise BadFile(f"{path}: damaged, or not NIfTI: {error}") from error
     scale = unit or {"meter": 1e3, "micron": 1e-3}.get(given, 1.0)
     notes = []
@@ -132,7 +133,7 @@ def read_nifti(path, unit, names):
 
 
 def names_in(image):
-    """Label -> name from the header extension of Connectome Workbench or TotalSegmentator: XML, of which the latter has the names as CDATA."""
+    """Returns label -> name from the header extension of Connectome Workbench or TotalSegmentator: XML, in which the latter has the names as CDATA."""
     found = {}
     for extension in getattr(image.header, "extensions", []):
         content = extension.get_content()
@@ -146,7 +147,7 @@ def names_in(image):
 
 
 def apart_transforms(image, shape, scale):
-    """A remark if the file's two transforms, its sform and its qform, place it differently."""
+    """Returns a remark if the file's two transforms, its sform and its qform, differ."""
     if not hasattr(image, "get_sform") or not image.header["sform_code"] or not image.header["qform_code"]:
         return []
     corners = np.array([[i, j, k, 1.0] for i in (0, shape[2] - 1) for j in (0, shape[1] - 1) for k in (0, shape[0] - 1)])
@@ -163,7 +164,7 @@ NRRD_SPACES = {"left-posterior-superior": (1, 1, 1), "lps": (1, 1, 1), "right-an
 
 
 def nrrd_header(path, file):
-    """Fields of a NRRD file's header; a detached one ends with its file."""
+    """Returns the fields of a NRRD file's header; a detached header ends with its file."""
     if not file.readline(16).startswith(b"NRRD"):
         raise BadFile(f"{path}: not a NRRD file")
     fields = {}
@@ -182,10 +183,11 @@ def nrrd_header(path, file):
 
 
 def nrrd_data(path, fields, rest, size):
-    """The values as bytes. `size`: their number of bytes."""
+    """Returns the values as bytes. `size`: their number of bytes."""
     encoding = fields.get("encoding", "").lower()
     if encoding in ("gzip", "gz"):
-        return gzip.GzipFile(fileobj=io.BytesIO(rest)).read(size + 1)[:size]       # of any number of streams; one byte more, so that the checksum is read
+        # any number of streams; one byte more is read, so that the checksum is checked
+        return gzip.GzipFile(fileobj=io.BytesIO(rest)).read(size + 1)[:size]
     if encoding in ("bzip2", "bz2"):
         return bz2.BZ2File(io.BytesIO(rest)).read(size + 1)[:size]
     if encoding == "raw":
@@ -194,7 +196,7 @@ def nrrd_data(path, fields, rest, size):
 
 
 def nrrd_beside(path, fields):
-    """The bytes of a file that a header names in place of its own."""
+    """Returns the bytes of the separate file that a header names."""
     named = fields.get("data file", fields.get("datafile"))
     beside = os.path.join(os.path.dirname(path), named)
     several = not os.path.isfile(beside) and re.match(r"LIST\b|.*%", named)
@@ -208,8 +210,8 @@ def nrrd_beside(path, fields):
 
 
 def nrrd_axes(fields, sizes):
-    """Directions of the three axes of space, the origin, and the number of the axis of layers, or None. A fourth axis, of layers or of time, stands anywhere; its direction
-    is none, or lies outside of the first three coordinates, as ITK writes it."""
+    """Returns the directions of the three axes of space, the origin, and the number of the axis of layers, or None. A fourth axis, of layers or of time, may
+    be at any place; its direction is none, or lies outside the first three coordinates, as ITK writes it."""
     said = [None if text == "none" else np.array([float(v) for v in text[1:-1].split(",")])
             for text in re.findall(r"none|\([^)]*\)", fields.get("space directions", ""))]
     origin = np.array([float(v) for v in fields.get("space origin", "(0,0,0)").strip("() ").split(",")])
@@ -226,7 +228,8 @@ def nrrd_axes(fields, sizes):
 
 
 def nrrd_start(fields, sizes):
-    """Number of the first voxel along each axis of space. 3D Slicer before 4.7 gave the place of voxel 0 in place of the first one's."""
+    """Returns the number of the first voxel along each axis of space. 3D Slicer before 4.7 stored the position of voxel 0 instead of the first
+    voxel's."""
     extent = fields.get("Segmentation_Extent")
     if extent is None or "Segmentation_ReferenceImageExtentOffset" in fields:
         return np.zeros(3), []
@@ -237,7 +240,7 @@ def nrrd_start(fields, sizes):
 
 
 def read_nrrd(path, unit, names, frame):
-    """`frame`: "LPS" or "RAS" where the file does not say it, or None."""
+    """Reads a NRRD file. `frame`: "LPS" or "RAS" if the file does not define it, or None."""
     with open(path, "rb") as file:
         fields, rest = nrrd_header(path, file), file.read()
     try:
@@ -283,9 +286,10 @@ def read_nrrd(path, unit, names, frame):
 
 
 def nrrd_segments(fields, layers, names):
-    """name -> Segment, by what 3D Slicer writes into .seg.nrrd, else by number."""
+    """Returns name -> Segment, from the fields that 3D Slicer writes into .seg.nrrd, otherwise by number."""
     segments = {}
-    several = len(layers) > 1 and not any(key.endswith("_Layer") for key in fields)      # before layers were shared, each segment had its own
+    # before layers were shared, each segment had a layer of its own
+    several = len(layers) > 1 and not any(key.endswith("_Layer") for key in fields)
     for n in sorted({int(match[1]) for match in map(re.compile(r"Segment(\d+)_").match, fields) if match}):
         value, layer = int(fields.get(f"Segment{n}_LabelValue", 1)), int(fields.get(f"Segment{n}_Layer", n if several else 0))
         name = fields.get(f"Segment{n}_Name") or f"Segment {n}"
@@ -307,12 +311,12 @@ def unique(name, taken):
 
 
 def read_seg(path, data):
-    """A DICOM segmentation that pydicom has read."""
+    """Converts a DICOM segmentation that pydicom has read."""
     try:
         frames = data.pixel_array
     except MemoryError:
         raise
-    except Exception as error:  # of several kinds
+    except Exception as error:  # exceptions of several kinds
         raise BadFile(f"{path}: its pixels cannot be read: {error}") from error
     try:
         if "PerFrameFunctionalGroupsSequence" not in data:
@@ -327,7 +331,7 @@ def has_group(data, frame, name):
 
 
 def group(data, frame, name):
-    """An item of a frame's or of the shared functional groups."""
+    """Returns an item of a frame's functional groups, or of the shared ones."""
     for groups in (frame, data.SharedFunctionalGroupsSequence[0]):
         if name in groups:
             return groups[name][0]
@@ -335,7 +339,7 @@ def group(data, frame, name):
 
 
 def step_between(apart, measures):
-    """mm between planes. Planes without a label may be left out, so the gaps between the others (apart) may all be wider."""
+    """Returns the mm between planes. Planes without a label may be missing, so all gaps between the others (apart) may be wider."""
     said = float(measures.get("SpacingBetweenSlices") or 0)
     if not len(apart):
         return said or float(measures.SliceThickness)
@@ -350,7 +354,7 @@ def map_of_frames(path, data, frames):
     if not (has_group(data, each[0], "PixelMeasuresSequence") and has_group(data, each[0], "PlaneOrientationSequence")
             and has_group(data, each[0], "PlanePositionSequence")):
         raise BadFile(f"{path}: its frames have no place in the patient, as those of a projection or of a microscope: expected a segmentation of CT or MR")
-    by_value = data.get("SegmentationType") == "LABELMAP"       # a pixel is its segment's number, and no frame belongs to one segment
+    by_value = data.get("SegmentationType") == "LABELMAP"       # a pixel's value is its segment's number, and a frame belongs to no single segment
     measures = group(data, each[0], "PixelMeasuresSequence")
     right, down = np.array(group(data, each[0], "PlaneOrientationSequence").ImageOrientationPatient, float).reshape(2, 3)
     normal = np.cross(right, down)
@@ -388,7 +392,7 @@ def map_of_frames(path, data, frames):
 
 
 def read_names(path):
-    """Label number -> name, from nnU-Net's dataset.json, or lines of a number and a name, as ITK-SNAP and many others write them."""
+    """Reads label number -> name from nnU-Net's dataset.json, or from lines of a number and a name, as ITK-SNAP and many others write them."""
     try:
         with open(path, encoding="utf-8-sig") as file:
             text = file.read()
@@ -416,7 +420,7 @@ NUMBER, UNNAMED = re.compile(r"\d+"), re.compile(r"\d+|Segment[ _]?\d*", re.I)
 
 
 def named_after_file(path, map_, unnamed=NUMBER):
-    """The same map; a single label without a name of its own is called after its file."""
+    """Returns the same map, in which a single label without a name is named after its file."""
     stem = re.sub(r"(\.seg)?\.(nii|nii\.gz|nrrd|nhdr|dcm)$", "", os.path.basename(path), flags=re.I)
     if len(map_.segments) == 1:
         (name, segment), = map_.segments.items()
@@ -425,7 +429,7 @@ def named_after_file(path, map_, unnamed=NUMBER):
 
 
 def canonical(map_):
-    """The same with its axes in the order and the directions that are nearest to LPS, so that maps with other orders can be compared."""
+    """Returns the same map with axes in the order and directions that are nearest to LPS, so that maps with other orders can be compared."""
     unit = map_.place[:3, :3] / np.linalg.norm(map_.place[:3, :3], axis=0)
     order, free = [], {0, 1, 2}
     for row in range(3):
@@ -445,7 +449,7 @@ def canonical(map_):
 
 
 def together(maps):
-    """One map of several files on one lattice, whatever part of it each covers. `maps`: path -> map."""
+    """Merges several files on one lattice, each of which may cover another part of it, into one map. `maps`: path -> map."""
     if len(maps) == 1:
         return next(iter(maps.values()))
     maps = {path: canonical(named_after_file(path, map_, UNNAMED)) for path, map_ in maps.items()}
@@ -477,16 +481,16 @@ def together(maps):
 
 @dataclasses.dataclass
 class Border:
-    """Faces of an image that cut off a label. Any frame and unit."""
+    """The faces of an image that cut off a label, in any frame and unit."""
     normals: np.ndarray      # (k, 3) outward, unit
-    offsets: np.ndarray      # (k,) of the faces along them
+    offsets: np.ndarray      # (k,) offsets of the faces along the normals
 
     def __call__(self, points):
-        """Distance of points (n, 3) to the nearest of them."""
+        """Returns the distance of points (n, 3) to the nearest face."""
         return (self.offsets - points @ self.normals.T).min(axis=1)
 
     def seen_from(self, origin):
-        """The same in a mesh's frame, m, with its origin at this place, DICOM mm."""
+        """Returns the same border in a mesh's frame, m, with its origin at this position, DICOM mm."""
         return Border(self.normals * [-1, -1, 1], 1e-3 * (self.offsets - self.normals @ origin))
 
 
@@ -494,18 +498,18 @@ class Border:
 class Outlined:
     """The surfaces of a label's connected parts."""
     shells: list             # one for each part that has a surface: closed, DICOM mm
-    volumes: list            # of their voxels, mm^3
+    volumes: list            # volumes of their voxels, mm^3
     points: np.ndarray       # on the faces between voxels in and out of the label, DICOM mm
-    volume: float            # of all its voxels, mm^3
-    voxel: float             # volume of one, mm^3
+    volume: float            # volume of all its voxels, mm^3
+    voxel: float             # volume of one voxel, mm^3
     notes: list
     border: Border = None
     gone: list = dataclasses.field(default_factory=list)     # (volume, place) of parts without a surface, mm^3 and DICOM mm
-    joined: list = dataclasses.field(default_factory=list)   # (volumes of parts that have one surface, its middle), likewise
+    joined: list = dataclasses.field(default_factory=list)   # (volumes of parts that share one surface, its middle), in the same units
 
 
 def signed_distance(mask, spacing):
-    """Distance of each voxel to a mask's border, mm, negative inside."""
+    """Returns the distance of each voxel to a mask's border, mm, negative inside."""
     def to(inside):
         source = image_data(np.where(inside, 0, 1).astype(np.uint8))
         source.SetSpacing(*spacing)
@@ -517,7 +521,7 @@ def signed_distance(mask, spacing):
 
 
 def refined(values, factors):
-    """Linear interpolation with so many steps for each, along (z, y, x)."""
+    """Interpolates linearly with this many steps per voxel along (z, y, x)."""
     for axis, factor in enumerate(factors):
         if factor > 1:
             count = values.shape[axis]
@@ -529,7 +533,7 @@ def refined(values, factors):
 
 
 def zero_surface(values, spacing):
-    """The smooth closed surfaces where a field (z, y, x) is zero."""
+    """Returns the smooth closed surfaces where a field (z, y, x) is zero."""
     image = image_data(np.ascontiguousarray(values, np.float32))
     image.SetSpacing(*spacing)
     zero = vtk.vtkFlyingEdges3D()
@@ -548,7 +552,7 @@ def zero_surface(values, spacing):
 
 
 def face_points(mask):
-    """Middles of the faces between voxels in and out of a mask, in voxels (i, j, k)."""
+    """Returns the middles of the faces between voxels in and out of a mask, in voxels (i, j, k)."""
     found = []
     for axis in range(3):
         at = np.argwhere(np.diff(mask.astype(np.int8), axis=axis)).astype(float)
@@ -559,7 +563,7 @@ def face_points(mask):
 
 
 def body_of(map_, name):
-    """Outlined, of the body: the segment of this name and all others, which labels of one layer leave out of it."""
+    """Returns the Outlined of the body: the segment of this name and all others, which labels of one layer exclude from it."""
     every = np.zeros(map_.layers[0].shape, bool)
     for segment in map_.segments.values():
         every |= map_.layers[segment.layer] == segment.value
@@ -568,7 +572,7 @@ def body_of(map_, name):
 
 
 def outlined(map_, names):
-    """name -> Outlined, of these segments together: they share surfaces where they touch, unless they overlap."""
+    """Returns name -> Outlined for these segments together: they share surfaces where they touch, unless they overlap."""
     masks = {}
     for name in names:
         mask = map_.mask(name)
@@ -580,7 +584,7 @@ def outlined(map_, names):
 
 
 def others_beside(name, masks, window):
-    """Mask of the other labels' voxels in a window, without labels that overlap this one."""
+    """Returns the mask of the other labels' voxels in a window, without labels that overlap this one."""
     mine, others = masks[name][0], np.zeros([each.stop - each.start for each in window], bool)
     for other, (place, mask) in masks.items():
         if other == name:
@@ -597,12 +601,12 @@ def others_beside(name, masks, window):
 
 
 def moved(window, origin):
-    """Slices of an image as slices of a section of it."""
+    """Converts slices of an image to slices of a section of it."""
     return tuple(slice(each.start - start.start, each.stop - start.start) for each, start in zip(window, origin))
 
 
 def outlined_one(map_, name, masks):
-    """`masks`: name -> section of the image, and the label's mask in it, for all labels that are outlined together."""
+    """Outlines one label. `masks`: name -> section of the image, and the label's mask in it, for all labels that are outlined together."""
     tight, mask = masks[name]
     notes, size = list(map_.notes), map_.layers[0].shape
     stride = max(1, int(np.ceil((np.prod(mask.shape) / MOST_VOXELS) ** (1 / 3))))
@@ -612,7 +616,7 @@ def outlined_one(map_, name, masks):
     if border:
         notes.append("reaches the image's border and may be cut off there")
     margin = AROUND * stride
-    first = np.array([each.start for each in tight]) - margin          # voxel of the image, which may lie before it
+    first = np.array([each.start for each in tight]) - margin          # the first voxel, which may lie before the image
     window = tuple(slice(max(0, each.start - margin), min(count, each.stop + margin)) for each, count in zip(tight, size))
     beside = np.pad(others_beside(name, masks, window),
                     [(inner.start - start, start + each.stop - each.start + 2 * margin - inner.stop) for inner, start, each in zip(window, first, tight)])
@@ -634,7 +638,7 @@ def outlined_one(map_, name, masks):
 
 
 def border_of(map_, tight):
-    """Border of the image where a label that fills this section of it touches it, or None."""
+    """Returns the border of the image where a label that fills this section touches it, or None."""
     normals, offsets, inverse = [], [], np.linalg.inv(map_.place[:3, :3])
     for axis, (each, count) in enumerate(zip(tight[::-1], map_.layers[0].shape[::-1])):      # x, y, z
         for side, at, reached in ((-1, -0.5, each.start == 0), (1, count - 0.5, each.stop == count)):
@@ -646,7 +650,7 @@ def border_of(map_, tight):
 
 
 def shape_of(mine, beside, stride, voxel):
-    """The smooth surfaces of a mask's parts, up to the middle of the way to the other labels; in mm from its first voxel, along its axes."""
+    """Returns the smooth surfaces of a mask's parts, up to half-way to the other labels, in mm from its first voxel along its axes."""
     spacing = stride * voxel
     factors = [max(1, int(round(s / spacing.min()))) if s > ELONGATED * spacing.min() else 1 for s in spacing[::-1]]
     while mine.size / stride ** 3 * np.prod(factors) > 2 * MOST_VOXELS and max(factors) > 1:
@@ -661,8 +665,8 @@ def shape_of(mine, beside, stride, voxel):
 
 
 def parts_in(mask, surfaces, spacing):
-    """(surface, numbers of voxels, place of one) of each connected part of a mask, the place in the surfaces' coordinates; parts that one surface encloses are one with
-    several numbers, and None is the surface of those that none encloses."""
+    """Returns (surface, numbers of voxels, position of one) of each connected part of a mask, the position in the surfaces' coordinates. Parts that one
+    surface encloses form one entry with several numbers; parts that no surface encloses have the surface None."""
     numbers, sizes = connected_in(mask)
     free, found = np.append(False, np.ones(len(sizes), bool)), []
     for surface in sorted(surfaces, key=lambda each: -each.volume()):

@@ -1,4 +1,4 @@
-"""What real scans have brought to light, made again from simple shapes: each case through the program, as it is called by a user.
+"""Problems that real scans revealed, reproduced with simple shapes: each case is run through the program as a user would call it.
 
 usage: python3 -m anatomy.trials.cases [--program COMMAND] [--build FOLDER] [CASE...]     prints a Markdown table
 """
@@ -49,7 +49,7 @@ def labelled(grid, *masks):
 # ---- bones that touch -----------------------------------------------------------------------------------------------------------
 
 def vertebrae(case, gap):
-    """A muscle beside three vertebrae with so many mm between them."""
+    """A muscle beside three vertebrae that are this many mm apart."""
     grid = block((70, 60, 75))
     high = 30.0
     masks = [grid.ellipsoid((0, -30, 0), (35, 18, 50))]
@@ -117,7 +117,7 @@ def twenty_lesions_of_8_mm_in_liver(case):
 
 
 def lesion_alone_beside_its_organ(case):
-    """In files of their own, as surfaces: the lesion is no other unit."""
+    """Lesion and organ are surfaces in files of their own; the lesion's small size must not be taken for another unit."""
     labels, inside, _, place = torso.torso((2.0, 2.0, 2.0), 1, 2.5)
     from ..shapes import voxels
     map_ = voxels.LabelMap([(labels == 5).astype(np.uint8), inside.astype(np.uint8)], place, {"liver": voxels.Segment(0, 1), "lesion": voxels.Segment(1, 1)})
@@ -131,7 +131,7 @@ def lesion_alone_beside_its_organ(case):
 # ---- the whole body --------------------------------------------------------------------------------------------------------------------
 
 def scan(case, spacing=(2.0, 2.0, 2.0), lesions=1, radius=8.0):
-    """The torso as TotalSegmentator's files: all labels, the body, the lesions."""
+    """Writes the torso as TotalSegmentator's files: all labels, the body, the lesions."""
     labels, inside, body, place = torso.torso(spacing, lesions, radius)
     names = {value: torso.NAMES.get(value, f"class_{value}") for value in range(1, 118)}
     files = [case.path(name + ".nii.gz") for name in ("total", "body", "liver_lesions")]
@@ -142,7 +142,7 @@ def scan(case, spacing=(2.0, 2.0, 2.0), lesions=1, radius=8.0):
 
 
 def all_labels(case):
-    """Every label of the torso, ribs and vertebrae as bones; for a program without --all."""
+    """Names every label of the torso, with ribs and vertebrae as bones, for a program without --all."""
     files = scan(case)
     bones = [name for name in torso.NAMES.values() if name.startswith(("rib", "vertebrae"))]
     soft = ["liver"] + [name for name in torso.NAMES.values() if name not in bones and name != "liver"]
@@ -183,7 +183,7 @@ def satellites(case):
 
 
 def small_bowel(case):
-    """Loops of which one, cut off by the segmentation, has 0.43 ml and lies 100 mm from the others."""
+    """Loops of bowel, one of which was cut off by the segmentation, has 0.43 ml, and lies 100 mm from the others."""
     grid = block((80, 60, 60), (1.5, 1.5, 1.5))
     loops = grid.rod((-60, 0, 0), (-10, 20, 0), 11) | grid.rod((-10, 20, 0), (-10, -30, 20), 11) | grid.ellipsoid((70, 0, 0), (4.7,) * 3)
     return [case.nrrd(labelled(grid, loops), grid.place, {1: "small_bowel"}), "--roi", "small_bowel", "--nodes", "1500"]
@@ -197,7 +197,7 @@ CASES = [bones_that_touch, bones_2_mm_apart, bones_3_mm_apart, lesion_of_8_mm_in
 
 
 def run(command, folder, **more):
-    """Status, seconds of processor time, MB, and what was printed."""
+    """Returns status, seconds of processor time, MB, and the output."""
     began = time.monotonic()
     with open(os.path.join(folder, "said"), "w+", encoding="utf-8") as said:
         child = subprocess.Popen(command, stdout=said, stderr=said, cwd=folder, **more)
@@ -208,7 +208,7 @@ def run(command, folder, **more):
 
 
 def insertion(build, prefix, folder):
-    """What becomes of the scripted push into a scene: events with times, largest force."""
+    """Returns the events and times of the scripted push into a scene, and the largest force."""
     device, replay = (os.path.join(build, "clients", name) for name in ("trocar-device", "trocar-replay"))
     log, table = os.path.join(folder, "in.log"), os.path.join(folder, "in.csv")
     status, _, _, said, _ = run([device, "--script", "insert", "--scene", prefix + ".yaml", "--write-log", log], folder)

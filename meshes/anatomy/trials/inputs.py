@@ -1,4 +1,4 @@
-"""Writes label maps as every kind of file that is read: for tests, and for the tables of meshes/stress.md."""
+"""Writes label maps as every supported kind of file, for tests and for the tables of meshes/stress.md."""
 import gzip
 
 import numpy as np
@@ -20,7 +20,8 @@ SEGMENTATION_UID = shipped.UID + ".4"
 
 
 def pelvis(spacing=(1.0, 1.0, 1.5), urethra=True):
-    """Labels NAMES of the synthetic patient, (k, j, i), and the transform (4, 4) from voxels to mm, LPS. The body is an ellipse that ends below."""
+    """Returns labels NAMES of the synthetic patient, (k, j, i), and the transform (4, 4) from voxels to mm, LPS. The body is an ellipse that ends
+    below."""
     gland = patient.Gland()
     low, high = np.array([-95.0, -75.0, -62.0]), np.array([95.0, 75.0, 80.0])
     x, y, z = (np.arange(a, b, s) for a, b, s in zip(low, high, spacing))
@@ -53,7 +54,7 @@ def pelvis(spacing=(1.0, 1.0, 1.5), urethra=True):
 
 
 def turned(place, degrees):
-    """The same image in a patient who lies turned about the axis from feet to head, as in a tilted scan."""
+    """Returns the same image for a patient who is rotated about the axis from feet to head, as in a tilted scan."""
     turn = np.eye(4)
     a = np.radians(degrees)
     turn[:3, :3] = [[np.cos(a), -np.sin(a), 0], [np.sin(a), np.cos(a), 0], [0, 0, 1]]
@@ -61,7 +62,8 @@ def turned(place, degrees):
 
 
 def label_table(names):
-    """The XML that TotalSegmentator puts into its files' header extension, in the form of Connectome Workbench's label tables, with names as CDATA."""
+    """Returns the XML that TotalSegmentator puts into its files' header extension, in the form of Connectome Workbench's label tables, with names as
+    CDATA."""
     rows = "".join(f'<Label Key="{value}" Red="{value % 3 / 2}" Green="{value % 5 / 4}" Blue="0.0" Alpha="1"><![CDATA[{name}]]></Label>\n'
                    for value, name in names.items())
     return ('<?xml version="1.0" encoding="UTF-8"?> <CaretExtension>  <Date><![CDATA[2013-07-14T05:45:09]]></Date>   <VolumeInformation Index="0">   '
@@ -70,8 +72,8 @@ def label_table(names):
 
 
 def write_nifti(path, labels, place, kind=np.uint8, names=None):
-    """`names`: label -> name, which go into the header as TotalSegmentator writes them."""
-    import nibabel      # only here, so that the other writers need no more than the program
+    """`names`: label -> name, written into the header as by TotalSegmentator."""
+    import nibabel      # imported here, so that the other writers need no more packages than the program
     image = nibabel.Nifti1Image(labels.T.astype(kind), np.diag([-1.0, -1.0, 1.0, 1.0]) @ place)
     image.header.set_xyzt_units("mm")
     if names:
@@ -97,7 +99,7 @@ def write_nrrd(path, layers, place, names=None, space="left-posterior-superior")
 
 
 def write_seg(path, labels, place, names):
-    """A binary DICOM segmentation, one segment for each label; planes in which a segment is not there are left out, as is usual."""
+    """Writes a binary DICOM segmentation with one segment for each label; planes without a segment's voxels are left out, as is usual."""
     meta = FileMetaDataset()
     meta.MediaStorageSOPClassUID, meta.MediaStorageSOPInstanceUID = SegmentationStorage, SEGMENTATION_UID
     meta.TransferSyntaxUID = ExplicitVRLittleEndian
@@ -139,7 +141,7 @@ def write_seg(path, labels, place, names):
 
 
 def write_surface(path, shell, frame="LPS"):
-    """By the path's extension: .stl, .ply, .obj, .vtp or .vtk. The points are LPS; RAS: as 3D Slicer used to write them."""
+    """Writes a surface by the path's extension: .stl, .ply, .obj, .vtp or .vtk. The points are LPS; RAS: as 3D Slicer used to write them."""
     if frame == "RAS":
         shell = shells.Shell(shell.points * [-1, -1, 1], shell.triangles)
     writer = {".stl": vtk.vtkSTLWriter, ".ply": vtk.vtkPLYWriter, ".obj": vtk.vtkOBJWriter, ".vtp": vtk.vtkXMLPolyDataWriter,
@@ -152,7 +154,7 @@ def write_surface(path, shell, frame="LPS"):
 
 
 def write_cells(path, mesh, array="Label"):
-    """A quality.Mesh as .vtu or .vtk, with numbers of regions from 1 on."""
+    """Writes a quality.Mesh as .vtu or .vtk, with numbers of regions from 1 on."""
     grid, points, cells = vtk.vtkUnstructuredGrid(), vtk.vtkPoints(), vtk.vtkCellArray()
     points.SetData(numpy_to_vtk(np.ascontiguousarray(mesh.points), deep=True))
     for tet in mesh.tets.tolist():

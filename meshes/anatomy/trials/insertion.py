@@ -1,4 +1,4 @@
-"""Pushes the needle of a scene from its start to its target, as the script `insert` of trocar-device does, and says what happened.
+"""Pushes the needle of a scene from its start to its target, like the script `insert` of trocar-device, and reports the result.
 
 usage: python3 -m anatomy.trials.insertion SCENE.yaml [BUILD_DIR]
 """
@@ -12,23 +12,23 @@ from .. import binding
 DT = 1e-3               # s
 SPEED = 0.05            # m/s
 REST = 0.3              # s at the target before the last force is read
-ROUNDS = 30             # to find the tissue at the tip
+ROUNDS = 30             # rounds of the search for the tissue at the tip
 
 
 @dataclasses.dataclass
 class Insertion:
     """N, m."""
     peak: float              # largest force on the hand
-    last: float              # after REST at the target
+    last: float              # N, force after REST at the target
     punctures: list          # (membrane, travel from the skin at rest, force before)
-    region: str              # of the tissue at the tip at the end, "" outside
-    off_target: float        # from the tip to where the tissue of the target has gone
-    shift: float             # of that tissue
-    failed: str = ""         # without a finite state
+    region: str              # region of the tissue at the tip at the end, "" outside
+    off_target: float        # distance from the tip to the displaced target
+    shift: float             # displacement of the target
+    failed: str = ""         # reason, if the state is not finite
 
 
 def push(path, build=None, speed=SPEED, change=None):
-    """An Insertion into the scene at this path; change(scene) is called before the model is made."""
+    """Returns the Insertion into the scene at this path; change(scene) is called before the model is created."""
     trocar = binding.trocar(build)
     scene = trocar.Scene.load(path)
     if change:
@@ -66,7 +66,7 @@ class Moved:
         self.inverse = np.linalg.inv((corners[:, 1:] - corners[:, :1]).transpose(0, 2, 1))
 
     def place(self, point):
-        """The tetrahedron at a point at rest, or the nearest, and the point's weights in it."""
+        """Returns the tetrahedron at a point at rest, or the nearest one, and the point's weights in it."""
         inner = np.einsum("tij,tj->ti", self.inverse, point - self.first)
         every = np.column_stack([1 - inner.sum(axis=1), inner])
         best = int(every.min(axis=1).argmax())
@@ -77,7 +77,7 @@ class Moved:
         return weights @ self.u[self.model.tets[tet]]
 
     def region_at(self, point):
-        """Name of the region whose tissue has come to a point."""
+        """Returns the name of the region whose tissue is now at a point."""
         rest = point.copy()
         for _ in range(ROUNDS):
             rest += 0.7 * (point - rest - self.at(rest))

@@ -1,5 +1,4 @@
-"""Runs label maps, surfaces and volume meshes of every kind through the program; prints Markdown tables and fails if one of them is not within
-the limits.
+"""Runs label maps, surfaces and volume meshes of every kind through the program; prints Markdown tables, and fails if a result is not within the limits.
 
 usage: python3 -m anatomy.trials.label_stress kinds [NODES [KIND...]]   the synthetic patient as every kind of file; default 570, all
        python3 -m anatomy.trials.label_stress random [FIRST [COUNT]]    random label maps: numbers of the maps; default 0 200
@@ -28,28 +27,28 @@ from ..shapes.contours import Unusable
 from ..limits import Crashed, TooLong
 from ..trouble import BadFile
 
-VOLUME_LIMIT = 0.01                     # of the volume of the voxels
+VOLUME_LIMIT = 0.01                     # fraction of the voxels' volume
 LEAST_ANGLE, GREATEST_ANGLE = 10, 165   # deg
-MEAN_LIMIT = 1.0                        # mm from the faces of the voxels to the mesh
+MEAN_LIMIT = 1.0                        # mm, mean distance of the voxels' faces from the mesh
 SPACING = (1.0, 1.0, 1.5)               # mm
-RANDOM_TRIES = 3                        # of random maps
+RANDOM_TRIES = 3                        # attempts for random maps
 GOOD_REFUSALS = (BadFile, Unusable, TooLong)
 
 
 def used():
-    """Seconds of processor time and MB of memory that this process and its children have used."""
+    """Returns the seconds of processor time and MB of memory that this process and its children have used."""
     kinds = [resource.getrusage(kind) for kind in (resource.RUSAGE_SELF, resource.RUSAGE_CHILDREN)]
     return sum(kind.ru_utime + kind.ru_stime for kind in kinds), max(kind.ru_maxrss for kind in kinds) / 1024
 
 
 def make(*arguments):
-    """What run() returns; nothing is printed."""
+    """Returns the result of run(), and prints nothing."""
     with contextlib.redirect_stdout(io.StringIO()), contextlib.redirect_stderr(io.StringIO()):
         return command.run(options.parse([*(str(argument) for argument in arguments), "--quiet"]))
 
 
 class Patient:
-    """The synthetic patient, and what is true of it."""
+    """The synthetic patient, and its true volumes."""
 
     def __init__(self, folder):
         self.folder = folder
@@ -65,7 +64,7 @@ class Patient:
         return np.where((labels == 1) | (labels == 5), labels, 0).astype(np.uint8)
 
     def whole(self):
-        """What is true of solid()."""
+        """Returns the true volumes of solid()."""
         return {"Prostate": np.count_nonzero(self.solid() == 1) * np.prod(SPACING)}
 
     def shells(self):
@@ -80,7 +79,7 @@ class Patient:
         return paths
 
     def inner_mesh(self):
-        """The mesh of touching labels, in mm, without the tissue around."""
+        """Returns the mesh of touching labels, in mm, without the tissue around."""
         self.nifti()
         _, mesh, domain, _ = make(self.path("pelvis.nii.gz"), "--names", self.names(), "--roi", "Prostate", "--roi", "Bladder", "--nodes", 1200,
                                   "--output", self.path("inner"))
@@ -200,7 +199,7 @@ def kind_row(p, kind, nodes):
     organs, mesh, domain, outlined = make(*arguments, "--nodes", nodes, "--output", p.path("out"))
     seconds, megabytes = used()[0] - prepared, used()[1]
     soft = [organ for organ in organs if not organ.bone]
-    told = {organ.roi: outlined[organ.name] / (organ.volume * 1e-9) for organ in soft}       # what others got of it
+    told = {organ.roi: outlined[organ.name] / (organ.volume * 1e-9) for organ in soft}       # volumes that the other organs got of it
     change = max((mesh.region_volume(organ.name) * 1e9 / (truth.get(organ.roi, organ.volume) * told[organ.roi]) - 1 for organ in soft), key=abs)
     off = np.concatenate(list(pipeline.distances_to_outlines(organs, domain, mesh, outlined).values()))
     angles = mesh.dihedral_angles()
@@ -219,7 +218,8 @@ def kinds(nodes=570, *chosen):
         for kind in KINDS:
             if not chosen or kind.__name__ in chosen:
                 try:
-                    with concurrent.futures.ProcessPoolExecutor(1, multiprocessing.get_context("fork")) as own:    # so that memory is this row's
+                    # a process of its own, so that the memory is that of this row
+                    with concurrent.futures.ProcessPoolExecutor(1, multiprocessing.get_context("fork")) as own:
                         row, good = own.submit(kind_row, p, kind, int(nodes)).result()
                 except (*GOOD_REFUSALS, Crashed) as error:
                     row, good = f"| {KINDS[kind][0]} | refused: {error} | | | | | | | | NO |", False
@@ -230,11 +230,11 @@ def kinds(nodes=570, *chosen):
 
 # ---- forces --------------------------------------------------------------------------------------------------------------------
 
-FORCE_LIMIT = 0.03      # of the largest force
+FORCE_LIMIT = 0.03      # fraction of the largest force
 
 
 def forces(build, nodes=570):
-    """The script `insert` of trocar-device from the same place of the patient."""
+    """Runs the script `insert` of trocar-device from the same place of the patient."""
     print("| input | nodes | prostate, ml | largest force, N | to the first, % | rms difference of the curves, % of the largest force |")
     print("|" + 6 * "---|")
     build, curves, volumes = os.path.abspath(build), [], []
@@ -262,8 +262,8 @@ def forces(build, nodes=570):
 # ---- random label maps -----------------------------------------------------------------------------------------------------------
 
 def random_map(number):
-    """Labels (k, j, i), their transform, and the numbers of soft labels and bones: blobs that touch, nest, branch, are thin or leave the image; the same
-    number gives the same map."""
+    """Returns labels (k, j, i), their transform, and the numbers of soft labels and bones: blobs that touch, nest, branch, are thin or leave the image;
+    the same number gives the same map."""
     random = np.random.default_rng(number)
     size = random.integers(24, 90, 3)
     spacing = random.choice([0.7, 1.0, 1.5, 2.5, 5.0], 3, p=[0.2, 0.3, 0.3, 0.1, 0.1])
@@ -282,7 +282,7 @@ def random_map(number):
             if random.uniform() < 0.2:
                 blob &= ((grid - centre) ** 2).sum(axis=-1) > (0.6 * radii.min()) ** 2      # a hollow
             labels[blob] = label
-            centre = centre + random.normal(size=3) * radii      # the next part of it branches off
+            centre = centre + random.normal(size=3) * radii      # the next part branches off from here
     if random.uniform() < 0.1:
         labels[random.uniform(size=labels.shape) < 0.002] = 1    # specks
     place = inputs.turned(np.diag([*spacing, 1.0]), random.uniform(-30, 30))
@@ -293,7 +293,7 @@ def random_map(number):
 
 
 def random_row(number, folder_):
-    """A row of the table, and whether it is good: a mesh within the limits of volume, or a refusal that names a cause."""
+    """Returns a row of the table, and whether it is good: a mesh within the limits of volume, or a refusal that names a cause."""
     labels, place, soft, bones = random_map(number)
     began = used()[0]
     path = os.path.join(folder_, f"{number}.nrrd")
@@ -304,7 +304,7 @@ def random_row(number, folder_):
         organs, mesh, _, outlined = make(path, *chosen, "--nodes", 1500, "--output", os.path.join(folder_, "out"))
     except GOOD_REFUSALS as error:
         return about + f"refused: {str(error).replace(path, 'file')} | | | {used()[0] - began:.0f} |", True
-    except Exception as error:  # whatever it is, it is a fault of the program
+    except Exception as error:  # any exception is a fault of the program
         return about + f"FAILED: {type(error).__name__}: {error} | | | {used()[0] - began:.0f} |", False
     change = max((mesh.region_volume(organ.name) / outlined[organ.name] - 1 for organ in organs if not organ.bone), key=abs)
     angles = mesh.dihedral_angles()
@@ -312,7 +312,8 @@ def random_row(number, folder_):
 
 
 def hurry():
-    """The first mesh in which no surface is missing is taken, unless it has more than twice the wanted nodes: random maps need no good angles, and no certain number of nodes."""
+    """Accepts the first mesh in which no surface is missing, unless it has more than twice the wanted nodes: random maps need neither good angles nor
+    an exact number of nodes."""
     meshing.TRIES, meshing.MOST_WORK, meshing.OFF = RANDOM_TRIES, 0, meshing.MOST_OFF - 1
 
 
@@ -332,14 +333,15 @@ def random_maps(first=0, count=200):
 
 # ---- crowded label maps ----------------------------------------------------------------------------------------------------------
 
-PART_LIMIT = 0.05       # of a part's volume: larger losses must be named
+PART_LIMIT = 0.05       # fraction of a part's volume: larger losses must be named
 SMALL, FEW = 0.6, 900   # size of the organs, and nodes, with which 200 maps take a quarter of an hour of one processor
 LESIONS, ORGAN, SECOND, BODY, FIRST_BONE = 1, 2, 3, 4, 5
 
 
 def crowded_map(number, size=1.0):
-    """Labels (k, j, i), their transform, and the program's arguments: an organ with lesions in it, another one that touches it, satellites of both, bones that touch or
-    lie up to 3 mm apart, and sometimes a body around all; the same number gives the same map. `size`: of all but the voxels, small parts and gaps."""
+    """Returns labels (k, j, i), their transform, and the program's arguments: an organ with lesions in it, another organ that touches it, satellites of both,
+    bones that touch or lie up to 3 mm apart, and sometimes a body around all; the same number gives the same map. `size`: of all but the voxels, small parts
+    and gaps."""
     random = np.random.default_rng(10000 + number)
     spacing = np.array([random.choice([1.0, 1.5, 2.0])] * 2 + [random.choice([1.0, 1.5, 2.0, 3.0])])
     half = size * np.array([75.0, 65.0, 60.0])
@@ -383,13 +385,13 @@ def crowded_map(number, size=1.0):
 
 
 def parts_of_map(labels, place, value):
-    """Numbers of the connected parts of a label (k, j, i), and their volumes, mm^3; voxels are connected by their faces."""
+    """Returns the numbers of the connected parts of a label (k, j, i), and their volumes, mm^3; voxels are connected by their faces."""
     numbers, count = scipy.ndimage.label(labels == value)
     return numbers, np.bincount(numbers.ravel(), minlength=count + 1)[1:] * abs(np.linalg.det(place[:3, :3]))
 
 
 def volumes_in_mesh(mesh, domain, name, numbers, place):
-    """Volume of the mesh for each part of a label, mm^3; of parts that have merged, all of it for the largest."""
+    """Returns the mesh's volume for each part of a label, mm^3; parts that have merged are counted with the largest one."""
     chosen = np.flatnonzero(mesh.region == mesh.regions.index(name))
     tets = mesh.tets[chosen]
     corners = np.sort(np.concatenate([tets[:, sorted({0, 1, 2, 3} - {k})] for k in range(4)]), axis=1)
@@ -411,7 +413,7 @@ def volumes_in_mesh(mesh, domain, name, numbers, place):
 
 
 def losses_in(organs, mesh, domain, labels, place, names):
-    """The largest loss of a part that is not named, and the number of parts; a part is named if its volume is in a remark."""
+    """Returns the largest loss of a part that is not named, and the number of parts; a part is named if its volume is in a remark."""
     worst, count = 0.0, 0
     for organ in organs:
         if organ.bone:
@@ -429,8 +431,8 @@ def losses_in(organs, mesh, domain, labels, place, names):
 
 
 def crowded_row(number, folder_, build, size=SMALL, nodes=FEW):
-    """A row of the table, whether it is good (it loads, the needle gets into the first region, and losses of parts are small or named), and the largest change of a
-    part's volume that is not named."""
+    """Returns a row of the table, whether it is good (the scene loads, the needle enters the first region, and losses of parts are small or named), and the
+    largest change of a part's volume that is not named."""
     binding.trocar(build)
     labels, place, names, chosen = crowded_map(number, size)
     began, path = used()[0], os.path.join(folder_, f"{number}.seg.nrrd")
@@ -438,13 +440,13 @@ def crowded_row(number, folder_, build, size=SMALL, nodes=FEW):
     about = f"| {number} | {len(names)}{' with body' if '--skin' in chosen else ''} | "
     try:
         organs, mesh, domain, _ = make(path, *chosen, "--nodes", nodes, "--output", os.path.join(folder_, "out"))
-    except Exception as error:  # none may be refused
+    except Exception as error:  # no map may be refused
         return about + f"FAILED: {type(error).__name__}: {str(error).replace(path, 'file')} | | | | | {used()[0] - began:.0f} | NO |", False, 0.0
     seconds = used()[0] - began
     worst, count = losses_in(organs, mesh, domain, labels, place, names)
     try:
         pushed = limits.run("push", insertion.push, os.path.join(folder_, "out.yaml"), build)
-    except Exception as error:  # the library's, or it took too long
+    except Exception as error:  # an exception of the library, or it took too long
         return about + f"{len(mesh.points)} nodes | {count} | {100 * worst:+.1f} | | NOT PUSHED: {error} | {seconds:.0f} | NO |", False, worst
     pierced = pushed.region == organs[0].name
     good = abs(worst) <= PART_LIMIT and pierced and not pushed.failed

@@ -1,5 +1,5 @@
-"""An insertion into each material of materials.py: how far a region dents before the needle gets in, at which force, and the largest force on the way to its middle.
-Prints the table of meshes/materials.md, and fails if a needle does not get in.
+"""Simulates an insertion into each material of materials.py: the dent of a region before the needle enters, the force at that moment, and the largest force
+on the way to the middle. Prints the table of meshes/materials.md, and fails if a needle does not enter.
 
 usage: python3 -m anatomy.trials.material_check BUILD_DIR [NAME...]
 """
@@ -14,16 +14,16 @@ from .. import binding, materials
 from . import insertion, inputs, label_stress, torso
 
 SPACING = (2.0, 2.0, 2.0)           # mm
-HALF = 45.0, 40.0, 25.0             # mm, half axes of the region: 25 mm from its surface to its middle
-DEEP = 35.0                         # mm from the skin to the region, of materials.SURROUNDING
+HALF = 45.0, 40.0, 25.0             # mm, half axes of the region, which is 25 mm deep from its surface to its middle
+DEEP = 35.0                         # mm of materials.SURROUNDING from the skin to the region
 NODES = 900
 REGION, WALL = "liver", "liver_wall"     # a name whose surface is a membrane
-MOST_DENT = 25.0                    # mm: what deforms more is not entered but pushed away
-LINEAR = "(liver, linear, as by shear waves)"     # is shown for comparison only
+MOST_DENT = 25.0                    # mm: a region that deforms more is pushed away instead of entered
+LINEAR = "(liver, linear, as by shear waves)"     # shown for comparison only
 
 
 def make(folder):
-    """Path of a scene with one region under a flat skin."""
+    """Makes a scene with one region under a flat skin; returns its path."""
     grid = torso.Grid(SPACING, (-70, -60, -50), (70, 60, 50))
     path = os.path.join(folder, "region.seg.nrrd")
     inputs.write_nrrd(path, grid.ellipsoid((0, 0, 0), HALF).astype(np.uint8), grid.place, {1: REGION})
@@ -32,7 +32,7 @@ def make(folder):
 
 
 def assign(scene, material):
-    """Sets the region's material and the force at which its surface gives way."""
+    """Sets the region's material and the force at which its surface is punctured."""
     for key, value in (("youngs_modulus", material.modulus), ("poisson_ratio", material.poisson), ("stiffening", material.stiffening), ("cutting_force", material.cutting),
                        ("cutting_viscosity", material.viscosity), ("friction.static", material.static), ("friction.kinetic", material.kinetic),
                        ("friction.viscous", material.viscous)):
@@ -41,14 +41,15 @@ def assign(scene, material):
 
 
 def measure(path, material):
-    """The region's dent when its surface gives way, mm, the force on the hand then, N (both not numbers if it never does), and the insertion."""
+    """Returns the region's dent when its surface is punctured, mm, the force on the hand at that moment, N (both NaN if it never is), and the
+    insertion."""
     found = insertion.push(path, change=lambda scene: assign(scene, material))
     walls = [(1e3 * travel - DEEP, force) for membrane, travel, force in found.punctures if membrane == WALL]
     return *(walls[0] if walls else (np.nan, np.nan)), found
 
 
 def row(path, name, entry):
-    """A line of the table, and whether the needle gets into the region."""
+    """Returns a line of the table, and whether the needle enters the region."""
     material = entry.material
     dent, force, found = measure(path, material)
     good = found.region == REGION and not found.failed and dent <= MOST_DENT
@@ -64,8 +65,8 @@ def main():
     shear_waves = dataclasses.replace(liver, material=dataclasses.replace(liver.material, modulus=4.5e3, stiffening=0.0))
     entries = {**materials.TABLE, "surrounding": materials.SURROUNDING, "any other": materials.OTHER, LINEAR: shear_waves}
     chosen, bad = sys.argv[2:] or list(entries), 0
-    print("| material | modulus, kPa | stiffening | puncture force of its surface, N | dent, mm | force at the puncture, N | largest force, N | tip from the middle, mm "
-          "| the middle has moved, mm | entered | published force on a needle |")
+    print("| material | modulus, kPa | stiffening | puncture force of its surface, N | dent, mm | force at the puncture, N | largest force, N "
+          "| distance of the tip from the centre, mm | displacement of the centre, mm | entered | published force on a needle |")
     print("|" + 11 * "---|")
     with tempfile.TemporaryDirectory() as folder:
         path = make(folder)

@@ -1,8 +1,8 @@
 """A synthetic patient: outlines of prostate, urethra, rectum, bladder and pubic arch, defined by a few lengths.
 
-Nothing here was measured on a person. The lengths are within what is published for men with prostate cancer (gland of 15 to
-120 ml; width : height : length about 1.35 : 1 : 1.15); the shapes are chosen: a gland that is narrower at the apex than at
-the base, flattened and dented by the rectum behind, and an arch of two rami that meet in the symphysis.
+Nothing here was measured on a person. The lengths are within the range published for men with prostate cancer (gland of 15
+to 120 ml; width : height : length about 1.35 : 1 : 1.15); the shapes are chosen: a gland that is narrower at the apex than
+at the base, flattened and dented by the rectum behind, and an arch of two rami that meet in the symphysis.
 """
 import dataclasses
 import math
@@ -23,7 +23,7 @@ class Gland:
     lobes: float = 0.0          # right side larger than left
     arch_gap: float = 7.0       # mm between the gland's front and the symphysis
     arch_angle: float = 84.0    # deg between the rami
-    half: tuple = None          # mm: half width, half height, half length; follow from the others
+    half: tuple = None          # mm: half width, half height, half length, computed from the others
 
     def __post_init__(self):
         shape = Section(self, (self.width, 1.0, self.length))
@@ -34,7 +34,7 @@ class Gland:
 
 class Section:
     """Outlines of the gland at height z over its centre; half axes in any unit."""
-    EXPONENT = 2.2              # of the superellipse: 2 is an ellipse
+    EXPONENT = 2.2              # exponent of the superellipse; 2 is an ellipse
 
     def __init__(self, gland, half):
         self.gland, self.half = gland, half
@@ -58,7 +58,7 @@ class Section:
 
 
 def arch_depth(gland, x, y, z):
-    """Signed distance to the pubic arch, mm, negative inside: two rami from the symphysis, bones 14 mm thick."""
+    """Returns the signed distance to the pubic arch, mm, negative inside: two rami from the symphysis, bones 14 mm thick."""
     top = np.array([0.0, -(gland.half[1] + gland.arch_gap + 7), -gland.half[2] + 6])
     opening = math.radians(gland.arch_angle / 2)
     way = 42 * np.array([math.sin(opening), math.cos(opening), -0.5])
@@ -83,8 +83,8 @@ def circle(x, y, radius, count=48):
 
 
 def outlines(gland, spacing=5.0, offset=0.5):
-    """ROI name -> list of (n, 3) rings, mm, DICOM patient coordinates with the gland's centre at the origin; slices at
-    multiples of `spacing`, shifted by `offset` of it."""
+    """Returns ROI name -> list of (n, 3) rings, mm, DICOM patient coordinates with the gland's centre at the origin;
+    slices at multiples of `spacing`, shifted by `offset` of it."""
     a, b, c = gland.half
     section = Section(gland, gland.half)
     rois = {"Prostate": [], "Urethra": [], "Rectum": [], "Bladder": [], "Pubic arch": []}
@@ -108,7 +108,7 @@ def outlines(gland, spacing=5.0, offset=0.5):
 
 
 def random_gland(random):
-    """One of the patients of the stress test: 15 to 120 ml, asymmetric."""
+    """Returns one of the patients of the stress test: 15 to 120 ml, asymmetric."""
     return Gland(volume=1e3 * math.exp(random.uniform(math.log(15), math.log(120))), width=random.uniform(1.1, 1.6),
                  length=random.uniform(0.9, 1.4), apex=random.uniform(0.0, 0.6), dent=random.uniform(0.0, 0.3),
                  tilt=random.uniform(-0.1, 0.3), lean=random.uniform(-0.12, 0.12), lobes=random.uniform(-0.12, 0.12),
@@ -116,8 +116,8 @@ def random_gland(random):
 
 
 def spoil(rings, random, noise):
-    """The same outlines with typical defects: noise (mm) over about 5 mm of outline, other starting points, directions and numbers of points,
-    repeated closing points, spikes, missing slices, doubled outlines."""
+    """Returns the same outlines with typical defects: noise (mm) over about 5 mm of outline, other starting points, directions and numbers of
+    points, repeated closing points, spikes, missing slices, doubled outlines."""
     spoilt = []
     last = len(rings) - 1
     for i, ring in enumerate(rings):

@@ -15,7 +15,7 @@ from pydicom.uid import ExplicitVRLittleEndian, RTStructureSetStorage
 from .. import reading
 from . import patient
 
-# A fixed UID derived from a UUID: not a real patient's, and the same in each run.
+# A fixed UID derived from a UUID: it is not a real patient's, and is the same in each run.
 UID = "2.25.113059749145936325402354257176981405696"
 
 

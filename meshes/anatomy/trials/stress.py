@@ -1,4 +1,4 @@
-"""Runs random synthetic patients through the pipeline: prints a Markdown table and fails if one of them does.
+"""Runs random synthetic patients through the pipeline: prints a Markdown table, and fails if a patient fails.
 
 usage: python3 -m anatomy.trials.stress [FIRST [COUNT]]     numbers of the patients; default 0 50
 """
@@ -11,12 +11,12 @@ from .. import organ, pipeline
 from ..shapes import shells
 from . import patient
 
-VOLUME_LIMIT = 0.03                     # of the volume of the outlines as read
+VOLUME_LIMIT = 0.03                     # fraction of the volume of the outlines as read
 MEAN_LIMIT, GREATEST_LIMIT = 1.0, 6.0   # mm from the surface to the outlines before the defects, which move them by up to 10 mm
 
 
 def make(number):
-    """Gland, spacing (mm), rings of the prostate without and with defects, and of the arch; the same number gives the same patient."""
+    """Returns gland, spacing (mm), rings of the prostate without and with defects, and of the arch; the same number gives the same patient."""
     random = np.random.default_rng(number)
     gland = patient.random_gland(random)
     spacing = random.uniform(3, 7)
@@ -25,7 +25,7 @@ def make(number):
 
 
 def planimetry(rings):
-    """Volume between rings as read, mm^3, one per slice, by the shoelace formula; copies count once."""
+    """Returns the volume between rings as read, mm^3, with one ring per slice, by the shoelace formula; copies count once."""
     areas = {}
     for x, y, z in (ring.T for ring in rings):
         areas[z[0]] = abs(x @ np.roll(y, -1) - y @ np.roll(x, -1)) / 2
@@ -35,7 +35,7 @@ def planimetry(rings):
 
 
 def run(number, folder):
-    """A row of the table, and whether the patient is within the limits."""
+    """Returns a row of the table, and whether the patient is within the limits."""
     gland, spacing, truth, outlines, arch = make(number)
     organs = [organ.of_rings("Prostate", "prostate", False, outlines), organ.of_rings("Pubic arch", "pubic_arch", True, arch)]
     mesh, domain, _, _ = pipeline.mesh_of(organs, 570, None, f"{folder}/{number}.msh")

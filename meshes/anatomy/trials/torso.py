@@ -5,18 +5,19 @@ import numpy as np
 NAMES = {1: "spleen", 2: "kidney_right", 3: "kidney_left", 4: "gallbladder", 5: "liver", 6: "stomach", 7: "pancreas", 11: "lung_lower_lobe_left",
          14: "lung_lower_lobe_right", 18: "small_bowel", 20: "colon", 31: "vertebrae_L1", 32: "vertebrae_T12", 33: "vertebrae_T11", 34: "vertebrae_T10",
          35: "vertebrae_T9", 52: "aorta", 63: "inferior_vena_cava", 86: "autochthon_left", 87: "autochthon_right",
-         **{91 + k: f"rib_left_{k}" for k in (7, 8, 9, 10)}, **{103 + k: f"rib_right_{k}" for k in (7, 8, 9, 10)}}    # class "total", version 2
+         # labels of the class "total", version 2
+         **{91 + k: f"rib_left_{k}" for k in (7, 8, 9, 10)}, **{103 + k: f"rib_right_{k}" for k in (7, 8, 9, 10)}}
 BODY, LESIONS = "body_trunc", "liver_lesions"        # of the classes "body" and "liver_lesions"
 LOW, HIGH = np.array([-170.0, -115.0, -100.0]), np.array([170.0, 115.0, 100.0])      # mm, LPS, of the image
 TRUNK = 155.0, 102.0                                 # mm, half axes of the body
-WALL = 143.0, 90.0                                   # of the ring in which ribs lie
+WALL = 143.0, 90.0                                   # half axes of the ring in which ribs lie
 LIVER = -62.0, -12.0, 5.0                            # middle, mm
-SLOPE = 0.35                                         # of a rib, downward from back to front
+SLOPE = 0.35                                         # slope of a rib, downward from back to front
 LESION = np.array([-88.0, -18.0, 8.0])               # mm: middle of the first lesion
 
 
 class Grid:
-    """Places of voxels, mm."""
+    """Positions of voxels, mm."""
 
     def __init__(self, spacing, low=LOW, high=HIGH):
         axes = [np.arange(a, b, s) for a, b, s in zip(low, high, spacing)]
@@ -29,7 +30,7 @@ class Grid:
         return sum(((c - m) / h) ** 2 for c, m, h in zip((self.x, self.y, self.z), middle, half)) < 1
 
     def rod(self, start, end, radius):
-        """A cylinder with round ends."""
+        """Returns a cylinder with rounded ends."""
         way = np.subtract(end, start)
         offset = [c - s for c, s in zip((self.x, self.y, self.z), start)]
         along = np.clip(sum(o * w for o, w in zip(offset, way)) / (way @ way), 0, 1)
@@ -37,7 +38,7 @@ class Grid:
 
 
 def rib(grid, side, top, radius=5.5):
-    """From beside the spine around the flank to the front; side: -1 right, 1 left; top: its height at the back."""
+    """Returns a rib, from beside the spine around the flank to the front; side: -1 right, 1 left; top: its height at the back."""
     a, b = WALL
     angle = np.arctan2(grid.y / b, side * grid.x / a)        # 0 at the flank, 90 degrees at the back
     offset = np.hypot(grid.x / a, grid.y / b) - 1
@@ -47,7 +48,7 @@ def rib(grid, side, top, radius=5.5):
 
 
 def lesion_places(count):
-    """Middles in the liver, mm, 16 mm apart at least: the first is LESION."""
+    """Returns centres of lesions in the liver, mm, at least 16 mm apart: the first is LESION."""
     random, found = np.random.default_rng(7), [LESION]
     while len(found) < count:
         place = np.array(LIVER) + random.uniform(-1, 1, 3) * [62, 45, 48]
@@ -58,8 +59,8 @@ def lesion_places(count):
 
 
 def torso(spacing=(3.0, 3.0, 3.0), lesions=1, radius=8.0):
-    """Labels NAMES (k, j, i), masks of the lesions and of the body, and the transform (4, 4) from voxels to mm, LPS. Lesions lie within the liver,
-    which has their voxels too, as TotalSegmentator's."""
+    """Returns labels NAMES (k, j, i), masks of the lesions and of the body, and the transform (4, 4) from voxels to mm, LPS. Lesions lie within
+    the liver, whose label includes their voxels, as in TotalSegmentator's files."""
     g = Grid(spacing)
     body = (np.hypot(g.x / TRUNK[0], g.y / TRUNK[1]) < 1) & (g.z > -1e3)
     labels = np.zeros(g.shape, np.uint8)

@@ -1,5 +1,5 @@
-/* Stands in for CHAI3D's header of this name: only what docs/examples/bridge_chai3d.cpp calls, so that the example is compiled
-   where there is no CHAI3D. Written from its published class reference; drives nothing. */
+/* Replaces CHAI3D's header of this name: declares only what docs/examples/bridge_chai3d.cpp calls, so that the example can be
+   compiled without CHAI3D. Written from its published class reference; does not drive a device. */
 #ifndef STANDIN_CHAI3D_H
 #define STANDIN_CHAI3D_H
 #include <memory>

@@ -1,5 +1,5 @@
-/* Stands in for the Force Dimension SDK's header of this name: only what docs/examples/bridge_forcedimension.cpp calls, so that the
-   example is compiled where there is no SDK. Written from the SDK's published function names; drives nothing. */
+/* Replaces the Force Dimension SDK's header of this name: declares only what docs/examples/bridge_forcedimension.cpp calls, so that
+   the example can be compiled without the SDK. Written from the SDK's published function names; does not drive a device. */
 #ifndef STANDIN_DHDC_H
 #define STANDIN_DHDC_H
 extern "C" {

@@ -18,7 +18,7 @@ trocar_status __wrap_remesher_serve(remesher *r, const remesh_request *request, 
 trocar_status __wrap_remesher_serve(remesher *r, const remesh_request *request, compliance_snapshot *snapshot, report *why) {
     served++;
     if (!fails) return __real_remesher_serve(r, request, snapshot, why);
-    snapshot->serial = request->serial; /* incomplete */
+    snapshot->serial = request->serial; /* except for the request of this tick */
     memset(snapshot->compliance, 0xff, sizeof snapshot->compliance);
     snprintf(why->text, sizeof why->text, "no good");
     return TROCAR_NUMERIC;

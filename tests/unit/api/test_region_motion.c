@@ -44,7 +44,7 @@ static void known_motions_are_recovered(void **unused) {
     }
 }
 
-/* The eight corners of a box: symmetric, so that stretching does not turn it, and simple shear g turns it by about g/2. */
+/* The eight corners of a box, which is symmetric, so that stretching does not turn it, and simple shear g turns it by about g/2. */
 static void strain_is_not_a_rotation(void **unused) {
     (void)unused;
     vec3 from[8], stretched[8], sheared[8];
@@ -73,7 +73,7 @@ typedef struct {
     region_motion motion;
 } followed;
 
-/* The simulation of a scene, which is freed, with the gland's motion; the needle's base is at `start`. */
+/* Creates a simulation of a scene, which is freed, and the gland's motion; the needle's base is at `start`. */
 static followed follow(trocar_scene *scene, vec3 start) {
     followed f = {.base = {{start.x, start.y, start.z}, {1, 0, 0, 0}}};
     report why;
@@ -118,7 +118,7 @@ static rigid_motion motion_now(followed *f) {
 }
 
 /* By reciprocity (Maxwell, Betti) the gland's mean displacement in a direction is the work of the needle's forces on the field of a
-   unit force spread over the gland's nodes: one static solve on the unrefined mesh. */
+   unit force that is spread over the gland's nodes. This takes one static solve on the unrefined mesh. */
 static double shift_by_reciprocity(const followed *f, vec3 direction) {
     const simulation *parts = &f->model->parts;
     const insertion_state *state = &f->sim->needles[0].state;
@@ -149,7 +149,7 @@ static vec3 check_shift(followed *f) {
     return shift;
 }
 
-/* The gland follows the needle when it is pushed in, pulled back (beyond the initial place) and moved sideways. */
+/* The gland follows the needle when it is pushed in, pulled back (beyond its initial position) and moved sideways. */
 static void gland_is_displaced_by_the_needle(void **unused) {
     (void)unused;
     followed f = follow(load(MESHES "/figure8.yaml"), v3(0.005, 0.003, -0.201));
@@ -172,7 +172,8 @@ static void gland_is_displaced_by_the_needle(void **unused) {
 
 static const double PUBLISHED[2] = {-11.2, 13.8}; /* deg in the coronal plane, in patients (Lagerburg et al. 2005) */
 
-typedef struct { double x, bedding, grip; bool loose_arch; } twist_case; /* m off the midplane; modulus of the surroundings and friction of the gland, scene = 1 */
+/* m from the midplane; the modulus of the surroundings and the friction of the gland, relative to the scene's */
+typedef struct { double x, bedding, grip; bool loose_arch; } twist_case;
 
 typedef struct { double low, high, pushed, pulled; } coronal_turn; /* deg in the coronal plane; mm of shift along the needle */
 
@@ -198,14 +199,14 @@ static trocar_scene *twist_scene(twist_case given) {
     }
     char fixed[256];
     assert_int_equal(trocar_scene_get(scene, "fixed", fixed, sizeof fixed, &why), TROCAR_OK);
-    char *arch = strstr(fixed, ", bone]"); /* the last one */
+    char *arch = strstr(fixed, ", bone]"); /* the last entry */
     assert_non_null(arch);
     strcpy(arch, "]");
     if (given.loose_arch) assert_int_equal(trocar_scene_set(scene, "fixed", fixed, &why), TROCAR_OK);
     return scene;
 }
 
-/* A needle parallel to the body's axis, 120 mm in and out again. */
+/* Inserts a needle parallel to the body's axis by 120 mm and withdraws it. */
 static coronal_turn insert_and_draw_back(const char *title, twist_case given) {
     trocar_scene *scene = twist_scene(given);
     report why;
@@ -226,8 +227,8 @@ static coronal_turn insert_and_draw_back(const char *title, twist_case given) {
 
 static double largest(coronal_turn t) { return fmax(t.high, -t.low); }
 
-/* Rotations are in the range seen in patients, with opposite signs for needles on the left and right. They grow with the distance
-   from the midplane, softer surroundings and friction. An arch that fixes the tissue restrains the gland. */
+/* Rotations are within the range seen in patients, with opposite signs for needles on the left and right. They grow with the
+   distance from the midplane, with softer surroundings and with friction. An arch that fixes the tissue restrains the gland. */
 static void needles_rotate_the_gland(void **unused) {
     (void)unused;
     coronal_turn left = insert_and_draw_back("18 mm left of the midplane", (twist_case){-0.018, 1, 1, false});

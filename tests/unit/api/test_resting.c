@@ -1,4 +1,4 @@
-/* Needles that rest: left, taken and removed through trocar.h, against dense linear algebra of needles and tissue together. */
+/* Needles that rest: left, taken and removed through trocar.h, compared with dense linear algebra for needles and tissue together. */
 #include <setjmp.h>
 #include <stdarg.h>
 #include <stddef.h>
@@ -37,7 +37,7 @@ static trocar_model *create_model(const char *file, int needles) {
 
 static trocar_pose at(double x, double y, double z) { return (trocar_pose){{x, y, z}, {1, 0, 0, 0}}; }
 
-/* 50 mm deep at 0.1 m/s, straight along z, then held until the forces stay. */
+/* Inserts a needle 50 mm deep at 0.1 m/s, straight along z, then holds it until the forces are steady. */
 static void push(trocar_sim *sim, int needle, double x, double y, int ticks, trocar_output *output) {
     trocar_pose base = at(x, y, -0.201);
     OK(trocar_sim_reset(sim, needle, &base, &why));
@@ -100,14 +100,14 @@ static void left_and_taken_again(void **state) {
 
 enum { MOST_ROWS = 400 };
 
-/* Every component of force of every point of some needles in the tissue: dense. */
+/* All components of force at all points of some needles in the tissue, in a dense problem. */
 typedef struct {
     int count;
     struct { int needle, tet; double weights[4]; vec3 direction; } rows[MOST_ROWS];
     double force[MOST_ROWS]; /* N, on the tissue */
 } point_forces;
 
-/* The tissue's compliance between two rows, from the model's inverse, to which nothing is attached. */
+/* Returns the tissue's compliance between two rows, from the model's inverse, to which nothing is attached. */
 static double between(trocar_model *model, const point_forces *p, int i, int j) {
     double sum = 0.0, blocks[12 * 12];
     const mesh *m = &model->parts.mesh;
@@ -134,7 +134,7 @@ static void add_point(point_forces *p, int needle, int tet, const double weights
 
 static const mat3 IDENTITY = {{{1, 0, 0}, {0, 1, 0}, {0, 0, 1}}};
 
-/* Of a held needle: the forces on the tissue at its contacts, then at its tip; of relaxing tissue with what it remembers. */
+/* Returns the forces of a held needle on the tissue at its contacts, then at its tip; for relaxing tissue, with the loads that it remembers. */
 static vec3 contact_load(const trocar_sim *sim, int needle, int k) {
     const insertion_state *s = &sim->needles[needle].state;
     return v3_add(s->contacts[s->refined.order[k]].force, creep_load(&sim->model->parts.insertion, &s->memory, k));
@@ -157,14 +157,14 @@ static void add_held(const trocar_sim *sim, int needle, point_forces *p) {
     if (s->tip.place.phase == TIP_INSIDE) add_point(p, needle, s->tip.known.tet, s->tip.known.weights, load_at_tip(sim, needle), &IDENTITY);
 }
 
-/* Loads that relaxing tissue remembers where the needle is no longer. */
+/* Adds the loads that relaxing tissue remembers where the needle no longer is. */
 static void add_left(const trocar_sim *sim, int needle, const insertion_state *state, point_forces *p) {
     tissue_loads left = {.count = 0};
     insertion_add_residual_loads(&sim->model->parts.insertion, state, &left);
     for (int i = 0; i < left.count; i++) add_point(p, needle, left.loads[i].tet, left.loads[i].weights, left.loads[i].force, &IDENTITY);
 }
 
-/* How far the rows of a needle that rests are displaced by a held one's forces beyond what the mesh resolves, m. */
+/* Computes the displacements (m) of a resting needle's rows by a held needle's forces that exceed those resolved by the mesh. */
 static void displaced_nearby(trocar_sim *sim, const resting_needle *r, int held, double *displacement) {
     static tissue_loads loads;
     static mat3 lacks[SHIFT_STEPS];
@@ -183,14 +183,14 @@ static void displaced_nearby(trocar_sim *sim, const resting_needle *r, int held,
     }
 }
 
-/* One problem for all: needles that rest with free bases, and given forces of those that are held. Unknown are the changes of the resting
-   needles' forces since they were left, and the motions of their bases: for each resting needle
+/* One problem for all needles: those that rest have free bases, those that are held have given forces. The unknowns are the changes of the resting
+   needles' forces since they were left, and the motions of their bases. For each resting needle
 
        (G + C) df + C_held f = R q,    R^T df = 0
 
-   with G and R of each as they were when it was left, C with what the mesh does not resolve between them, and df counted from `reference`, when no needle was held. Dense, by LU. Returns the
-   largest difference from the forces that the simulation shows, N, and that of the displacements at the held needle's contacts from
-   those that its tick knows of, m. */
+   with the G and R that each needle had when it was left, C including the part of the compliance between them that the mesh does not resolve, and df relative
+   to `reference`, when no needle was held. Solved densely by LU. Returns the largest difference from the simulation's forces, N, and of the displacements at
+   the held needle's contacts from those that its tick uses, m. */
 typedef struct { double forces, displacement, size; } differences;
 typedef double all_forces[MAX_UNKNOWNS];
 
@@ -214,7 +214,7 @@ static differences compare(trocar_sim *sim, const int *resting, int count, int h
         }
     }
     add_held(sim, held, &p);
-    int held_end = p.count; /* then what never changes, and what has remained of the held needle's forces */
+    int held_end = p.count; /* then the rows that never change, and the held needle's residual forces */
     for (int k = 0; k < count; k++) add_left(sim, resting[k], &sim->needles[resting[k]].resting->anchor, &p);
     int own_left = p.count;
     add_left(sim, held, &sim->needles[held].state, &p);
@@ -258,7 +258,7 @@ static differences compare(trocar_sim *sim, const int *resting, int count, int h
             d.forces = fmax(d.forces, fabs(r->force[u] + r->beside[u] - p.force[first[k] + u]));
         }
     }
-    /* What the held needle's tick knows at the corners around its tip: u_free + C f, C with what rests attached. */
+    /* The held needle's tick uses u_free + C f at the corners around its tip, where C includes the attached resting needles. */
     const insertion_state *s = &sim->needles[held].state;
     const compliance_snapshot *snapshot = link_answer(&sim->needles[held].link);
     const creep_series *creep = &model->parts.insertion.creep;
@@ -267,8 +267,8 @@ static differences compare(trocar_sim *sim, const int *resting, int count, int h
     for (int c = 0; c < 4; c++) {
         double weights[4] = {0, 0, 0, 0}, u[3] = {0, 0, 0};
         vec3 known = snapshot->u_free[corners[c]];
-        for (int t = 0; t < creep->count && snapshot->left; t++)
-            known = v3_axpy(creep->compliance[t] * exp(-(s->memory.time - snapshot->left_time) / creep->time[t]), snapshot->u_left[t][corners[c]], known);
+        for (int t = 0; t < creep->count && snapshot->has_residuals; t++)
+            known = v3_axpy(creep->compliance[t] * exp(-(s->memory.time - snapshot->residual_time) / creep->time[t]), snapshot->u_residual[t][corners[c]], known);
         for (int j = 0; contact_is_active(s, j); j++) {
             mat3 block = compliance_between(snapshot, corners[c], s->refined.order[j]);
             known = v3_add(known, m3_apply(&block, contact_load(sim, held, j)));
@@ -290,20 +290,20 @@ static differences compare(trocar_sim *sim, const int *resting, int count, int h
     return d;
 }
 
-/* Bounds so far away that nothing slips. */
+/* Sets the friction bounds so high that nothing slips. */
 static void let_stick(trocar_sim *sim, int needle) {
     resting_needle *r = sim->needles[needle].resting;
     for (int i = 0; i < r->axial_count; i++) r->upper[i] = INFINITY, r->lower[i] = -INFINITY;
 }
 
-/* What rests responds to the forces as they are, and the held needle's tick knows it. */
+/* Lets the resting needles respond to the present forces, so that the held needle's tick uses the response. */
 static void respond_and_answer(trocar_sim *sim, int needle) {
     OK(respond_to_loads(sim, true, &why));
     OK(answer_fully(sim, needle, &sim->needles[needle].state.request, &why));
     link_publish_answer(&sim->needles[needle].link);
 }
 
-/* How far from the one problem; the third needle is pushed beside the first two. */
+/* Measures the difference from the single problem; the third needle is pushed in beside the first two. */
 static void compare_sticking(const char *file, double x, double y, int ticks, int beside) {
     static const int resting[] = {0, 1};
     static all_forces reference[2];
@@ -343,8 +343,8 @@ static void sticking_needles_are_one_problem_with_those_held(void **state) {
 
 enum { STILL = 100, BACK = 300, MOST_TICKS = 500 + STILL + BACK, SUBSTEPS = 3 };
 
-/* Needle 1 is pushed in beside needle 0, stays, and is drawn back. Needle 0 rests; or ticks keep it where no force is left at its base, so that
-   its friction and the guides are solved exactly, all the time. Returns how many ticks. */
+/* Needle 1 is pushed in beside needle 0, held, and drawn back. Needle 0 rests; or it is held by ticks that keep the force at its base at zero,
+   so that its friction and the guides are solved exactly all the time. Returns the number of ticks. */
 static int push_beside(trocar_model *model, const char *file, double x, double y, int down, bool rests, trocar_output outputs[MOST_TICKS], double forces[MOST_TICKS][3]) {
     trocar_sim *sim;
     trocar_output out;
@@ -446,7 +446,7 @@ static void all_forces_of(const trocar_sim *sim, double forces[FOUR][TROCAR_MAX_
     }
 }
 
-/* Takes and leaves them at random, in the end all rest. */
+/* Takes and leaves needles at random; in the end all rest. */
 static void change_at_random(trocar_sim *sim, int changes) {
     trocar_output out;
     for (int change = 0; change < changes; change++) {
@@ -461,8 +461,8 @@ static void change_at_random(trocar_sim *sim, int changes) {
         if (trocar_sim_needle_state(sim, k) == TROCAR_NEEDLE_HELD) leave(sim, k);
 }
 
-/* Taken and left again at random: nothing drifts. Letting go stops at less than 1 mN on the base; the first changes bring the needles the rest of the
-   way (2e-5 N at a contact), then they are where they stay. */
+/* Needles are taken and left again at random without drift. Releasing a needle stops when the force on its base is below 1 mN; the first changes
+   remove the rest (2e-5 N at a contact), and then the needles stay where they are. */
 static void a_thousand_changes_leave_no_trace(void **state) {
     (void)state;
     static double before[9 * PROBES * PROBES], after[9 * PROBES * PROBES], start[FOUR][TROCAR_MAX_POINTS][3], end[FOUR][TROCAR_MAX_POINTS][3];
@@ -490,8 +490,8 @@ static void a_thousand_changes_leave_no_trace(void **state) {
     trocar_model_free(model);
 }
 
-/* Another simulation takes up where this one was saved: some rest, one is held, one is on its way. To rounding: what is
-   kept of the inverse depends on what was asked before. */
+/* Another simulation continues from a saved state in which some needles rest, one is held, and one is changing hands.
+   The results agree to rounding, because the stored part of the inverse depends on earlier requests. */
 static void what_follows_a_restore_follows_the_save(void **state) {
     (void)state;
     static double forces[2][FOUR][TROCAR_MAX_POINTS][3];
@@ -503,7 +503,7 @@ static void what_follows_a_restore_follows_the_save(void **state) {
     void *saved = malloc(size);
     OK(trocar_sim_create(model, &other, &why));
     for (int phase = 0; phase < 2; phase++) {
-        if (phase == 0) OK(trocar_sim_take(sim, 2, &why)); /* still to be carried out */
+        if (phase == 0) OK(trocar_sim_take(sim, 2, &why)); /* pending when the state is saved */
         else OK(trocar_sim_leave(sim, 2, &why));
         OK(trocar_sim_save(sim, saved, size, &why));
         OK(trocar_sim_restore(other, saved, size, &why));
@@ -550,23 +550,23 @@ static void what_makes_no_sense_is_refused(void **state) {
     assert_refused(trocar_sim_leave(sim, 2, &why), "needle 2: there are 2");
     assert_refused(trocar_sim_take(sim, -1, &why), "needle -1");
     assert_refused(trocar_sim_leave(sim, 0, &why), "not in the tissue");
-    assert_refused(trocar_sim_take(sim, 0, &why), "does not rest");
+    assert_refused(trocar_sim_take(sim, 0, &why), "not resting");
     assert_int_equal(trocar_sim_needle_state(sim, 7), TROCAR_NEEDLE_HELD);
     push(sim, 0, 0.0, 0.0, 200, &out);
     OK(trocar_sim_leave(sim, 0, &why));
-    assert_refused(trocar_sim_leave(sim, 0, &why), "rests already");
+    assert_refused(trocar_sim_leave(sim, 0, &why), "already resting");
     assert_refused(trocar_sim_take(sim, 0, &why), "not come to rest yet");
     OK(trocar_sim_work(sim, NULL, &why));
     trocar_pose base = trocar_sim_base(sim, 0);
     assert_refused(trocar_sim_step(sim, 0, &base, 1e-3, &out, &why), "take it first");
-    OK(trocar_sim_reset(sim, 0, &base, &why)); /* out, and in again */
+    OK(trocar_sim_reset(sim, 0, &base, &why)); /* out of the tissue, and in again */
     assert_int_equal(trocar_sim_needle_state(sim, 0), TROCAR_NEEDLE_HELD);
     OK(trocar_sim_step(sim, 0, &base, 1e-3, &out, &why));
     trocar_sim_free(sim);
     trocar_model_free(model);
 }
 
-/* Removed: the others feel it no longer. */
+/* After a needle has been removed, the others no longer feel it. */
 static void a_needle_that_is_removed_leaves_the_tissue_as_it_was(void **state) {
     (void)state;
     trocar_model *model = create_model("figure8.yaml", 2);
@@ -586,7 +586,7 @@ static void a_needle_that_is_removed_leaves_the_tissue_as_it_was(void **state) {
     trocar_model_free(model);
 }
 
-/* Of three needles that rest, the middle one is removed, or taken and then reset: the others bear the same then. */
+/* Of three resting needles, the middle one is removed, or taken and then reset: in both cases, the others bear the same forces afterwards. */
 static void the_others_feel_that_one_was_removed(void **state) {
     (void)state;
     trocar_model *model = create_model("figure8.yaml", 3);
@@ -625,8 +625,8 @@ static void the_others_feel_that_one_was_removed(void **state) {
     trocar_model_free(model);
 }
 
-/* A needle that is reset and left again before the worker has looked is laid down once, where it was left last; if the worker was just laying the
-   first one down, it does not take it for the second. */
+/* A needle that is reset and left again before the worker has served it is released once, where it was left last. If the worker was just
+   releasing the first one, that result is not used for the second. */
 static void a_needle_left_again_is_not_the_one_left_before(void **state) {
     (void)state;
     trocar_model *model = create_model("figure8.yaml", 1);
@@ -635,11 +635,11 @@ static void a_needle_left_again_is_not_the_one_left_before(void **state) {
     OK(trocar_sim_create(model, &sim, &why));
     push(sim, 0, 0.0, 0.0, 300, &out);
     OK(trocar_sim_leave(sim, 0, &why));
-    unsigned seen = link_seen(&sim->needles[0].link); /* as the worker begins */
+    unsigned seen = link_seen(&sim->needles[0].link); /* as when the worker begins */
     trocar_pose elsewhere = at(0.008, 0.0, -0.19);
     OK(trocar_sim_reset(sim, 0, &elsewhere, &why));
     OK(trocar_sim_leave(sim, 0, &why));
-    link_complete(&sim->needles[0].link, seen, ON_RESTS); /* and as it ends */
+    link_complete(&sim->needles[0].link, seen, ON_RESTS); /* as when it ends */
     assert_int_equal(trocar_sim_needle_state(sim, 0), TROCAR_NEEDLE_LEAVING);
     OK(trocar_sim_work(sim, NULL, &why));
     assert_int_equal(trocar_sim_needle_state(sim, 0), TROCAR_NEEDLE_RESTING);
@@ -652,8 +652,8 @@ static void a_needle_left_again_is_not_the_one_left_before(void **state) {
     trocar_model_free(model);
 }
 
-/* Drawn back fast, the shaft is ahead of the tissue by what it has sheared: let go of 1 mm deep, that pushes it out. It is held as before, which is
-   no fault of the worker. */
+/* When a needle is drawn back fast, its shaft is ahead of the tissue that it has sheared; if it is left 1 mm deep, this pushes it out. The needle
+   is then held as before, which is not a fault of the worker. */
 static void a_needle_that_slips_out_when_it_is_let_go_is_kept(void **state) {
     (void)state;
     trocar_model *model = create_model("figure8.yaml", 1);
@@ -677,7 +677,7 @@ static void a_needle_that_slips_out_when_it_is_let_go_is_kept(void **state) {
     trocar_model_free(model);
 }
 
-/* 20 mm deep in 0.1 s, beside a worker that has its turn at random, on average every 1 to 1000 ticks. */
+/* Inserts a needle by 20 mm in 0.1 s, with a worker that is served at random, on average every 1 to 1000 ticks. */
 static void push_beside_a_late_worker(trocar_sim *sim, int needle) {
     trocar_pose base = at(0.005 * needle, 0.003, -0.201);
     trocar_output out = {0};
@@ -692,7 +692,7 @@ static void push_beside_a_late_worker(trocar_sim *sim, int needle) {
     }
 }
 
-/* In 1 of 140 such needles the shaft lags so far behind the tissue that it slips for a second until it rests: these are among them. */
+/* In 1 of 140 such insertions, the shaft lags so far behind the tissue that it slips for a second before it rests: such cases are among these. */
 static void a_needle_can_be_left_however_late_the_worker_is(void **state) {
     (void)state;
     const unsigned seeds[] = {21, 48, 80, 218, 234};

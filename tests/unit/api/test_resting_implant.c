@@ -1,12 +1,13 @@
-/* A whole implant with needles that slip, against one contact problem of all that rest: needles are pushed in one after the other and left, then
-   taken in the same order and drawn out.
+/* A whole implant with slipping needles is compared with a single contact problem for all resting needles. Needles are pushed in one after the other and
+   left, then taken in the same order and drawn out.
 
-   The library lets one needle slip at a time, at 250 Hz. The reference keeps it from doing so. After each tick of 1 ms it solves for the slips of all
-   points of all needles together, by projected Gauss-Seidel on the dense compliance of needles, template and tissue, assembled here from the
-   model's inverse, until no force is above what friction can bear by more than 1e-10 N; and the next tick knows the result. That needles which
-   stick are one problem with the one that is held, is shown in test_resting.c, and so is the error of linearising a needle that slips.
+   The library lets one needle slip at a time, at 250 Hz; the reference prevents that. After each tick of 1 ms, the reference solves for the slips of all
+   points of all needles together, by projected Gauss-Seidel on the dense compliance of needles, template and tissue, which is assembled here from the model's
+   inverse, until no force exceeds the friction limit by more than 1e-10 N; the next tick uses the result. test_resting.c shows that sticking needles are one
+   problem with the held needle, and measures the error of linearising a slipping needle.
 
-   usage: [SCENE=NAME] [NEEDLES=N] [DEPTH=N] [TICKS=N] test_unit test_resting_implant     by default a short one: figure8.yaml, 4, 30 mm; TICKS: of the reference
+   usage: [SCENE=NAME] [NEEDLES=N] [DEPTH=N] [TICKS=N] test_unit test_resting_implant     by default a short implant: figure8.yaml, 4 needles, 30 mm; TICKS:
+   number of the reference's ticks
    per ms, by default 1 */
 #include <setjmp.h>
 #include <stdarg.h>
@@ -33,18 +34,18 @@ static struct { const char *scene; int needles, depth, substeps; } implant = {"f
 
 /* ---- the reference ----------------------------------------------------------------------------------------------------------- */
 
-/* Of all needles that rest now, in the set's order. */
+/* All needles that rest now, in the set's order. */
 typedef struct {
-    uint64_t id[MAX_NEEDLES];      /* of each needle of the scene as it rested last, */
-    double lower[MAX_NEEDLES][MAX_AXIAL], upper[MAX_NEEDLES][MAX_AXIAL]; /* N, and its bounds, which the library does not know now */
-    uint64_t changes;        /* of the set, when this was assembled */
+    uint64_t id[MAX_NEEDLES];      /* id of each needle of the scene when it last rested */
+    double lower[MAX_NEEDLES][MAX_AXIAL], upper[MAX_NEEDLES][MAX_AXIAL]; /* N, and the bounds, which the library does not know now */
+    uint64_t changes;        /* number of changes of the set when this was assembled */
     int rows, motions, axials;
-    int *row, *needle, *axial; /* of each force along a needle: its row, its needle in the set, which of its needle's */
-    double *response;        /* of rows and motions, column by column, to a slip of each */
-    double slipped;          /* m, most of all points */
+    int *row, *needle, *axial; /* for each force along a needle: its row, its needle in the set, and its index within the needle */
+    double *response;        /* response of rows and motions, column by column, to a unit slip of each force */
+    double slipped;          /* m, largest slip of all points */
 } one_problem;
 
-/* Shape functions of a row's point: displacement along the row by the nodes. */
+/* Returns the compliance between two rows, with the shape functions of each row's point. */
 static double between(trocar_model *model, const attached_row *a, const attached_row *b) {
     double blocks[12 * 12], sum = 0.0;
     if (a->tet < 0 || b->tet < 0) return 0.0;
@@ -64,7 +65,7 @@ static void forget(one_problem *p) {
     p->response = NULL;
 }
 
-/* (G + C) df = R q - s,    R^T df = 0 */
+/* Assembles (G + C) df = R q - s,    R^T df = 0 */
 static void assemble(trocar_sim *sim, one_problem *p) {
     const resting_set *set = &sim->resting;
     forget(p);
@@ -88,7 +89,7 @@ static void assemble(trocar_sim *sim, one_problem *p) {
         const resting_needle *r = set->needles[k];
         size_t first = (size_t)set->row[k];
         static double nearby[MAX_UNKNOWNS * MAX_UNKNOWNS];
-        for (int l = 0; l < k; l++) { /* what the mesh does not resolve between them */
+        for (int l = 0; l < k; l++) { /* the compliance between them that the mesh does not resolve */
             OK(resting_mutual(sim->pairs, r, set->needles[l], nearby, MAX_UNKNOWNS, &why));
             for (int u = 0; u < r->unknown_count; u++)
                 for (int v = 0; v < set->needles[l]->unknown_count; v++) {
@@ -119,7 +120,7 @@ static void assemble(trocar_sim *sim, one_problem *p) {
     free(pivots);
 }
 
-/* Takes the bounds of needles that have been left since from the library. */
+/* Takes from the library the bounds of needles that have been left since the last call. */
 static void take_bounds(trocar_sim *sim, one_problem *p) {
     for (int k = 0; k < sim->needle_count; k++) {
         resting_needle *r = sim->needles[k].resting;
@@ -138,7 +139,7 @@ static int of_scene(const trocar_sim *sim, const resting_needle *r) {
     return -1;
 }
 
-/* Of a force along a needle now: friction weakens as it slides. */
+/* Computes the present bounds of a force along a needle: friction weakens as the needle slides. */
 static void bounds_of(const trocar_sim *sim, const one_problem *p, int a, double *lower, double *upper) {
     resting_needle *r = sim->resting.needles[p->needle[a]];
     int k = of_scene(sim, r), i = p->axial[a];
@@ -148,7 +149,7 @@ static void bounds_of(const trocar_sim *sim, const one_problem *p, int a, double
     r->lower[i] = -INFINITY, r->upper[i] = INFINITY;
 }
 
-/* All slips together, and what they change. */
+/* Solves for all slips together, and applies them. */
 static void slip_together(trocar_sim *sim, one_problem *p) {
     resting_set *set = &sim->resting;
     take_bounds(sim, p);
@@ -167,7 +168,7 @@ static void slip_together(trocar_sim *sim, one_problem *p) {
         for (int a = 0; a < p->axials; a++) {
             const double *column = p->response + (size_t)a * n;
             double yields = -column[p->row[a]], alone = force[a] + yields * slip[a];
-            if (!(yields > 1e-3)) continue; /* N/m: slip relieves nothing */
+            if (!(yields > 1e-3)) continue; /* N/m: slipping relieves no force here */
             double now = alone > upper[a] ? (alone - upper[a]) / yields : alone < lower[a] ? (alone - lower[a]) / yields : 0.0, more = now - slip[a];
             if (more == 0.0) continue;
             for (int b = 0; b < p->axials; b++) force[b] += column[p->row[b]] * more;
@@ -207,9 +208,11 @@ typedef struct {
     int count;
     double (*hand)[3];       /* N, force on the hand in each ms */
     int *punctures;          /* so far */
-    double (*rests)[3];      /* N, of the first needle's forces on tissue and template along it while it rests: their positive and negative sum, and the largest */
-    int broken;              /* membranes, so far */
-    double slid;             /* m, most of all points */
+    /* N, forces of the first needle on tissue and template along its axis while it rests: sum of the positive ones, of the negative ones, and the
+       largest */
+    double (*rests)[3];
+    int broken;              /* number of membranes punctured so far */
+    double slid;             /* m, largest sliding of all points */
 } record;
 
 static void note(const trocar_sim *sim, const trocar_output *out, record *r) {
@@ -252,7 +255,7 @@ static void move(trocar_sim *sim, int needle, trocar_pose *base, double way, int
     }
 }
 
-/* Holes 5 mm apart, from the middle. */
+/* Returns the pose for hole k; holes are 5 mm apart, starting from the middle. */
 static trocar_pose hole(int k) {
     static const int columns[] = {0, 1, -1, 0, 1, -1, 0, 1, -1}, rows[] = {0, 0, 0, 1, 1, 1, -1, -1, -1};
     return (trocar_pose){{5e-3 * columns[k % 9], 5e-3 * rows[k % 9], -0.201}, {1, 0, 0, 0}};
@@ -313,7 +316,7 @@ static void slipping_needles_are_near_one_problem(void **state) {
         apart = differ ? apart + 1 : 0;
         latest = apart > latest ? apart : latest;
         settling = differ ? SETTLE : settling - 1;
-        if (settling > 0) { /* a membrane breaks a moment earlier in one of them: the same drop of force, a moment apart */
+        if (settling > 0) { /* a membrane is punctured slightly earlier in one of the runs: the same drop of force occurs at another time */
             left_out++;
             continue;
         }
@@ -330,7 +333,7 @@ static void slipping_needles_are_near_one_problem(void **state) {
                   sqrt(squares / exact.count), latest, left_out, off, largest);
     for (int t = at - 4; getenv("VERBOSE") && t < at + 12; t++)
         print_message("%d: %.4f %.4f %d %d\n", t, library.hand[t][2], exact.hand[t][2], library.punctures[t], exact.punctures[t]);
-    assert_true(library.slid > 1e-5); /* friction has given way */
+    assert_true(library.slid > 1e-5); /* some friction has been overcome */
     assert_true(worst < 0.05 * peak && latest <= 5);
     for (record *r = &library; r; r = r == &library ? &exact : NULL) free(r->hand), free(r->rests), free(r->punctures);
     trocar_model_free(model);

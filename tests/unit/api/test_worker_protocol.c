@@ -1,5 +1,5 @@
-/* The states of a needle between ticking thread and worker: each event in each phase, legal or refused, on a link by itself and through trocar.h;
-   and both threads at once, for ThreadSanitizer too. */
+/* The states of a needle that ticking thread and worker share: each event in each phase, legal or refused, for a single link and through
+   trocar.h; and with both threads at the same time, also for ThreadSanitizer. */
 #include "api/worker_protocol.h"
 
 #include <poll.h>
@@ -20,7 +20,7 @@ static trocar_error why;
 
 #define OK(call) do { if ((call) != TROCAR_OK) fail_msg("%s: %s", #call, why.text); } while (0)
 
-/* What is expected, by itself: one letter for the phase after each event, '-' where it is refused. */
+/* The expected phases, written down independently: one letter for the phase after each event, '-' if the event is refused. */
 static const char LETTERS[] = "HLRTK"; /* HELD, LEAVING, RESTING, TAKING, TAKEN */
 static const char *const EXPECTED[NEEDLE_EVENTS] = {
     [ON_TICK] = "H----", [ON_LEAVE] = "L----", [ON_TAKE] = "--T--", [ON_RESET] = "HHHH-", [ON_ADOPT] = "----H",
@@ -53,7 +53,7 @@ static void close_single(single *s) {
     free(s->state);
 }
 
-/* An event that is legal. */
+/* Carries out an event that is legal. */
 static void carry_out(single *s, needle_event event) {
     switch (event) {
     case ON_TICK: s->state->request.serial++, link_post_request(&s->link, &s->state->request, 0); return;
@@ -65,7 +65,7 @@ static void carry_out(single *s, needle_event event) {
     }
 }
 
-/* The events that lead from HELD to each phase. */
+/* Carries out the events that lead from HELD to a phase. */
 static void go_to(single *s, needle_phase phase) {
     static const needle_event way[] = {ON_LEAVE, ON_RESTS, ON_TAKE, ON_RELEASE};
     for (int i = 0; i < (int)phase; i++) carry_out(s, way[i]);
@@ -94,8 +94,8 @@ static void every_event_in_every_phase(void **unused) {
         }
 }
 
-/* The worker began in one phase, and the ticking thread has changed it since: what the worker ends with has no effect, even if the phase is the
-   same again. */
+/* The worker began its work in one phase, and the ticking thread has changed the phase since: the worker's result has no effect, even if the
+   phase is the same again. */
 static void the_worker_ends_only_what_still_holds(void **unused) {
     (void)unused;
     static const needle_event changes[][6] = {
@@ -143,14 +143,14 @@ static void requests_are_posted_once_and_their_age_is_known(void **unused) {
     assert_true(fresh && !link_request_waits(&s.link));
     s.link.answered = 1;
     assert_int_equal(link_waiting(&s.link, 200), 0);
-    for (int i = 1; i <= 2 * REQUESTS_REMEMBERED; i++) { /* the oldest that is remembered counts */
+    for (int i = 1; i <= 2 * REQUESTS_REMEMBERED; i++) { /* the oldest remembered request counts */
         s.state->request.serial++;
         assert_true(link_post_request(&s.link, &s.state->request, 1000 + i));
     }
     assert_int_equal(link_waiting(&s.link, 1000 + 2 * REQUESTS_REMEMBERED), REQUESTS_REMEMBERED - 1);
     uint64_t before = s.state->request.serial;
     carry_out(&s, ON_LEAVE);
-    assert_true(s.state->request.serial > before + REQUESTS_REMEMBERED); /* apart from those that the worker gives while it lets go */
+    assert_true(s.state->request.serial > before + REQUESTS_REMEMBERED); /* except for those that the worker makes while it releases a needle */
     assert_int_equal(link_waiting(&s.link, 1 << 20), 0);
     close_single(&s);
 }
@@ -162,14 +162,14 @@ enum { EVENTS = 30000, HUNDREDTHS = 100 };
 typedef struct {
     needle_link link;
     atomic_bool stop;
-    bool attached;           /* the worker's */
+    bool attached;           /* written by the worker */
     int duties[4];
-    int outdated;            /* duties that the ticking thread had changed its mind about */
+    int outdated;            /* number of tasks for which the ticking thread had changed its mind */
 } two_threads;
 
 static unsigned random_below(unsigned *seed, unsigned n) { return (*seed = *seed * 1664525u + 1013904223u) / 65536u % n; }
 
-/* Everything that is handed over says twice which one it is, far apart in memory. */
+/* Labels everything that is handed over twice with its ticket, in places far apart in memory. */
 static void label(insertion_state *state, uint64_t ticket) { state->next_id = state->request.serial = ticket; }
 static bool is_labelled(const insertion_state *state, uint64_t ticket) { return state->next_id == ticket && state->request.serial == ticket; }
 
@@ -205,7 +205,7 @@ static bool worker_turn(two_threads *t, unsigned *seed) {
     if (fresh && !t->attached) {
         compliance_snapshot *slot = link_answer_slot(&t->link);
         slot->serial = posted->request.serial;
-        slot->left_time = (double)slot->serial;
+        slot->residual_time = (double)slot->serial;
         link_publish_answer(&t->link);
     }
     const tissue_loads *loads = link_loads(&t->link, &fresh);
@@ -230,8 +230,8 @@ static bool all_happened(const int *counts, int count) {
     return true;
 }
 
-/* A ticking thread that changes its mind at any time, until it has met every phase, however late the worker gets a processor. What it is shown is
-   always the needle that it left last. */
+/* The ticking thread changes its mind at any time until it has met every phase, however late the worker gets a processor. It must always be shown
+   the needle that it left last. */
 static void both_threads_agree_on_who_has_the_needle(void **unused) {
     (void)unused;
     two_threads *t = aligned_alloc(CACHE_LINE, (sizeof *t + CACHE_LINE - 1) / CACHE_LINE * CACHE_LINE);
@@ -249,7 +249,7 @@ static void both_threads_agree_on_who_has_the_needle(void **unused) {
         needle_event event = (needle_event)random_below(&seed, ON_ADOPT + 1);
         needle_phase before = link_phase(&t->link);
         met[before]++;
-        if (before == PHASE_RESTING) assert_true(is_labelled(&link_shown(&t->link)->state, ticket)); /* nobody but this thread ends it */
+        if (before == PHASE_RESTING) assert_true(is_labelled(&link_shown(&t->link)->state, ticket)); /* only this thread can end this phase */
         if (before == PHASE_TAKEN) {
             assert_true(is_labelled(&link_shown(&t->link)->state, ticket + RETURNED));
             assert_int_equal(link_answer(&t->link)->serial, ticket + RETURNED);
@@ -266,7 +266,7 @@ static void both_threads_agree_on_who_has_the_needle(void **unused) {
             link_post_loads(&t->link, &loads);
             break;
         case ON_LEAVE:
-            ticket += 2 * (1 << 20); /* beyond what link_leave keeps apart */
+            ticket += 2 * (1 << 20); /* beyond the range that link_leave distinguishes */
             label(&link_left_slot(&t->link)->state, ticket);
             link_leave(&t->link, state);
             break;
@@ -298,7 +298,7 @@ enum { NEEDLES = 2 };
 
 typedef enum { TICK, STEP, LEAVE, TAKE, RESET, DROP, SAVE, CALLS } call;
 
-/* For each phase: the status; the needle's state after it, and when the worker has done what there was to do; words of the message. */
+/* For each phase: the status; the needle's state after the call, and after the worker has finished; words of the message. */
 typedef struct {
     trocar_status status;
     trocar_needle_state at_once, in_the_end;
@@ -311,8 +311,8 @@ static const outcome OUTCOMES[CALLS][PHASES] = {
     /*         HELD                                 LEAVING                                      RESTING                                    TAKING                                     TAKEN */
     [TICK] =  {GOES(HELD, HELD),                    STAYS(LEAVING, RESTING, NULL),               STAYS(RESTING, RESTING, NULL),             STAYS(TAKING, HELD, NULL),                 GOES(HELD, HELD)},
     [STEP] =  {GOES(HELD, HELD),                    STAYS(RESTING, RESTING, "take it first"),    STAYS(RESTING, RESTING, "take it first"),  GOES(HELD, HELD),                          GOES(HELD, HELD)},
-    [LEAVE] = {GOES(LEAVING, RESTING),              STAYS(LEAVING, RESTING, "rests already"),    STAYS(RESTING, RESTING, "rests already"),  STAYS(TAKING, HELD, "rests already"),      GOES(LEAVING, RESTING)},
-    [TAKE] =  {STAYS(HELD, HELD, "does not rest"),  STAYS(LEAVING, RESTING, "not come to rest"), GOES(TAKING, HELD),                        STAYS(TAKING, HELD, "does not rest"),      STAYS(HELD, HELD, "does not rest")},
+    [LEAVE] = {GOES(LEAVING, RESTING),              STAYS(LEAVING, RESTING, "already resting"),    STAYS(RESTING, RESTING, "already resting"),  STAYS(TAKING, HELD, "already resting"),      GOES(LEAVING, RESTING)},
+    [TAKE] =  {STAYS(HELD, HELD, "not resting"),  STAYS(LEAVING, RESTING, "not come to rest"), GOES(TAKING, HELD),                        STAYS(TAKING, HELD, "not resting"),      STAYS(HELD, HELD, "not resting")},
     [RESET] = {GOES(HELD, HELD),                    GOES(HELD, HELD),                            GOES(HELD, HELD),                          GOES(HELD, HELD),                          GOES(HELD, HELD)},
     [DROP] =  {GOES(HELD, HELD),                    STAYS(LEAVING, RESTING, "take it first"),    STAYS(RESTING, RESTING, "take it first"),  STAYS(TAKING, HELD, "take it first"),      GOES(HELD, HELD)},
     [SAVE] =  {GOES(HELD, HELD),                    GOES(LEAVING, RESTING),                      GOES(RESTING, RESTING),                    GOES(TAKING, HELD),                        GOES(HELD, HELD)},
@@ -386,7 +386,7 @@ static void every_call_in_every_phase(void **unused) {
             trocar_output out;
             if (o->in_the_end == TROCAR_NEEDLE_RESTING) OK(trocar_sim_take(h.sim, 0, &why));
             work_off(h.sim);
-            OK(trocar_sim_tick(h.sim, 0, &base, 1e-3, &out)); /* whatever has happened, the needle can be had back */
+            OK(trocar_sim_tick(h.sim, 0, &base, 1e-3, &out)); /* whatever has happened, the needle can be ticked again */
         }
     free(held);
     free(memory);
@@ -420,8 +420,8 @@ static bool is_on_its_way(const trocar_sim *sim) {
     return now == TROCAR_NEEDLE_LEAVING || now == TROCAR_NEEDLE_TAKING;
 }
 
-/* Calls on two needles at random while the worker works: each is answered as the table says for the phase before it, or for one to which the worker
-   may have brought the needle meanwhile. */
+/* Makes random calls on two needles while the worker runs: each is answered as the table says for the phase before it, or for a phase to which the
+   worker may have moved the needle meanwhile. */
 static void random_calls_beside_a_worker(void **unused) {
     (void)unused;
     enum { ROUNDS = 200, PATIENCE = 120000 }; /* ms */
@@ -462,7 +462,7 @@ static void random_calls_beside_a_worker(void **unused) {
                 trocar_sim_tick(h.sim, 0, &at, 1e-3, &out);
                 sched_yield();
             }
-        bool waits = random_below(&seed, 2) == 0; /* for the worker to end what it has begun, however slow it is */
+        bool waits = random_below(&seed, 2) == 0; /* waits for the worker to finish its task, however slow it is */
         for (int ms = 0; waits && is_on_its_way(h.sim); ms++) {
             assert_true(ms < PATIENCE);
             poll(NULL, 0, 1);

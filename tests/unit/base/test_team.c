@@ -1,4 +1,4 @@
-/* A loop shared by threads: every index once, one at a time per member, and all done on return. */
+/* A loop shared by threads: every index once, each member runs one at a time, and all are done on return. */
 #include <setjmp.h>
 #include <stdarg.h>
 #include <stdatomic.h>
@@ -13,7 +13,7 @@
 enum { MEMBERS = 4, MOST = 1000, ROUNDS = 2000 };
 
 typedef struct {
-    int calls[MOST];         /* not atomic: a call that returns late, or twice, is a race */
+    int calls[MOST];         /* not atomic, so that a call that returns late or happens twice is a race */
     atomic_bool inside[MEMBERS];
     atomic_int wrong;
 } loop;

@@ -27,7 +27,7 @@ static void *write_blocks(void *context) {
     return NULL;
 }
 
-/* Each block read must be consistent and never older than the previous one, and the last one written must arrive. */
+/* Each block that is read must be consistent and never older than the previous one, and the last block written must arrive. */
 static void newest_value_is_never_torn_and_never_older(void **unused) {
     (void)unused;
     triple_buffer n;

@@ -1,4 +1,4 @@
-/* The baseline of timings: a matrix product, really computed each time, in one thread. */
+/* The baseline of timings: a matrix product that is really computed each time, in one thread. */
 #include <setjmp.h>
 #include <stdarg.h>
 #include <stddef.h>
@@ -9,7 +9,7 @@
 
 #include "bench/baseline.h"
 
-/* No core exceeds 64 floating-point operations per cycle or 6e9 cycles per second: anything faster did not compute the product. */
+/* No core exceeds 64 floating-point operations per cycle or 6e9 cycles per second, so anything faster did not compute the product. */
 static void measures_the_time_of_a_matrix_product(void **state) {
     (void)state;
     histogram time;

@@ -1,5 +1,5 @@
-/* The free client's messages against those of lcm-gen, in both directions, and how it puts fragments together. The client is one file,
-   whose inner functions are tested here. */
+/* Compares the free client's messages with those of lcm-gen, in both directions, and tests how it assembles fragments. The client is
+   one file, whose inner functions are tested here. */
 #include "trocar_client.c"
 
 #include "trocar_command_reply_t.h"
@@ -27,7 +27,7 @@ static void randomise(void *bytes, size_t size) {
     for (size_t i = 0; i < size; i++) ((unsigned char *)bytes)[i] = (unsigned char)(random_bits() >> 32);
 }
 
-/* Numbers of any bits, infinite ones too. */
+/* Numbers with any bits, also infinite ones. */
 #define SAME(field) assert_memory_equal(&mine.field, &m.field, sizeof m.field)
 #define ROUND(name, theirs_name, CHECKS) \
     for (int round = 0; round < ROUNDS; round++) { \
@@ -107,7 +107,7 @@ static trocar_client *open_alone(void) {
     return c;
 }
 
-/* A reply of LARGE bytes to the client's last command, which says that it is done. */
+/* Makes a reply of LARGE bytes to the client's last command, with the status done. */
 static void make_reply(const trocar_client *c) {
     static char text[LARGE];
     trocar_command_reply_t m = {.server = 5, .session = c->session, .seq = c->asked, .status = TROCAR_COMMAND_REPLY_T_DONE, .message = text};
@@ -119,11 +119,11 @@ static void make_reply(const trocar_client *c) {
 typedef struct {
     const char *channel;
     uint32_t sequence;
-    uint16_t port;           /* of the sender */
+    uint16_t port;           /* the sender's port */
     unsigned count;
 } cut;
 
-/* Gives the client fragment `number` of the message in `theirs`, cut into equal parts. */
+/* Gives the client fragment `number` of the message in `theirs`, which is cut into equal parts. */
 static void give(trocar_client *c, const cut *k, unsigned number) {
     static unsigned char packet[DATAGRAM_MOST];
     size_t part = (LARGE + k->count - 1) / k->count, offset = number * part, size = offset + part < LARGE ? part : LARGE - offset, name = 0;
@@ -148,7 +148,7 @@ static bool is_answered(trocar_client *c) {
     return true;
 }
 
-/* After fragment 0 in any order, some of them twice, while other senders' messages pass by. */
+/* Fragments after fragment 0 arrive in any order, some of them twice, interleaved with other senders' messages. */
 static void fragments_come_in_any_order(void **unused) {
     (void)unused;
     trocar_client *c = open_alone();
@@ -181,7 +181,7 @@ static void a_message_without_all_of_its_fragments_is_none(void **unused) {
         const cut k = {"TROCAR_REPLY", lost, 1000, 20}, next = {"TROCAR_REPLY", lost + 1, 1000, 20};
         for (unsigned i = 0; i < 20; i++)
             if (i != lost) give(c, &k, i);
-        give(c, &(cut){"TROCAR_REPLY", lost, 1001, 20}, lost); /* another sender's */
+        give(c, &(cut){"TROCAR_REPLY", lost, 1001, 20}, lost); /* from another sender */
         give(c, &(cut){"TROCAR_REPLY", lost, 1000, 21}, lost); /* of another message */
         assert_false(is_answered(c));
         for (unsigned i = 0; i < 20; i++) give(c, &next, i);

@@ -1,4 +1,4 @@
-/* docs/examples/frames.h: the frames of devices in the scene's world frame. */
+/* Tests docs/examples/frames.h: the conversion between the frames of devices and the scene's world frame. */
 #include <stdlib.h>
 #include "../docs/examples/frames.h"
 
@@ -18,7 +18,7 @@ static void expect(const double a[], double x, double y, double z) {
     assert_float_equal(a[2], z, 1e-15);
 }
 
-/* Away from the operator is into the body, up stays up, and x is to the operator's left. */
+/* Away from the operator points into the body, up stays up, and x points to the operator's left. */
 static void directions(void **state) {
     (void)state;
     double level[3][3] = {{1, 0, 0}, {0, 1, 0}, {0, 0, 1}}, base[3], q[4], force[3];
@@ -30,26 +30,26 @@ static void directions(void **state) {
     pose_in_world(&toward_x, (double[]){-0.05, -0.01, 0.02}, level, base, q);
     expect(base, 0.11, 0.22, 0.35);
     assert_float_equal(fabs(q[0]), 1, 1e-15);
-    vector_on_device(&toward_z, (double[]){0, 0, -1}, force); /* out of the body: toward the operator */
+    vector_on_device(&toward_z, (double[]){0, 0, -1}, force); /* out of the body is toward the operator */
     expect(force, 0, 0, 1);
     vector_on_device(&toward_x, (double[]){0, 0, -1}, force);
     expect(force, 1, 0, 0);
 }
 
-/* A stylus that points up by 30 degrees: so does the needle's axis, its local z. */
+/* If a stylus points up by 30 degrees, so does the needle's axis, its local z. */
 static void a_tilted_stylus(void **state) {
     (void)state;
     double c = cos(M_PI / 6), s = sin(M_PI / 6), base[3], q[4];
     double about_x[3][3] = {{1, 0, 0}, {0, c, -s}, {0, s, c}}, about_y[3][3] = {{c, 0, s}, {0, 1, 0}, {-s, 0, c}};
-    pose_in_world(&toward_z, (double[]){0, 0, 0}, about_x, base, q); /* -z is turned up */
+    pose_in_world(&toward_z, (double[]){0, 0, 0}, about_x, base, q); /* -z turns up */
     vec3 axis = q_rotate((quat){q[0], q[1], q[2], q[3]}, v3(0, 0, 1));
     expect((double[]){axis.x, axis.y, axis.z}, 0, s, c);
-    pose_in_world(&toward_x, (double[]){0, 0, 0}, about_y, base, q); /* -x is turned up */
+    pose_in_world(&toward_x, (double[]){0, 0, 0}, about_y, base, q); /* -x turns up */
     axis = q_rotate((quat){q[0], q[1], q[2], q[3]}, v3(0, 0, 1));
     expect((double[]){axis.x, axis.y, axis.z}, 0, s, c);
 }
 
-/* Quaternions to matrices and back, including half turns about each axis. */
+/* Converts quaternions to matrices and back, including half turns about each axis. */
 static void quaternions(void **state) {
     (void)state;
     srand(1);

@@ -7,7 +7,7 @@
 #include <stdlib.h>
 #include <cmocka.h>
 
-/* Reference: classical Runge-Kutta in small steps, error far below the tolerance. */
+/* Integrates the reference by the classical Runge-Kutta method in small steps, whose error is far below the tolerance. */
 static void integrate(hand *h, vec3 target, vec3 force, double time, int steps) {
     double dt = time / steps;
     for (int i = 0; i < steps; i++) {
@@ -42,7 +42,7 @@ static void follows_the_equation_of_motion(void **state) {
     (void)state;
     assert_same_path(0);
     assert_same_path(4);    /* underdamped */
-    assert_same_path(20);   /* critical: c^2 = 4 m k */
+    assert_same_path(20);   /* critical damping: c^2 = 4 m k */
     assert_same_path(20.0000001);
     assert_same_path(80);   /* overdamped */
 }

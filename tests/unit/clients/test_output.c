@@ -22,7 +22,7 @@ static int make_folder(void **state) {
 
 static int remove_folder(void **state) {
     (void)state;
-    return rmdir(folder);   /* fails if anything is left behind */
+    return rmdir(folder);   /* fails if a file is left */
 }
 
 static void appears_when_committed(void **state) {

@@ -11,7 +11,7 @@
 
 static report why;
 
-/* 200 poses at 1 kHz; pose k is answered (k + 1) us later, so that the percentiles are known. */
+/* Records 200 poses at 1 kHz; pose k is answered after (k + 1) us, so that the percentiles are known. */
 static recording conversation(void) {
     recording r = {.session = 5};
     pose base = {{0, 0, 0}, {1, 0, 0, 0}};
@@ -47,7 +47,7 @@ static void summary_counts_and_ranks(void **state) {
     recording_free(&r);
 }
 
-/* The jump of 0.3 N at the puncture does not count; the one of 0.2 N sideways does. */
+/* The jump of 0.3 N at the puncture does not count, but the jump of 0.2 N sideways does. */
 static void summary_finds_punctures_and_jumps(void **state) {
     (void)state;
     recording r = conversation();

@@ -1,4 +1,4 @@
-/* Timed ticks: the needle has the requested number of contacts, and the times are plausible. */
+/* In timed ticks, the needle has the requested number of contacts, and the times are plausible. */
 #include <setjmp.h>
 #include <string.h>
 #include <stdarg.h>
@@ -24,7 +24,7 @@ static int destroy(void **state) {
     return 0;
 }
 
-/* Straight over the gland, tip 1 mm before the skin. */
+/* Straight above the gland, with the tip 1 mm in front of the skin. */
 static const pose START = {{0.005, 0.003, -0.201}, {1, 0, 0, 0}};
 
 static timing_case five_contacts(timed_motion motion, int ticks) {
@@ -43,7 +43,7 @@ static void sweeps_with_the_requested_contacts(void **state) {
     assert_int_equal(row.unstable, 0);
 }
 
-/* All timed ticks have the requested contacts, although a needle that advances through as many ticks ends with more. */
+/* All timed ticks have the requested number of contacts, although a needle that advances through that many ticks ends with more. */
 static void advances_with_the_requested_contacts(void **state) {
     (void)state;
     report why;

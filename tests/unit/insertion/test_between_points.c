@@ -1,4 +1,4 @@
-/* Blocks of compliance between points of contact against the formula, entry by entry: P N P^T + R^T C R, and the mount's. */
+/* Blocks of compliance between contact points are compared with the formula entry by entry: P N P^T + R^T C R, and the mount's compliance. */
 #include "bending.h"
 #include "insertion/contact/between_points.h"
 #include "insertion/guide/guides.h"
@@ -18,7 +18,7 @@ static insertion_model model = {.needle = &needle};
 static needle_state shape;
 static insertion_workspace w;
 static compliance_snapshot snapshot;
-static needle_tangent whole;      /* compliance between all joints */
+static needle_tangent whole;      /* the compliance between all joints */
 static const double MOUNT = 2e-4; /* m/N */
 
 static double draw(void) { return (double)rand() / RAND_MAX - 0.5; }
@@ -29,7 +29,7 @@ static mat3 draw_block(void) {
     return m;
 }
 
-/* A bent and loaded needle. */
+/* Creates a bent and loaded needle. */
 static int create(void **unused) {
     (void)unused;
     vec3 load[NEEDLE_MAX_SEGMENTS + 1] = {{0}};
@@ -47,7 +47,7 @@ static int create(void **unused) {
     for (int i = 0; i < MAX_CONTACTS; i++)
         for (int j = i; j < MAX_CONTACTS; j++)
             for (int a = 0; a < 9; a++) snapshot.between_contacts[i].at[a / 3][a % 3][j] = 1e-3 * draw();
-    for (int i = 0; i < MAX_CONTACTS; i++) /* between a point and itself: symmetric */
+    for (int i = 0; i < MAX_CONTACTS; i++) /* the block between a point and itself is symmetric */
         for (int a = 0; a < 9; a++) snapshot.between_contacts[i].at[a % 3][a / 3][i] = snapshot.between_contacts[i].at[a / 3][a % 3][i];
     return 0;
 }
@@ -59,7 +59,7 @@ static mat3 tissue_between(int i, int j) {
     return m3_scaled(w.creep.yield, compliance_between(&snapshot, w.points.list[i].handle, w.points.list[j].handle));
 }
 
-/* N between joints: of the two triangles, the one that is there. */
+/* Returns N between joints from the triangle that is stored. */
 static double between_joints(int row, int column) { return row / 3 <= column / 3 ? whole.compliance[row][column] : whole.compliance[column][row]; }
 
 static mat3 expected(int i, int j) {
@@ -75,7 +75,7 @@ static mat3 expected(int i, int j) {
     return m3_multiply(&transposed, &turned);
 }
 
-/* Points from base to tip, 3 mm apart. */
+/* Places points from base to tip, 3 mm apart. */
 static void set_points(int guided, int contacts, bool tip) {
     w.points.guided = guided;
     w.points.tip = tip;
@@ -131,7 +131,7 @@ static void slots_may_be_in_any_order(void **unused) {
     check_blocks();
 }
 
-/* A contact that was dragged to the base, past the others. */
+/* One contact was dragged to the base, past the others. */
 static void points_may_be_in_any_order(void **unused) {
     (void)unused;
     set_points(0, 14, true);
@@ -140,7 +140,7 @@ static void points_may_be_in_any_order(void **unused) {
     check_blocks();
 }
 
-/* Points at guides come first in the list, wherever they are; open ones are coupled with nothing. */
+/* Points at guides come first in the list, wherever they are; points without contact are not coupled. */
 static void guides_are_coupled_where_they_touch(void **unused) {
     (void)unused;
     static const int guides[] = {1, 2, 3, 4, 7, 16}, contacts[] = {0, 1, 3, 6, 9, 20, 64};
@@ -153,17 +153,17 @@ static void guides_are_coupled_where_they_touch(void **unused) {
         }
 }
 
-/* From any place on, with and without a place at which the tissue is another one. */
+/* Starting at any point, with and without a point at which the tissue differs. */
 static void wide_vectors_give_the_same_bits(void **unused) {
     (void)unused;
-    if (between_kernel_here() == between_portable) skip(); /* this processor has none */
+    if (between_kernel_here() == between_portable) skip(); /* this processor has no wide kernel */
     static _Alignas(CACHE_LINE) between_components needle_rows[3 * NEEDLE_POINT_JOINTS];
     static _Alignas(CACHE_LINE) double tissue[3][3][BETWEEN_PLACES];
     static _Alignas(CACHE_LINE) between_rows frames, portable, widest;
     for (int l = 0; l < BETWEEN_PLACES; l++)
         for (int a = 0; a < 9; a++) {
             for (int m = 0; m < NEEDLE_POINT_JOINTS; m++) needle_rows[3 * m + a / 3][a % 3][l] = draw();
-            tissue[a / 3][a % 3][l] = l < 40 ? draw() : NAN; /* of a place whose tissue is not known */
+            tissue[a / 3][a % 3][l] = l < 40 ? draw() : NAN; /* the tissue at this point is not known */
             frames[a / 3][a % 3][l] = draw();
         }
     set_points(0, 40, true);

@@ -1,4 +1,4 @@
-/* A needle that buckles: it follows the path from straight to bowed and back, where its force is continuous and no energy comes from nothing. */
+/* A needle that buckles follows the path from straight to bowed and back; on this path its force is continuous and no energy is created. */
 #include "lockstep.h"
 
 #include <setjmp.h>
@@ -8,8 +8,9 @@
 
 /* ---- an elastica --------------------------------------------------------------------------------------------------- */
 
-/* From the clamped end (m, N, N m^2): moment EI kappa' = -push sin(theta) - across cos(theta) over a length, by the midpoint rule. What is left at the
-   hinged end: the curvature, and the place across; returns how far the ends have come closer to each other. */
+/* Integrates from the clamped end (m, N, N m^2): moment EI kappa' = -push sin(theta) - across cos(theta) over a length, by the midpoint rule. Gives
+   the residual at the hinged end, which is the curvature and the lateral position there, and returns by how much the ends have come closer to each
+   other. */
 static double shoot(double bending, double length, double push, const double unknown[2], double left[2]) {
     int n = 4000;
     double theta = 0.0, kappa = unknown[0], ds = length / n, x = 0.0, y = 0.0;
@@ -23,7 +24,7 @@ static double shoot(double bending, double length, double push, const double unk
     return length - x;
 }
 
-/* How far a column that is clamped at one end and hinged at the other, both on one line, is shortened by a push beyond Euler's load, m. */
+/* Returns by how much (m) a column that is clamped at one end and hinged at the other, both on one line, is shortened by a push beyond Euler's load. */
 static double shortening(double bending, double length, double push) {
     double euler = 20.1907 * bending / (length * length), root = sqrt(push / euler - 1.0), scale[2] = {1.0 / length, euler};
     double u[2] = {15.0 * root / length, -1.4 * euler * root}, left[2], moved[2], short_by = 0.0;
@@ -49,7 +50,7 @@ static double bending_of(const simulation_config *c) {
     return c->needle.youngs_modulus * M_PI / 64.0 * (pow(c->needle.outer_diameter, 4) - pow(c->needle.inner_diameter, 4));
 }
 
-/* On skin as hard as bone, 30 mm beyond Euler's load: the push is that of the elastica. */
+/* On skin as hard as bone, 30 mm beyond Euler's load, the push is that of the elastica. */
 static void a_bowed_column_is_the_elastica(void **unused) {
     (void)unused;
     simulation_config c = lockstep_config();
@@ -77,15 +78,16 @@ static void a_bowed_column_is_the_elastica(void **unused) {
 
 typedef struct {
     double most, at_end;     /* N */
-    double stiffest;         /* N/m, change of the force per way of the hand before the needle bows: that of what it is pushed against */
-    double jump;             /* greatest change in a tick once it has bowed, of what may be felt or that stiffness explains */
-    double work, most_work;  /* J, of the hand: over the whole path, and greatest on the way */
-    int passes;              /* most in a tick */
+    /* N/m, largest change of force per displacement of the hand before the needle buckles: the stiffness against which it is pushed */
+    double stiffest;
+    double jump;             /* greatest change per tick after buckling, relative to the change that may be felt or that this stiffness explains */
+    double work, most_work;  /* J, work of the hand over the whole path, and its greatest value on the way */
+    int passes;              /* most passes in a tick */
 } path;
 
-/* Along the axis by `way`, and back to where nothing is touched. Punctures are no jumps. */
+/* Moves the hand along the axis by `way` and back until the needle touches nothing. Punctures do not count as jumps. */
 static path there_and_back(lockstep *l, double way, double speed) {
-    const double noticed = 0.05, noticed_part = 0.07; /* N, and of the force */
+    const double noticed = 0.05, noticed_part = 0.07; /* N, and a fraction of the force */
     int ticks = (int)(way / (speed * 1e-3) + 0.5);
     path p = {0};
     vec3 last = l->wrench.force;
@@ -119,8 +121,8 @@ static void check_path(const lockstep *l, path p, double least) {
     assert_true(v3_norm(l->wrench.force) < 1e-9);
 }
 
-/* In a template's hole with clearance, against skin that is never punctured: at each speed it goes on bearing more than Euler's load of a needle that is held at the
-   plate's front face by a hinge, and comes back the way it went. */
+/* In a template's hole with clearance, against skin that is never punctured: at each speed, the needle keeps bearing more than Euler's load of a needle that
+   is hinged at the plate's front face, and returns on the same path. */
 static void a_guided_needle_comes_back_as_it_went(void **unused) {
     (void)unused;
     const double speeds[] = {0.02, 0.1};
@@ -144,7 +146,7 @@ static void a_guided_needle_comes_back_as_it_went(void **unused) {
     }
 }
 
-/* Through tissue, 23 mm deep at the pubic arch. */
+/* Through tissue, and 23 mm deep against the pubic arch. */
 static void a_needle_that_buckles_at_bone_comes_back(void **unused) {
     (void)unused;
     const double speeds[] = {0.03, 0.05};

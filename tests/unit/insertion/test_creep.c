@@ -1,4 +1,4 @@
-/* Tissue that relaxes: a held needle, and what is left of a load that was removed, against the exact solutions. */
+/* Relaxing tissue: a held needle, and the effect of a load that was removed, compared with exact solutions. */
 #include "insertion/memory/creep.h"
 #include "lockstep.h"
 #include "verification/random_hand.h"
@@ -10,7 +10,7 @@
 
 static const relaxation_term SERIES[] = {{0.25, 0.15}, {0.15, 2.5}, {0.10, 30.0}};
 
-/* A rigid needle, so that a step of its base is a step of the tissue's strain. */
+/* The needle is rigid, so that a step of its base is a step of the tissue's strain. */
 static simulation_config scene_with(bool relaxing) {
     simulation_config c = lockstep_config();
     c.needle.youngs_modulus = 2e18;
@@ -58,7 +58,7 @@ static void held_step_relaxes_as_given(void **unused) {
 
 enum { TICKS_HELD = 600, TICKS_AFTER = 2000, MOST_POINTS = 40 };
 
-/* Creep under a held force of 1, by quadrature of its convolution with the relaxation function. */
+/* Computes the creep under a held force of 1, by quadrature of its convolution with the relaxation function. */
 static double *creep_by_quadrature(double step, int steps) {
     double *j = calloc((size_t)steps + 1, sizeof *j);
     j[0] = 1.0;
@@ -70,10 +70,10 @@ static double *creep_by_quadrature(double step, int steps) {
     return j;
 }
 
-/* The forces of a held needle, tick by tick, and where they act. */
+/* The forces of a held needle tick by tick, and the points where they act. */
 typedef struct {
     int count, ticks;
-    insertion_state state;       /* with the points */
+    insertion_state state;       /* the state, with the points */
     vec3 force[TICKS_HELD + 1][MOST_POINTS];
 } load_history;
 
@@ -85,8 +85,8 @@ static void record(const lockstep *l, load_history *h) {
     h->force[h->ticks][h->count - 1] = tip_load(&l->state.tip);
 }
 
-/* Nodal forces on the nominal mesh that would displace elastic tissue as the history does relaxing tissue, `later` ticks after the needle
-   has gone: each change of force counts by the creep since then. */
+/* Computes the nodal forces on the nominal mesh that would displace elastic tissue as the history displaces relaxing tissue, `later`
+   ticks after the needle has gone: each change of force is weighted by the creep since then. */
 static void recover(const lockstep *l, const load_history *h, const double *creep, int later, vec3 *nominal) {
     for (int i = 0; i < h->count; i++) {
         vec3 sum = v3(0, 0, 0);
@@ -105,7 +105,7 @@ static void recover(const lockstep *l, const load_history *h, const double *cree
     }
 }
 
-/* Takes the needle away at once and puts it at `base`, straight. What the tissue remembers stays in it, which a reset would remove. */
+/* Removes the needle at once and places it at `base`, straight. The loads that the tissue remembers stay in it; a reset would remove them. */
 static void replace_needle(lockstep *l, pose base) {
     creep_deposit_all(&l->simulation.insertion, &l->state.memory, NULL);
     tissue_memory memory = l->state.memory;
@@ -140,7 +140,7 @@ static void removed_load_recovers(void **unused) {
         for (size_t i = 0; i < nodes; i++) size = fmax(size, v3_norm(expected[i])), off = fmax(off, v3_norm(v3_sub(found[i], expected[i])));
         worst = fmax(worst, off / size);
         largest = fmax(largest, size);
-        for (int k = 0; k < MAX_WINDOW; k++) { /* what the worker tells the tick */
+        for (int k = 0; k < MAX_WINDOW; k++) { /* fills in the worker's answer to the tick */
             int node = l->snapshot->window[k];
             if (node >= 0) window = fmax(window, v3_norm(v3_sub(creep_free(&(tick_input){.model = &l->simulation.insertion, .snapshot = l->snapshot},
                 &l->state, &l->run.workspace->creep, MAX_CONTACTS + k), expected[node])) / size);
@@ -159,7 +159,7 @@ static void tick_along(lockstep *l, const hand_leg *leg, pose from, int i) {
     lockstep_tick(l, hand_pose(leg, from, NEEDLE_LENGTH - l->wrench.depth, i * 1e-3), 1e-3);
 }
 
-/* Whatever the needle does, all that the tissue remembers together is the filtered sum of all forces on it. */
+/* Whatever the needle does, the sum of all remembered loads is the filtered sum of all forces on the tissue. */
 static void nothing_remembered_is_lost(void **unused) {
     (void)unused;
     random_hand hand = random_hand_create(5);
@@ -191,11 +191,11 @@ static void nothing_remembered_is_lost(void **unused) {
     }
     printf("remembered: up to %.3g N, %.2g N off\n", largest, worst);
     assert_true(largest > 0.05);
-    assert_true(worst < 1e-6); /* left loads below 1e-9 N are forgotten */
+    assert_true(worst < 1e-6); /* residual loads below 1e-9 N are dropped */
     lockstep_free(l);
 }
 
-/* Also with loads that were left behind, and after a reset. */
+/* This also holds with residual loads, and after a reset. */
 static void restored_memory_continues_bit_identically(void **unused) {
     (void)unused;
     simulation_config c = scene_with(true);
@@ -235,7 +235,7 @@ static void restored_memory_continues_bit_identically(void **unused) {
     lockstep_free(l);
 }
 
-/* A needle that comes back where tissue still remembers another one feels what the exact solution says. */
+/* A needle that returns where the tissue still remembers another one feels the force of the exact solution. */
 static void needle_feels_what_was_left(void **unused) {
     (void)unused;
     simulation_config c = scene_with(true);
@@ -243,7 +243,7 @@ static void needle_feels_what_was_left(void **unused) {
     pose start = l->base;
     lockstep_move(l, v3(1e-3, 0, 0), 1e-3, 1e-3);
     lockstep_move(l, v3(0, 0, 0), 0.6, 1e-3);
-    replace_needle(l, start); /* in again at once, beside the tissue's place at rest */
+    replace_needle(l, start); /* inserted again at once, beside the tissue's position at rest */
     for (int i = 0; i < 3; i++) lockstep_tick(l, start, 1e-6);
     double at_once = l->wrench.force.x;
     assert_true(at_once > 1e-3); /* pushed to where the tissue was held */
@@ -252,7 +252,7 @@ static void needle_feels_what_was_left(void **unused) {
     lockstep_free(l);
 }
 
-/* After a reset no force is left, also from an older answer of the worker. */
+/* After a reset no force is left, not even from an older answer of the worker. */
 static void forgotten_loads_are_not_felt(void **unused) {
     (void)unused;
     simulation_config c = scene_with(true);
@@ -263,7 +263,7 @@ static void forgotten_loads_are_not_felt(void **unused) {
     replace_needle(l, start);
     l->base = start;
     lockstep_move(l, v3(0, 0, 0), 0.1, 1e-3);
-    assert_true(l->snapshot->left && l->wrench.force.x > 1e-3);
+    assert_true(l->snapshot->has_residuals && l->wrench.force.x > 1e-3);
     insertion_reset(&l->simulation.insertion, start, &l->state);
     insertion_reset(&untouched->simulation.insertion, start, &untouched->state);
     for (int i = 0; i < 20; i++) {
@@ -283,7 +283,7 @@ static void elastic_tissue_remembers_nothing(void **unused) {
     lockstep_move(l, v3(0, 0, 0.050), 0.5, 1e-3);
     lockstep_move(l, v3(0, 0, -0.030), 0.3, 1e-3);
     assert_memory_equal(&l->state.memory, &nothing, sizeof nothing);
-    assert_false(l->snapshot->left);
+    assert_false(l->snapshot->has_residuals);
     lockstep_free(l);
 }
 

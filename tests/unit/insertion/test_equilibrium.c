@@ -1,5 +1,5 @@
-/* The solution of a tick: the tissue's equilibrium is checked with an assembled K, the needle's by its bending moments, a base on a
-   spring against a rigid one. */
+/* The solution of a tick: the tissue's equilibrium is checked with an assembled K, the needle's with its bending moments, and a
+   base on a spring against a rigid base. */
 #include "lockstep.h"
 #include "refinement/refined_mesh.h"
 
@@ -8,11 +8,11 @@
 #include <stddef.h>
 #include <cmocka.h>
 
-/* K u = f on the refined mesh, assembled here element by element; the forces on the tissue add up to minus the base's force. */
+/* K u = f on the refined mesh, where K is assembled here element by element; the forces on the tissue add up to minus the base's force. */
 static void check_equilibrium(remesh_method method) {
     simulation_config c = lockstep_config();
     c.remeshing = method;
-    c.volumetric = STRAIN_BY_ELEMENT; /* STRAIN_BY_NODE is checked by check_vtu.py */
+    c.volumetric = STRAIN_BY_ELEMENT; /* check_vtu.py tests STRAIN_BY_NODE */
     lockstep *l = lockstep_create(&c, lockstep_start());
     lockstep_move(l, v3(0, 0, 0.07), 1.0, 1e-3);
     lockstep_move(l, v3(0.004, 0.008, 0), 0.2, 1e-3);
@@ -56,7 +56,7 @@ static void tissue_is_in_equilibrium_with_the_base(void **unused) {
     check_equilibrium(REMESH_IMPLICIT);
 }
 
-/* The bending moment at the root, computed from the needle's shape alone, against the contacts' moment about the base. */
+/* Returns the largest difference of the bending moment at the root, computed from the needle's shape alone, from the contacts' moment about the base. */
 static double worst_imbalance(double tolerance, double speed) {
     simulation_config c = lockstep_config();
     c.insertion.tolerance = tolerance;
@@ -72,8 +72,8 @@ static double worst_imbalance(double tolerance, double speed) {
     return worst;
 }
 
-/* Whatever the shape that the first pass starts from. With the default tolerance the imbalance is small, whether the motion is slow enough
-   for a single pass or not. */
+/* This holds for any shape from which the first pass starts. With the default tolerance the imbalance is small, whether the motion is slow
+   enough for a single pass or not. */
 static void needle_is_in_equilibrium_with_its_bending(void **unused) {
     (void)unused;
     const double speeds[] = {0.25e-3, 0.5e-3, 0.75e-3, 1e-3, 2e-3};
@@ -85,8 +85,8 @@ static void needle_is_in_equilibrium_with_its_bending(void **unused) {
     }
 }
 
-/* After steps of very different lengths, or a jump of the base, the motion before is no guide to the next shape: the forces are those of a needle
-   that does not guess. */
+/* After steps of very different lengths, or a jump of the base, the previous motion does not predict the next shape: the forces must be those of
+   a needle without a predicted shape. */
 static void jumps_and_uneven_steps_do_not_mislead(void **unused) {
     (void)unused;
     const struct { double dt, jump; } cases[] = {{1e-3, 0.0}, {1e-5, 1e-3}, {1e-6, 1e-4}, {1e-3, 1e-3}, {0.2, 0.0}, {0.2, 1e-3}};
@@ -107,8 +107,8 @@ static void jumps_and_uneven_steps_do_not_mislead(void **unused) {
     }
 }
 
-/* A rigid base moved tick by tick to where the base on the spring was feels the same wrench, except in the tick in which a contact
-   becomes active: the rigid base has then already moved, the other one not yet. */
+/* A rigid base that is moved tick by tick to the positions of the base on the spring feels the same wrench, except in a tick in
+   which a contact becomes active: by then the rigid base has moved, and the other base has not. */
 static void spring_coupled_base_matches_rigid_base(void **state) {
     (void)state;
     simulation_config config = lockstep_config();
@@ -131,8 +131,8 @@ static void spring_coupled_base_matches_rigid_base(void **state) {
     lockstep_free(rigid);
 }
 
-/* Pushed 2 mm off the axis against skin that is never punctured, up to Euler's load: the needle bows. Every wrench balances the
-   needle's bending moment and none jumps. There is no wrench after the needle has slipped off. */
+/* The needle is pushed 2 mm off the axis against skin that is never punctured, up to Euler's load, and buckles. Every wrench
+   balances the needle's bending moment, and none jumps. There is no wrench after the needle has slipped off. */
 static void bowed_needle_is_in_equilibrium(void **unused) {
     (void)unused;
     simulation_config c = lockstep_config();
@@ -168,7 +168,7 @@ static void bowed_needle_is_in_equilibrium(void **unused) {
     }
 }
 
-/* A hand that changes its mind, every 13 ms: to any side, and turning. */
+/* Moves a hand that changes its motion every 13 ms: to any side, and turning. */
 static pose next_hand(pose base, int tick, vec3 *velocity, double *turning, double *turn) {
     static const double SPEED = 0.3, TURNING = 20.0, ROOM = 0.01; /* m/s, rad/s; m to each side */
     vec3 start = lockstep_start().position;
@@ -185,9 +185,9 @@ static pose next_hand(pose base, int tick, vec3 *velocity, double *turning, doub
     return (pose){v3_axpy(1e-3, *velocity, base.position), {cos(0.5 * *turn), 0, 0, sin(0.5 * *turn)}};
 }
 
-/* The guess of the needle's shape is only a better start of the passes: where they go on to the last digits, they come to the same equilibrium with and without
-   it. Each tick is made twice, from the same state with and without the last step's motion. There are no old tracks, where more than one equilibrium may be
-   near; in a guide, friction depends on the passes before within the edge's tolerance: there a guess has to save passes. */
+/* The prediction of the needle's shape only gives the passes a better start: if they continue to the last digits, they reach the same equilibrium with and
+   without it. Each tick is run twice from the same state, with and without the last step's motion. There are no old tracks, where several equilibria may be
+   close. In a guide, friction depends on the previous passes within the edge's tolerance; there the prediction has to save passes. */
 static void a_guess_is_only_a_better_start(void **unused) {
     (void)unused;
     static const char *const NAMES[] = {"a guide", "tissue"};
@@ -224,7 +224,7 @@ static void a_guess_is_only_a_better_start(void **unused) {
         }
         print_message("%s: %d passes, without a guess %d; forces differ by up to %.1e N of %.1f N\n", NAMES[kind], passes, passes_without, worst, peak);
         assert_true(kind > 0 || passes < passes_without);
-        const needle_model *needle = &l->simulation.needle; /* a joint turned by what the tolerance leaves open exerts this force over a segment */
+        const needle_model *needle = &l->simulation.needle; /* a joint that is rotated by the tolerance exerts this force over a segment */
         double left = needle->bending / pow(needle->segment_length, 2) * sqrt(c.insertion.tolerance / needle->given.length);
         assert_true(kind == 0 || worst < left);
         lockstep_free(l);

@@ -1,4 +1,4 @@
-/* Local compliance: Kelvin's formulas on a uniform mesh, continuity across faces, edges and nodes of an irregular one. */
+/* Local compliance: compared with Kelvin's formulas on a uniform mesh; continuous across faces, edges and nodes of an irregular mesh. */
 #include <setjmp.h>
 #include <stdarg.h>
 #include <stddef.h>
@@ -62,8 +62,8 @@ static void correction_is_small_on_fine_meshes(void **state) {
 }
 
 /* Force per metre on a disc of 0.635 mm in E = 20 kPa, nu = 0.45, by finite elements that resolve it
-   (tests/verification/references/resolved_needle.json: tip_disc and skin_disc): at the end of a hole, and bonded to a surface. The last
-   argument, 0: a mesh that shows nothing of it. */
+   (tests/verification/resolved_needle.json: tip_disc and skin_disc): at the end of a hole, and bonded to a surface. The last
+   argument is 0 for a mesh that resolves none of the displacement. */
 static void single_tip_matches_resolved_disc(void **state) {
     (void)state;
     create(0.0, true);
@@ -81,7 +81,7 @@ static void single_tip_matches_resolved_disc(void **state) {
 
 static double along(plane_tensor t, double x, double y) { return x * x * t.xx + 2.0 * x * y * t.xy + y * y * t.yy; }
 
-/* Whatever the direction of the track. */
+/* This holds for any direction of the track. */
 static void directions_across_are_kept_apart(void **state) {
     (void)state;
     for (int n = 0; n < 200; n++) {
@@ -102,7 +102,7 @@ static void directions_across_are_kept_apart(void **state) {
     }
 }
 
-/* Around the end face, in the depth. */
+/* The compliance of the tip at depth, around its end face. */
 static double tip_at(int tet, vec3 x) { return local_at_tip(&model, tet, x, 0.02, 0.0, 0.0); }
 
 static void continuous_across_faces(void **state) {
@@ -117,7 +117,7 @@ static void continuous_across_faces(void **state) {
             w[face] = 0.0;
             vec3 on = mesh_point(&body.mesh, t, w), inside = v3_unit(v3_sub(body.mesh.nodes[body.mesh.tets[t][face]], on));
             assert_close(tip_at(t, on) / tip_at(across, on), 1.0, 1e-12);
-            /* a micrometre on either side: a step of that order only */
+            /* a micrometre on either side may change the value only by that order */
             assert_close(tip_at(t, v3_axpy(1e-6, inside, on)) / tip_at(across, v3_axpy(-1e-6, inside, on)), 1.0, 2e-3);
         }
     destroy();
@@ -129,7 +129,7 @@ static bool has_corner(int tet, int node) {
     return false;
 }
 
-/* All tets around an edge give the same value at a point of the edge, and all tets around a node at the node. */
+/* All tets around an edge give the same value at a point of the edge, and all tets around a node give the same value at the node. */
 static void unique_values_at_edges_and_nodes(void **state) {
     (void)state;
     create(0.1, false);

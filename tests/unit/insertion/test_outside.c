@@ -1,4 +1,5 @@
-/* A shaft that is pushed into a body from the side bears no force there, and is told. One that goes in at its tip is not. */
+/* A shaft that is pushed into a body from the side bears no force there, and a flag reports it. A needle that enters with its tip does not set the
+   flag. */
 #include "lockstep.h"
 
 #include <setjmp.h>
@@ -6,7 +7,7 @@
 #include <stddef.h>
 #include <cmocka.h>
 
-/* Along +x, with its tip past the far side of the body: it is moved down into the skin, at z = 0, without the tip touching it. */
+/* The needle lies along +x with its tip past the far side of the body, and is moved down into the skin, at z = 0, without the tip touching it. */
 static void a_shaft_laid_into_the_body_is_told(void **unused) {
     (void)unused;
     simulation_config c = lockstep_config();
@@ -26,7 +27,7 @@ static void a_shaft_laid_into_the_body_is_told(void **unused) {
     lockstep_free(l);
 }
 
-/* In, aside, deep and out, at any speed: the track is known. */
+/* In an insertion with motion sideways, deeper and out, at any speed, the track is known. */
 static void an_insertion_is_not(void **unused) {
     (void)unused;
     simulation_config c = lockstep_config();

@@ -1,4 +1,4 @@
-/* The tick's reads from a snapshot against the inverse itself, and its requests against the tip's path. */
+/* The tick's reads from a snapshot are compared with the inverse itself, and its requests with the tip's path. */
 #include "insertion/tip/prefetch.h"
 #include "lockstep.h"
 #include "snapshot/snapshot_kernels.h"
@@ -32,7 +32,7 @@ static void nothing_is_known_before_the_first_snapshot(void **unused) {
     free(empty);
 }
 
-/* A point between nominal nodes: rows of K^-1 are interpolated with the displacement's weights. */
+/* For a point between nominal nodes, the rows of K^-1 are interpolated with the displacement's weights. */
 static void point_interpolates_the_rows_of_its_corners(void **unused) {
     (void)unused;
     lockstep *l = inserted(0.03);

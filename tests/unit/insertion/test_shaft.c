@@ -1,4 +1,4 @@
-/* Tributary lengths of the shaft and friction in two regions, against sums by hand. */
+/* Tributary lengths of the shaft, and friction in two regions, compared with sums by hand. */
 #include <setjmp.h>
 #include <stdarg.h>
 #include <stddef.h>
@@ -59,12 +59,12 @@ static void tributary_lengths_meet_half_way_and_reach_the_end(void **unused) {
     assert_share(&s, 0, true, 0.0, 1e-6);
 }
 
-/* When the tip enters the next region, the border of the last tributary length moves from half way to the regions' boundary, no
+/* When the tip enters the next region, the border of the last tributary length moves from half-way to the regions' boundary, no
    faster than the tip, so that no contact represents shaft in the other region. */
 static void tributary_lengths_end_at_region_boundaries(void **unused) {
     (void)unused;
     insertion_state s = inserted();
-    activate(&s, 1); /* a contact at 4 mm, the next region from 9 mm on */
+    activate(&s, 1); /* a contact at 4 mm; the next region begins at 9 mm */
     double last = 6.5e-3;
     for (double tip = 9e-3; tip < 20e-3; tip += 1e-6) {
         s.tip.place.depth = tip;

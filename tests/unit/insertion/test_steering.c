@@ -16,7 +16,7 @@ static double curvature_of(const steering_case *c) {
     return curvature;
 }
 
-/* The fit itself, on a circle of known radius. */
+/* Tests the fit itself on a circle of known radius. */
 static void curvature_of_an_arc_is_recovered(void **unused) {
     (void)unused;
     steering_track arc = {.count = 30};
@@ -36,11 +36,11 @@ static void needle_without_bevel_goes_straight(void **unused) {
                   1e3 * steering_deflection(&stiff, v3(0, 1, 0)), 1e3 * steering_deflection(&thin, v3(1, 0, 0)), 1e3 * steering_deflection(&thin, v3(0, 1, 0)));
     assert_true(fabs(steering_deflection(&stiff, v3(1, 0, 0))) < 1e-4);
     assert_true(fabs(steering_deflection(&stiff, v3(0, 1, 0))) < 1e-4);
-    assert_true(fabs(steering_deflection(&thin, v3(1, 0, 0))) < 5e-4); /* a coarse mesh deflects a thin needle: verify_steering measures how far */
+    assert_true(fabs(steering_deflection(&thin, v3(1, 0, 0))) < 5e-4); /* a coarse mesh deflects a thin needle: verify_steering measures by how much */
     assert_true(fabs(steering_deflection(&thin, v3(0, 1, 0))) < 5e-4);
 }
 
-/* A bevel that faces +y steers toward -y. Rolling the base rolls the track with it, though not exactly, because the mesh is not
+/* A bevel that faces +y steers toward -y. Rolling the base also rolls the track, though not exactly, because the mesh is not
    symmetric. */
 static void path_bends_away_from_the_bevels_face(void **unused) {
     (void)unused;
@@ -60,8 +60,8 @@ static void path_bends_away_from_the_bevels_face(void **unused) {
     }
 }
 
-/* After half a turn a thin needle curves the other way at once; a stiff one, whose bending decays over about 35 mm, ends where
-   superposition predicts. */
+/* After half a turn, a thin needle curves in the other direction at once; a stiff needle, whose bending decays over about 35
+   mm, ends where superposition predicts. */
 static void half_turn_gives_an_s_shaped_track(void **unused) {
     (void)unused;
     steering_case cases[] = {steering_steel(0.1), steering_nitinol(0.05)};
@@ -111,7 +111,7 @@ static void curvature_depends_on_needle_and_tissue_stiffness(void **unused) {
     }
 }
 
-/* Webster et al. 2006 report a radius of about 0.22 m for a nitinol wire of 0.7 mm in stiff gel; here a slope of 0.05. */
+/* Webster et al. 2006 report a radius of about 0.22 m for a nitinol wire of 0.7 mm in stiff gel; the slope here is 0.05. */
 static void thin_nitinol_matches_webster(void **unused) {
     (void)unused;
     steering_case c = steering_nitinol(0.05);

@@ -1,5 +1,5 @@
-/* Stiffening tissue: the laws against their integrals and a resolved disc, and what the tick makes of them. The rigid needle against resolved
-   hyperelastic elements: tests/verification/needle/verify_large_deflection.py. */
+/* Stiffening tissue: the laws are compared with their integrals and a resolved disc, and their effect in the tick is tested.
+   tests/verification/verify_large_deflection.py compares the rigid needle with resolved hyperelastic elements. */
 #include "common/allocations.h"
 #include "insertion/memory/stiffening.h"
 #include "insertion/step/insertion.h"
@@ -19,7 +19,7 @@ static const double RADIUS = 0.635e-3, MU = 6897.0; /* m, Pa */
 
 /* ---- laws ----------------------------------------------------------------------------------------------------------------- */
 
-/* The shear under a stress of `stress` mu, by bisection. */
+/* Returns the shear under a stress of `stress` mu, by bisection. */
 static double shear_under(double stress, double stiffening) {
     double low = 0.0, high = stress;
     for (int i = 0; i < 100; i++) {
@@ -29,7 +29,7 @@ static double shear_under(double stress, double stiffening) {
     return 0.5 * (low + high);
 }
 
-/* The integral of the shear less the linear one over the distance from the axis or the tip, where the stress is `stress` mu (r / rho)^power. */
+/* Integrates the shear minus the linear shear over the distance from the axis or the tip, where the stress is `stress` mu (r / rho)^power. */
 static double shift_by_quadrature(double stress, double stiffening, int power) {
     const int n = 20000;
     double sum = 0.0, step = log(1e5) / n;
@@ -51,13 +51,13 @@ static void laws_are_integrals_of_the_shear(void **unused) {
             /* the tip's field, in units in which its linear displacement is `stress` radii */
             law = stiffening_of_tip(stiffening, RADIUS, 1.0, 1.0, 1.0, INFINITY);
             force = stress * RADIUS;
-            double unit = force * law.scale / sqrt(2.0 * stiffening) / stress; /* stress of the field per that displacement */
+            double unit = force * law.scale / sqrt(2.0 * stiffening) / stress; /* stress of the field per unit of that displacement */
             expected = shift_by_quadrature(stress * unit, stiffening, 2) / unit;
             assert_close(stiffening_at(&law, force).shift, expected, 1e-5 * fabs(expected));
         }
 }
 
-/* Odd, of one tangent, the tangent within its limit, and the displacement, linear part and all, monotone. */
+/* Checks that the law is odd, that its tangent is the derivative within its limit, and that the displacement, including its linear part, is monotone. */
 static void check_law(const stiffening_law *law, double linear, double room) {
     stiffening_shift last = {0};
     const double step = 0.01 / law->scale;
@@ -85,15 +85,16 @@ static void laws_are_smooth_and_limited(void **unused) {
     assert_int_equal(stiffening_of_tip(1.0, RADIUS, 0.03, 0.0, 6.0, 0.01).field, NOT_STIFFENING); /* bone */
 }
 
-/* A disc bonded to the surface of a block of 60 x 60 mm (radius x height), E = 20 kPa, nu = 0.45, r = 0.635 mm, pressed in: force in N, by CalculiX
-   (tests/verification/references/pressed_disc.py; the rows of S = 0.2 with elements of 0.1 r at the rim, those of S = 1 of 0.3 r). The fit was to S = 1 at 1.6 mm alone. */
+/* A disc bonded to the surface of a block of 60 x 60 mm (radius x height), E = 20 kPa, nu = 0.45, r = 0.635 mm, pressed in: force in N, computed with
+   CalculiX (tests/verification/pressed_disc.py; elements at the rim of 0.1 r for S = 0.2, and of 0.3 r for S = 1). The law was fitted to S = 1 at 1.6 mm
+   alone. */
 static void disc_matches_resolved_elements(void **unused) {
     (void)unused;
     static const struct { double stiffening, moved, force; } resolved[] = {
         {0.2, 0.4e-3, 0.01295}, {0.2, 0.6e-3, 0.01968}, {0.2, 0.8e-3, 0.02673}, {0.2, 0.9e-3, 0.03038},
         {1.0, 0.4e-3, 0.01406}, {1.0, 0.8e-3, 0.03109}, {1.0, 1.2e-3, 0.05180}, {1.0, 1.6e-3, 0.07631}, {1.0, 2.0e-3, 0.10472}, {1.0, 2.2e-3, 0.12038},
     };
-    const double disc = 1.0 / 32.2; /* m/N, linear theory; the coarser mesh has 33.3 N/m at small dents, so that its rows are up to 3 % too stiff */
+    const double disc = 1.0 / 32.2; /* m/N, linear theory; the coarser mesh has 33.3 N/m at small dents, so its rows are up to 3 % too stiff */
     for (int i = 0; i < (int)(sizeof resolved / sizeof *resolved); i++) {
         stiffening_law law = stiffening_of_tip(resolved[i].stiffening, RADIUS, disc, 1.0 / MU, 2.0 * M_PI, INFINITY);
         double moved = disc * resolved[i].force + stiffening_at(&law, resolved[i].force).shift;
@@ -111,7 +112,7 @@ static simulation_config stiffened(double stiffening) {
     return c;
 }
 
-/* Rigid; sticks and does not cut. */
+/* Returns a scene with a rigid needle that sticks and does not cut. */
 static simulation_config stuck(double stiffening) {
     simulation_config c = stiffened(stiffening);
     c.needle.youngs_modulus = 2e18;
@@ -122,7 +123,7 @@ static simulation_config stuck(double stiffening) {
     return c;
 }
 
-/* Tissue that the needle is not in may stiffen as much as it likes. */
+/* Stiffening of tissue outside the needle's path has no effect. */
 static void without_stiffening_all_bits_are_the_same(void **unused) {
     (void)unused;
     simulation_config plain = lockstep_config(), other = plain;
@@ -161,7 +162,7 @@ static void stiffer_the_deeper_it_is_pulled(void **unused) {
     }
 }
 
-/* The needle is thrown 5 mm in one tick: far more than a hand does. */
+/* The base jumps by 5 mm in one tick, far more than a hand can move it. */
 static void passes_stay_few(void **unused) {
     (void)unused;
     for (double stiffening = 0.1; stiffening <= 10; stiffening *= 10) {
@@ -192,7 +193,7 @@ static void passes_stay_few(void **unused) {
     }
 }
 
-/* No hand gets more work out of the tissue than it has done, elastic or creeping. */
+/* No hand gets more work out of the tissue than it has done, in elastic or creeping tissue. */
 static void nothing_is_gained_from_the_tissue(void **unused) {
     (void)unused;
     static const relaxation_term series[] = {{0.3, 0.02}, {0.3, 0.2}};
@@ -213,7 +214,7 @@ static void nothing_is_gained_from_the_tissue(void **unused) {
             l->base = start;
             l->wrench = at_rest;
             double work = 0.0;
-            for (int leg = 0; leg < 10; leg++) { /* the last one back to the start */
+            for (int leg = 0; leg < 10; leg++) { /* the last leg leads back to the start */
                 vec3 goal = leg < 9 ? v3(hand_uniform(&seed, -1e-3, 1e-3), hand_uniform(&seed, -1e-3, 1e-3), hand_uniform(&seed, -4e-3, 4e-3)) : v3(0, 0, 0);
                 pose from = l->base;
                 int ticks = (int)hand_uniform(&seed, 20, 60);
@@ -259,7 +260,7 @@ static void relaxing_spring_relaxes(void **unused) {
 
 enum { TICKS = 400, RUNS = 5 };
 
-/* Processor time of ticks that move the needle in and out by 1 mm, s, at most 50 mm/s. */
+/* Measures the processor time (s) of ticks that move the needle in and out by 1 mm, at most at 50 mm/s. */
 static void time_ticks(lockstep *l, double *times, double *passes) {
     pose start = l->base;
     for (int i = 0; i < TICKS; i++) {
@@ -279,7 +280,7 @@ static void time_ticks(lockstep *l, double *times, double *passes) {
 
 static int by_size(const void *a, const void *b) { return (*(const double *)a > *(const double *)b) - (*(const double *)a < *(const double *)b); }
 
-/* Linear and stiffening tissue in turns. The cost is printed and not judged: machines are under load. */
+/* Linear and stiffening tissue alternate. The times are printed and not judged, because the machine may be busy. */
 static void tick_allocates_nothing(void **unused) {
     (void)unused;
     static double times[2][RUNS * TICKS];
@@ -336,7 +337,8 @@ static void restored_simulation_continues_bit_identically(void **unused) {
 
 /* ---- the skin ----------------------------------------------------------------------------------------------------------------- */
 
-/* Presses a rigid needle on the skin of a uniform body up to its puncture, under forces that grow all the time; the force at each millimetre. Returns the displacement at the puncture, m. */
+/* Presses a rigid needle on the skin of a uniform body until the puncture, with a force that grows steadily; records the force at each millimetre.
+   Returns the displacement at the puncture, m. */
 static double press(const simulation_config *given, double speed, double most, double *force, int count) {
     simulation_config c = *given;
     c.needle.youngs_modulus = 2e18;
@@ -367,7 +369,7 @@ static simulation_config one_tissue(double modulus, double stiffening, double pu
 }
 
 /* Okamura, Simone and O'Leary 2004: bovine liver is indented by d mm under 0.0061 d^2 + 0.0480 d N, up to 16 mm. E and S are fitted to the force
-   at 1 mm and at 16 mm; what lies between shows whether the curve's shape is right. */
+   at 1 mm and at 16 mm; the values in between show whether the curve's shape is right. */
 static void indentation_follows_liver(void **unused) {
     (void)unused;
     enum { DEEPEST_DENT = 16 };
@@ -382,8 +384,8 @@ static void indentation_follows_liver(void **unused) {
     assert_true(worst < 0.05);
 }
 
-/* Mahvash and Dupont 2009: faster, the tissue ruptures at less displacement. Ours does if it relaxes; at the same force, however, which is a
-   constant of the membrane. */
+/* Mahvash and Dupont 2009: tissue under faster loading ruptures at a smaller displacement. The model does so if it relaxes, but at the same
+   force, which is a constant of the membrane. */
 static void faster_needle_punctures_earlier(void **unused) {
     (void)unused;
     static const relaxation_term series[] = {{0.25, 0.15}, {0.15, 2.5}};

@@ -18,7 +18,7 @@
 static char directory[] = "/tmp/test_cache.XXXXXX";
 
 enum { FILES = 5, BYTES = 1000 };
-/* Files with their times of last use, s; among them an unfinished one and another program's. */
+/* Files with their times of last use, s; one is unfinished, and one is another program's. */
 static const struct { const char *name; long used; } files[FILES] = {
     {"condensed-00000000000000aa.h5", 300}, {"condensed-00000000000000bb.h5", 100}, {"condensed-00000000000000cc.h5", 200},
     {"condensed-00000000000000dd.h5.123", 150}, {"condensed-milk.h5", 1}};
@@ -83,7 +83,7 @@ static void another_writers_file_is_left_alone(void **state) {
     assert_int_equal(found, 5);
     munmap(mapping.at, mapping.bytes);
     assert_int_equal(unlink(other), 0);
-    assert_int_equal(unlink(cache.path), 0); /* destroy finds no other file */
+    assert_int_equal(unlink(cache.path), 0); /* destroy removes no other file */
 }
 
 static void room_is_checked_beforehand(void **state) {
@@ -100,7 +100,7 @@ static void room_is_checked_beforehand(void **state) {
     assert_non_null(strstr(why.text, "cannot be written"));
 }
 
-/* Those of an hour ago, whichever inverse they are of, but nothing else. */
+/* Unfinished files that are an hour old are removed, whatever inverse they belong to, but no others. */
 static void old_halves_are_removed(void **state) {
     (void)state;
     static const struct { const char *name; long age; bool there; } left[] = {

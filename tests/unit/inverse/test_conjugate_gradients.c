@@ -1,4 +1,5 @@
-/* Conjugate gradients, and their coarse space, against CHOLMOD's solution, from good and bad starts; what cannot be solved is reported. */
+/* Conjugate gradients, and their coarse space, compared with CHOLMOD's solution from good and bad starts; a problem that cannot be solved is
+   reported. */
 #include <setjmp.h>
 #include <stdarg.h>
 #include <stddef.h>
@@ -39,8 +40,7 @@ static int destroy(void **state) {
     return 0;
 }
 
-/* From zero, from close by, from far away, from the solution of a force that is much larger, and from what is no number; without and with a
-   coarse space. */
+/* Starts from zero, from close by, from far away, from the solution of a much larger force, and from NaN; without and with a coarse space. */
 static void the_solution_does_not_depend_on_the_start(void **state) {
     (void)state;
     coarse_space *coarse = coarse_space_create(&body.tissue);
@@ -72,7 +72,7 @@ static void a_coarse_space_saves_steps(void **state) {
     coarse_space_free(coarse);
 }
 
-/* K m for a rigid motion m of all free nodes is balanced by m; what any other force leaves has no resultant in any rigid motion. */
+/* K m, for a rigid motion m of all free nodes, is balanced by m; the residual of any other force has no resultant in any rigid motion. */
 static void rigid_motions_are_found(void **state) {
     (void)state;
     coarse_space *coarse = coarse_space_create(&body.tissue);
@@ -103,7 +103,7 @@ static void rigid_motions_are_found(void **state) {
     coarse_space_free(coarse);
 }
 
-/* It is solved with in each step. */
+/* Each step solves with the coarse space. */
 static void a_coarse_space_allocates_only_once(void **state) {
     (void)state;
     double found[N], again[N];
@@ -135,14 +135,14 @@ static void a_force_that_is_not_finite_is_refused(void **state) {
     }
 }
 
-/* Multiplies K's diagonal. */
+/* Returns K with its diagonal multiplied by a factor. */
 static cholmod_sparse *with_diagonal(double factor) {
     cholmod_sparse *k = cholmod_copy_sparse(body.tissue.stiffness, &body.tissue.common);
     for (int j = 0; j < N; j++) ((double *)k->x)[((const int *)k->p)[j]] *= factor;
     return k;
 }
 
-/* With positive diagonals, negative ones, and zeros. */
+/* With positive, negative and zero diagonals. */
 static void an_indefinite_matrix_is_refused(void **state) {
     (void)state;
     static const double factors[] = {0.9, 0.5, -1.0, 0.0};
@@ -162,7 +162,7 @@ static void an_indefinite_matrix_is_refused(void **state) {
     assert_false(conjugate_gradients(&two, NULL, TOLERANCE, STEPS, f, u));
 }
 
-/* -u'' = 1 between fixed ends: the number of steps grows with that of unknowns. */
+/* -u'' = 1 between fixed ends: the number of steps grows with the number of unknowns. */
 static void steps_are_limited(void **state) {
     (void)state;
     enum { MANY = 20000 };

@@ -1,5 +1,5 @@
-/* The inverse with things attached, against a factorisation of K + P S P^T from scratch, over the dense and the sparse inverse; responses
-   of what is attached against the displacements that this matrix gives; what does not change stays to the bit. */
+/* The inverse with attached needles or probes is compared with a factorisation of K + P S P^T from scratch, for the dense and the sparse
+   inverse; their responses are compared with the displacements that this matrix gives; unchanged parts stay equal bit for bit. */
 #include <setjmp.h>
 #include <stdarg.h>
 #include <stddef.h>
@@ -28,7 +28,7 @@ static int all[CUBE_NODES];
 static double dense[N * N], largest;
 static report why;
 
-/* An allocator that can run out of memory. */
+/* Makes the allocator fail when set. */
 static bool out_of_memory;
 void *__real_malloc(size_t size);
 void *__real_calloc(size_t count, size_t size);
@@ -39,7 +39,7 @@ void *__wrap_calloc(size_t count, size_t size) { return out_of_memory ? NULL : _
 
 #define OK(call) do { if ((call) != TROCAR_OK) fail_msg("%s: %s", #call, why.text); } while (0)
 
-/* Three components at random points, the last row outside of the tissue; the last thing is held, the others are free to move. */
+/* Makes an attachment: three components at random points, the last row outside the tissue; the last attachment is held, the others are free to move. */
 static void make_thing(thing *t) {
     double root[ROWS][ROWS];
     for (int i = 0; i < ROWS; i++) {
@@ -88,7 +88,7 @@ static void solve(int n, double *a, int count, double *b) {
     assert_int_equal(LAPACKE_dgesv(LAPACK_COL_MAJOR, n, count, a, n, pivots, b, n), 0);
 }
 
-/* S: forces of one thing under displacements of its rows. One column at a time from [G -R; R^T 0] [f q] = [d 0]. */
+/* Computes S: the forces of one attachment under displacements of its rows, one column at a time from [G -R; R^T 0] [f q] = [d 0]. */
 static void stiffness_of(const attachment *t, double s[ROWS][ROWS]) {
     enum { M = ROWS + FREE };
     double system[M * M] = {0}, right[ROWS * M] = {0};
@@ -112,7 +112,7 @@ static double row_entry(const attached_row *row, int dof) {
     return 0.0;
 }
 
-/* (K + P S P^T)^-1 from scratch, dof_count square. */
+/* Computes (K + P S P^T)^-1 from scratch, dof_count square. */
 static void reference(int count, const int *which, double *inverse_out) {
     int n = body.tissue.dof_count;
     static double k[N * N];
@@ -151,7 +151,7 @@ static void check_blocks(inverse *base) {
     inverse *inv;
     int n = body.tissue.dof_count;
     OK(inverse_create_attached(base, &inv, &why));
-    for (int set = 0; set < 4; set++) { /* from one to the next some stay, in other places */
+    for (int set = 0; set < 4; set++) { /* from one set to the next, some attachments stay, in other positions */
         double worst = 0.0;
         attach(inv, counts[set], sets[set]);
         reference(counts[set], sets[set], expected);
@@ -174,8 +174,8 @@ static void blocks_are_those_of_the_stiffness_with_the_attachments(void **state)
     check_blocks(sparse);
 }
 
-/* Displacements under nodal forces, by inverse_apply; with these, forces and motions of each thing must close its gaps: G df = R q - d,
-   R^T df = 0, where d are the displacements of its rows by everything. */
+/* Displacements under nodal forces, by inverse_apply; with these, forces and motions of each attachment must close its gaps: G df = R q
+   - d, R^T df = 0, where d are the displacements of its rows by all forces. */
 static void forces_and_motions_close_the_gaps(void **state) {
     (void)state;
     static const int set[] = {0, 1, 2};
@@ -190,11 +190,11 @@ static void forces_and_motions_close_the_gaps(void **state) {
     assert_int_equal(inverse_attached_motions(inv), 2 * FREE);
     for (int i = 0; i < LOADS; i++) nominal[nodes[i] = 20 + 15 * i] = force[i] = cube_random_vector(1.0);
     OK(inverse_attached_response(inv, &(nodal_forces){LOADS, nodes, force}, df, q, &why));
-    out_of_memory = true; /* what is attached is never left out */
+    out_of_memory = true; /* an attachment is never left out */
     inverse_apply(inv, nominal, u);
     out_of_memory = false;
     inverse_apply(body.inverse, nominal, alone);
-    OK(inverse_attached_displace(inv, df, CUBE_NODES, all, alone, &why)); /* the loads and the things' forces on bare tissue */
+    OK(inverse_attached_displace(inv, df, CUBE_NODES, all, alone, &why)); /* the loads and the attachments' forces on bare tissue */
     double size = 0.0, strength = 0.0;
     for (int i = 0; i < CUBE_NODES; i++) size = fmax(size, v3_norm(u[i]));
     for (int i = 0; i < ALL; i++) strength = fmax(strength, fabs(df[i]));
@@ -217,7 +217,7 @@ static void forces_and_motions_close_the_gaps(void **state) {
     inverse_free(inv);
 }
 
-/* A unit displacement of one row by nothing else: its thing's gap opens by one there, all others stay closed. */
+/* For a unit displacement of one row without other loads, the gap of its attachment opens by one there, and all others stay closed. */
 static void columns_close_the_gaps_but_one(void **state) {
     (void)state;
     static const int set[] = {0, 1, 2}, rows[] = {4, 9, 25};
@@ -242,7 +242,7 @@ static void columns_close_the_gaps_but_one(void **state) {
     inverse_free(inv);
 }
 
-/* Put and taken in random order: what is attached last decides, and with nothing attached the blocks are the base's to the bit. */
+/* Attached and detached in random order: only the final set counts, and with nothing attached the blocks equal those of the base inverse bit for bit. */
 static void a_thousand_changes_leave_no_trace(void **state) {
     (void)state;
     static double found[N * N], fresh[N * N], before[N * N];

@@ -1,5 +1,5 @@
-/* The condensed inverse against the dense one in the region, across its edge and outside; computed, read from the cache, and
-   recomputed if the file is damaged. */
+/* The condensed inverse is compared with the dense one in the region, across its edge and outside; computed, read from the
+   cache, and recomputed if the file is damaged. */
 #include <fcntl.h>
 #include <setjmp.h>
 #include <stdarg.h>
@@ -20,7 +20,7 @@ enum { N = 3 * CUBE_NODES, REGION = 30 };
 static char directory[] = "/tmp/test_condensed.XXXXXX";
 static cube body;
 static double dense[N * N], largest;
-static int all[CUBE_NODES], region[REGION]; /* some are fixed */
+static int all[CUBE_NODES], region[REGION]; /* some nodes are fixed */
 
 static double memory_left = 1e12; /* bytes */
 double __wrap_memory_available(void);
@@ -30,9 +30,9 @@ static double memory_ever = 1e12;
 double __wrap_memory_most(void);
 double __wrap_memory_most(void) { return memory_ever; }
 
-/* Of the coarse space: as it is; out of memory; or misleading, as with a gland 2000 times stiffer at nu = 0.499. */
+/* Behaviour of the coarse space: normal; out of memory; or misleading, as with a gland 2000 times stiffer at nu = 0.499. */
 static enum { COARSE_WORKS, COARSE_FAILS, COARSE_MISLEADS, COARSE_IS_NOT_FINITE } coarse_way;
-static int coarse_calls, coarse_good; /* calls, and so many of them work in any case */
+static int coarse_calls, coarse_good; /* number of calls, and number of calls that work in any case */
 bool __real_coarse_space_solve(coarse_space *c, const double *force, double *motion);
 bool __wrap_coarse_space_solve(coarse_space *c, const double *force, double *motion);
 bool __wrap_coarse_space_solve(coarse_space *c, const double *force, double *motion) {
@@ -73,10 +73,10 @@ typedef struct {
     tissue tissue;
     inverse *inverse;
     report notice;
-    char path[1200];         /* of the cache file */
+    char path[1200];         /* path of the cache file */
 } condensed;
 
-/* As a new process would: only the file is left of the previous start. */
+/* Starts as a new process would, with only the file left from the previous start. */
 static void start(condensed *c, double stiffness) {
     report why;
     static region_material materials[2];
@@ -129,7 +129,7 @@ static void reading_a_file_updates_its_time_of_use(void **state) {
     assert_int_equal(unlink(c.path), 0);
 }
 
-/* Once from nothing, once from the last field; on the way a field of no force. */
+/* Solves once from zero, and once from the last field, with a field of zero force in between. */
 static void fields_need_no_factorisation(void **state) {
     (void)state;
     condensed c;
@@ -148,11 +148,11 @@ static void fields_need_no_factorisation(void **state) {
     assert_int_equal(unlink(c.path), 0);
 }
 
-/* Fields are found without it then, those from the last one too, and it is not tried again. */
+/* Fields are then found without the coarse space, also those that start from the last field, and it is not tried again. */
 static void a_coarse_space_that_does_not_help_is_given_up(void **state) {
     (void)state;
     for (coarse_way = COARSE_FAILS; coarse_way <= COARSE_IS_NOT_FINITE; coarse_way++)
-        for (coarse_good = 0; coarse_good <= 10; coarse_good += 10) { /* from the start, or on the way */
+        for (coarse_good = 0; coarse_good <= 10; coarse_good += 10) { /* from the start, or in the middle */
             condensed c;
             vec3 force[CUBE_NODES], expected[CUBE_NODES], found[CUBE_NODES];
             start(&c, 1.0);
@@ -173,7 +173,7 @@ static void a_coarse_space_that_does_not_help_is_given_up(void **state) {
     coarse_way = COARSE_WORKS;
 }
 
-/* An entry's error is small next to the compliances of its two nodes, and its file holds half as much. Diagonal blocks are exactly symmetric. */
+/* An entry's error is small compared with the compliances of its two nodes, and the file has half the size. Diagonal blocks are exactly symmetric. */
 static void single_precision_takes_half_the_room(void **state) {
     (void)state;
     condensed c;
@@ -207,7 +207,7 @@ static void single_precision_takes_half_the_room(void **state) {
     assert_int_equal(unlink(c.path), 0);
 }
 
-/* In single precision, the factor of a very stiff body is infinite, and its inverse zero. That is neither used nor cached. */
+/* In single precision, the factor of a very stiff body is infinite and its inverse zero. Such an inverse is neither used nor cached. */
 static void overflow_is_an_error(void **state) {
     (void)state;
     static const double factors[] = {1e70, 1e-70};
@@ -229,7 +229,7 @@ static void overflow_is_an_error(void **state) {
     }
 }
 
-/* Read from the file without factorising; nodes outside need a factor. */
+/* The inverse is read from the file without factorising; nodes outside need a factor. */
 static void second_start_needs_no_factorisation(void **state) {
     (void)state;
     condensed c;
@@ -345,7 +345,7 @@ static void different_tissues_use_different_files(void **state) {
     assert_true(says(&stiff, "written to"));
     stop(&stiff);
     assert_string_not_equal(soft.path, stiff.path);
-    assert_int_equal(rename(stiff.path, soft.path), 0); /* stale: the right name, but of another tissue */
+    assert_int_equal(rename(stiff.path, soft.path), 0); /* stale: the file has the right name, but is of another tissue */
     start(&soft, 1.0);
     assert_true(says(&soft, "damaged"));
     assert_blocks(&soft, REGION, region);
@@ -353,7 +353,7 @@ static void different_tissues_use_different_files(void **state) {
     assert_int_equal(unlink(soft.path), 0);
 }
 
-/* With the body's own tissue, which the caller frees: no inverse comes of it. */
+/* Expects that no inverse can be made of the body's own tissue, which the caller frees. */
 static report refused(tissue *t, condensed_region wanted, trocar_status expected) {
     inverse *inv;
     report notice, why;
@@ -364,7 +364,8 @@ static report refused(tissue *t, condensed_region wanted, trocar_status expected
     return why;
 }
 
-/* Before anything is eliminated; the message has both numbers, the remedy, and where a file from elsewhere would go. The same for the whole factor. */
+/* The error comes before the elimination; the message has both numbers, the remedy, and the path for a file from another machine. The same holds for
+   the whole factor. */
 static void too_little_memory_is_reported_beforehand(void **state) {
     (void)state;
     tissue t;
@@ -382,7 +383,7 @@ static void too_little_memory_is_reported_beforehand(void **state) {
     tissue_free(&t);
 }
 
-/* A supervisor that starts the program again need not do so if the machine can never have as much. */
+/* If the machine can never have as much memory, a supervisor need not restart the program. */
 static void more_than_the_machine_has_is_bad_input(void **state) {
     (void)state;
     tissue t;
@@ -395,7 +396,7 @@ static void more_than_the_machine_has_is_bad_input(void **state) {
     tissue_free(&t);
 }
 
-/* Memory that was too little for the factor when a node outside was needed first may suffice later. */
+/* If there was too little memory for the factor when a node outside was first needed, there may be enough later. */
 static void a_passing_shortage_is_not_final(void **state) {
     (void)state;
     condensed c;

@@ -1,5 +1,5 @@
-/* The region's stiffness once all other nodes are eliminated, against the inverse of the whole matrix by LAPACK; on a larger mesh, with fronts
-   of several panels, against CHOLMOD's factor. Its memory against what malloc counts. */
+/* The region's stiffness after the elimination of all other nodes is compared with the inverse of the whole matrix by LAPACK; on a larger
+   mesh, with fronts of several panels, with CHOLMOD's factor. Its memory is compared with malloc's count. */
 #include <cblas.h>
 #include <lapacke.h>
 #include <malloc.h>
@@ -17,18 +17,18 @@
 
 #include "check.h"
 
-enum { CELLS = 8, SIDE = CELLS + 1, BOX = SIDE * SIDE * SIDE }; /* of a box; the dissection cuts it several times */
+enum { CELLS = 8, SIDE = CELLS + 1, BOX = SIDE * SIDE * SIDE }; /* cells of a box, which the dissection cuts several times */
 static const region_material materials[2] = {{.youngs_modulus = 15e3, .poisson_ratio = 0.45}, {.youngs_modulus = 60e3, .poisson_ratio = 0.3}};
 
 typedef struct {
-    int cells;               /* along each edge */
+    int cells;               /* cells along each edge */
     vec3 corner, spacing;
     quat turn;
 } box;
 
 static int cubed(int n) { return n * n * n; }
 
-/* Boxes that do not touch, Kuhn's six tets per cell; soft below, stiff above. */
+/* Makes a mesh of boxes that do not touch, with Kuhn's six tets per cell; soft below, stiff above. */
 static mesh mesh_of(int count, const box *boxes) {
     static const int orders[6][3] = {{0, 1, 2}, {1, 2, 0}, {2, 0, 1}, {0, 2, 1}, {2, 1, 0}, {1, 0, 2}};
     report why;
@@ -63,10 +63,10 @@ static mesh mesh_of(int count, const box *boxes) {
 
 static box upright(int cells, double x) { return (box){cells, v3(x, 0.0, 0.0), v3(0.01, 0.01, 0.01), q_exp(v3(0.0, 0.0, 0.0))}; }
 
-/* One or two side by side. */
+/* Makes one box, or two side by side. */
 static mesh boxes(int count) { return mesh_of(count, (box[]){upright(CELLS, 0.0), upright(CELLS, 0.1)}); }
 
-/* K^-1, dof_count square. */
+/* Returns K^-1, dof_count square. */
 static double *whole_inverse(const tissue *t) {
     int n = t->dof_count;
     const int *start = t->stiffness->p, *row = t->stiffness->i;
@@ -79,7 +79,7 @@ static double *whole_inverse(const tissue *t) {
     return a;
 }
 
-/* (L L^T)^-1, lower triangle. */
+/* Returns (L L^T)^-1, lower triangle. */
 static double *corner_inverse(const panels *corner, int n) {
     double *a = calloc((size_t)n * (size_t)n, sizeof *a);
     for (int k = 0; k < corner->count; k++)
@@ -134,7 +134,7 @@ static bool in_column(const mesh *m, int n, int box) {
     return n / BOX == box && fabs(m->nodes[n].x - 0.1 * box - 0.04) < 0.015 && fabs(m->nodes[n].y - 0.04) < 0.015;
 }
 
-/* A column through the body, from its fixed face up; single nodes; two pieces; one node; all nodes. */
+/* Tests these regions: a column through the body, from its fixed face up; single nodes; two pieces; one node; all nodes. */
 static void regions_agree_with_the_whole_inverse(void **state) {
     (void)state;
     static bool fixed[BOX];
@@ -154,7 +154,7 @@ static void regions_agree_with_the_whole_inverse(void **state) {
     mesh_free(&m);
 }
 
-/* The other body has no part in the region, whichever of them is eliminated first; or each has one. */
+/* The other body has no part in the region, whichever body is eliminated first; or each body has a part. */
 static void bodies_may_be_apart(void **state) {
     (void)state;
     static bool fixed[2 * BOX];
@@ -170,7 +170,7 @@ static void bodies_may_be_apart(void **state) {
     mesh_free(&m);
 }
 
-/* A body that nothing holds, or that can turn about two nodes, with the region in it or elsewhere. */
+/* A body that is not fixed, or that can rotate about two nodes, with the region in it or elsewhere. */
 static void loose_body_is_refused(void **state) {
     (void)state;
     static int region[BOX];
@@ -198,14 +198,14 @@ static void loose_body_is_refused(void **state) {
     mesh_free(&m);
 }
 
-/* Numbers that no library changes: METIS calls srand. */
+/* Random numbers that no library affects: METIS calls srand. */
 static unsigned any(unsigned below) {
     static unsigned long long state = 1;
     state = state * 6364136223846793005ULL + 1442695040888963407ULL;
     return (unsigned)(state >> 33) % below;
 }
 
-/* Some ten nodes beside thousands, turning about two fixed ones in any direction; in the region or not. */
+/* About ten nodes beside thousands, rotating about two fixed nodes in any direction; in the region or not. */
 static void small_loose_piece_is_refused(void **state) {
     (void)state;
     enum { LARGE = 12, BESIDE = (LARGE + 1) * (LARGE + 1) * (LARGE + 1), MOST = BESIDE + 27, TRIALS = 10 };
@@ -246,14 +246,14 @@ static void note_memory(const char *what, double fraction, void *context) {
     most_used = fmax(most_used, (double)now.uordblks + (double)now.hblkhd);
 }
 
-/* Begins to count; returns what is in use. */
+/* Starts the count; returns the memory in use. */
 static double begin_counting(void) {
     most_used = 0.0;
     note_memory("", 0.0, NULL);
     return most_used;
 }
 
-/* Sanitizers have a malloc of their own. */
+/* Does nothing under sanitizers, which have their own malloc. */
 static void assert_predicted(double predicted, double used) {
     if (mallinfo2().uordblks == 0) return;
     assert_true(predicted >= used);
@@ -283,7 +283,7 @@ static void assert_same_bits(const panels *a, const panels *b) {
         assert_memory_equal(a->panels[k].values, b->panels[k].values, (size_t)a->panels[k].rows * (size_t)a->panels[k].width * sizeof(double));
 }
 
-/* Column of K^-1_RR by CHOLMOD's factor of the whole. */
+/* Computes a column of K^-1_RR with CHOLMOD's factor of the whole matrix. */
 static double *column_by_factor(tissue *t, const int *nodes, int count, size_t column) {
     double *values = malloc(3 * (size_t)count * sizeof *values);
     cholmod_dense *load = cholmod_zeros((size_t)t->dof_count, 1, CHOLMOD_REAL, &t->common);
@@ -296,7 +296,7 @@ static double *column_by_factor(tissue *t, const int *nodes, int count, size_t c
     return values;
 }
 
-/* A narrow region, whose triangle is full, and one that is wide enough to have inner nodes: with a team of threads, and without. */
+/* A narrow region, whose triangle is full, and a region that is wide enough to have inner nodes; with a team of threads and without. */
 static void large_fronts_agree_with_the_factor(void **state) {
     (void)state;
     enum { LARGE = 16, ALL = (LARGE + 1) * (LARGE + 1) * (LARGE + 1), COLUMNS = 5 };
@@ -348,7 +348,7 @@ static void large_fronts_agree_with_the_factor(void **state) {
     mesh_free(&m);
 }
 
-/* Several panels with empty blocks between them, in both precisions, by one thread and by two. */
+/* Several panels with empty blocks between them, in both precisions, with one thread and with two. */
 static void inverse_of_a_wide_region_agrees_with_the_factor(void **state) {
     (void)state;
     enum { LARGE = 16, ALL = (LARGE + 1) * (LARGE + 1) * (LARGE + 1), COLUMNS = 7 };
@@ -392,7 +392,7 @@ static double memory_left = 1e12; /* bytes */
 double __wrap_memory_available(void);
 double __wrap_memory_available(void) { return memory_left; }
 
-/* Of a small region the elimination, of the whole body the inversion needs most. */
+/* For a small region the elimination needs the most memory, for the whole body the inversion. */
 static void memory_of_condensing_is_predicted(void **state) {
     (void)state;
     static bool fixed[BOX];
@@ -415,7 +415,7 @@ static void memory_of_condensing_is_predicted(void **state) {
         double before = begin_counting();
         assert_int_equal(condense(&t, &wanted, nodes, &inverse, &needed, &why), TROCAR_OK);
         assert_predicted(needed, most_used - before);
-        assert_close(1e9 * predicted, needed, 0.005 * needed); /* in three digits */
+        assert_close(1e9 * predicted, needed, 0.005 * needed); /* to three digits */
         free(inverse.numbers);
         tissue_free(&t);
     }
@@ -429,7 +429,7 @@ static void note_blas_threads(const char *what, double fraction, void *context) 
     shown++;
 }
 
-/* BLAS's number of threads is the process's: another thread may be condensing, too. */
+/* BLAS's number of threads belongs to the process, and another thread may also be condensing. */
 static void condensing_leaves_blas_alone(void **state) {
     (void)state;
     static bool fixed[BOX];

@@ -69,7 +69,7 @@ static void short_packets_need_a_terminated_channel(void **unused) {
     expect(endless, &anything, PACKET_MALFORMED);
 }
 
-/* 150 000 bytes in three fragments, as liblcm sends them. */
+/* Sends 150 000 bytes in three fragments, as liblcm does. */
 static void fragments_of_lcm_pass(void **unused) {
     (void)unused;
     uint32_t first = 65487 - 2;
@@ -85,15 +85,15 @@ static void inconsistent_fragments_are_malformed(void **unused) {
     expect_fragment(good, PACKET_GOOD);
     fragment f = good;
     f.part = 501;
-    expect_fragment(f, PACKET_MALFORMED);                                        /* beyond the message */
+    expect_fragment(f, PACKET_MALFORMED);                                        /* beyond the end of the message */
     expect_fragment((fragment){1000, 0xffffff00, 1, 2, NULL, 0x200}, PACKET_MALFORMED); /* liblcm's sum overflows */
     expect_fragment((fragment){1000, 0xffffff00, 0, 2, c, 0x200}, PACKET_MALFORMED);
-    expect_fragment((fragment){1000, 500, 2, 2, NULL, 500}, PACKET_MALFORMED);   /* third of two */
-    expect_fragment((fragment){1000, 0, 1, 2, NULL, 500}, PACKET_MALFORMED);     /* second at the start */
-    expect_fragment((fragment){1000, 0, 0, 0, c, 500}, PACKET_MALFORMED);        /* first of none */
+    expect_fragment((fragment){1000, 500, 2, 2, NULL, 500}, PACKET_MALFORMED);   /* third fragment of two */
+    expect_fragment((fragment){1000, 0, 1, 2, NULL, 500}, PACKET_MALFORMED);     /* second fragment at the start */
+    expect_fragment((fragment){1000, 0, 0, 0, c, 500}, PACKET_MALFORMED);        /* first fragment of none */
     expect_fragment((fragment){1000, 500, 1, 2, NULL, 0}, PACKET_MALFORMED);     /* empty */
     expect_fragment((fragment){0, 0, 0, 2, c, 0}, PACKET_MALFORMED);
-    expect_fragment((fragment){1000, 0, 0, 2, NULL, 200}, PACKET_MALFORMED);     /* no end of the channel name */
+    expect_fragment((fragment){1000, 0, 0, 2, NULL, 200}, PACKET_MALFORMED);     /* the channel name has no end */
     expect_fragment((fragment){200000, 0, 0, 2, c, 500}, PACKET_MALFORMED);      /* too few fragments for the size */
     expect_fragment((fragment){1 << 28, 0, 0, 5000, c, 500}, PACKET_MALFORMED);  /* 256 MB, which liblcm would allocate */
     packet p = packet_of(good);
@@ -109,7 +109,7 @@ static void program_receives_its_channels_only(void **unused) {
     expect(packet_of((fragment){1000, 500, 1, 2, NULL, 500}), &poses, PACKET_UNWANTED);
 }
 
-/* The arithmetic of liblcm 1.3.1: for every packet that passes, its copy must stay within the packet and the message. */
+/* Repeats the arithmetic of liblcm 1.3.1: for every packet that passes, its copy must stay within the packet and the message. */
 static void liblcm_would_stay_within_its_buffers(const packet *p) {
     uint32_t word[5];
     memcpy(word, p->bytes, sizeof word);
@@ -127,7 +127,7 @@ static uint32_t draw(void) {
     return state ^= state << 5;
 }
 
-/* Numbers near the limits, and arbitrary ones. */
+/* Draws numbers near the limits, and arbitrary ones. */
 static uint32_t draw_number(void) {
     static const uint32_t edges[] = {0, 1, 2, 19, 20, 63, 64, 500, 1000, 65487, 1 << 24, 1 << 28, UINT32_MAX};
     uint32_t edge = edges[draw() % (sizeof edges / sizeof *edges)];
@@ -187,7 +187,7 @@ static void only_malformed_lcm_packets_are_dropped(void **unused) {
     assert_int_equal(received(sender, receiver, bad), 0);
     assert_int_equal(lcm_filter_dropped() - before, 1);
 
-    assert_int_equal(socketpair(AF_UNIX, SOCK_DGRAM, 0, pair), 0); /* not UDP: not LCM's */
+    assert_int_equal(socketpair(AF_UNIX, SOCK_DGRAM, 0, pair), 0); /* not UDP, so not LCM's */
     assert_int_equal(received(pair[0], pair[1], bad), bad.size);
 
     lcm_filter_restrict(&poses);
@@ -197,7 +197,7 @@ static void only_malformed_lcm_packets_are_dropped(void **unused) {
     close(sender), close(receiver), close(pair[0]), close(pair[1]);
 }
 
-/* As liblcm 1.3.1 reads a URL. */
+/* URLs are read as by liblcm 1.3.1. */
 static void urls_without_a_ttl_are_for_this_machine(void **unused) {
     (void)unused;
     static const struct { const char *url; bool local; uint16_t port; } urls[] = {
@@ -218,7 +218,8 @@ static void urls_without_a_ttl_are_for_this_machine(void **unused) {
     assert_true(lcm_filter_is_local(NULL, &port) && port == 7667);
 }
 
-/* What this machine sends passes on a port that is kept to it, and is not taken for another one's. Other machines: tests/system/test_other_machine.sh. */
+/* Datagrams from this machine pass on a port that accepts only local ones, and do not count as another machine's. tests/system/test_other_machine.sh
+   tests other machines. */
 static void datagrams_of_this_machine_pass(void **unused) {
     (void)unused;
     static const packet_wishes marked = {.origin = {"TROCAR_COMMAND", "REMOTE_COMMAND"}};

@@ -1,4 +1,4 @@
-/* What text from the network may do to a terminal. */
+/* Text from the network must not affect a terminal. */
 #include "printable.h"
 
 #include <stdio.h>
@@ -22,25 +22,25 @@ static void control_characters_are_replaced(void **unused) {
     expect("", "");
     expect("host, process 7", "host, process 7");
     expect("\033[2J\033]0;title\007gone\r\n\t\x7f", "?[2J?]0;title?gone????");
-    expect("\xc2\x9b" "31m", "??31m"); /* U+009B: escape and bracket in one */
+    expect("\xc2\x9b" "31m", "??31m"); /* U+009B is escape and bracket in one character */
 }
 
 static void letters_of_any_language_remain(void **unused) {
     (void)unused;
     expect("/home/jürgen/Größe Ω 東京 😀", "/home/jürgen/Größe Ω 東京 😀");
-    expect("\u202egnp.exe", "???gnp.exe"); /* right to left */
+    expect("\u202egnp.exe", "???gnp.exe"); /* right-to-left override */
     expect("a\u2066b\ufeff", "a???b???");
 }
 
 static void bytes_that_form_no_character_are_replaced(void **unused) {
     (void)unused;
     expect("a\xff" "b", "a?b");
-    expect("\xc3", "?");                /* cut off, as by a copy into a smaller place */
+    expect("\xc3", "?");                /* cut off, as by a copy into a shorter buffer */
     expect("\xe6\x9d", "??");
-    expect("\xc0\xaf", "??");           /* longer than need be */
+    expect("\xc0\xaf", "??");           /* an overlong encoding */
     expect("\xe0\x80\x9b[", "???[");
     expect("\xed\xa0\x80", "???");      /* a surrogate */
-    expect("\xf4\x90\x80\x80", "????"); /* beyond the last one */
+    expect("\xf4\x90\x80\x80", "????"); /* beyond the last code point */
 }
 
 int main(void) {

@@ -1,4 +1,5 @@
-/* Elimination by panels against LAPACK's Cholesky factorisation of the whole matrix: with several panels, all pivots or some of them. */
+/* Elimination by panels is compared with LAPACK's Cholesky factorisation of the whole matrix: with several panels, and with all or some of the
+   pivots. */
 #include <lapacke.h>
 #include <math.h>
 #include <setjmp.h>
@@ -14,9 +15,9 @@
 
 #include "check.h"
 
-enum { N = 1300, COLUMNS = 1260, PIVOTS = 700 }; /* panels of 576, 124; 560 */
+enum { N = 1300, COLUMNS = 1260, PIVOTS = 700 }; /* panels of 576 and 124 pivots; 560 other columns */
 
-/* A + A^T + 2 N 1 with random A in [0, 1], column-major. */
+/* Returns A + A^T + 2 N 1 with random A in [0, 1], column-major. */
 static double *random_matrix(void) {
     double *a = calloc((size_t)N * N, sizeof *a);
     for (int j = 0; j < N; j++)
@@ -24,7 +25,7 @@ static double *random_matrix(void) {
     return a;
 }
 
-/* a - a_0 a_00^-1 a_0^T for the rest, L of the first `pivots` columns for these. */
+/* Replaces the rest by a - a_0 a_00^-1 a_0^T, and the first `pivots` columns by those of L. */
 static void eliminate(double *a, int pivots) {
     assert_int_equal(LAPACKE_dpotrf(LAPACK_COL_MAJOR, 'L', pivots, a, N), 0);
     for (int j = 0; j < pivots; j++)

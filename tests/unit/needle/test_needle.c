@@ -1,4 +1,4 @@
-/* The needle: limits and centreline. */
+/* The needle: its limits and its centreline. */
 #include "bending.h"
 
 #include <setjmp.h>

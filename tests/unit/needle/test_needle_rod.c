@@ -1,4 +1,4 @@
-/* The rod against beam theory: small-deflection formulas, the elastica, Euler buckling, frame invariance. */
+/* The rod is compared with beam theory: small-deflection formulas, the elastica, Euler buckling, frame invariance. */
 #include "bending.h"
 
 #include <setjmp.h>
@@ -19,7 +19,7 @@ static void small_deflection_matches_a_cantilever(void **unused) {
     bend(&model, &state, v3(0, 1e-4, 0), tangent);
     double expected = 1e-4 * pow(0.2, 3) / (3.0 * model.bending);
     assert_true(fabs(tip(&model, &state).y / expected - 1.0) < 5e-4); /* 1/(2 N^2) = 3e-4 */
-    /* the tangent's own compliance is the same number */
+    /* the tangent's own compliance gives the same number */
     assert_true(fabs(tangent->compliance[3 * 40 + 1][3 * 40 + 1] / (pow(0.2, 3) / (3.0 * model.bending)) - 1.0) < 1e-3);
     /* compliance between an inner joint and the tip: a^2 (3 L - a) / (6 EI) */
     double a = 0.1;
@@ -54,7 +54,7 @@ static void axial_load_softens_like_a_beam_column(void **unused) {
     needle_set_straight(&model, (pose){v3(0, 0, 0), {1, 0, 0, 0}}, &state);
     double euler = M_PI * M_PI * model.bending / (4 * 0.04);
     for (int c = 0; c < 3; c++) {
-        double compression = (double[]){0.3, 0.8, 2.0}[c] * euler; /* the last one is buckled: negative compliance */
+        double compression = (double[]){0.3, 0.8, 2.0}[c] * euler; /* the last load is beyond buckling, with a negative compliance */
         load[60] = v3(0, 0, -compression);
         needle_linearise(&model, &state, load, 0, tangent);
         double k = sqrt(compression / model.bending), expected = tan(k * 0.2) / (k * compression) - 0.2 / compression;
@@ -63,7 +63,7 @@ static void axial_load_softens_like_a_beam_column(void **unused) {
     free(tangent);
 }
 
-/* Only joints from the first one on: the same compliance between them, of a needle that bends and is pressed. */
+/* The compliance from the first joint on is the same as that of the whole needle, which is bent and compressed. */
 static void compliance_does_not_depend_on_the_first_joint(void **unused) {
     (void)unused;
     needle_model model = make(40);
@@ -90,14 +90,14 @@ static void compliance_does_not_depend_on_the_first_joint(void **unused) {
     free(part);
 }
 
-/* Segments are computed four at a time; so many that some are left over. The tip's compliance is the derivative of where it comes to rest. */
+/* Segments are computed four at a time; these numbers leave a remainder. The tip's compliance is the derivative of its position in equilibrium. */
 static void any_number_of_segments_will_do(void **unused) {
     (void)unused;
     static const int numbers[] = {2, 3, 5, 6, 7, 9, 38, 63, 64};
     for (int i = 0; i < 9; i++) {
         needle_model model = make(numbers[i]);
         needle_tangent *tangent = malloc(sizeof *tangent);
-        vec3 force = v3(1e-3, 2e-3, -1e-3), moved[3]; /* gentle: the tangent leaves out third powers of the angles between segments */
+        vec3 force = v3(1e-3, 2e-3, -1e-3), moved[3]; /* small forces: the tangent omits third powers of the angles between segments */
         double step = 1e-4, most = 0.0;
         for (int a = 0; a < 3; a++) {
             vec3 ends[2];
@@ -122,7 +122,7 @@ static void any_number_of_segments_will_do(void **unused) {
     }
 }
 
-/* A needle free at its tip buckles in both directions at each of (2 n - 1)^2 times Euler's load. */
+/* A needle with a free tip buckles in both directions at each of (2 n - 1)^2 times Euler's load. */
 static void buckling_modes_match_euler(void **unused) {
     (void)unused;
     needle_model model = make(60);

@@ -1,4 +1,4 @@
-/* The needle of tetrahedra against beam theory, against its own energy, and against the rod in tissue. */
+/* The needle of tetrahedra is compared with beam theory, with its own energy, and with the rod in tissue. */
 #include "bending_solid.h"
 #include "lockstep.h"
 #include "shared/motion.h"
@@ -13,7 +13,7 @@ static const int SEGMENTS[] = {10, 20, 40};
 
 static solid_model make(int segments) { return solid_made(segments); }
 
-/* Deflection of the tip along the load and across it, m. */
+/* Returns the deflection of the tip along the load and across it, m. */
 static vec3 bent_tip(const solid_model *model, double angle, double force, solid_tangent *tangent) {
     solid_state state;
     solid_rest(model, ORIGIN, &state);
@@ -25,12 +25,12 @@ static vec3 bent_tip(const solid_model *model, double angle, double force, solid
 
 static void bending_is_isotropic(void **unused) {
     (void)unused;
-    enum { DIRECTIONS = 9 }; /* over a right angle: a quarter turn is a symmetry of the mesh */
+    enum { DIRECTIONS = 9 }; /* directions within a right angle, because a quarter turn is a symmetry of the mesh */
     solid_tangent *tangent = malloc(sizeof *tangent);
     for (int s = 0; s < 3; s++) {
         solid_model model = make(SEGMENTS[s]);
         double least = INFINITY, most = 0.0, across = 0.0;
-        for (int d = 0; d < DIRECTIONS; d++) { /* 2 EI / L^2 bends it by half its length */
+        for (int d = 0; d < DIRECTIONS; d++) { /* 2 EI / L^2 bends the needle by half its length */
             vec3 tip = bent_tip(&model, 0.5 * M_PI * d / DIRECTIONS, 2.0 * model.line.bending / 0.04, tangent);
             least = fmin(least, tip.x), most = fmax(most, tip.x), across = fmax(across, fabs(tip.y));
         }
@@ -124,7 +124,7 @@ static void rigid_motions_give_no_force(void **unused) {
     solid_tangent *tangent = malloc(sizeof *tangent);
     solid_state state;
     vec3 load[NEEDLE_MAX_SEGMENTS + 1] = {{0}};
-    double stiffness = model.line.bending / pow(0.2, 2); /* N, a load that bends it clearly */
+    double stiffness = model.line.bending / pow(0.2, 2); /* N, a load that bends the needle clearly */
     for (int i = 0; i < 20; i++) {
         solid_rest(&model, (pose){v3(0.02 * i, -0.01 * i, 0.2), q_exp(v3(0.3 * i, 1.0 - 0.2 * i, 0.1 * i))}, &state);
         solid_linearise(&model, &state, load, 0, tangent);
@@ -135,7 +135,7 @@ static void rigid_motions_give_no_force(void **unused) {
     free(tangent);
 }
 
-/* A shape far from rest, by moving every node by some fraction of the radius. */
+/* Moves every node by some fraction of the radius, which gives a shape far from rest. */
 static void distort(solid_state *state, int segments) {
     srand(3);
     for (int k = 1; k <= segments; k++)
@@ -146,7 +146,7 @@ static void distort(solid_state *state, int segments) {
         }
 }
 
-/* Central differences; the energy is a polynomial of degree four in the positions. */
+/* Compares with central differences; the energy is a polynomial of degree four in the positions. */
 static void forces_are_the_gradient_of_the_energy(void **unused) {
     (void)unused;
     enum { N = 4 };
@@ -219,7 +219,7 @@ static void rotated_base_gives_rotated_shape(void **unused) {
     free(tangent);
 }
 
-/* Rolled and shifted as far as a hand does in a tick or two, the free needle follows and is straight again. */
+/* When the base is rolled and shifted as far as a hand can move it in a tick or two, the free needle follows and is straight again. */
 static void free_needle_follows_its_base(void **unused) {
     (void)unused;
     solid_model model = make(20);
@@ -256,7 +256,7 @@ static void run_figure8(bool solid, double (*wrench)[6], double *punctures) {
     lockstep_free(l);
 }
 
-/* Root mean square of the difference in components [from, to) over that of b. */
+/* Returns the root mean square of the difference in components [from, to), relative to that of b. */
 static double difference(double (*a)[6], double (*b)[6], int from, int to) {
     double off = 0.0, size = 0.0;
     for (int i = 0; i < TICKS; i++)

@@ -1,5 +1,5 @@
-/* The change of K due to a contact node against meshes assembled with and without it; and the linear displacements that K plus all
-   changes must reproduce. */
+/* The change of K due to a contact node is compared with meshes assembled with and without it; and K with all changes must
+   reproduce linear displacements. */
 #include "remeshing.h"
 
 #include "refinement/patch.h"
@@ -13,7 +13,7 @@ static void assemble(const refinement *all, int count, reference *r) {
 
 static int entry_of(int node) { return node >= 0 ? node : CUBE_NODES - 1 - node; }
 
-/* The patch contains every entry in which the two matrices differ; rows and columns of fixed nodes are left out. */
+/* The patch contains every entry in which the two matrices differ, except for rows and columns of fixed nodes. */
 static void check_patch(int index) {
     static patch p;
     reference before, after;
@@ -36,7 +36,7 @@ static void check_patch(int index) {
     reference_free(&after);
 }
 
-/* The columns of an added node's own displacement, found by themselves, are those of the whole patch. */
+/* The columns of an added node's own displacement, computed separately, equal those of the whole patch. */
 static void check_own_columns(int index) {
     static patch p;
     split_columns own;
@@ -72,7 +72,7 @@ static void patch_equals_the_difference_of_two_meshes(void **state) {
 /* ---- linear fields ---- */
 
 enum { MOST = CUBE_NODES + MAX_CONTACTS, HELD = CUBE_NODES - 1 };
-static double stiffness[3 * MOST][3 * MOST]; /* K of all nodes; zero for the fixed node, the mesh's last */
+static double stiffness[3 * MOST][3 * MOST]; /* K of all nodes; zero for the fixed node, which is the mesh's last */
 
 static void add_nominal(const tissue *t) {
     const int *starts = t->stiffness->p, *rows = t->stiffness->i;
@@ -94,8 +94,8 @@ static bool within(vec3 x) {
     return fmin(x.x, fmin(x.y, x.z)) > least && fmax(x.x, fmax(x.y, x.z)) < most;
 }
 
-/* Largest nodal force, divided by Young's modulus (m^2), under a linear displacement that is zero at the fixed node. `all`: of all
-   nodes, else only of those inside the body. */
+/* Returns the largest nodal force divided by Young's modulus (m^2) under a linear displacement that is zero at the fixed node; of
+   all nodes if `all`, otherwise only of those inside the body. */
 static double largest_force(const tissue *t, const mat3 *gradient, bool all) {
     vec3 at[MOST];
     int count = CUBE_NODES + request.wanted.count;
@@ -115,7 +115,7 @@ static double largest_force(const tissue *t, const mat3 *gradient, bool all) {
     return largest / t->materials->youngs_modulus;
 }
 
-/* A rotation causes no force at any node, a uniform strain none at nodes inside the body. */
+/* A rotation causes no force at any node, and a uniform strain causes none at nodes inside the body. */
 static void check_linear_fields(volumetric_strain volumetric, int kinds) {
     static const bool fixed[CUBE_NODES] = {[HELD] = true};
     static const mat3 turn = {{{0, -3, 2}, {3, 0, -1}, {-2, 1, 0}}}, strain = {{{2, 1, -1}, {1, -3, 2}, {-1, 2, 4}}};
@@ -160,7 +160,7 @@ static void add_within_patches(const tissue *t, int count) {
 }
 
 /* The parts of a split element stay in its patch and do not change the patch's mean strain, so K equals that of the split mesh, assembled
-   with all of its nodes. */
+   with all its nodes. */
 static void split_elements_stay_in_their_patch(void **state) {
     (void)state;
     static const bool fixed[CUBE_NODES] = {[HELD] = true};

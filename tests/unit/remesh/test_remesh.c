@@ -1,4 +1,4 @@
-/* The remesher's behaviour common to all methods: slots, ids and refusals. Each method has its own test. */
+/* The remesher's behaviour that is common to all methods: slots, ids and refusals. Each method has a test of its own. */
 #include "remeshing.h"
 
 /* A replaced node has the same place in the list but another id: it must be removed and added again. */
@@ -76,7 +76,7 @@ static void sparse_inverse_gives_the_same_results(void **state) {
     inverse_free(sparse);
 }
 
-/* Blocks are correct after looking ahead, with contact nodes present and after adding more. */
+/* Blocks are correct after preparing nodes in advance, with contact nodes present and after adding more. */
 static void looking_ahead_changes_no_answer(void) {
     for (method = REMESH_NESTED; method <= REMESH_IMPLICIT; method++) {
         remesher *r = start(method);
@@ -105,7 +105,7 @@ static void sparse_inverse_prefetches(void **state) {
 
 enum { HELD = CUBE_NODES / 2 };
 
-/* A condensed inverse of the lower half of `t`, read from its file, so that nothing has been factorised. */
+/* Returns a condensed inverse of the lower half of `t`, read from its file, so that nothing has been factorised. */
 static inverse *lower_half(tissue *t) {
     inverse *condensed = NULL;
     report notice, why = {""};
@@ -125,7 +125,7 @@ static inverse *lower_half(tissue *t) {
     return condensed;
 }
 
-/* Nodes outside the condensed region need a factor of the whole matrix: only the tick's own needs justify it. */
+/* Nodes outside the condensed region need a factor of the whole matrix, which only the tick's own requests justify. */
 static void check_costly_nodes(void) {
     remesher *r = start(REMESH_NESTED);
     int outside = CUBE_NODES - 1;
@@ -154,7 +154,7 @@ static void costly_nodes_are_skipped_unless_needed(void **state) {
     tissue_free(&t);
 }
 
-/* An element whose nodes are all in the region, or none of them. */
+/* Returns an element whose nodes are all in the region, or all outside. */
 static int element_of(bool held) {
     for (int tet = 0;; tet++) {
         int found = 0;
@@ -163,7 +163,7 @@ static int element_of(bool held) {
     }
 }
 
-/* A node whose rows can't be computed is not added, and later answers are correct. */
+/* A node whose rows cannot be computed is not added, and later answers are correct. */
 static void check_refusals(void) {
     static const kind kinds[] = {INSIDE, ON_FACE};
     for (method = REMESH_NESTED; method <= REMESH_IMPLICIT; method++)

@@ -18,7 +18,7 @@ static remesher *start_with_nodes(int wanted, int count) {
     return r;
 }
 
-/* A node moved out of its elements inverts them, so there is no pivot. Requests that contain it fail. */
+/* A node that is moved out of its elements inverts them, so there is no pivot. Requests that contain it fail. */
 static void check_inverted(int wanted) {
     remesher *r = start_with_nodes(wanted, 6);
     int last = request.wanted.count;

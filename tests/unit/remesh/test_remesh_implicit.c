@@ -1,4 +1,4 @@
-/* The implicit low-rank form. */
+/* Tests the implicit low-rank form. */
 #include "remeshing.h"
 
 int main(void) {

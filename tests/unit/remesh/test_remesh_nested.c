@@ -12,7 +12,7 @@ static void nested_refuses_moved_nodes(void **state) {
     remesher_free(r);
 }
 
-/* Every number of two snapshots that answer the same request. */
+/* Compares every number of two snapshots that answer the same request. */
 static void assert_same_bits(const compliance_snapshot *a, const compliance_snapshot *b) {
     assert_memory_equal(a->ids, b->ids, sizeof a->ids);
     assert_memory_equal(a->window, b->window, sizeof a->window);
@@ -26,8 +26,8 @@ static void assert_same_bits(const compliance_snapshot *a, const compliance_snap
         }
 }
 
-/* What is kept comes to the same bits whether nodes met the contact nodes as these were added, or came into the window, or were needed beside it,
-   later on: a second remesher that takes over from a snapshot answers exactly as the first one does. */
+/* Stored values have the same bits whether nodes met the contact nodes when these were added, or later, when they entered the window or were
+   needed beside it: a second remesher that continues from a snapshot gives exactly the answers of the first. */
 static void another_one_goes_on_to_the_bit(void **state) {
     (void)state;
     static compliance_snapshot other;
@@ -44,9 +44,9 @@ static void another_one_goes_on_to_the_bit(void **state) {
             serve(r);
             assert_int_equal(remesher_serve(second, &request, &other, &why), TROCAR_OK);
             assert_same_bits(&snapshot, &other);
-            choose_window(30); /* and once more with another window */
+            choose_window(30); /* and again with another window */
         }
-        request.wanted.count -= n % 2 ? 0 : 3; /* the last ones */
+        request.wanted.count -= n % 2 ? 0 : 3; /* the last nodes */
     }
     remesher_free(r);
     remesher_free(second);

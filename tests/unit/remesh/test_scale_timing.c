@@ -1,4 +1,4 @@
-/* The worker's lateness on a mesh where it is never late, and on a clock so fast that it is always late. */
+/* The worker's lateness on a mesh where it is never late, and with a clock so fast that it is always late. */
 #include "host.h"
 #include "scale_timing.h"
 
@@ -8,10 +8,10 @@
 #include <stdint.h>
 #include <cmocka.h>
 
-static const double ASIDE = 1e-3; /* m; at this offset no element is crossed so close to an edge that one tick suffices */
+static const double ASIDE = 1e-3; /* m; at this offset no element is crossed so close to an edge that one tick is enough */
 
 static const double WHOLE = 0.066; /* m, depth of an insertion through several elements */
-static const double ABOVE = 1e-3; /* m, of the tip above the skin at the start */
+static const double ABOVE = 1e-3; /* m, height of the tip above the skin at the start */
 
 static scale_timing *measured(double aside, const motion *script, double speed, double depth, double dt, const char *owner) {
     host h = {NULL};
@@ -28,14 +28,14 @@ static scale_timing *measured(double aside, const motion *script, double speed, 
     return &result;
 }
 
-/* An instrumented worker is too slow to judge: it measures what the mesh resolves for several ticks. */
+/* An instrumented worker is too slow to be judged: it takes several ticks to measure what the mesh resolves. */
 #if defined(__SANITIZE_ADDRESS__) || defined(__SANITIZE_THREAD__)
 static const bool INSTRUMENTED = true;
 #else
 static const bool INSTRUMENTED = false;
 #endif
 
-/* Each requested contact node is answered once or counted as unanswered; each active one was answered. */
+/* Each requested contact node is answered once or counted as unanswered; each active node was answered. */
 static void check_counts(const scale_timing *r) {
     assert_int_equal(r->crossing.count + r->unanswered, r->contacts);
     assert_in_range(r->activation.count, r->most_contacts, r->crossing.count);
@@ -49,14 +49,14 @@ static void crossings_are_counted_and_answered(void **unused) {
     check_counts(r);
     if (INSTRUMENTED) return;
     assert_true(r->crossings > 5 && r->contacts > 5);
-    assert_true(r->unanswered <= 1); /* the last one may have been requested in the last tick */
-    assert_true(r->activation.max == 0 && r->late_crossings == 0); /* all were active before the tip left their elements */
+    assert_true(r->unanswered <= 1); /* the last node may have been requested in the last tick */
+    assert_true(r->activation.max == 0 && r->late_crossings == 0); /* all nodes were active before the tip left their elements */
     assert_true(r->serve.count >= r->crossings && r->serve.count < r->ticks);
     assert_true(r->most_contacts > 5);
     assert_true(r->crossing.max >= 1000000); /* answers arrive one tick after the request at the earliest */
 }
 
-/* In and out again: contact nodes that are removed during retraction are not counted as late. */
+/* Inserts and withdraws: contact nodes that are removed during retraction are not counted as late. */
 static void crossings_during_retraction_are_ignored(void **unused) {
     (void)unused;
     scale_timing in = *measured(ASIDE, NULL, 0.05, WHOLE, 1e-3, "dense");
@@ -69,13 +69,14 @@ static void crossings_during_retraction_are_ignored(void **unused) {
     assert_true(r->contacts >= r->most_contacts);
 }
 
-/* 20 mm in 20 us: no answer comes in that time, so each tick is late from the touch on. (Not deeper: pushed on against tissue that nobody has
-   measured, the needle buckles at about 30 mm, and a tick without an equilibrium has no use for an answer.) At 2 m/s some answers come. */
+/* The needle moves by 20 mm in 20 us: no answer arrives within that time, so each tick is late after the touch. (A deeper insertion is not
+   possible: against tissue that has not been measured, the needle buckles at about 30 mm, and a tick without an equilibrium cannot use an
+   answer.) At 2 m/s some answers arrive. */
 static void worker_slower_than_the_needle_is_late(void **unused) {
     (void)unused;
     const double speed = 1000.0, dt = 2e-8;
     scale_timing none = *measured(ASIDE, NULL, speed, 0.02, dt, "sparse");
-    int before = (int)(ABOVE / (speed * dt) + 0.5); /* the touch; one more or less is rounding */
+    int before = (int)(ABOVE / (speed * dt) + 0.5); /* the touch; one tick more or less is rounding */
     check_counts(&none);
     assert_int_equal(none.unanswered, none.contacts);
     assert_in_range(none.late_ticks, none.ticks - before - 1, none.ticks - before + 1);
@@ -85,7 +86,7 @@ static void worker_slower_than_the_needle_is_late(void **unused) {
     assert_true(some->contacts > 0 && some->crossing.max > 20000); /* more than two ticks */
 }
 
-/* 3 mm per tick: some elements are crossed within one tick, and answers arrive two ticks after the request. */
+/* With 3 mm per tick, some elements are crossed within one tick, and answers arrive two ticks after the request. */
 static void late_contact_nodes_are_counted(void **unused) {
     (void)unused;
     const scale_timing *r = measured(ASIDE, NULL, 3.0, WHOLE, 1e-3, "dense");
@@ -93,7 +94,8 @@ static void late_contact_nodes_are_counted(void **unused) {
     if (INSTRUMENTED) return;
     print_message("%d of %d late, by %.1f ms at most\n", r->late_crossings, r->contacts, 1e-6 * (double)r->activation.max);
     assert_in_range(r->late_crossings, 1, r->contacts);
-    assert_in_range(r->activation.max, 900000, 3100000 + r->patch.max); /* the worker may be measuring a line meanwhile, until some time in a tick */
+    /* the worker may be measuring a line at the time, until some moment within a tick */
+    assert_in_range(r->activation.max, 900000, 3100000 + r->patch.max);
 }
 
 int main(void) {

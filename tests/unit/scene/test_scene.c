@@ -1,4 +1,4 @@
-/* Scene files: the values of a valid one, and the message for each error. */
+/* Scene files: the values of a valid file, and the message for each error. */
 #include "scene/scene.h" /* before cmocka.h, whose macro hides `fail` */
 
 #include <setjmp.h>
@@ -65,7 +65,7 @@ static void load_good(const char *text, scene *s) {
     if (load_text(text, s, &why) != TROCAR_OK) fail_msg("%s", why.text);
 }
 
-/* `words` follow the path of the file: ":12: regions[0].name: ..." */
+/* Expects a refusal; `words` follow the path of the file: ":12: regions[0].name: ..." */
 static void assert_refused(const char *text, const char *words) {
     char expected[256];
     scene s;
@@ -76,7 +76,7 @@ static void assert_refused(const char *text, const char *words) {
         fail_msg("status %d, \"%s\" where \"%s\" was expected", status, why.text, expected);
 }
 
-/* GOOD with one piece replaced. */
+/* Expects that GOOD with one piece replaced is refused. */
 static void assert_change_refused(const char *piece, const char *other, const char *words) {
     const char *at = strstr(GOOD, piece);
     assert_non_null(at);
@@ -207,7 +207,7 @@ static void a_bad_region_of_interest_is_refused(void **state) {
         {"mesh_unit: inch", ":4: mesh_unit: \"inch\": expected m, cm, mm, or the unit's size in m"},
         {"mesh_unit: 0", ":4: mesh_unit: \"0\": expected m, cm, mm"},
         {"mesh_unit: .inf", ":4: mesh_unit: "},
-        {"region_of_interest: {regions: [x, x]}", ":4: region_of_interest.regions[1]: \"x\" is there twice"},
+        {"region_of_interest: {regions: [x, x]}", ":4: region_of_interest.regions[1]: \"x\" appears twice"},
         {"region_of_interest: {depth: 1}", ":4: region_of_interest: unknown key \"depth\""},
         {"region_of_interest: {corridor: {from: [0, 0, 0], to: [0, 0, 1]}}", ":4: region_of_interest.corridor: missing key \"radius\""},
         {"region_of_interest: {corridor: {from: [0, 0, 0], to: [0, 0, 1], radius: 0}}", ":4: region_of_interest.corridor.radius: "},
@@ -317,7 +317,7 @@ static void patient_coordinates_and_start_are_read(void **state) {
     load_good(MINIMAL TURNED "needle: {start: {position: [0.01, 0.02, -0.2], orientation: [0.70711, 0, 0.70711, 0]}}\n", &s);
     assert_true(s.patient_to_mesh[1] == -1e-3 && s.patient_to_mesh[3] == 0.25 && s.patient_to_mesh[7] == -0.125 && s.patient_to_mesh[15] == 1.0);
     assert_true(s.start.position.x == 0.01 && s.start.position.y == 0.02 && s.start.position.z == -0.2);
-    assert_true(fabs(q_axis(s.start.orientation).x - 1.0) < 1e-12); /* of unit length, though given with five digits */
+    assert_true(fabs(q_axis(s.start.orientation).x - 1.0) < 1e-12); /* normalised, though given with five digits */
     assert_int_equal(scene_get(&s, "patient_to_mesh", text, sizeof text, &why), TROCAR_OK);
     assert_string_equal(text, "[0, -0.001, 0, 0.25, 0.001, 0, 0, -0.125, 0, 0, 0.001, 0.5, 0, 0, 0, 1]");
 }
@@ -366,7 +366,7 @@ static void unknown_keys_are_refused(void **state) {
     assert_change_refused("rate_hz", "rate", ":2: unknown key \"rate\"");
     assert_change_refused("youngs_modulus: 61e3", "yungs_modulus: 61e3", ":5: regions[0]: unknown key \"yungs_modulus\"");
     assert_change_refused("kinetic: 8", "dynamic: 8", ":9: regions[0].friction: unknown key \"dynamic\"");
-    assert_change_refused("contact: {placement", "contact: {resolution: 0.42, placement", ":19: contact: this release has no key \"resolution\": the simulator measures what the mesh resolves: remove the key");
+    assert_change_refused("contact: {placement", "contact: {resolution: 0.42, placement", ":19: contact: this release has no key \"resolution\": the simulator measures the mesh's resolution: remove the key");
     assert_change_refused("segments: 30", "segment: 30", ":18: needle: unknown key \"segment\"");
     assert_change_refused("rate_hz: 500", "mesh: other.msh", ":1: repeated key \"mesh\"");
     assert_change_refused("poisson_ratio: 0.41", "name: twice", ":4: regions[0]: repeated key \"name\"");
@@ -403,7 +403,7 @@ static void values_out_of_range_are_refused(void **state) {
         {"rate_hz: 500", "rate_hz: nan", ":2: rate_hz: "},
         {"rate_hz: 500", "rate_hz:", ":2: rate_hz: \"\""},
         {"name: gland", "name: ''", ":4: regions[0].name: "},
-        {"name: around", "name: gland", ":10: regions[1].name: \"gland\" is there twice"},
+        {"name: around", "name: gland", ":10: regions[1].name: \"gland\" appears twice"},
         {"youngs_modulus: 61e3", "youngs_modulus: 0", ":5: regions[0].youngs_modulus: "},
         {"youngs_modulus: 61e3", "youngs_modulus: .inf", ":5: regions[0].youngs_modulus: "},
         {"youngs_modulus: 61e3", "youngs_modulus: 1e999", ":5: regions[0].youngs_modulus: "},
@@ -417,8 +417,8 @@ static void values_out_of_range_are_refused(void **state) {
         {"kinetic: 8", "kinetic: 15", ":9: regions[0].friction.kinetic: 15 N/m exceeds the static limit of 14 N/m"},
         {"viscous: 90", "viscous: -1", ":9: regions[0].friction.viscous: "},
         {"puncture_force: 1.1", "puncture_force: -1", ":12: membranes[0].puncture_force: "},
-        {"name: capsule", "name: skin", ":13: membranes[1].name: \"skin\" is there twice"},
-        {"[back, below]", "[back, back]", ":14: fixed[1]: \"back\" is there twice"},
+        {"name: capsule", "name: skin", ":13: membranes[1].name: \"skin\" appears twice"},
+        {"[back, below]", "[back, back]", ":14: fixed[1]: \"back\" appears twice"},
         {"[back, below]", "[]", ":14: fixed: expected at least 1"},
         {"[back, below]", "[a, b, c, d, e, f, g, h, i]", ":14: fixed: 9 entries: expected at most 8"},
         {"placement: inside", "placement: faces", ":19: contact.placement: this release has no \"faces\": scripts/bench measures such nodes: remove the key, or set inside"},
@@ -480,7 +480,7 @@ static void figure_8_scene_is_valid(void **state) {
    is only one. */
 typedef struct { const char *key; double values[3]; } parameter;
 
-/* False if the line is not a row of the table of parameters. */
+/* Reads a row of the table of parameters; false for any other line. */
 static bool read_parameter(const char *line, char key[64], double values[3]) {
     for (int k = 0; k < 3; k++) values[k] = NAN;
     int found = sscanf(line, "| `%63[^`]` | %lf | %lf, %lf", key, &values[0], &values[1], &values[2]) - 1;

@@ -1,4 +1,4 @@
-/* Line numbers of keys. */
+/* Tests the line numbers of keys. */
 #include "yaml/yaml_text.h" /* before cmocka.h, whose macro hides `fail` */
 
 #include <setjmp.h>

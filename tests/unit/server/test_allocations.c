@@ -1,4 +1,4 @@
-/* The allocation counter against a known number of calls, made here and in a shared library, per thread. */
+/* The allocation counter is compared with a known number of calls, made here and in a shared library, per thread. */
 #include <malloc.h>
 #include <pthread.h>
 #include <stdlib.h>

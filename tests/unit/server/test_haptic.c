@@ -23,7 +23,7 @@ typedef struct {
     host host;
     exchange exchange;
     haptic haptic;
-    newest_poses poses;      /* last ones put */
+    newest_poses poses;      /* the last poses put */
     int64_t tick;
 } fixture;
 
@@ -137,7 +137,7 @@ static void wrench_echoes_its_pose(void **state) {
     assert_true(w.session == 0 && w.pose_seq == -1 && w.pose_utime == 0);
 }
 
-/* Moves the tip from `from` to `to` (mm from its start), 1 mm in 20 ticks; serves the requests in between. */
+/* Moves the tip from `from` to `to` (mm from its start) at 1 mm in 20 ticks, and serves the requests in between. */
 static trocar_needle_wrench_t move(fixture *f, uint64_t engagement, double from, double to) {
     trocar_needle_wrench_t w = {0};
     for (int i = 0; i < 20 * fabs(to - from); i++) {
@@ -154,7 +154,7 @@ static void insertion_gives_force_and_requests_to_the_worker(void **state) {
     fixture *f = *state;
     trocar_needle_wrench_t w = push(f, 20);
     assert_true(w.force[2] < -0.3);                        /* against the push */
-    assert_true(fabs(w.force[2] - w.raw_force[2]) < 1e-12); /* within the limits: unchanged */
+    assert_true(fabs(w.force[2] - w.raw_force[2]) < 1e-12); /* unchanged, because it is within the limits */
     assert_true(w.depth > 0.005 && w.contacts >= 1);
     assert_true(f->host.sim->needles[0].link.posted > 1);
     bool fresh;
@@ -184,7 +184,7 @@ static void snapshot_age_is_that_of_the_oldest_pending_request(void **state) {
 static void silence_ramps_to_zero_and_is_flagged(void **state) {
     fixture *f = *state;
     trocar_needle_wrench_t w = push(f, 20);
-    for (int i = 0; i < 9; i++) tick(f, &w); /* hold time: the model's force at rest */
+    for (int i = 0; i < 9; i++) tick(f, &w); /* within the hold time: the model's force at rest */
     assert_false(w.flags & TROCAR_NEEDLE_WRENCH_T_STALE);
     assert_true(fabs(w.force[2] - w.raw_force[2]) < 1e-12);
     for (int i = 0; i < 105; i++) tick(f, &w);
@@ -192,7 +192,8 @@ static void silence_ramps_to_zero_and_is_flagged(void **state) {
     assert_true(w.force[2] == 0.0 && w.raw_force[2] < -0.1); /* the model's force is still reported */
 }
 
-/* The hand has moved on by 3 mm: its poses did not come for so long (ms), or they came while the loop did not run. */
+/* Returns the largest step of the force after the hand has moved on by 3 mm, while its poses were missing for this long (ms), or arrived while the
+   loop did not run. */
 static double largest_step_after(fixture *f, uint64_t engagement, int gap, bool stalled, double *jump) {
     trocar_needle_wrench_t w = move(f, engagement, 0, 20), next;
     double largest = 0.0, z = f->poses.needles[0].base.position.z + 3e-3;
@@ -219,7 +220,7 @@ static void what_comes_after_a_gap_comes_by_a_ramp(void **state) {
     double jump;
     for (int stalled = 0; stalled < 2; stalled++) {
         double at_once = largest_step_after(f, ++engagement, 5, stalled, &jump);
-        assert_true(jump > 0.3 && at_once > 0.9 * jump); /* a quick hand */
+        assert_true(jump > 0.3 && at_once > 0.9 * jump); /* a fast hand */
         double largest = largest_step_after(f, ++engagement, 40, stalled, &jump);
         assert_true(jump > 0.3 && largest < 0.05 * jump);
     }
@@ -253,8 +254,9 @@ static void new_engagement_starts_outside(void **state) {
     assert_true(fabs(next.force[2] - w.force[2]) <= f->haptic.limits.max_force_rate / RATE + 1e-9);
 }
 
-/* The needle is pushed 20 mm in and rests until the tissue has relaxed; then a bad value is put into its state. It rests, retracts
-   by 5 mm and goes on to 25 mm. Once the value has an effect, the insertion restarts with a ramp and the needle works as before. */
+/* The needle is pushed in by 20 mm and rests until the tissue has relaxed; then a bad value is put into its state. The needle
+   rests, retracts by 5 mm and moves on to 25 mm. As soon as the value has an effect, the insertion restarts with a ramp, and the
+   needle works as before. */
 static void survive(fixture *f, const char *name, size_t place, double bad, double force) {
     static uint64_t engagement = 100;
     trocar_needle_wrench_t w = move(f, ++engagement, 0, 20);
@@ -306,7 +308,7 @@ static void round_trip_ends_with_the_first_acknowledging_pose(void **state) {
     assert_false(spsc_ring_pop(&f->exchange.round_trips, &round_trip));
 }
 
-/* The stages are parts of a tick: together they take no longer than the tick. */
+/* The stages are parts of a tick, so their sum is at most the tick's time. */
 static void stage_times_add_up_to_the_tick(void **state) {
     fixture *f = *state;
     push(f, 20);
@@ -370,7 +372,7 @@ static void a_seed_is_dropped_and_taken_back(void **state) {
     assert_true(answer.refused && strstr(answer.why, "dropped no seed"));
 }
 
-/* A command from the IO thread, which knows the needle's engagement. */
+/* Gives a command as the IO thread does, which knows the needle's engagement. */
 static void give(fixture *f, int what, uint64_t engagement) {
     needle_command c = {.asked = {.command = what, .seq = 9}, .engagement = engagement};
     assert_true(spsc_ring_push(&f->exchange.commands, &c));
@@ -389,7 +391,8 @@ static double tissue_moved(const fixture *f) {
     return most;
 }
 
-/* The needle is gone in that tick, and the tissue at rest, although its owner holds still and sends nothing new. The wrench goes to zero by a ramp. */
+/* The needle is removed in that tick, and the tissue is at rest, although the owner holds still and sends nothing new. The wrench goes to zero with a
+   ramp. */
 static void a_reset_of_a_held_needle_takes_effect_at_once(void **state) {
     fixture *f = *state;
     trocar_needle_wrench_t w = push(f, 20), next;
@@ -408,7 +411,7 @@ static void a_reset_of_a_held_needle_takes_effect_at_once(void **state) {
         assert_true(next.depth == 0.0 && before >= norm(w.force));
     }
     assert_true(norm(next.force) == 0.0);
-    w = move(f, 2, 0, 20); /* and the next insertion is like the first one */
+    w = move(f, 2, 0, 20); /* the next insertion is like the first */
     assert_true(w.force[2] < -0.3 && w.contacts >= 1 && w.depth > 0.005);
 }
 
@@ -429,11 +432,11 @@ static void a_reset_is_carried_out_once(void **state) {
     }
     double force = w.raw_force[2];
     assert_true(force < -0.1);
-    give(f, TROCAR_COMMAND_T_RESET, 1); /* late: this engagement has begun after it */
+    give(f, TROCAR_COMMAND_T_RESET, 1); /* late: this engagement has begun after the command was given */
     put_pose(f, 2, f->tick, -0.190);
     tick(f, &w);
     assert_true(was_done(f) && fabs(w.raw_force[2] - force) < 0.1 * fabs(force));
-    give(f, TROCAR_COMMAND_T_RESET, 3); /* asked after a pose that the tick has not seen yet */
+    give(f, TROCAR_COMMAND_T_RESET, 3); /* given after a pose that the tick has not seen yet */
     put_pose(f, 3, f->tick, -0.190);
     tick(f, &w);
     assert_true(was_done(f) && w.raw_force[2] == 0.0 && w.depth == 0.0);
@@ -452,7 +455,7 @@ static void work_until_answered(fixture *f) {
     }
 }
 
-/* A needle that has rested and was taken is where the reset finds it, and no longer there after that. */
+/* A needle that rested and was taken is at that place when the reset comes, and not afterwards. */
 static void a_reset_after_take_is_not_lost(void **state) {
     fixture *f = *state;
     trocar_needle_wrench_t w = {0};
@@ -468,13 +471,13 @@ static void a_reset_after_take_is_not_lost(void **state) {
     assert_true(was_done(f));
     assert_true(tissue_moved(f) == 0.0);
     while (spsc_ring_pop(&f->exchange.wrenches, &w)) continue;
-    put_pose_of(f, 0, 2, f->tick, 0.02, -0.201); /* the next hand starts where it is, not where the needle lay */
+    put_pose_of(f, 0, 2, f->tick, 0.02, -0.201); /* the next hand starts at its own pose, not where the needle lay */
     tick(f, &w);
     trocar_pose base = trocar_sim_base(f->host.sim, 0);
     assert_true(fabs(base.position[0] - 0.02) < 1e-9 && fabs(base.position[2] + 0.201) < 1e-9 && w.depth == 0.0);
 }
 
-/* While the IO thread does not take them, replies wait, and so do commands. */
+/* While the IO thread does not read them, replies wait, and so do commands. */
 static void every_command_is_answered_however_late(void **state) {
     enum { COUNT = 200 };
     fixture *f = *state;
@@ -490,7 +493,7 @@ static void every_command_is_answered_however_late(void **state) {
     assert_int_equal(answered, COUNT);
 }
 
-/* 100 times a second, also where the loop's rate is no multiple of that. */
+/* The probe moves 100 times a second, even if the loop's rate is not a multiple of that. */
 static void the_probe_moves_at_its_pace_at_any_rate(void **state) {
     fixture *f = *state;
     static const int rates[] = {250, 256, 1000, 1001, 3333};
@@ -522,7 +525,7 @@ static void put_in_pair(fixture *f, int needle, int i) { put_pose_of(f, needle, 
 
 static void tick_pair(fixture *f, trocar_needle_wrench_t w[2]) {
     tick(f, &w[0]);
-    bool held = f->poses.needles[1].held; /* nothing is sent for a needle that nobody has held, but the first */
+    bool held = f->poses.needles[1].held; /* except for the first needle, nothing is sent for a needle that nobody has held */
     w[1] = (trocar_needle_wrench_t){.needle = 1, .pose_seq = -1, .tick = w[0].tick};
     assert_int_equal(spsc_ring_pop(&f->exchange.wrenches, &w[1]), held);
     assert_true(w[0].needle == 0 && w[1].needle == 1 && w[0].tick == w[1].tick);
@@ -538,7 +541,7 @@ static void push_pair(fixture *f, bool first, bool second, trocar_needle_wrench_
     }
 }
 
-/* With the bound of tests/public/test_needles.c: each needle changes the other's force by less than a tenth. */
+/* Uses the limit of tests/public/test_needles.c: each needle changes the other's force by less than a tenth. */
 static void each_device_feels_its_own_needle(void **state) {
     fixture *f = *state;
     trocar_needle_wrench_t both[2], alone[2][2];
@@ -577,7 +580,7 @@ static void a_fault_of_one_needle_leaves_the_other_alone(void **state) {
     assert_true(w[1].flags == TROCAR_NEEDLE_WRENCH_T_NOT_REALTIME && norm(w[1].force) > 0.2 && w[1].depth >= before[1].depth);
 
     int contacts = w[1].contacts;
-    put_pose_of(f, 0, 2, 1000, -0.03, -0.205); /* it comes back, as a new insertion */
+    put_pose_of(f, 0, 2, 1000, -0.03, -0.205); /* the device comes back, with a new insertion */
     tick_pair(f, w);
     assert_true(w[0].depth == 0.0 && w[0].contacts == 0);
     assert_true(w[1].depth >= before[1].depth && w[1].contacts == contacts);

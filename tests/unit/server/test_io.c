@@ -1,5 +1,5 @@
-/* The IO side with a real LCM object (memq, no network): messages arrive in the shared buffers, and the buffers' contents are
-   published. */
+/* The IO thread's functions with a real LCM object (memq, no network): messages arrive in the shared buffers, and the
+   buffers' contents are published. */
 #include <poll.h>
 #include <string.h>
 #include <sys/eventfd.h>

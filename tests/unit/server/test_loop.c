@@ -1,5 +1,5 @@
-/* The bare loop against the clock, and the complete haptic thread with the real model: it does not allocate, cause page faults or
-   wait for a slow worker. */
+/* The bare loop is compared with the clock; the complete haptic thread with the real model does not allocate, cause page faults
+   or wait for a slow worker. */
 #define _GNU_SOURCE
 #include <pthread.h>
 #include <sched.h>
@@ -28,7 +28,7 @@ enum { TICKS = 200, SLOW_TICK = 50 };
 
 typedef struct { loop_wake wakes[TICKS]; } diary;
 
-/* Oversleeps a few periods once. */
+/* Records its ticks, and oversleeps a few periods once. */
 static bool keep_diary(void *context, const loop_wake *wake) {
     diary *d = context;
     d->wakes[wake->tick] = *wake;
@@ -59,7 +59,7 @@ static void missed_periods_are_skipped_and_counted(void **unused) {
         assert_true(d.wakes[i].late == (d.wakes[i].elapsed > 1.5e-3));
     }
     double clock = 1e-9 * (double)(d.wakes[TICKS - 1].now - d.wakes[0].now);
-    assert_true(fabs(model - clock) < 0.05); /* either end as late as a wake-up on a busy virtual machine */
+    assert_true(fabs(model - clock) < 0.05); /* either end may be as late as a wake-up on a busy virtual machine */
     assert_true(fabs(missed - (double)l.misses) < 0.5);
 
     bool fresh;
@@ -84,11 +84,11 @@ typedef struct {
     worker worker;
     int64_t ticks_wanted;
     int most_contacts[TROCAR_MAX_NEEDLES];
-    thread_usage start, used;    /* of the haptic thread: at the first tick, and since then */
+    thread_usage start, used;    /* usage of the haptic thread at its first tick, and since then */
     int64_t wrenches;
 } rig;
 
-static int nap_ms;               /* added to each of the worker's answers */
+static int nap_ms;               /* ms, added to each of the worker's answers */
 
 /* The linker wraps this around the library's own function. */
 trocar_status __real_remesher_serve(remesher *r, const remesh_request *request, compliance_snapshot *snapshot, report *why);
@@ -98,13 +98,13 @@ trocar_status __wrap_remesher_serve(remesher *r, const remesh_request *request, 
     return __real_remesher_serve(r, request, snapshot, why);
 }
 
-/* The haptic tick between the work of a mock IO thread: a pose arrives before it, the wrench is taken after it. */
+/* Runs the haptic tick as between two rounds of a mock IO thread: a pose arrives before it, and the wrench is taken after it. */
 static bool rigged_tick(void *context, const loop_wake *wake) {
     rig *r = context;
     if (wake->tick == 0) r->start = thread_usage_now();
     newest_poses *poses = triple_buffer_slot(&r->exchange.poses);
     for (int n = 0; n < r->haptic.needle_count; n++) {
-        const pose start = {{0.005 - 0.03 * n, 0.003, -0.205}, {1, 0, 0, 0}}; /* 5 mm before the skin */
+        const pose start = {{0.005 - 0.03 * n, 0.003, -0.205}, {1, 0, 0, 0}}; /* 5 mm in front of the skin */
         poses->needles[n] = (pose_sample){.held = true, .engagement = 1, .session = 1 + n, .seq = wake->tick, .received = wake->now,
                                           .base = motion_pose(motion_find("figure8"), start, 1e-3 * (double)wake->tick)};
     }
@@ -128,7 +128,7 @@ static void *haptic_thread(void *context) {
     report ignored;
     realtime_flush_denormals();
     realtime_touch_stack();
-    realtime_set_priority(PRIORITY_HAPTIC, &ignored); /* ignored where it is not permitted */
+    realtime_set_priority(PRIORITY_HAPTIC, &ignored); /* ignored if it is not permitted */
     loop_run(&r->loop);
     return NULL;
 }
@@ -192,9 +192,9 @@ static void a_slow_worker_never_stalls_the_loop(void **unused) {
     nap_ms = 50;
     rig *r = rig_create(2 * RATE, "1");
     rig_run(r);
-    assert_true(r->worker.served > 10 && r->worker.served <= 42); /* 50 ms each: only the newest request, no queue */
+    assert_true(r->worker.served > 10 && r->worker.served <= 42); /* 50 ms each: only the newest request is served, there is no queue */
     assert_true(histogram_quantile(&r->loop.compute, 0.99) < (ALLOCATIONS_ARE_COUNTED ? 1e-3 : 20e-3));
-    if (ALLOCATIONS_ARE_COUNTED) assert_true(r->loop.misses < RATE / 10); /* stalls of the machine, not of the worker */
+    if (ALLOCATIONS_ARE_COUNTED) assert_true(r->loop.misses < RATE / 10); /* stalls are the machine's, not the worker's */
     rig_free(r);
 }
 

@@ -37,7 +37,7 @@ static void other_server_is_detected_and_named(void **unused) {
     assert_false(other_server_present(&o, 3 * SECOND));
 }
 
-/* They go to the log. */
+/* The names are written to the log. */
 static void names_are_printable(void **unused) {
     (void)unused;
     other_server o = {0};

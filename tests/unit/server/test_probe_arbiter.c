@@ -1,4 +1,5 @@
-/* Poses of the probe that the arbiter accepts and refuses, by their bytes and by session; and their way through IO and haptic thread to a message. */
+/* Poses of the probe that the arbiter accepts or refuses, by their bytes and by their session; and their path through IO and haptic thread to a
+   message. */
 #include <string.h>
 
 #include "common/timing.h"
@@ -74,7 +75,7 @@ static void invalid_messages_are_counted(void **unused) {
     int size = trocar_probe_pose_t_encode(data, 0, sizeof data, &good);
     for (int k = 0; k <= (int)sizeof data; k++)
         if (k != size) assert_false(probe_arbiter_pose(&in, data, (size_t)k, 0, message, sizeof message));
-    for (int bit = 0; bit < 64; bit++) { /* of the fingerprint */
+    for (int bit = 0; bit < 64; bit++) { /* bits of the fingerprint */
         data[bit / 8] ^= (unsigned char)(1 << bit % 8);
         assert_false(probe_arbiter_pose(&in, data, (size_t)size, 0, message, sizeof message));
         data[bit / 8] ^= (unsigned char)(1 << bit % 8);
@@ -97,7 +98,7 @@ static void on_wrench(const lcm_recv_buf_t *b, const char *channel, const trocar
     received++;
 }
 
-/* Message in, pressed by the simulation's worker, message out. */
+/* A message moves the probe, the simulation's worker presses it, and a message reports it. */
 static void pressed_by_message(void **unused) {
     (void)unused;
     static exchange x;
@@ -117,7 +118,7 @@ static void pressed_by_message(void **unused) {
     OK(io_open(&o));
     trocar_probe_wrench_t_subscription_t *s = trocar_probe_wrench_t_subscribe(o.lcm, "TROCAR_PROBE_WRENCH", on_wrench, NULL);
     for (int tick = 0; tick < 60; tick++) {
-        const double half = sqrt(0.5); /* lies along x, 3 mm deep in the skin at z = 0 */
+        const double half = sqrt(0.5); /* the probe lies along x, 3 mm deep in the skin at z = 0 */
         trocar_probe_pose_t m = {.session = 9, .seq = tick, .position = {-0.1, 0, 0.003 - 0.010}, .orientation = {half, 0, half, 0}};
         if (tick >= 20 && tick < 40) trocar_probe_pose_t_publish(o.lcm, "TROCAR_PROBE", &m);
         OK(io_round(&o));
@@ -127,7 +128,7 @@ static void pressed_by_message(void **unused) {
     }
     OK(io_round(&o));
     OK(io_round(&o));
-    assert_in_range(received, 1, 4); /* it did not move */
+    assert_in_range(received, 1, 4); /* the probe did not move */
     assert_int_equal(last.session, 9);
     assert_true(last.pose_seq >= 30 && last.contacts > 2 && last.force[2] < -0.5);
     assert_true(last.position[2] == 0.003 - 0.010);

@@ -1,4 +1,4 @@
-/* Progress when stderr is not a terminal: a line per tenth, none repeated. */
+/* If stderr is not a terminal, progress is a line per tenth, without repetition. */
 #include "common/progress.h"
 
 #include <setjmp.h>

@@ -21,14 +21,14 @@ static pose_sample sample(uint64_t engagement, double x, int64_t received) {
     return (pose_sample){.held = true, .engagement = engagement, .session = 1, .received = received, .base = at(x)};
 }
 
-/* One tick with a constant wrench of the model; returns the flags. */
+/* Runs one tick with a constant wrench of the model; returns the flags. */
 static int tick(safety_limits *g, const device_limits *limits, bool wind_down, double model_force, vec3 *force) {
     vec3 torque = v3(0, 0, 0);
     *force = v3(model_force, 0, 0);
     return safety_wrench(g, limits, wind_down, DT, force, &torque);
 }
 
-/* Limits after one second with a pose at x = 0, at full wrench; the last pose arrived at `now`. */
+/* Returns the limits after one second at full wrench with a pose at x = 0; the last pose arrived at `now`. */
 static safety_limits engaged(const device_limits *limits, int64_t now, double model_force) {
     safety_limits g = {0};
     vec3 force;
@@ -114,7 +114,7 @@ static void stale_poses_hold_then_ramp_then_return(void **unused) {
         assert_true(tick(&g, &limits, false, 10.0, &force) & TROCAR_NEEDLE_WRENCH_T_STALE);
     }
     assert_true(force.x == 0.0);
-    s = sample(1, 0.01, 120 * (int64_t)MILLISECOND); /* back after a gap, 10 mm further: within the limits */
+    s = sample(1, 0.01, 120 * (int64_t)MILLISECOND); /* back after a gap, 10 mm further on: within the limits */
     assert_int_equal(safety_pose(&g, &limits, &s, 121 * (int64_t)MILLISECOND), SAFETY_FOLLOW);
     assert_true(g.base.position.x == 0.01);
     assert_int_equal(tick(&g, &limits, false, 10.0, &force), TROCAR_NEEDLE_WRENCH_T_RAMPING);
@@ -127,7 +127,7 @@ static void return_from_far_away_engages_again(void **unused) {
     safety_limits g = engaged(&limits, 0, 10.0);
     pose_sample s = sample(1, 0, 0);
     safety_pose(&g, &limits, &s, 150 * (int64_t)MILLISECOND);
-    s = sample(1, 0.31, 150 * (int64_t)MILLISECOND); /* 0.31 m in 0.15 s: over 2 m/s */
+    s = sample(1, 0.31, 150 * (int64_t)MILLISECOND); /* 0.31 m in 0.15 s, which is more than 2 m/s */
     assert_int_equal(safety_pose(&g, &limits, &s, 151 * (int64_t)MILLISECOND), SAFETY_ENGAGE);
     assert_true(g.base.position.x == 0.31 && g.gain == 0.0);
 }
@@ -212,7 +212,7 @@ static void documented_device_table_is_correct(void **unused) {
 
 static void slew_is_limited(void **unused) {
     (void)unused;
-    device_limits limits = device_defaults(); /* 2000 N/s: 2 N a tick */
+    device_limits limits = device_defaults(); /* 2000 N/s, thus 2 N per tick */
     safety_limits g = engaged(&limits, 0, 0.0);
     vec3 force;
     for (int i = 1; i <= 5; i++) {
@@ -221,7 +221,7 @@ static void slew_is_limited(void **unused) {
     }
     assert_int_equal(tick(&g, &limits, false, 11.0, &force), 0);
     assert_true(fabs(force.x - 11.0) < 1e-12);
-    vec3 torque = v3(0, 0.5, 0); /* 100 N m/s: 0.1 N m a tick */
+    vec3 torque = v3(0, 0.5, 0); /* 100 N m/s, thus 0.1 N m per tick */
     force = v3(11, 0, 0);
     assert_int_equal(safety_wrench(&g, &limits, false, DT, &force, &torque), TROCAR_NEEDLE_WRENCH_T_SATURATED);
     assert_true(fabs(torque.y - 0.1) < 1e-12);
@@ -248,7 +248,7 @@ static void overruns_in_a_row_ramp_out_until_timing_is_good(void **unused) {
     safety_limits g = engaged(&limits, 0, 10.0);
     vec3 force;
     for (int i = 0; i < SAFETY_OVERRUNS - 1; i++) safety_timing(&g, true, DT);
-    safety_timing(&g, false, DT); /* one tick in time ends the run of late ones */
+    safety_timing(&g, false, DT); /* one punctual tick ends the run of late ticks */
     for (int i = 0; i < SAFETY_OVERRUNS - 1; i++) safety_timing(&g, true, DT);
     assert_int_equal(tick(&g, &limits, false, 10.0, &force), 0);
     safety_timing(&g, true, DT);
@@ -273,7 +273,7 @@ static void winding_down_comes_to_rest(void **unused) {
     assert_in_range(ticks, 100, 102);
 }
 
-/* From the last output to the model's, and always between the two, whatever the model's does meanwhile. */
+/* The output moves from the last output to the model's wrench and always lies between them, whatever the model does meanwhile. */
 static void a_transfer_goes_over_by_a_ramp(void **unused) {
     (void)unused;
     device_limits limits = device_defaults();
@@ -295,7 +295,7 @@ static void a_transfer_goes_over_by_a_ramp(void **unused) {
     }
 }
 
-/* The hand that held the needle keeps its force for the ramp when it begins anew; another one begins with its own. */
+/* When the same hand engages the needle anew, it keeps its force for the ramp; another hand starts without that force. */
 static void a_new_hand_does_not_get_the_force_of_the_last_one(void **unused) {
     (void)unused;
     device_limits limits = device_defaults();

@@ -135,7 +135,7 @@ static void *create_without_permission(void *why) {
     return refused ? NULL : "the missing mesh is not reported";
 }
 
-/* A supervisor may restart such a server many times, so it must not read the mesh (missing here) each time. */
+/* A supervisor may restart such a server many times, so the server must not read the mesh (missing here) each time. */
 static void missing_permission_is_reported_before_reading_the_mesh(void **unused) {
     (void)unused;
     pthread_t thread;
@@ -157,7 +157,7 @@ int main(void) {
         cmocka_unit_test(the_rate_can_be_replaced),
         cmocka_unit_test(bad_input_is_reported_and_nothing_starts),
         cmocka_unit_test(unprivileged_service_gets_real_time),
-        cmocka_unit_test(missing_permission_is_reported_before_reading_the_mesh), /* last: it lowers a limit for good */
+        cmocka_unit_test(missing_permission_is_reported_before_reading_the_mesh), /* last, because it lowers a limit permanently */
     };
     return cmocka_run_group_tests(tests, NULL, NULL);
 }

@@ -1,4 +1,4 @@
-/* The observer of swings with motions whose damping is known. */
+/* The swing observer with motions of known damping. */
 #include <math.h>
 
 #include "coupling/swing_observer.h"
@@ -14,13 +14,13 @@ static const int64_t MS = 1000000;
 typedef struct {
     double amplitude;        /* m, half of a swing */
     double frequency;        /* Hz */
-    double damping;          /* part of the critical damping; negative: the motion grows */
+    double damping;          /* fraction of critical damping; negative: the motion grows */
     double force;            /* N, amplitude of the force's oscillation */
     double drift;            /* m/s */
     vec3 direction;
 } motion;
 
-/* The greatest number of swings in a row that were reported in this time. */
+/* Returns the largest number of consecutive swings that were reported in this time. */
 static int longest_row(const motion *m, double seconds) {
     swing_observer s;
     swing_begin(&s, v3(0.1, 0.2, 0.3), 0);
@@ -46,8 +46,8 @@ static void a_steady_oscillation_is_reported_swing_by_swing(void **unused) {
     assert_true(longest_row(&small, 1.0) > 15 && longest_row(&growing, 1.0) > 15 && longest_row(&drifting, 1.0) > 15);
 }
 
-/* Over a period a swing shrinks by exp(-2 pi times the damping): to 0.9 at 1.7 %. The first two have none to be compared with, and the
-   first is half as long as the others. */
+/* Over a period, a swing shrinks by exp(-2 pi times the damping): to 0.9 at 1.7 %. The first two swings have no predecessor for
+   comparison, and the first is half as long as the others. */
 static void an_oscillation_that_dies_away_is_not_reported(void **unused) {
     (void)unused;
     for (double frequency = 4; frequency <= 40; frequency *= 1.3) {
@@ -63,7 +63,7 @@ static void other_motions_are_not_reported(void **unused) {
     assert_int_equal(longest_row(&slow, 3.0), 0);
     assert_int_equal(longest_row(&tremor, 3.0), 0);
     assert_int_equal(longest_row(&free, 3.0), 0);   /* the needle moves through air */
-    assert_int_equal(longest_row(&push, 3.0), 0);   /* it never turns back */
+    assert_int_equal(longest_row(&push, 3.0), 0);   /* the hand never turns back */
 }
 
 int main(void) {

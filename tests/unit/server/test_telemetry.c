@@ -24,13 +24,13 @@ typedef struct {
     host host;
     exchange exchange;
     telemetry telemetry;
-    trocar_loop_timing_t *timing;      /* first of each kind */
+    trocar_loop_timing_t *timing;      /* the first message of each kind */
     trocar_status_t *status;
     trocar_deformation_t *deformation;
     trocar_contacts_t *contacts;
     trocar_tracks_t *tracks;
-    int statuses[2], pictures[2];      /* messages of each needle */
-    int empty_tracks;                  /* messages without tracks */
+    int statuses[2], pictures[2];      /* number of messages for each needle */
+    int empty_tracks;                  /* number of messages without tracks */
     int64_t owners[2];
     double tips[2];                    /* m, along z */
 } fixture;
@@ -79,7 +79,7 @@ static int close_fixture(void **state) {
     return 0;
 }
 
-/* Pushes a needle 20 mm into the tissue in lockstep, turning it on its way, and publishes it as the haptic thread would. */
+/* Pushes a needle 20 mm into the tissue in lockstep, turns it on the way, and publishes it as the haptic thread would. */
 static void show_turned_needle(fixture *f, double turn) {
     view_sample *view = triple_buffer_slot(&f->exchange.views);
     trocar_pose base = {{0.005, 0.003, -0.201}, {1, 0, 0, 0}};
@@ -124,7 +124,7 @@ static void show_the_rest(fixture *f) {
         spsc_ring_push(&f->exchange.round_trips, &round_trip);
 }
 
-/* What is published in so many tenths of a second, at the start of each of which `show`, unless NULL, hands over a new state. */
+/* Receives the messages of this many tenths of a second; at the start of each, `show`, unless NULL, hands over a new state. */
 static void receive_while(fixture *f, int tenths, void (*show)(fixture *)) {
     lcm_t *lcm = f->telemetry.lcm;
     trocar_loop_timing_t_subscription_t *a = trocar_loop_timing_t_subscribe(lcm, "TROCAR_TIMING", on_timing, f);
@@ -150,7 +150,7 @@ static void receive_while(fixture *f, int tenths, void (*show)(fixture *)) {
 
 static void receive(fixture *f) { receive_while(f, 3, NULL); }
 
-/* The track of a needle that has gone straight in by 19 mm and a dent less, from the skin on. */
+/* The track of a needle that has gone straight in by 19 mm, minus a dent, starts at the skin. */
 static void the_track_is_published(void **state) {
     fixture *f = *state;
     show_a_needle(f);
@@ -176,7 +176,7 @@ static void count_empty_tracks(const lcm_recv_buf_t *b, const char *channel, con
     f->empty_tracks += m->point_count == 0;
 }
 
-/* A viewer that loses the first message after a reset learns from the next one that the tracks are gone. */
+/* A viewer that loses the first message after a reset learns from the next one that there are no tracks. */
 static void a_reset_is_told_again_each_second(void **state) {
     fixture *f = *state;
     trocar_pose base = {{0.005, 0.003, -0.201}, {1, 0, 0, 0}};
@@ -198,7 +198,7 @@ static void on_seeds(const lcm_recv_buf_t *b, const char *channel, const trocar_
     *last = trocar_seeds_t_copy(m);
 }
 
-/* A strand of two seeds: one is left in the tissue, one is still in the needle; then none. */
+/* Of a strand of two seeds, one is in the tissue and one still in the needle; afterwards there are none. */
 static void seeds_are_published(void **state) {
     fixture *f = *state;
     trocar_seeds_t *last = NULL;
@@ -274,7 +274,7 @@ static void all_four_messages_contain_the_published_state(void **state) {
     assert_non_null(strstr(f->status->scene, "figure8.yaml"));
 }
 
-/* The viewer's data is consistent: all nodes are present, the tissue moves with the needle, fixed nodes don't move. */
+/* The viewer's data are consistent: all nodes are present, the tissue moves with the needle, and fixed nodes do not move. */
 static void the_tissue_moves_with_the_needle(void **state) {
     fixture *f = *state;
     show_a_needle(f);
@@ -371,7 +371,7 @@ static void each_needle_has_its_messages(void **state) {
     assert_true(fabs(f->tips[0] + 0.001) < 1e-6 && fabs(f->tips[1] + 0.011) < 1e-6);
 }
 
-/* On stderr, once, even if another message has been refused since. */
+/* The message appears on stderr once, even if another message has been refused since. */
 static void the_first_malformed_pose_is_reported(void **state) {
     fixture *f = *state;
     char said[1000] = "";

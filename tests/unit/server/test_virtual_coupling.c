@@ -1,5 +1,5 @@
 /* The virtual coupling alone, and the closed loop that it must keep stable: a simulated hand, a network with delay and loss, the
-   coupling, and a needle in tissue or a spring of any stiffness. */
+   coupling, and a needle in tissue or on a spring of any stiffness. */
 #include <math.h>
 
 #include "coupling/virtual_coupling.h"
@@ -21,7 +21,7 @@ static pose_sample sample(int64_t ms, double x, int64_t wrench_tick) {
                          .base = {v3(x, 0, 0), {1, 0, 0, 0}}};
 }
 
-/* Limits of a device without a delay of its own; overwritten by the next call. */
+/* Returns the limits of a device without a delay of its own; the next call overwrites them. */
 static const device_limits *limited_to(double stiffness) {
     static device_limits limits;
     limits = device_defaults();
@@ -42,7 +42,8 @@ static void round_trip_ends_with_the_first_acknowledging_pose(void **unused) {
     s = sample(6, 0, 3);
     assert_int_equal(coupling_receive(&p, &s), 3 * MS);
     assert_int_equal(coupling_receive(&p, &s), -1); /* the same pose */
-    static const int64_t others[] = {3, 2, 0, 900, -4, 3 + COUPLING_TICKS, INT64_MIN, INT64_MAX}; /* repeated, older, none, future, without force, invalid */
+    /* repeated, older, none, future, without force, invalid */
+    static const int64_t others[] = {3, 2, 0, 900, -4, 3 + COUPLING_TICKS, INT64_MIN, INT64_MAX};
     for (size_t i = 0; i < sizeof others / sizeof *others; i++) {
         s = sample(7 + (int64_t)i, 0, others[i]);
         assert_int_equal(coupling_receive(&p, &s), -1);
@@ -95,20 +96,20 @@ static void a_hand_without_force_holds_rigidly(void **unused) {
     assert_int_equal(coupling_receive(&p, &s), 3 * MS);
     coupling_hold(&p, limited_to(400), s.base, DT, &compliance);
     assert_true(compliance == 0.0 && p.stiffness == 0.0);
-    s = sample(7, 0.1, 4); /* it does render */
+    s = sample(7, 0.1, 4); /* this client renders the wrench */
     assert_int_equal(coupling_receive(&p, &s), 3 * MS);
     coupling_hold(&p, limited_to(400), s.base, DT, &compliance);
     assert_true(compliance > 0.0 && p.stiffness > 0.0);
 }
 
-/* What the scene says about the device enters the rule of docs/connect-a-device.md. */
+/* The values that the scene gives for the device enter the rule of docs/connect-a-device.md. */
 static void stiffness_follows_delay_and_mass_of_the_device(void **unused) {
     (void)unused;
     static virtual_coupling p;
     p = (virtual_coupling){0};
     pose_sample s = sample(0, 0, 0);
     coupling_engage(&p, &s);
-    for (int64_t ms = 1; ms < 20000; ms++) { /* a round trip of 1 ms, and poses each millisecond */
+    for (int64_t ms = 1; ms < 20000; ms++) { /* a round trip of 1 ms, and a pose each millisecond */
         s = sample(ms, 0, ms - 1);
         coupling_receive(&p, &s);
         coupling_send(&p, ms, ms * MS, v3(0, 0, 0), v3(0, 0, 0));
@@ -126,7 +127,7 @@ static void stiffness_follows_delay_and_mass_of_the_device(void **unused) {
         }
 }
 
-/* The hand felt the wrench that was sent a device's delay before the one that the pose names. */
+/* The hand felt the wrench that was sent one device delay before the wrench that the pose names. */
 static void energy_is_accounted_with_the_wrench_that_the_device_felt(void **unused) {
     (void)unused;
     static virtual_coupling p;
@@ -142,14 +143,14 @@ static void energy_is_accounted_with_the_wrench_that_the_device_felt(void **unus
         s = sample(ms, s.base.position.x + step, ms);
         coupling_receive(&p, &s);
         coupling_hold(&p, &limits, s.base, DT, &compliance);
-        expected += (ms == 1 ? 1 : fmax(0, (double)ms - 3)) * step; /* the delay is used from the first tick on; no wrench before the first */
+        expected += (ms == 1 ? 1 : fmax(0, (double)ms - 3)) * step; /* the delay is used from the first tick on; there is no wrench before the first */
         assert_true(fabs(p.energy - expected) < 1e-9);
     }
 }
 
 /* ---- caution: a hand that oscillates as it likes ---------------------------------------------------------------------------- */
 
-/* The hand swings for so many half periods of 50 ms with 2 mm, under a force that opposes it, or rests under a force; poses each millisecond. */
+/* The hand swings for a number of half periods of 50 ms with 2 mm, under an opposing force, or rests under a force; a pose is sent each millisecond. */
 typedef struct { virtual_coupling p; device_limits limits; int64_t ms; int swung; /* half periods */ } swinging;
 
 static void go_on(swinging *w, double x, double force) {
@@ -184,7 +185,7 @@ static swinging *begin_to_swing(void) {
     return &w;
 }
 
-/* Four swings that do not die away make the coupling softer by a level, which the flag ACTIVE tells, and no energy that is known. */
+/* Four swings that do not decay soften the coupling by one level, which the flag ACTIVE reports, although the measured energy does not show it. */
 static void lasting_swings_soften_the_coupling(void **unused) {
     (void)unused;
     swinging *w = begin_to_swing();
@@ -198,18 +199,18 @@ static void lasting_swings_soften_the_coupling(void **unused) {
     assert_true(w->p.caution.level == 4 && w->p.stiffness < 110);
 }
 
-/* With time under force and without such swings the coupling is tried harder again, a level at a time. If that was wrong, it waits for longer. */
+/* After some time under force without such swings, the coupling is made stiffer again, one level at a time. If that was wrong, it then waits longer. */
 static void the_coupling_recovers_slowly_and_learns(void **unused) {
     (void)unused;
     swinging *w = begin_to_swing();
     swing(w, 5);
     assert_true(w->p.caution.level == 2);
-    rest(w, 60, 0.0); /* through air: nothing is learnt */
+    rest(w, 60, 0.0); /* through air, so nothing is learnt */
     assert_true(w->p.caution.level == 2);
     rest(w, 19, 1.0);
     assert_true(w->p.caution.level == 2);
     rest(w, 2, 1.0);
-    assert_true(w->p.caution.level == 1 && w->p.caution.factor > 1.1); /* no jump of the stiffness */
+    assert_true(w->p.caution.level == 1 && w->p.caution.factor > 1.1); /* the stiffness does not jump */
     rest(w, 10, 1.0);
     assert_true(!coupling_active(&w->p) && fabs(w->p.stiffness - 400) < 1e-3);
     swing(w, 5);
@@ -220,7 +221,7 @@ static void the_coupling_recovers_slowly_and_learns(void **unused) {
     assert_true(w->p.caution.level == 1);
 }
 
-/* A hand that goes on at the highest level does so by itself: when it stops, the coupling is as it was before. */
+/* A hand that keeps swinging at the highest level does so by itself: when it stops, the coupling is as before. */
 static void what_the_hand_does_by_itself_is_forgotten(void **unused) {
     (void)unused;
     swinging *w = begin_to_swing();
@@ -232,7 +233,7 @@ static void what_the_hand_does_by_itself_is_forgotten(void **unused) {
     assert_true(fabs(w->p.stiffness - 400) < 1);
 }
 
-/* Held against a wall for long enough, spring and damper settle at the spring's stretch. */
+/* If the coupling is held against a wall long enough, spring and damper settle at the spring's stretch. */
 static void the_coupling_settles_at_its_stiffness(void **unused) {
     (void)unused;
     static virtual_coupling p;
@@ -250,12 +251,12 @@ static void the_coupling_settles_at_its_stiffness(void **unused) {
     }
     assert_true(p.stiffness == 200);
     assert_true(fabs(force.x + 0.8) < 1e-3); /* 4 mm * 200 N/m */
-    assert_true(fabs(torque.z - 1) < 1e-9);  /* no lever along the force */
+    assert_true(fabs(torque.z - 1) < 1e-9);  /* the force has no lever arm */
     torque = coupling_yield(&p, (pose){v3(0, 0.004, 0), {1, 0, 0, 0}}, v3(0, 0, 0), v3(-1, 0, 0), v3(0, 0, 0));
-    assert_true(fabs(torque.z + 0.004) < 1e-12); /* r x F, r from the hand to the base */
+    assert_true(fabs(torque.z + 0.004) < 1e-12); /* r x F, with r from the hand to the base */
 }
 
-/* Four ticks per pose: a device that uses one wrench in four feels the same damper in each. */
+/* With four ticks per pose, a device that uses one wrench in four feels the same damper in each. */
 static void damper_acts_between_poses(void **unused) {
     (void)unused;
     static virtual_coupling p;
@@ -277,7 +278,7 @@ static void damper_acts_between_poses(void **unused) {
     assert_true(fabs(p.interval - 1e-3) < 1e-6 && p.damping > 0.0);
     double compliance;
     pose rest = s.base;
-    for (int i = 0; i < 20; i++) { /* no more poses */
+    for (int i = 0; i < 20; i++) { /* no more poses arrive */
         rest = coupling_hold(&p, limited_to(200), s.base, 0.25e-3, &compliance);
         coupling_yield(&p, s.base, v3(0, 0, 0), v3(0, 0, 0), v3(0, 0, 0));
     }
@@ -286,21 +287,21 @@ static void damper_acts_between_poses(void **unused) {
 
 /* ---- the closed loop ---------------------------------------------------------------------------------------------------- */
 
-enum { FLIGHT = 64 };                /* most messages in flight */
+enum { FLIGHT = 64 };                /* largest number of messages in transit */
 
 typedef struct {
-    double period, sampling;         /* s, of the server and of the device */
+    double period, sampling;         /* s, period of the server and of the device */
     double mass;                     /* kg */
-    double delay, jitter;            /* s, each way: minimum, and random addition */
-    int lost;                        /* percent of messages */
+    double delay, jitter;            /* s, each way: minimum delay, and random addition */
+    int lost;                        /* percentage of messages lost */
     double knock;                    /* m/s */
     device_limits limits;
 } situation;
 
-/* The needle's surroundings: give the base's force (N, on the hand) and position when it hangs on a spring from `rest`. */
+/* The needle's surroundings: they give the base's force (N, on the hand) and position when it hangs on a spring from `rest`. */
 typedef struct {
-    lockstep *tissue;                /* or NULL: a plain spring to x = 0 */
-    double stiffness;                /* N/m, of that spring */
+    lockstep *tissue;                /* or NULL: a spring to x = 0 */
+    double stiffness;                /* N/m, stiffness of that spring */
 } surroundings;
 
 /* A weakly damped hand and the server, each at its own rate. */
@@ -311,7 +312,7 @@ typedef struct {
     virtual_coupling port;
     int64_t now, next_tick, next_sample; /* ns */
     int64_t tick, seq;
-    pose_sample poses[FLIGHT], newest;   /* sent, by number modulo FLIGHT; newest arrived */
+    pose_sample poses[FLIGHT], newest;   /* sent poses, by number modulo FLIGHT; newest pose that has arrived */
     coupling_wrench wrenches[FLIGHT], felt;
     int64_t arrives[FLIGHT];             /* ns, when the wrenches arrive */
     double worst;                        /* m/s, highest speed of the hand since the last reset */
@@ -349,11 +350,11 @@ static void loop_init(loop *l, const situation *s, vec3 start) {
     l->newest = (pose_sample){.held = true, .engagement = 1, .base = {start, {1, 0, 0, 0}}};
 }
 
-/* The server's tick, as in haptic.c. */
+/* Runs the server's tick, as in haptic.c. */
 static void serve(loop *l, surroundings *in) {
     const device_limits *limits = &l->situation.limits;
     double period = l->situation.period, compliance;
-    for (int64_t i = l->seq; i > l->newest.seq; i--) /* the newest that has arrived; older ones are refused */
+    for (int64_t i = l->seq; i > l->newest.seq; i--) /* the newest pose that has arrived; older ones are refused */
         if (l->poses[i % FLIGHT].received <= l->now) l->newest = l->poses[i % FLIGHT];
     safety_decision decision = safety_pose(&l->guard, limits, &l->newest, l->now);
     assert_true(l->tick == 0 || decision != SAFETY_ENGAGE);
@@ -391,7 +392,7 @@ static void loop_run(loop *l, surroundings *in, vec3 target, double seconds) {
     l->now = end;
 }
 
-/* True if the hand's motion dies away after a knock, at least to a fifth where its own damping can do that. */
+/* True if the hand's motion decays after a knock, at least to a fifth if the hand's own damping can do that. */
 static bool dies_away(loop *l, surroundings *in, vec3 target) {
     l->hand.velocity = v3_add(l->hand.velocity, v3(l->situation.knock, 0, 0));
     loop_run(l, in, target, 0.3);
@@ -409,7 +410,7 @@ static device_limits limits_of(const char *device) {
     return limits;
 }
 
-/* The highest stiffness that a scene may request according to docs/connect-a-device.md: full slew for a hand of 1 m/s. */
+/* Returns the highest stiffness that a scene may request according to docs/connect-a-device.md: full slew for a hand of 1 m/s. */
 static device_limits own_limits(void) {
     device_limits limits = device_defaults();
     limits.max_stiffness = limits.max_force_rate = 14500;
@@ -434,7 +435,7 @@ static int64_t try_springs(const situation *s) {
     return saturated;
 }
 
-/* Knocked so hard that force and slew reach their limits, on a good and on a bad network. */
+/* The knock is so hard that force and slew reach their limits, on a good and on a bad network. */
 static void stable_against_a_spring_of_any_stiffness(void **unused) {
     (void)unused;
     static const double masses[] = {0.05, 0.1, 0.3, 1, 2}, delays[] = {0, 1e-3, 2e-3, 3e-3, 4e-3, 5e-3};
@@ -449,7 +450,7 @@ static void stable_against_a_spring_of_any_stiffness(void **unused) {
     }
 }
 
-/* The server slower than the device, faster than it, and both fast. */
+/* The server is slower than the device, faster than it, and both are fast. */
 static void stable_at_other_rates(void **unused) {
     (void)unused;
     static const double masses[] = {0.05, 0.3, 2}, delays[] = {0, 1e-3, 5e-3};
@@ -463,7 +464,7 @@ static void stable_at_other_rates(void **unused) {
             }
 }
 
-/* Without the coupling the same loops are unstable: the tests above can fail. */
+/* Without the coupling the same loops are unstable, which shows that the tests above can fail. */
 static void unstable_without_the_coupling(void **unused) {
     (void)unused;
     static loop l;
@@ -474,7 +475,7 @@ static void unstable_without_the_coupling(void **unused) {
     assert_false(dies_away(&l, &in, v3(0, 0, 0)));
 }
 
-/* A slew limit that is too low lets the force lag behind the hand: a delay that the coupling does not know, until the hand oscillates. */
+/* A slew limit that is too low makes the force lag behind the hand: a delay that the coupling does not know until the hand oscillates. */
 static void a_slow_slew_softens_the_coupling(void **unused) {
     (void)unused;
     static loop l;
@@ -487,7 +488,7 @@ static void a_slow_slew_softens_the_coupling(void **unused) {
     assert_true(l.port.caution.level > 1 && coupling_active(&l.port));
 }
 
-/* The hand pushes the needle 20 mm into tissue and is knocked there; then it goes on against bone. */
+/* The hand pushes the needle 20 mm into tissue and is knocked there; then it moves on against bone. */
 static void knock_in_tissue(const situation *s, lockstep *tissue) {
     static loop l;
     surroundings in = {.tissue = tissue};
@@ -495,7 +496,7 @@ static void knock_in_tissue(const situation *s, lockstep *tissue) {
     insertion_reset(&tissue->simulation.insertion, lockstep_start(), &tissue->state);
     loop_init(&l, s, start);
     for (int i = 0; i < 300; i++) {
-        target.z += 0.2e-3; /* stretches the hand's spring; the needle follows part of the way */
+        target.z += 0.2e-3; /* stretches the hand's spring; the needle follows part of that distance */
         loop_run(&l, &in, target, DT);
     }
     loop_run(&l, &in, target, 0.5);

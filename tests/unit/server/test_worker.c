@@ -39,7 +39,7 @@ int __wrap_trocar_sim_work_descriptor(const trocar_sim *sim) {
     return fixed.requested;
 }
 
-/* An answer takes 20 ms, and each request has ten slices of 5 ms of looking ahead. */
+/* An answer takes 20 ms, and each request has ten slices of 5 ms of work in advance. */
 trocar_status __wrap_trocar_sim_work(trocar_sim *sim, trocar_work *done, trocar_error *why);
 trocar_status __wrap_trocar_sim_work(trocar_sim *sim, trocar_work *done, trocar_error *why) {
     (void)sim;
@@ -72,7 +72,7 @@ static void ask(fixture *f, int serial) {
     wake(f->requested);
 }
 
-/* Waits until request `serial` is answered, for at most a second; returns the last one answered. */
+/* Waits for at most a second until request `serial` has been answered; returns the last one answered. */
 static int answer(fixture *f, int serial) {
     int64_t end = monotonic_ns() + 1000000000;
     do sleep_until(monotonic_ns() + 1000000);
@@ -129,7 +129,7 @@ static void failure_keeps_the_last_snapshot_and_is_reported(void **state) {
     assert_true(fault->lasts);
     assert_string_equal(fault->why.text, "request 66: no good");
     assert_int_equal(atomic_load(&f->answered), 1);
-    ask(f, 2); /* recovers, and nothing is wrong any more */
+    ask(f, 2); /* the worker recovers, and there is no fault any more */
     assert_int_equal(answer(f, 2), 2);
     end = monotonic_ns() + 1000000000;
     for (; fault->lasts && monotonic_ns() < end; fault = triple_buffer_read(&f->exchange.faults, NULL)) sleep_until(monotonic_ns() + 1000000);

@@ -1,4 +1,4 @@
-/* The mesh functions against a box with known answers and against linear search over all elements. */
+/* The mesh functions are compared with a box of known answers and with a linear search over all elements. */
 #include <float.h>
 #include <setjmp.h>
 #include <stdarg.h>
@@ -30,7 +30,7 @@ static void fill_nodes(mesh *m) {
         m->nodes[n] = v3(BOX.x * (n % side) / CELLS, BOX.y * (n / side % side) / CELLS, BOX.z * (n / side / side) / CELLS);
 }
 
-/* Kuhn's six tets run along the axes from one corner of the cell to the opposite one, in each order of the axes. */
+/* Kuhn's six tets lead from one corner of the cell to the opposite one along the axes, in each order of the axes. */
 static void fill_tets(mesh *m) {
     static const int orders[6][3] = {{0, 1, 2}, {1, 2, 0}, {2, 0, 1}, {0, 2, 1}, {2, 1, 0}, {1, 0, 2}};
     m->tet_count = 6 * CELLS * CELLS * CELLS;
@@ -74,7 +74,7 @@ static void draft_box(mesh *m) {
     m->groups[2] = (mesh_group){.name = "wall", .dimension = 2};
 }
 
-/* The first `count` of three tets on the face of nodes 0, 1, 2. */
+/* Makes the first `count` of three tets on the face of nodes 0, 1, 2. */
 static void draft_fan(mesh *m, int count) {
     static const vec3 nodes[6] = {{0, 0, 0}, {1, 0, 0}, {0, 1, 0}, {0, 0, 1}, {0, 0, -1}, {0.1, 0.1, 3}};
     *m = (mesh){.node_count = 3 + count, .tet_count = count, .group_count = 1, .groups = {{.name = "fan", .dimension = 3}}};
@@ -188,7 +188,7 @@ static void named_faces_are_marked_on_both_sides(void **state) {
                 *(group == 1 ? &skin : &wall) += on == 3;
             }
     assert_int_equal(skin, 2 * CELLS * CELLS);
-    assert_int_equal(wall, 2 * 2 * CELLS * CELLS); /* an inner surface: a tet on each side */
+    assert_int_equal(wall, 2 * 2 * CELLS * CELLS); /* an inner surface has a tet on each side */
     assert_int_equal(mesh_find_group(&m, "wall", 2), 2);
     assert_int_equal(mesh_find_group(&m, "wall", -1), 2);
     assert_int_equal(mesh_find_group(&m, "wall", 3), -1);
@@ -230,7 +230,7 @@ static void weights_reproduce_the_point(void **state) {
     mesh_free(&m);
 }
 
-/* Inside by the signs of the four volumes that x spans with the faces; independent of barycentric weights. */
+/* True if x is inside, by the signs of the four volumes that x spans with the faces; independent of barycentric weights. */
 static bool holds(const mesh *m, int t, vec3 x) {
     for (int i = 0; i < 4; i++) {
         vec3 c[4];
@@ -265,7 +265,7 @@ static void locate_finds_the_far_side_of_a_slot(void **state) {
     int kept = 0;
     for (int t = 0; t < m.tet_count; t++) {
         int cell = t / 6, i = cell % CELLS, k = cell / CELLS / CELLS;
-        if (i >= CELLS / 2 - 1 && i <= CELLS / 2 && k < CELLS - 1) continue; /* a slot open at z = 0: a U */
+        if (i >= CELLS / 2 - 1 && i <= CELLS / 2 && k < CELLS - 1) continue; /* a slot that is open at z = 0 makes a U */
         memmove(m.tets[kept++], m.tets[t], sizeof m.tets[t]);
     }
     m.tet_count = kept;
@@ -281,7 +281,7 @@ static void locate_finds_the_far_side_of_a_slot(void **state) {
     surface_hit hit = mesh_enter(&m, v3(0.5 * BOX.x, 0.4 * BOX.y, 0.1 * BOX.z), right); /* from the slot into the far leg */
     assert_true(hit.hit);
     assert_close(hit.point.x, 0.75 * BOX.x, 1e-14);
-    vec3 before = v3(-BOX.x, left.y, left.z), behind = v3(2 * BOX.x, left.y, left.z); /* both legs are on the way: the nearer one is hit */
+    vec3 before = v3(-BOX.x, left.y, left.z), behind = v3(2 * BOX.x, left.y, left.z); /* both legs are on the path, and the nearer one is hit */
     assert_close(mesh_enter(&m, before, behind).point.x, 0, 1e-14);
     assert_close(mesh_enter(&m, behind, before).point.x, BOX.x, 1e-14);
     mesh_free(&m);
@@ -289,7 +289,7 @@ static void locate_finds_the_far_side_of_a_slot(void **state) {
 
 /* ---- rays ---- */
 
-/* A walk from face to face through the box: the parts add up to the point where the line leaves it. */
+/* A walk from face to face through the box: the parts add up to the point where the line leaves the box. */
 static void exit_walk_traverses_the_box(void **state) {
     (void)state;
     mesh m;
@@ -326,7 +326,7 @@ static void start_slightly_outside_a_face_is_treated_as_on_it(void **state) {
     mesh_free(&m);
 }
 
-/* Slab method on the whole box: fraction at which the segment enters, or infinity. */
+/* Returns the fraction at which the segment enters the whole box, by the slab method, or infinity. */
 static double enters_box(vec3 a, vec3 b) {
     double from[3] = {a.x, a.y, a.z}, to[3] = {b.x, b.y, b.z}, size[3] = {BOX.x, BOX.y, BOX.z}, enter = -DBL_MAX, leave = DBL_MAX;
     for (int i = 0; i < 3; i++) {
@@ -359,7 +359,7 @@ static void segments_enter_at_the_surface_of_the_box(void **state) {
     mesh_free(&m);
 }
 
-/* Aimed exactly at every node, edge and diagonal of the skin, which several triangles share: no ray slips through. */
+/* Rays are aimed exactly at every node, edge and diagonal of the skin, which several triangles share: no ray passes between them. */
 static void no_ray_passes_between_triangles(void **state) {
     (void)state;
     mesh m;
@@ -406,10 +406,10 @@ static void bad_meshes_are_refused(void **state) {
     assert_refused(&m, "share the face");
 
     draft_fan(&m, 2);
-    m.nodes[4] = v3(0.2, 0.2, 2); /* to the side of the face where the first tet is */
+    m.nodes[4] = v3(0.2, 0.2, 2); /* on the side of the face on which the first tet lies */
     assert_refused(&m, "overlap");
 
-    draft_box(&m); /* an inner node moved onto its tet's opposite face */
+    draft_box(&m); /* an inner node that is moved onto its tet's opposite face */
     const int *v = m.tets[100];
     m.nodes[v[0]] = v3_scale(1.0 / 3, v3_add(m.nodes[v[1]], v3_add(m.nodes[v[2]], m.nodes[v[3]])));
     assert_refused(&m, "no volume");

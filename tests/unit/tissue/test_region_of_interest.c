@@ -87,7 +87,7 @@ static void small_mesh_is_entirely_of_interest(void **state) {
     free(nodes);
 }
 
-/* A box with more nodes than a default region, skin at z = 0. */
+/* A box with more nodes than a default region, and the skin at z = 0. */
 static void default_region_of_a_large_mesh_is_around_the_skin_normal(void **state) {
     (void)state;
     enum { CELLS = 16, SIDE = CELLS + 1 };

@@ -23,7 +23,7 @@ static bool joined(const mesh *m, int tet, int face) {
     return other >= 0 && m->region[other] == m->region[tet];
 }
 
-/* Number of tetrahedra that can be reached from `tet` through faces within its region and, unless `patch` is NULL, its patch. */
+/* Returns the number of tetrahedra that can be reached from `tet` through faces within its region and, unless `patch` is NULL, its patch. */
 static int reached_from(const mesh *m, int tet, const int *patch) {
     int *found = malloc((size_t)m->tet_count * sizeof *found), count = 1;
     bool *seen = calloc((size_t)m->tet_count, sizeof *seen);
@@ -41,8 +41,8 @@ static int reached_from(const mesh *m, int tet, const int *patch) {
     return count;
 }
 
-/* Every tetrahedron is in one patch, which is connected and in one region. A patch of fewer than LEAST is all of a connected part of its
-   region. */
+/* Checks that every tetrahedron is in one patch, which is connected and in one region. A patch of fewer than LEAST tetrahedra is a whole
+   connected part of its region. */
 static void check_partition(const mesh *m, int most) {
     int count, usual = 0, *patch = create(m, &count), *size = calloc((size_t)count, sizeof *size), *first = malloc((size_t)count * sizeof *first);
     for (int e = m->tet_count - 1; e >= 0; e--) {
@@ -79,8 +79,7 @@ static void meshes_are_divided_into_patches(void **state) {
     cube_free(&c);
 }
 
-/* With regions chosen at random there are connected parts of all sizes, down to single tetrahedra. A patch with many remainders may be
-   large. */
+/* Regions chosen at random have connected parts of all sizes, down to single tetrahedra. A patch with many remainders may be large. */
 static void scattered_regions_are_divided(void **state) {
     (void)state;
     report why;
@@ -108,7 +107,7 @@ static void single_elements_are_patches(void **state) {
     cube_free(&c);
 }
 
-/* Hash of the patch numbers in order (FNV-1a). */
+/* Returns a hash of the patch numbers in order (FNV-1a). */
 static uint64_t hash_of(const int *patch, int count) {
     uint64_t hash = 14695981039346656037u;
     for (int i = 0; i < count; i++) hash = (hash ^ (uint64_t)patch[i]) * 1099511628211u;
@@ -116,7 +115,7 @@ static uint64_t hash_of(const int *patch, int count) {
 }
 
 /* Patches depend only on the order of the elements: translation, rotation and scaling do not change them. The hash was computed on one
-   machine; all others must get the same. */
+   machine; all others must get the same hash. */
 static void patches_do_not_depend_on_run_machine_or_rounding(void **state) {
     (void)state;
     mesh m;
@@ -134,7 +133,7 @@ static void patches_do_not_depend_on_run_machine_or_rounding(void **state) {
     mesh_free(&m);
 }
 
-/* The elements of a mirrored mesh have their corners in another order. */
+/* In a mirrored mesh, the elements have their corners in another order. */
 static void mirror_image_has_the_same_patches(void **state) {
     (void)state;
     cube c, image;

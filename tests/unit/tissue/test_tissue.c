@@ -1,4 +1,5 @@
-/* Stiffness against closed-form results: energy of an element, patch test, bar in tension; insufficiently constrained bodies. */
+/* The stiffness is compared with closed-form results: energy of an element, patch test, bar in tension; and insufficiently constrained bodies are
+   refused. */
 #include <setjmp.h>
 #include <stdarg.h>
 #include <stddef.h>
@@ -13,7 +14,7 @@
 
 static vec3 random_vector(double size) { return cube_random_vector(size); }
 
-/* A random tetrahedron of positive volume that is not too flat. */
+/* Makes a random tetrahedron of positive volume that is not too flat. */
 static void random_tet(vec3 x[4]) {
     vec3 gradients[4];
     do
@@ -42,7 +43,7 @@ static void rigid_motions_need_no_force(void **state) {
     }
 }
 
-/* Energy per volume of the displacement u = G x: mu eps:eps + lambda/2 tr(eps)^2, eps the symmetric part of G. */
+/* Returns the energy per volume of the displacement u = G x: mu eps:eps + lambda/2 tr(eps)^2, where eps is the symmetric part of G. */
 static double energy_density(double g[3][3], double e, double nu) {
     double mu = e / 2.0 / (1.0 + nu), bulk = e / 3.0 / (1.0 - 2.0 * nu), lambda = bulk - 2.0 / 3.0 * mu;
     double trace = g[0][0] + g[1][1] + g[2][2], square = 0.0;
@@ -155,7 +156,7 @@ static void assert_refused(cube *c, volumetric_strain strain, const char *words)
     if (!strstr(why.text, words)) fail_msg("\"%s\" lacks \"%s\"", why.text, words);
 }
 
-/* With too few fixed nodes K is singular. Elements without stiffness against some strain would make it singular in more cases. */
+/* With too few fixed nodes, K is singular. Elements without stiffness against some strain would make it singular in more cases. */
 static void check_loose_bodies(volumetric_strain strain) {
     cube c;
     report why;
@@ -187,7 +188,7 @@ static void loose_bodies_are_refused(void **state) {
     check_loose_bodies(STRAIN_BY_ELEMENT);
 }
 
-/* A mesh of two cubes that do not touch. */
+/* Makes a mesh of two cubes that do not touch. */
 static void pair_of(cube *one, cube *two, mesh *pair) {
     report why;
     assert_int_equal(cube_shape(one, 0.1, &why), TROCAR_OK);

@@ -1,4 +1,4 @@
-/* The sections for browsers about an implant: dose against the plain sum of the formula, seeds that come and go, and plans with mistakes. */
+/* The sections about an implant for browsers: the dose compared with the plain sum of the formula, seeds that come and go, and plans with mistakes. */
 #define _GNU_SOURCE
 #include "view/implant/implant.h"
 
@@ -56,14 +56,14 @@ static implant open_implant(const fixture *f, const implant_settings *settings) 
     return i;
 }
 
-/* Whether the dose's JSON is that of so many seeds. */
+/* True if the dose's JSON is for this many seeds. */
 static bool has_seeds(const char *json, int count) {
     static const char key[] = "\"seeds\":";
     const char *found = strstr(json, key);
     return found && atoi(found + sizeof key - 1) == count;
 }
 
-/* Tells the seeds to browsers and waits until the dose is that of `count` seeds. Returns the section's JSON; `levels` follow it. */
+/* Passes the seeds to browsers and waits until the dose is that of `count` seeds. Returns the section's JSON; `levels` follow it. */
 static const char *dose_of(implant *i, int count, const unsigned char **levels) {
     trocar_seeds_t seeds = message_of(count);
     subscriber feed = {.seeds = &seeds, .seeds_heard = i->seeds_heard + 1};
@@ -96,7 +96,7 @@ static void read_numbers(const char *json, const char *key, double *values, int 
     }
 }
 
-/* Gy at each of the points, by the formula. */
+/* Computes the dose (Gy) at each of the points by the formula. */
 static void plain_doses(const implant_settings *settings, int seeds, const double *points, int64_t count, double *doses) {
     trocar_error why;
     trocar_dose_source *source;
@@ -130,7 +130,7 @@ static void check_levels(const implant_settings *settings, int seeds, const char
     }
 }
 
-/* V100 of the gland, from points of the scene's own mesh. */
+/* Computes V100 of the gland from points of the scene's own mesh. */
 static double plain_v100(const fixture *f, const implant_settings *settings, int seeds) {
     trocar_error why;
     trocar_structure *gland;
@@ -150,7 +150,7 @@ static void the_dose_is_that_of_the_seeds(void **state) {
     fixture *f = *state;
     static const implant_settings settings = {.dose = {"I-125 6711", 0.5, 145, 1.18}};
     implant i = open_implant(f, &settings);
-    for (int round = 0; round < 4; round++) { /* seeds come, go and come again */
+    for (int round = 0; round < 4; round++) { /* seeds are added, removed and added again */
         int count = (const int[]){SEEDS, 1, 0, 2}[round];
         const unsigned char *levels;
         const char *json = dose_of(&i, count, &levels);
@@ -162,7 +162,7 @@ static void the_dose_is_that_of_the_seeds(void **state) {
     implant_close(&i);
 }
 
-/* V100 of the gland's voxels at `points` with these seeds. */
+/* Computes V100 of the gland's voxels at `points` with these seeds. */
 static double covered(const implant_settings *settings, const trocar_dose_seed *seeds, const double *points, int64_t count) {
     trocar_error why;
     trocar_dose_source *source;
@@ -177,8 +177,8 @@ static double covered(const implant_settings *settings, const trocar_dose_seed *
     return (double)inside / (double)count;
 }
 
-/* The tissue is stretched away from a plane, and seeds are displaced: lines and figures of the moment follow them, those at rest do not. Without
-   swelling, gland and seeds are closer to its centre. All seeds are in the gland. */
+/* The tissue is stretched away from a plane, and seeds are displaced: isodose lines and present figures follow, those at rest do not. Without
+   swelling, gland and seeds are closer to the gland's centre. All seeds are in the gland. */
 static void each_state_has_its_own_figures(void **state) {
     fixture *f = *state;
     static const implant_settings settings = {.dose = {"I-125 6711", 2.0, 145, 1.3}};
@@ -229,7 +229,7 @@ static void each_state_has_its_own_figures(void **state) {
         read_numbers(found, "\"v100\":", &figure[k], 1);
     }
     for (int64_t n = 0; n < 3 * count; n++) points[n] = n % 3 == 0 ? (1 + stretch) * rest[n] : rest[n];
-    assert_close(figure[0], covered(&settings, now, points, count), 2e-4); /* displacements in single precision */
+    assert_close(figure[0], covered(&settings, now, points, count), 2e-4); /* displacements are in single precision */
     assert_close(figure[1], covered(&settings, out, rest, count), 1e-9);
     for (int64_t n = 0; n < 3 * count; n++) points[n] = centre[n % 3] + scale * (rest[n] - centre[n % 3]);
     assert_close(figure[2], covered(&settings, later, points, count), 1e-9);
@@ -239,7 +239,7 @@ static void each_state_has_its_own_figures(void **state) {
     implant_close(&i);
 }
 
-/* The answer of a server that is gone is not news to a browser that connects. */
+/* An answer from the previous server is not sent to a browser that connects. */
 static void answers_go_with_their_server(void **state) {
     fixture *f = *state;
     implant i = open_implant(f, &(implant_settings){.dose = {"I-125 6711", 0.5, 145, 1.18}});
@@ -274,7 +274,7 @@ static void the_plan_has_its_own_figures(void **state) {
     double v100;
     assert_non_null(json);
     read_numbers(json, "\"v100\":", &v100, 1);
-    assert_close(v100, plain_v100(f, &settings, 2), 1e-6); /* of centres in single precision */
+    assert_close(v100, plain_v100(f, &settings, 2), 1e-6); /* the centres are in single precision */
     const byte_buffer *sent = &i.sections[IMPLANT_PLAN].bytes;
     assert_non_null(memmem(sent->data, sent->length, "\"K3.5\"", 6));
     implant_close(&i);

@@ -50,7 +50,7 @@ static double time_of_picture(const byte_buffer *encoded) {
     return time;
 }
 
-/* The wrench of exactly that tick, not of a neighbouring picture or sample. */
+/* The wrench is that of exactly this tick, not of a neighbouring picture or sample. */
 static void moment_matches_its_tick(void **unused) {
     (void)unused;
     trocar_scene *s;
@@ -74,7 +74,7 @@ static void moment_matches_its_tick(void **unused) {
     trocar_scene_free(s);
 }
 
-/* A seed dropped at the deepest place is not in the tissue before the needle is drawn back over it, and then is. */
+/* A seed that is dropped at the deepest point is in the tissue only after the needle has been drawn back over it. */
 static void seeds_of_a_log_are_shown(void **unused) {
     (void)unused;
     enum { STEPS = 100, PERIOD = 4000 /* us */ };
@@ -124,7 +124,7 @@ static void moment_after_the_end_is_refused(void **unused) {
     trocar_scene_free(s);
 }
 
-/* A quarter of a recording, whose last event is incomplete. */
+/* Plays a quarter of a recording, whose last event is incomplete. */
 static void truncated_log_plays_to_its_last_event(void **unused) {
     (void)unused;
     static unsigned char bytes[1 << 18];

@@ -1,4 +1,4 @@
-/* The messages of the pose_publisher, on its own clock (memq, no network). */
+/* The messages of the pose_publisher on a simulated clock (memq, no network). */
 #include "view/hand/pose_publisher.h"
 
 #include <pthread.h>
@@ -118,7 +118,7 @@ static void sends_nothing_before_taking_the_needle(void **unused) {
     close_fixture(f);
 }
 
-/* When the browser hangs, the needle stops after 0.25 s and a ramp, and stays there. */
+/* If the browser hangs, the needle stops after 0.25 s and a ramp, and stays there. */
 static void needle_stops_without_orders(void **unused) {
     (void)unused;
     fixture *f = open_fixture();
@@ -134,8 +134,8 @@ static void needle_stops_without_orders(void **unused) {
     close_fixture(f);
 }
 
-/* Without a wrench for 0.1 s nobody feels the needle, so it stops and no more poses are sent. When the server is heard again, poses
-   resume where they ended. */
+/* Without a wrench for 0.1 s, no hand feels the needle, so it stops and no more poses are sent. When the server is heard again,
+   poses resume where they ended. */
 static void sends_nothing_without_a_server(void **unused) {
     (void)unused;
     fixture *f = open_fixture();
@@ -169,7 +169,7 @@ static void releases_the_needle(void **unused) {
     fixture *f = open_fixture();
     tell(f, ORDER_RELEASE, 0);
     run(f, 1);
-    assert_int_equal(f->commands, 0); /* it owns no needle */
+    assert_int_equal(f->commands, 0); /* the thread owns no needle */
     tell(f, ORDER_TAKE, 0);
     run(f, 5);
     tell(f, ORDER_RELEASE, 0);
@@ -197,7 +197,7 @@ static void reset_starts_at_home(void **unused) {
     close_fixture(f);
 }
 
-/* Poses and commands name the needle; of two takes without a release in between the first one counts. */
+/* Poses and commands name the needle; of two takes without a release in between, only the first counts. */
 static void takes_one_needle_after_the_other(void **unused) {
     (void)unused;
     fixture *f = open_fixture();
@@ -253,7 +253,8 @@ static void drops_and_takes_back_seeds(void **unused) {
     close_fixture(f);
 }
 
-/* No poses while the server lets a needle rest, or hands it over: it would refuse them. An answer that is lost does not stop the needle for good. */
+/* No poses are sent while the server leaves a needle to rest or hands it over, because it would refuse them. A lost answer does not stop the needle
+   for ever. */
 static void waits_while_a_needle_changes_hands(void **unused) {
     (void)unused;
     fixture *f = open_fixture();
@@ -266,7 +267,7 @@ static void waits_while_a_needle_changes_hands(void **unused) {
     tell(f, ORDER_LEAVE, 0);
     run(f, 100);
     assert_true(f->poses == 10 && f->commands == 2 && f->command == TROCAR_COMMAND_T_LEAVE && f->command_needle == 2);
-    tell(f, ORDER_GO_ON, 0); /* it was refused */
+    tell(f, ORDER_GO_ON, 0); /* the command was refused */
     run(f, 10);
     assert_true(f->poses == 20 && f->pose.position[2] == -0.15);
     tell(f, ORDER_LEAVE, 0);
@@ -277,7 +278,7 @@ static void waits_while_a_needle_changes_hands(void **unused) {
     close_fixture(f);
 }
 
-/* Another needle, also while it holds none. */
+/* Pulls out another needle, also while the thread holds none. */
 static void pulls_out_a_needle_that_rests(void **unused) {
     (void)unused;
     fixture *f = open_fixture();
@@ -291,7 +292,7 @@ static void pulls_out_a_needle_that_rests(void **unused) {
     close_fixture(f);
 }
 
-/* It goes to its new home by itself, at 80 mm/s, unless it is steered aside. */
+/* The needle moves to its new home by itself, at 80 mm/s, unless it is steered sideways. */
 static void goes_to_a_hole_until_it_is_steered(void **unused) {
     (void)unused;
     fixture *f = open_fixture();
@@ -301,7 +302,7 @@ static void goes_to_a_hole_until_it_is_steered(void **unused) {
     run(f, 125 + 2); /* 10 mm out of the template */
     assert_close(f->pose.position[0], 0.01, 1e-3);
     assert_close(f->pose.position[2], -0.2, 1e-9);
-    tell(f, ORDER_UNDO, 0); /* does not stop it */
+    tell(f, ORDER_UNDO, 0); /* the command does not stop it */
     for (int i = 0; i < 5; i++) tell(f, ORDER_STEER, 0), run(f, 50);
     assert_close(f->pose.position[0], 0.03, 1e-9);
     hole.home.position.x = 0;
@@ -319,21 +320,21 @@ static void goes_to_a_hole_until_it_is_steered(void **unused) {
     close_fixture(f);
 }
 
-/* Forward is held down all the time: before the order to go to a hole, on the way there, and when the needle has been steered aside again. It passes the plane in
-   front of the template in line with the hole only. */
+/* Forward is held down all the time: before the order to move to a hole, on the way there, and when the needle has been steered sideways again. The needle
+   passes the plane in front of the template only in line with the hole. */
 static void pushing_forward_does_not_lead_into_another_hole(void **unused) {
     (void)unused;
     fixture *f = open_fixture();
     tell(f, ORDER_TAKE, 0);
     for (int i = 0; i < 6; i++) tell(f, ORDER_STEER, 1), run(f, 50);
-    assert_true(f->pose.position[2] > -0.185); /* through the plate, 10 mm beside the hole that is ordered now */
+    assert_true(f->pose.position[2] > -0.185); /* through the plate, 10 mm beside the hole that was ordered */
     publisher_tell(&f->pilot, &(publisher_order){.kind = ORDER_HOLE, .home = HOME});
     for (int i = 0; i < 30; i++) {
         tell(f, ORDER_STEER, 1);
         run(f, 50);
         assert_true(f->pose.position[2] <= -0.2 || f->pose.position[0] == 0 || i < 6);
     }
-    assert_true(f->pose.position[0] == 0 && f->pose.position[2] > -0.19); /* it has arrived, and goes on */
+    assert_true(f->pose.position[0] == 0 && f->pose.position[2] > -0.19); /* it has arrived, and moves on */
     publisher_tell(&f->pilot, &(publisher_order){.kind = ORDER_HOLE, .home = HOME});
     for (int i = 0; i < 40; i++) tell(f, ORDER_STEER, 0), run(f, 50);
     steer(f, (rate_control_command){.right = 1});
@@ -345,19 +346,19 @@ static void pushing_forward_does_not_lead_into_another_hole(void **unused) {
     close_fixture(f);
 }
 
-/* 100 poses a second while it moves, from where it was; none once it is at rest. It stops without orders, and the needle stays. */
+/* While the probe moves, 100 poses a second are sent, starting from its pose; none once it is at rest. Without orders it stops, and the needle stays. */
 static void moves_the_probe(void **unused) {
     (void)unused;
     fixture *f = open_fixture();
     publisher_order order = {.kind = ORDER_PROBE, .base = {{0.1, 0.2, -0.3}, {1, 0, 0, 0}}};
-    publisher_tell(&f->pilot, &order); /* no motion is asked for */
+    publisher_tell(&f->pilot, &order); /* the order asks for no motion */
     run(f, 100);
     assert_int_equal(f->probe_poses, 0);
     tell(f, ORDER_TAKE, 0);
     for (int i = 0; i < 20; i++) {
         order.command.forward = 1;
         publisher_tell(&f->pilot, &order);
-        order.base.position.z = 7; /* the server's answer is late: it is not used */
+        order.base.position.z = 7; /* the server's answer is late, so it is not used */
         run(f, 50);
     }
     assert_in_range(f->probe_poses, 95, 101);

@@ -75,7 +75,7 @@ static void picture_needs_both_messages_of_its_tick(void **state) {
     assert_int_equal(f->feed.refused, 0);
 }
 
-/* Tracks come less often than pictures: the newest ones are in each. */
+/* Tracks arrive less often than pictures: each picture contains the newest tracks. */
 static void picture_shows_the_newest_tracks(void **state) {
     fixture *f = *state;
     uint32_t points[2];
@@ -87,7 +87,7 @@ static void picture_shows_the_newest_tracks(void **state) {
         handle_all(f);
         memcpy(&points[i], f->timeline.pictures[0].data + 8 + 32 + 36, sizeof points[i]);
     }
-    assert_true(points[0] > 10); /* of a needle that was in the tissue from the start */
+    assert_true(points[0] > 10); /* the tracks of a needle that was in the tissue from the start */
     assert_true(points[0] == (uint32_t)f->sight.tracks.point_count && points[1] == points[0]);
 }
 
@@ -109,7 +109,7 @@ static void hear_wrench(fixture *f, int64_t server, int64_t tick) {
     handle_all(f);
 }
 
-/* Judged each 50 ms, as by a program that runs. */
+/* Asks every 50 ms, like a program that runs. */
 static bool is_alive_after(fixture *f, int64_t since, int64_t until) {
     bool alive = subscriber_alive(&f->feed);
     for (int64_t at = since; at < until; at += 50000000) {
@@ -128,7 +128,7 @@ static void a_server_is_gone_half_a_second_after_its_last_wrench(void **state) {
     assert_false(is_alive_after(f, heard + 400000000, heard + 550000000));
 }
 
-/* Its messages are waiting, perhaps: a program that was not scheduled knows nothing about the time in between. */
+/* A program that was not scheduled knows nothing about that time, because its messages may be waiting. */
 static void a_pause_of_this_program_is_no_silence_of_the_server(void **state) {
     fixture *f = *state;
     hear_wrench(f, 1, 77);
@@ -138,7 +138,7 @@ static void a_pause_of_this_program_is_no_silence_of_the_server(void **state) {
     assert_true(subscriber_alive(&f->feed));
 }
 
-/* Data of the previous server is dropped: its needle may be deep while the new one's is outside. */
+/* The previous server's data are dropped: its needle may be deep while the new server's is outside. */
 static void change_of_server_is_detected(void **state) {
     fixture *f = *state;
     pose base;
@@ -174,7 +174,7 @@ static void first_of_two_servers_is_followed(void **state) {
     assert_int_equal(f->feed.refused, 0);
 }
 
-/* Each of two needles has its wrench, status, contacts and samples, and both are in a picture; a third one is not the scene's. */
+/* Each of two needles has its wrench, status, contacts and samples, and both are in a picture; the scene has no third needle. */
 static void needles_are_told_apart(void **state) {
     fixture *f = *state;
     for (int i = 0; i < 3; i++) {
@@ -203,7 +203,7 @@ static void needles_are_told_apart(void **state) {
     assert_int_equal(f->feed.refused, 0);
 }
 
-/* A needle that has not been held yet sends no contacts: the picture shows the other one. */
+/* A needle that has not been held sends no contacts, so the picture shows only the other one. */
 static void a_picture_shows_the_needles_that_were_held(void **state) {
     fixture *f = *state;
     uint32_t shown;
@@ -219,7 +219,7 @@ static void a_picture_shows_the_needles_that_were_held(void **state) {
     assert_int_equal(shown, 1);
 }
 
-/* Before any needle has been held, the probe is shown alone. Another server starts without. */
+/* Before any needle has been held, the probe is shown alone. Another server starts without a probe. */
 static void the_probe_is_shown(void **state) {
     fixture *f = *state;
     trocar_probe_wrench_t probe = {.server = 1, .session = 9, .position = {0.1, 0, -0.2}, .orientation = {1, 0, 0, 0}, .force = {0, 0, -2}, .contacts = 4};
@@ -256,7 +256,7 @@ static void the_probe_is_shown(void **state) {
     assert_false(f->feed.probe.placed);
 }
 
-/* As the network might deliver them: no crash, all counted. */
+/* Damaged as the network might deliver them: no crash, and all are counted. */
 static void damaged_messages_are_counted(void **state) {
     fixture *f = *state;
     static const char *const channels[] = {"TROCAR_CONTACTS", "TROCAR_DEFORMATION", "TROCAR_STATUS", "TROCAR_TIMING", "TROCAR_TRACKS", "TROCAR_WRENCH"};
@@ -275,7 +275,7 @@ static void damaged_messages_are_counted(void **state) {
     assert_int_equal(f->timeline.sample_end, 0);
 }
 
-/* Seeds and replies are those of the followed server, and replies those to this program's own session. Another server starts without. */
+/* Seeds and replies are those of the followed server, and replies only those to this program's session. Another server starts without any. */
 static void seeds_and_replies_are_kept(void **state) {
     fixture *f = *state;
     float place[3] = {0.1f, 0.2f, 0.3f}, *rows[] = {place};

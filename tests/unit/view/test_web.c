@@ -1,5 +1,5 @@
-/* Access to the WebSocket, its messages, and browsers that hang. The rest of the web server is tested through a browser:
-   tests/view. */
+/* Access to the WebSocket, its messages, and browsers that hang. tests/view tests the rest of the web server through a
+   browser. */
 #define _GNU_SOURCE /* memmem */
 #include "view/web/web.h"
 
@@ -55,7 +55,7 @@ static void missing_page_is_reported(void **unused) {
     assert_non_null(strstr(why.text, "/nowhere/index.html"));
 }
 
-/* Every 127.x.y.z is this machine: a server that listened on all addresses would also answer on 127.0.0.2. */
+/* True if the address answers. Every 127.x.y.z is this machine, so a server that listened on all addresses would also answer on 127.0.0.2. */
 static bool answers(const char *address, int port) {
     struct sockaddr_in there = {.sin_family = AF_INET, .sin_port = htons((uint16_t)port)};
     inet_pton(AF_INET, address, &there.sin_addr);
@@ -102,9 +102,9 @@ typedef struct {
     unsigned char got[1 << 16];
     size_t length, taken;    /* bytes received, and bytes of frames already parsed */
     bool open, closed;
-    int answer;              /* HTTP status, 0 before it arrives */
+    int answer;              /* HTTP status; 0 before it arrives */
     int updates;
-    int end;                 /* status code of the WebSocket's close frame, 0: none */
+    int end;                 /* status code of the WebSocket's close frame; 0 if there is none */
     char reason[126];
 } client;
 
@@ -197,8 +197,8 @@ static void connect_client(fixture *f, client *c) {
     fcntl(c->socket, F_SETFL, O_NONBLOCK);
 }
 
-/* Sends a request and waits for the head of the answer. `origin` NULL: none; `protocol` NULL: plain HTTP, "": a WebSocket without
-   one. */
+/* Sends a request and waits for the head of the answer. `origin` may be NULL; `protocol` is NULL for plain HTTP, "" for a
+   WebSocket without a protocol. */
 static void request(fixture *f, client *c, const char *host, const char *origin, const char *protocol) {
     connect_client(f, c);
     dprintf(c->socket, "GET / HTTP/1.1\r\nHost: %s:%d\r\n", host, web_port(f->web));
@@ -236,7 +236,7 @@ static void hanging_browser_delays_nobody_and_is_disconnected(void **unused) {
     }
     assert_int_equal(f.takes, 1);
     say(lively, BINARY, ACTION_TAKE, WEB_ACTION_BYTES);
-    while (lively->updates < 10) { /* one status each: longer than the permitted silence */
+    while (lively->updates < 10) { /* one status each, which is longer than the permitted silence */
         go_round(&f, clients, 2);
         acknowledge(lively, &answered);
     }
@@ -275,7 +275,7 @@ static void needle_is_released_when_driving_is_not_allowed(void **unused) {
     close_fixture(&f);
 }
 
-/* Only the driver leaves its needle, and pulls out others; while nobody drives, anyone pulls them out. */
+/* Only the driver can leave its needle and pull out others; while nobody drives, any browser can pull them out. */
 static void only_the_driver_handles_needles(void **unused) {
     (void)unused;
     fixture f;
@@ -300,8 +300,8 @@ static void only_the_driver_handles_needles(void **unused) {
     close_fixture(&f);
 }
 
-/* Silent browsers take all places: the next one is told so, and gets a place once they have timed out. Sockets that never send a
-   request block nobody. */
+/* Silent browsers take all places: the next browser is told so, and gets a place once they have timed out. Sockets that never
+   send a request block no browser. */
 static void idle_connections_do_not_block_others(void **unused) {
     (void)unused;
     enum { IDLE = 300 };
@@ -327,7 +327,7 @@ static void idle_connections_do_not_block_others(void **unused) {
     close_fixture(&f);
 }
 
-/* Another site's page can ask for any protocol, or none. */
+/* Another site's page may request any protocol, or none. */
 static void other_sites_are_refused_on_every_protocol(void **unused) {
     (void)unused;
     static const char *const protocols[] = {"trocar-view", "http", "descriptor", "", "none", NULL};

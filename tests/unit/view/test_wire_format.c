@@ -11,7 +11,7 @@
 #include <cmocka.h>
 
 const char *__asan_default_options(void);
-const char *__asan_default_options(void) { return "allocator_may_return_null=1"; } /* malloc returns NULL as without the sanitizer */
+const char *__asan_default_options(void) { return "allocator_may_return_null=1"; } /* malloc returns NULL, as without the sanitizer */
 
 static const char text[] = "0123456789abcdef";
 
@@ -24,10 +24,10 @@ static void a_buffer_grows(void **unused) {
     bytes_free(&b);
 }
 
-/* A failed append must leave the buffer's data in place. */
+/* A failed append must leave the buffer's data intact. */
 static void buffer_without_memory_keeps_its_data(void **unused) {
     (void)unused;
-    static const size_t impossible[] = {SIZE_MAX, SIZE_MAX / 2, SIZE_MAX / 4}; /* never read: there is no memory for them */
+    static const size_t impossible[] = {SIZE_MAX, SIZE_MAX / 2, SIZE_MAX / 4}; /* never read, because there is no memory for them */
     static const char more[1 << 16];
     for (size_t i = 0; i < sizeof impossible / sizeof *impossible; i++) {
         byte_buffer b = {0};

@@ -6,7 +6,7 @@
 
 #include "base/vec.h"
 
-enum { KIRCHHOFF_STEPS = 2000 };             /* of the integration; forces act at whole steps */
+enum { KIRCHHOFF_STEPS = 2000 };             /* steps of the integration; forces act at whole steps */
 
 typedef struct {
     double length, bending, torsion;         /* m, N m^2 */
@@ -50,7 +50,7 @@ static inline void kirchhoff_step(const kirchhoff_rod *rod, kirchhoff_section *s
     s->frame = q_unit(s->frame);
 }
 
-/* Section at the tip for this moment at the root. */
+/* Integrates to the section at the tip for this moment at the root. */
 static inline kirchhoff_section kirchhoff_shoot(const kirchhoff_rod *rod, double load, vec3 root_moment) {
     kirchhoff_section s = {v3(0, 0, 0), root_moment, {1, 0, 0, 0}};
     for (int i = 0; i < KIRCHHOFF_STEPS; i++) {
@@ -62,7 +62,7 @@ static inline kirchhoff_section kirchhoff_shoot(const kirchhoff_rod *rod, double
     return s;
 }
 
-/* Tip in equilibrium, with the load applied in steps; `root_moment` is the clamp's moment on the rod, N m. */
+/* Solves for the tip in equilibrium, with the load applied in steps; `root_moment` is the clamp's moment on the rod, N m. */
 static inline kirchhoff_section kirchhoff_solve(const kirchhoff_rod *rod, vec3 *root_moment) {
     const vec3 axes[3] = {{1, 0, 0}, {0, 1, 0}, {0, 0, 1}};
     kirchhoff_section tip = {0};

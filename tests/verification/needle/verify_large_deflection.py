@@ -1,5 +1,5 @@
 #!/usr/bin/python3
-"""What linear elasticity with small strains costs: the force on a rigid needle moved by up to 5 mm, from large_deflection.json.
+"""The error of linear elasticity with small strains: the force on a rigid needle moved by up to 5 mm, from large_deflection.json.
 
 large_deflection.py solved it with CalculiX: linear, and with large displacements in a neo-Hookean material and in one that stiffens
 (Yeoh). The full form solves the neo-Hookean case sideways again. The core's needle is compared with the linear one and, in tissue that stiffens
@@ -11,12 +11,11 @@ import sys
 import tempfile
 from pathlib import Path
 
-sys.path[:0] = [str(Path(__file__).resolve().parents[1] / folder) for folder in (".", "references")]
-import needle_meshes  # noqa: E402: first: it skips this check where Gmsh is missing
-import large_deflection as ld  # noqa: E402
-from rows import REPOSITORY, Rows  # noqa: E402
+import needle_meshes  # first, because it skips this check if Gmsh is missing
+import large_deflection as ld
+from rows import REPOSITORY, Rows
 
-LARGE_DISPLACEMENTS = 0.02   # what docs/mechanics.md promises of large displacements alone
+LARGE_DISPLACEMENTS = 0.02   # error of large displacements alone, according to docs/mechanics.md
 OURS = 0.05
 STIFFENING = 0.04
 AGAIN = 1e-4                 # CalculiX prints seven digits; how its increments converge depends on rounding
@@ -43,7 +42,7 @@ def compare_materials(rows, forces):
 
 
 def compare_ours(rows, forces):
-    """The core's rigid needle in the same block, on a coarse mesh."""
+    """Compares the core's rigid needle in the same block, on a coarse mesh."""
     mesh, case = rows.folder / "large-deflection.msh", ld.CASE
     needle_meshes.block(mesh, 0.0125)
     words = [rows.build / "tests/verification/rigid_needle", mesh, case["radius"], case["poisson_ratio"], *case["axis"], case["tip"],
@@ -55,7 +54,7 @@ def compare_ours(rows, forces):
 
 
 def compare_stiffening(rows, forces):
-    """The core's rigid needle in the block that stiffens, on meshes of 500 to 10 000 nodes, moved along by 1 to 5 mm."""
+    """Compares the core's rigid needle in the stiffening block, on meshes of 500 to 10 000 nodes, moved along by 1 to 5 mm."""
     case = ld.CASE
     for size in (0.0165, 0.0125) if rows.short_form else (0.0165, 0.0125, 0.0095, 0.007, 0.0052):
         mesh = rows.folder / f"stiffening-{1e3 * size:g}.msh"

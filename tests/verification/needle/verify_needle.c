@@ -16,7 +16,7 @@ static needle_model rod(int segments) {
     needle_model model;
     report why;
     simulation_defaults(&config);
-    config.needle.bow = 0.0; /* as the references */
+    config.needle.bow = 0.0; /* straight, like the references */
     config.needle.segments = segments;
     if (needle_create(&config.needle, &model, &why) != TROCAR_OK) {
         fprintf(stderr, "%s\n", why.text);
@@ -27,7 +27,7 @@ static needle_model rod(int segments) {
 
 static pose at_rest(double roll) { return (pose){v3(0, 0, 0), q_exp(v3(0, 0, roll))}; }
 
-/* A couple on the last segment whose moment keeps its direction, x. */
+/* Adds a couple on the last segment whose moment keeps its direction, x. */
 static void add_tip_moment(const needle_model *model, const needle_state *state, double moment, vec3 *load) {
     int n = model->given.segments;
     vec3 across = v3_scale(moment / model->segment_length, v3_cross(v3(1, 0, 0), q_rotate(state->frames[n - 1], v3(0, 0, 1))));
@@ -35,7 +35,7 @@ static void add_tip_moment(const needle_model *model, const needle_state *state,
     load[n - 1] = v3_scale(-1.0, across);
 }
 
-/* Newton's method to equilibrium under dead forces at joints and a moment on the tip, in load steps. */
+/* Solves for equilibrium under dead forces at joints and a moment on the tip by Newton's method, in load steps. */
 static void bend(const needle_model *model, needle_state *state, const vec3 *force, double moment) {
     vec3 load[NEEDLE_MAX_SEGMENTS + 1] = {{0}};
     for (int step = 1; step <= 20; step++)
@@ -80,7 +80,7 @@ static void case_forces(int which, const needle_model *model, vec3 *middle, vec3
     *tip = which == IN_SPACE ? v3(-0.5 * unit, 1.5 * unit, -0.5 * unit) : v3(0, 2.05 * unit, 0);
 }
 
-/* Angle of an arc whose tip is half its length aside: (1 - cos a) / a = 1/2. */
+/* Angle of an arc whose tip is displaced sideways by half its length: (1 - cos a) / a = 1/2. */
 static const double HALF_ARC = 1.1091441817;
 
 static vec3 reference_tip(int which, const needle_model *model) {
@@ -179,11 +179,11 @@ static void check_roll(rows *r) {
     rows_error(r, "base and forces rolled by 9 angles: moment in the base's frame", "no roll", worst_own, 1e-9);
 }
 
-/* Force and torque of a push by 60 mm and one sideways; the base is rolled by `roll` before, by `later` at depth. Friction resists that:
-   then there is none. */
+/* Computes force and torque of a push by 60 mm and a push sideways; the base is rolled by `roll` before, and by `later` at depth.
+   Friction would resist the roll, so in that case there is none. */
 static void push_rolled(double roll, double later, bool friction, double wrench[6]) {
     simulation_config c = lockstep_config();
-    c.needle.bow = 0.0; /* or it would roll with the needle */
+    c.needle.bow = 0.0; /* otherwise the bow would roll with the needle */
     for (int i = 0; i < c.region_count && !friction; i++)
         c.regions[i].material.friction_static = c.regions[i].material.friction_kinetic = c.regions[i].material.friction_viscous = 0.0;
     pose start = lockstep_start();

@@ -31,9 +31,9 @@ GMSH = {"short": (0.0125,), "full": (0.0155, 0.0125, 0.0078, 0.0053, 0.0030)}
 PATIENT = (600, 1700, 6500)                         # nodes
 GRADED = {"short": ((0.0015, 0.015),), "full": ((0.0015, 0.015), (0.015, 0.0015))}
 TOO_FINE = ((0.0005, 0.005), (0.005, 0.0005))       # elements smaller than the needle
-AS_COARSE = 0.014                                   # m, elements: the mesh itself limits the accuracy,
-AS_COARSE_FOR_LAYERS = 0.012                        # m, and with a layer 1000 times as stiff 5 mm away
-SLIVERS = {"short": (0.2,), "full": (0.2, 0.1)}     # volume left of the flattest tetrahedron around a moved node
+AS_COARSE = 0.014                                   # m: with larger elements, the mesh itself limits the accuracy
+AS_COARSE_FOR_LAYERS = 0.012                        # m, the same with a layer 1000 times as stiff 5 mm away
+SLIVERS = {"short": (0.2,), "full": (0.2, 0.1)}     # fraction of its volume that the flattest tetrahedron around a moved node keeps
 KINDS = ("Kuhn", "five")
 COARSE = "elements of 14 mm and more: so coarse linear tetrahedra are too stiff under smooth loads as well (Tissue: error of the elements on coarse meshes)"
 NEAR_LAYER = "elements of 12 mm and more, less than one between the needle and tissue 1000 times as stiff"
@@ -43,7 +43,7 @@ FEW = ("on edges", "in faces", "within elements")   # places in the finest meshe
 
 
 class Check:
-    """Rows, the error of every force, and the worst of each row that has a limit."""
+    """The rows, the error of every force, and the worst error of each row that has a limit."""
 
     def __init__(self, rows):
         self.rows, self.form, self.errors = rows, "short" if rows.short_form else "full", []
@@ -58,8 +58,8 @@ class Check:
         return self.path(name)
 
     def place(self, name, mesh, case_name=STANDARD, tip=None, azimuth=None, outside="", limited=""):
-        """tip: x and y, if not the reference's. outside: why the case is outside of what the model covers, limited: what of the mesh limits
-        the accuracy there: it is only measured."""
+        """tip: x and y, if not the reference's. outside: why the model does not cover the case; limited: how the mesh limits the accuracy
+        there. In both cases the error is only measured."""
         case = self.cases[case_name]
         x, y = tip or case["axis"]
         command = [self.rows.build / "tests/verification/rigid_needle", mesh, case["radius"], case["poisson_ratio"], x, y, case["tip"],
@@ -90,13 +90,13 @@ class Check:
 
 
 def straight_places(cell):
-    """Tips of straight needles in a mesh of cubes by name: x and y."""
+    """Returns the tips of straight needles in a mesh of cubes by name: x and y."""
     return {"on edges": (0.0, 0.0), "0.2 um beside edges": (BESIDE, 0.5 * BESIDE), "in faces": (0.5 * cell, 0.0), "0.2 um beside faces": (0.5 * cell, BESIDE),
             "in diagonal planes": (0.25 * cell, 0.25 * cell), "on the cubes' middle axes": (0.5 * cell, 0.5 * cell), "within elements": None}
 
 
 def along_diagonal(check, case_name, cell, beside):
-    """Tip of an oblique needle that enters at a node and follows a diagonal of the cubes."""
+    """Returns the tip of an oblique needle that enters at a node and follows a diagonal of the cubes."""
     case = check.cases[case_name]
     entry = np.array(case["axis"]) - case_way(case) * (nm.HEIGHT - case["tip"]) / math.tan(math.radians(case["angle"]))
     node = cell * np.round(entry / cell)
@@ -141,7 +141,7 @@ def structured(check):
 
 
 def radii_and_ratios(check):
-    """On the coarse structured meshes."""
+    """Compares on the coarse structured meshes."""
     check.rows.section = "Mesh independence: structured meshes, radii and Poisson's ratios"
     for kind in KINDS:
         for case_name in (name for name in check.cases if name.startswith("depth_") and name != STANDARD):
@@ -215,7 +215,7 @@ def main():
         rows.measured(f"places measured only, because the mesh limits the accuracy: {missed} of {len(check.measured)} above the limit of the others",
                       "needle's surface resolved, CalculiX C3D10", max(check.measured), None, max(check.measured),
                       note="which places these are was decided after their errors had been seen")
-    if not rows.short_form:  # of coarse meshes alone it is larger
+    if not rows.short_form:  # for coarse meshes alone it is larger
         rows.error(f"median of all {len(check.errors)} forces", "needle's surface resolved, CalculiX C3D10", np.median(check.errors), MEDIAN)
     return rows.end()
 

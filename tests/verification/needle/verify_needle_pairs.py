@@ -8,6 +8,7 @@ import os
 import sys
 from pathlib import Path
 
+import needle_meshes  # first, because it skips this check if Gmsh is missing
 import numpy as np
 
 sys.path[:0] = [str(Path(__file__).resolve().parents[1] / folder) for folder in (".", "references")]
@@ -15,20 +16,20 @@ import needle_meshes  # noqa: E402: first: it skips this check where Gmsh is mis
 from rows import REPOSITORY, Rows  # noqa: E402
 
 LIMITS = {448: 0.10, 1440: 0.05}  # nodes: largest error of a force; of others it is measured
-RECIPROCAL = 0.02                 # of the largest force: what both needles' forces differ by across them
-LENGTH = 0.2                      # m, of the needle, by default
+RECIPROCAL = 0.02                 # fraction of the largest force: largest difference of both needles' lateral forces
+LENGTH = 0.2                      # m, default length of the needle
 STEP, TICKS, RISE = 1e-3, 300, 100  # m; of 1 ms: in all, and while the needle moves
 
 
 def block(cubes):
-    """Kuhn's mesh of the block: nodes, tetrahedra, faces at z = 0."""
+    """Returns Kuhn's mesh of the block: nodes, tetrahedra, faces at z = 0."""
     nodes, tets = needle_meshes.structured("Kuhn", cubes)
     faces = np.concatenate([tets[:, [0, 1, 2]], tets[:, [0, 1, 3]], tets[:, [0, 2, 3]], tets[:, [1, 2, 3]]])
     return nodes, tets, faces[(np.abs(nodes[faces][:, :, 2]) < 1e-9).all(axis=1)]
 
 
 def stuck_needles(cubes, case):
-    """A model of two rigid needles that stick to the tissue."""
+    """Returns a model of two rigid needles that stick to the tissue."""
     nodes, tets, low = block(cubes)
     scene = trocar.Scene()
     scene.set_mesh(trocar.Mesh(nodes, tets, regions=["tissue"], surfaces=["low"], triangles=low, triangle_surface=[0] * len(low)))
@@ -41,7 +42,7 @@ def stuck_needles(cubes, case):
 
 
 def forces_of_move(sim, bases, moved, axis):
-    """Forces on both hands (2, 3), N, after needle `moved` has gone by STEP: along z, downwards."""
+    """Returns the forces on both hands (2, 3), N, after needle `moved` has moved by STEP: along z, downwards."""
     for needle in (0, 1):
         sim.reset(bases[needle], needle)
     forces, base = np.zeros((2, 3)), [b.copy() for b in bases]
@@ -76,13 +77,13 @@ def check_coupling(rows, name, across):
 
 
 def leaning_base(point, lean):
-    """Of a needle that leans about y and goes through the point, with its tip 30 mm beyond."""
+    """Returns the base of a needle that leans about y and passes through the point, with its tip 30 mm beyond."""
     turn, along = 0.5 * (np.pi - lean), np.array([np.sin(lean), 0.0, -np.cos(lean)])
     return np.array([*(point + (0.03 - LENGTH) * along), np.cos(turn), 0.0, np.sin(turn), 0.0])
 
 
 def cross(rows, case, cubes, apart, angle):
-    """Needles that pass each other at this distance and angle."""
+    """Compares needles that pass each other at this distance and angle."""
     count, model = stuck_needles(cubes, case)
     sim, middle = trocar.Sim(model), np.array([0.001, 0.0011, 0.045])
     bases = [leaning_base(middle + np.array([0, side * apart, 0]), 2 * (side - 0.5) * 0.5 * angle) for side in (0, 1)]

@@ -1,5 +1,5 @@
-/* The paper's needle, tetrahedra with quadratic strain: directional dependence of its stiffness, locking, effect and cost of the
-   calibration, and speed and forces compared with the rod. */
+/* The paper's needle, tetrahedra with quadratic strain: directional dependence of its stiffness, locking, effect and error of
+   the calibration, and speed and forces compared with the rod. */
 #include <time.h>
 
 #include "bending_solid.h"
@@ -8,7 +8,7 @@
 #include "shared/motion.h"
 
 static const pose ORIGIN = {{0, 0, 0}, {1, 0, 0, 0}};
-static const double LENGTH = 0.2; /* m, of bending.h's needle */
+static const double LENGTH = 0.2; /* m, length of the needle in bending.h */
 enum { TICKS = 2400, MOST_DIRECTIONS = 36, MOST_LOADS = 12, LEAST_SEGMENTS = 20 };
 
 /* One mesh under test. */
@@ -32,7 +32,7 @@ static const char *named(const subject *s, const char *what) {
     return text;
 }
 
-/* Tip displacement over the length under a load of p EI / L^2 across the needle: along the load, across it, along the needle. */
+/* Returns the tip displacement over the length under a load of p EI / L^2 across the needle: along the load, across it, along the needle. */
 static vec3 bent_tip(const subject *s, double angle, double p) {
     solid_state state;
     vec3 along = v3(cos(angle), sin(angle), 0), across = v3(-sin(angle), cos(angle), 0);
@@ -136,7 +136,7 @@ static void draw_elastica(rows *r, const subject *s) {
     rows_curve(r, c);
 }
 
-/* Couple on the tip's rim divided by its rotation, N m, from the tangent's factors at rest. */
+/* Returns the couple on the tip's rim divided by its rotation, N m, from the tangent's factors at rest. */
 static double torsional_stiffness(const subject *s) {
     double x[NEEDLE_MAX_SEGMENTS][TRIDIAGONAL_ROWS] = {{0}}, *tip = x[s->segments - 1], twist = 0.0;
     for (int i = 0; i < SOLID_RIM; i++) { /* unit couple: forces along e_z x arm */
@@ -152,7 +152,7 @@ static double torsional_stiffness(const subject *s) {
     return 1.0 / twist;
 }
 
-/* Effect of the factor on Young's modulus on the stiffnesses for which it was not chosen. */
+/* Checks the effect of the factor on Young's modulus on the stiffnesses for which it was not chosen. */
 static void check_cost(rows *r, const subject *s) {
     const needle_parameters *g = &s->model.line.given;
     int z = 3 * s->segments + 2;
@@ -178,7 +178,7 @@ static double seconds(void) {
     return (double)t.tv_sec + 1e-9 * (double)t.tv_nsec;
 }
 
-/* Shortest time of a Newton pass, s: linearisation for contacts on the outer half, and the update. */
+/* Returns the shortest time of a Newton pass, s: linearisation for contacts on the outer half, and the update. */
 static double rod_pass_time(int segments) {
     needle_model model = needle_made(segments);
     needle_tangent *tangent = malloc(sizeof *tangent);
@@ -242,7 +242,7 @@ static record *run_figure8(bool solid, int segments) {
     return run;
 }
 
-/* Root mean square of the difference in components [from, to) over that of the rod. */
+/* Returns the root mean square of the difference in components [from, to), relative to that of the rod. */
 static double difference(const record *a, const record *rod, int from, int to) {
     double off = 0.0, size = 0.0;
     for (int i = 0; i < TICKS; i++)

@@ -1,5 +1,5 @@
 #!/usr/bin/python3
-"""What linear elasticity with small strains costs: forces on a rigid needle with large displacements, by CalculiX.
+"""Measures the error of linear elasticity with small strains: forces on a rigid needle with large displacements, by CalculiX.
 
 The case depth_r0.635_nu0.45 of resolved_needle.py on a coarser mesh of quadratic tetrahedra, moved by up to 5 mm: linear, and
 with large displacements (NLGEOM) in two nearly incompressible hyperelastic materials of the same initial moduli,
@@ -29,7 +29,7 @@ NO_MORE = 1e10            # D2 and D3: the pressure has no terms of higher order
 
 
 def hyperelastic(modulus, nu):
-    """CalculiX's definitions by name; its fields hold twenty characters."""
+    """Returns CalculiX's definitions by name; its fields hold twenty characters."""
     mu, bulk = modulus / 2 / (1 + nu), modulus / 3 / (1 - 2 * nu)
     c10, d1 = mu / 2, 2 / bulk
     return {"linear": f"*ELASTIC\n{modulus!r}, {nu!r}\n", "neo-Hookean": f"*HYPERELASTIC, NEO HOOKE\n{c10:.10g}, {d1:.10g}\n",
@@ -47,7 +47,7 @@ def deck(mesh, law, large, way):
 
 
 def solve(folder, name, mesh, law, large, way):
-    """Displacements (m) and forces along the motion (N) at each increment."""
+    """Returns displacements (m) and forces along the motion (N) at each increment."""
     (folder / f"{name}.inp").write_text(deck(mesh, law, large, way))
     done = subprocess.run(["nice", "ccx", "-i", name], cwd=folder, capture_output=True, text=True, env={**os.environ, "OMP_NUM_THREADS": "1"})
     text = (folder / f"{name}.dat").read_text() if (folder / f"{name}.dat").exists() else ""

@@ -1,5 +1,5 @@
 #!/usr/bin/python3
-"""What the resolved radius of an endless line leaves out where the line ends, on the whole of a mesh: the numbers in test_resolved_radius.c.
+"""Computes, on a whole mesh, what the resolved radius of an endless line neglects where the line ends: the numbers in test_resolved_radius.c.
 
 Kuhn's mesh of the block, cubes of 12 x 12 x 12.5 mm, volumetric strain averaged at nodes. The part of a line force that lies beyond a distance
 ahead of a point acts on it, up to 30 mm ahead; its boundary moves by Kelvin's solution summed over steps of the line. Printed: what the point
@@ -29,7 +29,7 @@ class Block(KuhnBlock):
         self.factor = splu(self.matrix[self.free][:, self.free])
 
     def moved(self, at, line, axis):
-        """The displacement along an axis at a point, by a unit force per length along it at the points of the line."""
+        """Returns the displacement along an axis at a point under a unit force per length along it at the points of the line."""
         force, moved = np.eye(3)[axis], np.zeros((len(self.nodes), 3))
         moved[self.outer] = sum(STEP * kelvin(point, force, self.nodes[self.outer]) for point in line)
         moved, load = moved.ravel(), np.zeros(3 * len(self.nodes))

@@ -1,5 +1,5 @@
 #!/usr/bin/python3
-"""Why a needle along edges of a mesh comes out too stiff sideways if the resolved radius is measured with an endless line alone.
+"""Shows why a needle along edges of a mesh is too stiff sideways if the resolved radius is measured with an endless line alone.
 usage: needle_end.py [CUBES_PER_10_MM]
 
 A rigid needle, 60 mm at 45 degrees in Kuhn's mesh of the block, as segments of 1 mm on linear tetrahedra (volumetric strain averaged
@@ -34,14 +34,14 @@ class Block(KuhnBlock):
         self.matrix = self.stiffness(SHEAR, LAME, self.by_cube())
 
     def sideways_at(self, points):
-        """Rows that take the sideways displacement at points from those of the nodes."""
+        """Returns rows that interpolate the sideways displacement at points from those of the nodes."""
         return sparse.kron(self.interpolation(points), SIDEWAYS.reshape(1, 3)).tocsc()
 
     def solve(self, free, right):
         return splu(self.matrix[free][:, free]).solve(right)
 
     def resolved_radius(self, entry):
-        """Of an endless line through the block whose surface moves as in the exact solution."""
+        """Returns the resolved radius of an endless line through the block whose surface moves as in the exact solution."""
         depth = np.arange(-300, 300) * SEGMENT
         points = entry + depth[:, None] * ALONG
         inside = (np.abs(points[:, :2]).max(axis=1) < nm.HALF_WIDTH) & (points[:, 2] > 0) & (points[:, 2] < nm.HEIGHT)
@@ -55,7 +55,7 @@ class Block(KuhnBlock):
         return math.exp(-along[len(along) // 6 : -(len(along) // 6)].mean() / LINE)
 
     def compliance(self, entry):
-        """Of the segments, by the mesh alone."""
+        """Returns the compliance of the segments, due to the mesh alone."""
         free = np.repeat(self.nodes[:, 2] > 1e-9, 3)
         rows = self.sideways_at(entry + (np.arange(SEGMENTS) + 0.5)[:, None] * SEGMENT * ALONG)[:, free]
         return rows @ self.solve(free, rows.T.toarray())

@@ -19,7 +19,7 @@ except ImportError:
     sys.exit(SKIPPED)
 
 HALF_WIDTH, HEIGHT = 0.060, 0.100
-FACES = ((1, 2, 3), (0, 3, 2), (0, 1, 3), (0, 2, 1))  # opposite to each corner
+FACES = ((1, 2, 3), (0, 3, 2), (0, 1, 3), (0, 2, 1))  # faces opposite to each corner
 
 
 # ---- by Gmsh -----------------------------------------------------------------------------------------------------------
@@ -34,7 +34,7 @@ def set_field(expression):
 
 
 def block(path, size, layered=False, field=None):
-    """Unstructured; `size`: of all elements, or, with `field` (an expression in x, y, z), the largest."""
+    """Meshes the block without structure; `size`: of all elements, or, with `field` (an expression in x, y, z), the largest."""
     gmsh.initialize()
     gmsh.option.setNumber("General.Terminal", 0)
     occ = gmsh.model.occ
@@ -61,14 +61,14 @@ def block(path, size, layered=False, field=None):
 
 
 def graded(path, at_skin, at_tip, axis, tip):
-    """Element size along the needle's line from `at_skin` to `at_tip`, in geometric progression; it grows by 0.35 with the
-    distance from the line."""
+    """Meshes the block with the element size along the needle's line from `at_skin` to `at_tip`, in geometric progression;
+    it grows by 0.35 with the distance from the line."""
     rate = np.log(at_tip / at_skin) / (tip - HEIGHT)
     block(path, 0.02, field=f"{at_skin}*exp({rate}*(z-{HEIGHT})) + 0.35*sqrt((x-{axis[0]})^2+(y+{-axis[1]})^2)")
 
 
 def read(path):
-    """Nodes and tetrahedra."""
+    """Returns nodes and tetrahedra."""
     gmsh.initialize()
     gmsh.option.setNumber("General.Terminal", 0)
     gmsh.open(str(path))
@@ -83,7 +83,7 @@ def read(path):
 # ---- by numpy ----------------------------------------------------------------------------------------------------------
 
 def msh(nodes, groups, elements):
-    """Text of a Gmsh file. groups: dimension, number and name; elements: Gmsh's type, group and nodes."""
+    """Returns the text of a Gmsh file. groups: dimension, number and name; elements: Gmsh's type, group and nodes."""
     lines = ["$MeshFormat", "2.2 0 8", "$EndMeshFormat", "$PhysicalNames", str(len(groups)), *(f'{dim} {number} "{name}"' for dim, number, name in groups),
              "$EndPhysicalNames", "$Nodes", str(len(nodes)), *(f"{i} {x:.17g} {y:.17g} {z:.17g}" for i, (x, y, z) in enumerate(nodes.tolist(), 1)), "$EndNodes",
              "$Elements", str(len(elements)),
@@ -93,7 +93,7 @@ def msh(nodes, groups, elements):
 
 
 def write(path, nodes, tets, lower=None):
-    """`lower`: of each tetrahedron, whether it is in the region of that name."""
+    """Writes the mesh; `lower` tells for each tetrahedron whether it is in the region of that name."""
     tets = np.array(tets)
     mirrored = np.linalg.det(nodes[tets[:, 1:]] - nodes[tets[:, :1]]) < 0
     tets[mirrored] = tets[mirrored][:, [1, 0, 2, 3]]
@@ -147,7 +147,7 @@ def with_slivers(nodes, tets, left, seed=3):
 
 
 def least_angle(nodes, tets):
-    """Dihedral angle in degrees, least of each tetrahedron."""
+    """Returns the smallest dihedral angle of each tetrahedron, degrees."""
     x = nodes[tets]
     normal = np.stack([np.cross(x[:, b] - x[:, a], x[:, c] - x[:, a]) for a, b, c in FACES], axis=1)
     normal /= np.linalg.norm(normal, axis=2)[..., None]

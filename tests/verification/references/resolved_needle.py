@@ -58,21 +58,21 @@ ABOUT = (
 
 
 def case(tip, radius=0.635e-3, nu=0.45, axis=(0.0031, -0.0027), below=SOFT, above=SOFT, disc=False):
-    """A needle from the skin down to z = tip; `above` and `below` are the moduli over and under z = 50 mm; `disc` moves the
-    end face only."""
+    """Returns a needle from the skin down to z = tip; `above` and `below` are the moduli over and under z = 50 mm; `disc`
+    moves the end face only."""
     return {"kind": "disc" if disc else "needle", "radius": radius, "poisson_ratio": nu, "axis": list(axis), "tip": tip,
             "youngs_modulus_above": above, "youngs_modulus_below": below, "interface": HEIGHT / 2}
 
 
 def oblique(angle, azimuth=0, middle=(0.0, -0.0027), length=0.060):
-    """A needle of which `length` is inside, half of it on either side of x, y = middle."""
+    """Returns a needle of which `length` is inside, half of it on either side of x, y = middle."""
     across, down = 0.5 * length * math.cos(math.radians(angle)), length * math.sin(math.radians(angle))
     way = (math.cos(math.radians(azimuth)), math.sin(math.radians(azimuth)))
     return {**case(HEIGHT - down, axis=(middle[0] + across * way[0], middle[1] + across * way[1])), "angle": angle, "azimuth": azimuth}
 
 
 def directions(one):
-    """Unit vectors: of the needle into the tissue; at right angles to it, in the plane that it has in common with z; horizontal."""
+    """Returns unit vectors: of the needle into the tissue; at right angles to it in the plane that contains z; horizontal."""
     if "angle" not in one:
         return np.array([0.0, 0.0, -1.0]), np.array([1.0, 0.0, 0.0]), np.array([0.0, 1.0, 0.0])
     angle, azimuth = math.radians(one["angle"]), math.radians(one["azimuth"])
@@ -82,7 +82,7 @@ def directions(one):
 
 
 def loads(one):
-    """Displacement of the moved nodes in each load case; a disc is pressed in the direction of insertion."""
+    """Returns the displacement of the moved nodes in each load case; a disc is pressed in the direction of insertion."""
     inwards, sideways, across = directions(one)
     if one["kind"] == "disc":
         return {"axial": MOVE * inwards}
@@ -91,7 +91,7 @@ def loads(one):
 
 
 def all_cases():
-    """The cases by name."""
+    """Returns the cases by name."""
     radii = (0.35e-3, 0.635e-3, 0.9e-3)
     cases = {f"depth_r{1e3 * r:g}_nu{nu:g}": case(0.020, r, nu) for r in radii for nu in (0.3, 0.45, 0.49, 0.499)}
     cases["skin"] = case(0.080)
@@ -113,7 +113,7 @@ CASES = all_cases()
 
 
 def graded(low, high, fine_at, first, mesh):
-    """Points from low to high, spaced by `first` at the points `fine_at`, wider with the distance from these."""
+    """Returns points from low to high, spaced by `first` at the points `fine_at`, and wider with the distance from these."""
     near = np.geomspace(0.01 * first, high - low, 2001)
     s = np.concatenate([np.linspace(low, high, 2001), *(p + sign * near for p in fine_at for sign in (-1, 1))])
     s = np.unique(np.clip(s, low, high))
@@ -127,7 +127,7 @@ def graded(low, high, fine_at, first, mesh):
 # ---- the plane triangulation -----------------------------------------------------------------------------------------
 
 def polar_rings(radius, first, mesh):
-    """Vertices (n x 2, about the axis) and triangles of the disc of RINGS_RADIUS, with a ring exactly at the rim."""
+    """Returns vertices (n x 2, about the axis) and triangles of the disc of RINGS_RADIUS, with a ring exactly at the rim."""
     inside = graded(0.0, radius, [radius], first, mesh)[1:]
     outside = graded(radius, RINGS_RADIUS, [radius], first, mesh)[1:]
     rings, sectors = np.concatenate([inside, outside]), mesh["sectors"]
@@ -144,7 +144,7 @@ def polar_rings(radius, first, mesh):
 
 
 def surroundings(axis, boundary, mesh):
-    """Gmsh's triangles between the polygon `boundary` (n x 2, about the axis) and the block's sides."""
+    """Returns Gmsh's triangles between the polygon `boundary` (n x 2, about the axis) and the block's sides."""
     gmsh.initialize()
     gmsh.option.setNumber("General.Terminal", 0)
     geo, edge = gmsh.model.geo, np.linalg.norm(boundary[1] - boundary[0])
@@ -175,7 +175,7 @@ def surroundings(axis, boundary, mesh):
 
 
 def plane_triangulation(axis, radius, first, mesh):
-    """Vertices about the axis and triangles of the block's whole cross-section, conforming on the outermost ring."""
+    """Returns vertices about the axis and triangles of the block's whole cross-section, conforming on the outermost ring."""
     vertices, triangles = polar_rings(radius, first, mesh)
     ring = np.arange(len(vertices) - mesh["sectors"], len(vertices))
     outer_vertices, outer_triangles = surroundings(np.array(axis), vertices[ring], mesh)
@@ -188,7 +188,7 @@ def plane_triangulation(axis, radius, first, mesh):
 
 
 def midpoints(a, b):
-    """Middle of the edges from a to b (n x 2): along the arc within the rings, so that the needle is round."""
+    """Returns the middle of the edges from a to b (n x 2), along the arc within the rings, so that the needle is round."""
     middle, radius_a, radius_b = 0.5 * (a + b), np.linalg.norm(a, axis=1), np.linalg.norm(b, axis=1)
     within = (np.maximum(radius_a, radius_b) < RINGS_RADIUS * (1 - 1e-9)) & (np.minimum(radius_a, radius_b) > 1e-9)
     mean = 0.5 * (radius_a + radius_b)[within]
@@ -199,7 +199,7 @@ def midpoints(a, b):
 # ---- extrusion to quadratic tetrahedra -------------------------------------------------------------------------------
 
 def layers(one, first, mesh):
-    """Heights of the layers' faces: thin layers at the tip, at the skin and at a change of material."""
+    """Returns the heights of the layers' faces: thin layers at the tip, at the skin and at a change of material."""
     stops, fine_at = [0.0, one["tip"], HEIGHT], [one["tip"]]
     if one["kind"] == "needle":
         fine_at.append(HEIGHT)
@@ -221,13 +221,13 @@ class Edges:
         self.keys = self.pairs[:, 0] * self.stride + self.pairs[:, 1]
 
     def middle(self, a, b):
-        """Plane node half-way between the vertices a and b, which may be the same."""
+        """Returns the plane node half-way between the vertices a and b, which may be the same."""
         edge = self.stride + np.searchsorted(self.keys, np.minimum(a, b) * self.stride + np.maximum(a, b))
         return np.where(a == b, a, edge)
 
 
 def extrude(vertices, triangles, heights):
-    """Each triangle times each layer, cut into three C3D10 tetrahedra.
+    """Extrudes each triangle through each layer and cuts the prism into three C3D10 tetrahedra.
 
     Returns nodes (n x 3) and elements (layers x 3 triangles x 10). A node is a plane node (vertex
     or middle of an edge) at a level (face or middle of a layer): number = level * plane nodes + plane node. Corners of
@@ -252,7 +252,7 @@ def extrude(vertices, triangles, heights):
 
 
 def right_handed(nodes, tets):
-    """The same elements, the mirrored ones renumbered so that every volume is positive."""
+    """Returns the same elements, with mirrored ones renumbered so that every volume is positive."""
     a, b, c, d = (nodes[tets[:, i]] for i in range(4))
     mirrored = np.einsum("ij,ij->i", np.cross(b - a, c - a), d - a) < 0
     tets[mirrored] = tets[mirrored][:, [0, 2, 1, 3, 6, 5, 4, 7, 9, 8]]
@@ -276,12 +276,12 @@ def oblique_axis(one, z):
 
 
 def middle_of(one):
-    """x and y half-way between skin and tip."""
+    """Returns x and y half-way between skin and tip."""
     back = 0.5 * (HEIGHT - one["tip"]) / math.tan(math.radians(one["angle"]))
     return np.array(one["axis"]) - back * directions(one)[0][:2] / math.cos(math.radians(one["angle"]))
 
 
-EDGES = ((0, 1), (1, 2), (0, 2), (0, 3), (1, 3), (2, 3))  # of a C3D10, in the order of its nodes 4 to 9
+EDGES = ((0, 1), (1, 2), (0, 2), (0, 3), (1, 3), (2, 3))  # edges of a C3D10 element, in the order of its nodes 4 to 9
 
 
 def straighten(nodes, elements, far):
@@ -293,9 +293,9 @@ def straighten(nodes, elements, far):
 
 
 def least_jacobian(nodes, elements):
-    """Of each element, at its integration points."""
+    """Returns the smallest Jacobian of each element at its integration points."""
     inner, outer = (5 + 3 * 5 ** 0.5) / 20, (5 - 5 ** 0.5) / 20
-    gradients = np.concatenate([-np.ones((1, 3)), np.eye(3)])  # of the barycentric coordinates
+    gradients = np.concatenate([-np.ones((1, 3)), np.eye(3)])  # gradients of the barycentric coordinates
     least = np.full(len(elements), np.inf)
     for point in outer + (inner - outer) * np.eye(4):
         shape = np.concatenate([(4 * point[:, None] - 1) * gradients, [4 * (point[a] * gradients[b] + point[b] * gradients[a]) for a, b in EDGES]])
@@ -327,7 +327,7 @@ def deform(one, nodes, elements):
 # ---- the block with its needle ---------------------------------------------------------------------------------------
 
 def block_with_needle(one, mesh):
-    """Nodes (n x 3), elements (m x 10), heights of their layers (m), and the fixed and moved nodes."""
+    """Returns nodes (n x 3), elements (m x 10), heights of their layers (m), and the fixed and moved nodes."""
     first = mesh["rim"] * one["radius"]
     place = middle_of(one) if "angle" in one else one["axis"]
     vertices, triangles = plane_triangulation(place, one["radius"], first, mesh)
@@ -355,12 +355,12 @@ def block_with_needle(one, mesh):
 # ---- the problem for CalculiX ----------------------------------------------------------------------------------------
 
 def numbered(table):
-    """Lines of a table, numbered from one; CalculiX reads 20 characters per number."""
+    """Formats the lines of a table, numbered from one; CalculiX reads 20 characters per number."""
     return "".join(f"{i}, {', '.join(f'{value:.12g}' for value in row)}\n" for i, row in enumerate(table.tolist(), 1))
 
 
 def a_set(keyword, name, members):
-    """A set of nodes or elements; `members` are numbered from zero."""
+    """Formats a set of nodes or elements; `members` are numbered from zero."""
     return f"*{keyword}, {keyword}={name}\n" + "".join(f"{i + 1}\n" for i in members)
 
 
@@ -370,7 +370,7 @@ def material(name, modulus, nu, elements):
 
 
 def static_step(move):
-    """One load case; its boundary conditions replace those of the previous step."""
+    """Formats one load case; its boundary conditions replace those of the previous step."""
     motion = "".join(f"MOVED, {axis}, {axis}, {distance!r}\n" for axis, distance in enumerate(move.tolist(), 1))
     return (f"*STEP\n*STATIC, SOLVER=SPOOLES\n*BOUNDARY, OP=NEW\nFIXED, 1, 3\n{motion}"
             "*NODE PRINT, NSET=MOVED, TOTALS=ONLY\nRF\n*NODE PRINT, NSET=FIXED, TOTALS=ONLY\nRF\n*END STEP\n")
@@ -387,7 +387,7 @@ def input_deck(one, nodes, elements, middle, fixed, moved):
 
 
 def reactions(text, names):
-    """Sums of the forces on the moved nodes and on the fixed face for each load case, from CalculiX's .dat file."""
+    """Returns the sums of the forces on the moved nodes and on the fixed face for each load case, from CalculiX's .dat file."""
     sums = re.findall(r"total force.*for set (\w+) and time.*\n\s*\n\s*(\S+)\s+(\S+)\s+(\S+)", text)
     if [name for name, *_ in sums] != ["MOVED", "FIXED"] * len(names):
         sys.exit("resolved_needle: CalculiX printed no reactions; keep its files with --keep and run it by hand")
@@ -400,7 +400,7 @@ def reactions(text, names):
 
 
 def solve(one, mesh, folder):
-    """Size of the mesh and reactions of one case on one mesh; CalculiX works in `folder`."""
+    """Returns the size of the mesh and the reactions of one case on one mesh; CalculiX works in `folder`."""
     nodes, elements, middle, fixed, moved = block_with_needle(one, mesh)
     (folder / "needle.inp").write_text(input_deck(one, nodes, elements, middle, fixed, moved))
     (folder / "needle.dat").unlink(missing_ok=True)
@@ -415,7 +415,7 @@ def solve(one, mesh, folder):
 # ---- the table -------------------------------------------------------------------------------------------------------
 
 def summarise(entry):
-    """Add the force along each motion on the finest mesh solved, and the deviation of each mesh from the next finer one."""
+    """Adds the force along each motion on the finest mesh solved, and the deviation of each mesh from the next finer one."""
     force = {mesh: {name: float(np.dot(entry["meshes"][mesh][name]["needle_force"], move)) / MOVE
                     for name, move in loads(entry).items()} for mesh in MESHES if mesh in entry["meshes"]}
     solved = list(force)  # from coarse to fine
@@ -430,7 +430,7 @@ def solver_version():
 
 
 def write(path, solved):
-    """The table in the order of the cases, each vector on one line."""
+    """Writes the table in the order of the cases, each vector on one line."""
     table = {"about": ABOUT, "solver": solver_version(), "mesh_settings": MESHES,
              "cases": {name: solved[name] for name in CASES if name in solved}}
     text = re.sub(r"\[\s+([^][]*?)\s+\]", lambda m: "[" + re.sub(r"\s+", " ", m[1]) + "]", json.dumps(table, indent=1))

@@ -42,8 +42,8 @@ def vertical(x, y, depth=0.080):
 
 
 def oblique(x, y, angle, azimuth, depth=0.080, crosses=0.0):
-    """A needle of `depth` along itself at `angle` degrees to the skin, towards `azimuth` degrees from x; it passes (x, y) at the skin, or at
-    `crosses` below it."""
+    """Returns a needle of `depth` along itself at `angle` degrees to the skin, towards `azimuth` degrees from x; it passes (x, y) at the
+    skin, or at `crosses` below it."""
     along = np.array([math.cos(math.radians(angle)) * math.cos(math.radians(azimuth)), math.cos(math.radians(angle)) * math.sin(math.radians(azimuth)),
                       -math.sin(math.radians(angle))])
     entry = np.array([x, y, HEIGHT - crosses]) + crosses / along[2] * along
@@ -80,7 +80,8 @@ CASES = all_cases()
 # ---- the mesh --------------------------------------------------------------------------------------------------------
 
 def axis_distance(point, needle):
-    """From a point to a needle's axis, which goes on above the skin, m. Plain Python: Gmsh asks a million times."""
+    """Returns the distance from a point to a needle's axis, which continues above the skin, m. In plain Python, because Gmsh calls it a million
+    times."""
     (ex, ey, ez), (tx, ty, tz) = needle
     wx, wy, wz, x, y, z = ex - tx, ey - ty, ez - tz, point[0] - tx, point[1] - ty, point[2] - tz
     place = max((x * wx + y * wy + z * wz) / (wx * wx + wy * wy + wz * wz), 0.0)
@@ -88,7 +89,7 @@ def axis_distance(point, needle):
 
 
 def block_with_needles(one, mesh):
-    """Nodes (n, 3) and elements (m, 10) in CalculiX's order."""
+    """Returns nodes (n, 3) and elements (m, 10) in CalculiX's order."""
     radius, needles = one["radius"], one["needles"]
     gmsh.initialize()
     gmsh.option.setNumber("General.Terminal", 0)
@@ -117,9 +118,9 @@ def block_with_needles(one, mesh):
     gmsh.finalize()
     row = np.zeros(int(max(tags)) + 1, int)
     row[tags.astype(int)] = np.arange(len(tags))
-    used, elements = np.unique(row[elements[:, [0, 1, 2, 3, 4, 5, 6, 7, 9, 8]]], return_inverse=True)  # its last two are the other way round
+    used, elements = np.unique(row[elements[:, [0, 1, 2, 3, 4, 5, 6, 7, 9, 8]]], return_inverse=True)  # its last two nodes are in the other order
     nodes, elements = coordinates.reshape(-1, 3)[used], elements.reshape(-1, 10)
-    folded = least_jacobian(nodes, elements) <= 0.0  # a few, by the curved edges on the holes
+    folded = least_jacobian(nodes, elements) <= 0.0  # a few elements, because of the curved edges on the holes
     straighten(nodes, elements[folded], np.ones(len(nodes), bool))
     if least_jacobian(nodes, elements).min() <= 0.0:
         sys.exit("resolved_pair: the mesh has folded elements")
@@ -127,7 +128,7 @@ def block_with_needles(one, mesh):
 
 
 def on_needle(one, nodes, needle):
-    """Numbers of the nodes on a needle's surface, its flat end included."""
+    """Returns the numbers of the nodes on a needle's surface, including its flat end."""
     entry, tip = (np.array(place) for place in one["needles"][needle])
     way = (entry - tip) / np.linalg.norm(entry - tip)
     along = (nodes - tip) @ way
@@ -142,7 +143,7 @@ def steps_of(one):
 
 
 def static_step(one, moved, axis):
-    """One load case; its boundary conditions replace those of the previous step."""
+    """Formats one load case; its boundary conditions replace those of the previous step."""
     lines = ["*STEP\n*STATIC, SOLVER=SPOOLES\n*BOUNDARY, OP=NEW\nFIXED, 1, 3"]
     for needle in range(len(one["needles"])):
         lines += [f"NEEDLE{needle}, {a + 1}, {a + 1}, {MOVE if needle == moved and a == axis else 0.0!r}" for a in range(3)]
@@ -161,7 +162,7 @@ def input_deck(one, nodes, elements):
 
 
 def reactions(one, text):
-    """[moved][axis][needle][component] in N per MOVE, from CalculiX's .dat file."""
+    """Returns [moved][axis][needle][component] in N per MOVE, from CalculiX's .dat file."""
     sums = re.findall(r"total force.*for set (\w+) and time.*\n\s*\n\s*(\S+)\s+(\S+)\s+(\S+)", text)
     sets, count = len(one["needles"]) + 1, len(steps_of(one))
     if len(sums) != sets * count:
@@ -186,7 +187,7 @@ def solve(one, mesh, folder):
 # ---- the table -------------------------------------------------------------------------------------------------------
 
 def known(force):
-    """The columns that were solved: (moved needles, 3, needles, 3)."""
+    """Returns the columns that were solved: (moved needles, 3, needles, 3)."""
     return np.array([column for column in force if column is not None])
 
 

@@ -64,12 +64,12 @@ def finish_mesh(path, size, volumes, surfaces, optimize=False):
 
 
 def faces_at(height):
-    """Tags of the shape's faces whose middle is at this height."""
+    """Returns the tags of the shape's faces whose middle is at this height."""
     return [tag for _, tag in gmsh.model.getEntities(2) if abs(gmsh.model.occ.getCenterOfMass(2, tag)[2] - height) < 1e-9]
 
 
 def elements(dimension, kind, name_of):
-    """Node tags of the elements of each physical group of this dimension."""
+    """Returns the node tags of the elements of each physical group of this dimension."""
     for dim, group in gmsh.model.getPhysicalGroups(dimension):
         tags = [gmsh.model.mesh.getElementsByType(kind, entity)[1]
                 for entity in gmsh.model.getEntitiesForPhysicalGroup(dim, group)]
@@ -77,7 +77,7 @@ def elements(dimension, kind, name_of):
 
 
 def read_mesh(path):
-    """A mesh file with the core's order of nodes: ascending tags, without unused nodes."""
+    """Reads a mesh file into the core's order of nodes: ascending tags, without unused nodes."""
     start_gmsh()
     gmsh.open(str(path))
     tags, coordinates, _ = gmsh.model.mesh.getNodes()
@@ -111,7 +111,7 @@ def tet_rule(n=3):
 
 
 def triangle_rule(n=6):
-    """The same on a triangle, weights sum to 1/2."""
+    """Returns the same on a triangle, where the weights sum to 1/2."""
     x, w = np.polynomial.legendre.leggauss(n)
     x, w = (x + 1) / 2, w / 2
     a, b = np.meshgrid(x, x, indexing="ij")
@@ -120,13 +120,13 @@ def triangle_rule(n=6):
 
 
 def quadratic(weights, edges):
-    """Shape functions of corners and mid-side nodes from those of the corners."""
+    """Returns the shape functions of corners and mid-side nodes from those of the corners."""
     corners = weights * (2 * weights - 1)
     return np.concatenate([corners, np.stack([4 * weights[:, i] * weights[:, j] for i, j in edges], -1)], -1)
 
 
 def gradients(model):
-    """Gradients of the linear shape functions (t, 4, 3), 1/m, and volumes (t), m^3."""
+    """Returns the gradients of the linear shape functions (t, 4, 3), 1/m, and volumes (t), m^3."""
     x = model.nodes[model.tets]
     jacobian = x[:, 1:] - x[:, :1]
     inner = np.linalg.inv(jacobian).transpose(0, 2, 1)
@@ -149,7 +149,7 @@ class Quadratic:
         self.tets = np.concatenate([model.tets, n + index.reshape(6, -1).T], axis=1)
 
     def middles(self, triangles):
-        """Mid-side nodes of triangles' edges 01, 12, 20 (k, 3)."""
+        """Returns the mid-side nodes of triangles' edges 01, 12, 20 (k, 3)."""
         n = len(self.nodes) - len(self.pairs)
         ends = np.sort(np.stack([triangles[:, e] for e in ((0, 1), (1, 2), (2, 0))], 1), axis=2)
         key = self.pairs[:, 0] * n + self.pairs[:, 1]
@@ -166,7 +166,7 @@ def assemble(count, elements, forces):
 
 
 def body_load(model, density, order=1, middle=None):
-    """From a body force density(x) -> (..., 3), N/m^3; quadratic elements if `middle`, a Quadratic, is given."""
+    """Returns forces from a body force density(x) -> (..., 3), N/m^3; quadratic elements if `middle`, a Quadratic, is given."""
     points, weights = tet_rule(4)
     shape = points if order == 1 else quadratic(points, EDGES)
     volume6 = np.linalg.det(model.nodes[model.tets[:, 1:]] - model.nodes[model.tets[:, :1]])
@@ -177,7 +177,7 @@ def body_load(model, density, order=1, middle=None):
 
 
 def surface_load(model, triangles, traction, order=1, middle=None):
-    """From a traction(x) -> (..., 3), N/m^2, on these triangles."""
+    """Returns forces from a traction(x) -> (..., 3), N/m^2, on these triangles."""
     points, weights = triangle_rule()
     shape = points if order == 1 else quadratic(points, ((0, 1), (1, 2), (2, 0)))
     x = model.nodes[triangles]
@@ -189,7 +189,7 @@ def surface_load(model, triangles, traction, order=1, middle=None):
 
 
 def point_load(model, points, force):
-    """The same force (3) at each point (k, 3), distributed to the corners of its tetrahedron."""
+    """Distributes the same force (3) at each point (k, 3) to the corners of its tetrahedron."""
     g, _ = gradients(model)
     total = np.zeros_like(model.nodes)
     for x in points:
@@ -203,8 +203,8 @@ def point_load(model, points, force):
 # ---- solutions: displacements (cases, n, 3) ----
 
 def solve_core(rows, model, materials, fixed, cases, strain="patch"):
-    """By trocar's core; `materials` by region name, `fixed` names of groups, `cases` forces. `strain`: what the
-    volumetric strain is averaged over, "patch" or "node", or "element"."""
+    """Solves with trocar's core; `materials` by region name, `fixed` names of groups, `cases` forces. `strain`: the
+    set over which the volumetric strain is averaged, "patch" or "node", or "element"."""
     lines = [f"strain {strain}"]
     lines += [f"material {name} {e!r} {nu!r}" for name, (e, nu) in materials.items()] + [f"fixed {name}" for name in fixed]
     for force in cases:
@@ -221,7 +221,7 @@ def solve_core(rows, model, materials, fixed, cases, strain="patch"):
 
 
 def deck(nodes, tets, kind, regions, materials, fixed, cases):
-    """CalculiX's input; it reads at most twenty characters per number."""
+    """Returns CalculiX's input; it reads at most twenty characters per number."""
     yield "*NODE, NSET=ALL"
     yield from (f"{i},{x:.13e},{y:.13e},{z:.13e}" for i, (x, y, z) in enumerate(nodes.tolist(), 1))
     for name, members in regions.items():
@@ -240,7 +240,7 @@ def deck(nodes, tets, kind, regions, materials, fixed, cases):
 
 
 def run_calculix(lines):
-    """What CalculiX prints to its .dat file for an input deck."""
+    """Returns CalculiX's .dat file for an input deck."""
     with tempfile.TemporaryDirectory() as folder:
         Path(folder, "model.inp").write_text("\n".join(lines) + "\n")
         done = subprocess.run(["ccx", "model"], cwd=folder, capture_output=True, text=True, env={**os.environ, "OMP_NUM_THREADS": "1"})
@@ -250,7 +250,7 @@ def run_calculix(lines):
 
 
 def read_displacements(text, count):
-    """All steps of a .dat file."""
+    """Returns the displacements of all steps of a .dat file."""
     steps = []
     for line in text.splitlines():
         if line.lstrip().startswith("displacements"):
@@ -262,7 +262,7 @@ def read_displacements(text, count):
 
 
 def solve_calculix(model, materials, fixed, cases, middle=None):
-    """By CalculiX: C3D4, or C3D10 if `middle`, a Quadratic, is given. Its output has seven digits."""
+    """Solves with CalculiX: C3D4, or C3D10 if `middle`, a Quadratic, is given. Its output has seven digits."""
     triangles = np.concatenate([model.surfaces[name] for name in fixed])
     held, nodes, tets, kind = triangles, model.nodes, model.tets, "C3D4"
     if middle:

@@ -4,7 +4,7 @@
 CalculiX: C3D4, node-to-surface penalty contact of the wall's nodes without friction, the probe a body of flat facets whose nodes are all moved
 by the depth, small strains. Both integrate the volumetric strain by element. Penalty and facets are the reference's error, about 1 %.
 
-The full form also tells which contact is right on a coarse mesh: on meshes of several sizes, the force with the wall's nodes kept out of the probe, and
+The full form also shows which contact is right on a coarse mesh: on meshes of several sizes, the force with the wall's nodes kept out of the probe, and
 CalculiX's with its whole faces kept out (surface to surface). Both come down to the same force as elements become smaller.
 """
 import os
@@ -20,7 +20,7 @@ from rows import Rows  # noqa: E402
 
 LIMIT = 0.05
 RADIUS, LENGTH, DEPTH = 0.010, 0.06, 0.006
-TIP = 0.008                                  # m: where the tip lies, beyond the middle of the block
+TIP = 0.008                                  # m: position of the tip beyond the middle of the block
 WALL = 0.045                                 # m: height of the wall that is pressed
 MATERIALS = {"gland": (60e3, 0.45), "surrounding": (20e3, 0.45)}
 PENALTY = 3e9                                # N/m^3; an element of the wall has about E / h = 5e6
@@ -42,7 +42,7 @@ def block(path, size):
 
 
 def cylinder():
-    """The probe's body, touching the wall: nodes (k, 3) and tetrahedra."""
+    """Returns the probe's body, touching the wall: nodes (k, 3) and tetrahedra."""
     tm.start_gmsh()
     occ = tm.gmsh.model.occ
     height = WALL + RADIUS
@@ -60,11 +60,11 @@ def cylinder():
     return np.array([position[tag] for tag in used.tolist()]), index.reshape(-1, 3)
 
 
-FACES = ((0, 1, 2), (0, 3, 1), (1, 3, 2), (2, 3, 0))    # of CalculiX's tetrahedra: S1 to S4
+FACES = ((0, 1, 2), (0, 3, 1), (1, 3, 2), (2, 3, 0))    # faces of CalculiX's tetrahedra: S1 to S4
 
 
 def wall_faces(model):
-    """Element and face, as CalculiX counts them."""
+    """Returns element and face in CalculiX's numbering."""
     wall = {tuple(sorted(triangle)) for triangle in model.surfaces["wall"].tolist()}
     for t, corners in enumerate(model.tets.tolist(), 1):
         for f, face in enumerate(FACES, 1):
@@ -73,7 +73,7 @@ def wall_faces(model):
 
 
 def deck(model, nodes, triangles, faces):
-    """Each facet gets a tetrahedron towards the axis, which only carries it. `faces`: of the wall take part, in place of its nodes."""
+    """Each facet gets a tetrahedron towards the axis, which only carries it. `faces`: the wall's faces take part in contact instead of its nodes."""
     first = len(model.nodes)
     ends = nodes[triangles]
     centre = ends.mean(1)

@@ -27,9 +27,9 @@ SIDE = 0.1                            # m
 CURL_AMPLITUDE = 1e-5                 # m^2
 LOCKING_NU = 0.499
 AMPLITUDE = np.array([1, -0.7, 0.4]) * 1e-3  # m
-STRAINS = ("patch", "node", "element")  # what the volumetric strain is averaged over
+STRAINS = ("patch", "node", "element")  # the sets over which the volumetric strain is averaged
 YOUNGS_MODULUS = 20e3                 # Pa
-ORDER_LIMIT = 0.05                    # relative, of the observed order
+ORDER_LIMIT = 0.05                    # relative error of the observed order
 
 
 def cube(path, size, fixed_faces):
@@ -54,14 +54,14 @@ def normals(model, triangles):
 
 
 def stress_of(d, nu):
-    """Of the field u = d z."""
+    """Returns the stress of the field u = d z."""
     lam, mu = tm.lame((YOUNGS_MODULUS, nu))
     strain = (np.outer(d, [0, 0, 1]) + np.outer([0, 0, 1], d)) / 2
     return 2 * mu * strain + lam * np.trace(strain) * np.eye(3)
 
 
 def constant_traction(traction):
-    """One vector for each triangle."""
+    """Returns one vector for each triangle."""
     return lambda x: np.broadcast_to(traction[:, None], x.shape)
 
 
@@ -85,9 +85,9 @@ def patch_test(rows):
 
 @dataclass
 class Solution:
-    displacement: Callable  # of x (..., 3), all in metres
-    gradient: Callable      # of x: du_i / dx_j
-    body_force: Callable    # of a material: a function of x, N/m^3
+    displacement: Callable  # function of x (..., 3), all in metres
+    gradient: Callable      # function of x: du_i / dx_j
+    body_force: Callable    # for a material, a function of x, N/m^3
 
 
 def field(x):
@@ -109,7 +109,7 @@ def exact_gradient(x):
 
 
 def body_force(material):
-    """-div sigma = -mu laplace u - (lambda + mu) grad div u."""
+    """Returns -div sigma = -mu laplace u - (lambda + mu) grad div u."""
     lam, mu = tm.lame(material)
 
     def density(x):
@@ -128,7 +128,7 @@ TRIGONOMETRIC = Solution(exact, exact_gradient, body_force)
 
 
 def curl_factor(x, order):
-    """Derivative of sin^2(pi x / L)."""
+    """Returns a derivative of sin^2(pi x / L)."""
     k = 2 * np.pi / SIDE
     if order == 0:
         return (1 - np.cos(k * x)) / 2
@@ -136,18 +136,18 @@ def curl_factor(x, order):
 
 
 def curl_part(x, orders):
-    """d phi of these orders in x, y and z, of phi = sin^2 sin^2 sin^2."""
+    """Returns d phi of these orders in x, y and z, for phi = sin^2 sin^2 sin^2."""
     return np.prod([curl_factor(x[..., axis], order) for axis, order in enumerate(orders)], axis=0)
 
 
 def curl_derivative(x, extra):
-    """Of u = curl (0, 0, phi), once more differentiated by `extra`, orders in x, y and z."""
+    """Returns the derivative by `extra`, orders in x, y and z, of u = curl (0, 0, phi)."""
     u = [curl_part(x, np.add((0, 1, 0), extra)), -curl_part(x, np.add((1, 0, 0), extra)), 0 * x[..., 0]]
     return CURL_AMPLITUDE * np.stack(u, -1)
 
 
 def curl_force(material):
-    """Div u is zero, so lambda takes no part."""
+    """Div u is zero, so lambda has no effect."""
     return lambda x: -tm.lame(material)[1] * sum(curl_derivative(x, 2 * orders) for orders in np.eye(3, dtype=int))
 
 
@@ -162,7 +162,7 @@ def energy_density(material, gradient):
 
 
 def errors(model, material, u, solution=TRIGONOMETRIC):
-    """Relative errors in the L2 and in the energy norm."""
+    """Returns relative errors in the L2 norm and in the energy norm."""
     points, weights = tm.tet_rule(4)
     g, volume = tm.gradients(model)
     x = np.einsum("qa,tax->tqx", points, model.nodes[model.tets])
@@ -177,7 +177,7 @@ def errors(model, material, u, solution=TRIGONOMETRIC):
 
 
 def observed(rows, models, nu, strain, solution):
-    """Errors (models, 2), and the orders of convergence (2) in both norms on the finest pair and fitted to all models."""
+    """Returns errors (models, 2), and the orders of convergence (2) in both norms on the finest pair and fitted to all models."""
     material, found = (YOUNGS_MODULUS, nu), []
     for model in models:
         load = tm.body_load(model, solution.body_force(material))
@@ -203,7 +203,7 @@ def convergence(rows, models, nu, strain):
         short_by = 1 - order[column] / expected
         if strain == "element":
             error, reference = abs(short_by), "linear elements"
-        else:  # theory bounds this element's error, so it may converge faster
+        else:  # theory gives an upper bound of this element's error, so it may converge faster
             error, reference = max(0.0, short_by), "at least linear elements"
         rows.add(f"order in the {norm}, nu = {nu}, strain by {strain}", reference, order[column], expected, error,
                  ORDER_LIMIT, note=note(models, found[:, column]))
@@ -212,7 +212,7 @@ def convergence(rows, models, nu, strain):
 
 
 def locking(rows, models, strains):
-    """Under the divergence-free field's load, which does not depend on lambda, an element that locks hardly moves when nu nears 0.5."""
+    """Under the divergence-free field's load, which does not depend on lambda, a locking element hardly moves when nu approaches 0.5."""
     rows.section = "Tissue: divergence-free field"
     for strain in strains:
         found, order, _ = observed(rows, models, LOCKING_NU, strain, DIVERGENCE_FREE)

@@ -1,40 +1,42 @@
-// How old the picture on the screen is, and how fast a needle may be driven by it. Measured on this page's clock alone, so that it is right on other machines too.
+// Measures how old the picture on the screen is, and limits the speed of a needle that is driven by it. Uses only this page's clock, so that it also
+// works on other machines.
 
-export const FARTHEST = 0.008 // m that the needle may be ahead of the picture while pictures come evenly; once they stop it moves up to 18 mm further: see speedAt
-export const OLDEST = 2       // s: with pictures older than this, the needle does not move
-export const LATE = 1         // s: the badge says so
-const FASTEST = 0.04          // m/s, of a driven needle: max_speed in rate_control.c
-const KEPT = 200              // commands whose time is remembered
-const STATUSES = 0.15         // s: trocar-view writes a status each 0.1 s
+// m by which the needle may be ahead of the picture while pictures arrive regularly; once they stop, it moves up to 18 mm further: see speedAt
+export const FARTHEST = 0.008
+export const OLDEST = 2       // s: if the picture is older than this, the needle does not move
+export const LATE = 1         // s: at this age, the badge says that the picture is late
+const FASTEST = 0.04          // m/s, speed of a driven needle: max_speed in rate_control.c
+const KEPT = 200              // number of commands whose time is stored
+const STATUSES = 0.15         // s: trocar-view writes a status every 0.1 s
 
 export class PictureAge {
   constructor() {
-    this.sent = new Map() // number of a command to move -> when it was sent, ms
+    this.sent = new Map() // from the number of a command to move, to the time (ms) when it was sent
     this.number = 0
     this.travel = 0       // s, from sending a command to the status that acknowledges it
-    this.picture = null   // on the screen
+    this.picture = null   // the picture on the screen
   }
 
-  /** The number of a command to move that is sent at `now` (ms). */
+  /** Returns the number for a command to move that is sent at `now` (ms). */
   count(now) {
     this.sent.set(++this.number, now)
     this.sent.delete(this.number - KEPT)
     return this.number
   }
 
-  /** A status has come at `now` (ms), which names the last command that trocar-view had heard when it wrote it. */
+  /** Handles a status that arrived at `now` (ms) and names the last command that trocar-view had received when it wrote the status. */
   hear(number, now) {
     if (this.sent.has(number)) this.travel = (now - this.sent.get(number)) / 1000
     for (const older of [...this.sent.keys()]) if (older <= number) this.sent.delete(older)
   }
 
-  /** A picture has come at `now` (ms), `age` (s) after its tick, on trocar-view's clock without the way here. */
+  /** Handles a picture that arrived at `now` (ms), `age` (s) after its tick on trocar-view's clock, without the time in transit. */
   receive(picture, age, now) { picture.came = { now, age: Math.max(age, 0) } }
 
-  /** The picture is on the screen, or looks the same as the one on the screen. */
+  /** Handles that the picture is on the screen, or looks the same as the one on the screen. */
   show(picture) { this.picture = picture }
 
-  /** Age (s) of what the screen shows at `now` (ms), including the round trip of a command to trocar-view. */
+  /** Returns the age (s) of what the screen shows at `now` (ms), including the round trip of a command to trocar-view. */
   at(now) {
     if (!this.picture?.came) return this.travel
     const unanswered = (now - Math.min(now, ...this.sent.values())) / 1000 - STATUSES
@@ -42,11 +44,11 @@ export class PictureAge {
   }
 }
 
-/** Part of the full speed that is allowed by a picture of this age (s): a needle driven by pictures of one age is FARTHEST ahead of what is seen. If no more come, the age
- *  grows from 0.2 s to OLDEST, and the needle goes on by FARTHEST ln(OLDEST / 0.2 s). */
+/** Returns the fraction of the full speed that is allowed by a picture of this age (s): a needle driven by pictures of one age is FARTHEST ahead of the
+ * picture. If no more pictures arrive, the age grows from 0.2 s to OLDEST, and the needle moves on by FARTHEST ln(OLDEST / 0.2 s). */
 export const speedAt = (age) => (age > OLDEST ? 0 : Math.min(1, FARTHEST / (FASTEST * Math.max(age, 1e-3))))
 
-/** The limit on speed in words; '' at full speed. */
+/** Returns the speed limit in words; '' at full speed. */
 export function wordsAt(age) {
   const speed = speedAt(age)
   if (speed === 1) return ''

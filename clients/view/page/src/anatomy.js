@@ -1,4 +1,4 @@
-// The tissue in three.js: translucent body, inner structures, cut, shape at rest.
+// Draws the tissue with three.js: translucent body, inner structures, cut, and shape at rest.
 import * as THREE from 'three'
 import { Filled, show } from './buffers.js'
 import { ramp, regionColour } from './colours.js'
@@ -20,7 +20,7 @@ const VERTEX = `
     #include <clipping_planes_vertex>
   }`
 
-// Glass-like: more opaque at grazing angles and where displaced. FACETS: flat normals, no specular highlights.
+// Glass-like: more opaque at grazing angles and where the tissue is displaced. FACETS: flat normals, no specular highlights.
 const FRAGMENT = `
   uniform vec3 colour; uniform float opacity, slant, shown, range; uniform sampler2D ramp;
   varying vec3 place; varying vec3 outward; varying float displaced;
@@ -59,7 +59,7 @@ function glass(ramp, colour, look) {
   })
 }
 
-/** Unique edges of the triangles, as pairs of nodes. */
+/** Returns the unique edges of the triangles, as pairs of nodes. */
 function edgesOf(triangles) {
   const seen = new Set(), edges = []
   for (let t = 0; t < triangles.length; t += 3)
@@ -72,7 +72,7 @@ function edgesOf(triangles) {
   return edges
 }
 
-/** Group of the region with the largest part of the outer surface. */
+/** Returns the group of the region with the largest part of the outer surface. */
 export function hostOf({ triangles }) {
   const faces = new Map()
   for (let t = 0; t < triangles.length; t += 6)
@@ -80,11 +80,11 @@ export function hostOf({ triangles }) {
   return [...faces].sort((a, b) => b[1] - a[1])[0]?.[0]
 }
 
-/** Bits of the surfaces that cannot be punctured. */
+/** Returns the bits of the surfaces that cannot be punctured. */
 export const bitsOfBone = ({ membranes }) => membranes.filter(({ bone }) => bone).reduce((bits, { group }) => bits | 1 << group, 0)
 
 export class Anatomy {
-  /** `ramp`: texture of the displacement's colours; `slicer` fills the cut; `planes`: active clipping planes of three.js. */
+  /** `ramp`: texture with the colours of the displacement; `slicer` fills the cut; `planes`: active clipping planes of three.js. */
   constructor(scene, ramp, slicer, planes) {
     this.scene = scene
     this.slicer = slicer
@@ -103,7 +103,7 @@ export class Anatomy {
     this.addCut()
   }
 
-  /** Node triples of the triangles for which `wanted(inside, outside, bits)` is not 0; flipped if it is -1. */
+  /** Returns the node triples of the triangles for which `wanted(inside, outside, bits)` is not 0; flipped if it is -1. */
   pick(wanted) {
     const { triangles } = this.scene, picked = []
     for (let t = 0; t < triangles.length; t += 6) {
@@ -144,7 +144,7 @@ export class Anatomy {
     return new THREE.LineSegments(this.geometry(indices, false), material)
   }
 
-  /** The body, excluding bone surfaces at which the tissue ends. */
+  /** Adds the body, without the bone surfaces at which the tissue ends. */
   addBody() {
     const bone = bitsOfBone(this.scene)
     const outer = this.pick((inside, outside, bits) => (outside === OUTSIDE && !(bits & bone) ? 1 : 0)), geometry = this.geometry(outer, false)
@@ -165,7 +165,7 @@ export class Anatomy {
     if (!solid) this.addRest(region, surface)
   }
 
-  /** Outline of the region at rest, as faint lines. */
+  /** Adds the outline of a region at rest, as faint lines. */
   addRest(region, surface) {
     const geometry = new THREE.BufferGeometry()
     geometry.setAttribute('position', new THREE.BufferAttribute(new Float32Array(this.scene.nodes), 3))
@@ -175,7 +175,7 @@ export class Anatomy {
     this.add('shape at rest', lines, 11)
   }
 
-  /** Bone, named surfaces inside a region, and the edges of those that bound a region. */
+  /** Adds bone, named surfaces inside a region, and the edges of named surfaces that bound a region. */
   addMembrane(membrane) {
     const bit = 1 << membrane.group
     if (membrane.bone) this.add(membrane.name, this.mesh(this.geometry(this.pick((inside, outside, bits) => (bits & bit ? -1 : 0)), true), regionColour(membrane), SOLID), 2)
@@ -187,7 +187,7 @@ export class Anatomy {
     this.add(membrane.name, this.lines(edgesOf(inner), '#ffd9df', 0.22), 12)
   }
 
-  /** Cross-section of the tissue in the cutting plane. */
+  /** Adds the cross-section of the tissue in the cutting plane. */
   addCut() {
     this.cutGeometry = new THREE.BufferGeometry()
     this.cutTints = new Filled() // 3 per vertex
@@ -201,7 +201,7 @@ export class Anatomy {
     this.add('cut', edge, 6)
   }
 
-  /** Applies a picture's displacements; returns the largest, m. */
+  /** Applies a picture's displacements; returns the largest one, m. */
   deform(picture) {
     const { nodes } = this.scene, place = this.place.array, moved = this.moved.array
     let largest = 0
@@ -232,7 +232,7 @@ export class Anatomy {
     show(this.cutEdge, 'position', slicer.outline(this.place.array, normal, offset, (inside, outside) => inside !== outside), 3)
   }
 
-  /** Region's colour, blended with that of the displacement. */
+  /** Returns the region's colour, blended with that of the displacement. */
   colourOfCut(v) {
     const { place, nominal, region } = this.slicer, i = 3 * v
     const moved = Math.hypot(place.array[i] - nominal.array[i], place.array[i + 1] - nominal.array[i + 1], place.array[i + 2] - nominal.array[i + 2])
@@ -241,7 +241,7 @@ export class Anatomy {
     return mixed.copy(this.cutColours.get(region.array[v]) ?? colour).lerp(colour, 0.75 * Math.min(part / 0.25, 1))
   }
 
-  /** Full scale of the displacement's colours, m. */
+  /** Sets the full scale of the displacement's colours, m. */
   setRange(range) {
     this.range = range
     for (const mesh of this.group.children) if (mesh.material.uniforms) mesh.material.uniforms.range.value = range

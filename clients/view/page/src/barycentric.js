@@ -1,10 +1,10 @@
-// Points in tetrahedra, which move with their corners.
+// Points in tetrahedra, with whose corners they move.
 import * as THREE from 'three'
 
 const a = new THREE.Vector3(), b = new THREE.Vector3(), c = new THREE.Vector3(), normal = new THREE.Vector3(), point = new THREE.Vector3()
 
-/** Barycentric weights of a place [x, y, z] in a tetrahedron: the weight of a corner is the place's distance from the face opposite it over the
- *  corner's. */
+/** Returns the barycentric weights of a position [x, y, z] in a tetrahedron: the weight of a corner is the ratio of the position's distance
+ * from the opposite face to the corner's distance from it. */
 export function weightsIn({ nodes, tets }, tet, place) {
   const corners = tets.subarray(5 * tet + 1, 5 * tet + 5)
   return [0, 1, 2, 3].map((k) => {
@@ -15,7 +15,7 @@ export function weightsIn({ nodes, tets }, tet, place) {
   })
 }
 
-/** [x, y, z] of that point when the nodes are at `moved`. */
+/** Returns the position [x, y, z] of that point when the nodes are at `moved`. */
 export function interpolate({ tets }, tet, weights, moved) {
   const result = [0, 0, 0]
   weights.forEach((weight, k) => { for (let axis = 0; axis < 3; axis++) result[axis] += weight * moved[3 * tets[5 * tet + 1 + k] + axis] })

@@ -1,9 +1,9 @@
-// Colours of anatomy, contacts and displacement; the same for both themes, except the background.
+// Colours of anatomy, contacts and displacement. Both themes use the same colours, except for the background.
 
-/** Perceptually uniform, dark blue to yellow (after matplotlib's viridis). */
+/** Perceptually uniform colours from dark blue to yellow (after matplotlib's viridis). */
 const RAMP = [[68, 1, 84], [71, 44, 122], [59, 81, 139], [44, 113, 142], [33, 144, 141], [39, 173, 129], [92, 200, 99], [170, 220, 50], [253, 231, 37]]
 
-/** Colour of a fraction; r, g, b in 0 .. 1. */
+/** Returns the colour of a fraction; r, g and b from 0 to 1. */
 export function ramp(fraction) {
   const x = Math.min(Math.max(fraction, 0), 1) * (RAMP.length - 1), i = Math.min(Math.floor(x), RAMP.length - 2), f = x - i
   return [0, 1, 2].map((k) => (RAMP[i][k] + f * (RAMP[i + 1][k] - RAMP[i][k])) / 255)
@@ -20,14 +20,15 @@ export function regionColour(region, index) {
 }
 
 export const CONTACT = { 0: '#3ddc97', 1: '#ff9f43', '-1': '#5b8cff' } // by state: sticking, sliding in, sliding out
-export const TRACK = '#e63946' // of the tracks that needles have cut
-export const GUIDED = '#f06bd0' // contact with a guide
-export const AXES = ['#ff6b6b', '#4fc37a', '#5aa2ff'] // x y z
+export const TRACK = '#e63946' // colour of the tracks that needles have cut
+export const GUIDED = '#f06bd0' // colour of a contact with a guide
+export const AXES = ['#ff6b6b', '#4fc37a', '#5aa2ff'] // colours of x, y and z
 
 const HUBS = ['#2c7fb8', '#d9822b', '#3f9c6b', '#9a6bc2']
 
-/** Colour of a needle's hub. */
+/** Returns the colour of a needle's hub. */
 export const hubColour = (needle) => HUBS[needle % HUBS.length]
 
-export const ISODOSE = [{ level: 1, colour: '#ffd23f' }, { level: 1.5, colour: '#ff7f11' }, { level: 2, colour: '#ff3864' }] // parts of the prescription
+// levels are fractions of the prescription
+export const ISODOSE = [{ level: 1, colour: '#ffd23f' }, { level: 1.5, colour: '#ff7f11' }, { level: 2, colour: '#ff3864' }]
 export const SEED = '#7dff6b', PLANNED = '#c79bff', TARGET = '#ffffff'

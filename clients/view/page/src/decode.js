@@ -2,16 +2,16 @@
 
 const SCENE = 1, PICTURE = 2, SAMPLES = 3, STATUS = 4, SEEDS = 5, REPLY = 6, DOSE = 7, PLAN = 8
 const SAMPLE_BYTES = 64
-const NEEDLE_BYTES = 48 // before a needle's joints
+const NEEDLE_BYTES = 48 // bytes of a needle before its joints
 const PROBE_BYTES = 64
-export const CONTACT_NUMBERS = 9 // of each contact
-export const TRACK_NUMBERS = 6 // of each point of a track
-export const TIP = 1, GUIDE = 2 // kinds of a contact
+export const CONTACT_NUMBERS = 9 // numbers per contact
+export const TRACK_NUMBERS = 6 // numbers per point of a track
+export const TIP = 1, GUIDE = 2 // values of a contact's kind
 const names = { [SCENE]: 'scene', [PICTURE]: 'picture', [SAMPLES]: 'samples', [STATUS]: 'status', [SEEDS]: 'seeds', [REPLY]: 'reply', [DOSE]: 'dose', [PLAN]: 'plan' }
 const decoders = { [SCENE]: decodeScene, [PICTURE]: decodePicture, [SAMPLES]: decodeSamples, [STATUS]: decodeText,
                    [SEEDS]: decodeSeeds, [REPLY]: decodeText, [DOSE]: decodeDose, [PLAN]: decodeText }
 
-/** Each section of a message as [name, decoded content]. */
+/** Yields each section of a message as [name, decoded content]. */
 export function* sections(message) {
   const head = new DataView(message)
   for (let at = 0; at + 8 <= message.byteLength;) {
@@ -27,7 +27,7 @@ function decodeText(message, at, length) {
   return JSON.parse(new TextDecoder().decode(new Uint8Array(message, at, length)))
 }
 
-/** `nodes`: 3 per node (m); `tets`: region group and 4 nodes; `triangles`: 3 nodes, group inside, group outside, surface bits. */
+/** Returns `nodes`: 3 numbers per node (m); `tets`: region group and 4 nodes; `triangles`: 3 nodes, group inside, group outside, surface bits. */
 function decodeScene(message, start, length) {
   const text = new DataView(message).getUint32(start, true)
   const scene = decodeText(message, start + 8, text)
@@ -44,7 +44,7 @@ function decodeScene(message, start, length) {
   return scene
 }
 
-/** `needles`: by index, empty for a needle that has not been held yet; `probe`: null if there is none; `displacement`: in units of `scale` m. */
+/** Returns `needles`: by index, empty for a needle that has not been held yet; `probe`: null if there is none; `displacement`: in units of `scale` m. */
 function decodePicture(message, at, length) {
   const body = message.slice(at, at + length), head = new DataView(body), needles = [], probe = head.getUint32(28, true) ? decodeProbe(body, 32) : null
   let place = 32 + (probe ? PROBE_BYTES : 0)
@@ -61,13 +61,15 @@ function decodePicture(message, at, length) {
   }
 }
 
-/** The probe: pose of its base (m; w x y z), force (N) on the hand that holds it, and `stopped`: the tissue stopped it short of the pose that it was given. */
+/** Returns the probe: pose of its base (m; w x y z), force (N) on the hand that holds it, and `stopped`: true if the tissue stopped it short of its
+    last pose. */
 function decodeProbe(body, at) {
   const numbers = new Float32Array(body, at, 13), counts = new DataView(body)
   return { position: numbers.slice(0, 3), orientation: numbers.slice(3, 7), force: numbers.slice(7, 10), torque: numbers.slice(10, 13), contacts: counts.getUint32(at + 52, true), stopped: counts.getUint32(at + 56, true) !== 0 }
 }
 
-/** `joints`: 3 per joint (m); `contacts`: CONTACT_NUMBERS each, position, force on tissue or guide (N), arc (m), state, kind; `tipLead`: rad, the tip's roll minus the base's. */
+/** Returns `joints`: 3 numbers per joint (m); `contacts`: CONTACT_NUMBERS per contact: position, force on tissue or guide (N), arc length (m), state,
+    kind; `tipLead`: the tip's roll minus the base's, rad. */
 function decodeNeedle(body, at, joints, contacts) {
   const head = new DataView(body, at, NEEDLE_BYTES)
   return {
@@ -78,8 +80,9 @@ function decodeNeedle(body, at, joints, contacts) {
   }
 }
 
-/** Points of tracks: `places`, TRACK_NUMBERS each, of which the first three are the place at rest (m); the same as integers in `kinds`:
-    from the fourth on tetrahedron, track, membrane punctured there or -1. */
+/** Returns the points of tracks, TRACK_NUMBERS per point. In `places`, the first three numbers of a point are its position at rest (m).
+    `kinds` is the same memory as integers, of which the fourth to sixth of a point are its tetrahedron, its track, and the membrane
+    punctured there or -1. */
 function decodeTracks(body, at, points) {
   return { places: new Float32Array(body, at, TRACK_NUMBERS * points), kinds: new Int32Array(body, at, TRACK_NUMBERS * points) }
 }
@@ -97,8 +100,8 @@ function decodeSamples(message, at, length) {
   return samples
 }
 
-/** `pending`: for each needle, the seeds still in it; `seeds`: centre and unit direction to the distal end, displaced and at rest (m), the
-    needle that left it, guide and hole (-1: none), number in its strand. */
+/** Returns `pending`: for each needle, the number of seeds still in it; `seeds`: centre and unit direction to the distal end, displaced
+    and at rest (m), the needle that left the seed, guide and hole (-1: none), number in its strand. */
 function decodeSeeds(message, at) {
   const head = new DataView(message, at), needles = head.getInt32(0, true), count = head.getInt32(4, true)
   const pending = Array.from({ length: needles }, (_, i) => head.getInt32(8 + 4 * i, true))
@@ -110,7 +113,7 @@ function decodeSeeds(message, at) {
   return { pending, seeds }
 }
 
-/** The figures, and `levels`: a byte for each voxel (z fastest), 255 at `top` prescriptions or more. */
+/** Returns the figures, and `levels`: a byte for each voxel (z fastest), 255 at `top` prescriptions or more. */
 function decodeDose(message, at, length) {
   const text = new DataView(message).getUint32(at, true), start = at + 8 + padded(text)
   return { ...decodeText(message, at + 8, text), levels: new Uint8Array(message.slice(start, at + length)) }

@@ -1,17 +1,17 @@
-// Manual control of a needle: combines pads, keys and a gamepad into one command, sent while this page has the needle.
+// Manual control of a needle: combines pads, keys and a gamepad into one command, which is sent while this page holds the needle.
 import { speedAt, wordsAt } from './age.js'
 
 const PERIOD = 30 // ms between commands
 const SLOW = 0.25
 const KEYS = { KeyW: [2, 1], KeyS: [2, -1], ArrowRight: [0, -1], ArrowLeft: [0, 1], ArrowUp: [1, 1], ArrowDown: [1, -1],
                KeyI: [3, -1], KeyK: [3, 1], KeyJ: [4, 1], KeyL: [4, -1], KeyD: [5, 1], KeyA: [5, -1] }
-const DEAD = 0.12 // dead zone of a gamepad's stick
+const DEAD = 0.12 // dead zone of a gamepad's stick, as a fraction
 const UNCONNECTED = 'the connection ended'
 export const TOUCH = matchMedia('(pointer: coarse)').matches // a phone or tablet, without keys
 const HELP = TOUCH ? 'The lever pushes in and pulls out.' : 'W pushes in, S pulls out.'
 const HOLD = 800 // ms, also in style.css
 
-/** Self-centring pad: `value` [x, y] in -1 .. 1, y up. */
+/** A self-centring pad: `value` is [x, y] from -1 to 1, with y up. */
 class Spring {
   constructor(element, horizontal, vertical) {
     this.element = element
@@ -39,7 +39,7 @@ class Spring {
   }
 }
 
-/** Button that acts after it has been held down for HOLD. */
+/** A button that acts after it has been held down for HOLD. */
 class Hold {
   constructor(button, act) {
     Object.assign(this, { button, act, timer: null })
@@ -66,15 +66,15 @@ export class Drive {
   constructor(link, age, elements) {
     this.link = link
     this.elements = elements
-    this.send = (command, number) => link.steer(command, number) // the probe has its own: see probe.js
-    this.age = age        // of the picture
-    this.limit = () => 1  // allowed fraction of the forward speed; procedure mode replaces this function
+    this.send = (command, number) => link.steer(command, number) // the probe has its own function: see probe.js
+    this.age = age        // age of the picture
+    this.limit = () => 1  // returns the allowed fraction of the forward speed; procedure mode replaces this function
     this.letGo = () => link.release() // likewise
     this.needle = 0       // the needle that "Drive" takes
     this.pressed = new Set()
-    this.driving = false  // this page has the needle
-    this.steering = false // and can move it
-    this.lost = ''        // why the needle was released without a request of this page
+    this.driving = false  // this page holds the needle
+    this.steering = false // this page can move the needle
+    this.lost = ''        // reason why the needle was released without a request from this page
     this.reset = new Hold(elements.reset, () => link.reset())
     this.lever = new Spring(elements.lever, false, true)
     this.pad = new Spring(elements.pad, true, true)
@@ -84,7 +84,7 @@ export class Drive {
     setInterval(() => { if (this.driving) this.send(this.command(), this.age.count(performance.now())) }, PERIOD)
   }
 
-  /** Returns whether the key steers. Releases are processed even if this page no longer has the needle. */
+  /** Handles a key; returns whether it steers. Releases are processed even if this page no longer holds the needle. */
   key(event, down) {
     this.slow = event.shiftKey
     if (!down) this.pressed.delete(event.code)
@@ -94,7 +94,7 @@ export class Drive {
       return this.steering
     }
     if (!(event.code in KEYS) || !this.steering) return false
-    if (down && !event.repeat) this.pressed.add(event.code) // a key held before the needle was taken must be pressed again
+    if (down && !event.repeat) this.pressed.add(event.code) // a key that was down before the needle was taken must be pressed again
     return true
   }
 
@@ -104,7 +104,7 @@ export class Drive {
     for (const held of [this.lever, this.pad, this.roll, this.reset]) held.rest()
   }
 
-  /** right, up, forward, pitch, yaw, roll. The page looks along the needle, where x points to the left. */
+  /** Returns right, up, forward, pitch, yaw and roll. The page looks along the needle, where x points to the left. */
   command() {
     const c = [0, 0, 0, 0, 0, 0], [x, y] = this.pad.value
     if (!this.steering) return c
@@ -144,8 +144,8 @@ export class Drive {
     this.link.take(this.needle)
   }
 
-  /** `status` as sent by trocar-view, `state` from stateOf. The needle does not move unless the live picture is shown, that is, neither
-   *  in the past nor without data. */
+  /** Shows the controls; `status` comes from trocar-view, `state` from stateOf. The needle moves only while the live picture is shown:
+   * not while the page shows the past or receives no data. */
   show(status, state) {
     const { take, note, controls } = this.elements, rests = status.state === 'resting', past = state.name === 'past', driving = status.drives && status.alive
     if (this.driving && !driving && !this.asked) this.lost = 'The needle was let go.'
@@ -163,7 +163,7 @@ export class Drive {
     note.textContent = this.driving ? (past ? 'The needle is held still until you are back to live.' : !this.steering ? 'The needle is held still.' : wordsAt(this.age.at(performance.now())) || HELP) : this.lost ? `${this.lost}${rests ? ' It rests in the tissue.' : ''}` : this.reason(status, state)
   }
 
-  /** Why the needle cannot be taken. */
+  /** Returns why the needle cannot be taken. */
   reason(status, { name, kind }) {
     if (name === 'past' && kind === 'past') return 'Go back to live to drive.'
     return name !== 'live' ? '' : status.driven ? `Another window drives ${status.needle === this.needle ? 'it' : `needle ${status.needle}`}.` : status.owned === 'elsewhere' ? 'A device holds it.' : ''

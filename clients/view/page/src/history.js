@@ -1,9 +1,9 @@
-// Received data, the samples by needle: live the last minute, of a log everything that trocar-view sends. Bounded in memory.
+// Received data, with the samples by needle: of a live server the last minute, of a log everything that trocar-view sends. The size is limited.
 
 const SPAN = 60 // s, live
-const PICTURE_BYTES = 256e6 // limit for live pictures; trocar-view limits those of logs to the same size
-export const GAP = 0.1 // s, longer distances between samples (normally 10 ms) are gaps
-const COLUMNS = 12 // time, force, torque, depth, lateness p99 and max, compute p99 and max
+const PICTURE_BYTES = 256e6 // largest size of live pictures; trocar-view limits those of logs to the same size
+export const GAP = 0.1 // s: longer times between samples (normally 10 ms) are gaps
+const COLUMNS = 12 // time, force (3), torque (3), depth, p99 and maximum of lateness and of compute time
 
 /** One needle's samples and events. */
 class Track {
@@ -15,7 +15,7 @@ class Track {
   }
 }
 
-/** Bits of insertion_event in core/insertion/state/tick.h. `quiet`: drawn small and without label. */
+/** Bits of insertion_event in core/insertion/state/tick.h. `quiet`: drawn small and without a label. */
 export const EVENTS = [
   { bit: 1 << 0, name: 'touched', quiet: true }, { bit: 1 << 1, name: 'puncture' }, { bit: 1 << 2, name: 'contact added', quiet: true },
   { bit: 1 << 3, name: 'contact removed', quiet: true }, { bit: 1 << 4, name: 'exit' }, { bit: 1 << 5, name: 're-entry' },
@@ -29,7 +29,7 @@ export class History {
   constructor(live, needles = 1) {
     this.live = live
     this.tracks = Array.from({ length: needles }, () => new Track())
-    this.needle = 0 // the one that is plotted
+    this.needle = 0 // the needle that is plotted
     this.pictures = []
     this.bytes = 0
   }
@@ -53,7 +53,7 @@ export class History {
     if (this.live) this.forget(this.end - SPAN)
   }
 
-  /** Live, drops the older half; the arrays of a log grow. */
+  /** Makes room: live, the older half is dropped; the arrays of a log grow. */
   makeRoom(track) {
     const columns = track.columns
     const keep = this.live ? track.room >> 1 : track.count
@@ -89,10 +89,10 @@ export class History {
     while (old < this.pictures.length - 1 && this.pictures[old].time < before) this.bytes -= this.pictures[old++].bytes
     if (old) this.pictures.splice(0, old)
     for (const track of this.tracks)
-      if (track.marks[0]?.time < before) track.marks = track.marks.filter((mark) => mark.until >= before) // the first may continue
+      if (track.marks[0]?.time < before) track.marks = track.marks.filter((mark) => mark.until >= before) // the first mark may continue
   }
 
-  /** Index of the newest picture not after `time`; 0 before the first. */
+  /** Returns the index of the newest picture not after `time`; 0 before the first. */
   pictureIndex(time) {
     let low = 0, high = this.pictures.length - 1
     while (low < high) {
@@ -113,13 +113,13 @@ export class History {
     return Math.min(low, this.count - 1)
   }
 
-  /** Index of the sample at `time`, -1 before the first one and in gaps. */
+  /** Returns the index of the sample at `time`, -1 before the first one and in gaps. */
   sampleNear(time) {
     const after = this.sampleIndex(time), near = (i) => i >= 0 && Math.abs(this.columns[0][i] - time) <= GAP
     return near(after) ? after : near(after - 1) ? after - 1 : -1
   }
 
-  /** The columns between two times, without a copy. */
+  /** Returns the columns between two times, without copying them. */
   slice(from, to) {
     const a = this.sampleIndex(from), b = this.sampleIndex(to) + 1
     return this.columns.map((column) => column.subarray(Math.max(a, 0), b))

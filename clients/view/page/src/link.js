@@ -1,4 +1,4 @@
-// WebSocket to trocar-view: reconnects automatically; acknowledges each update, which requests the next one.
+// WebSocket to trocar-view: reconnects automatically, and acknowledges each update, which requests the next one.
 import { sections } from './decode.js'
 
 const ACKNOWLEDGE = 1, TAKE = 2, STEER = 3, RESET = 4, RELEASE = 5, PICTURE = 6, HOLE = 7, DROP = 8, UNDO = 9, LEAVE = 10, REMOVE = 11, PROBE = 12
@@ -6,8 +6,8 @@ const RETRY = 500, RETRY_REFUSED = 2000 // ms
 const TRY_AGAIN_LATER = 1013 // close code: trocar-view refused this page and gave a reason
 
 export class Link {
-  /** `handlers`: scene, picture, samples, status, seeds, reply, dose, plan (with the decoded content), received (after each message), open, closed (with
-   *  the reason if trocar-view refused this page, else ''). */
+  /** `handlers` are scene, picture, samples, status, seeds, reply, dose and plan (called with the decoded content), received (after each message), open,
+   * and closed (with the reason if trocar-view refused this page, else ''). */
   constructor(handlers) {
     this.handlers = handlers
     this.connect()
@@ -46,18 +46,18 @@ export class Link {
   take(needle) { this.send(TAKE, [], null, needle) }
   release() { this.send(RELEASE) }
   reset() { this.send(RESET) }
-  /** right, up, forward, pitch, yaw, roll: fractions -1 .. 1 of the maximum speed. The next status returns the number. */
+  /** Steers the needle: right, up, forward, pitch, yaw and roll as fractions -1 .. 1 of the maximum speed. The next status returns the number. */
   steer(command, number) { this.send(STEER, command, null, number) }
-  /** The driven needle goes in front of this hole, unless it is in the tissue. */
+  /** Moves the driven needle to a place in front of this hole, unless the needle is in the tissue. */
   goToHole(guide, column, row) { this.send(HOLE, [guide, column, row]) }
-  /** A seed, or a strand of several. */
+  /** Drops a seed, or a strand of several. */
   drop(seeds) { this.send(DROP, [seeds]) }
   undo() { this.send(UNDO) }
-  /** Lets the driven needle rest. In a scene with a template, a needle also rests once it is released in the tissue. */
+  /** Leaves the driven needle to rest. In a scene with a template, a needle that is released in the tissue also rests. */
   leave() { this.send(LEAVE) }
-  /** Pulls out a needle that rests, or that nobody holds. */
+  /** Pulls out a needle that rests or that nobody holds. */
   remove(needle) { this.send(REMOVE, [], null, needle) }
-  /** As steer, for the probe. */
+  /** Steers the probe, like `steer`. */
   moveProbe(command, number) { this.send(PROBE, command, null, number) }
   sendPicture(png) { this.send(PICTURE, [], png) }
 }

@@ -1,4 +1,4 @@
-// Main module of the page: connects received data, displayed time, 3D view, slice, plots and control of the needle.
+// Main module of the page: connects received data, displayed time, 3D view, slice, plots and the control of the needle.
 import './style.css'
 import { LATE, PictureAge } from './age.js'
 import { CONTACT, GUIDED, hubColour, rampCss, regionColour, TRACK } from './colours.js'
@@ -31,8 +31,8 @@ const strip = new Strip(element('timeline'), seek)
 
 let scene = null, history = new History(true), status = { now: 0, alive: false }
 let shown = null                 // displayed picture
-let chosen = 0                   // needle of the numbers, plots and controls
-let clock = { following: true, playing: true, time: 0, at: 0 } // `time` is used when not following
+let chosen = 0                   // the needle to which numbers, plots and controls refer
+let clock = { following: true, playing: true, time: 0, at: 0 } // `time` is used when the clock does not follow the live data
 let connected = false, refusal = '', silence = new Silence(), pictureSilence = new Silence(), checked = 0, statusAt = 0
 let state = { name: 'unconnected' }
 let latency = [], drawing = null, age = new PictureAge(), servers = 0, restarted = 0, plotsDrawn = 0, range = 1e-3
@@ -54,7 +54,7 @@ const link = new Link({
   samples(samples) { history.addSamples(samples, scene.membranes) },
   seeds(seeds) {
     procedure.hearSeeds(seeds)
-    if (!scene.live && history.pictures.length) history.pictures.at(-1).seeds = seeds // of a log: they come after their picture
+    if (!scene.live && history.pictures.length) history.pictures.at(-1).seeds = seeds // the seeds of a log come after their picture
   },
   reply(reply) { procedure.hearReply(reply) },
   dose(dose) { procedure.hearDose(dose) },
@@ -107,7 +107,7 @@ function noteServer() {
   servers = status.server
 }
 
-/** s, extrapolated clock of trocar-view. */
+/** Returns trocar-view's time, s, extrapolated to now. */
 function liveTime() { return status.now + (performance.now() - statusAt) / 1000 }
 
 function showState() {
@@ -130,7 +130,7 @@ function showState() {
   element('notice').textContent = element('notice').title = noticeOf(status)
 }
 
-/** The server's flags in words; those that are not here are shown as they are. */
+/** The server's flags in words; other flags are shown by their names. */
 const FLAGS = { stale: 'no recent pose: the force fades', saturated: 'force limited', not_realtime: 'the server runs without real time', late_worker: 'the tissue is computed late',
                 unstable: 'the model failed: the insertion starts over', overrun: 'the server is overloaded: no force', active: 'the hand gets energy', missed_guide: 'the needle is beside the holes of a guide',
                 outside_model: 'the shaft is pushed in from the side, where no force is computed', probe_stopped: 'the tissue stops the probe' }
@@ -138,7 +138,8 @@ const FLAGS = { stale: 'no recent pose: the force fades', saturated: 'force limi
 function noticeOf({ state: hand, flags = [], scene: served = '', message = '' }) {
   const unheld = ['leaving', 'resting', 'taking'].includes(hand) // nobody sends poses for such a needle
   const words = flags.filter((flag) => flag !== 'ramping' && !(flag === 'stale' && unheld)).map((flag) => FLAGS[flag] ?? flag.replaceAll('_', ' '))
-  if (message && !(procedure.active && /^command \d+ of/.test(message))) words.push(scene?.live ? `server: ${message}` : message) // procedure mode shows answers to commands itself
+  // procedure mode itself shows the answers to commands
+  if (message && !(procedure.active && /^command \d+ of/.test(message))) words.push(scene?.live ? `server: ${message}` : message)
   if (served && served.split('/').pop() !== scene.path.split('/').pop()) words.unshift(`the server runs ${served}, not this scene`)
   return words.join(' · ')
 }
@@ -193,7 +194,7 @@ function frame(now) {
   }
 }
 
-/** Draws after the GPU has finished the previous frame; queued frames would be outdated when displayed. */
+/** Draws after the GPU has finished the previous frame, because queued frames would be outdated when displayed. */
 function draw(now) {
   noteLatency()
   showPicture()
@@ -236,7 +237,7 @@ function showHome() {
   if (element('follow').checked) followTip()
 }
 
-/** Needles at rest give identical pictures, except that tracks may come later. */
+/** True for identical pictures, which needles at rest give, except that tracks may come later. */
 function looksSame(a, b) {
   const equal = (x, y) => x.length === y.length && x.every((value, i) => value === y[i])
   const alike = (x, y) => x === y || Boolean(x && y) && equal(x.joints, y.joints) && equal(x.contacts, y.contacts) && equal(x.orientation, y.orientation)
@@ -244,7 +245,7 @@ function looksSame(a, b) {
   return a.scale === b.scale && scene.homes.every((home, i) => alike(a.needles[i], b.needles[i])) && equal(a.displacement, b.displacement)
 }
 
-/** Full scale of the colours: 0.2, 0.5, 1, 2, 5 ... mm. */
+/** Sets the full scale of the colours: 0.2, 0.5, 1, 2, 5 ... mm. */
 function setRange(largest) {
   const wanted = Math.max(largest, 2e-4), decade = 10 ** Math.floor(Math.log10(wanted))
   range = [1, 2, 5, 10].map((k) => k * decade).find((v) => v >= wanted * 0.999)
@@ -252,7 +253,7 @@ function setRange(largest) {
   element('colour-range').textContent = `0 – ${+(1e3 * range).toPrecision(2)} mm`
 }
 
-/** Latency from the device's pose to the finished picture, over the last pictures; valid if all run on one machine. */
+/** Measures the latency from the device's pose to the finished picture, over the last pictures; valid if all programs run on one machine. */
 function noteLatency() {
   const poseTime = drawing?.needles[chosen]?.poseTime
   if (poseTime) latency.push(performance.timeOrigin + performance.now() - poseTime)
@@ -279,8 +280,9 @@ function drawPlots() {
 function showNumbers() {
   showScale()
   if (history.count === 0) return
-  const rests = clock.following && status.state === 'resting' // nobody feels it
-  const newest = history.count - 1, gone = history.end <= restarted || scene.live && status.alive && liveTime() - history.end > FRESH // of another server, or of a needle that has rested since
+  const rests = clock.following && status.state === 'resting' // no hand feels the force of a resting needle
+  // the sample is of another server, or of a needle that has rested since
+  const newest = history.count - 1, gone = history.end <= restarted || scene.live && status.alive && liveTime() - history.end > FRESH
   const at = rests || clock.following && gone ? -1 : clock.following ? newest : history.sampleNear(timeShown()), value = (column) => history.columns[column][at]
   element('depth').textContent = at < 0 ? '–' : `${(1e3 * value(7)).toFixed(1)} mm`
   element('force').textContent = at < 0 ? '–' : `${Math.hypot(value(1), value(2), value(3)).toFixed(2)} N`
@@ -292,7 +294,7 @@ function showNumbers() {
   element('latency').textContent = status.alive && latency.length ? `${median(latency).toFixed(0)} ms` : '–'
 }
 
-/** Scale bar of a round length, about 100 pixels. */
+/** Shows a scale bar of a round length, about 100 pixels wide. */
 function showScale() {
   const most = 110 * stage.metresPerPixel(), decade = 10 ** Math.floor(Math.log10(most)), length = [5, 2, 1].map((k) => k * decade).find((v) => v <= most)
   element('scale-bar').style.width = `${length / stage.metresPerPixel()}px`
@@ -309,7 +311,7 @@ function setSlice(z) {
   stage.dirty = true
 }
 
-/** Moves the slice to the tip, or to the middle while the tip is outside. */
+/** Moves the slice to the tip, or to the middle of the mesh while the tip is outside. */
 function followTip() {
   const tip = stage.needles[chosen].tip, { from, to } = echo.range
   setSlice(tip?.z > from ? Math.min(tip.z, to) : (from + to) / 2)
@@ -342,7 +344,7 @@ function setCut(axis, part = Number(element('cut-place').value)) {
 
 /* ---- several needles ---- */
 
-/** The chooser; hidden if the scene has one needle. */
+/** Fills the needle chooser, which is hidden if the scene has one needle. */
 function listNeedles() {
   const chooser = element('needle')
   chooser.replaceChildren(...scene.homes.map((home, i) => new Option(`needle ${i}`, i)))
@@ -359,7 +361,7 @@ function choose(needle) {
   if (shown && element('follow').checked) followTip()
 }
 
-/** Adds the members of the chosen needle's status. While this page drives a needle, that one is chosen. */
+/** Adds the members of the chosen needle's status. While this page drives a needle, that needle is chosen. */
 function chooseOfStatus() {
   if (status.drives && status.needle !== chosen) choose(status.needle)
   status = { ...status, ...status.needles?.[chosen] }
@@ -371,7 +373,7 @@ function chooseOfStatus() {
 function setTheme(theme) {
   document.documentElement.dataset.theme = theme
   element('theme').textContent = theme === 'light' ? 'Dark' : 'Light'
-  try { localStorage.setItem('theme', theme) } catch { /* not stored in a private window */ }
+  try { localStorage.setItem('theme', theme) } catch { /* a private window does not store the theme */ }
   if (scene) stage.setTheme(theme !== 'light')
   plots.restyle()
 }
@@ -384,7 +386,7 @@ const toggleLayer = (name) => element('layer-list').querySelector(`input[name="$
 
 const ACTIONS = { Space: togglePlay, Comma: () => step(-1), Period: () => step(1), Home: goLive, KeyC: nextCut, KeyM: () => toggleLayer('mesh'), KeyN: toggleTheme, KeyP: savePicture,
                   KeyT: () => drive.toggle(), Digit1: () => stage.look(1), Digit2: () => stage.look(2), Digit3: () => stage.look(3), Digit4: () => stage.look(4),
-                  ArrowLeft: () => step(-1), ArrowRight: () => step(1) } // if they do not move the needle
+                  ArrowLeft: () => step(-1), ArrowRight: () => step(1) } // used if they do not move the needle
 
 const STEPS = ['Comma', 'Period', 'ArrowLeft', 'ArrowRight'] // these repeat while held
 
@@ -418,7 +420,7 @@ element('colours').style.background = rampCss
 for (const [name, key] of [['stick', 0], ['forward', 1], ['backward', -1]]) document.querySelector(`.dot.${name}`).style.background = CONTACT[key]
 for (const [name, tint] of [['guide', GUIDED], ['track', TRACK]]) document.querySelector(`.dot.${name}`).style.background = tint
 let remembered = null
-try { remembered = localStorage.getItem('theme') } catch { /* a private window */ }
+try { remembered = localStorage.getItem('theme') } catch { /* a private window has no storage */ }
 setTheme(remembered ?? (matchMedia('(prefers-color-scheme: light)').matches ? 'light' : 'dark'))
 const small = matchMedia('(max-width: 860px), (max-height: 560px)'), foldLayers = () => { element('layers').open = !small.matches && !procedure.active }
 small.addEventListener('change', foldLayers)
@@ -427,7 +429,7 @@ requestAnimationFrame(frame)
 
 /* ---- for trocar-view --png, and for tests ---- */
 
-/** Applies the options of trocar-view --png; `cut`: axis, `place`: position on it in metres, default: at the tip if that is inside. */
+/** Applies the options of trocar-view --png; `cut`: the axis; `place`: position on it in metres, by default at the tip if the tip is inside. */
 async function pose() {
   const number = (name, otherwise) => Number(asked.get(name) ?? otherwise), plan = arrange({ width: number('width', SIZE.width), height: number('height', SIZE.height) })
   setTheme(asked.get('theme') ?? 'light')

@@ -1,4 +1,4 @@
-// A needle with its actual bending, its hub, and its contacts.
+// Draws a needle with its actual bending, its hub and its contacts.
 import * as THREE from 'three'
 import { CONTACT, GUIDED } from './colours.js'
 import { CONTACT_NUMBERS, GUIDE, TIP } from './decode.js'
@@ -9,9 +9,9 @@ const MARK = 0.01        // m, spacing of the marks on the shaft
 const MAX_CONTACTS = 81 // TROCAR_MAX_POINTS
 const ARROW_HEAD = 0.003 // m
 
-export const FORCE_SCALE = 0.04 // m of arrow per N
+export const FORCE_SCALE = 0.04 // m of an arrow per N
 
-/** Interpolated points and tangents at equal steps along the centreline. */
+/** Returns interpolated points and tangents at equal steps along the centreline. */
 function trace(joints, count) {
   const points = []
   for (let j = 0; j < joints.length; j += 3) points.push(new THREE.Vector3(joints[j], joints[j + 1], joints[j + 2]))
@@ -24,7 +24,7 @@ function trace(joints, count) {
   return { places, tangents }
 }
 
-/** Instances of a shape, one per contact. */
+/** Returns instances of a shape, one per contact. */
 function instances(geometry) {
   const mesh = new THREE.InstancedMesh(geometry, new THREE.MeshLambertMaterial(), MAX_CONTACTS)
   mesh.frustumCulled = false
@@ -34,7 +34,7 @@ function instances(geometry) {
 }
 
 export class Needle {
-  /** `hub`: its colour. */
+  /** `hub` is the hub's colour. */
   constructor(scene, hub) {
     this.length = scene.needle.length
     this.radius = scene.needle.diameter / 2
@@ -72,7 +72,7 @@ export class Needle {
 
   addHub(colour) {
     const body = new THREE.CylinderGeometry(0.0045, 0.0022, 0.022, 24).rotateX(-Math.PI / 2).translate(0, 0, -0.011)
-    const mark = new THREE.BoxGeometry(0.0016, 0.0022, 0.02).translate(0, 0.0042, -0.011) // on the bevel's side
+    const mark = new THREE.BoxGeometry(0.0016, 0.0022, 0.02).translate(0, 0.0042, -0.011) // the mark is on the bevel's side
     this.hub = new THREE.Group()
     this.hub.add(new THREE.Mesh(body, new THREE.MeshPhongMaterial({ color: colour, specular: '#88bbee', shininess: 40 })))
     this.hub.add(new THREE.Mesh(mark, new THREE.MeshPhongMaterial({ color: '#f4d35e' })))
@@ -87,7 +87,7 @@ export class Needle {
     this.group.add(this.dots, this.arrows)
   }
 
-  /** `shape`: a needle of a picture, or undefined to hide it. Sets `line`, its points and tangents from base to tip. */
+  /** Draws `shape`, a needle of a picture, or hides the needle if it is undefined. Sets `line`, its points and tangents from base to tip. */
   show(shape) {
     this.group.visible = Boolean(shape)
     this.line = this.tip = null
@@ -101,7 +101,7 @@ export class Needle {
     this.tip = this.line.places.at(-1)
   }
 
-  /** Rings around the centreline with a twist-free frame; the tip is bevelled. */
+  /** Places rings around the centreline in a twist-free frame; the tip is bevelled. */
   bend({ places, tangents }, base) {
     const up = new THREE.Vector3(0, 1, 0).applyQuaternion(base), side = new THREE.Vector3(), out = new THREE.Vector3(), { radius } = this
     const place = this.place.array, normal = this.normal.array
@@ -122,7 +122,7 @@ export class Needle {
     this.place.needsUpdate = this.normal.needsUpdate = true
   }
 
-  /** A dot for each contact and an arrow for its force on tissue or guide. */
+  /** Draws a dot for each contact and an arrow for its force on tissue or guide. */
   touch(contacts) {
     const count = contacts.length / CONTACT_NUMBERS, matrix = new THREE.Matrix4(), turn = new THREE.Quaternion(), up = new THREE.Vector3(0, 1, 0)
     const place = new THREE.Vector3(), force = new THREE.Vector3(), size = new THREE.Vector3(), colour = new THREE.Color()

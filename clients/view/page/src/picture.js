@@ -1,15 +1,15 @@
-// A picture for publication: the needle in the tissue, the slice, values and scales.
+// Composes a picture for publication: the needle in the tissue, the slice, values and scales.
 import { CONTACT, GUIDED, rampCss, TRACK } from './colours.js'
 import { CONTACT_NUMBERS } from './decode.js'
 import { FORCE_SCALE } from './needle.js'
 
 const FINE = 2          // supersampling factor, for anti-aliasing
-const MOST = 8192       // pixels per side that GPUs can be expected to support
+const MOST = 8192       // pixels per side that most GPUs support
 export const SIZE = { width: 1600, height: 1000 }
 
 const colour = (name) => getComputedStyle(document.documentElement).getPropertyValue(name).trim()
 
-/** Layout of a picture of `width` x `height`: slice and legend in a column on the right, or in a row below if it is upright. */
+/** Returns the layout of a picture of `width` x `height`: slice and legend are in a column on the right, or in a row below if the picture is upright. */
 export function arrange({ width, height }) {
   const beside = width >= 1.1 * height, side = Math.round(beside ? Math.min(0.45 * height, 0.34 * width) : Math.min(0.36 * height, 0.48 * width))
   const margin = Math.round(0.05 * side), band = side + 2 * margin
@@ -19,14 +19,15 @@ export function arrange({ width, height }) {
            legend: beside ? { left: width - side - margin, top: band + margin } : { left: margin, top: height - side - margin } }
 }
 
-/** Layout like that of `arrange`, with the aspect ratio of the 3D view on the screen. */
+/** Returns a layout like that of `arrange`, with the aspect ratio of the 3D view on the screen. */
 export function arrangeLike({ clientWidth, clientHeight }) {
   const { height } = SIZE, plan = arrange(SIZE), stage = { width: Math.round(height * clientWidth / clientHeight), height }, width = stage.width + SIZE.width - plan.stage.width
   const shift = ({ left, top }) => ({ left: left + width - SIZE.width, top })
   return { ...plan, width, stage, slice: shift(plan.slice), legend: shift(plan.legend) }
 }
 
-/** Renders a PNG at the sizes of the plan, independent of the screen. `shown`: the needle of the numbers; `label`: its index if there are several. */
+/** Renders a PNG at the sizes of the plan, independent of the screen. `shown`: the needle whose numbers are given; `label`: its index if there are
+    several needles. */
 export function compose(plan, { stage, echo, shown, history, time, range, label }) {
   const canvas = document.createElement('canvas'), ink = canvas.getContext('2d'), { width, height, side, slice } = plan
   Object.assign(canvas, { width, height })

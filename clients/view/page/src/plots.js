@@ -1,11 +1,11 @@
-// Plots of force, torque, depth and timing with event marks, and the timeline strip.
+// Plots of force, torque, depth and timing with marks of events, and the timeline strip.
 import uPlot from 'uplot'
 import 'uplot/dist/uPlot.min.css'
 import { AXES } from './colours.js'
 import { GAP } from './history.js'
 
-const SLOT = 0.01 // s, period of samples
-const CLOSE = 90 // px, height of a plot in which the labels of all decades would touch
+const SLOT = 0.01 // s, period of the samples
+const CLOSE = 90 // px, height of a plot below which the labels of all decades would touch
 const MICRO = 1e6, MILLI = 1e3
 const TIMING = ['#f2b134', '#8c6bd6'] // compute, lateness
 const PLOTS = [
@@ -16,10 +16,10 @@ const PLOTS = [
     dashes: [[], [3, 3], [], [3, 3]], scale: MICRO, logarithmic: true },
 ]
 
-/** Avoids a negative zero. */
+/** Formats a number without a negative zero. */
 const fixed = (value, digits) => value.toFixed(digits).replace(/^-(0(\.0*)?)$/, '$1')
 
-/** For uPlot: pixel ranges without data, in which no line is drawn. */
+/** Tells uPlot the pixel ranges without data, in which no line is drawn. */
 function gaps(u, series, first, last, missing) {
   const times = u.data[0]
   for (let i = Math.max(first, 1); i <= last; i++)
@@ -34,7 +34,7 @@ export class Plots {
     this.container = container
     this.history = null
     this.budget = 1e-3 // s
-    this.time = null   // s, time of the picture if not at the end
+    this.time = null   // s, time of the displayed picture; null at the end
     this.plots = []
     this.plots = PLOTS.map((plot) => this.build(plot))
     new ResizeObserver(() => this.resize()).observe(container)
@@ -44,7 +44,8 @@ export class Plots {
     const axis = { stroke: () => css('--muted'), grid: { stroke: () => css('--grid'), width: 1 }, ticks: { show: false }, font: '10px system-ui, sans-serif' }
     const number = (value) => (value === null || value === undefined ? '–' : fixed(plot.scale * value, plot.scale === 1 ? 2 : plot.logarithmic ? 0 : 1))
     const isDecade = (v, every) => Math.abs(Math.log10(v) / every - Math.round(Math.log10(v) / every)) < 1e-6
-    const decades = (u, splits) => splits.map((v) => (isDecade(v, u.bbox.height / devicePixelRatio < CLOSE ? 2 : 1) ? v : null)) // each second one in a low plot
+    // only every second decade in a low plot
+    const decades = (u, splits) => splits.map((v) => (isDecade(v, u.bbox.height / devicePixelRatio < CLOSE ? 2 : 1) ? v : null))
     const holder = document.createElement('div')
     if (plot.live) holder.className = 'live-only'
     const head = document.createElement('header')
@@ -76,7 +77,7 @@ export class Plots {
     return [plot.fromZero ? 0 : Math.min(low - margin, -plot.least / plot.scale), Math.max(high + margin, plot.least / plot.scale)]
   }
 
-  /** Divides the available height; the last visible plot has the time axis. */
+  /** Divides the available height among the plots; the last visible plot has the time axis. */
   resize() {
     const shown = this.plots.filter(({ holder }) => holder.clientHeight > 0), last = shown.at(-1)
     for (const plot of shown) plot.holder.classList.toggle('last', plot === last)
@@ -86,7 +87,7 @@ export class Plots {
     }
   }
 
-  /** Shows `from` .. `to` (s); `time`: time of the picture, null at the end. */
+  /** Shows `from` .. `to` (s); `time` is the time of the displayed picture, null at the end. */
   show(history, from, to, time) {
     this.history = history
     this.time = time
@@ -142,7 +143,7 @@ export class Plots {
     ink.restore()
   }
 
-  /** Text with a background, readable on top of curves. */
+  /** Draws a text with a background, so that it is readable on top of curves. */
   label(ink, text, x, y, ratio) {
     ink.save()
     ink.strokeStyle = css('--panel')
@@ -167,7 +168,7 @@ export class Plots {
   restyle() { for (const { chart } of this.plots) chart.redraw() }
 }
 
-/** Overview of the last minute or the whole log: depth as a filled curve, marks, and the time of the picture. */
+/** Overview of the last minute or the whole log: depth as a filled curve, marks, and the time of the displayed picture. */
 export class Strip {
   constructor(canvas, onSeek) {
     this.canvas = canvas

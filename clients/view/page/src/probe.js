@@ -1,11 +1,11 @@
-// The ultrasound probe: its body, the force on the hand that holds it, the keys that move it, and the image planes, which go where it goes.
+// The ultrasound probe: its body, the force on the hand that holds it, the keys that move it, and the image planes, which move with it.
 import * as THREE from 'three'
 
 const FREE = '#8fa6bd', PRESSING = '#e8a33d', STOPPED = '#e05252'
-const MOVED = 1e-5 // m: the image planes follow a probe that has moved
+const MOVED = 1e-5 // m: the image planes follow a probe that has moved by more than this
 const STILL = [0, 0, 0, 0, 0, 0]
 
-/** A cylinder with a rounded end along +z, from its base at 0. */
+/** Returns a cylinder with a rounded end along +z, from its base at 0. */
 function body({ radius, tipRadius, length }) {
   const profile = [[0, 0], [radius, 0]]
   for (let i = 0; i <= 16; i++) {
@@ -25,7 +25,7 @@ function describe({ contacts, force, stopped }) {
 }
 
 export class Probe {
-  /** `setSlice`: moves the axial image to this z. */
+  /** `setSlice` moves the axial image to a given z. */
   constructor({ stage, echo, procedure, drive, link, setSlice }) {
     Object.assign(this, { stage, echo, procedure, drive, link, setSlice, moving: false, shape: null })
     this.button = Object.assign(document.createElement('button'), { id: 'move-probe', textContent: 'Move the probe', title: 'The controls move the probe instead of the needle (B)', hidden: true })
@@ -54,7 +54,7 @@ export class Probe {
     this.words.textContent = 'The probe has no place yet.'
   }
 
-  /** Draws the probe: a circle in the image across it; its sides and end in the image along it. */
+  /** Draws the probe's outline: a circle in the axial image; its sides and end in the sagittal image. */
   outline(image, ink) {
     if (!this.last) return
     const { radius } = this.shape, { x, y, z } = this.place(this.last), unit = image.unit
@@ -74,7 +74,7 @@ export class Probe {
     ink.stroke()
   }
 
-  /** Changes what the controls move. What they moved before stops, and a key that is held must be pressed again. */
+  /** Selects whether the controls move the probe. The needle or probe that they moved before stops, and a key that is down must be pressed again. */
   setMoving(moving) {
     if (moving !== this.moving) this.drive.rest()
     if (this.moving && !moving) this.link.moveProbe(STILL)
@@ -85,7 +85,7 @@ export class Probe {
 
   toggle() { if (this.shape && this.drive.steering) this.setMoving(!this.moving) }
 
-  /** Handles a key; returns whether it was the probe's. */
+  /** Handles a key; returns whether it belongs to the probe. */
   key({ code, repeat }) {
     if (code !== 'KeyB' || !this.shape || repeat) return false
     this.toggle()
@@ -110,10 +110,11 @@ export class Probe {
 
   turn({ orientation: [w, x, y, z] }) { return new THREE.Quaternion(x, y, z, w) }
 
-  /** The point through which both images pass: on the probe's axis, where the rounded end begins. */
+  /** Returns the point through which both images pass: on the probe's axis, where the rounded end begins. */
   place(probe) { return new THREE.Vector3(0, 0, this.shape.length - this.shape.tipRadius).applyQuaternion(this.turn(probe)).add(new THREE.Vector3().fromArray(probe.position)) }
 
-  /** The images stay parallel to the mesh's planes: a probe that is tilted moves them, and does not tilt them. At first they stay where they are. */
+  /** Moves the image planes with the probe. They stay parallel to the mesh's planes: a tilted probe moves them but does not tilt them. At first they
+      stay where they are. */
   aim(probe, first) {
     const { x, y, z } = this.place(probe), inside = (slice, place) => Math.min(Math.max(place, slice.range.from), slice.range.to)
     const slices = [[this.echo, x, 'follow'], ...(this.procedure.available ? [[this.procedure.sagittal, z, 'sagittal-follow']] : [])]

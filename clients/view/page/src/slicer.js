@@ -1,7 +1,7 @@
-// Cross-sections of the deformed tetrahedra: filled triangles and outlines of surfaces.
+// Computes cross-sections of the deformed tetrahedra: filled triangles, and outlines of surfaces.
 import { Filled } from './buffers.js'
 
-// For each combination of corners below the plane (bit mask): the corners, those below first, and the number below.
+// For each combination of corners below the plane (bit mask): the corners, starting with those below, and the number of corners below.
 const CASES = Array.from({ length: 16 }, (_, mask) => {
   const below = [0, 1, 2, 3].filter((i) => mask & (1 << i)), above = [0, 1, 2, 3].filter((i) => !(mask & (1 << i)))
   if (below.length === 0 || above.length === 0) return []
@@ -27,7 +27,7 @@ export class Slicer {
       this.distance[n] = (a * nodes[i] + b * nodes[i + 1] + c * nodes[i + 2] - offset) || 1e-12 // a node on the plane counts as above it
   }
 
-  /** Triangles of the cross-section with the plane normal . x = offset; fills place, nominal, region. Returns the number of vertices. */
+  /** Computes the triangles of the cross-section with the plane normal . x = offset; fills place, nominal and region. Returns the number of vertices. */
   cut(nodes, normal, offset) {
     const { tets, nodes: rest } = this.scene, { distance, place, nominal, region } = this
     this.measure(nodes, normal, offset)
@@ -52,7 +52,7 @@ export class Slicer {
     return region.count
   }
 
-  /** Fills edges with the intersections of the plane with the triangles for which `wanted(inside, outside, bits)` is true. */
+  /** Fills `edges` with the intersections of the plane with the triangles for which `wanted(inside, outside, bits)` is true. */
   outline(nodes, normal, offset, wanted) {
     const { triangles } = this.scene, { distance, edges } = this
     this.measure(nodes, normal, offset)

@@ -1,9 +1,9 @@
-// State of the display: whether it is live, and if not, why and how old the data are.
+// State of the display: whether it is live, and otherwise why not and how old the data are.
 
 export const FRESH = 0.5 // s, maximum age of live data
-const STALL = 0.15       // s, maximum silence counted for a pause of the page itself, during which messages wait in its queue
+const STALL = 0.15       // s, longest silence counted for a pause of the page itself, during which messages wait in its queue
 
-/** Time since the last arrival, counted only while the page runs. */
+/** Measures the time since the last arrival, counting only time in which the page runs. */
 export class Silence {
   constructor() { this.seconds = Infinity }
   end() { this.seconds = 0 }
@@ -12,10 +12,10 @@ export class Silence {
 
 const seconds = (s) => (s < 10 ? `${s.toFixed(1)} s` : s < 120 ? `${s.toFixed(0)} s` : `${(s / 60).toFixed(0)} min`)
 
-/**
- * `link`: connected, refusal (text, empty: none), silence (s since the last message), pictures (s since the last picture);
- * `status` as sent by trocar-view; `age`: s since the last sample; `behind`: s of the displayed time before now, null: live.
- * Returns name, badge and its kind; if not live also title and text of the banner, and `age` (s) if the text ends with it.
+/**`link`: connected, refusal (text, empty: none), silence (s since the last message), pictures (s since the last picture);
+ * `status` as sent by trocar-view; `age`: s since the last sample; `behind`: s by which the displayed time is before now,
+ * null: live. Returns name, badge and its kind; if the display is not live, also title and text of the banner, and `age` (s)
+ * if the text ends with it.
  */
 export function stateOf({ live, link, status, age, behind }) {
   const state = linkState(live, link, status, age)
@@ -36,7 +36,7 @@ function linkState(live, { connected, refusal, silence, pictures }, status, age)
   return { name: 'live', badge: 'live', kind: 'good' }
 }
 
-/** Fills the banner; hidden if there is no problem. The age is a separate element, so that screen readers do not repeat it. */
+/** Fills the banner, which is hidden if there is no problem. The age is a separate element, so that screen readers do not repeat it. */
 export function showBanner(banner, state) {
   banner.hidden = !state.title
   const [title, text, age, back] = banner.children

@@ -1,4 +1,4 @@
-// Tracks that the needles have cut, in the deformed tissue: a line each, and a dot at each puncture.
+// Draws the tracks that the needles have cut in the deformed tissue: a line for each track, and a dot at each puncture.
 import * as THREE from 'three'
 import { interpolate, weightsIn } from './barycentric.js'
 import { Filled, show } from './buffers.js'
@@ -15,8 +15,8 @@ export class Tracks {
   constructor({ nodes, tets }) {
     this.nodes = nodes
     this.tets = tets
-    this.ends = new Filled() // 2 for each line's segment, 3 numbers each, m
-    this.holes = new Filled() // 1 for each puncture
+    this.ends = new Filled() // 2 points per line segment, 3 numbers each, m
+    this.holes = new Filled() // 1 point per puncture
     this.lines = new THREE.LineSegments(new THREE.BufferGeometry(), new THREE.LineBasicMaterial({ color: TRACK }))
     this.punctures = new THREE.Points(new THREE.BufferGeometry(), new THREE.PointsMaterial({ color: TRACK, size: 6, sizeAttenuation: false }))
     for (const part of [this.lines, this.punctures]) part.frustumCulled = false
@@ -25,7 +25,7 @@ export class Tracks {
 
   get empty() { return this.ends.count === 0 && this.holes.count === 0 }
 
-  /** `needles` of a picture; `moved`: the displaced nodes. Called only for pictures that differ from the one before. */
+  /** Draws the tracks of `needles` of a picture; `moved` are the displaced nodes. Called only for pictures that differ from the previous one. */
   show(needles, moved) {
     const { ends, holes } = this
     ends.count = holes.count = 0

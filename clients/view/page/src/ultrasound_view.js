@@ -1,5 +1,5 @@
-// Axial or sagittal slice in the style of transrectal ultrasound: speckle that moves with the tissue, the needle's echo with reverberations,
-// and outlines. An illustration for orientation, not a simulation of ultrasound.
+// An axial or sagittal slice in the style of transrectal ultrasound: speckle that moves with the tissue, the needle's echo with
+// reverberations, and outlines. It is an illustration for orientation, not a simulation of ultrasound.
 import * as THREE from 'three'
 import { bitsOfBone, hostOf, OUTSIDE } from './anatomy.js'
 import { discard, Filled, show } from './buffers.js'
@@ -23,7 +23,7 @@ const FAN = `
     return smoothstep(0.0, 0.0012, range - reach.x) * smoothstep(0.0, 0.0025, reach.y - range) * smoothstep(0.0, 0.02, spread - angle);
   }`
 
-// Isodose lines of the seeds where they are now.
+// Draws isodose lines of the seeds at their present positions.
 const DOSE = `
   precision highp sampler3D;
   uniform sampler3D dose; uniform vec3 doseOrigin, doseSize; uniform float doseTop; // doseTop 0: no dose
@@ -38,7 +38,7 @@ const DOSE = `
     return isoline(isoline(isoline(under, 1.0, level, slope, ISO100), 1.5, level, slope, ISO150), 2.0, level, slope, ISO200);
   }`
 
-// Speckle of two grain sizes fixed to the tissue, elongated across the beam, attenuated with depth.
+// Draws speckle of two grain sizes that is fixed to the tissue, elongated across the beam and attenuated with depth.
 const FRAGMENT = `
   precision highp float;
   varying vec3 seed, here; varying float level; varying vec2 place;
@@ -80,10 +80,11 @@ const FLASH = `
 const SIMPLE_VERTEX = 'varying vec2 place; void main() { place = position.xy; gl_Position = projectionMatrix * modelViewMatrix * vec4(position, 1.0); }'
 const GREY = { bone: 0.95, gland: 0.42, host: 0.66, other: 0.55 }
 
-const FEW = 4 // if there are more needles, only those in the slice are drawn, because each costs as much time as the image
+const FEW = 4 // with more needles than this, only those in the slice are drawn, because each takes as much time as the image
 const MOVING = 0.5 // resolution with software rendering
 
-/** Planes of a slice: axis normal to it and axis to the left; y is up. `sides`: of the patient, at the left, right, upper and lower edge. */
+/** Planes of a slice: the axis normal to it and the axis to the left; y is up. `sides`: sides of the patient at the left, right, upper and lower
+    edge. */
 export const AXIAL = { name: 'axial', normal: 'z', across: 'x', seen: 'seen along the needle', letters: 'RLAP' }
 export const SAGITTAL = { name: 'sagittal', normal: 'x', across: 'z', seen: '', letters: 'SIAP' }
 const INDEX = { x: 0, y: 1, z: 2 }
@@ -91,13 +92,13 @@ const INDEX = { x: 0, y: 1, z: 2 }
 const shaded = (colour) => `vec3(${new THREE.Color(colour).convertLinearToSRGB().toArray().map((part) => part.toFixed(4))})`
 
 export class Echo {
-  /** `canvas`: tissue; `marks`: overlay for outlines and scales. */
+  /** `canvas` shows the tissue; `marks` is an overlay for outlines and scales. */
   constructor(canvas, marks, plane = AXIAL) {
     this.plane = plane
     this.direction = [0, 1, 2].map((i) => (i === INDEX[plane.normal] ? 1 : 0))
-    this.overlays = [] // functions that draw on the marks, called with this and its 2D context
+    this.overlays = [] // functions that draw on the marks, called with this object and its 2D context
     this.doses = { dose: { value: null }, doseOrigin: { value: new THREE.Vector3() }, doseSize: { value: new THREE.Vector3(1, 1, 1) }, doseTop: { value: 0 } }
-    this.focus = () => true // regions that the image must contain
+    this.focus = () => true // selects the regions that the image must contain
     this.canvas = canvas
     this.marks = marks
     this.renderer = new THREE.WebGLRenderer({ canvas, alpha: true })
@@ -138,7 +139,7 @@ export class Echo {
     this.view = { x: middle.x, y: (low + high) / 2, size: Math.max(width, high - low) }
   }
 
-  /** Places the image for a slice along the probe. */
+  /** Places the image of a slice along the probe. */
   frameRectangle(middle, size, box) {
     this.probe = new THREE.Vector2(middle.z, box.min.y - 0.016)
     this.reach = new THREE.Vector2(0.006, size.y + 0.030)
@@ -146,7 +147,7 @@ export class Echo {
     this.view = { x: middle.z, y: this.probe.y + (this.reach.x + this.reach.y) / 2, size: Math.max(2 * this.spread, this.reach.y) * 1.06 }
   }
 
-  /** Widens the view so that these points (across, up; m) are in it. */
+  /** Widens the view so that it contains these points (across, up; m). */
   include(points) {
     const half = Math.max(this.view.size / 2, ...points.flatMap(([x, y]) => [Math.abs(x - this.view.x), Math.abs(y - this.view.y)]))
     this.view.size = 2 * half
@@ -171,7 +172,7 @@ export class Echo {
     this.world.add(this.tissue, ...this.flashes)
   }
 
-  /** `nodes`: deformed nodes; `lines`: for each needle its points from base to tip, null if it is not shown. */
+  /** Shows deformed nodes (`nodes`); `lines` are the points of each needle from base to tip, null if it is not shown. */
   show(nodes, lines) {
     this.nodes = nodes
     this.lines = lines
@@ -204,7 +205,7 @@ export class Echo {
     return [this.canvas, this.marks]
   }
 
-  /** Intersection of a needle with the slice, or null. `x` here and below is the axis across the image. */
+  /** Returns the intersection of a needle with the slice, or null. Here and below, `x` is the axis across the image. */
   crossing(line) {
     const points = line?.places ?? []
     for (let i = points.length - 1; i > 0; i--) {
@@ -218,7 +219,7 @@ export class Echo {
     return null
   }
 
-  /** Draws if anything has changed, or if the last drawing was coarse and `coarse` is false. */
+  /** Draws if something has changed, or if the last drawing was coarse and `coarse` is false. */
   draw(coarse) {
     if (!this.dirty && this.coarse === coarse || !this.scene || !this.width) return
     this.dirty = false
@@ -229,7 +230,8 @@ export class Echo {
   render(ratio) {
     if (this.renderer.getPixelRatio() !== ratio) this.renderer.setPixelRatio(ratio)
     this.cutTissue()
-    const crossings = this.plane.across === 'x' ? (this.lines ?? []).map((line) => this.crossing(line)) : [] // a needle lies in a sagittal slice
+    // a needle lies in a sagittal slice and does not cross it
+    const crossings = this.plane.across === 'x' ? (this.lines ?? []).map((line) => this.crossing(line)) : []
     this.flashes.forEach((flash, i) => {
       const { needle, visible } = flash.material.uniforms, crossing = crossings[i]
       visible.value = crossing ? 1 : 0
@@ -251,7 +253,7 @@ export class Echo {
     show(geometry, 'grey', levels, 1)
   }
 
-  /** Seen along the needle: y up, x to the left. */
+  /** Sets the view along the needle: y is up, and x points to the left. */
   aim() {
     const { width, height } = this, scale = this.view.size / Math.min(width, height)
     this.halfWidth = scale * width / 2
@@ -307,7 +309,7 @@ export class Echo {
     ink.setLineDash([])
   }
 
-  /** Rulers in millimetres along the left and lower edges. */
+  /** Draws rulers in millimetres along the left and lower edges. */
   drawRulers(ink, ratio) {
     const step = 0.005, { width, height } = this.marks
     ink.strokeStyle = ink.fillStyle = 'rgba(200,212,226,0.55)'

@@ -1,4 +1,4 @@
-// The 3D view: camera, lights, rendering, and draggable planes.
+// The 3D view: camera, lights, rendering, and planes that can be dragged.
 import * as THREE from 'three'
 import { OrbitControls } from 'three/examples/jsm/controls/OrbitControls.js'
 import { Anatomy } from './anatomy.js'
@@ -10,8 +10,8 @@ import { Tracks } from './tracks.js'
 import { Slicer } from './slicer.js'
 
 const MOVING = 0.5, STILL = 1.5 // resolution with software rendering, in motion and at rest
-const REST = 250 // ms without a change until the view is at rest
-const VIEWS = { 1: [-0.78, 0.42, -0.46], 2: [-1, 0, 0], 3: [-0.001, 1, 0], 4: [0, 0.3, -1] } // direction of the camera from the centre
+const REST = 250 // ms without a change after which the view counts as at rest
+const VIEWS = { 1: [-0.78, 0.42, -0.46], 2: [-1, 0, 0], 3: [-0.001, 1, 0], 4: [0, 0.3, -1] } // directions of the camera from the centre
 const AXIS = { x: new THREE.Vector3(1, 0, 0), y: new THREE.Vector3(0, 1, 0), z: new THREE.Vector3(0, 0, 1) }
 
 function rampTexture() {
@@ -24,7 +24,7 @@ function rampTexture() {
   return texture
 }
 
-/** Factor on the camera's distance for this aspect ratio, so that the same width is visible. */
+/** Returns the factor on the camera's distance for this aspect ratio, so that the same width is visible. */
 const room = (aspect) => Math.max(1, 1.25 / aspect)
 
 function drawsInSoftware() {
@@ -32,9 +32,9 @@ function drawsInSoftware() {
   return Boolean(info) && /swiftshader|llvmpipe|software/i.test(graphics.getParameter(info.UNMASKED_RENDERER_WEBGL))
 }
 
-const WAITING = 4 // up to this many needles are shown while they wait; of more needles, only the first
+const WAITING = 4 // up to this number of needles, all are shown while they wait; if there are more, only the first is shown
 
-/** Picture with the needles at their home poses and the tissue at rest. */
+/** Returns a picture with the needles at their home poses and the tissue at rest. */
 function pictureAtHome({ homes, needle: { length }, nodes }) {
   const needles = homes.slice(0, homes.length > WAITING ? 1 : WAITING).map(({ position, orientation: [w, x, y, z] }) => {
     const tip = new THREE.Vector3(0, 0, length).applyQuaternion(new THREE.Quaternion(x, y, z, w)).add(new THREE.Vector3(...position))
@@ -43,7 +43,7 @@ function pictureAtHome({ homes, needle: { length }, nodes }) {
   return { scale: 0, needles, displacement: new Int16Array(nodes.length) }
 }
 
-/** Rectangular frame normal to an axis, which can be dragged along it. */
+/** A rectangular frame normal to an axis, along which it can be dragged. */
 class Plane {
   constructor(axis, colour, box) {
     this.axis = axis
@@ -81,10 +81,10 @@ export class Stage {
     this.clipping = []
     this.addLights()
     this.addDragging()
-    this.dirty = true   // changed since the last rendering
+    this.dirty = true   // something has changed since the last rendering
     this.end = null     // GPU fence of the last rendering
-    this.coarse = false // last rendered at low resolution
-    this.changed = 0    // ms, of performance.now()
+    this.coarse = false // the last rendering was at low resolution
+    this.changed = 0    // ms, performance.now() at the last change
     this.onSlice = () => {}
     this.onCut = () => {}
   }
@@ -113,7 +113,7 @@ export class Stage {
     this.look(1)
   }
 
-  /** Fits the body and the needles outside it into the view. */
+  /** Fits the body, and the needles outside it, into the view. */
   look(number) {
     const middle = this.box.getCenter(new THREE.Vector3()), size = this.box.getSize(new THREE.Vector3())
     middle.z -= 0.12 * size.z
@@ -124,7 +124,7 @@ export class Stage {
     this.dirty = true
   }
 
-  /** `axis`: '' for no cut. Removes the part on the viewer's side. */
+  /** Cuts the body normal to `axis` and removes the part on the viewer's side; '' for no cut. */
   setCut(axis, part = 0.5) {
     if (this.cutPlane) discard(this.cutPlane.frame.removeFromParent())
     this.cutPlane = axis ? new Plane(axis, '#ffb454', this.box) : null
@@ -146,7 +146,7 @@ export class Stage {
     this.dirty = true
   }
 
-  /** Returns the largest displacement, m. */
+  /** Shows a picture; returns the largest displacement, m. */
   show(picture) {
     this.picture = picture
     this.needles.forEach((needle, i) => needle.show(picture.needles[i]))
@@ -157,7 +157,7 @@ export class Stage {
     return largest
   }
 
-  /** Full scale of the displacement's colours, m; recolours the cut. */
+  /** Sets the full scale of the displacement's colours, m, and recolours the cut. */
   setRange(range) {
     this.anatomy.setRange(range)
     if (this.cutPlane) this.recut()
@@ -204,7 +204,7 @@ export class Stage {
     return this.canvas
   }
 
-  /** Renders if anything has changed, and at full resolution once at rest; returns whether it did. */
+  /** Renders if something has changed, and at full resolution once the view is at rest; returns whether it rendered. */
   draw(now) {
     this.controls.update()
     if (!this.scene) return false
@@ -227,7 +227,7 @@ export class Stage {
     gl.flush()
   }
 
-  /** Whether the GPU has finished the last rendering. */
+  /** True if the GPU has finished the last rendering. */
   finished() {
     const gl = this.renderer.getContext()
     if (this.end && gl.getSyncParameter(this.end, gl.SYNC_STATUS) === gl.UNSIGNALED) return false
@@ -236,7 +236,7 @@ export class Stage {
     return true
   }
 
-  /** Metres per pixel at the camera's target. */
+  /** Returns the metres per pixel at the camera's target. */
   metresPerPixel(height = this.canvas.clientHeight) {
     const distance = this.camera.position.distanceTo(this.controls.target)
     return 2 * distance * Math.tan(THREE.MathUtils.degToRad(this.camera.fov / 2)) / height
@@ -270,7 +270,7 @@ export class Stage {
     this.canvas.addEventListener('pointerup', () => { this.dragged = null; this.controls.enabled = true })
   }
 
-  /** Moves the plane to the point of its axis closest to the pointer's ray. */
+  /** Moves the plane to the point of its axis that is closest to the pointer's ray. */
   drag(ray) {
     const { plane, axis, start, from } = this.dragged, between = start.clone().sub(ray.origin)
     const slant = axis.dot(ray.direction), across = 1 - slant * slant

@@ -1,10 +1,11 @@
-// Points of the tissue, which move with it.
+// Points that move with the tissue.
 import * as THREE from 'three'
 import { interpolate, weightsIn } from '../barycentric.js'
 
-const EDGE = -1e-6 // of a weight, rounding
+const EDGE = -1e-6 // rounding of a weight
 
-/** The tetrahedron that a place [x, y, z] is in when the nodes are at `nodes`, -1: outside of the tissue. `guess`: one that it may still be in. */
+/** Returns the tetrahedron that contains a position [x, y, z] when the nodes are at `nodes`, or -1 outside the tissue. `guess` is a tetrahedron that
+    may contain it, and is tried first. */
 export function tetAt(scene, nodes, place, guess = -1) {
   const moved = { nodes, tets: scene.tets }, isIn = (tet) => Math.min(...weightsIn(moved, tet, place)) > EDGE
   if (guess >= 0 && isIn(guess)) return guess
@@ -12,11 +13,11 @@ export function tetAt(scene, nodes, place, guess = -1) {
   return -1
 }
 
-/** The name of a tetrahedron's region, '' for none. */
+/** Returns the name of a tetrahedron's region, '' if it has none. */
 export const regionOf = (scene, tet) => (tet >= 0 ? scene.regions.find(({ group }) => group === scene.tets[5 * tet])?.name ?? '' : '')
 
 export class MaterialPoint {
-  /** `rest`: in the tissue at rest, m. A point outside of the tissue does not move. */
+  /** `rest` is the position in the tissue at rest, m. A point outside the tissue does not move. */
   constructor(scene, rest) {
     this.scene = scene
     this.rest = rest
@@ -29,7 +30,7 @@ export class MaterialPoint {
     }
   }
 
-  /** Its place when the nodes are at `nodes`. */
+  /** Returns the point's position when the nodes are at `nodes`. */
   at(nodes) {
     return this.weights ? new THREE.Vector3(...interpolate(this.scene, this.tet, this.weights, nodes)) : this.rest.clone()
   }

@@ -1,4 +1,5 @@
-// Procedure mode, for a live scene with a template: axial and sagittal images with the template's holes, seeds, plan and dose, and what to do next.
+// Procedure mode, for a live scene with a template: axial and sagittal images with the template's holes, seeds, plan and dose, and instructions for
+// the next step.
 import * as THREE from 'three'
 import { LATE } from '../age.js'
 import { TOUCH } from '../drive.js'
@@ -10,28 +11,29 @@ import { SliceMarks } from './slice_marks.js'
 import { Template } from './template.js'
 
 const ORGANS = /prostate|gland|urethra|rectum/i
-const TARGET = /prostate|gland/i // where seeds belong
-const ASK_AGAIN = 500 // ms, for a hole that trocar-view has not taken note of
+const TARGET = /prostate|gland/i // regions in which seeds belong
+const ASK_AGAIN = 500 // ms after which a hole is sent again if trocar-view has not acknowledged it
 const PUSH = TOUCH ? 'lever up' : 'hold W', PULL = TOUCH ? 'lever down' : 'hold S'
-const IN_LINE = 5e-4 // m, of the tip with the hole's axis
+const IN_LINE = 5e-4 // m, largest distance of the tip from the hole's axis
 const AT_TARGET = 1e-3 // m
-const THROUGH = 0.01 // m of the needle in the tissue, with the tip outside: not where it enters
+const THROUGH = 0.01 // m of the needle in the tissue at which a tip outside has come out on the far side
 const NONE = { pending: [], seeds: [] }
-const ANSWERS = { // to a command that was carried out, or refused; #: the needle
+const ANSWERS = { // texts for a command that was carried out, or refused; #: the needle
   drop: ['The seed is at the tip, still in the needle.', 'No seed dropped'],
   undo: ['The last seed is taken back.', 'Nothing taken back'],
   leave: ['Needle # rests in template and tissue.', 'Needle # not left'],
   take: ['Needle # is held again.', 'Needle # not taken'],
   remove: ['Needle # is out.', 'Needle # not pulled out'],
 }
-const STRAND = 16 // seeds at most
+const STRAND = 16 // largest number of seeds
 const OWNERS = { here: 'driven here', elsewhere: 'held by a device', nobody: 'free' }
 
 const element = (id) => document.getElementById(id)
 const mm = (length) => (1e3 * length).toFixed(1)
 const set = (node, text) => { if (node.textContent !== text) node.textContent = text }
 
-/** What this browser's tab remembers of a scene: the chosen hole, the target's depth (m) at rest, and whether it is a planned seed's. */
+/** Returns what this browser tab has stored for a scene: the chosen hole, the target's depth (m) at rest, and whether the target is that of a planned
+    seed. */
 function remembered(path) {
   try { return JSON.parse(sessionStorage.getItem(`procedure ${path}`)) ?? {} } catch { return {} } // storage is not available in some private windows
 }
@@ -57,7 +59,7 @@ export class Procedure {
 
   load(scene) {
     const index = scene.live ? scene.guides.findIndex(({ columns, rows }) => columns * rows > 1) : -1
-    const before = remembered(scene.path) // the page was disconnected, or loaded again
+    const before = remembered(scene.path) // the page was disconnected or reloaded
     this.reset()
     this.seeds = NONE
     this.scene = scene
@@ -83,7 +85,7 @@ export class Procedure {
     if (before.hole && this.available) this.restore(before)
   }
 
-  /** Restores the hole, and the target wherever it was moved to. */
+  /** Restores the hole, and the target where it was moved to. */
   restore({ hole, depth, planned }) {
     if (!(hole.column < this.template.columns && hole.row < this.template.rows)) return
     this.hole = hole
@@ -92,13 +94,13 @@ export class Procedure {
     this.planned = planned
   }
 
-  /** Moves the sagittal view so that the template is in it, beside the organs. */
+  /** Moves the sagittal view so that it shows the template beside the organs. */
   showTemplate() {
     const { probe, spread, view } = this.sagittal, forward = Math.sign(this.template.normal.z) || 1
     view.x = (this.template.origin.z - forward * 0.005 + probe.x + forward * spread) / 2
   }
 
-  /** Shows either the four panes of an implant, or the ordinary page of other scenes. */
+  /** Shows either the four panes of an implant, or the ordinary page for other scenes. */
   setActive(active) {
     this.active = active
     document.body.classList.toggle('procedure', active)
@@ -113,7 +115,7 @@ export class Procedure {
 
   toggle() { this.setActive(!this.active) }
 
-  /** Chooses the one image that a small screen shows. */
+  /** Chooses the image that a small screen shows. */
   choosePane(pane) {
     document.body.dataset.pane = pane
     for (const button of element('panes').children) button.setAttribute('aria-pressed', String(button.dataset.pane === pane))
@@ -138,7 +140,7 @@ export class Procedure {
     element('dose').innerHTML = describeDose(dose)
   }
 
-  /** Another server has replaced the previous one: forgets seeds and needles. */
+  /** Forgets seeds and needles when another server has replaced the previous one. */
   hearRestart() {
     const lost = Math.max(this.seeds.seeds.length, this.left ?? 0)
     this.seeds = NONE
@@ -146,9 +148,9 @@ export class Procedure {
     this.say(`The server has been restarted: the needles are out${lost ? `, and ${lost === 1 ? 'the seed is' : `the ${lost} seeds are`} gone` : ''}.`, true)
   }
 
-  /** The server's answer to a command. */
+  /** Handles the server's answer to a command. */
   hearReply({ number, command, done, message, needle }) {
-    const old = number === this.answered || this.answered === undefined && this.connecting // the reply was for a page before this one
+    const old = number === this.answered || this.answered === undefined && this.connecting // the reply was for an earlier page
     this.answered = number
     if (old) return
     if (done && command === 'drop') this.dropped = { needle, depth: null, seeds: Math.max(1, this.seeds.pending[needle] ?? 1) }
@@ -160,7 +162,7 @@ export class Procedure {
     this.say(named(done ? `${words}${astray}` : `${refused}: ${message}.`), !done || Boolean(astray))
   }
 
-  /** A warning in words for a seed outside the gland; '' inside it, or if the scene has no such region. */
+  /** Returns a warning in words for a seed outside the gland; '' inside it, or if the scene has no such region. */
   outOfTarget(tet) {
     const target = this.scene.regions.find(({ name }) => TARGET.test(name))?.name, region = regionOf(this.scene, tet)
     return !target || TARGET.test(region) ? '' : ` It is not in the ${target}${region ? `, but in “${region}”` : ', nor in the tissue'}.`
@@ -196,7 +198,7 @@ export class Procedure {
     new ResizeObserver(() => this.sagittal.resize()).observe(element('sagittal'))
   }
 
-  /** Handles a key; returns whether it was one of this mode. */
+  /** Handles a key; returns whether it belongs to this mode. */
   key(event) {
     const action = { KeyX: () => this.drop(), KeyU: () => this.undo(), KeyH: () => element('hole').select(), KeyE: () => this.leave(), KeyF: () => this.takeNew(),
                      KeyQ: () => this.chooseNext(), KeyZ: () => this.remove(this.drive.needle) }[event.code]
@@ -205,7 +207,7 @@ export class Procedure {
     return true
   }
 
-  /** Point of a slice under the pointer: across and up, m. */
+  /** Returns the point of a slice under the pointer: across and up, m. */
   pointAt(slice, event) {
     const box = slice.canvas.getBoundingClientRect()
     return { across: slice.view.x - (2 * (event.clientX - box.left) / box.width - 1) * slice.halfWidth, up: slice.view.y - (2 * (event.clientY - box.top) / box.height - 1) * slice.halfHeight }
@@ -236,22 +238,22 @@ export class Procedure {
     if (taken >= 0 && taken !== this.drive.needle) return this.say(`Needle ${taken} is in hole ${this.template.name(hole)}: choose another one.`, true)
     this.hole = { column: hole.column, row: hole.row }
     this.asked = null
-    this.again = true // also if the hole is the same: the needle may have been steered away from it
+    this.again = true // also if the hole is the same, because the needle may have been steered away from it
     element('hole').value = this.template.name(hole)
     this.say('')
     this.aimAtPlan() || this.setTarget(this.template.depthOf(this.middle()))
     for (const slice of [this.echo, this.sagittal]) slice.dirty = true
   }
 
-  /** Middle of the organs. */
+  /** Returns the middle of the organs. */
   middle() { return new THREE.Vector3(this.echo.view.x, this.echo.view.y, this.sagittal.probe.x) }
 
-  /** The deepest planned seed of the hole that has no seed yet: the tip goes to its far end. */
+  /** Aims at the deepest planned seed of the hole that has not been placed: the tip goes to the seed's distal end. */
   aimAtPlan() {
     const name = this.template.name(this.hole), holeNumber = this.template.number(this.hole)
     const planned = this.plan.filter(({ hole }) => hole === name).map(({ point }) => this.template.depthOf(point.rest)).sort((a, b) => b - a)
     const placed = this.seeds.seeds.filter(({ guide, hole }) => guide === this.template.index && hole === holeNumber).length
-    this.planned = planned.length > placed // the target is where the plan has the next seed
+    this.planned = planned.length > placed // the target is the plan's position of the next seed
     if (!this.planned) return false
     this.setTarget(planned[placed] + this.seedLength / 2)
     return true
@@ -274,7 +276,7 @@ export class Procedure {
 
   /* ---- several needles ---- */
 
-  /** The needle in this hole of the template, -1: none. */
+  /** Returns the needle in this hole of the template, or -1. */
   needleIn({ column, row }) {
     return this.needles.findIndex(({ line }) => {
       const hole = this.template.holeOf(line)
@@ -282,13 +284,13 @@ export class Procedure {
     })
   }
 
-  /** Whether a needle rests, is held, or is in the template. */
+  /** True if a needle rests, is held, or is in the template. */
   isInUse(needle) {
     const { state, owned } = this.states[needle] ?? {}
     return Boolean(state) && (state !== 'held' || owned !== 'nobody' || Boolean(this.template.holeOf(this.needles[needle].line)))
   }
 
-  /** Whether a needle rests, or nobody holds it. */
+  /** True if a needle rests, or if nobody holds it. */
   isFree(needle) {
     const { state, owned } = this.states[needle] ?? {}
     return state === 'resting' || state === 'held' && owned === 'nobody'
@@ -296,7 +298,7 @@ export class Procedure {
 
   leave() {
     if (!this.drive.steering) return this.say('Press “Drive the needle” first.', true)
-    this.drive.asked = true // no surprise when it is let go
+    this.drive.asked = true // the loss of the needle is expected
     this.link.leave()
   }
 
@@ -332,7 +334,7 @@ export class Procedure {
     remember(this.scene.path, null)
   }
 
-  /** A and B of a gamepad. */
+  /** Reads the buttons A and B of a gamepad. */
   readGamepad() {
     const pad = navigator.getGamepads?.().find((p) => p), pressed = [0, 1].map((i) => Boolean(pad?.buttons[i]?.pressed)), before = this.pressed ?? [false, false]
     this.pressed = pressed
@@ -346,7 +348,7 @@ export class Procedure {
   get needles() { return this.stage.needles }
   get seedLength() { return this.scene.seedLength }
 
-  /** Called in each frame: `picture` is the one that is shown; `following`: it is live. */
+  /** Called in each frame: `picture` is the displayed picture; `following`: it is live. */
   show(picture, following, chosen) {
     if (!this.scene) return
     const { seeds } = following && this.scene.live ? this.seeds : picture?.seeds ?? NONE
@@ -375,7 +377,7 @@ export class Procedure {
     this.stage.dirty = true
   }
 
-  /** The sagittal slice goes through the tip, or along the chosen hole while the needle is outside of the template. */
+  /** Moves the sagittal slice to the tip, or along the chosen hole while the needle is outside the template. */
   follow(tip) {
     const { from, to } = this.sagittal.range, inside = tip && this.template.depthOf(tip) > 0
     const place = inside ? tip.x : this.hole ? this.template.place(this.hole).x : this.echo.view.x
@@ -383,7 +385,7 @@ export class Procedure {
     element('sagittal-slice').value = (this.sagittal.place - from) / (to - from)
   }
 
-  /** Direction of the bevel: the base's y, turned by the tip's roll. */
+  /** Returns the direction of the bevel: the base's y, turned by the tip's roll. */
   bevelOf(shape) {
     if (!shape) return null
     const [w, x, y, z] = shape.orientation, base = new THREE.Quaternion(x, y, z, w)
@@ -394,7 +396,7 @@ export class Procedure {
 
   /* ---- words ---- */
 
-  /** Called some times per second: shows the state in words, and what to do next. */
+  /** Called several times per second: describes the state in words, and the next step. */
   describe(status, state, history, chosen) {
     this.drive.lies = false
     if (!this.active) return
@@ -411,20 +413,22 @@ export class Procedure {
     set(element('next'), step)
     const pending = this.seeds.pending[chosen] > 0
     element('drop').disabled = !this.drive.steering || pending
-    element('fresh').disabled = state.name !== 'live' || Boolean(status.driven) || !this.isInUse(chosen) // a chosen needle that is not in use serves as the new one
+    // a chosen needle that is not in use serves as the new one
+    element('fresh').disabled = state.name !== 'live' || Boolean(status.driven) || !this.isInUse(chosen)
     element('undo').disabled = !this.drive.steering || !(pending || this.seeds.seeds.some(({ needle }) => needle === chosen))
   }
 
-  /** True if the needle is in front of the template: then the newest sample may be from before the needle was pulled out, or from another server. */
+  /** True if the needle is in front of the template; the newest sample may then be from before the needle was pulled out, or from another server. */
   isOut({ tip, line }) { return Boolean(tip) && this.template.depthOf(tip) <= 0 && !this.template.holeOf(line) }
 
-  /** The hole that a taken needle is in, if none has been chosen. */
+  /** Chooses the hole in which a taken needle is, if none has been chosen. */
   adoptHole(chosen) {
     const hole = !this.hole && this.drive.driving && this.template.holeOf(this.needles[chosen].line)
     if (hole) this.choose(hole)
   }
 
-  /** Sends the driven needle to the chosen hole once it is outside of the tissue. Until trocar-view has taken note of the hole, forward is not sent. */
+  /** Sends the driven needle to the chosen hole once it is outside the tissue. Forward commands are not sent until trocar-view has acknowledged the
+      hole. */
   goToHole(status, depth) {
     const { state, owned } = this.states[this.drive.needle] ?? {}, { guide, column, row, approaching } = status.hole ?? {}
     this.approaching = Boolean(approaching)
@@ -439,17 +443,17 @@ export class Procedure {
     this.link.goToHole(this.template.index, this.hole.column, this.hole.row)
   }
 
-  /** Where the tip is in the displaced tissue. */
+  /** Shows the region in which the tip is in the displaced tissue. */
   noteTip(tip, depth) {
     this.tipTet = tip && depth > 0 ? tetAt(this.scene, this.stage.anatomy.place.array, tip.toArray(), this.tipTet) : -1
     const entered = this.template.guide.thickness ?? 0
     this.isThrough = depth > THROUGH && this.tipTet < 0 && Boolean(tip) && this.template.depthOf(tip) > entered
   }
 
-  /** Says when a seed has stayed in the tissue. */
+  /** Reports when a seed has stayed in the tissue. */
   noteSeeds(chosen, depth) {
     const { seeds, pending } = this.seeds
-    if (this.left === null) return // none heard of yet
+    if (this.left === null) return // no seeds have been received yet
     if (pending[chosen] > 0) this.dropped ??= { needle: chosen, depth: null, seeds: pending[chosen] }
     if (this.dropped?.needle === chosen && pending[chosen] > 0) {
       this.dropped.depth ??= depth
@@ -464,7 +468,7 @@ export class Procedure {
     set(element('seed-count'), seeds.length || pending.some(Boolean) ? `${seeds.length} in the tissue${pending[chosen] ? `, ${pending[chosen]} in the needle` : ''}` : 'none yet')
   }
 
-  /** `left`: the seeds that have stayed in the tissue since. */
+  /** Reports `left`, the number of seeds that have stayed in the tissue since the last report. */
   sayLeft(left) {
     const count = this.seeds.seeds.length, astray = left.map(({ restPosition }) => this.outOfTarget(new MaterialPoint(this.scene, new THREE.Vector3(...restPosition)).tet ?? -1)).find(Boolean)
     this.say(`Seed ${count} is in the tissue.${astray ?? ''}`, Boolean(astray))
@@ -504,7 +508,7 @@ export class Procedure {
     return row
   }
 
-  /** Distances (m) from the tip to the target: along the needle, and across it. */
+  /** Returns the distances (m) from the tip to the target: along the needle, and across it. */
   tipError(tip) {
     const off = this.targetNow.clone().sub(tip), along = off.dot(this.template.normal)
     return { along, aside: off.addScaledVector(this.template.normal, -along).length() }
@@ -543,7 +547,7 @@ export class Procedure {
     return 'Press “Drop seed”.'
   }
 
-  /** Whether the newest seed came from this needle in the chosen hole. */
+  /** True if the newest seed came from this needle in the chosen hole. */
   seedHere(chosen) {
     const last = this.seeds.seeds.at(-1)
     return last?.needle === chosen && last.hole === this.template.number(this.hole)

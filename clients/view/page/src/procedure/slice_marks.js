@@ -1,4 +1,4 @@
-// What is drawn on the slices: the template's holes, the patient's sides, needles, seeds, the plan and the target.
+// Draws marks on the slices: the template's holes, the patient's sides, needles, seeds, the plan and the target.
 import * as THREE from 'three'
 import { hubColour, PLANNED, SEED, TARGET } from '../colours.js'
 import { columnName } from './template.js'
@@ -8,7 +8,8 @@ const BEVEL = '#f4d35e', GRID = '#9fd8ff', CHOSEN = '#37d0ff', HALO = 'rgba(4, 8
 const LETTERS = [['L', 'R'], ['P', 'A'], ['S', 'I']]
 const AXES = { x: [1, 0, 0], y: [0, 1, 0], z: [0, 0, 1] }
 
-/** The patient's side to which an axis of the mesh points. Scenes that do not say are as the viewer's images: right, front, head. */
+/** Returns the patient's side to which an axis of the mesh points. A scene that does not define it is taken as the viewer's images show it: right,
+    front, head. */
 function sideOf(scene, axis, sign) {
   const matrix = scene.patientToMesh ?? [-1, 0, 0, 0, 0, -1, 0, 0, 0, 0, 1, 0]
   const patient = [0, 1, 2].map((column) => sign * [0, 1, 2].reduce((sum, row) => sum + matrix[4 * row + column] * AXES[axis][row], 0))
@@ -16,7 +17,7 @@ function sideOf(scene, axis, sign) {
   return LETTERS[most][patient[most] < 0 ? 1 : 0]
 }
 
-/** Text with a dark edge, readable on any tissue. */
+/** Draws a text with a dark edge, so that it is readable on any tissue. */
 function label(ink, text, x, y, colour) {
   ink.lineWidth = 3 * ink.unit
   ink.strokeStyle = HALO
@@ -36,7 +37,7 @@ function ring(ink, [x, y], radius, colour, width = 1.5, fill = false) {
 }
 
 export class SliceMarks {
-  /** `model`: the procedure, whose scene, template, hole, target, needles and so on are drawn. */
+  /** `model` is the procedure, whose scene, template, hole, target and needles are drawn. */
   constructor(model, slice) {
     this.model = model
     this.slice = slice
@@ -92,10 +93,10 @@ export class SliceMarks {
   drawHole(ink, hole, colour, width) {
     const [x, y] = this.pixel(this.model.template.place(hole))
     ring(ink, [x, y], 8, colour, width)
-    label(ink, this.model.template.name(hole), x, y + 17 * ink.unit, colour) // the bevel's arrow is above at first
+    label(ink, this.model.template.name(hole), x, y + 17 * ink.unit, colour) // below the hole, because the bevel's arrow is at first above it
   }
 
-  /** The chosen hole's axis, in the sagittal image. */
+  /** Draws the chosen hole's axis in the sagittal image. */
   drawAxis(ink) {
     const { template, hole } = this.model
     this.drawPlate(ink, template)
@@ -110,7 +111,7 @@ export class SliceMarks {
     ink.setLineDash([])
   }
 
-  /** The template from the side. */
+  /** Draws the template from the side. */
   drawPlate(ink, template) {
     const corner = (row, depth) => this.pixel(template.place({ column: 0, row }).addScaledVector(template.normal, depth)), [low, high] = [corner(-1, 0), corner(template.rows, template.guide.thickness)]
     ink.fillStyle = 'rgba(159, 216, 255, 0.22)'
@@ -134,7 +135,7 @@ export class SliceMarks {
     })
   }
 
-  /** An arrow from each needle to the side of its bevel. */
+  /** Draws an arrow from each needle to the side of its bevel. */
   drawBevels(ink, echo) {
     this.model.bevels.forEach((bevel, i) => {
       const place = bevel && echo.crossing(this.model.needles[i].line)

@@ -1,4 +1,4 @@
-// The template: names and places of its holes. A letter for the column, from A; a number for the row, from 1 in halves.
+// The template: names and positions of its holes. A name has a letter for the column, from A, and a number for the row, from 1 in halves.
 import * as THREE from 'three'
 
 export function columnName(column) {
@@ -8,19 +8,19 @@ export function columnName(column) {
 export const rowName = (row) => `${1 + (row >> 1)}${row % 2 ? '.5' : ''}`
 
 export class Template {
-  /** `index` of the scene's guide; `guide` as decoded. */
+  /** `index` is that of the scene's guide; `guide` as decoded. */
   constructor(guide, index) {
     Object.assign(this, { guide, index, columns: guide.columns, rows: guide.rows })
     for (const [name, vector] of [['origin', guide.origin], ['normal', guide.normal], ['along', guide.alongColumns], ['up', guide.alongRows]])
       this[name] = new THREE.Vector3(...vector)
   }
 
-  /** As in messages. */
+  /** Returns the hole's number, as in messages. */
   number({ column, row }) { return column + this.columns * row }
 
   name({ column, row }) { return columnName(column) + rowName(row) }
 
-  /** The hole of this name, such as "c3.5" or "C 3,5"; null if there is none. */
+  /** Returns the hole with this name, such as "c3.5" or "C 3,5"; null if there is none. */
   find(text) {
     const match = /^([A-Z]{1,2})([1-9]\d?)([.]([05]))?$/.exec(text.toUpperCase().replace(/\s/g, '').replace(',', '.'))
     if (!match) return null
@@ -28,22 +28,22 @@ export class Template {
     return column < this.columns && row < this.rows ? { column, row } : null
   }
 
-  /** What to type, such as "A to M and 1 to 7 in halves". */
+  /** Returns the names that can be typed, such as "A to M and 1 to 7 in halves". */
   get range() { return `a letter from A to ${columnName(this.columns - 1)} and a number from 1 to ${rowName(this.rows - 1)} in halves` }
 
-  /** Middle of a hole on the face where needles enter. */
+  /** Returns the middle of a hole on the face where needles enter. */
   place({ column, row }) {
     const { spacing } = this.guide
     return this.origin.clone().addScaledVector(this.along, (column - (this.columns - 1) / 2) * spacing).addScaledVector(this.up, (row - (this.rows - 1) / 2) * spacing)
   }
 
-  /** Somewhat beyond the outer holes. */
+  /** Returns the corners of a rectangle somewhat beyond the outer holes. */
   corners() {
     const { spacing } = this.guide
     return [[0, 0, -1], [this.columns - 1, this.rows - 1, 1]].map(([column, row, side]) => this.place({ column, row }).addScaledVector(this.along, 1.6 * side * spacing).addScaledVector(this.up, 2.6 * side * spacing))
   }
 
-  /** The hole in line with a point, and its distance from the hole's axis (m); null beside the template. */
+  /** Returns the hole in line with a point, and the point's distance from the hole's axis (m); null beside the template. */
   nearest(point) {
     const { spacing } = this.guide, from = point.clone().sub(this.origin)
     const column = Math.round(from.dot(this.along) / spacing + (this.columns - 1) / 2), row = Math.round(from.dot(this.up) / spacing + (this.rows - 1) / 2)
@@ -51,18 +51,18 @@ export class Template {
     return { column, row, distance: this.aside(point, { column, row }).length() }
   }
 
-  /** The vector from the hole's axis to the point, perpendicular to the axis. */
+  /** Returns the vector from the hole's axis to the point, perpendicular to the axis. */
   aside(point, hole) {
     const from = point.clone().sub(this.place(hole))
     return from.addScaledVector(this.normal, -from.dot(this.normal))
   }
 
-  /** The point on the hole's axis that is `depth` (m) beyond the face where needles enter. */
+  /** Returns the point on the hole's axis that is `depth` (m) beyond the face where needles enter. */
   onAxis(hole, depth) { return this.place(hole).addScaledVector(this.normal, depth) }
 
   depthOf(point) { return point.clone().sub(this.origin).dot(this.normal) }
 
-  /** The hole that a needle is in, by the points of its shape; null if it has not entered the plate. */
+  /** Returns the hole in which a needle is, given the points of its shape; null if it has not entered the plate. */
   holeOf(line) {
     const points = line?.places ?? [], at = points.findIndex((point) => this.depthOf(point) > 0)
     if (at < 1) return null

@@ -1,5 +1,5 @@
 #!/usr/bin/python3
-"""Tests scripts/constants: it reads constants and their comments, and turns them into variables that a compiler accepts. Every constant of the
+"""Tests scripts/pages/constants: it reads constants and their comments, and turns them into variables that a compiler accepts. Every constant of the
 mechanics has unit, purpose and source, and docs/reference/constants.md agrees with these comments and the measured changes.
 
 usage: test_constants.py SOURCE_DIR

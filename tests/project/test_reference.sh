@@ -1,5 +1,5 @@
 #!/bin/bash
-# scene.md, messages.md and programs.md in docs/reference agree with the output of scripts/reference for the scene table, trocar.lcm
+# scene.md, messages.md and programs.md in docs/reference agree with the output of scripts/pages/reference for the scene table, trocar.lcm
 # and the programs' --help, and they are complete.
 # usage: test_reference.sh BUILD_DIR SOURCE_DIR
 set -euo pipefail

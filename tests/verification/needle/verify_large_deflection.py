@@ -11,9 +11,10 @@ import sys
 import tempfile
 from pathlib import Path
 
-import needle_meshes  # first, because it skips this check if Gmsh is missing
-import large_deflection as ld
-from rows import REPOSITORY, Rows
+sys.path[:0] = [str(Path(__file__).resolve().parents[1] / folder) for folder in (".", "references")]
+import needle_meshes  # noqa: E402: first, because it skips this check if Gmsh is missing
+import large_deflection as ld  # noqa: E402
+from rows import REPOSITORY, Rows  # noqa: E402
 
 LARGE_DISPLACEMENTS = 0.02   # error of large displacements alone, according to docs/mechanics.md
 OURS = 0.05

@@ -8,11 +8,10 @@ import os
 import sys
 from pathlib import Path
 
-import needle_meshes  # first, because it skips this check if Gmsh is missing
 import numpy as np
 
 sys.path[:0] = [str(Path(__file__).resolve().parents[1] / folder) for folder in (".", "references")]
-import needle_meshes  # noqa: E402: first: it skips this check where Gmsh is missing
+import needle_meshes  # noqa: E402: first, because it skips this check if Gmsh is missing
 from rows import REPOSITORY, Rows  # noqa: E402
 
 LIMITS = {448: 0.10, 1440: 0.05}  # nodes: largest error of a force; of others it is measured

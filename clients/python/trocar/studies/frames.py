@@ -27,9 +27,9 @@ from typing import Any
 import h5py
 import numpy as np
 
-from . import Model
+from .. import Model
 from ._definition import Study
-from ._library import lib
+from .._library import lib
 from ._quantities import Recording
 
 __all__ = ["Writer", "collect", "size_in_words"]

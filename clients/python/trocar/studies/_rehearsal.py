@@ -9,10 +9,11 @@ from typing import NamedTuple
 import numpy as np
 import numpy.typing as npt
 
-from . import Model, Sim
-from ._locate import locate
-from .motion import Implant, exponential, multiply, towards
-from .plan import Turn
+from .. import Model, Sim
+from .._locate import locate
+from ..brachy.implant import Implant
+from ..motion import exponential, multiply, towards
+from ..brachy.plan import Turn
 
 Array = npt.NDArray[np.float64]
 

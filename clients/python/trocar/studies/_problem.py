@@ -10,15 +10,15 @@ from typing import Any
 import numpy as np
 import numpy.typing as npt
 
-from . import Error, Model, Scene
-from . import plan as plans
+from .. import Error, Model, Scene
+from ..brachy import plan as plans
 from ._definition import BadStudy, Study, _scene_keys, _StudyReader
-from ._obstacles import BadContours, Obstacle, contour_points, read_contours, region_points, spacing_of, surface_points
-from ._locate import locate
-from ._reader import Reader
+from ..brachy._obstacles import BadContours, Obstacle, contour_points, read_contours, region_points, spacing_of, surface_points
+from .._locate import locate
+from .._reader import Reader
 from ._rehearsal import Target
-from .motion import Implant
-from .plan import BadPlan, Frame, Plan
+from ..brachy.implant import Implant
+from ..brachy.plan import BadPlan, Frame, Plan
 
 Array = npt.NDArray[np.float64]
 

@@ -19,11 +19,11 @@ from typing import Any, Callable, Iterable, Iterator, NamedTuple, Sequence
 import numpy as np
 import numpy.typing as npt
 
-from . import Error, Model, Sim
+from .. import Error, Model, Sim
 from ._definition import BadStudy, Study
-from ._files import open_input, open_regular
+from .._files import open_input, open_regular
 from ._quantities import Recording
-from .plan import BadPlan
+from ..brachy.plan import BadPlan
 
 FEW = 8          # runs of one stiffness: for fewer, the sparse inverse, which is built faster, takes less time in total
 SYNC = 1.0       # s between two calls of fsync

@@ -24,7 +24,7 @@ With `plan: FILE` instead of targets, entry and their options, the problem is to
 
 As a program:
 
-    trocar-plan run | check | carry-out ...    --help says more; also python3 -m trocar.planner
+    trocar-plan run | check | carry-out ...    --help says more; also python3 -m trocar.studies.planner
 """
 from __future__ import annotations
 
@@ -41,16 +41,16 @@ from typing import Any, Callable, NamedTuple, Sequence
 import numpy as np
 import numpy.typing as npt
 
-from . import Error, Model, __version__
-from . import plan as plans
+from .. import Error, Model, __version__
+from ..brachy import plan as plans
 from ._definition import BadStudy
-from ._locate import locate
+from .._locate import locate
 from ._problem import IN_FRONT, BadProblem, Problem, read
-from ._program import ended, say
+from .._program import ended, say
 from ._rehearsal import Aim, Outcome, carried_out, depth_of
 from ._runs import Pool, model_of
 from ._search import ROUNDING, Case, Found
-from .plan import BadPlan, Needle, Plan, Turn
+from ..brachy.plan import BadPlan, Needle, Plan, Turn
 
 __all__ = ["BadProblem", "Expected", "Problem", "Result", "SeedResult", "carry_out", "models_of", "plan", "plan_seeds", "plan_target", "read"]
 
@@ -202,7 +202,7 @@ SEED_EXACT = 2e-5    # m
 def _placed(problem: Problem, model: Model, given: Needle, needle: Needle) -> Array:
     """Returns the distances (seeds, 3) m of a needle's seeds, carried out as `needle`, from their places in `given`, in the tissue at rest. Raises
     BadPlan, Error."""
-    from . import Sim
+    from .. import Sim
     sim, dt = Sim(model), 1.0 / model.rate_hz
     for poses in replace(problem.hand, plan=replace(problem.plan, needles=[needle])).play(sim, dt):
         sim.run(poses, dt)
@@ -387,7 +387,7 @@ def _run(given: argparse.Namespace) -> int:
     if not given.no_plots:
         import matplotlib    # noqa: F401
     from . import _planning_report as report
-    from ._program import Progress
+    from .._program import Progress
     problem = read(given.problem)
     _chosen(problem, given.only)
     out = Path(given.out)
@@ -439,7 +439,7 @@ def _carry_out(given: argparse.Namespace) -> int:
     from . import _planning_report as report
     problem, found = read(given.problem), plans.read(given.plan)
     if problem.plan:
-        raise BadProblem(f"{problem.path}: carry-out is for targets; compare the seeds of a plan with python3 -m trocar.plan compare")
+        raise BadProblem(f"{problem.path}: carry-out is for targets; compare the seeds of a plan with python3 -m trocar.brachy.plan compare")
     _check_plan(problem, found)
     models, points = models_of(problem), dict(problem.targets)
     rows = [(needle, carry_out(problem, models, needle, points[needle.name])) for needle in found.needles]
@@ -451,7 +451,7 @@ def _carry_out(given: argparse.Namespace) -> int:
 
 
 def _options() -> argparse.ArgumentParser:
-    from ._program import whole_number
+    from .._program import whole_number
     parser = argparse.ArgumentParser(prog="trocar-plan", description="Plans insertions, described by a file: entry, direction, depth and roll with which the tip, or "
                                      "a plan's seeds, end where they should in the displaced tissue.",
                                      epilog="Exit status: 0, 1 if a target is not reached within its tolerance or something failed, such as memory, a missing package or "
@@ -495,6 +495,6 @@ def main(arguments: Sequence[str] | None = None) -> int:
 
 
 if __name__ == "__main__":
-    from trocar import planner as _imported  # makes the classes the same as in the other modules
+    from trocar.studies import planner as _imported  # makes the classes the same as in the other modules
 
     sys.exit(_imported.main())

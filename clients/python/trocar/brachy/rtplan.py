@@ -16,7 +16,7 @@ from typing import Any, Iterator, NamedTuple
 
 import numpy as np
 
-from . import Guide, Model, __version__
+from .. import Guide, Model, __version__
 from .plan import BadPlan, Frame, Needle, Placed, Plan, Source, guide_of, hole_name, hole_number, planned_seeds
 
 try:

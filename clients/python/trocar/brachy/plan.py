@@ -24,7 +24,7 @@ the needle's direction (`trocar.motion.towards`).
 
 As a program:
 
-    python3 -m trocar.plan show | check | export | import | compare ...    --help says more
+    python3 -m trocar.brachy.plan show | check | export | import | compare ...    --help says more
 """
 from __future__ import annotations
 
@@ -40,10 +40,10 @@ from typing import Any, Iterable, NamedTuple, Sequence
 import numpy as np
 import numpy.typing as npt
 
-from . import Error, Guide, Model, Scene, Sim
-from ._files import open_input
-from ._locate import locate
-from ._reader import Reader
+from .. import Error, Guide, Model, Scene, Sim
+from .._files import open_input
+from .._locate import locate
+from .._reader import Reader
 
 __all__ = ["BadPlan", "Frame", "Misplacement", "Needle", "Plan", "Planned", "Placed", "Source", "Turn", "compare", "guide_of", "hole_axis", "hole_name",
            "hole_number", "needle_axis", "planned_seeds", "read", "read_seeds", "seeds_of", "summary", "without_steering", "write"]
@@ -534,7 +534,7 @@ def without_steering(plan: Plan, what: str) -> Plan:
     for needle in plan.needles:
         if needle.roll or needle.turn:
             raise BadPlan(f"{plan.path}:{needle.line}: needle {needle.title}: {what} has no roll or turn, and its needles would go elsewhere: carry the plan out by "
-                          "trocar.motion.Implant")
+                          "trocar.brachy.implant.Implant")
     return plan
 
 
@@ -566,7 +566,7 @@ def _import(given: argparse.Namespace, model: Model) -> None:
         planned_seeds(plan, model)
         write(plan, given.out, "\n".join([f"From {given.file}", *plan.remarks]))
         for remark in plan.remarks:
-            print(f"trocar.plan: {given.file}: {remark}", file=sys.stderr)
+            print(f"trocar.brachy.plan: {given.file}: {remark}", file=sys.stderr)
 
 
 def _compare(given: argparse.Namespace, model: Model) -> None:
@@ -582,7 +582,7 @@ def _compare(given: argparse.Namespace, model: Model) -> None:
 
 
 def _options() -> argparse.ArgumentParser:
-    parser = argparse.ArgumentParser(prog="python3 -m trocar.plan", description="Plans of an implant: needles by the template's coordinates, seeds along them.",
+    parser = argparse.ArgumentParser(prog="python3 -m trocar.brachy.plan", description="Plans of an implant: needles by the template's coordinates, seeds along them.",
                                      epilog="Exit status: 0, 2 for bad input.")
     commands = parser.add_subparsers(dest="command", required=True, metavar="COMMAND")
 
@@ -621,15 +621,15 @@ def main(arguments: Sequence[str] | None = None) -> int:
     try:
         given.run(given, Model(Scene.load(given.scene), mesh_only=True))
     except (BadPlan, Error) as error:
-        print(f"trocar.plan: {error}", file=sys.stderr)
+        print(f"trocar.brachy.plan: {error}", file=sys.stderr)
         return 2
     except OSError as error:
-        print(f"trocar.plan: {error.filename}: {error.strerror}", file=sys.stderr)
+        print(f"trocar.brachy.plan: {error.filename}: {error.strerror}", file=sys.stderr)
         return 2
     return 0
 
 
 if __name__ == "__main__":
-    from trocar import plan as _imported  # rtplan imports this module by its name, and its BadPlan must be the same class
+    from trocar.brachy import plan as _imported  # rtplan imports this module by its name, and its BadPlan must be the same class
 
     sys.exit(_imported.main())

@@ -9,13 +9,13 @@ from typing import Callable, Iterator, NamedTuple, Sequence
 import numpy as np
 import numpy.typing as npt
 
-from . import Error, Model
-from . import plan as plans
-from ._obstacles import Embedding
+from .. import Error, Model
+from ..brachy import plan as plans
+from ..brachy._obstacles import Embedding
 from ._problem import Problem
 from ._rehearsal import Aim, Outcome, Rehearsal, Target, depth_of
-from .motion import rotate, towards
-from .plan import Turn
+from ..motion import rotate, towards
+from ..brachy.plan import Turn
 
 Array = npt.NDArray[np.float64]
 

@@ -12,12 +12,13 @@ from typing import Any
 import numpy as np
 import numpy.typing as npt
 
-from . import Error, Key, Model, Scene, __version__, keys
-from . import motion as motions
-from ._locate import locate
+from .. import Error, Key, Model, Scene, __version__, keys
+from .. import motion as motions
+from .._locate import locate
 from ._quantities import QUANTITIES, Quantity
-from ._reader import Reader
-from .plan import BadPlan, Frame, Plan
+from .._reader import Reader
+from ..brachy.implant import Implant
+from ..brachy.plan import BadPlan, Frame, Plan
 
 METHODS = ("sobol", "latin hypercube", "random", "saltelli", "grid")
 MOST_RUNS = 10_000_000
@@ -280,10 +281,10 @@ class _StudyReader:
                     self.digest(study, kind, path)
                     found = motions.Table.read(path)
                 else:
-                    from . import plan as plans
+                    from ..brachy import plan as plans
                     study.plan = plans.read(path)
                     study.digests[kind] = _digest_of([replace(study.plan, path="", line=0, needles=[]), *(replace(needle, line=0) for needle in study.plan.needles)])
-                    found = motions.Implant(plan=study.plan, **({"speed": speed} if speed else {}))
+                    found = Implant(plan=study.plan, **({"speed": speed} if speed else {}))
             except (motions.BadMotion, BadPlan) as error:
                 raise BadStudy(str(error)) from error
         study.described = f"{kind} {given[kind].value if kind in ('script', 'poses', 'plan') else found} start {None if start is None else start.tolist()} speed {speed}"
@@ -442,7 +443,7 @@ class _StudyReader:
         try:
             model = Model(scene, mesh_only=True)
             if study.plan:
-                from . import plan as plans
+                from ..brachy import plan as plans
                 plans.check(study.plan, model)
         except (Error, BadPlan) as error:
             raise BadStudy(str(error)) from error

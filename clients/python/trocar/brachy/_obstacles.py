@@ -9,8 +9,8 @@ from typing import Callable
 import numpy as np
 import numpy.typing as npt
 
-from . import Model
-from ._files import open_input
+from .. import Model
+from .._files import open_input
 
 Array = npt.NDArray[np.float64]
 

@@ -7,12 +7,12 @@ from typing import Any, Sequence
 
 import numpy as np
 
-from . import Model
-from ._locate import locate
-from ._obstacles import region_points
+from .. import Model
+from .._locate import locate
+from ..brachy._obstacles import region_points
 from ._problem import Problem
 from ._summary import _table
-from .plan import Frame, Needle
+from ..brachy.plan import Frame, Needle
 
 COLOURS = {"without planning": "#D55E00", "rigid planning": "#E69F00", "nominal plan": "#56B4E9", "this plan": "#0072B2"}
 

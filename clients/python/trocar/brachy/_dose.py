@@ -7,10 +7,10 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 import numpy.typing as npt
 
-from ._library import _check, _Turn, ffi, lib
+from .._library import _check, _Turn, ffi, lib
 
 if TYPE_CHECKING:
-    from . import Model
+    from .. import Model
 
 
 def _vectors(values: npt.ArrayLike, what: str) -> npt.NDArray[np.float64]:

@@ -7,10 +7,10 @@ from typing import Any, Callable, NamedTuple
 import numpy as np
 import numpy.typing as npt
 
-from . import Event, Model, Scene, Sim
-from ._locate import locate
-from .motion import axis_of, multiply
-from .plan import Plan
+from .. import Event, Model, Scene, Sim
+from .._locate import locate
+from ..motion import axis_of, multiply
+from ..brachy.plan import Plan
 
 Array = npt.NDArray[np.float64]
 
@@ -121,7 +121,7 @@ def _shift(r: Recording, region: str) -> list[float]:
 
 
 def _seed_error(r: Recording, _: Any) -> list[float]:
-    from . import plan as plans
+    from ..brachy import plan as plans
     model = r.sim.model
     rows = [row for row in plans.compare(r.plan, model, plans.seeds_of(r.sim)) if row.offset is not None]
     distances = [1e-3 * float(np.linalg.norm(row.offset)) for row in rows]    # Misplacement is in mm

@@ -17,7 +17,7 @@ A study is a YAML file:
 
 As a program:
 
-    trocar-study run | collect | summary ...    --help says more; also python3 -m trocar.study
+    trocar-study run | collect | summary ...    --help says more; also python3 -m trocar.studies.study
 """
 from __future__ import annotations
 
@@ -34,11 +34,11 @@ from typing import Any, Sequence
 
 import numpy as np
 
-from . import Error, __version__
+from .. import Error, __version__
 from ._definition import BadStudy, Study, read
-from ._program import Progress, ended, say, whole_number
+from .._program import Progress, ended, say, whole_number
 from ._runs import Row, carry_out, cells_of, check_manifest, groups_of, has_frames, heading, line_of, model_of, read_rows, row_files, run
-from .plan import BadPlan
+from ..brachy.plan import BadPlan
 
 __all__ = ["BadStudy", "Row", "Study", "collect", "read", "results", "simulate"]
 
@@ -117,7 +117,7 @@ def _batch_script(given: argparse.Namespace, out: Path) -> str:
     if "TROCAR_LIBRARY" in os.environ:
         library = os.environ["TROCAR_LIBRARY"]
         environment["TROCAR_LIBRARY"] = absolute(library) if "/" in library else library    # a name without folder is searched for
-    command = [sys.executable, "-m", "trocar.study", "run", absolute(given.study), "--out", str(out)]
+    command = [sys.executable, "-m", "trocar.studies.study", "run", absolute(given.study), "--out", str(out)]
     if given.record:
         command += ["--record", given.record]
     lines = ["#!/bin/sh", f"#SBATCH --job-name=trocar-study --array=1-{given.tasks} --ntasks=1 --cpus-per-task={given.workers or 1}",
@@ -259,6 +259,6 @@ def main(arguments: Sequence[str] | None = None) -> int:
 
 
 if __name__ == "__main__":
-    from trocar import study as _imported  # makes the classes the same as in the other modules
+    from trocar.studies import study as _imported  # makes the classes the same as in the other modules
 
     sys.exit(_imported.main())

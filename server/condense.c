@@ -18,7 +18,8 @@ trocar_status condense_scene(const char *scene_path, FILE *out, report *why) {
     trocar_scene *scene = NULL;
     trocar_model *model = NULL;
     trocar_status status = trocar_scene_load(scene_path, &scene, why);
-    if (status == TROCAR_OK) status = trocar_model_create(scene, &(trocar_model_options){.progress = progress_show, .keep_inverse = 1}, &model, why);
+    const trocar_model_options options = {.watch.progress = progress_show, .log = {progress_warn, "trocar-server"}, .keep_inverse = 1};
+    if (status == TROCAR_OK) status = trocar_model_create(scene, &options, &model, why);
     if (status == TROCAR_OK) status = describe(model, out, why);
     trocar_model_free(model);
     trocar_scene_free(scene);

@@ -49,7 +49,7 @@ static pose_sample hand_on_needle(haptic *h, int needle, const pose_sample *newe
     haptic_needle *n = &h->needles[needle];
     pose_sample hand = *newest;
     if (newest->held && newest->engagement != n->safety.engagement) {
-        trocar_pose base = trocar_sim_base(h->sim, needle);
+        trocar_pose base = trocar_view_base(trocar_sim_view(h->sim), needle);
         n->clutch = n->taken ? clutch_engage(newest->base, &base) : (hand_clutch){.engaged = false};
     }
     hand.base = clutch_follow(&n->clutch, newest->base);
@@ -143,7 +143,7 @@ static trocar_output run_simulation(haptic *h, int needle, safety_decision decis
     trocar_pose rest = library_pose(coupling_hold(&n->coupling, &h->limits, hand, dt, &compliance));
     trocar_sim_set_base_compliance(h->sim, needle, compliance);
     trocar_status status = trocar_sim_tick(h->sim, needle, &rest, fmin(dt, LONGEST), &out);
-    trocar_pose base = trocar_sim_base(h->sim, needle);
+    trocar_pose base = trocar_view_base(trocar_sim_view(h->sim), needle);
     store_vec3(coupling_yield(&n->coupling, hand, load_vec3(base.position), load_vec3(out.force), load_vec3(out.torque)), out.torque);
     if (status != TROCAR_OK || !is_finite(&out)) start_over(h, needle, newest, &out);
     return out;
@@ -279,7 +279,7 @@ static void tick_probe(haptic *h, const loop_wake *wake) {
         h->probe_session = newest->session;
         h->probe_seq = newest->seq;
     }
-    trocar_probe now = trocar_sim_probe(h->sim);
+    trocar_probe now = trocar_view_probe(trocar_sim_view(h->sim));
     bool changed = memcmp(&now, &h->probe, sizeof now) != 0;
     h->probe = now;
     atomic_store_explicit(&h->exchange->probe_stopped, now.stopped != 0, memory_order_relaxed);

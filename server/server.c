@@ -94,7 +94,10 @@ static void show_long_start(const char *what, double fraction, void *context) {
 /* A late tick runs no more steps than a punctual one, because catching up would make the next tick late. */
 static trocar_status create_simulation(server *s, report *why) {
     static const double STEP = 1e-3; /* s, the longest step */
-    trocar_model_options options = {.progress = show_long_start, .longest_catch_up = (int)ceil(1.0 / (s->rate_hz * STEP) - 1e-6)};
+    trocar_model_options options = trocar_default_model_options();
+    options.watch.progress = show_long_start;
+    options.log = (trocar_log){progress_warn, "trocar-server"};
+    options.max_substeps = (int)ceil(1.0 / (s->rate_hz * STEP) - 1e-6);
     trocar_status status = trocar_model_create(s->scene, &options, &s->model, why);
     if (status != TROCAR_OK) return status;
     return trocar_sim_create(s->model, &s->sim, why);
@@ -293,7 +296,6 @@ static double resident_mebibytes(void) {
 
 void server_describe(const server *s, FILE *out) {
     const trocar_model *m = s->model;
-    const char *remarks = trocar_model_remarks(m);
     char mesh[1024], remeshing[64];
     trocar_scene_get(s->scene, "mesh", mesh, sizeof mesh, NULL);
     trocar_scene_get(s->scene, "remeshing", remeshing, sizeof remeshing, NULL);
@@ -301,7 +303,6 @@ void server_describe(const server *s, FILE *out) {
     fprintf(out, "scene      %s\n", trocar_scene_path(s->scene));
     fprintf(out, "mesh       %s: %d nodes, %d tetrahedra, %d regions, %d membranes\n", mesh, trocar_model_node_count(m),
             trocar_model_tet_count(m), trocar_scene_count(s->scene, "regions"), trocar_scene_count(s->scene, "membranes"));
-    if (remarks[0]) fprintf(out, "warning    %s\n", remarks);
     fprintf(out, "inverse    %s\n", trocar_model_description(m));
     if (trocar_model_needles(m) > 1) fprintf(out, "needles    %d, one session each\n", trocar_model_needles(m));
     fprintf(out, "unknowns   %d; node addition by %s\n", trocar_model_unknowns(m), remeshing);

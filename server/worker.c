@@ -24,7 +24,7 @@ static void note_failure(worker *w, const report *why) {
 static bool work(worker *w) {
     report why;
     trocar_work done = {.more = 0};
-    if (trocar_sim_work(w->sim, &done, &why) != TROCAR_OK && !done.kept) note_failure(w, &why); /* if the worker failed but the needle was kept, the client
+    if (trocar_sim_work(w->sim, &done, &why) != TROCAR_OK && !done.still_held) note_failure(w, &why); /* if the worker failed but the needle was kept, the client
                                                                                                    that wanted to leave the needle gets a reply */
     if (done.answered) {
         spsc_ring_push(&w->exchange->latencies, &done.latency);

@@ -998,8 +998,18 @@ static trocar_client *open_or_say_why(const trocar_client_options *o, char *why,
     return NULL;
 }
 
+trocar_client_options trocar_client_default_options(void) {
+    trocar_client_options options = {0};
+    options.watchdog = WATCHDOG;
+    options.max_force = MAX_FORCE;
+    options.max_torque = MAX_TORQUE;
+    options.max_force_rate = MAX_FORCE_RATE;
+    options.max_torque_rate = MAX_TORQUE_RATE;
+    return options;
+}
+
 trocar_client *trocar_client_open(const trocar_client_options *options, char *why, size_t size) {
-    static const trocar_client_options standard = {0};
+    const trocar_client_options standard = trocar_client_default_options();
     char text[512] = "";
     trocar_client *c = open_or_say_why(options != NULL ? options : &standard, text, sizeof text);
     if (c == NULL && why == NULL) fprintf(stderr, "trocar_client: %s\n", text);

@@ -55,6 +55,9 @@ typedef struct trocar_client_options {
     int without_force;       /* 1: the client renders no force, like a mouse or a tracker; the needle then follows its poses rigidly */
 } trocar_client_options;
 
+/* The defaults of a client without options: the values above. */
+trocar_client_options trocar_client_default_options(void);
+
 /* The wrench to render. All zero while no wrenches arrive. */
 typedef struct trocar_client_wrench {
     double force[3];         /* N, world frame: force of the needle's base on the hand */

@@ -190,14 +190,13 @@ static trocar_status prepare_shift(replay *r, report *why) {
 }
 
 static trocar_status create_simulation(replay *r, report *why) {
-    trocar_model_options options = {.progress = r->options->quiet ? NULL : progress_show};
+    trocar_model_options options = trocar_default_model_options();
+    options.watch.progress = r->options->quiet ? NULL : progress_show;
+    options.log = (trocar_log){r->options->quiet ? progress_warn : progress_log, "trocar-replay"};
     trocar_status status = trocar_model_create(r->scene, &options, &r->model, why);
     if (status == TROCAR_OK) status = trocar_sim_create(r->model, &r->sim, why);
     if (status == TROCAR_OK) status = trocar_picture_create(r->model, &r->picture, why);
     if (status != TROCAR_OK) return status;
-    const char *remarks = trocar_model_remarks(r->model);
-    if (remarks[0]) fprintf(stderr, "trocar-replay: warning: %s\n", remarks);
-    if (!r->options->quiet) fprintf(stderr, "inverse: %s\n", trocar_model_description(r->model));
     trocar_probe_shape ignored;
     r->has_probe = trocar_model_probe(r->model, &ignored) == 1;
     if (r->csv_file.file) tick_row_csv_head(r->csv_file.file, patient_unit(r->patient), r->has_probe);
@@ -279,7 +278,7 @@ static trocar_status log_origin(replay *r, report *why) {
 static int needle_of(const replay *r) { return r->options->all ? r->now.pose.needle : 0; }
 
 static void add_probe(const replay *r, tick_row *row) {
-    trocar_probe p = trocar_sim_probe(r->sim);
+    trocar_probe p = trocar_view_probe(trocar_sim_view(r->sim));
     row->probe_force = axes_to_patient(r->patient, load_vec3(p.force));
     row->probe_torque = axes_to_patient(r->patient, load_vec3(p.torque));
     row->probe_contacts = p.contacts;
@@ -290,15 +289,16 @@ static void add_probe(const replay *r, tick_row *row) {
 static void write_row(const replay *r) {
     int needle = needle_of(r);
     const trocar_output *w = &r->result;
+    const trocar_view *view = trocar_sim_view(r->sim);
     char key[64], membrane[256] = "";
     snprintf(key, sizeof key, "membranes[%d].name", w->membrane);
     if (w->membrane >= 0) trocar_scene_get(r->scene, key, membrane, sizeof membrane, NULL);
     double joints[TROCAR_MAX_JOINTS][3];
-    int count = trocar_sim_centreline(r->sim, needle, joints[0], TROCAR_MAX_JOINTS);
+    int count = trocar_view_centreline(view, needle, joints[0], TROCAR_MAX_JOINTS);
     tick_row row = {.time = time_of(r, &r->now.pose), .force = axes_to_patient(r->patient, load_vec3(w->force)),
                     .torque = axes_to_patient(r->patient, load_vec3(w->torque)), .depth = w->depth, .contacts = w->contacts,
-                    .needle = r->now.pose.needle, .tip_lead = trocar_sim_tip_lead(r->sim, needle),
-                    .base = mesh_to_patient(r->patient, load_vec3(trocar_sim_base(r->sim, needle).position)),
+                    .needle = r->now.pose.needle, .tip_lead = trocar_view_tip_lead(view, needle),
+                    .base = mesh_to_patient(r->patient, load_vec3(trocar_view_base(view, needle).position)),
                     .tip = mesh_to_patient(r->patient, load_vec3(joints[count - 1])), .unit = patient_unit(r->patient), .has_probe = r->has_probe};
     events_text(w->events, membrane, row.events, sizeof row.events);
     if (r->has_probe) add_probe(r, &row);
@@ -308,7 +308,7 @@ static void write_row(const replay *r) {
 
 /* Writes the region's motion. Rotations in the sagittal, coronal and axial planes are about the normals of these planes. */
 static trocar_status shift_tick(replay *r, report *why) {
-    trocar_status status = trocar_sim_displacements(r->sim, r->displacements, why);
+    trocar_status status = trocar_view_displacements(trocar_sim_view(r->sim), r->displacements, why);
     if (status != TROCAR_OK) return status;
     rigid_motion m = region_motion_of(&r->motion, r->displacements);
     m = (rigid_motion){axes_to_patient(r->patient, m.shift), axes_to_patient(r->patient, m.turn)};
@@ -424,7 +424,7 @@ static trocar_status follow_needle(replay *r, trocar_pose *base, double *dt, rep
     if (n->begun && !same && m->utime - n->utime < SILENCE) return TROCAR_OK;
     *dt = fmin(since, POSE_LOG_GAP);
     r->gaps += since > POSE_LOG_GAP;
-    trocar_pose at = trocar_sim_base(r->sim, m->needle);
+    trocar_pose at = trocar_view_base(trocar_sim_view(r->sim), m->needle);
     if (n->taken) n->clutch = clutch_engage(hand, &at);
     else if (!same) n->clutch.engaged = false;
     bool anew = !n->taken && !same;
@@ -542,7 +542,7 @@ static void summarise(const replay *r) {
     if (r->poses.probe_count) fprintf(stderr, "%d poses of the probe%s\n", r->poses.probe_count, r->has_probe ? "" : " skipped: the scene has none (probe.surface)");
     if (r->poses.skipped_probes)
         fprintf(stderr, "%" PRId64 " poses of the probe skipped, as the server refuses them: out of order, not finite, or of a second session\n", r->poses.skipped_probes);
-    if (r->poses.command_count) fprintf(stderr, "%d seeds\n", trocar_sim_seeds(r->sim, NULL, 0));
+    if (r->poses.command_count) fprintf(stderr, "%d seeds\n", trocar_view_seeds(trocar_sim_view(r->sim), NULL, 0));
     if (r->poses.skipped_commands)
         fprintf(stderr, "%" PRId64 " commands for seeds skipped: of other needles or sessions, or before the first pose\n", r->poses.skipped_commands);
 }

@@ -39,11 +39,11 @@ trocar_status seed_table_write(FILE *file, const trocar_scene *scene, const troc
     const char *unit = patient_unit(frame);
     double *displacements = malloc(3 * (size_t)trocar_model_node_count(model) * sizeof *displacements);
     if (!displacements) return fail(why, TROCAR_NO_MEMORY, "no memory for displacements");
-    trocar_status status = trocar_sim_displacements(sim, displacements, why);
+    trocar_status status = trocar_view_displacements(trocar_sim_view(sim), displacements, why);
     if (status == TROCAR_OK) {
         fprintf(file, "seed,needle,guide,hole,strand,x [%s],y [%s],z [%s],along_x,along_y,along_z,rest_x [%s],rest_y [%s],rest_z [%s],rest_along_x,"
                 "rest_along_y,rest_along_z\n", unit, unit, unit, unit, unit, unit);
-        int count = trocar_sim_seeds(sim, seeds, TROCAR_MAX_SEEDS);
+        int count = trocar_view_seeds(trocar_sim_view(sim), seeds, TROCAR_MAX_SEEDS);
         for (int i = 0; i < count; i++) write_row(file, scene, model, frame, i + 1, &seeds[i], displacements);
     }
     free(displacements);

@@ -170,12 +170,13 @@ static void append(centreline *c, double arc, const double position[3], const do
 /* Collects joints and contact points, merged by arc length; a tip at the needle's end is the last joint. */
 static void trace_needle(const trocar_model *model, const trocar_picture *picture, centreline *c) {
     static const double none[3] = {-0.0, -0.0, -0.0}, no_tip[3] = {0};
+    const trocar_view *view = trocar_picture_view(picture);
     trocar_contact contacts[TROCAR_MAX_POINTS];
     double joints[TROCAR_MAX_JOINTS][3];
-    int count = trocar_picture_contacts(picture, 0, contacts, TROCAR_MAX_POINTS), last = trocar_model_segments(model), contact = 0;
+    int count = trocar_view_contacts(view, 0, contacts, TROCAR_MAX_POINTS), last = trocar_model_segments(model), contact = 0;
     double length = trocar_model_needle_length(model), segment = length / last;
     bool tip = count > 0 && contacts[count - 1].kind == TROCAR_CONTACT_TIP && contacts[count - 1].arc == length;
-    trocar_picture_centreline(picture, 0, joints[0], TROCAR_MAX_JOINTS);
+    trocar_view_centreline(view, 0, joints[0], TROCAR_MAX_JOINTS);
     count -= tip;
     c->count = 0;
     for (int joint = 0; joint <= last; joint++) {
@@ -226,7 +227,7 @@ trocar_status vtu_write_needle(const trocar_model *model, const trocar_picture *
     if (status != TROCAR_OK) return status;
     centreline c;
     trace_needle(model, picture, &c);
-    write_needle(&c, trocar_picture_base(picture, 0).position, given, patient, file.file);
+    write_needle(&c, trocar_view_base(trocar_picture_view(picture), 0).position, given, patient, file.file);
     status = output_commit(&file, why);
     output_abandon(&file);
     return status;
@@ -300,7 +301,7 @@ trocar_status vtu_write_probe(const trocar_model *model, const trocar_picture *p
     if (!trocar_model_probe(model, &shape)) return TROCAR_OK;
     trocar_status status = open_part(&file, prefix, "probe", why);
     if (status != TROCAR_OK) return status;
-    trocar_probe p = trocar_picture_probe(picture);
+    trocar_probe p = trocar_view_probe(trocar_picture_view(picture));
     write_probe(&shape, &p, patient, file.file);
     status = output_commit(&file, why);
     output_abandon(&file);

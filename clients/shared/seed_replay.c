@@ -13,14 +13,14 @@ trocar_status replay_seed_command(waiting_drop *w, trocar_sim *sim, int needle, 
     trocar_status status = handle_seeds(sim, needle, &logged->command, why);
     bool refused = status == TROCAR_BAD_INPUT || status == TROCAR_NUMERIC;
     bool drop = logged->command.command == TROCAR_COMMAND_T_DROP_SEED && logged->answer == ANSWER_DONE;
-    if (!refused || !drop || trocar_sim_pending_seeds(sim, needle) == 0) return status;
+    if (!refused || !drop || trocar_view_pending_seeds(trocar_sim_view(sim), needle) == 0) return status;
     w->drop = &logged->command;
     w->reason = *why;
     return TROCAR_OK;
 }
 
 bool try_waiting_drop(waiting_drop *w, trocar_sim *sim, int needle) {
-    if (!w->drop || trocar_sim_pending_seeds(sim, needle) > 0) return true;
+    if (!w->drop || trocar_view_pending_seeds(trocar_sim_view(sim), needle) > 0) return true;
     bool done = handle_seeds(sim, needle, w->drop, &w->reason) == TROCAR_OK;
     w->drop = NULL;
     return done;

@@ -8,6 +8,7 @@
 #include <sys/eventfd.h>
 #include <unistd.h>
 
+#include "common/progress.h"
 #include "common/realtime.h"
 #include "common/timing.h"
 #include "common/wake.h"
@@ -268,15 +269,13 @@ static trocar_status check_cut(const view *v, report *why) {
 
 static trocar_status prepare(view *v, report *why) {
     const view_options *o = v->options;
-    const trocar_model_options mesh_only = {.mesh_only = 1};
+    const trocar_model_options mesh_only = {.mesh_only = 1, .log = {progress_warn, "trocar-view"}};
     trocar_status status = trocar_scene_load(o->scene_path, &v->scene, why);
     if (status == TROCAR_OK) status = trocar_model_create(v->scene, &mesh_only, &v->model, why);
     if (status == TROCAR_OK) status = trocar_scene_get_number(v->scene, "needle.length", &v->needle_length, why);
     if (status != TROCAR_OK) return status;
     status = check_cut(v, why);
     if (status != TROCAR_OK) return status;
-    const char *remarks = trocar_model_remarks(v->model);
-    if (remarks[0]) fprintf(stderr, "trocar-view: warning: %s\n", remarks);
     v->needle_count = o->log_path ? 1 : trocar_model_needles(v->model);
     find_homes(v->scene, v->model, v->needle_length, v->needle_count, v->homes);
     status = timeline_create(&v->timeline, o->log_path == NULL, v->needle_count, why);

@@ -19,6 +19,7 @@ struct trocar_scene {
 
 struct trocar_model {
     simulation parts;        /* constant data only */
+    trocar_log log;          /* the host's */
     atomic_int users;        /* number of users: the host, until it frees the model, and the simulations, pictures and models created from it */
     trocar_model *base;      /* model whose mesh, stiffness and inverse it shares; NULL: its own */
     double rate_hz;
@@ -26,6 +27,20 @@ struct trocar_model {
     double patient_to_mesh[16]; /* the first entry is NAN if there is none */
     bool mesh_only;          /* the model has only mesh, regions and membranes */
 };
+
+/* A simulation or a picture, as trocar_view_ functions read it. Part of that object. */
+struct trocar_view {
+    trocar_model *model;
+    const trocar_sim *sim;   /* NULL: a picture */
+    const trocar_picture *picture;
+    vec3 **scratch;          /* of that object, for displacements; *scratch is NULL before the first */
+};
+
+/* Simulated time. Needles tick in rounds: a needle that ticks again begins the next one. */
+typedef struct {
+    double time;             /* s */
+    uint32_t ticked;         /* bit i: needle i has ticked in this round */
+} round_clock;
 
 /* One needle of a simulation. */
 typedef struct {
@@ -51,14 +66,16 @@ typedef struct {
 
 struct trocar_sim {
     trocar_model *model;
+    trocar_view view;
     int needle_count;
     needle_track *needles;
     sim_link link;
     /* Used by the ticking thread: */
     insertion_workspace *workspace;
     int64_t (*clock)(void);  /* ns; NULL: stages are not timed */
+    round_clock rounds;
     seed_list seeds;
-    vec3 *field_scratch;     /* scratch for trocar_sim_displacements; NULL before its first call */
+    vec3 *field_scratch;     /* see trocar_view.scratch */
     /* Used by the worker: */
     inverse *inverse;        /* inverse with resting needles and probe attached; the model's if nothing can be attached */
     needle_pairs *pairs;     /* NULL: there is only one needle */
@@ -79,12 +96,15 @@ struct trocar_sim {
 /* A copy of the visible state of a simulation. */
 struct trocar_picture {
     trocar_model *model;
+    double time;             /* s, simulated */
+    trocar_view view;
     insertion_state *states; /* one for each of the model's needles */
     uint64_t stamps[MAX_NEEDLES]; /* stamp of each copied state */
+    pose bases[MAX_NEEDLES];
     shown_probe probe;
     int next_resting;        /* resting needle that is checked first */
     seed_list seeds;
-    vec3 *scratch;           /* scratch for displacements; NULL before the first call */
+    vec3 *scratch;           /* see trocar_view.scratch */
     refined_mesh refined;    /* result of the last trocar_picture_refined_mesh */
     vec3 *force, *displacement; /* forces and displacements at its nodes */
 };

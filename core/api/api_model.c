@@ -4,6 +4,7 @@
 
 #include "api/view.h"
 #include "base/flush_denormals.h"
+#include "base/host_log.h"
 
 _Static_assert(sizeof(bool) == sizeof(uint8_t) && (int)MESH_MAX_GROUPS == 32, "trocar.h says so");
 
@@ -32,6 +33,18 @@ static trocar_status end_model(trocar_model *m, trocar_status status, trocar_mod
     return status;
 }
 
+trocar_model_options trocar_default_model_options(void) {
+    simulation_config config;
+    simulation_defaults(&config);
+    return (trocar_model_options){.max_substeps = config.insertion.most_steps};
+}
+
+/* Tells the host what it would otherwise have to ask for. */
+static void log_new_model(const trocar_model *m) {
+    if (m->parts.mesh.remarks.text[0]) host_log(&m->log, TROCAR_LOG_WARNING, "%s", m->parts.mesh.remarks.text);
+    if (!m->mesh_only) host_log(&m->log, TROCAR_LOG_INFO, "inverse: %s", m->parts.about_inverse.text);
+}
+
 trocar_status trocar_model_create(const trocar_scene *scene, const trocar_model_options *options, trocar_model **model, trocar_error *error) {
     trocar_error ignored, *why = error ? error : &ignored;
     trocar_model *m = NULL;
@@ -40,14 +53,16 @@ trocar_status trocar_model_create(const trocar_scene *scene, const trocar_model_
     trocar_status status = begin_model(scene, &m, &config, why);
     if (status != TROCAR_OK) return status;
     if (options) {
-        config.progress = (inverse_progress){options->progress, options->context, options->cancelled};
+        config.progress = (inverse_progress){options->watch.progress, options->watch.context, options->watch.cancelled};
+        m->log = options->log;
         config.keep_inverse = options->keep_inverse;
-        if (options->longest_catch_up > 0) config.insertion.most_steps = options->longest_catch_up;
+        if (options->max_substeps > 0) config.insertion.most_steps = options->max_substeps;
     }
     m->mesh_only = options && options->mesh_only;
     floating_mode before = flush_denormals();
     status = m->mesh_only ? simulation_create_mesh(&config, &m->parts, why) : simulation_create_model(&config, &m->parts, why);
     restore_floating_mode(before);
+    if (status == TROCAR_OK) log_new_model(m);
     return end_model(m, status, model);
 }
 
@@ -59,6 +74,7 @@ trocar_status trocar_model_derive(const trocar_model *base, const trocar_scene *
     if (base->mesh_only) return fail(why, TROCAR_BAD_INPUT, "a model that has only a mesh has no stiffness to share");
     trocar_status status = begin_model(scene, &m, &config, why);
     if (status != TROCAR_OK) return status;
+    m->log = base->log;
     config.insertion.most_steps = base->parts.config.insertion.most_steps;
     floating_mode before = flush_denormals();
     status = simulation_derive(&base->parts, &config, &m->parts, why);

@@ -23,8 +23,12 @@ trocar_status trocar_picture_create(trocar_model *model, trocar_picture **create
     }
     memset(p->states, 0, states); /* touched, so that no page fault occurs later */
     p->model = model_share(model);
+    p->view = (trocar_view){.model = model, .picture = p, .scratch = &p->scratch};
     floating_mode before = flush_denormals();
-    for (int i = 0; i < model->parts.config.needle_count; i++) insertion_reset(&model->parts.insertion, (pose){.orientation = {1, 0, 0, 0}}, &p->states[i]);
+    for (int i = 0; i < model->parts.config.needle_count; i++) {
+        p->bases[i] = (pose){.orientation = {1, 0, 0, 0}};
+        insertion_reset(&model->parts.insertion, p->bases[i], &p->states[i]);
+    }
     restore_floating_mode(before);
     *created = p;
     return TROCAR_OK;
@@ -52,9 +56,11 @@ void trocar_sim_take_picture(const trocar_sim *sim, trocar_picture *picture) {
         bool rests = state != &sim->needles[i].state;
         if (stamp == picture->stamps[i] || (rests && room == 0)) continue;
         memcpy(&picture->states[i], state, sizeof *state);
+        picture->bases[i] = base_of_needle(sim, i);
         picture->stamps[i] = stamp;
         if (rests) room--, picture->next_resting = (i + 1) % sim->needle_count;
     }
+    picture->time = sim->rounds.time;
     seeds_copy(&sim->seeds, sim->needle_count, &picture->seeds);
     const shown_probe *probe = shown_probe_of(sim);
     if (probe && probe->stamp != picture->probe.stamp) picture->probe = *probe;
@@ -64,54 +70,16 @@ void trocar_picture_copy(const trocar_picture *from, trocar_picture *to) {
     for (int i = 0; i < from->model->parts.config.needle_count; i++) {
         if (from->stamps[i] == to->stamps[i]) continue;
         to->states[i] = from->states[i];
+        to->bases[i] = from->bases[i];
         to->stamps[i] = from->stamps[i];
     }
+    to->time = from->time;
     seeds_copy(&from->seeds, from->model->parts.config.needle_count, &to->seeds);
     if (from->probe.stamp != to->probe.stamp) to->probe = from->probe;
 }
 
-/* State of a needle; NULL if `needle` is out of range. */
-static const insertion_state *state_of(const trocar_picture *picture, int needle) {
-    return has_needle(picture->model, needle) ? &picture->states[needle] : NULL;
-}
-
-int trocar_picture_contacts(const trocar_picture *picture, int needle, trocar_contact *contacts, int room) {
-    const insertion_state *state = state_of(picture, needle);
-    return state ? contacts_of(picture->model, state, contacts, room) : 0;
-}
-
-int trocar_picture_tracks(const trocar_picture *picture, int needle, trocar_track_point *points, int room) {
-    const insertion_state *state = state_of(picture, needle);
-    return state ? tracks_of(state, points, room) : 0;
-}
-
-int trocar_picture_centreline(const trocar_picture *picture, int needle, double *joints, int room) {
-    const insertion_state *state = state_of(picture, needle);
-    return state ? centreline_of(picture->model, state, joints, room) : 0;
-}
-
-trocar_pose trocar_picture_base(const trocar_picture *picture, int needle) {
-    const insertion_state *state = state_of(picture, needle);
-    return pose_out(state ? state->needle.base : (pose){.orientation = {1, 0, 0, 0}});
-}
-
-double trocar_picture_tip_lead(const trocar_picture *picture, int needle) {
-    const insertion_state *state = state_of(picture, needle);
-    return state ? state->tip_lead : 0.0;
-}
-
-trocar_probe trocar_picture_probe(const trocar_picture *picture) { return picture->probe.output; }
-
 static void states_of(const trocar_picture *p, const insertion_state *states[MAX_NEEDLES]) {
     for (int i = 0; i < p->model->parts.config.needle_count; i++) states[i] = &p->states[i];
-}
-
-trocar_status trocar_picture_displacements(trocar_picture *picture, double *displacements, trocar_error *error) {
-    trocar_error ignored;
-    vec3 added[MAX_CONTACTS];
-    const insertion_state *states[MAX_NEEDLES];
-    states_of(picture, states);
-    return field_of(picture->model, states, &picture->probe, &picture->scratch, (vec3 *)(void *)displacements, added, error ? error : &ignored);
 }
 
 trocar_status trocar_picture_refined_mesh(trocar_picture *p, trocar_refined_mesh *mesh, trocar_error *error) {

@@ -24,8 +24,3 @@ trocar_status trocar_sim_set_probe(trocar_sim *sim, const trocar_pose *base, tro
     wake_worker(&sim->link);
     return TROCAR_OK;
 }
-
-trocar_probe trocar_sim_probe(const trocar_sim *sim) {
-    const shown_probe *shown = shown_probe_of(sim);
-    return shown ? shown->output : (trocar_probe){.placed = 0};
-}

@@ -5,7 +5,8 @@
 #include <stdlib.h>
 #include <string.h>
 
-#include "base/report.h"
+#include "api/api.h"
+#include "base/host_log.h"
 #include "tissue/blas.h"
 
 enum { TICKS_BETWEEN = 64 }; /* ticks between two checks of the watch */
@@ -163,34 +164,41 @@ static trocar_status outcome(const rollout *r, report *why) {
     return r->unable;
 }
 
-trocar_status trocar_rollout_watched(trocar_model *model, const trocar_pose *poses, int batch, int steps, double dt, int threads,
-                                     const trocar_watch *watch, trocar_output *outputs, trocar_error *error) {
+trocar_rollout_options trocar_default_rollout_options(void) { return (trocar_rollout_options){.dt = 1e-3, .threads = 1}; }
+
+/* Starts as many of the wanted threads as memory and the system allow; returns how many. */
+static int start_threads(rollout *r, int wanted, pthread_t *thread) {
+    report ignored;
+    int started = 0;
+    while (wanted > 0 && blas_make_room(wanted + 1, &ignored) != TROCAR_OK) wanted--;
+    r->running = wanted;
+    while (started < wanted && pthread_create(&thread[started], NULL, run, r) == 0) started++;
+    pthread_mutex_lock(&r->lock);
+    r->running -= wanted - started;
+    pthread_mutex_unlock(&r->lock);
+    return started;
+}
+
+trocar_status trocar_rollout(trocar_model *model, const trocar_pose *poses, int batch, int steps, const trocar_rollout_options *given, trocar_output *outputs,
+                             trocar_error *error) {
     enum { MAX_THREADS = 256 };
     trocar_error ignored, *why = error ? error : &ignored;
+    trocar_rollout_options options = given ? *given : trocar_default_rollout_options();
     pthread_t thread[MAX_THREADS];
-    if (batch < 0 || steps < 0 || threads < 1 || threads > MAX_THREADS)
-        return fail(why, TROCAR_BAD_INPUT, "a rollout of %d x %d steps in %d threads: expected 1 to %d threads", batch, steps, threads, MAX_THREADS);
+    if (batch < 0 || steps < 0 || options.threads < 1 || options.threads > MAX_THREADS)
+        return fail(why, TROCAR_BAD_INPUT, "a rollout of %d x %d steps in %d threads: from 1 to %d threads", batch, steps, options.threads, MAX_THREADS);
     if (batch == 0 || steps == 0) return TROCAR_OK;
-    rollout r = {.model = model, .poses = poses, .batch = batch, .steps = steps, .dt = dt, .watch = watch, .outputs = outputs};
+    rollout r = {.model = model, .poses = poses, .batch = batch, .steps = steps, .dt = options.dt, .watch = &options.watch, .outputs = outputs};
     memset(outputs, 0, (size_t)batch * (size_t)steps * sizeof *outputs);
     pthread_mutex_init(&r.lock, NULL);
     pthread_cond_init(&r.changed, NULL);
-    int started = 0, most = threads < batch ? threads : batch;
-    while (most > 1 && blas_make_room(most, why) != TROCAR_OK) most--;
-    r.running = most - 1;
-    while (started < most - 1 && pthread_create(&thread[started], NULL, run, &r) == 0) started++;
-    pthread_mutex_lock(&r.lock);
-    r.running -= most - 1 - started;
-    pthread_mutex_unlock(&r.lock);
-    take_part(&r, true); /* the caller does all the work if no other thread could be started */
+    int wanted = options.threads < batch ? options.threads : batch;
+    int started = start_threads(&r, wanted - 1, thread);
+    if (started < wanted - 1) host_log(&model->log, TROCAR_LOG_WARNING, "the rollout has %d of %d threads: no memory for more", started + 1, wanted);
+    take_part(&r, true); /* it does all the work if no other thread could be started */
     wait_for_others(&r);
     for (int i = 0; i < started; i++) pthread_join(thread[i], NULL);
     pthread_cond_destroy(&r.changed);
     pthread_mutex_destroy(&r.lock);
     return outcome(&r, why);
-}
-
-trocar_status trocar_rollout(trocar_model *model, const trocar_pose *poses, int batch, int steps, double dt, int threads, trocar_output *outputs,
-                             trocar_error *error) {
-    return trocar_rollout_watched(model, poses, batch, steps, dt, threads, NULL, outputs, error);
 }

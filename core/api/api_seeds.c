@@ -52,25 +52,6 @@ trocar_status trocar_sim_undo_seed(trocar_sim *sim, int needle, trocar_error *er
     return fail(why, TROCAR_BAD_INPUT, "needle %d has no dropped seed to take back", needle);
 }
 
-static int seeds_of(const seed_list *list, trocar_seed *seeds, int room) {
-    for (int i = 0; i < list->count && i < room; i++) {
-        const seed *s = &list->seeds[i];
-        seeds[i] = (trocar_seed){.tet = s->tet, .needle = s->needle, .guide = s->guide, .hole = s->hole, .strand = s->strand};
-        store_vec3(s->at, seeds[i].position);
-        store_vec3(s->direction, seeds[i].direction);
-        memcpy(seeds[i].weights, s->weights, sizeof s->weights);
-    }
-    return list->count;
-}
-
-int trocar_sim_seeds(const trocar_sim *sim, trocar_seed *seeds, int room) { return seeds_of(&sim->seeds, seeds, room); }
-int trocar_picture_seeds(const trocar_picture *picture, trocar_seed *seeds, int room) { return seeds_of(&picture->seeds, seeds, room); }
-
-int trocar_sim_pending_seeds(const trocar_sim *sim, int needle) { return has_needle(sim->model, needle) ? seeds_pending(needle, &sim->seeds) : 0; }
-int trocar_picture_pending_seeds(const trocar_picture *picture, int needle) {
-    return has_needle(picture->model, needle) ? seeds_pending(needle, &picture->seeds) : 0;
-}
-
 trocar_seed_size trocar_model_seed_size(const trocar_model *model) {
     const seed_size *size = &model->parts.config.seeds;
     return (trocar_seed_size){size->length, size->diameter, size->spacing};

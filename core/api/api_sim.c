@@ -8,6 +8,7 @@
 #include "api/worker_probe.h"
 #include "base/cache_line.h"
 #include "base/flush_denormals.h"
+#include "base/host_log.h"
 
 _Static_assert(TROCAR_MAX_CONTACTS == (int)MAX_CONTACTS && TROCAR_MAX_JOINTS == NEEDLE_MAX_SEGMENTS + 1 && TROCAR_MAX_NEEDLES == (int)MAX_NEEDLES,
                "limits differ from trocar.h");
@@ -55,6 +56,7 @@ trocar_status trocar_sim_create(trocar_model *model, trocar_sim **created, troca
     trocar_sim *sim = calloc(1, sizeof *sim);
     if (!sim) return fail(why, TROCAR_NO_MEMORY, "no memory for a simulation");
     sim->model = model_share(model);
+    sim->view = (trocar_view){.model = model, .sim = sim, .scratch = &sim->field_scratch};
     sim->needle_count = model->parts.config.needle_count;
     sim->link.work_event = -1;
     trocar_status status = allocate(sim, why);
@@ -104,17 +106,18 @@ trocar_status trocar_sim_step(trocar_sim *sim, int needle, const trocar_pose *ba
     if (status != TROCAR_OK) return status;
     floating_mode before = flush_denormals();
     needle_track *n = &sim->needles[needle];
-    bool outdated;
+    bool outdated, finite = true;
     status = worker_before_tick(sim, needle, &outdated, why);
     adopt_needle(sim, n);
     if (status == TROCAR_OK && link_refuses(&n->link, ON_TICK)) status = fail(why, TROCAR_BAD_INPUT, "needle %d rests: take it first", needle);
     if (status == TROCAR_OK && outdated) status = answer_and_publish(sim, needle, why);
     if (status == TROCAR_OK) {
         const compliance_snapshot *answer = link_answer(&n->link);
-        run_tick(sim, needle, answer, at, dt, output); /* if the insertion was restarted, the step continues normally */
+        finite = run_tick(sim, needle, answer, at, dt, output) == TROCAR_OK; /* if the insertion was restarted, the step continues normally */
         status = worker_after_tick(sim, needle, answer, dt, why);
     }
     restore_floating_mode(before);
+    if (!finite) host_log(&sim->model->log, TROCAR_LOG_WARNING, "needle %d: the result of a step was not finite; its insertion starts over", needle);
     return status;
 }
 

@@ -8,8 +8,8 @@
 #include "api/worker_resting.h"
 #include "base/flush_denormals.h"
 
-/* The saved data of each needle, after the model's address, the clock of the responses, and the seeds. Copied member by member, because the caller's memory
-   need not be aligned. Pending work of the worker is done after a restore. */
+/* The saved data of each needle, after the model's address, the clock of the responses, the time and the seeds. Copied member by member, because the
+   caller's memory need not be aligned. Pending work of the worker is done after a restore. */
 typedef struct {
     int phase;
     insertion_state state;   /* state of the needle; while it is being left, the state in which it was left */
@@ -19,7 +19,7 @@ typedef struct {
     resting_needle resting;  /* valid while attached */
 } saved_needle;
 
-enum { SEEDS_AT = sizeof(trocar_model *) + sizeof(double), HEAD = SEEDS_AT + sizeof(seed_list) };
+enum { ROUNDS_AT = sizeof(trocar_model *) + sizeof(double), SEEDS_AT = ROUNDS_AT + sizeof(round_clock), HEAD = SEEDS_AT + sizeof(seed_list) };
 
 size_t trocar_sim_state_size(const trocar_sim *sim) { return HEAD + (size_t)sim->needle_count * sizeof(saved_needle) + saved_probe_size(sim); }
 
@@ -47,6 +47,7 @@ trocar_status trocar_sim_save(const trocar_sim *sim, void *state, size_t size, t
     if (status != TROCAR_OK) return status;
     memcpy(state, &sim->model, sizeof sim->model);
     memcpy((char *)state + sizeof sim->model, &sim->since_response, sizeof sim->since_response);
+    memcpy((char *)state + ROUNDS_AT, &sim->rounds, sizeof sim->rounds);
     memcpy((char *)state + SEEDS_AT, &sim->seeds, sizeof sim->seeds);
     for (int i = 0; i < sim->needle_count; i++) save_needle(sim, i, (char *)state + HEAD + (size_t)i * sizeof(saved_needle));
     save_probe((trocar_sim *)sim, (char *)state + HEAD + (size_t)sim->needle_count * sizeof(saved_needle));
@@ -92,6 +93,7 @@ trocar_status trocar_sim_restore(trocar_sim *sim, const void *state, size_t size
     if (model != sim->model) return fail(why, TROCAR_BAD_INPUT, "the state belongs to another model");
     floating_mode before = flush_denormals();
     memcpy(&sim->since_response, (const char *)state + sizeof model, sizeof sim->since_response);
+    memcpy(&sim->rounds, (const char *)state + ROUNDS_AT, sizeof sim->rounds);
     memcpy(&sim->seeds, (const char *)state + SEEDS_AT, sizeof sim->seeds);
     const char *from = (const char *)state + HEAD;
     for (int i = 0; i < sim->needle_count && status == TROCAR_OK; i++, from += sizeof(saved_needle)) status = restore_needle(sim, &sim->needles[i], from, why);

@@ -38,6 +38,14 @@ const insertion_state *state_of_needle(const trocar_sim *sim, int needle, uint64
     return shown ? &shown->state : &n->state;
 }
 
+pose base_of_needle(const trocar_sim *sim, int needle) {
+    const insertion_state *state = state_of_needle(sim, needle, NULL);
+    pose base = sim->needles[needle].given;
+    if (state != &sim->needles[needle].state) return state->needle.base;
+    base.position = v3_add(base.position, state->base_shift);
+    return base;
+}
+
 /* ---- needles that change hands ----------------------------------------------------------------------------------------------- */
 
 void adopt_needle(trocar_sim *sim, needle_track *n) {
@@ -156,12 +164,21 @@ static void post_loads(trocar_sim *sim, needle_track *needle, double dt) {
 /* True if other bodies feel the needle's forces. RT */
 static bool is_felt(const trocar_sim *sim) { return sim->needle_count > 1 || sim->probe; }
 
+/* A tick of this needle. Several needles that tick one after another share a round, which takes `dt` once. RT */
+static void advance_time(round_clock *rounds, int needle, double dt) {
+    uint32_t bit = UINT32_C(1) << needle;
+    if (rounds->ticked & bit) rounds->ticked = 0;
+    if (rounds->ticked == 0) rounds->time += dt;
+    rounds->ticked |= bit;
+}
+
 trocar_status run_tick(trocar_sim *sim, int index, const compliance_snapshot *snapshot, pose base, double dt, trocar_output *output) {
     tick_output wrench;
     needle_track *needle = &sim->needles[index];
     const insertion_model *model = &sim->model->parts.insertion;
     floating_mode before = flush_denormals();
     needle->given = base;
+    advance_time(&sim->rounds, index, dt);
     atomic_fetch_add_explicit(&needle->link.since_release, llround(1e9 * dt), memory_order_relaxed);
     tick_input tick = {.model = model, .snapshot = snapshot, .base = {base, needle->base_compliance}, .dt = dt};
     for (int i = 0; i < sim->needle_count; i++)

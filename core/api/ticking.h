@@ -16,6 +16,9 @@ const shown_probe *shown_probe_of(const trocar_sim *sim);
 /* The visible state: for a resting needle, the state last published by the worker. RT */
 const insertion_state *state_of_needle(const trocar_sim *sim, int needle, uint64_t *stamp);
 
+/* The base: as given last, moved by its spring; of a needle that rests, its current pose. RT */
+pose base_of_needle(const trocar_sim *sim, int needle);
+
 /* Adopts the state of a needle that the worker has returned, if it has. RT */
 void adopt_needle(trocar_sim *sim, needle_track *needle);
 

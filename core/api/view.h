@@ -16,7 +16,7 @@ trocar_pose pose_out(pose base);
 int start_out(pose start, trocar_pose *out);
 int transform_out(const double matrix[16], double out[16]);
 
-/* Implement trocar_sim_contacts and similar functions for a given state. RT */
+/* Implement trocar_view_contacts and similar functions for a given state. RT */
 int contacts_of(const trocar_model *model, const insertion_state *state, trocar_contact *contacts, int room);
 int pending_contacts_of(const trocar_model *model, const insertion_state *state, trocar_contact *contacts, int room);
 int tracks_of(const insertion_state *state, trocar_track_point *points, int room);

@@ -51,7 +51,7 @@ trocar_status trocar_sim_work(trocar_sim *sim, trocar_work *done, trocar_error *
     if (take_probe_pose(sim)) sim->to_respond = true;
     trocar_status status = change_resting(sim, &change, why);
     work.more = change.any;
-    work.kept = change.kept;
+    work.still_held = change.kept;
     for (int i = 0; i < sim->needle_count && !work.more; i++) {
         int index = sim->next_served;
         sim->next_served = (sim->next_served + 1) % sim->needle_count;

@@ -121,7 +121,7 @@ static void accumulate(trocar_dose *d, const trocar_dose_seed *seed, int64_t sig
     memcpy(&round_bits, &round, sizeof round_bits);
     seed_place place = place_of(seed);
     double quanta_per_rate = seed->strength * trocar_dose_hours(d->source, INFINITY) / TROCAR_DOSE_QUANTUM;
-    const double most = TROCAR_DOSE_MOST / TROCAR_DOSE_QUANTUM;
+    const double most = TROCAR_MAX_SEED_DOSE / TROCAR_DOSE_QUANTUM;
     point_block block;
     double rate[TG43_BLOCK];
     for (int64_t first = 0; first < d->count; first += TG43_BLOCK) {

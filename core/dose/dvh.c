@@ -39,7 +39,7 @@ double trocar_dvh_volume(const double *doses, int64_t count, double dose) {
 trocar_dvh_summary trocar_dvh_summarise(const double *doses, int64_t count, double voxel_volume, double prescription) {
     double sum = 0.0;
     for (int64_t i = count - 1; i >= 0; i--) sum += doses[i];
-    trocar_dvh_summary s = {.volume_cm3 = 1e6 * voxel_volume * (double)count, .mean = sum / (double)count, .least = doses[count - 1], .most = doses[0],
+    trocar_dvh_summary s = {.volume_cm3 = 1e6 * voxel_volume * (double)count, .mean = sum / (double)count, .minimum = doses[count - 1], .maximum = doses[0],
                             .d10 = trocar_dvh_dose(doses, count, 0.1), .d30 = trocar_dvh_dose(doses, count, 0.3),
                             .d80 = trocar_dvh_dose(doses, count, 0.8), .d90 = trocar_dvh_dose(doses, count, 0.9),
                             .v100 = trocar_dvh_volume(doses, count, prescription), .v150 = trocar_dvh_volume(doses, count, 1.5 * prescription),

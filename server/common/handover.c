@@ -19,7 +19,7 @@ trocar_status handle_seeds(trocar_sim *sim, int needle, const trocar_command_t *
 
 trocar_status remove_needle(trocar_sim *sim, int needle, trocar_error *why) {
     static const double AWAY = 10.0; /* m */
-    trocar_pose base = trocar_sim_base(sim, needle);
+    trocar_pose base = trocar_view_base(trocar_sim_view(sim), needle);
     pose at = load_pose(base.position, base.orientation);
     store_vec3(v3_axpy(-AWAY, q_axis(at.orientation), at.position), base.position);
     return trocar_sim_reset(sim, needle, &base, why);

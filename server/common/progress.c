@@ -5,6 +5,8 @@
 #include <string.h>
 #include <unistd.h>
 
+#include "trocar.h"
+
 void progress_show(const char *what, double fraction, void *context) {
     (void)context;
     enum { WIDTH = 40 };
@@ -22,4 +24,13 @@ void progress_show(const char *what, double fraction, void *context) {
                 percent == 100 ? "\n" : "");
     else
         fprintf(stderr, "%s: %d %%\n", what, percent / step * step);
+}
+
+void progress_log(int32_t level, const char *message, void *context) {
+    if (level >= TROCAR_LOG_WARNING) fprintf(stderr, "%s: warning: %s\n", (const char *)context, message);
+    else fprintf(stderr, "%s\n", message);
+}
+
+void progress_warn(int32_t level, const char *message, void *context) {
+    if (level >= TROCAR_LOG_WARNING) progress_log(level, message, context);
 }

@@ -40,14 +40,15 @@ void viewer_messages_free(viewer_messages *v) {
 }
 
 void viewer_messages_make_needle(viewer_messages *v, int needle, int64_t tick, int64_t pose_utime) {
+    const trocar_view *view = trocar_picture_view(v->picture);
     trocar_contact contacts[VIEWER_CONTACTS];
-    trocar_pose base = trocar_picture_base(v->picture, needle);
+    trocar_pose base = trocar_view_base(view, needle);
     v->contacts = (trocar_contacts_t){.needle = needle, .tick = tick, .pose_utime = pose_utime,
-                                      .tip_lead = trocar_picture_tip_lead(v->picture, needle), .centreline = v->joint_rows,
+                                      .tip_lead = trocar_view_tip_lead(view, needle), .centreline = v->joint_rows,
                                       .position = v->position_rows, .force = v->force_rows, .arc = v->arc, .state = v->sliding, .kind = v->kind};
     memcpy(v->contacts.orientation, base.orientation, sizeof base.orientation);
-    v->contacts.joint_count = trocar_picture_centreline(v->picture, needle, v->joints[0], TROCAR_MAX_JOINTS);
-    v->contacts.contact_count = trocar_picture_contacts(v->picture, needle, contacts, VIEWER_CONTACTS);
+    v->contacts.joint_count = trocar_view_centreline(view, needle, v->joints[0], TROCAR_MAX_JOINTS);
+    v->contacts.contact_count = trocar_view_contacts(view, needle, contacts, VIEWER_CONTACTS);
     for (int i = 0; i < v->contacts.contact_count; i++) {
         memcpy(v->positions[i], contacts[i].position, sizeof v->positions[i]);
         memcpy(v->forces[i], contacts[i].force, sizeof v->forces[i]);
@@ -60,7 +61,7 @@ void viewer_messages_make_needle(viewer_messages *v, int needle, int64_t tick, i
 void viewer_messages_make_tracks(viewer_messages *v, int needle, int64_t tick) {
     v->tracks = (trocar_tracks_t){.needle = needle, .tick = tick, .position = v->track_rows, .tet = v->track_tets, .track = v->track_numbers,
                                   .membrane = v->track_membranes};
-    v->tracks.point_count = trocar_picture_tracks(v->picture, needle, v->track_scratch, TROCAR_MAX_TRACK_POINTS);
+    v->tracks.point_count = trocar_view_tracks(trocar_picture_view(v->picture), needle, v->track_scratch, TROCAR_MAX_TRACK_POINTS);
     for (int i = 0; i < v->tracks.point_count; i++) {
         const trocar_track_point *p = &v->track_scratch[i];
         for (int a = 0; a < 3; a++) v->track_points[i][a] = (float)p->position[a];
@@ -71,7 +72,7 @@ void viewer_messages_make_tracks(viewer_messages *v, int needle, int64_t tick) {
 }
 
 trocar_status viewer_messages_make_tissue(viewer_messages *v, int64_t tick, report *why) {
-    trocar_status status = trocar_picture_displacements(v->picture, v->nodal, why);
+    trocar_status status = trocar_view_displacements(trocar_picture_view(v->picture), v->nodal, why);
     if (status != TROCAR_OK) return status;
     for (size_t i = 0; i < 3 * (size_t)v->node_count; i++) v->displacement[i] = (float)v->nodal[i];
     v->deformation = (trocar_deformation_t){.tick = tick, .node_count = v->node_count, .displacement = v->displacement_rows};
@@ -88,8 +89,8 @@ void viewer_messages_make_seeds(viewer_messages *v, int64_t tick) {
                                 .pending = v->seeds_pending, .position = v->seed_rows[0], .direction = v->seed_rows[1], .rest_position = v->seed_rows[2],
                                 .rest_direction = v->seed_rows[3], .needle = v->seed_numbers[0], .guide = v->seed_numbers[1], .hole = v->seed_numbers[2],
                                 .strand = v->seed_numbers[3]};
-    for (int i = 0; i < v->seeds.needle_count; i++) v->seeds_pending[i] = (int16_t)trocar_picture_pending_seeds(v->picture, i);
-    v->seeds.seed_count = trocar_picture_seeds(v->picture, v->seed_scratch, TROCAR_MAX_SEEDS);
+    for (int i = 0; i < v->seeds.needle_count; i++) v->seeds_pending[i] = (int16_t)trocar_view_pending_seeds(trocar_picture_view(v->picture), i);
+    v->seeds.seed_count = trocar_view_seeds(trocar_picture_view(v->picture), v->seed_scratch, TROCAR_MAX_SEEDS);
     for (int i = 0; i < v->seeds.seed_count; i++) {
         const trocar_seed *s = &v->seed_scratch[i];
         double position[3], direction[3];

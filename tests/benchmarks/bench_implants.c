@@ -82,7 +82,7 @@ static int implant(trocar_sim *sim, int number, void *state, size_t size) {
         OK(trocar_sim_take(sim, k, &why));
         OK(trocar_sim_work(sim, NULL, &why));
         double most = 0.0;
-        trocar_pose base = trocar_sim_base(sim, k);
+        trocar_pose base = trocar_view_base(trocar_sim_view(sim), k);
         ticks += move(sim, k, &base, -(DEPTH + CLEAR), &most);
         compare(number % KINDS, number > KINDS, k, true, most);
         OK(trocar_sim_undo_seed(sim, k, &why));

@@ -50,7 +50,7 @@ static void push_timed(trocar_sim *sim, bool probing, measured *m) {
         if (trocar_sim_tick(sim, 0, &base, 1e-3, &out) != TROCAR_OK) fprintf(stderr, "a tick failed\n");
         int64_t ended = monotonic_ns();
         if (out.depth > 0.01) histogram_add(&m->ticks, ended - began);
-        trocar_probe shown = trocar_sim_probe(sim);
+        trocar_probe shown = trocar_view_probe(trocar_sim_view(sim));
         if (probing && memcmp(&shown.base, &last, sizeof last) != 0) {
             if (solved > 0) histogram_add(&m->between, ended - solved);
             solved = ended;

@@ -90,7 +90,7 @@ static const struct argp parser = {
 static const double APPROACH = 0.02; /* m, additional distance at the start, so that the needle's line is known before it touches the skin */
 
 static trocar_status create(const options *o, const char *path, measured *m, report *why) {
-    const trocar_model_options options = {.progress = progress_show};
+    const trocar_model_options options = {.watch.progress = progress_show};
     trocar_status status = trocar_scene_load(path, &m->scene, why);
     if (status == TROCAR_OK && o->inverse) status = trocar_scene_set(m->scene, "inverse", o->inverse, why);
     if (status != TROCAR_OK) return status;

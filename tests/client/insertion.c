@@ -75,8 +75,7 @@ static int reset(trocar_client *c, felt_so_far *f) {
 }
 
 int main(int count, char **arguments) {
-    static const trocar_client_options standard;
-    trocar_client_options options = standard;
+    trocar_client_options options = trocar_client_default_options();
     felt_so_far before = {0}, felt = {0};
     if (count != 2 && count != 3) return 2;
     options.url = arguments[1];

@@ -88,7 +88,7 @@ static void record(recording *r) {
     command(r, TROCAR_COMMAND_T_TAKE, 0);
     OK(trocar_sim_take(r->sim, 0, &why));
     OK(trocar_sim_work(r->sim, NULL, &why));
-    trocar_pose base = trocar_sim_base(r->sim, 0), first = base;
+    trocar_pose base = trocar_view_base(trocar_sim_view(r->sim), 0), first = base;
     command(r, TROCAR_COMMAND_T_RESET, 1);
     OK(trocar_sim_reset(r->sim, 1, &away, &why));
     for (int t = 0; t <= BACK; t++) {
@@ -270,7 +270,7 @@ static void the_probe_of_a_log_moves_as_it_did(void **state) {
     r.log = lcm_eventlog_create(path, "w");
     record_with_probe(&r);
     lcm_eventlog_destroy(r.log);
-    trocar_probe probe = trocar_sim_probe(r.sim);
+    trocar_probe probe = trocar_view_probe(trocar_sim_view(r.sim));
     assert_true(probe.contacts > 0 && probe.force[2] < -0.1);
 
     snprintf(line, sizeof line, "--csv %s --out %s --vtu %s/end --pvd %s/series 2>%s/text", csv, out, folder, folder, folder);

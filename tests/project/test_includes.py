@@ -21,14 +21,14 @@ def includes(root, *parts):
     for name, path in files.items():
         found = re.findall(r'^\s*#\s*include\s+"([^"]+)"', path.read_text(), re.MULTILINE)
         beside = name.rpartition('/')[0]
-        named = [next((file for file in (f'{beside}/{other}', other, *(f'{part}/{other}' for part in parts)) if file in files), None) for other in found]
+        named = [next((file for file in (f'{beside}/{other}', other, *(f'{part}/{other}' for part in parts or ('include',))) if file in files), None) for other in found]
         graph.setdefault(name[:-2], set()).update(file[:-2] for file in named if file and file[:-2] != name[:-2])
     return graph
 
 
 def by_folder(graph):
     def folder(unit):
-        return unit.rpartition('/')[0] or unit  # trocar.h, which all may include, has no folder
+        return unit.rpartition('/')[0] or unit
     folders = {}
     for unit, others in graph.items():
         folders.setdefault(folder(unit), set()).update(folder(other) for other in others if folder(other) != folder(unit))

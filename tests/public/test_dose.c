@@ -203,7 +203,7 @@ static void sums_do_not_overflow(void **state) {
     assert_int_equal(trocar_dose_create_points(source, point, 1, &dose, &why), TROCAR_OK);
     for (int i = 0; i < TROCAR_MAX_DOSE_SEEDS; i++) assert_int_equal(trocar_dose_add(dose, &seed, &id, &why), TROCAR_OK);
     trocar_dose_values(dose, &value);
-    assert_true(value == TROCAR_MAX_DOSE_SEEDS * TROCAR_DOSE_MOST);
+    assert_true(value == TROCAR_MAX_DOSE_SEEDS * TROCAR_MAX_SEED_DOSE);
     assert_int_equal(trocar_dose_add(dose, &seed, &id, &why), TROCAR_BAD_INPUT);
     assert_text(why.text, "4095 seeds");
     trocar_dose_free(dose);

@@ -55,7 +55,7 @@ static void each_needle_has_its_hole(void **state) {
     for (int n = 0; n < 2; n++) {
         trocar_pose start = base_at(n, 0);
         OK(trocar_sim_reset(sim, n, &start, &why));
-        assert_int_equal(trocar_sim_hole(sim, n, 0), TROCAR_NO_HOLE);
+        assert_int_equal(trocar_view_hole(trocar_sim_view(sim), n, 0), TROCAR_NO_HOLE);
     }
     trocar_output out[2];
     for (int t = 1; t <= IN; t++)
@@ -64,12 +64,12 @@ static void each_needle_has_its_hole(void **state) {
             OK(trocar_sim_step(sim, n, &base, 1e-3, &out[n], &why));
             assert_false(out[n].events & (TROCAR_EVENT_MISSED_GUIDE | TROCAR_EVENT_UNSTABLE));
         }
-    assert_int_equal(trocar_sim_hole(sim, 0, 0), 6);
-    assert_int_equal(trocar_sim_hole(sim, 1, 0), 8);
-    assert_int_equal(trocar_sim_hole(sim, 0, 1), TROCAR_NO_HOLE);
+    assert_int_equal(trocar_view_hole(trocar_sim_view(sim), 0, 0), 6);
+    assert_int_equal(trocar_view_hole(trocar_sim_view(sim), 1, 0), 8);
+    assert_int_equal(trocar_view_hole(trocar_sim_view(sim), 0, 1), TROCAR_NO_HOLE);
     for (int n = 0; n < 2; n++) { /* the force on the hand is the opposite of the sum of the forces on tissue and guide */
         trocar_contact contacts[TROCAR_MAX_POINTS];
-        int count = trocar_sim_contacts(sim, n, contacts, TROCAR_MAX_POINTS), guided = 0;
+        int count = trocar_view_contacts(trocar_sim_view(sim), n, contacts, TROCAR_MAX_POINTS), guided = 0;
         double sum[3] = {0};
         for (int i = 0; i < count; i++) {
             if (contacts[i].kind == TROCAR_CONTACT_GUIDE) {
@@ -105,7 +105,7 @@ static void a_restored_needle_is_in_the_same_hole(void **state) {
         if (t == IN / 2) {
             OK(trocar_sim_save(sim, saved, size, &why));
             OK(trocar_sim_restore(other, saved, size, &why));
-            assert_int_equal(trocar_sim_hole(other, 0, 0), 6);
+            assert_int_equal(trocar_view_hole(trocar_sim_view(other), 0, 0), 6);
             continue;
         }
         OK(trocar_sim_step(other, 0, &base, 1e-3, &again, &why));

@@ -74,7 +74,7 @@ static void bone_is_no_membrane(void **state) {
     trocar_pose base = at(1e-3, 2e-3, 0.03);
     OK(trocar_sim_reset(sim, 0, &base, &why));
     trocar_track_point points[TROCAR_MAX_TRACK_POINTS];
-    int count = trocar_sim_tracks(sim, 0, points, TROCAR_MAX_TRACK_POINTS), skin = 0;
+    int count = trocar_view_tracks(trocar_sim_view(sim), 0, points, TROCAR_MAX_TRACK_POINTS), skin = 0;
     assert_true(count > 5 && points[count - 1].position[2] > 0.025);
     for (int i = 0; i < count; i++) {
         assert_in_range(points[i].membrane + 1, 0, 1);
@@ -165,17 +165,17 @@ static void no_room_is_no_fault(void **state) {
     OK(trocar_sim_reset(sim, 0, &base, &why));
     for (int t = 0; t < 400; t++, base.position[0] += t < 200 ? 0.0 : 1e-5, base.position[2] += 1e-4) OK(trocar_sim_step(sim, 0, &base, 1e-3, &out, &why));
     trocar_contact contacts[TROCAR_MAX_POINTS + 1];
-    int count = trocar_sim_contacts(sim, 0, contacts, TROCAR_MAX_POINTS);
+    int count = trocar_view_contacts(trocar_sim_view(sim), 0, contacts, TROCAR_MAX_POINTS);
     assert_true(count >= 2 && contacts[0].kind == TROCAR_CONTACT_GUIDE);
     for (int room = -2; room <= count; room++) {
         trocar_contact some[TROCAR_MAX_POINTS + 1];
         memset(some, 0x5a, sizeof some);
-        assert_int_equal(trocar_sim_contacts(sim, 0, some, room), count);
+        assert_int_equal(trocar_view_contacts(trocar_sim_view(sim), 0, some, room), count);
         int filled = room < 0 ? 0 : room;
         assert_memory_equal(some, contacts, (size_t)filled * sizeof *some);
         for (size_t i = (size_t)filled * sizeof *some; i < sizeof some; i++) assert_int_equal(((unsigned char *)some)[i], 0x5a);
-        assert_true(trocar_sim_tracks(sim, 0, NULL, -1) >= 0 && trocar_sim_pending_contacts(sim, 0, NULL, -1) >= 0);
-        assert_true(trocar_sim_centreline(sim, 0, NULL, -1) > 2 && trocar_sim_seeds(sim, NULL, -1) == 0);
+        assert_true(trocar_view_tracks(trocar_sim_view(sim), 0, NULL, -1) >= 0 && trocar_view_pending_contacts(trocar_sim_view(sim), 0, NULL, -1) >= 0);
+        assert_true(trocar_view_centreline(trocar_sim_view(sim), 0, NULL, -1) > 2 && trocar_view_seeds(trocar_sim_view(sim), NULL, -1) == 0);
     }
     trocar_sim_free(sim);
     trocar_model_free(model);
@@ -205,7 +205,7 @@ static trocar_pose rest_in_track_of(trocar_model *model, int first) {
     OK(trocar_sim_leave(sim, 1, &why));
     OK(trocar_sim_work(sim, NULL, &why));
     assert_int_equal(trocar_sim_needle_state(sim, 1), TROCAR_NEEDLE_RESTING);
-    trocar_pose rest = trocar_sim_base(sim, 1);
+    trocar_pose rest = trocar_view_base(trocar_sim_view(sim), 1);
     assert_true(rest.position[2] > base.position[2] + 1e-4);
     trocar_sim_free(sim);
     return rest;
@@ -243,7 +243,7 @@ static void saved_before_it_is_let_go_it_comes_to_the_same(void **state) {
     OK(trocar_sim_restore(second, saved, size, &why));
     OK(trocar_sim_work(sim, NULL, &why));
     OK(trocar_sim_work(second, NULL, &why));
-    trocar_pose one = trocar_sim_base(sim, 1), other = trocar_sim_base(second, 1);
+    trocar_pose one = trocar_view_base(trocar_sim_view(sim), 1), other = trocar_view_base(trocar_sim_view(second), 1);
     assert_int_equal(trocar_sim_needle_state(second, 1), TROCAR_NEEDLE_RESTING);
     for (int a = 0; a < 3; a++) assert_true(fabs(one.position[a] - other.position[a]) < 1e-9);
     free(saved);
@@ -274,7 +274,7 @@ static void the_model_goes_with_its_last_user(void **state) {
     for (int t = 0; t < 100; t++, base.position[2] += 1e-4) OK(trocar_sim_step(sim, 0, &base, 1e-3, &out, &why));
     trocar_sim_take_picture(sim, picture);
     trocar_sim_free(sim);
-    OK(trocar_picture_displacements(picture, field, &why));
+    OK(trocar_view_displacements(trocar_picture_view(picture), field, &why));
     trocar_picture_free(picture);
     free(field);
 }
@@ -302,7 +302,7 @@ static void *read_keys(void *context) {
     int *known = context;
     for (int i = 0; i < trocar_key_count(); i++) {
         trocar_key key = trocar_key_at(i);
-        *known += key.key[0] && key.doc[0] && key.accepts[0] && (key.required || strcmp(key.key, "needle.length") != 0 || strcmp(key.standard, "0.2") == 0);
+        *known += key.key[0] && key.doc[0] && key.accepts[0] && (key.required || strcmp(key.key, "needle.length") != 0 || strcmp(key.default_value, "0.2") == 0);
     }
     return NULL;
 }
@@ -324,7 +324,7 @@ typedef struct { trocar_sim *sim; double *field; trocar_status status; } field_s
 static void *look_at_field(void *context) {
     field_seeker *seeker = context;
     trocar_error reason;
-    seeker->status = trocar_sim_displacements(seeker->sim, seeker->field, &reason);
+    seeker->status = trocar_view_displacements(trocar_sim_view(seeker->sim), seeker->field, &reason);
     return NULL;
 }
 
@@ -409,16 +409,16 @@ static void a_rollout_is_watched_and_cancelled(void **state) {
     static trocar_output all[BATCH][STEPS], some[BATCH][STEPS];
     trocar_model *model = model_of(cube_scene(INFINITY));
     straight_in(poses);
-    OK(trocar_rollout(model, poses[0], BATCH, STEPS, 1e-3, 1, all[0], &why));
+    OK(trocar_rollout(model, poses[0], BATCH, STEPS, NULL, all[0], &why));
     for (int threads = 1; threads <= 3; threads += 2) {
         watcher w = {.caller = pthread_self(), .most = 1000000};
-        const trocar_watch watch = {note_progress, count_questions, &w};
-        OK(trocar_rollout_watched(model, poses[0], BATCH, STEPS, 1e-3, threads, &watch, some[0], &why));
+        const trocar_rollout_options options = {.dt = 1e-3, .threads = threads, .watch = {note_progress, count_questions, &w}};
+        OK(trocar_rollout(model, poses[0], BATCH, STEPS, &options, some[0], &why));
         assert_memory_equal(some, all, sizeof all);
         assert_true(w.fraction == 1.0 && w.asked > (threads == 1 ? 2 : 0));
         assert_string_equal(w.what, "rollout");
         w = (watcher){.caller = pthread_self(), .most = threads == 1 ? 2 : 0};
-        trocar_status status = trocar_rollout_watched(model, poses[0], BATCH, STEPS, 1e-3, threads, &watch, some[0], &why);
+        trocar_status status = trocar_rollout(model, poses[0], BATCH, STEPS, &options, some[0], &why);
         int left_out = 0;
         for (int i = 0; i < BATCH; i++) {
             int t = 0;
@@ -479,7 +479,7 @@ static void a_model_is_cancelled_at_any_question(void **state) {
             OK(trocar_scene_set(scene, "region_of_interest.regions", "[prostate]", &why));
             OK(trocar_scene_set(scene, "cache", cache, &why));
             watcher w = {.caller = pthread_self(), .most = most};
-            trocar_model_options options = {.cancelled = count_questions, .context = &w};
+            trocar_model_options options = {.watch = {.cancelled = count_questions, .context = &w}};
             trocar_model *model;
             trocar_status status = trocar_model_create(scene, &options, &model, &why);
             trocar_scene_free(scene);
@@ -523,6 +523,7 @@ static void threads_without_memory_leave_the_work_to_others(void **state) {
     if (SANITIZED) skip();
     static trocar_pose poses[BATCH][STEPS];
     static trocar_output all[BATCH][STEPS], some[BATCH][STEPS];
+    const trocar_rollout_options two_threads = {.dt = 1e-3, .threads = 2};
     trocar_scene *scene = cube_scene(INFINITY);
     OK(trocar_scene_set(scene, "needles", "32", &why)); /* a simulation of a hundred megabytes */
     trocar_model *model = model_of(scene);
@@ -533,11 +534,11 @@ static void threads_without_memory_leave_the_work_to_others(void **state) {
     size_t one = mapped() - before;
     trocar_sim_free(sim);
     assert_true(one > 50000000);
-    OK(trocar_rollout(model, poses[0], BATCH, STEPS, 1e-3, 2, all[0], &why)); /* so that BLAS has its memory for two threads */
+    OK(trocar_rollout(model, poses[0], BATCH, STEPS, &two_threads, all[0], &why)); /* so that BLAS has its memory for two threads */
     int short_of_memory = 0;
     for (double room = 0.2; room < 4.0; room += 0.4) {
         limit(mapped() + (size_t)(room * (double)one));
-        trocar_status status = trocar_rollout(model, poses[0], BATCH, STEPS, 1e-3, 2, some[0], &why);
+        trocar_status status = trocar_rollout(model, poses[0], BATCH, STEPS, &two_threads, some[0], &why);
         limit(RLIM_INFINITY);
         if (status == TROCAR_OK) assert_memory_equal(some, all, sizeof all);
         else assert_int_equal(status, TROCAR_NO_MEMORY);

@@ -151,10 +151,10 @@ static void the_table_of_keys_is_whole(void **state) {
                  brackets ? brackets + 2 : "");
         assert_true(strlen(k.accepts) > 0 && strlen(k.doc) > 0);
         OK(trocar_scene_get(scene, key, before, sizeof before, &why));
-        if (!k.required && k.standard[0]) {
-            OK(trocar_scene_set(scene, key, k.standard, &why));
+        if (!k.required && k.default_value[0]) {
+            OK(trocar_scene_set(scene, key, k.default_value, &why));
             OK(trocar_scene_get(scene, key, after, sizeof after, &why));
-            assert_string_equal(after, k.standard);
+            assert_string_equal(after, k.default_value);
         }
     }
     assert_string_equal(trocar_key_at(-1).key, "");
@@ -308,7 +308,8 @@ static void what_is_seen_fits_the_force(void **state) {
     trocar_model *model = model_of(cube_scene());
     trocar_sim *sim = sim_at_start(model);
     run(sim, 0, TICKS, a);
-    int count = trocar_sim_contacts(sim, 0, contacts, TROCAR_MAX_POINTS), joint_count = trocar_sim_centreline(sim, 0, joints[0], TROCAR_MAX_JOINTS);
+    const trocar_view *view = trocar_sim_view(sim);
+    int count = trocar_view_contacts(view, 0, contacts, TROCAR_MAX_POINTS), joint_count = trocar_view_centreline(view, 0, joints[0], TROCAR_MAX_JOINTS);
     assert_int_equal(count, a[TICKS - 1].contacts + 1);
     assert_int_equal(contacts[count - 1].kind, TROCAR_CONTACT_TIP);
     assert_int_equal(joint_count, trocar_model_segments(model) + 1);
@@ -318,16 +319,16 @@ static void what_is_seen_fits_the_force(void **state) {
     for (int k = 0; k < 3; k++) assert_true(fabs(sum[k] + a[TICKS - 1].force[k]) < 1e-9);
     for (int i = 0; i < count; i++) assert_true(distance_from_needle((const double (*)[3])joints, joint_count, contacts[i].arc, contacts[i].position) < 1e-5);
     assert_true(contacts[count - 1].arc <= trocar_model_needle_length(model) && contacts[count - 1].arc > contacts[count - 2].arc);
-    OK(trocar_sim_displacements(sim, field[0], &why));
+    OK(trocar_view_displacements(trocar_sim_view(sim), field[0], &why));
     for (int i = 0; i < CUBE_NODES; i++) greatest = fmax(greatest, fabs(field[i][2]));
     assert_true(greatest > 1e-5 && greatest < 0.01);
     for (int i = 0; i < CUBE_NODES; i++)
         if (trocar_model_nodes(model)[3 * i + 2] > 0.0399) assert_true(field[i][2] == 0.0);
-    assert_true(trocar_sim_needle_energy(sim, 0) > 0.0);
-    assert_true(fabs(trocar_sim_tip_lead(sim, 0)) < 0.01); /* tilted, but not turned */
-    assert_true(trocar_sim_tip_lead(sim, 1) == 0.0);       /* this needle is not in the tissue */
-    assert_int_equal(trocar_sim_contacts(sim, 0, contacts, 1), count);
-    assert_int_equal(trocar_sim_contacts(sim, 1, contacts, 1), 0);
+    assert_true(trocar_view_needle_energy(trocar_sim_view(sim), 0) > 0.0);
+    assert_true(fabs(trocar_view_tip_lead(trocar_sim_view(sim), 0)) < 0.01); /* tilted, not turned */
+    assert_true(trocar_view_tip_lead(trocar_sim_view(sim), 1) == 0.0);       /* there is none */
+    assert_int_equal(trocar_view_contacts(trocar_sim_view(sim), 0, contacts, 1), count);
+    assert_int_equal(trocar_view_contacts(trocar_sim_view(sim), 1, contacts, 1), 0);
     trocar_sim_free(sim);
     trocar_model_free(model);
 }
@@ -344,25 +345,26 @@ static void a_picture_keeps_what_was_seen(void **state) {
     trocar_picture *picture, *copy;
     OK(trocar_picture_create(model, &picture, &why));
     OK(trocar_picture_create(model, &copy, &why));
-    assert_int_equal(trocar_picture_contacts(picture, 0, kept, ROOM), 0);
+    assert_int_equal(trocar_view_contacts(trocar_picture_view(picture), 0, kept, ROOM), 0);
     run(sim, 0, MIDWAY, a);
     trocar_sim_take_picture(sim, picture);
-    int count = trocar_sim_contacts(sim, 0, seen, ROOM), joint_count = trocar_sim_centreline(sim, 0, joints[0][0], TROCAR_MAX_JOINTS);
-    trocar_pose base = trocar_sim_base(sim, 0), given = pose_at(MIDWAY - 1), in_picture;
-    OK(trocar_sim_displacements(sim, field[0][0], &why));
+    const trocar_view *view = trocar_sim_view(sim);
+    int count = trocar_view_contacts(view, 0, seen, ROOM), joint_count = trocar_view_centreline(view, 0, joints[0][0], TROCAR_MAX_JOINTS);
+    trocar_pose base = trocar_view_base(view, 0), given = pose_at(MIDWAY - 1), in_picture;
+    OK(trocar_view_displacements(trocar_sim_view(sim), field[0][0], &why));
     run(sim, MIDWAY, TICKS, a);
     trocar_picture_copy(picture, copy);
     assert_true(count >= 2); /* the tip and at least one other contact */
-    assert_int_equal(trocar_picture_contacts(copy, 0, kept, ROOM), count);
+    assert_int_equal(trocar_view_contacts(trocar_picture_view(copy), 0, kept, ROOM), count);
     assert_memory_equal(kept, seen, (size_t)count * sizeof *seen);
-    assert_int_equal(trocar_picture_centreline(copy, 0, joints[1][0], TROCAR_MAX_JOINTS), joint_count);
+    assert_int_equal(trocar_view_centreline(trocar_picture_view(copy), 0, joints[1][0], TROCAR_MAX_JOINTS), joint_count);
     assert_memory_equal(joints[1], joints[0], (size_t)joint_count * sizeof joints[0][0]);
-    in_picture = trocar_picture_base(copy, 0);
+    in_picture = trocar_view_base(trocar_picture_view(copy), 0);
     assert_memory_equal(&in_picture, &base, sizeof base);
     assert_memory_equal(base.position, given.position, sizeof given.position);
-    OK(trocar_picture_displacements(copy, field[1][0], &why));
+    OK(trocar_view_displacements(trocar_picture_view(copy), field[1][0], &why));
     assert_memory_equal(field[1], field[0], sizeof field[0]);
-    assert_int_equal(trocar_picture_contacts(copy, 1, kept, ROOM), 0);
+    assert_int_equal(trocar_view_contacts(trocar_picture_view(copy), 1, kept, ROOM), 0);
     trocar_picture_free(picture);
     trocar_picture_free(copy);
     trocar_sim_free(sim);
@@ -451,7 +453,7 @@ static void a_base_on_a_spring_yields(void **state) {
     trocar_sim_set_base_compliance(sim, 0, 2e-3);
     OK(trocar_sim_reset(sim, 0, &start, &why)); /* the reset keeps the spring */
     run(sim, 0, TICKS, soft);
-    trocar_pose base = trocar_sim_base(sim, 0);
+    trocar_pose base = trocar_view_base(trocar_sim_view(sim), 0);
     const double *force = soft[TICKS - 1].force;
     for (int k = 0; k < 3; k++) assert_true(fabs(base.position[k] - given.position[k] - 2e-3 * force[k]) < 1e-6);
     assert_true(force[2] < -0.1 && base.position[2] < given.position[2] - 1e-4 && fabs(force[2]) < fabs(rigid[TICKS - 1].force[2]));
@@ -530,18 +532,18 @@ static void a_rollout_does_not_depend_on_threads(void **state) {
             poses[b][t] = pose_at(t);
             poses[b][t].position[0] += 1e-3 * b;
         }
-    OK(trocar_rollout(model, poses[0], BATCH, TICKS, 1e-3, 1, one[0], &why));
-    OK(trocar_rollout(model, poses[0], BATCH, TICKS, 1e-3, 3, two[0], &why));
+    OK(trocar_rollout(model, poses[0], BATCH, TICKS, NULL, one[0], &why));
+    OK(trocar_rollout(model, poses[0], BATCH, TICKS, &(trocar_rollout_options){.dt = 1e-3, .threads = 3}, two[0], &why));
     for (int b = 0; b < BATCH; b++) assert_same(one[b], two[b]);
     trocar_sim *sim = sim_at_start(model);
     run(sim, 0, TICKS, single);
     assert_same(single, one[0]);
     poses[2][100].orientation[0] = 7;
-    assert_refused(trocar_rollout(model, poses[0], BATCH, TICKS, 1e-3, 2, two[0], &why), "insertion 2, step 100");
+    assert_refused(trocar_rollout(model, poses[0], BATCH, TICKS, &(trocar_rollout_options){.dt = 1e-3, .threads = 2}, two[0], &why), "insertion 2, step 100");
     assert_same(one[3], two[3]); /* the other insertions are complete */
     assert_memory_equal(one[2], two[2], 100 * sizeof(trocar_output));
     assert_true(two[2][100].force[2] == 0.0 && two[2][TICKS - 1].depth == 0.0);
-    assert_refused(trocar_rollout(model, poses[0], BATCH, TICKS, 1e-3, 0, two[0], &why), "threads");
+    assert_refused(trocar_rollout(model, poses[0], BATCH, TICKS, &(trocar_rollout_options){.dt = 1e-3, .threads = 0}, two[0], &why), "threads");
     trocar_sim_free(sim);
     trocar_model_free(model);
 }

@@ -59,7 +59,7 @@ static void note_scene(record *r, trocar_scene *scene) {
         const char *brackets = strstr(key.key, "[]");
         snprintf(first, sizeof first, "%.*s%s%s", (int)(brackets ? brackets - key.key : (long)strlen(key.key)), key.key, brackets ? "[0]" : "", brackets ? brackets + 2 : "");
         trocar_status status = trocar_scene_get(scene, first, text, sizeof text, &why);
-        note(r, "%s (default %s) = %s\n", key.key, key.standard, status == TROCAR_OK ? text : why.text);
+        note(r, "%s (default %s) = %s\n", key.key, key.default_value, status == TROCAR_OK ? text : why.text);
     }
     static const double numbers[] = {0.15, 1e-7, 123456.789, 1.0 / 3.0};
     for (size_t i = 0; i < sizeof numbers / sizeof *numbers; i++) {
@@ -84,7 +84,7 @@ static void note_model(record *r, const trocar_scene *scene, const char *inverse
     trocar_output out;
     trocar_scene *copied;
     int called = 0;
-    trocar_model_options options = {.progress = check_host, .context = &called};
+    trocar_model_options options = {.watch = {.progress = check_host, .context = &called}};
     assert_int_equal(trocar_scene_copy(scene, &copied, &why), TROCAR_OK);
     trocar_scene_set(copied, "inverse", inverse, &why);
     trocar_scene_set(copied, "region_of_interest.regions", "[prostate]", &why);

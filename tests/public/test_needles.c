@@ -80,7 +80,7 @@ static void nudge(trocar_sim *sim, const void *start, int moved, int axis, doubl
     trocar_output before, after;
     int felt = 1 - moved;
     OK(trocar_sim_restore(sim, start, trocar_sim_state_size(sim), &why));
-    trocar_pose base[2] = {trocar_sim_base(sim, 0), trocar_sim_base(sim, 1)};
+    trocar_pose base[2] = {trocar_view_base(trocar_sim_view(sim), 0), trocar_view_base(trocar_sim_view(sim), 1)};
     OK(trocar_sim_step(sim, felt, &base[felt], 1e-3, &before, &why));
     base[moved].position[axis] += 50e-6;
     for (int t = 0; t < 100; t++) {
@@ -96,7 +96,7 @@ static void the_coupling_is_reciprocal(void **state) {
     static trocar_output outputs[2][IN];
     trocar_model *model = create_model("2");
     trocar_sim *sim = push_in(model, 0.02, (int[]){1, 1}, outputs);
-    trocar_pose base[2] = {trocar_sim_base(sim, 0), trocar_sim_base(sim, 1)};
+    trocar_pose base[2] = {trocar_view_base(trocar_sim_view(sim), 0), trocar_view_base(trocar_sim_view(sim), 1)};
     for (int t = 0; t < 300; t++)
         for (int n = 0; n < 2; n++) OK(trocar_sim_step(sim, n, &base[n], 1e-3, &outputs[n][0], &why));
     size_t size = trocar_sim_state_size(sim);
@@ -179,9 +179,9 @@ enum { ROOM = 2 * TROCAR_MAX_CONTACTS, MOST_IDS = 256 };
 
 /* Gets all contacts except the tip, from base to tip, the active ones first. */
 static int all_contacts(const trocar_sim *sim, int needle, trocar_contact contacts[ROOM]) {
-    int count = trocar_sim_contacts(sim, needle, contacts, ROOM);
+    int count = trocar_view_contacts(trocar_sim_view(sim), needle, contacts, ROOM);
     if (count > 0 && contacts[count - 1].kind == TROCAR_CONTACT_TIP) count--;
-    return count + trocar_sim_pending_contacts(sim, needle, contacts + count, ROOM - count);
+    return count + trocar_view_pending_contacts(trocar_sim_view(sim), needle, contacts + count, ROOM - count);
 }
 
 typedef struct {
@@ -279,7 +279,7 @@ static void contacts_of_a_buckled_needle_still_hold_it(void **state) {
         OK(trocar_sim_step(sim, 0, &base, 1e-3, &output, &why));
     }
     assert_true(output.force[2] < -10.0);
-    int count = trocar_sim_contacts(sim, 0, contacts, ROOM);
+    int count = trocar_view_contacts(trocar_sim_view(sim), 0, contacts, ROOM);
     assert_true(count > 2);
     for (int i = 0; i < count; i++) assert_true(contacts[i].status == TROCAR_CONTACT_STICKING || contacts[i].status == TROCAR_CONTACT_SLIDING);
     trocar_sim_free(sim);
@@ -308,12 +308,12 @@ static void a_needle_that_is_none_is_refused(void **state) {
         assert_non_null(strstr(why.text, "there is one, number 0"));
         assert_int_equal(trocar_sim_step(sim, wrong[i], &base, 1e-3, &output, &why), TROCAR_BAD_INPUT);
         assert_int_equal(trocar_sim_tick(sim, wrong[i], &base, 1e-3, &output), TROCAR_BAD_INPUT);
-        assert_int_equal(trocar_sim_contacts(sim, wrong[i], &contact, 1), 0);
-        assert_int_equal(trocar_sim_pending_contacts(sim, wrong[i], &contact, 1), 0);
-        assert_int_equal(trocar_sim_centreline(sim, wrong[i], joint, 1), 0);
-        assert_true(trocar_sim_needle_energy(sim, wrong[i]) == 0.0);
+        assert_int_equal(trocar_view_contacts(trocar_sim_view(sim), wrong[i], &contact, 1), 0);
+        assert_int_equal(trocar_view_pending_contacts(trocar_sim_view(sim), wrong[i], &contact, 1), 0);
+        assert_int_equal(trocar_view_centreline(trocar_sim_view(sim), wrong[i], joint, 1), 0);
+        assert_true(trocar_view_needle_energy(trocar_sim_view(sim), wrong[i]) == 0.0);
         trocar_sim_set_base_compliance(sim, wrong[i], 1.0);
-        assert_true(trocar_sim_base(sim, wrong[i]).orientation[0] == 1.0);
+        assert_true(trocar_view_base(trocar_sim_view(sim), wrong[i]).orientation[0] == 1.0);
     }
     trocar_sim_free(sim);
     trocar_model_free(model);

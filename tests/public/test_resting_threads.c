@@ -91,7 +91,7 @@ static void needles_change_hands_between_threads(void **state) {
         OK(trocar_sim_take(w.sim, 0, &why));
         assert_int_equal(trocar_sim_tick(w.sim, 1, &away, 1e-3, &out), TROCAR_BAD_INPUT);
         wait_for(w.sim, 0, TROCAR_NEEDLE_HELD);
-        trocar_pose base = trocar_sim_base(w.sim, 0);
+        trocar_pose base = trocar_view_base(trocar_sim_view(w.sim), 0);
         double rest = 0.0;
         for (int t = 0; t < 100; t++) {
             if (t > 0) base.position[2] += 1e-4;

@@ -58,11 +58,11 @@ static void go_to(insertion *in, double depth) {
     while (way < 0.0 ? in->output.depth < depth : in->output.depth > depth) tick(in, in->out + way);
 }
 
-static int all_seeds(const trocar_sim *sim, trocar_seed seeds[TROCAR_MAX_SEEDS]) { return trocar_sim_seeds(sim, seeds, TROCAR_MAX_SEEDS); }
+static int all_seeds(const trocar_sim *sim, trocar_seed seeds[TROCAR_MAX_SEEDS]) { return trocar_view_seeds(trocar_sim_view(sim), seeds, TROCAR_MAX_SEEDS); }
 
 static void tip_of(const insertion *in, double tip[3]) {
     double joints[TROCAR_MAX_JOINTS][3];
-    memcpy(tip, joints[trocar_sim_centreline(in->sim, 0, joints[0], TROCAR_MAX_JOINTS) - 1], 3 * sizeof *tip);
+    memcpy(tip, joints[trocar_view_centreline(trocar_sim_view(in->sim), 0, joints[0], TROCAR_MAX_JOINTS) - 1], 3 * sizeof *tip);
 }
 
 /* In very stiff tissue, positions at rest and in the world are the same. The needle is held still for the drop, because the tip's position in
@@ -79,8 +79,8 @@ static void a_seed_is_left_where_the_tip_was(void **state) {
     tip_of(&in, tip);
     double dropped = in.output.depth;
     OK(trocar_sim_drop_seeds(in.sim, 0, 1, 0.0, &why));
-    assert_int_equal(trocar_sim_pending_seeds(in.sim, 0), 1);
-    while (trocar_sim_pending_seeds(in.sim, 0)) {
+    assert_int_equal(trocar_view_pending_seeds(trocar_sim_view(in.sim), 0), 1);
+    while (trocar_view_pending_seeds(trocar_sim_view(in.sim), 0)) {
         assert_int_equal(all_seeds(in.sim, seeds), 0);
         assert_true(in.output.depth > dropped - LENGTH);
         tick(&in, in.out + STEP);
@@ -107,7 +107,7 @@ static void a_strand_is_left_seed_by_seed(void **state) {
     OK(trocar_sim_drop_seeds(in.sim, 0, 4, 0.0, &why));
     for (int placed = 0; placed < 4; placed++) {
         assert_int_equal(all_seeds(in.sim, seeds), placed);
-        assert_int_equal(trocar_sim_pending_seeds(in.sim, 0), 4 - placed);
+        assert_int_equal(trocar_view_pending_seeds(trocar_sim_view(in.sim), 0), 4 - placed);
         go_to(&in, dropped - 0.01 * placed - LENGTH + STEP);
         assert_int_equal(all_seeds(in.sim, seeds), placed);
         go_to(&in, dropped - 0.01 * placed - LENGTH);
@@ -181,7 +181,7 @@ static void seeds_move_with_the_tissue_and_stay(void **state) {
     go_to(&in, 0.03);
     int count = all_seeds(in.sim, seeds);
     assert_int_equal(count, 3);
-    OK(trocar_sim_displacements(in.sim, u, &why));
+    OK(trocar_view_displacements(trocar_sim_view(in.sim), u, &why));
     for (int i = 0; i < count; i++) {
         const trocar_seed *s = &seeds[i];
         double at[3], along[3], expected[3], ahead[3], end[3], way[3], length = 0.0, w[4];
@@ -206,9 +206,9 @@ static void seeds_move_with_the_tissue_and_stay(void **state) {
     assert_int_equal(all_seeds(in.sim, later), count);
     assert_memory_equal(later, seeds, sizeof seeds);
     trocar_sim_take_picture(in.sim, picture);
-    assert_int_equal(trocar_picture_seeds(picture, shown, TROCAR_MAX_SEEDS), count);
+    assert_int_equal(trocar_view_seeds(trocar_picture_view(picture), shown, TROCAR_MAX_SEEDS), count);
     assert_memory_equal(shown, seeds, sizeof seeds);
-    OK(trocar_picture_displacements(picture, u, &why));
+    OK(trocar_view_displacements(trocar_picture_view(picture), u, &why));
     for (int i = 0; i < count; i++) {
         double at[3], along[3];
         trocar_model_displace_seed(in.model, u, &seeds[i], at, along);
@@ -226,12 +226,12 @@ static void refused(insertion *in, int needle, int count, double spacing, const 
     trocar_seed before[TROCAR_MAX_SEEDS], after[TROCAR_MAX_SEEDS];
     memset(before, 0, sizeof before);
     memset(after, 0, sizeof after);
-    int seeds = all_seeds(in->sim, before), pending = trocar_sim_pending_seeds(in->sim, 0);
+    int seeds = all_seeds(in->sim, before), pending = trocar_view_pending_seeds(trocar_sim_view(in->sim), 0);
     assert_int_equal(trocar_sim_drop_seeds(in->sim, needle, count, spacing, &why), TROCAR_BAD_INPUT);
     if (!strstr(why.text, words)) fail_msg("\"%s\" does not say \"%s\"", why.text, words);
     assert_int_equal(trocar_sim_drop_seeds(in->sim, needle, count, spacing, NULL), TROCAR_BAD_INPUT);
     assert_int_equal(all_seeds(in->sim, after), seeds);
-    assert_int_equal(trocar_sim_pending_seeds(in->sim, 0), pending);
+    assert_int_equal(trocar_view_pending_seeds(trocar_sim_view(in->sim), 0), pending);
     assert_memory_equal(before, after, sizeof before);
 }
 
@@ -290,7 +290,7 @@ static void undo_takes_back_the_last(void **state) {
     go_to(&in, dropped - 0.016);
     assert_int_equal(all_seeds(in.sim, seeds), 2);
     OK(trocar_sim_undo_seed(in.sim, 0, &why)); /* removes the third seed, which is still in the needle */
-    assert_int_equal(trocar_sim_pending_seeds(in.sim, 0), 0);
+    assert_int_equal(trocar_view_pending_seeds(trocar_sim_view(in.sim), 0), 0);
     assert_int_equal(all_seeds(in.sim, seeds), 2);
     go_to(&in, 0.01);
     assert_int_equal(all_seeds(in.sim, seeds), 2);
@@ -310,7 +310,7 @@ static void a_reset_needle_keeps_its_pending_seeds(void **state) {
     OK(trocar_sim_drop_seeds(in.sim, 0, 1, 0.0, &why));
     trocar_pose base = base_of(0.002);
     OK(trocar_sim_reset(in.sim, 0, &base, &why));
-    assert_int_equal(trocar_sim_pending_seeds(in.sim, 0), 0);
+    assert_int_equal(trocar_view_pending_seeds(trocar_sim_view(in.sim), 0), 0);
     tick(&in, 0.001);
     assert_int_equal(all_seeds(in.sim, seeds), 0);
     end(&in);
@@ -335,7 +335,7 @@ static void a_restore_brings_them_back(void **state) {
     assert_int_equal(all_seeds(in.sim, before), 4);
     OK(trocar_sim_restore(again.sim, saved, size, &why));
     assert_int_equal(all_seeds(again.sim, after), 2);
-    assert_int_equal(trocar_sim_pending_seeds(again.sim, 0), 2);
+    assert_int_equal(trocar_view_pending_seeds(trocar_sim_view(again.sim), 0), 2);
     go_to(&again, 0.0);
     assert_int_equal(all_seeds(again.sim, after), 4);
     assert_memory_equal(before, after, sizeof before);

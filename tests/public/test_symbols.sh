@@ -1,14 +1,14 @@
 #!/bin/bash
-# The libraries export exactly the declared functions, the header compiles on its own in each language, and the binary interface
-# equals tests/public/libtrocar.abi. After an intended change: test_symbols.sh BUILD_DIR SOURCE_DIR --renew usage: test_symbols.sh
-# BUILD_DIR SOURCE_DIR [--renew]
+# The libraries export exactly the declared functions, each public header compiles alone in each language, is short, and has a name that no system header has,
+# and the binary interface equals tests/public/libtrocar.abi. After an intended change: test_symbols.sh BUILD_DIR SOURCE_DIR --renew
+# usage: test_symbols.sh BUILD_DIR SOURCE_DIR [--renew]
 set -euo pipefail
 build=$1 source=$2 # absolute
-library=$build/core/libtrocar.so
+library=$build/core/libtrocar.so include=$source/core/include
 
 fail() { echo "FAILED: $*" >&2; exit 1; }
 
-declared=$(sed -n 's/^TROCAR_API .*[ *]\(trocar_[a-z_]*\)(.*/\1/p' "$source/core/trocar.h" | sort)
+declared=$(sed -n 's/^TROCAR_API .*[ *]\(trocar_[a-z_]*\)(.*/\1/p' "$include"/trocar/*.h | sort)
 [ "$(wc -w <<<"$declared")" -gt 20 ] || fail "the header declares $(wc -w <<<"$declared") functions"
 for exported in "$(nm -D --defined-only "$library")" "$(nm --extern-only --defined-only "$build/core/libtrocar.a")"; do
     names=$(awk 'NF == 3 && $2 ~ /[TDBRVW]/ { print $3 }' <<<"$exported" | sort)
@@ -16,16 +16,23 @@ for exported in "$(nm -D --defined-only "$library")" "$(nm --extern-only --defin
 done
 objdump -p "$library" | grep -qE 'SONAME +libtrocar\.so\.[0-9]+\.[0-9]+$' || fail "no soname"
 
-for standard in c11 c17; do
-    ${CC:-cc} -std=$standard -Wall -Wextra -pedantic-errors -Werror -fsyntax-only -x c "$source/core/trocar.h" || fail "$standard"
-done
-for standard in c++11 c++17 c++20; do
-    ${CXX:-c++} -std=$standard -Wall -Wextra -pedantic-errors -Werror -fsyntax-only -x c++ "$source/core/trocar.h" || fail "$standard"
+for header in "$include"/trocar.h "$include"/trocar/*.h; do
+    for standard in c11 c17; do
+        ${CC:-cc} -std=$standard -Wall -Wextra -pedantic-errors -Werror -I "$include" -fsyntax-only -x c "$header" || fail "$header: $standard"
+    done
+    for standard in c++11 c++17 c++20; do
+        ${CXX:-c++} -std=$standard -Wall -Wextra -pedantic-errors -Werror -I "$include" -fsyntax-only -x c++ "$header" || fail "$header: $standard"
+    done
+    [ "$(wc -l <"$header")" -lt 200 ] || fail "$header has 200 lines or more"
+    # Clients of the server are compiled with -I include/trocar, where a header of such a name would hide the system's.
+    name=$(basename "$header")
+    ! ${CC:-cc} -E -x c -include "$name" /dev/null >/dev/null 2>&1 || fail "$name is also a system header"
+    [ "$name" = trocar.h ] || grep -qF "#include \"trocar/$name\"" "$include/trocar.h" || fail "trocar.h does not include trocar/$name"
 done
 
 # Dumps the interface. The paths of its sources are shortened to start at core, so that they do not depend on the machine.
 dump() {
-    abidw --no-corpus-path --no-comp-dir-path --exported-interfaces-only --drop-undefined-syms --drop-private-types --header-file "$source/core/trocar.h" \
+    abidw --no-corpus-path --no-comp-dir-path --exported-interfaces-only --drop-undefined-syms --drop-private-types --headers-dir "$include" \
         --no-show-locs "$library" | sed "s| path='[^']*/core/| path='core/|"
 }
 if [ "${3:-}" = --renew ]; then

@@ -116,7 +116,7 @@ typedef struct {
 
 static place tip_of(const fixture *f, int needle) {
     double joints[3 * 256];
-    int last = trocar_sim_centreline(f->sim, needle, joints, 256) - 1;
+    int last = trocar_view_centreline(trocar_sim_view(f->sim), needle, joints, 256) - 1;
     return (place){joints[3 * last], joints[3 * last + 1], joints[3 * last + 2]};
 }
 
@@ -397,7 +397,7 @@ static void one_needle_follows_the_others_track(void **state) {
     reset(&f);
     hand first = insert(&f, 0, FIRST), second = insert(&f, 1, FIRST);
     assert_true(second.work < 0.1 * first.work && second.punctures == 0);
-    assert_true(trocar_sim_tracks(f.sim, 0, NULL, 0) > 10);
+    assert_true(trocar_view_tracks(trocar_sim_view(f.sim), 0, NULL, 0) > 10);
     trocar_pose start = base_at(&FIRST, 0.0, 0.0);
     OK(trocar_sim_reset(f.sim, 0, &start, &why)); /* the reset removes the needle's tracks */
     hand third = insert(&f, 1, FIRST);
@@ -410,12 +410,12 @@ static void tracks_are_told(void **state) {
     (void)state;
     static trocar_track_point points[TROCAR_MAX_TRACK_POINTS];
     fixture f = make(load_scene(1.0));
-    assert_int_equal(trocar_sim_tracks(f.sim, 0, points, TROCAR_MAX_TRACK_POINTS), 0); /* none at the origin, although it lies in the tissue */
+    assert_int_equal(trocar_view_tracks(trocar_sim_view(f.sim), 0, points, TROCAR_MAX_TRACK_POINTS), 0); /* none at the origin, although it lies in the tissue */
     reset(&f);
-    assert_int_equal(trocar_sim_tracks(f.sim, 0, points, TROCAR_MAX_TRACK_POINTS), 0);
+    assert_int_equal(trocar_view_tracks(trocar_sim_view(f.sim), 0, points, TROCAR_MAX_TRACK_POINTS), 0);
     insert(&f, 0, FIRST);
     insert(&f, 0, (line){8e-3, 0, 0, 0});
-    int count = trocar_sim_tracks(f.sim, 0, points, TROCAR_MAX_TRACK_POINTS), punctures = 0;
+    int count = trocar_view_tracks(trocar_sim_view(f.sim), 0, points, TROCAR_MAX_TRACK_POINTS), punctures = 0;
     assert_true(count > 20 && count < 60);
     assert_true(points[0].track == 0 && fabs(points[0].position[2]) < 1e-6 && points[0].membrane == 0);
     assert_true(points[count - 1].track == 1 && points[count - 1].position[2] > 0.05);
@@ -426,10 +426,10 @@ static void tracks_are_told(void **state) {
             assert_true(points[i].position[2] >= points[i - 1].position[2] && points[i].position[2] < points[i - 1].position[2] + 4.01e-3);
     }
     assert_int_equal(punctures, 4);
-    assert_int_equal(trocar_sim_tracks(f.sim, 0, points, 1), count);
-    assert_int_equal(trocar_sim_tracks(f.sim, 1, points, TROCAR_MAX_TRACK_POINTS), 0);
+    assert_int_equal(trocar_view_tracks(trocar_sim_view(f.sim), 0, points, 1), count);
+    assert_int_equal(trocar_view_tracks(trocar_sim_view(f.sim), 1, points, TROCAR_MAX_TRACK_POINTS), 0);
     reset(&f);
-    assert_int_equal(trocar_sim_tracks(f.sim, 0, points, TROCAR_MAX_TRACK_POINTS), 0);
+    assert_int_equal(trocar_view_tracks(trocar_sim_view(f.sim), 0, points, TROCAR_MAX_TRACK_POINTS), 0);
     discard(&f);
 }
 

@@ -243,7 +243,7 @@ class DoseTest(unittest.TestCase):
                 self.assertAlmostEqual(figures[name], np.mean(expected >= level), delta=1e-3 * max(figures[name], 1e-3), msg=name)
             self.assertAlmostEqual(figures["volume_cm3"], len(own) * h**3 * 1e6, delta=1e-9)
             self.assertAlmostEqual(figures["v100_cm3"], figures["v100"] * figures["volume_cm3"], delta=1e-9)
-            self.assertEqual((figures["least"], figures["most"]), (found.doses[-1], found.doses[0]))
+            self.assertEqual((figures["minimum"], figures["maximum"]), (found.doses[-1], found.doses[0]))
             self.assertEqual(found.dose(0), found.doses[0])
             self.assertEqual(found.dose(1), found.doses[-1])
             self.assertEqual(found.volume(0), 1)

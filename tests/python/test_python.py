@@ -235,6 +235,31 @@ class PythonTest(unittest.TestCase):
         sim.restore(state)
         np.testing.assert_array_equal(forces, [sim.step(pose(tick), 0.001).force for tick in range(100, 200)])
 
+    def test_time_is_that_of_the_steps(self):
+        sim = trocar.Sim(self.model)
+        sim.reset([0.005, 0.003, -0.201, 1, 0, 0, 0])
+        self.assertEqual(sim.time, 0)
+        for _ in range(10):
+            sim.step([0.005, 0.003, -0.201, 1, 0, 0, 0], 0.002)
+        self.assertAlmostEqual(sim.time, 0.02, delta=1e-12)
+        state = sim.save()
+        sim.step([0.005, 0.003, -0.201, 1, 0, 0, 0], 0.5)
+        self.assertAlmostEqual(sim.time, 0.52, delta=1e-12)
+        sim.restore(state)
+        self.assertAlmostEqual(sim.time, 0.02, delta=1e-12)
+
+    def test_messages_go_to_logging(self):
+        scene = trocar.Scene()
+        scene.set_mesh(cube())
+        scene["regions[body].youngs_modulus"] = 20e3
+        scene["fixed"] = ["back"]
+        scene["needle.length"] = 5.0    # so long beside the body that the unit is suspicious
+        with self.assertLogs("trocar", "INFO") as logged:
+            model = trocar.Model(scene)
+        self.assertEqual([record.levelname for record in logged.records], ["WARNING", "INFO"])
+        self.assertIn("mesh_unit", logged.records[0].getMessage())
+        self.assertIn(model.description, logged.records[1].getMessage())
+
     def test_the_gil_is_released(self):
         """This thread continues during a rollout in another thread."""
         poses = np.zeros((4, 500, 7))
@@ -267,7 +292,7 @@ class PythonTest(unittest.TestCase):
             trocar.rollout(self.model, np.zeros((3, 7)))
 
     def test_events_are_those_of_the_header(self):
-        header = re.findall(r"TROCAR_EVENT_(\w+) = 1 << (\d+)", (SOURCE / "core/trocar.h").read_text())
+        header = re.findall(r"TROCAR_EVENT_(\w+) = 1 << (\d+)", (SOURCE / "core/include/trocar/sim.h").read_text())
         self.assertIn(("TOUCHED", "0"), header)
         self.assertEqual([(event.name, int(event)) for event in trocar.Event], [(name, 1 << int(bit)) for name, bit in header])
 

@@ -404,7 +404,7 @@ print(outputs["force"], model.probe_start)
         self.assertNotIn("error", done.stderr)
 
     def test_all_events_of_the_library_have_names(self):
-        header = (SOURCE / "core/trocar.h").read_text()
+        header = (SOURCE / "core/include/trocar/sim.h").read_text()
         self.assertEqual({event.name for event in trocar.Event}, {line.split()[0].removeprefix("TROCAR_EVENT_") for line in header.splitlines()
                                                                   if line.startswith("    TROCAR_EVENT_")})
 

@@ -115,7 +115,7 @@ static void look(trial *t) {
     trocar_error why;
     const double *rest = trocar_model_nodes(t->model);
     double nodes = -INFINITY, faces = -INFINITY;
-    fail_if(trocar_sim_displacements(t->sim, t->displacements, &why), &why);
+    fail_if(trocar_view_displacements(trocar_sim_view(t->sim), t->displacements, &why), &why);
     for (int k = 0; k < t->triangle_count; k++)
         for (int i = 0; i <= PARTS; i++)
             for (int j = 0; i + j <= PARTS; j++) {
@@ -183,7 +183,7 @@ static void tick(trial *t, const trocar_pose *base) {
     trocar_error why;
     int n = t->needle;
     fail_if(trocar_sim_step(t->sim, n, base, TICK, &out, &why), &why);
-    trocar_probe now = trocar_sim_probe(t->sim);
+    trocar_probe now = trocar_view_probe(trocar_sim_view(t->sim));
     t->ticks++;
     judge_needle(t, &out);
     judge_probe(t, &now);
@@ -401,7 +401,7 @@ static void withdraw_needle(trial *t, double advance) {
         fail_if(trocar_sim_take(t->sim, 0, &why), &why);
         tick(t, &t->base[1]);
         t->needle = 0;
-        t->base[0] = trocar_sim_base(t->sim, 0);
+        t->base[0] = trocar_view_base(trocar_sim_view(t->sim), 0);
         t->last[0] = (trocar_output){0};
     }
     push_needle(t, -advance - 5e-3);

@@ -70,13 +70,13 @@ static double dent_by_others(const trial *t, int needle, const double end[3], co
     for (int a = 0; a < 3; a++) far[a] = end[a] - 0.05 * axis[a];
     if (!trocar_model_entry(t->model, far, end, entry)) return 0.0;
     for (int n = 0; n < trocar_model_needles(t->model); n++) {
-        int count = n == needle ? 0 : trocar_sim_contacts(t->sim, n, contacts, TROCAR_MAX_POINTS);
+        int count = n == needle ? 0 : trocar_view_contacts(trocar_sim_view(t->sim), n, contacts, TROCAR_MAX_POINTS);
         for (int i = 0; i < count; i++) {
             const trocar_contact *c = &contacts[i];
             bool on_skin = c->kind == TROCAR_CONTACT_TIP && c->depth <= 0.0;
             double r = fmax(radius, distance3(entry, c->position));
             if (c->kind == TROCAR_CONTACT_GUIDE) continue;
-            if (on_skin && trocar_model_entry(t->model, trocar_sim_base(t->sim, n).position, c->position, at))
+            if (on_skin && trocar_model_entry(t->model, trocar_view_base(trocar_sim_view(t->sim), n).position, c->position, at))
                 sum += 2 / M_PI * distance3(at, c->position) * asin(radius / fmax(radius, distance3(entry, at)));
             for (int a = 0; a < 3 && !on_skin; a++) sum += (1 - pow(m.poisson_ratio, 2)) / (M_PI * m.youngs_modulus * r) * c->force[a] * axis[a];
         }
@@ -103,15 +103,15 @@ static bool passes_unfelt(trial *t, int needle) {
     trocar_contact contacts[TROCAR_MAX_POINTS];
     double line[TROCAR_MAX_JOINTS][3], behind[3], length;
     trocar_error why;
-    int count = trocar_sim_contacts(t->sim, needle, contacts, TROCAR_MAX_POINTS), joints;
+    int count = trocar_view_contacts(trocar_sim_view(t->sim), needle, contacts, TROCAR_MAX_POINTS), joints;
     for (int i = 0; i < count; i++)
         if (contacts[i].kind != TROCAR_CONTACT_GUIDE) return false;
-    joints = trocar_sim_centreline(t->sim, needle, line[0], TROCAR_MAX_JOINTS);
+    joints = trocar_view_centreline(trocar_sim_view(t->sim), needle, line[0], TROCAR_MAX_JOINTS);
     const double *end = line[joints - 1], *before = line[joints - 2];
     for (int a = 0; a < 3; a++) behind[a] = end[a] - before[a];
     length = length3(behind);
     for (int a = 0; a < 3; a++) behind[a] = end[a] - 1e-3 * behind[a] / length;
-    fail_if(trocar_sim_displacements(t->sim, t->displacements, &why), &why);
+    fail_if(trocar_view_displacements(trocar_sim_view(t->sim), t->displacements, &why), &why);
     if (!in_tissue(t, end) || !in_tissue(t, behind)) return false;
     for (int a = 0; a < 3; a++) behind[a] = (end[a] - before[a]) / length;
     explain(t, needle, end, behind);
@@ -200,9 +200,9 @@ static void take_and_draw(trial *t, int needle) {
     trocar_error why;
     if (trocar_sim_needle_state(t->sim, needle) == TROCAR_NEEDLE_RESTING) {
         fail_if(trocar_sim_take(t->sim, needle, &why), &why);
-        t->base[needle] = trocar_sim_base(t->sim, needle);
+        t->base[needle] = trocar_view_base(trocar_sim_view(t->sim), needle);
         tick(t, 0, &t->base[0]);
-        t->base[needle] = trocar_sim_base(t->sim, needle);
+        t->base[needle] = trocar_view_base(trocar_sim_view(t->sim), needle);
         t->last[needle] = (trocar_output){0};
     }
     hand_motion m = {0};

@@ -4,6 +4,7 @@
 #include <stdlib.h>
 #include <string.h>
 
+#include "common/progress.h"
 #include "common/timing.h"
 #include "device/playing.h"
 #include "lcm_filter.h"
@@ -252,7 +253,7 @@ static trocar_status open_network(bridge *b, report *why) {
 
 static trocar_status prepare(bridge *b, report *why) {
     const options *o = b->options;
-    const trocar_model_options mesh_only = {.mesh_only = 1};
+    const trocar_model_options mesh_only = {.mesh_only = 1, .log = {progress_warn, "trocar-slicer"}};
     b->shown = -2;
     b->peers.listener = -1;
     trocar_status status = trocar_scene_load(o->scene_path, &b->scene, why);
@@ -260,8 +261,6 @@ static trocar_status prepare(bridge *b, report *why) {
     if (status == TROCAR_OK) status = check_needle(b, why);
     if (status == TROCAR_OK) status = outlets_create(&b->outlets, b->scene, b->model, o->images, o->pixel, why);
     if (status != TROCAR_OK) return status;
-    const char *remarks = trocar_model_remarks(b->model);
-    if (remarks[0]) fprintf(stderr, "trocar-slicer: warning: %s\n", remarks);
     if (!b->outlets.registered)
         fprintf(stderr, "trocar-slicer: %s has no patient_to_mesh: the mesh's x, y and z are taken for right, front and head\n", o->scene_path);
     return open_network(b, why);

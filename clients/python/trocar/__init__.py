@@ -10,6 +10,8 @@ A thin layer over libtrocar (see trocar.h): arrays are NumPy's, units are SI, th
     >>> out.force
     array([...])
 
+Messages, such as the chosen inverse and repairs of the mesh, go to the logger "trocar" of Python's `logging`, at level INFO or WARNING.
+
 A pose is seven numbers: position x, y, z (m) and orientation w, x, y, z (unit quaternion, needle frame -> world) of the needle's base.
 """
 from __future__ import annotations
@@ -22,7 +24,7 @@ from typing import Any, Callable, Iterator, NamedTuple, Sequence
 import numpy as np
 import numpy.typing as npt
 
-from ._library import Error, _check, _Turn, _Watch, ffi, lib
+from ._library import Error, _check, _Turn, _Watch, _write_log, ffi, lib
 
 __all__ = ["Contact", "Error", "Event", "Guide", "Key", "Mesh", "Model", "Output", "Probe", "Scene", "Seed", "SeedSize", "Sim", "Track", "keys", "rollout"]
 __version__ = "%d.%d.%d" % (lib.trocar_version() // 10000, lib.trocar_version() // 100 % 100, lib.trocar_version() % 100)
@@ -184,7 +186,7 @@ def keys() -> list[Key]:
     """Returns all keys that a scene can have."""
     rows = (lib.trocar_key_at(i) for i in range(lib.trocar_key_count()))
     text = lambda value: ffi.string(value).decode()
-    return [Key(text(r.key), text(r.unit), text(r.accepts), text(r.standard), text(r.doc), bool(r.required), _KEY_KIND[r.kind]) for r in rows]
+    return [Key(text(r.key), text(r.unit), text(r.accepts), text(r.default_value), text(r.doc), bool(r.required), _KEY_KIND[r.kind]) for r in rows]
 
 
 def _pattern(key: str) -> str:
@@ -344,7 +346,8 @@ class Model:
         read or a matrix is factorised.
         """
         why, handle, watch = ffi.new("trocar_error *"), ffi.new("trocar_model **"), _Watch(progress)
-        options = ffi.new("trocar_model_options *", {"mesh_only": mesh_only, "progress": watch.told, "cancelled": watch.asked})
+        options = ffi.new("trocar_model_options *", lib.trocar_default_model_options())
+        options.watch, options.log.write, options.mesh_only = watch.pointer[0], _write_log, mesh_only
         with scene._turn.to_read():
             status = lib.trocar_model_create(scene._handle, options, handle, why)
         if handle[0]:
@@ -496,6 +499,7 @@ class Sim:
         _check(lib.trocar_sim_create(model._handle, handle, why), why)
         self.model = model
         self._handle = ffi.gc(handle[0], lib.trocar_sim_free)
+        self._view = lib.trocar_sim_view(self._handle)
         self._out = ffi.new("trocar_output *")
         self._turn = _Turn("Sim")
 
@@ -549,6 +553,12 @@ class Sim:
         watch.check(status, why)
         return outputs
 
+    @property
+    def time(self) -> float:
+        """s, simulated since the creation: the sum of `dt`. Needles that tick one after another count once. Saved and restored."""
+        with self._turn:
+            return lib.trocar_view_time(self._view)
+
     def set_probe(self, pose: npt.ArrayLike) -> None:
         """Moves the probe's base to `pose` (7,): x y z (m), w x y z. The next `step` first presses the probe there."""
         why = ffi.new("trocar_error *")
@@ -560,7 +570,7 @@ class Sim:
     def probe(self) -> Probe | None:
         """Returns the probe as last solved. None if the scene has no probe, or before the probe has been placed."""
         with self._turn:
-            p = lib.trocar_sim_probe(self._handle)
+            p = lib.trocar_view_probe(self._view)
         if not p.placed:
             return None
         return Probe(np.array([*p.base.position, *p.base.orientation]), np.array(list(p.force)), np.array(list(p.torque)), p.contacts,
@@ -590,7 +600,7 @@ class Sim:
         """Returns the base's pose: x y z (m) and the quaternion w x y z."""
         self._check_needle(needle)
         with self._turn:
-            pose = lib.trocar_sim_base(self._handle, needle)
+            pose = lib.trocar_view_base(self._view, needle)
         return np.array([*pose.position, *pose.orientation])
 
     def save(self) -> bytes:
@@ -609,18 +619,18 @@ class Sim:
 
     def contacts(self, needle: int = 0) -> list[Contact]:
         """Returns the contacts from base to tip; the tip comes last if it is in the tissue."""
-        return self._contacts(lib.trocar_sim_contacts, needle)
+        return self._contacts(lib.trocar_view_contacts, needle)
 
     def pending_contacts(self, needle: int = 0) -> list[Contact]:
         """Returns the tissue contacts that bear no force yet, from base to tip: status "adding", and at most one "planned", the last."""
-        return self._contacts(lib.trocar_sim_pending_contacts, needle)
+        return self._contacts(lib.trocar_view_pending_contacts, needle)
 
     def _contacts(self, read: Any, needle: int) -> list[Contact]:
         self._check_needle(needle)
         room = lib.TROCAR_MAX_POINTS
         found = ffi.new("trocar_contact[]", room)
         with self._turn:
-            count = read(self._handle, needle, found, room)
+            count = read(self._view, needle, found, room)
         return [Contact(_CONTACT_KIND[c.kind], c.state, c.arc, c.depth, np.array(list(c.position)), np.array(list(c.force)), c.id,
                         _CONTACT_STATUS[c.status], c.slot, needle) for c in found[0:count]]
 
@@ -631,7 +641,7 @@ class Sim:
         if not 0 <= guide < guides:
             raise Error("guide %d: the scene has %d, numbered from 0" % (guide, guides), "bad input")
         with self._turn:
-            hole = int(lib.trocar_sim_hole(self._handle, needle, guide))
+            hole = int(lib.trocar_view_hole(self._view, needle, guide))
         return hole if hole >= 0 else None
 
     def tracks(self, needle: int = 0) -> list[Track]:
@@ -640,7 +650,7 @@ class Sim:
         room = lib.TROCAR_MAX_TRACK_POINTS
         found = ffi.new("trocar_track_point[]", room)
         with self._turn:
-            count = lib.trocar_sim_tracks(self._handle, needle, found, room)
+            count = lib.trocar_view_tracks(self._view, needle, found, room)
         points = np.frombuffer(ffi.buffer(found, count * ffi.sizeof("trocar_track_point")), _TRACK_POINT)
         return [Track(part["position"].copy(), part["membrane"].copy())
                 for part in (points[points["track"] == t] for t in np.unique(points["track"]))]
@@ -650,7 +660,7 @@ class Sim:
         self._check_needle(needle)
         joints = np.empty((lib.trocar_model_segments(self.model._handle) + 1, 3))
         with self._turn:
-            lib.trocar_sim_centreline(self._handle, needle, ffi.from_buffer("double[]", joints, require_writable=True), len(joints))
+            lib.trocar_view_centreline(self._view, needle, ffi.from_buffer("double[]", joints, require_writable=True), len(joints))
         return joints
 
     def drop_seeds(self, count: int = 1, spacing: float = 0.0, needle: int = 0) -> None:
@@ -673,7 +683,7 @@ class Sim:
         """Returns the seeds in the tissue, in the order in which they were left."""
         found = ffi.new("trocar_seed[]", lib.TROCAR_MAX_SEEDS)
         with self._turn:
-            count = lib.trocar_sim_seeds(self._handle, found, lib.TROCAR_MAX_SEEDS)
+            count = lib.trocar_view_seeds(self._view, found, lib.TROCAR_MAX_SEEDS)
         none_below_0 = lambda index: index if index >= 0 else None
         return [Seed(np.array(list(s.position)), np.array(list(s.direction)), s.needle, none_below_0(s.guide), none_below_0(s.hole), s.strand,
                      s.tet, np.array(list(s.weights))) for s in found[0:count]]
@@ -682,14 +692,14 @@ class Sim:
         """Returns the number of seeds that were dropped but are still in the needle."""
         self._check_needle(needle)
         with self._turn:
-            return lib.trocar_sim_pending_seeds(self._handle, needle)
+            return lib.trocar_view_pending_seeds(self._view, needle)
 
     def displacements(self) -> npt.NDArray[np.float64]:
         """Returns the displacements of the mesh's nodes, (n, 3) m: one solve with the whole matrix."""
         why = ffi.new("trocar_error *")
         field = np.empty((lib.trocar_model_node_count(self.model._handle), 3))
         with self._turn:
-            _check(lib.trocar_sim_displacements(self._handle, ffi.from_buffer("double[]", field, require_writable=True), why), why)
+            _check(lib.trocar_view_displacements(self._view, ffi.from_buffer("double[]", field, require_writable=True), why), why)
         return field
 
     def tip_lead(self, needle: int = 0) -> float:
@@ -697,13 +707,13 @@ class Sim:
         forward."""
         self._check_needle(needle)
         with self._turn:
-            return lib.trocar_sim_tip_lead(self._handle, needle)
+            return lib.trocar_view_tip_lead(self._view, needle)
 
     def needle_energy(self, needle: int = 0) -> float:
         """Returns the elastic energy of the bent needle, J."""
         self._check_needle(needle)
         with self._turn:
-            return lib.trocar_sim_needle_energy(self._handle, needle)
+            return lib.trocar_view_needle_energy(self._view, needle)
 
 
 _TRACK_POINT = np.dtype([("position", "f8", 3), ("tet", "i4"), ("track", "i4"), ("membrane", "i4"), ("reserved", "i4")], align=True)
@@ -725,7 +735,8 @@ def rollout(model: Model, poses: npt.ArrayLike, dt: float = 0.001, threads: int 
     if given.ndim != 3 or given.shape[2] != 7:
         raise ValueError("poses are (batch, steps, 7); got shape %s" % (given.shape,))
     outputs, why, watch = np.zeros(given.shape[:2], _OUTPUT), ffi.new("trocar_error *"), _Watch(progress)
-    status = lib.trocar_rollout_watched(model._handle, ffi.cast("trocar_pose const *", ffi.from_buffer("double[]", given)), given.shape[0], given.shape[1], dt,
-                                        threads, watch.pointer, ffi.cast("trocar_output *", ffi.from_buffer("char[]", outputs, require_writable=True)), why)
+    options = ffi.new("trocar_rollout_options *", {"dt": dt, "threads": threads, "watch": watch.pointer[0]})
+    status = lib.trocar_rollout(model._handle, ffi.cast("trocar_pose const *", ffi.from_buffer("double[]", given)), given.shape[0], given.shape[1], options,
+                                ffi.cast("trocar_output *", ffi.from_buffer("char[]", outputs, require_writable=True)), why)
     watch.check(status, why)
     return outputs

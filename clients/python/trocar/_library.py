@@ -1,6 +1,7 @@
 """Loads libtrocar.so through cffi: the declarations come from the header that the build copies into this folder."""
 from __future__ import annotations
 
+import logging
 import os
 import re
 import threading
@@ -55,6 +56,12 @@ _STATUS = ("ok", "bad input", "no memory", "numeric", "system", "no real time", 
 def _check(status: int, why: Any) -> None:
     if status != lib.TROCAR_OK:
         raise Error(ffi.string(why.text).decode(errors="replace"), _STATUS[status])
+
+
+@ffi.callback("void(int32_t, const char *, void *)")
+def _write_log(level: int, message: Any, _: Any) -> None:
+    """trocar_log.write: hands the library's messages to the logger "trocar"."""
+    logging.getLogger("trocar").log(logging.WARNING if level >= lib.TROCAR_LOG_WARNING else logging.INFO, "%s", ffi.string(message).decode(errors="replace"))
 
 
 class _Turn:

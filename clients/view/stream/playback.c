@@ -81,7 +81,7 @@ static trocar_status add_picture(playback *p, int tick, timeline *t, report *why
     if (status != TROCAR_OK) return status;
     viewer_messages_make_tracks(&p->messages, 0, tick);
     const needle_shown needles[] = {{&p->messages.contacts, &p->messages.tracks}};
-    trocar_probe probe = trocar_picture_probe(p->messages.picture);
+    trocar_probe probe = trocar_view_probe(trocar_picture_view(p->messages.picture));
     status = timeline_add_picture(t, pose_log_time(&p->poses, tick), needles, 1, &probe, &p->messages.deformation, why);
     if (status != TROCAR_OK || p->poses.command_count == 0) return status;
     viewer_messages_make_seeds(&p->messages, tick);

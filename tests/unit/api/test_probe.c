@@ -306,10 +306,10 @@ static double smallest_gap(trocar_sim *sim, const trocar_model *model) {
     int nodes = trocar_model_node_count(model);
     const double *x = trocar_model_nodes(model);
     double *u = malloc(3 * (size_t)nodes * sizeof *u), lowest = INFINITY;
-    trocar_pose base = trocar_sim_probe(sim).base;
+    trocar_pose base = trocar_view_probe(trocar_sim_view(sim)).base;
     pose placed = {v3(base.position[0], base.position[1], base.position[2]),
                    {base.orientation[0], base.orientation[1], base.orientation[2], base.orientation[3]}};
-    OK(trocar_sim_displacements(sim, u, &why));
+    OK(trocar_view_displacements(trocar_sim_view(sim), u, &why));
     for (int i = 0; i < nodes; i++) {
         vec3 ignored, at = v3(x[3 * i] + u[3 * i], x[3 * i + 1] + u[3 * i + 1], x[3 * i + 2] + u[3 * i + 2]);
         if (x[3 * i + 2] < 1e-9) lowest = fmin(lowest, probe_gap(&shape, placed, at, &ignored));
@@ -329,13 +329,13 @@ static void pressed_and_released(void **state) {
     trocar_pose start = {{0.005, 0.01, -0.201}, {1, 0, 0, 0}};
     OK(trocar_sim_reset(sim, 0, &start, &why));
     OK(trocar_sim_reset(alone, 0, &start, &why));
-    assert_int_equal(trocar_sim_probe(sim).placed, 0);
+    assert_int_equal(trocar_view_probe(trocar_sim_view(sim)).placed, 0);
     for (int t = 0; t < 600; t++) {
         run_tick(sim, t, &out);
-        trocar_probe probe = trocar_sim_probe(sim);
+        trocar_probe probe = trocar_view_probe(trocar_sim_view(sim));
         assert_true(probe.placed);
         if (t < 200) assert_int_equal(probe.contacts, 0);
-        trocar_pose base = trocar_sim_base(sim, 0);
+        trocar_pose base = trocar_view_base(trocar_sim_view(sim), 0);
         OK(trocar_sim_step(alone, 0, &base, 1e-3, &without, &why));
         double felt = fabs(out.force[0] - without.force[0]) + fabs(out.force[1] - without.force[1]) + fabs(out.force[2] - without.force[2]);
         if (t < 200) assert_true(felt == 0.0);
@@ -348,7 +348,7 @@ static void pressed_and_released(void **state) {
         deepest = fmin(deepest, probe.force[2]);
     }
     assert_true(deepest < -3.0);
-    assert_int_equal(trocar_sim_probe(sim).contacts, 0);
+    assert_int_equal(trocar_view_probe(trocar_sim_view(sim)).contacts, 0);
     trocar_sim_free(alone);
     trocar_sim_free(sim);
     trocar_model_free(model);
@@ -366,15 +366,15 @@ static void beside_a_resting_needle(void **state) {
     OK(trocar_picture_create(model, &picture, &why));
     OK(trocar_sim_reset(sim, 0, &start, &why));
     for (int t = 0; t < 450; t++) run_tick(sim, t, &out);
-    trocar_probe before = trocar_sim_probe(sim);
+    trocar_probe before = trocar_view_probe(trocar_sim_view(sim));
     OK(trocar_sim_leave(sim, 0, &why));
     OK(trocar_sim_work(sim, NULL, &why));
     assert_int_equal(trocar_sim_needle_state(sim, 0), TROCAR_NEEDLE_RESTING);
-    trocar_probe left = trocar_sim_probe(sim);
+    trocar_probe left = trocar_view_probe(trocar_sim_view(sim));
     double gap_left = smallest_gap(sim, model);
     OK(trocar_sim_set_probe(sim, &deeper, &why));
     for (int i = 0; i < 20; i++) OK(trocar_sim_work(sim, NULL, &why));
-    trocar_probe moved = trocar_sim_probe(sim);
+    trocar_probe moved = trocar_view_probe(trocar_sim_view(sim));
     double gap_moved = smallest_gap(sim, model);
     print_message("%.3f N, needle left %.3f N, gap %.4f mm; deeper %.3f N, gap %.4f mm\n", before.force[2], left.force[2], 1e3 * gap_left,
                   moved.force[2], 1e3 * gap_moved);
@@ -385,14 +385,14 @@ static void beside_a_resting_needle(void **state) {
     size_t bytes = 3 * (size_t)trocar_model_node_count(model) * sizeof(double);
     double *u = malloc(bytes), *seen = malloc(bytes);
     trocar_sim_take_picture(sim, picture);
-    trocar_probe shown = trocar_picture_probe(picture);
-    OK(trocar_sim_displacements(sim, u, &why));
-    OK(trocar_picture_displacements(picture, seen, &why));
+    trocar_probe shown = trocar_view_probe(trocar_picture_view(picture));
+    OK(trocar_view_displacements(trocar_sim_view(sim), u, &why));
+    OK(trocar_view_displacements(trocar_picture_view(picture), seen, &why));
     assert_memory_equal(u, seen, bytes);
     assert_memory_equal(&shown, &moved, sizeof shown);
     OK(trocar_sim_take(sim, 0, &why));
     OK(trocar_sim_work(sim, NULL, &why));
-    trocar_pose base = trocar_sim_base(sim, 0);
+    trocar_pose base = trocar_view_base(trocar_sim_view(sim), 0);
     for (int t = 0; t < 30; t++) OK(trocar_sim_step(sim, 0, &base, 1e-3, &out, &why));
     assert_close(smallest_gap(sim, model), 0.0, 20e-6);
     free(u);
@@ -422,11 +422,11 @@ static void saved_and_restored(void **state) {
     OK(trocar_sim_step(other, 0, &start, 1e-3, &again, &why));
     OK(trocar_sim_set_probe(other, &start, &why));
     OK(trocar_sim_restore(other, saved, size, &why));
-    assert_true(trocar_sim_probe(other).contacts > 0);
+    assert_true(trocar_view_probe(trocar_sim_view(other)).contacts > 0);
     for (int t = 355; t < 480; t++) {
         run_tick(sim, t, &out);
         run_tick(other, t, &again);
-        trocar_probe a = trocar_sim_probe(sim), b = trocar_sim_probe(other);
+        trocar_probe a = trocar_view_probe(trocar_sim_view(sim)), b = trocar_view_probe(trocar_sim_view(other));
         if (memcmp(&out, &again, sizeof out) != 0 || memcmp(&a, &b, sizeof a) != 0) fail_msg("tick %d: %.17g and %.17g N", t, out.force[2], again.force[2]);
     }
     free(saved);
@@ -457,7 +457,7 @@ static void with_a_worker(void **state) {
         for (trocar_work work = {.more = 1}; work.more;) OK(trocar_sim_work(sim, &work, &why));
         OK(trocar_sim_step(lockstep, 0, &base, 1e-3, &expected, &why));
     }
-    trocar_probe a = trocar_sim_probe(sim), b = trocar_sim_probe(lockstep);
+    trocar_probe a = trocar_view_probe(trocar_sim_view(sim)), b = trocar_view_probe(trocar_sim_view(lockstep));
     print_message("with a worker: %d nodes, %.5f N, needle %.5f N; lockstep: %d, %.5f N, %.5f N\n", a.contacts, a.force[2], out.force[2], b.contacts,
                   b.force[2], expected.force[2]);
     assert_int_equal(a.contacts, b.contacts);
@@ -484,7 +484,7 @@ static void rests_at_the_scenes_place(void **state) {
     OK(trocar_sim_create(model, &sim, &why));
     OK(trocar_sim_reset(sim, 0, &needle, &why));
     OK(trocar_sim_step(sim, 0, &needle, 1e-3, &out, &why));
-    trocar_probe probe = trocar_sim_probe(sim);
+    trocar_probe probe = trocar_view_probe(trocar_sim_view(sim));
     assert_true(probe.placed && probe.contacts == 0 && probe.base.position[1] == -0.032);
     double before = 0.0;
     for (int mm = 1; mm <= 9; mm += 2) {
@@ -492,7 +492,7 @@ static void rests_at_the_scenes_place(void **state) {
         up.position[1] += 1e-3 * mm;
         OK(trocar_sim_set_probe(sim, &up, &why));
         OK(trocar_sim_step(sim, 0, &needle, 1e-3, &out, &why));
-        double force = -trocar_sim_probe(sim).force[1]; /* downwards on the hand */
+        double force = -trocar_view_probe(trocar_sim_view(sim)).force[1]; /* downwards on the hand */
         assert_true(mm == 1 ? force < 1e-6 : force > before);
         before = force;
     }
@@ -545,7 +545,7 @@ static trocar_probe move_to(rectum *r, pose at) {
     trocar_output out;
     OK(trocar_sim_set_probe(r->sim, &base, &why));
     OK(trocar_sim_step(r->sim, 0, &needle, 1e-3, &out, &why));
-    return trocar_sim_probe(r->sim);
+    return trocar_view_probe(trocar_sim_view(r->sim));
 }
 
 static pose place_of(const trocar_probe *p) {
@@ -560,7 +560,7 @@ static double least_gap(rectum *r, pose at, bool rest) {
     const double *x = trocar_model_nodes(r->model);
     double least = INFINITY;
     vec3 ignored;
-    if (!rest) OK(trocar_sim_displacements(r->sim, r->u, &why));
+    if (!rest) OK(trocar_view_displacements(trocar_sim_view(r->sim), r->u, &why));
     for (int k = 0; k < r->count; k++) {
         int i = r->wall[k];
         vec3 place = vector(x + 3 * i);
@@ -606,7 +606,7 @@ static void does_not_pass_the_wall(void **state) {
             trocar_probe p = move_to(&r, (pose){v3(0, -0.032 + 0.25e-3 * step, -0.08), {1, 0, 0, 0}});
             assert_int_equal(p.stopped, limited && unlimited[step] > limit);
         }
-        assert_close(v3_norm(vector(trocar_sim_probe(r.sim).force)), 0.0, 1e-9);
+        assert_close(v3_norm(vector(trocar_view_probe(trocar_sim_view(r.sim)).force)), 0.0, 1e-9);
         close_rectum(&r);
     }
 }
@@ -663,7 +663,7 @@ static void moved_at_random(void **state) {
                 double change = change_of(&last, &p);
                 if (change > 1.0) {
                     change = change_in_parts(&r, saved, size, last, now, change);
-                    p = trocar_sim_probe(r.sim);
+                    p = trocar_view_probe(trocar_sim_view(r.sim));
                 }
                 if (change > 1.0 && last.contacts > 0 && p.contacts > 0) { /* a change with which contact begins or ends is not a jump */
                     jumps++;
@@ -741,7 +741,7 @@ static void refused(void **state) {
     OK(trocar_model_create(scene, NULL, &model, &why));
     OK(trocar_sim_create(model, &sim, &why));
     assert_int_equal(trocar_sim_set_probe(sim, &pose, &why), TROCAR_BAD_INPUT);
-    assert_int_equal(trocar_sim_probe(sim).placed, 0);
+    assert_int_equal(trocar_view_probe(trocar_sim_view(sim)).placed, 0);
     trocar_sim_free(sim);
     trocar_model_free(model);
     model = create_model();

@@ -113,7 +113,7 @@ static void move(followed *f, vec3 way, int ticks, double dt) {
 
 static rigid_motion motion_now(followed *f) {
     report why;
-    assert_int_equal(trocar_sim_displacements(f->sim, f->displacements, &why), TROCAR_OK);
+    assert_int_equal(trocar_view_displacements(trocar_sim_view(f->sim), f->displacements, &why), TROCAR_OK);
     return region_motion_of(&f->motion, f->displacements);
 }
 

@@ -48,7 +48,7 @@ static void push(trocar_sim *sim, int needle, double x, double y, int ticks, tro
 }
 
 static void hold(trocar_sim *sim, int needle, int ticks, trocar_output *output) {
-    trocar_pose base = trocar_sim_base(sim, needle);
+    trocar_pose base = trocar_view_base(trocar_sim_view(sim), needle);
     for (int t = 0; t < ticks; t++) OK(trocar_sim_step(sim, needle, &base, 1e-3, output, &why));
 }
 
@@ -71,18 +71,18 @@ static void left_and_taken_again(void **state) {
     push(sim, 0, 0.0, 0.0, 500, &out);
     print_message("pushed: %.3f N\n", norm(out.force));
     hold(sim, 0, 50, &out);
-    trocar_pose pushed = trocar_sim_base(sim, 0);
+    trocar_pose pushed = trocar_view_base(trocar_sim_view(sim), 0);
     leave(sim, 0);
-    trocar_pose rests = trocar_sim_base(sim, 0);
+    trocar_pose rests = trocar_view_base(trocar_sim_view(sim), 0);
     print_message("base moves by %.3f mm\n", 1e3 * (rests.position[2] - pushed.position[2]));
-    int count = trocar_sim_contacts(sim, 0, before, TROCAR_MAX_POINTS);
+    int count = trocar_view_contacts(trocar_sim_view(sim), 0, before, TROCAR_MAX_POINTS);
     assert_true(count > 5);
     assert_int_equal(trocar_sim_step(sim, 0, &rests, 1e-3, &out, &why), TROCAR_BAD_INPUT);
     assert_int_equal(trocar_sim_tick(sim, 0, &rests, 1e-3, &out), TROCAR_BAD_INPUT);
     OK(trocar_sim_take(sim, 0, &why));
     OK(trocar_sim_step(sim, 0, &rests, 1e-3, &out, &why));
     assert_int_equal(trocar_sim_needle_state(sim, 0), TROCAR_NEEDLE_HELD);
-    assert_int_equal(trocar_sim_contacts(sim, 0, after, TROCAR_MAX_POINTS), count);
+    assert_int_equal(trocar_view_contacts(trocar_sim_view(sim), 0, after, TROCAR_MAX_POINTS), count);
     double worst = 0.0, largest = 0.0;
     for (int i = 0; i < count; i++) {
         double off[3];
@@ -352,7 +352,7 @@ static int push_beside(trocar_model *model, const char *file, double x, double y
     push(sim, 0, x, y, down, &out);
     hold(sim, 0, 50, &out);
     leave(sim, 0);
-    trocar_pose free_base = trocar_sim_base(sim, 0), base = at(x + 0.005, y, -0.201);
+    trocar_pose free_base = trocar_view_base(trocar_sim_view(sim), 0), base = at(x + 0.005, y, -0.201);
     if (!rests) {
         OK(trocar_sim_take(sim, 0, &why));
         OK(trocar_sim_step(sim, 0, &free_base, 1e-3, &out, &why));
@@ -375,7 +375,7 @@ static int push_beside(trocar_model *model, const char *file, double x, double y
             if (k + 1 == SUBSTEPS) wrench = fmax(wrench, norm(out.force));
         }
         trocar_contact contacts[TROCAR_MAX_POINTS];
-        int count = trocar_sim_contacts(sim, 0, contacts, TROCAR_MAX_POINTS);
+        int count = trocar_view_contacts(trocar_sim_view(sim), 0, contacts, TROCAR_MAX_POINTS);
         for (int a = 0; a < 3; a++) forces[t][a] = contacts[count - 2].force[a];
     }
     if (rests) {
@@ -441,7 +441,7 @@ static trocar_sim *four_resting(trocar_model *model) {
 static void all_forces_of(const trocar_sim *sim, double forces[FOUR][TROCAR_MAX_POINTS][3], int counts[FOUR]) {
     trocar_contact contacts[TROCAR_MAX_POINTS];
     for (int k = 0; k < FOUR; k++) {
-        counts[k] = trocar_sim_contacts(sim, k, contacts, TROCAR_MAX_POINTS);
+        counts[k] = trocar_view_contacts(trocar_sim_view(sim), k, contacts, TROCAR_MAX_POINTS);
         for (int i = 0; i < counts[k]; i++) memcpy(forces[k][i], contacts[i].force, sizeof forces[k][i]);
     }
 }
@@ -513,7 +513,7 @@ static void what_follows_a_restore_follows_the_save(void **state) {
             OK(trocar_sim_take(sim, 1, &why));
             OK(trocar_sim_take(other, 1, &why));
         }
-        trocar_pose base = trocar_sim_base(sim, held);
+        trocar_pose base = trocar_view_base(trocar_sim_view(sim), held);
         for (int t = 0; t < 60; t++) {
             base.position[2] += 1e-4;
             OK(trocar_sim_step(sim, held, &base, 1e-3, &out, &why));
@@ -557,7 +557,7 @@ static void what_makes_no_sense_is_refused(void **state) {
     assert_refused(trocar_sim_leave(sim, 0, &why), "already resting");
     assert_refused(trocar_sim_take(sim, 0, &why), "not come to rest yet");
     OK(trocar_sim_work(sim, NULL, &why));
-    trocar_pose base = trocar_sim_base(sim, 0);
+    trocar_pose base = trocar_view_base(trocar_sim_view(sim), 0);
     assert_refused(trocar_sim_step(sim, 0, &base, 1e-3, &out, &why), "take it first");
     OK(trocar_sim_reset(sim, 0, &base, &why)); /* out of the tissue, and in again */
     assert_int_equal(trocar_sim_needle_state(sim, 0), TROCAR_NEEDLE_HELD);
@@ -601,7 +601,7 @@ static void the_others_feel_that_one_was_removed(void **state) {
             push(sim, i, 0.005 * (i - 1), 0.0, 300, &out);
             leave(sim, i);
         }
-        trocar_sim_contacts(sim, 0, before, TROCAR_MAX_POINTS);
+        trocar_view_contacts(trocar_sim_view(sim), 0, before, TROCAR_MAX_POINTS);
         if (way == 1) {
             OK(trocar_sim_take(sim, 1, &why));
             OK(trocar_sim_work(sim, NULL, &why));
@@ -609,7 +609,7 @@ static void the_others_feel_that_one_was_removed(void **state) {
         trocar_pose away = at(0.1, 0.0, -0.3);
         OK(trocar_sim_reset(sim, 1, &away, &why));
         for (int t = 0; t < 30; t++) OK(trocar_sim_step(sim, 1, &away, 1e-3, &out, &why));
-        for (int side = 0; side < 2; side++) count[way][side] = trocar_sim_contacts(sim, 2 * side, contacts[way][side], TROCAR_MAX_POINTS);
+        for (int side = 0; side < 2; side++) count[way][side] = trocar_view_contacts(trocar_sim_view(sim), 2 * side, contacts[way][side], TROCAR_MAX_POINTS);
         trocar_sim_free(sim);
     }
     for (int side = 0; side < 2; side++) {
@@ -643,7 +643,7 @@ static void a_needle_left_again_is_not_the_one_left_before(void **state) {
     assert_int_equal(trocar_sim_needle_state(sim, 0), TROCAR_NEEDLE_LEAVING);
     OK(trocar_sim_work(sim, NULL, &why));
     assert_int_equal(trocar_sim_needle_state(sim, 0), TROCAR_NEEDLE_RESTING);
-    assert_true(fabs(trocar_sim_base(sim, 0).position[0] - 0.008) < 1e-3);
+    assert_true(fabs(trocar_view_base(trocar_sim_view(sim), 0).position[0] - 0.008) < 1e-3);
     assert_int_equal(atomic_load(&sim->link.resting), 1);
     OK(trocar_sim_reset(sim, 0, &elsewhere, &why));
     OK(trocar_sim_work(sim, NULL, &why));
@@ -661,7 +661,7 @@ static void a_needle_that_slips_out_when_it_is_let_go_is_kept(void **state) {
     trocar_output out = {.depth = 1.0};
     OK(trocar_sim_create(model, &sim, &why));
     push(sim, 0, 0.005, 0.003, 600, &out);
-    trocar_pose base = trocar_sim_base(sim, 0);
+    trocar_pose base = trocar_view_base(trocar_sim_view(sim), 0);
     while (out.depth > 2e-3) {
         base.position[2] -= 1.9e-3;
         OK(trocar_sim_tick(sim, 0, &base, 1e-3, &out));
@@ -670,7 +670,7 @@ static void a_needle_that_slips_out_when_it_is_let_go_is_kept(void **state) {
     OK(trocar_sim_leave(sim, 0, &why));
     trocar_work done;
     trocar_status status = trocar_sim_work(sim, &done, &why);
-    assert_true(status == TROCAR_BAD_INPUT && done.kept == 1);
+    assert_true(status == TROCAR_BAD_INPUT && done.still_held == 1);
     assert_int_equal(trocar_sim_needle_state(sim, 0), TROCAR_NEEDLE_HELD);
     OK(trocar_sim_step(sim, 0, &base, 1e-3, &out, &why));
     trocar_sim_free(sim);

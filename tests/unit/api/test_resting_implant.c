@@ -279,7 +279,7 @@ static void run(trocar_model *model, one_problem *reference, record *r) {
         for (int i = 0; i < sim->needles[k].resting->axial_count; i++) r->slid = fmax(r->slid, sim->needles[k].resting->slid[i]);
         OK(trocar_sim_take(sim, k, &why));
         OK(trocar_sim_work(sim, NULL, &why));
-        trocar_pose base = trocar_sim_base(sim, k);
+        trocar_pose base = trocar_view_base(trocar_sim_view(sim), k);
         move(sim, k, &base, -1e-3 * (implant.depth + CLEAR), 10 * (implant.depth + CLEAR), reference, r);
         OK(trocar_sim_reset(sim, k, &away, &why));
         OK(trocar_sim_work(sim, NULL, &why));

@@ -409,7 +409,7 @@ static void *work(void *context) {
         while (work.more && !atomic_load(&w->stop)) {
             trocar_error error;
             trocar_status status = trocar_sim_work(w->sim, &work, &error);
-            if (status != TROCAR_OK && !work.kept && w->status == TROCAR_OK) w->status = status, w->failed = error;
+            if (status != TROCAR_OK && !work.still_held && w->status == TROCAR_OK) w->status = status, w->failed = error;
         }
     }
     return NULL;
@@ -447,7 +447,7 @@ static void random_calls_beside_a_worker(void **unused) {
         assert_true(ticked == TROCAR_OK);
         call what = calls[random_below(&seed, sizeof calls / sizeof *calls)];
         needle_phase before = phases[trocar_sim_needle_state(h.sim, 0)];
-        bool outside = trocar_sim_contacts(h.sim, 0, NULL, 0) == 0;
+        bool outside = trocar_view_contacts(trocar_sim_view(h.sim), 0, NULL, 0) == 0;
         why.text[0] = '\0';
         trocar_status status = make(h.sim, what, &base, NULL, 0);
         made[what][status == TROCAR_OK]++;

@@ -190,8 +190,24 @@ static void a_message_without_all_of_its_fragments_is_none(void **unused) {
     free_client(c);
 }
 
+/* Options by default, options of zero and no options are the same. */
+static void default_options_are_those_of_zero(void **unused) {
+    (void)unused;
+    const trocar_client_options defaults = trocar_client_default_options(), zero = {0};
+    assert_true(defaults.max_force > 0 && defaults.max_torque > 0 && defaults.watchdog > 0);
+    trocar_client *c = create_client(&defaults), *of_zero = create_client(&zero);
+    assert_true(os_open(&c->os) && os_open(&of_zero->os));
+    assert_true(c->watchdog == of_zero->watchdog && c->needle == of_zero->needle && c->without_force == of_zero->without_force);
+    assert_true(c->force.most == of_zero->force.most && c->force.rate == of_zero->force.rate);
+    assert_true(c->torque.most == of_zero->torque.most && c->torque.rate == of_zero->torque.rate);
+    assert_true(!defaults.url && defaults.priority == zero.priority);
+    free_client(c);
+    free_client(of_zero);
+}
+
 int main(void) {
     const struct CMUnitTest tests[] = {
+        cmocka_unit_test(default_options_are_those_of_zero),
         cmocka_unit_test(poses_are_the_same),
         cmocka_unit_test(commands_are_the_same),
         cmocka_unit_test(wrenches_are_the_same),

@@ -56,8 +56,8 @@ static void end(insertion *in) {
     trocar_model_free(in->model);
 }
 
-static int left(const insertion *in) { return trocar_sim_seeds(in->sim, NULL, 0); }
-static int pending(const insertion *in) { return trocar_sim_pending_seeds(in->sim, 0); }
+static int left(const insertion *in) { return trocar_view_seeds(trocar_sim_view(in->sim), NULL, 0); }
+static int pending(const insertion *in) { return trocar_view_pending_seeds(trocar_sim_view(in->sim), 0); }
 
 /* Draws the needle back and tries the drop before each tick, as a replay does. */
 static void draw_back_until_it_no_longer_waits(insertion *in, bool carried_out) {

@@ -30,9 +30,9 @@ static void a_row_has_both_places(void **state) {
     assert_int_equal(trocar_sim_reset(h.sim, 0, &base, &why), TROCAR_OK);
     for (int i = 0; i < 300; i++, base.position[2] += 1e-4) host_step(&h, &base);
     assert_int_equal(trocar_sim_drop_seeds(h.sim, 0, 1, 0.0, &why), TROCAR_OK);
-    for (; trocar_sim_pending_seeds(h.sim, 0) > 0; base.position[2] -= 1e-4) host_step(&h, &base);
+    for (; trocar_view_pending_seeds(trocar_sim_view(h.sim), 0) > 0; base.position[2] -= 1e-4) host_step(&h, &base);
     trocar_seed seed;
-    assert_int_equal(trocar_sim_seeds(h.sim, &seed, 1), 1);
+    assert_int_equal(trocar_view_seeds(trocar_sim_view(h.sim), &seed, 1), 1);
     const patient_frame turned = {v3(0, 0, 0.01), {0, 0, 0, 1}};
     for (int k = 0; k < 2; k++) {
         char *text = NULL;

@@ -162,7 +162,7 @@ static void insertion_gives_force_and_requests_to_the_worker(void **state) {
     assert_true(fresh && view->needles[0].contacts >= 1);
     assert_true(view->snapshot_age < 2e-3);
     trocar_contact contacts[TROCAR_MAX_POINTS];
-    assert_int_equal(trocar_picture_contacts(view->picture, 0, contacts, TROCAR_MAX_POINTS), view->needles[0].contacts + 1);
+    assert_int_equal(trocar_view_contacts(trocar_picture_view(view->picture), 0, contacts, TROCAR_MAX_POINTS), view->needles[0].contacts + 1);
     assert_true(view->needles[0].pose_utime > 0 && view->needles[0].pose_utime <= w.pose_utime);
 }
 
@@ -360,14 +360,14 @@ static void a_seed_is_dropped_and_taken_back(void **state) {
     move_to(f, &z, -0.16, &seq);
     answer = tell(f, TROCAR_COMMAND_T_DROP_SEED, 2);
     assert_true(!answer.refused && answer.why[0] == '\0');
-    assert_int_equal(trocar_sim_pending_seeds(f->host.sim, 0), 2);
+    assert_int_equal(trocar_view_pending_seeds(trocar_sim_view(f->host.sim), 0), 2);
     move_to(f, &z, -0.17, &seq);
-    assert_int_equal(trocar_sim_seeds(f->host.sim, NULL, 0), 1);
+    assert_int_equal(trocar_view_seeds(trocar_sim_view(f->host.sim), NULL, 0), 1);
     assert_false(tell(f, TROCAR_COMMAND_T_UNDO, 0).refused);
-    assert_int_equal(trocar_sim_pending_seeds(f->host.sim, 0), 0);
-    assert_int_equal(trocar_sim_seeds(f->host.sim, NULL, 0), 1);
+    assert_int_equal(trocar_view_pending_seeds(trocar_sim_view(f->host.sim), 0), 0);
+    assert_int_equal(trocar_view_seeds(trocar_sim_view(f->host.sim), NULL, 0), 1);
     assert_false(tell(f, TROCAR_COMMAND_T_UNDO, 0).refused);
-    assert_int_equal(trocar_sim_seeds(f->host.sim, NULL, 0), 0);
+    assert_int_equal(trocar_view_seeds(trocar_sim_view(f->host.sim), NULL, 0), 0);
     answer = tell(f, TROCAR_COMMAND_T_UNDO, 0);
     assert_true(answer.refused && strstr(answer.why, "dropped no seed"));
 }
@@ -386,7 +386,7 @@ static bool was_done(fixture *f) {
 static double tissue_moved(const fixture *f) {
     static double u[3 * 4096];
     double most = 0.0;
-    assert_int_equal(trocar_sim_displacements(f->host.sim, u, NULL), TROCAR_OK);
+    assert_int_equal(trocar_view_displacements(trocar_sim_view(f->host.sim), u, NULL), TROCAR_OK);
     for (int i = 0; i < 3 * trocar_model_node_count(f->host.model); i++) most = fmax(most, fabs(u[i]));
     return most;
 }
@@ -473,7 +473,7 @@ static void a_reset_after_take_is_not_lost(void **state) {
     while (spsc_ring_pop(&f->exchange.wrenches, &w)) continue;
     put_pose_of(f, 0, 2, f->tick, 0.02, -0.201); /* the next hand starts at its own pose, not where the needle lay */
     tick(f, &w);
-    trocar_pose base = trocar_sim_base(f->host.sim, 0);
+    trocar_pose base = trocar_view_base(trocar_sim_view(f->host.sim), 0);
     assert_true(fabs(base.position[0] - 0.02) < 1e-9 && fabs(base.position[2] + 0.201) < 1e-9 && w.depth == 0.0);
 }
 

@@ -205,8 +205,8 @@ static void seeds_are_published(void **state) {
     trocar_seeds_t_subscription_t *s = trocar_seeds_t_subscribe(f->telemetry.lcm, "TROCAR_SEEDS", on_seeds, &last);
     show_a_needle(f);
     assert_int_equal(trocar_sim_drop_seeds(f->host.sim, 0, 2, 0.0, NULL), TROCAR_OK);
-    trocar_pose base = trocar_sim_base(f->host.sim, 0);
-    while (trocar_sim_pending_seeds(f->host.sim, 0) > 1) {
+    trocar_pose base = trocar_view_base(trocar_sim_view(f->host.sim), 0);
+    while (trocar_view_pending_seeds(trocar_sim_view(f->host.sim), 0) > 1) {
         base.position[2] -= 1e-4;
         host_step(&f->host, &base);
     }
@@ -220,9 +220,9 @@ static void seeds_are_published(void **state) {
     assert_true(last->server == 55 && last->tick == 600 && last->length == 4.5e-3 && last->diameter == 0.8e-3);
     assert_true(last->needle_count == 1 && last->pending[0] == 1 && last->seed_count == 1);
     trocar_seed seed;
-    assert_int_equal(trocar_sim_seeds(f->host.sim, &seed, 1), 1);
+    assert_int_equal(trocar_view_seeds(trocar_sim_view(f->host.sim), &seed, 1), 1);
     double *field = malloc(3 * sizeof *field * (size_t)trocar_model_node_count(f->host.model)), at[3], along[3];
-    assert_int_equal(trocar_sim_displacements(f->host.sim, field, NULL), TROCAR_OK);
+    assert_int_equal(trocar_view_displacements(trocar_sim_view(f->host.sim), field, NULL), TROCAR_OK);
     trocar_model_displace_seed(f->host.model, field, &seed, at, along);
     for (int a = 0; a < 3; a++) {
         assert_true(fabs(last->rest_position[0][a] - seed.position[a]) < 1e-8 && fabs(last->rest_direction[0][a] - seed.direction[a]) < 1e-6);
@@ -321,7 +321,7 @@ static void the_tip_lags_behind_a_turned_base(void **state) {
     receive(f);
     assert_non_null(f->contacts);
     assert_true(f->contacts->tip_lead < -1e-5);
-    assert_true(f->contacts->tip_lead == trocar_sim_tip_lead(f->host.sim, 0));
+    assert_true(f->contacts->tip_lead == trocar_view_tip_lead(trocar_sim_view(f->host.sim), 0));
 }
 
 static void count_status(const lcm_recv_buf_t *b, const char *channel, const trocar_status_t *m, void *context) {

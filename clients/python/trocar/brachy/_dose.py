@@ -247,7 +247,7 @@ class DVH:
         return lib.trocar_dvh_volume(_inputs(self.doses), len(self.doses), dose)
 
     def summary(self, prescription: float) -> dict[str, float]:
-        """Returns the usual figures for a prescription in Gy: volume_cm3; mean, least, most, d10, d30, d80, d90 in Gy; v100, v150, v200 as fractions;
+        """Returns the usual figures for a prescription in Gy: volume_cm3; mean, minimum, maximum, d10, d30, d80, d90 in Gy; v100, v150, v200 as fractions;
         v100_cm3."""
         found = lib.trocar_dvh_summarise(_inputs(self.doses), len(self.doses), self.voxel, prescription)
         return {name: getattr(found, name) for name, _ in ffi.typeof("trocar_dvh_summary").fields}

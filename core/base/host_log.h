@@ -1,0 +1,19 @@
+/* Messages to the host's log (trocar_log). Never in functions marked RT. */
+#ifndef TROCAR_HOST_LOG_H
+#define TROCAR_HOST_LOG_H
+
+#include "base/report.h"
+
+/* The message is cut to the length of a report. */
+__attribute__((format(printf, 3, 4)))
+static inline void host_log(const trocar_log *log, trocar_log_level level, const char *format, ...) {
+    if (!log->write) return;
+    report message;
+    va_list arguments;
+    va_start(arguments, format);
+    decimal_vprint(message.text, sizeof message.text, format, arguments);
+    va_end(arguments);
+    log->write(level, message.text, log->context);
+}
+
+#endif

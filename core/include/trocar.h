@@ -1,0 +1,46 @@
+/* trocar: a flexible needle in soft tissue, for haptic servers, planners and batches.
+
+   A scene describes what to simulate. A model is built from it once, is constant, and is shared by any number of simulations in any number of
+   threads. A simulation holds everything that changes: a few MB.
+
+       trocar_scene *scene;  trocar_model *model;  trocar_sim *sim;  trocar_error why;  trocar_output out;
+       trocar_scene_load("scene.yaml", &scene, &why);
+       trocar_model_create(scene, NULL, &model, &why);
+       trocar_sim_create(model, &sim, &why);
+       trocar_sim_reset(sim, 0, &base, &why);
+       trocar_sim_step(sim, 0, &base, 0.001, &out, &why);        out.force is what the hand feels
+
+   Units are SI: m, N, N m, Pa, s, rad. The world frame is the mesh's. Quaternions are w, x, y, z and of unit length. The needle's axis is its local +z,
+   from base to tip; its bevel faces local +y. Numbers in text have a decimal point in any locale.
+
+   Functions that can fail return a status and write one message, with place and remedy, into `error`, which may be NULL. No function prints, exits or
+   changes signal handlers. *_free accepts NULL.
+
+   Each function carries a mark: the threads that may call it, and whether it suits a real-time thread.
+
+       [any]        any thread, at any time
+       [one]        one thread at a time for each object
+       [tick]       the thread that ticks the simulation; another thread may work at the same time
+       [work]       the thread that works for the simulation; the ticking thread may tick at the same time
+       [alone]      while no other thread uses the simulation
+       RT           neither allocates, locks, waits nor makes system calls
+       RT, wakes    the same, except for one write() to an eventfd if the worker has something to do
+       allocates    allocates memory */
+#ifndef TROCAR_H
+#define TROCAR_H
+
+#include "trocar/errors.h"
+#include "trocar/pose.h"
+#include "trocar/scene.h"
+#include "trocar/model.h"
+#include "trocar/sim.h"
+#include "trocar/needle.h"
+#include "trocar/rest.h"
+#include "trocar/probe.h"
+#include "trocar/seeds.h"
+#include "trocar/view.h"
+#include "trocar/picture.h"
+#include "trocar/rollout.h"
+#include "trocar/dose.h"
+
+#endif

@@ -1,0 +1,136 @@
+/* Dose of brachytherapy seeds by the line-source formula of AAPM TG-43U1 (Rivard et al., Med. Phys. 31, 2004), as if the patient were water and seeds
+   did not shade each other; docs/dose.md has the formula. Doses are in Gy, dose rates in Gy/h, air-kerma strengths in U (1 U = 1 cGy cm^2/h). Nothing
+   here needs a scene or a model. Included by trocar.h. */
+#ifndef TROCAR_PUBLIC_DOSE_H
+#define TROCAR_PUBLIC_DOSE_H
+
+#include "trocar/scene.h"
+
+#ifdef __cplusplus
+extern "C" {
+#endif
+
+/* ---- sources ---- */
+
+/* The TG-43 data of one kind of seed. Constant. */
+typedef struct trocar_dose_source trocar_dose_source;
+
+/* Loads consensus data of TG-43U1 by name: "I-125 6711" or "Pd-103 200". BAD_INPUT for another name; NO_MEMORY. [any, allocates] */
+TROCAR_API trocar_status trocar_dose_source_create(const char *name, trocar_dose_source **source, trocar_error *error);
+
+/* Loads a YAML table; docs/dose.md lists its keys. BAD_INPUT with file, line and remedy; NO_MEMORY. [any, allocates] */
+TROCAR_API trocar_status trocar_dose_source_load(const char *path, trocar_dose_source **source, trocar_error *error);
+TROCAR_API void trocar_dose_source_free(trocar_dose_source *source); /* call after freeing the doses that use it. [any] */
+
+typedef struct trocar_dose_source_data {
+    char name[64];
+    double dose_rate_constant;   /* Lambda, cGy/(h U) */
+    double active_length;        /* m, of the line source */
+    double capsule_length, capsule_diameter; /* m, outside */
+    double half_life;            /* s */
+} trocar_dose_source_data;
+TROCAR_API trocar_dose_source_data trocar_dose_source_get(const trocar_dose_source *source); /* [any, RT] */
+
+/* Dose over the first `hours` of decay, divided by the initial dose rate: h. INFINITY, a permanent implant: the half-life / ln 2. NAN for a negative
+   number. [any, RT] */
+TROCAR_API double trocar_dose_hours(const trocar_dose_source *source, double hours);
+
+typedef struct trocar_dose_seed {
+    double position[3];          /* m, the seed's centre */
+    double direction[3];         /* along its axis, of any length but 0 */
+    double strength;             /* U, air-kerma strength at the time of implantation, above 0, at most 1000 */
+} trocar_dose_seed;
+
+/* Dose rates (Gy/h) of `seed_count` seeds at `count` points [count][3] (m); 25 ns per point and seed. BAD_INPUT, and nothing is written, for a seed or
+   point that is not finite or beyond 1000 m, or a bad strength or direction. [any, RT] */
+TROCAR_API trocar_status trocar_dose_rates(const trocar_dose_source *source, const trocar_dose_seed *seeds, int seed_count, const double *points,
+                                           int64_t count, double *rates, trocar_error *error);
+
+/* ---- dose of an implant ---- */
+
+/* The dose of a permanent implant at many points. Doses are whole multiples of TROCAR_DOSE_QUANTUM, so sums are exact: they do not depend on the order
+   in which seeds are added and removed. */
+typedef struct trocar_dose trocar_dose;
+#define TROCAR_DOSE_QUANTUM 5.8207660913467407e-11 /* Gy: 2^-34 */
+#define TROCAR_MAX_SEED_DOSE 131072.0                  /* Gy, the most that one seed contributes to a point: 2^17 */
+enum { TROCAR_MAX_DOSE_SEEDS = 4095 };
+
+/* Voxel (i, j, k), counted from 0, has the index (i counts[1] + j) counts[2] + k, and its centre at origin + spacing (i, j, k). */
+typedef struct trocar_dose_grid {
+    double origin[3];            /* m, centre of voxel (0, 0, 0) */
+    double spacing;              /* m, above 0 */
+    int32_t counts[3];           /* voxels along x, y and z: at least 1, at most 2^28 in total */
+} trocar_dose_grid;
+
+/* Creates a dose of zero on a grid (8 bytes per voxel), or at points [count][3], m, at most 2^28 (32 bytes per point); the source must outlive it.
+   BAD_INPUT for a bad grid or point; NO_MEMORY. [any, allocates] */
+TROCAR_API trocar_status trocar_dose_create(const trocar_dose_source *source, const trocar_dose_grid *grid, trocar_dose **dose, trocar_error *error);
+TROCAR_API trocar_status trocar_dose_create_points(const trocar_dose_source *source, const double *points, int64_t count, trocar_dose **dose,
+                                                   trocar_error *error);
+TROCAR_API void trocar_dose_free(trocar_dose *dose); /* [one] */
+
+/* Adds a seed; `id` (may be NULL) identifies it, and is never reused. 25 ns per point. BAD_INPUT, without effect, as in trocar_dose_rates, and beyond
+   TROCAR_MAX_DOSE_SEEDS seeds; NO_MEMORY. [one, allocates] */
+TROCAR_API trocar_status trocar_dose_add(trocar_dose *dose, const trocar_dose_seed *seed, int32_t *id, trocar_error *error);
+
+/* Removes a seed, or changes its place, direction and strength. BAD_INPUT, without effect, for an unknown id or a bad seed. [one, RT] */
+TROCAR_API trocar_status trocar_dose_remove(trocar_dose *dose, int32_t id, trocar_error *error);
+TROCAR_API trocar_status trocar_dose_move(trocar_dose *dose, int32_t id, const trocar_dose_seed *seed, trocar_error *error);
+
+/* Moves every point to its place at rest plus its displacement [count][3], m; NULL: back to rest. Seeds do not move. BAD_INPUT, without effect, for a
+   displacement that is not finite or a point beyond 1000 m; NO_MEMORY. [one, allocates] */
+TROCAR_API trocar_status trocar_dose_displace(trocar_dose *dose, const double *displacements, trocar_error *error);
+
+TROCAR_API int64_t trocar_dose_point_count(const trocar_dose *dose);         /* [one, RT] */
+TROCAR_API int trocar_dose_seed_count(const trocar_dose *dose);              /* [one, RT] */
+TROCAR_API void trocar_dose_values(const trocar_dose *dose, double *values); /* Gy, of all points. [one, RT] */
+
+/* ---- structures ---- */
+
+/* The voxels whose centres, multiples of the spacing plus one half, are inside an organ at rest. Constant. */
+typedef struct trocar_structure trocar_structure;
+
+/* Voxels inside the triangles of surface number `surface`, or of all if the mesh has no triangle_surface. `spacing` in m. BAD_INPUT for an open surface
+   (names an edge), no triangles or voxels, an index out of range, and more than 2^28 voxels in the surface's box; NO_MEMORY. [any, allocates] */
+TROCAR_API trocar_status trocar_structure_from_surface(const trocar_mesh *mesh, int surface, double spacing, trocar_structure **structure,
+                                                       trocar_error *error);
+
+/* Voxels inside the tetrahedra of region number `region`, or inside all if the mesh has no tet_region. Errors as above. [any, allocates] */
+TROCAR_API trocar_status trocar_structure_from_region(const trocar_mesh *mesh, int region, double spacing, trocar_structure **structure,
+                                                      trocar_error *error);
+TROCAR_API void trocar_structure_free(trocar_structure *structure);                   /* [any] */
+TROCAR_API int64_t trocar_structure_count(const trocar_structure *structure);         /* voxels, at least 1. [any, RT] */
+TROCAR_API const double *trocar_structure_points(const trocar_structure *structure);  /* [count][3], m, their centres. [any, RT] */
+TROCAR_API double trocar_structure_voxel(const trocar_structure *structure);          /* m^3, volume of a voxel. [any, RT] */
+
+/* Displacements [count][3] of the voxels' centres, interpolated from the nodes' (trocar_view_displacements), for trocar_dose_displace. BAD_INPUT for a
+   structure made from a surface. [any, RT] */
+TROCAR_API trocar_status trocar_structure_displacements(const trocar_structure *structure, const double *nodal, double *displacements,
+                                                        trocar_error *error);
+
+/* ---- dose-volume histograms ---- */
+
+/* Sorts the doses of voxels of equal size in place, largest first, for the functions below. BAD_INPUT if one is not finite or there is none. [any, RT] */
+TROCAR_API trocar_status trocar_dvh_sort(double *doses, int64_t count, trocar_error *error);
+
+/* The dose (Gy) that the fraction 0 to 1 of the volume receives at least, interpolated linearly: 0.9 for D90. [any, RT] */
+TROCAR_API double trocar_dvh_dose(const double *doses, int64_t count, double fraction);
+
+/* The fraction of the volume that receives `dose` (Gy) or more: the prescription for V100, 1.5 times that for V150. [any, RT] */
+TROCAR_API double trocar_dvh_volume(const double *doses, int64_t count, double dose);
+
+typedef struct trocar_dvh_summary {
+    double volume_cm3;           /* cm^3 */
+    double mean, minimum, maximum; /* Gy */
+    double d10, d30, d80, d90;   /* Gy */
+    double v100, v150, v200;     /* fractions of the volume */
+    double v100_cm3;             /* cm^3 */
+} trocar_dvh_summary;
+
+/* The customary figures: voxel_volume in m^3, prescription in Gy. [any, RT] */
+TROCAR_API trocar_dvh_summary trocar_dvh_summarise(const double *doses, int64_t count, double voxel_volume, double prescription);
+
+#ifdef __cplusplus
+}
+#endif
+#endif

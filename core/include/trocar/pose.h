@@ -1,0 +1,10 @@
+/* A pose. Included by trocar.h. */
+#ifndef TROCAR_PUBLIC_POSE_H
+#define TROCAR_PUBLIC_POSE_H
+
+typedef struct trocar_pose {
+    double position[3];      /* m */
+    double orientation[4];   /* w x y z, unit: rotates from the needle's frame to the world */
+} trocar_pose;
+
+#endif

@@ -34,7 +34,7 @@ static const struct argp_option option_list[] = {
     {"needle", OPTION_NEEDLE, "N", 0, "Index of the needle to hold, from 0 (default 0)", 0},
     {"plan", OPTION_PLAN, "FILE", 0,
      "Carry out this implant instead of a script: insert all needles and leave them, then take each again, drop its seeds and pull it out. FILE "
-     "is the table that python3 -m trocar.plan show --out writes; needs --scene", 0},
+     "is the table that python3 -m trocar.brachy.plan show --out writes; needs --scene", 0},
     {"follow", OPTION_FOLLOW, 0, 0,
      "With --plan: bring the tip to where the displaced tissue has carried each seed's place, as an operator does who sees it in an image (default: to "
      "the plan's depth, read from the needle's marks at the template)", 0},

@@ -31,7 +31,7 @@ typedef struct {
     material_point places[TROCAR_MAX_SEEDS];
 } implant_plan;
 
-/* Reads the table written by `python3 -m trocar.plan show --out`. The needles keep the order of the table; the first is the scene's needle 0.
+/* Reads the table written by `python3 -m trocar.brachy.plan show --out`. The needles keep the order of the table; the first is the scene's needle 0.
    BAD_INPUT for a bad table or scene, a plan for another template than the scene's, a plan with more needles than the scene, and a seed outside the
    tissue at rest. */
 trocar_status implant_plan_read(const trocar_scene *scene, const char *path, implant_plan *plan, report *why);

@@ -12,7 +12,7 @@
 
 static const double BESIDE = 0.5e-3;  /* m: a seed further away from its hole's axis was planned for another template */
 static const char HEADER[] = "hole,seed,x [m],y [m],z [m]"; /* more columns may follow, with the same values in patient coordinates */
-static const char REMEDY[] = "write this table with python3 -m trocar.plan show PLAN --scene SCENE --out FILE";
+static const char REMEDY[] = "write this table with python3 -m trocar.brachy.plan show PLAN --scene SCENE --out FILE";
 
 /* Parses "C3.5,1,0.02,..."; false if the line is not a seed. */
 static bool read_seed(const char *line, planned_seed *s) {

@@ -1,4 +1,4 @@
-/* Planned seeds, read from the table written by `python3 -m trocar.plan show --out`. */
+/* Planned seeds, read from the table written by `python3 -m trocar.brachy.plan show --out`. */
 #ifndef TROCAR_PLAN_TABLE_H
 #define TROCAR_PLAN_TABLE_H
 

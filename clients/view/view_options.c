@@ -37,7 +37,7 @@ static const struct argp_option option_list[] = {
     {"strength", OPTION_STRENGTH, "U", 0, "Air-kerma strength of each seed (default 0.5)", 3},
     {"prescription", OPTION_PRESCRIPTION, "GY", 0, "Prescribed dose (default 145)", 3},
     {"swelling", OPTION_SWELLING, "RATIO", 0, "Volume of the gland on the day of the implant, divided by that after its swelling has gone (default 1.18)", 3},
-    {"plan", OPTION_PLAN, "FILE", 0, "Show these planned seeds: the table that python3 -m trocar.plan show --out writes", 3},
+    {"plan", OPTION_PLAN, "FILE", 0, "Show these planned seeds: the table that python3 -m trocar.brachy.plan show --out writes", 3},
     {0},
 };
 

@@ -10,6 +10,8 @@ enum { LD = 3 * MAX_PRESSED };
 enum { MOST_ITERATIONS = 50 }; /* iterations: largest number of Newton iterations in one solution; the next solution continues from there. Effort limit */
 enum { MOST_STOPS = 4 }; /* steps: largest number of secant steps to find where the probe stops; the probe stays at the last one. Effort limit */
 static const double REACH = 0.5; /* probe radii: distance within which points can take part. Chosen: twice the probe's largest step */
+static const double LOADED_REACH = 3.0; /* probe radii: the same for tissue that needles may push onto the probe. Chosen: three times the largest displacement,
+                                           0.9 radii, in 200 random motions (verify_probe_motions) */
 static const double BRIDGE = 1.0 - M_SQRT1_2; /* probe radii, below 1: depth of the middle of an edge whose ends touch the probe a right angle apart. Beyond
                                                  this depth, the edge no longer follows the wall around the probe, and the probe would pass between its ends.
                                                  Derived for that angle, which is chosen; force and field are within 1.5 % of another program's
@@ -462,9 +464,17 @@ static trocar_status find_free_forces(probe *p, const nodal_forces *loads, bool 
 
 /* ---- pressing ------------------------------------------------------------------------------------------------------------------------ */
 
-static bool is_far(const probe *p, pose base) {
+/* Other loads, which displace the surface without the probe. */
+typedef struct {
+    nodal_forces forces;
+    const double *attached;
+} probe_loads;
+
+/* Is the probe too far away to touch the surface, which other loads may push towards it? */
+static bool is_far(const probe *p, pose base, const probe_loads *loads) {
+    double reach = loads->forces.count > 0 || loads->attached ? LOADED_REACH : REACH;
     for (int i = 0; i < p->point_count; i++)
-        if (gap_at_rest(p, base, i) < REACH * p->shape.radius) return false;
+        if (gap_at_rest(p, base, i) < reach * p->shape.radius) return false;
     return true;
 }
 
@@ -472,12 +482,6 @@ bool probe_axis_in_tissue(const mesh *m, const probe_shape *shape, pose base) {
     vec3 tip = v3_add(base.position, q_rotate(base.orientation, v3(0, 0, shape->length - shape->tip_radius)));
     return mesh_locate(m, tip, -1) >= 0 || mesh_locate(m, base.position, -1) >= 0 || mesh_enter(m, base.position, tip).hit;
 }
-
-/* Other loads, which displace the surface without the probe. */
-typedef struct {
-    nodal_forces forces;
-    const double *attached;
-} probe_loads;
 
 static trocar_status solve_force(probe *p, pose at, const probe_loads *loads, double *force, report *why) {
     vec3 ignored;
@@ -503,7 +507,7 @@ static trocar_status solve_short_of(probe *p, pose *to, double beyond, const pro
 /* Moves to the next pose on the probe's path. Sets `free` to false if the tissue stops the probe before that pose. */
 static trocar_status press_at(probe *p, pose at, const probe_loads *loads, bool *free, bool *changed, report *why) {
     double force;
-    if (p->state.count == 0 && is_far(p, at)) {
+    if (p->state.count == 0 && is_far(p, at, loads)) {
         p->state.placed = true;
         p->state.base = at;
         p->state.wrench_force = p->state.wrench_torque = v3(0, 0, 0);
@@ -523,7 +527,7 @@ static trocar_status put_in(probe *p, pose base, const probe_loads *loads, bool 
     p->scratch->before = p->state;
     p->state.count = 0;
     *free = !probe_axis_in_tissue(mesh_of(p), &p->shape, base);
-    if (*free && !is_far(p, base)) status = solve_force(p, base, loads, &force, why);
+    if (*free && !is_far(p, base, loads)) status = solve_force(p, base, loads, &force, why);
     if (status == TROCAR_OK && *free && force <= p->max_force) {
         *changed = p->scratch->before.count > 0;
         return press_at(p, base, loads, free, changed, why);

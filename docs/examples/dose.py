@@ -3,7 +3,7 @@
 python3 dose.py
 """
 import numpy as np
-import trocar
+from trocar import brachy
 
 
 def sphere(radius, rings=24, sides=48):
@@ -22,14 +22,14 @@ def sphere(radius, rings=24, sides=48):
 needles = [[r * np.cos(a), r * np.sin(a)] for r, n in ((0.015, 12), (0.007, 5)) for a in 2 * np.pi * np.arange(n) / n]
 seeds = [[x, y, z] for x, y in needles for z in np.arange(-0.02, 0.021, 0.01) if x * x + y * y + z * z < 0.0185**2]
 
-gland = trocar.Structure.from_surface(*sphere(0.02), spacing=1e-3)
-dose = trocar.Dose.at(trocar.Source("I-125 6711"), gland.points)
+gland = brachy.Structure.from_surface(*sphere(0.02), spacing=1e-3)
+dose = brachy.Dose.at(brachy.Source("I-125 6711"), gland.points)
 ids = [dose.add(seed, [0, 0, 1], 0.55) for seed in seeds]
 print("%d seeds, %.1f cm^3" % (dose.seeds, 1e6 * gland.voxel * len(gland.points)))
 
 
 def report(title):
-    figures = trocar.DVH(dose.values, gland.voxel).summary(prescription=145)
+    figures = brachy.DVH(dose.values, gland.voxel).summary(prescription=145)
     print("%s: D90 %.0f Gy, V100 %.1f %%, V150 %.0f %%, V200 %.0f %%" % (title, figures["d90"], 100 * figures["v100"], 100 * figures["v150"], 100 * figures["v200"]))
 
 

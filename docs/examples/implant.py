@@ -7,8 +7,8 @@ import sys
 from dataclasses import replace
 
 import trocar
-from trocar import plan as plans
-from trocar.motion import Implant
+from trocar.brachy import plan as plans
+from trocar.brachy.implant import Implant
 
 DT = 1e-3  # s
 

@@ -1,5 +1,5 @@
 #!/usr/bin/python3
-"""Tests scripts/constants: it reads constants and their comments, and turns them into variables that a compiler accepts. Every constant of the
+"""Tests scripts/pages/constants: it reads constants and their comments, and turns them into variables that a compiler accepts. Every constant of the
 mechanics has unit, purpose and source, and docs/reference/constants.md agrees with these comments and the measured changes.
 
 usage: test_constants.py SOURCE_DIR
@@ -14,7 +14,7 @@ import tempfile
 from pathlib import Path
 
 sys.dont_write_bytecode = True
-loader = importlib.machinery.SourceFileLoader("constants", f"{sys.argv[1]}/scripts/constants")
+loader = importlib.machinery.SourceFileLoader("constants", f"{sys.argv[1]}/scripts/pages/constants")
 constants = importlib.util.module_from_spec(importlib.util.spec_from_loader("constants", loader))
 loader.exec_module(constants)
 
@@ -54,5 +54,5 @@ assert abs(constants.change(before, [before[0][:3] + [(0.0, 3.0, 0.2)]]) - 5.0) 
 assert constants.change(before, [before[0][:2] + [(0.0, 0.0, 4.0), (0.0, 3.0, 0.0)]]) == 1.0    # one tick later
 assert math.isnan(constants.change(before, None))
 
-checked = subprocess.run([f"{sys.argv[1]}/scripts/constants", "--check"], capture_output=True, text=True, check=False)
+checked = subprocess.run([f"{sys.argv[1]}/scripts/pages/constants", "--check"], capture_output=True, text=True, check=False)
 assert checked.returncode == 0, checked.stderr

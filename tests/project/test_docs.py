@@ -311,7 +311,7 @@ def check_examples(source):
 
 def check_made(source):
     """The reference of the headers is up to date; the tests `reference` and `figures` check the rest. Returns faults."""
-    return ["docs/reference/: see above"] if subprocess.run([source / "scripts/docs_library", "--check"]).returncode != 0 else []
+    return ["docs/reference/: see above"] if subprocess.run([source / "scripts/pages/docs_library", "--check"]).returncode != 0 else []
 
 
 def check_readme(source):
@@ -327,12 +327,12 @@ def check_quoted(source):
     """Checks that numbers that more than one document gives agree with the data, or with each other. Returns faults."""
     text = lambda name: (source / name).read_text()
     rate = max(float(value) for value in re.findall(r"^\| \d+ Hz: force \| 4 kHz, over the peak \| ([\d.e-]+) ", text("tests/verification/REPORT.md"), re.MULTILINE))
-    rows = [row for row in json.loads(text("docs/results/tick.json"))["rows"] if row["contacts"] == 30]
+    rows = [row for row in json.loads(text("docs/results/tick/tick.json"))["rows"] if row["contacts"] == 30]
     tick, slow = (1e6 * max(row[key] for row in rows) for key in ("p50_s", "p99_s"))
-    large = {row["quantity"]: row["high"] for row in csv.DictReader(text("docs/results/large-meshes.csv").splitlines()) if row["nodes"] == "44987"}
+    large = {row["quantity"]: row["high"] for row in csv.DictReader(text("docs/results/scale/large-meshes.csv").splitlines()) if row["nodes"] == "44987"}
     restart, memory = large["later start"], large["server after a later start: resident memory"]
     least, most = re.search(r"degrees in the coronal plane \((-[\d.]+) to \+([\d.]+)\)", text("docs/seeds.md")).groups()
-    remesh = dict(re.findall(r"^(inside|face) +nested .* Woodbury takes +([\d.]+) times", text("docs/results/remesh.txt"), re.MULTILINE))
+    remesh = dict(re.findall(r"^(inside|face) +nested .* Woodbury takes +([\d.]+) times", text("docs/results/remesh/remesh.txt"), re.MULTILINE))
     passed = re.search(r"\*\*(\d+ of \d+) rows pass\*\*", text("tests/verification/REPORT.md"))[1]
     error, forces = re.search(r"median of all (507) forces \|[^|]*\| ([\d.]+)", text("tests/verification/REPORT.md")).groups()[::-1]
     numbers, tendencies = re.findall(r"^- \*\*(\d+ of \d+)\*\* predictions of", text("tests/validation/REPORT.md"), re.MULTILINE)

@@ -1,5 +1,5 @@
 #!/bin/bash
-# scene.md, messages.md and programs.md in docs/reference agree with the output of scripts/reference for the scene table, trocar.lcm
+# scene.md, messages.md and programs.md in docs/reference agree with the output of scripts/pages/reference for the scene table, trocar.lcm
 # and the programs' --help, and they are complete.
 # usage: test_reference.sh BUILD_DIR SOURCE_DIR
 set -euo pipefail
@@ -7,9 +7,9 @@ build=$1 source=$2 # absolute
 work=$(mktemp -d)
 trap 'rm -rf "$work"' EXIT
 
-"$source/scripts/reference" "$build" "$work"
+"$source/scripts/pages/reference" "$build" "$work"
 for page in "$work"/*; do
-    diff "$source/docs/reference/$(basename "$page")" "$page" || { echo "FAILED: $(basename "$page") is out of date: run scripts/reference" >&2; exit 1; }
+    diff "$source/docs/reference/$(basename "$page")" "$page" || { echo "FAILED: $(basename "$page") is out of date: run scripts/pages/reference" >&2; exit 1; }
 done
 # Every key of a commented scene and every field and constant is present, counted independently.
 lcm=$source/lcmtypes/trocar.lcm
@@ -21,8 +21,8 @@ done
 for option in $(sed -nE 's/^    \{"([a-z][a-z-]+)", .*/--\1/p' "$source"/server/main.c "$source"/clients/{device/device,replay/replay,top/top,bench/bench_*}.c "$source"/clients/view/view_options.c "$source"/clients/bridges/*/*.c); do
     grep -qE "^\| .*\`$option[\`=]" "$work/programs.md" || { echo "FAILED: no option $option in programs.md" >&2; exit 1; }
 done
-for script in "$source"/scripts/*; do
-    [ -d "$script" ] || grep -q "^### scripts/$(basename "$script")$" "$work/programs.md" || { echo "FAILED: no $script in programs.md" >&2; exit 1; }
+for script in "$source"/scripts/* "$source"/scripts/pages/*; do
+    [ -d "$script" ] || grep -q "^### ${script#"$source"/}$" "$work/programs.md" || { echo "FAILED: no $script in programs.md" >&2; exit 1; }
 done
 for flag in $(sed -nE '/struct needle_wrench_t/,/EVENT_/s/.* const int32_t ([A-Z_]+) .*/\1/p' "$lcm" | grep -v EVENT_); do
     grep -q "\`$flag\`" "$source/docs/troubleshooting.md" || { echo "FAILED: nothing about $flag in troubleshooting.md" >&2; exit 1; }

@@ -8,9 +8,9 @@ trap 'rm -rf "$work"' EXIT
 cd "$source"
 compare() { scripts/compare_ticks "$bench" "$@" --spacing 0.0008; }
 
-compare docs/results/tick-guard.json --ticks 300 --rounds 3 --limit 1.25
+compare docs/results/tick/guard.json --ticks 300 --rounds 3 --limit 1.25
 
-sed -E 's/("per_baseline": )([0-9.]+)/\10.001/' docs/results/tick-guard.json >"$work/faster.json"
+sed -E 's/("per_baseline": )([0-9.]+)/\10.001/' docs/results/tick/guard.json >"$work/faster.json"
 status=0
 compare "$work/faster.json" --ticks 20 --rounds 1 --limit 1.25 2>"$work/stderr" || status=$?
 [ "$status" -eq 1 ] && grep -q 'times as long as before; at most 1.25 is allowed' "$work/stderr" || { echo "FAILED: a slow tick passes: status $status"; exit 1; }
@@ -25,13 +25,13 @@ fails() { # WHY COMMAND...
     "$@" --ticks 20 --rounds 1 >/dev/null 2>"$work/stderr" || status=$?
     [ "$status" -eq 1 ] && grep -q "recorded with --scene meshes/figure8.yaml and --spacing 0.0008" "$work/stderr" || { echo "FAILED: $why: status $status"; exit 1; }
 }
-cp docs/results/tick-guard.json "$work/record.json"
+cp docs/results/tick/guard.json "$work/record.json"
 fails 'compared at another spacing' scripts/compare_ticks "$bench" "$work/record.json" --spacing 0.001
 fails 'compared with another scene' compare "$work/record.json" --scene meshes/prostate.yaml
 fails 'another spacing beside the recorded one' scripts/compare_ticks "$bench" "$bench" --spacing 0.001 --record "$work/record.json"
 fails "the scene's spacing beside another one" scripts/compare_ticks "$bench" "$bench" --record "$work/record.json"
-cmp docs/results/tick-guard.json "$work/record.json"
-sed -E 's/"(portable|avx512)"/"other_\1"/; s/0.0008/8e-4/' docs/results/tick-guard.json >"$work/record.json"
+cmp docs/results/tick/guard.json "$work/record.json"
+sed -E 's/"(portable|avx512)"/"other_\1"/; s/0.0008/8e-4/' docs/results/tick/guard.json >"$work/record.json"
 compare "$bench" --ticks 20 --rounds 1 --record "$work/record.json" >/dev/null
 [ "$(grep -cE '^  "(portable|avx512|other_portable|other_avx512)"' "$work/record.json")" -eq 3 ] || { echo 'FAILED: rows of other kernels are not kept'; exit 1; }
 

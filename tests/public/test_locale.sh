@@ -73,7 +73,7 @@ run_programs() { # FOLDER
         [ "$status" -eq 2 ] || fail "a bad scene: status $status"
         if [ -z "${TROCAR_SANITIZED:-}" ]; then
             study >study.yaml
-            /usr/bin/python3 -m trocar.study run study.yaml --out results --quiet >study.out 2>&1 || fail "$(cat study.out)"
+            /usr/bin/python3 -m trocar.studies.study run study.yaml --out results --quiet >study.out 2>&1 || fail "$(cat study.out)"
             # the rows are in the order in which the runs ended; those of result.csv are sorted
             LC_ALL=C sort -o results/rows-1-of-1.csv results/rows-1-of-1.csv
         fi

@@ -17,6 +17,7 @@ import numpy as np
 import yaml
 
 import trocar
+from trocar import brachy
 
 TABLES = {"I-125 6711": "i125-6711.yaml", "Pd-103 200": "pd103-200.yaml"}
 GRID = dict(origin=[-0.03, -0.028, -0.026], spacing=2e-3, shape=(31, 29, 27))
@@ -102,14 +103,14 @@ def as_set(points, h):
 class DoseTest(unittest.TestCase):
     def test_check_values(self):
         """6711, 1 U, cGy/h, on the transverse axis and on the seed's axis, and the total dose: reference values published with the consensus data."""
-        source = trocar.Source("I-125 6711")
+        source = brachy.Source("I-125 6711")
         points = [[0.005, 0, 0], [0.01, 0, 0], [0, 0.02, 0], [0, -0.05, 0], [0, 0, 0.01], [0, 0, -0.01]]
         found = 100 * source.rates([[0, 0, 0]], [[0, 0, 2]], [1], points)
         np.testing.assert_allclose(found, [4.046, 0.965, 0.1975, 0.01415, 0.368, 0.368], rtol=1e-3)
         self.assertAlmostEqual(0.01 * found[1] * source.hours(), 19.85, delta=0.02)
         self.assertAlmostEqual(source.hours(24 * 59.4) / source.hours(), 0.5, delta=1e-12)
         self.assertAlmostEqual(source.hours(1e-3), 1e-3, delta=1e-9)
-        self.assertAlmostEqual(100 * trocar.Source("Pd-103 200").rates([[0, 0, 0]], [[0, 0, 1]], [2], [[0.01, 0, 0]])[0], 2 * 0.686, delta=1e-9)
+        self.assertAlmostEqual(100 * brachy.Source("Pd-103 200").rates([[0, 0, 0]], [[0, 0, 1]], [2], [[0.01, 0, 0]])[0], 2 * 0.686, delta=1e-9)
 
     def test_the_formula_at_any_point(self):
         """Points from the capsule's wall to 30 cm, at every angle, on the axis itself, and at both ends."""
@@ -118,13 +119,13 @@ class DoseTest(unittest.TestCase):
         points = direction / np.linalg.norm(direction, axis=1)[:, None] * (10 ** random.uniform(-2.59, -0.52, 20000))[:, None]
         points = np.vstack([points, [[0, 0, z] for z in (0.0025, -0.004, 0.011, -0.05, 0.2)], [[1e-6, 0, 0.01], [0.0005, 0, 0.0001]]])
         for name in TABLES:
-            found = trocar.Source(name).rates([[0, 0, 0]], [[0, 0, 1]], [1], points)
+            found = brachy.Source(name).rates([[0, 0, 0]], [[0, 0, 1]], [1], points)
             np.testing.assert_allclose(found, rate(table_of(name), [0, 0, 0], [0, 0, 1], points), rtol=1e-10)
 
     def test_hundred_seeds_against_a_plain_sum(self):
         """On a grid, to 1e-6 outside the seeds; and the same at listed points."""
-        points, table, source = grid_points(), table_of("I-125 6711"), trocar.Source("I-125 6711")
-        dose, expected, outside = trocar.Dose(source, **GRID), np.zeros(len(points)), np.ones(len(points), bool)
+        points, table, source = grid_points(), table_of("I-125 6711"), brachy.Source("I-125 6711")
+        dose, expected, outside = brachy.Dose(source, **GRID), np.zeros(len(points)), np.ones(len(points), bool)
         for position, direction, strength in zip(*implant(100, 7)):
             dose.add(position, direction, strength)
             expected += strength * rate(table, position, direction, points) * 24 * table["half_life"] / np.log(2)
@@ -134,16 +135,16 @@ class DoseTest(unittest.TestCase):
         np.testing.assert_allclose(values.ravel()[outside], expected[outside], rtol=1e-6)
         print("\n100 seeds: largest relative difference %.1e" % abs(values.ravel()[outside] / expected[outside] - 1).max())
         self.assertTrue(np.all(np.isfinite(values)) and (~outside).any())
-        listed = trocar.Dose.at(source, points[::97])
+        listed = brachy.Dose.at(source, points[::97])
         for one in zip(*implant(100, 7)):
             listed.add(*one)
         np.testing.assert_allclose(listed.values, values.ravel()[::97], rtol=1e-12, atol=1e-9)
 
     def test_seeds_come_and_go_without_a_trace(self):
         """The doses agree to the bit, for any order, with removals and moves in between."""
-        source, seeds = trocar.Source("I-125 6711"), list(zip(*implant(20, 1)))
+        source, seeds = brachy.Source("I-125 6711"), list(zip(*implant(20, 1)))
         grid = dict(GRID, shape=(20, 20, 20))
-        direct, wandering, random = trocar.Dose(source, **grid), trocar.Dose(source, **grid), np.random.default_rng(2)
+        direct, wandering, random = brachy.Dose(source, **grid), brachy.Dose(source, **grid), np.random.default_rng(2)
         for seed in seeds:
             direct.add(*seed)
         ids = {}
@@ -171,7 +172,7 @@ class DoseTest(unittest.TestCase):
             volumes = np.einsum("ij,ij->i", np.cross(a, b), c) / 6
             outward, flip = triangles.copy(), volumes < 0
             outward[flip] = outward[flip][:, ::-1]
-            structure = trocar.Structure.from_surface(nodes, triangles, h)
+            structure = brachy.Structure.from_surface(nodes, triangles, h)
             candidates = lattice(nodes.min(0), nodes.max(0), h)
             angle = solid_angle(nodes, outward, candidates)
             near = abs(np.linalg.norm(candidates - centre, axis=1) - 0.01) < 1e-9      # corners on the surface
@@ -182,7 +183,7 @@ class DoseTest(unittest.TestCase):
 
     def test_voxels_of_a_region_and_their_displacements(self):
         model = trocar.Model(trocar.Scene.load(SOURCE / "meshes/figure8.yaml"))
-        structure = trocar.Structure.from_region(model, "prostate", 2e-3)
+        structure = brachy.Structure.from_region(model, "prostate", 2e-3)
         tets = model.nodes[model.tets[model.tet_regions == model.groups.index("prostate")]]
         candidates, inside = lattice(tets.min((0, 1)), tets.max((0, 1)), 2e-3), set()
         for tet in tets:
@@ -196,8 +197,8 @@ class DoseTest(unittest.TestCase):
         gradient = np.array([[0.1, 0.02, 0], [0, -0.05, 0.03], [0.01, 0, 0.04]])   # a linear field is interpolated exactly
         moved = structure.displacements(model.nodes @ gradient.T + [1e-3, 0, -2e-3])
         np.testing.assert_allclose(moved, structure.points @ gradient.T + [1e-3, 0, -2e-3], atol=1e-15)
-        source, seeds = trocar.Source("I-125 6711"), list(zip(*implant(5, 4)))
-        rest, deformed = trocar.Dose.at(source, structure.points), trocar.Dose.at(source, structure.points + moved)
+        source, seeds = brachy.Source("I-125 6711"), list(zip(*implant(5, 4)))
+        rest, deformed = brachy.Dose.at(source, structure.points), brachy.Dose.at(source, structure.points + moved)
         for position, direction, strength in seeds:
             rest.add(position + [0, 0, 0.05], direction, strength)
             deformed.add(position + [0, 0, 0.05], direction, strength)
@@ -210,12 +211,12 @@ class DoseTest(unittest.TestCase):
     def test_dose_volume_histogram(self):
         """Gland, urethra and rectum with 60 seeds: every figure is within 0.1 % of histograms with bins of 0.01 Gy that this script makes from its
         own voxels."""
-        table, source = table_of("I-125 6711"), trocar.Source("I-125 6711")
+        table, source = table_of("I-125 6711"), brachy.Source("I-125 6711")
         positions, directions, _ = implant(60, 11)
         for radius, centre, h in ((0.02, (0, 0, 0), 1e-3), (0.004, (0, 0.002, 0.003), 3e-4), (0.012, (0, -0.03, 0), 8e-4)):
             nodes, triangles = icosphere(radius, np.array(centre), 3)
-            structure = trocar.Structure.from_surface(nodes, triangles, h)
-            dose = trocar.Dose.at(source, structure.points)
+            structure = brachy.Structure.from_surface(nodes, triangles, h)
+            dose = brachy.Dose.at(source, structure.points)
             points = lattice(nodes.min(0), nodes.max(0), h)
             normals = np.cross(nodes[triangles[:, 1]] - nodes[triangles[:, 0]], nodes[triangles[:, 2]] - nodes[triangles[:, 0]])
             offset = np.einsum("ij,ij->i", normals, nodes[triangles[:, 0]] - centre)
@@ -231,7 +232,7 @@ class DoseTest(unittest.TestCase):
                 safe = np.where(inside_capsule(table, position, direction, own)[:, None], [1, 0, 0], own)
                 expected += 0.45 * rate(table, position, direction, safe) * 24 * 59.4 / np.log(2) + 1e6 * (safe[:, 0] == 1)
             self.assertEqual(len(own), len(structure.points))
-            found = trocar.DVH(dose.values, structure.voxel)
+            found = brachy.DVH(dose.values, structure.voxel)
             figures = found.summary(145.0)
             counts, edges = np.histogram(np.minimum(expected, 3000), np.arange(0, 3000.02, 0.01))
             above = np.append(counts[::-1].cumsum()[::-1], 0) / len(own)               # fraction at or above the lower edge of a bin
@@ -254,25 +255,25 @@ class DoseTest(unittest.TestCase):
         with tempfile.TemporaryDirectory() as folder:
             path = Path(folder) / "seed.yaml"
             path.write_text(text)
-            np.testing.assert_array_equal(trocar.Source.load(path).rates([[0, 0, 0]], [[1, 2, 3]], [1], points),
-                                          trocar.Source("I-125 6711").rates([[0, 0, 0]], [[1, 2, 3]], [1], points))
+            np.testing.assert_array_equal(brachy.Source.load(path).rates([[0, 0, 0]], [[1, 2, 3]], [1], points),
+                                          brachy.Source("I-125 6711").rates([[0, 0, 0]], [[1, 2, 3]], [1], points))
             path.write_text(text.replace("    - [90, 1, 1, 1, 1, 1, 1]", "    - [90, 1, 1, 1, 1, 1, 1]\n    - [180, 0.5, 0.5, 0.5, 0.5, 0.5, 0.5]"))
-            front, back = trocar.Source.load(path).rates([[0, 0, 0]], [[0, 0, 1]], [1], [[0, 0, 0.01], [0, 0, -0.01]])
+            front, back = brachy.Source.load(path).rates([[0, 0, 0]], [[0, 0, 1]], [1], [[0, 0, 0.01], [0, 0, -0.01]])
             self.assertAlmostEqual(front / back, 0.37 / 0.5, delta=1e-12)
 
     def test_errors_are_exceptions(self):
-        source = trocar.Source("I-125 6711")
-        dose = trocar.Dose(source, [0, 0, 0], 1e-3, (3, 3, 3))
-        for wrong, text in ((lambda: trocar.Source("I-125 6712"), "I-125 6711"), (lambda: dose.remove(3), "no seed has the id 3"),
+        source = brachy.Source("I-125 6711")
+        dose = brachy.Dose(source, [0, 0, 0], 1e-3, (3, 3, 3))
+        for wrong, text in ((lambda: brachy.Source("I-125 6712"), "I-125 6711"), (lambda: dose.remove(3), "no seed has the id 3"),
                             (lambda: dose.add([0, 0, np.nan], [0, 0, 1], 1), "finite"), (lambda: dose.add([0, 0, 0], [0, 0, 0], 1), "direction"),
-                            (lambda: dose.add([0, 0, 0], [0, 0, 1], 0), "above 0"), (lambda: trocar.DVH([], 1e-9), "at least one"),
-                            (lambda: trocar.DVH([1, np.inf], 1e-9), "finite"), (lambda: trocar.Source.load("/nowhere.yaml"), "cannot open"),
-                            (lambda: trocar.Dose(source, [0, 0, 0], 0, (3, 3, 3)), "spacing"),
-                            (lambda: trocar.Structure.from_surface([[0, 0, 0], [1, 0, 0], [0, 1, 0]], [[0, 1, 2]], 0.1), "not closed")):
+                            (lambda: dose.add([0, 0, 0], [0, 0, 1], 0), "above 0"), (lambda: brachy.DVH([], 1e-9), "at least one"),
+                            (lambda: brachy.DVH([1, np.inf], 1e-9), "finite"), (lambda: brachy.Source.load("/nowhere.yaml"), "cannot open"),
+                            (lambda: brachy.Dose(source, [0, 0, 0], 0, (3, 3, 3)), "spacing"),
+                            (lambda: brachy.Structure.from_surface([[0, 0, 0], [1, 0, 0], [0, 1, 0]], [[0, 1, 2]], 0.1), "not closed")):
             with self.assertRaisesRegex(trocar.Error, text) as caught:
                 wrong()
             self.assertEqual(caught.exception.status, "bad input")
-        for wrong in (lambda: dose.add([0, 0], [0, 0, 1], 1), lambda: dose.displace([[0, 0, 0]]), lambda: trocar.Dose.at(source, [0, 0, 0])):
+        for wrong in (lambda: dose.add([0, 0], [0, 0, 1], 1), lambda: dose.displace([[0, 0, 0]]), lambda: brachy.Dose.at(source, [0, 0, 0])):
             with self.assertRaises(ValueError):
                 wrong()
         self.assertEqual(dose.seeds, 0)

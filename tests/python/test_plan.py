@@ -25,8 +25,8 @@ import numpy as np
 import pydicom
 
 import trocar
-from trocar import _obstacles, plan as plans
-from trocar import rtplan
+from trocar.brachy import _obstacles, plan as plans
+from trocar.brachy import rtplan
 
 SCENE, EXAMPLE = SOURCE / "meshes/implant.yaml", SOURCE / "docs/examples/implant-plan.yaml"
 MODEL = trocar.Model(trocar.Scene.load(SCENE), mesh_only=True)
@@ -442,10 +442,10 @@ class Program(Case):
         self.assertRegex(said, r"(?m)^ +F4 +1 +1 +-?0.000 +-?0.000 +-1.000 +-1.000 +0.000 +1.000$")
         self.assertRegex(said, r"mean of 1 seeds: 1.00 mm \(left 0.00, posterior 0.00, superior 1.00\); along the needle 1.00, -1.00 with its sign, across 0.00")
         status, _, error = self.run_plan("check", self.out / "none.yaml", *scene)
-        self.assertEqual((status, error), (2, f"trocar.plan: {self.out}/none.yaml: cannot be opened: No such file or directory\n"))
+        self.assertEqual((status, error), (2, f"trocar.brachy.plan: {self.out}/none.yaml: cannot be opened: No such file or directory\n"))
         self.assertEqual(self.run_plan("check", EXAMPLE, "--scene", self.out / "none.yaml")[0], 2)
         self.assertEqual(self.run_plan("show", EXAMPLE, *scene, "--out", self.out / "no/folder.csv")[0], 2)
-        done = subprocess.run(["/usr/bin/python3", "-m", "trocar.plan", "import", EXAMPLE, "--scene", SCENE, "--out", self.out / "b.yaml"], capture_output=True, text=True,
+        done = subprocess.run(["/usr/bin/python3", "-m", "trocar.brachy.plan", "import", EXAMPLE, "--scene", SCENE, "--out", self.out / "b.yaml"], capture_output=True, text=True,
                               env=dict(os.environ, PYTHONPATH=str(BUILD / "clients/python")))
         self.assertEqual(done.returncode, 2)
         self.assertIn("not a DICOM file", done.stderr)

@@ -23,12 +23,14 @@ sys.dont_write_bytecode = True
 import numpy as np
 
 import trocar
-from trocar import motion, planner
-from trocar import plan as plans
-from trocar._obstacles import Embedding, Obstacle, contour_points, surface_points
-from trocar._rehearsal import Aim, Rehearsal, Target
-from trocar._search import Case as Search
-from trocar._search import Freedom
+from trocar import motion
+from trocar.studies import planner
+from trocar.brachy import plan as plans
+from trocar.brachy.implant import Implant
+from trocar.brachy._obstacles import Embedding, Obstacle, contour_points, surface_points
+from trocar.studies._rehearsal import Aim, Rehearsal, Target
+from trocar.studies._search import Case as Search
+from trocar.studies._search import Freedom
 
 SCENE = SOURCE / "meshes/figure8.yaml"
 PROBLEM = """scene: SCENE
@@ -147,7 +149,7 @@ class PlanFormat(Case):
         plan = plans.read(self.write(self.PLAN))
         sim = trocar.Sim(trocar.Model(trocar.Scene.load(SCENE)))
         length, needle, tips = sim.model.needle_length, plan.needles[0], []
-        for poses in motion.Implant(plan=plan, settle=0.003).insert(sim, needle, 1e-3):
+        for poses in Implant(plan=plan, settle=0.003).insert(sim, needle, 1e-3):
             tips.append((poses[:, :3] + length * motion.axis_of(poses), motion.rotate(poses[:, 3:], [0.0, 1.0, 0.0])))
         line = np.array(needle.entry) + np.linspace(0, needle.depth, 7)[:, None] * needle.direction
         np.testing.assert_allclose(tips[-1][0][-1], line[-1], atol=1e-12)
@@ -291,11 +293,11 @@ class Promises(Case):
         model = trocar.Model(scene)
         target = Target([0.006, 0.004, 0.05], model)
         aim = Aim(np.array([0.006, 0.004, 0.0]), np.array([0.0, 0.0, 1.0]), 0.3, plans.Turn(0.02, np.pi))
-        used = Rehearsal(model, motion.Implant())
+        used = Rehearsal(model, Implant())
         for turn, depth in ((0.021, 0.05), (0.02, 0.052), (0.02, 0.049)):
             used.at(aim._replace(turn=plans.Turn(turn, np.pi)), depth, target)
         begun = used.ticks
-        one, other = used.at(aim, 0.0505, target), Rehearsal(model, motion.Implant()).at(aim, 0.0505, target)
+        one, other = used.at(aim, 0.0505, target), Rehearsal(model, Implant()).at(aim, 0.0505, target)
         self.assertLess(used.ticks - begun, 150)    # of about 1400
         np.testing.assert_array_equal(one.shaft, other.shaft)
         np.testing.assert_array_equal(one.field, other.field)
@@ -343,7 +345,7 @@ class Seeds(Case):
         for plan in (before, after):    # carried out, and compared with the original plan
             only = lambda plan: dataclasses.replace(plan, needles=[needle for needle in plan.needles if needle.hole == "F4"])
             sim = trocar.Sim(model)
-            for poses in motion.Implant(plan=only(plan)).play(sim, 1e-3):
+            for poses in Implant(plan=only(plan)).play(sim, 1e-3):
                 sim.run(poses, 1e-3)
             means.append(plans.summary(plans.compare(only(before), model, plans.seeds_of(sim))))
         self.assertGreater(means[0]["along"], 1.0)

@@ -23,6 +23,7 @@ sys.path.insert(0, str(BUILD / "clients/python"))
 import numpy as np
 
 import trocar
+from trocar import brachy
 
 FIGURE8, IMPLANT, TRUS = (SOURCE / f"meshes/{name}.yaml" for name in ("figure8", "implant", "trus"))
 PATIENCE = 60  # s, after which a process counts as hanging
@@ -227,10 +228,10 @@ class ObjectTest(unittest.TestCase):
             copied["needle.length"] = 0.123
             self.assertEqual(scene["needle.length"], 0.2)
         self.assertIs(copy.copy(self.model), self.model)
-        source = trocar.Source("I-125 6711")
+        source = brachy.Source("I-125 6711")
         self.assertIs(copy.deepcopy(source), source)
         with self.assertRaisesRegex(TypeError, "cannot be copied"):
-            copy.copy(trocar.Dose(source, [0, 0, 0], 1e-3, (2, 2, 2)))
+            copy.copy(brachy.Dose(source, [0, 0, 0], 1e-3, (2, 2, 2)))
 
     def test_a_copied_scene_has_a_mesh_of_its_own(self):
         nodes = np.array([[0, 0, 0], [0.1, 0, 0], [0, 0.1, 0], [0, 0, 0.1]])

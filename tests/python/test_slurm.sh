@@ -75,7 +75,7 @@ parameters:
   motion.x: {uniform: [-3e-3, 3e-3]}
 record: [peak_force, work, {tip: {at: 0.3}}]
 END
-study() { /usr/bin/python3 -m trocar.study "$@"; }
+study() { /usr/bin/python3 -m trocar.studies.study "$@"; }
 study run study.yaml --out local --workers 2 --quiet >/dev/null || fail "without Slurm"
 
 # Prints the number of rows in all tasks' files, without headings.

@@ -31,10 +31,11 @@ import h5py
 import numpy as np
 
 import trocar
-from trocar import _definition as definition
-from trocar import _runs as runs
-from trocar import frames, motion, sensitivity
-from trocar import study as studies
+from trocar.studies import _definition as definition
+from trocar.studies import _runs as runs
+from trocar import motion
+from trocar.studies import frames, sensitivity
+from trocar.studies import study as studies
 
 SCENE = SOURCE / "meshes/figure8.yaml"
 MODEL = trocar.Model(trocar.Scene.load(SCENE))
@@ -295,7 +296,7 @@ class Running(Case):
         self.assertEqual((self.out / "parts/result.csv").read_bytes(), whole)
 
         killed = self.out / "killed/rows-1-of-1.csv"
-        process = subprocess.Popen([sys.executable, "-m", "trocar.study", "run", path, "--out", self.out / "killed", "--workers", "1", "--quiet"])
+        process = subprocess.Popen([sys.executable, "-m", "trocar.studies.study", "run", path, "--out", self.out / "killed", "--workers", "1", "--quiet"])
         limit = time.monotonic() + 60
         while not (killed.exists() and killed.read_bytes().count(b"\n") >= 3) and time.monotonic() < limit and process.poll() is None:
             time.sleep(0.002)
@@ -318,7 +319,7 @@ class Running(Case):
 
         busy = studies.carry_out.__globals__["TaskFile"](killed, studies.read(path), studies.read(path).samples())
         self.addCleanup(busy.close)
-        other = subprocess.run([sys.executable, "-m", "trocar.study", "run", path, "--out", self.out / "killed"], capture_output=True, text=True)
+        other = subprocess.run([sys.executable, "-m", "trocar.studies.study", "run", path, "--out", self.out / "killed"], capture_output=True, text=True)
         self.assertEqual(other.returncode, 2)
         self.assertIn("another process is working on this task", other.stderr)
 
@@ -357,7 +358,7 @@ class Running(Case):
                 runs.TaskFile(file, study, samples)
         self.assertEqual(len(os.listdir("/proc/self/fd")), descriptors)
         runs.check_manifest(study, self.out)
-        with mock.patch.object(trocar._definition, "__version__", "0.0"):
+        with mock.patch.object(definition, "__version__", "0.0"):
             with self.assertRaisesRegex(studies.BadStudy, r'"version" differs \(trocar \d.*, scipy .* there, trocar 0.0, scipy .* now\): choose'):
                 runs.check_manifest(study, self.out)
 
@@ -370,7 +371,7 @@ class Running(Case):
             there.unlink(missing_ok=True)
             os.mkfifo(there)
             for command in ("run", "collect", "summary"):
-                done = subprocess.run([sys.executable, "-m", "trocar.study", command, path, "--out", self.out / "study"], capture_output=True, text=True, timeout=60)
+                done = subprocess.run([sys.executable, "-m", "trocar.studies.study", command, path, "--out", self.out / "study"], capture_output=True, text=True, timeout=60)
                 self.assertEqual((done.returncode, done.stderr), (1, f"trocar-study: {there}: not a regular file\n"), (name, command))
             there.unlink()
             if before is not None:

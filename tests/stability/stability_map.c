@@ -1,5 +1,5 @@
 /* Draws the map of stability: a hand pushes the needle onto bone, into liver or through air, and then keeps still, with devices of any mass
-   and delay. Prints CSV: a row for each combination. scripts/figures draws docs/figures/stability-map.svg from docs/results/stability-*.csv, which are such files. */
+   and delay. Prints CSV: a row for each combination. scripts/figures draws docs/figures/stability-map.svg from such files in docs/results/stability. */
 #include <getopt.h>
 #include <stdio.h>
 #include <stdlib.h>

@@ -24,7 +24,7 @@ sys.dont_write_bytecode = True
 import numpy as np
 
 import trocar
-from trocar import plan as plans
+from trocar.brachy import plan as plans
 
 SCENE = SOURCE / "meshes/implant.yaml"
 MODEL = trocar.Model(trocar.Scene.load(SCENE), mesh_only=True)

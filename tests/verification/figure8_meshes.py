@@ -13,6 +13,7 @@ import gmsh
 import numpy as np
 
 sys.dont_write_bytecode = True
+sys.path.insert(0, str(Path(__file__).resolve().parent / "references"))
 import needle_meshes  # noqa: E402
 from rows import REPOSITORY  # noqa: E402
 

@@ -24,10 +24,9 @@ from typing import Any, Callable, Iterator, NamedTuple, Sequence
 import numpy as np
 import numpy.typing as npt
 
-from ._dose import DVH, Dose, Source, Structure
 from ._library import Error, _check, _Turn, _Watch, _write_log, ffi, lib
 
-__all__ = ["Contact", "DVH", "Dose", "Error", "Event", "Guide", "Key", "Mesh", "Model", "Output", "Probe", "Scene", "Seed", "SeedSize", "Sim", "Source", "Structure", "Track", "keys", "rollout"]
+__all__ = ["Contact", "Error", "Event", "Guide", "Key", "Mesh", "Model", "Output", "Probe", "Scene", "Seed", "SeedSize", "Sim", "Track", "keys", "rollout"]
 __version__ = "%d.%d.%d" % (lib.trocar_version() // 10000, lib.trocar_version() // 100 % 100, lib.trocar_version() % 100)
 
 

@@ -1,4 +1,4 @@
-"""Motions of a needle's base: the scripts of trocar-device, straight insertions, tables of poses and plans of an implant.
+"""Motions of a needle's base: the scripts of trocar-device, straight insertions and tables of poses.
 
 A motion is a generator. It resets the simulation's needle and yields arrays of poses (steps, 7). The caller steps the simulation through
 each array before asking for the next, as with `Sim.run`:
@@ -13,7 +13,7 @@ import csv
 import math
 from dataclasses import dataclass, field, replace
 from os import PathLike, fspath
-from typing import TYPE_CHECKING, Iterator, NamedTuple, Sequence
+from typing import Iterator, NamedTuple, Sequence
 
 import numpy as np
 import numpy.typing as npt
@@ -21,10 +21,7 @@ import numpy.typing as npt
 from . import Sim
 from ._files import open_input
 
-if TYPE_CHECKING:
-    from .plan import Needle, Plan
-
-__all__ = ["Adjustment", "BadMotion", "Implant", "Script", "Straight", "Table", "SCRIPTS", "START", "axis_of", "script"]
+__all__ = ["Adjustment", "BadMotion", "Script", "Straight", "Table", "SCRIPTS", "START", "axis_of", "script"]
 
 START = np.array([0.005, 0.003, -0.201, 1.0, 0.0, 0.0, 0.0])  # as for trocar-device: the tip of a 200 mm needle is then 1 mm in front of the skin
 
@@ -276,69 +273,3 @@ class Table(_Motion):
         poses = np.stack([np.interp(t, self.times, column) for column in self.given.T], axis=1)
         poses[:, 3:] /= np.linalg.norm(poses[:, 3:], axis=1, keepdims=True)
         return poses
-
-
-@dataclass(frozen=True)
-class Implant(_Motion):
-    """A plan of an implant, one needle after the other: insertion at `speed` (m/s), with a turn if the plan has one, withdrawal from seed to seed,
-    and out."""
-
-    plan: Plan | None = None
-    speed: float = 0.08
-    settle: float = 0.05      # s at rest before a seed is dropped, or at the depth of a needle without seeds
-    outside: float = 0.02     # m from the template's face, or from the entry, at which a needle starts and ends
-    turning: float = 2.0 * math.pi    # rad/s, speed of a turn on the way
-
-    adjustable = ("speed", "roll")
-
-    def duration(self) -> None:
-        return None
-
-    def _pose(self, axis: tuple[Array, Array], depths: Array, roll: float | Array, length: float) -> Array:
-        """Returns poses (n, 7) with the tip at depths (n,) m along the axis, which is a point and a direction, and with the needle rolled by `roll`
-        (rad)."""
-        point, direction = axis
-        turned = multiply(towards(direction), exponential(np.multiply.outer(np.broadcast_to(roll, depths.shape), [0.0, 0.0, 1.0])))
-        return np.concatenate([point + (depths[:, None] - length) * direction, turned], axis=1)
-
-    def _go(self, axis: tuple[Array, Array], start: float, end: float, roll: float, length: float, dt: float) -> Array:
-        """Returns poses that move the tip between two depths, in m, without the first pose."""
-        steps = max(math.ceil(abs(end - start) / (self.speed * dt)), 1)
-        return self._pose(axis, np.linspace(start, end, steps + 1)[1:], roll, length)
-
-    def insert(self, sim: Sim, needle: Needle, dt: float) -> Iterator[Array]:
-        """Yields the poses of one needle, from its reset outside the tissue to its rest at the depth."""
-        from . import plan as plans
-        axis, length = plans.needle_axis(self.plan, needle, sim.model), sim.model.needle_length
-        roll, at = needle.roll + self.adjustment.roll, -self.outside
-        sim.reset(self._go(axis, at, at, roll, length, dt)[0])
-        if needle.turn:
-            yield self._go(axis, at, needle.turn.depth, roll, length, dt)
-            at = needle.turn.depth
-            steps = max(math.ceil(abs(needle.turn.by) / (self.turning * dt)), 1)
-            yield self._pose(axis, np.full(steps, at), roll + np.linspace(0.0, needle.turn.by, steps + 1)[1:], length)
-            roll += needle.turn.by
-        yield self._go(axis, at, needle.depth, roll, length, dt)
-        yield np.tile(self._go(axis, needle.depth, needle.depth, roll, length, dt), (round(self.settle / dt), 1))
-
-    def play(self, sim: Sim, dt: float) -> Iterator[Array]:
-        from . import plan as plans
-        plan, half, length = self.plan, 0.5 * sim.model.seed_size.length, sim.model.needle_length
-        plans.check(plan, sim.model)
-        for needle in plan.needles:
-            axis = plans.needle_axis(plan, needle, sim.model)
-            roll = needle.roll + self.adjustment.roll + (needle.turn.by if needle.turn else 0.0)
-            go = lambda start, end: self._go(axis, start, end, roll, length, dt)
-            yield from self.insert(sim, needle, dt)
-            tip = needle.depth
-            for behind in needle.seeds:
-                target = needle.depth - (behind - half)    # depth of the tip when the seed is dropped
-                if target != tip:
-                    yield go(tip, target)
-                    yield np.tile(go(target, target), (round(self.settle / dt), 1))
-                sim.drop_seeds()
-                tip = target
-                while sim.pending_seeds():    # draws the needle back until the seed has been left
-                    yield go(tip, tip - 0.5e-3)
-                    tip -= 0.5e-3
-            yield go(tip, -self.outside)

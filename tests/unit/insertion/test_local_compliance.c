@@ -62,7 +62,7 @@ static void correction_is_small_on_fine_meshes(void **state) {
 }
 
 /* Force per metre on a disc of 0.635 mm in E = 20 kPa, nu = 0.45, by finite elements that resolve it
-   (tests/verification/resolved_needle.json: tip_disc and skin_disc): at the end of a hole, and bonded to a surface. The last
+   (tests/verification/references/resolved_needle.json: tip_disc and skin_disc): at the end of a hole, and bonded to a surface. The last
    argument is 0 for a mesh that resolves none of the displacement. */
 static void single_tip_matches_resolved_disc(void **state) {
     (void)state;

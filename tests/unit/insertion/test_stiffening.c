@@ -1,5 +1,5 @@
 /* Stiffening tissue: the laws are compared with their integrals and a resolved disc, and their effect in the tick is tested.
-   tests/verification/verify_large_deflection.py compares the rigid needle with resolved hyperelastic elements. */
+   tests/verification/needle/verify_large_deflection.py compares the rigid needle with resolved hyperelastic elements. */
 #include "common/allocations.h"
 #include "insertion/memory/stiffening.h"
 #include "insertion/step/insertion.h"
@@ -86,7 +86,7 @@ static void laws_are_smooth_and_limited(void **unused) {
 }
 
 /* A disc bonded to the surface of a block of 60 x 60 mm (radius x height), E = 20 kPa, nu = 0.45, r = 0.635 mm, pressed in: force in N, computed with
-   CalculiX (tests/verification/pressed_disc.py; elements at the rim of 0.1 r for S = 0.2, and of 0.3 r for S = 1). The law was fitted to S = 1 at 1.6 mm
+   CalculiX (tests/verification/references/pressed_disc.py; elements at the rim of 0.1 r for S = 0.2, and of 0.3 r for S = 1). The law was fitted to S = 1 at 1.6 mm
    alone. */
 static void disc_matches_resolved_elements(void **unused) {
     (void)unused;

@@ -204,7 +204,7 @@ static void patches_measure_what_the_whole_mesh_resolves(void **state) {
     destroy(&b);
 }
 
-/* 3 and 6 mm ahead of a line's end, computed by verification/line_end.py on the whole mesh. On edges, the part beyond the patch's 14 mm amounts to
+/* 3 and 6 mm ahead of a line's end, computed by verification/references/line_end.py on the whole mesh. On edges, the part beyond the patch's 14 mm amounts to
    0.1. */
 static void patches_measure_where_a_line_ends_what_the_whole_mesh_does(void **state) {
     (void)state;

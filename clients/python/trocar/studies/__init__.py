@@ -1,0 +1,1 @@
+"""Studies of many insertions on one scene, and planning, which rehearses insertions."""

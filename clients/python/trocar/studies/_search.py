@@ -1,0 +1,433 @@
+"""Searches for an insertion whose tip ends at its target in the displaced tissue."""
+from __future__ import annotations
+
+import math
+import warnings
+from dataclasses import dataclass
+from typing import Callable, Iterator, NamedTuple, Sequence
+
+import numpy as np
+import numpy.typing as npt
+
+from .. import Error, Model
+from ..brachy import plan as plans
+from ..brachy._obstacles import Embedding
+from ._problem import Problem
+from ._rehearsal import Aim, Outcome, Rehearsal, Target, depth_of
+from ..motion import rotate, towards
+from ..brachy.plan import Turn
+
+Array = npt.NDArray[np.float64]
+
+UNIT = 1e-4          # m: unit of errors and missing clearance
+STAY = 0.02          # weight of the distance from the start, so that the search finds the closest of all insertions that reach the target
+FAILED = 2e-2        # m, error of an insertion that cannot be simulated
+GRID = 13            # entry points along each side of the area that are tried for a rigid needle
+NEIGHBOURS = 4       # number of holes from which a search starts, the closest first
+ROLLS = (0.0, 0.5 * math.pi, math.pi, -0.5 * math.pi)    # rolls tried in an area until one of them leads to the target
+LAST = 2e-3          # m: a turn closer to the target than this is left out
+LONGER = 4.0         # factor on the step of difference quotients over samples, whose differences are small compared with the roughness within a step
+ROUNDING = 1e-5      # m, rounding of a clearance
+MARGIN = 2e-5        # m added to the clearance, so that the result keeps it when it is carried out
+SPARE = 2e-3         # m: clearance that exceeds the wanted one by more than this has no influence
+TOO_NEAR = 10.0      # weight of missing clearance relative to the worst error
+STEPS = 12           # most steps of the search for the smallest worst error
+SMALLEST = 0.02      # smallest step of that search
+ENOUGH = 0.05        # units: the search ends when a step promises less improvement than this
+
+
+class Variable(NamedTuple):
+    name: str
+    scale: float    # one unit of the search
+    low: float
+    high: float
+    step: float     # step of a difference quotient
+
+
+class Freedom:
+    """The free variables of an insertion, as a vector in units of the search."""
+
+    def __init__(self, problem: Problem, start: Aim, depth: float, skin: float):
+        """`depth` of the target and depth of the `skin` along the start, m."""
+        self.variables: list[Variable] = []
+        self._start, self._problem = start, problem
+        area, values = problem.area, []
+        frame = towards(start.direction if area is None else area.direction)
+        self._across = np.array([rotate(frame, [1.0, 0.0, 0.0]), rotate(frame, [0.0, 1.0, 0.0])])
+        if area is not None:
+            lengths = np.linalg.norm(area.edges, axis=1)
+            self._edges = area.edges / lengths[:, None]
+            self.variables += [Variable("entry", 5e-3, 0.0, length, 0.3e-3) for length in lengths]
+            values += list(self._edges @ (start.point - area.origin))
+            if problem.tilt:
+                self.variables += [Variable("tilt", 0.05, -problem.tilt, problem.tilt, 4e-3)] * 2
+                values += list(np.arctan(self._across @ start.direction / (start.direction @ area.direction)))
+        if problem.roll is None:
+            self.variables.append(Variable("roll", 1.0, start.roll - 2.0 * math.pi, start.roll + 2.0 * math.pi, 0.1))
+            values.append(start.roll)
+        if problem.turn:
+            low = max(skin, 1e-3)    # in a plan, a turn's depth must be above 0
+            high = max(depth, low) + 5e-3
+            self.variables.append(Variable("turn", 2e-2, low, high, 2e-3))
+            values.append(start.turn.depth if start.turn else high)
+        self.scale = np.array([v.scale for v in self.variables])
+        self.low = np.array([v.low for v in self.variables]) / self.scale
+        self.high = np.array([v.high for v in self.variables]) / self.scale
+        self.steps = np.array([v.step for v in self.variables]) / self.scale
+        self.start = np.clip(np.array(values) / self.scale, self.low, self.high) if values else np.zeros(0)
+
+    def aim(self, x: Array) -> Aim:
+        values, aim, at = x * self.scale, self._start, 0
+        if self._problem.area is not None:
+            aim = aim._replace(point=self._problem.area.origin + values[:2] @ self._edges)
+            at = 2
+            if self._problem.tilt:
+                direction = self._problem.area.direction + np.tan(values[2:4]) @ self._across
+                aim, at = aim._replace(direction=direction / np.linalg.norm(direction)), 4
+        if self._problem.roll is None:
+            aim, at = aim._replace(roll=float(values[at])), at + 1
+        if self._problem.turn:
+            aim = aim._replace(turn=Turn(float(values[at]), math.pi))
+        return aim
+
+    def at_limits(self, x: Array) -> list[str]:
+        near = (x - self.low < 1e-3) | (self.high - x < 1e-3)
+        return list(dict.fromkeys(v.name for v, there in zip(self.variables, near) if there and v.name != "turn"))
+
+    def stepped(self, x: Array, i: int, times: float = 1.0) -> tuple[Array, float]:
+        """Returns x with its part i moved by some steps, backwards at the upper limit, and the size of that change."""
+        step = times * self.steps[i] * (1.0 if x[i] + times * self.steps[i] <= self.high[i] else -1.0)
+        other = x.copy()
+        other[i] += step
+        return other, step
+
+
+@dataclass
+class Found:
+    """An insertion that the search has found."""
+
+    aim: Aim
+    depth: float
+    error: float          # m: error at nominal parameters, or mean or worst error, according to the objective
+    missing: float        # m of missing clearance, 0 if all clearances are kept; inf if the insertion cannot be simulated
+    limits: list[str]     # variables at their limits
+    x: Array
+    freedom: Freedom
+
+    def reaches(self, tolerance: float) -> bool:
+        return self.error <= tolerance and self.missing <= ROUNDING
+
+    def rank(self) -> tuple[float, float]:
+        return (round(max(self.missing - ROUNDING, 0.0), 5), self.error)
+
+
+class Case:
+    """A target in one or more models: nominal and samples."""
+
+    def __init__(self, problem: Problem, models: Sequence[Model], point: Array):
+        self.problem, self.models = problem, models
+        self.rehearsals = [Rehearsal(model, problem.hand) for model in models[:1]]
+        self.target, self.embedding = Target(point, models[0]), Embedding(models[0])
+        self.radius = 0.5 * float(problem.scene()["needle.outer_diameter"])
+
+    def all_rehearsals(self) -> list[Rehearsal]:
+        """Returns the rehearsals with the scene's own values and with the samples."""
+        if len(self.rehearsals) < len(self.models):
+            self.rehearsals += [Rehearsal(model, self.problem.hand) for model in self.models[1:]]
+        return self.rehearsals
+
+    def runs(self) -> int:
+        return sum(rehearsal.runs for rehearsal in self.rehearsals)
+
+    def clearances(self, outcome: Outcome, exact: bool = False) -> list[float]:
+        """Returns the distance (m) from each obstacle in the displaced tissue; unless `exact`, a lower bound if the needle stays well clear."""
+        return [o.distance(outcome.shaft, self.radius, self.embedding, outcome.field, math.inf if exact else o.clearance + SPARE) for o in self.problem.obstacles]
+
+    def missing(self, clearances: Sequence[float]) -> Array:
+        """(obstacles,) m."""
+        return np.array([max(o.clearance + MARGIN - there, 0.0) for o, there in zip(self.problem.obstacles, clearances)])
+
+    # ---- a rigid needle in tissue at rest ---------------------------------------------------------------------------------------------------
+
+    def straight_missing(self, aim: Aim) -> float:
+        line = np.stack([aim.point, aim.point + depth_of(aim, self.target) * aim.direction])
+        return float(sum(max(o.clearance - o.distance(line, self.radius), 0.0) for o in self.problem.obstacles))
+
+    def unplanned(self) -> Aim:
+        """Aims as without planning: straight from the hole, or from the point of the area, that faces the target."""
+        problem, point = self.problem, self.target.point
+        if problem.area is None:
+            return self.hole_aims()[0][1]
+        area = problem.area
+        normal = np.cross(*area.edges)
+        foot = point - ((point - area.origin) @ normal) / (area.direction @ normal) * area.direction
+        lengths = np.linalg.norm(area.edges, axis=1)
+        place = np.clip((area.edges / lengths[:, None]) @ (foot - area.origin), 0.0, lengths)
+        return Aim(area.origin + place @ (area.edges / lengths[:, None]), area.direction, problem.roll or 0.0)
+
+    def hole_aims(self) -> list[tuple[str, Aim]]:
+        """Returns aims through the holes in the order of their axes' distance from the target, the closest first."""
+        model, point = self.models[0], self.target.point
+        guide = next(guide for guide in model.guides if guide.name == self.problem.template)
+        found = []
+        for hole in self.problem.holes:
+            face = plans.hole_axis(guide, hole)
+            off = point - face
+            found.append((float(np.linalg.norm(off - (off @ guide.normal) * guide.normal)), hole, Aim(face, guide.normal, self.problem.roll or 0.0)))
+        found.sort(key=lambda entry: (round(entry[0], 9), entry[1]))
+        return [(hole, aim) for _, hole, aim in found]
+
+    def rigid(self) -> tuple[str, Aim]:
+        """Returns the straight line to the target at rest that keeps its clearances with the least tilt, or else the line with the least missing clearance.
+        For a template, this is the closest hole that keeps the clearances. The hole is "" in an area."""
+        problem, point = self.problem, self.target.point
+        if problem.area is None:
+            ranked = [(round(self.straight_missing(aim), 6), i, hole, aim) for i, (hole, aim) in enumerate(self.hole_aims()[:4 * NEIGHBOURS])]
+            return min(ranked)[2:]
+        area, plain = problem.area, self.unplanned()
+        edge = np.linspace(0.0, 1.0, GRID)
+        points = [plain.point, *(area.origin + s * area.edges[0] + t * area.edges[1] for s in edge for t in edge)] if problem.tilt else [plain.point]
+        frame = towards(area.direction)
+        across = np.array([rotate(frame, [1.0, 0.0, 0.0]), rotate(frame, [0.0, 1.0, 0.0])])
+        tried = []
+        for start in points:
+            direction = (point - start) / np.linalg.norm(point - start)
+            if direction @ area.direction <= 0.0:
+                continue
+            tilts = np.arctan(across @ direction / (direction @ area.direction))
+            beyond = np.clip(tilts, -problem.tilt, problem.tilt)
+            if np.abs(beyond - tilts).max() > 1e-9 and start is not plain.point:
+                continue
+            direction = area.direction + np.tan(beyond) @ across
+            tried.append((float(beyond @ beyond), plain._replace(point=start, direction=direction / np.linalg.norm(direction))))
+        tried = tried or [(0.0, plain)]    # from no point of the area is the target ahead
+        tried.sort(key=lambda entry: entry[0])
+        best: tuple[float, Aim] | None = None
+        for _, aim in tried:    # the first aim that keeps the clearances has the least tilt
+            missing = self.straight_missing(aim)
+            if best is None or missing < best[0]:
+                best = (missing, aim)
+            if missing == 0.0:
+                break
+        return "", best[1]
+
+    # ---- nominal parameters ---------------------------------------------------------------------------------------------------------------
+
+    def search(self, freedom: Freedom) -> Found:
+        """Runs SciPy's least_squares on the error and on missing clearances."""
+        from scipy.optimize import least_squares
+        kept: dict[bytes, tuple[Array, Outcome | None, Array]] = {}
+        further = 0.0
+
+        def evaluate(x: Array) -> tuple[Array, Outcome | None, Array]:
+            nonlocal further
+            key = x.tobytes()
+            if key not in kept:
+                try:
+                    outcome = self.rehearsals[0].best(freedom.aim(x), self.target, further)
+                    further = outcome.depth - depth_of(freedom.aim(x), self.target)
+                    missing = self.missing(self.clearances(outcome))
+                    kept[key] = np.concatenate([outcome.error, missing]) / UNIT, outcome, missing
+                except Error as error:
+                    if error.status in ("no memory", "system"):
+                        raise
+                    kept[key] = np.full(3 + len(self.problem.obstacles), FAILED / UNIT), None, np.zeros(1)
+            return kept[key]
+
+        def residual(x: Array) -> Array:
+            return np.concatenate([evaluate(x)[0], STAY * (x - freedom.start)])
+
+        def jacobian(x: Array) -> Array:
+            here = residual(x)
+            columns = [(residual(other) - here) / step for other, step in (freedom.stepped(x, i) for i in range(len(x)))]
+            return np.stack(columns, axis=1)
+
+        x = freedom.start
+        if len(x):
+            inner = np.clip(x, freedom.low + 1e-6, freedom.high - 1e-6)    # least_squares must start strictly within the limits
+            x = least_squares(residual, inner, jacobian, bounds=(freedom.low, freedom.high), x_scale=1.0, xtol=1e-4, ftol=1e-5, gtol=1e-6, max_nfev=15).x
+        _, outcome, missing = evaluate(x)
+        aim = freedom.aim(x)
+        if outcome is None:
+            return Found(aim, depth_of(aim, self.target), FAILED, math.inf, freedom.at_limits(x), x, freedom)
+        if aim.turn and aim.turn.depth > outcome.depth - LAST:
+            aim = aim._replace(turn=None)
+        return Found(aim, outcome.depth, outcome.distance, float(missing.sum()), freedom.at_limits(x), x, freedom)
+
+    def _skin(self, aim: Aim) -> float:
+        entry = self.models[0].entry(aim.point - self.problem.hand.outside * aim.direction, self.target.point)
+        return 0.0 if entry is None else max(float((entry - aim.point) @ aim.direction), 0.0)
+
+    def _start(self, aim: Aim) -> tuple[Aim, float, float]:
+        return aim, depth_of(aim, self.target), self._skin(aim)
+
+    def towards_target(self, aim: Aim) -> Aim:
+        """Returns a hole's aim with the roll with which the bevel bends the needle to the target, and the turn that ends the bending."""
+        problem = self.problem
+        if not problem.bevelled or problem.roll is not None and not problem.turn:
+            return aim
+        frame = towards(aim.direction)
+        x, y = rotate(frame, [1.0, 0.0, 0.0]), rotate(frame, [0.0, 1.0, 0.0])
+        off = self.target.point - aim.point
+        if problem.roll is None:
+            aim = aim._replace(roll=math.atan2(off @ x, -(off @ y)))    # the bevel moves the tip away from its face, local +y
+        if not problem.turn:
+            return aim
+        side = math.sin(aim.roll) * x - math.cos(aim.roll) * y
+        outcome = self.rehearsals[0].best(aim, self.target)
+        bent = float((outcome.shaft[-1] - aim.point) @ side)
+        depth, skin = outcome.depth, self._skin(aim)
+        share = float(np.clip(0.5 * (1.0 + (off @ side) / max(bent, 1e-6)), 0.0, 1.0))
+        return aim if share > 0.98 else aim._replace(turn=Turn(skin + share * (depth - skin), math.pi))
+
+    def starts(self) -> Iterator[tuple[str, Aim]]:
+        """Yields holes ("" in an area) and aims from which a search may start."""
+        problem = self.problem
+        if problem.area is None:
+            near = self.hole_aims()
+            clear = [entry for entry in near[:4 * NEIGHBOURS] if self.straight_missing(entry[1]) < 2e-3] or near
+            for hole, aim in clear[:NEIGHBOURS]:
+                yield hole, self.towards_target(aim)
+            return
+        _, rigid = self.rigid()
+        skin, depth = self._skin(rigid), depth_of(rigid, self.target)
+        turn = Turn(0.5 * (skin + depth), math.pi) if problem.turn else None    # the depth at which it cancels most of the bevel's effect
+        for roll in [rigid.roll] if problem.roll is not None else ROLLS:
+            yield "", rigid._replace(roll=roll, turn=turn)
+
+    def plan(self) -> tuple[tuple[str, Found], tuple[str, Found]]:
+        """Returns the plan for nominal parameters and the plan for the objective: hole and insertion. Searches from one start after the other
+        until the target is reached."""
+        problem, nominal, best = self.problem, None, None
+        for hole, aim in self.starts():
+            found = self.search(Freedom(problem, *self._start(aim)))
+            if nominal is None or found.rank() < nominal[1].rank():
+                nominal = hole, found
+            elif found.missing > ROUNDING or found.error > nominal[1].error + problem.tolerance:
+                continue
+            if problem.objective != "nominal" and len(self.models) > 1:
+                found = self.robust(found)
+            if best is None or found.rank() < best[1].rank():
+                best = hole, found
+            if found.reaches(problem.tolerance):
+                break
+        return nominal, best
+
+    # ---- samples --------------------------------------------------------------------------------------------------------------------------
+
+    def robust(self, nominal: Found) -> Found:
+        """Minimises the mean square error, or the worst error, in the samples, starting from the plan for nominal parameters."""
+        from scipy.optimize import least_squares
+        problem, freedom = self.problem, nominal.freedom
+        rehearsals, obstacles, n = self.all_rehearsals(), len(problem.obstacles), len(nominal.x) + 1
+        steps = np.append(freedom.steps, 0.2)      # the depth, in mm, is the last part of z
+        kept: dict[bytes, tuple[Array, Array]] = {}
+
+        def evaluate(z: Array) -> tuple[Array, Array]:
+            """Returns errors (samples, 3), and clearances minus the wanted ones (samples, obstacles), in units."""
+            key = z.tobytes()
+            if key not in kept:
+                aim, errors, free = freedom.aim(z[:-1]), [], []
+                for rehearsal in rehearsals:
+                    try:
+                        outcome = rehearsal.at(aim, 1e-3 * z[-1], self.target)
+                        errors.append(outcome.error)
+                        free.append([there - o.clearance - MARGIN for o, there in zip(problem.obstacles, self.clearances(outcome))])
+                    except Error as error:
+                        if error.status in ("no memory", "system"):
+                            raise
+                        errors.append(np.full(3, FAILED))
+                        free.append([-FAILED] * obstacles)
+                kept[key] = np.array(errors) / UNIT, np.reshape(free, (len(errors), obstacles)) / UNIT
+            return kept[key]
+
+        def slopes(z: Array) -> tuple[Array, Array]:
+            """Returns the derivatives of `evaluate`, with the variables as last axis."""
+            here, parts = evaluate(z), []
+            for i in range(n):
+                if i < n - 1:
+                    x, step = freedom.stepped(z[:-1], i, LONGER)
+                    other = np.append(x, z[-1])
+                else:
+                    other, step = z.copy(), steps[-1]
+                    other[-1] += step
+                there = evaluate(other)
+                parts.append(((there[0] - here[0]) / step, (there[1] - here[1]) / step))
+            return np.stack([p[0] for p in parts], axis=-1), np.stack([p[1] for p in parts], axis=-1)
+
+        start = np.append(nominal.x, 1e3 * nominal.depth)
+        inner = np.clip(start, np.append(freedom.low + 1e-6, -np.inf), np.append(freedom.high - 1e-6, np.inf))
+        low, high = np.append(freedom.low, start[-1] - 10.0), np.append(freedom.high, start[-1] + 10.0)
+        share = 1.0 / math.sqrt(len(rehearsals))
+
+        def residual(z: Array) -> Array:
+            errors, free = evaluate(z)
+            return np.concatenate([share * errors.ravel(), np.minimum(free, 0.0).ravel(), STAY * (z - start)])
+
+        def jacobian(z: Array) -> Array:
+            (_, free), (errors_, free_) = evaluate(z), slopes(z)
+            return np.concatenate([share * errors_.reshape(-1, n), np.where(free < 0.0, 1.0, 0.0).reshape(-1, 1) * free_.reshape(-1, n), STAY * np.eye(n)])
+
+        if problem.objective == "worst":
+            self._worst(inner, low, high, evaluate, slopes)
+        else:
+            least_squares(residual, inner, jacobian, bounds=(low, high), x_scale=1.0, xtol=1e-4, ftol=1e-5, gtol=1e-6, max_nfev=12)
+
+        mean_square = lambda errors: math.sqrt(np.mean(np.sum(errors ** 2, axis=1)))
+        measure = mean_square if problem.objective == "mean" else (lambda errors: np.linalg.norm(errors, axis=1).max())
+        short = lambda free: float(np.maximum(-free, 0.0).max(initial=0.0))
+        inside = [np.frombuffer(key) for key in kept if np.all(np.frombuffer(key) >= low - 1e-12) and np.all(np.frombuffer(key) <= high + 1e-12)]
+        z = min(inside, key=lambda z: (round(max(short(evaluate(z)[1]) - ROUNDING / UNIT, 0.0), 1), measure(evaluate(z)[0])))
+        errors, free = evaluate(z)
+        aim = freedom.aim(z[:-1])
+        if aim.turn and aim.turn.depth > 1e-3 * z[-1] - LAST:
+            aim = aim._replace(turn=None)
+        return Found(aim, 1e-3 * float(z[-1]), UNIT * float(measure(errors)), UNIT * short(free), freedom.at_limits(z[:-1]), z[:-1], freedom)
+
+    def _worst(self, start: Array, low: Array, high: Array, evaluate: Callable, slopes: Callable) -> None:
+        """Minimises the worst error by steps that are optimal for errors and clearances linear in z, within a trust region (Madsen, Journal of the
+        Institute of Mathematics and its Applications 16, 1975, 321-328; here with SciPy's SLSQP). `evaluate` records all points tried."""
+        def merit(z: Array) -> float:
+            errors, free = evaluate(z)
+            return float(np.linalg.norm(errors, axis=1).max() + TOO_NEAR * np.maximum(-free, 0.0).max(initial=0.0))
+
+        z, radius = start, 0.5
+        for _ in range(STEPS):
+            (errors, free), (errors_, free_) = evaluate(z), slopes(z)
+            step, predicted = _linear_step(errors, free.ravel(), errors_, free_.reshape(free.size, len(z)), np.maximum(low - z, -radius), np.minimum(high - z, radius))
+            gain = merit(z) - predicted
+            if gain < ENOUGH or radius < SMALLEST:
+                break
+            ratio = (merit(z) - merit(z + step)) / gain
+            if ratio > 0.75:
+                radius *= 2.0
+            elif ratio < 0.25:
+                radius = 0.4 * min(radius, float(np.abs(step).max()))
+            if ratio > 0.05:
+                z = z + step
+
+
+def _linear_step(errors: Array, free: Array, errors_: Array, free_: Array, low: Array, high: Array) -> tuple[Array, float]:
+    """Returns the step between limits that minimises the longest of the errors (samples, 3) plus the largest shortfall of `free` (m,),
+    weighted, with slopes (samples, 3, n) and (m, n); and that minimum."""
+    from scipy.optimize import minimize
+    n, m = len(low), len(free)
+
+    def constraints(y: Array) -> Array:    # y: the step, the bound of the errors, the bound of the shortfalls
+        there = errors + errors_ @ y[:n]
+        return np.concatenate([y[n] - np.sqrt(np.sum(there ** 2, axis=1) + 1e-4), free + free_ @ y[:n] + y[n + 1]])
+
+    def gradients(y: Array) -> Array:
+        there = errors + errors_ @ y[:n]
+        of_errors = -np.einsum("si,sin->sn", there, errors_) / np.sqrt(np.sum(there ** 2, axis=1) + 1e-4)[:, None]
+        return np.block([[of_errors, np.ones((len(errors), 1)), np.zeros((len(errors), 1))], [free_, np.zeros((m, 1)), np.ones((m, 1))]])
+
+    first = np.concatenate([np.zeros(n), [np.linalg.norm(errors, axis=1).max() + 0.01, np.maximum(-free, 0.0).max(initial=0.0)]])
+    weights = np.concatenate([np.zeros(n), [1.0, TOO_NEAR]])
+    with warnings.catch_warnings():
+        warnings.simplefilter("ignore", RuntimeWarning)    # SLSQP exceeds the limits by rounding errors, and warns about that
+        found = minimize(lambda y: weights @ y, first, jac=lambda y: weights, method="SLSQP", bounds=[*zip(low, high), (0.0, None), (0.0, None)],
+                         constraints={"type": "ineq", "fun": constraints, "jac": gradients}, options={"maxiter": 100, "ftol": 1e-5})
+    step = np.clip(found.x[:n], low, high)
+    value = np.linalg.norm(errors + errors_ @ step, axis=1).max() + TOO_NEAR * np.maximum(-(free + free_ @ step), 0.0).max(initial=0.0)
+    return step, float(value)

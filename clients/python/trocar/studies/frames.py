@@ -1,0 +1,123 @@
+"""Frames of a study: displacement fields, contacts and wrenches at regular times, for learning.
+
+While a study runs, each run has a file of its own in the folder `frames`; `trocar-study collect` merges them into one file, frames.h5, whose data sets
+are chunked by run and compressed:
+
+    time (frames) s                        parameters (runs, parameters), with the attribute `names`
+    pose (runs, frames, 7)                 of the base: x y z (m), w x y z
+    force, torque (runs, frames, 3)        N and N m: exerted by the base on the hand, torque about the base point
+    depth (runs, frames) m                 of the track
+    centreline (runs, frames, joints, 3) m from base to tip
+    displacements (runs, frames, nodes, 3) m, of the mesh's nodes, single precision
+    contact_count (runs, frames)           entries in use of the next three
+    contact_position, contact_force (runs, frames, contacts, 3)    m, and N on the tissue
+    contact_kind (runs, frames, contacts)  0 tissue, 1 tip, 2 guide
+    run, ok (runs)                         number in the study; 1 if the run was finished
+    nodes (nodes, 3) m at rest, tets (tets, 4), tet_regions (tets), with the attribute `names`
+"""
+from __future__ import annotations
+
+import math
+import os
+import shutil
+from pathlib import Path
+from types import TracebackType
+from typing import Any
+
+import h5py
+import numpy as np
+
+from .. import Model
+from ._definition import Study
+from .._library import lib
+from ._quantities import Recording
+
+__all__ = ["Writer", "collect", "size_in_words"]
+
+_KINDS = {"tissue": 0, "tip": 1, "guide": 2}
+_MESH = ("nodes", "tets", "tet_regions")
+_COMPRESSED = {"compression": "gzip", "compression_opts": 4, "shuffle": True}
+_LEFT = 0.65    # size of a run's file relative to its uncompressed displacements and centrelines, measured for the insertion of figure 8
+
+
+def size_in_words(study: Study, folder: Path) -> str:
+    """Returns a text with the approximate size of the frames of all runs of a study in this folder, and the free space there; "" for a study without
+    frames."""
+    samples = study.samples()
+    if not study.frames_every or not len(samples):
+        return ""
+    model = Model(study.run_scene(samples[0]), mesh_only=True)
+    count = math.floor(study.run_motion(samples[0]).duration() / study.frames_every + 1e-9) + 1
+    joints = lib.trocar_model_segments(model._handle) + 1
+    each = _LEFT * count * (12 * len(model.nodes) + 24 * joints)
+    return (f"frames: about {_bytes(each * len(samples))} for {len(samples)} runs ({count} frames of {len(model.nodes)} nodes each), and as much again once they are "
+            f"collected in frames.h5; {_bytes(shutil.disk_usage(folder).free)} are free in {folder}")
+
+
+def _bytes(size: float) -> str:
+    return f"{size / 1e9:.0f} GB" if size >= 10e9 else f"{size / 1e9:.1f} GB" if size >= 1e9 else f"{size / 1e6:.0f} MB" if size >= 10e6 else f"{size / 1e6:.1f} MB"
+
+
+class Writer:
+    """Writes the frames of one run. The complete file appears when it is closed; after an exception, there is no file."""
+
+    def __init__(self, path: Path, model: Model):
+        self.path, self.model = path, model
+        self._frames: list[dict[str, Any]] = []
+
+    def __enter__(self) -> Writer:
+        return self
+
+    def add(self, time: float, recording: Recording) -> None:
+        sim, out = recording.sim, recording.outputs[-1][-1]
+        contacts = sim.contacts()
+        room = lib.TROCAR_MAX_POINTS
+        place, force, kind = np.zeros((room, 3), np.float32), np.zeros((room, 3), np.float32), np.zeros(room, np.uint8)
+        for i, contact in enumerate(contacts):
+            place[i], force[i], kind[i] = contact.position, contact.force, _KINDS[contact.kind]
+        self._frames.append({"time": time, "pose": recording.poses[-1][-1], "force": out["force"], "torque": out["torque"], "depth": out["depth"],
+                             "centreline": sim.centreline(), "displacements": recording.displacements().astype(np.float32),
+                             "contact_count": np.uint8(len(contacts)), "contact_position": place, "contact_force": force, "contact_kind": kind})
+
+    def __exit__(self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None) -> None:
+        if kind is not None:
+            return
+        temporary = self.path.with_suffix(f".{os.getpid()}")
+        with h5py.File(temporary, "w") as file:
+            for name in self._frames[0]:
+                file.create_dataset(name, data=np.stack([frame[name] for frame in self._frames]), **_COMPRESSED)
+            for name in _MESH:
+                file.create_dataset(name, data=getattr(self.model, name), **_COMPRESSED)
+            file["tet_regions"].attrs["names"] = self.model.groups
+        os.replace(temporary, self.path)
+
+
+def collect(folder: Path, path: Path, parameters: np.ndarray, names: list[str]) -> int:
+    """Merges the files of all runs in `folder` into one; `parameters` are those of the runs, (runs, p). Returns the number of runs with frames."""
+    files = sorted(folder.glob("*.h5"))
+    files = [file for file in files if int(file.stem) < len(parameters)]
+    if not files:
+        return 0
+    temporary = path.with_suffix(f".{os.getpid()}")
+    with h5py.File(temporary, "w") as whole:
+        with h5py.File(files[0]) as first:
+            for name, data in first.items():
+                if name in (*_MESH, "time"):
+                    first.copy(name, whole)
+                else:    # at most 1 MB per chunk, or a single frame
+                    each = max(1, min(len(data), (1 << 20) // max(data[0:1].nbytes, 1)))
+                    whole.create_dataset(name, shape=(len(files), *data.shape), dtype=data.dtype, chunks=(1, each, *data.shape[1:]), **_COMPRESSED)
+        whole["run"] = np.array([int(file.stem) for file in files], np.int64)
+        whole["ok"] = np.zeros(len(files), np.uint8)
+        whole["parameters"] = parameters[whole["run"][:]]
+        whole["parameters"].attrs["names"] = names
+        for i, file in enumerate(files):
+            with h5py.File(file) as run:
+                if run["time"].shape != whole["time"].shape:
+                    continue
+                for name, data in run.items():
+                    if name not in (*_MESH, "time"):
+                        whole[name][i] = data[:]
+            whole["ok"][i] = 1
+    os.replace(temporary, path)
+    return len(files)

@@ -1,0 +1,108 @@
+#!/usr/bin/python3
+"""Two rigid needles a few millimetres apart: the force on each when one is moved, against needles whose surfaces are resolved (resolved_pair.json).
+
+The needles are closer than an element, so that most of what one does to the other is not resolved by the mesh.
+"""
+import json
+import os
+import sys
+from pathlib import Path
+
+import numpy as np
+
+sys.path[:0] = [str(Path(__file__).resolve().parents[1] / folder) for folder in (".", "references")]
+import needle_meshes  # noqa: E402: first, because it skips this check if Gmsh is missing
+from rows import REPOSITORY, Rows  # noqa: E402
+
+LIMITS = {448: 0.10, 1440: 0.05}  # nodes: largest error of a force; of others it is measured
+RECIPROCAL = 0.02                 # fraction of the largest force: largest difference of both needles' lateral forces
+LENGTH = 0.2                      # m, default length of the needle
+STEP, TICKS, RISE = 1e-3, 300, 100  # m; of 1 ms: in all, and while the needle moves
+
+
+def block(cubes):
+    """Returns Kuhn's mesh of the block: nodes, tetrahedra, faces at z = 0."""
+    nodes, tets = needle_meshes.structured("Kuhn", cubes)
+    faces = np.concatenate([tets[:, [0, 1, 2]], tets[:, [0, 1, 3]], tets[:, [0, 2, 3]], tets[:, [1, 2, 3]]])
+    return nodes, tets, faces[(np.abs(nodes[faces][:, :, 2]) < 1e-9).all(axis=1)]
+
+
+def stuck_needles(cubes, case):
+    """Returns a model of two rigid needles that stick to the tissue."""
+    nodes, tets, low = block(cubes)
+    scene = trocar.Scene()
+    scene.set_mesh(trocar.Mesh(nodes, tets, regions=["tissue"], surfaces=["low"], triangles=low, triangle_surface=[0] * len(low)))
+    scene["fixed"] = ["low"]
+    for key, value in {"youngs_modulus": case["youngs_modulus"], "poisson_ratio": case["poisson_ratio"], "cutting_force": 1e4, "friction.static": 1e7,
+                       "friction.kinetic": 1e7, "friction.viscous": 0}.items():
+        scene[f"regions[tissue].{key}"] = value
+    scene["needles"], scene["needle.inner_diameter"], scene["needle.youngs_modulus"] = 2, 0, 2e17
+    return len(nodes), trocar.Model(scene)
+
+
+def forces_of_move(sim, bases, moved, axis):
+    """Returns the forces on both hands (2, 3), N, after needle `moved` has moved by STEP: along z, downwards."""
+    for needle in (0, 1):
+        sim.reset(bases[needle], needle)
+    forces, base = np.zeros((2, 3)), [b.copy() for b in bases]
+    for tick in range(TICKS):
+        base[moved][axis] = bases[moved][axis] + STEP * min(1.0, tick / RISE) * (-1 if axis == 2 else 1)
+        for needle in (0, 1):
+            forces[needle] = sim.step(base[needle], 1e-3, needle).force[:3]
+    return forces
+
+
+def compare(rows, case, cubes):
+    count, model = stuck_needles(cubes, case)
+    sim, apart = trocar.Sim(model), np.ptp([entry[0] for entry, _ in case["needles"]])
+    bases = [np.array([*entry[:2], tip[2] + LENGTH, 0.0, 1.0, 0.0, 0.0]) for entry, tip in case["needles"]]
+    columns = np.array([[forces_of_move(sim, bases, moved, axis) for axis in range(3)] for moved in (0, 1)])
+    for axis, way in enumerate(("across the gap", "sideways", "along")):
+        for needle, whose in ((0, "other needle"), (1, "moved needle")):
+            value, expected = abs(columns[1, axis, needle, axis]), abs(case["force"][1][axis][needle][axis])
+            check, reference = f"{1e3 * apart:g} mm apart, moved {way}, {count} nodes: on the {whose}", "needles' surfaces resolved, CalculiX C3D10"
+            if count in LIMITS:
+                rows.compare(check, reference, value, expected, LIMITS[count], "N")
+            else:
+                rows.measured(check, reference, value, expected, abs(value / expected - 1), "N")
+    check_coupling(rows, f"{1e3 * apart:g} mm apart, {count} nodes", columns[:, :2, :, :2].reshape(4, 4))
+
+
+def check_coupling(rows, name, across):
+    """Of two needles: `across` are the forces along x and y on each by moving each along x and y."""
+    rows.error(f"{name}: forces on each other across the needles, difference over the largest", "reciprocity", np.abs(across - across.T).max() / np.abs(across).max(), RECIPROCAL)
+    least, largest = np.linalg.eigvalsh(-0.5 * (across + across.T))[[0, -1]]
+    rows.add(f"{name}: least stiffness of both across, over the largest", "positive", least / largest, None, max(0.0, -least / largest), 0.0)
+
+
+def leaning_base(point, lean):
+    """Returns the base of a needle that leans about y and passes through the point, with its tip 30 mm beyond."""
+    turn, along = 0.5 * (np.pi - lean), np.array([np.sin(lean), 0.0, -np.cos(lean)])
+    return np.array([*(point + (0.03 - LENGTH) * along), np.cos(turn), 0.0, np.sin(turn), 0.0])
+
+
+def cross(rows, case, cubes, apart, angle):
+    """Compares needles that pass each other at this distance and angle."""
+    count, model = stuck_needles(cubes, case)
+    sim, middle = trocar.Sim(model), np.array([0.001, 0.0011, 0.045])
+    bases = [leaning_base(middle + np.array([0, side * apart, 0]), 2 * (side - 0.5) * 0.5 * angle) for side in (0, 1)]
+    columns = np.array([[forces_of_move(sim, bases, moved, axis) for axis in (0, 1)] for moved in (0, 1)])
+    check_coupling(rows, f"{1e3 * apart:g} mm apart at {np.degrees(angle):.0f} degrees, {count} nodes", columns[:, :, :, :2].reshape(4, 4))
+
+
+def main():
+    rows = Rows.from_arguments(__doc__, "Needles close to each other: force for 1 mm")
+    sys.path.insert(0, str(rows.build / "clients/python"))
+    os.environ["TROCAR_LIBRARY"] = str(rows.build / "core/libtrocar.so")
+    global trocar
+    import trocar
+    table = json.loads((REPOSITORY / "tests/verification/references/resolved_pair.json").read_text())
+    for cubes in ((7, 7, 6), (11, 11, 9)) if rows.short_form else ((7, 7, 6), (11, 11, 9), (19, 19, 15)):
+        compare(rows, table["cases"]["apart_5"], cubes)
+    for apart, angle in ((1.5e-3, 0.0), (3e-3, 0.5), (3e-3, 1.0), (8e-3, 1.0)):
+        cross(rows, table["cases"]["apart_5"], (11, 11, 9), apart, angle)
+    return rows.end()
+
+
+if __name__ == "__main__":
+    sys.exit(main())

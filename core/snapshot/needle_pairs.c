@@ -7,6 +7,9 @@ enum { FIELDS = 1024 };              /* lines whose fields are cached: those of 
 static const double REACH = 3.0; /* edge lengths: distance from a line beyond which its patches have no nodes. Derived: a patch extends 1.6 edge lengths, plus
                                     up to one element */
 
+static const double LEAST_PIECE = 1e-5; /* m: half the length that a piece of a shaft has at least, and the width over which its force is spread. Rounding
+                                           tolerance: a tip on the skin has no length */
+
 struct needle_pairs {
     resolver *resolver;
     const mesh *mesh;
@@ -95,18 +98,28 @@ typedef struct {
     vec3 place;              /* m, point of the piece beside the step's middle */
 } meeting;
 
+/* Second antiderivative of a box of width `width` and area 1 about 0. */
+static double box_twice_integrated(double t, double width) {
+    if (t <= -0.5 * width) return 0.0;
+    return t >= 0.5 * width ? t : 0.5 * (t + 0.5 * width) * (t + 0.5 * width) / width;
+}
+
 /* Lines interact where they are beside each other, measured along the bisector of their directions. Both lines then use the same measure, so that the forces
-   are reciprocal. */
+   are reciprocal. A force at a point of one line moves the other one over a length of twice the distance between them: spread evenly over this length, it has
+   as much of Kelvin's line force as the mesh does not resolve as of Kelvin's point force, at the distance from which on the mesh resolves both. */
 static meeting meet(const shaft_steps *steps, int k, const shaft_piece *piece) {
     vec3 along = steps->at[k].direction, other = piece->direction;
     if (v3_dot(along, other) < 0.0) other = v3_scale(-1.0, other);
     vec3 between = v3_unit(v3_add(along, other));
     double lean = v3_dot(along, between), half = 0.5 * lean * steps->step, middle = v3_dot(steps->at[k].place, between);
     double a = v3_dot(place_at(piece, piece->from), between), b = v3_dot(place_at(piece, piece->to), between);
-    double common = fmin(middle + half, fmax(a, b)) - fmax(middle - half, fmin(a, b));
-    if (!(common > 0.0)) return (meeting){.part = 0.0};
+    double centre = 0.5 * (a + b), half_piece = fmax(0.5 * fabs(b - a), LEAST_PIECE);
     vec3 place = v3_axpy((middle - v3_dot(piece->place, between)) / lean, other, piece->place);
-    return (meeting){common / ((piece->to - piece->from) * steps->step * lean), place};
+    double width = fmax(2.0 * v3_norm(v3_sub(place, steps->at[k].place)), LEAST_PIECE), apart = middle - centre;
+    double common = box_twice_integrated(apart + half + half_piece, width) - box_twice_integrated(apart + half - half_piece, width) -
+                    box_twice_integrated(apart - half + half_piece, width) + box_twice_integrated(apart - half - half_piece, width);
+    if (!(common > 0.0)) return (meeting){.part = 0.0};
+    return (meeting){common * lean / (4.0 * half * half_piece), place};
 }
 
 /* Displacement at a place by a force per length on the other line, as far as the mesh does not resolve it: the mean of the estimates by both lines' patches. */
@@ -124,7 +137,7 @@ trocar_status needle_pairs_find(needle_pairs *p, const shaft_steps *steps, const
     const line_field *of = NULL, *own = NULL;
     const line_in_tet *own_line = NULL;
     *from = *to = 0;
-    if (!(piece->to > piece->from)) return TROCAR_OK;
+    if (v3_norm(piece->direction) == 0.0) return TROCAR_OK; /* no shaft exerts the force */
     int tet = piece->line.tet;
     vec3 middle = place_at(piece, 0.5 * (piece->from + piece->to));
     double reach = REACH * mesh_edge_length(p->mesh, tet) + (piece->to - piece->from);

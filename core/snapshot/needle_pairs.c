@@ -8,7 +8,7 @@ static const double REACH = 3.0; /* edge lengths: distance from a line beyond wh
                                     up to one element */
 
 static const double LEAST_PIECE = 1e-5; /* m: half the length that a piece of a shaft has at least, and the width over which its force is spread. Rounding
-                                           tolerance: a tip on the skin has no length */
+                                           tolerance */
 
 struct needle_pairs {
     resolver *resolver;
@@ -137,7 +137,7 @@ trocar_status needle_pairs_find(needle_pairs *p, const shaft_steps *steps, const
     const line_field *of = NULL, *own = NULL;
     const line_in_tet *own_line = NULL;
     *from = *to = 0;
-    if (v3_norm(piece->direction) == 0.0) return TROCAR_OK; /* no shaft exerts the force */
+    if (!(piece->to > piece->from)) return TROCAR_OK;
     int tet = piece->line.tet;
     vec3 middle = place_at(piece, 0.5 * (piece->from + piece->to));
     double reach = REACH * mesh_edge_length(p->mesh, tet) + (piece->to - piece->from);

@@ -65,7 +65,8 @@ static const struct { const char *name; double value; } OPTIONS[] = {
 };
 enum { OPTION_COUNT = sizeof OPTIONS / sizeof *OPTIONS };
 
-static trocar_status convert(const gmsh_functions *g, const char *path, const char *converted, report *why) {
+/* Sets *added if a model was added, in which the mesh is then. */
+static trocar_status convert(const gmsh_functions *g, const char *path, const char *converted, bool *added, report *why) {
     double before[OPTION_COUNT];
     int error = 0, ignored = 0;
     for (int i = 0; i < OPTION_COUNT; i++) {
@@ -73,6 +74,7 @@ static trocar_status convert(const gmsh_functions *g, const char *path, const ch
         g->set_number(OPTIONS[i].name, OPTIONS[i].value, &ignored);
     }
     g->add_model("trocar", &error);
+    *added = error == 0;
     if (!error) g->merge(path, &error);
     trocar_status status = error ? cannot_read(g, path, why) : TROCAR_OK;
     if (status == TROCAR_OK) {
@@ -105,12 +107,13 @@ static trocar_status convert_in_session(const gmsh_functions *g, const char *pat
     if (hosted) g->get_current(&host_model, &error);
     else start(g, &error);
     if (error) return fail(why, TROCAR_SYSTEM, "%s: cannot start Gmsh (error %d)", path, error);
-    trocar_status status = convert(g, path, converted, why);
+    bool added;
+    trocar_status status = convert(g, path, converted, &added, why);
     if (!hosted) {
         g->finish(&error);
         return status;
     }
-    g->remove_model(&error);
+    if (added) g->remove_model(&error);
     g->set_current(host_model, &error);
     g->release(host_model);
     return status;

@@ -199,8 +199,6 @@ static void collect_boundary(mesh *m) {
 
 /* ---- the whole mesh ---- */
 
-/* ---- the whole mesh ---- */
-
 static trocar_status join_faces(mesh *m, const surface_triangles *triangles, const char *name, report *why) {
     face_record *faces = sorted_faces(m);
     if (!faces) return fail(why, TROCAR_NO_MEMORY, "%s: no memory for %d tetrahedra", name, m->tet_count);

@@ -1,6 +1,7 @@
 #include "mesh/msh_reader.h"
 
 #include <inttypes.h>
+#include <math.h>
 #include <limits.h>
 #include <stdlib.h>
 #include <string.h>
@@ -69,6 +70,8 @@ static void add_membership(reader *r, int dimension, int entity, int tag) {
     if (going_on(r)) c->memberships[c->membership_count++] = added;
 }
 
+enum { MOST_NAMES = 10000 };
+
 static bool name_is_taken(const msh_contents *c, int dimension, const char *text) {
     for (size_t i = 0; i < c->name_count; i++)
         if (c->names[i].dimension == dimension && strcmp(c->names[i].text, text) == 0) return true;
@@ -79,6 +82,7 @@ static bool name_is_taken(const msh_contents *c, int dimension, const char *text
 static void read_names(reader *r) {
     msh_contents *c = r->contents;
     int64_t count = msh_text_int_line(&r->in);
+    if (count < 0 || count > MOST_NAMES) msh_fail(&r->in, "$PhysicalNames announces %" PRId64 " names: expected 0 to %d", count, MOST_NAMES);
     for (int64_t i = 0; i < count && going_on(r); i++) {
         msh_name name;
         name.dimension = (int)msh_text_int(&r->in);
@@ -103,7 +107,10 @@ static void begin_nodes(reader *r, uint64_t count, int bytes) {
 }
 
 static void read_coordinates(reader *r, msh_node *node, int parameters) {
-    for (int k = 0; k < 3; k++) node->x[k] = msh_real(&r->in);
+    for (int k = 0; k < 3; k++) {
+        node->x[k] = msh_real(&r->in);
+        if (going_on(r) && !isfinite(node->x[k])) msh_fail(&r->in, "a node has the coordinate %g: export the mesh again", node->x[k]);
+    }
     for (int k = 0; k < parameters; k++) msh_real(&r->in);
 }
 

@@ -60,7 +60,7 @@ int64_t msh_text_int(msh_stream *s) {
     if (s->status != TROCAR_OK) return 0;
     errno = 0;
     long long number = strtoll(word, &end, 10);
-    if (*end != '\0' || errno != 0) msh_fail(s, "\"%s\" is not a whole number, which $%s needs here: export the mesh again", word, s->section);
+    if (end == word || *end != '\0' || errno != 0) msh_fail(s, "\"%s\" is not a whole number, which $%s needs here: export the mesh again", word, s->section);
     return s->status == TROCAR_OK ? number : 0;
 }
 
@@ -75,7 +75,7 @@ double msh_text_real(msh_stream *s) {
     read_word(s, word);
     if (s->status != TROCAR_OK) return 0;
     double number = decimal_read(word, &end);
-    if (*end != '\0') msh_fail(s, "\"%s\" is not a number, which $%s needs here: export the mesh again", word, s->section);
+    if (end == word || *end != '\0') msh_fail(s, "\"%s\" is not a number, which $%s needs here: export the mesh again", word, s->section);
     return number;
 }
 

@@ -4,7 +4,7 @@ The first-order index of a parameter is the fraction of the result's variance du
 interactions with others. The design has N (p + 2) points for p parameters: N points A, N points B, and for each parameter the points A with this
 parameter's values from B.
 
-    >>> from trocar import sensitivity
+    >>> from trocar.studies import sensitivity
     >>> points = sensitivity.design(3, 1024, seed=1)             # in the unit cube
     >>> found = sensitivity.indices(function(points), 3)
     >>> found.first, found.total

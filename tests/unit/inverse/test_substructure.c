@@ -1,5 +1,5 @@
-/* The region's stiffness after the elimination of all other nodes is compared with the inverse of the whole matrix by LAPACK; on a larger
-   mesh, with fronts of several panels, with CHOLMOD's factor. Its memory is compared with malloc's count. */
+/* After the elimination of all other nodes, the region's stiffness is compared with the inverse of the whole matrix by LAPACK; on a larger mesh, with fronts of
+   several panels, it is compared with CHOLMOD's factor. The memory estimate is compared with the amount counted by malloc. */
 #include <cblas.h>
 #include <lapacke.h>
 #include <malloc.h>
@@ -17,7 +17,7 @@
 
 #include "check.h"
 
-enum { CELLS = 8, SIDE = CELLS + 1, BOX = SIDE * SIDE * SIDE }; /* cells of a box, which the dissection cuts several times */
+enum { CELLS = 8, SIDE = CELLS + 1, BOX = SIDE * SIDE * SIDE }; /* cells along an edge of the box, enough for the dissection to divide it several times */
 static const region_material materials[2] = {{.youngs_modulus = 15e3, .poisson_ratio = 0.45}, {.youngs_modulus = 60e3, .poisson_ratio = 0.3}};
 
 typedef struct {
@@ -28,7 +28,7 @@ typedef struct {
 
 static int cubed(int n) { return n * n * n; }
 
-/* Makes a mesh of boxes that do not touch, with Kuhn's six tets per cell; soft below, stiff above. */
+/* Makes a mesh of boxes that do not touch, with Kuhn's six tetrahedra per cell; the lower part is soft, the upper part stiff. */
 static mesh mesh_of(int count, const box *boxes) {
     static const int orders[6][3] = {{0, 1, 2}, {1, 2, 0}, {2, 0, 1}, {0, 2, 1}, {2, 1, 0}, {1, 0, 2}};
     report why;
@@ -63,10 +63,10 @@ static mesh mesh_of(int count, const box *boxes) {
 
 static box upright(int cells, double x) { return (box){cells, v3(x, 0.0, 0.0), v3(0.01, 0.01, 0.01), q_exp(v3(0.0, 0.0, 0.0))}; }
 
-/* Makes one box, or two side by side. */
+/* Makes one box, or two boxes next to each other. */
 static mesh boxes(int count) { return mesh_of(count, (box[]){upright(CELLS, 0.0), upright(CELLS, 0.1)}); }
 
-/* Returns K^-1, dof_count square. */
+/* Returns K^-1, dof_count x dof_count. */
 static double *whole_inverse(const tissue *t) {
     int n = t->dof_count;
     const int *start = t->stiffness->p, *row = t->stiffness->i;
@@ -79,7 +79,7 @@ static double *whole_inverse(const tissue *t) {
     return a;
 }
 
-/* Returns (L L^T)^-1, lower triangle. */
+/* Returns the lower triangle of (L L^T)^-1. */
 static double *corner_inverse(const panels *corner, int n) {
     double *a = calloc((size_t)n * (size_t)n, sizeof *a);
     for (int k = 0; k < corner->count; k++)
@@ -134,7 +134,7 @@ static bool in_column(const mesh *m, int n, int box) {
     return n / BOX == box && fabs(m->nodes[n].x - 0.1 * box - 0.04) < 0.015 && fabs(m->nodes[n].y - 0.04) < 0.015;
 }
 
-/* Tests these regions: a column through the body, from its fixed face up; single nodes; two pieces; one node; all nodes. */
+/* Tests these regions: a column through the body, starting at its fixed face; single nodes; two separate pieces; a single node; all nodes. */
 static void regions_agree_with_the_whole_inverse(void **state) {
     (void)state;
     static bool fixed[BOX];
@@ -154,7 +154,7 @@ static void regions_agree_with_the_whole_inverse(void **state) {
     mesh_free(&m);
 }
 
-/* The other body has no part in the region, whichever body is eliminated first; or each body has a part. */
+/* With two bodies, the region contains nodes of one body only, whichever body is eliminated first; or it contains nodes of both. */
 static void bodies_may_be_apart(void **state) {
     (void)state;
     static bool fixed[2 * BOX];
@@ -170,7 +170,7 @@ static void bodies_may_be_apart(void **state) {
     mesh_free(&m);
 }
 
-/* A body that is not fixed, or that can rotate about two nodes, with the region in it or elsewhere. */
+/* A body that is not fixed, or that can rotate about two nodes, with the region inside it or in another body. */
 static void loose_body_is_refused(void **state) {
     (void)state;
     static int region[BOX];
@@ -198,7 +198,7 @@ static void loose_body_is_refused(void **state) {
     mesh_free(&m);
 }
 
-/* Random numbers that no library affects: METIS calls srand. */
+/* Random numbers that no library affects (METIS calls srand). */
 static unsigned any(unsigned below) {
     static unsigned long long state = 1;
     state = state * 6364136223846793005ULL + 1442695040888963407ULL;

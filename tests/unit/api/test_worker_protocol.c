@@ -150,7 +150,7 @@ static void requests_are_posted_once_and_their_age_is_known(void **unused) {
     assert_int_equal(link_waiting(&s.link, 1000 + 2 * REQUESTS_REMEMBERED), REQUESTS_REMEMBERED - 1);
     uint64_t before = s.state->request.serial;
     carry_out(&s, ON_LEAVE);
-    assert_true(s.state->request.serial > before + REQUESTS_REMEMBERED); /* even without the requests that the worker makes during a release */
+    assert_true(s.state->request.serial > before + REQUESTS_REMEMBERED); /* a release reserves request numbers for the worker */
     assert_int_equal(link_waiting(&s.link, 1 << 20), 0);
     close_single(&s);
 }

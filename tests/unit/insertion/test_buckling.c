@@ -81,7 +81,7 @@ typedef struct {
     double most, at_end;     /* N */
     /* N/m, largest change of force per displacement of the hand before buckling, which is the stiffness that the hand works against */
     double stiffest;
-    double jump;             /* largest change per tick after buckling, relative to the perceptible change or the change explained by `stiffness` */
+    double jump;             /* largest change per tick after buckling, relative to the perceptible change or the one explained by `stiffest` */
     double work, most_work;  /* J, the hand's work over the whole path, and its maximum along the path */
     int passes;              /* largest number of passes in a tick */
 } path;

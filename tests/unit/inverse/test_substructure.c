@@ -205,7 +205,8 @@ static unsigned any(unsigned below) {
     return (unsigned)(state >> 33) % below;
 }
 
-/* About ten nodes beside thousands, rotating about two fixed nodes in any direction; in the region or not. */
+/* A second body of about ten nodes next to one of thousands: it can rotate about two fixed nodes, whose axis has any direction, and it lies in the region or
+   outside. */
 static void small_loose_piece_is_refused(void **state) {
     (void)state;
     enum { LARGE = 12, BESIDE = (LARGE + 1) * (LARGE + 1) * (LARGE + 1), MOST = BESIDE + 27, TRIALS = 10 };
@@ -246,14 +247,14 @@ static void note_memory(const char *what, double fraction, void *context) {
     most_used = fmax(most_used, (double)now.uordblks + (double)now.hblkhd);
 }
 
-/* Starts the count; returns the memory in use. */
+/* Starts counting, and returns the memory in use. */
 static double begin_counting(void) {
     most_used = 0.0;
     note_memory("", 0.0, NULL);
     return most_used;
 }
 
-/* Does nothing under sanitizers, which have their own malloc. */
+/* Under sanitizers, which replace malloc, this has no effect. */
 static void assert_predicted(double predicted, double used) {
     if (mallinfo2().uordblks == 0) return;
     assert_true(predicted >= used);
@@ -283,7 +284,7 @@ static void assert_same_bits(const panels *a, const panels *b) {
         assert_memory_equal(a->panels[k].values, b->panels[k].values, (size_t)a->panels[k].rows * (size_t)a->panels[k].width * sizeof(double));
 }
 
-/* Computes a column of K^-1_RR with CHOLMOD's factor of the whole matrix. */
+/* Computes a column of K^-1_RR from CHOLMOD's factor of the whole matrix. */
 static double *column_by_factor(tissue *t, const int *nodes, int count, size_t column) {
     double *values = malloc(3 * (size_t)count * sizeof *values);
     cholmod_dense *load = cholmod_zeros((size_t)t->dof_count, 1, CHOLMOD_REAL, &t->common);
@@ -296,7 +297,7 @@ static double *column_by_factor(tissue *t, const int *nodes, int count, size_t c
     return values;
 }
 
-/* A narrow region, whose triangle is full, and a region that is wide enough to have inner nodes; with a team of threads and without. */
+/* Tests a narrow region, whose triangle is full, and a region wide enough to have inner nodes, each with and without a team of threads. */
 static void large_fronts_agree_with_the_factor(void **state) {
     (void)state;
     enum { LARGE = 16, ALL = (LARGE + 1) * (LARGE + 1) * (LARGE + 1), COLUMNS = 5 };
@@ -348,7 +349,7 @@ static void large_fronts_agree_with_the_factor(void **state) {
     mesh_free(&m);
 }
 
-/* Several panels with empty blocks between them, in both precisions, with one thread and with two. */
+/* Several panels with empty blocks between them, in single and double precision, with one thread and with two. */
 static void inverse_of_a_wide_region_agrees_with_the_factor(void **state) {
     (void)state;
     enum { LARGE = 16, ALL = (LARGE + 1) * (LARGE + 1) * (LARGE + 1), COLUMNS = 7 };
@@ -392,7 +393,7 @@ static double memory_left = 1e12; /* bytes */
 double __wrap_memory_available(void);
 double __wrap_memory_available(void) { return memory_left; }
 
-/* For a small region the elimination needs the most memory, for the whole body the inversion. */
+/* For a small region, the elimination needs the most memory; for the whole body, the inversion does. */
 static void memory_of_condensing_is_predicted(void **state) {
     (void)state;
     static bool fixed[BOX];
@@ -429,7 +430,7 @@ static void note_blas_threads(const char *what, double fraction, void *context) 
     shown++;
 }
 
-/* BLAS's number of threads belongs to the process, and another thread may also be condensing. */
+/* The number of BLAS threads is a setting of the whole process, and another thread may be condensing at the same time. */
 static void condensing_leaves_blas_alone(void **state) {
     (void)state;
     static bool fixed[BOX];
@@ -465,6 +466,6 @@ int main(void) {
         cmocka_unit_test(memory_of_condensing_is_predicted),
         cmocka_unit_test(condensing_leaves_blas_alone),
     };
-    openblas_set_num_threads(1); /* as in a simulation of meshes like these */
+    openblas_set_num_threads(1); /* the setting that a simulation uses for meshes of this size */
     return cmocka_run_group_tests(tests, NULL, NULL);
 }

@@ -16,7 +16,7 @@ typedef double tridiagonal_rows[TRIDIAGONAL_HEAD * TRIDIAGONAL_BLOCKS]; /* one r
 typedef struct {
     int count;                                    /* blocks */
     tridiagonal_block diagonal[TRIDIAGONAL_BLOCKS];           /* A_k; after tridiagonal_factor, the inverse of its Schur complement S_k */
-    tridiagonal_block upper[TRIDIAGONAL_BLOCKS];              /* B_k, rows of block k, columns of k + 1; after tridiagonal_factor S_k^-1 B_k */
+    tridiagonal_block upper[TRIDIAGONAL_BLOCKS];              /* B_k, rows of block k and columns of block k + 1; after tridiagonal_factor, S_k^-1 B_k */
     tridiagonal_rows columns[2][TRIDIAGONAL_ROWS];            /* scratch of tridiagonal_inverse_heads */
 } block_tridiagonal;
 

@@ -1,6 +1,6 @@
 #include "oracles/refinement_move.h"
 
-static const double LEAST_SHAPE = 0.03; /* lower limit of volume over that of the ideal tet of the longest edge, for the elements of a moved node */
+static const double LEAST_SHAPE = 0.03; /* lower limit for elements of a moved node: volume over that of the regular tetrahedron with the same longest edge */
 
 static int free_slot(const refinement *r) {
     for (int slot = 0;; slot++) {

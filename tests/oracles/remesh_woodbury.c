@@ -10,7 +10,7 @@
 #include <cblas.h>
 #include <string.h>
 
-enum { BLOCK = 192 };        /* columns of one triangle that are updated at a time; the rectangle beside them is wasted only on the diagonal */
+enum { BLOCK = 192 };        /* number of columns of a triangle updated together; a whole rectangle is wasteful only in the diagonal blocks */
 
 /* Leaves A in the part of `columns` that belongs to the change, and A M in that of `weighted`, from which `undo` reads them. */
 static trocar_status factor_change(dense_remesher *r, const dense_change *c, report *why) {

@@ -28,7 +28,7 @@ def table_of(name):
 
 
 def rate(table, position, direction, points):
-    """Returns Gy/h of a seed of 1 U, by TG-43U1 with the rules of its supplement. In cm and degrees, with angles folded to 0..90."""
+    """Returns the dose rate (Gy/h) of a seed of 1 U, by TG-43U1 with the rules of its supplement. Lengths are in cm, angles in degrees."""
     axis = np.asarray(direction) / np.linalg.norm(direction)
     v = 100 * (np.asarray(points) - position)
     z, rho = v @ axis, np.linalg.norm(np.cross(v, axis), axis=1)
@@ -237,7 +237,7 @@ class DoseTest(unittest.TestCase):
             found = brachy.DVH(dose.values, structure.voxel)
             figures = found.summary(145.0)
             counts, edges = np.histogram(np.minimum(expected, 3000), np.arange(0, 3000.02, 0.01))
-            above = np.append(counts[::-1].cumsum()[::-1], 0) / len(own)               # fraction at or above the lower edge of a bin
+            above = np.append(counts[::-1].cumsum()[::-1], 0) / len(own)               # fraction with at least the dose at the lower edge of a bin
             for name, fraction in (("d10", 0.1), ("d30", 0.3), ("d80", 0.8), ("d90", 0.9)):
                 by_script = np.interp(-fraction, -above, edges)
                 self.assertAlmostEqual(figures[name] / by_script, 1, delta=1e-3, msg=name)

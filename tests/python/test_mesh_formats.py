@@ -32,7 +32,7 @@ def model_of(path, regions):
 
 
 def by_gmsh(path):
-    """Nodes that tetrahedra use, by tag; tetrahedra by volume; the regions of these; groups in Gmsh's order; triangles of each surface."""
+    """Returns the nodes used by tetrahedra, by tag; tetrahedra, by volume, and their regions; groups in Gmsh's order; triangles by surface."""
     gmsh.clear()
     gmsh.merge(str(path))
     tags, coordinates, _ = gmsh.model.mesh.getNodes()

@@ -485,7 +485,7 @@ class Replay(Case):
         holes = [s.hole for s in plans.read_seeds(self.out / "answered.csv", self.model)]
         done = subprocess.run([BUILD / "clients/trocar-replay", "--scene", SCENE, "--seeds", self.out / "again.csv", "--poses", self.out / "answered-out.log"],
                               capture_output=True, text=True)
-        self.assertEqual([s.hole for s in plans.read_seeds(self.out / "again.csv", self.model)], holes, done.stderr) # the answers are written, too
+        self.assertEqual([s.hole for s in plans.read_seeds(self.out / "again.csv", self.model)], holes, done.stderr) # the server's replies are written, too
         return holes
 
     def test_a_log_with_commands_is_an_implant(self):

@@ -514,7 +514,7 @@ static void a_forged_number_does_not_lock_the_owner_out(void **state) {
         pass(c, 0.1);
         hear_news(c);
         assert_int_equal(c->status->owner, c->session);
-        assert_true(c->wrench.pose_seq > c->seq - 50 && c->wrench.pose_seq <= c->seq); /* the owner's poses, not those from before the forged one */
+        assert_true(c->wrench.pose_seq > c->seq - 50 && c->wrench.pose_seq <= c->seq); /* the wrench answers a pose of the owner newer than the forged */
     }
     assert_true(c->least > 0.9 * force && c->most < 1.1 * force);
     expect_health(c);

@@ -505,7 +505,7 @@ int main(int argc, char **argv) {
         return 0;
     }
     rows r = rows_begin(argc, argv, "Coupled: probe motions");
-    static const int SHORT[] = {5, 71, 137, 150}; /* of those that pass: a block and the rectum, on its side and on end, stopped, beside no needle and either kind */
+    static const int SHORT[] = {5, 71, 137, 150}; /* runs that pass: block and rectum, side and end pressed, stopped by the limit, with each needle use */
     int runs = r.short_form ? (int)(sizeof SHORT / sizeof *SHORT) : 200;
     for (int i = 0; i < runs; i++) run_trial(r.short_form ? SHORT[i] : i, false, &f);
     report(&r, &f);

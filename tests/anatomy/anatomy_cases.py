@@ -15,7 +15,7 @@ def ellipse(a, b, z, count=60, centre=(0.0, 0.0)):
 
 
 def ellipsoid(a, b, c, spacing):
-    """Returns rings at half steps of `spacing` from the middle, mm."""
+    """Returns rings (mm) at half steps of `spacing` from the middle."""
     heights = (np.arange(-50, 50) + 0.5) * spacing
     return [ellipse(a * math.sqrt(1 - (z / c) ** 2), b * math.sqrt(1 - (z / c) ** 2), z) for z in heights if abs(z) < 0.99 * c]
 
@@ -25,7 +25,7 @@ def ellipsoid_volume(a, b, c):
 
 
 def trousers(spacing=4.0):
-    """Returns one outline on each upper slice, and two on each lower slice."""
+    """Returns one outline on each upper slice and two outlines on each lower slice."""
     rings = []
     for z in np.arange(0, 41, spacing):
         if z >= 24:

@@ -17,7 +17,7 @@ def area(*rings):
 
 class Outlines(unittest.TestCase):
     def setUp(self):
-        self.area = area(SQUARE)  # opening rounds the corners a little
+        self.area = area(SQUARE)  # opening rounds the corners slightly
 
     def test_a_square(self):
         self.assertAlmostEqual(self.area, 400, delta=1)

@@ -22,12 +22,13 @@ from anatomy.shapes import contours, label_image, shells, voxels
 from anatomy.trials import inputs, label_stress
 
 SPACING = (1.0, 1.25, 2.0)
-MIDDLE = np.array([30.0, -20.0, 100.0])    # LPS, mm, middle of two half balls that touch; the first lies to the left
+MIDDLE = np.array([30.0, -20.0, 100.0])    # LPS, mm, centre of two half balls that touch; the first is on the left side
 RADIUS = 18.0
 
 
 def two_halves(degrees=0.0):
-    """Returns a ball whose left half (+x) is label 1 and right half label 2, in a larger ball of label 3: (k, j, i), and the transform of the voxels."""
+    """Returns a ball whose left half (+x) is label 1 and whose right half is label 2, inside a larger ball of label 3, as an array (k, j, i), and the transform
+    of the voxels."""
     size = np.array([60, 48, 30])
     x, y, z = np.meshgrid(*(np.arange(n) * s - n * s / 2 for n, s in zip(size, SPACING)), indexing="ij")
     radius = np.sqrt(x ** 2 + y ** 2 + z ** 2)
@@ -49,7 +50,7 @@ class Files(unittest.TestCase):
         os.chdir(directory.name)
 
     def check_map(self, found, place, values, tolerance=1e-4):
-        """Checks that the map has the voxels of two_halves at their positions, whatever the order of its axes."""
+        """Checks that the map contains the voxels of two_halves at their positions, whatever the order of its axes."""
         for name, value in values.items():
             mask = found.mask(name)
             self.assertEqual(np.count_nonzero(mask), np.count_nonzero(self.labels == value), name)
@@ -70,12 +71,12 @@ class Files(unittest.TestCase):
             inputs.write_nifti("d.nii.gz", self.labels, place)
         except ImportError:
             self.skipTest("nibabel is not installed")
-        self.check_map(reading.read_image("d.nii.gz", names=NAMES), place, by_name, 1e-3)     # its header has single precision
+        self.check_map(reading.read_image("d.nii.gz", names=NAMES), place, by_name, 1e-3)     # the header of this format has single precision
         inputs.write_nifti("e.nii", self.labels, place, np.float32)
         self.check_map(reading.read_image("e.nii"), place, {"1": 1, "2": 2}, 1e-3)
 
     def test_images_that_end_too_early_are_refused(self):
-        """Files may be truncated anywhere: also within the checksum at the end of a compressed file, after the last voxel."""
+        """Files may be truncated anywhere, even after the last voxel, in the checksum at the end of a compressed file."""
         self.labels, place = two_halves()
         inputs.write_nrrd("a.seg.nrrd", self.labels, place, NAMES, "right-anterior-superior")
         inputs.write_seg("b.dcm", self.labels, place, NAMES)
@@ -96,8 +97,8 @@ class Files(unittest.TestCase):
                     reading.read_outlines(f"cut-{name}") if name.endswith(".dcm") else reading.read_image(f"cut-{name}")
 
     def test_dicom_label_map_with_planes_left_out(self):
-        """Segmentation type LABELMAP: a pixel's value is its segment's number. Only every second plane has a frame, so only the header gives the
-        thickness of a plane."""
+        """Segmentation type LABELMAP: the value of a pixel is the number of its segment. Only every second plane has a frame, so the thickness of a plane is
+        known only from the header."""
         self.labels, place = two_halves(20)
         self.labels[1::2] = 0
         inputs.write_seg("a.dcm", self.labels, place, NAMES)
@@ -120,7 +121,7 @@ class Files(unittest.TestCase):
             reading.read_outlines("c.dcm")
 
     def test_a_code_of_3d_slicer(self):
-        """As written by 3D Slicer 5, with the anatomic region after the type."""
+        """In the form written by 3D Slicer 5, with the anatomic region after the type."""
         found, place = two_halves()
         inputs.write_nrrd("x.seg.nrrd", found, place, {1: "Segment_1"})
         with open("x.seg.nrrd", "rb") as file:
@@ -171,7 +172,7 @@ class Files(unittest.TestCase):
             surface, _ = reading.read_mesh("x.msh", "cm", "LPS")["gland"]
             self.assertAlmostEqual(surface.signed_volume(), 60e3, places=6)     # mm^3
             self.assertTrue(np.allclose(surface.centre(), [15, 20, 25]))
-            self.assertEqual(len(surface.points) < nodes / 3, order == 2)     # only corners are left
+            self.assertEqual(len(surface.points) < nodes / 3, order == 2)     # only corner nodes remain
 
     def test_files_that_cannot_be_used_say_why(self):
         found, place = two_halves()
@@ -272,11 +273,11 @@ def approach_sphere(centre, radius):
 
 
 def two_boxes():
-    """Two cubes of side 1 on top of each other, made of tetrahedra."""
+    """Two cubes of side 1, one on top of the other, made of tetrahedra."""
     points = np.array([[x, y, z] for z in (0, 1, 2) for y in (0, 1) for x in (0, 1)], float)
     cube = [[0, 1, 3, 7], [0, 1, 7, 5], [0, 5, 7, 4], [0, 3, 2, 7], [0, 2, 6, 7], [0, 6, 4, 7]]
     tets = np.array([[n + 4 * k for n in tet] for k in (0, 1) for tet in cube])
-    tets[::3, :2] = tets[::3, 1::-1]    # of either orientation, as in files
+    tets[::3, :2] = tets[::3, 1::-1]    # tetrahedra of either orientation, as they occur in files
     return points, tets, np.repeat([0, 1], 6), ["low", "high"]
 
 
@@ -301,13 +302,13 @@ class Surfaces(unittest.TestCase):
         self.assertAlmostEqual(sum(each.volume for each in found.values()) / ellipsoid_volume(RADIUS, RADIUS, RADIUS), 1, delta=0.01)
         left, right = (found[name].shells[0] for name in ("Left lobe", "Right lobe"))
         turn = place[:3, 0] / SPACING[0]
-        inner = np.abs((left.points - MIDDLE) @ turn) < 1.0       # on the plane between them
+        inner = np.abs((left.points - MIDDLE) @ turn) < 1.0       # points on the plane between the two halves
         inner &= np.linalg.norm(left.points - MIDDLE, axis=1) < 0.8 * RADIUS
         self.assertGreater(np.count_nonzero(inner), 50)
-        self.assertLess(np.abs(shells.distances(right, left.points[inner])).max(), 0.5 * min(SPACING))     # to a fraction of a voxel
+        self.assertLess(np.abs(shells.distances(right, left.points[inner])).max(), 0.5 * min(SPACING))     # accurate to a fraction of a voxel
         points = found["Left lobe"].points - MIDDLE
         aside, radius = points @ turn, np.linalg.norm(points, axis=1)
-        off = np.where(radius < RADIUS, np.minimum(RADIUS - radius, np.abs(aside)), radius - RADIUS)    # from the half ball's surface
+        off = np.where(radius < RADIUS, np.minimum(RADIUS - radius, np.abs(aside)), radius - RADIUS)    # distance from the surface of the half ball
         self.assertLess(off.max(), max(SPACING))
 
     def test_a_cavity_is_no_part_of_a_label(self):
@@ -348,7 +349,7 @@ class Approach(unittest.TestCase):
         self.assertIsNone(approach.first_hit(below, path.entry, path.target))
         path, low, high, face = pipeline.path_and_block([gland], [], [], pipeline.Plan())
         self.assertEqual((face, path.entry.tolist()), ((2, -1), [0, 0, low[2]]))
-        around = approach_sphere((0, 0, 0), 20.0)      # there is no way in
+        around = approach_sphere((0, 0, 0), 20.0)      # no path leads to the target
         path, low, high, face = pipeline.path_and_block([gland], [around], [], pipeline.Plan())
         self.assertEqual((face, path.entry.tolist()), ((2, -1), [0, 0, low[2]]))
 
@@ -364,7 +365,7 @@ class Approach(unittest.TestCase):
             self.assertAlmostEqual(np.linalg.norm(start.position - start.entry), 0.001 + length)
 
     def test_the_base_of_the_needle_never_has_to_pass_the_template(self):
-        """The base of the needle that scripts push is still in front of the plate when the tip is at the target."""
+        """When the tip is at the target, the base of the needle that scripts push is still in front of the plate."""
         skin = approach_sphere((0, 0, 0), 0.1)
         mesh = quality.Mesh(skin.points, np.array([[0, 1, 2, 3]]), np.array([0]), ["gland"], {"skin": skin})
         for depth, before, wanted in ((0.04, 0.05, 0.2), (0.16, 0.025, 0.2), (0.16, 0.05, 0.25), (0.04, 0.3, 0.35)):
@@ -404,13 +405,13 @@ class Approach(unittest.TestCase):
 
 
 class Whole(unittest.TestCase):
-    """Runs the command on label maps."""
+    """Tests the command on label maps."""
 
     def setUp(self):
         directory = tempfile.TemporaryDirectory()
         self.addCleanup(directory.cleanup)
         os.chdir(directory.name)
-        patch = unittest.mock.patch.object(meshing, "TRIES", 3)     # the search for better angles takes long
+        patch = unittest.mock.patch.object(meshing, "TRIES", 3)     # the search for better angles takes a long time
         patch.start()
         self.addCleanup(patch.stop)
 
@@ -425,12 +426,12 @@ class Whole(unittest.TestCase):
                                                    f"--entry={MIDDLE[0] + 26},{MIDDLE[1]},{MIDDLE[2]}")
         for organ in organs:
             self.assertAlmostEqual(mesh.region_volume(organ.name) * 1e9 / organ.read, 1, delta=0.01)
-            self.assertNotIn("overlap", " ".join(organ.notes))      # labels of one layer cannot overlap
+            self.assertNotIn("overlap", " ".join(organ.notes))      # labels in a single layer cannot overlap
         sides = {name: {tuple(sorted(t)) for t in mesh.boundary(name).triangles.tolist()} for name in ("left_lobe", "right_lobe")}
         shared = sides["left_lobe"] & sides["right_lobe"]
         middle = np.array([mesh.points[list(t)].mean(axis=0) for t in shared])
         area = sum(np.linalg.norm(np.cross(mesh.points[b] - mesh.points[a], mesh.points[c] - mesh.points[a])) / 2 for a, b, c in shared) * 1e6
-        self.assertAlmostEqual(area / (np.pi * RADIUS ** 2), 1, delta=0.1)      # the whole disk between them, without a gap
+        self.assertAlmostEqual(area / (np.pi * RADIUS ** 2), 1, delta=0.1)      # the whole disk between the halves, without a gap
         self.assertLess(np.abs(pipeline.patient(middle, domain.origin)[:, 0] - MIDDLE[0]).max(), 2.5)
         whole = sum(mesh.region_volume(name) for name in mesh.regions) * 1e9
         self.assertAlmostEqual(whole / ellipsoid_volume(26, 26, 26), 1, delta=0.03)     # only the body
@@ -444,7 +445,7 @@ class Whole(unittest.TestCase):
         self.assertRegex(open("x-quality.md", encoding="utf-8").read(), r"\| Left lobe \| 11\.62 \| 11\.62 \(.0\.0 %\)")
 
     def start_of(self, scene):
-        """Position and direction of the needle's base."""
+        """Returns position and direction of the needle's base."""
         words = re.search(r"start: \{position: \[(.*?)\], orientation: \[(.*?)\]", open(scene, encoding="utf-8").read())
         position, (w, x, y, z) = (np.array([float(v) for v in text.split(",")]) for text in words.groups())
         return position, np.array([2 * (x * z + w * y), 2 * (y * z - w * x), 1 - 2 * (x * x + y * y)])
@@ -505,7 +506,7 @@ class Random(unittest.TestCase):
 
     def test_random_maps_are_meshed_or_refused_with_a_cause(self):
         with tempfile.TemporaryDirectory() as folder, unittest.mock.patch.object(meshing, "TRIES", 2):
-            for number in (0, 6):    # in map 6, tetrahedra reach beyond the image
+            for number in (0, 6):    # in map 6, tetrahedra extend beyond the image
                 row, good = label_stress.random_row(number, folder)
                 self.assertTrue(good, row)
 

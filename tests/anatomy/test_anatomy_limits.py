@@ -1,5 +1,5 @@
 #!/usr/bin/python3
-"""Stages that do not end, or that crash their process."""
+"""Tests stages that do not terminate, or that crash their process."""
 import os
 import signal
 import subprocess
@@ -34,7 +34,7 @@ def refuse():
 
 
 class Large:
-    """An object that is too large to be sent between processes."""
+    """An object that is too large to be passed between processes."""
 
     def __reduce__(self):
         raise MemoryError
@@ -70,7 +70,7 @@ class Limits(unittest.TestCase):
             limits.run("x", os.abort)
         with self.assertRaises(limits.Crashed) as caught:
             limits.run("x", limits.run, "y", os.abort)
-        self.assertEqual(caught.exception.number, signal.SIGABRT)      # passed on by the outer stage
+        self.assertEqual(caught.exception.number, signal.SIGABRT)      # the outer stage passes on the number of the signal
 
     def test_sigterm_ends_the_program_and_its_stage(self):
         program = subprocess.Popen([sys.executable, "-c", FOREVER], stdout=subprocess.PIPE, env={**os.environ, "PYTHONPATH": os.path.join(SOURCE, "meshes")})
@@ -86,7 +86,7 @@ class Limits(unittest.TestCase):
         program.send_signal(signal.SIGTERM)
         self.assertEqual(program.wait(20), 128 + signal.SIGTERM)
         program.stdout.close()
-        for _ in range(200): # the kernel kills the process once the program has ended; it is gone when init has reaped it
+        for _ in range(200): # the kernel kills the process when the program has ended; it disappears when init has reaped it
             if not running(child):
                 break
             time.sleep(0.05)

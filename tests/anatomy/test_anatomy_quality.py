@@ -9,7 +9,7 @@ from anatomy import quality, relocate
 from anatomy.shapes import shells
 
 REGULAR = quality.Mesh(np.array([[1, 1, 1], [1, -1, -1], [-1, 1, -1], [-1, -1, 1.0]]), np.array([[0, 1, 2, 3]]), np.array([0]), ["x"])
-# A cube's corner and its mirror image, on one face.
+# A corner of a cube and its mirror image, which share a face.
 CORNERS = quality.Mesh(np.array([[0, 0, 0], [1, 0, 0], [0, 1, 0], [0, 0, 1], [0, 0, -1.0]]), np.array([[0, 1, 2, 3], [0, 2, 1, 4]]),
                        np.array([0, 1]), ["up", "down"])
 
@@ -42,7 +42,7 @@ class Quality(unittest.TestCase):
 
     @staticmethod
     def ball(height):
-        """Tetrahedra around a node at this height in a cube of side 2."""
+        """Returns tetrahedra around a node at this height in a cube of side 2."""
         corners = np.array([[x, y, z] for x in (-1, 1) for y in (-1, 1) for z in (-1, 1)] + [[0, 0, height]], float)
         faces = [(0, 1, 3, 2), (4, 6, 7, 5), (0, 4, 5, 1), (2, 3, 7, 6), (0, 2, 6, 4), (1, 5, 7, 3)]
         triangles = np.array([t for a, b, c, d in faces for t in ((a, b, c), (a, c, d))])
@@ -50,7 +50,7 @@ class Quality(unittest.TestCase):
         return quality.Mesh(corners, tets, np.zeros(len(tets), int), ["x"], {"skin": shells.Shell(corners, triangles)})
 
     def test_nodes_are_moved_to_widen_flat_angles(self):
-        """A node moves from near a face back to the middle, and the surface stays."""
+        """A node close to a face is moved back to the middle, and the surface does not change."""
         mesh, held = self.ball(0.97), np.arange(9) < 8
         corners = mesh.points.copy()
         self.assertTrue(np.allclose(relocate.badness(corners[mesh.tets]).max(), mesh.badness()))
@@ -58,7 +58,7 @@ class Quality(unittest.TestCase):
         mesh.points = relocate.relocated(mesh, held)
         self.assertLess(mesh.badness(), 1)
         self.assertTrue(np.array_equal(mesh.points[held], corners[held]))
-        self.assertAlmostEqual(mesh.region_volume("x"), 8)      # no tetrahedron is inside out
+        self.assertAlmostEqual(mesh.region_volume("x"), 8)      # no tetrahedron is inverted
 
     def test_nodes_are_moved_until_angles_are_above_10_degrees(self):
         mesh = next(m for m in map(self.ball, np.linspace(0.9, 0.7, 500)) if m.badness() < 0.999)

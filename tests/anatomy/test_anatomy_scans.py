@@ -113,8 +113,8 @@ Segmentation_Extent:={extent}
 
 
 def write_old_nrrd(path, labels_, origin, extent, first=True, name="Liver", four=False):
-    """Writes a segmentation like 3D Slicer 4.6: an axis of segments with one sample, and data that start at Segmentation_Extent. `four`: all
-    directions have four coordinates."""
+    """Writes a segmentation in the form of 3D Slicer 4.6, with an axis of segments that has one sample, and data that begin at Segmentation_Extent. With
+    `four`, all directions have four coordinates."""
     sizes = list(map(str, labels_.shape[::-1]))
     axes, nothing = (["(1,0,0,0)", "(0,1,0,0)", "(0,0,1,0)"], "(0,0,0,1)") if four else (["(1,0,0)", "(0,1,0)", "(0,0,1)"], "none")
     fields = {"sizes": " ".join(["1", *sizes] if first else [*sizes, "1"]), "axes": " ".join([nothing, *axes] if first else [*axes, nothing]),
@@ -251,7 +251,7 @@ class Files(Case):
         lesion, liver = sphere("lesion", 2.5), sphere("liver", 60.0, 30.0)
         organ.check_sizes([lesion, liver], False)
         self.assertTrue(sources.is_large({name: (each.shells[0], []) for name, each in (("lesion", lesion), ("liver", liver))}))
-        organ.check_sizes([lesion], True)       # a lesion alone, whose file is known to be in mm
+        organ.check_sizes([lesion], True)       # a single lesion, in a file whose unit is known to be mm
         with self.assertRaisesRegex(contours.Unusable, "is the file's unit right"):
             organ.check_sizes([lesion], False)
 
@@ -275,7 +275,7 @@ class Files(Case):
 
 class Way(Case):
     def test_the_border_of_the_image_is_no_skin(self):
-        """A body that the image cuts off on all sides except the front, and a kidney close to its back."""
+        """Returns a body that extends beyond the image on all sides except the front, and a kidney close to its back."""
         grid = torso.Grid((2.5, 2.5, 2.5), (-100, -90, -80), (100, 90, 80))
         labels_ = np.zeros(grid.shape, np.uint8)
         labels_[np.broadcast_to(grid.y > -75 + 0.002 * grid.x ** 2, grid.shape)] = 1
@@ -292,7 +292,8 @@ class Way(Case):
             approach.through_skin(np.array([50.0, 50, 50]), all_.shells, [], cut=all_.border)
 
     def test_the_target_in_an_organ_is_in_none_of_its_lesions(self):
-        """The middle of the liver is in a lesion that touches itself along an edge of voxels in map 94, and 0.1 mm beside a lesion in map 159."""
+        """The centre of the liver is inside a lesion: in map 94 the lesion touches itself along an edge of voxels, and in map 159 another lesion is 0.1 mm
+        away."""
         for number in (94, 159):
             labels_, place, names, _ = label_stress.crowded_map(number, label_stress.SMALL)
             map_ = voxels.LabelMap([labels_], place, {name: voxels.Segment(0, value) for value, name in names.items()})
@@ -301,7 +302,7 @@ class Way(Case):
             within = scipy.ndimage.distance_transform_edt(own, np.linalg.norm(place[:3, :3], axis=0)[::-1])
 
             def room(point, place=place, within=within):
-                """mm from a liver's voxel to the next one of something else"""
+                """mm, distance from a voxel of the liver to the next voxel of another part"""
                 return within[tuple(np.rint(np.linalg.solve(place[:3, :3], point - place[:3, 3])).astype(int)[::-1])]
             self.assertLess(room(liver[0].centre()), approach.ASIDE)
             self.assertGreater(room(approach.middle_of(liver)), approach.ASIDE)
@@ -336,7 +337,7 @@ class Way(Case):
 
 class Parts(Case):
     def test_bones_that_touch_are_one_surface_that_the_library_takes(self):
-        """The surface between two hollow bones belongs to no tetrahedron."""
+        """The surface between two hollow bones does not belong to any tetrahedron."""
         for gap in (0, 3):
             arguments = cases.vertebrae(cases.Case("."), gap)
             arguments[arguments.index("--nodes") + 1] = 800
@@ -399,7 +400,7 @@ class Parts(Case):
         self.assertIn("material of", said)
 
     def test_a_small_part_far_away_is_kept(self):
-        """The part is 0.43 ml of a bowel, 0.3 % of it."""
+        """The part has 0.43 ml, 0.3 % of the bowel to which it belongs."""
         grid = torso.Grid((1.5, 1.5, 1.5), (-80, -40, -40), (80, 40, 40))
         labels_ = (grid.ellipsoid((-35, 0, 0), (40, 30, 30)) | grid.ellipsoid((65, 20, 10), (4.7,) * 3)).astype(np.uint8)
         found = voxels.outlined(voxels.LabelMap([labels_], grid.place, {"small_bowel": voxels.Segment(0, 1)}), ["small_bowel"])["small_bowel"]

@@ -16,7 +16,7 @@ def stack(rings):
 
 
 def around_cells(cells):
-    """Returns the surface of unit cubes with these lowest corners, with shared points."""
+    """Returns the surface of unit cubes whose lowest corners are given; the cubes share points."""
     numbers, triangles = {}, []
     for cell in sorted(cells):
         for axis in range(3):
@@ -47,7 +47,7 @@ class Surfaces(unittest.TestCase):
 
     @staticmethod
     def coarse_sphere():
-        """A sphere of few triangles, because crossings are searched edge by edge."""
+        """A sphere with few triangles, because the search for crossings proceeds edge by edge."""
         return shells.decimated(field.of_stack(stack(ellipsoid(20, 20, 20, 4))).surfaces()[0], 2000)
 
     def test_both_ways_give_the_volume_of_an_ellipsoid(self):
@@ -112,8 +112,7 @@ class Surfaces(unittest.TestCase):
             self.assertAlmostEqual(found.signed_volume() / sphere.volume(), 1)
 
     def test_a_surface_that_touches_itself_along_an_edge_keeps_its_inside(self):
-        """Tests a surface around cells that share only one edge, in a chain that is otherwise closed or open; the order of triangles from files may
-        be any."""
+        """Tests a surface around cells that share only an edge, in a chain that is otherwise closed or open. Triangles in files may have any order."""
         random = np.random.default_rng(1)
         for cells in ({(0, 0, 0), (1, 1, 0)}, {(0, 0, 0), (1, 1, 0), (0, 0, 1), (1, 0, 1), (1, 1, 1)}):
             touching = around_cells(cells)
@@ -163,7 +162,7 @@ class Surfaces(unittest.TestCase):
             with self.assertRaisesRegex(contours.Unusable, "is the file's unit right\\? Give it with --unit$"):
                 sized(factor)
             sized(factor, unit="mm")
-        large, small = sized(1, 0.05)      # a lesion of 4 mm^3 beside an organ
+        large, small = sized(1, 0.05)      # a lesion of 4 mm^3 next to an organ
         self.assertEqual(large, "")
         self.assertRegex(small, "few of the mesh's elements are in it")
         self.assertRegex(sized(0.05, unit="mm")[0], "few of the mesh's elements are in it")
@@ -172,7 +171,7 @@ class Surfaces(unittest.TestCase):
 
 
 def shared(found, a, b):
-    """Returns the area of the boundary between two regions, and whether it closes the surface of either."""
+    """Returns the area of the boundary between two regions, and whether this boundary closes the surface of either region."""
     between = {tuple(pair) for pair in ((a, b), (b, a))}
     mine = [(found.cells[i] if i >= 0 else None, found.cells[j] if j >= 0 else None) in between for i, j in found.sides]
     return found.areas()[mine].sum()
@@ -191,7 +190,7 @@ class Shared(unittest.TestCase):
         points = np.array([[x, y, z] for x in (0, 3) for y in (0, 3) for z in (0, 3)] + [[1, 1, 1], [1, 2, 1], [2, 1, 1]], float)
         faces = [(0, 1, 3, 2), (4, 6, 7, 5), (0, 4, 5, 1), (2, 3, 7, 6), (0, 2, 6, 4), (1, 5, 7, 3)]
         outer = [t for a, b, c, d in faces for t in ((a, b, c), (a, c, d))]
-        void = [(0, 8, 9), (0, 9, 10), (0, 10, 8), (8, 10, 9)]        # its apex is a corner of the cube
+        void = [(0, 8, 9), (0, 9, 10), (0, 10, 8), (8, 10, 9)]        # the apex of the void is a corner of the cube
         size = shells.Shell(points, np.array(void)).signed_volume()
         void = void if size < 0 else [t[::-1] for t in void]
         triangles = np.array(outer + void)
@@ -201,7 +200,7 @@ class Shared(unittest.TestCase):
 
     @staticmethod
     def channelled(count=9, half=30.0, narrow=0.5, high=30.0):
-        """Returns a block with a slot from above, 2 * narrow wide, which ends above the bottom, as a complex."""
+        """Returns, as a complex, a block with a slot that is 2 * narrow wide, open at the top, and ends above the bottom."""
         x = np.concatenate([np.linspace(-half, -narrow, count), np.linspace(narrow, half, count)])
         y = np.linspace(-half, half, count)
         cells = np.zeros((2 * count - 1, count - 1, 2), bool)
@@ -242,7 +241,7 @@ class Shared(unittest.TestCase):
 
     @staticmethod
     def made(regions, volumes, edge, *box):
-        """Returns the complex of regions, with these volumes of their parts, and the pieces from which it is made."""
+        """Returns the complex of regions, with these volumes of their parts, and the pieces of which it consists."""
         image, pieces, lost = label_image.image_for(regions, edge, *box)
         found, missed = labels.shared_surfaces(image, pieces, lost, regions, volumes, edge)
         return image, pieces, found, lost, missed
@@ -287,13 +286,13 @@ class Shared(unittest.TestCase):
 
     @staticmethod
     def image(shape):
-        """Makes an image of two regions with one part each."""
+        """Makes an image of two regions that have one part each."""
         return label_image.Image(np.zeros(3), 1.0, np.zeros(shape, np.uint16), np.zeros(shape, np.uint16), np.array([0, 1, 2]))
 
     def test_a_sheet_goes_to_what_is_around_it(self):
         image = self.image((36, 36, 40))
         image.labels[4:32, 4:32, 4:10] = 1
-        image.labels[4:32, 4:32, 10] = 2        # beside the body of the second region, where one of its voxels covers the first
+        image.labels[4:32, 4:32, 10] = 2        # next to the body of the second region, one voxel of which covers the first region
         image.labels[4:32, 12:32, 10:34] = 2
         image.sources[:] = image.labels
         label_image.drop_thin(image, 2, 1.0)
@@ -306,7 +305,7 @@ class Shared(unittest.TestCase):
         image.labels[4:16, 4:16, 21:32] = 1     # a voxel away
         label_image.separate(image)
         self.assertEqual(len(label_image.connected_in(image.labels == 1)[1]), 2)
-        empty = ~np.any(image.labels, axis=(0, 1))[20:32]     # beside the larger one
+        empty = ~np.any(image.labels, axis=(0, 1))[20:32]     # next to the larger part
         self.assertGreaterEqual(np.argmin(empty) + 1, label_image.CLEAR)
 
     def test_a_thin_bone_beside_a_large_organ_is_not_lost(self):
@@ -324,7 +323,7 @@ class Shared(unittest.TestCase):
             self.assertLess(np.abs(shells.distances(bone, shell.points)).max(), 5.0)
 
     def test_corners_of_triangles_lie_on_the_region(self):
-        """The surface must not include the border of the image, which CGAL would otherwise treat as a surface."""
+        """The surface must not include the border of the image, because CGAL would treat it as a surface."""
         ball = field.of_stack(stack(ellipsoid(40, 40, 40, 4))).surfaces()[0]
         image, _, found, _, _ = self.made([[ball]], [None], 20.0)
         self.assertLess(np.abs(shells.distances(ball, found.points)).max(), image.step)

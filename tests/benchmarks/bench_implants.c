@@ -28,7 +28,7 @@ static long resident_kib(void) {
     return kib;
 }
 
-/* N, largest axial force on the hand while each needle is inserted and withdrawn; and the largest difference from the first implant of the kind. */
+/* N, largest axial force on the hand while each needle is inserted and withdrawn, and largest difference from the first implant of the same kind. */
 static double first[KINDS][NEEDLES][2], peak, drift;
 
 static void compare(int kind, bool again, int needle, bool out, double force) {
@@ -37,7 +37,7 @@ static void compare(int kind, bool again, int needle, bool out, double force) {
     drift = fmax(drift, fabs(force - first[kind][needle][out]));
 }
 
-/* Moves at 0.2 m/s. The largest axial force is added to `most`. */
+/* Moves at 0.2 m/s. Updates `most` with the largest axial force. */
 static int move(trocar_sim *sim, int needle, trocar_pose *base, int mm, double *most) {
     trocar_output out;
     int ticks = 5 * abs(mm);
@@ -49,7 +49,7 @@ static int move(trocar_sim *sim, int needle, trocar_pose *base, int mm, double *
     return ticks;
 }
 
-/* Shuffles in the same random order for implants of a kind. */
+/* Shuffles in the same random order for all implants of the same kind. */
 static void shuffle(int kind, int order[NEEDLES]) {
     srand((unsigned)kind);
     for (int k = 0; k < NEEDLES; k++) {

@@ -1,4 +1,4 @@
-/* Benchmarks of the library's parts that are not accessible through trocar.h: methods of remeshing, and single contact nodes. */
+/* Benchmarks of parts of the library that are not accessible through trocar.h: remeshing methods, and single contact nodes. */
 #include "bench/bench_main.h"
 #include "bench_remesh.h"
 #include "bench_scale.h"

@@ -22,13 +22,13 @@ static trocar_error why;
 
 static trocar_pose at(double x, double y, double z) { return (trocar_pose){{x, y, z}, {1, 0, 0, 0}}; }
 
-/* Returns the pose of a hole near the middle of the template, whose holes are 5 mm apart: the last one is for the needle that is pushed. */
+/* Returns the pose for a hole near the middle of the template, whose holes are 5 mm apart. The last hole is for the needle that is inserted. */
 static trocar_pose hole(int needle, double z) {
     int k = needle + (needle >= 12);
     return needle == MOST ? at(0.0, 0.0, z) : at(0.005 * (k % 5 - 2), 0.005 * (k / 5 - 2), z);
 }
 
-/* Times of the ticks in the tissue while a needle is pushed in at 0.1 m/s in real time. */
+/* Measures the ticks in the tissue while a needle is inserted at 0.1 m/s in real time. */
 static void push_timed(trocar_sim *sim, int needle, histogram *ticks) {
     trocar_pose base = hole(MOST, -0.201);
     trocar_output out;
@@ -43,17 +43,17 @@ static void push_timed(trocar_sim *sim, int needle, histogram *ticks) {
     }
 }
 
-static int64_t clock_offset; /* ns, from this thread's processor time to the clock of --processor-time */
+static int64_t clock_offset; /* ns, offset from this thread's processor time to the clock of --processor-time */
 
 static int64_t shared_clock(void) { return processor_ns() + clock_offset; }
 
 static void set_clock(int64_t ns) { clock_offset = ns - processor_ns(); }
 
-/* The same with an alternating worker: a tick at each ms of the clock, however long the worker's call took for which it waited. */
+/* Measures the ticks with a worker in the same thread: a tick begins at each millisecond of the clock, however long the preceding call of the worker took. */
 static void push_by_turns(trocar_sim *sim, int needle, histogram *ticks, histogram *latency) {
     trocar_pose base = hole(MOST, -0.201);
     trocar_output out;
-    int64_t worker = 0; /* ns, time at which the worker's work ends */
+    int64_t worker = 0; /* ns, time at which the current call of the worker ends */
     trocar_sim_set_clock(sim, shared_clock);
     OK(trocar_sim_reset(sim, needle, &base, &why));
     for (int t = 0; t < DEPTH_TICKS; t++) {

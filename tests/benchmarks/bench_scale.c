@@ -22,17 +22,17 @@ typedef struct {
     const char *scene_paths[MAX_SCENES], *json_path;
     int scene_count, ticks;
     double depth;
-    const char *inverse;     /* NULL: the scene's inverse */
+    const char *inverse;     /* NULL for the scene's kind of inverse */
 } options;
 
-/* One scene with one kind of inverse. */
+/* Results for one scene with one kind of inverse. */
 typedef struct {
     trocar_scene *scene;
     trocar_model *model;
     trocar_sim *sim;
     double start_seconds, start_processor_seconds;
-    double peak_bytes;       /* resident memory of the process, which rises from scene to scene */
-    int counts;              /* numbers of contacts that the mesh allows */
+    double peak_bytes;       /* resident memory of the process, which increases from scene to scene */
+    int counts;              /* numbers of contacts that the mesh permits */
     tick_timing ticks[COUNTS];
     scale_timing speeds[SPEEDS], figure8;
     scale_timing with, without; /* with and without the time of measuring what the mesh resolves: the second speed again, with all nodes cached */
@@ -87,7 +87,7 @@ static const struct argp parser = {
 
 /* ---- measuring --------------------------------------------------------------------------------------------------- */
 
-static const double APPROACH = 0.02; /* m, additional distance at the start, so that the needle's line is known before it touches the skin */
+static const double APPROACH = 0.02; /* m, additional distance at the start, so that the needle's line has been measured before it touches the skin */
 
 static trocar_status create(const options *o, const char *path, measured *m, report *why) {
     const trocar_model_options options = {.watch.progress = progress_show};
@@ -106,7 +106,7 @@ static trocar_status measure(const options *o, measured *m, report *why) {
     trocar_status status = TROCAR_OK;
     double dt = 1.0 / trocar_model_rate(m->model);
     for (int i = 0; i < SPEEDS && status == TROCAR_OK; i++) {
-        pose aside = MOTION_START; /* other nodes for each speed, so that none is cached */
+        pose aside = MOTION_START; /* different nodes for each speed, so that none is cached */
         aside.position.y += 4e-3 * (i - 1);
         aside.position.z -= APPROACH;
         scale_case wanted = {.start = aside, .speed = speeds[i], .depth = o->depth + APPROACH, .dt = dt};
@@ -125,7 +125,7 @@ static trocar_status measure(const options *o, measured *m, report *why) {
     scale_timing_set_spacing(m->model, TIMED_SPACING);
     for (; m->counts < COUNTS && status == TROCAR_OK; m->counts++) {
         timing_case wanted = {.start = MOTION_START, .dt = dt, .contacts = contact_counts[m->counts], .ticks = o->ticks, .motion = TIMED_ADVANCE};
-        /* there are fewer contacts on the needle's path */
+        /* the needle's path permits fewer contacts than requested */
         if (tick_timing_measure(m->sim, m->scene, &wanted, &m->ticks[m->counts], why) != TROCAR_OK) break;
     }
     struct rusage usage;

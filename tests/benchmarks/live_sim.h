@@ -1,4 +1,4 @@
-/* A simulation in real time, with the server's own worker in a thread beside the ticks. */
+/* A simulation in real time, with the server's own worker in a second thread. */
 #ifndef TROCAR_LIVE_SIM_H
 #define TROCAR_LIVE_SIM_H
 
@@ -17,13 +17,13 @@ typedef struct {
 /* Ends the program with the message if the call failed. */
 void must(trocar_status status, const char *what, const report *why);
 
-/* Starts the worker's thread. */
+/* Starts the thread of the worker. */
 void live_worker_start(live_worker *w, trocar_sim *sim);
 
-/* Ends the thread, adds the time from each request to its answer, and reports which request failed first. */
+/* Ends the thread, adds the times from request to answer, and reports the first request that failed. */
 void live_worker_stop(live_worker *w, histogram *latency);
 
-/* Prints the quantiles 0.5 and 0.99 and the maximum, times `unit`, in columns of this width. */
+/* Prints the quantiles 0.5 and 0.99 and the maximum, multiplied by `unit`, in columns of this width. */
 void print_times(const histogram *times, double unit, int width, int digits);
 
 #endif

@@ -4,7 +4,7 @@
 #include <stdlib.h>
 #include <string.h>
 
-enum { NEAR = 32, LEAST_SAMPLES = 3 };       /* NEAR: number of nodes in the window, as around an advancing tip */
+enum { NEAR = 32, LEAST_SAMPLES = 3 };       /* NEAR: number of nodes in the window, as for an advancing tip */
 
 typedef struct {
     const tissue *tissue;
@@ -35,7 +35,7 @@ static vec3 draw_point(timing_run *run, int tet) {
 
 /* ---- adding a node -------------------------------------------------------------------------------------------------- */
 
-/* Returns a point on the face opposite `face`, nearest to corner `corner`. */
+/* Returns the point nearest to corner `corner` on the face opposite corner `face`. */
 static vec3 point_near(const mesh *m, int tet, int face, int corner) {
     double weights[4];
     for (int i = 0; i < 4; i++) weights[i] = i == face ? 0.0 : i == corner ? 0.8 : 0.1;
@@ -99,7 +99,7 @@ static trocar_status serve(timing_run *run, int64_t *time, report *why) {
     return status;
 }
 
-/* First requests the window, which is not timed; then adds the node and removes it. */
+/* First requests the window, which is not timed; then adds the node and removes it, which is. */
 static trocar_status time_one(timing_run *run, int tet, remesh_timing *result, report *why) {
     int64_t unused, add = 0, removal = 0;
     look_around(run, tet);

@@ -8,13 +8,13 @@
 #include "insertion/tip/prefetch.h"
 #include "insertion/tip/tip.h"
 
-static const double REST = 0.5; /* s at rest before a script starts, so that the needle's line is known */
+static const double REST = 0.5; /* s, rest before a script starts, so that the needle's line has been measured */
 
 /* A contact node of the needle, from its request to its activation. */
 typedef struct {
     uint64_t id;
     double asked;            /* s, time of the request */
-    double due;              /* s, when the node should be active because the tip has left its element; INFINITY: not yet */
+    double due;              /* s, time at which the node should be active because the tip has left its element; INFINITY until then */
     bool answered, active, late;
 } followed;
 
@@ -23,18 +23,17 @@ typedef struct {
     insertion_state state;
     compliance_snapshot *snapshot, *next; /* the snapshot in use, and the one being computed */
     double speed;            /* m/s, speed of the hand, at least 1 mm/s */
-    double now, ready;       /* s, model time; time when `next` is finished, negative: the worker is idle */
+    double now, ready;       /* s: model time, and the time at which `next` is finished, negative if the worker is idle */
     double idle;             /* s, time up to which the worker's idle time has been used */
     int tet;                 /* element that contains the tip */
-    double entered_at, entered_depth; /* s, m: time and depth at which the tip entered it */
+    double entered_at, entered_depth; /* s and m, time and depth at which the tip entered the element */
     int contact_count;
-    followed contacts[MAX_CONTACTS];  /* the contacts of the state */
+    followed contacts[MAX_CONTACTS];  /* the contacts of the needle's state */
     bool free_patches;
     scale_timing *result;
 } scale_run;
 
-/* Spends the idle time since the last answer on preparing nodes in advance; a slice that takes longer than the elapsed time
-   delays the next one. */
+/* Spends the worker's idle time since the last answer on preparing nodes in advance. A slice that takes longer than the elapsed time delays the next one. */
 static void look_ahead(scale_run *run) {
     bool more = true;
     while (more && run->idle < run->now) {
@@ -45,8 +44,8 @@ static void look_ahead(scale_run *run) {
     if (!more) run->idle = fmax(run->idle, run->now);
 }
 
-/* The worker takes the newest request when it has finished the last one. After the rows, it measures what the mesh
-   resolves on new lines, line by line, until there is a newer request. */
+/* When the worker has finished a request, it takes the newest one. After the rows, it measures what the mesh resolves on new lines, one line at a time, until a
+   newer request arrives. */
 static trocar_status work(scale_run *run, report *why) {
     if (run->ready >= 0.0 && run->ready <= run->now) {
         compliance_snapshot *old = run->snapshot;
@@ -72,7 +71,7 @@ static trocar_status work(scale_run *run, report *why) {
     return status;
 }
 
-/* Forgets the contact nodes after the first `kept`. */
+/* Removes all contact nodes after the first `kept` from the records. */
 static void forget(scale_run *run, int kept) {
     for (; run->contact_count > kept; run->contact_count--) run->result->unanswered += !run->contacts[run->contact_count - 1].answered;
 }
@@ -86,8 +85,8 @@ static void follow_contacts(scale_run *run) {
         run->contacts[run->contact_count] = (followed){.id = now->nodes[now->order[run->contact_count]].id, .asked = run->now, .due = INFINITY};
 }
 
-/* The contact node of an element should be active when the tip leaves it; after a jump at a membrane, when the tip would have left
-   at the hand's speed. */
+/* The contact node of an element should be active when the tip leaves the element; after a jump at a membrane, when the tip would have left it at the hand's
+   speed. */
 static void leave_element(scale_run *run) {
     double depth = run->state.tip.place.depth, due = fmax(run->now, run->entered_at + (depth - run->entered_depth) / run->speed);
     for (int i = 0; i < contacts_passed(&run->state); i++)
@@ -102,7 +101,7 @@ static void note_progress(scale_run *run) {
         bool takes_part = contact_is_active(&run->state, i);
         if (i < known && !contact->answered) histogram_add(&run->result->crossing, (int64_t)(1e9 * (run->now - contact->asked)));
         if (takes_part && !contact->active) histogram_add(&run->result->activation, (int64_t)(1e9 * fmax(run->now - contact->due, 0.0)));
-        if (i >= contacts_passed(&run->state)) contact->due = INFINITY; /* drawn back over the node */
+        if (i >= contacts_passed(&run->state)) contact->due = INFINITY; /* the needle has been drawn back past the node */
         if (!takes_part && !contact->active && !contact->late && run->now >= contact->due) {
             contact->late = true;
             run->result->late_crossings++;

@@ -15,10 +15,10 @@
 
 typedef struct {
     pose start;              /* pose of the needle's base, with the tip in front of the skin */
-    const motion *script;    /* motion after half a second of rest; NULL: along the needle's axis */
+    const motion *script;    /* motion after half a second of rest, or NULL for a motion along the needle's axis */
     double speed, depth;     /* m/s and m, speed and depth of that motion */
     double dt;               /* s, length of a tick */
-    bool free_patches;       /* the result of measuring what the mesh resolves is available with the rows, as if it took no time */
+    bool free_patches;       /* if true, the measurement of what the mesh resolves takes no time, and is available together with the rows */
 } scale_case;
 
 typedef struct {
@@ -27,12 +27,12 @@ typedef struct {
     histogram serve;         /* processor time of each answer's rows */
     histogram patch;         /* processor time of measuring what the mesh resolves on one line */
     int contacts;            /* number of requested contact nodes, each requested when the tip enters its element */
-    histogram crossing;      /* time from that request to the tick that could use the node */
-    histogram activation;    /* for active nodes: delay after the tip left their element (0: before) */
-    int unanswered;          /* number removed before their row arrived, or without a row at the end */
+    histogram crossing;      /* time from that request to the first tick that could use the node */
+    histogram activation;    /* for active nodes: delay after the tip left their element, or 0 if they were active before */
+    int unanswered;          /* number of nodes removed before their row arrived, or without a row at the end */
     int crossings;           /* number of faces between elements crossed during insertion */
     int late_crossings;      /* crossings whose contact node was not active when the tip had crossed the element (at the hand's speed) */
-    int late_ticks;          /* ticks whose snapshot did not cover the tip */
+    int late_ticks;          /* number of ticks whose snapshot did not cover the tip */
 } scale_timing;
 
 trocar_status scale_timing_measure(trocar_sim *sim, const scale_case *wanted, scale_timing *result, report *why);

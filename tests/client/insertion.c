@@ -41,8 +41,8 @@ static double length_of(const double a[3]) { return sqrt(a[0] * a[0] + a[1] * a[
 
 typedef struct {
     trocar_client_wrench wrench;
-    double force, most, step; /* N: last force, largest force, largest change from one period to the next */
-    long periods, answered, outages, back; /* `back`: returns to an older wrench */
+    double force, most, step; /* N: last force, largest force, and largest change from one period to the next */
+    long periods, answered, outages, back; /* `back` is the number of returns to an older wrench */
     int was_answered;
 } felt_so_far;
 
@@ -64,7 +64,7 @@ static void exchange(trocar_client *c, double advance, felt_so_far *f) {
     f->was_answered = answered;
 }
 
-/* Resets the needle; returns how many times the command had to be given until the server replied. */
+/* Resets the needle; returns how many times the command had to be sent until the server replied. */
 static int reset(trocar_client *c, felt_so_far *f) {
     for (int times = 1; times <= 5; times++) {
         trocar_client_reset(c);
@@ -86,7 +86,7 @@ int main(int count, char **arguments) {
     } else {
         for (double end = now() + 10; !before.was_answered && now() < end;) exchange(c, 0, &before);
         printf("resets %d\n", reset(c, &before));
-        for (double begin = now(), t = -0.5; t < 0.5 + WAY / SPEED; t = now() - begin - 0.5) /* half a second at rest, for the ramp */
+        for (double begin = now(), t = -0.5; t < 0.5 + WAY / SPEED; t = now() - begin - 0.5) /* starts with half a second at rest, for the ramp */
             exchange(c, t < 0 ? 0 : t < WAY / SPEED ? SPEED * t : WAY, &felt);
     }
     printf("periods %ld\nanswered %ld\noutages %ld\nback %ld\n", felt.periods, felt.answered, felt.outages, felt.back);

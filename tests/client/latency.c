@@ -30,7 +30,7 @@ static double now(void) {
     return (double)t.tv_sec + 1e-9 * (double)t.tv_nsec;
 }
 
-/* False if that is not permitted. */
+/* Returns false if the priority is not permitted. */
 static bool use_priority(int priority) { return sched_setscheduler(0, SCHED_FIFO, &(struct sched_param){.sched_priority = priority}) == 0; }
 
 /* ---- the other process, without any library's delays -------------------------------------------------------------------- */

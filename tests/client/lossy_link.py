@@ -47,7 +47,7 @@ def main():
                     packet, (_, port) = s.recvfrom(65536)
                 except BlockingIOError:
                     break
-                if port == own:     # in transit in the other direction
+                if port == own:     # a datagram in transit in the opposite direction
                     continue
                 if rng.random() < loss:
                     done["lost"][way] += 1

@@ -41,12 +41,12 @@ for command, package in NEEDED.get(LANGUAGE, {}).items():
         print(f"skipped: no {command}; install {package}")
         sys.exit(77)
 in_namespace(SOURCE)
-# Real-time priority as for a bridge, if permitted, so that a busy machine does not look like a fault.
+# Uses real-time priority, as for a bridge, if it is permitted, so that a busy machine does not look like a fault.
 AT_ONCE = ["chrt", "--fifo", "20"] if subprocess.run(["chrt", "--fifo", "20", "true"], capture_output=True).returncode == 0 else []
 
 
 def build(folder):
-    """Returns the bridge as a command. Its compilers are as strict as the language allows."""
+    """Returns the bridge as a command. It is compiled with the strictest options of the language."""
     if LANGUAGE == "c":
         return [f"{BUILD}/tests/client/insertion"]
     if LANGUAGE == "python":
@@ -141,7 +141,7 @@ def run(command):
 
 
 def plug_in():
-    """Connects another machine, 10.0.0.2, at the other end of a cable. Returns the process that keeps its namespace, and a socket in it."""
+    """Connects another machine, 10.0.0.2, to the other end of a cable. Returns the process that keeps its namespace alive, and a socket in that namespace."""
     other = subprocess.Popen(["unshare", "--net", "sleep", "1000"])
     while os.readlink(f"/proc/{other.pid}/ns/net") == os.readlink("/proc/self/ns/net"):
         time.sleep(0.01)
@@ -182,7 +182,7 @@ def whole(message, _):
 
 
 def fragments(message, sequence):
-    """Returns four fragments: fragment 0 first, and one of them twice."""
+    """Returns four fragments, of which fragment 0 is first and one is included twice."""
     size = -(-len(message) // 4)
     for number in (0, 2, 1, 2, 3):
         part = message[size * number:size * (number + 1)]
@@ -190,7 +190,7 @@ def fragments(message, sequence):
 
 
 def answered(bridge, types, sender, ttl, cut=whole):
-    """Returns the fraction of its periods in which the bridge rendered the wrenches that `sender` sends to the group and to its machine."""
+    """Returns the fraction of its periods in which the bridge renders the wrenches that `sender` sends to the group and directly to the bridge's machine."""
     client = subprocess.Popen([*bridge, f"udpm://{NEAR}:{PORT}?ttl={ttl}", "2"], stdout=subprocess.PIPE, text=True)
     wrench, pose = types.needle_wrench_t(), hear_pose(types)
     wrench.session, wrench.server, wrench.force = pose.session, 5, [1.0, 0.0, 0.0]

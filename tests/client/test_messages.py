@@ -47,7 +47,7 @@ def make(types, letter):
 
 
 def damage(data):
-    """Damages the bytes until they are not those of a message."""
+    """Corrupts the bytes until they are no longer those of a valid message."""
     kind = rng.randrange(3)
     if kind == 0:
         return data[:rng.randrange(len(data))]
@@ -69,13 +69,13 @@ def try_python(types, cases):
         for name, value in found.items():
             wanted = getattr(message, name)
             assert tuple(value) == tuple(wanted) if isinstance(value, tuple) else value == wanted, (letter, name)
-        if letter != "r":   # the clients do not send texts
+        if letter != "r":   # the clients do not send strings
             assert kinds[letter].encode(**found) == data, letter
     datagrams(client, [data for _, data, _ in cases])
 
 
 class Alone:
-    """A client that has not been connected, for datagrams without a network."""
+    """A client that is not connected, to process datagrams without a network."""
 
     def __new__(cls, client):
         client.Client._connect = lambda self, url: None

@@ -11,8 +11,8 @@ import sys
 from pathlib import Path
 
 MOTIONS = ("advance", "sweep")
-MOST_GROWTH = 16            # from n to 2 n contacts: a cubic solve, and a second Newton pass
-MOST_PER_BASELINE = 0.5     # 10 contacts relative to a product of order 256; about 0.05 on an idle machine
+MOST_GROWTH = 16            # from n to 2 n contacts, due to a cubic solve and a second Newton pass
+MOST_PER_BASELINE = 0.5     # time for 10 contacts relative to a matrix product of order 256; about 0.05 on an idle machine
 
 
 def check(holds, what):

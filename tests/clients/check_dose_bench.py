@@ -10,7 +10,7 @@ import sys
 
 from check_bench import check, check_quantiles
 
-MOST_PER_VOXEL = 2e-4       # time of a seed relative to a product of order 256; about 2.5e-5 on an idle machine
+MOST_PER_VOXEL = 2e-4       # time of adding a seed relative to a matrix product of order 256; about 2.5e-5 on an idle machine
 
 
 def main():

@@ -15,7 +15,7 @@ TETRAHEDRON = 10  # VTK's cell type
 
 
 class Grid:
-    """An ASCII VTU file with one piece; its arrays by name."""
+    """An ASCII VTU file with one piece, and its arrays by name."""
 
     def __init__(self, path):
         root = ElementTree.parse(path).getroot()
@@ -44,7 +44,7 @@ class Grid:
 
 
 class Table:
-    """Prints rows `what, value, limit`; records whether all of them hold."""
+    """Prints rows `what, value, limit`, and records whether all values are within their limits."""
 
     def __init__(self):
         self.good = True
@@ -61,13 +61,13 @@ class Table:
 
 
 def relative(error, scale):
-    """Returns the norm of the error relative to the scale; zero over zero is zero."""
+    """Returns the norm of the error relative to the scale; if both are zero, returns zero."""
     error = np.max(np.abs(error), initial=0.0)
     return 0.0 if error == 0.0 else error / scale if scale > 0 else np.inf
 
 
 def elasticity(youngs_modulus, poisson_ratio):
-    """Returns the isotropic D, with strains in the order xx yy zz xy yz zx and engineering shear; shape (elements, 6, 6)."""
+    """Returns the isotropic elasticity matrix D, shape (elements, 6, 6), for strains in the order xx yy zz xy yz zx (engineering shear)."""
     factor = youngs_modulus / ((1 + poisson_ratio) * (1 - 2 * poisson_ratio))
     d = np.zeros((len(youngs_modulus), 6, 6))
     d[:, :3, :3] = (factor * poisson_ratio)[:, None, None]
@@ -78,7 +78,7 @@ def elasticity(youngs_modulus, poisson_ratio):
 
 
 def strain_matrices(corners):
-    """Returns B of shape (elements, 6, 12) and the signed volumes, from the inverse of rows (1 x y z)."""
+    """Returns B, shape (elements, 6, 12), and the signed volumes, computed from the inverse of the rows (1 x y z)."""
     rows = np.concatenate([np.ones(corners.shape[:2] + (1,)), corners], axis=2)
     gradients = np.linalg.inv(rows)[:, 1:, :]  # d N_corner / d x_axis: [element, axis, corner]
     b = np.zeros((len(corners), 6, 12))
@@ -93,7 +93,7 @@ def strain_matrices(corners):
 
 
 def internal_forces(grid, tets):
-    """Returns K u at all points, and the elements' volumes."""
+    """Returns K u at all points, and the volumes of the elements."""
     b, volumes = strain_matrices(grid.points[tets])
     d = elasticity(grid.cell_data["youngs_modulus"], grid.cell_data["poisson_ratio"])
     u = grid.point_data["displacement"][tets].reshape(-1, 12)
@@ -117,7 +117,7 @@ def patch_volumetric_stress(grid, volumes, divergence, modulus):
 
 
 def nodal_volumetric_stress(grid, volumes, divergence, modulus):
-    """Returns lambda div u, with div u averaged by volume at nodes, region by region, and then the mean of the four nodes for each cell."""
+    """Returns lambda div u, where div u is averaged by volume at each node, region by region, and then over the four nodes of each cell."""
     nodes = grid.cell_data["volumetric_nodes"].astype(int) + len(grid.points) * grid.cell_data["region"].astype(int)[:, None]
     size = nodes.max() + 1
     volume, change = np.zeros(size), np.zeros(size)
@@ -134,7 +134,7 @@ def most_tets_on_a_face(tets):
 
 
 def check_tissue(grid, table, volume):
-    """Checks residual, supports and mesh of the tissue; returns the sum of the needle's forces on it."""
+    """Checks residual, supports and mesh of the tissue; returns the sum of the forces that the needle exerts on it."""
     if np.any(grid.types != TETRAHEDRON):
         raise ValueError("the tissue has cells other than linear tetrahedra")
     tets = grid.connectivity.reshape(-1, 4)
@@ -155,7 +155,7 @@ def check_tissue(grid, table, volume):
 
 
 def check_needle(grid, table):
-    """Checks the balance of the needle against its base; returns the sum of the forces exerted on it."""
+    """Checks the balance between the needle's forces and its base; returns the sum of the forces exerted on the needle."""
     force, base = grid.point_data["force"], {name: grid.field[name].reshape(3) for name in
                                              ("base_position", "base_force", "base_torque")}
     arm = grid.points - base["base_position"]
@@ -170,7 +170,7 @@ def check_needle(grid, table):
 
 
 def check(prefix, volume=None, unloaded=False):
-    """Print the table for one pair of files; true if all checks hold."""
+    """Prints the table for one pair of files; returns true if all checks hold."""
     tissue, needle, table = Grid(prefix + "-tissue.vtu"), Grid(prefix + "-needle.vtu"), Table()
     on_tissue = check_tissue(tissue, table, volume)
     on_needle, scale = check_needle(needle, table)

@@ -16,7 +16,7 @@ import numpy as np
 import check_vtu
 
 SIZE = np.array([0.02, 0.03, 0.04])       # m
-CELLS = 2                                 # number of cells along each axis; the layers meet at half height
+CELLS = 2                                 # number of cells along each axis; the layers meet at half the height
 LAYERS = ((20e3, 0.3), (50e3, 0.45))      # Pa, Poisson's ratio
 
 
@@ -26,7 +26,7 @@ def lame(youngs_modulus, poisson_ratio):
 
 
 def slopes():
-    """Returns du/dz of each layer, (x, y, z): shear stress and the normal stress along z are continuous."""
+    """Returns du/dz (x, y, z) of each layer, for which the shear stresses and the normal stress along z are continuous."""
     (lambda_0, mu_0), (lambda_1, mu_1) = (lame(*layer) for layer in LAYERS)
     first = np.array([0.02, -0.01, 0.015])
     shear, normal = mu_0 / mu_1, (lambda_0 + 2 * mu_0) / (lambda_1 + 2 * mu_1)
@@ -41,7 +41,7 @@ def stress(layer):
 
 
 def block():
-    """Returns points, Kuhn tetrahedra and the layer of each."""
+    """Returns the points, the Kuhn tetrahedra and the layer of each tetrahedron."""
     side = CELLS + 1
     points = np.array([[i, j, k] for k in range(side) for j in range(side) for i in range(side)]) / CELLS * SIZE
     tets, layer = [], []
@@ -61,7 +61,7 @@ def block():
 
 
 def tractions(points, tets, layer):
-    """Returns the nodal forces of the stress on all outer faces except those at z = 0."""
+    """Returns the nodal forces that the stress exerts on all outer faces except those at z = 0."""
     forces, centre = np.zeros_like(points), SIZE / 2
     for tet, number in zip(tets, layer):
         for face in itertools.combinations(tet, 3):
@@ -76,7 +76,7 @@ def tractions(points, tets, layer):
 
 
 def solved_case():
-    """All arrays of both files."""
+    """Returns all arrays of both files."""
     points, tets, layer = block()
     low, high = np.minimum(points[:, 2:], SIZE[2] / 2), np.maximum(points[:, 2:] - SIZE[2] / 2, 0)
     applied, fixed = tractions(points, tets, layer), points[:, 2] == 0
@@ -173,7 +173,7 @@ class CheckVtu(unittest.TestCase):
 
     def test_strain_is_averaged_over_the_patches(self):
         case = solved_case()
-        case["volumetric_patch"] = np.arange(len(case["tets"])) // 6  # each Kuhn cube lies in one layer and has one strain
+        case["volumetric_patch"] = np.arange(len(case["tets"])) // 6  # each Kuhn cube lies in one layer and has a uniform strain
         self.assertTrue(self.verdict(case)[0])
         case["volumetric_patch"][:] = 0  # across the layers
         self.assertFalse(self.verdict(case)[0])

@@ -11,7 +11,7 @@ cd "$work"
 
 fail() { echo "FAILED: $*" >&2; exit 1; }
 
-# Expects the command to exit with status 2 and a message with this text, and to leave no file behind.
+# Expects that the command exits with status 2 and a message with this text, and leaves no file behind.
 refuses() {
     local text=$1 status=0
     shift
@@ -110,7 +110,7 @@ bad_input() {
     done
 }
 
-# Two runs give the same bits; the log's wrenches equal the table's rows.
+# Two runs give bit-identical results; the wrenches in the log equal the rows of the table.
 replay() {
     "$programs/trocar-device" --write-log poses.log
     for run in a b; do
@@ -120,10 +120,10 @@ replay() {
         cmp "a$part" "b$part"
     done
     [ "$(wc -l <a.csv)" -eq 2402 ] || fail "rows: $(wc -l <a.csv)"
-    # the log's own poses replay to the same table; its wrenches are ignored
+    # the poses in the log replay to the same table; the wrenches in the log are ignored
     "$programs/trocar-replay" --scene "$scene" --poses a.log --csv again.csv --shift shift.csv --quiet
     cmp a.csv again.csv
-    # a recorded needle that the scene does not have is needle 0 of the simulation, but keeps its index in the log
+    # if the scene has no needle with the recorded index, needle 0 is simulated; the log keeps the recorded index
     "$programs/trocar-replay" --scene "$scene" --poses "$source/tests/fuzz/corpus/poselog/two_needles.log" --needle 1 --out second.log --quiet
     python3 - second.log <<'END' || fail "needle or number of needles in the status of a replay's log"
 import struct, sys
@@ -132,7 +132,7 @@ channel, size = struct.unpack(">ii", log[20:28])
 needle, needles, _, _, _ = struct.unpack(">iiiqi", log[28 + channel + size - 24:28 + channel + size])  # status_t's last fields
 sys.exit(not (log[28:28 + channel] == b"TROCAR_STATUS" and needle == 1 and needles == 2))
 END
-    # the gland is pushed along the needle, pulled back beyond its initial place, and at rest again when the needle is out
+    # the gland is pushed along the needle, pulled back beyond its initial position, and is at rest again when the needle has been withdrawn
     awk -F, 'NR > 1 { if (NF != 7) exit 2; low = $4 < low ? $4 : low; high = $4 > high ? $4 : high; last = $4 }
              END { exit !(NR == 2402 && high > 0.05 && low < -0.05 && last == 0) }' shift.csv || fail "shift of the gland"
     grep -q 'puncture:skin' a.csv || fail "no puncture of the skin"
@@ -140,7 +140,7 @@ END
     [ -z "$(find . -name '*.part')" ] || fail "temporary files left"
 }
 
-# ParaView's time series: all listed files exist, in order, and one of them equals what --vtu writes for that time.
+# ParaView's time series: all listed files exist, in the right order, and one of them equals the file that --vtu writes for that time.
 series() {
     local run=("$programs/trocar-replay" --scene "$scene" --poses "$source/tests/traces/figure8.log" --quiet)
     mkdir part
@@ -159,8 +159,8 @@ EOF
     "$source/tests/clients/check_vtu.py" part/series-0039
 }
 
-# Golden recordings with their wrenches: two replays are bit-identical, and match within a tolerance that a change of the mechanics
-# exceeds.
+# Golden recordings with their wrenches: two replays are bit-identical, and agree with the recording within a tolerance that a change of the mechanics would
+# exceed.
 golden() {
     local traces=$source/tests/traces trace status=0
     for trace in figure8 again hand lossy; do
@@ -179,7 +179,7 @@ golden() {
     grep -qE '^  first: .*fz off by .* N, .* of its peak, at [0-9.]+ s, pose [0-9]+$' difference || fail "the first difference is not explained"
 }
 
-# Short runs: checks the output, not the speed of this machine.
+# Short runs, which check the output but not the speed of this machine.
 bench() {
     "$programs/trocar-bench" tick --scene "$scene" --contacts 5,10 --ticks 100 --json bench.json >bench.txt
     cat bench.txt
@@ -204,7 +204,7 @@ bench() {
     grep -q '10 contacts' tick.svg && grep -q 'dense, 20 mm/s' worker.svg || fail "no figures of scale"
 }
 
-# Deep in the tissue, with the base moved up, during retraction, and with the tip still near the skin.
+# Positions deep in the tissue, with the base moved up, during retraction, and with the tip still close to the skin.
 balance() {
     "$programs/trocar-device" --write-log poses.log
     for at in 0.3 1.0 1.38 1.8; do
@@ -213,8 +213,8 @@ balance() {
     done
 }
 
-# At rest, the hand's spring balances the needle's force: z = target + force / stiffness. There is no virtual coupling, because it never rests while
-# the delay changes, as on a busy machine. Status 77: network namespaces are not permitted.
+# At rest, the spring of the hand balances the needle's force: z = target + force / stiffness. There is no virtual coupling, because it does not come to rest
+# while the delay varies, as it does on a busy machine. Exit status 77: network namespaces are not permitted.
 hand() {
     "$source/scripts/netns" true || exit 77
     "$source/scripts/netns" "$source/tests/clients/test_clients.sh" "$programs" "$source" hand_inside
@@ -232,7 +232,7 @@ hand_inside() {
     "$programs/trocar-device" --script insert --realtime --hand 0.3,15,400 --csv hand.csv --report hand.json
     kill $server
     wait $server
-    # from 1.5 s to 1.6 s the script rests at z = -0.135 m
+    # from 1.5 s to 1.6 s, the script holds the base at z = -0.135 m
     awk -F, 'NR == 1 { for (i = 1; i <= NF; i++) { split($i, name, " "); column[name[1]] = i } next }
              $1 > 1.5 && $1 < 1.6 { rows++; force = $column["fz"]; off = $column["z"] + 0.135 - force / 400
                                     if (off < 0) off = -off; if (off > worst) worst = off }
@@ -241,7 +241,7 @@ hand_inside() {
     /usr/bin/python3 -m json.tool hand.json >/dev/null || fail "the report is not JSON"
 }
 
-# The figure is drawn from the table and labels the events.
+# The figure is drawn from the table and contains labels for the events.
 figure() {
     "$programs/trocar-device" --write-log poses.log
     "$programs/trocar-replay" --scene "$scene" --poses poses.log --csv forces.csv --quiet

@@ -27,7 +27,7 @@ def replay(folder, scene, poses, *options):
 
 
 def expected(row):
-    """Returns the object that corresponds to a row of CSV."""
+    """Returns the JSON object that corresponds to a row of the CSV table."""
     def vector(form):
         return {axis: float(row[form.format(axis)]) for axis in "xyz"}
     unit = "mm" if "base_x [mm]" in row else "m"
@@ -42,7 +42,7 @@ def expected(row):
 
 
 def layout_curves():
-    """Returns the curves of the layout that docs/studies/plotting.md provides for CSV."""
+    """Returns the curves of the CSV layout given in docs/studies/plotting.md."""
     return re.findall('<curve name="([^"]+)"', (SOURCE / "docs/examples/plotjuggler-csv.xml").read_text())
 
 

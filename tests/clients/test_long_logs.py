@@ -11,11 +11,11 @@ from pathlib import Path
 
 BUILD, SOURCE = Path(sys.argv[1]), Path(sys.argv[2])
 REPLAY, DEVICE = BUILD / "clients/trocar-replay", BUILD / "clients/trocar-device"
-SHORT, LONG = 2, 150    # s of poses, a thousand each
+SHORT, LONG = 2, 150    # s, durations of the logs, with a thousand poses per second
 
 
 def peak(*command):
-    """Returns the peak memory of the command, MB."""
+    """Returns the peak memory of the command in MB."""
     process = os.posix_spawn(command[0], [str(part) for part in command], os.environ)
     _, status, used = os.wait4(process, 0)
     if status != 0:

@@ -1,4 +1,5 @@
-/* trocar-replay gives the forces that the same calls give, for a log of several needles with commands (--all) and for a log with poses of the probe. */
+/* trocar-replay gives the same forces as the corresponding library calls, for a log of several needles with commands (--all) and for a log with poses of the
+   probe. */
 #define _DEFAULT_SOURCE
 #include <math.h>
 #include <setjmp.h>
@@ -31,9 +32,9 @@ typedef struct {
     lcm_eventlog_t *log;
     int64_t utime, seq;
     trocar_output last;
-    double (*force)[3];      /* N, in each tick; NULL: not recorded */
+    double (*force)[3];      /* N, force in each tick; NULL if it is not recorded */
     int ticks;
-    int64_t moved[2];        /* us, utime of each needle's last pose; 0: the next one begins an insertion */
+    int64_t moved[2];        /* us, utime of each needle's last pose; 0 if the next pose begins an insertion */
 } recording;
 
 static char folder[32], path[64], scene_path[64], csv[64], out[64];
@@ -52,7 +53,7 @@ static void command(recording *r, int what, int needle) {
     OK(log_write_command(r->log, &m, path, &why));
 }
 
-/* Writes a pose to the log, `aside` from where the needle of the simulation is held. */
+/* Writes a pose to the log, displaced by `aside` (m) from the pose at which the simulation holds the needle. */
 static void pose_at(recording *r, int needle, double x, double z, double aside) {
     trocar_pose base = {{x, 0.003, z}, {1, 0, 0, 0}};
     trocar_needle_pose_t m = {.utime = r->utime += 1000, .session = 10 + needle, .seq = r->seq++, .needle = needle,
@@ -77,7 +78,8 @@ static void leave(recording *r, int needle) {
     OK(trocar_sim_work(r->sim, NULL, &why));
 }
 
-/* Two needles are inserted and left; the first is taken where it rests, with the hand elsewhere, and drawn back; the second is removed. */
+/* Two needles are inserted and released. The first is taken at the place where it rests, although the hand is at another place, and withdrawn; the second is
+   removed. */
 static void record(recording *r) {
     const trocar_pose away = {{0, 0, -10}, {1, 0, 0, 0}};
     for (int i = 0; i < 2; i++) OK(trocar_sim_reset(r->sim, i, &away, &why));
@@ -97,11 +99,11 @@ static void record(recording *r) {
         OK(log_write_pose(r->log, &m, path, &why));
         OK(trocar_sim_step(r->sim, 0, &base, 1e-3, &r->last, &why));
     }
-    command(r, TROCAR_COMMAND_T_TAKE, 1); /* refused, because the needle is gone */
+    command(r, TROCAR_COMMAND_T_TAKE, 1); /* refused, because the needle has been removed */
 }
 
-/* Two needles lie beside each other. The first is reset twice, once while it is held and once after it has been left and taken, and is inserted again
-   elsewhere while the second moves on. */
+/* Two needles lie next to each other. The first is reset twice, once while it is held, and once after it has been released and taken. It is inserted again at
+   another place while the second one moves on. */
 static void record_resets(recording *r) {
     const trocar_pose away = {{0, 0, -10}, {1, 0, 0, 0}};
     for (int i = 0; i < 2; i++) OK(trocar_sim_reset(r->sim, i, &away, &why));
@@ -121,7 +123,7 @@ static void record_resets(recording *r) {
     push(r, 0, 0.02);
 }
 
-/* Makes a scene of two needles in a folder of its own, and the log written by `record`. Returns the model; the simulation belongs to the recording. */
+/* Creates a scene of two needles in a folder of its own, and the log written by `record`. Returns the model; the simulation belongs to the recording. */
 static trocar_model *log_two_needles(recording *r, void (*record)(recording *)) {
     trocar_scene *scene;
     trocar_model *model;
@@ -186,7 +188,7 @@ static const char probe_keys[] = "probe: {surface: skin, radius: 0.008, tip_radi
 
 static trocar_pose probe_at(int tick) { return (trocar_pose){{0.02, -0.015, -LENGTH - 0.001 + 2e-5 * tick}, {1, 0, 0, 0}}; }
 
-/* Reads the forces of all ticks as rows of x, y, z; returns their number. */
+/* Reads the forces of all ticks as rows of x, y, z; returns the number of ticks. */
 static int read_forces(double (*force)[3], int room) {
     FILE *file = fopen(csv, "r");
     char row[1024];
@@ -215,7 +217,7 @@ static void resets_take_effect_at_once(void **state) {
     free(r.force);
 }
 
-/* The probe is pressed 5 mm into the skin beside a needle, with a pose every tenth tick. Poses of another session, and old ones, are not used. */
+/* The probe is pressed 5 mm into the skin next to a needle, with one pose in every tenth tick. Poses of another session and old poses are ignored. */
 static void record_with_probe(recording *r) {
     trocar_pose base = {{0, 0.003, -0.201}, {1, 0, 0, 0}};
     OK(trocar_sim_reset(r->sim, 0, &base, &why));
@@ -229,7 +231,7 @@ static void record_with_probe(recording *r) {
     }
 }
 
-/* All points of the file lie on the probe's surface, and its force is the simulation's. */
+/* All points in the file lie on the surface of the probe, and the force equals that of the simulation. */
 static void check_probe_file(const char *name, const trocar_probe *p) {
     char line[512], file_path[96];
     snprintf(file_path, sizeof file_path, "%s/%s", folder, name);
@@ -295,7 +297,7 @@ static void the_probe_of_a_log_moves_as_it_did(void **state) {
              folder, folder, folder);
     assert_int_equal(system(line), 0);
 
-    rename(out, path); /* the output can be replayed again, to the same bits */
+    rename(out, path); /* the output can be replayed again, with bit-identical results */
     snprintf(line, sizeof line, "-q --csv %s.2", csv);
     assert_int_equal(run(line), 0);
     snprintf(line, sizeof line, "cmp %s %s.2 && rm -r %s", csv, csv, folder);

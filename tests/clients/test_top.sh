@@ -1,6 +1,6 @@
 #!/bin/bash
-# trocar-top with a running server, in tmux and in a dumb terminal, and without a server. Status 77: no namespace here.
-# usage: test_top.sh BUILD_DIR SOURCE_DIR
+# Runs trocar-top with a server, in tmux and in a dumb terminal, and without a server. Exit status 77: network namespaces are not available. usage: test_top.sh
+# BUILD_DIR SOURCE_DIR
 set -euo pipefail
 . "${0%/*}/../shared/in_namespace.sh"
 top=$build/clients/trocar-top
@@ -10,7 +10,7 @@ cd "$work"
 fail() { echo "FAILED: $*" >&2; cat screen once 2>/dev/null || true; exit 1; }
 screen() { tmux -S tmux capture-pane -p >screen; }
 
-# Waits up to 10 s for a line that matches this pattern on the screen.
+# Waits up to 10 s until a line on the screen matches this pattern.
 appears() {
     for _ in $(seq 100); do
         screen
@@ -50,7 +50,7 @@ grep -qE '^  lateness +[0-9.]+ [um]s' once || fail "no lateness"
 TERM=dumb timeout 1.5 script -qec "'$top'" /dev/null >once </dev/null || [ $? -eq 124 ] || fail "dumb terminal"
 grep -qE '^  lateness +[0-9.]+ [um]s' once && ! grep -q $'\e' once || fail "escape sequences in a dumb terminal"
 
-# No program listens to its datagrams.
+# No program receives its datagrams.
 tmux -S tmux kill-server
 tmux -S tmux -f /dev/null new-session -d -x 80 -y 24 "'$top' --udp-json '[::1]:9'; echo ended; sleep 60"
 appears '^udp json +\[::1\]:9: no program listens there'

@@ -34,18 +34,18 @@ def bind(port):
 
 
 def listen(listener, seconds):
-    """Returns the objects that arrive within this time."""
+    """Returns the JSON objects that arrive within this time."""
     found, end = [], time.monotonic() + seconds
     while time.monotonic() < end:
         try:
-            found.append(json.loads(listener.recv(65536), parse_constant=lambda name: 1 / 0))   # neither NaN nor Infinity
+            found.append(json.loads(listener.recv(65536), parse_constant=lambda name: 1 / 0))   # neither NaN nor Infinity is permitted
         except TimeoutError:
             pass
     return found
 
 
 class Wrenches(threading.Thread):
-    """The wrenches on the network by tick, decoded from LCM's packets: force, depth and contacts."""
+    """The wrenches on the network by tick, with force, depth and contacts, decoded from LCM's packets."""
 
     def __init__(self):
         super().__init__(daemon=True)
@@ -77,8 +77,8 @@ def xyz(vector):
 
 
 def compare(objects, wrenches):
-    """Checks that the values are those of the tick, to the bit. Returns the wrenches' objects."""
-    time.sleep(0.1)  # the last wrench may not have reached the thread yet
+    """Checks that the values are bit-identical to those of the tick. Returns the JSON objects of the wrenches."""
+    time.sleep(0.1)  # the thread may not have received the last wrench yet
     found = [o for o in objects if "tick" in o.get("needle0", {})]
     for o in found:
         n = o["needle0"]
@@ -90,7 +90,7 @@ def compare(objects, wrenches):
 
 
 def names(value, name=""):
-    """Yields the names that PlotJuggler gives to the numbers of an object."""
+    """Yields the names that PlotJuggler gives to the numbers in a JSON object."""
     if isinstance(value, dict):
         return {each for key in value for each in names(value[key], f"{name}/{key}")}
     return {name} if isinstance(value, (int, float)) else set()
@@ -103,14 +103,14 @@ def check_layout(objects):
 
 
 def check_period(found, wrenches, period):
-    """Checks that at least a period (us, minus 0.1 ms) lies between two datagrams, and mostly not more: a busy machine may lose wrenches before
-    trocar-top reads them."""
+    """Checks that the time between two datagrams is at least a period (us, minus 0.1 ms), and in most cases not longer. On a busy machine, wrenches may be lost
+    before trocar-top reads them."""
     gaps = [wrenches.of_tick[after["needle0"]["tick"]][0] - wrenches.of_tick[before["needle0"]["tick"]][0] for before, after in zip(found, found[1:])]
     assert len(gaps) > 4 and min(gaps) >= period - 100 and statistics.median(gaps) < 1.5 * period, gaps
 
 
 def check_events(found, wrenches):
-    """Checks that the next datagram contains the events of ticks that were not sent, and no others."""
+    """Checks that the next datagram reports the events of the ticks that were not sent, and no others."""
     gathered = 0
     for before, after in zip(found, found[1:]):
         n, events = after["needle0"], 0
@@ -158,7 +158,7 @@ def live():
     assert len(loops) > 3 and all(0 < loop["compute_p50_s"] < 0.1 and loop["rate_Hz"] == 1000 for loop in loops), loops
     assert len(states) > 3 and states[-1]["owned"] is True and states[-1]["poses_accepted"] > states[0]["poses_accepted"] > 0, states
 
-    # The listener disappears and comes back, and so does the server.
+    # The listener stops and is started again, and so is the server.
     listener.close()
     time.sleep(0.5)
     listener = bind(9870)
@@ -185,8 +185,8 @@ def live():
     time.sleep(1.2)
     said = end(top)
     assert "udp json    127.0.0.1:9870: " in said[0] and "lateness" in said[0], said
-    # Events of wrenches that are not sent appear in the next one that is.
-    listener.close()                             # with the datagrams received since
+    # Events of wrenches that are not sent are reported with the next wrench that is sent.
+    listener.close()                             # contains the datagrams received in the meantime
     listener = bind(9870)
     top = start(TOP, "--udp-json", "127.0.0.1:9870", "--udp-rate", "5", stdout=subprocess.DEVNULL, stderr=subprocess.DEVNULL)
     found = compare(listen(listener, 3.0), wrenches)

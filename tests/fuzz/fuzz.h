@@ -1,4 +1,4 @@
-/* Shared by all fuzzers: the entry point that libFuzzer calls, and files in memory for readers that need a path. */
+/* Shared by all fuzzers: the entry point that libFuzzer calls, and in-memory files for readers that need a path. */
 #ifndef TROCAR_TESTS_FUZZ_H
 #define TROCAR_TESTS_FUZZ_H
 
@@ -15,7 +15,7 @@ int LLVMFuzzerTestOneInput(const uint8_t *data, size_t size);
 /* Requires a condition that must hold for every input. */
 #define REQUIRE(condition) ((condition) ? (void)0 : (fprintf(stderr, "%s:%d: not so: %s\n", __FILE__, __LINE__, #condition), abort()))
 
-/* Returns the path of a file in memory with these bytes, valid until the next call. */
+/* Returns the path of an in-memory file with these bytes, valid until the next call. */
 static inline const char *file_of(const void *data, size_t size) {
     static char path[32];
     static int file = -1;

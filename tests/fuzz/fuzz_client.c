@@ -4,7 +4,7 @@
 
 #include "trocar_client.c"
 
-/* The session and the server that the seeds of the corpus name. */
+/* The session and the server named in the seeds of the corpus. */
 enum { SESSION = 1 };
 
 static void check(trocar_client *c) {
@@ -27,7 +27,7 @@ int LLVMFuzzerTestOneInput(const uint8_t *data, size_t size) {
         fresh->session = SESSION;
         fresh->asked = 1;
     }
-    memcpy(c, fresh, offsetof(trocar_client, assembly.bytes)); /* all except two buffers */
+    memcpy(c, fresh, offsetof(trocar_client, assembly.bytes)); /* copies everything except two buffers */
     while (size >= 3) {
         size_t length = (size_t)data[0] << 8 | data[1];
         const struct sockaddr_in from = {.sin_family = AF_INET, .sin_port = data[2]};

@@ -1,4 +1,4 @@
-/* TROCAR_COMMAND sent to an arbiter whose needle has an owner; the first byte selects whether the owner sends it, and whether it comes from another
+/* Sends a TROCAR_COMMAND to an arbiter whose needle has an owner. The first byte selects whether the owner sends it, and whether it comes from another
    machine. */
 #include "fuzz.h"
 

@@ -1,4 +1,4 @@
-/* A message of the Haply Inverse Service, and of its events. The first byte selects which device and handle are wanted. */
+/* Parses a message of the Haply Inverse Service, and one of its events. The first byte selects which device and handle are requested. */
 #include "fuzz.h"
 
 #include <string.h>
@@ -18,7 +18,7 @@ int LLVMFuzzerTestOneInput(const uint8_t *data, size_t size) {
         REQUIRE(v3_norm(state.position) <= 1.0);
         REQUIRE(fabs(q->w * q->w + q->x * q->x + q->y * q->y + q->z * q->z - 1) < 1e-9);
         REQUIRE(choice->device[0] ? strcmp(state.device, choice->device) == 0 : state.device[0] != '\0');
-        /* Its ID makes a message that can be read, in which it is the same. */
+        /* With the device's id, the message can still be read and gives the same id. */
         haply_state again;
         size_t length = haply_write_force(text, sizeof text, state.device, "vector", v3(-1e3, 1e3, 1e3), true);
         REQUIRE(length == strlen(text) && length < sizeof text);

@@ -9,19 +9,19 @@
 
 enum { NEEDLES = 2 };
 
-/* Returns the needle whose pose was accepted, or -1. `refused`: number of poses refused since each needle's last accepted pose. */
+/* Returns the needle whose pose was accepted, or -1. `refused` is the number of poses refused since each needle's last accepted pose. */
 static int check(const pose_arbiter *in, const arbiter_needle before[NEEDLES], pose_verdict verdict, int64_t now, const int refused[NEEDLES]) {
     int changed = -1;
     for (int i = 0; i < NEEDLES; i++) {
         const pose_sample *s = &in->needles[i].newest, *b = &before[i].newest;
         if (memcmp(s, b, sizeof *b) == 0) continue;
-        if (!s->held) { /* the owner has moved to another needle */
+        if (!s->held) { /* the owner has moved on to another needle */
             REQUIRE(verdict == POSE_ACCEPTED && in->record.needles[i].owner == 0);
             continue;
         }
         REQUIRE(changed < 0 && verdict == POSE_ACCEPTED && s->session != 0 && s->session == in->record.needles[i].owner && s->received == now);
         REQUIRE(safety_check_pose(&s->base) == POSE_ACCEPTED);
-        REQUIRE(s->session != b->session || s->seq > b->seq || refused[i] >= SEQUENCE_RUN - 1); /* a sender may number its messages anew */
+        REQUIRE(s->session != b->session || s->seq > b->seq || refused[i] >= SEQUENCE_RUN - 1); /* a sender may restart its numbering */
         REQUIRE(in->record.needles[1 - i].owner != s->session);
         changed = i;
     }

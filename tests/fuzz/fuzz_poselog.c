@@ -29,7 +29,7 @@ static void check_commands(const pose_log *log) {
     }
 }
 
-/* Reads the same log pose by pose. */
+/* Reads the same log one pose at a time. */
 static void read_stream(const char *path, const pose_log *log) {
     pose_stream *stream;
     pose_step step;

@@ -17,7 +17,7 @@ sys.path.insert(0, str(Path(__file__).resolve().parent.parent / "shared"))
 from simulated_device import DeviceService
 from standin import Service, use_realtime
 
-gc.disable()    # its pauses would look like pauses of the bridge
+gc.disable()    # pauses of the garbage collector would look like pauses of the bridge
 
 
 def wait_for(condition, what, seconds=5.0):
@@ -30,8 +30,8 @@ def wait_for(condition, what, seconds=5.0):
 
 
 class Wrenches:
-    """Records when the server's wrenches arrived, by the kernel's clock, in seconds of time.monotonic: a process that is told to stop may
-    run for some milliseconds until it is scheduled."""
+    """Records the arrival times of the server's wrenches according to the kernel's clock, in seconds of time.monotonic. (A process that is told to stop may
+    continue to run for a few milliseconds until it is scheduled.)"""
 
     SO_TIMESTAMPNS = 35
 
@@ -55,7 +55,7 @@ class Wrenches:
                 self.times.append(seconds + 1e-9 * nanoseconds + time.monotonic() - time.time())
 
     def newest(self, before):
-        """Returns the time of the newest wrench before this time, -inf if there is none."""
+        """Returns the time of the newest wrench before this time, or -inf if there is none."""
         times = list(self.times)
         k = bisect.bisect_left(times, before)
         return times[k - 1] if k > 0 else -math.inf
@@ -63,9 +63,9 @@ class Wrenches:
 
 class Rig:
     def __init__(self, build, source, folder, realtime=False, device=None, **service):
-        """`device`: a simulated device (simulated_device.py) that feels the force; otherwise the test sets its positions."""
+        """`device` is a simulated device (simulated_device.py) that feels the force; without it, the test sets the positions."""
         self.build, self.source, self.folder = Path(build), Path(source), Path(folder)
-        # The test sets the stand-in's positions, so there is no closed loop to keep stable, and a coupling would only make the force depend on the
+        # The test sets the positions of the stand-in, so there is no closed loop to be stabilised, and a coupling would only make the force depend on the
         # delay.
         figure8 = (self.source / "meshes/figure8.yaml").read_text().replace("mesh: ", f"mesh: {self.source.resolve()}/meshes/", 1)
         self.scene = self.folder / "scene.yaml"
@@ -108,11 +108,11 @@ class Rig:
         self.service.stop()
 
     def force(self):
-        """Returns the newest force, N, in the device's frame."""
+        """Returns the newest force (N) in the device's frame."""
         return self.service.forces[-1][1]
 
     def since(self, start):
-        """Returns [(time, force)] received after this time."""
+        """Returns the pairs (time, force) received after this time."""
         forces, k = self.service.forces, len(self.service.forces)
         while k > 0 and forces[k - 1][0] >= start:
             k -= 1
@@ -122,7 +122,7 @@ class Rig:
         return [math.hypot(*force) for _, force in self.since(start)]
 
     def force_without_server(self, begin, end):
-        """Returns the seconds from the last wrench of a server that stopped soon after `begin` to the last force before `end`."""
+        """Returns the time (s) from the last wrench of a server that stopped shortly after `begin` to the last force before `end`."""
         last_wrench = self.wrenches.newest(end)
         assert begin - 0.1 < last_wrench < end - 0.1, "the server did not stop"
         return max((at for at, force in self.since(last_wrench) if force != (0, 0, 0) and at < end), default=last_wrench) - last_wrench

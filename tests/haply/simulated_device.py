@@ -44,7 +44,7 @@ class Device:
 
 
 class DeviceService(Service):
-    """Applies the forces that it receives to a device, and reports the device's position."""
+    """Applies the forces that it receives to a device, and reports the position of the device."""
 
     def __init__(self, device, **service):
         self.held = device

@@ -22,7 +22,7 @@ from standin import Disconnect, use_realtime
 
 HOME, LIMIT = (0.0, 0.1, 0.1), 0.4
 WATCHDOG, SLACK = 0.02, 0.005  # s
-STEP = 2e-4        # m, step of the hand, within the server's limits of speed
+STEP = 2e-4        # m, step of the hand, within the server's speed limit
 
 
 def percentiles(values):
@@ -41,8 +41,8 @@ def insert(rig, depth=0.04, speed=0.05):
 
 
 def round_trips(rig, count):
-    """The resting hand makes a small step. Returns the times from the first state that shows it to the first force that differs, inf if
-    there is none within 80 ms."""
+    """The resting hand makes a small step. Returns the times from the first state that contains the step to the first force that differs, inf if there is none
+    within 80 ms."""
     insert(rig)
     times = []
     for k in range(1, count + 1):
@@ -116,7 +116,7 @@ def damaged(state, change):
 
 
 class Faults:
-    """Faults of the service: one message in `every` is answered wrongly. Judges every force at once."""
+    """The service is faulty: it answers one message in `every` incorrectly. Each force is checked immediately."""
 
     def __init__(self, rig, random):
         self.rig, self.random, self.counts, self.judged, self.violations, self.greatest = rig, random, {}, len(rig.service.forces), [], 0.0
@@ -157,7 +157,7 @@ class Faults:
     bad = False
 
     def judge(self):
-        """Called before each answer, when the force that follows the previous one has arrived."""
+        """Called before each answer, when the force in response to the previous answer has arrived."""
         forces = self.rig.service.forces
         for at, force, _ in forces[self.judged:]:
             size = math.hypot(*force)
@@ -213,7 +213,7 @@ def random_faults(rig, minutes, seed):
             rig.service.start()
         if rig.bridge.poll() is not None:
             raise AssertionError(f"the bridge ended: {rig.bridge.returncode}\n{rig.said()}")
-    # Both sides work again: force in the tissue, and none outside it.
+    # Both the server and the service work again: the needle feels a force inside the tissue and none outside.
     rig.service.answer = json.dumps
     time.sleep(2)
     seen, end = [], time.monotonic() + 9

@@ -39,7 +39,7 @@ class Service:
         self.version, self.position, self.orientation, self.handle = version, (0.0, 0.1, 0.1), (1.0, 0.0, 0.0, 0.0), "wireless_verse_grip"
         self.buttons, self.calibrated, self.answer, self.device = {"a": False, "b": False, "c": False}, True, json.dumps, "049D"
         self.forces, self.first, self.states, self.inquiries = [], [], [], 0
-        self.frozen, self.counted = False, 0  # frozen: the same state again and again
+        self.frozen, self.counted = False, 0  # frozen: if true, the same state is sent again and again
         self.port, self.realtime = port, realtime
         self.start()
 
@@ -125,7 +125,7 @@ class Service:
 
     def state(self, full):
         position = self.position(time.monotonic()) if callable(self.position) else self.position
-        if not self.frozen:  # the last digit of a sensor always changes
+        if not self.frozen:  # in a real sensor, the last digit changes with every reading
             self.counted += 1
             position = (position[0], position[1], position[2] + 1e-8 * (self.counted % 7))
         new = self.version >= "3.5"
@@ -155,7 +155,7 @@ class Service:
 
 
 def use_realtime():
-    """Uses real-time priority for this thread, if permitted, so that a busy machine does not look like a fault."""
+    """Uses real-time priority for this thread, if it is permitted, so that a busy machine does not look like a fault."""
     try:
         os.sched_setscheduler(0, os.SCHED_FIFO | os.SCHED_RESET_ON_FORK, os.sched_param(20))
     except PermissionError:

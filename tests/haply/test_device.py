@@ -26,14 +26,14 @@ from in_namespace import in_namespace
 from simulated_device import Device, Properties
 from standin import use_realtime
 
-PUSH = {"bone": (1e-3, 11e-3), "liver": (1e-3, 41e-3), "air": (60e-3, 40e-3)}    # m: from the tip to the skin, and length of the push
+PUSH = {"bone": (1e-3, 11e-3), "liver": (1e-3, 41e-3), "air": (60e-3, 40e-3)}    # m: distance from the tip to the skin, and length of the push
 SPEED, WINDOW, WINDOWS, LARGE = 0.1, 0.25, 20, 0.5e-3    # m/s, s, -, m: as in stability_map.c
 REST, PATIENCE = 4, 60    # windows in a row in which the hand must rest, of at most so many: a stall of the machine pushes a resting hand again
 COLUMNS = "profile,tissue,hand,device,mass_kg,delay_ms,told,swing_mm,quiet_s,widest_mm,force_n,stiffness_n_per_m,active".split(",")
 
 
 def write_scene(source, path, point):
-    """Writes figure 8's scene, changed as by stability_map.c."""
+    """Writes the scene of figure 8 with the same changes as stability_map.c."""
     text = (Path(source) / "meshes/figure8.yaml").read_text().replace("mesh: ", f"mesh: {source}/meshes/")
     if point["tissue"] == "bone":
         text = re.sub(r"youngs_modulus: (60|30)e3", "youngs_modulus: 10e9", text).replace("puncture_force: 0.6", "puncture_force: .inf")
@@ -51,7 +51,7 @@ def device_of(build, point):
 
 
 def coupling(build):
-    """Returns the stiffness of the coupling (N/m) and whether the server reports ACTIVE, from trocar-top."""
+    """Returns the stiffness of the coupling (N/m) and whether the server reports ACTIVE, both from trocar-top."""
     text = subprocess.run([f"{build}/clients/trocar-top", "--once"], capture_output=True, text=True, timeout=20).stdout
     return float(re.search(r"coupling ([0-9]+) N/m", text).group(1)), "ACTIVE" in text.upper()
 
@@ -106,7 +106,7 @@ def check_points(build, source, slow):
 
 
 def measure_delay(build, source, mass, delay):
-    """Delay (s, there and back) and mass (kg) that --measure-delay finds of a device."""
+    """Returns the delay (s, round trip) and mass (kg) of a device as measured by --measure-delay."""
     device = Device(build, Properties(mass, 3.0, 300.0, delay, 0.0, 2e-5), (0.0, 0.1, 0.1))
     with tempfile.TemporaryDirectory() as folder:
         rig = Rig(build, source, folder, realtime=True, device=device)

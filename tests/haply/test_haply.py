@@ -15,8 +15,8 @@ import time
 
 BUILD, SOURCE = sys.argv[1:3]
 SLOW = "--slow" in sys.argv
-WATCHDOG = 0.02    # s, watchdog of both sides
-SLACK = 1.0 if SLOW else 0.012  # s, for scheduling beyond the watchdog
+WATCHDOG = 0.02    # s, timeout of the watchdogs in server and bridge
+SLACK = 1.0 if SLOW else 0.012  # s, allowance for scheduling in addition to the watchdog's timeout
 LIMIT = 0.6        # N, --max-force
 HOME = (0.0, 0.1, 0.1)
 DEPTH = 0.04       # m, depth of the insertion
@@ -31,7 +31,7 @@ in_namespace(SOURCE)
 
 
 def push(rig, distance=DEPTH, speed=0.05, start=HOME):
-    """Pushes the hand forward from `start` and then holds it at rest. Returns at that moment, with the time at which the push began."""
+    """Pushes the hand forward from `start` and then holds it at rest. Returns as soon as the hand rests, with the time at which the push began."""
     begin = time.monotonic()
     rig.service.position = lambda now: (start[0], start[1] + min(distance, speed * max(0.0, now - begin)), start[2])
     time.sleep(distance / speed)
@@ -44,12 +44,12 @@ def settled(rig, seconds=0.15):
 
 
 def becomes(rig, expected, what):
-    """Waits until the force is this one, within 5 %: it is zero while the machine stalls."""
+    """Waits until the force equals `force` to within 5 %; it is zero while the machine stalls."""
     wait_for(lambda: math.dist(rig.force(), expected) < 0.05 * math.hypot(*expected) + 0.005, f"{what}: {rig.force()} N, expected {expected} N")
 
 
 def library_force(distance, speed):
-    """Returns the force of the same insertion by the library, N, in the scene's frame."""
+    """Returns the force (N) that the library computes for the same insertion, in the scene's frame."""
     os.environ["TROCAR_LIBRARY"] = f"{BUILD}/core/libtrocar.so"
     sys.path.insert(0, f"{BUILD}/clients/python")
     import trocar
@@ -64,7 +64,7 @@ def library_force(distance, speed):
 
 
 def check_force(rig):
-    """Forward is the scene's z, right is its -x, and up is its y; the force is the library's."""
+    """Forward is the scene's z axis, right is its -x axis, and up is its y axis; the force equals the library's."""
     expected = None
     if not SLOW:
         fx, fy, fz = library_force(DEPTH, 0.05)
@@ -86,7 +86,8 @@ def check_greeting(rig):
 
 
 def check_clutch(rig):
-    """The needle stays while the hand moves back and forth, without force, and continues from where it was."""
+    """While the clutch is pressed, the hand moves back and forth without a force and the needle does not move; afterwards the needle continues from its
+    position."""
     before, home = rig.force(), rig.service.position(time.monotonic())
     rig.service.buttons["a"] = True
     time.sleep(0.1 if not SLOW else 0.5)
@@ -96,14 +97,14 @@ def check_clutch(rig):
     time.sleep(0.05)
     rig.service.buttons["a"] = False
     becomes(rig, before, "not the same force after the clutch")
-    rig.service.position = (moved[0], moved[1] - 0.06, moved[2])  # out of the tissue in one jump
+    rig.service.position = (moved[0], moved[1] - 0.06, moved[2])  # a jump out of the tissue
     wait_for(lambda: math.hypot(*rig.force()) < 0.01, "the needle does not come out")
     push(rig, DEPTH + 0.001, start=rig.service.position)
     rig.wait_for_force(0.1, "no force after the clutch")
 
 
 def check_handle(rig):
-    """Without a handle, the needle keeps its direction; the force rises again."""
+    """Without a handle, the needle keeps its direction, and the force increases again."""
     before = settled(rig, 0.3)
     start = time.monotonic()
     rig.service.handle = None
@@ -111,7 +112,7 @@ def check_handle(rig):
     wait_for(lambda: min(rig.norms_since(start)) < 0.1 * math.hypot(*before), "no new ramp without a handle")
     becomes(rig, before, "not the same force without a handle")
     rig.service.handle = "wireless_verse_grip"
-    rig.service.orientation = (2.0, 0.0, 0.0, 0.0)  # not a rotation, so it is treated as missing
+    rig.service.orientation = (2.0, 0.0, 0.0, 0.0)  # not a rotation, so the orientation is treated as missing
     time.sleep(0.1)
     rig.service.orientation = (1.0, 0.0, 0.0, 0.0)
     settled(rig, 0.25)
@@ -119,7 +120,7 @@ def check_handle(rig):
 
 
 def damaged(**changes):
-    """Returns an answer in which the device's members have these values."""
+    """Returns an answer in which these members of the device have these values."""
     def answer(state):
         state["inverse3"][0].update(changes)
         return json.dumps(state)
@@ -148,7 +149,7 @@ BAD = {
 
 
 def check_bad_messages(rig):
-    """A message gives a force only if it contains a state; each kind of fault is reported once, with what was expected."""
+    """Only a message that contains a state produces a force. Each kind of fault is reported once, together with what was expected."""
     for name, (answer, expected) in BAD.items():
         rig.wait_for_force(0.1, f"no force before the message: {name}")
         begin, inquiries = time.monotonic(), rig.service.inquiries
@@ -173,7 +174,7 @@ def check_bad_messages(rig):
 
 
 def check_late_reply(rig):
-    """The next message to a service that hangs is a force of zero."""
+    """The next message to a service that does not respond is a force of zero."""
     rig.wait_for_force(0.1, "no force")
     rig.service.answer = lambda state: time.sleep(0.2) or json.dumps(state)
     time.sleep(0.1)
@@ -201,7 +202,7 @@ def check_catching_up(rig):
 
 
 def check_lost_reply(rig):
-    """A reply never comes: one more message is sent, with zero force; after 1 s a new connection is made, and the force is back within 2 s."""
+    """A reply never arrives: one more message is sent, with zero force. After 1 s a new connection is made, and the force returns within 2 s."""
     rig.wait_for_force(0.1, "no force")
     lost = []
     rig.service.answer = lambda state: json.dumps(state) if lost else lost.append(time.monotonic())
@@ -216,7 +217,7 @@ def check_lost_reply(rig):
 
 
 def check_frozen_state(rig):
-    """A service repeats its last state: the force ends after 0.5 s, which is reported; when the state changes again, the force rises from zero."""
+    """A service repeats its last state: the force ends after 0.5 s, which is reported. When the state changes again, the force increases from zero."""
     rig.wait_for_force(0.1, "no force")
     rig.service.frozen = True
     began = time.monotonic()
@@ -235,7 +236,7 @@ def check_frozen_state(rig):
 
 
 def check_disconnection(rig):
-    """The bridge reconnects and greets, and the force rises from zero."""
+    """The bridge reconnects and sends its first message again, and the force increases from zero."""
     opened = rig.said().count("connected to the service")
     for _ in range(2):
         begin, sessions = time.monotonic(), len(rig.service.first)
@@ -248,7 +249,7 @@ def check_disconnection(rig):
 
 
 def check_server(rig):
-    """The force ends soon after the server stops, which is reported, and returns when the server continues or another one starts."""
+    """The force ends shortly after the server has stopped, and this is reported. It returns when the server continues or another one starts."""
     rig.wait_for_force(0.1, "no force")
     rig.server.send_signal(signal.SIGSTOP)
     stopped = time.monotonic()
@@ -285,7 +286,7 @@ def check_end(rig):
 
 
 def check_options():
-    """Bad options and profiles give status 2, with the place and what was expected."""
+    """Invalid options and profiles cause exit status 2 and a message that gives the place and what was expected."""
     program = f"{BUILD}/clients/bridges/haply/trocar-haply"
     with tempfile.TemporaryDirectory() as folder:
         path = f"{folder}/profile.yaml"
@@ -320,7 +321,7 @@ def check_other_version(folder):
         becomes(rig, (-0.2, 0, 0), "not the limit, to the left")
         assert max(rig.norms_since(0)) <= 0.2 + 1e-12, f"above the limit: {max(rig.norms_since(0))}"
         assert {key for _, _, key in rig.service.forces} == {"values"}, "the force's name before 3.5"
-        rig.service.buttons["a"] = True # button of the wired handle
+        rig.service.buttons["a"] = True # a button on the wired handle
         wait_for(lambda: rig.force() == (0, 0, 0), "the wired handle's button is no clutch")
         assert "the service reports warning: device-battery-low: 15 %" in rig.said(), rig.said()
         assert rig.bridge.poll() is None

@@ -1,4 +1,5 @@
-/* The workspace of trocar-haply: axes, scale, base or tip, the handle's orientation, the clutch, and the force's transformation back. */
+/* Tests the workspace of trocar-haply: axes, scale, base or tip, orientation of the handle, the clutch, and the transformation of the force back to the
+   device. */
 #include <setjmp.h>
 #include <stdarg.h>
 #include <stddef.h>
@@ -30,7 +31,7 @@ static void assert_same(pose p, pose expected) {
     assert_true(v3_norm(q_log(q_multiply(p.orientation, q_conjugate(expected.orientation)))) < 1e-9);
 }
 
-/* Rotation about a device axis. */
+/* Returns the rotation about one of the device's axes. */
 static quat turn(double x, double y, double z, double degrees) { return q_exp(v3_scale(degrees * DEGREE, v3(x, y, z))); }
 
 static void forward_is_into_the_body_and_up_is_up(void **state) {
@@ -64,7 +65,7 @@ static void the_needle_points_where_the_handle_points(void **state) {
     assert_vector(q_axis(mapping_pose(&m, v3(0, 0, 0), &up, false).orientation), 0, 0.5, sqrt(0.75));
     q = mapping_pose(&m, v3(0, 0, 0), &rolled, false).orientation;
     assert_vector(q_axis(q), 0, 0, 1);
-    assert_vector(q_rotate(q, v3(0, 1, 0)), -1, 0, 0); /* the handle's top points to the device's right */
+    assert_vector(q_rotate(q, v3(0, 1, 0)), -1, 0, 0); /* the top of the handle points to the device's right */
 }
 
 static void the_tip_stays_at_the_cursor(void **state) {
@@ -115,7 +116,7 @@ static void the_clutch_holds_and_lets_go_without_a_jump(void **state) {
         vec3 was = v3_axpy(tip * 0.2, q_axis(pressed.orientation), pressed.position), is = v3_axpy(tip * 0.2, q_axis(after.orientation), after.position);
         assert_vector(v3_sub(is, was), 0, 0, 0.01);
         vec3 turned = q_log(q_multiply(after.orientation, q_conjugate(pressed.orientation)));
-        assert_vector(turned, 0, 5 * DEGREE, 0); /* about the vertical axis, like the hand */
+        assert_vector(turned, 0, 5 * DEGREE, 0); /* about the vertical axis, as the hand does */
     }
 }
 
@@ -127,7 +128,7 @@ static void a_first_position_with_the_clutch_pressed_is_the_start(void **state) 
     assert_vector(mapping_pose(&m, v3(0, 0.1, 0), &IDENTITY, false).position, 0.1, 0.2, 0.3);
 }
 
-/* At scale 1 the hand does the same work as the needle. */
+/* At scale 1, the hand does the same work as the needle. */
 static void the_force_returns_in_the_devices_frame(void **state) {
     (void)state;
     mapping_settings s = standard();

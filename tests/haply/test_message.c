@@ -1,4 +1,4 @@
-/* Messages of the Haply Inverse Service: choice of device and handle, events, and written messages. test_haply.py tests bad messages. */
+/* Tests messages of the Haply Inverse Service: choice of device and handle, events, and the messages sent. test_haply.py tests invalid messages. */
 #include <setjmp.h>
 #include <stdarg.h>
 #include <stddef.h>

@@ -1,5 +1,5 @@
-/* The needle's placement by trocar-haply's options and the server's scene. */
-#include "settings.h" /* before cmocka.h, whose macro hides `fail` */
+/* Tests the needle's placement by the options of trocar-haply and the scene of the server. */
+#include "settings.h" /* included before cmocka.h, whose macro hides `fail` */
 
 #include <setjmp.h>
 #include <stdarg.h>
@@ -19,7 +19,7 @@
 
 enum { MOST = 16 };
 
-/* Places the needle by a command line whose scene has this text; up to MOST words, separated by spaces. */
+/* Places the needle according to a command line and a scene with this text. The command line has up to MOST words, separated by spaces. */
 static trocar_status place(const char *scene, const char *options, haply_settings *settings, report *why) {
     char path[] = "/tmp/test_haply_settings.XXXXXX", line[256], *words[MOST] = {"trocar-haply", "--scene", path};
     int count = 3, file = mkstemp(path);
@@ -64,7 +64,7 @@ static void places_of_the_patient_are_millimetres_along_its_axes(void **state) {
     assert_base(MINIMAL PATIENT NEEDLE, "--patient --start 100,50,-300", v3(0.2, -0.025, 0.2), v3(1, 0, 0));
     assert_base(MINIMAL PATIENT NEEDLE, "--patient --point tip --start 100,50,-300", v3(0.05, -0.025, 0.2), v3(1, 0, 0));
     assert_base(MINIMAL PATIENT NEEDLE, "--patient --offset 100,50,-300", v3(0.2, -0.025, 0.2), v3(1, 0, 0));
-    assert_base(MINIMAL PATIENT NEEDLE, "--patient", v3(0.01, 0.02, -0.2), v3(1, 0, 0)); /* the scene's start is in the mesh's frame */
+    assert_base(MINIMAL PATIENT NEEDLE, "--patient", v3(0.01, 0.02, -0.2), v3(1, 0, 0)); /* the scene's start pose is in the mesh's frame */
 }
 
 static void a_scene_that_does_not_say_is_refused(void **state) {

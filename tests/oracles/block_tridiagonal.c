@@ -20,7 +20,7 @@ static int pivot_row(tridiagonal_block a, int column) {
     return best;
 }
 
-/* Inverts in place by Gauss-Jordan elimination with row exchanges, undone as column exchanges of the inverse. */
+/* Inverts in place by Gauss-Jordan elimination with row exchanges; at the end, the corresponding columns of the inverse are exchanged. */
 static void invert(tridiagonal_block a) {
     int exchanged[TRIDIAGONAL_ROWS];
     for (int p = 0; p < TRIDIAGONAL_ROWS; p++) {
@@ -90,7 +90,7 @@ void tridiagonal_solve(const block_tridiagonal *chain, double (*x)[TRIDIAGONAL_R
     }
 }
 
-/* Diagonal block k of the inverse from block k + 1: G_k = S_k^-1 + T_k G_{k+1} T_k^T with T_k = S_k^-1 B_k. */
+/* Computes diagonal block k of the inverse from block k + 1: G_k = S_k^-1 + T_k G_{k+1} T_k^T with T_k = S_k^-1 B_k. */
 static void next_own_block(block_tridiagonal *chain, int k, tridiagonal_block own) {
     tridiagonal_block product, turned;
     multiply(chain->upper[k], own, product);
@@ -100,7 +100,7 @@ static void next_own_block(block_tridiagonal *chain, int k, tridiagonal_block ow
         for (int j = 0; j < TRIDIAGONAL_LD; j++) own[i][j] += chain->diagonal[k][i][j];
 }
 
-/* Rows of block k of the inverse, columns [begin, end) of the blocks after it: G_kj = -T_k G_{k+1,j}. */
+/* Computes the rows of block k of the inverse for the columns [begin, end) of the later blocks: G_kj = -T_k G_{k+1,j}. */
 static void next_rows(tridiagonal_block factor, tridiagonal_rows *from, tridiagonal_rows *to, int begin, int end) {
     for (int i = 0; i < TRIDIAGONAL_ROWS; i++) {
         double *row = to[i];

@@ -1,4 +1,4 @@
-/* The whole inverse as one matrix, as updated by the paper's methods. */
+/* The whole inverse as a single matrix, as updated by the paper's methods. */
 #ifndef TROCAR_ORACLES_DENSE_MATRIX_H
 #define TROCAR_ORACLES_DENSE_MATRIX_H
 
@@ -6,10 +6,10 @@
 
 #include "inverse/inverse.h"
 
-/* True if the inverse stores the whole matrix. */
+/* Returns true if the inverse stores the whole matrix. */
 bool is_dense(const inverse *inv);
 
-/* Returns the matrix, dof_count square, in the tissue's numbering; release it with free(). NULL without memory. */
+/* Returns the matrix, dof_count x dof_count, in the tissue's numbering, or NULL if out of memory. Release it with free(). */
 double *dense_matrix(inverse *inv);
 
 #endif

@@ -1,5 +1,5 @@
-/* Replaces the rod in an insertion. The library stores only the centreline of a needle's shape; the rims of the last shapes are stored here, and
-   found by the centreline. */
+/* Replaces the rod in an insertion by the solid needle. The library stores only the centreline of a needle's shape. The rims of recent shapes are stored here,
+   and are looked up by the centreline. */
 #include <stdio.h>
 #include <stdlib.h>
 #include <string.h>
@@ -13,8 +13,8 @@ static struct {
     solid_model model;
     solid_state shapes[SHAPES];
     int last;
-    solid_tangent tangent;   /* tangent of the last linearisation */
-    const needle_tangent *of; /* the library's tangent to which it belongs */
+    solid_tangent tangent;   /* tangent stiffness of the last linearisation */
+    const needle_tangent *of; /* the library's tangent to which this one belongs */
 } s;
 
 void __real_needle_set_straight(const needle_model *model, pose base, needle_state *state);
@@ -55,7 +55,7 @@ static const solid_state *shape_of(const needle_state *line) {
     abort();
 }
 
-/* Returns a copy for changes, which becomes the last shape. */
+/* Returns a copy that may be changed and becomes the most recent shape. */
 static solid_state *next_shape(const solid_state *from) {
     solid_state *to = &s.shapes[s.last = (s.last + 1) % SHAPES];
     if (from && from != to) *to = *from;
@@ -103,7 +103,7 @@ double __wrap_needle_advance(const needle_model *model, const needle_tangent *ta
     return turn;
 }
 
-/* The next shape is not predicted. */
+/* The solid needle does not predict the next shape. */
 void __wrap_needle_motion_of(const needle_model *model, const needle_state *before, const needle_state *after, double dt, needle_motion *motion) {
     if (s.on) motion->time = 0.0;
     else __real_needle_motion_of(model, before, after, dt, motion);

@@ -1,6 +1,6 @@
 #include "oracles/refinement_move.h"
 
-static const double LEAST_SHAPE = 0.03; /* lower limit of volume over that of the ideal tet of the longest edge, for the elements of a moved node */
+static const double LEAST_SHAPE = 0.03; /* lower limit for elements of a moved node: volume over that of the regular tetrahedron with the same longest edge */
 
 static int free_slot(const refinement *r) {
     for (int slot = 0;; slot++) {
@@ -22,7 +22,7 @@ static int closest_corner(const mesh *m, const refinement *r, const leaf_point *
     return closest;
 }
 
-/* Returns the shape measure: negative if the element is inverted, 1 for the ideal tetrahedron. */
+/* Returns the shape measure, which is negative if the element is inverted, and 1 for a regular tetrahedron. */
 static double shape_of(const vec3 x[4]) {
     double longest = 0.0;
     for (int i = 0; i < 4; i++)
@@ -39,7 +39,7 @@ static bool well_shaped(const mesh *m, const refinement *r, const leaf *leaves, 
     return true;
 }
 
-/* Returns how many nodes the moves so far touch; more than all if `node` is one of the moved ones. */
+/* Returns the number of nodes that the moves so far affect, or more than all nodes if `node` has itself been moved. */
 static int moved_patches(const refinement *r, int node) {
     int sum = 0;
     for (int i = 0; i < r->count; i++) {

@@ -11,10 +11,10 @@
 #include <lapacke.h>
 #include <string.h>
 
-/* Switches these dofs to displacement (`back` -1) or back (1). */
+/* Switches these dofs from force to displacement (`back` = -1), or back to force (1). */
 typedef trocar_status (*switching)(dense_remesher *, int n, int count, const int *dofs, double back, report *);
 
-/* Adds the change to switched dofs; with `sign` -1, removes it. */
+/* Adds the change to switched dofs, or removes it if `sign` is -1. */
 static void add_change(dense_remesher *r, const dense_change *c, double sign) {
     for (int b = 0; b < c->count; b++)
         for (int a = 0; a < c->count; a++)
@@ -36,20 +36,20 @@ static trocar_status undo(dense_remesher *r, const dense_change *c, switching sw
 
 /* ---- one by one --------------------------------------------------------------------------------------------------- */
 
-/* Prefetches columns: they are short, and without this the memory would stall at the start of each. */
+/* Prefetches columns. They are short, and without prefetching, the processor would wait for memory at the start of each column. */
 static void fetch_ahead(const double *entries) {
     enum { LINES = 16, PER_LINE = 8 };
     for (int k = 0; k < LINES; k++) __builtin_prefetch(entries + k * PER_LINE, 1);
 }
 
-/* A dof to switch (-1: none), and its column of the matrix. */
+/* A dof to be switched (-1 for none), and its column of the matrix. */
 typedef struct {
     int dof;
     double *column;
 } dof_switch;
 
-/* Passes once through the triangle, as fast as reading and writing it: each column is updated by its share of the rank-one change; the
-   dof's own row and column, `column` so far, are stored on the way, and those of the next dof to switch (-1: none) are collected. */
+/* Passes through the triangle once, at the speed at which memory can be read and written. Each column receives its share of the rank-one change. During the
+   pass, `column` is stored as the dof's own row and column, and the row and column of the next dof to be switched (-1 for none) are collected. */
 static void sweep(dense_remesher *r, int n, const dof_switch *now, const dof_switch *then, double back) {
     int dof = now->dof, next = then->dof;
     const double *column = now->column;
@@ -85,11 +85,11 @@ trocar_status remesher_create_bcs(inverse *inv, remesher **created, report *why)
 
 /* ---- all at once -------------------------------------------------------------------------------------------------- */
 
-/* With P = +-(block of the dofs) = L L^T, (X L^-T) (X L^-T)^T is subtracted from or added to the rest, X becomes X P^-1, and the block becomes
-   -+P^-1. */
+/* With P = +-(block of the dofs) = L L^T, the product (X L^-T) (X L^-T)^T is subtracted from or added to the remaining matrix, X becomes X P^-1, and the block
+   becomes -+P^-1. */
 static trocar_status switch_block(dense_remesher *r, int n, int count, const int *dofs, double back, report *why) {
     double *columns = r->columns, *scaled = r->weighted, *pivot = r->block;
-    if (count == 0) return TROCAR_OK; /* a new node among fixed ones */
+    if (count == 0) return TROCAR_OK; /* a new node whose neighbours are all fixed */
     dense_take_columns(r, n, count, dofs, columns);
     for (int b = 0; b < count; b++)
         for (int a = 0; a < count; a++) pivot[b * count + a] = -back * columns[(size_t)b * (size_t)r->ld + (size_t)dofs[a]];

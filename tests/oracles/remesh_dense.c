@@ -39,7 +39,7 @@ void dense_isolate(dense_remesher *r, const dense_change *change, double diagona
 /* Returns the first of the three dofs of a coded node that is not fixed. */
 static int first_dof(const remesher *r, int node) { return node >= 0 ? r->tissue->dof[node] : r->tissue->dof_count + 3 * (-1 - node); }
 
-/* Collects the change of the node in `slot`, which was added after `position` others. */
+/* Collects the change due to the node in `slot`, which was added after `position` others. */
 static void collect_change(dense_remesher *r, int slot, int position) {
     remesher *shared = &r->shared;
     const refinement *refined = &shared->refined;
@@ -68,7 +68,7 @@ static trocar_status dense_add(remesher *shared, int slot, report *why) {
     return status;
 }
 
-/* The nominal inverse is stored, so that no rounding error is left when the last contact node has gone. */
+/* The nominal inverse is restored from a copy, so that no rounding error remains when the last contact node has been removed. */
 static void restore(dense_remesher *r) {
     size_t n = (size_t)r->shared.tissue->dof_count;
     for (size_t j = 0; j < n; j++) memcpy(r->matrix + j * (size_t)r->ld + j, r->nominal + j * n + j, (n - j) * sizeof *r->nominal);
@@ -78,15 +78,15 @@ static void restore(dense_remesher *r) {
 static void dense_remove(remesher *shared, int slot, int position) {
     dense_remesher *r = (dense_remesher *)shared;
     const refinement *refined = &shared->refined;
-    report unused; /* all remaining nodes are then added again, and that reports an error */
+    report unused; /* all remaining nodes are then added again, which reports any error */
     if (refined->count == 0) restore(r);
     if (r->spoilt || refined->count == 0) return;
     collect_change(r, slot, position);
     r->spoilt = r->operations->undo(r, &r->change, &unused) != TROCAR_OK;
-    dense_isolate(r, &r->change, 0.0); /* later changes pass through free slots */
+    dense_isolate(r, &r->change, 0.0); /* later changes leave free slots untouched */
 }
 
-/* An update that failed half-way leaves an unusable matrix: adds all nodes again, from the nominal inverse. */
+/* An update that failed half-way leaves an unusable matrix. In this case, all nodes are added again, starting from the nominal inverse. */
 static trocar_status rebuild(dense_remesher *r, report *why) {
     trocar_status status = TROCAR_OK;
     refinement *refined = &r->shared.refined;
@@ -141,7 +141,7 @@ trocar_status dense_remesher_create(inverse *inv, const dense_operations *operat
     r->ld = (int)n;
     r->matrix = large_matrix(n);
     r->nominal = dense_matrix(inv);
-    r->columns = calloc(n * ranks, sizeof(double)); /* pages that no change has reached are never touched */
+    r->columns = calloc(n * ranks, sizeof(double)); /* memory pages that no change has reached are never touched */
     r->weighted = calloc(n * ranks, sizeof(double));
     if (!r->matrix || !r->nominal || !r->columns || !r->weighted)
         return fail(why, TROCAR_NO_MEMORY, "no memory for two more dense inverses (%.1f GB); choose remeshing: nested or implicit",

@@ -1,4 +1,4 @@
-/* The whole inverse of the refined stiffness, as stored by the paper: shared by the methods that update it. */
+/* The whole inverse of the refined stiffness, stored as in the paper and shared by the methods that update it. */
 #ifndef TROCAR_REMESH_DENSE_H
 #define TROCAR_REMESH_DENSE_H
 
@@ -7,10 +7,10 @@
 
 typedef struct dense_remesher dense_remesher;
 
-/* A change of the stiffness at `count` dofs, the last `fresh` of which (0 or 3, of an added node) are new. */
+/* A change of the stiffness at `count` dofs. The last `fresh` of them are new: 3 for an added node, otherwise 0. */
 typedef struct {
-    int n;                   /* dofs up to the last one in use */
-    int first;               /* dofs touched by all changes before */
+    int n;                   /* number of dofs up to the last one in use */
+    int first;               /* number of dofs affected by all previous changes */
     int count, fresh;
     int dofs[MAX_RANK];
     double change[MAX_RANK * MAX_RANK]; /* count square, N/m */
@@ -18,21 +18,21 @@ typedef struct {
 
 typedef struct {
     trocar_status (*update)(dense_remesher *, const dense_change *, report *); /* adds a change to the stiffness */
-    trocar_status (*undo)(dense_remesher *, const dense_change *, report *);   /* removes a change: any, or only the last one */
+    trocar_status (*undo)(dense_remesher *, const dense_change *, report *);   /* removes a change; depending on the method, any change or only the last one */
     bool any_order;
-    int ranks;               /* number of columns of `columns` and `weighted` that the method needs */
+    int ranks;               /* number of columns of `columns` and `weighted` that the method requires */
 } dense_operations;
 
 struct dense_remesher {
     remesher shared;
     const dense_operations *operations;
     dense_change change;
-    bool spoilt;             /* an update or undo has failed, and the matrix must be rebuilt */
-    int ranks[MAX_CONTACTS]; /* by slot: dofs that each contact node touches */
+    bool spoilt;             /* an update or undo has failed, so the matrix must be rebuilt */
+    int ranks[MAX_CONTACTS]; /* number of dofs that each contact node affects, by slot */
     int ld;                  /* of `matrix` */
-    double *nominal;         /* inverse of the nominal mesh, dof_count square, m/N */
-    double *matrix;          /* inverse, column-major, lower triangle: nominal dofs, then three for each contact node, m/N */
-    double *columns, *weighted;        /* ld x ranks, column-major */
+    double *nominal;         /* m/N, inverse of the nominal mesh, dof_count x dof_count */
+    double *matrix;          /* m/N, lower triangle of the inverse, column-major: nominal dofs, then three for each contact node */
+    double *columns, *weighted;        /* ld x ranks each, column-major */
     double block[MAX_RANK * MAX_RANK]; /* scratch */
 };
 
@@ -41,14 +41,14 @@ trocar_status remesher_create_woodbury_general(inverse *inv, remesher **created,
 trocar_status remesher_create_bcs(inverse *inv, remesher **created, report *why);
 trocar_status remesher_create_bcs_blocked(inverse *inv, remesher **created, report *why);
 
-/* Functions that the methods share. */
+/* Functions shared by the methods. */
 trocar_status dense_remesher_create(inverse *inv, const dense_operations *operations, remesher **created, report *why);
 
-/* Copies the symmetric columns of some dofs, or stores them back. */
+/* Copies the columns of some dofs from the symmetric matrix, or stores them into it. */
 void dense_take_columns(const dense_remesher *r, int n, int count, const int *dofs, double *columns);
 void dense_put_columns(dense_remesher *r, int n, int count, const int *dofs, const double *columns);
 
-/* Rows and columns of the fresh dofs become zero, with `diagonal` on the diagonal. */
+/* Sets rows and columns of the fresh dofs to zero, and their diagonal entries to `diagonal`. */
 void dense_isolate(dense_remesher *r, const dense_change *change, double diagonal);
 
 #endif

@@ -10,9 +10,9 @@
 #include <cblas.h>
 #include <string.h>
 
-enum { BLOCK = 192 };        /* columns of one triangle that are updated at a time; the rectangle beside them is wasted only on the diagonal */
+enum { BLOCK = 192 };        /* number of columns of a triangle updated together; a whole rectangle is wasteful only in the diagonal blocks */
 
-/* Leaves A in the change's own part of `columns` and A M in that of `weighted`, where `undo` finds them. */
+/* Leaves A in the part of `columns` that belongs to the change, and A M in that of `weighted`, from which `undo` reads them. */
 static trocar_status factor_change(dense_remesher *r, const dense_change *c, report *why) {
     int n = c->count;
     double spring = r->matrix[0], *middle = r->block, block[MAX_RANK * MAX_RANK];
@@ -29,7 +29,7 @@ static trocar_status factor_change(dense_remesher *r, const dense_change *c, rep
     return TROCAR_OK;
 }
 
-/* Adds `sign` times A M A^T. */
+/* Adds `sign` times A M A^T to the matrix. */
 typedef void (*addition)(dense_remesher *, const dense_change *, double sign);
 
 static trocar_status update(dense_remesher *r, const dense_change *c, addition add, report *why) {

@@ -1,4 +1,4 @@
-/* One insertion in lockstep, without trocar.h, for tests that inspect states. */
+/* A single insertion in lockstep, without trocar.h, for tests that inspect internal states. */
 #ifndef TROCAR_ORACLES_RUN_H
 #define TROCAR_ORACLES_RUN_H
 
@@ -11,15 +11,15 @@ typedef struct {
     vec3 *field_scratch;
 } needle_run;
 
-/* Creates the run; `parts` must outlive it. On failure nothing is allocated. */
+/* Creates the run; `parts` must outlive it. If this fails, nothing remains allocated. */
 trocar_status run_create(simulation *parts, needle_run *r, report *why);
 void run_free(needle_run *r);
 
-/* Runs one tick, and then the remesher serves its request for the next tick. Deterministic. The caller sets base and dt of `tick`; the rest
-   is set here. */
+/* Runs one tick, after which the remesher answers its request for the next tick. The result is deterministic. The caller sets base and dt of `tick`; this
+   function sets the other members. */
 trocar_status run_step(needle_run *r, tick_input tick, insertion_state *state, compliance_snapshot *snapshot, tick_output *output, report *why);
 
-/* The complete changing state between two ticks: plain data, about 2 MB. */
+/* The complete mutable state between two ticks: plain data, about 2 MB. */
 typedef struct {
     insertion_state state;
     compliance_snapshot snapshot;
@@ -27,8 +27,9 @@ typedef struct {
 
 void run_save(const insertion_state *state, const compliance_snapshot *snapshot, checkpoint *saved);
 
-/* Restores the state in this run or another one of the same configuration. The results continue as after the save: to the bit with the nested
-   method on a dense or condensed inverse, and to rounding with other methods, with the sparse inverse and outside a condensed one's region. */
+/* Restores the state in this run or in another run with the same configuration. The results continue as after the save. They are bit-identical for the nested
+   method with a dense or condensed inverse, and equal to rounding error for other methods, for the sparse inverse, and outside the region of a condensed
+   inverse. */
 trocar_status run_restore(needle_run *r, const checkpoint *saved, insertion_state *state, compliance_snapshot *snapshot, report *why);
 
 /* Like simulation_field, for this needle alone. */

@@ -49,7 +49,7 @@ with tempfile.TemporaryDirectory() as folder:
         assert said == expected, (key, said)
 
 before = [[(0.0, 0.0, 4.0), (0.0, 0.0, 4.0), (0.0, 3.0, 0.0), (0.0, 3.0, 0.0)]]
-assert abs(constants.change(before, [before[0][:3] + [(0.0, 3.0, 0.02)]]) - 0.5) < 1e-9                   # % of 4 N
+assert abs(constants.change(before, [before[0][:3] + [(0.0, 3.0, 0.02)]]) - 0.5) < 1e-9                   # percent of 4 N
 assert abs(constants.change(before, [before[0][:3] + [(0.0, 3.0, 0.2)]]) - 5.0) < 1e-9
 assert constants.change(before, [before[0][:2] + [(0.0, 0.0, 4.0), (0.0, 3.0, 0.0)]]) == 1.0    # one tick later
 assert math.isnan(constants.change(before, None))

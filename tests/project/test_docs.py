@@ -22,7 +22,7 @@ from concurrent.futures import ThreadPoolExecutor
 from pathlib import Path
 
 SHELL, CODE = {"sh", "bash"}, {"c", "cpp", "csharp", "python", "yaml"}
-TEXT = {"text", "json", "csv", "console", "diff"}  # output and diagrams: nothing to run
+TEXT = {"text", "json", "csv", "console", "diff"}  # output and diagrams, which cannot be run
 BLOCK = re.compile(r"((?:^<!--[^\n]*-->\n\s*)*)^( *)(`{3,})(\w*)[^\n]*\n(.*?)^\2\3 *$", re.MULTILINE | re.DOTALL)
 MARK = re.compile(r"<!-- (not run|background|file|declarations)(?:: (.+?))? -->")
 
@@ -72,7 +72,7 @@ for request in sys.stdin:
 
 
 class Page:
-    """The folder in which a page's blocks run: like the source folder, but with its own files; programs are the installed ones."""
+    """The folder in which the blocks of a page run. It resembles the source folder but has files of its own; the programs are the installed ones."""
 
     def __init__(self, build, source, prefix, folder):
         self.source, self.prefix, self.folder = source, prefix, folder
@@ -88,10 +88,10 @@ class Page:
         self.environment = dict(os.environ, PATH=f"{folder}/.bin:{prefix}/bin:{os.environ['PATH']}", LC_ALL="C.UTF-8",
                                 PKG_CONFIG_PATH=f"{library}/pkgconfig", LD_LIBRARY_PATH=str(library), PYTHONPATH=f"{build}/clients/python",
                                 TROCAR_LIBRARY=f"{library}/libtrocar.so", XDG_CACHE_HOME=str(folder / "out"), MPLBACKEND="svg",
-                                MPLCONFIGDIR=str(prefix / "matplotlib"))    # one font cache for all pages
+                                MPLCONFIGDIR=str(prefix / "matplotlib"))    # a single font cache for all pages
 
     def run(self, block):
-        """Returns the fault, or None."""
+        """Returns the fault, or None if there is none."""
         code = block.code.replace("/usr/share/trocar", f"{self.prefix}/share/trocar").replace("/usr/share/doc/trocar", f"{self.prefix}/share/doc/trocar")
         if "file" in block.marks:
             (self.folder / block.marks["file"]).write_text(code)
@@ -101,7 +101,7 @@ class Page:
         if block.language in SHELL:
             return self.start(code) if "background" in block.marks else self.shell(code)
         if block.language == "csharp":
-            return None     # a command of the page compiles it
+            return None     # a command on the page compiles it
         return {"c": self.compile, "cpp": self.compile, "python": self.interpret, "yaml": self.load}[block.language](block, code)
 
     def shell(self, code):
@@ -207,7 +207,7 @@ def run_page(build, source, prefix, page):
 # ---- the tests ------------------------------------------------------------------------------------------------------------------
 
 class Site(html.parser.HTMLParser):
-    """A built page's anchors, links and resources."""
+    """The anchors, links and resources of a built page."""
 
     def __init__(self, text):
         super().__init__()
@@ -225,7 +225,7 @@ class Site(html.parser.HTMLParser):
 
 
 def check_site(source, out):
-    """Builds the site; returns faults."""
+    """Builds the site; returns the faults."""
     done = subprocess.run([source / "scripts/docs", out], capture_output=True, text=True)
     if done.returncode != 0 or done.stderr:
         return [f"scripts/docs: status {done.returncode}\n{done.stdout}{done.stderr}"]
@@ -255,14 +255,14 @@ def check_site(source, out):
 
 
 def github_anchors(text):
-    """The anchors that GitHub gives to headings."""
+    """Returns the anchors that GitHub generates for headings."""
     headings = re.findall(r"^#+ +(.+?) *#*$", re.sub(r"^```.*?^```", "", text, flags=re.MULTILINE | re.DOTALL), re.MULTILINE)
     plain = [re.sub(r"\[([^]]*)\]\([^)]*\)", r"\1", heading).replace("`", "") for heading in headings]
     return {re.sub(r"[^\w\- ]", "", heading.lower()).replace(" ", "-") for heading in plain}
 
 
 def check_links(source, docs):
-    """Checks links between the documents in the repository: files and anchors. Returns faults."""
+    """Checks links between the documents in the repository, both files and anchors. Returns the faults."""
     faults, count = [], 0
     for page in docs.documents():
         if page.suffix != ".md":
@@ -282,7 +282,7 @@ def check_links(source, docs):
 
 
 def check_blocks(source):
-    """Checks marks and languages. Returns faults, and the counts of blocks to run and not to run."""
+    """Checks markers and languages. Returns the faults, and the numbers of blocks that are run and not run."""
     faults, run, excused = [], 0, 0
     for page in pages_of(source):
         blocks = blocks_of(source, page)
@@ -310,7 +310,7 @@ def check_examples(source):
 
 
 def check_made(source):
-    """The reference of the headers is up to date; the tests `reference` and `figures` check the rest. Returns faults."""
+    """Checks that the reference of the headers is up to date; the tests `reference` and `figures` check the rest. Returns the faults."""
     return ["docs/reference/: see above"] if subprocess.run([source / "scripts/pages/docs_library", "--check"]).returncode != 0 else []
 
 
@@ -324,7 +324,7 @@ def check_readme(source):
 
 
 def check_quoted(source):
-    """Checks that numbers that more than one document gives agree with the data, or with each other. Returns faults."""
+    """Checks that numbers given in several documents agree with the data or with each other. Returns the faults."""
     text = lambda name: (source / name).read_text()
     rate = max(float(value) for value in re.findall(r"^\| \d+ Hz: force \| 4 kHz, over the peak \| ([\d.e-]+) ", text("tests/verification/REPORT.md"), re.MULTILINE))
     rows = [row for row in json.loads(text("docs/results/tick/tick.json"))["rows"] if row["contacts"] == 30]

@@ -15,7 +15,7 @@ import sys
 
 
 def includes(root, *parts):
-    """Returns the units (paths without suffix, relative to root) that each unit includes; only those of the parts, if any are given."""
+    """Returns the units (paths without suffix, relative to root) that each unit includes; if parts are given, only those of these parts."""
     files = {path.relative_to(root).as_posix(): path for part in parts or ('.',) for path in (root / part).rglob('*.[ch]') if 'node_modules' not in path.parts}
     graph = {}
     for name, path in files.items():
@@ -36,7 +36,7 @@ def by_folder(graph):
 
 
 def circles(graph):
-    """Yields circles, found by depth-first search: a circle is an edge to a node that is still open."""
+    """Yields cycles, found by depth-first search: a cycle is an edge to a node that is still being visited."""
     found, state, way = [], {}, []
 
     def visit(node):
@@ -57,24 +57,24 @@ def circles(graph):
 
 
 def floors(readme):
-    """The folders of the table in core/README.md, from the ground up."""
+    """Returns the folders in the table of core/README.md, from the lowest level upwards."""
     table = readme.partition('## Folders')[2].partition('\n## ')[0]
     return re.findall(r'^\| \[`(\w+)`\]', table, re.MULTILINE)
 
 
 def upward(graph, order):
-    """Includes of a folder that is above the includer's own."""
+    """Returns includes of a folder that is above the including file's own folder."""
     def floor(unit):
         return order.index(unit.partition('/')[0])
     return [f'{unit} includes {other}, which is above it' for unit in sorted(graph) if '/' in unit
             for other in sorted(graph[unit]) if '/' in other and floor(other) > floor(unit)]
 
 
-SHARED = ('server/common/', 'server/intake/')   # what the clients may see of the server
+SHARED = ('server/common/', 'server/intake/')   # the parts of the server that clients may include
 
 
 def reaching(graph):
-    """Includes of the server's own files by clients, and of clients by the server."""
+    """Returns clients' includes of the server's private files, and the server's includes of clients' files."""
     return [f'{unit} includes {other}' for unit in sorted(graph) for other in sorted(graph[unit])
             if unit.split('/')[0] != other.split('/')[0] and not (unit.startswith('clients/') and other.startswith(SHARED))]
 
@@ -83,13 +83,13 @@ MOST_FILES, MOST_LINES = 25, 150
 
 
 def crowded(files):
-    """Folders with more than MOST_FILES of these files."""
+    """Returns folders with more than MOST_FILES of these files."""
     counts = collections.Counter(file.rpartition('/')[0] or '.' for file in files)
     return [f'{folder} has {count} files; at most {MOST_FILES}' for folder, count in sorted(counts.items()) if count > MOST_FILES]
 
 
 def undescribed(root, files):
-    """Of core, server, clients and tests and the folders in them, those without a README, or with too long a one."""
+    """Returns those of core, server, clients, tests and their folders that have no README or one that is too long."""
     faults = []
     for folder in sorted({match[0] for match in (re.match(r'(core|server|clients|tests)(/[^/]+(?=/))?', file) for file in files) if match}):
         readme = root / folder / 'README.md'
@@ -130,7 +130,7 @@ def main():
     rings = [circle for graph in (core, programs) for circle in circles(graph) + circles(by_folder(graph))]
     faults += ['include circle: ' + ' -> '.join(circle) for circle in rings]
     listed = subprocess.run(['git', '-C', root, 'ls-files'], capture_output=True, text=True, check=False)
-    if listed.returncode == 0:  # a checkout: what is in the repository
+    if listed.returncode == 0:  # in a checkout, only files in the repository count
         files = listed.stdout.splitlines()
         faults += crowded(files) + undescribed(root, files)
     for fault in faults:

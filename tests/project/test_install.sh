@@ -15,7 +15,7 @@ package=$(echo "$build"/packages/trocar_*.deb) python_package=$(echo "$build"/pa
 for archive in "$package" "$python_package" "$bridges"; do dpkg-deb --extract "$archive" root; done
 prefix=$work/root/usr
 
-# Every library that a program needs comes with a package in Depends, and apt can install them.
+# Every library that a program needs is provided by a package in Depends, and apt can install these packages.
 for archive in "$package" "$bridges"; do
     for path in $(dpkg-deb --fsys-tarfile "$archive" | tar -t --wildcards './usr/bin/*'); do
         for library in $(objdump -p "root/$path" 2>objdump.txt | awk '$1 == "NEEDED" && !/ld-linux/ { print $2 }'); do
@@ -35,7 +35,7 @@ done <needed
 depends=$(dpkg-deb --field "$package" Depends)
 [[ $depends == *libopenblas0-pthread* ]] || fail "libopenblas0-pthread is not required: $depends"
 ! [[ $depends =~ cjson|openigtlink|spnav|evdev ]] || fail "the server needs a bridge's library: $depends"
-# Gmsh, with its hundred packages, is for meshes of other formats: nothing needs it.
+# Gmsh, which depends on a hundred packages, is only needed for meshes in other formats, so no package may require it.
 ! grep gmsh needed || fail "a program needs Gmsh"
 ! objdump -p root/usr/lib/*/libtrocar.so | grep -i gmsh || fail "the library needs Gmsh"
 [[ $depends$(dpkg-deb --field "$package" Recommends) != *gmsh* && $(dpkg-deb --field "$package" Suggests) == *libgmsh4.8* ]] || fail "Gmsh is not just suggested"
@@ -58,7 +58,7 @@ for library in three.js uPlot; do
     [ ! -d "$prefix/share/trocar/page" ] || grep -qx "Files: $library" "$prefix/share/doc/trocar/copyright" || fail "no notice of $library"
 done
 
-# Links within the documents have a target.
+# All links within the documents have a target.
 find "$prefix" -name '*.md' >documents
 grep -q /core/README.md documents || fail "documents that README.md links to are missing: $(cat documents)"
 while read -r document; do
@@ -68,7 +68,7 @@ while read -r document; do
     done
 done <documents
 
-# The unit refers to files that are installed, whatever the prefix, and to a group that is created.
+# The unit refers to files that are installed, whatever the prefix, and to a group that the package creates.
 names_what_is_there() {
     local unit=$1$2/lib/systemd/system/trocar-server.service file
     grep -qxF "ExecStart=$2/bin/trocar-server --scene \${TROCAR_SCENE}" "$unit" || fail "the unit of $2 starts another program: $(cat "$unit")"
@@ -84,7 +84,7 @@ cmake --install "$build" --prefix "$work/local" >cmake.txt || fail "$(cat cmake.
 names_what_is_there "" "$work/local"
 "$work/local/bin/trocar-server" --version >version
 
-# Every program prints its version and has a man page with its options and a completion file. One program is in Python.
+# Every program prints its version, and has a man page with its options and a completion file. One of the programs is written in Python.
 export PYTHONPATH=$prefix/lib/python3/dist-packages TROCAR_LIBRARY=$libraries/libtrocar.so PYTHONDONTWRITEBYTECODE=1
 for path in "$prefix"/bin/*; do
     program=$(basename "$path")
@@ -121,7 +121,7 @@ touch scene.yaml scene.csv scene.jsonl
 [ "$(offers trocar-replay --json-lines sc)" = scene.jsonl ] || fail "trocar-replay --json-lines sc<TAB>: $(offers trocar-replay --json-lines sc)"
 [ "$(offers trocar-replay --scene sc)" = scene.yaml ] || fail "trocar-replay --scene sc<TAB>: $(offers trocar-replay --scene sc)"
 
-# The implant's report is installed, finds the messages' definition, and evaluates a recording as far as it goes.
+# The implant's report is installed, finds the definition of the messages, and evaluates a recording as far as possible.
 /usr/bin/python3 - poses.log <<'END'
 import struct, sys
 event = lambda number, channel, data: struct.pack(">IqqII", 0xEDA1DA01, number, number, len(channel), len(data)) + channel + data
@@ -141,7 +141,7 @@ cp -r "$prefix/share/doc/trocar/examples" bridge
 cmake -S bridge -B bridge/build -DCMAKE_PREFIX_PATH="$prefix" >cmake.txt && cmake --build bridge/build >>cmake.txt || fail "$(cat cmake.txt)"
 cc bridge/bridge.c -o bridge/with-pkg-config $(pkg-config --cflags --libs trocar-client) || fail "pkg-config trocar-client"
 c++ -std=c++17 bridge/bridge.cpp -o bridge/in-c++ $(pkg-config --cflags --libs trocar-client) || fail "the bridge in C++"
-# The client alone, as on a system with only a compiler: the archive by pkg-config, and the source.
+# The client alone, as on a system that has only a compiler: first the archive with pkg-config, then the source.
 for how in "$(PKG_CONFIG_PATH= PKG_CONFIG_LIBDIR=$libraries/pkgconfig pkg-config --cflags --libs trocar-client)" \
            "-std=gnu99 -I$prefix/share/trocar/client $prefix/share/trocar/client/trocar_client.c -lpthread -lm"; do
     cc -Wall -Wextra -Werror bridge/bridge.c -o alone $how || fail "the client alone: $how"
@@ -152,7 +152,7 @@ examples=$prefix/share/doc/trocar/examples figure8=$prefix/share/trocar/scenes/f
 export LD_LIBRARY_PATH=$(dirname "$(find "$prefix/lib" -name libtrocar.so)")
 cmake -S "$source/tests/project/install" -B planner -DCMAKE_PREFIX_PATH="$prefix" >cmake.txt && cmake --build planner >>cmake.txt || fail "$(cat cmake.txt)"
 c++ -std=c++17 "$examples/insert.cpp" -o insert_cpp $(pkg-config --cflags --libs trocar) || fail "pkg-config trocar"
-# Without any other package's file, as on a system with a compiler and pkg-config.
+# Without files from any other package, as on a system with only a compiler and pkg-config.
 alone=$(PKG_CONFIG_PATH= PKG_CONFIG_LIBDIR=$(dirname "$(find "$prefix" -name trocar.pc)") pkg-config --cflags --libs trocar 2>&1) || fail "pkg-config alone: $alone"
 [ "$(xargs -n 1 <<<"$alone" | sort -u)" = "$(xargs -n 1 <<<"$(pkg-config --cflags --libs trocar)" | sort -u)" ] || fail "pkg-config alone: $alone"
 ! pkg-config --libs --static trocar | grep gfortran || fail "the static library needs a Fortran compiler"
@@ -167,13 +167,13 @@ PYTHONPATH=$prefix/lib/python3/dist-packages /usr/bin/python3 "$prefix/share/doc
 [ "$(find "$prefix/include" -name '*.h' | grep -c /trocar.h)" -eq 1 ] || fail "no trocar.h"
 unset LD_LIBRARY_PATH
 
-# The README shows this bridge; with another device.h it drives a device.
+# The bridge shown in the README drives a device if it is compiled with another device.h.
 sed -n '/^```c$/,/^```$/{/^```/!p}' "$prefix/share/doc/trocar/README.md" | diff bridge/bridge.c - || fail "README.md does not show bridge.c"
 mkdir filled_in && cp bridge/bridge.c filled_in
 cc -I "$source/tests/project/install" filled_in/bridge.c -o filled $(pkg-config --cflags --libs trocar-client) -lm || fail "the bridge with a device"
 
-# The installed server answers the bridge: a recording contains wrenches for the bridge's poses. When the server dies in the middle
-# of an insertion, the device's force is zero within 50 ms; the next server gives force again.
+# The installed server answers the bridge: a recording contains wrenches for the bridge's poses. When the server dies in the middle of an insertion, the
+# device's force becomes zero within 50 ms; the next server provides a force again.
 netns=$source/scripts/netns
 "$netns" true || { echo "passed, except the running bridge: no network namespace here"; exit 0; }
 at_once=$(chrt --fifo 20 true 2>/dev/null && echo chrt --fifo 20) || true # real-time priority as for a bridge

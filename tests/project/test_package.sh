@@ -20,7 +20,7 @@ package=$(echo "$build"/packages/trocar_*.deb) python_package=$(echo "$build"/pa
     fail "scripts/packaging/changelog has another version than $package"
 lintian --allow-root --fail-on error,warning "$package" "$python_package" "$bridges" || fail "lintian"
 
-# systemctl: applies start, stop and try-restart to the server in the root, and logs the calls.
+# Stand-in for systemctl: applies start, stop and try-restart to the server in the root, and logs the calls.
 mkdir -p bin root/run/systemd/system root/etc root/var/lib/dpkg/{info,updates} root/var/cache/private
 touch root/var/lib/dpkg/{status,available} calls
 cat >bin/systemctl <<END

@@ -11,13 +11,13 @@ trap 'rm -rf "$work"' EXIT
 for page in "$work"/*; do
     diff "$source/docs/reference/$(basename "$page")" "$page" || { echo "FAILED: $(basename "$page") is out of date: run scripts/pages/reference" >&2; exit 1; }
 done
-# Every key of a commented scene and every field and constant is present, counted independently.
+# Every key of a commented scene, every field and every constant is present, counted independently.
 lcm=$source/lcmtypes/trocar.lcm
 [ "$(grep -cE '^ +(const )?[a-z0-9_]+ [A-Za-z]' "$lcm")" -eq "$(grep -c '^| `' "$work/messages.md")" ] || { echo "FAILED: fields are missing" >&2; exit 1; }
 for key in $(grep -oE '[a-z_]+:' "$source/tests/fuzz/corpus/scene/every_key.yaml" | tr -d : | sort -u); do
     grep -qE "^\| \`[^\`]*\b$key\b" "$work/scene.md" || { echo "FAILED: no key $key in scene.md" >&2; exit 1; }
 done
-# Every option in the programs' tables, every script, and advice about every flag.
+# Every option in the programs' tables and every script is present, and there is advice about every flag.
 for option in $(sed -nE 's/^    \{"([a-z][a-z-]+)", .*/--\1/p' "$source"/server/main.c "$source"/clients/{device/device,replay/replay,top/top,bench/bench_*}.c "$source"/clients/view/view_options.c "$source"/clients/bridges/*/*.c); do
     grep -qE "^\| .*\`$option[\`=]" "$work/programs.md" || { echo "FAILED: no option $option in programs.md" >&2; exit 1; }
 done

@@ -48,7 +48,7 @@ PATH=$work/bin:$PATH WORK=$work TROCAR_LIBRARY=there tree/scripts/anatomy --help
 for package in python3-gmsh python3-vtk9 python3-pygalmesh python3-nibabel; do grep -q " $package" asked || fail "no $package: $(cat asked)"; done
 ! grep -qE 'npm|nodejs|cmocka|cmake|gcc|websockets|igtlink' asked || fail "more than anatomy needs: $(cat asked)"
 
-# If apt is locked, the script waits, gives up in the end, and names the process.
+# If apt is locked, the script waits, eventually gives up, and names the process that holds the lock.
 stand_in apt-get 'echo "E: Could not get lock /var/lib/dpkg/lock-frontend. It is held by process 4711 (unattended-upgr)" >&2; exit 100'
 setup --demo
 [ $status -eq 1 ] || fail "status $status with a lock"
@@ -63,7 +63,7 @@ stand_in apt-get 'echo "E: Unable to locate package" >&2; exit 100'
 setup --demo
 [ $status -eq 1 ] && grep -q 'is there a network' said || fail "status $status: $(cat said)"
 
-# Hides everything that the demo does not use: .pc files are missing, programs fail.
+# Hides everything that the demo does not use: .pc files are missing, and programs fail.
 mkdir pkgconfig
 for file in $(pkg-config --variable pc_path pkg-config | tr : ' '); do
     [ ! -d "$file" ] || find "$file" -name '*.pc' ! -name 'ncurses*' ! -name 'cmocka*' ! -name 'libwebsockets*' \

@@ -18,7 +18,7 @@ echo '{}' >"$work/empty.json"
 ! compare "$work/empty.json" --ticks 20 --rounds 1 2>"$work/stderr" || { echo "FAILED: an empty record is accepted"; exit 1; }
 grep -q 'not a recorded comparison' "$work/stderr"
 
-# A record has one scene and one spacing.
+# A record must contain a single scene and a single spacing.
 fails() { # WHY COMMAND...
     local why=$1 status=0
     shift

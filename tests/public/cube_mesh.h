@@ -1,4 +1,5 @@
-/* A cube of 40 mm, made of boxes of five tetrahedra each, as arrays and as a Gmsh file: skin at z = 0, fixed at z = 40 mm. */
+/* A cube with edges of 40 mm, made of boxes that are split into five tetrahedra each, as arrays and as a Gmsh file. The skin is at z = 0; the face z = 40 mm is
+   fixed. */
 #ifndef TROCAR_CUBE_MESH_H
 #define TROCAR_CUBE_MESH_H
 
@@ -21,7 +22,7 @@ static void add_triangle(cube_mesh *c, int a, int b, int d, int surface) {
     c->triangle_surface[c->triangle_count++] = surface;
 }
 
-/* Fills a box with five tetrahedra; every second box is mirrored, so that the diagonals of neighbours match. */
+/* Fills a box with five tetrahedra. Every second box is mirrored, so that the face diagonals of neighbouring boxes match. */
 static void fill_box(cube_mesh *c, int x, int y, int z, int32_t (*tet)[4]) {
     static const int CORNERS[2][5][4] = {{{0, 1, 3, 5}, {0, 3, 2, 6}, {0, 5, 6, 4}, {3, 6, 5, 7}, {0, 3, 6, 5}},
                                          {{1, 0, 4, 2}, {1, 2, 7, 3}, {1, 4, 5, 7}, {2, 4, 7, 6}, {1, 2, 4, 7}}};

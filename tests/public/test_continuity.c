@@ -1,5 +1,4 @@
-/* Tests through trocar.h that the hand feels no artefacts: of the mesh's nodes, of skin that other needles have displaced, or of a needle that
-   buckles. */
+/* Tests through trocar.h that the hand feels no artefacts caused by mesh nodes, by skin that other needles have displaced, or by buckling. */
 #include <math.h>
 #include <setjmp.h>
 #include <stdarg.h>
@@ -36,10 +35,10 @@ static trocar_sim *simulate(trocar_scene *scene, trocar_model **model) {
 
 static double norm(const double v[3]) { return sqrt(v[0] * v[0] + v[1] * v[1] + v[2] * v[2]); }
 
-enum { RECOIL = 30 }; /* ms after a puncture in which the tissue springs back */
+enum { RECOIL = 30 }; /* ms after a puncture, during which the tissue springs back */
 
-/* Moves the base along z from its present position, in steps (m) of 1 ms. Returns the last force. *most, if given, receives the greatest change of the
-   force (N) in a tick in which one of these events happens, except after a puncture. */
+/* Moves the base along z by `way` (m), at most `step` (m) per tick of 1 ms. Returns the magnitude of the last force. If `most` is given, it receives the
+   largest change of the force (N) in any tick that reports one of `events`, except shortly after a puncture. */
 static double move(trocar_sim *sim, int needle, trocar_pose *base, double way, double step, unsigned events, double *most) {
     trocar_output out = {0};
     double last[3] = {0}, change[3];
@@ -54,14 +53,14 @@ static double move(trocar_sim *sim, int needle, trocar_pose *base, double way, d
     return norm(out.force);
 }
 
-/* Holds the needle at rest for this many ticks of 1 ms. */
+/* Holds the needle at rest for `ticks` ticks of 1 ms. */
 static void hold(trocar_sim *sim, int needle, const trocar_pose *base, int ticks, trocar_output *out) {
     for (int i = 0; i < ticks; i++) OK(trocar_sim_step(sim, needle, base, 1e-3, out, &why));
 }
 
 static trocar_pose above(double x, double y) { return (trocar_pose){{x, y, -0.202}, {1, 0, 0, 0}}; }
 
-/* Inserts a needle into intact tissue, and along the old track, whose resistance is below the friction of the tip's share. */
+/* Inserts a needle into intact tissue, and then along its old track, where the tip's cutting resistance is smaller than the friction assigned to the tip. */
 static void nodes_that_are_added_are_not_felt(void **state) {
     (void)state;
     trocar_model *model;
@@ -78,7 +77,7 @@ static void nodes_that_are_added_are_not_felt(void **state) {
     trocar_model_free(model);
 }
 
-/* Withdraws a needle from stiffening tissue. */
+/* Withdraws a needle from tissue that stiffens under load. */
 static void nodes_that_are_removed_are_not_felt(void **state) {
     (void)state;
     trocar_model *model;
@@ -105,8 +104,8 @@ static void nodes_that_are_removed_are_not_felt(void **state) {
     trocar_model_free(model);
 }
 
-/* The skin is pressed without being pierced, once with an infinite puncture force and once with a million newtons: the tissue below it must respond
-   the same. */
+/* Presses on skin that is not punctured, once with an infinite puncture force and once with one of a million newtons: the tissue below must respond in the same
+   way. */
 static void infinite_force_leaves_the_tissue_as_soft(void **state) {
     (void)state;
     double force[2];
@@ -125,7 +124,7 @@ static void infinite_force_leaves_the_tissue_as_soft(void **state) {
     assert_true(force[0] > 0.1 && fabs(force[1] / force[0] - 1.0) < 1e-6);
 }
 
-/* A needle buckles at the pubic arch, is moved sideways, withdrawn, and inserted elsewhere. */
+/* A needle buckles against the pubic arch, is moved sideways, withdrawn, and inserted at another point. */
 static void a_buckled_needle_recovers_off_its_axis(void **state) {
     (void)state;
     trocar_model *model;
@@ -141,7 +140,7 @@ static void a_buckled_needle_recovers_off_its_axis(void **state) {
         base.position[1] -= 6e-5;
         OK(trocar_sim_step(sim, 0, &base, 1e-3, &out, &why));
     }
-    assert_true(norm(out.force) > 5.0 && !(out.events & TROCAR_EVENT_UNSTABLE)); /* the needle buckles and still transmits force */
+    assert_true(norm(out.force) > 5.0 && !(out.events & TROCAR_EVENT_UNSTABLE)); /* the needle has buckled and still transmits force */
     move(sim, 0, &base, -0.21 - base.position[2], 1e-4, 0, NULL);
     for (int i = 0; i < 200; i++) {
         base.position[0] -= 6e-5, base.position[1] -= 5e-5;
@@ -154,11 +153,11 @@ static void a_buckled_needle_recovers_off_its_axis(void **state) {
     trocar_model_free(model);
 }
 
-/* Twelve needles in soft tissue: those already inserted have displaced the skin at the next entry point. */
+/* Inserts twelve needles into soft tissue. The needles already inserted have displaced the skin at the next entry point. */
 static void no_needle_goes_in_unfelt(void **state) {
     (void)state;
     static const double across[] = {-0.015, -0.005, 0.005, 0.015}, up[] = {-0.010, -0.005, 0.005, 0.010};
-    for (int tip = 0; tip < 2; tip++) { /* 72.8 and 73.5 mm deep */
+    for (int tip = 0; tip < 2; tip++) { /* the tip is 72.8 or 73.5 mm deep */
         trocar_model *model;
         trocar_scene *scene = load("implant");
         double end = tip ? 73.5e-3 : 72.8e-3;
@@ -178,7 +177,7 @@ static void no_needle_goes_in_unfelt(void **state) {
     }
 }
 
-/* The base moves by 12 mm in one tick of 1 ms, starting at the skin. */
+/* Moves the base by 12 mm in a single tick of 1 ms, starting at the skin. */
 static void a_gap_in_the_poses_is_no_buckling(void **state) {
     (void)state;
     trocar_model *model;
@@ -197,8 +196,8 @@ static void a_gap_in_the_poses_is_no_buckling(void **state) {
     trocar_model_free(model);
 }
 
-/* The worker releases a needle at once; a hand that holds a needle beside it still must feel this as if the other hand opened its fingers within 0.1
-   s. */
+/* The worker releases a needle in a single update. A hand that holds a nearby needle must nevertheless feel the release spread over 0.1 s, as if the other hand
+   opened its fingers gradually. */
 static void letting_go_of_a_needle_is_no_knock_for_its_neighbours(void **state) {
     (void)state;
     trocar_model *model;
@@ -207,7 +206,7 @@ static void letting_go_of_a_needle_is_no_knock_for_its_neighbours(void **state) 
     trocar_sim *sim = simulate(scene, &model);
     trocar_pose base[3];
     trocar_output out, before;
-    for (int n = 0; n < 3; n++) { /* the first needle rests, the second is held, the third is left while it is being pushed */
+    for (int n = 0; n < 3; n++) { /* the first needle rests, the second is held, and the third is released while it is being pushed */
         base[n] = (trocar_pose){{5e-3 * (n - 1), 0.0, -0.23}, {1, 0, 0, 0}};
         OK(trocar_sim_reset(sim, n, &base[n], &why));
         move(sim, n, &base[n], n == 2 ? 0.09 : 0.08, 1e-4, 0, NULL);
@@ -228,7 +227,7 @@ static void letting_go_of_a_needle_is_no_knock_for_its_neighbours(void **state) 
     }
     print_message("let go of: %.3f N beside it, at most %.4f N in a tick\n", norm(way), most);
     assert_true(norm(way) > 0.1 && most < 0.05);
-    OK(trocar_sim_restore(sim, half_way, size, &why)); /* and the simulation continues from there */
+    OK(trocar_sim_restore(sim, half_way, size, &why)); /* and the simulation continues from the restored state */
     hold(sim, 1, &base[1], 150, &out);
     for (int a = 0; a < 3; a++) assert_true(fabs(out.force[a] - last[a]) < 1e-9);
     free(half_way);
@@ -236,7 +235,7 @@ static void letting_go_of_a_needle_is_no_knock_for_its_neighbours(void **state) 
     trocar_model_free(model);
 }
 
-/* Relaxing tissue springs back slowly: a needle that has been withdrawn must touch the skin where the skin is now, not where it will come to rest. */
+/* Relaxing tissue springs back slowly. A needle that has been withdrawn must touch the skin at the skin's present position, not at its final one. */
 static void a_needle_returns_to_skin_that_is_still_displaced_with_one_touch(void **state) {
     (void)state;
     trocar_model *model;
@@ -261,7 +260,7 @@ static void a_needle_returns_to_skin_that_is_still_displaced_with_one_touch(void
     trocar_model_free(model);
 }
 
-/* A tip slides over the skin from one element to the next; in no tick may the tissue at the tip be unknown. */
+/* A tip slides over the skin from one element to the next. In no tick may the tissue's compliance at the tip be missing. */
 static void gliding_over_the_skin_is_never_late(void **state) {
     (void)state;
     static const double tilts[] = {0.0, M_PI / 6.0};
@@ -276,7 +275,7 @@ static void gliding_over_the_skin_is_never_late(void **state) {
         int late = 0, felt = 0;
         for (int k = 0; k < 3; k++) base.position[k] = tip[k] - 0.2 * axis[k];
         OK(trocar_sim_reset(sim, 0, &base, &why));
-        for (int t = 0; t < 475; t++) { /* pressed in by 1 mm, then moved 20 mm along the skin */
+        for (int t = 0; t < 475; t++) { /* pressed 1 mm into the skin, then moved 20 mm along it */
             for (int k = 0; k < 3; k++) base.position[k] += t < 75 ? 2e-5 * axis[k] : k == 0 ? 5e-5 : 0.0;
             OK(trocar_sim_step(sim, 0, &base, 1e-3, &out, &why));
             late += (out.events & TROCAR_EVENT_LATE) != 0;

@@ -1,4 +1,4 @@
-/* Tests what the dose functions refuse, that a refusal changes nothing, and how long adding a seed takes. test_dose.py tests the doses. */
+/* Tests which inputs the dose functions refuse, that a refused call changes nothing, and how long adding a seed takes. test_dose.py tests the doses. */
 #include <setjmp.h>
 #include <stdarg.h>
 #include <stddef.h>
@@ -44,7 +44,7 @@ static const char *const TABLE[] = {
 };
 enum { LINES = sizeof TABLE / sizeof *TABLE };
 
-/* Loads the table with one line replaced; unchanged if `replacement` is NULL. */
+/* Loads the table with one line replaced, or unchanged if `replacement` is NULL. */
 static trocar_status load_with(int line, const char *replacement, trocar_dose_source **source, trocar_error *why) {
     char path[] = "/tmp/test_dose_XXXXXX";
     int descriptor = mkstemp(path);
@@ -190,7 +190,7 @@ static void bad_grids_and_points_are_refused(void **state) {
     trocar_dose_source_free(source);
 }
 
-/* The largest possible doses, of as many seeds as allowed in one place, do not overflow the sum. */
+/* Places as many seeds as allowed at one point, each with the largest possible dose: the sum must not overflow. */
 static void sums_do_not_overflow(void **state) {
     (void)state;
     trocar_dose_source *source = create_source();
@@ -226,7 +226,7 @@ static void bad_meshes_are_refused(void **state) {
     int64_t count = trocar_structure_count(s);
     trocar_structure_free(s);
     assert_int_equal(trocar_structure_from_surface(&mesh, 0, 1e-3, &s, &why), TROCAR_OK);
-    assert_int_equal(trocar_structure_count(s), count); /* the same tetrahedron, given by its faces; no voxel's centre lies on a face */
+    assert_int_equal(trocar_structure_count(s), count); /* the same tetrahedron, described by its faces; no voxel centre lies on a face */
     assert_int_equal(trocar_structure_displacements(s, nodal, moved, &why), TROCAR_BAD_INPUT);
     trocar_structure_free(s);
     free(moved);
@@ -262,8 +262,8 @@ static double processor_time(void) {
     return (double)t.tv_sec + 1e-9 * (double)t.tv_nsec;
 }
 
-/* Adding a seed to a million voxels takes less than 50 ms of one processor. The fastest of several runs counts, because other programs share the
-   processor's caches and units. */
+/* Adding a seed to a dose grid of a million voxels takes less than 50 ms of processor time. The fastest of several runs counts, because other programs share
+   the processor's caches and execution units. */
 static void a_seed_is_added_quickly(void **state) {
     (void)state;
 #if defined(__SANITIZE_ADDRESS__) || defined(__SANITIZE_THREAD__)

@@ -1,4 +1,4 @@
-/* Guides through trocar.h: keys, the holes in which two needles are, contacts, restored states, refused scenes. */
+/* Tests guides through trocar.h: scene keys, the hole that each needle occupies, contacts, restored states and refused scenes. */
 #include <math.h>
 #include <setjmp.h>
 #include <stdarg.h>
@@ -17,7 +17,7 @@ static trocar_error why;
 
 #define OK(call) do { if ((call) != TROCAR_OK) fail_msg("%s: %s", #call, why.text); } while (0)
 
-enum { IN = 500 }; /* ticks of 1 ms */
+enum { IN = 500 }; /* number of ticks of 1 ms for the insertion */
 
 /* 5 x 3 holes, 5 mm apart; the plate ends 5 mm in front of the skin. */
 static const char *const TEMPLATE[][2] = {
@@ -42,7 +42,8 @@ static trocar_model *create_model(const char *needles) {
     return model;
 }
 
-/* Needle 0 starts in front of hole 6, to the left of the middle, needle 1 in front of hole 8, both 5 mm in front of the plate and drifting sideways. */
+/* Needle 0 starts in front of hole 6, left of the centre, and needle 1 in front of hole 8. Both tips are 5 mm in front of the plate, and the needles drift
+   sideways. */
 static trocar_pose base_at(int needle, int tick) {
     return (trocar_pose){{needle == 0 ? 0.0 - 4e-6 * tick : 0.010, 0.003 + 4e-6 * needle * tick, -0.23 + 1.2e-4 * tick}, {1, 0, 0, 0}};
 }
@@ -132,7 +133,7 @@ static void the_model_tells_where_the_holes_are(void **state) {
     trocar_scene_free(scene);
 }
 
-/* The library finds this with the mesh: the message gives the file, the line of the origin, the key and the remedy. */
+/* The library detects this error when it reads the mesh. The message gives the file, the line of the key `origin`, the key itself and the remedy. */
 static void a_guide_in_the_tissue_is_refused(void **state) {
     (void)state;
     char path[] = "/tmp/test_guided.XXXXXX.yaml", expected[128];

@@ -1,4 +1,4 @@
-/* Contracts of the library in any host program, through trocar.h: rare cases, little memory, threads, and cancelled calls. */
+/* Tests contracts of the library that hold in any host program, through trocar.h: rare cases, low memory, threads and cancelled calls. */
 #include <math.h>
 #include <pthread.h>
 #include <setjmp.h>
@@ -18,7 +18,7 @@
 #include <cmocka.h>
 
 #if defined(__SANITIZE_ADDRESS__) || defined(__SANITIZE_THREAD__)
-#define SANITIZED 1 /* a sanitizer's shadow memory takes all address space */
+#define SANITIZED 1 /* the sanitizer's shadow memory reserves most of the address space */
 #else
 #define SANITIZED 0
 #endif
@@ -27,7 +27,7 @@ static trocar_error why;
 
 #define OK(call) do { if ((call) != TROCAR_OK) fail_msg("%s: %s", #call, why.text); } while (0)
 
-/* Creates the cube; tetrahedra below `bone` (m) are bone. INFINITY: there is no bone. */
+/* Creates the cube; tetrahedra deeper than `bone` (m) are bone. With INFINITY there is no bone. */
 static trocar_scene *cube_scene(double bone) {
     static const char *const regions[] = {"body", "bone"};
     cube_mesh *cube = malloc(sizeof *cube);
@@ -65,7 +65,7 @@ static trocar_pose at(double x, double y, double tip) { return (trocar_pose){{x,
 
 /* ---- contracts ---------------------------------------------------------------------------------------------------------- */
 
-/* A needle that is reset with its tip in bone counts as inserted: it has punctured the skin, but no membrane that does not exist. */
+/* A needle that is reset with its tip in bone counts as inserted: the skin counts as punctured, but no other membrane does, because the scene has none. */
 static void bone_is_no_membrane(void **state) {
     (void)state;
     trocar_model *model = model_of(cube_scene(0.015));
@@ -81,7 +81,7 @@ static void bone_is_no_membrane(void **state) {
         skin += points[i].membrane == 0;
     }
     assert_int_equal(skin, 1);
-    for (int t = 0; t < 50; t++) { /* the needle is pushed, does not move, and punctures nothing */
+    for (int t = 0; t < 50; t++) { /* the needle is pushed without moving and punctures nothing */
         trocar_output out;
         base.position[2] += 1e-5;
         OK(trocar_sim_step(sim, 0, &base, 1e-3, &out, &why));
@@ -92,7 +92,8 @@ static void bone_is_no_membrane(void **state) {
     trocar_model_free(model);
 }
 
-/* A rigid needle pressed through the tissue onto a fixed surface: the force is the way divided by contact.bone_compliance, as nothing else yields. */
+/* A rigid needle is pressed through the tissue onto a fixed bone surface. The force is the base's travel past that surface divided by contact.bone_compliance,
+   because nothing else yields. */
 static void bone_yields_as_its_key_says(void **state) {
     (void)state;
     for (double compliance = 4e-5; compliance < 2e-4; compliance *= 2.0) {
@@ -112,7 +113,7 @@ static void bone_yields_as_its_key_says(void **state) {
         OK(trocar_sim_reset(sim, 0, &base, &why));
         for (int t = 0; t < 2100; t++, base.position[2] += 2e-5) {
             OK(trocar_sim_step(sim, 0, &base, 1e-3, &out, &why));
-            double way = base.position[2] + 0.2 - 0.04; /* past the surface of the bone, m */
+            double way = base.position[2] + 0.2 - 0.04; /* m, travel past the surface of the bone */
             if (way > 0.1e-3) assert_float_equal(-out.force[2] * compliance, way, 0.01 * way);
         }
         trocar_sim_free(sim);
@@ -120,7 +121,8 @@ static void bone_yields_as_its_key_says(void **state) {
     }
 }
 
-/* A leaning tip pushed along its axis onto skin that it does not puncture slides once the force leaves the cone of friction, and stays at its edge. */
+/* An inclined tip is pushed along its axis onto skin that it does not puncture. The tip slides as soon as the force leaves the friction cone, and the force
+   then stays on the edge of the cone. */
 static void a_leaning_tip_slides_at_the_cone_of_friction(void **state) {
     (void)state;
     static const double LEAN = 0.6; /* rad */
@@ -138,7 +140,7 @@ static void a_leaning_tip_slides_at_the_cone_of_friction(void **state) {
         for (int t = 0; t < 600; t++) {
             base.position[0] += 1e-5 * sin(LEAN), base.position[2] += 1e-5 * cos(LEAN);
             OK(trocar_sim_step(sim, 0, &base, 1e-3, &out, &why));
-            if (t >= 450) assert_float_equal(out.force[0] / out.force[2], friction, 0.06 * friction); /* it follows the hand with a lag */
+            if (t >= 450) assert_float_equal(out.force[0] / out.force[2], friction, 0.06 * friction); /* the tip follows the hand with a lag */
         }
         trocar_sim_free(sim);
         trocar_model_free(model);
@@ -154,7 +156,7 @@ static trocar_model *model_from(const char *name, const char *key, const char *v
     return model_of(scene);
 }
 
-/* "Fills at most `room`": if there is no room, nothing is written. */
+/* "Fills at most `room`" in trocar.h: with room for 0 entries, nothing is written. */
 static void no_room_is_no_fault(void **state) {
     (void)state;
     trocar_model *model = model_from("template.yaml", NULL, NULL);
@@ -190,7 +192,7 @@ static void go(trocar_sim *sim, int needle, trocar_pose *base, double to) {
     }
 }
 
-/* Returns the pose in which the second needle's base comes to rest in a track that needle `first` has cut. */
+/* Returns the pose in which the second needle's base comes to rest in a track cut by needle `first`. */
 static trocar_pose rest_in_track_of(trocar_model *model, int first) {
     const trocar_pose far = {{0.05, 0.05, -0.4}, {1, 0, 0, 0}};
     trocar_pose base = {{0.005, 0.003, -0.201}, {1, 0, 0, 0}};
@@ -201,7 +203,7 @@ static trocar_pose rest_in_track_of(trocar_model *model, int first) {
     go(sim, first, &base, -0.202);
     if (first != 1) OK(trocar_sim_reset(sim, 1, &base, &why));
     go(sim, 1, &base, -0.16);
-    go(sim, 1, &base, -0.163); /* drawn back, so that the needle springs forward when it is left */
+    go(sim, 1, &base, -0.163); /* drawn back, so that the needle springs forward when it is released */
     OK(trocar_sim_leave(sim, 1, &why));
     OK(trocar_sim_work(sim, NULL, &why));
     assert_int_equal(trocar_sim_needle_state(sim, 1), TROCAR_NEEDLE_RESTING);
@@ -211,7 +213,7 @@ static trocar_pose rest_in_track_of(trocar_model *model, int first) {
     return rest;
 }
 
-/* Tissue that any needle has cut stays cut, also while another needle is being left. */
+/* Tissue that any needle has cut stays cut, even while another needle is being released. */
 static void a_needle_is_let_go_in_anothers_track_as_in_its_own(void **state) {
     (void)state;
     trocar_model *model = model_from("figure8.yaml", "needles", "2");
@@ -220,7 +222,7 @@ static void a_needle_is_let_go_in_anothers_track_as_in_its_own(void **state) {
     trocar_model_free(model);
 }
 
-/* The same holds after restoring a state in which the needle was about to be left. */
+/* Tissue also stays cut after a state is restored in which the needle was about to be released. */
 static void saved_before_it_is_let_go_it_comes_to_the_same(void **state) {
     (void)state;
     trocar_model *model = model_from("figure8.yaml", "needles", "2");
@@ -252,7 +254,7 @@ static void saved_before_it_is_let_go_it_comes_to_the_same(void **state) {
     trocar_model_free(model);
 }
 
-/* Objects may be freed in any order: an object that uses the model keeps it. */
+/* Objects may be freed in any order: an object that uses the model keeps the model alive. */
 static void the_model_goes_with_its_last_user(void **state) {
     (void)state;
     trocar_scene *scene;
@@ -307,7 +309,7 @@ static void *read_keys(void *context) {
     return NULL;
 }
 
-/* Runs before all other tests, so that no key has been asked for. For ThreadSanitizer. */
+/* Runs before all other tests, so that no scene key has been looked up yet. Intended for ThreadSanitizer. */
 static void the_table_of_keys_is_made_once(void **state) {
     (void)state;
     pthread_t thread[THREADS];
@@ -328,8 +330,8 @@ static void *look_at_field(void *context) {
     return NULL;
 }
 
-/* The stiffness matrix of a condensed inverse is assembled for the first displacement field, while other threads derive models.
-   For ThreadSanitizer. */
+/* The stiffness matrix of a condensed inverse is assembled when the first displacement field is requested, while other threads derive models from the same
+   model. Intended for ThreadSanitizer. */
 static void models_are_derived_beside_a_first_field(void **state) {
     (void)state;
     char cache[] = "/tmp/test_hosts.XXXXXX", command[64];
@@ -338,7 +340,7 @@ static void models_are_derived_beside_a_first_field(void **state) {
         trocar_scene *scene;
         OK(trocar_scene_load(MESHES "/figure8.yaml", &scene, &why));
         OK(trocar_scene_set(scene, "inverse", "condensed", &why));
-        /* the only part of the tissue that the needle uses, so that nothing else assembles the matrix */
+        /* the only part of the tissue that the needle uses, so that no other call assembles the matrix */
         OK(trocar_scene_set(scene, "region_of_interest.corridor.from", "[0.005, 0.003, 0.0]", &why));
         OK(trocar_scene_set(scene, "region_of_interest.corridor.to", "[0.005, 0.003, 0.04]", &why));
         OK(trocar_scene_set(scene, "region_of_interest.corridor.radius", "0.03", &why));
@@ -402,7 +404,7 @@ static bool is_zero(const trocar_output *out) {
     return memcmp(out, &zero, sizeof zero) == 0;
 }
 
-/* Up to the tick in which an insertion was cancelled, its outputs are those of the complete rollout; after that, they are zero. */
+/* Up to the tick in which an insertion was cancelled, its outputs equal those of the complete rollout. After that tick they are zero. */
 static void a_rollout_is_watched_and_cancelled(void **state) {
     (void)state;
     static trocar_pose poses[BATCH][STEPS];
@@ -464,7 +466,7 @@ static void a_run_is_watched_and_cancelled(void **state) {
     trocar_model_free(model);
 }
 
-/* A model can be cancelled at every call of its progress function while it is created, with each kind of inverse; afterwards all its memory is free. */
+/* Creating a model can be cancelled at every call of its progress function, with each kind of inverse. Afterwards all its memory has been freed. */
 static void a_model_is_cancelled_at_any_question(void **state) {
     (void)state;
     static const char *const kinds[] = {"dense", "sparse", "condensed"};
@@ -491,7 +493,7 @@ static void a_model_is_cancelled_at_any_question(void **state) {
             assert_int_equal(status, TROCAR_CANCELLED);
             assert_null(model);
             assert_int_equal(w.asked, most + 1);
-            if (most > 8) most += 7; /* tries not all of a hundred calls */
+            if (most > 8) most += 7; /* skips some of the roughly one hundred calls */
         }
         assert_true(asked >= (kind == 1 ? 3 : 5));
     }
@@ -517,7 +519,7 @@ static void limit(size_t bytes) {
     setrlimit(RLIMIT_AS, &limits);
 }
 
-/* With only as many threads as memory permits, all insertions are still carried out. */
+/* If memory suffices for fewer threads than requested, all insertions are still carried out. */
 static void threads_without_memory_leave_the_work_to_others(void **state) {
     (void)state;
     if (SANITIZED) skip();
@@ -525,7 +527,7 @@ static void threads_without_memory_leave_the_work_to_others(void **state) {
     static trocar_output all[BATCH][STEPS], some[BATCH][STEPS];
     const trocar_rollout_options two_threads = {.dt = 1e-3, .threads = 2};
     trocar_scene *scene = cube_scene(INFINITY);
-    OK(trocar_scene_set(scene, "needles", "32", &why)); /* a simulation of a hundred megabytes */
+    OK(trocar_scene_set(scene, "needles", "32", &why)); /* makes a simulation take about a hundred megabytes */
     trocar_model *model = model_of(scene);
     trocar_sim *sim;
     straight_in(poses);
@@ -534,7 +536,7 @@ static void threads_without_memory_leave_the_work_to_others(void **state) {
     size_t one = mapped() - before;
     trocar_sim_free(sim);
     assert_true(one > 50000000);
-    OK(trocar_rollout(model, poses[0], BATCH, STEPS, &two_threads, all[0], &why)); /* so that BLAS has its memory for two threads */
+    OK(trocar_rollout(model, poses[0], BATCH, STEPS, &two_threads, all[0], &why)); /* makes BLAS allocate its memory for two threads */
     int short_of_memory = 0;
     for (double room = 0.2; room < 4.0; room += 0.4) {
         limit(mapped() + (size_t)(room * (double)one));
@@ -545,13 +547,13 @@ static void threads_without_memory_leave_the_work_to_others(void **state) {
         if (status != TROCAR_OK)
             for (int i = 0; i < BATCH; i++) assert_true(is_zero(&some[i][0]));
         short_of_memory += status != TROCAR_OK;
-        if (room > 2.0) assert_int_equal(status, TROCAR_OK); /* room for one simulation and its saved state */
+        if (room > 2.0) assert_int_equal(status, TROCAR_OK); /* enough memory for one simulation and its saved state */
     }
     assert_true(short_of_memory > 0);
     trocar_model_free(model);
 }
 
-/* Runs in a new process of this program: creates a model, a simulation and a picture. The exit status is theirs. */
+/* Creates a model, a simulation and a picture in a new process of this program. The exit status is the status of the first call that fails. */
 static int live(void) {
     trocar_scene *scene;
     trocar_model *model = NULL;
@@ -569,12 +571,12 @@ static int live(void) {
     _exit((int)status);
 }
 
-/* The result is OK or NO_MEMORY, and it comes soon. */
+/* The result is OK or NO_MEMORY, and the call returns quickly. */
 static void too_little_address_space_is_told(void **state) {
     (void)state;
     if (SANITIZED) skip();
     int told = 0, done = 0;
-    for (size_t room = 250; room <= 900; room += 25) { /* MB, of which the program and its libraries use about 180 */
+    for (size_t room = 250; room <= 900; room += 25) { /* MB, of which the program and its libraries use about 180 MB */
         pid_t child = fork();
         if (child == 0) {
             setenv("OPENBLAS_NUM_THREADS", "2", 1);

@@ -1,4 +1,4 @@
-/* Tests libtrocar through its public header trocar.h only. */
+/* Tests libtrocar through its public header trocar.h alone. */
 #include <gmshc.h>
 #include <math.h>
 #include <pthread.h>
@@ -54,7 +54,7 @@ static trocar_model *model_of(trocar_scene *scene) {
 
 enum { TICKS = 500 };
 
-/* Inserts at 50 mm/s, with slow motion sideways and a slow turn. */
+/* Inserts at 50 mm/s while moving slowly sideways and turning slowly. */
 static trocar_pose pose_at(int tick) {
     double turn = 1e-3 * tick;
     return (trocar_pose){{1e-3 + 1e-6 * tick, 2e-3, -0.2005 + 50e-6 * tick}, {cos(0.5 * turn), 0, 0, sin(0.5 * turn)}};
@@ -135,7 +135,7 @@ static void keys_are_set_and_told(void **state) {
     trocar_scene_free(scene);
 }
 
-/* Every key's default can be read from a scene, and setting a key to it changes nothing. */
+/* The default of every key can be read from a scene, and setting a key to its default changes nothing. */
 static void the_table_of_keys_is_whole(void **state) {
     (void)state;
     trocar_scene *scene = cube_scene();
@@ -223,7 +223,7 @@ static void a_restored_state_goes_on_as_before(void **state) {
     OK(trocar_sim_restore(other, saved, size, &why));
     run(other, TICKS / 2, TICKS, b);
     assert_same(a, b);
-    OK(trocar_sim_restore(sim, saved, size, &why)); /* into the simulation that has continued */
+    OK(trocar_sim_restore(sim, saved, size, &why)); /* restores the state into the simulation that has continued */
     run(sim, TICKS / 2, TICKS, b);
     assert_same(a, b);
 
@@ -259,7 +259,7 @@ static void split_calls_agree_with_lockstep(void **state) {
 typedef struct {
     trocar_sim *sim;
     volatile bool stop;
-    int rounds; /* number of answers after which no more work was pending */
+    int rounds; /* number of rounds of work after which no request was pending */
 } worker;
 
 static void *work(void *context) {
@@ -273,8 +273,8 @@ static void *work(void *context) {
     return NULL;
 }
 
-/* With an asynchronous worker, the forces agree with lockstep to within one or two ticks. Independent of the machine's speed, each tick follows a
-   round of work that began after the previous tick: of two rounds that have ended, the second began after it. */
+/* With an asynchronous worker, the forces agree with lockstep to within one or two ticks. To be independent of the machine's speed, each tick waits for a round
+   of work that began after the previous tick. This holds after two completed rounds, because the second began after that tick. */
 static void a_worker_thread_serves_the_tick(void **state) {
     (void)state;
     static trocar_output a[TICKS];
@@ -299,7 +299,7 @@ static void a_worker_thread_serves_the_tick(void **state) {
     trocar_model_free(model);
 }
 
-/* Contacts, centreline and displacements are consistent with the force: the forces on tissue and hand cancel. */
+/* Contacts, centreline and displacements are consistent with the force: the forces on the tissue and on the hand sum to zero. */
 static void what_is_seen_fits_the_force(void **state) {
     (void)state;
     static trocar_output a[TICKS];
@@ -333,7 +333,7 @@ static void what_is_seen_fits_the_force(void **state) {
     trocar_model_free(model);
 }
 
-/* A picture taken by one thread does not change while the simulation continues. */
+/* A picture that another thread takes does not change while the simulation continues. */
 static void a_picture_keeps_what_was_seen(void **state) {
     (void)state;
     enum { ROOM = TROCAR_MAX_POINTS, MIDWAY = 4 * TICKS / 5 };
@@ -354,7 +354,7 @@ static void a_picture_keeps_what_was_seen(void **state) {
     OK(trocar_view_displacements(trocar_sim_view(sim), field[0][0], &why));
     run(sim, MIDWAY, TICKS, a);
     trocar_picture_copy(picture, copy);
-    assert_true(count >= 2); /* the tip and at least one other contact */
+    assert_true(count >= 2); /* at least the tip and one other contact */
     assert_int_equal(trocar_view_contacts(trocar_picture_view(copy), 0, kept, ROOM), count);
     assert_memory_equal(kept, seen, (size_t)count * sizeof *seen);
     assert_int_equal(trocar_view_centreline(trocar_picture_view(copy), 0, joints[1][0], TROCAR_MAX_JOINTS), joint_count);
@@ -371,7 +371,7 @@ static void a_picture_keeps_what_was_seen(void **state) {
     trocar_model_free(model);
 }
 
-/* The refined mesh fills the body, and the forces on its nodes are those of the contacts and of the damper at the tip. */
+/* The refined mesh fills the body. The forces on its nodes are those of the contacts and of the damper at the tip. */
 static void the_refined_mesh_carries_the_contacts(void **state) {
     (void)state;
     static trocar_output a[TICKS];
@@ -412,7 +412,7 @@ static void the_refined_mesh_carries_the_contacts(void **state) {
 static int64_t made_time;
 static int64_t made_clock(void) { return made_time; }
 
-/* Without a worker, the age of the oldest request grows; once it has been answered, no request is pending. */
+/* While no worker runs, the age of the oldest request grows. After the request has been answered, none is pending. */
 static void waiting_and_latency_are_told(void **state) {
     (void)state;
     trocar_model *model = model_of(cube_scene());
@@ -451,7 +451,7 @@ static void a_base_on_a_spring_yields(void **state) {
     run(sim, 0, TICKS, rigid);
     trocar_pose start = pose_at(0), given = pose_at(TICKS - 1);
     trocar_sim_set_base_compliance(sim, 0, 2e-3);
-    OK(trocar_sim_reset(sim, 0, &start, &why)); /* the reset keeps the spring */
+    OK(trocar_sim_reset(sim, 0, &start, &why)); /* a reset does not change the spring */
     run(sim, 0, TICKS, soft);
     trocar_pose base = trocar_view_base(trocar_sim_view(sim), 0);
     const double *force = soft[TICKS - 1].force;
@@ -461,7 +461,7 @@ static void a_base_on_a_spring_yields(void **state) {
     trocar_model_free(model);
 }
 
-/* A model for a viewer: mesh and names are available at once, functions that need the stiffness are not. */
+/* For a model created for a viewer, the mesh and the names are available at once, while functions that need the stiffness are not. */
 static void a_model_may_be_its_mesh_alone(void **state) {
     (void)state;
     trocar_scene *scene = cube_scene();
@@ -485,7 +485,7 @@ static void a_model_may_be_its_mesh_alone(void **state) {
     int tets = trocar_model_tet_count(model);
     assert_null(trocar_model_strain_patches(model));
     for (int i = 0; i < tets; i++) assert_in_range(trocar_model_strain_patches(whole)[i], 0, tets - 1);
-    for (int i = 0; i < 4 * tets; i++) { /* neighbours refer to each other; a face of the skin has no neighbour */
+    for (int i = 0; i < 4 * tets; i++) { /* the neighbour relation is mutual; a face on the skin has no neighbour */
         int neighbour = trocar_model_neighbours(model)[i], mutual = 0;
         for (int f = 0; neighbour >= 0 && f < 4; f++) mutual += trocar_model_neighbours(model)[4 * neighbour + f] == i / 4;
         assert_int_equal(mutual, neighbour >= 0);
@@ -540,7 +540,7 @@ static void a_rollout_does_not_depend_on_threads(void **state) {
     assert_same(single, one[0]);
     poses[2][100].orientation[0] = 7;
     assert_refused(trocar_rollout(model, poses[0], BATCH, TICKS, &(trocar_rollout_options){.dt = 1e-3, .threads = 2}, two[0], &why), "insertion 2, step 100");
-    assert_same(one[3], two[3]); /* the other insertions are complete */
+    assert_same(one[3], two[3]); /* the other insertions ran to completion */
     assert_memory_equal(one[2], two[2], 100 * sizeof(trocar_output));
     assert_true(two[2][100].force[2] == 0.0 && two[2][TICKS - 1].depth == 0.0);
     assert_refused(trocar_rollout(model, poses[0], BATCH, TICKS, &(trocar_rollout_options){.dt = 1e-3, .threads = 0}, two[0], &why), "threads");
@@ -562,7 +562,7 @@ static void a_host_keeps_its_gmsh_session_and_its_floating_point(void **state) {
     free(cube);
     FILE *mesh = fopen(named, "r+");
     assert_true(mesh && fseek(mesh, strlen("$MeshFormat\n"), SEEK_SET) == 0);
-    fputs("2.1", mesh); /* a version that only Gmsh reads */
+    fputs("2.1", mesh); /* a mesh format version that only Gmsh can read */
     fclose(mesh);
     trocar_scene *scene = cube_scene();
     OK(trocar_scene_set(scene, "mesh", named, &why));

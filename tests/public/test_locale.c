@@ -1,5 +1,5 @@
-/* In a host with a decimal comma, the library reads, writes and computes as in the C locale, and does not change the host's locale. The
-   locale de_DE.UTF-8 must exist (test_locale.sh creates it). Status 77: it does not exist. */
+/* In a host with a decimal comma, the library reads, writes and computes as in the C locale, and does not change the host's locale. The locale de_DE.UTF-8 must
+   exist (test_locale.sh creates it); otherwise the exit status is 77. */
 #include <locale.h>
 #include <math.h>
 #include <setjmp.h>
@@ -17,7 +17,8 @@
 
 enum { ROOM = 1 << 18, TICKS = 300 };
 
-/* Everything that the library writes and computes, as text; the numbers that it returns are hexadecimal, which no locale changes. */
+/* Collects as text everything that the library writes and computes. Numbers returned by functions are written in hexadecimal, which does not depend on the
+   locale. */
 typedef struct {
     char text[ROOM];
     size_t used;
@@ -109,7 +110,7 @@ static void note_model(record *r, const trocar_scene *scene, const char *inverse
     assert_true(strcmp(inverse, "condensed") != 0 || called > 0);
 }
 
-/* Records a mesh file in another unit, with a remark about its size; guides that do not fit; and a dose table in text form. */
+/* Records the messages for a mesh file in another unit (a note about its size), for guides that do not fit, and for a dose table in text form. */
 static void note_others(record *r) {
     trocar_error why = {""};
     trocar_scene *scene;

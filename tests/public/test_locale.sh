@@ -12,10 +12,10 @@ localedef -i de_DE -f UTF-8 "$work/locales/de_DE.UTF-8" || [ $? -eq 1 ] # warnin
 export LOCPATH=$work/locales PYTHONPATH=$build/clients/python TROCAR_LIBRARY=$build/core/libtrocar.so
 [ "$(LC_ALL=de_DE.UTF-8 locale decimal_point)" = , ] || fail "no decimal comma"
 
-# The library in a host that sets the locale
+# The library, in a host program that sets the locale
 "$build/tests/public/test_locale"
 
-# The package in a program that sets the locale
+# The Python package, in a program that sets the locale
 if [ -z "${TROCAR_SANITIZED:-}" ]; then
 cat >"$work/host.py" <<'END'
 import locale, sys
@@ -74,10 +74,10 @@ run_programs() { # FOLDER
         if [ -z "${TROCAR_SANITIZED:-}" ]; then
             study >study.yaml
             /usr/bin/python3 -m trocar.studies.study run study.yaml --out results --quiet >study.out 2>&1 || fail "$(cat study.out)"
-            # the rows are in the order in which the runs ended; those of result.csv are sorted
+            # the rows are in the order in which the runs finished; those of result.csv are sorted
             LC_ALL=C sort -o results/rows-1-of-1.csv results/rows-1-of-1.csv
         fi
-        # A server and a device: their measurements differ from run to run, but every number must be in the C locale's format.
+        # A server and a device: their measured values differ from run to run, but every number must be written in the C locale's format.
         "$build/server/trocar-server" --scene "$source/meshes/figure8.yaml" --rate 500.5 --allow-non-rt >server.live 2>&1 &
         server=$!
         until grep -qx ready server.live; do kill -0 $server || fail "$(cat server.live)"; sleep 0.05; done

@@ -1,4 +1,4 @@
-/* Tests several needles in one tissue through trocar.h. */
+/* Tests several needles in the same tissue through trocar.h. */
 #include <math.h>
 #include <setjmp.h>
 #include <stdarg.h>
@@ -15,7 +15,7 @@ static trocar_error why;
 
 #define OK(call) do { if ((call) != TROCAR_OK) fail_msg("%s: %s", #call, why.text); } while (0)
 
-enum { IN = 500 }; /* ticks of 1 ms at 0.1 mm: 50 mm */
+enum { IN = 500 }; /* 500 ticks of 1 ms, 0.1 mm each: 50 mm */
 
 static trocar_model *create_model(const char *needles) {
     trocar_scene *scene;
@@ -32,7 +32,7 @@ static trocar_pose base_at(int needle, double apart, int tick) {
     return (trocar_pose){{(needle - 0.5) * apart, 0.003, -0.201 + 1e-4 * tick}, {1, 0, 0, 0}};
 }
 
-/* Inserts both needles, or only one; fills outputs[needle][tick]. */
+/* Inserts both needles, or only one of them, and fills outputs[needle][tick]. */
 static trocar_sim *push_in(trocar_model *model, double apart, const int *held, trocar_output outputs[2][IN]) {
     trocar_sim *sim;
     OK(trocar_sim_create(model, &sim, &why));
@@ -50,9 +50,8 @@ static trocar_sim *push_in(trocar_model *model, double apart, const int *held, t
 
 static double distance(const double a[3], const double b[3]) { return sqrt(pow(a[0] - b[0], 2) + pow(a[1] - b[1], 2) + pow(a[2] - b[2], 2)); }
 
-/* With 60 mm between the needles, a force F on one displaces the tissue at the other by at most F / (8 pi mu d) (3 - 4 nu +
-   cos^2) / (2 (1 - nu)), 0.13 mm per N (Kelvin, mu = 10 kPa), which a shaft sticking over 50 mm converts to less than a tenth of
-   F. */
+/* Two needles are 60 mm apart. By Kelvin's solution (mu = 10 kPa), a force F on one displaces the tissue at the other by at most F / (8 pi mu d) (3 - 4 nu +
+   cos^2) / (2 (1 - nu)), 0.13 mm per N. A shaft that sticks over 50 mm converts this displacement to less than a tenth of F. */
 static void needles_far_apart_feel_what_they_feel_alone(void **state) {
     (void)state;
     static trocar_output both[2][IN], alone[2][IN];
@@ -75,7 +74,7 @@ static void needles_far_apart_feel_what_they_feel_alone(void **state) {
     trocar_model_free(model);
 }
 
-/* Returns the change of needle `felt`'s equilibrium force, N, when needle `moved`'s base moves by 50 um along `axis`. */
+/* Returns the change (N) of the equilibrium force on needle `felt` when the base of needle `moved` moves by 50 um along `axis`. */
 static void nudge(trocar_sim *sim, const void *start, int moved, int axis, double change[3]) {
     trocar_output before, after;
     int felt = 1 - moved;
@@ -102,8 +101,8 @@ static void the_coupling_is_reciprocal(void **state) {
     size_t size = trocar_sim_state_size(sim);
     void *start = malloc(size);
     OK(trocar_sim_save(sim, start, size, &why));
-    double of_0[3][3], of_1[3][3], largest = 0.0; /* [axis moved][felt]: when needle 0 or needle 1 moves */
-    for (int axis = 0; axis < 2; axis++) { /* transverse to the needles, where no contact slides */
+    double of_0[3][3], of_1[3][3], largest = 0.0; /* indices: axis of the motion, axis of the force; when needle 0 or needle 1 is moved */
+    for (int axis = 0; axis < 2; axis++) { /* the axes transverse to the needles, along which no contact slides */
         nudge(sim, start, 0, axis, of_0[axis]);
         nudge(sim, start, 1, axis, of_1[axis]);
         largest = fmax(largest, fmax(fabs(of_0[axis][0]), fabs(of_0[axis][1])));
@@ -119,7 +118,7 @@ static void the_coupling_is_reciprocal(void **state) {
     trocar_model_free(model);
 }
 
-/* Creates another simulation in the state of this one. */
+/* Creates another simulation in the same state as `sim`. */
 static trocar_sim *restored_copy(trocar_model *model, const trocar_sim *sim) {
     trocar_sim *copy;
     size_t size = trocar_sim_state_size(sim);
@@ -177,7 +176,7 @@ static void ticks_and_worker_serve_every_needle(void **state) {
 
 enum { ROOM = 2 * TROCAR_MAX_CONTACTS, MOST_IDS = 256 };
 
-/* Gets all contacts except the tip, from base to tip, the active ones first. */
+/* Gets all contacts except the tip, ordered from base to tip, with the active contacts first. */
 static int all_contacts(const trocar_sim *sim, int needle, trocar_contact contacts[ROOM]) {
     int count = trocar_view_contacts(trocar_sim_view(sim), needle, contacts, ROOM);
     if (count > 0 && contacts[count - 1].kind == TROCAR_CONTACT_TIP) count--;
@@ -185,11 +184,11 @@ static int all_contacts(const trocar_sim *sim, int needle, trocar_contact contac
 }
 
 typedef struct {
-    int slots[MOST_IDS], status[MOST_IDS]; /* by id, in the last tick; status -1: not known yet, -2: removed */
+    int slots[MOST_IDS], status[MOST_IDS]; /* indexed by contact id, as of the last tick; status -1: not seen yet, -2: removed */
     int seen[5];                           /* how often each status occurred */
 } history;
 
-/* Checks that a contact's status only advances: planned, adding, then sticking or sliding; a removed contact never comes back. */
+/* Checks that a contact's status only advances, from planned to adding to sticking or sliding, and that a removed contact never reappears. */
 static void follow(history *h, const trocar_contact *contacts, int count) {
     int last[MOST_IDS];
     memcpy(last, h->status, sizeof last);
@@ -210,7 +209,7 @@ static void follow(history *h, const trocar_contact *contacts, int count) {
     }
 }
 
-/* Inserts a needle and withdraws it half-way, with a worker that answers every 30 ms, too late for some contacts. */
+/* Inserts a needle and withdraws it half-way. The worker answers only every 30 ms, too late for some contacts. */
 static void contacts_keep_their_id_and_slot(void **state) {
     (void)state;
     trocar_model *model = create_model(NULL);
@@ -260,7 +259,7 @@ static void contacts_follow_a_restore(void **state) {
     trocar_model_free(model);
 }
 
-/* A needle is pushed far against the pubic arch. */
+/* Pushes a needle hard against the pubic arch. */
 static void contacts_of_a_buckled_needle_still_hold_it(void **state) {
     (void)state;
     trocar_scene *scene;

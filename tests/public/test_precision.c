@@ -17,9 +17,9 @@ static trocar_error why;
 
 #define OK(call) do { if ((call) != TROCAR_OK) fail_msg("%s: %s", #call, why.text); } while (0)
 
-enum { IN = 700, TICKS = 1000 }; /* ticks of 1 ms: 70 mm deep, then 6 mm sideways */
+enum { IN = 700, TICKS = 1000 }; /* ticks of 1 ms: 700 for 70 mm of insertion, then 6 mm sideways */
 
-/* Uses a cache of its own, which is then removed, so that the inverse is computed and no other test reads it. */
+/* Uses a cache of its own, which is removed at the end, so that this test computes the inverse and no other test reads it. */
 static trocar_model *create_model(const char *precision) {
     char directory[] = "/tmp/test_precision.XXXXXX", command[64];
     trocar_scene *scene;

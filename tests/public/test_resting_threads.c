@@ -1,4 +1,4 @@
-/* A ticking thread leaves, takes and removes needles while a worker serves them: for the sanitizers, and to show that no command blocks. */
+/* One thread ticks, releases, takes and removes needles while a worker serves them. Intended for the sanitizers, and to show that no command blocks. */
 #include <pthread.h>
 #include <setjmp.h>
 #include <stdarg.h>
@@ -55,7 +55,7 @@ static void push(trocar_sim *sim, int needle, trocar_picture *picture, double de
     trocar_pose base = {{0.005 * needle, 0.003, -0.201}, {1, 0, 0, 0}};
     OK(trocar_sim_reset(sim, needle, &base, &why));
     const int moving = (int)(depth / 2e-4);
-    /* then holds the needle until the worker has answered, which may be slow */
+    /* then holds the needle until the worker has answered, which may take long */
     for (int t = 0; t < moving || (out.contacts == 0 && t < PATIENCE); t++) {
         if (t < moving) base.position[2] += 2e-4;
         OK(trocar_sim_tick(sim, needle, &base, 1e-3, &out));
@@ -85,7 +85,7 @@ static void needles_change_hands_between_threads(void **state) {
         for (int i = 0; i < NEEDLES; i++) {
             push(w.sim, i, picture, 0.02);
             OK(trocar_sim_leave(w.sim, i, &why));
-            if (i + 1 < NEEDLES) wait_for(w.sim, i, TROCAR_NEEDLE_RESTING); /* the last needle is removed or taken while it is being left */
+            if (i + 1 < NEEDLES) wait_for(w.sim, i, TROCAR_NEEDLE_RESTING); /* the last needle is removed or taken while it is still being released */
         }
         OK(trocar_sim_reset(w.sim, NEEDLES - 1, &away, &why));
         OK(trocar_sim_take(w.sim, 0, &why));

@@ -1,4 +1,4 @@
-/* Seeds through trocar.h: dropped, left in the tissue, moved with it, and undone. */
+/* Tests seeds through trocar.h: seeds are dropped, stay in the tissue, move with it, and can be undone. */
 #include <math.h>
 #include <setjmp.h>
 #include <stdarg.h>
@@ -15,13 +15,13 @@ static trocar_error why;
 
 #define OK(call) do { if ((call) != TROCAR_OK) fail_msg("%s: %s", #call, why.text); } while (0)
 
-static const double LENGTH = 4.5e-3, STEP = 1e-4; /* m, length of a seed, and step of the base in a tick of 1 ms */
+static const double LENGTH = 4.5e-3, STEP = 1e-4; /* m: length of a seed, and travel of the base in a tick of 1 ms */
 
 typedef struct {
     trocar_model *model;
     trocar_sim *sim;
     trocar_output output;
-    double out;              /* m, distance of the base above the position at which the tip would touch the skin */
+    double out;              /* m, distance by which the base is drawn back from the position at which the tip would touch the skin */
 } insertion;
 
 static trocar_pose base_of(double out) { return (trocar_pose){{0.005, 0.003, -0.2 - out}, {1, 0, 0, 0}}; }
@@ -52,7 +52,7 @@ static void tick(insertion *in, double out) {
     OK(trocar_sim_step(in->sim, 0, &base, 1e-3, &in->output, &why));
 }
 
-/* Moves the base until the tip is `depth` (m) in the tissue, or outside. */
+/* Moves the base until the tip is `depth` (m) deep in the tissue; a negative depth is outside. */
 static void go_to(insertion *in, double depth) {
     double way = in->output.depth < depth ? -STEP : STEP;
     while (way < 0.0 ? in->output.depth < depth : in->output.depth > depth) tick(in, in->out + way);
@@ -65,8 +65,8 @@ static void tip_of(const insertion *in, double tip[3]) {
     memcpy(tip, joints[trocar_view_centreline(trocar_sim_view(in->sim), 0, joints[0], TROCAR_MAX_JOINTS) - 1], 3 * sizeof *tip);
 }
 
-/* In very stiff tissue, positions at rest and in the world are the same. The needle is held still for the drop, because the tip's position in
-   the tissue is one tick behind the needle. */
+/* In very stiff tissue, rest positions and world positions coincide. The needle is held still during the drop, because the tip's position in the tissue lags
+   the needle by one tick. */
 static void a_seed_is_left_where_the_tip_was(void **state) {
     (void)state;
     static const setting stiff[] = {{"regions[prostate].youngs_modulus", "1e9"}, {"regions[surrounding].youngs_modulus", "1e9"},
@@ -115,14 +115,14 @@ static void a_strand_is_left_seed_by_seed(void **state) {
     assert_int_equal(all_seeds(in.sim, seeds), 4);
     for (int i = 0; i < 4; i++) {
         assert_int_equal(seeds[i].strand, i);
-        /* the track is straight, except for the bevel's steering */
+        /* the track is straight, apart from the steering by the bevel */
         assert_true(fabs(seeds[i].position[2] - (dropped - 0.01 * i - 0.5 * LENGTH)) < 2e-5);
     }
     OK(trocar_sim_drop_seeds(in.sim, 0, 1, 0.0, &why));
     end(&in);
 }
 
-/* If the needle is pushed in again, the seeds go back into it, as over a mandrin, and are pending as before. */
+/* If the needle is pushed in again, the seeds re-enter it, as over a mandrin, and are pending as before. */
 static void a_pending_seed_waits_for_the_needle_to_be_drawn_back(void **state) {
     (void)state;
     insertion in = begin(NULL);
@@ -139,7 +139,7 @@ static void a_pending_seed_waits_for_the_needle_to_be_drawn_back(void **state) {
     end(&in);
 }
 
-/* Solves x = sum of w_i corner_i by Cramer's rule. */
+/* Solves x = sum of w_i corner_i for the weights w_i by Cramer's rule. */
 static void weights_in(const trocar_model *model, int tet, const double x[3], double w[4]) {
     const int32_t *corners = trocar_model_tets(model) + 4 * tet;
     const double *nodes = trocar_model_nodes(model), *last = nodes + 3 * corners[3];
@@ -212,7 +212,7 @@ static void seeds_move_with_the_tissue_and_stay(void **state) {
     for (int i = 0; i < count; i++) {
         double at[3], along[3];
         trocar_model_displace_seed(in.model, u, &seeds[i], at, along);
-        for (int k = 0; k < 3; k++) assert_true(fabs(at[k] - seeds[i].position[k]) < 1e-12); /* the tissue is elastic and not loaded */
+        for (int k = 0; k < 3; k++) assert_true(fabs(at[k] - seeds[i].position[k]) < 1e-12); /* the tissue is elastic and unloaded */
     }
     trocar_seed wrong = {.tet = trocar_model_tet_count(in.model)};
     assert_int_equal(trocar_model_displace_seed(in.model, u, &wrong, u, u), 0);
@@ -221,7 +221,7 @@ static void seeds_move_with_the_tissue_and_stay(void **state) {
     end(&in);
 }
 
-/* Checks that a drop is refused with these words, and changes nothing. */
+/* Checks that a drop is refused with this message and changes nothing. */
 static void refused(insertion *in, int needle, int count, double spacing, const char *words) {
     trocar_seed before[TROCAR_MAX_SEEDS], after[TROCAR_MAX_SEEDS];
     memset(before, 0, sizeof before);
@@ -289,7 +289,7 @@ static void undo_takes_back_the_last(void **state) {
     OK(trocar_sim_drop_seeds(in.sim, 0, 3, 0.0, &why));
     go_to(&in, dropped - 0.016);
     assert_int_equal(all_seeds(in.sim, seeds), 2);
-    OK(trocar_sim_undo_seed(in.sim, 0, &why)); /* removes the third seed, which is still in the needle */
+    OK(trocar_sim_undo_seed(in.sim, 0, &why)); /* removes the third seed, which has not left the needle yet */
     assert_int_equal(trocar_view_pending_seeds(trocar_sim_view(in.sim), 0), 0);
     assert_int_equal(all_seeds(in.sim, seeds), 2);
     go_to(&in, 0.01);

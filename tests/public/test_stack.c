@@ -1,5 +1,5 @@
-/* The ticking thread needs no more stack than trocar.h says: it does all that it may do in a thread with exactly that stack, and a page below that must not
-   be touched. The worker, which may need more, is the main thread. */
+/* The ticking thread needs no more stack than trocar.h states. It makes every call that it is allowed to make, in a thread with exactly that stack and a guard
+   page below it. The worker, which may need more stack, is the main thread. */
 #define _GNU_SOURCE
 #include <pthread.h>
 #include <semaphore.h>
@@ -18,7 +18,7 @@
 #include <cmocka.h>
 
 #if defined(__SANITIZE_ADDRESS__) || defined(__SANITIZE_THREAD__)
-#define SANITIZED 1 /* their frames are larger */
+#define SANITIZED 1 /* their stack frames are larger */
 #else
 #define SANITIZED 0
 #endif
@@ -35,7 +35,7 @@ typedef struct {
     trocar_pose base[2];
     sem_t ticked, worked;    /* the two threads take turns */
     bool ended;
-    const char *failed;      /* the first call that was refused; cmocka's checks are for the main thread */
+    const char *failed;      /* the first call that was refused; cmocka's assertions may only be used in the main thread */
     uint32_t events;         /* of all ticks */
     bool rested;
 } ticking;
@@ -44,7 +44,7 @@ static void expect(ticking *t, bool met, const char *what) {
     if (!met && !t->failed) t->failed = what;
 }
 
-/* Lets the worker serve all that it has been asked. */
+/* Lets the worker process all pending requests. */
 static void hand_over(ticking *t) {
     sem_post(&t->ticked);
     sem_wait(&t->worked);
@@ -84,7 +84,7 @@ static void wait_for(ticking *t, trocar_needle_state state) {
     expect(t, trocar_sim_needle_state(t->sim, 0) == state, "the worker's part");
 }
 
-/* A mistaken call leaves a message: formatting it needs stack, too. */
+/* An invalid call produces a message, and formatting the message needs stack, too. */
 static void be_refused(ticking *t) {
     trocar_error reason;
     const trocar_pose no_pose = {{0}, {0}};
@@ -123,21 +123,21 @@ static void *insert(void *context) {
     wait_for(t, TROCAR_NEEDLE_HELD);
     t->base[0] = trocar_view_base(trocar_sim_view(t->sim), 0);
     for (int i = 0; i < 100; i++) tick(t, 0, -1e-4);
-    t->base[1].position[0] += 5e-3; /* a jump aside: many passes */
+    t->base[1].position[0] += 5e-3; /* a sideways jump, which takes many passes */
     for (int i = 0; i < 20; i++) tick(t, 1, 0.0);
     trocar_sim_stages(t->sim, stages);
     trocar_sim_waiting(t->sim);
     expect(t, trocar_sim_reset(t->sim, 0, &t->base[1], NULL) == TROCAR_OK, "reset in the tissue");
     for (int i = 0; i < 20; i++) tick(t, 0, 1e-4);
     trocar_output out;
-    const trocar_pose far = {{1e200, 0, 0}, {1, 0, 0, 0}}; /* its square is not finite: the insertion starts over */
+    const trocar_pose far = {{1e200, 0, 0}, {1, 0, 0, 0}}; /* the square of this position is not finite, so the insertion restarts */
     expect(t, trocar_sim_tick(t->sim, 1, &far, 1e-3, &out) == TROCAR_NUMERIC && out.events & TROCAR_EVENT_UNSTABLE, "a tick that is not finite");
     t->ended = true;
     sem_post(&t->ticked);
     return NULL;
 }
 
-/* Runs `insert` in a thread with `size` bytes of stack, and works for it. Returns how many of them it used. */
+/* Runs `insert` in a thread with `size` bytes of stack, and serves as its worker. Returns how many bytes of the stack were used. */
 static size_t run_with_stack(ticking *t, size_t size) {
     size_t page = (size_t)sysconf(_SC_PAGESIZE);
     unsigned char *memory = mmap(NULL, page + size, PROT_READ | PROT_WRITE, MAP_PRIVATE | MAP_ANONYMOUS, -1, 0);
@@ -167,7 +167,7 @@ static void a_tick_runs_on_the_stated_stack(void **state) {
     if (SANITIZED) skip();
     trocar_scene *scene;
     trocar_model *model;
-    OK(trocar_scene_load(MESHES "/implant.yaml", &scene, &why)); /* guides, relaxing and stiffening tissue, old tracks, seeds */
+    OK(trocar_scene_load(MESHES "/implant.yaml", &scene, &why)); /* a scene with guides, relaxing and stiffening tissue, old tracks and seeds */
     OK(trocar_scene_set(scene, "needles", "2", &why));
     OK(trocar_model_create(scene, NULL, &model, &why));
     ticking t = {.base = {{{-0.005, 0.005, -0.23}, {1, 0, 0, 0}}, {{0.005, 0.005, -0.23}, {1, 0, 0, 0}}}};
@@ -179,7 +179,7 @@ static void a_tick_runs_on_the_stated_stack(void **state) {
     print_message("%zu of %d bytes\n", used, TROCAR_TICK_STACK);
     if (t.failed) fail_msg("failed: %s", t.failed);
     assert_true(t.events & TROCAR_EVENT_PUNCTURED && t.events & TROCAR_EVENT_ADDED && t.events & TROCAR_EVENT_REMOVED && t.rested);
-    assert_true(used > 4096); /* it did run on that stack */
+    assert_true(used > 4096); /* the thread did run on that stack */
     sem_destroy(&t.ticked);
     sem_destroy(&t.worked);
     trocar_picture_free(t.picture);

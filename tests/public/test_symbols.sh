@@ -1,7 +1,7 @@
 #!/bin/bash
-# The libraries export exactly the declared functions, each public header compiles alone in each language, is short, and has a name that no system header has,
-# and the binary interface equals tests/public/libtrocar.abi. After an intended change: test_symbols.sh BUILD_DIR SOURCE_DIR --renew
-# usage: test_symbols.sh BUILD_DIR SOURCE_DIR [--renew]
+# The libraries export exactly the declared functions. Each public header compiles alone in each language, is short, and has a name that no system header has.
+# The binary interface equals tests/public/libtrocar.abi. After an intended change: test_symbols.sh BUILD_DIR SOURCE_DIR --renew usage: test_symbols.sh
+# BUILD_DIR SOURCE_DIR [--renew]
 set -euo pipefail
 build=$1 source=$2 # absolute
 library=$build/core/libtrocar.so include=$source/core/include
@@ -24,13 +24,13 @@ for header in "$include"/trocar.h "$include"/trocar/*.h; do
         ${CXX:-c++} -std=$standard -Wall -Wextra -pedantic-errors -Werror -I "$include" -fsyntax-only -x c++ "$header" || fail "$header: $standard"
     done
     [ "$(wc -l <"$header")" -lt 200 ] || fail "$header has 200 lines or more"
-    # Clients of the server are compiled with -I include/trocar, where a header of such a name would hide the system's.
+    # Clients of the server are compiled with -I include/trocar, where a header with the name of a system header would hide it.
     name=$(basename "$header")
     ! ${CC:-cc} -E -x c -include "$name" /dev/null >/dev/null 2>&1 || fail "$name is also a system header"
     [ "$name" = trocar.h ] || grep -qF "#include \"trocar/$name\"" "$include/trocar.h" || fail "trocar.h does not include trocar/$name"
 done
 
-# Dumps the interface. The paths of its sources are shortened to start at core, so that they do not depend on the machine.
+# Dumps the binary interface. The paths of its sources are shortened to start at core, so that they do not depend on the machine.
 dump() {
     abidw --no-corpus-path --no-comp-dir-path --exported-interfaces-only --drop-undefined-syms --drop-private-types --headers-dir "$include" \
         --no-show-locs "$library" | sed "s| path='[^']*/core/| path='core/|"

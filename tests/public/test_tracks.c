@@ -1,4 +1,4 @@
-/* Old tracks through trocar.h: tissue that was cut stays cut. */
+/* Tests old tracks through trocar.h: tissue that has been cut stays cut. */
 #include <math.h>
 #include <setjmp.h>
 #include <stdarg.h>
@@ -19,9 +19,9 @@ static trocar_error why;
 
 static const double DEGREE = M_PI / 180, DT = 1e-3, SPEED = 0.1, DEPTH = 0.06, LENGTH = 0.2;
 
-/* A straight path into the tissue, through a point of the skin, tilted about an axis in the skin. */
+/* A straight path into the tissue through a point of the skin, tilted about an axis in the skin's plane. */
 typedef struct {
-    double x, y, tilt, about; /* m from the first path; rad */
+    double x, y, tilt, about; /* m, entry point relative to the first path; rad, tilt and direction of the tilt axis */
 } line;
 
 static const line FIRST = {0};
@@ -34,7 +34,7 @@ static trocar_pose base_at(const line *l, double depth, double roll) {
                          {c * cos(0.5 * roll), s * cos(about), s * sin(about), c * sin(0.5 * roll)}};
 }
 
-/* Loads the scene of figure 8 with its friction multiplied by this factor; with 0, only puncture and cutting dissipate energy. */
+/* Loads the scene of figure 8 with its friction multiplied by `friction`; with 0, only puncture and cutting dissipate energy. */
 static trocar_scene *load_scene(double friction) {
     trocar_scene *scene;
     OK(trocar_scene_load(MESHES "/figure8.yaml", &scene, &why));
@@ -72,13 +72,13 @@ static void reset(const fixture *f) {
     for (int n = 0; n < trocar_model_needles(f->model); n++) OK(trocar_sim_reset(f->sim, n, &start, &why));
 }
 
-/* The hand's motion and work since it held the needle in the air. */
+/* The hand's motion, and its work since it held the needle in the air. */
 typedef struct {
     int needle;
     line way;
-    double depth, roll;      /* m, depth of the straight needle's tip; rad */
-    double work, lowest;     /* J, present work, and its minimum */
-    double peak;             /* N along z, largest force of the push */
+    double depth, roll;      /* m, depth of the tip if the needle were straight; rad */
+    double work, lowest;     /* J: work so far, and its minimum */
+    double peak;             /* N, largest force along z while pushing */
     int punctures;
     uint32_t events;
     trocar_output last;
@@ -122,7 +122,7 @@ static place tip_of(const fixture *f, int needle) {
 
 static double distance(place a, place b) { return sqrt(pow(a.x - b.x, 2) + pow(a.y - b.y, 2) + pow(a.z - b.z, 2)); }
 
-/* Inserts the needle and withdraws it into the air, where no energy is stored: all the hand's work has been dissipated. */
+/* Inserts the needle and withdraws it into the air, where no elastic energy is stored: all the hand's work must have been dissipated. */
 static hand insert(const fixture *f, int needle, line way) {
     hand h = {.needle = needle, .way = way};
     move_to(f, &h, DEPTH);
@@ -172,7 +172,7 @@ static void tissue_closes_if_the_scene_says_so(void **state) {
     discard(&f);
 }
 
-/* Between 1 and 1.5 times reach and angle, a track's influence fades: the resistance lies between that of an open and of a closed track. */
+/* Between 1 and 1.5 times reach and angle, a track's influence fades: the resistance lies between those of an open and a closed track. */
 static void a_track_fades_with_distance_and_angle(void **state) {
     (void)state;
     static const double DIAMETER = 1.27e-3, ANGLE = 0.09, TIMES[] = {0.9, 1.25, 1.6};
@@ -193,7 +193,7 @@ static void a_track_fades_with_distance_and_angle(void **state) {
     discard(&f);
 }
 
-/* A track does not lead a needle that points elsewhere: from the same hole in the skin, it cuts the path of a needle in intact tissue. */
+/* A track does not guide a needle that points in another direction: from the same hole in the skin, the needle cuts the same path as in intact tissue. */
 static void needle_is_steered_out(void **state) {
     (void)state;
     fixture f = make(load_scene(0.0));
@@ -212,8 +212,8 @@ static void needle_is_steered_out(void **state) {
     discard(&f);
 }
 
-/* Returns the lateral position (m) of a bevelled needle's tip after 50 mm. If `before`, the needle first goes that deep. It is then at 20 mm, where
-   it is rolled by `roll`. */
+/* Returns the lateral position (m) of a bevelled needle's tip after 50 mm. If `before` is set, the needle is first inserted to that depth and withdrawn to 20
+   mm. At 20 mm it is rolled by `roll` (rad). */
 static double steered(const fixture *f, bool before, double roll) {
     hand h = {0};
     reset(f);
@@ -224,9 +224,8 @@ static double steered(const fixture *f, bool before, double roll) {
     return tip_of(f, 0).y - 0.003;
 }
 
-/* A bevelled needle that is drawn back, rolled by half a turn and pushed again follows nearly the path of a needle that is rolled at the same
-   depth in intact tissue, if twice the bevel's slope is above 1.5 times the angle. Otherwise it stays in its old track, as with the default
-   angle and a slope of 0.045. */
+/* A bevelled needle is drawn back, rolled by half a turn and inserted again. If twice the bevel's slope exceeds 1.5 times the angle, the needle follows nearly
+   the path of a needle rolled at the same depth in intact tissue. Otherwise, as with the default angle and a slope of 0.045, it stays in its old track. */
 static void a_turned_bevel_leaves_its_track(void **state) {
     (void)state;
     static const struct { double angle, slope, least, most; } CASES[] = {
@@ -246,7 +245,7 @@ static void a_turned_bevel_leaves_its_track(void **state) {
     }
 }
 
-/* A second needle from the far side meets the end of the first needle's track, and follows the track backwards. */
+/* A second needle, inserted from the far side, meets the end of the first needle's track and follows the track in reverse. */
 static void a_track_is_followed_backwards(void **state) {
     (void)state;
     static const line BACK = {0, 0, M_PI, 0}; /* the tip is at z = 1 mm - depth */
@@ -270,7 +269,7 @@ static void a_track_is_followed_backwards(void **state) {
     assert_true(work[1] < 0.1 * work[0]);
 }
 
-/* A needle that is drawn back and pushed again meets no cutting resistance up to its former depth, and then cuts as if it had not been drawn back. */
+/* A needle that is drawn back and inserted again meets no cutting resistance up to its former depth. Beyond that, it cuts as if it had not been drawn back. */
 static void partly_withdrawn_needle_cuts_on_where_it_was(void **state) {
     (void)state;
     fixture f = make(load_scene(0.0));
@@ -291,8 +290,8 @@ static void partly_withdrawn_needle_cuts_on_where_it_was(void **state) {
     discard(&f);
 }
 
-/* Barnett 2015, for two insertions at the same place: tearing 61 %, spreading 18 % and friction 21 % of the first force. The scene is
-   fitted at a depth of 40 mm in a body without membranes; the ratio of the second force to the first is then a result of the model. */
+/* Barnett 2015, two insertions at the same place: tearing, spreading and friction are 61 %, 18 % and 21 % of the first insertion's force. The scene is fitted
+   at a depth of 40 mm in a body without membranes; the ratio of the second force to the first is then a prediction of the model. */
 static void published_shares_leave_39_percent(void **state) {
     (void)state;
     static const double WHOLE = 1.0, AT = 0.04; /* N, m */
@@ -304,7 +303,7 @@ static void published_shares_leave_39_percent(void **state) {
         for (size_t k = 0; k < sizeof given / sizeof *given; k++) {
             char key[64];
             snprintf(key, sizeof key, "regions[%d].%s", i, given[k].key);
-            if (strcmp(given[k].key, "friction.kinetic") == 0) { /* at most the static limit */
+            if (strcmp(given[k].key, "friction.kinetic") == 0) { /* must not exceed the static limit */
                 char limit[64];
                 snprintf(limit, sizeof limit, "regions[%d].friction.static", i);
                 OK(trocar_scene_set_number(scene, limit, given[k].value, &why));
@@ -331,8 +330,8 @@ static void published_shares_leave_39_percent(void **state) {
     discard(&f);
 }
 
-/* A membrane is punctured at its puncture force, or at the force with which the tip cuts and spreads tissue, whichever is larger. Once it is
-   punctured, spreading still takes its force. */
+/* A membrane is punctured at its puncture force or at the force with which the tip cuts and spreads the tissue, whichever is larger. After the puncture,
+   spreading still requires its force. */
 static void spreading_stays_where_a_membrane_was_punctured(void **state) {
     (void)state;
     static const double CUTTING = 0.3, SPREADING = 0.5, PUNCTURES[] = {0.6, 1.5}; /* N */
@@ -351,7 +350,7 @@ static void spreading_stays_where_a_membrane_was_punctured(void **state) {
         fixture f = make(scene);
         reset(&f);
         hand first = insert(&f, 0, FIRST), second = {0};
-        move_to(&f, &second, 0.8 * DEPTH); /* short of the track's end, beyond which the needle would cut */
+        move_to(&f, &second, 0.8 * DEPTH); /* short of the end of the track, beyond which the needle would cut */
         print_message("puncture force %.1f N: %.3f N at most, then %.3f N\n", PUNCTURES[i], first.peak, second.peak);
         assert_true(fabs(first.peak - fmax(CUTTING + SPREADING, PUNCTURES[i])) < 0.05);
         assert_true(second.punctures == 0 && fabs(second.peak - SPREADING) < 0.05);
@@ -363,7 +362,7 @@ static void spreading_stays_where_a_membrane_was_punctured(void **state) {
 
 static double uniform(unsigned *seed) { return (double)rand_r(seed) / RAND_MAX; }
 
-/* Without friction, which would hide an error. Whatever motion the hand makes around an old track, it never gets back more energy than it supplied. */
+/* Whatever motion the hand makes around an old track, it never gets back more energy than it supplied. The test has no friction, which would hide an error. */
 static void tracks_never_give_energy(void **state) {
     (void)state;
     trocar_scene *scene = load_scene(0.0);
@@ -405,12 +404,12 @@ static void one_needle_follows_the_others_track(void **state) {
     discard(&f);
 }
 
-/* The points of a track run from skin to tip, lie where the needle has cut, and carry the punctures; after a reset there are none. */
+/* The points of a track run from skin to tip, lie where the needle has cut, and record the punctures. After a reset there are none. */
 static void tracks_are_told(void **state) {
     (void)state;
     static trocar_track_point points[TROCAR_MAX_TRACK_POINTS];
     fixture f = make(load_scene(1.0));
-    assert_int_equal(trocar_view_tracks(trocar_sim_view(f.sim), 0, points, TROCAR_MAX_TRACK_POINTS), 0); /* none at the origin, although it lies in the tissue */
+    assert_int_equal(trocar_view_tracks(trocar_sim_view(f.sim), 0, points, TROCAR_MAX_TRACK_POINTS), 0); /* none at the origin, although it is in the tissue */
     reset(&f);
     assert_int_equal(trocar_view_tracks(trocar_sim_view(f.sim), 0, points, TROCAR_MAX_TRACK_POINTS), 0);
     insert(&f, 0, FIRST);
@@ -450,7 +449,7 @@ static void saved_state_has_its_tracks(void **state) {
     discard(&f);
 }
 
-/* If there are more tracks than there is room for, the oldest is dropped, which an event reports, and closes. */
+/* If there are more tracks than can be stored, the oldest is discarded and thereby closed; an event reports this. */
 static void the_oldest_track_is_dropped(void **state) {
     (void)state;
     fixture f = make(load_scene(0.0));

@@ -1,4 +1,4 @@
-/* Views of a simulation and of its pictures, simulated time, default options, and the log: through trocar.h alone. */
+/* Tests views of a simulation and of its pictures, simulated time, default options and the log, through trocar.h alone. */
 #include <math.h>
 #include <setjmp.h>
 #include <stdarg.h>
@@ -39,7 +39,7 @@ static trocar_model *create(trocar_scene *scene, const trocar_model_options *opt
     return model;
 }
 
-/* In at 50 mm/s; the needles are 20 mm apart. */
+/* Inserts at 50 mm/s; the needles are 20 mm apart. */
 static trocar_pose pose_at(int needle, int tick) { return (trocar_pose){{-10e-3 + 20e-3 * needle, 2e-3, -0.2005 + 50e-6 * tick}, {1, 0, 0, 0}}; }
 
 static trocar_output step(trocar_sim *sim, int needle, int tick, double dt) {
@@ -61,7 +61,7 @@ static trocar_sim *sim_at_start(trocar_model *model) {
 
 /* ---- views ---- */
 
-/* All that a view shows. */
+/* Everything that a view shows. */
 typedef struct {
     double time;
     struct {
@@ -97,7 +97,7 @@ static sight *look(const trocar_view *view) {
     return s;
 }
 
-/* A simulation and its picture show the same to the byte, a copy too, and the picture still does after more ticks. */
+/* A simulation and its picture show the same data, byte for byte, as does a copy of the picture. The picture still shows these data after more ticks. */
 static void a_picture_shows_what_the_simulation_showed(void **state) {
     (void)state;
     trocar_model *model = create(cube_scene(), NULL);
@@ -105,7 +105,7 @@ static void a_picture_shows_what_the_simulation_showed(void **state) {
     trocar_picture *picture, *copy;
     OK(trocar_picture_create(model, &picture, &why));
     OK(trocar_picture_create(model, &copy, &why));
-    trocar_sim_set_base_compliance(sim, 0, 1e-3); /* so that the base is not where the tick would have it */
+    trocar_sim_set_base_compliance(sim, 0, 1e-3); /* so that the base's position differs from the one given to the tick */
     for (int tick = 0; tick < 400; tick++) {
         step(sim, 0, tick, 1e-3);
         step(sim, 1, tick, 1e-3);
@@ -152,12 +152,12 @@ static void time_advances_by_dt(void **state) {
     assert_true(time_of(sim) == 1e-3);
     for (int tick = 0; tick < 10; tick++) step(sim, 0, tick, 2e-3);
     assert_time(sim, 0.021);
-    OK(trocar_sim_tick(sim, 0, &base, 5e-4, &out)); /* in real time as in lockstep */
+    OK(trocar_sim_tick(sim, 0, &base, 5e-4, &out)); /* simulated time advances in real-time mode as in lockstep */
     assert_time(sim, 0.0215);
     assert_int_equal(trocar_sim_tick(sim, 0, &base, 0.0, &out), TROCAR_BAD_INPUT);
     assert_int_equal(trocar_sim_step(sim, 7, &base, 1e-3, &out, &why), TROCAR_BAD_INPUT);
     OK(trocar_sim_reset(sim, 0, &base, &why));
-    assert_time(sim, 0.0215); /* neither a refused tick nor a reset is time */
+    assert_time(sim, 0.0215); /* neither a refused tick nor a reset advances the simulated time */
     trocar_sim_free(sim);
     trocar_model_free(model);
 }
@@ -171,7 +171,7 @@ static void needles_share_time(void **state) {
     assert_time(sim, 0.010);
     for (int tick = 0; tick < 10; tick++) step(sim, 1, tick, 1e-3); /* one alone */
     assert_time(sim, 0.020);
-    for (int tick = 0; tick < 10; tick++) { /* at half the rate of the other */
+    for (int tick = 0; tick < 10; tick++) { /* at half the other simulation's tick rate */
         step(sim, 1, tick, 1e-3);
         if (tick % 2 == 0) step(sim, 0, tick, 1e-3);
     }
@@ -185,7 +185,7 @@ static void time_is_saved_and_restored(void **state) {
     trocar_model *model = create(cube_scene(), NULL);
     trocar_sim *sim = sim_at_start(model), *other = sim_at_start(model);
     for (int tick = 0; tick < 30; tick++) step(sim, 0, tick, 1e-3);
-    step(sim, 1, 0, 1e-3); /* in the round of the last step */
+    step(sim, 1, 0, 1e-3); /* belongs to the same round as the last step */
     size_t size = trocar_sim_state_size(sim);
     void *saved = malloc(size);
     OK(trocar_sim_save(sim, saved, size, &why));
@@ -195,7 +195,7 @@ static void time_is_saved_and_restored(void **state) {
     OK(trocar_sim_restore(sim, saved, size, &why));
     OK(trocar_sim_restore(other, saved, size, &why));
     assert_true(time_of(sim) == then && time_of(other) == then);
-    step(other, 1, 1, 1e-3); /* needle 1 has ticked in the saved round, so this is another one */
+    step(other, 1, 1, 1e-3); /* needle 1 has already ticked in the saved round, so this tick begins another round */
     assert_time(other, then + 1e-3);
     free(saved);
     trocar_sim_free(sim);
@@ -207,11 +207,11 @@ static void time_is_saved_and_restored(void **state) {
 
 static void insert(trocar_model *model, trocar_output *outputs) {
     trocar_sim *sim = sim_at_start(model);
-    for (int tick = 0; tick < 60; tick++) outputs[tick] = step(sim, 0, 6 * tick, 6e-3); /* more than the longest catch-up takes */
+    for (int tick = 0; tick < 60; tick++) outputs[tick] = step(sim, 0, 6 * tick, 6e-3); /* more ticks than the longest catch-up takes */
     trocar_sim_free(sim);
 }
 
-/* The default options, no options and zeroed ones are the same; another value makes a difference. */
+/* Default options, no options and zeroed options give the same result; another value makes a difference. */
 static void default_options_are_those_without_options(void **state) {
     (void)state;
     static trocar_output without[60], with[60], zeroed[60], other[60];
@@ -297,7 +297,7 @@ static void the_log_says_when_an_insertion_starts_over(void **state) {
     trocar_output out = {0};
     for (int tick = 0; tick < 200; tick++) step(sim, 1, tick, 1e-3);
     j.count = 0;
-    trocar_pose far = {{1e200, 0, 0}, {1, 0, 0, 0}}; /* its square is not finite */
+    trocar_pose far = {{1e200, 0, 0}, {1, 0, 0, 0}}; /* the square of this position is not finite */
     OK(trocar_sim_step(sim, 1, &far, 1e-3, &out, &why));
     assert_true(out.events & TROCAR_EVENT_UNSTABLE);
     assert_int_equal(j.count, 1);
@@ -308,7 +308,7 @@ static void the_log_says_when_an_insertion_starts_over(void **state) {
     for (int tick = 0; tick < 200; tick++) step(sim, 1, tick, 1e-3);
     j.count = 0;
     assert_int_equal(trocar_sim_tick(sim, 1, &far, 1e-3, &out), TROCAR_NUMERIC);
-    assert_int_equal(j.count, 0); /* a real-time tick never logs: its status says so */
+    assert_int_equal(j.count, 0); /* a real-time tick never logs; it returns a status instead */
     trocar_sim_free(sim);
     trocar_model_free(model);
 }

@@ -28,7 +28,7 @@ def table_of(name):
 
 
 def rate(table, position, direction, points):
-    """Returns Gy/h of a seed of 1 U, by TG-43U1 with the rules of its supplement. In cm and degrees, with angles folded to 0..90."""
+    """Returns the dose rate (Gy/h) of a seed of 1 U, by TG-43U1 with the rules of its supplement. Lengths are in cm, angles in degrees."""
     axis = np.asarray(direction) / np.linalg.norm(direction)
     v = 100 * (np.asarray(points) - position)
     z, rho = v @ axis, np.linalg.norm(np.cross(v, axis), axis=1)
@@ -65,7 +65,7 @@ def implant(count, seed):
 
 
 def icosphere(radius, centre, times):
-    """Returns a closed surface: an octahedron, refined and projected onto a sphere."""
+    """Returns a closed surface: an octahedron that is refined and projected onto a sphere."""
     nodes = [np.array(p, float) for p in ((1, 0, 0), (-1, 0, 0), (0, 1, 0), (0, -1, 0), (0, 0, 1), (0, 0, -1))]
     triangles = [(x, y, z) for x in (0, 1) for y in (2, 3) for z in (4, 5)]
     for _ in range(times):
@@ -84,7 +84,8 @@ def icosphere(radius, centre, times):
 
 
 def solid_angle(nodes, triangles, points):
-    """Returns the solid angle of a surface of outward triangles, seen from points, over 4 pi: 1 inside, 0 outside (van Oosterom and Strackee 1983)."""
+    """Returns the solid angle of a surface of outward-facing triangles, seen from points, divided by 4 pi: 1 inside, 0 outside (van Oosterom and Strackee
+    1983)."""
     a, b, c = (nodes[triangles[:, k]][None] - points[:, None] for k in range(3))
     la, lb, lc = (np.linalg.norm(v, axis=2) for v in (a, b, c))
     dot = lambda x, y: np.einsum("ijk,ijk->ij", x, y)
@@ -102,7 +103,8 @@ def as_set(points, h):
 
 class DoseTest(unittest.TestCase):
     def test_check_values(self):
-        """6711, 1 U, cGy/h, on the transverse axis and on the seed's axis, and the total dose: reference values published with the consensus data."""
+        """Model 6711, 1 U: dose rates (cGy/h) on the transverse axis and on the seed's axis, and the total dose. The expected values were published with the
+        consensus data."""
         source = brachy.Source("I-125 6711")
         points = [[0.005, 0, 0], [0.01, 0, 0], [0, 0.02, 0], [0, -0.05, 0], [0, 0, 0.01], [0, 0, -0.01]]
         found = 100 * source.rates([[0, 0, 0]], [[0, 0, 2]], [1], points)
@@ -113,7 +115,7 @@ class DoseTest(unittest.TestCase):
         self.assertAlmostEqual(100 * brachy.Source("Pd-103 200").rates([[0, 0, 0]], [[0, 0, 1]], [2], [[0.01, 0, 0]])[0], 2 * 0.686, delta=1e-9)
 
     def test_the_formula_at_any_point(self):
-        """Points from the capsule's wall to 30 cm, at every angle, on the axis itself, and at both ends."""
+        """Points from the capsule's wall to a distance of 30 cm, at every angle, including points on the axis at both ends."""
         random = np.random.default_rng(3)
         direction = random.normal(size=(20000, 3))
         points = direction / np.linalg.norm(direction, axis=1)[:, None] * (10 ** random.uniform(-2.59, -0.52, 20000))[:, None]
@@ -123,7 +125,7 @@ class DoseTest(unittest.TestCase):
             np.testing.assert_allclose(found, rate(table_of(name), [0, 0, 0], [0, 0, 1], points), rtol=1e-10)
 
     def test_hundred_seeds_against_a_plain_sum(self):
-        """On a grid, to 1e-6 outside the seeds; and the same at listed points."""
+        """On a grid, doses agree to 1e-6 outside the seeds; likewise at listed points."""
         points, table, source = grid_points(), table_of("I-125 6711"), brachy.Source("I-125 6711")
         dose, expected, outside = brachy.Dose(source, **GRID), np.zeros(len(points)), np.ones(len(points), bool)
         for position, direction, strength in zip(*implant(100, 7)):
@@ -141,7 +143,7 @@ class DoseTest(unittest.TestCase):
         np.testing.assert_allclose(listed.values, values.ravel()[::97], rtol=1e-12, atol=1e-9)
 
     def test_seeds_come_and_go_without_a_trace(self):
-        """The doses agree to the bit, for any order, with removals and moves in between."""
+        """The doses are bit-identical for any order of the seeds, even if seeds were removed and moved in between."""
         source, seeds = brachy.Source("I-125 6711"), list(zip(*implant(20, 1)))
         grid = dict(GRID, shape=(20, 20, 20))
         direct, wandering, random = brachy.Dose(source, **grid), brachy.Dose(source, **grid), np.random.default_rng(2)
@@ -165,7 +167,7 @@ class DoseTest(unittest.TestCase):
         np.testing.assert_array_equal(wandering.values, direct.values)
 
     def test_voxels_of_a_surface(self):
-        """Compared with the solid angle of the surface; spacing and position are such that some centres lie on edges and corners of the surface."""
+        """Compared with the solid angle of the surface. Spacing and position are chosen so that some voxel centres lie on edges and corners of the surface."""
         for centre, h in (([0.0005, -0.0005, 0.0015], 1e-3), ([0.00213, 0.01, -0.0377], 1.3e-3)):
             nodes, triangles = icosphere(0.01, np.array(centre), 2)
             a, b, c = (nodes[triangles[:, k]] - centre for k in range(3))
@@ -175,7 +177,7 @@ class DoseTest(unittest.TestCase):
             structure = brachy.Structure.from_surface(nodes, triangles, h)
             candidates = lattice(nodes.min(0), nodes.max(0), h)
             angle = solid_angle(nodes, outward, candidates)
-            near = abs(np.linalg.norm(candidates - centre, axis=1) - 0.01) < 1e-9      # corners on the surface
+            near = abs(np.linalg.norm(candidates - centre, axis=1) - 0.01) < 1e-9      # points at corners on the surface
             found, sure = as_set(structure.points, h), as_set(candidates[(angle > 0.75) & ~near], h)
             self.assertLessEqual(sure, found)
             self.assertLessEqual(found, as_set(candidates[(angle > 0.25) | near], h))
@@ -209,8 +211,8 @@ class DoseTest(unittest.TestCase):
         np.testing.assert_array_equal(rest.values, before)
 
     def test_dose_volume_histogram(self):
-        """Gland, urethra and rectum with 60 seeds: every figure is within 0.1 % of histograms with bins of 0.01 Gy that this script makes from its
-        own voxels."""
+        """For gland, urethra and rectum with 60 seeds, every figure is within 0.1 % of that from histograms with bins of 0.01 Gy, which this script computes
+        from its own voxels."""
         table, source = table_of("I-125 6711"), brachy.Source("I-125 6711")
         positions, directions, _ = implant(60, 11)
         for radius, centre, h in ((0.02, (0, 0, 0), 1e-3), (0.004, (0, 0.002, 0.003), 3e-4), (0.012, (0, -0.03, 0), 8e-4)):
@@ -223,7 +225,7 @@ class DoseTest(unittest.TestCase):
             normals[offset < 0] *= -1
             own = points[np.linalg.norm(points - centre, axis=1) < radius * 1.001]
             keep = np.ones(len(own), bool)
-            for normal, o in zip(normals, abs(offset)):    # a polyhedron with these corners is convex
+            for normal, o in zip(normals, abs(offset)):    # the polyhedron with these corners is convex
                 keep &= (own - centre) @ normal <= o
             own = own[keep]
             expected = np.zeros(len(own))
@@ -235,7 +237,7 @@ class DoseTest(unittest.TestCase):
             found = brachy.DVH(dose.values, structure.voxel)
             figures = found.summary(145.0)
             counts, edges = np.histogram(np.minimum(expected, 3000), np.arange(0, 3000.02, 0.01))
-            above = np.append(counts[::-1].cumsum()[::-1], 0) / len(own)               # fraction at or above the lower edge of a bin
+            above = np.append(counts[::-1].cumsum()[::-1], 0) / len(own)               # fraction with at least the dose at the lower edge of a bin
             for name, fraction in (("d10", 0.1), ("d30", 0.3), ("d80", 0.8), ("d90", 0.9)):
                 by_script = np.interp(-fraction, -above, edges)
                 self.assertAlmostEqual(figures[name] / by_script, 1, delta=1e-3, msg=name)
@@ -249,7 +251,7 @@ class DoseTest(unittest.TestCase):
             self.assertEqual(found.volume(0), 1)
 
     def test_a_table_of_ones_own(self):
-        """A copy of a built-in table gives the same doses; a table whose ends differ is not mirrored."""
+        """A copy of a built-in table gives the same doses. A table that differs between the two ends of the seed is not mirrored."""
         text = (SOURCE / "core/dose/data/i125-6711.yaml").read_text()
         points = np.random.default_rng(5).uniform(-0.03, 0.03, (500, 3))
         with tempfile.TemporaryDirectory() as folder:

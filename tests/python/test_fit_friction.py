@@ -21,17 +21,17 @@ BUILD, SOURCE = (os.path.abspath(path) for path in sys.argv[1:3])
 FIT = os.path.join(SOURCE, "scripts/fit_friction")
 os.environ["TROCAR_LIBRARY"] = os.path.join(BUILD, "core/libtrocar.so")
 sys.path.insert(0, os.path.join(BUILD, "clients/python"))
-sys.dont_write_bytecode = True  # next to the script
+sys.dont_write_bytecode = True  # does not leave compiled files next to the script
 import trocar
 
 RATE = 1000          # Hz
 NOISE = 0.02         # N, standard deviation
-OUTLIERS = 0.01      # fraction of samples that are off by up to 2 N
-START = -0.201       # m, base of the needle with its tip 1 mm in front of the skin
-CAPSULE = 36.8       # mm, depth at which this track crosses it
+OUTLIERS = 0.01      # fraction of samples with errors of up to 2 N
+START = -0.201       # m, position of the needle's base with the tip 1 mm in front of the skin
+CAPSULE = 36.8       # mm, depth at which this track crosses the capsule
 REGIONS = ["--region", "surrounding=0", "--region", f"prostate={CAPSULE}"]
 PUNCTURES = ["--puncture", "skin=0", "--puncture", f"capsule={CAPSULE}"]
-FAST = ["fast1.csv", "fast2.csv", "fast3.csv", "fast4.csv"]   # several, because fast insertions have few samples
+FAST = ["fast1.csv", "fast2.csv", "fast3.csv", "fast4.csv"]   # several files, because fast insertions have few samples
 TRUTH = {"surrounding": {"cutting_force": 0.4, "cutting_viscosity": 1.0, "static": 12.0, "kinetic": 7.0, "viscous": 100.0},
          "prostate": {"cutting_force": 0.5, "cutting_viscosity": 1.0, "static": 15.0, "kinetic": 9.0, "viscous": 100.0},
          "skin": {"puncture_force": 1.0}, "capsule": {"puncture_force": 1.3}}
@@ -48,7 +48,7 @@ SCRIPT = load_script()
 
 
 def fit(*arguments):
-    """Runs the script's main in this process, to avoid starting Python and NumPy for each run. Exceptions pass through."""
+    """Runs the script's main function in this process, which saves starting Python and NumPy for each run. Exceptions are passed on."""
     out, err, status = io.StringIO(), io.StringIO(), 0
     sys.argv = [FIT, *arguments]
     with contextlib.redirect_stdout(out), contextlib.redirect_stderr(err):
@@ -63,14 +63,14 @@ def fit(*arguments):
 
 
 def in_and_out(speed, depth=0.072, rest=0.3):
-    """Returns z of the base, m: in and out at this speed (m/s)."""
+    """Returns z of the base (m) for an insertion and a withdrawal at this speed (m/s)."""
     steps = int(depth / speed * RATE)
     way = speed / RATE * np.arange(steps)
     return np.concatenate([START + way, np.full(int(rest * RATE), START + depth), START + depth - way, np.full(50, START)])
 
 
 def insertion(model, positions):
-    """Returns the outputs of all ticks, as a structured array, for a needle at these successive z."""
+    """Returns the outputs of all ticks as a structured array, for a needle that is moved to these successive values of z."""
     poses = np.zeros((1, len(positions), 7))
     poses[..., :4] = [0.005, 0.003, 0, 1]
     poses[0, :, 2] = positions
@@ -92,7 +92,7 @@ def write_scene(path, youngs_modulus):
 
 
 def measure(model, speed, *paths):
-    """Writes measurements of depth in mm and force in N as a laboratory would, each with its own noise."""
+    """Writes measurements as a laboratory would, depth in mm and force in N, each with noise of its own."""
     out = insertion(model, in_and_out(speed))
     for path in paths:
         random = np.random.default_rng(len(path) + ord(path[-5]))
@@ -112,7 +112,7 @@ def model_of(scene):
 
 
 def parse(text):
-    """Returns {region or membrane: {key: value}} from the script's output."""
+    """Returns {region or membrane: {key: value}} parsed from the script's output."""
     values, name = {}, None
     for line in text.splitlines():
         key, _, value = line.split("#")[0].strip().lstrip("- ").partition(": ")
@@ -140,7 +140,7 @@ def assert_truth(values, keys, limit=0.05):
 
 
 def parameters_come_back():
-    """In soft tissue, all parameters are recovered except static friction, which is reported as a lower bound."""
+    """In soft tissue, all parameters are recovered except the static friction, for which a lower bound is reported."""
     write_scene("soft.yaml", 40e3)
     soft = model_of("soft.yaml")
     measure(soft, 0.005, "slow.csv")
@@ -155,7 +155,7 @@ def parameters_come_back():
 
 
 def static_friction_comes_back_in_stiff_tissue():
-    """Stiff tissue deforms by less than the weakening distance."""
+    """Stiff tissue deforms by less than the distance over which friction weakens."""
     write_scene("stiff.yaml", 1e6)
     stiff = model_of("stiff.yaml")
     measure(stiff, 0.005, "stiff-slow.csv")
@@ -173,7 +173,7 @@ def punctures_are_found():
 
 
 def other_records_of_the_same_do():
-    """Data with a tenth of the samples, with noise on the depth, without time, or written by another program."""
+    """Data with a tenth of the samples, with noise in the depth, without time, or in the format of another program."""
     random = np.random.default_rng(1)
     changed("coarse.csv", lambda text: "\n".join(text.splitlines()[::10]))
     changed("noisy.csv", of_each_row(lambda t, d, f: f"{t},{float(d) + 0.01 * random.standard_normal():.5f},{f}"))
@@ -196,7 +196,7 @@ def one_speed_is_announced():
 
 
 def the_output_makes_a_scene():
-    """With a mesh and a fixed surface added, the fragment is a scene in which a needle can be inserted (the skin yields by 20 mm first)."""
+    """After a mesh and a fixed surface have been added, the fragment is a scene in which a needle can be inserted (the skin first yields by 20 mm)."""
     text, _ = fitted("slow.csv", *FAST, *REGIONS, *PUNCTURES, "--figure", "fit.svg")
     with open("fitted.yaml", "w", encoding="utf-8") as file:
         file.write(f"mesh: {SOURCE}/meshes/prostate-570.msh\nfixed: [fixed]\n{text}")
@@ -218,7 +218,7 @@ def refuses(words, *arguments):
 
 
 def changed(path, change):
-    """Writes slow.csv with its text changed."""
+    """Writes slow.csv with changes to its text."""
     with open("slow.csv", encoding="utf-8") as file:
         text = file.read()
     with open(path, "w", encoding="utf-8") as file:

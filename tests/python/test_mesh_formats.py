@@ -32,7 +32,7 @@ def model_of(path, regions):
 
 
 def by_gmsh(path):
-    """Nodes that tetrahedra use, by tag; tetrahedra by volume; the regions of these; groups in Gmsh's order; triangles of each surface."""
+    """Returns the nodes used by tetrahedra, by tag; tetrahedra, by volume, and their regions; groups in Gmsh's order; triangles by surface."""
     gmsh.clear()
     gmsh.merge(str(path))
     tags, coordinates, _ = gmsh.model.mesh.getNodes()
@@ -76,13 +76,13 @@ class Formats(unittest.TestCase):
         model = model_of(path, [name for d, _, name in groups if d == 3])
         self.assertEqual(model.groups, [name for _, _, name in groups])
         np.testing.assert_array_equal(model.nodes, nodes)
-        np.testing.assert_array_equal(np.sort(model.tets), np.sort(tets))   # turned where the file's volume is negative
+        np.testing.assert_array_equal(np.sort(model.tets), np.sort(tets))   # tetrahedra with a negative volume in the file have been reoriented
         np.testing.assert_array_equal(model.tet_regions, regions)
         for name, triangles in surfaces.items():
             self.assertEqual({tuple(sorted(f)) for f in model.surface(name).tolist()}, triangles, name)
 
     def compare_variants(self, name, versions=(2.2, 4.1)):
-        """Writes Gmsh's current model in each variant, and compares."""
+        """Writes Gmsh's current model in each variant of the format, and compares the results."""
         paths = []
         for version in versions:
             for binary in 0, 1:
@@ -97,7 +97,7 @@ class Formats(unittest.TestCase):
                 self.compare(path)
 
     def boxes(self, named=True, periodic=False):
-        """Three boxes in two regions; surfaces in one and in two groups, some without a name; an edge and a point."""
+        """Three boxes in two regions; surfaces that belong to one or two groups, some of which have no name; an edge and a point."""
         gmsh.clear()
         occ = gmsh.model.occ
         boxes = occ.addBox(0, 0, 0, 1, 1, 1), occ.addBox(1, 0, 0, 1, 1, 1), occ.addBox(0, 1, 0, 2, 1, 1)
@@ -141,13 +141,13 @@ class Formats(unittest.TestCase):
         gmsh.option.setNumber("Mesh.SaveParametric", 0)
 
     def test_partitions(self):
-        """MSH 4.1 has entities for them; Gmsh's import of partitioned MSH 2.2 files makes some of its own, in another order."""
+        """MSH 4.1 describes partitions by entities. When it imports partitioned MSH 2.2 files, Gmsh creates some entities of its own, in a different order."""
         self.boxes()
         gmsh.model.mesh.partition(3)
         self.compare_variants("parts", versions=(4.1,))
 
     def test_sparse_tags(self):
-        """Two bodies of given nodes and elements, whose tags have gaps and are in no order."""
+        """Two bodies with given nodes and elements, whose tags have gaps and are unsorted."""
         gmsh.clear()
         random.seed(3)
         node_tags, element_tags = random.sample(range(1, 1000000), 9), random.sample(range(1, 1000000), 4)

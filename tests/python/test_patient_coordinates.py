@@ -12,15 +12,15 @@ from pathlib import Path
 import numpy as np
 
 BUILD, SOURCE = Path(sys.argv[1]).resolve(), Path(sys.argv[2]).resolve()
-ROTATION = np.array([[-1, 0, 0], [0, np.cos(2.8), -np.sin(2.8)], [0, -np.sin(2.8), -np.cos(2.8)]])  # almost a half turn
-ORIGIN = np.array([0.012, -0.034, 0.056])  # m: position of the patient's origin in the mesh
-START, TILT = np.array([0.004, 0.055, -0.185]), 0.3  # m, rad about x: direction (0, -sin, cos)
+ROTATION = np.array([[-1, 0, 0], [0, np.cos(2.8), -np.sin(2.8)], [0, -np.sin(2.8), -np.cos(2.8)]])  # a rotation by almost half a turn
+ORIGIN = np.array([0.012, -0.034, 0.056])  # m, position of the patient's origin in the mesh
+START, TILT = np.array([0.004, 0.055, -0.185]), 0.3  # m; rad, about x, so that the direction is (0, -sin, cos)
 QUATERNION = [np.cos(TILT / 2), np.sin(TILT / 2), 0, 0]
 AXIS = np.array([0, -np.sin(TILT), np.cos(TILT)])
 
 
 def patient(points):
-    """Converts mesh (m) to patient (mm)."""
+    """Converts positions in the mesh (m) to patient coordinates (mm)."""
     return 1e3 * (points - ORIGIN) @ ROTATION
 
 

@@ -33,7 +33,7 @@ MODEL = trocar.Model(trocar.Scene.load(SCENE), mesh_only=True)
 
 
 def with_guide(**keys):
-    """Writes the same scene with another guide."""
+    """Writes the same scene with a different guide."""
     scene = trocar.Scene.load(SCENE)
     for key, value in keys.items():
         scene[f"guides[0].{key}"] = value
@@ -80,7 +80,8 @@ class Reader(Case):
         seeds = plans.planned_seeds(plan, MODEL)
         self.assertEqual((len(plan.needles), len(seeds)), (16, 60))
         self.assertEqual(plans.check(plan, MODEL), {"prostate": 60})
-        # Column F is the sixth of 13, 5 mm apart, of which the seventh is in the middle; row 4 is the seventh of 13; the face is at z = -25 mm.
+        # Column F is the sixth of 13 columns 5 mm apart, the seventh of which is in the middle; row 4 is the seventh of 13 rows; the face of the template is at
+        # z = -25 mm.
         first = next(s for s in seeds if s.hole == "F4")
         np.testing.assert_allclose(first.position, [0.005, 0.0, -0.025 + 0.09975 - 0.00225], atol=1e-12)
         np.testing.assert_allclose(plans.Frame(MODEL).position(first.position), [-5, 0, 72.5], atol=1e-9)
@@ -226,7 +227,7 @@ class Dicom(Case):
             np.testing.assert_allclose([needle.depth, *needle.seeds], [planned.depth, *planned.seeds], atol=2e-7)
 
     def test_needles_keep_their_order(self):
-        """The order is that of insertion, as in the file, not the alphabet's."""
+        """The seeds are in the order of insertion given in the file, not in alphabetical order."""
         plan = plans.read(EXAMPLE)
         plan.needles = plan.needles[5:] + plan.needles[:5]
         rtplan.export(plan, MODEL, self.out / "turned.dcm")
@@ -243,7 +244,7 @@ class Dicom(Case):
         self.assertIsNone(rtplan.read(self.out / "without.dcm", MODEL).prescription)
 
     def test_seeds_that_are_moved_to_their_axes_are_counted(self):
-        """The template is slightly displaced from the scene's, and one seed lies beside its axis."""
+        """The template is slightly displaced from that of the scene, and one seed is not on its axis."""
         moved = rtplan.read(self.exported(), with_guide(origin=[0.0004, 0, -0.025]))
         self.assertEqual(len(moved.remarks), 1)
         self.assertRegex(moved.remarks[0], r"^60 of 60 seeds were off .* moved onto them, all by the same 0\.40 mm \([+-]0\.40 along columns, [+-]0\.00 along rows\): check the template's place$")
@@ -266,7 +267,7 @@ class Dicom(Case):
         self.refused("plan.dcm: its modality is RTPLAN, not RTSTRUCT", self.exported, MODEL, self.out / "plan.dcm")
 
     def test_seeds_that_were_left_are_exported(self):
-        """The seeds are tilted and displaced, and one is from a needle outside the template."""
+        """The seeds are tilted and displaced, and one of them belongs to a needle outside the template."""
         tilt = np.array([0.6, 0.0, 0.8])
         placed = [plans.Placed(1, "template", "F4", np.array([0.005, 0.001, 0.066]), tilt), plans.Placed(2, "template", "F4", np.array([0.005, 0.001, 0.0575]), tilt),
                   plans.Placed(3, "", "", np.array([0.0101, 0.002, 0.05]), np.array([0, 0, 1.0]))]
@@ -334,7 +335,7 @@ class Dicom(Case):
                         except plans.BadPlan as refusal:
                             self.assertIn("cut.dcm: ", str(refusal))
                             continue
-                    self.assertEqual((found, len(whole) - size), (expected, 18)) # without the last element, the plan's approval
+                    self.assertEqual((found, len(whole) - size), (expected, 18)) # everything except the last element, the plan's approval
         whole = path.read_bytes()
         (self.out / "cut.dcm").write_bytes(whole[:20000])
         self.refused("cut.dcm: ends too early, within an element, after 20000 bytes: copy or export it again", rtplan.read, self.out / "cut.dcm", MODEL)
@@ -359,7 +360,7 @@ class Compare(Case):
         self.assertEqual(len(rows), 60)
         for row in rows:
             off = moved[row.placed.number - 1] * 1e3
-            np.testing.assert_allclose(row.offset, [-off[0], -off[1], off[2]], atol=1e-9)  # to the left, to the back, to the head
+            np.testing.assert_allclose(row.offset, [-off[0], -off[1], off[2]], atol=1e-9)  # left, posterior and cranial components
             self.assertAlmostEqual(row.along, off[2])
             self.assertAlmostEqual(row.across, np.hypot(off[0], off[1]))
             np.testing.assert_array_equal(row.planned.position, seeds[row.placed.number - 1].position)
@@ -428,7 +429,7 @@ class Program(Case):
         self.assertEqual(self.run_plan("import", self.out / "b.dcm", *scene, "--seeds", self.out / "b.csv"), (0, "", ""))
         self.assertEqual(self.run_plan("compare", EXAMPLE, self.out / "b.csv", *scene), self.run_plan("compare", EXAMPLE, table, *scene))
         status, _, error = self.run_plan("import", self.out / "b.dcm", *scene, "--out", self.out / "b.yaml")
-        self.assertEqual((status, error), (0, ""))    # the seed is on its hole's axis
+        self.assertEqual((status, error), (0, ""))    # the seed is on the axis of its hole
         shifted = SCENE.read_text().replace("origin: [0, 0, -0.025]", "origin: [0.0004, 0, -0.025]").replace("implant.msh", str(SOURCE / "meshes/implant.msh"))
         self.assertIn("0.0004", shifted)
         status, _, error = self.run_plan("import", self.out / "a.dcm", "--scene", self.write(shifted, "shifted.yaml"), "--out", self.out / "c.yaml")
@@ -452,7 +453,7 @@ class Program(Case):
 
 
 class Log:
-    """An LCM event log, written byte by byte."""
+    """An LCM event log, assembled byte by byte."""
 
     def __init__(self, path):
         self.file, self.count = open(path, "wb"), 0
@@ -465,7 +466,7 @@ class Log:
 
 class Replay(Case):
     def replay_answered(self, status):
-        """Replays the same log with the server's answer to the drop of one seed that came while three were in the needle."""
+        """Replays the same log, including the server's reply to a drop of one seed that was requested while three seeds were in the needle."""
         command_t, command_reply_t = self.command_types
         log = Log(self.out / "answered.log")
         for channel, message in self.events:
@@ -484,7 +485,7 @@ class Replay(Case):
         holes = [s.hole for s in plans.read_seeds(self.out / "answered.csv", self.model)]
         done = subprocess.run([BUILD / "clients/trocar-replay", "--scene", SCENE, "--seeds", self.out / "again.csv", "--poses", self.out / "answered-out.log"],
                               capture_output=True, text=True)
-        self.assertEqual([s.hole for s in plans.read_seeds(self.out / "again.csv", self.model)], holes, done.stderr) # the answers are written, too
+        self.assertEqual([s.hole for s in plans.read_seeds(self.out / "again.csv", self.model)], holes, done.stderr) # the server's replies are written, too
         return holes
 
     def test_a_log_with_commands_is_an_implant(self):
@@ -519,7 +520,7 @@ class Replay(Case):
             log.add("TROCAR_COMMAND", message)
             self.events.append(("TROCAR_COMMAND", message))
 
-        tell(command_t.DROP_SEED, 1)                     # before the first pose: skipped
+        tell(command_t.DROP_SEED, 1)                     # precedes the first pose, so it is skipped
         for hole in ("F4", "I3.5"):
             ways = {"in": np.arange(-0.02, 0.0900, 8e-4), "out": np.arange(0.0900, -0.02, -8e-4)}
             for tip in ways["in"]:
@@ -528,7 +529,7 @@ class Replay(Case):
             sim.drop_seeds(3, 9e-3)
             tell(command_t.DROP_SEED, 1, session=8)      # another session's: skipped
             if hole == "F4":
-                tell(command_t.DROP_SEED, 1)             # refused while three are pending
+                tell(command_t.DROP_SEED, 1)             # refused while three seeds are pending
                 self.too_early = state["told"]
             for tip in ways["out"]:
                 step(hole, tip)
@@ -552,11 +553,11 @@ class Replay(Case):
                                        [s.position for s in plans.seeds_of(sim, now=True)], atol=1e-9)
             (self.out / "copy.log").rename(self.out / "again.log")
         self.assertEqual(self.replay_answered(command_reply_t.REFUSED), ["F4"] * 2 + ["I3.5"] * 3)
-        # The server had executed the drop: it waits until the three are out. UNDO cancels that drop.
+        # The server has already accepted the drop, which waits until the three earlier seeds have been released. UNDO cancels it.
         self.assertEqual(self.replay_answered(command_reply_t.DONE), ["F4"] * 3 + ["I3.5"] * 3)
 
     def types(self):
-        """The generated package has the same name as the library's: its modules are loaded by path."""
+        """The generated package has the same name as the library's, so its modules are loaded by path."""
         import importlib.util
         found = []
         for name in ("needle_pose_t", "command_t", "command_reply_t"):

@@ -69,7 +69,7 @@ class Case(unittest.TestCase):
 
 
 def moved(model, point, field):
-    """Returns the present position (3,) m of a tissue point, with a tetrahedron found by solving for its weights."""
+    """Returns the present position (3,), in m, of a point of the tissue; the tetrahedron that contains it is found by solving for its weights."""
     corners = model.nodes[model.tets]
     matrix = np.concatenate([corners.transpose(0, 2, 1), np.ones((len(corners), 1, 4))], axis=1)
     weights = np.linalg.solve(matrix, np.array([*point, 1.0])[None, :, None])[:, :, 0]
@@ -82,7 +82,7 @@ def turned(axis, angle):
 
 
 def carried_out(model, needle, target, speed=0.08, settle=0.05, dt=1e-3):
-    """Returns the vector (3,) m from the displaced target to the tip: the needle of a plan, step by step."""
+    """Returns the vector (3,), in m, from the displaced target to the tip, after executing a plan step by step."""
     direction = np.array(needle.direction)
     cross = np.cross([0.0, 0.0, 1.0], direction)
     upright = turned(cross / np.linalg.norm(cross), np.arcsin(np.linalg.norm(cross))) if np.linalg.norm(cross) > 1e-12 else np.array([1.0, 0, 0, 0])
@@ -154,9 +154,9 @@ class PlanFormat(Case):
         line = np.array(needle.entry) + np.linspace(0, needle.depth, 7)[:, None] * needle.direction
         np.testing.assert_allclose(tips[-1][0][-1], line[-1], atol=1e-12)
         np.testing.assert_allclose(tips[0][0][-1], line[3], atol=1e-12)
-        self.assertLess(np.ptp(tips[1][0], axis=0).max(), 1e-12)    # at rest while it turns
+        self.assertLess(np.ptp(tips[1][0], axis=0).max(), 1e-12)    # the needle is at rest while it turns
         for bevel, roll in ((tips[0][1][0], -1.5), (tips[-1][1][-1], 3.14 - 1.5)):
-            np.testing.assert_allclose(bevel[0], -np.sin(roll), atol=5e-3)    # rotated about z, apart from the tilt
+            np.testing.assert_allclose(bevel[0], -np.sin(roll), atol=5e-3)    # rotated about z, apart from the effect of the tilt
         self.assertEqual(len(tips[-1][0]), 3)
 
 
@@ -183,7 +183,7 @@ class Obstacles(Case):
         self.assertLessEqual(capsule.distance(shaft, 1e-3, Embedding(model), field, enough=0.0), found + 1e-12)
 
     def test_in_tissue_that_does_not_move_it_is_as_at_rest(self):
-        """Rounding never makes the result miss the nearest point at rest."""
+        """Rounding never makes the result miss the point nearest to the target in the undeformed tissue."""
         model = trocar.Model(trocar.Scene.load(SCENE), mesh_only=True)
         embedding, still, random = Embedding(model), np.zeros_like(model.nodes), np.random.default_rng(1)
         for _ in range(300):
@@ -213,12 +213,12 @@ class Geometry(Case):
         np.testing.assert_allclose(end, [0.006, 0.004, 0.05], atol=2e-5)
         self.assertTrue(-0.004 <= needle.entry[0] <= -0.002)
         self.assertAlmostEqual(np.arctan(needle.direction[0] / needle.direction[2]), np.arctan((0.006 - needle.entry[0]) / 0.05), delta=1e-3)
-        self.assertAlmostEqual(result.unplanned.error, 8e-3, delta=1e-4)    # straight from the area's edge
+        self.assertAlmostEqual(result.unplanned.error, 8e-3, delta=1e-4)    # on a straight line from the edge of the permitted area
 
     def test_tilt_that_does_not_suffice_is_told(self):
         text = PROBLEM.replace("set: {needle.bevel_slope: 0.05}", WITHOUT_FORCES).replace("[-0.02, 0.02], y", "[-0.004, -0.002], y").replace("tilt: 0.2", "tilt: 0.1")
         _, _, (result,) = self.solved(text)
-        least = (0.008 - 0.05 * np.tan(0.1)) * np.cos(0.1)    # from the line with the largest tilt
+        least = (0.008 - 0.05 * np.tan(0.1)) * np.cos(0.1)    # distance from the line with the largest tilt
         self.assertAlmostEqual(result.expected.error, least, delta=1e-4)
         self.assertFalse(result.reached)
         self.assertRegex(result.why, "entry is at its limit.*tilt is at its limit")
@@ -255,8 +255,8 @@ avoid:
         self.assertGreater(result.rigid.clearance, -1e-4)
         shaft = np.array(result.expected.shaft)
         inside = shaft[-1] + np.linspace(0, 1, 4001)[:, None] * (shaft[0] - shaft[-1])
-        box = np.maximum(np.abs(inside - [0.006, 0.004, 0.010]) - [3e-3, 3e-3, 7.5e-3], 0.0)    # half a slice beyond the last one
-        self.assertGreater(np.linalg.norm(box, axis=1).min(), 2e-3 + 0.6e-3)    # clearance, and the 18 G needle's radius of 0.635 mm
+        box = np.maximum(np.abs(inside - [0.006, 0.004, 0.010]) - [3e-3, 3e-3, 7.5e-3], 0.0)    # the region extends by half a slice beyond the last slice
+        self.assertGreater(np.linalg.norm(box, axis=1).min(), 2e-3 + 0.6e-3)    # clearance, plus the radius of the 18 G needle, 0.635 mm
 
 
 class Promises(Case):
@@ -285,7 +285,7 @@ class Promises(Case):
         self.assertAlmostEqual(max(errors), result.expected.worst, delta=1e-5)
         self.assertAlmostEqual(np.mean(errors), result.expected.mean, delta=1e-5)
         self.assertLess(result.expected.worst, 0.95 * result.nominal.worst)
-        self.assertGreater(result.expected.error, result.nominal.error)    # the robust plan is worse for the nominal values
+        self.assertGreater(result.expected.error, result.nominal.error)    # for the nominal values, the robust plan is worse than the nominal one
 
     def test_saved_states_change_nothing(self):
         scene = trocar.Scene.load(SCENE)
@@ -322,7 +322,7 @@ class Template(Case):
         guide = models[0].guides[0]
         off = np.array(result.target) - plans.hole_axis(guide, "I4")
         off -= (off @ guide.normal) * guide.normal
-        # At roll 0 the bevel faces +y, and the tip moves to -y; the target is too far for it.
+        # At roll 0 the bevel faces +y, and the tip deviates toward -y. The target is too far away for that.
         away = np.array([np.sin(result.needle.roll), -np.cos(result.needle.roll), 0.0])
         self.assertGreater(away @ off / np.linalg.norm(off), np.cos(0.25))
         self.assertLess(result.expected.error, result.rigid.error - 1e-3)
@@ -342,7 +342,7 @@ class Seeds(Case):
         self.assertEqual([needle for needle in before.needles if needle.hole != "F4"], [dataclasses.replace(needle, line=old.line) for needle, old in
                                                                                         zip(after.needles, before.needles) if needle.hole != "F4"])
         means = []
-        for plan in (before, after):    # carried out, and compared with the original plan
+        for plan in (before, after):    # each plan is executed and compared with the original plan
             only = lambda plan: dataclasses.replace(plan, needles=[needle for needle in plan.needles if needle.hole == "F4"])
             sim = trocar.Sim(model)
             for poses in Implant(plan=only(plan)).play(sim, 1e-3):

@@ -25,7 +25,7 @@ FIGURE8 = SOURCE / "meshes/figure8.yaml"
 
 
 def cube(n=3, h=0.01):
-    """Returns a cube of n^3 boxes, each cut into six tetrahedra around its diagonal (Kuhn)."""
+    """Returns a cube of n^3 boxes, each divided into six tetrahedra around its diagonal (Kuhn)."""
     side = n + 1
     index = lambda x, y, z: x + side * (y + side * z)
     axis = np.arange(side) * h
@@ -84,7 +84,7 @@ class PythonTest(unittest.TestCase):
         np.testing.assert_allclose(model.start, [0, 0, -0.21, 0.8, 0.6, 0, 0], atol=1e-15)
 
     def test_forces_are_those_of_replay(self):
-        """The poses of a golden trace, tick by tick, give the same digits."""
+        """The poses of a golden trace, applied tick by tick, give the same digits as the replay."""
         with tempfile.TemporaryDirectory() as folder:
             table = Path(folder) / "out.csv"
             log = SOURCE / "tests/traces/figure8.log"
@@ -102,7 +102,8 @@ class PythonTest(unittest.TestCase):
         self.assertGreater(sim.centreline().shape[0], 10)
 
     def test_rollout_is_the_same_insertions_one_by_one(self):
-        """64 insertions on two threads: each step bit-identical, faster than real time, in less memory than 64 saved states."""
+        """64 insertions on two threads: each step is bit-identical to that of a single simulation, and the rollout is faster than real time and uses less
+        memory than 64 saved states."""
         batch, steps, dt = 64, 200, 0.001
         poses = np.zeros((batch, steps, 7))
         poses[..., 0] = 0.005 + 1e-4 * np.arange(batch)[:, None]
@@ -158,13 +159,13 @@ class PythonTest(unittest.TestCase):
         self.assertTrue(np.all(sim.displacements()[model.nodes[:, 2] > 0.0299] == 0))
 
     def test_contacts_by_id_slot_status_and_needle(self):
-        """Checks each field against the library's documentation, over a push and a retraction of the second of two needles."""
+        """Checks each field against the library's documentation while the second of two needles is pushed in and retracted."""
         scene = trocar.Scene.load(FIGURE8)
         scene["needles"] = 2
         sim = trocar.Sim(trocar.Model(scene))
         pose = lambda tick: [0.005, 0.003, -0.201 + 1.5e-4 * min(tick, 400 - tick), 1, 0, 0, 0]
         sim.reset(pose(0), needle=1)
-        held, seen = {}, set()  # slot and depth of each contact by id
+        held, seen = {}, set()  # slot and depth of each contact, by its id
         for tick in range(400):
             out = sim.step(pose(tick), 0.001, needle=1)
             self.assertEqual(sim.contacts(), [])
@@ -206,7 +207,7 @@ class PythonTest(unittest.TestCase):
         self.assertEqual(sim.needle_state(0), "held")
         out = sim.step(sim.base(0), 0.001)
         self.assertLess(np.linalg.norm(out.force), 2e-3)
-        np.testing.assert_allclose([c.force for c in sim.contacts(0)], forces, atol=1e-3)  # the forces with which the needle is left
+        np.testing.assert_allclose([c.force for c in sim.contacts(0)], forces, atol=1e-3)  # the forces at the moment when the needle was left
 
     def test_tracks_are_where_the_needle_went(self):
         sim = trocar.Sim(self.model)
@@ -253,7 +254,7 @@ class PythonTest(unittest.TestCase):
         scene.set_mesh(cube())
         scene["regions[body].youngs_modulus"] = 20e3
         scene["fixed"] = ["back"]
-        scene["needle.length"] = 5.0    # so long beside the body that the unit is suspicious
+        scene["needle.length"] = 5.0    # so much longer than the body that the unit of the mesh is suspicious
         with self.assertLogs("trocar", "INFO") as logged:
             model = trocar.Model(scene)
         self.assertEqual([record.levelname for record in logged.records], ["WARNING", "INFO"])
@@ -261,7 +262,7 @@ class PythonTest(unittest.TestCase):
         self.assertIn(model.description, logged.records[1].getMessage())
 
     def test_the_gil_is_released(self):
-        """This thread continues during a rollout in another thread."""
+        """This thread continues to run during a rollout in another thread."""
         poses = np.zeros((4, 500, 7))
         poses[..., 0:3] = [0.005, 0.003, -0.201]
         poses[..., 2] += 1e-4 * np.arange(500)
@@ -307,7 +308,7 @@ class PythonTest(unittest.TestCase):
 
 
 def read_poses(path):
-    """Returns (utime, pose) of the poses in an LCM event log: big-endian, an 8-byte fingerprint, then the fields of needle_pose_t."""
+    """Returns (utime, pose) of the poses in an LCM event log. Its values are big-endian: an 8-byte fingerprint, then the fields of needle_pose_t."""
     data, at = path.read_bytes(), 0
     while at < len(data):
         assert data[at:at + 4] == bytes.fromhex("EDA1DA01")

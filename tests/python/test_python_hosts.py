@@ -30,7 +30,7 @@ PATIENCE = 60  # s, after which a process counts as hanging
 
 
 def pushed(model, ticks=300):
-    """Returns a simulation with a needle pushed in."""
+    """Returns a simulation in which a needle has been inserted."""
     sim = trocar.Sim(model)
     sim.run(straight(ticks), 0.001)
     return sim
@@ -44,12 +44,12 @@ def straight(ticks, end=1.5e-4):
 
 
 def last_force(scene_path):
-    """Runs in a worker: makes a model of its own. A scene that cannot be read raises Error."""
+    """Runs in a worker process and creates a model of its own. A scene that cannot be read raises Error."""
     return trocar.rollout(trocar.Model(trocar.Scene.load(scene_path)), straight(100)[None])["force"][0, -1].tolist()
 
 
 def in_child(work):
-    """Runs `work` in a forked child and returns its exit status; None if it hangs."""
+    """Runs `work` in a forked child and returns its exit status, or None if it hangs."""
     child = os.fork()
     if child == 0:
         try:
@@ -77,7 +77,7 @@ class ProcessTest(unittest.TestCase):
         self.assertEqual(in_child(lambda: trocar.Model(trocar.Scene.load(FIGURE8))), 0)
 
     def test_a_child_forked_while_another_thread_makes_models(self):
-        """This works whatever locks that thread holds at the time."""
+        """Forking works whatever locks the other thread holds at the time."""
         over = threading.Event()
 
         def make():
@@ -107,7 +107,7 @@ class ProcessTest(unittest.TestCase):
         self.assertIsInstance(pickle.loads(pickle.dumps(caught.exception)), trocar.Error)
 
     def test_the_threads_of_other_programs_openmp_are_left_alone(self):
-        """After a model has been made, OpenMP's limit on nested regions is the host's again."""
+        """After a model has been created, OpenMP's limit on nested regions is again the one that the host program had set."""
         program = ("import ctypes, trocar, sys; openmp = ctypes.CDLL('libgomp.so.1'); openmp.omp_set_max_active_levels(3); "
                    "trocar.Model(trocar.Scene.load(sys.argv[1])); print(openmp.omp_get_max_active_levels())")
         done = subprocess.run([sys.executable, "-c", program, FIGURE8], env={**os.environ, "PYTHONPATH": str(BUILD / "clients/python")}, capture_output=True,
@@ -136,7 +136,7 @@ class ObjectTest(unittest.TestCase):
             sim.hole(0)
 
     def test_two_threads_on_one_simulation(self):
-        """The second thread is refused, and leaves no trace: the forces are those of an undisturbed simulation."""
+        """The second thread is refused and has no effect: the forces are those of an undisturbed simulation."""
         sim, alone, begun, refused, outputs = trocar.Sim(self.model), trocar.Sim(self.model), threading.Event(), 0, []
         poses = straight(4000, 0.2e-4)
         running = threading.Thread(target=lambda: outputs.append(sim.run(poses, 0.001, progress=lambda *_: begun.set())))
@@ -150,7 +150,7 @@ class ObjectTest(unittest.TestCase):
         sim.contacts()
 
     def test_threads_that_make_models_of_one_scene(self):
-        """Every thread may read the scene. Changing the scene is refused as long as a thread reads it."""
+        """Every thread may read the scene. Changing the scene is refused while any thread is reading it."""
         scene, models, refused, both = trocar.Scene.load(FIGURE8), [], [], threading.Barrier(2, timeout=PATIENCE)
         scene["inverse"], scene["region_of_interest.regions"] = "condensed", ["prostate"]
 
@@ -159,7 +159,7 @@ class ObjectTest(unittest.TestCase):
                 if told:
                     return
                 told.append(what)
-                both.wait()    # both threads are in the library
+                both.wait()    # both threads are inside the library
                 try:
                     scene["needle.length"] = 2 * scene["needle.length"]
                 except trocar.Error as error:
@@ -196,7 +196,7 @@ class ObjectTest(unittest.TestCase):
         np.testing.assert_array_equal(results, [expected] * 4)
 
     def test_models_may_go_before_their_simulations(self):
-        """In a cycle of references, Python frees objects in any order, as it does at exit."""
+        """In a reference cycle, Python frees objects in any order, as it does at exit."""
         for _ in range(20):
             model = trocar.Model(trocar.Scene.load(FIGURE8))
             circle = [model, model.derive(trocar.Scene.load(FIGURE8))]
@@ -211,7 +211,7 @@ class ObjectTest(unittest.TestCase):
         scene = trocar.Scene.load(FIGURE8)
         model = trocar.Model(scene)
         sim = pushed(model.derive(scene), 200)
-        sim.model = None    # as if the host had lost the model
+        sim.model = None    # as if the host program had dropped its reference to the model
         del model
         gc.collect()
         other = pushed(self.model, 200)
@@ -256,7 +256,7 @@ class SceneTest(unittest.TestCase):
         self.assertLess({"mesh", "regions[0].name", "guides[0].columns", "membranes[1].puncture_force"}, set(keys))
         again = trocar.Scene()
         for key in [k for k in keys if k.endswith(".name")] + [k for k in keys if not k.endswith(".name")]:
-            if "[" in key and key.endswith(".name"):    # the name creates the entry
+            if "[" in key and key.endswith(".name"):    # setting the name creates the entry
                 list_, rest = key.split("[", 1)
                 again[f"{list_}[{scene[key]}].name"] = scene[key]
             elif key != "device.profile" and not key.startswith("region_of_interest."):
@@ -288,7 +288,7 @@ class SceneTest(unittest.TestCase):
 
 
 class InterruptionTest(unittest.TestCase):
-    """Long calls report their progress, and end when asked to."""
+    """Long calls report their progress, and end when they are asked to."""
 
     @classmethod
     def setUpClass(cls):
@@ -296,7 +296,7 @@ class InterruptionTest(unittest.TestCase):
         cls.batch = np.tile(straight(2000, 0.3e-4), (200, 1, 1))    # a minute
 
     def interrupted(self, call):
-        """Returns the seconds after which Ctrl-C in this call raises KeyboardInterrupt."""
+        """Returns the time (s) after which Ctrl-C during this call raises KeyboardInterrupt."""
         before = signal.signal(signal.SIGINT, signal.default_int_handler)
         timer = threading.Timer(0.3, os.kill, (os.getpid(), signal.SIGINT))
         timer.start()
@@ -324,7 +324,7 @@ class InterruptionTest(unittest.TestCase):
         sim.run(there_and_back, 0.001)
         whole = 100 * (time.monotonic() - start)
         self.assertLess(self.interrupted(lambda: sim.run(np.tile(there_and_back, (100, 1)), 0.001)), 0.25 * whole)
-        sim.reset(straight(1)[0])    # the simulation can be used again
+        sim.reset(straight(1)[0])    # the simulation remains usable
 
     def test_progress_grows_to_the_end(self):
         seen = []
@@ -375,7 +375,7 @@ class InterruptionTest(unittest.TestCase):
 
 class TypeTest(unittest.TestCase):
     def test_a_program_with_types_passes_mypy(self):
-        """As in the documentation, and what a program does with a scene's values."""
+        """Uses the package as in the documentation, and as a program would use a scene's values."""
         program = '''
 import numpy as np
 import trocar

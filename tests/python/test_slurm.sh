@@ -1,7 +1,6 @@
 #!/bin/bash
-# Runs a study on Debian's Slurm (munged, slurmctld, slurmd) on one node in a network namespace: as a job array of four tasks,
-# cancelled in the middle and submitted again. The result is that of the same study without Slurm, byte by byte.
-# usage: test_slurm.sh BUILD_DIR SOURCE_DIR
+# Runs a study with Debian's Slurm (munged, slurmctld, slurmd) on one node in a network namespace, as a job array of four tasks that is cancelled in the middle
+# and submitted again. The result is byte-for-byte that of the same study without Slurm. usage: test_slurm.sh BUILD_DIR SOURCE_DIR
 set -euo pipefail
 PATH=$PATH:/usr/sbin:/sbin
 for program in munged slurmctld slurmd sbatch; do
@@ -12,7 +11,7 @@ done
 cd "$work"
 fail() { echo "FAILED: $*" >&2; tail -n 20 ./*.log study/slurm-*.txt 2>/dev/null >&2 || true; exit 1; }
 
-# Waits up to a minute for a command to succeed.
+# Waits up to one minute for a command to succeed.
 await() {
     local attempt
     for attempt in {1..600}; do "$@" >/dev/null 2>&1 && return; sleep 0.1; done
@@ -78,7 +77,7 @@ END
 study() { /usr/bin/python3 -m trocar.studies.study "$@"; }
 study run study.yaml --out local --workers 2 --quiet >/dev/null || fail "without Slurm"
 
-# Prints the number of rows in all tasks' files, without headings.
+# Prints the total number of rows in the files of all tasks, without their headings.
 rows() { cat study/rows-*.csv 2>/dev/null | grep -vc '^run,' || true; }
 some_rows() { [ "$(rows)" -ge 3 ]; }
 submitted=$(study run study.yaml --out study --engine slurm --tasks 4) || fail "submission"

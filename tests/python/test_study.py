@@ -60,7 +60,7 @@ class Case(unittest.TestCase):
         self.out = Path(folder.name)
 
     def write(self, text=STUDY, **edits):
-        """A study, with some lines replaced; relative paths start at its folder."""
+        """Returns the text of a study in which some lines are replaced; relative paths refer to its folder."""
         for old, new in edits.values():
             self.assertIn(old, text)
             text = text.replace(old, new)
@@ -89,7 +89,7 @@ class Derived(unittest.TestCase):
             scene[key] = value
         base = trocar.Model(trocar.Scene.load(SCENE))
         derived = base.derive(scene)
-        del base    # its memory stays in use
+        del base    # the memory of the base model remains in use
         poses = motion.script("insert", speed=4).poses(motion.START, 1e-3)
         forces = []
         for model in (derived, trocar.Model(scene), MODEL):
@@ -134,7 +134,7 @@ class Motions(Case):
         study = definition.read(self.write(motion=(straight, "{script: insert, start: [20, 30, 130], coordinates: patient}"), **chosen))
         poses = study.motion.poses(study.motion.start, 0.01)
         np.testing.assert_allclose(poses[0], [0.03, -0.01, -0.17, 0.8, 0.6, 0, 0], atol=1e-12)
-        way = (poses[:, :3] - poses[0, :3]) @ [0, -0.96, 0.28]     # (0.8, 0.6, 0, 0) turns z to this
+        way = (poses[:, :3] - poses[0, :3]) @ [0, -0.96, 0.28]     # the quaternion (0.8, 0.6, 0, 0) rotates z to this direction
         self.assertAlmostEqual(way.max(), 0.12, places=9)
         self.assertAlmostEqual(study.motion.duration(), 3.0 * 0.12 / 0.066, places=9)
         for wrong, word in (("{script: insert, coordinates: patient}", "allowed only with start"), ("{script: insert, start: [1, 2, 3, 1, 0, 0, 0], coordinates: patient}", "three numbers"),
@@ -186,7 +186,7 @@ class Motions(Case):
         poses = motion.Straight(depth=0.01, speed=0.1).poses(motion.START, 1e-3)
         moved = motion.Adjustment(x=1e-3, tilt_y=0.1, roll=0.5).apply(poses, 0.2)
         tip = lambda all_poses: all_poses[:, :3] + 0.2 * motion.axis_of(all_poses)
-        np.testing.assert_allclose(tip(moved)[0], tip(poses)[0] + [1e-3, 0, 0], atol=1e-12)    # tilted about the tip
+        np.testing.assert_allclose(tip(moved)[0], tip(poses)[0] + [1e-3, 0, 0], atol=1e-12)    # the needle has been tilted about its tip
         np.testing.assert_allclose(motion.axis_of(moved)[0], [np.sin(0.1), 0, np.cos(0.1)], atol=1e-12)
         np.testing.assert_allclose(np.linalg.norm(tip(moved)[-1] - tip(moved)[0]), 0.01, atol=1e-12)
 
@@ -247,24 +247,24 @@ class Reading(Case):
         self.assertTrue((samples[:, 0] > 5).all() and (samples[:, 0] < 13).all() and (np.abs(samples[:, 1]) < 2e-3).all())
         longer = studies.read(self.write(edit=("count: 12", "count: 400"))).samples()
         np.testing.assert_array_equal(samples, longer[:12])
-        self.assertAlmostEqual(longer[:, 1].std(), 0.88e-3, delta=0.08e-3)    # of a normal distribution truncated at two deviations
+        self.assertAlmostEqual(longer[:, 1].std(), 0.88e-3, delta=0.08e-3)    # standard deviation of a normal distribution truncated at two deviations
         tail = studies.read(self.write(edit=("within: [-2e-3, 2e-3]", "within: [9e-3, 10e-3]"))).samples()[:, 1]
         self.assertTrue((9e-3 <= tail).all() and (tail <= 10e-3).all() and len(set(tail)) == 12)
-        self.assertLess(tail.mean(), 9.3e-3)    # beyond 9 deviations, values are on average 0.11 deviations above that limit
+        self.assertLess(tail.mean(), 9.3e-3)    # beyond 9 deviations, values exceed that limit by 0.11 deviations on average
         grid = studies.read(self.write(a=("method: random, count: 12, seed: 3", "method: grid"), b=("uniform: [5, 13]", "uniform: [5, 13], steps: 3"),
                                        c=("normal: [0, 1e-3], within: [-2e-3, 2e-3]", "values: [0, 1e-3]")))
         np.testing.assert_allclose(grid.samples(), [[5, 0], [5, 1e-3], [9, 0], [9, 1e-3], [13, 0], [13, 1e-3]])
 
 
 class Sensitivity(unittest.TestCase):
-    FIRST, TOTAL = np.array([0.3139, 0.4424, 0.0]), np.array([0.5576, 0.4424, 0.2437])    # of Ishigami's function with a = 7, b = 0.1
+    FIRST, TOTAL = np.array([0.3139, 0.4424, 0.0]), np.array([0.5576, 0.4424, 0.2437])    # indices of Ishigami's function with a = 7, b = 0.1
 
     def ishigami(self, count, seed, resamples):
         x = np.pi * (2.0 * sensitivity.design(3, count, seed) - 1.0)
         return sensitivity.indices(np.sin(x[:, 0]) + 7.0 * np.sin(x[:, 1]) ** 2 + 0.1 * x[:, 2] ** 4 * np.sin(x[:, 0]), 3, resamples)
 
     def test_ishigami(self):
-        """Sobol's indices within 2 %, whatever the seed."""
+        """Sobol's indices are correct to within 2 %, whatever the seed."""
         for seed in range(8):
             found = self.ishigami(8192, seed, resamples=2)
             np.testing.assert_allclose(found.first[:2], self.FIRST[:2], rtol=0.02)
@@ -277,7 +277,8 @@ class Sensitivity(unittest.TestCase):
             self.assertTrue((interval[:, 0] <= exact + 0.005).all() and (exact - 0.005 <= interval[:, 1]).all())
 
     def test_values_that_are_nearly_constant(self):
-        """Bootstrap samples without the differing points have no indices. With one such point these are 36 % of the samples, with four 2 %."""
+        """For bootstrap samples that contain none of the differing points, the indices are undefined. With one such point this applies to 36 % of the samples,
+        with four points to 2 %."""
         for points, has_interval in ((1, False), (4, True)):
             values = np.zeros((64, 3))
             values[:points] = [[1, 2, 3]]
@@ -290,7 +291,7 @@ class Running(Case):
     def test_tasks_and_a_kill_change_nothing(self):
         path = self.write()
         whole = self.result(path, "whole", "--workers", "2")
-        for task in ("1/3", "2/3", "3/3"):    # one after another, as GNU parallel would
+        for task in ("1/3", "2/3", "3/3"):    # runs the tasks sequentially, with the arguments that GNU parallel would pass
             self.assertEqual(self.main("run", path, "--out", self.out / "parts", "--task", task, "--workers", "1", "--quiet")[0], 0)
         self.assertEqual(self.main("collect", path, "--out", self.out / "parts")[0], 0)
         self.assertEqual((self.out / "parts/result.csv").read_bytes(), whole)
@@ -314,7 +315,7 @@ class Running(Case):
         self.assertRegex(errors, "incomplete last line.*\n.*%d of 12" % (len(before) - 1))
         self.assertEqual((self.out / "killed/result.csv").read_bytes(), whole)
         rows = killed.read_bytes().splitlines()
-        self.assertEqual(rows[:len(before)], before)    # no run was repeated
+        self.assertEqual(rows[:len(before)], before)    # no run has been repeated
         self.assertEqual(len(rows), 13)
 
         busy = studies.carry_out.__globals__["TaskFile"](killed, studies.read(path), studies.read(path).samples())
@@ -378,7 +379,7 @@ class Running(Case):
                 there.write_bytes(before)
 
     def test_any_change_of_a_row_is_noticed(self):
-        """Changes each character of a row in turn."""
+        """Changes each character of a row, one at a time."""
         path = self.write(edit=("count: 12", "count: 2"))
         whole, file = self.result(path, "o"), self.out / "o/rows-1-of-1.csv"
         text = file.read_bytes()
@@ -396,7 +397,7 @@ class Running(Case):
         self.assertEqual(self.result(path, "o"), whole)
 
     def test_a_random_study_grows(self):
-        """Finished runs stay as they are; the result is that of the larger study done at once. A smaller study omits runs."""
+        """Finished runs are kept. The result equals that of the larger study run at once. A smaller study omits runs."""
         stiffness = ("regions[surrounding].friction.kinetic: {uniform: [5, 13]}", "regions[surrounding].youngs_modulus: {values: [20e3, 30e3]}")
         for kind, edit in (("motion", ("count: 12", "count: 12")), ("stiffness", stiffness)):
             small, large, smaller = ({"a": edit, "b": ("count: 12", f"count: {count}")} for count in (4, 11, 3))
@@ -438,7 +439,7 @@ class Running(Case):
         self.assertEqual(*manifests)
 
     def test_each_run_with_a_stiffness_of_its_own(self):
-        """On the sparse inverse; and a single run on the dense one."""
+        """Runs the test with the sparse inverse, and once with the dense inverse."""
         path = self.write(a=("count: 12", "count: 3"), b=("regions[surrounding].friction.kinetic: {uniform: [5, 13]}", "regions[surrounding].youngs_modulus: {uniform: [20e3, 40e3]}"))
         whole = self.result(path, "o", "--hdf5")
         for task in ("1/2", "2/2"):
@@ -479,10 +480,10 @@ class Running(Case):
             self.assertLessEqual(len({int(groups.of_run[index]) for index in task}), 2)
 
     def test_a_run_that_fails_gives_no_base(self):
-        """The first two runs have an inner diameter above the outer one; the model of the third run serves the others."""
+        """In the first two runs, the inner diameter exceeds the outer one. The model of the third run is reused for the others."""
         path = self.write(a=("random, count: 12, seed: 3", "grid"), b=("normal: [0, 1e-3], within: [-2e-3, 2e-3]", "values: [0, 1e-3]"),
                           c=("regions[surrounding].friction.kinetic: {uniform: [5, 13]}", "needle.inner_diameter: {values: [2e-3, 0.8e-3]}"))
-        with mock.patch.object(runs, "Model", wraps=trocar.Model) as made:    # counts the models of this process
+        with mock.patch.object(runs, "Model", wraps=trocar.Model) as made:    # counts the models created in this process
             outcome = studies.carry_out(studies.read(path), self.out / "o", (1, 1), 1, lambda *_: None, self.fail)
         self.assertEqual((made.call_count, outcome.done, outcome.failed), (3, 4, 2))
 
@@ -535,14 +536,14 @@ class Slurm(Case):
 
 
 def opened_by(insertions):
-    """Runs in a worker: returns the process that opened the file it reads, this process, and the last insertion."""
+    """Runs in a worker process; returns the id of the process that opened the file it reads, its own process id, and the last insertion."""
     found = insertions[len(insertions) - 1]["force"]
     return insertions.opened[0], os.getpid(), found
 
 
 class Frames(Case):
     def test_the_size_is_said_before_it_starts(self):
-        """Compares with the file of a run with a longer motion; and for a study that is too large to carry out."""
+        """Compares the prediction with the file of a run with a longer motion, and for a study that is too large to be run."""
         longer = ("straight: {depth: 0.006, speed: 0.1}", "script: insert")
         study = studies.read(self.write(edit=longer, more=("count: 12", "count: 1")), True)
         said = []
@@ -557,7 +558,7 @@ class Frames(Case):
         self.assertEqual(frames.size_in_words(studies.read(self.write()), self.out), "")
 
     def test_the_example_reads_in_workers(self):
-        """Forked and spawned workers, after the parent has read the file."""
+        """Workers are forked and spawned after the parent has read the file."""
         self.result(self.write(edit=("count: 12", "count: 3")), "o", "--record", "frames")
         sys.path.insert(0, str(SOURCE / "docs/examples"))
         self.addCleanup(sys.path.remove, str(SOURCE / "docs/examples"))
@@ -565,7 +566,7 @@ class Frames(Case):
         insertions = example.Insertions(self.out / "o/frames.h5")
         expected = insertions[2]["force"]
         self.assertEqual((len(insertions), insertions.nodes.shape), (3, MODEL.nodes.shape))
-        parts = [pickle.loads(pickle.dumps(insertions))]    # as for a worker that is spawned
+        parts = [pickle.loads(pickle.dumps(insertions))]    # as is done for a spawned worker
         with multiprocessing.get_context("fork").Pool(2) as pool:
             for opened, process, found in pool.map(opened_by, [insertions] * 4):
                 self.assertEqual(opened, process)
@@ -583,7 +584,7 @@ class Frames(Case):
     def test_frames(self):
         path = self.write(edit=("count: 12", "count: 3"))
         self.result(path, "o", "--record", "frames")
-        for command in ("collect", "summary"):    # both find the frames in the manifest
+        for command in ("collect", "summary"):    # both commands find the frames listed in the manifest
             self.assertEqual(self.main(command, path, "--out", self.out / "o", *(["--no-plots"] if command == "summary" else []))[0], 0)
         status, _, errors = self.main("run", path, "--out", self.out / "o")
         self.assertEqual(status, 2)

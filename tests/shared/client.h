@@ -1,5 +1,5 @@
-/* A device on the real network for end-to-end tests: sends a pose every millisecond and checks each answer. Include it after
-   cmocka.h, and run the test in a private network namespace. */
+/* A device on the real network for end-to-end tests, which sends a pose every millisecond and checks each answer. Include this file after cmocka.h, and run the
+   test in a private network namespace. */
 #ifndef TROCAR_TESTS_CLIENT_H
 #define TROCAR_TESTS_CLIENT_H
 
@@ -20,11 +20,11 @@
 
 enum { NEWS_REMEMBERED = 256 };
 
-/* Statistics of the timing messages since watch(). */
+/* Statistics of the timing messages since the last call of watch(). */
 typedef struct {
     int count;
     double lateness_p99[NEWS_REMEMBERED], compute_p99[NEWS_REMEMBERED]; /* s */
-    int64_t misses, ticks;           /* in the first message */
+    int64_t misses, ticks;           /* values in the first message */
 } timing_record;
 
 typedef struct {
@@ -35,22 +35,22 @@ typedef struct {
     trocar_loop_timing_t_subscription_t *timing_subscription;
     int64_t session, seq;
     pose base;
-    bool sends;                      /* sends a pose every millisecond */
+    bool sends;                      /* true while a pose is sent every millisecond */
     trocar_needle_wrench_t wrench;   /* newest */
     trocar_status_t *status;
     trocar_loop_timing_t timing;
     int64_t wrenches;
     timing_record record;            /* since watch() */
     double oldest_snapshot;          /* s, largest age of a snapshot since watch() */
-    int seen, always;                /* flags of any wrench since watch(), and flags of all wrenches */
-    int told;                        /* flags of any status since watch() */
+    int seen, always;                /* flags set in any wrench since watch(), and flags set in all of them */
+    int told;                        /* flags set in any status since watch() */
     double least, most;              /* N, smallest and largest force since watch() */
 } client;
 
 static inline double norm3(const double a[3]) { return sqrt(a[0] * a[0] + a[1] * a[1] + a[2] * a[2]); }
 static inline double force_of(const client *c) { return norm3(c->wrench.force); }
 
-/* Checks what holds during every fault: wrenches are finite, and their size and change per tick stay within the device's limits. */
+/* Checks what must hold during every fault: wrenches are finite, and their magnitude and their change per tick stay within the device's limits. */
 static inline void check_wrench(const client *c, const trocar_needle_wrench_t *w) {
     double step[3], turn[3];
     for (int a = 0; a < 3; a++) {
@@ -97,7 +97,7 @@ static inline void on_timing(const lcm_recv_buf_t *b, const char *channel, const
     c->oldest_snapshot = fmax(c->oldest_snapshot, t->snapshot_age);
 }
 
-/* Restarts the statistics of wrenches, status and timing. */
+/* Restarts the statistics of wrenches, status messages and timing. */
 static inline void watch(client *c) {
     c->seen = c->told = c->record.count = 0;
     c->always = -1;
@@ -144,13 +144,13 @@ static inline void command(client *c, int64_t session, int what) {
     trocar_command_t_publish(c->lcm, "TROCAR_COMMAND", &m);
 }
 
-/* True if timing is checked, which needs a build without a sanitizer. */
+/* True if timing is checked, which requires a build without sanitizers. */
 static inline bool in_time(void) {
     const char *wanted = getenv("TROCAR_CHECK_TIMING");
     return wanted == NULL || strcmp(wanted, "no") != 0;
 }
 
-/* Waits for the next status and timing, which cover everything up to now. */
+/* Waits for the next status and timing messages, which cover everything up to now. */
 static inline void hear_news(client *c) {
     pass(c, 0.25);
     assert_non_null(c->status);
@@ -158,7 +158,7 @@ static inline void hear_news(client *c) {
 
 static inline int faulty_flags(const client *c) { return c->wrench.flags & ~FLAG(NOT_REALTIME); }
 
-/* Checks the state before each fault and after recovery from it: the needle is at rest, 20 mm deep, and has its full force. */
+/* Checks the state before each fault and after the recovery from it: the needle is at rest, 20 mm deep, and its full force acts. */
 static inline void expect_health(client *c) {
     PASS_UNTIL(c, faulty_flags(c) == 0 && c->wrench.pose_seq > 0 && force_of(c) > 0.2);
     int64_t ticks = c->wrench.tick, start = monotonic_ns();
@@ -183,13 +183,13 @@ static inline void client_insert(client *c) {
     watch(c);
 }
 
-/* Opens the client, whose LCM reader thread inherits the priority. */
+/* Opens the client; its LCM reader thread inherits the priority of the calling thread. */
 static inline bool client_open(client *c, const char *scene_path) {
     scene s;
     report why;
     if (scene_load(scene_path, &s, &why) != TROCAR_OK) return false;
     *c = (client){.session = 77, .limits = s.device};
-    sched_setscheduler(0, SCHED_FIFO, &(struct sched_param){.sched_priority = 70}); /* ignored if it is not permitted */
+    sched_setscheduler(0, SCHED_FIFO, &(struct sched_param){.sched_priority = 70}); /* ignored if the priority is not permitted */
     c->lcm = lcm_create(NULL);
     if (c->lcm == NULL) return false;
     c->wrench_subscription = trocar_needle_wrench_t_subscribe(c->lcm, "TROCAR_WRENCH", on_wrench, c);

@@ -1,5 +1,5 @@
-/* An irregular cube of tissue for the tests: Kuhn's six tets per cell, inner nodes moved at random, a soft region below a stiff
-   one, fixed at z = 0. */
+/* An irregular cube of tissue for the tests, with Kuhn's six tetrahedra per cell, inner nodes displaced at random, a soft region below a stiff one, and fixed
+   nodes at z = 0. */
 #ifndef TROCAR_TESTS_CUBE_H
 #define TROCAR_TESTS_CUBE_H
 
@@ -14,7 +14,7 @@ static const double CUBE_EDGE = 0.1; /* m */
 
 typedef struct {
     mesh mesh;
-    region_material materials[2]; /* below and above half the height */
+    region_material materials[2]; /* materials of the lower and the upper half */
     bool fixed[CUBE_NODES];
     tissue tissue;
     inverse *inverse;
@@ -27,7 +27,7 @@ static inline vec3 cube_random_vector(double size) {
 
 static inline bool cube_inside(int i) { return i > 0 && i < CUBE_CELLS; }
 
-/* `irregular` is the displacement of inner nodes, in cells; with 0.1, every tet stays well shaped. */
+/* `irregular` is the largest displacement of inner nodes, in cells; with 0.1, every tetrahedron remains well shaped. */
 static inline void cube_nodes(mesh *m, double irregular) {
     double cell = CUBE_EDGE / CUBE_CELLS;
     m->node_count = CUBE_NODES;
@@ -40,7 +40,7 @@ static inline void cube_nodes(mesh *m, double irregular) {
     }
 }
 
-/* Kuhn's six tets lead from one corner of the cell to the opposite one along the axes, in each order of the axes. */
+/* Kuhn's six tetrahedra of a cell follow the paths along the axes from one corner to the opposite corner, one for each order of the axes. */
 static inline void cube_tets(mesh *m) {
     static const int orders[6][3] = {{0, 1, 2}, {1, 2, 0}, {2, 0, 1}, {0, 2, 1}, {2, 1, 0}, {1, 0, 2}};
     m->tet_count = 6 * CUBE_CELLS * CUBE_CELLS * CUBE_CELLS;
@@ -56,7 +56,7 @@ static inline void cube_tets(mesh *m) {
     }
 }
 
-/* Creates the mesh, materials and fixed nodes only. */
+/* Creates only the mesh, the materials and the fixed nodes. */
 static inline trocar_status cube_shape(cube *c, double irregular, report *why) {
     memset(c, 0, sizeof *c);
     cube_nodes(&c->mesh, irregular);
@@ -70,7 +70,7 @@ static inline trocar_status cube_shape(cube *c, double irregular, report *why) {
     return mesh_finish(&c->mesh, 0, NULL, NULL, "cube", why);
 }
 
-/* Creates mesh, materials, fixed nodes, stiffness and inverse. `c` must not be moved, because its parts point to each other. */
+/* Creates the mesh, the materials, the fixed nodes, the stiffness and the inverse. `c` must not be moved in memory, because its parts point to each other. */
 static inline trocar_status cube_create(cube *c, double irregular, report *why) {
     trocar_status status = cube_shape(c, irregular, why);
     if (status == TROCAR_OK) status = tissue_create(&c->mesh, c->materials, c->fixed, STRAIN_BY_ELEMENT, &c->tissue, why);
@@ -90,7 +90,7 @@ static inline void cube_loosen(tissue *t) {
     memset(t->stiffness->x, 0, entries * sizeof(double));
 }
 
-/* Returns a random point of this tet, with each barycentric weight at least `margin`. */
+/* Returns a random point in this tetrahedron, with each barycentric weight at least `margin`. */
 static inline vec3 cube_point(const cube *c, int tet, double margin) {
     double w[4], sum = 0.0;
     for (int i = 0; i < 4; i++) sum += w[i] = cube_random(0.0, 1.0);
@@ -98,7 +98,7 @@ static inline vec3 cube_point(const cube *c, int tet, double margin) {
     return mesh_point(&c->mesh, tet, w);
 }
 
-/* Adds nodes at random points, `each` to each of `elements` elements in turn. */
+/* Adds nodes at random points, `each` nodes in each of `elements` elements, one element after the other. */
 static inline void cube_refine(const cube *c, refinement *r, int each, int elements) {
     for (int i = 0; i < each * elements; i++) {
         int tet = (37 * (i % elements) + 11) % c->mesh.tet_count;

@@ -1,4 +1,4 @@
-/* Plays the figure-8 motion in lockstep, and measures the difference of two runs. */
+/* Plays the figure-8 motion in lockstep, and measures the difference between two runs. */
 #ifndef TROCAR_TESTS_FIGURE8_H
 #define TROCAR_TESTS_FIGURE8_H
 
@@ -12,12 +12,12 @@ static const double FIGURE8_DURATION = 2.4, FIGURE8_SLOWEST_PERIOD = 4e-3; /* s 
 typedef struct {
     double rate;
     int ticks, punctures;
-    double worst_jump;       /* per tick, relative to max(7 %, 0.05 N), except near punctures */
+    double worst_jump;       /* largest change per tick, relative to max(7 %, 0.05 N), except close to punctures */
     unsigned events;
     double wrench[FIGURE8_MOST_TICKS][6];
 } figure8_record;
 
-/* `every_serve`: the worker answers only once in this many ticks. */
+/* With `every_serve`, the worker answers only once in this many ticks. */
 static inline figure8_record *figure8_run(const simulation_config *config, double rate, int every_serve) {
     figure8_record *r = calloc(1, sizeof *r);
     lockstep *l = lockstep_create(config, lockstep_start());
@@ -57,8 +57,8 @@ static inline double figure8_peak(const figure8_record *r, int from, int to) {
     return largest;
 }
 
-/* Returns the largest difference between components [from, to) of a and those of b at the same time or up to `shift` s
-   away (because punctures may fall on neighbouring ticks), relative to b's peak. */
+/* Returns the largest difference between the components [from, to) of a and those of b at the same time or at most `shift` s earlier or later (because
+   punctures may occur in neighbouring ticks), relative to b's peak. */
 static inline double figure8_difference(const figure8_record *a, const figure8_record *b, int from, int to, double shift) {
     double largest = 0.0;
     for (int i = 0; i < a->ticks; i++) {

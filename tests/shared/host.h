@@ -1,4 +1,4 @@
-/* A simulation of a scene, for tests, created as by a program that uses the library. */
+/* A simulation of a scene for tests, created in the same way as by a program that uses the library. */
 #ifndef TROCAR_TESTS_HOST_H
 #define TROCAR_TESTS_HOST_H
 

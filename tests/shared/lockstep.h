@@ -17,10 +17,10 @@ typedef struct {
     compliance_snapshot *snapshot;
     tick_output wrench;
     pose base;
-    double base_compliance;  /* m/N, compliance of the spring to the base */
+    double base_compliance;  /* m/N, compliance of the spring that holds the base */
 } lockstep;
 
-/* Returns the pose of a straight needle above the gland of the figure-8 scene, with the tip 1 mm in front of the skin. */
+/* Returns the pose of the base for a straight needle above the gland of the figure-8 scene, with the tip 1 mm in front of the skin. */
 static inline pose lockstep_start(void) { return (pose){v3(0.005, 0.003, -0.201), {1, 0, 0, 0}}; }
 
 static inline simulation_config lockstep_scene(const char *path) {
@@ -35,13 +35,13 @@ static inline simulation_config lockstep_scene(const char *path) {
 
 static inline simulation_config lockstep_config(void) { return lockstep_scene(MESHES "/figure8.yaml"); }
 
-/* Uses this remeshing method instead of the configuration's. */
+/* Uses this remeshing method instead of that of the configuration. */
 static inline trocar_status lockstep_remesh_by(int method, needle_run *r, report *why) {
     remesher_free(r->remesher);
     return any_remesher_create(r->parts->inverse, method, &r->remesher, why);
 }
 
-/* `config->remeshing` may be a method of remesh_methods.h. */
+/* `config->remeshing` may also be one of the methods in remesh_methods.h. */
 static inline lockstep *lockstep_create(const simulation_config *config, pose start) {
     lockstep *l = calloc(1, sizeof *l);
     report why;
@@ -88,7 +88,7 @@ static inline lockstep *lockstep_engaged(const simulation_config *config) {
     return l;
 }
 
-/* Moves the base by `way` (m) within `seconds`, at constant speed. */
+/* Moves the base by `way` (m) in `seconds` at constant speed. */
 static inline void lockstep_move(lockstep *l, vec3 way, double seconds, double dt) {
     pose from = l->base;
     int n = (int)(seconds / dt + 0.5);

@@ -1,5 +1,5 @@
-/* Textbook finite elements against which the core is checked: stiffness as B^T D B, assembled densely and solved by LAPACK.
-   Shares only the mesh's nodes and tets with the core. */
+/* Textbook finite elements for comparison with the core: the stiffness is computed as B^T D B, assembled as a dense matrix and solved by LAPACK. Only the
+   mesh's nodes and tetrahedra are shared with the core. */
 #ifndef TROCAR_TESTS_REFERENCE_H
 #define TROCAR_TESTS_REFERENCE_H
 
@@ -14,13 +14,13 @@ typedef struct {
     int node_count, tet_count;
     vec3 *nodes;                     /* m */
     int (*tets)[4];
-    int *parent;                     /* nominal tet that contains each element */
+    int *parent;                     /* the nominal tetrahedron that contains each element */
     const region_material **material;
     bool *fixed;
-    double *matrix;                  /* 3 node_count square: stiffness or its inverse; rows and columns of fixed dofs are zero */
+    double *matrix;                  /* (3 node_count) x (3 node_count), the stiffness or its inverse; rows and columns of fixed dofs are zero */
 } reference;
 
-/* Computes the gradients of the shape functions, whose coefficients are the rows of the inverse of [1 x y z]. Returns the volume, positive. */
+/* Computes the gradients of the shape functions, whose coefficients are the rows of the inverse of [1 x y z]. Returns the volume, which is positive. */
 static inline double reference_gradients(const vec3 x[4], double gradients[4][3]) {
     double a[4][4], inverse[4][4] = {{1, 0, 0, 0}, {0, 1, 0, 0}, {0, 0, 1, 0}, {0, 0, 0, 1}}, determinant = 1.0;
     lapack_int pivots[4];
@@ -42,7 +42,7 @@ static inline void reference_elasticity(double e, double nu, double d[6][6]) {
     }
 }
 
-/* Computes V B^T D B with strains xx yy zz xy yz zx (engineering shear). */
+/* Computes V B^T D B with the strains in the order xx yy zz xy yz zx (engineering shear). */
 static inline void reference_element(const vec3 x[4], double e, double nu, double k[12][12]) {
     double g[4][3], b[6][12] = {{0}}, d[6][6], volume = reference_gradients(x, g);
     reference_elasticity(e, nu, d);
@@ -60,7 +60,7 @@ static inline void reference_element(const vec3 x[4], double e, double nu, doubl
         }
 }
 
-static const double REFERENCE_ON_FACE = 1e-10; /* a weight below this means that the point is on the face */
+static const double REFERENCE_ON_FACE = 1e-10; /* if a weight is smaller, the point counts as lying on the face */
 
 static inline void reference_weights(const vec3 corners[4], vec3 x, double weights[4]) {
     double g[4][3];
@@ -80,7 +80,7 @@ static inline double reference_least_weight(const reference *r, int tet, vec3 x)
     return least;
 }
 
-/* Splits the element at the node: one child for each face on which the node does not lie. */
+/* Splits the element at the node into one child for each face that does not contain the node. */
 static inline void reference_split_one(reference *r, int tet, int node) {
     int corners[4], next = tet;
     double weights[4];
@@ -99,7 +99,7 @@ static inline void reference_split_one(reference *r, int tet, int node) {
     r->tet_count--;
 }
 
-/* Splits the elements that contain x (two if it is on a face), found by linear search. */
+/* Splits the elements that contain x (two if x is on a face), which are found by linear search. */
 static inline void reference_split(reference *r, vec3 x) {
     int node = r->node_count++, tets = r->tet_count;
     r->nodes[node] = x;
@@ -108,7 +108,7 @@ static inline void reference_split(reference *r, vec3 x) {
         if (reference_least_weight(r, t, x) > -REFERENCE_ON_FACE) reference_split_one(r, t, node);
 }
 
-/* Moves a node of the mesh; afterwards, the entry for the added node belongs to no element. */
+/* Moves a node of the mesh. Afterwards, no element uses the entry for the added node. */
 static inline void reference_move(reference *r, int node, vec3 x) {
     r->nodes[node] = r->nodes[r->node_count] = x;
     r->fixed[r->node_count++] = true;
@@ -118,7 +118,7 @@ static inline double *reference_entry(const reference *r, int node, int a, int o
     return r->matrix + (size_t)(3 * node + a) * (size_t)(3 * r->node_count) + (size_t)(3 * other + b);
 }
 
-/* Assembles the stiffness; with `deviatoric` without lambda, as for a material of the same mu and nu = 0. */
+/* Assembles the stiffness. If `deviatoric`, lambda is omitted, as for a material with the same mu and nu = 0. */
 static inline void reference_assemble(reference *r, bool deviatoric) {
     r->matrix = calloc((size_t)(9 * r->node_count * r->node_count), sizeof(double));
     for (int t = 0; t < r->tet_count; t++) {
@@ -133,7 +133,7 @@ static inline void reference_assemble(reference *r, bool deviatoric) {
     }
 }
 
-/* Sets rows and columns of fixed dofs to zero, except for the diagonal entry: `diagonal` is 1 before the inversion, 0 after it. */
+/* Sets rows and columns of fixed dofs to zero, and their diagonal entries to `diagonal`, which is 1 before the inversion and 0 after it. */
 static inline void reference_isolate(reference *r, double diagonal) {
     for (int n = 0; n < r->node_count; n++) {
         if (!r->fixed[n]) continue;
@@ -154,7 +154,8 @@ static inline void reference_invert(reference *r) {
     reference_isolate(r, 0.0);
 }
 
-/* Adds a share of the volume integral of div u over an element, as coefficients of u. Returns the same share of its volume. */
+/* Adds the fraction `share` of the volume integral of div u over an element, expressed as coefficients of u. Returns the same fraction of the element's
+   volume. */
 static inline double reference_add_divergence(const vec3 *nodes, const int tet[4], double share, double *b) {
     double g[4][3];
     vec3 x[4];
@@ -164,7 +165,7 @@ static inline double reference_add_divergence(const vec3 *nodes, const int tet[4
     return share;
 }
 
-/* Adds the stiffness lambda V b b^T of a mean strain with integral `b` over `volume`, and clears b. */
+/* Adds the stiffness lambda V b b^T of a mean strain whose integral over `volume` is `b`, and sets b to zero. */
 static inline void reference_add_mean(reference *r, const region_material *material, double *b, double volume) {
     double lambda = material->youngs_modulus * material->poisson_ratio / ((1.0 + material->poisson_ratio) * (1.0 - 2.0 * material->poisson_ratio));
     for (int p = 0; p < 3 * r->node_count && volume > 0.0; p++)
@@ -172,7 +173,7 @@ static inline void reference_add_mean(reference *r, const region_material *mater
     memset(b, 0, (size_t)(3 * r->node_count) * sizeof *b);
 }
 
-/* Adds the strain averaged around each node over the elements of one region of the nominal mesh. */
+/* Adds the stiffness of the strain averaged around each node over the elements of one region of the nominal mesh. */
 static inline void reference_average_nodes(reference *r, const tissue *t) {
     const mesh *m = t->mesh;
     double *b = calloc((size_t)(3 * r->node_count), sizeof *b);
@@ -189,7 +190,7 @@ static inline void reference_average_nodes(reference *r, const tissue *t) {
     free(b);
 }
 
-/* Adds the strain averaged over each patch of these elements; each element is part of an element of the nominal mesh, its parent. */
+/* Adds the stiffness of the strain averaged over each patch of these elements. Each element is part of an element of the nominal mesh, its parent. */
 static inline void reference_average_patches(reference *r, const tissue *t, const vec3 *nodes, int count, int (*tets)[4], const int *parent) {
     double *b = calloc((size_t)(3 * r->node_count), sizeof *b);
     for (int patch = 0; patch < t->patch_count; patch++) {
@@ -228,16 +229,16 @@ static inline void reference_refine(const tissue *t, const refinement *added, re
     }
 }
 
-/* Refines the mesh and assembles its stiffness. Mean strains are those of the nominal mesh. */
+/* Refines the mesh and assembles its stiffness. Mean strains are averaged over the nominal mesh. */
 static inline void reference_build(const tissue *t, const refinement *added, reference *r) {
     reference_refine(t, added, r);
     reference_assemble(r, t->volumetric != STRAIN_BY_ELEMENT);
     if (t->volumetric == STRAIN_BY_NODE) reference_average_nodes(r, t);
-    if (t->volumetric == STRAIN_BY_PATCH) /* the first parents are the nominal elements themselves */
+    if (t->volumetric == STRAIN_BY_PATCH) /* at first, the parents are the nominal elements themselves */
         reference_average_patches(r, t, t->mesh->nodes, t->mesh->tet_count, t->mesh->tets, r->parent);
 }
 
-/* As reference_build, with the stiffness inverted. */
+/* Like reference_build, but inverts the stiffness. */
 static inline void reference_create(const tissue *t, const refinement *added, reference *r) {
     reference_build(t, added, r);
     reference_invert(r);

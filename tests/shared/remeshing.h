@@ -1,5 +1,5 @@
-/* Compares a remeshing method's snapshots with the modified mesh, assembled and inverted from scratch. Shared by the tests of all
-   methods. Include this file instead of cmocka. */
+/* Compares a remeshing method's snapshots with the modified mesh, which is assembled and inverted from scratch. Shared by the tests of all methods. Include
+   this file instead of cmocka. */
 #ifndef TROCAR_TESTS_REMESHING_H
 #define TROCAR_TESTS_REMESHING_H
 
@@ -22,7 +22,7 @@
 enum { MOST_NODES = 1000 };
 
 static cube body;
-static const tissue *tested; /* the cube's tissue, or another one */
+static const tissue *tested; /* the tissue under test, by default the cube's */
 static inverse *tested_inverse;
 static compliance_snapshot snapshot, before;
 static remesh_request request;
@@ -89,7 +89,7 @@ static vec3 point_in(int tet, double margin) {
     return mesh_point(tested->mesh, tet, w);
 }
 
-/* Adds nodes of one kind in few elements, so that several nodes share an element. */
+/* Adds nodes of one kind in few elements, so that each element contains several nodes. */
 static inline void add_nodes(kind wanted, int count) {
     for (int i = 0; i < count; i++) {
         int tet = (61 * (rand() % 6) + 3) % tested->mesh->tet_count;
@@ -110,7 +110,7 @@ static inline void add_mixed(int method, int count) {
 
 /* ---- comparison ---- */
 
-/* Returns the node of a handle in the refined mesh, or -1 if the handle is not in use. */
+/* Returns the refined mesh's node for a handle, or -1 if the handle is not in use. */
 static int node_of(int handle) {
     if (handle >= MAX_CONTACTS) return snapshot.window[handle - MAX_CONTACTS];
     if (snapshot.ids[handle] == 0) return -1;
@@ -176,7 +176,7 @@ static void snapshots_equal_an_inversion_from_scratch(void **state) {
     remesher_free(r);
 }
 
-/* Runs `test` on the prostate, or on a cube with the volumetric strain averaged at the nodes. */
+/* Runs `test` on the prostate, or on a cube whose volumetric strain is averaged at the nodes. */
 static inline void with_tissue(const tissue *t, inverse *inv, void (*test)(void)) {
     tested = t;
     tested_inverse = inv;
@@ -206,7 +206,7 @@ static void check_averaged_by(volumetric_strain volumetric) {
     tissue_free(&t);
 }
 
-/* Added nodes leave the mean strains at the nominal nodes. */
+/* Adding nodes does not change the mean strains at the nominal nodes. */
 static void averaged_strain_is_the_nominal_mesh_s(void **state) {
     (void)state;
     check_averaged_by(STRAIN_BY_PATCH);
@@ -217,7 +217,7 @@ static void check_among_fixed(void) {
     remesher *r = start(method);
     choose_window(20);
     for (int i = 0; i < 8; i++) {
-        int tet = 11 * i; /* in the lowest layer */
+        int tet = 11 * i; /* a tetrahedron in the lowest layer */
         add_node(i % 2 ? ON_FACE : INSIDE, tet, point_in(tet, 0.1));
         if (method != REMESH_NESTED) assert_int_equal(add_node(MOVED, tet, point_in(tet, 0.1)), -1);
     }
@@ -242,7 +242,7 @@ static void nodes_among_fixed_ones(void **state) {
     tissue_free(&t);
 }
 
-/* Adds nodes of one kind in the elements along a line, each at the middle of the line's path through its element. */
+/* Adds nodes of one kind in the elements along a line, each at the middle of the line's segment in its element. */
 static void add_track(vec3 from, vec3 to) {
     vec3 along = v3_sub(to, from);
     for (surface_hit at = mesh_enter(tested->mesh, from, to); at.tet >= 0;) {
@@ -260,7 +260,7 @@ static void add_track(vec3 from, vec3 to) {
     }
 }
 
-/* The tracks of two needles cross in the gland, so that they share elements. */
+/* The tracks of two needles cross in the gland, so that their nodes share elements. */
 static void check_tracks(void) {
     remesher *r = start(method);
     choose_window(60);
@@ -303,7 +303,7 @@ static void full_window_and_all_contacts(void **state) {
         add_nodes(kinds[k], MAX_CONTACTS);
         choose_window(MAX_WINDOW);
         check(r);
-        choose_window(MAX_WINDOW); /* an entirely new window */
+        choose_window(MAX_WINDOW); /* a completely different window */
         request.wanted.count = 0;
         add_nodes(kinds[k], MAX_CONTACTS);
         check(r);
@@ -311,7 +311,7 @@ static void full_window_and_all_contacts(void **state) {
     }
 }
 
-/* Requests nodes at points on the mesh's own nodes, edges and faces. */
+/* Requests nodes at points that coincide with nodes, edges and faces of the mesh. */
 static void nodes_aimed_at_corners_edges_and_faces(void **state) {
     (void)state;
     static const double at[4][4] = {{1, 0, 0, 0}, {0.5, 0.5, 0, 0}, {0.3, 0.3, 0.4, 0}, {0, 0, 0, 1}};
@@ -324,8 +324,7 @@ static void nodes_aimed_at_corners_edges_and_faces(void **state) {
     }
 }
 
-/* Nodes are added and removed many times while others stay; the remaining nodes are compared each time, and the original mesh at
-   the end. */
+/* Nodes are added and removed many times while other nodes remain. The remaining nodes are compared each time, and the original mesh is compared at the end. */
 static void removal_restores_the_original(void **state) {
     (void)state;
     remesher *r = start(method);
@@ -357,8 +356,7 @@ static void removal_restores_the_original(void **state) {
     remesher_free(r);
 }
 
-/* Nodes are removed in random order from among others that share their elements and faces; some are added in between. Remaining nodes keep their
-   slots. */
+/* Nodes that share elements and faces with others are removed in random order, and some are added in between. The remaining nodes keep their slots. */
 static void nodes_go_in_any_order(void **state) {
     (void)state;
     remesher *r = start(method);
@@ -383,7 +381,7 @@ static void nodes_go_in_any_order(void **state) {
     remesher_free(r);
 }
 
-/* Returns the interpolated displacement at a point of the nominal mesh under a force at another point, from an inversion from scratch. */
+/* Returns the interpolated displacement at a point of the nominal mesh under a force at another point, from a matrix inverted from scratch. */
 static mat3 nominal_between(const reference *nominal, const added_node *node, const added_node *other) {
     mat3 sum = {{{0}}};
     double w[4], v[4];
@@ -396,7 +394,7 @@ static mat3 nominal_between(const reference *nominal, const added_node *node, co
     return sum;
 }
 
-/* Added nodes, many in one element, on faces, and moved ones, do not make contacts more compliant. */
+/* Added nodes, whether many in one element, on faces, or moved, do not make contacts more compliant. */
 static void contacts_yield_as_in_the_nominal_mesh(void **state) {
     (void)state;
     static const refinement none = {.count = 0};
@@ -406,7 +404,7 @@ static void contacts_yield_as_in_the_nominal_mesh(void **state) {
     for (int n = 0; n < 9; n++) {
         if (n < 3 || n > 6) add_nodes(INSIDE, 9);
         else add_mixed(method, 9);
-        if (n == 7) request.wanted.count = 0; /* no nodes on faces from here on */
+        if (n == 7) request.wanted.count = 0; /* from here on, nodes on faces are removed */
         if (n == 7) add_nodes(INSIDE, 12);
         for (int k = 0; k < 4; k++) refinement_remove(tested->mesh, &request.wanted, request.wanted.nodes[request.wanted.order[rand() % request.wanted.count]].id);
         serve(r);

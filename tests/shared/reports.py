@@ -5,11 +5,11 @@ import subprocess
 import matplotlib
 
 matplotlib.use("svg")
-matplotlib.rcParams["svg.fonttype"] = "none"  # keeps text as text
-matplotlib.rcParams["svg.hashsalt"] = "trocar"  # the same input gives the same file
+matplotlib.rcParams["svg.fonttype"] = "none"  # keeps text as text in the SVG file
+matplotlib.rcParams["svg.hashsalt"] = "trocar"  # makes the output file reproducible
 import matplotlib.pyplot as plt  # noqa: E402
 
-# Colours of Okabe and Ito, which can be told apart without colour vision.
+# Colours of Okabe and Ito, which can be distinguished by people with colour vision deficiencies.
 COLOURS = ("#0072B2", "#D55E00", "#009E73", "#CC79A7", "#E69F00", "#56B4E9", "#000000")
 
 
@@ -34,7 +34,7 @@ def commit_of(folder):
 
 @contextlib.contextmanager
 def axes_for(curves, path):
-    """Provides axes for the curves, with the first curve's labels; saves the plot at the end."""
+    """Provides axes for the curves, labelled as in the first curve; saves the plot at the end."""
     figure, axes = plt.subplots(figsize=(6.4, 4.0), layout="constrained")
     yield axes
     axes.set_xlabel(curves[0]["x_label"])
@@ -46,7 +46,7 @@ def axes_for(curves, path):
 
 
 def write(folder, lines):
-    """Replaces plots/ and REPORT.md; the lines may draw into plots/."""
+    """Replaces plots/ and REPORT.md; generating the lines may create files in plots/."""
     plots = folder / "plots"
     plots.mkdir(exist_ok=True)
     for old in plots.glob("*.svg"):

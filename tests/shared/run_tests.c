@@ -1,6 +1,6 @@
-/* The main function of a program with several tests: runs one of them, a source file whose own main is compiled under the file's name.
-   usage: PROGRAM TEST [--only CASES | --except CASES]     TEST may be left out if the program has one; CASES: those of the file, by name, as
-   patterns with * and ?, separated by commas. Without arguments, a program with several tests prints their names. */
+/* The main function of a program with several tests. It runs one of them: each test is a source file whose main function is renamed to the file's name. usage:
+   PROGRAM TEST [--only CASES | --except CASES] TEST may be left out if the program has one; CASES: those of the file, by name, as patterns with * and ?,
+   separated by commas. Without arguments, a program with several tests prints their names. */
 #include <fnmatch.h>
 #include <setjmp.h>
 #include <stdarg.h>
@@ -29,7 +29,7 @@ enum { TESTS_COUNT = sizeof programs_tests / sizeof *programs_tests, MOST_PATTER
 
 static char *patterns[MOST_PATTERNS];
 static int pattern_count;
-static bool except; /* run all cases except those that match */
+static bool except; /* if true, runs all cases except those that match */
 
 static bool fits(const char *name, bool *used) {
     bool any = false;
@@ -38,7 +38,7 @@ static bool fits(const char *name, bool *used) {
     return any;
 }
 
-/* The linker replaces cmocka's function, whose filter accepts a single pattern, by this one. */
+/* The linker replaces cmocka's function by this one, because cmocka's filter accepts only a single pattern. */
 int __real__cmocka_run_group_tests(const char *group, const struct CMUnitTest *cases, size_t count, CMFixtureFunction setup, CMFixtureFunction teardown);
 int __wrap__cmocka_run_group_tests(const char *group, const struct CMUnitTest *cases, size_t count, CMFixtureFunction setup, CMFixtureFunction teardown);
 int __wrap__cmocka_run_group_tests(const char *group, const struct CMUnitTest *cases, size_t count, CMFixtureFunction setup, CMFixtureFunction teardown) {

@@ -5,31 +5,31 @@
 #include "lockstep.h"
 
 typedef struct {
-    const char *mesh;            /* NULL: the mesh of the figure-8 scene */
+    const char *mesh;            /* path of the mesh, or NULL for that of the figure-8 scene */
     needle_parameters needle;
     double tissue_modulus;       /* Pa, everywhere */
-    double strength;             /* factor on the membranes' strength, the friction and the cutting resistance of the 60 kPa tissue */
+    double strength;             /* factor on the strength of membranes and on the friction and cutting resistance, relative to those of tissue with 60 kPa */
     double x, y;                 /* m, entry point */
-    double roll;                 /* rad about the needle's axis at the start; 0: the bevel faces +y */
-    double half_turn_at;         /* m of base travel at which the needle is rolled by half a turn; INFINITY: never */
-    double bevel_from;           /* m of base travel from which the bevel acts; 0: from the start */
-    double way;                  /* m, travel of the base along +z, which starts with the tip 1 mm in front of the skin */
+    double roll;                 /* rad, initial roll about the needle's axis; at 0, the bevel faces +y */
+    double half_turn_at;         /* m, base travel at which the needle is rolled by half a turn; INFINITY for never */
+    double bevel_from;           /* m, base travel from which the bevel has an effect; 0 for the start */
+    double way;                  /* m, travel of the base along +z, starting with the tip 1 mm in front of the skin */
 } steering_case;
 
-/* The nominal track from the skin to the tip. */
+/* The nominal track, from the skin to the tip. */
 typedef struct {
     int count;
     vec3 points[MAX_CONTACTS + 2]; /* m */
 } steering_track;
 
-/* The scene's 18 G steel needle. */
+/* Returns the scene's 18 G steel needle. */
 static inline steering_case steering_steel(double slope) {
     steering_case c = {.needle = lockstep_config().needle, .tissue_modulus = 60e3, .strength = 1.0, .x = 0.005, .y = 0.003, .half_turn_at = INFINITY, .way = 0.08};
     c.needle.bevel_slope = slope;
     return c;
 }
 
-/* Webster's wire: solid nitinol, 0.7 mm. It is short, because nothing guides it between base and skin. */
+/* Returns Webster's wire: solid nitinol, 0.7 mm thick. It is short, because nothing guides it between base and skin. */
 static inline steering_case steering_nitinol(double slope) {
     steering_case c = steering_steel(slope);
     c.needle.length = 0.1;
@@ -39,7 +39,7 @@ static inline steering_case steering_nitinol(double slope) {
     return c;
 }
 
-/* One material, and membranes that a thin needle can puncture without buckling. */
+/* Returns a configuration with one material, and with membranes that a thin needle can puncture without buckling. */
 static inline simulation_config steering_config(const steering_case *given) {
     simulation_config c = lockstep_config();
     if (given->mesh) snprintf(c.mesh_path, sizeof c.mesh_path, "%s", given->mesh);
@@ -80,11 +80,11 @@ static inline steering_track steering_run(const steering_case *given) {
     return track;
 }
 
-/* Returns the initial direction of steering: away from the bevel's face. */
+/* Returns the initial direction of steering, which points away from the bevel's face. */
 static inline vec3 steering_direction(double roll) { return v3(sin(roll), -cos(roll), 0); }
 
-/* Returns by superposition where the track of a needle that is rolled by half a turn at `at` must end: for small deflections,
-   cutting is linear in the bevel's slope, so the half turn subtracts twice the track of a bevel that acts only after that point. */
+/* Returns where the track of a needle that is rolled by half a turn at `at` must end, by superposition: for small deflections, cutting is linear in the bevel's
+   slope, so the half turn subtracts twice the track of a bevel that has an effect only after that point. */
 static inline double steering_superposed(const steering_case *given, double at, vec3 sideways) {
     steering_case always = *given, later = *given;
     always.half_turn_at = INFINITY;
@@ -95,8 +95,8 @@ static inline double steering_superposed(const steering_case *given, double at, 
     return v3_dot(v3_sub(a, whole.points[0]), sideways) - 2.0 * v3_dot(v3_sub(b, part.points[0]), sideways);
 }
 
-/* Returns the signed curvature, 1/m, of the part of the track between these depths (z, m) in the plane of +z and `sideways`: a
-   least-squares parabola over the part's chord. Positive: toward `sideways`. */
+/* Returns the signed curvature (1/m) of the part of the track between these depths (z, m) in the plane of +z and `sideways`, positive toward `sideways`. It is
+   that of a least-squares parabola over the chord of this part. */
 static inline double steering_curvature(const steering_track *track, double from, double to, vec3 sideways) {
     int first = 0, last = track->count - 1;
     while (first < last && track->points[first].z < from) first++;
@@ -117,7 +117,7 @@ static inline double steering_curvature(const steering_track *track, double from
     return 2.0 * m3_apply(&inverse, t).z / (length * length);
 }
 
-/* Returns the deviation of the tip from a straight path, toward `sideways`, m. */
+/* Returns the deviation (m) of the tip from a straight path, toward `sideways`. */
 static inline double steering_deflection(const steering_track *track, vec3 sideways) {
     return v3_dot(v3_sub(track->points[track->count - 1], track->points[0]), sideways);
 }

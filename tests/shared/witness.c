@@ -30,19 +30,19 @@
 
 enum {
     SKIPPED = 77,
-    CANNOT_RUN = 126,                /* this status and above: there is no such program, or a signal killed it */
+    CANNOT_RUN = 126,                /* this status or a higher one means that there is no such program, or that a signal killed it */
     MAX_PROCESSORS = 64,
-    PRIORITY = 98,                   /* above the server (80), below the kernel's own threads (99) */
+    PRIORITY = 98,                   /* above the server (80) and below the kernel's own threads (99) */
     PERIOD_NS = 1000000,
-    LATE_NS = 500000,                /* an idle machine wakes such a thread within about 50 us */
+    LATE_NS = 500000,                /* an idle machine wakes up such a thread within about 50 us */
 };
 
-static const double QUIET = 2e-3;    /* fraction of late wake-ups that a test has to tolerate */
+static const double QUIET = 2e-3;    /* fraction of late wake-ups that a test must tolerate */
 
 typedef struct {
     int processor;
     bool real_time;
-    long wakes, late;                /* whole periods during which the thread did not wake count as late, too */
+    long wakes, late;                /* whole periods in which the thread did not wake up also count as late */
     long long longest_ns;
 } observer;
 
@@ -73,11 +73,10 @@ static void *observe(void *context) {
     return NULL;
 }
 
-/* Passes on the command's output until the command has ended. Returns true if a sanitizer reported something. A process left in the
-   background may hold the pipe open, and write to it, for ever; after the command has ended, its own remaining output is at most
-   what a pipe can hold. */
+/* Passes on the command's output until the command has ended. Returns true if a sanitizer reported an error. A process left in the background may keep the pipe
+   open and write to it indefinitely. After the command has ended, its own remaining output is therefore limited to the capacity of a pipe. */
 static bool pass_on(int pipe_end, int process) {
-    enum { PIPE_HOLDS = 65536, CARRIED = 32 }; /* bytes carried over from one piece to the next: longer than a report's mark */
+    enum { PIPE_HOLDS = 65536, CARRIED = 32 }; /* bytes that are kept from one piece of output to the next, more than a report's marker has */
     static const char *const reports[] = {"Sanitizer: ", "runtime error: "};
     static char text[CARRIED + 4096];
     struct pollfd sources[] = {{.fd = pipe_end, .events = POLLIN}, {.fd = process, .events = POLLIN}};
@@ -123,7 +122,7 @@ static int run(char *const command[], bool *reported) {
     return WIFEXITED(status) ? WEXITSTATUS(status) : 128 + WTERMSIG(status);
 }
 
-/* Returns the command's status; *quiet becomes true if the machine had no stalls meanwhile, or could not be watched. */
+/* Returns the command's exit status. *quiet is set to true if the machine did not stall in the meantime, or could not be monitored. */
 static int run_watched(char *const command[], bool *quiet, bool *reported) {
     pthread_t threads[MAX_PROCESSORS];
     observer observers[MAX_PROCESSORS] = {0};

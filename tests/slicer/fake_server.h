@@ -28,7 +28,7 @@ using Vector = std::array<double, 3>;
 
 class FakeServer {
 public:
-    /* Set before start(). `displace` returns a node's displacement, m, at the time in s. */
+    /* Must be set before start(). `displace` returns the displacement (m) of a node at a time (s). */
     std::vector<Vector> nodes, centreline;
     std::function<Vector(const Vector &, double)> displace = [](const Vector &, double) { return Vector{0, 0, 0}; };
     double orientation[4] = {1, 0, 0, 0}, tip_lead = 0;
@@ -36,7 +36,7 @@ public:
     double probe_orientation[4] = {1, 0, 0, 0};
     std::atomic<int64_t> number{77};
     std::atomic<bool> silent{false};
-    std::atomic<size_t> most_nodes{SIZE_MAX}; /* number of nodes in its messages */
+    std::atomic<size_t> most_nodes{SIZE_MAX}; /* largest number of nodes in its messages */
 
     FakeServer() {
         hearing = lcm_create(nullptr);
@@ -70,7 +70,7 @@ public:
         trocar_command_t_unsubscribe(hearing, on_command);
         lcm_destroy(hearing);
     }
-    std::vector<trocar_needle_pose_t> poses() { /* returns the poses since the last call */
+    std::vector<trocar_needle_pose_t> poses() { /* returns the poses received since the last call */
         std::lock_guard<std::mutex> lock(mutex);
         return std::move(heard_poses);
     }

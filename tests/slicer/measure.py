@@ -23,7 +23,7 @@ STREAM = "udpm://239.255.76.67:7668?ttl=0"
 
 
 def start(command, **environment):
-    """Starts a program and waits until it prints ready."""
+    """Starts a program and waits until it prints "ready"."""
     process = subprocess.Popen(command, stdout=subprocess.PIPE, stderr=subprocess.DEVNULL, text=True, env=os.environ | environment)
     for line in process.stdout:
         if line == "ready\n":
@@ -33,7 +33,7 @@ def start(command, **environment):
 
 
 class Timing:
-    """The server's TROCAR_TIMING messages: ten per second, each with the percentiles of its 100 ms."""
+    """Receives the server's TROCAR_TIMING messages: ten per second, each with the percentiles of the last 100 ms."""
 
     def __init__(self):
         self.socket = socket.socket(socket.AF_INET, socket.SOCK_DGRAM)

@@ -97,7 +97,7 @@ struct Surface {
             triangles.push_back({static_cast<int>(corners[0]), static_cast<int>(corners[1]), static_cast<int>(corners[2])});
         }
     }
-    double volume() const { /* by the divergence theorem: positive if faces point outwards */
+    double volume() const { /* by the divergence theorem; positive if the faces point outwards */
         double sum = 0;
         for (const auto &t : triangles) {
             const Vector &a = points[t[0]], &b = points[t[1]], &c = points[t[2]];
@@ -105,7 +105,7 @@ struct Surface {
         }
         return sum / 6;
     }
-    /* True if a ray in a direction along no edge crosses the surface an odd number of times. */
+    /* Returns true if a ray, whose direction is not along any edge, crosses the surface an odd number of times. */
     bool contains(const Vector &x) const {
         static const Vector along = {0.4358, 0.5123, 0.7399};
         int crossings = 0;
@@ -122,11 +122,11 @@ struct Surface {
     static Vector cross(const Vector &a, const Vector &b) { return {a[1] * b[2] - a[2] * b[1], a[2] * b[0] - a[0] * b[2], a[0] * b[1] - a[1] * b[0]}; }
 };
 
-static const std::vector<std::string> ORGANS = {"prostate", "surrounding", "perineum", "muscle"}; /* in the scene's order */
+static const std::vector<std::string> ORGANS = {"prostate", "surrounding", "perineum", "muscle"}; /* in the same order as in the scene */
 
 static Vector shear(const Vector &x, double) { return {0.04 * x[2], -0.03 * x[0], 0.05 * x[1] + 0.002}; }
 
-/* Compares the volume's points in the displaced mesh and its volume, mm^3, with those of the message. */
+/* Compares the volume (mm^3) and the points of the message with those of the displaced mesh. */
 static void check_surface(const Mesh &mesh, const std::string &name, const Surface &surface) {
     const int32_t *tets = trocar_model_tets(mesh.model), *regions = trocar_model_tet_regions(mesh.model), *neighbours = trocar_model_neighbours(mesh.model);
     int region = trocar_model_find_region(mesh.model, name.c_str(), 3);
@@ -160,7 +160,7 @@ static void check_surface(const Mesh &mesh, const std::string &name, const Surfa
 
 /* ---- images ---- */
 
-/* Returns a position as Slicer reads the message (OpenIGTLinkIO, igtlioConverterUtilities.cxx): the image's position is its middle. */
+/* Returns a position as Slicer interprets the message (OpenIGTLinkIO, igtlioConverterUtilities.cxx): the position of an image is that of its centre. */
 static Vector place_of(igtl::ImageMessage::Pointer m, double i, double j) {
     igtl::Matrix4x4 matrix;
     float spacing[3];
@@ -174,7 +174,7 @@ static Vector place_of(igtl::ImageMessage::Pointer m, double i, double j) {
     return x;
 }
 
-/* Finds the organ that contains each pixel's middle, by the surfaces; the image must agree, except for pixels at a surface. */
+/* Determines from the surfaces which organ contains the centre of each pixel. The image must agree, except for pixels on a surface. */
 static void check_image(igtl::ImageMessage::Pointer m, const std::vector<Surface> &organs, const char *name) {
     int size[3], differing = 0, further = 0, tissue = 0;
     m->GetDimensions(size);
@@ -212,7 +212,7 @@ static void test_values() {
     EXPECT(bridge.ready(), "%s", bridge.errors_text().c_str());
     Client client(bridge.port());
     EXPECT(client.has({"NeedleToReference", "NeedleTipToReference", "NeedleForce", "ProbeToReference", "ProbeForce", "TrocarStatus", "Needle", "AxialImage", "SagittalImage"}));
-    client.receive_for(0.5); /* all messages belong to one picture */
+    client.receive_for(0.5); /* all messages belong to the same picture */
     for (auto &ages : client.ages) EXPECT(ages.second.back() > 0 && ages.second.back() < 1, "%s is %g s old", ages.first.c_str(), ages.second.back());
 
     expect_columns(client.transform("NeedleToReference"), {{-1, 0, 0, 0, -1, 0, 0, 0, 1, -40, 0, 0}}, 1e-4, "base");
@@ -242,7 +242,7 @@ static void test_values() {
     check_image(client.images["AxialImage"], organs, "axial");
     check_image(client.images["SagittalImage"], organs, "sagittal");
 
-    /* The axial image lies across the probe's axis, 141 mm from its base: 150 mm minus the tip's 9 mm. */
+    /* The axial image lies at a right angle to the probe's axis, 141 mm from its base: 150 mm minus the tip's 9 mm. */
     int size[3];
     client.images["AxialImage"]->GetDimensions(size);
     for (int j : {0, size[1] - 1})
@@ -253,7 +253,7 @@ static void test_values() {
     EXPECT(bridge.stop(SIGTERM) == 0);
 }
 
-/* As in ultrasound, the gland is darker than the tissue around it, and the needle is a bright spot where it crosses the plane. */
+/* As in ultrasound, the gland is darker than the surrounding tissue, and the needle is a bright spot where it crosses the plane. */
 static void test_echo() {
     Mesh mesh(write_scene());
     FakeServer server;
@@ -312,7 +312,7 @@ static std::vector<unsigned char> raw_columns(const Columns &c) {
     return body;
 }
 
-static const Columns STYLUS = {{-1, 0, 0, 0, -1, 0, 0, 0, 1, -40, 0, 0}}; /* the base of set_up */
+static const Columns STYLUS = {{-1, 0, 0, 0, -1, 0, 0, 0, 1, -40, 0, 0}}; /* pose of the needle's base after set_up(), in stylus coordinates */
 
 static void test_slow_client(const Mesh &mesh) {
     FakeServer server;
@@ -337,11 +337,11 @@ static void test_slow_client(const Mesh &mesh) {
     std::printf("beside clients that never read: %g surfaces a second, needle %.1f ms old at p50, %.1f ms at p99; memory %+ld kB\n", client.counts["prostate"] / time,
                 1e3 * ages[ages.size() / 2], 1e3 * ages[ages.size() * 99 / 100], (bridge.memory() - memory) / 1024);
     EXPECT(ages[ages.size() / 2] < 0.02, "needle %g s old", ages[ages.size() / 2]);
-#ifndef __SANITIZE_ADDRESS__ /* the sanitizer keeps freed memory for a while */
+#ifndef __SANITIZE_ADDRESS__ /* the sanitizer does not release freed memory immediately */
     EXPECT(bridge.memory() - memory < 16 << 20, "%ld bytes", bridge.memory() - memory);
 #endif
 
-    /* One of them finally reads: it has missed values, and soon gets the newest. */
+    /* One of these clients finally reads: it has missed values, but soon receives the newest ones. */
     int needles = 0;
     double age = 1e9;
     for (double end = seconds() + 10; age > 0.2 && seconds() < end;) {
@@ -361,7 +361,7 @@ static void test_slow_client(const Mesh &mesh) {
     EXPECT(needles < 60, "%d needle poses of 90", needles);
 }
 
-/* Reads messages at this rate, with the receive buffer that the system provides: up to megabytes, which the bridge must not fill. */
+/* Reads messages at this rate, with the receive buffer that the system provides. The buffer may have several megabytes, which the bridge must not fill. */
 static void test_slow_reader(const Mesh &mesh, double rate) {
     FakeServer server;
     set_up(server, mesh);
@@ -389,14 +389,14 @@ static void test_slow_reader(const Mesh &mesh, double rate) {
         double age = epoch_seconds() - static_cast<double>(stamp) / 4294967296.0;
         std::string name(reinterpret_cast<char *>(head) + 14, strnlen(reinterpret_cast<char *>(head) + 14, 20));
         counts[name]++;
-        if (seconds() > begin + 3 && name != "TrocarStatus") oldest = std::max(oldest, age); /* organs at rest are sent once */
+        if (seconds() > begin + 3 && name != "TrocarStatus") oldest = std::max(oldest, age); /* organs at rest are sent only once */
     }
     std::printf("a client that reads %.1f MB/s, messages of up to %.2f MB: values at most %.2f s old;", 1e-6 * rate, 1e-6 * static_cast<double>(largest), oldest);
     for (const auto &c : counts) std::printf(" %s %d", c.first.c_str(), c.second);
     std::printf("\n");
     EXPECT(oldest < 0.5 + 3 * static_cast<double>(largest) / rate, "%g s old", oldest);
     EXPECT(counts["prostate"] >= 5 && counts["NeedleToReference"] > 50, "%d surfaces, %d needle poses", counts["prostate"], counts["NeedleToReference"]);
-    EXPECT(rate < 1e7 || counts["prostate"] > 150, "%d surfaces in 8 s", counts["prostate"]); /* a client that keeps up gets all of them */
+    EXPECT(rate < 1e7 || counts["prostate"] > 150, "%d surfaces in 8 s", counts["prostate"]); /* a client that reads fast enough receives all surfaces */
 }
 
 static void test_slow() {
@@ -421,8 +421,8 @@ static void test_garbage(const Mesh &mesh) {
     }
     EXPECT(bridge.said("sent no OpenIGTLink header: disconnected") && bridge.said("announced a message of more than 256 MB: disconnected"), "%s", bridge.errors_text().c_str());
 
-    /* These messages are skipped and the following ones are accepted: each is sent on a connection of its own, because faults are reported once a
-       second for each connection. */
+    /* These messages are skipped, and the messages after them are accepted. Each is sent on a connection of its own, because faults are reported at most once
+       per second and connection. */
     float nan = std::numeric_limits<float>::quiet_NaN(), infinity = std::numeric_limits<float>::infinity();
     std::vector<unsigned char> good = raw_columns(STYLUS);
     struct { std::vector<unsigned char> bytes; const char *said; } faults[] = {
@@ -470,7 +470,7 @@ static void test_garbage(const Mesh &mesh) {
     EXPECT(bridge.stop(SIGTERM) == 0);
 }
 
-/* A client that sends headers of version 2 receives such headers; queries return values again that have not changed. */
+/* A client that sends headers of version 2 receives such headers. A query returns values again even if they have not changed. */
 static void test_versions(const Mesh &mesh) {
     FakeServer server;
     set_up(server, mesh);
@@ -480,7 +480,7 @@ static void test_versions(const Mesh &mesh) {
     std::set<int> answered;
     for (int version : {1, 2}) {
         Connection client(bridge.port());
-        wait(0.5); /* so that it has all surfaces already */
+        wait(0.5); /* so that the client has already received all surfaces */
         client.send(raw(version, "GET_POLYDATA", "prostate", {}, 0));
         int surfaces = 0;
         for (double end = seconds() + 2; seconds() < end && surfaces < 2;) {
@@ -502,7 +502,7 @@ static void test_versions(const Mesh &mesh) {
         EXPECT(surfaces == 2, "version %d: %d surfaces", version, surfaces);
     }
     EXPECT(answered == (std::set<int>{1, 2}));
-    std::vector<unsigned char> body = {0, 12, 0, 10, 0, 0, 0, 8, 0, 0, 0, 1}, content = raw_columns(STYLUS); /* with metadata: Unit, mm */
+    std::vector<unsigned char> body = {0, 12, 0, 10, 0, 0, 0, 8, 0, 0, 0, 1}, content = raw_columns(STYLUS); /* with the metadata "Unit: mm" */
     body.insert(body.end(), content.begin(), content.end());
     for (unsigned char c : {0, 1, 0, 4, 0, 3, 0, 0, 0, 4}) body.push_back(c);
     for (char c : std::string("Unitmmmm")) body.push_back(static_cast<unsigned char>(c));
@@ -532,7 +532,7 @@ static void test_server_restart(const Mesh &mesh) {
     client.counts.clear();
     client.receive_for(1);
     EXPECT(client.counts["NeedleToReference"] >= 25, "%d", client.counts["NeedleToReference"]);
-    server.most_nodes = 10; /* another mesh than the bridge's */
+    server.most_nodes = 10; /* a mesh that differs from the bridge's */
     EXPECT(soon([&] { return bridge.said("is --scene " + std::string(trocar_scene_path(mesh.scene)) + " its scene"); }));
     EXPECT(bridge.stop(SIGINT) == 0);
 }
@@ -576,16 +576,16 @@ static void test_trackers() {
     FakeServer server;
     set_up(server, mesh);
     server.start();
-    igtl::ServerSocket::Pointer plus = igtl::ServerSocket::New(); /* a tracker that is itself a server */
+    igtl::ServerSocket::Pointer plus = igtl::ServerSocket::New(); /* a tracker that acts as a server */
     Program bridge(work, bridge_command(trocar_scene_path(mesh.scene), {"--tracker", "127.0.0.1:18945", "--probe-from", "StepperToReference"}));
     EXPECT(bridge.ready());
     EXPECT(soon([&] { return bridge.said("no tracker at 127.0.0.1:18945"); }));
 
-    /* A client moves the needle by 10 mm between two poses of a tracker, 50 ms apart: uniformly, in steps. */
+    /* Two poses of a tracker are 50 ms apart, and the needle moves 10 mm from one to the other: uniformly, in small steps. */
     igtl::ClientSocket::Pointer client = igtl::ClientSocket::New();
     EXPECT(client->ConnectToServer("127.0.0.1", bridge.port()) == 0);
     Columns moved = STYLUS;
-    moved.numbers[9] += 10; /* to the right: towards the mesh's -y */
+    moved.numbers[9] += 10; /* to the right, which is the mesh's -y direction */
     send_transform(client, "StylusToReference", STYLUS);
     EXPECT(soon([&] { return !server.poses().empty(); }), "%s", bridge.errors_text().c_str());
     wait(0.05);
@@ -611,7 +611,7 @@ static void test_trackers() {
     EXPECT(between >= 5 && largest < 0.006, "%d poses between, the largest step %g m", between, largest);
     EXPECT(!poses.empty() && std::fabs(poses.back().position[1] - 0.01) < 1e-8);
 
-    /* While poses are missing, the needle stays, and is then released; the next pose takes it again. */
+    /* If poses are missing, the needle stops and is then released; the next pose takes it again. */
     wait(1);
     poses = server.poses();
     EXPECT(poses.size() > 100 && server.releases == 0, "%zu poses", poses.size());
@@ -622,7 +622,7 @@ static void test_trackers() {
     send_transform(client, "StylusToReference", moved);
     EXPECT(soon([&] { return !server.poses().empty(); }));
 
-    /* A stepper moves the probe: x, y, z of the mesh are head, right to left, front to back. */
+    /* A stepper moves the probe: the mesh's x, y and z axes point to the head, from right to left, and from front to back. */
     server.probes();
     send_transform(client, "StepperToReference", {{0, 0, 1, -1, 0, 0, 0, -1, 0, 12, 110, -10}});
     std::vector<trocar_probe_pose_t> probes;
@@ -635,7 +635,7 @@ static void test_trackers() {
     }
     client->CloseSocket();
 
-    /* The tracker's own server connects, disappears, and comes back. */
+    /* A tracker that acts as a server is connected, disappears, and returns. */
     EXPECT(soon([&] { return server.releases == 2; }, 5));
     EXPECT(plus->CreateServer(18945) == 0);
     for (int i = 0; i < 2; i++) {
@@ -654,7 +654,7 @@ static void test_trackers() {
 
 /* ---- a real server ---- */
 
-/* A tracker inserts the needle of figure 8, whose mesh has no patient: right, front and head are the mesh's x, y and z. */
+/* A tracker inserts the needle of figure 8, whose mesh is not in patient coordinates: right, front and head are the mesh's x, y and z axes. */
 static void test_server() {
     std::string scene = meshes + "/figure8.yaml";
     std::filesystem::create_directory(work + "/server");
@@ -664,7 +664,7 @@ static void test_server() {
     EXPECT(bridge.ready() && bridge.said("has no patient_to_mesh"), "%s", bridge.errors_text().c_str());
     Client client(bridge.port());
     double force = 0, depth = 0;
-    auto insert = [&] { /* 35 mm at 20 mm/s, 30 poses a second, as long as it takes */
+    auto insert = [&] { /* 35 mm at 20 mm/s with 30 poses per second, for as long as this takes */
         for (int i = 0; i < 53; i++) {
             send_transform(client.socket, "StylusToReference", {{1, 0, 0, 0, 1, 0, 0, 0, 1, 5, 3, -205 + 20.0f * static_cast<float>(i) / 30}});
             client.receive_for(1.0 / 30);
@@ -677,13 +677,13 @@ static void test_server() {
     };
     insert();
     EXPECT(force > 0.3 && force < 20, "%g N", force);
-    EXPECT(depth > 20 && depth < 32, "%g mm", depth); /* the skin is at z = 0, the tip started 5 mm before it */
+    EXPECT(depth > 20 && depth < 32, "%g mm", depth); /* the skin is at z = 0, and the tip started 5 mm in front of it */
     Columns base = client.transform("NeedleToReference"), tip = client.transform("NeedleTipToReference");
     const float last = -205 + 20.0f * 52 / 30;
     EXPECT(std::fabs(base.numbers[9] - 5) < 1e-3 && std::fabs(base.numbers[10] - 3) < 1e-3 && std::fabs(base.numbers[11] - last) < 0.01, "base at z = %g mm", base.numbers[11]);
     EXPECT(std::fabs(tip.numbers[11] - (last + 200)) < 1 && std::hypot(tip.numbers[9] - 5, tip.numbers[10] - 3) < 10, "tip at z = %g mm", tip.numbers[11]);
 
-    /* The server is killed and started again: clients stay connected and are informed, and the tracker's needle is held again. */
+    /* The server is killed and started again: clients remain connected and are informed, and the tracker holds the needle again. */
     server->stop(SIGKILL);
     EXPECT(client.until([&] { return client.text("TrocarStatus").find("\"server\": false") != std::string::npos; }));
     server = std::make_unique<Program>(work + "/server", std::vector<std::string>{server_path, "--scene", scene, "--allow-non-rt"});
@@ -692,12 +692,12 @@ static void test_server() {
     insert();
     EXPECT(bridge.said("the server is silent") && bridge.said("another server"), "%s", bridge.errors_text().c_str());
     EXPECT(client.text("TrocarStatus").find("\"server\": true") != std::string::npos);
-    /* the force is smaller, because the new server's needle was in the tissue at once, where the tissue counts as cut */
+    /* the force is smaller, because the needle of the new server started inside the tissue, which counts as cut along its path */
     EXPECT(force > 0.1 && depth > 20, "%g N at %g mm", force, depth);
     EXPECT(bridge.stop(SIGTERM) == 0 && server->stop(SIGTERM) == 0);
 }
 
-/* For measure.py: a server of the scene MESHES with 30 pictures a second, each another one, until it is stopped. */
+/* Used by measure.py: acts as a server of the scene MESHES that sends 30 pictures per second, each different, until it is stopped. */
 static void stream() {
     Mesh mesh(meshes);
     FakeServer server;

@@ -28,11 +28,11 @@
 
 /* ---- a device in memory ---------------------------------------------------------------------------------------------- */
 
-static int ends[2];                     /* sockets of the driver and the test */
-static struct libevdev *memory;         /* the opened device; NULL: a real device */
+static int ends[2];                     /* sockets of the driver and of the test */
+static struct libevdev *memory;         /* the device that was opened, or NULL for a real device */
 typedef struct { int uploads, removals; struct ff_effect last; } rendered;
 static rendered motors;                 /* protected by `lock`, because the driver may run in a thread */
-static int refusal;                     /* errno of the next uploads; 0: success */
+static int refusal;                     /* errno returned by the next uploads, or 0 for success */
 static pthread_mutex_t lock = PTHREAD_MUTEX_INITIALIZER;
 
 int __real_libevdev_new_from_fd(int fd, struct libevdev **dev);
@@ -109,7 +109,7 @@ static void send_event(unsigned type, unsigned code, int value) {
     assert_int_equal(send(ends[1], &e, sizeof e, 0), sizeof e);
 }
 
-/* Returns the last order to play or to stop the effect; -1 if there was none. */
+/* Returns the last request to play or to stop the effect, or -1 if there was none. */
 static int played(void) {
     int value = -1;
     for (struct input_event e; recv(ends[1], &e, sizeof e, MSG_DONTWAIT) == sizeof e;)
@@ -143,7 +143,7 @@ static void the_mapping_scales_turns_and_cuts(void **unused) {
     char why[256] = "";
     assert_true(mapping_parse_axes(&m, "forward=-y,right=x,up=z,pitch=-rx,yaw=ry,roll=rz", joystick_driver.axis_names, why, sizeof why));
     rate_control_command c = mapping_command(&m, &state);
-    assert_close(c.right, -0.5, 1e-12);  /* (0.6 - 0.2) / 0.8; the home pose's x is to the left */
+    assert_close(c.right, -0.5, 1e-12);  /* (0.6 - 0.2) / 0.8; the home pose's x axis points to the left */
     assert_close(c.forward, 0, 0);       /* within the dead zone */
     assert_close(c.up, -1, 0);
     assert_close(c.pitch, 0, 1e-12);     /* at the edge of the dead zone */
@@ -157,7 +157,7 @@ static void the_mapping_scales_turns_and_cuts(void **unused) {
     assert_string_equal(why, "'jump' is none of clutch, reset, leave, seed, undo");
 }
 
-/* The needle points along x and z in equal parts, and the hand feels 2 N along -x: 2 cos 45 degrees against the push. */
+/* The needle points along x and z in equal parts, and the hand feels 2 N along -x: a force of 2 cos 45 degrees N opposes the push. */
 static void the_push_is_along_the_needle(void **unused) {
     (void)unused;
     quat q = q_exp(v3(0, 0.25 * M_PI, 0));
@@ -166,7 +166,7 @@ static void the_push_is_along_the_needle(void **unused) {
     assert_close(axial_push((double[]){2, 7, 0}, q), -sqrt(2), 1e-12);
 }
 
-/* A force against forward, N, and the level computed by hand. */
+/* A force (N) that opposes forward motion, and the level computed by hand. */
 static void the_level_is_proportional_and_limited(void **unused) {
     (void)unused;
     joystick_force f = {.full_force = 10, .limit = 0.5};
@@ -218,7 +218,7 @@ static double axis_after(joystick *j, unsigned code, int value, int axis) {
     return state.axes[axis];
 }
 
-/* A trigger rests at 0 of 0 .. 1023. A stick whose value is 0 because it has not reported yet rests at the value of its first report. */
+/* A trigger rests at 0 in a range of 0 .. 1023. A stick whose value is 0 because it has not reported yet is at rest at the value of its first report. */
 static void untouched_axes_are_at_rest(void **unused) {
     (void)unused;
     joystick j = open_stick();
@@ -237,7 +237,7 @@ static void untouched_axes_are_at_rest(void **unused) {
     close_stick(&j);
 }
 
-/* The same effect is uploaded repeatedly; it ends by itself after 100 ms, and is stopped and removed at the end. */
+/* The same effect is uploaded repeatedly. It ends by itself after 100 ms, and is stopped and removed at the end. */
 static void the_force_is_rendered_and_ends(void **unused) {
     (void)unused;
     joystick j = open_stick();
@@ -258,14 +258,14 @@ static void the_force_is_rendered_and_ends(void **unused) {
     joystick_driver.render(&j, 1);
     refusal = 0;
     joystick_driver.render(&j, 1);
-    assert_int_equal(motors.uploads, 0); /* the driver has been told that there is no force */
+    assert_int_equal(motors.uploads, 0); /* the driver has been informed that there is no force */
     close_stick(&j);
 }
 
 static double seconds(void) { return 1e-9 * (double)monotonic_ns(); }
 static void sleep_for(double duration) { sleep_until(monotonic_ns() + (int64_t)(1e9 * duration)); }
 
-/* The thread renders at most 50 forces a second, and none if the bridge's loop stops or the device is closed. */
+/* The thread renders at most 50 forces per second, and none if the bridge's loop stops or the device is closed. */
 static void the_thread_bounds_the_rate_and_lets_go(void **unused) {
     (void)unused;
     joystick j = {.path = "/dev/zero", .force = {.full_force = 10, .limit = 1}};
@@ -285,7 +285,7 @@ static void the_thread_bounds_the_rate_and_lets_go(void **unused) {
     int uploads = so_far().uploads;
     print_message("%d forces in %.2f s\n", uploads, lasted);
     assert_true(uploads > 2 && uploads <= lasted / 0.02 + 1);
-    sleep_for(0.3);                     /* no more forces from the loop */
+    sleep_for(0.3);                     /* the loop sends no more forces */
     assert_int_equal(level_now(), 0);
     input_render(in, 5);
     sleep_for(0.04);

@@ -24,8 +24,8 @@ from in_namespace import in_namespace
 
 BUILD, SOURCE = sys.argv[1:3]
 BRIDGE = f"{BUILD}/clients/bridges/spacemouse/trocar-spacemouse"
-START = (0.005, 0.003, -0.201)      # m: the tip is 1 mm in front of the skin
-SPEED, TURN = 0.02, 0.4             # m/s, rad/s: options of the bridge
+START = (0.005, 0.003, -0.201)      # m, pose with the tip 1 mm in front of the skin
+SPEED, TURN = 0.02, 0.4             # m/s and rad/s, options of the bridge
 MOTION, PRESS, RELEASE, DEVICE = range(4)
 CHANGE_PROTOCOL, SET_EVENT_MASK, DEVICE_NAME = 0x7faa5500, 0x1003, 0x2000
 
@@ -92,7 +92,7 @@ class Poses:
         self.newest = None
 
     def take(self):
-        """Returns the poses since the last call."""
+        """Returns the poses received since the last call."""
         found = []
         while True:
             try:
@@ -128,7 +128,7 @@ class Program:
         threading.Thread(target=lambda: self.said.extend(self.process.stderr), daemon=True).start()
 
     def says(self, text):
-        """Waits for a line with this text after the previous awaited line."""
+        """Waits for a line with this text, starting after the line found by the previous call."""
         def find():
             for i in range(self.read, len(self.said)):
                 if text in self.said[i]:
@@ -147,12 +147,12 @@ def check(what, value, wanted, tolerance):
 
 
 def velocity(poses):
-    """Returns the velocity of the base, m/s."""
+    """Returns the velocity (m/s) of the base."""
     return typical(poses, lambda a, b: [q - p for p, q in zip(a[1], b[1])])
 
 
 def rotation(one, other):
-    """Returns the rotation vector about the world's axes, rad, from one pose to another."""
+    """Returns the rotation vector (rad) in the world's axes from one pose to another."""
     a, b = one[2], other[2]
     w = sum(p * q for p, q in zip(a, b))
     x = b[1] * a[0] - b[0] * a[1] - b[2] * a[3] + b[3] * a[2]
@@ -168,7 +168,7 @@ def rotation_rate(poses):
 
 
 def typical(poses, change, step=20):
-    """Returns the median of the rates of change over 20 poses, by their own times: occasional stalls of the machine do not alter it."""
+    """Returns the median of the rates of change over 20 poses, by their own time stamps, so that occasional stalls of the machine have no effect."""
     pairs = [(a, b) for a, b in zip(poses, poses[step:]) if b[0] > a[0]]
     rates = [[each / (b[0] - a[0]) for each in change(a, b)] for a, b in pairs]
     return [statistics.median(axis) for axis in zip(*rates)]
@@ -178,7 +178,7 @@ class Trial:
     def __init__(self, folder):
         self.folder, self.path, self.server = folder, f"{folder}/spnav.sock", None
         self.poses = Poses()
-        self.slack = 0.3 if "uncertain" in sys.argv else 0.03   # fraction of a speed; a busy machine may delay the bridge
+        self.slack = 0.3 if "uncertain" in sys.argv else 0.03   # permitted relative error of a speed; a busy machine may delay the bridge
 
     def start_server(self):
         self.server = subprocess.Popen([f"{BUILD}/server/trocar-server", "--scene", f"{SOURCE}/meshes/figure8.yaml", "--allow-non-rt"],
@@ -190,7 +190,7 @@ class Trial:
         self.server.wait()
 
     def steady(self, daemon, seconds=0.25, **axes):
-        """Returns the poses while the device is deflected, after the ramp of 0.15 s."""
+        """Returns the poses received while the device is deflected, after the ramp of 0.15 s."""
         daemon.deflect(**axes)
         time.sleep(0.2)
         seen = self.poses.during(seconds)
@@ -200,7 +200,7 @@ class Trial:
         return seen
 
     def stands_still(self):
-        """Expects poses that are all equal, to the bit."""
+        """Expects that all poses are bit-identical."""
         seen = self.poses.during(0.1)
         assert len(seen) > 5 and all(pose[1:] == seen[0][1:] for pose in seen), f"{len(seen)} poses, {seen[:1]} to {seen[-1:]}"
 
@@ -213,7 +213,7 @@ class Trial:
         wait(rests, "the needle does not come to rest", patience=2)
 
     def goes(self, along, meanwhile=lambda: None):
-        """Expects the base to move along x by a millimetre, in this direction."""
+        """Expects that the base moves by a millimetre along x, in this direction."""
         self.poses.take()
         begin = self.poses.newest[1][0]
         wait(lambda: meanwhile() or self.poses.take() and along * (self.poses.newest[1][0] - begin) > 1e-3, f"the base does not go along {along} x")
@@ -231,7 +231,7 @@ class Trial:
                 check(f"{counts}: rad/s about {name}", value, wanted, 2 * self.slack * TURN + 0.01)
 
     def buttons(self, daemon, bridge):
-        daemon.deflect(z=17)          # 4.9 % of 350: in the dead zone of 5 %
+        daemon.deflect(z=17)          # 4.9 % of 350, which is within the dead zone of 5 %
         self.stands_still()
         daemon.event(PRESS, 0)        # clutch
         daemon.deflect(z=-350)
@@ -251,7 +251,7 @@ class Trial:
         wait(lambda: self.poses.take() and self.poses.newest[1][2] > START[2] + 0.03, "the needle does not go in")
         daemon.deflect()
         self.comes_to_rest()
-        daemon.event(PRESS, 2)        # leave: no more poses until the needle is taken again
+        daemon.event(PRESS, 2)        # leaves the needle: no more poses until it is taken again
         bridge.says("leave: done")
         time.sleep(0.05)
         assert not self.poses.during(0.1), "poses of a needle that rests"

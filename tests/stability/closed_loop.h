@@ -27,10 +27,10 @@ typedef struct {
     simulated_device device;
     limiter limiter;
     passivity passivity;     /* controller of the bridge; active if it has a period */
-    int64_t now, next_tick, next_message; /* poses sent, by seq modulo LOOP_FLIGHT */
+    int64_t now, next_tick, next_message; /* ns */
     int64_t tick, seq;
-    pose_sample poses[LOOP_FLIGHT];          /* wrenches sent, by tick modulo LOOP_FLIGHT */
-    struct { int64_t arrival; trocar_needle_wrench_t wrench; } wrenches[LOOP_FLIGHT]; /* by tick likewise */
+    pose_sample poses[LOOP_FLIGHT];          /* poses sent, by seq modulo LOOP_FLIGHT */
+    struct { int64_t arrival; trocar_needle_wrench_t wrench; } wrenches[LOOP_FLIGHT]; /* wrenches sent, by tick modulo LOOP_FLIGHT */
     int64_t felt;            /* tick of the wrench that the bridge renders, -1: none yet */
     trocar_needle_wrench_t newest; /* wrench of the last tick */
     int flags;               /* flags of any wrench since rig_watch */

@@ -15,21 +15,21 @@ typedef struct {
     double stiffness;        /* N/m, > 0, of the hand */
     double delay;            /* s, >= 0, each way: until a force acts, and until a position is read */
     double period;           /* s, period of the device's own loop, which applies forces and samples positions; 0: at any time */
-    double resolution;       /* s, time up to which `hand` has been computed */
+    double resolution;       /* m, of the position that a program reads */
 } device_properties;
 
 typedef struct {
     device_properties properties;
     hand hand;
-    double time;             /* m, the hand's target at the beginning of the push */
-    vec3 target;             /* m, where the hand wants it at the beginning of the push */
+    double time;             /* s, time up to which `hand` has been computed */
+    vec3 target;             /* m, position of the hand's target at the beginning of the push */
     vec3 velocity;           /* m/s, velocity of the target while the hand pushes */
-    double begin, end;       /* m, amplitude of an oscillation around the target */
-    vec3 amplitude;          /* m, to and fro around it */
+    double begin, end;       /* s, beginning and end of the push */
+    vec3 amplitude;          /* m, amplitude of an oscillation around the target */
     double frequency;        /* Hz */
     double shaken_from, shaken_until; /* s */
-    vec3 force;              /* N, the force that acts now */
-    struct { double due; vec3 force; } forces[DEVICE_FORCES]; /* in transit, by number modulo DEVICE_FORCES */
+    vec3 force;              /* N, force that acts at present */
+    struct { double due; vec3 force; } forces[DEVICE_FORCES]; /* forces in transit, by number modulo DEVICE_FORCES */
     long applied, sent;      /* numbers of the next force that acts, and of the next force to be sent */
     vec3 lowest, highest;    /* m, range of the position since device_watch */
 } simulated_device;

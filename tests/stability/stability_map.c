@@ -54,10 +54,10 @@ static const surroundings EVERYWHERE[] = {
     {"air", 60e-3, 40e-3, {{NULL}}},
 };
 static const double SPEED = 0.1;             /* m/s, speed of the push */
-static const double SETTLED = 2.0;           /* s at rest before the push */
+static const double SETTLED = 2.0;           /* s, rest before the push */
 static const double WINDOW = 0.25;           /* s */
 enum { WINDOWS = 20 };                       /* after it */
-static const double LARGE = 0.5e-3;          /* m: a swing that counts as unstable */
+static const double LARGE = 0.5e-3;          /* m; a larger oscillation counts as unstable */
 
 static const surroundings *find_tissue(const char *name) {
     for (size_t i = 0; i < sizeof EVERYWHERE / sizeof *EVERYWHERE; i++)
@@ -81,7 +81,7 @@ int __wrap_swing_observe(swing_observer *s, vec3 position, vec3 force, int64_t n
     return is_server_in_control() ? __real_swing_observe(s, position, force, now) : 0;
 }
 
-/* The position that a command changes is read one round trip and one period of the device's loop later. */
+/* The position that results from a command is read one round trip and one period of the device's loop later. */
 static passivity controller_of(const device_properties *d, double period, double max_force) {
     int delay = strcmp(choice.control, "blind") == 0 ? 1 : 1 + (int)lround(2.0 * d->delay / period);
     double damping = strcmp(choice.control, "none") == 0 ? 0.0 : passivity_damping(0.1, delay * period);
@@ -114,10 +114,10 @@ static trocar_scene *open_scene(const char *profile, const surroundings *in) {
     return scene;
 }
 
-/* Runs one point and prints its row. */
+/* Simulates one point of the map and prints its row. */
 static void judge(trocar_model *model, trocar_scene *scene, const char *profile, const surroundings *in, const char *hand, const char *mass,
                   const char *delay, const char *device) {
-    /* A bridge like trocar-haply with its defaults. */
+    /* Imitates a bridge like trocar-haply with its default settings. */
     loop_properties p = {.period = 1e-3, .sampling = 1e-3, .network = 0.1e-3, .max_force = 3, .max_force_rate = 400, .names_wrenches = true};
     device_properties d = {.mass = atof(mass), .delay = 1e-3 * atof(delay)};
     pair(hand, &d.stiffness, &d.damping);

@@ -47,7 +47,7 @@ static void a_passive_force_passes_unchanged(void **unused) {
     (void)unused;
     passivity p = {.period = 1e-3, .delay = 1, .most_damping = 5, .max_force = 20};
     double x = 0, v = 0.1;
-    for (int i = 0; i < 2000; i++) { /* pushed by a hand into a damper */
+    for (int i = 0; i < 2000; i++) { /* a hand pushes into a damper */
         x += 1e-3 * v;
         vec3 force = passivity_next(&p, v3(x, 0, 0), v3(-3.0, 0, 0));
         assert_true(force.x == -3.0);
@@ -55,7 +55,7 @@ static void a_passive_force_passes_unchanged(void **unused) {
     assert_true(p.most <= 0.0);
 }
 
-/* The force drives the device, which is braked by no more than the limit. */
+/* The force drives the device, which is braked by at most the limit. */
 static void energy_is_dissipated_within_the_bound(void **unused) {
     (void)unused;
     passivity p = {.period = 1e-3, .delay = 1, .most_damping = passivity_damping(0.1, 3e-3), .max_force = 20};

@@ -26,14 +26,14 @@ def crafted(channel):
     yield begin
     yield fragment(1, 1000, 2**32 - 4096, 1, 2, b"\1" * 5000)               # offset + length overflows in a later fragment
     yield begin
-    yield fragment(1, 1000, 400, 1, 2, b"")[:12]                            # shorter than its header
-    yield fragment(1, 1000, 0, 0, 1, channel)                               # the channel name has no end
+    yield fragment(1, 1000, 400, 1, 2, b"")[:12]                            # shorter than a fragment header
+    yield fragment(1, 1000, 0, 0, 1, channel)                               # the channel name is not terminated
     yield fragment(1, 2**28, 0, 0, 2, name + b"\1" * 400)                   # 256 MB
     yield fragment(1, 1000, 0, 0, 0, name + b"\1" * 400)                    # zero fragments
-    yield fragment(1, 1000, 0, 0, 1, name + b"\1" * 40)                     # one fragment, most of whose data is missing
+    yield fragment(1, 1000, 0, 0, 1, name + b"\1" * 40)                     # a single fragment with most of its data missing
     yield begin
     yield begin
-    yield b"LC02\0\0\0\1" + channel                                         # the channel name has no end
+    yield b"LC02\0\0\0\1" + channel                                         # the channel name is not terminated
     yield b"LC02\0\0\0\1" + b"x" * 60000
     yield b"LC02"
     yield b""

@@ -1,5 +1,5 @@
-/* Tests clients/client/trocar_client.h against a live server: poses out, wrenches in, and no force when the server dies.
-   usage: device_client SERVER; run it in a private network namespace. */
+/* Tests clients/client/trocar_client.h against a live server: it sends poses and receives wrenches, and its force becomes zero when the server dies. usage:
+   device_client SERVER; run it in a private network namespace. */
 #define _GNU_SOURCE
 #include <math.h>
 #include <sched.h>
@@ -28,7 +28,7 @@
 
 static char *server_path;
 static pid_t server;
-static double position[3] = {0.005, 0.003, -0.201}; /* tip 1 mm in front of the skin */
+static double position[3] = {0.005, 0.003, -0.201}; /* the tip is 1 mm in front of the skin */
 static const double orientation[4] = {1, 0, 0, 0};
 
 static double now(void) {
@@ -53,14 +53,14 @@ static void kill_server(void) {
     server = 0;
 }
 
-/* Runs one period of a device's loop. */
+/* Runs one period of the device's loop. */
 static int exchange(trocar_client *c, trocar_client_wrench *w) {
     nanosleep(&(struct timespec){.tv_nsec = 1000000}, NULL);
     assert_true(trocar_client_publish(c, position, orientation));
     return trocar_client_newest(c, w);
 }
 
-/* Exchanges poses and wrenches without moving the needle until the force exceeds `least`. */
+/* Exchanges poses and wrenches without moving the needle until the force exceeds `least` (N). */
 static void feel(trocar_client *c, trocar_client_wrench *w, double least) {
     double end = now() + 10;
     do {
@@ -90,7 +90,7 @@ static int close_client(void **state) {
     return 0;
 }
 
-/* The depth that the server reports shows that poses arrive unchanged; the exchange allocates no memory. */
+/* The depth reported by the server shows that poses arrive unchanged. The exchange allocates no memory. */
 static void poses_go_out_and_wrenches_come_in(void **state) {
     trocar_client *c = *state;
     trocar_client_wrench w;
@@ -104,14 +104,14 @@ static void poses_go_out_and_wrenches_come_in(void **state) {
     feel(c, &w, 0.2);
     assert_int_equal(allocations_now(), allocations);
     print_message("depth %.1f mm\n", 1e3 * w.depth);
-    assert_true(w.depth > 0.010 && w.depth < 0.0201); /* the base moved in by 20 mm and pushed the tissue along by part of that */
+    assert_true(w.depth > 0.010 && w.depth < 0.0201); /* the base advanced by 20 mm and pushed the tissue ahead by part of that distance */
     assert_true(w.contacts > 0 && w.tick > 0);
 
     double nowhere[3] = {NAN, 0, 0};
     assert_false(trocar_client_publish(c, nowhere, orientation));
 }
 
-/* A second device feels no force while the first owns the needle, and takes the needle over once the first has gone. */
+/* A second device feels no force while the first one owns the needle, and takes the needle over after the first one has stopped. */
 static void one_device_at_a_time(void **state) {
     trocar_client *first = *state, *second = trocar_client_open(NULL, NULL, 0);
     trocar_client_wrench w;
@@ -137,13 +137,13 @@ static void write_pair(char path[]) {
     for (char line[256]; fgets(line, sizeof line, in);)
         if (strncmp(line, "mesh: ", 6) == 0) fprintf(out, "mesh: " MESHES "/%s", line + 6);
         else fputs(line, out);
-    /* through a coupling, the force would also depend on the delay, which changes on a busy machine */
+    /* with a virtual coupling, the force would also depend on the delay, which varies on a busy machine */
     fputs("needles: 2\ndevice: {max_stiffness: .inf}\n", out);
     fclose(in);
     fclose(out);
 }
 
-/* Runs one period of both loops, with the needles side by side, 60 mm apart. */
+/* Runs one period of both devices' loops, with the needles parallel and 60 mm apart. */
 static void exchange_pair(trocar_client *const clients[2], trocar_client_wrench w[2]) {
     nanosleep(&(struct timespec){.tv_nsec = 1000000}, NULL);
     for (int n = 0; n < 2; n++) {
@@ -153,7 +153,7 @@ static void exchange_pair(trocar_client *const clients[2], trocar_client_wrench 
     }
 }
 
-/* Resetting one needle removes its force and does not change the other needle. A third client gets no needle. */
+/* Resetting one needle removes its force and does not affect the other needle. A third client gets no needle. */
 static void two_clients_hold_two_needles(void **state) {
     char scene[] = "/tmp/trocar-pair-XXXXXX";
     write_pair(scene);
@@ -183,7 +183,7 @@ static void two_clients_hold_two_needles(void **state) {
         assert_true(fabs(norm(w[1].force) - force) < 0.1 * force && fabs(w[1].depth - depth) < 1e-3);
     }
     print_message("after the reset of one %.3f N and %.3f N\n", norm(w[0].force), norm(w[1].force));
-    assert_true(norm(w[0].force) < 0.1 * force); /* after a reset inside the tissue, the needle counts as inserted without force */
+    assert_true(norm(w[0].force) < 0.1 * force); /* after a reset inside the tissue, the needle counts as inserted and bears no force */
 
     assert_false(exchange(none, &nothing));
     trocar_client_close(clients[1]);
@@ -196,8 +196,8 @@ static void on_pose(const lcm_recv_buf_t *received, const char *channel, const t
     *(int64_t *)session = m->session;
 }
 
-/* A wrench of this session for another needle, which the session may have held before, is not for this device. The test sends the
-   wrenches instead of a server. */
+/* The device must ignore a wrench of its own session for another needle, which the session may have held before. The test sends the wrenches in place of a
+   server. */
 static void wrenches_of_other_needles_are_ignored(void **state) {
     trocar_client *c = *state;
     trocar_client_wrench w;
@@ -218,13 +218,13 @@ static void wrenches_of_other_needles_are_ignored(void **state) {
     do {
         trocar_needle_wrench_t_publish(lcm, "TROCAR_WRENCH", &sent);
         assert_true(now() < end);
-    } while (!exchange(c, &w) || w.force[0] != 9); /* repeated, because the force is ramped up */
+    } while (!exchange(c, &w) || w.force[0] != 9); /* repeated, because the force increases along a ramp */
     trocar_needle_pose_t_unsubscribe(lcm, poses);
     lcm_destroy(lcm);
 }
 
-/* A wrench may overtake another one in the network: the force never goes back to an older wrench. Wrenches of a server that counts anew are
-   accepted once its last wrench is out of date. */
+/* One wrench may overtake another in the network: the force must never return to that of an older wrench. Wrenches of a server that has restarted its numbering
+   are accepted once the last wrench before the restart has expired. */
 static void overtaken_wrenches_are_dropped(void **state) {
     trocar_client *c = *state;
     trocar_client_wrench w;
@@ -243,7 +243,7 @@ static void overtaken_wrenches_are_dropped(void **state) {
         for (int i = 0; i < 4; i++) {
             sent.tick = tick + order[i];
             trocar_needle_wrench_t_publish(lcm, "TROCAR_WRENCH", &sent);
-            if (!exchange(c, &w)) continue; /* this may happen on a busy machine */
+            if (!exchange(c, &w)) continue; /* a wrench may be missed on a busy machine */
             assert_true(w.tick >= newest);
             dropped += w.tick > sent.tick;
             newest = w.tick;
@@ -262,14 +262,15 @@ static void overtaken_wrenches_are_dropped(void **state) {
     lcm_destroy(lcm);
 }
 
-/* Sends wrenches that anyone on the network may send in the server's place: 1000 N, at first once, as the newest wrench, and then continuously. */
+/* Sends wrenches of 1000 N, as anyone on the network could in the server's place: at first a single one that appears to be the newest, and then a continuous
+   stream. */
 static void forged_wrenches_are_limited(void **state) {
     const trocar_client_options limited = {.max_force = 8, .max_torque = 0.1, .max_force_rate = 500, .max_torque_rate = 10};
     trocar_client *const clients[] = {*state, trocar_client_open(&limited, NULL, 0)};
     const double most[] = {20, 8}, turn[] = {1, 0.1}, rate[] = {2000, 500};
     lcm_t *lcm = lcm_create(NULL);
     assert_true(clients[1] && lcm);
-    int64_t other = 0; /* session of the previous client, whose last pose may still be in the network */
+    int64_t other = 0; /* session of the previous client, whose last pose may still be in transit */
     for (int k = 0; k < 2; k++) {
         trocar_client_wrench w;
         trocar_needle_wrench_t sent = {.server = 5, .session = other, .force = {0.3, 0, 0}};
@@ -289,14 +290,14 @@ static void forged_wrenches_are_limited(void **state) {
             trocar_needle_wrench_t_publish(lcm, "TROCAR_WRENCH", &sent);
             double before = at;
             bool answered = exchange(clients[k], &w);
-            if (!answered) last = 0; /* the watchdog has expired, on a busy machine */
+            if (!answered) last = 0; /* on a busy machine, the watchdog has expired */
             at = now();
             assert_true(norm(w.force) <= most[k] * (1 + 1e-12) && norm(w.torque) <= turn[k] * (1 + 1e-12));
             assert_true(fabs(norm(w.force) - last) <= rate[k] * (at - before + 1e-3));
             last = norm(w.force);
             forged = fmax(forged, last);
             torque = fmax(torque, norm(w.torque));
-            if (i >= 500 && answered) assert_true(w.flags & TROCAR_NEEDLE_WRENCH_T_SATURATED); /* only forged wrenches in the last 100 periods */
+            if (i >= 500 && answered) assert_true(w.flags & TROCAR_NEEDLE_WRENCH_T_SATURATED); /* the last 100 periods contain only forged wrenches */
         }
         print_message("1000 N rendered as %.2f N, 50 N m as %.2f N m\n", forged, torque);
         assert_true(forged > 0.9 * most[k] && torque > 0.9 * turn[k]);
@@ -332,8 +333,8 @@ static trocar_client_answer await_answer(trocar_client *c, char why[64]) {
     return found;
 }
 
-/* Commands carry the caller's arguments, and only one may be pending. Only the reply to the last command counts: not replies to another
-   session, another needle or an older command, nor bytes that are not a reply. */
+/* Commands carry the caller's arguments, and only one command may be pending. Only a reply to the last command is accepted: no replies to another session,
+   another needle or an older command, and no bytes that are not a reply. */
 static void commands_are_answered(void **state) {
     trocar_client *c = *state;
     char why[64];
@@ -371,7 +372,7 @@ static void commands_are_answered(void **state) {
         assert_string_equal(why, "");
         m = next;
     }
-    /* A reply of two fragments, and one of three, which is longer than any that the client accepts. */
+    /* A reply of two fragments, and a reply of three fragments, which is longer than the client accepts. */
     static char lengthy[150000];
     memset(lengthy, 'x', sizeof lengthy - 1);
     assert_true(trocar_client_undo(c));
@@ -398,8 +399,8 @@ static void commands_are_answered(void **state) {
     lcm_destroy(lcm);
 }
 
-/* The server is killed in the middle of an insertion: the force becomes zero within the watchdog's time and stays zero. The next
-   server ramps it up again. */
+/* The server is killed in the middle of an insertion. The force becomes zero within the watchdog's time and remains zero. The next server lets it increase
+   along a ramp. */
 static void no_force_from_a_dead_server(void **state) {
     trocar_client *c = *state;
     trocar_client_wrench w;
@@ -407,17 +408,17 @@ static void no_force_from_a_dead_server(void **state) {
     for (double end = now() + 10; !exchange(c, &w);) assert_true(now() < end);
     insert(c, &w);
     feel(c, &w, 0.2);
-    kill(server, SIGKILL); /* its threads stop at once; reaping it takes longer */
+    kill(server, SIGKILL); /* the server's threads stop immediately, whereas waiting for its exit takes longer */
     double killed = now(), last = killed;
     while (now() < killed + 0.3)
         if (exchange(c, &w)) last = now();
         else assert_true(norm(w.force) == 0 && norm(w.torque) == 0);
     print_message("force for %.1f ms after the server's death\n", 1e3 * (last - killed));
-    assert_true(last - killed < 0.0225); /* the watchdog's 20 ms, one period of this loop, and messages still in the network */
+    assert_true(last - killed < 0.0225); /* the watchdog's 20 ms, one period of this loop, and the delay of messages still in transit */
 
     kill_server();
     start_server();
-    position[2] = -0.201 + 0.021; /* friction as the needle moves on in the tissue; on a busy machine the watchdog may remove the force in one step */
+    position[2] = -0.201 + 0.021; /* moves the needle on in the tissue, which causes friction; on a busy machine, the watchdog may stop the force in one step */
     double force = 0, largest_step = 0;
     for (double end = now() + 2; now() < end;) {
         position[2] += 2e-6;
@@ -442,7 +443,7 @@ static void a_bad_address_is_refused_with_a_message(void **state) {
 int main(int count, char **arguments) {
     if (count != 2) return 2;
     server_path = arguments[1];
-    sched_setscheduler(0, SCHED_FIFO, &(struct sched_param){.sched_priority = 70}); /* as a device would; ignored if it is not permitted */
+    sched_setscheduler(0, SCHED_FIFO, &(struct sched_param){.sched_priority = 70}); /* a priority as in a real device; ignored if it is not permitted */
     const struct CMUnitTest tests[] = {
         cmocka_unit_test(a_bad_address_is_refused_with_a_message),
         cmocka_unit_test_setup_teardown(poses_go_out_and_wrenches_come_in, open_client, close_client),

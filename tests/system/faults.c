@@ -17,7 +17,7 @@
 #include <time.h>
 #include <unistd.h>
 
-#include "api/api.h" /* to put a NaN into the state, and to delay an answer inside the library */
+#include "api/api.h" /* gives access to the state, to put a NaN into it, and to answers, to delay them inside the library */
 #include "coupling/virtual_coupling.h"
 #include "server.h"
 
@@ -35,17 +35,17 @@
 
 /* ---- faults inside the server ----------------------------------------------------------------------------------------- */
 
-/* Shared by the client and the server. */
+/* Data shared by the client and the server. */
 typedef struct {
     atomic_bool ready;
-    atomic_llong wall_offset;        /* us, added to the wall clock */
-    atomic_int worker_nap;           /* ms, added to each request */
-    atomic_int tick_nap;             /* us, added to each tick */
-    atomic_int pass_nap;             /* us, added to each Newton iteration */
-    atomic_int stall;                /* us, added to the next tick */
+    atomic_llong wall_offset;        /* us, offset of the wall clock */
+    atomic_int worker_nap;           /* ms, added to the time of each request */
+    atomic_int tick_nap;             /* us, added to the time of each tick */
+    atomic_int pass_nap;             /* us, added to the time of each Newton iteration */
+    atomic_int stall;                /* us, added to the time of the next tick only */
     _Atomic double spike;            /* N along x, added to the model's force */
-    atomic_bool poison;              /* the next tick starts with a NaN in the state */
-    _Atomic double stiffness;        /* N/m, stiffness of the virtual coupling; INFINITY: none */
+    atomic_bool poison;              /* if true, the next tick starts with a NaN in the state */
+    _Atomic double stiffness;        /* N/m, stiffness of the virtual coupling; INFINITY for none */
 } injected;
 
 static injected *fault;
@@ -126,7 +126,7 @@ static double median(const double *values, int count) {
     return sorted[count / 2];
 }
 
-static timing_record calm; /* timing before the fault */
+static timing_record calm; /* timing of the loop before the fault */
 
 static int insert(void **state) {
     client *c = *state;
@@ -138,8 +138,8 @@ static int insert(void **state) {
     return 0;
 }
 
-/* Removes all faults. There is no virtual coupling unless a case asks for one, because the force through it also depends on the delay, which changes
-   on a busy machine. */
+/* Removes all faults. There is no virtual coupling unless a case requests one, because the force through a coupling also depends on the delay, which varies on
+   a busy machine. */
 static int mend(void **state) {
     (void)state;
     atomic_store(&fault->stiffness, INFINITY);
@@ -150,7 +150,7 @@ static int mend(void **state) {
     return 0;
 }
 
-/* Also checks that the loop's timing did not degrade during or after the fault: the median of the reported percentiles is about the same as before. */
+/* Also checks that the loop's timing has not degraded during or after the fault: the median of the reported percentiles is about the same as before. */
 static int mend_in_time(void **state) {
     client *c = *state;
     mend(state);
@@ -166,7 +166,7 @@ static int mend_in_time(void **state) {
     return -1;
 }
 
-/* Checks that no wrench or status had flags other than these and NOT_REALTIME. */
+/* Checks that no wrench or status had any flags except these and NOT_REALTIME. */
 static void expect_only(const client *c, int flags) {
     assert_int_equal((c->seen | c->told) & ~flags & ~FLAG(NOT_REALTIME), 0);
 }
@@ -179,7 +179,7 @@ static void silence_holds_ramps_and_returns_by_a_ramp(void **state) {
     c->sends = false;
     PASS_UNTIL(c, c->wrench.flags & FLAG(STALE));
     int64_t tick = c->wrench.tick;
-    assert_true(fabs(c->most - force) < 0.02 * force && force_of(c) > 0.5 * force); /* the force has been held until now */
+    assert_true(fabs(c->most - force) < 0.02 * force && force_of(c) > 0.5 * force); /* so far, the force has been held */
     PASS_UNTIL(c, force_of(c) == 0.0);
     assert_in_range(c->wrench.tick - tick, 1, 1e3 * c->limits.ramp_time + 5);
     assert_true(norm3(c->wrench.raw_force) > 0.5 * force); /* the model's own force is still reported */
@@ -198,7 +198,7 @@ static void spoil(trocar_needle_pose_t *m, int kind) {
     if (kind == 0) m->position[1] = NAN;
     else if (kind == 1) m->orientation[2] = INFINITY;
     else if (kind == 2) m->orientation[0] = 0.5;
-    else if (kind == 3) m->position[0] += 1.0; /* one metre in one millisecond */
+    else if (kind == 3) m->position[0] += 1.0; /* a jump of one metre in one millisecond */
     else m->orientation[0] = cos(0.5), m->orientation[1] = sin(0.5); /* one radian */
 }
 
@@ -226,7 +226,7 @@ static void impossible_poses_are_refused_and_counted(void **state) {
     assert_int_equal(c->status->poses_jumped - before.poses_jumped, 200);
     assert_non_null(strstr(c->status->message, "faster than the scene's limits"));
 
-    c->sends = false; /* only bad poses, which count as none */
+    c->sends = false; /* only invalid poses are sent, which count as no poses */
     for (int i = 0; i < 1000 && force_of(c) > 0.0; i++) {
         send_spoiled(c, i % 3);
         step(c);
@@ -242,7 +242,7 @@ static void a_spike_is_clamped_and_flagged(void **state) {
     int64_t tick = c->wrench.tick;
     atomic_store(&fault->spike, 500.0);
     PASS_UNTIL(c, force_of(c) > 0.99 * c->limits.max_force);
-    assert_true(c->wrench.tick - tick >= 8); /* 20 N at 2 N per tick */
+    assert_true(c->wrench.tick - tick >= 8); /* reaching 20 N takes 10 ticks at 2 N per tick */
     assert_true(c->wrench.flags & FLAG(SATURATED));
     assert_true(c->wrench.raw_force[0] > 400.0);
     assert_true(c->wrench.force[0] > 0.99 * c->limits.max_force);
@@ -253,7 +253,7 @@ static void a_spike_is_clamped_and_flagged(void **state) {
     expect_health(c);
 }
 
-/* The insertion has restarted without force; the force returns once the needle moves on. */
+/* The insertion has restarted without a force; the force returns when the needle moves on. */
 static void push_on(client *c) {
     for (int i = 0; i < 50; i++) {
         c->base.position.z += 0.1e-3;
@@ -274,7 +274,7 @@ static void a_wrench_that_is_no_number_stays_inside(void **state) {
     expect_health(c);
 }
 
-/* A NaN in the state would persist. Tested with a rigidly held base, and with a virtual coupling, whose stretch then also becomes NaN. */
+/* A NaN in the state would persist. The test uses a rigidly held base, and a virtual coupling, whose stretch then also becomes NaN. */
 static void a_number_that_is_none_in_the_model_begins_anew(void **state) {
     client *c = *state;
     for (int coupled = 0; coupled < 2; coupled++) {
@@ -305,7 +305,8 @@ static void publish_noise(client *c, const char *channel) {
     lcm_publish(c->lcm, channel, bytes, size);
 }
 
-/* Publishes a malformed message. Kinds: valid but of another type; right length but another version of the type; too short; too long; noise. */
+/* Publishes a malformed message. The kinds are: a valid message of another type, a message of the right length from another version of the type, a message that
+   is too short, one that is too long, and random bytes. */
 static void publish_malformed(client *c, const char *channel, int kind) {
     trocar_needle_pose_t m = {.session = c->session, .seq = c->seq + 1, .orientation = {1}};
     uint8_t bytes[256] = {0};
@@ -316,13 +317,13 @@ static void publish_malformed(client *c, const char *channel, int kind) {
     else if (kind == 4) publish_noise(c, channel);
     else {
         if (!for_poses) size = trocar_command_t_encode(bytes, 0, sizeof bytes, &(trocar_command_t){.session = c->session, .command = 1});
-        if (kind == 1) bytes[7] ^= 1; /* changes the type's hash */
+        if (kind == 1) bytes[7] ^= 1; /* changes the hash of the type */
         lcm_publish(c->lcm, channel, bytes, (unsigned)(size - (kind == 2) + (kind == 3)));
     }
 }
 
-/* Sends datagrams to LCM's port that no LCM library would send: without a magic number, or with that of a message or fragment
-   followed by noise. */
+/* Sends datagrams to LCM's port that no LCM library would send, either without a magic number, or with that of a message or fragment followed by random
+   bytes. */
 static void send_datagrams(int count) {
     int s = socket(AF_INET, SOCK_DGRAM, 0);
     struct sockaddr_in to = {.sin_family = AF_INET, .sin_port = htons(7667), .sin_addr.s_addr = inet_addr("239.255.76.67")};
@@ -374,7 +375,7 @@ static void a_flood_does_not_touch_the_loop(void **state) {
         assert_true((double)(busy.ticks - calm.ticks) > 0.7 * 1e-6 * (double)(busy.utime - calm.utime) * busy.rate_hz);
         assert_true(busy.compute_p50 < 3 * calm.compute_p50 + 100e-6);
     }
-    assert_true(c->most < 1.1 * force); /* poses may be lost, but the force must not grow */
+    assert_true(c->most < 1.1 * force); /* poses may be lost, but the force must not increase */
     hear_news(c);
     int64_t counted = c->status->poses_malformed - before.poses_malformed;
     assert_true(counted > 100 && counted <= sent);
@@ -410,12 +411,12 @@ static void a_second_client_is_refused_and_told(void **state) {
     assert_true(fabs(force_of(c) - force) < 0.1 * force);
 }
 
-/* The server's messages about seeds. */
+/* The server's messages that concern seeds. */
 typedef struct {
     int replies, count, pending;
     trocar_command_reply_t reply;    /* the newest reply */
     char message[256];
-    float rest[3];                   /* m, position at rest of the first seed */
+    float rest[3];                   /* m, position of the first seed with the tissue at rest */
 } seed_news;
 
 static void on_reply(const lcm_recv_buf_t *b, const char *channel, const trocar_command_reply_t *m, void *context) {
@@ -434,7 +435,7 @@ static void on_seeds(const lcm_recv_buf_t *b, const char *channel, const trocar_
     if (m->seed_count > 0) memcpy(news->rest, m->rest_position[0], sizeof news->rest);
 }
 
-/* Sends a command for seeds and waits for the reply: it must be refused with these words, or done if `words` is NULL. */
+/* Sends a command that concerns seeds and waits for the reply. The command must be refused with the message `words`, or done if `words` is NULL. */
 static void tell(client *c, seed_news *news, trocar_command_t m, const char *words) {
     static int64_t seq = 100;
     int before = news->replies;
@@ -500,7 +501,7 @@ static void old_and_repeated_poses_are_refused(void **state) {
     expect_only(c, FLAG(STALE) | FLAG(RAMPING));
 }
 
-/* Sends one pose with the owner's session and any sequence number, and then repeats the whole exchange. */
+/* Sends one pose with the owner's session and an arbitrary sequence number, and then repeats the whole exchange. */
 static void a_forged_number_does_not_lock_the_owner_out(void **state) {
     static const int64_t forged[] = {INT64_MAX, 0, INT64_MIN};
     client *c = *state;
@@ -513,14 +514,14 @@ static void a_forged_number_does_not_lock_the_owner_out(void **state) {
         pass(c, 0.1);
         hear_news(c);
         assert_int_equal(c->status->owner, c->session);
-        assert_true(c->wrench.pose_seq > c->seq - 50 && c->wrench.pose_seq <= c->seq); /* the owner's poses, not those from before the forged one */
+        assert_true(c->wrench.pose_seq > c->seq - 50 && c->wrench.pose_seq <= c->seq); /* the wrench answers a pose of the owner newer than the forged */
     }
     assert_true(c->least > 0.9 * force && c->most < 1.1 * force);
     expect_health(c);
     expect_only(c, 0);
 }
 
-/* The reset removes the needle at once, although its owner sends nothing more; the hand feels a ramp. */
+/* The reset removes the needle immediately, although its owner sends no further pose; the hand feels a ramp. */
 static void a_reset_needs_no_pose_to_take_effect(void **state) {
     client *c = *state;
     assert_true(norm3(c->wrench.raw_force) > 0.2 && c->wrench.depth > 0.01);
@@ -534,7 +535,7 @@ static void a_reset_needs_no_pose_to_take_effect(void **state) {
         largest = fmax(largest, (last - force_of(c)) / (double)(c->wrench.tick - tick));
         tick = c->wrench.tick;
     }
-    assert_true(largest < 0.1); /* N per tick; the slew limit alone would permit 2 */
+    assert_true(largest < 0.1); /* N per tick; the force rate limit alone would permit 2 N */
     hear_news(c);
     assert_true(c->wrench.depth == 0.0 && c->status->owner == c->session);
     client_insert(c);
@@ -577,7 +578,7 @@ static void a_late_worker_does_not_stop_the_loop(void **state) {
     expect_health(c);
 }
 
-/* The worker answers nothing while the needle is inserted, starting in front of the skin, and then answers everything at once. */
+/* The worker answers nothing while the needle is inserted, starting in front of the skin, and then answers all requests at once. */
 static void without_a_worker_the_tip_has_force(void **state) {
     client *c = *state;
     atomic_store(&fault->worker_nap, 100000);
@@ -619,7 +620,7 @@ static void overruns_in_a_row_ramp_down(void **state) {
     expect_health(c);
 }
 
-/* Each tick needs more than half of its period, so a loop that ran two steps to catch up would be late for ever. */
+/* Each tick takes more than half of its period, so a loop that ran two steps to catch up would stay late indefinitely. */
 static void a_stall_makes_no_other_tick_late(void **state) {
     client *c = *state;
     atomic_store(&fault->pass_nap, 600);
@@ -649,7 +650,7 @@ static int start(void **state) {
     return atomic_load(&fault->ready) && client_open(&c, SCENE) ? 0 : -1;
 }
 
-/* After all these faults, the server still stops cleanly and ramps the wrench to zero. */
+/* After all these faults, the server still stops cleanly, and the wrench decreases to zero along a ramp. */
 static int stop(void **state) {
     client *c = *state;
     int status = 0;

@@ -1,13 +1,11 @@
 #!/bin/bash
-# Plays a recording with lcm-logplayer at its original speed to a running server and records the wrenches with lcm-logger: they must
-# match the lockstep replay. Status 77: network namespaces are not permitted.
-# usage: live_replay.sh BUILD_DIR SOURCE_DIR
+# Plays a recording with lcm-logplayer at its original speed to a running server and records the wrenches with lcm-logger. The wrenches must match those of the
+# lockstep replay. Exit status 77: network namespaces are not permitted. usage: live_replay.sh BUILD_DIR SOURCE_DIR
 set -euo pipefail
 . "${0%/*}/../shared/in_namespace.sh"
 
-# Player and server do not share a clock, so a tick may see two new poses or none. Viscous friction (100 N s/m^2 over 50 mm, which
-# is up to a third of the force) reacts to that as to another speed, and more if the machine stalls. At the end, both needles are at
-# rest.
+# Player and server have no common clock, so a tick may receive two new poses or none. Viscous friction (100 N s/m^2 over 50 mm, up to a third of the force)
+# reacts as it would to another speed, and reacts more strongly if the machine stalls. At the end, both needles are at rest.
 at_once=$(chrt --fifo 60 true 2>/dev/null && echo chrt --fifo 60) || true # real-time priority for the player, as for a device
 common=15   # limit for 95 % of the wrenches, in percent of the peak
 largest=100 # limit for all wrenches

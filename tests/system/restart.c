@@ -1,5 +1,5 @@
-/* A server that is killed in the middle of an insertion, or finds no network, under the script that restarts it.
-   usage: restart KEEP_ALIVE SERVER; run it in a private network namespace. */
+/* Tests a server that is killed in the middle of an insertion, or finds no network, and the script that restarts it. usage: restart KEEP_ALIVE SERVER; to be
+   run in a private network namespace. */
 #define _GNU_SOURCE
 #include <fcntl.h>
 #include <signal.h>
@@ -19,7 +19,7 @@
 
 #define SCENE MESHES "/figure8.yaml"
 
-static const double BACK = 1.0;      /* s from the server's death to the next wrench */
+static const double BACK = 1.0;      /* s, from the server's death to the next wrench */
 
 static char *const *programs;
 static pid_t supervisor;
@@ -54,7 +54,7 @@ static int stop(void **state) {
     return WIFEXITED(status) && WEXITSTATUS(status) == 0 ? 0 : -1;
 }
 
-/* Kills the server; returns the time (s) from the kill to the next server's first wrench. */
+/* Kills the server; returns the time (s) until the next server's first wrench. */
 static double kill_server(client *c) {
     pid_t killed = server_of(supervisor);
     assert_true(killed > 0);
@@ -63,15 +63,15 @@ static double kill_server(client *c) {
     pass(c, 0.02);
     int64_t wrenches = c->wrenches;
     pass(c, 0.05);
-    assert_int_equal(c->wrenches, wrenches); /* there are no more wrenches: the device's own watchdog removes the force */
+    assert_int_equal(c->wrenches, wrenches); /* no more wrenches have arrived; the device's own watchdog removes the force */
 
-    c->wrenches = 0; /* the steps of a new server are not compared with the last wrench of the first one */
+    c->wrenches = 0; /* so that the first wrench of the new server is not compared with the last one of the old server */
     PASS_UNTIL(c, c->wrenches > 0);
     assert_true(server_of(supervisor) != killed && c->wrench.tick < 1000);
     return 1e-9 * (double)(monotonic_ns() - died);
 }
 
-/* False on an overloaded machine, where a start takes seconds. */
+/* False on an overloaded machine, on which starting takes seconds. */
 static bool machine_has_room(void) {
     double load;
     return getloadavg(&load, 1) == 1 && load < 2.0 * (double)sysconf(_SC_NPROCESSORS_ONLN);
@@ -80,7 +80,7 @@ static bool machine_has_room(void) {
 static void a_killed_server_is_back_and_engages_by_a_ramp(void **state) {
     client *c = *state;
     PASS_UNTIL(c, c->wrenches > 0);
-    double first = 1e-9 * (double)(monotonic_ns() - started), shortest = INFINITY; /* the best of three, because the machine may be busy */
+    double first = 1e-9 * (double)(monotonic_ns() - started), shortest = INFINITY; /* the shortest of three restarts counts, because the machine may be busy */
     for (int attempts = in_time() ? 3 : 1; attempts > 0 && !(shortest < BACK); attempts--) {
         client_insert(c);
         double force = force_of(c), away = kill_server(c);
@@ -89,14 +89,14 @@ static void a_killed_server_is_back_and_engages_by_a_ramp(void **state) {
         assert_true(force_of(c) < 0.2 * force); /* no sudden force */
 
         watch(c);
-        /* (not judged by the force: a needle that is in the tissue from the start has no force at rest) */
+        /* (the force is not checked, because a needle that starts in the tissue bears no force at rest) */
         PASS_UNTIL(c, c->seen & FLAG(RAMPING) && c->wrench.pose_seq > 0);
         assert_true(c->most < 0.2 * force);
         pass(c, 0.3);
-        assert_true(c->wrench.depth > 0.015); /* the needle is in the tissue as before */
+        assert_true(c->wrench.depth > 0.015); /* the needle is still in the tissue */
     }
-    if (in_time()) assert_true(shortest < (machine_has_room() ? BACK : 1.5 * first + 0.2)); /* the restart takes no longer than an ordinary start */
-    client_insert(c); /* after a withdrawal, the needle can be inserted again */
+    if (in_time()) assert_true(shortest < (machine_has_room() ? BACK : 1.5 * first + 0.2)); /* a restart takes no longer than an ordinary start */
+    client_insert(c); /* after it has been withdrawn, the needle can be inserted again */
 }
 
 static int start_without_route(void **state) {
@@ -105,7 +105,7 @@ static int start_without_route(void **state) {
     return system("ip route del 224.0.0.0/4 dev lo") == 0 && start_supervisor() ? 0 : -1;
 }
 
-/* As at boot: the server is restarted until the network is up. */
+/* The situation at boot: the server is restarted until the network is available. */
 static void a_server_without_a_route_comes_up_once_there_is_one(void **state) {
     int64_t end = monotonic_ns() + 20000000000;
     pid_t first = 0, now = 0;

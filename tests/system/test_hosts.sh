@@ -1,7 +1,7 @@
 #!/bin/bash
-# Runs server, device and monitor on three hosts (network namespaces on one switch) whose clocks differ by hours: the figure-8
-# motion works and is monitored; then the device's cable is unplugged for a moment. Status 77: network namespaces are not
-# permitted. usage: test_hosts.sh BUILD_DIR SOURCE_DIR
+# Runs server, device and monitor on three hosts (network namespaces connected by a switch) whose clocks differ by hours. The figure-8 motion must succeed and
+# be monitored. Then the device's cable is unplugged for a moment. Exit status 77: network namespaces are not permitted. usage: test_hosts.sh BUILD_DIR
+# SOURCE_DIR
 set -euo pipefail
 . "${0%/*}/../shared/in_namespace.sh"
 url='udpm://239.255.76.67:7667?ttl=1'
@@ -13,8 +13,8 @@ declare -A hosts    # from the host's name to the process that keeps its namespa
 ip link add switch type bridge mcast_snooping 0
 ip link set switch up
 
-# Creates a host named $1 with address 10.0.0.$2, joined to the switch by the cable "to-$1"; the route is the one that docs/connect-a-device.md tells
-# users to set.
+# Creates a host named $1 with address 10.0.0.$2, connected to the switch by the cable "to-$1". The route is the one that docs/connect-a-device.md tells users
+# to configure.
 plug_in() {
     unshare --net sleep 1000 &
     hosts[$1]=$!
@@ -28,13 +28,13 @@ plug_in() {
 
 on() { nsenter --target "${hosts[$1]}" --net "${@:2}"; }
 
-# Runs a command on host $1, whose wall clock is wrong by $2.
+# Runs a command on host $1, whose wall clock is offset by $2.
 on_wrong() {
     on "$1" env LD_LIBRARY_PATH=/usr/lib/x86_64-linux-gnu/faketime LD_PRELOAD=libfaketime.so.1 FAKETIME="$2" \
         FAKETIME_DONT_FAKE_MONOTONIC=1 "${@:3}"
 }
 
-# Prints a number in the device's report.
+# Prints the number with this name from the device's report.
 value() { sed -n "s/^ *\"$1\": *\([-+0-9.eE]*\),*\$/\1/p" report.json; }
 holds() { awk "BEGIN { exit !($1) }" || fail "not: $1"; }
 
@@ -53,7 +53,7 @@ holds "$(value wrenches_lost) == 0"
 on_wrong monitor -5h "$build/clients/trocar-top" --lcm-url "$url" --once >top || fail "the monitor hears nothing"
 grep -E 'poses +taken [0-9]{4}' top || fail "the monitor shows no poses"
 
-# 60 ms without a cable: longer than the wrench's hold time, shorter than the time after which the needle engages anew.
+# 60 ms without a cable: longer than the hold time of the wrench, but shorter than the time after which the needle must be engaged again.
 (sleep 1.5; ip link set to-device down; sleep 0.06; ip link set to-device up) &
 play -1d
 echo "lost: $(value wrenches_lost) wrenches; unanswered: $(value poses_unanswered) poses"

@@ -49,7 +49,7 @@ def events(path):
 
 class Operator(unittest.TestCase):
     def server(self):
-        """Uses real time if permitted: a gap in the poses at the skin may make a needle buckle."""
+        """Uses real time if it is permitted, because a gap between the poses at the skin may make a needle buckle."""
         for options in ([], ["--allow-non-rt"]):
             server = subprocess.Popen([BUILD / "server/trocar-server", "--scene", SCENE, *options], stdout=subprocess.PIPE, stderr=subprocess.DEVNULL, text=True)
             for line in server.stdout:
@@ -59,8 +59,8 @@ class Operator(unittest.TestCase):
         self.fail("the server does not start")
 
     def carry_out(self, *options):
-        """Returns, by needle, the depths (mm behind the template's face) of the base's far end, at the end of the insertion and at the first drop;
-        and the seeds' table."""
+        """Returns two depths for each needle (mm behind the template's face, measured at the seed-side end of the needle's base), at the end of the insertion
+        and at the first drop; and the table of seeds."""
         with tempfile.TemporaryDirectory() as name:
             folder = Path(name)
             (folder / "plan.yaml").write_text(PLAN)
@@ -110,7 +110,7 @@ class Operator(unittest.TestCase):
         return left, dropped, [row.along for row in rows]
 
     def test_depths_are_read_at_the_template(self):
-        """The second needle drags the first one along. When the first is taken again, it is still drawn to the plan's depth."""
+        """The second needle drags the first one deeper. When the first needle is taken again, the device still draws it to the planned depth."""
         (left, dropped, along), said = self.carry_out()
         for needle, depth in enumerate((94.75, 99.75)):
             self.assertAlmostEqual(left[needle], depth, delta=0.3)
@@ -118,7 +118,7 @@ class Operator(unittest.TestCase):
         self.assertRegex(said, r"(?m)^greatest drag +-[2-9]\.\d mm while it rested, of the needle in hole [EF]3$")
         self.assertEqual(len(along), 4)
 
-        """The device follows the seeds' places as seen in an image, which are deeper, because the needles push the gland ahead."""
+        """The device moves to the seeds' positions as seen in an image. These are deeper than planned, because the needles push the gland ahead."""
         (left, followed, closer), _ = self.carry_out("--follow")
         for needle, depth in enumerate((94.75, 99.75)):
             self.assertGreater(left[needle], depth + 1)

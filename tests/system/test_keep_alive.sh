@@ -1,6 +1,6 @@
 #!/bin/bash
-# Exit statuses 0, 2 and 4, and a stop from outside, are final; after any other status the command is restarted, without a
-# busy loop. usage: test_keep_alive.sh KEEP_ALIVE
+# Exit statuses 0, 2 and 4, and a stop from outside, are final. After any other status, the command is restarted, without a busy loop. usage: test_keep_alive.sh
+# KEEP_ALIVE
 set -euo pipefail
 work=$(mktemp -d)
 trap 'kill $(jobs -p) 2>/dev/null || true; wait; rm -rf "$work"' EXIT
@@ -8,7 +8,7 @@ cd "$work"
 
 fail() { echo "FAILED: $*" >&2; exit 1; }
 
-# Makes the command end in these ways, one after the other; at the end, all of them must have been used, and no others.
+# Makes the command end in each of these ways, one after the other. At the end, exactly these must have been used.
 ends_after() {
     local wanted=$1 status=0
     printf '%s\n' "${@:2}" >ends

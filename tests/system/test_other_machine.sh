@@ -1,8 +1,7 @@
 #!/bin/bash
-# Another machine (a network namespace at the other end of a cable) sends datagrams to a server with LCM's default URL (ttl=0): they change
-# nothing, and the server reports that it drops them. With ttl=1, that machine may move the needle, but may shut the server down only while it
-# holds a needle. Status 77: network namespaces are not permitted.
-# usage: test_other_machine.sh BUILD_DIR SOURCE_DIR
+# Another machine (a network namespace at the other end of a cable) sends datagrams to a server with LCM's default URL (ttl=0). They must have no effect, and
+# the server must report that it drops them. With ttl=1, that machine may move the needle, but may shut the server down only while it holds a needle. Exit
+# status 77: network namespaces are not permitted. usage: test_other_machine.sh BUILD_DIR SOURCE_DIR
 set -euo pipefail
 . "${0%/*}/../shared/in_namespace.sh"
 cd "$work"
@@ -13,7 +12,7 @@ fail() { echo "FAILED: $*" >&2; tail -n 8 server device; head -n 30 top 2>/dev/n
 
 lcm-gen -p --ppath types "$source/lcmtypes/trocar.lcm"
 
-# The other machine is at the other end of the cable, from `lan` to `lan`. This machine has a network as usual: multicast is sent over the cable.
+# The cable joins the interfaces named `lan` of the two machines. This machine has its usual network configuration: multicast is sent over the cable.
 unshare --net sleep 1000 &
 other=$!
 until [ "$(readlink /proc/$other/ns/net)" != "$(readlink /proc/self/ns/net)" ]; do sleep 0.01; done
@@ -56,7 +55,7 @@ shows 'poses +taken 0'
 grep -q "another machine ($there)" server || fail "the server does not say that it drops packets"
 grep -q "another machine ($there)" top || fail "the status does not say so"
 
-# Meanwhile, this machine works as if there were no other.
+# Meanwhile, this machine's own clients work as if the other machine did not exist.
 stranger flood 8 & flood=$!
 "$build/clients/trocar-device" --script insert --speed 2 --csv device.csv >device 2>&1 || fail "the device failed"
 grep -qE '^punctures +2' device || fail "the device did not feel both punctures"

@@ -1,7 +1,6 @@
 #!/bin/bash
-# Sends crafted packets and a stream of fuzzed fragments to server, device, bridge, monitor and viewer: all survive and keep
-# working. Status 77: network namespaces are not permitted.
-# usage: test_packets.sh BUILD_DIR SOURCE_DIR
+# Sends crafted packets and a stream of fuzzed fragments to server, device, bridge, monitor and viewer: all of them must survive and keep working. Exit status
+# 77: network namespaces are not permitted. usage: test_packets.sh BUILD_DIR SOURCE_DIR
 set -euo pipefail
 . "${0%/*}/../shared/in_namespace.sh"
 cd "$work"

@@ -1,5 +1,5 @@
 #!/bin/bash
-# Every signal that would end a program makes the server end with a ramp: the hand never feels the force vanish in one step. Status 77: network
+# Every signal that would terminate a program makes the server end with a ramp, so the hand never feels the force vanish in one step. Exit status 77: network
 # namespaces are not permitted. usage: test_signals.sh BUILD_DIR SOURCE_DIR
 set -euo pipefail
 . "${0%/*}/../shared/in_namespace.sh"
@@ -16,8 +16,8 @@ start_server() {
 
 push() { "$build/clients/trocar-device" --script insert --speed 0.5 --realtime --csv "$1.csv" >device 2>&1 & device=$!; }
 
-# Expects the wrenches of $1.csv to end at zero. Before that, with the needle in the tissue, the force must not fall by more than a fifth of it in any tick
-# of the last 200 ms, of which the ramp takes 100 ms; a membrane may be punctured.
+# Expects that the wrenches in $1.csv end at zero and that the needle was in the tissue before that. In each tick of the last 200 ms, 100 ms of which are the
+# ramp, the force must not drop by more than a fifth; a puncture may occur in that time.
 ends_by_a_ramp() {
     awk -F, -v name="$1" 'NR == 1 { next }
         { force[++n] = sqrt($2 * $2 + $3 * $3 + $4 * $4); tick[n] = $(NF - 4) }
@@ -46,7 +46,7 @@ for signal in HUP INT QUIT TERM USR1 USR2 ALRM VTALRM PROF IO PWR XCPU; do
     ends_by_a_ramp $signal
 done
 
-# The server continues if nobody reads its output, and if the terminal of a server started with nohup is closed.
+# The server continues if nobody reads its output, and if it was started with nohup and its terminal is closed.
 start_server
 kill -PIPE $server
 kill -XFSZ $server

@@ -24,7 +24,7 @@ worker     10 requests served
 wrenches   {dropped} dropped, {unsent} not sent
 poses      59000 accepted, {poses_lost} lost
 """
-# 98 wake-ups at 10 us, one at 20, one at 400: p50 is 10, p99 is 20.
+# 98 wake-ups of 10 us, one of 20 us and one of 400 us: p50 is 10 us, p99 is 20 us.
 CYCLICTEST = "# Histogram\n000010 000098\n000020 000001\n000021 000000\n000400 000001\n# Max Latencies: 00400\n"
 DEVICE = {"round_trip_p50_s": 9e-4, "round_trip_p99_s": 1e-3, "round_trip_max_s": 2e-3, "wrenches_lost": 0, "poses_sent": 60000,
           "periods_skipped": 1, "poses_unanswered": 2}
@@ -33,7 +33,7 @@ CALM = ((1000, 500), (1000, 500), (1000, 500))
 
 
 def judge(memory=CALM, lost=0, **said):
-    """Returns the report and the verdict on a run with these results; the limit on p99 is 1.5 x 20 us + 50 us."""
+    """Returns the report and the verdict for a run with these results. The limit on p99 is 1.5 x 20 us + 50 us."""
     with tempfile.TemporaryDirectory() as out:
         for name, text in (("soak-server.txt", SERVER.format(**{**HOLDS, **said})),
                            ("soak-cyclictest.txt", CYCLICTEST), ("soak-device.json", json.dumps({**DEVICE, "wrenches_lost": lost}))):
@@ -52,7 +52,7 @@ for spoilt in ({"p99": 81.0}, {"allocations": 1}, {"minor": 1}, {"dropped": 1}, 
     text, good = judge(**spoilt)
     assert not good and text.count("**NO**") == 1, (spoilt, text)
 
-# Memory that the server touches in the first motion does not count as growth; a server that keeps growing fails.
+# Memory that the server touches for the first time in the first motion does not count as growth. The verdict on a server that keeps growing is a failure.
 SERVER_STAND_IN = """#!/usr/bin/python3 -u
 import os, time
 print("scene\\nready")

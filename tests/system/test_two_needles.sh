@@ -1,7 +1,6 @@
 #!/bin/bash
-# Two devices hold the two needles of a scene, 60 mm apart: each feels its own needle, no other client gets a needle, and when one
-# device dies, only its needle's force is ramped down. Status 77: network namespaces are not permitted.
-# usage: test_two_needles.sh BUILD_DIR SOURCE_DIR
+# Two devices hold the two needles of a scene, 60 mm apart. Each device feels its own needle, no other client gets a needle, and if one device dies, only its
+# needle's force decreases along a ramp. Exit status 77: network namespaces are not permitted. usage: test_two_needles.sh BUILD_DIR SOURCE_DIR
 set -euo pipefail
 . "${0%/*}/../shared/in_namespace.sh"
 cd "$work"
@@ -15,7 +14,7 @@ until grep -qx ready server; do kill -0 $! || fail "no server"; sleep 0.05; done
 server=$!
 grep -q '^needles    2' server || fail "the server does not say how many needles it has"
 
-# Plays an insertion with needle $1 into NAME.csv.
+# Inserts needle $1 and records its wrenches in NAME.csv.
 hold() {
     local x=(-0.03 0.03 0) needle=$1 name=$2
     shift 2
@@ -25,7 +24,7 @@ hold() {
 top() { "$build/clients/trocar-top" --once >top || fail "no server for top"; }
 shows() { grep -qE "$1" top || fail "top does not show '$1'"; }
 
-# A device that asks for a needle that it cannot have gets no answer, and names the needle in its message.
+# A device that requests a needle that it cannot have receives no answer, and prints a message that names the needle.
 refused() {
     local status=0
     (hold "$@" --wait 0.4) || status=$?
@@ -49,8 +48,8 @@ shows "^! last fault .* of session [0-9]+ refused for needle 2: the scene's .nee
 wait $first || fail "needle 0"
 wait $second || fail "needle 1"
 
-# Prints the mean axial force while the base is at rest half-way, from 0.75 s to 0.8 s. The influence of one needle on the other is less
-# than a tenth of it (see tests/public/test_needles.c).
+# Prints the mean axial force while the base is at rest half-way, from 0.75 s to 0.8 s. The influence of the other needle is less than a tenth of this force
+# (see tests/public/test_needles.c).
 force() {
     awk -F, 'NR == 1 { for (i = 1; i <= NF; i++) { split($i, name, " "); column[name[1]] = i } next }
              $column["needle"] != needle { exit 2 }
@@ -63,7 +62,7 @@ for needle in 0 1; do
     echo "needle $needle: $both N, alone $alone N"
     awk "BEGIN { exit !($alone < -0.2 && ($both - $alone) ^ 2 < (0.1 * $alone) ^ 2) }" || fail "needle $needle does not feel what it feels alone"
 done
-# A device is killed: its needle becomes stale and loses its force, and the other needle continues.
+# A device is killed. Its needle becomes stale and loses its force, while the other needle is not affected.
 (hold 0 survivor) & first=$!
 (hold 1 killed --duration 20) & second=$!
 sleep 0.9

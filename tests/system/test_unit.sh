@@ -1,6 +1,5 @@
 #!/bin/sh
-# Checks the systemd unit with systemd-analyze, with the server just built as its program.
-# usage: test_unit.sh UNIT SERVER
+# Checks the systemd unit with systemd-analyze. The unit's program is the server that has just been built. usage: test_unit.sh UNIT SERVER
 set -eu
 
 work=$(mktemp -d)
@@ -10,6 +9,6 @@ grep -q "^ExecStart=\"$2\" --scene" "$work/trocar-server.service"
 systemd-analyze verify "$work/trocar-server.service" >"$work/complaints" 2>&1 || { cat "$work/complaints"; exit 1; }
 if [ -s "$work/complaints" ]; then cat "$work/complaints"; exit 1; fi
 
-# A wrong unit must be refused.
+# A unit with an error must be refused.
 sed -i 's/^Restart=.*/Restart=sometimes/' "$work/trocar-server.service"
 systemd-analyze verify "$work/trocar-server.service" 2>&1 | grep -q sometimes

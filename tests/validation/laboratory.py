@@ -10,12 +10,12 @@ import trocar
 
 MESHES = Path(__file__).resolve().parents[2] / "meshes"
 DT = 1e-3                 # s
-AIR = 1e-3                # m, between tip and skin at the start
+AIR = 1e-3                # m, distance between tip and skin at the start
 
 
 def block(youngs_modulus, poisson_ratio=0.45, *, cutting=0.1, cutting_viscosity=0.0, friction=(0.0, 0.0, 0.0), puncture=0.0, needle=None,
           relaxation=(), more=None):
-    """Scene of a block of one material; `friction` is static, kinetic, viscous; `relaxation` pairs (weight, time)."""
+    """Returns the scene of a block of one material. `friction` is (static, kinetic, viscous); `relaxation` is a list of pairs (weight, time)."""
     scene = trocar.Scene.load(str(MESHES / "figure8.yaml"))
     for name in ("prostate", "surrounding"):
         region = f"regions[{name}]"
@@ -42,7 +42,7 @@ class Bench:
 
     def __init__(self, model, length=0.2, x=0.005, y=0.003):
         self.sim, self.length, self.x, self.y = trocar.Sim(model), length, x, y
-        self.tip = -AIR       # m, z where the tip of an undeformed needle would be
+        self.tip = -AIR       # m, z of the tip if the needle were undeformed
         self.roll = 0.0       # rad
         self.sim.reset(self.pose())
 
@@ -53,7 +53,7 @@ class Bench:
         return self.sim.step(self.pose(), DT)
 
     def move(self, to, speed, turn=0.0):
-        """Moves the tip to z = `to` at `speed`, turning by `turn` rad/s; returns the outputs of all ticks."""
+        """Moves the tip to z = `to` (m) at `speed` while turning at `turn` (rad/s); returns the outputs of all ticks."""
         way, start = to - self.tip, self.tip
         ticks = max(1, round(abs(way) / (speed * DT)))
         outputs = []
@@ -67,7 +67,7 @@ class Bench:
         return [self.step() for _ in range(round(seconds / DT))]
 
     def rotate(self, to, rate):
-        """Turns the base to the angle `to`, rad, at `rate`, rad/s."""
+        """Turns the base to the angle `to` (rad) at `rate` (rad/s)."""
         ticks = max(1, round(abs(to - self.roll) / (rate * DT)))
         start = self.roll
         outputs = []
@@ -78,7 +78,7 @@ class Bench:
 
 
 def push(outputs):
-    """Returns the force against pushing in, N, of each tick."""
+    """Returns the axial force that resists insertion at each tick, in N."""
     return np.array([-out.force[2] for out in outputs])
 
 

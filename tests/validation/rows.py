@@ -10,7 +10,7 @@ import sys
 from pathlib import Path
 
 
-FITTED = "fitted"              # parameters were fitted to exactly this number
+FITTED = "fitted"              # the parameters were fitted to exactly this number
 CONSISTENT = "consistency"     # follows from fitted or assumed values if the model works as described; compared closely with the fitted value
 PREDICTED = "predicted"        # the model was fitted to other data
 
@@ -57,12 +57,12 @@ class Rows:
                   kind, fitted, reason, note, ours, unit, regression, scatter, weak=weak)
 
     def trend(self, quantity, source, sure, published, holds, ours, *, kind, fitted, reason="", note="", number=None, unit="", regression=None):
-        """Adds a published tendency without numbers that could be compared. If it does not hold, it needs a reason, and `number` and
-        `regression` as in `add`."""
+        """Adds a published tendency without comparable numbers. If the tendency does not hold, the row needs a reason, and `number` and `regression` as in
+        `add`."""
         self._add(quantity, source, sure, published, holds, ours, kind, fitted, reason, note, number, unit, regression, trend=True)
 
     def curve(self, figure, label, x, y, x_label, y_label, published=False):
-        """Adds a line in FIGURE.svg, into which all curves of one figure are drawn."""
+        """Adds a curve to FIGURE.svg, into which all curves of that figure are drawn."""
         self.entries.append({"entry": "curve", "section": self.section, "figure": figure, "label": label, "x": [float(v) for v in x],
                              "y": [float(v) for v in y], "x_label": x_label, "y_label": y_label, "published": published})
 

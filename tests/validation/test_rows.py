@@ -19,7 +19,7 @@ class TestRows(unittest.TestCase):
         self.rows = Rows("test", "Test", folder.name, short=True)
 
     def seeds(self, ours, **options):
-        """Returns the exit status with one row, for which 1.9 to 5.7 mm was published."""
+        """Returns the exit status for a single row, whose published range is 1.9 to 5.7 mm."""
         self.rows.entries.clear()
         with contextlib.redirect_stdout(io.StringIO()):
             self.rows.add("seeds", "paper", ABSTRACT, (1.9, 5.7), ours, "mm", kind=PREDICTED, fitted="", **options)
@@ -36,7 +36,7 @@ class TestRows(unittest.TestCase):
 
     def test_a_reason_does_not_excuse_another_number(self):
         self.assertEqual(self.seeds(30, reason="known", regression=(1.2, 1.4)), 1)
-        self.assertEqual(self.seeds(3.8, reason="known", regression=(1.2, 1.4)), 1)     # the number is inside now, so the reason no longer applies
+        self.assertEqual(self.seeds(3.8, reason="known", regression=(1.2, 1.4)), 1)     # the number is now inside, so the reason no longer applies
         self.assertEqual(self.seeds(float("nan"), reason="known", regression=(1.2, 1.4)), 1)
 
     def test_tendency(self):

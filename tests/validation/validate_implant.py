@@ -20,7 +20,7 @@ SEEDS = "Quantifying 125I placement accuracy in prostate brachytherapy using pos
 PREPRINT = "preprint of a haptic simulator made after Podder et al. 2006"
 FIT_SPEED = 0.08         # m/s
 FORCES = "puncture force of the skin and level of friction, to the forces of 18 G at 80 mm/s"
-DEEP = 0.080             # m, tip below the skin: 5 mm beyond the gland
+DEEP = 0.080             # m, depth of the tip, 5 mm beyond the gland
 HOLES = ((0.005, 0.0), (-0.015, 0.005), (0.015, -0.005), (0.0, 0.01), (-0.005, -0.01))   # m, positions of the template's holes
 
 
@@ -55,7 +55,7 @@ class Gland:
         self.base = self.rest[:, 2] > np.quantile(self.rest[:, 2], 0.85)
 
     def motion(self, sim):
-        """Returns the mean displacement along the needle (m), that of the base, and the rotation in the coronal plane (degrees)."""
+        """Returns the mean displacement along the needle (m), the displacement of the base (m), and the rotation in the coronal plane (degrees)."""
         moved = sim.displacements()[self.nodes]
         a, b = self.rest - self.rest.mean(0), self.rest + moved - (self.rest + moved).mean(0)
         u, _, v = np.linalg.svd(a.T @ b)
@@ -64,7 +64,7 @@ class Gland:
 
 
 def sideways(sim, hole):
-    """Returns the greatest distance of the needle from the hole's axis, m."""
+    """Returns the largest distance (m) of the needle from the axis of the hole."""
     return float(np.hypot(*(sim.centreline()[:, :2] - hole).T).max())
 
 

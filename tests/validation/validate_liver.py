@@ -20,12 +20,12 @@ NEEDLE = {"length": 0.1, "inner_diameter": 0}       # held by a robot close to t
 
 
 def published(d):
-    """Returns the published force, N, at d mm."""
+    """Returns the published force (N) at a displacement of d mm."""
     return 0.0061 * d**2 + 0.0480 * d
 
 
 def curve(modulus, stiffening, depth=0.03):
-    """Returns displacement (mm), force (N) and the tick of the puncture, for an insertion."""
+    """Returns the displacement (mm), the force (N) and the tick of the puncture for an insertion."""
     scene = block(modulus, puncture=PUNCTURE, cutting=CUTTING, friction=(FRICTION, FRICTION, 0), needle=NEEDLE)
     for region in ("prostate", "surrounding"):
         scene[f"regions[{region}].stiffening"] = stiffening
@@ -42,7 +42,7 @@ def fit_modulus():
 
 
 def fit_stiffening(modulus):
-    """Fits by least squares over FIT, by trying values."""
+    """Fits by least squares over FIT, by trial of values."""
     def error(stiffening):
         way, force, _ = curve(modulus, stiffening, 0.009)
         return float(np.sum((np.interp(FIT, way, force) - published(FIT)) ** 2))

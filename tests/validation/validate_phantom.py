@@ -16,7 +16,7 @@ contacts = bench.sim.contacts()
 shaft = [c for c in contacts if c.kind == "tissue"]
 tip = next(c for c in contacts if c.kind == "tip")
 depth = np.array([c.depth for c in shaft])
-# A contact represents the shaft half-way to its neighbours.
+# A contact represents the stretch of shaft that extends halfway to each neighbour.
 edges = np.concatenate([[0], (depth[1:] + depth[:-1]) / 2, [tip.depth]])
 density = np.array([c.force[2] for c in shaft]) / np.diff(edges)
 inner = (depth > 0.01) & (depth < tip.depth - 0.01)

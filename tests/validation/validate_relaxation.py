@@ -17,7 +17,7 @@ LEFT = 0.5               # fraction of the peak force that remains after 8 s
 
 
 def held(weight, seconds, speed=0.05):
-    """Returns the force while the needle is held, relative to the force when it stopped; `weight` of each term."""
+    """Returns the force while the needle is held, relative to the force when it stopped; `weight` is the weight of each term."""
     scene = block(20e3, cutting=0.2, friction=(110, 90, 0), relaxation=[(weight, time) for time in TIMES])
     bench = Bench(trocar.Model(scene))
     peak = push(bench.move(0.06, speed))[-1]
@@ -25,7 +25,7 @@ def held(weight, seconds, speed=0.05):
 
 
 def fitted_weight():
-    """Returns the weight of each term with which LEFT of the force remains after 8 s, by secant steps."""
+    """Returns the weight of each term for which the fraction LEFT of the force remains after 8 s, found by the secant method."""
     weights = [0.30, 0.40]
     lefts = [held(w, 8)[-1] for w in weights]
     for _ in range(2):
@@ -40,7 +40,7 @@ weight = 0.34 if rows.short else fitted_weight()
 course = held(weight, 8)
 rows.add("force left 8 s after the needle stops", SOURCE, DOUBTFUL, (0.4, 0.6), course[-1], "of the peak", published="about 0.5 of the peak; judged within 0.1", kind=FITTED,
          fitted=f"two terms of weight {weight:.2f}, at the published times")
-# The part lost with the faster of the two times: after five such times it is gone, and 26 % of the slower part.
+# The share of the faster relaxation time: after five such times, all of it and 26 % of the share of the slower time have decayed.
 early = (1 - course[750]) / (1 - course[-1])
 rows.trend("course of the decay", SOURCE, DOUBTFUL, "two time constants, near 0.15 and 2.5 s", 0.3 < early < 0.8,
            f"{100 * early:.0f} % of what is lost in 8 s is lost in the first 0.75 s", kind=CONSISTENT,

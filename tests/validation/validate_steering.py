@@ -12,12 +12,12 @@ DRUMMOND = "Drummond and Scott 1980, Anaesthesia 35, beef"
 LANCET = "Deflection Analysis of Different Needle Designs for Prostate Biopsy and Focal Therapy (PMID 27708117), 18 G, gelatine like prostate"
 WEBSTER = "Webster et al. 2006, Int. J. Robotics Research 25, 0.7 mm nitinol in Plastisol"
 DUTY = "Minhas, Engh, Fenske, Riviere 2007, IEEE EMBC; used by PMC4517621"
-G22, G25, G18 = 0.718e-3, 0.515e-3, 1.27e-3    # m, outer diameters; with their stylets, so solid
-GEL, MEAT, PROSTATE = 100e3, 30e3, 20e3        # Pa, assumed: the abstracts give none
+G22, G25, G18 = 0.718e-3, 0.515e-3, 1.27e-3    # m, outer diameters; the needles contain their stylets, so they are solid
+GEL, MEAT, PROSTATE = 100e3, 30e3, 20e3        # Pa, assumed, because the abstracts give no values
 
 
 def track(youngs_modulus, slope, diameter, depth, *, length=0.09, stiffness=200e9):
-    """Returns the positions of the needle's joints, m, relative to its entry, after an insertion to `depth`."""
+    """Returns the positions (m) of the needle's joints, relative to its entry point, after an insertion to `depth`."""
     needle = {"outer_diameter": diameter, "inner_diameter": 0, "length": length, "bevel_slope": slope, "youngs_modulus": stiffness}
     bench = Bench(trocar.Model(block(youngs_modulus, friction=(10, 7, 0), needle=needle)), length=length, x=0.0)
     bench.move(depth, 0.02)
@@ -31,7 +31,7 @@ def deflection(*arguments, **options):
 
 
 def fitted_slope(target, *arguments, **options):
-    """Returns the slope that gives this deflection, mm; deflections are nearly proportional to it."""
+    """Returns the slope that gives this deflection (mm); deflections are nearly proportional to the slope."""
     slope = 0.05
     for _ in range(2):
         slope *= target / deflection(arguments[0], slope, *arguments[1:], **options)
@@ -62,11 +62,11 @@ if not rows.short:
 
 # ---- a spinning needle ----
 
-TRAVEL, PERIOD, SPEED = 0.078, 0.004, 0.02     # m, m of travel for each cycle, m/s
+TRAVEL, PERIOD, SPEED = 0.078, 0.004, 0.02     # m; m of travel per cycle; m/s
 
 
 def curvature(model, length, share):
-    """Returns the curvature, 1/m, of the track of a needle that turns once during `share` of each cycle's travel."""
+    """Returns the curvature (1/m) of the track of a needle that makes one turn during the fraction `share` of each cycle's travel."""
     bench = Bench(model, length=length, x=0.0)
     bench.move(0.0, SPEED)
     tips = []

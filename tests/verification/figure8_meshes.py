@@ -20,19 +20,19 @@ from rows import REPOSITORY  # noqa: E402
 LOW, HIGH, CELLS = (-0.05, -0.045, 0.0), (0.05, 0.045, 0.1), (10, 9, 10)
 GLAND_LOW, GLAND_HIGH = (-0.02, -0.015, 0.03), (0.02, 0.015, 0.07)
 GROUPS = ((3, 1, "prostate"), (3, 2, "surrounding"), (2, 3, "skin"), (2, 4, "capsule"), (2, 5, "fixed"))
-AT_SKIN, AT_80_MM, SPREAD = 0.002, 0.020, 0.25  # m, m; growth with the distance from the line
+AT_SKIN, AT_80_MM, SPREAD = 0.002, 0.020, 0.25  # m, m, and growth of the element size per distance from the line
 LINE = (0.005, 0.003)
 TINY = 1e-9
 
 
 def faces_of(tets, wanted):
-    """Triangles of these tetrahedra for whose corners `wanted` holds."""
+    """Returns the triangular faces of these tetrahedra for which `wanted` holds at all corners."""
     faces = np.concatenate([tets[:, face] for face in needle_meshes.FACES])
     return faces[wanted(faces)]
 
 
 def capsule_of(tets, inside):
-    """Triangles between the gland's tetrahedra and others."""
+    """Returns the triangular faces between the gland's tetrahedra and others."""
     def keyed(chosen):
         faces = np.concatenate([tets[chosen][:, face] for face in needle_meshes.FACES])
         return {tuple(sorted(face)): face for face in faces.tolist()}

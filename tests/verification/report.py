@@ -17,7 +17,7 @@ from reports import COLOURS, axes_for, commit_of, line, output_of, write  # noqa
 PLOTS = HERE / "plots"
 PACKAGES = ("libcholmod3", "libopenblas0-pthread", "libgmsh4.8", "calculix-ccx")
 STYLES = ("-", "--", ":", "-.")
-MANY = 30  # curves with at least this many points get no markers
+MANY = 30  # curves with at least this many points have no markers
 
 
 def read_entries(folder):
@@ -119,7 +119,7 @@ def main():
         print(__doc__)
         return 0 if "--help" in sys.argv else 2
     folder = Path(sys.argv[1])
-    commit = commit_of(HERE)  # read before the plots are replaced
+    commit = commit_of(HERE)  # determined before the plots are replaced
     write(HERE, report_lines(read_entries(folder), folder, commit))
     return 0
 

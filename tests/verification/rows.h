@@ -22,7 +22,7 @@
 typedef struct {
     const char *section;       /* section of the following rows; may be changed between rows */
     const char *folder;        /* for output; exists */
-    bool short_form;           /* a few seconds at most: --short was given */
+    bool short_form;           /* true if --short was given: the check takes at most a few seconds */
     json file;
     int failed;
 } rows;
@@ -33,12 +33,12 @@ typedef struct {
     const char *reference;     /* compared with */
     double value;
     double expected;           /* NAN: none */
-    double error, limit;       /* relative, unless the note says otherwise */
-    const char *unit;          /* unit of value and expected; NULL if they have none */
-    const char *note;          /* reason of a failure, or a remark; NULL if there is none */
+    double error, limit;       /* relative error, unless the note says otherwise */
+    const char *unit;          /* unit of value and expected value, or NULL if they have none */
+    const char *note;          /* reason of a failure, or a comment; NULL if there is none */
 } row;
 
-/* A line in a figure: curves with the same figure name are drawn into FIGURE.svg, those with the same label in one colour. */
+/* A curve in a figure. Curves with the same figure name are drawn into FIGURE.svg; those with the same label have the same colour. */
 typedef struct {
     const char *figure;        /* file name without .svg */
     const char *label, *x_label, *y_label;
@@ -100,7 +100,7 @@ static inline void rows_add(rows *r, row entry) {
     fflush(stdout);
 }
 
-/* Writes a line without a limit: entry.limit is ignored. */
+/* Writes a row without a limit: entry.limit is ignored. */
 static inline void rows_measured(rows *r, row entry) {
     rows_values(r, "measured", &entry);
     json_close(&r->file, '}');
@@ -108,14 +108,14 @@ static inline void rows_measured(rows *r, row entry) {
     fflush(stdout);
 }
 
-/* Compares a value with an expected one, by the relative error. */
+/* Compares a value with the expected value by the relative error. */
 static inline void rows_compare(rows *r, const char *check, const char *reference, double value, double expected,
                                 double limit, const char *unit) {
     rows_add(r, (row){.check = check, .reference = reference, .value = value, .expected = expected,
                       .error = fabs(value - expected) / fabs(expected), .limit = limit, .unit = unit});
 }
 
-/* Writes a value that is itself an error. */
+/* Writes a row whose value is itself an error. */
 static inline void rows_error(rows *r, const char *check, const char *reference, double error, double limit) {
     rows_add(r, (row){.check = check, .reference = reference, .value = error, .expected = NAN, .error = fabs(error), .limit = limit});
 }
@@ -132,7 +132,7 @@ static inline void rows_curve(rows *r, curve c) {
     json_close(&r->file, '}');
 }
 
-/* Returns the program's exit status: 0 if every row passed, else 1. */
+/* Returns the program's exit status, which is 0 if every row passed and 1 otherwise. */
 static inline int rows_end(rows *r) {
     json_close(&r->file, ']');
     fputc('\n', r->file.out);

@@ -1,21 +1,21 @@
-/* Energy of the needle's twist and of the tissue that it turns: see docs/mechanics.md, "Roll". */
+/* Energy of the needle's twist and of the tissue that the needle turns; see docs/mechanics.md, "Roll". */
 #ifndef TROCAR_VERIFICATION_TWIST_H
 #define TROCAR_VERIFICATION_TWIST_H
 
 #include "lockstep.h"
 
-/* The shaft at a point of the last solve. */
+/* The shaft's state at a point, after the last solve. */
 static inline const roll_friction *twist_at(const lockstep *l, const contact_point *p) {
     return p->kind == POINT_TIP ? &l->state.tip.shaft.roll : &l->state.contacts[p->handle].shaft.roll;
 }
 
-/* Returns the instantaneous rotation per torque, rad / N m: the torque m' per length turns the tissue at the shaft by m' / (4 pi mu r^2). */
+/* Returns the instantaneous rotation per torque, rad / N m: a torque per length m' rotates the tissue at the shaft by m' / (4 pi mu r^2). */
 static inline double twist_yielding(const lockstep *l, const contact_point *p) {
     const insertion_model *model = &l->simulation.insertion;
     return 1.0 / (2.0 * pow(model->needle->radius, 2) * shaft_resistance_of(model, &l->state, p->share).axial);
 }
 
-/* Returns the needle's energy, J: each piece between two points bears the torques of all points beyond it. */
+/* Returns the needle's twisting energy (J). Each piece between two points bears the torques of all points beyond it. */
 static inline double twist_energy_of_needle(const lockstep *l) {
     const insertion_workspace *w = l->run.workspace;
     double sum = 0.0, torque = 0.0;
@@ -26,7 +26,7 @@ static inline double twist_energy_of_needle(const lockstep *l) {
     return 0.5 * sum / l->simulation.needle.torsion;
 }
 
-/* Returns the energy, J, of the tissue around the shaft under the needle's torques. */
+/* Returns the energy (J) of the tissue around the shaft under the needle's torques. */
 static inline double twist_energy_of_tissue(const lockstep *l) {
     const insertion_workspace *w = l->run.workspace;
     double sum = 0.0;

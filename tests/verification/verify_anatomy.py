@@ -21,8 +21,8 @@ except ImportError as error:
     sys.exit(SKIPPED)
 
 MAPS, FEW = 200, 1
-BOVINE = 0.0061, 0.0480     # N/mm^2, N/mm: published force on bovine liver against the needle's displacement, as in validate_liver.py
-DENT = 0.2                  # fraction of that: 35 mm of other tissue lie in front of the region and also deform
+BOVINE = 0.0061, 0.0480     # N/mm^2, N/mm: coefficients of the published force on bovine liver over the needle's displacement, as in validate_liver.py
+DENT = 0.2                  # fraction of that displacement; 35 mm of other tissue in front of the region also deform
 
 
 def maps(rows):
@@ -49,7 +49,7 @@ def liver(rows):
 
 
 def every_material(rows):
-    """Tests whether a needle enters a region of each material."""
+    """Tests whether a needle can enter a region of each material."""
     with tempfile.TemporaryDirectory() as folder:
         path, failed = material_check.make(folder), []
         for name, entry in materials.TABLE.items():

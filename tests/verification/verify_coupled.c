@@ -1,14 +1,14 @@
-/* Needle and tissue together, against laws that hold for all parameters: equilibrium of forces and moments, the exact axial curve
-   in homogeneous tissue, reversibility below the friction limit, repeatable insertions, and exit on the far side. */
+/* Tests needle and tissue together against laws that hold for all parameters: equilibrium of forces and moments, the exact axial force curve in homogeneous
+   tissue, reversibility below the friction limit, repeatable insertions, and exit on the far side. */
 #include "lockstep.h"
 #include "refinement/refined_mesh.h"
 #include "rows.h"
 
 static const double TICK = 1e-3;              /* s */
-static const double FRICTION = 8.0, CUTTING = 0.4, SKIN = 1.0; /* N/m, N, N: of the homogeneous tissue */
+static const double FRICTION = 8.0, CUTTING = 0.4, SKIN = 1.0; /* N/m, N and N, values for the homogeneous tissue */
 
-/* One material, without viscous terms and with static friction equal to kinetic, so that the axial curve is known. The capsule
-   resists no more than the tissue. */
+/* Makes a scene with one material, without viscous terms and with equal static and kinetic friction, so that the axial force curve is known. The capsule does
+   not resist more than the tissue. */
 static simulation_config homogeneous(void) {
     simulation_config c = lockstep_config();
     for (int i = 0; i < c.region_count; i++) {
@@ -25,8 +25,8 @@ static simulation_config homogeneous(void) {
 
 /* ---- equilibrium -------------------------------------------------------------------------------------------------------- */
 
-/* Resultant of the forces on the added nodes, with moments about the origin at nominal positions, as in linear elasticity; for the
-   fixed nodes, of the reactions K u. */
+/* Computes the resultant of the forces on the added nodes, with moments about the origin at nominal positions, as in linear elasticity. For the fixed nodes, it
+   is the resultant of the reactions K u. */
 typedef struct { vec3 force, moment; } resultant;
 
 static void add_to(resultant *sum, vec3 x, vec3 force) {
@@ -59,8 +59,8 @@ static double divergence_in(const mesh *m, int e, const vec3 *u, double *volume)
     return sum;
 }
 
-/* Returns the volumetric stress of each nominal element: lambda times the mean of its corners' div u, which is the mean by
-   volume over the elements of one region around a corner. The caller frees it. */
+/* Returns the volumetric stress of each nominal element: lambda times the mean of div u at its corners, where the value at a corner is the mean by volume over
+   the elements of one region around that corner. The caller frees the array. */
 static double *averaged_stress(const lockstep *l, const vec3 *u) {
     const mesh *m = &l->simulation.mesh;
     double *stress = calloc((size_t)m->tet_count, sizeof *stress), *sum = calloc(2 * (size_t)m->node_count, sizeof *sum);
@@ -79,7 +79,7 @@ static double *averaged_stress(const lockstep *l, const vec3 *u) {
     return stress;
 }
 
-/* Returns the stress if it is lambda times the mean by volume over the element's patch. */
+/* Returns the stress if it is lambda times the mean of div u by volume over the element's patch. */
 static double *patch_stress(const lockstep *l, const vec3 *u) {
     const mesh *m = &l->simulation.mesh;
     const int *patch = l->simulation.tissue.patch;
@@ -95,7 +95,7 @@ static double *patch_stress(const lockstep *l, const vec3 *u) {
     return stress;
 }
 
-/* Integrates the stress over the elements of the refined mesh, assembled here from shape functions. */
+/* Integrates the stress over the elements of the refined mesh, whose gradients are computed here from shape functions. */
 static resultant reaction_of_fixed_nodes(lockstep *l) {
     const mesh *m = &l->simulation.mesh;
     refinement refined;
@@ -165,13 +165,14 @@ static void check_forces(rows *r, volumetric_strain strain) {
     lockstep_free(l);
 }
 
-/* Makes Newton's method continue until nothing changes, instead of until 1e-8 m. */
+/* Makes Newton's method continue until nothing changes, rather than until 1e-8 m. */
 static void converge(simulation_config *c) {
     c->insertion.max_passes = 20;
     c->insertion.tolerance = 1e-15;
 }
 
-/* The base torque is the sum of the contacts' moments; the bending moment at the base follows from the needle's shape alone. */
+/* Compares the torque on the base with the sum of the contacts' moments, and with the bending moment at the base, which follows from the needle's shape
+   alone. */
 static void check_bending(rows *r) {
     for (int converged = 0; converged < 2; converged++) {
         simulation_config c = lockstep_config();
@@ -199,8 +200,8 @@ static bool whole_shaft_slides(const lockstep *l, friction_state way) {
     return contacts_active(&l->state) > 0 && l->state.tip.solved.friction == way && l->state.tip.shaft.friction == way && l->state.tip.barrier.blocked_by == NOT_BLOCKED;
 }
 
-/* Returns the largest error of the axial force during a move while the whole shaft slides, relative to friction times depth plus
-   (during insertion) cutting. */
+/* Returns the largest error of the axial force during a move in which the whole shaft slides, relative to friction times depth plus, during insertion, the
+   cutting force. */
 static double curve_error(lockstep *l, double way, friction_state slides, int *ticks, double *depth, double *force, int *count) {
     double worst = 0.0;
     int n = (int)(fabs(way) / 2e-5 + 0.5);
@@ -215,9 +216,8 @@ static double curve_error(lockstep *l, double way, friction_state slides, int *t
     return worst;
 }
 
-/* Returns the rise before the puncture: needle and tissue in series, with the tissue's compliance at the entry point from a
-   separate solve.
-   */
+/* Returns the force increase before the puncture: needle and tissue act in series, and the tissue's compliance at the entry point comes from a separate
+   solve. */
 static double compliance_at_entry(lockstep *l) {
     const mesh *m = &l->simulation.mesh;
     vec3 *force = calloc((size_t)m->node_count, sizeof *force), *u = calloc((size_t)m->node_count, sizeof *u);
@@ -229,7 +229,7 @@ static double compliance_at_entry(lockstep *l) {
     for (int c = 0; c < 4; c++) sum += weights[c] * u[m->tets[tet][c]].z;
     free(force);
     free(u);
-    return sum + l->run.workspace->tissue.axial[0]; /* plus the local compliance of the end face */
+    return sum + l->run.workspace->tissue.axial[0]; /* adds the local compliance of the end face */
 }
 
 static void check_rise(rows *r) {
@@ -305,8 +305,8 @@ static void push_and_pull(lockstep *l, double *force) {
     }
 }
 
-/* Inserts and withdraws ten times at one place, each time after a track 3 mm away, and compares with the first time. Tissue closes behind
-   the tip; in an open track the next insertion would not cut. */
+/* Inserts and withdraws ten times at the same place, each time after cutting a track 3 mm away, and compares with the first time. Tissue closes behind the tip;
+   in an open track, the next insertion would not cut. */
 static void check_repetition(rows *r) {
     simulation_config c = lockstep_config();
     c.insertion.track_reach = 0.0;
@@ -332,7 +332,7 @@ static void check_repetition(rows *r) {
     lockstep_free(l);
 }
 
-/* Inserts along x through the side of the body, 100 mm of tissue. */
+/* Inserts along x through the side of the body, which is 100 mm of tissue. */
 static void check_exit(rows *r) {
     simulation_config c = homogeneous();
     lockstep *l = lockstep_create(&c, (pose){v3(-0.2505, 0.0, 0.03), q_exp(v3(0, M_PI / 2, 0))});

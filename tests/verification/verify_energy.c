@@ -29,14 +29,14 @@ typedef struct {
     int tet;                 /* nominal element */
     vec3 nominal;            /* m */
     vec3 force;              /* N, force of the needle on the tissue */
-    vec3 damping;            /* N, force of the damper at the tip on the tissue */
+    vec3 damping;            /* N, force that the damper at the tip exerts on the tissue */
     vec3 moved;              /* m, displacement of the tissue plus stretch of the local compliance */
     vec3 tangent;            /* tangent of the needle at the point */
     double slip;             /* m, slip in the last solve */
     double torque;           /* N m, torque of the shaft on the tissue around it */
-    double twisted;          /* rad, by which it has turned that tissue */
-    double turned;           /* rad, by which the shaft slid around its axis in the last solve */
-    double end;              /* m/N, local compliance under the tip's end face; 0: not the tip */
+    double twisted;          /* rad, angle by which the shaft has rotated that tissue */
+    double turned;           /* rad, angle by which the shaft slid around its axis in the last solve */
+    double end;              /* m/N, local compliance under the tip's end face; 0 for points other than the tip */
 } point;
 
 /* The state after a tick. */
@@ -45,18 +45,18 @@ typedef struct {
     point points[POINTS];
     refinement refined;
     vec3 *nominal, added[POINTS]; /* m, displacement of the nodes */
-    int tip_tet;             /* nominal element in which the tip's force acts, -1: nowhere; and with these weights */
+    int tip_tet;             /* nominal element in which the tip's force acts, or -1 for none, and the weights of its corners */
     double tip_weights[4];
     double tissue, local, needle; /* J, stored */
     pose base;
-    vec3 force, torque;      /* exerted by the base on the hand */
+    vec3 force, torque;      /* force and torque that the base exerts on the hand */
 } picture;
 
 typedef struct {
-    double work, friction, cutting; /* cutting and puncture: force times distance */
-    double damping;          /* dissipated by the damper at the tip */
-    double freed;            /* energy stored by the tissue as the tip advances; negative: released */
-    double handed;           /* energy lost when contact nodes and tributary lengths change */
+    double work, friction, cutting; /* J; `cutting` includes punctures and is force times distance */
+    double damping;          /* J, energy dissipated by the damper at the tip */
+    double freed;            /* J, energy stored in the tissue as the tip advances; negative if it is released */
+    double handed;           /* J, energy lost when contact nodes and tributary lengths change */
 } energies;                  /* J, so far */
 
 static picture *picture_create(const lockstep *l) {
@@ -70,10 +70,10 @@ static void picture_free(picture *s) {
     free(s);
 }
 
-/* The total force on the tissue at a point. */
+/* Returns the total force on the tissue at a point. */
 static vec3 load_at(const point *p) { return v3_add(p->force, p->damping); }
 
-/* The tissue around a shaft yields differently across the track and along it; at the end face, it yields equally in every direction. */
+/* The compliance of the tissue around a shaft differs between the directions across and along the track; at the end face, it is the same in every direction. */
 static void add_local(picture *s, point *p, vec3 track, principal_tensor lateral, double axial) {
     vec3 load = load_at(p), across = v3_axpy(-v3_dot(load, track), track, load), moved = v3_scale(axial * v3_dot(load, track), track);
     moved = v3_axpy(lateral.least, across, v3_axpy(lateral.more * v3_dot(load, lateral.easy), lateral.easy, moved));
@@ -82,7 +82,7 @@ static void add_local(picture *s, point *p, vec3 track, principal_tensor lateral
     s->local += 0.5 * v3_dot(load, moved);
 }
 
-/* The shaft in the tip's share turns with TIP_SHAFT. */
+/* The part of the shaft assigned to the tip turns with TIP_SHAFT. */
 static void add_twist(const lockstep *l, picture *s, point *p, const contact_point *at) {
     const roll_friction *roll = twist_at(l, at);
     p->torque = roll->torque;
@@ -176,8 +176,8 @@ static void add_tick(const mesh *m, const picture *before, const picture *after,
     e->handed -= after->tissue + after->local - before->tissue - before->local;
 }
 
-/* Returns the energy stored by the tissue as the tip moves on, J: 1/2 f dC f over all forces, before and after. `stayed` has the
-   forces after the tick with the tip at its position before it. */
+/* Returns the energy (J) stored in the tissue as the tip advances: 1/2 f dC f over all forces before and after the tick. `stayed` contains the forces after the
+   tick with the tip at its previous position. */
 static double bound_by_tip(lockstep *l, const picture *before, const picture *after, picture *stayed) {
     if (before->tip_tet < 0 || after->tip_tet < 0) return 0.0;
     insertion_state state = l->state;
@@ -203,7 +203,7 @@ static const leg straight[] = {{1.0, {0, 0, 0.071}, {0, 0, 0}}, {1.0, {0, 0, -0.
 static const leg steered[] = {{0.6, {0, 0, 0.051}, {0, 0, 0}}, {0.2, {0.001, 0.004, 0}, {0.01, 0, 0.5}}, {0.3, {0, 0, 0.02}, {0, 0, 1.0}},
                               {0.3, {0, 0, -0.03}, {0, 0, 0}}, {0.3, {0, -0.003, 0.02}, {0, 0, 0}}, {1.0, {-0.001, -0.001, -0.066}, {0, 0, 0}}};
 
-/* The needle is turned back and forth: at rest, while it is inserted, and while it is withdrawn. */
+/* Turns the needle back and forth: at rest, while it is inserted, and while it is withdrawn. */
 static const leg turned[] = {{0.4, {0, 0, 0.041}, {0, 0, 0}}, {0.3, {0, 0, 0}, {0, 0, 3.0}}, {0.3, {0, 0, 0}, {0, 0, -3.0}}, {0.3, {0, 0, 0.025}, {0, 0, 3.0}},
                              {0.2, {0, 0, 0}, {0, 0, -2.0}}, {0.5, {0, 0, -0.03}, {0, 0, -3.0}}, {0.4, {0, 0, -0.04}, {0, 0, 0}}};
 
@@ -211,7 +211,7 @@ typedef struct {
     energies total;
     double most_work;        /* J, peak */
     double worst;            /* J, largest imbalance during the motion */
-    double least_friction;   /* J, most negative step of the friction work */
+    double least_friction;   /* J, most negative increment of the friction work */
     int count;
     double time[4000], work[4000], stored[4000], dissipated[4000];
 } balance;

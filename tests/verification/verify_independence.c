@@ -1,4 +1,4 @@
-/* The figure-8 motion: forces do not depend on the tick rate, the number of equilibrium iterations, or the remeshing method. */
+/* The forces of the figure-8 motion do not depend on the tick rate, the number of equilibrium iterations, or the remeshing method. */
 #include "figure8.h"
 #include "rows.h"
 
@@ -12,7 +12,7 @@ static void compare(rows *r, const char *what, const figure8_record *a, const ch
     rows_compare(r, check, reference, a->punctures, b->punctures, 0.0, NULL);
 }
 
-/* Punctures may fall on neighbouring ticks, so forces are compared within one slowest period before and after. */
+/* Punctures may occur in neighbouring ticks, so each force is compared with the other run's forces within one slowest period before and after. */
 static void check_rates(rows *r) {
     simulation_config c = lockstep_config();
     figure8_record *reference = figure8_run(&c, 4000, 1);

@@ -1,6 +1,6 @@
-/* The figure-8 motion and a sideways push at depth on prostate meshes of many sizes: peak forces, and the base travel since first
-   touch and the force at each puncture. The reference is the finest of these meshes, so errors common to all meshes do not show
-   here; verify_resolution.py compares with a needle whose surface is resolved. */
+/* Runs the figure-8 motion and a sideways push at depth on prostate meshes of many sizes, and compares peak forces, and base travel since the first touch and
+   force at each puncture. The reference is the finest of these meshes, so errors common to all meshes do not appear here. verify_resolution.py compares with a
+   needle whose surface is resolved. */
 #include <unistd.h>
 
 #include "lockstep.h"
@@ -9,13 +9,13 @@
 
 static const char AFTER_PUNCTURE[] = "the peak occurs up to 20 ms after the capsule's puncture, while the needle springs forward; a coarse "
                                      "mesh then moves too little tissue around the tip";
-static const double LIMIT = 0.07; /* just noticeable difference of force (Pang, Tan and Durlach 1991) */
+static const double LIMIT = 0.07; /* just noticeable difference of force, relative (Pang, Tan and Durlach 1991) */
 
 typedef struct {
     int nodes, punctures;
-    double push, pull, sagittal, torque;   /* largest of the figure-8 motion, N and N m */
-    double way[4], force[4];               /* m of base travel from the skin on and N along the needle at each puncture */
-    double sideways;                       /* m of base travel from the skin, and N along the needle, at each puncture */
+    double push, pull, sagittal, torque;   /* N and N m, peak values of the figure-8 motion */
+    double way[4], force[4];               /* m, base travel since the first touch, and N, axial force, at each puncture */
+    double sideways;                       /* N, largest force of the sideways push */
 } outcome;
 
 static void figure8(lockstep *l, outcome *o) {

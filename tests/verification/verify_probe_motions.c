@@ -1,8 +1,8 @@
-/* Random motions of the probe in random scenes: pressed, lifted, tilted, slid along, rolled and withdrawn, with and without a needle in the tissue. The probe
-   may not get into the tissue without a force, forces on it and on the needle must be continuous, a hand that comes back to where it began must not have gained
-   energy, and where its force would exceed the scene's it stops.
+/* Random motions of the probe in random scenes: the probe is pressed, lifted, tilted, slid along the surface, rolled and withdrawn, with and without a needle
+   in the tissue. The probe must not penetrate the tissue without a force, the forces on the probe and on the needle must be continuous, a hand that returns to
+   its starting point must not have gained energy, and the probe must stop where its force would exceed the scene's limit.
 
-   usage: verify_probe_motions [--short] FOLDER, or verify_probe_motions --runs FIRST LAST, which tells what it finds */
+   usage: verify_probe_motions [--short] FOLDER, or verify_probe_motions --runs FIRST LAST, which prints what it finds */
 #include <stdarg.h>
 #include <time.h>
 
@@ -10,19 +10,19 @@
 #include "rows.h"
 
 static const double TICK = 1e-3, SLOWEST = 3e-3, FASTEST = 6e-3; /* s, m/s */
-static const double NOTICED = 0.07, NOTICED_LEAST = 0.05; /* just noticeable: part of the force; N */
-static const double CLEARANCE = 1e-3; /* m, between the probe and the surface at rest, where a motion begins */
-static const double UNFELT = 1e-3;    /* N: a smaller force on the probe is none */
-enum { SET_EVERY = 3, LOOK_EVERY = 100, PARTS = 8, RECOIL = 30 }; /* ticks, and of a triangle's edges */
+static const double NOTICED = 0.07, NOTICED_LEAST = 0.05; /* just noticeable changes: as a fraction of the force, and in N */
+static const double CLEARANCE = 1e-3; /* m, distance between the probe and the surface at rest when a motion begins */
+static const double UNFELT = 1e-3;    /* N; a smaller force on the probe counts as none */
+enum { SET_EVERY = 3, LOOK_EVERY = 100, PARTS = 8, RECOIL = 30 }; /* ticks between probe poses, and between checks; parts of an edge; ticks after a puncture */
 
 typedef enum { WITHOUT, HELD, RESTING } needle_use;
 
-/* What is limited or measured. */
+/* The quantities that are limited or measured. */
 typedef enum { NODE_DEPTH, UNFELT_DEPTH, FACE_DEPTH, JUMP, JUMP_AFTER_STOP, NEEDLE_JUMP, OVERLOAD, FORCE, GAIN, GAIN_WITH_NEEDLE, FINDINGS } finding_kind;
 
 typedef struct {
     double worst;            /* of all runs */
-    int above, run;          /* how many exceed the limit; where the worst is */
+    int above, run;          /* number of values that exceed the limit; run with the worst value */
 } finding;
 
 typedef struct {
@@ -37,14 +37,14 @@ typedef struct {
     trocar_probe_shape shape;
     double max_force;        /* N */
     double *displacements;
-    int triangle_count;      /* of the surface that is pressed */
+    int triangle_count;      /* number of triangles of the surface on which the probe presses */
     int32_t (*triangles)[3];
     trocar_pose asked;       /* of the probe */
     trocar_probe probe;      /* as last solved */
     int needle;              /* that is ticked */
     trocar_pose base[2];
     trocar_output last[2];
-    int since;               /* ticks since the needle's last puncture or exit */
+    int since;               /* number of ticks since the needle's last puncture or exit */
     double work, most_work;
     long ticks;
     bool moving;             /* the probe */
@@ -54,14 +54,14 @@ typedef struct {
 } trial;
 
 static const double LIMITS[FINDINGS] = {
-    [NODE_DEPTH] = 10e-6,    /* m: nodes are kept out to 1e-12, but needles displace them until the next solution */
+    [NODE_DEPTH] = 10e-6,    /* m; nodes are kept out of the probe to 1e-12 m, but needles displace them until the next solution */
     [UNFELT_DEPTH] = 0.2929, /* radii: of the chord of a right angle; edges may come as deep before they touch (mechanics.md) */
     [FACE_DEPTH] = INFINITY, [FORCE] = INFINITY, [JUMP] = 1.0, [JUMP_AFTER_STOP] = 1.0, [NEEDLE_JUMP] = 1.0, [OVERLOAD] = 1e-3, [GAIN] = 1e-3,
     [GAIN_WITH_NEEDLE] = 1e-3};
 
-enum { MOST_TOLD = 30 };     /* of a kind, in a run */
+enum { MOST_TOLD = 30 };     /* largest number of messages of the same type that a run prints */
 
-/* True if the value exceeds its limit, and that is to be told. */
+/* Returns true if the value exceeds its limit and this is to be printed. */
 static bool exceeds(trial *t, finding_kind kind, double value) {
     finding *f = &t->found.of[kind];
     if (!(value <= f->worst)) f->worst = value, f->run = t->number;
@@ -71,7 +71,7 @@ static bool exceeds(trial *t, finding_kind kind, double value) {
 
 static void tell(const trial *t, const char *format, ...) __attribute__((format(printf, 2, 3)));
 
-/* A line about what happens at this time. */
+/* Prints a line about an event at this time. */
 static void tell(const trial *t, const char *format, ...) {
     va_list arguments;
     printf("run %d, %.3f s: ", t->number, t->ticks * TICK);
@@ -100,8 +100,8 @@ static void findings_add(findings *sum, const findings *f) {
 
 /* ---- penetration ---------------------------------------------------------------------------------------------------------------- */
 
-/* m: how deep a point lies in the probe, negative outside of it. The solid is a cylinder with a rounded edge: where the edge is not near, its side or its end
-   is closest. Behind its base it goes on. */
+/* Returns the depth (m) of a point in the probe, negative outside it. The solid is a cylinder with a rounded edge: away from the edge, its side or its end is
+   closest. It extends without limit behind its base. */
 static double depth_in_probe(const trocar_probe_shape *s, const trocar_pose *base, const double x[3]) {
     const double *q = base->orientation, *at = base->position, back[4] = {q[0], -q[1], -q[2], -q[3]}, away[3] = {x[0] - at[0], x[1] - at[1], x[2] - at[2]};
     double local[3];
@@ -136,7 +136,7 @@ static void look(trial *t) {
 
 /* ---- ticks --------------------------------------------------------------------------------------------------------------------- */
 
-/* A change of the force, of the least that is noticed. */
+/* Returns a change of the force, relative to the smallest change that is noticed. */
 static double change_of(const double before[3], const double after[3]) {
     return distance3(before, after) / fmax(NOTICED_LEAST, NOTICED * length3(before));
 }
@@ -177,7 +177,7 @@ static void judge_needle(trial *t, const trocar_output *out) {
              out->events, length3(t->probe.force));
 }
 
-/* A tick with the needle's base at `base`; the probe is where it was asked to be. */
+/* Runs a tick with the needle's base at `base`; the probe is at the pose last requested. */
 static void tick(trial *t, const trocar_pose *base) {
     trocar_output out;
     trocar_error why;
@@ -241,16 +241,16 @@ static void push_needle(trial *t, double advance) {
 typedef struct {
     random_scene *block;     /* NULL: meshes/trus.yaml */
     trocar_scene *scene;
-    bool end_on;             /* the probe's end is pressed, not its side */
-    trocar_pose home;        /* of the probe, clear of the surface: its local x, or z if `end_on`, points into the tissue */
-    double pivot;            /* m from the probe's base: where it is tilted about */
-    trocar_pose needle;      /* before it is pushed in */
-    double advance;          /* m: how far it is pushed */
+    bool end_on;             /* true if the probe's end is pressed on the tissue instead of its side */
+    trocar_pose home;        /* pose of the probe, clear of the surface; its local x axis, or z if `end_on`, points into the tissue */
+    double pivot;            /* m, distance from the probe's base to the point about which it is tilted */
+    trocar_pose needle;      /* pose of the needle before the insertion */
+    double advance;          /* m, length of the insertion */
     needle_use use;
     hand_motion motion;      /* of the probe */
 } probe_scene;
 
-/* A block: the probe beside the needle's entry, or anywhere if there is no needle. */
+/* A block of tissue: the probe is placed beside the needle's entry point, or anywhere if there is no needle. */
 static void place_on_block(probe_scene *s, uint64_t *seed, double radius, double length) {
     const double *entry = s->block->entry, upright[3] = {0, 0, 1};
     double away = radius + random_between(seed, 3e-3, 10e-3), angle = random_between(seed, -M_PI, M_PI), dir[3];
@@ -260,7 +260,7 @@ static void place_on_block(probe_scene *s, uint64_t *seed, double radius, double
     if (s->end_on) {
         quaternion_turn(home->orientation, random_between(seed, -0.15, 0.15), random_between(seed, -0.15, 0.15), 0);
         quaternion_rotate(home->orientation, upright, dir);
-        double lowest = -CLEARANCE - radius * hypot(dir[0], dir[1]); /* the tilted rim is clear, too */
+        double lowest = -CLEARANCE - radius * hypot(dir[0], dir[1]); /* so low that the rim of the tilted probe does not touch the surface */
         const double tip[3] = {entry[0] + away * cos(angle), entry[1] + away * sin(angle), lowest};
         for (int a = 0; a < 3; a++) home->position[a] = tip[a] - length * dir[a];
         s->pivot = length;
@@ -278,7 +278,7 @@ static void place_on_block(probe_scene *s, uint64_t *seed, double radius, double
     s->advance = 2e-3 + random_between(seed, 0.01, 0.05);
 }
 
-/* The rectum of meshes/trus.yaml, whose wall is 10 mm from its axis, and a hole of its template. */
+/* The rectum of meshes/trus.yaml, whose wall is 10 mm from its axis, and a hole of the scene's template. */
 static void place_in_rectum(probe_scene *s, uint64_t *seed) {
     s->home = (trocar_pose){{0, -0.032, -0.08}, {sqrt(0.5), 0, 0, sqrt(0.5)}};
     s->pivot = 0.11;
@@ -295,7 +295,7 @@ static void add_leg(probe_scene *s, uint64_t *seed, double press, const double s
     hand_add(&s->motion, random_between(seed, SLOWEST, FASTEST), leg);
 }
 
-/* Pressed; moved about; lifted. */
+/* The probe is pressed on the tissue, moved about, and lifted. */
 static void create_motion(probe_scene *s, uint64_t *seed) {
     const double none[2] = {0, 0};
     double deepest = s->block ? 9e-3 : 12e-3, depth = random_between(seed, 2e-3, deepest), lean = s->end_on ? 0.1 : 0.04;
@@ -388,7 +388,8 @@ static void close_trial(trial *t) {
     free(t->triangles);
 }
 
-/* The needle is left where it is; the other one, far away, is ticked from then on. Otherwise it goes on being held. */
+/* The needle is left in the tissue at its present position, and from then on another needle, far away, is ticked. If the needle cannot be left, it continues to
+   be held. */
 static void leave_needle(trial *t) {
     trocar_error why;
     if (trocar_sim_leave(t->sim, 0, &why) == TROCAR_OK && trocar_sim_work(t->sim, NULL, &why) == TROCAR_OK) t->needle = 1;
@@ -440,7 +441,7 @@ static void run_trial(int number, bool talks, findings *sum) {
     for (int k = 0; k < s.motion.count; k++) follow(&t, &s.motion.legs[k]);
     go_home(&t, &s.home);
     t.moving = false;
-    f->touching_at_last = s.use == WITHOUT && t.probe.contacts > 0; /* a needle may have moved the tissue to where the probe began */
+    f->touching_at_last = s.use == WITHOUT && t.probe.contacts > 0; /* a needle may have moved the tissue to the place where the probe began */
     if (s.use != WITHOUT) withdraw_needle(&t, s.advance);
     exceeds(&t, s.use == WITHOUT ? GAIN : GAIN_WITH_NEEDLE, -t.work / fmax(t.most_work, 1e-6));
     f->runs = 1, f->uses[s.use]++, f->ticks = t.ticks;
@@ -504,7 +505,7 @@ int main(int argc, char **argv) {
         return 0;
     }
     rows r = rows_begin(argc, argv, "Coupled: probe motions");
-    static const int SHORT[] = {5, 71, 137, 150}; /* of those that pass: a block and the rectum, on its side and on end, stopped, beside no needle and either kind */
+    static const int SHORT[] = {5, 71, 137, 150}; /* runs that pass: block and rectum, side and end pressed, stopped by the limit, with each needle use */
     int runs = r.short_form ? (int)(sizeof SHORT / sizeof *SHORT) : 200;
     for (int i = 0; i < runs; i++) run_trial(r.short_form ? SHORT[i] : i, false, &f);
     report(&r, &f);

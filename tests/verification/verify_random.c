@@ -1,20 +1,20 @@
-/* Random scenes with everything switched on, and random motions of a slow hand in them. Forces must be continuous but at punctures, a hand that comes back
-   to where it began must not have gained energy, and no needle's end may be in the tissue without touching it. */
+/* Random scenes with all features enabled, and random motions of a slow hand. Forces must be continuous except at punctures, a hand that returns to its
+   starting point must not have gained energy, and no needle's end may be in the tissue without a contact. */
 #include "random_scene.h"
 #include "rows.h"
 
 static const double TICK = 1e-3, SPEED = 8e-3;       /* s, m/s */
-static const double NOTICED = 0.07, NOTICED_LEAST = 0.05; /* just noticeable: part of the force; N */
+static const double NOTICED = 0.07, NOTICED_LEAST = 0.05; /* just noticeable changes: as a fraction of the force, and in N */
 enum { RECOIL = 30, LOOK_EVERY = 50 };               /* ticks */
 
 typedef struct {
     int runs, jumps, spikes, unstable, lost, kept;
     long ticks;
-    double worst_jump, worst_spike; /* of the noticeable change */
-    double least_work;       /* of a closed path, of the largest work on the way */
+    double worst_jump, worst_spike; /* as multiples of the just noticeable change */
+    double least_work;       /* work of the hand over a closed path, as a fraction of the largest work along the path */
     int jump_run, spike_run, work_run;
-    int unexplained;         /* of the lost ones, deeper than the other needles' dents in closed form; */
-    double deepest;          /* m: by how much at most */
+    int unexplained;         /* number of lost needles that are deeper than the dents of the other needles in closed form */
+    double deepest;          /* m, largest penetration depth */
     bool talks;
 } findings;
 
@@ -22,12 +22,12 @@ typedef struct {
     random_scene *scene;
     trocar_model *model;
     trocar_sim *sim;
-    double radius;           /* m, of the needles */
+    double radius;           /* m, radius of the needles */
     double *displacements;
     trocar_pose base[3];
     trocar_output last[3];
     double history[3][3];    /* N, forces of the last three ticks */
-    int since;               /* ticks since the last puncture, exit or change of what rests */
+    int since;               /* number of ticks since the last puncture, exit, or change of the set of resting needles */
     double work, most_work;
     long ticks;
     bool unstable;
@@ -37,7 +37,7 @@ typedef struct {
     int number;
 } trial;
 
-/* Is a point in the displaced tissue? */
+/* Returns true if a point is in the displaced tissue. */
 static bool in_tissue(const trial *t, const double x[3]) {
     const double *nodes = trocar_model_nodes(t->model);
     const int32_t *tets = trocar_model_tets(t->model);
@@ -46,7 +46,7 @@ static bool in_tissue(const trial *t, const double x[3]) {
         bool inside = true;
         for (int k = 0; k < 4; k++)
             for (int a = 0; a < 3; a++) p[k][a] = nodes[3 * tets[4 * e + k] + a] + t->displacements[3 * tets[4 * e + k] + a] - x[a];
-        for (int k = 0; k < 4 && inside; k++) { /* volumes with the point in place of a corner */
+        for (int k = 0; k < 4 && inside; k++) { /* signs of the volumes that result if the point replaces one corner */
             const double *q[3];
             for (int i = 0, n = 0; i < 4; i++)
                 if (i != k) q[n++] = p[i];
@@ -60,9 +60,9 @@ static bool in_tissue(const trial *t, const double x[3]) {
     return false;
 }
 
-/* m: how far the other needles push the skin along the axis where this one enters, in closed form on a half-space, with what the mesh resolves of it. A tip on
-   the skin is a flat punch, which holds whatever the tissue remembers: its dent is known (Sneddon 1965). For one in the tissue its forces act on the skin
-   (Boussinesq), which is more than they do from inside. */
+/* Returns how far (m) the other needles push the skin along the axis at the entry point of this needle. The displacement is that of a half-space in closed
+   form, with the part that the mesh resolves. A tip on the skin acts as a flat punch that holds whatever the tissue remembers (Sneddon 1965). For a tip inside
+   the tissue, its forces are applied at the skin (Boussinesq), which gives an upper bound. */
 static double dent_by_others(const trial *t, int needle, const double end[3], const double axis[3], double radius) {
     trocar_contact contacts[TROCAR_MAX_POINTS];
     trocar_material m = trocar_model_material(t->model, trocar_model_tet_regions(t->model)[0]);
@@ -84,7 +84,7 @@ static double dent_by_others(const trial *t, int needle, const double end[3], co
     return sum;
 }
 
-/* Compares how deep the end is in the displaced mesh with that. */
+/* Compares the depth of the needle's end in the displaced mesh with that displacement. */
 static void explain(trial *t, int needle, const double end[3], const double axis[3]) {
     static const double FINE = 0.1e-3; /* m */
     double deep = 1e-3, x[3];
@@ -98,7 +98,7 @@ static void explain(trial *t, int needle, const double end[3], const double axis
     if (t->found->talks) printf("run %d, %.3f s: needle %d unfelt %.2f mm deep, others dent the skin by %.2f mm\n", t->number, t->ticks * TICK, needle, 1e3 * deep, 1e3 * dent);
 }
 
-/* Is the needle's end a millimetre or more in the tissue, and nothing touches it? */
+/* Returns true if the needle's end is a millimetre or more deep in the tissue and has no contact. */
 static bool passes_unfelt(trial *t, int needle) {
     trocar_contact contacts[TROCAR_MAX_POINTS];
     double line[TROCAR_MAX_JOINTS][3], behind[3], length;
@@ -169,7 +169,7 @@ static void follow(trial *t, int needle, const hand_leg *leg) {
     }
 }
 
-/* Straight to a pose, without a leg of its own. */
+/* Moves straight to a pose that is not part of a leg. */
 static void go_to(trial *t, int needle, const trocar_pose *to, double seconds) {
     trocar_pose from = t->base[needle];
     int ticks = (int)ceil(seconds / TICK);
@@ -179,7 +179,7 @@ static void go_to(trial *t, int needle, const trocar_pose *to, double seconds) {
     }
 }
 
-/* Pushed in beside the moving needle's entry, and left. */
+/* Inserts a needle beside the entry point of the moving needle, and leaves it. */
 static void leave_beside(trial *t, int needle, uint64_t *seed) {
     trocar_error why;
     double angle = random_between(seed, 0, 2 * M_PI), away = random_between(seed, 4e-3, 12e-3);
@@ -189,7 +189,7 @@ static void leave_beside(trial *t, int needle, uint64_t *seed) {
     hand_add(&m, 0.05, (hand_leg){.advance = random_between(seed, 0.02, 0.05)});
     follow(t, needle, &m.legs[0]);
     if (trocar_sim_leave(t->sim, needle, &why) != TROCAR_OK) return;
-    if (trocar_sim_work(t->sim, NULL, &why) != TROCAR_OK) { /* it goes on being held */
+    if (trocar_sim_work(t->sim, NULL, &why) != TROCAR_OK) { /* the needle continues to be held */
         t->found->kept++;
         if (t->found->talks) printf("run %d: %s\n", t->number, why.text);
     }
@@ -255,11 +255,11 @@ typedef struct {
     bool talks;
 } implant_findings;
 
-enum { COLUMNS = 7, ROWS = 5, ACROSS = -3, UP = -2 }; /* of holes about the template's middle, and where they begin */
+enum { COLUMNS = 7, ROWS = 5, ACROSS = -3, UP = -2 }; /* numbers of columns and rows of holes about the template's centre, and the first column and row */
 static const double PITCH = 5e-3;                     /* m */
 
-/* As many needles as there may be, one after the other through random holes of the shipped implant's template, in surroundings of 3 to 30 kPa, at a hand's
-   speeds. Each is left where it is, so that the tissue is displaced for those that come later. */
+/* Inserts as many needles as the scene allows, one after the other, through random holes of the template of the implant scene, in surroundings of 3 to 30 kPa
+   and at the speed of a hand. Each needle is left at its depth, so that the tissue is displaced for those inserted later. */
 static void run_implant(int number, implant_findings *f) {
     trial t = {.found = &(findings){0}, .number = number};
     trocar_error why;
@@ -284,7 +284,7 @@ static void run_implant(int number, implant_findings *f) {
         int ticks = (int)ceil(way / (speed * TICK)), lost = 0;
         trocar_output out;
         fail_if(trocar_sim_reset(t.sim, n, &base, &why), &why);
-        for (int i = 1; i <= ticks + LOOK_EVERY; i++) { /* and at rest, for one look */
+        for (int i = 1; i <= ticks + LOOK_EVERY; i++) { /* after the motion, the needle is at rest until it has been checked once */
             if (i <= ticks) base.position[2] += way / ticks;
             fail_if(trocar_sim_step(t.sim, n, &base, TICK, &out, &why), &why);
             if (i % LOOK_EVERY == 0) lost += passes_unfelt(&t, n);
@@ -305,7 +305,7 @@ static void run_implant(int number, implant_findings *f) {
     free(t.displacements);
 }
 
-/* Adds to a note how many looks at unfelt needles the dents of other needles do not explain. */
+/* Adds to a note the number of checks in which a needle without contact is not explained by the dents of other needles. */
 static void append_unexplained(char *note, size_t size, int unexplained, double deepest) {
     size_t at = strlen(note);
     if (unexplained > 0) snprintf(note + at, size - at, "%s%d deeper than the other needles' dents in closed form, by up to %.1f mm", at > 0 ? "; " : "", unexplained, 1e3 * deepest);
@@ -337,7 +337,7 @@ static void report(rows *r, const findings *f) {
 
 enum { RUNS = 500, IMPLANTS = 200, SHORT_RUNS = 6, SHORT_IMPLANTS = 1, TOLD_EVERY = 10 };
 
-/* So that something is known of a run that is ended early. */
+/* Writes intermediate results, so that some are available if the run is terminated early. */
 static void tell_progress(const findings *f, const implant_findings *implants) {
     if ((f->runs + implants->implants) % TOLD_EVERY > 0) return;
     fprintf(stderr, "%d runs: jumps %d (%.2f, run %d), spikes %d (%.2f, run %d), work %.3g (run %d), unstable %d, unfelt %d (%d unexplained), not at rest %d; %d implants: unfelt %d, not at rest %d\n",
@@ -346,7 +346,7 @@ static void tell_progress(const findings *f, const implant_findings *implants) {
     fflush(stderr);
 }
 
-/* Part `part` of `parts`, from 1, of the full form: rows of its own in random-PART-of-PARTS.json. */
+/* Runs part `part` of `parts` (counted from 1) of the full form; its rows are written to random-PART-of-PARTS.json. */
 static int check(int argc, char **argv, int part, int parts) {
     findings f = {0};
     implant_findings implants = {0};
@@ -364,8 +364,8 @@ static int check(int argc, char **argv, int part, int parts) {
     return rows_end(&r);
 }
 
-/* `--runs FIRST LAST`: only these, with what is found; `--implants FIRST LAST` likewise. `--part K N FOLDER`: the Kth of N parts of the full form, which may run
-   side by side. */
+/* `--runs FIRST LAST` runs only these and prints what it finds; `--implants FIRST LAST` does the same for implants. `--part K N FOLDER` runs part K of the N
+   parts of the full form; the parts may run in parallel. */
 int main(int argc, char **argv) {
     findings f = {.talks = true};
     implant_findings implants = {.talks = true};

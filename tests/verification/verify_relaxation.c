@@ -1,4 +1,4 @@
-/* Relaxing tissue: energy balance of random insertions, independence of tick rate and mesh. Held steps and removed loads:
+/* Tests relaxing tissue: energy balance of random insertions, and independence from tick rate and mesh. Constant displacements and removed loads are tested in
    tests/unit/insertion/test_creep.c. */
 #include "figure8.h"
 #include "insertion/memory/creep.h"
@@ -9,7 +9,7 @@
 #include "twist.h"
 
 static const relaxation_term SERIES[] = {{0.25, 0.15}, {0.15, 2.5}, {0.10, 30.0}};
-enum { TERMS = 3, SAMPLE = 50 }; /* ticks between two checks of the energy */
+enum { TERMS = 3, SAMPLE = 50 }; /* SAMPLE is the number of ticks between two checks of the energy */
 static const double TICK = 1e-3, STIFFENING = 2.0;
 
 static simulation_config relaxing_config(bool relaxing) {
@@ -30,7 +30,7 @@ typedef struct {
     vec3 *nominal, *displaced;
 } nodal;
 
-/* Returns the energy of loads on the nominal mesh, J. Overwrites both. */
+/* Returns the energy (J) of loads on the nominal mesh. Overwrites both arguments. */
 static double energy_of(lockstep *l, nodal n) {
     double sum = 0.0;
     inverse_apply(l->simulation.inverse, n.nominal, n.displaced);
@@ -42,12 +42,12 @@ static void spread(const mesh *m, int tet, const double weights[4], vec3 force, 
     for (int c = 0; c < 4; c++) nominal[m->tets[tet][c]] = v3_axpy(weights[c], force, nominal[m->tets[tet][c]]);
 }
 
-/* Adds the needle's forces (term -1), or those that a term remembers. */
+/* Adds the needle's forces (term -1), or those that a relaxation term remembers. */
 static void put_loads(const lockstep *l, int term, vec3 *nominal) {
     const insertion_state *s = &l->state;
     const mesh *m = &l->simulation.mesh;
     memset(nominal, 0, (size_t)m->node_count * sizeof *nominal);
-    for (int k = 0; contact_is_active(s, k); k++) { /* compliance_between contacts is the nominal mesh's */
+    for (int k = 0; contact_is_active(s, k); k++) { /* compliance_between covers contacts on the nominal mesh */
         const added_node *node = &s->refined.nodes[s->refined.order[k]];
         double weights[4];
         mesh_barycentric(m, node->tet, node->position, weights);
@@ -58,14 +58,14 @@ static void put_loads(const lockstep *l, int term, vec3 *nominal) {
     for (int i = 0; i < s->memory.residual.count && term >= 0; i++) spread(m, s->memory.residual.loads[i].tet, s->memory.residual.loads[i].weights, s->memory.residual.loads[i].load[term], nominal);
 }
 
-/* Returns the part of the tip's share that its shaft bears; the rest acts one radius ahead of it. */
+/* Returns the fraction of the tip's force that the shaft bears; the rest acts one radius ahead of the tip. */
 static double shaft_part(const lockstep *l, const contact_point *p) {
     double length = p->share.to - p->share.from, radius = l->simulation.needle.radius;
     return p->kind == POINT_TIP ? length / (length + radius) : 1.0;
 }
 
-/* Near the surface, the tissue under the end face is softer while the face presses harder (local_at_tip): a force F on it stores the
-   integral of F over the displacement, which is this much more than 1/2 F times the displacement. */
+/* Near the surface, the tissue under the end face becomes softer the harder the face presses (local_at_tip). A force F on it stores the integral of F over the
+   displacement, which exceeds 1/2 F times the displacement by the value returned. */
 static double softening_energy(const lockstep *l, double face) {
     const needle_tip *tip = &l->state.tip;
     enum { STEPS = 20 };
@@ -76,7 +76,7 @@ static double softening_energy(const lockstep *l, double face) {
     return sum;
 }
 
-/* Returns the needle's force on the tissue around the shaft at a point, N: at the tip, the end face bears the rest. */
+/* Returns the needle's force (N) on the tissue around the shaft at a point; at the tip, the end face bears the rest. */
 static vec3 force_around_shaft(const lockstep *l, int i) {
     const insertion_workspace *w = l->run.workspace;
     vec3 force = point_force(&l->state, &w->points.list[i]), needle = needle_along(&w->points.list[i].at);
@@ -85,7 +85,7 @@ static vec3 force_around_shaft(const lockstep *l, int i) {
     return v3_axpy(w->problem.force[2 * w->problem.count + i + 1], needle, v3_scale(w->tissue.sideways_on_shaft, aside));
 }
 
-/* Returns the energy of the local compliances under forces across the needle and along it, J. Term -1: the needle's forces. */
+/* Returns the energy (J) of the local compliances under forces across and along the needle. Term -1 stands for the needle's forces. */
 static double local_energy(const lockstep *l, int term) {
     const insertion_workspace *w = l->run.workspace;
     const tissue_memory *memory = &l->state.memory;
@@ -114,7 +114,7 @@ static double local_energy(const lockstep *l, int term) {
     return 0.5 * sum / w->creep.yield + softening;
 }
 
-/* Returns the energy of the tissue that the shaft has turned, under the torques that a term remembers, J. */
+/* Returns the energy (J) of the tissue that the shaft has rotated, under the torques that a term remembers. */
 static double twist_energy(const lockstep *l, int term) {
     const insertion_workspace *w = l->run.workspace;
     double sum = 0.0;
@@ -125,14 +125,15 @@ static double twist_energy(const lockstep *l, int term) {
     return 0.5 * sum;
 }
 
-/* Returns the energy that a stiffening spring stores in addition to a linear one, J: the integral of the force over the displacement. */
+/* Returns the energy (J) that a stiffening spring stores in addition to that of a linear spring, which is the integral of the force over the additional
+   displacement. */
 static double stiffening_energy(const stiffening_law *law, double force) {
     double energy = force * stiffening_at(law, force).shift;
     for (int i = 0; i < 100; i++) energy -= stiffening_at(law, force * (i + 0.5) / 100).shift * force / 100;
     return energy;
 }
 
-/* Returns this energy for all local compliances; elastic tissue. */
+/* Returns this additional energy, summed over all local compliances of elastic tissue. */
 static double stiffened_energy(const lockstep *l) {
     const insertion_workspace *w = l->run.workspace;
     const stiffening_step *s = &w->stiffening;
@@ -172,7 +173,7 @@ static lockstep *create_tissue(bool relaxing, double stiffening) {
     return lockstep_create(&c, lockstep_start());
 }
 
-/* Inserts into tissue without tracks and without memory. */
+/* Inserts into tissue that has no tracks and remembers no loads. */
 static energy_record insert(lockstep *l, unsigned seed) {
     random_hand hand = random_hand_brief(seed);
     l->simulation.needle.given.bevel_slope = hand.bevel_slope;
@@ -219,7 +220,7 @@ static void check_energy_of_stiffening(rows *r) {
 }
 
 static void check_energy(rows *r) {
-    enum { INSERTIONS = 200, ELASTIC = 20, OF_SHORT_FORM = 36 }; /* the short form makes every 36th of them */
+    enum { INSERTIONS = 200, ELASTIC = 20, OF_SHORT_FORM = 36 }; /* the short form runs every 36th of them */
     double worst[2] = {INFINITY, INFINITY};
     int count[2] = {0};
     char check[160];
@@ -243,7 +244,7 @@ static void check_energy(rows *r) {
     check_energy_of_stiffening(r);
 }
 
-/* A sticking needle is shaken, so only creep dissipates. With the forces at the end of a tick, no tick dissipates a negative amount. */
+/* A needle that sticks is shaken, so that only creep dissipates energy. With the forces at the end of each tick, no tick may have a negative dissipation. */
 static void check_shaken(rows *r) {
     simulation_config c = relaxing_config(true);
     for (int i = 0; i < c.region_count; i++) {
@@ -289,7 +290,7 @@ static void check_rates(rows *r) {
     free(reference);
 }
 
-/* Forces along the needle and sideways after an insertion and a push, and their remainder after holding. */
+/* Forces along the needle and sideways after an insertion and a push, and the forces that remain after holding. */
 typedef struct { double along, sideways, along_held, sideways_held; } held_forces;
 
 static held_forces push_and_hold(const char *path) {

@@ -1,17 +1,16 @@
-/* The largest change of the base force per tick at 1 kHz in random insertions with steering, retraction and reinsertion, on several
-   meshes. People notice changes of 7 %, or 0.05 N for small forces. In stiffening tissue, the force must also rise while a sticking needle
-   is pushed. */
+/* Measures the largest change of the base force per tick at 1 kHz in random insertions with steering, retraction and reinsertion, on several meshes. People
+   notice changes of 7 %, or of 0.05 N if the force is small. In stiffening tissue, the force must also increase while a sticking needle is pushed. */
 #include "lockstep.h"
 #include "random_hand.h"
 #include "rows.h"
 
 static const double TICK = 1e-3;              /* s */
-static const double NOTICED = 0.07, NOTICED_LEAST = 0.05; /* just noticeable: fraction of the force; N */
-static const int RECOIL = 25;                 /* longest time for which a needle springs forward after a puncture, ticks */
+static const double NOTICED = 0.07, NOTICED_LEAST = 0.05; /* just noticeable changes: as a fraction of the force, and in N */
+static const int RECOIL = 25;                 /* ticks, longest time for which a needle springs forward after a puncture */
 enum { BINS = 400, BINS_PER_DECADE = 80 };
 static const double FIRST_BIN = 1e-4;
 
-/* Changes relative to the noticeable ones, counted in logarithmic bins. */
+/* Histogram of changes relative to the just noticeable change, in logarithmic bins. */
 typedef struct {
     double largest;
     long count, excesses;
@@ -36,12 +35,12 @@ static double percentile(const distribution *d, double part) {
 }
 
 typedef struct {
-    distribution quiet;      /* ticks outside punctures, exits and their recoil */
-    distribution recoil;     /* ticks within it, except the two of the puncture itself */
+    distribution quiet;      /* ticks that are not part of a puncture, an exit or the recoil after them */
+    distribution recoil;     /* ticks of the recoil, except the two of the puncture itself */
     unsigned events;
 } smoothness;
 
-/* One tick: `since` counts ticks since the last puncture or exit. */
+/* Records one tick; `since` is the number of ticks since the last puncture or exit. */
 static void judge(smoothness *s, const lockstep *l, vec3 last, int *since, int run, int leg) {
     bool jumps = l->wrench.events & (EVENT_PUNCTURED | EVENT_EXITED);
     *since = jumps ? 0 : *since + 1;
@@ -104,7 +103,7 @@ static void draw(rows *r, const char *name, const distribution *d) {
                           .y_label = "part of the ticks above it", .logarithmic = true, .count = count, .x = change, .y = part});
 }
 
-/* Creates insertions on the mesh at `path`; NULL: the scene's. */
+/* Creates insertions on the mesh at `path`, or on the scene's mesh if it is NULL. */
 static lockstep *create_insertions(const char *path, double stiffening) {
     simulation_config config = lockstep_config();
     for (int i = 0; i < config.region_count; i++) config.regions[i].material.stiffening = stiffening;
@@ -112,7 +111,7 @@ static lockstep *create_insertions(const char *path, double stiffening) {
     return lockstep_create(&config, lockstep_start());
 }
 
-/* `chosen`: only these runs; NULL: the first ones. */
+/* `chosen` lists the runs to be made; if it is NULL, the first ones are made. */
 static void check_runs(rows *r, const char *name, const char *path, double stiffening, int runs, const int *chosen) {
     lockstep *l = create_insertions(path, stiffening);
     smoothness *s = calloc(1, sizeof *s);
@@ -126,9 +125,9 @@ static void check_runs(rows *r, const char *name, const char *path, double stiff
 
 static void check_mesh(rows *r, const char *name, const char *path, double stiffening, int runs) { check_runs(r, name, path, stiffening, runs, NULL); }
 
-/* Insertions in stiffening tissue that test the continuity of forces near old tracks, in this order: the direction of cutting before the
-   first contact; the work of the hold near the surface; a last contact that lets go there; a membrane beside its puncture; a short track
-   beside a long one; tissue that springs back into a track, beside the skin's puncture and beside the capsule's. */
+/* Insertions in stiffening tissue that test the continuity of forces near old tracks. They test, in this order: the direction of cutting before the first
+   contact; the work of the holding force near the surface; a last contact that is released near the surface; a membrane close to its puncture; a short track
+   next to a long one; and tissue that springs back into a track, close to the puncture of the skin and close to that of the capsule. */
 static const int NEAR_OLD_TRACKS[] = {142, 114, 74, 170, 38, 182, 147};
 
 /* ---- monotone ----------------------------------------------------------------------------------------------------------------
@@ -140,13 +139,13 @@ static const int NEAR_OLD_TRACKS[] = {142, 114, 74, 170, 38, 182, 147};
 static const double STIFFENING = 2.0, PUSH = 3e-3, PUSH_SPEED = 0.02; /* m, m/s */
 
 typedef struct {
-    double least;            /* N, smallest rise in a tick */
+    double least;            /* N, smallest increase in a tick */
     double most;             /* N, largest force */
-    double hardest, softest; /* N/m, largest and smallest stiffness of any push */
+    double hardest, softest; /* N/m, largest and smallest stiffness in any push */
     unsigned events;
 } pushes;
 
-/* Pushes by `way` and records the forces, to the end or until a membrane is punctured. */
+/* Pushes by `way` (m) and records the forces until the end or until a membrane is punctured. */
 static void push(lockstep *l, vec3 way, pushes *p) {
     vec3 direction = v3_unit(way);
     int ticks = (int)ceil(v3_norm(way) / (PUSH_SPEED * TICK));
@@ -172,7 +171,7 @@ static void add_monotone_row(rows *r, const char *what, int count, const pushes 
     rows_add(r, (row){.check = check, .reference = "not negative", .value = p->least / p->most, .expected = NAN, .error = fmax(0.0, -p->least / p->most), .limit = 1e-6, .note = note});
 }
 
-/* Checks needles that are inserted at random places and then stick. */
+/* Checks needles that are inserted at random places and then stick to the tissue. */
 static void check_stuck(rows *r, int count) {
     simulation_config config = lockstep_config();
     config.needle.youngs_modulus *= 1e4;
@@ -213,7 +212,7 @@ static void check_pressed(rows *r, int count) {
     lockstep_free(l);
 }
 
-/* `--runs FIRST LAST S`: only these insertions, on the scene's mesh, in tissue with the stiffening S; prints the changes above the limit. */
+/* `--runs FIRST LAST S` makes only these insertions, on the scene's mesh, in tissue with the stiffening S, and prints the changes above the limit. */
 static int look_at_runs(int first, int last, double stiffening) {
     lockstep *l = create_insertions(NULL, stiffening);
     smoothness *s = calloc(1, sizeof *s);

@@ -1,8 +1,8 @@
-/* Bevel-tip steering: the curvature of a bevelled needle's track, against measured needles, beam theory and symmetry. */
+/* Tests bevel-tip steering: the curvature of a bevelled needle's track is compared with measured needles, beam theory and symmetry. */
 #include "rows.h"
 #include "steering.h"
 
-static const double FROM = 0.03, TO = 0.08; /* m, range of depths for the track's curvature */
+static const double FROM = 0.03, TO = 0.08; /* m, range of depths over which the track's curvature is fitted */
 enum { MOST_SLOPES = 5 };
 
 static double curvature_of(const steering_case *c) {
@@ -10,8 +10,7 @@ static double curvature_of(const steering_case *c) {
     return steering_curvature(&track, FROM, TO, steering_direction(c->roll));
 }
 
-/* Inverse of the decay length of a beam on an elastic foundation, with Vesic's subgrade modulus (ASCE J. Soil Mech. Found. Div. 87,
-   1961). */
+/* Returns the reciprocal of the decay length of a beam on an elastic foundation, with Vesic's subgrade modulus (ASCE J. Soil Mech. Found. Div. 87, 1961). */
 static double foundation_wave_number(const steering_case *c, double poisson_ratio) {
     double d = c->needle.outer_diameter, inner = c->needle.inner_diameter;
     double bending = c->needle.youngs_modulus * M_PI / 64.0 * (pow(d, 4) - pow(inner, 4));
@@ -34,7 +33,7 @@ static void draw_track(rows *r, const char *figure, const char *label, const ste
 
 static const char *nodes_of(const steering_case *c) { return !c->mesh ? "570 nodes" : strcmp(c->mesh, FINEST) ? "3300 nodes" : "6500 nodes"; }
 
-/* Unsymmetric elements push the tip sideways: on coarse meshes this is measured, and on a finer mesh it has a limit. */
+/* Asymmetric elements push the tip sideways. On coarse meshes this deflection is only measured; on a finer mesh it has a limit. */
 static void on_mesh(rows *r, row entry, const steering_case *c, bool fine) {
     char check[160];
     snprintf(check, sizeof check, "%s, %s", entry.check, nodes_of(c));
@@ -51,8 +50,7 @@ static void check_straight(rows *r, const char *check, steering_case c) {
                      .note = "deflection of the tip at 79 mm, absolute error: unsymmetric elements push the tip aside"}, &c, c.mesh && !strcmp(c.mesh, FINEST));
 }
 
-/* The S-shaped track of a half turn: its end, and for a needle whose bending decays within a few millimetres also the curvature
-   after the turn. */
+/* Checks the S-shaped track after a half turn: its end and, for a needle whose bending decays within a few millimetres, also the curvature after the turn. */
 static void check_half_turn(rows *r, const char *name, steering_case c, bool decays_at_once) {
     char check[96];
     steering_track arc = steering_run(&c);
@@ -73,7 +71,7 @@ static void check_half_turn(rows *r, const char *name, steering_case c, bool dec
     draw_track(r, "steering-half-turn", check, &s);
 }
 
-/* Rolled by half a turn before the insertion, the needle makes a mirrored track, as far as the mesh allows. */
+/* A needle that is rolled by half a turn before the insertion cuts the mirrored track, as far as the mesh's asymmetry allows. */
 static void check_mirror(rows *r, const char *check, steering_case c) {
     c.x = c.y = 0.0;
     double upright = curvature_of(&c);
@@ -110,8 +108,8 @@ static void check_nitinol_slopes(rows *r) {
                            .note = "an estimate"});
 }
 
-/* From the softest tissue to rubber. Strength is proportional to the modulus in tissue softer than 60 kPa, which would otherwise be dented by
-   centimetres. */
+/* Moduli from the softest tissue to rubber. In tissue softer than 60 kPa, which would otherwise be dented by centimetres, the strength is proportional to the
+   modulus. */
 static void check_stiffness(rows *r, const char *name, steering_case c) {
     static const double moduli[] = {5e3, 15e3, 60e3, 250e3, 1e6, 3e6};
     for (int i = 0; i < 6; i++) {
@@ -126,9 +124,9 @@ static void check_stiffness(rows *r, const char *name, steering_case c) {
     }
 }
 
-/* Curvatures of one needle on one mesh with the bevel facing four sides. */
+/* Curvatures of one needle on one mesh with the bevel facing in four directions. */
 typedef struct {
-    double mean, spread; /* 1/m; largest minus smallest, as a fraction of the mean */
+    double mean, spread; /* 1/m; the spread is the largest minus the smallest curvature, as a fraction of the mean */
 } curvatures;
 
 static curvatures curvatures_around(steering_case c, const char *mesh) {
@@ -142,8 +140,8 @@ static curvatures curvatures_around(steering_case c, const char *mesh) {
     return (curvatures){sum / 4.0, (most - least) / (sum / 4.0)};
 }
 
-/* Unsymmetric elements turn the track by about as much on every mesh, but in different directions: the mean over four sides shows the effect
-   of the mesh's size, and the spread that of its irregularity. */
+/* Asymmetric elements deflect the track by about the same amount on every mesh, but in different directions. The mean over four bevel directions therefore
+   shows the effect of the element size, and the spread shows that of the mesh's irregularity. */
 static void check_meshes(rows *r) {
     static const int sizes[] = {570, 1700, 3300, 6500};
     steering_case cases[] = {steering_steel(0.05), steering_nitinol(0.05)};

@@ -71,7 +71,7 @@ try {
     await until(first, 'trocar.status.drives && trocar.status.owned === "here"')
     assert.deepEqual(await first.evaluate('trocar.drive.command()'), [0, 0, 0, 0, 0, 0])
     const shownBase = () => first.evaluate('[trocar.shown.tick, trocar.shown.needles[0].joints[2]]')
-    const [taken] = await shownBase() // this picture may be from a moment at which the needle was still driven
+    const [taken] = await shownBase() // this picture may date from a time at which the needle was still driven
     await until(first, `trocar.shown.tick > ${taken} + 1000`)
     const [tick, base] = await shownBase()
     await until(first, `trocar.shown.tick > ${tick} + 200`)
@@ -90,7 +90,7 @@ try {
     await first.evaluate('trocar.seek(trocar.history.start)')
     await until(first, `trocar.stage.needles[0].tip.z < ${now} - 0.005`)
     await until(first, `${badge('past')} && ${banner('Past')} && getComputedStyle(document.getElementById('view')).opacity === '0.7'`)
-    await first.keyboard.down('w') // the needle is not driven while the page shows the past
+    await first.keyboard.down('w') // the needle cannot be driven while the page shows the past
     assert.deepEqual(await first.evaluate('trocar.drive.command()'), [0, 0, 0, 0, 0, 0])
     await first.keyboard.up('w')
     assert(await first.evaluate('trocar.status.drives'), 'the needle is still held')
@@ -110,7 +110,7 @@ try {
     const [here, there] = [await tip(first), 'trocar.stage.needles[0].tip?.z']
     await until(second, `Math.abs(${there} - ${here}) < 1e-4`) // the needle is at rest
     await until(second, 'document.getElementById("take").disabled')
-    await until(second, 'trocar.history.count > 50') // the page receives the plots from before it connected
+    await until(second, 'trocar.history.count > 50') // the page receives the plots' data from before it connected
     await second.setViewportSize(SMALL)
   })
 
@@ -130,7 +130,7 @@ try {
   await driven('a gamepad and the lever on the page also drive the needle', first, async () => {
     const back = await tip(first)
     await first.evaluate(() => { navigator.getGamepads = () => [null, { axes: [0, 0, 0, 0], buttons: [0, 0, 0, 0, 0, 0, 1, 0].map((value) => ({ value })) }] })
-    await until(first, `trocar.stage.needles[0].tip.z < ${back} - 0.005`) // the left trigger pulls
+    await until(first, `trocar.stage.needles[0].tip.z < ${back} - 0.005`) // the left trigger pulls the needle back
     await first.evaluate(() => { navigator.getGamepads = () => [] })
     const lever = await first.locator('#lever').boundingBox(), out = await tip(first)
     await first.mouse.move(lever.x + lever.width / 2, lever.y + lever.height / 2)
@@ -144,7 +144,7 @@ try {
   await check('ten minutes take no more memory than one', async () => {
     const held = await first.evaluate(async () => {
       const kept = new trocar.history.constructor(true), { membranes } = trocar.stage.scene, sizes = []
-      const sample = { values: Array(11).fill(0), membrane: 0, events: 0b111 } // touched, a puncture, a contact
+      const sample = { values: Array(11).fill(0), membrane: 0, events: 0b111 } // events: touch, puncture and contact
       for (let k = 1; k <= 60000; k++) {
         kept.addSamples([{ ...sample, time: k / 100, events: k % 50 ? 0 : sample.events }], membranes)
         if (k % 3 === 0) kept.addPicture({ time: k / 100, bytes: 4096 })
@@ -204,7 +204,7 @@ try {
   await driven('a needle is not driven by old pictures, and what is said of it moves no button', first, async () => {
     const base = () => first.evaluate('[...trocar.history.pictures.at(-1).needles[0].joints.slice(0, 3)]'), reset = async () => (await first.locator('#reset').boundingBox()).y
     const place = await reset()
-    await first.evaluate('trocar.drawn = trocar.stage.finished; trocar.stage.finished = () => false') // as if drawing took for ever
+    await first.evaluate('trocar.drawn = trocar.stage.finished; trocar.stage.finished = () => false') // as if drawing never finished
     const seen = await first.evaluate('[...trocar.shown.needles[0].joints.slice(0, 3)]')
     await first.keyboard.down('s')
     try {
@@ -252,7 +252,7 @@ try {
     await until(second, `getComputedStyle(document.getElementById('view')).opacity === '0.4'`)
     const [count, died] = await second.evaluate('[trocar.history.count, trocar.history.end]')
     server = await startServer()
-    await until(second, `${badge('live')} && trocar.history.count > ${count} + 50`) // the key is still down
+    await until(second, `${badge('live')} && trocar.history.count > ${count} + 50`) // the key is still held down
     assert.deepEqual(await second.evaluate('[trocar.status.drives, trocar.status.owned, trocar.drive.command()]'), [false, 'nobody', [0, 0, 0, 0, 0, 0]])
     const since = await second.evaluate(`Array.from(trocar.history.columns[7].subarray(${count}, trocar.history.count))`)
     assert(since.every((depth) => depth === 0), 'the needle of the new server is outside')
@@ -307,7 +307,7 @@ try {
     await stop(server)
     await second.setViewportSize(SMALL)
     const two = path.join(process.argv[4], 'two.yaml'), text = await readFile(scene, 'latin1')
-    const posed = 'start: {position: [0, 0.06, -0.193], orientation: [0.9887710779360423, 0.1494381324735992, 0, 0]}' // 0.3 rad about x
+    const posed = 'start: {position: [0, 0.06, -0.193], orientation: [0.9887710779360423, 0.1494381324735992, 0, 0]}' // tilted by 0.3 rad about x
     const placed = text.replace(/^mesh: */m, `mesh: ${path.dirname(scene)}/`).replace(/start: *{[^}]*}/, posed).replace(/^patient_to_mesh:[^\]]*\]/m, '')
     await writeFile(two, `${placed}\nneedles: 2\npatient_to_mesh: [-1.0e-3, 0, 0, 0.01, 0, 1.0e-3, 0, 0.02, 0, 0, -1.0e-3, 0.03, 0, 0, 0, 1]\n`)
     server = await start('server/trocar-server', '--allow-non-rt', '--scene', two)
@@ -319,7 +319,7 @@ try {
       await until(second, '!document.getElementById("take").disabled')
       await second.click('#take')
       await until(second, `trocar.status.drives && trocar.status.owned === "here" && trocar.shown?.needles[${needle}]`)
-      await until(second, 'document.getElementById("needle").disabled') // the driven needle stays chosen
+      await until(second, 'document.getElementById("needle").disabled') // the driven needle remains selected
     }
     const push = async () => {
       await second.keyboard.down('w')
@@ -333,13 +333,13 @@ try {
     assert.deepEqual(await second.evaluate(drawn), [false, true], 'the other one has not been held yet')
     await take(0)
     assert.deepEqual(await second.evaluate(drawn), [true, true])
-    // plots and numbers show the chosen needle
+    // plots and readouts show the selected needle
     await until(second, `${depth} === 0 && parseFloat(document.getElementById("depth").textContent) === 0`)
     await push()
     const [one, other] = await second.evaluate('trocar.shown.needles.map(({ contacts, joints }) => ({ contacts: contacts.length / 9, x: joints[0] }))')
     assert(one.contacts > 1 && other.contacts > 1, 'each with its contacts')
     assert(Math.abs(other.x - one.x - 0.01) < 1e-3, 'side by side')
-    const placeShown = (text, [x, y, z]) => { // the needle comes to rest, and the text follows
+    const placeShown = (text, [x, y, z]) => { // the needle comes to rest, and then the text shows its position
       const expected = [(0.01 - x) * 1e3, (y - 0.02) * 1e3, (0.03 - z) * 1e3], found = /^([LR]) ([\d.]+) {2}([AP]) ([\d.]+) {2}([SI]) ([\d.]+) mm$/.exec(text)
       return found !== null && expected.every((value, i) => found[2 * i + 1] === ['LR', 'PA', 'SI'][i][value < 0 ? 1 : 0] && Math.abs(found[2 * i + 2] - Math.abs(value)) < 0.06)
     }
@@ -366,10 +366,10 @@ try {
   await browser.close()
 }
 
-/** A browser as a raw socket that acknowledges everything. */
+/** Acts as a browser that acknowledges everything, using a raw socket. */
 async function joinRaw() {
   const { host, hostname, port, origin } = new URL(ADDRESS), socket = connect(port, hostname), answer = Buffer.alloc(38)
-  answer.set([0x82, 0x80 | 32, 0, 0, 0, 0, 1]) // masked with zeros; acknowledge
+  answer.set([0x82, 0x80 | 32, 0, 0, 0, 0, 1]) // acknowledges the update; the frame is masked with zeros
   socket.write(`GET / HTTP/1.1\r\nHost: ${host}\r\nOrigin: ${origin}\r\nUpgrade: websocket\r\nConnection: Upgrade\r\nSec-WebSocket-Version: 13\r\nSec-WebSocket-Key: dGhlIHNhbXBsZSBub25jZQ==\r\nSec-WebSocket-Protocol: trocar-view\r\n\r\n`)
   await once(socket, 'data')
   socket.on('data', () => socket.write(answer))
@@ -377,7 +377,7 @@ async function joinRaw() {
   return socket
 }
 
-/** Runs in the page: whether the curve of the force along z is drawn at each of the times (s). */
+/** Runs in the page: returns whether the curve of the force along z is drawn at each of the times (s). */
 function forceDrawn(times) {
   const { chart, colours } = trocar.plots.plots[0], { top, height } = chart.bbox
   const wanted = [1, 3, 5].map((at) => parseInt(colours[2].slice(at, at + 2), 16))
@@ -388,7 +388,7 @@ function forceDrawn(times) {
   })
 }
 
-/** Runs in the page: plots too low to be read, or whose labels (10 px) touch. */
+/** Runs in the page: returns plots that are too low to be read, or whose labels (10 px) touch. */
 function touchingLabels() {
   return trocar.plots.plots.filter(({ holder }) => holder.clientHeight > 0).flatMap(({ title, chart }) => {
     const [, { _splits: splits, _values: words }] = chart.axes, height = chart.over.clientHeight

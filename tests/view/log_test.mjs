@@ -1,4 +1,4 @@
-// Recorded insertions in the page and as pictures, in headless Chromium; run by test_view.sh in a private network.
+// Tests recorded insertions in the page and as pictures, in headless Chromium; run by test_view.sh in a private network.
 // usage: log_test.mjs BUILD_DIR SOURCE_DIR OUT_DIR
 import assert from 'node:assert/strict'
 import { once } from 'node:events'
@@ -9,12 +9,12 @@ import { run, scene, source, start, stop } from './parts.mjs'
 
 const out = process.argv[4]
 const LOG = path.join(source, 'tests/traces/figure8.log')
-const SIZES = [[390, 844], [1440, 900], [1920, 1080]] // live_test.mjs checks more of them
+const SIZES = [[390, 844], [1440, 900], [1920, 1080]] // live_test.mjs checks more sizes
 
-const MOMENTS = [ // name; s; cut; what must be visible
+const MOMENTS = [ // name; time in s; direction of the cut; what must be visible
   ['before', 0.05, '', ({ contacts, track }) => contacts === 0 && track === 0],
   ['deep', 1.3, 'x', ({ depth, gland, track, offTip }) => depth > 0.06 && gland > 5e-5 && track > 10 && offTip < 2e-3], // the track ends at the tip
-  // pulled, with the tissue sticking
+  // the track ends at the tip
   ['retraction', 1.47, 'x', ({ force, contacts, sticking, gland }) => force > 0.3 && sticking > contacts / 2 && gland < -2e-5],
 ]
 
@@ -45,7 +45,7 @@ try {
     await file.saveAs(path.join(out, 'button.png'))
     const saved = await page.evaluate(partsOf, await read(path.join(out, 'button.png')))
     assert(saved.height === 1000 && saved.width > 1400, JSON.stringify(saved))
-    assert(saved.slice > 25 && saved.stage > 10, JSON.stringify(saved)) // 6 if the slice is not drawn
+    assert(saved.slice > 25 && saved.stage > 10, JSON.stringify(saved)) // the slice's value is 6 if it is not drawn
     await until(page, `trocar.stage.canvas.width / trocar.stage.canvas.height - trocar.stage.canvas.clientWidth / trocar.stage.canvas.clientHeight < 0.01`)
   })
 

@@ -9,7 +9,7 @@ const [seconds = '8', most = '3', rounds = '9'] = process.argv.slice(4)
 const quantile = (values, q) => [...values].sort((a, b) => a - b)[Math.min(values.length - 1, Math.floor(q * values.length))]
 const median = (values) => quantile(values, 0.5)
 
-/** p50 and p99 in us, as printed by the server. */
+/** Returns p50 and p99 in us, as printed by the server. */
 const times = (said, name) => new RegExp(`^${name} +p50 ([0-9.]+) us, p99 ([0-9.]+) us`, 'm').exec(said).slice(1).map(Number)
 
 /** The device plays the figure 8 while `count` browsers show it. */
@@ -29,10 +29,10 @@ async function measure(count) {
   await stop(view)
   const lateness = times(server.said, 'lateness'), tick = times(server.said, 'compute')
   console.log(`${count} browsers: lateness ${lateness.join(', ')} us, tick ${tick.join(', ')} us (p50, p99)`)
-  return { lateness, tick, pictures: pictures.slice(Math.floor(pictures.length / 5)) } // the page loads during the first pictures
+  return { lateness, tick, pictures: pictures.slice(Math.floor(pictures.length / 5)) } // during the first pictures, the page is still loading
 }
 
-/** Prints the medians of the runs; returns those of the p99. */
+/** Prints the medians over the runs; returns those of p99. */
 function summarise(count, runs) {
   const [late50, late99, tick50, tick99] = ['lateness', 'tick'].flatMap((name) => [0, 1].map((k) => median(runs.map((each) => each[name][k]))))
   const pictures = runs.flatMap((each) => each.pictures)

@@ -2,7 +2,7 @@
 import assert from 'node:assert/strict'
 import { ADDRESS, axe, launch } from './parts.mjs'
 
-const PATIENCE = 150000 // ms, for a busy machine; nothing here measures time
+const PATIENCE = 150000 // ms, enough for a busy machine; the tests in this folder do not measure time
 
 export const browser = await launch()
 export const faults = []
@@ -21,7 +21,7 @@ let driver = null // the page that must keep the needle
 
 const lost = (page) => page.evaluate('trocar.drive.lost')
 
-/** Waits until the expression is true in the page. (Playwright's own wait evaluates in the page, which the page's policy forbids.) */
+/** Waits until the expression is true in the page. (Playwright's own wait uses eval in the page, which the page's security policy forbids.) */
 export async function until(page, expression) {
   for (const end = Date.now() + PATIENCE; Date.now() < end;) {
     if (await page.evaluate(expression)) return
@@ -64,10 +64,10 @@ export async function driven(name, page, body) {
   })
 }
 
-/** Checks in both themes that axe-core finds no violations, and that nothing overlaps or is cut off. */
+/** Checks in both themes that axe-core finds no violations, and that no element overlaps another or is cut off. */
 export async function checkLayout(page, name) {
   if (!await page.evaluate('"axe" in window')) await page.evaluate(axe)
-  for (const theme of ['light', 'dark']) { // the pages are dark before and after
+  for (const theme of ['light', 'dark']) { // the pages are dark before and after this check
     await page.evaluate((theme) => trocar.setTheme(theme), theme)
     await page.evaluate(plainGround, theme)
     const { violations, contrast } = await page.evaluate(objections)
@@ -79,7 +79,7 @@ export async function checkLayout(page, name) {
   assert.deepEqual(await page.evaluate(textFaults), [], name)
 }
 
-/** Checks that these elements, if shown, are in full view without scrolling. */
+/** Checks that these elements, if they are shown, are fully visible without scrolling. */
 export async function checkInView(page, selectors, name) {
   assert.deepEqual(await page.evaluate(hiddenParts, selectors), [], name)
 }
@@ -99,8 +99,8 @@ function plainGround(theme) {
   for (const canvas of document.querySelectorAll('#stage canvas, #trus canvas, #sagittal canvas')) canvas.style.visibility = hidden
 }
 
-/** Runs in the page: returns texts that extend beyond their background, or beyond the element that clips them. Texts that are shortened by dots have
-    a title with the whole text. */
+/** Runs in the page: returns texts that extend beyond their background, or beyond the element that clips them. Texts shortened by an ellipsis must have a title
+    with the full text. */
 function textFaults() {
   const faults = [], dialog = document.querySelector('dialog[open]'), walker = document.createTreeWalker(dialog ?? document.body, NodeFilter.SHOW_TEXT)
   while (walker.nextNode()) {

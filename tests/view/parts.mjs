@@ -39,5 +39,5 @@ export async function stop(child, signal = 'SIGTERM') {
   if (child && !ended(child)) await once(child, 'exit')
 }
 
-/** Chromium with software rendering, as on a machine without a graphics card. */
+/** Starts Chromium with software rendering, as on a machine without a graphics card. */
 export const launch = () => chromium.launch({ executablePath: '/usr/bin/chromium', args: ['--no-sandbox', '--disable-gpu', '--enable-unsafe-swiftshader'] })

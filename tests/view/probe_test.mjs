@@ -10,7 +10,7 @@ const OUT = process.argv[4], trus = path.join(source, 'meshes/trus.yaml')
 const words = () => page.evaluate("document.getElementById('probe-force').textContent")
 const probe = () => page.evaluate('trocar.shown.probe && { y: trocar.shown.probe.position[1], z: trocar.shown.probe.position[2], force: [...trocar.shown.probe.force] }')
 
-/** Holds a key down until the expression is true; a busy machine may let the probe stop meanwhile. */
+/** Holds a key down until the expression is true; on a busy machine, the probe may stop in the meantime. */
 const press = async (key, done) => {
   for (let times = 0; times < 20 && !await page.evaluate(done); times++) {
     await page.keyboard.down(key)

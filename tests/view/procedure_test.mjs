@@ -16,17 +16,17 @@ const says = (id, pattern) => until(page, `${pattern}.test(${text(id)})`)
 const tip = () => page.evaluate('trocar.stage.needles[0].tip.toArray()')
 
 let shots = 0
-/** Saves a picture of the page, for people to look at. */
+/** Saves a screenshot of the page, to be inspected by people. */
 const shoot = (name) => page.screenshot({ path: path.join(OUT, `procedure-${++shots}-${name}.png`) })
 
-/** Returns the position of a hole's middle on the screen. */
+/** Returns the position of a hole's centre on the screen. */
 const onScreen = (hole) => page.evaluate((name) => {
   const { procedure, echo } = trocar, { template } = procedure, place = template.place(template.find(name)), box = echo.canvas.getBoundingClientRect()
   const [x, y] = echo.toPixel(place.x, place.y), ratio = echo.marks.width / box.width
   return [box.left + x / ratio, box.top + y / ratio]
 }, hole)
 
-/** Holds a key down until the expression is true. On a busy machine the page may stop the needle meanwhile, and the key must be pressed again. */
+/** Holds a key down until the expression is true. On a busy machine, the page may stop the needle in the meantime, and the key must then be pressed again. */
 const press = async (key, done) => {
   for (let times = 0; times < 30 && !await page.evaluate(done); times++) {
     await page.keyboard.down(key)
@@ -105,7 +105,7 @@ try {
 
   await driven('a seed is dropped, and stays when the needle is drawn back', page, async () => {
     const left = 'trocar.procedure.seeds.seeds.length === 1'
-    if (await page.evaluate(`!trocar.procedure.seeds.pending[0] && !(${left})`)) { // otherwise this is repeated
+    if (await page.evaluate(`!trocar.procedure.seeds.pending[0] && !(${left})`)) { // otherwise the loop is repeated
       await page.click('#drop')
       await says('answer', /The seed is at the tip/)
       await says('next', /Draw the needle back 4\.\d mm/)
@@ -186,7 +186,7 @@ try {
       await until(page, '!trocar.status.alive')
       assert.deepEqual(await page.evaluate('[trocar.status.needle, trocar.chosen]'), [chosen, chosen])
     } finally {
-      server.kill('SIGCONT') // a stopped process would not end
+      server.kill('SIGCONT') // a stopped process would not react to SIGTERM
     }
     await until(page, `trocar.status.alive && ${text('link')} === 'live'`)
   })
@@ -251,7 +251,7 @@ try {
   await browser.close()
 }
 
-/** Runs in the page: returns its instructions in each state of the needle. */
+/** Runs in the page: returns its instructions for each state of the needle. */
 function allSteps() {
   const { procedure, stage, chosen } = trocar, tip = stage.needles[chosen].tip, said = []
   const { steering } = procedure.drive, far = procedure.targetNow
@@ -291,7 +291,7 @@ function throughTheTissue() {
   return stopped ? said : 'it is not stopped'
 }
 
-/** Runs in the page: makes all needles except the driven one rest in the tissue. */
+/** Runs in the page: puts all needles except the driven one to rest in the tissue. */
 function fillWithNeedles() {
   const { procedure } = trocar, describe = procedure.describe.bind(procedure)
   procedure.isInUse = () => true

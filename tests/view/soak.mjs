@@ -4,11 +4,11 @@
 import { readdirSync, readFileSync } from 'node:fs'
 import { ADDRESS, launch, run, start, stop } from './parts.mjs'
 
-const FULL = 2        // minutes until the last minute's history is full
-const GROWTH = 1.1    // tolerated ratio of the median of the later half to that of the earlier half
+const FULL = 2        // minutes after which the one-minute history is certainly full
+const GROWTH = 1.1    // tolerated ratio of the second half's median to the first half's median
 const minutes = Number(process.argv[4] ?? 10)
 
-/** Returns the private and proportional shared memory of a process without file mappings, MB. */
+/** Returns the private memory and the proportional shared memory of a process in MB, without file mappings. */
 function resident(id) {
   try {
     const held = readFileSync(`/proc/${id}/smaps_rollup`, 'latin1')
@@ -22,7 +22,7 @@ function isChromium(id) {
   } catch { return false }
 }
 
-/** Returns the memory of all Chromium processes; a private network has its own process numbers. */
+/** Returns the memory of all Chromium processes; a private network also has its own process ids. */
 const residentOfChromium = () => readdirSync('/proc').filter((id) => /^\d+$/.test(id) && isChromium(id)).reduce((sum, id) => sum + resident(id), 0)
 
 function grows(name) {

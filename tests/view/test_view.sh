@@ -19,7 +19,7 @@ fail() { echo "FAILED: $*" >&2; exit 1; }
 node "$source/tests/view/${part}_test.mjs" "$build" "$source" "${out:-$work}"
 [ "$part" = log ] || exit 0
 
-# The picture that log_test.mjs took without options is a PNG. Wrong options give exit status 2, a message and no file.
+# The picture that log_test.mjs saved without options is a PNG. Invalid options cause exit status 2, a message and no file.
 show=("$build/clients/view/trocar-view" --scene "$source/meshes/prostate.yaml" --log "$source/tests/traces/figure8.log")
 taken=${out:-$work}/png-plain.png
 head -c 8 "$taken" | od -An -tx1 | grep -q '89 50 4e 47 0d 0a 1a 0a' || fail "no PNG"

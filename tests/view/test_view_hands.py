@@ -19,8 +19,8 @@ from in_namespace import in_namespace
 BUILD, SOURCE = Path(sys.argv[1]).resolve(), Path(sys.argv[2]).resolve()
 in_namespace(SOURCE)
 SCENE = SOURCE / "meshes/implant.yaml"
-LENGTH, FACE = 0.2, -0.025                                     # m: length of the scene's needle, and z of the template's face
-place = lambda column, row: (5e-3 * (6 - column), 5e-3 * (row - 6))    # m, x and y of a hole: column A is at the patient's right
+LENGTH, FACE = 0.2, -0.025                                     # m, length of the scene's needle, and z of the template's face
+place = lambda column, row: (5e-3 * (6 - column), 5e-3 * (row - 6))    # m, x and y of a hole; column A is on the patient's right
 
 
 def start(*command):
@@ -46,7 +46,7 @@ class Hands(unittest.TestCase):
         self.addCleanup(lambda: (self.view.kill(), self.view.wait()))
 
     def start_server(self):
-        """Uses real time if permitted: a gap in the poses at the skin may make a needle buckle."""
+        """Uses real time if it is permitted, because a gap between the poses at the skin may make a needle buckle."""
         try:
             return start(BUILD / "server/trocar-server", "--scene", SCENE)[0]
         except AssertionError:
@@ -65,7 +65,7 @@ class Hands(unittest.TestCase):
         self.ask(browser, lambda: browser.say(web.TAKE, needle=needle), lambda: browser.status["drives"] and self.state(browser, needle) == ("held", "here"))
 
     def ask(self, browser, request, done):
-        """Repeats a request that the viewer may not be ready for."""
+        """Repeats a request for which the viewer may not be ready yet."""
         for _ in range(30):
             if done():
                 return
@@ -82,7 +82,7 @@ class Hands(unittest.TestCase):
         self.ask(browser, lambda: browser.say(web.HOLE, 0, column, row), lambda: (browser.status.get("hole") or {}).get("column") == column)
 
     def insert(self, browser, depth, needle=0):
-        """Inserts a needle through hole E4 until `depth` (m) of it is in the tissue, and waits for a while."""
+        """Inserts a needle through hole E4 to a depth of `depth` (m) in the tissue, and waits for a short time."""
         self.take(browser, needle)
         self.go_to(browser, 4, 6)
         browser.until(lambda: browser.depth.get(needle, 0) > depth, (0, 0, 0.5))
@@ -95,13 +95,13 @@ class Hands(unittest.TestCase):
             browser.hear()
 
     def seen(self, browser, needle=0):
-        """Returns the tip, and the tissue's displacement, mm."""
+        """Returns the position of the tip and the displacement of the tissue, in mm."""
         browser.picture = None
         browser.until(lambda: browser.picture is not None and browser.needle(needle) is not None)
         return [1e3 * x for x in browser.needle(needle)[-1]], [1e3 * x for x in browser.displacements()]
 
     def settled(self, browser, needle=0):
-        """Like `seen`, once the needle has come to rest: the tissue pushes it back slightly when nobody holds it."""
+        """Like `seen`, after the needle has come to rest: the tissue pushes the needle back slightly when nobody holds it."""
         before, now = None, self.seen(browser, needle)
         for _ in range(60):
             if before and max(abs(a - b) for a, b in zip(before[0], now[0])) < 0.02:
@@ -112,7 +112,7 @@ class Hands(unittest.TestCase):
         self.fail(f"the needle does not come to rest: {before[0]}, {now[0]}")
 
     def check_same(self, before, after, tolerance):
-        """Checks that the tip and the tissue's displacement are as before, mm."""
+        """Checks that the position of the tip and the displacement of the tissue (mm) have not changed."""
         for a, b in zip(before[0], after[0]):
             self.assertAlmostEqual(a, b, delta=tolerance)
         self.assertGreater(max(map(abs, before[1])), 1)
@@ -122,7 +122,7 @@ class Hands(unittest.TestCase):
         browser = self.browse()
         self.insert(browser, 0.06)
         before = self.seen(browser)
-        browser.close()    # as when the page is closed or the connection lost
+        browser.close()    # as if the page had been closed or the connection had been lost
         browser = self.browse()
         browser.until(lambda: self.state(browser, 0) == ("resting", "nobody"))
         rested = self.settled(browser)
@@ -140,11 +140,11 @@ class Hands(unittest.TestCase):
         browser = self.browse()
         browser.until(lambda: self.state(browser, 0) == ("resting", "nobody"))
         self.ask(browser, lambda: browser.say(web.REMOVE, needle=0), lambda: self.state(browser, 0)[0] == "held")
-        self.take(browser)                      # the needle is outside, so it need not be left first
+        self.take(browser)                      # the needle is outside the tissue, so it need not be released first
         browser.until(lambda: browser.depth.get(0) == 0)
 
     def test_a_needle_that_nobody_holds_is_taken_as_it_is(self):
-        """The viewer is killed, so that it cannot inform the server, which takes the needle from it after two seconds."""
+        """The viewer is killed, so it cannot inform the server. The server takes the needle from it after two seconds."""
         browser = self.browse()
         self.insert(browser, 0.06)
         self.view.kill()
@@ -160,7 +160,7 @@ class Hands(unittest.TestCase):
         browser.close()
 
     def test_a_needle_on_its_way_to_a_hole_enters_no_other_one(self):
-        """Forward is held down from the first moment."""
+        """The forward key is held down from the beginning."""
         browser = self.browse()
         forward = lambda: browser.say(web.STEER, 0, 0, 1)
         self.ask(browser, lambda: (browser.say(web.TAKE, needle=0), forward()), lambda: browser.status["drives"])
@@ -174,7 +174,7 @@ class Hands(unittest.TestCase):
             return browser.depth.get(0, 0) > 0.02
         browser.until(note, (0, 0, 1))
         x, y = place(7, 6)
-        inside = [base for base, tip in way if tip[2] > FACE + 0.011]    # further than it may have moved before it was ordered to the hole
+        inside = [base for base, tip in way if tip[2] > FACE + 0.011]    # further in than it may have moved before the order to go to the hole
         self.assertTrue(inside)
         for base in inside:
             self.assertAlmostEqual(base[0], x, delta=6e-4)

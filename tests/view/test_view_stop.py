@@ -19,8 +19,8 @@ ACKNOWLEDGE, TAKE, STATUS = 1, 2, 4
 
 
 def write_log(path):
-    """Writes a log of the figure-8 wrenches, 10 per second, with a needle that nobody owns. Replayed, because a live view refuses the
-    older message types of the recording."""
+    """Writes a log of the figure-8 wrenches, 10 per second, with a needle that nobody owns. The log is replayed, because a live view refuses the older message
+    types in the recording."""
     subprocess.run([f"{BUILD}/clients/trocar-replay", "--scene", f"{SOURCE}/meshes/figure8.yaml", "--poses", f"{SOURCE}/tests/traces/figure8.log",
                     "--out", f"{path}.replayed", "--every", "10", "--quiet"], check=True)
     log, at, time = open(f"{path}.replayed", "rb").read(), 0, 1
@@ -32,13 +32,13 @@ def write_log(path):
             if event[28:28 + name] != b"TROCAR_WRENCH":
                 continue
             struct.pack_into(">Q", event, 12, time)
-            struct.pack_into(">Q", event, 28 + name + 24, 0)  # session, after fingerprint, utime and tick
+            struct.pack_into(">Q", event, 28 + name + 24, 0)  # the session, which follows fingerprint, utime and tick
             out.write(event)
             time += 100000
 
 
 def connect(port):
-    """Opens a WebSocket to trocar-view; returns it and the stream after the handshake."""
+    """Opens a WebSocket to trocar-view; returns the socket, and the stream after the handshake."""
     view = socket.create_connection(("127.0.0.1", port), timeout=30)
     view.sendall(f"GET / HTTP/1.1\r\nHost: 127.0.0.1:{port}\r\nOrigin: http://127.0.0.1:{port}\r\nUpgrade: websocket\r\n"
                  "Connection: Upgrade\r\nSec-WebSocket-Key: dGhlIHNhbXBsZSBub25jZQ==\r\nSec-WebSocket-Version: 13\r\n"
@@ -71,7 +71,7 @@ def statuses(frame):
 
 
 def drive(port):
-    """Requests the needle until the browser has it."""
+    """Requests the needle repeatedly until the browser has it."""
     view, stream = connect(port)
     for frame in frames(stream):
         say(view, ACKNOWLEDGE)

@@ -1,4 +1,4 @@
-"""A browser's side of trocar-view's WebSocket, for tests: see clients/view/stream/wire_format.h and web.h."""
+"""The browser's side of trocar-view's WebSocket, for tests: see clients/view/stream/wire_format.h and web.h."""
 import json
 import socket
 import struct
@@ -8,7 +8,7 @@ PICTURE, SAMPLES, STATUS, REPLY = 2, 3, 4, 6
 
 
 class Browser:
-    """A browser; `status`, `picture` and `depth` are the newest."""
+    """A browser; `status`, `picture` and `depth` are the latest ones received."""
 
     def __init__(self, port):
         self.socket = socket.create_connection(("127.0.0.1", port), timeout=30)
@@ -53,7 +53,7 @@ class Browser:
                 self.depth[struct.unpack_from("<i", content, at + 60)[0]] = struct.unpack_from("<f", content, at + 32)[0]
 
     def until(self, true, steer=None):
-        """Receives updates until `true()` holds, and meanwhile steers."""
+        """Receives updates until `true()` holds, and steers in the meantime."""
         for _ in range(4000):
             if true():
                 return
@@ -63,7 +63,7 @@ class Browser:
         raise AssertionError(f"never; {self.status}, {self.reply}, depth {self.depth}")
 
     def needle(self, index):
-        """Returns the needle's nodes in the newest picture (n, 3), m; None if the needle is not in it."""
+        """Returns the needle's nodes (n, 3), in m, in the newest picture, or None if the needle is not in the picture."""
         at = 32 + (64 if struct.unpack_from("<I", self.picture, 28)[0] else 0)
         for _ in range(struct.unpack_from("<I", self.picture, 20)[0]):
             number, joints, contacts, points = struct.unpack_from("<4I", self.picture, at + 24)
@@ -74,7 +74,7 @@ class Browser:
         return None
 
     def displacements(self):
-        """Returns the displacements in the newest picture, m, 3 for each node in turn."""
+        """Returns the displacements (m) in the newest picture, three values for each node in turn."""
         scale, = struct.unpack_from("<f", self.picture, 16)
         count, = struct.unpack_from("<I", self.picture, 24)
         return [scale * value for value in struct.unpack(f"<{3 * count}h", self.picture[-6 * count:])]

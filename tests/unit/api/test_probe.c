@@ -1,6 +1,6 @@
-/* Tests the probe: its shape; the complementarity problem against all subsets; its contact against the test's own projected Gauss-Seidel iteration
-   on the dense inverse; its effect on needles against dense linear algebra; and through trocar.h: saved and restored, in lockstep and with a worker,
-   released, refused.
+/* Tests the probe: its shape; the complementarity problem, compared with a search over all subsets; its contact, compared with a projected Gauss-Seidel
+   iteration on the dense inverse; and its effect on needles, compared with dense linear algebra. Through trocar.h, the probe is saved and restored, moved in
+   lockstep and with a worker, released, and refused.
 
    usage: [MOTIONS=N] [SEED=N] test_unit test_probe     MOTIONS and SEED of the case moved_at_random, by default 20 and 1 */
 #include <setjmp.h>
@@ -34,7 +34,7 @@ static report why;
 
 #define OK(call) do { if ((call) != TROCAR_OK) fail_msg("%s: %s", #call, why.text); } while (0)
 
-/* The cube's upper face, at z = 0.1, is the surface. */
+/* The upper face of the cube, at z = 0.1, is the surface. */
 static int create(void **state) {
     (void)state;
     if (cube_create(&body, 0.1, &why) != TROCAR_OK || inverse_create_attached(body.inverse, &beneath, &why) != TROCAR_OK) return -1;
@@ -55,7 +55,7 @@ static int destroy(void **state) {
 
 /* ---- shape ---------------------------------------------------------------------------------------------------------------- */
 
-/* Computes the gap independently of the tested code: from the closest of many points of the meridian. */
+/* Computes the gap independently of the tested code, as the distance to the closest of many points on the meridian. */
 static double sampled_gap(const probe_shape *s, double beside, double along) {
     enum { SAMPLES = 20000 };
     double nearest = INFINITY, flat = s->radius - s->tip_radius, corner = s->length - s->tip_radius;
@@ -101,7 +101,7 @@ static void complementarity_among_all_subsets(void **state) {
             }
         for (int i = 0; i < M; i++) q[i] = cube_random(-1, 1), z[i] = cube_random(-1, 1);
         int found = 0;
-        for (int set = 0; set < 1 << M; set++) { /* exactly one set solves the problem */
+        for (int set = 0; set < 1 << M; set++) { /* exactly one subset solves the problem */
             double part[M * M], right[M];
             int index[M], n = 0;
             for (int i = 0; i < M; i++)
@@ -132,7 +132,7 @@ static void complementarity_among_all_subsets(void **state) {
 
 static const probe_shape CAPSULE = {.radius = 0.02, .tip_radius = 0.02, .length = 0.1};
 
-/* The test's own distance to a capsule, from its axis. */
+/* Computes the distance to a capsule from the distance to its axis, independently of the tested code. */
 static double capsule_gap(pose base, vec3 x, vec3 *normal) {
     vec3 axis = q_axis(base.orientation);
     double along = fmin(v3_dot(axis, v3_sub(x, base.position)), CAPSULE.length - CAPSULE.radius);
@@ -141,7 +141,7 @@ static double capsule_gap(pose base, vec3 x, vec3 *normal) {
     return v3_norm(off) - CAPSULE.radius;
 }
 
-/* Returns a pose along x over the middle of the upper face, with the tip half-way and at this depth. */
+/* Returns a pose along x over the middle of the upper face, with the tip at the middle and the probe at this depth. */
 static pose lying(double depth) {
     vec3 down = v3_axpy(CAPSULE.radius - depth, v3(0, 0, 1), v3(-0.04, 0.052, CUBE_EDGE));
     return (pose){down, q_exp(v3(0, 0.5 * M_PI + 0.05, 0))};
@@ -158,7 +158,7 @@ static vec3 displacement_at(int node, const vec3 *forces) {
     return u;
 }
 
-/* Solves the contact by Gauss-Seidel sweeps over gaps and normals at the deformed nodes; adds the contact forces to the given ones. */
+/* Solves the contact by Gauss-Seidel sweeps, with gaps and normals evaluated at the deformed nodes. Adds the contact forces to the given forces. */
 static int press_by_sweeps(pose base, const vec3 *others, vec3 *forces) {
     double lambda[CUBE_NODES] = {0};
     vec3 normal[CUBE_NODES];
@@ -181,7 +181,7 @@ static int press_by_sweeps(pose base, const vec3 *others, vec3 *forces) {
     return count;
 }
 
-/* A needle's loads, at three points inside the tissue. */
+/* Loads exerted by a needle at three points inside the tissue. */
 static tissue_loads some_loads(double size) {
     tissue_loads loads = {.count = 3};
     for (int i = 0; i < 3; i++) loads.loads[i] = (tissue_load){.tet = 97 + 60 * i, .weights = {0.1, 0.2, 0.3, 0.4}, .force = v3(0.3 * size, (0.5 - i) * size, size)};
@@ -224,8 +224,8 @@ static void contact_against_sweeps(void **state) {
 
 /* ---- what needles feel ----------------------------------------------------------------------------------------------------------- */
 
-/* With the nodes held along their normals, K^-1 becomes K^-1 - C P (P^T C P)^-1 P^T C; and together with the free forces, a needle's own forces
-   give the field of all forces. */
+/* If the nodes are held along their normals, K^-1 becomes K^-1 - C P (P^T C P)^-1 P^T C. The field of the free forces plus that of a needle's own forces must
+   equal the field of all forces. */
 static void needles_feel_it(void **state) {
     (void)state;
     static double expected[N * N], found[N * N], columns[TOP][N], small[TOP * TOP];
@@ -274,7 +274,7 @@ static void needles_feel_it(void **state) {
 
 /* ---- trocar.h ------------------------------------------------------------------------------------------------------------------------- */
 
-/* Creates the figure-8 scene with a probe that lies across below the skin, beside the needle. */
+/* Creates the figure-8 scene with a probe that lies below the skin, next to the needle and at a right angle to it. */
 static trocar_model *create_model(void) {
     static const char *const keys[][2] = {{"probe.surface", "skin"}, {"probe.radius", "0.012"}, {"probe.tip_radius", "0.006"}, {"probe.length", "0.1"}};
     trocar_scene *scene;
@@ -286,13 +286,13 @@ static trocar_model *create_model(void) {
     return model;
 }
 
-/* Returns a pose along x, with the probe's side at this depth in the skin at rest. */
+/* Returns a pose along x, with the side of the probe at this depth below the skin's rest position. */
 static trocar_pose across(double x, double depth) {
     const double half = sqrt(0.5);
     return (trocar_pose){{x - 0.09, -0.012, depth - 0.012}, {half, 0, half, 0}};
 }
 
-/* Runs tick t of a motion: the needle is inserted; the probe approaches, presses, moves along and retreats. */
+/* Runs tick t of a motion in which the needle is inserted while the probe approaches, presses, moves along the skin and retreats. */
 static void run_tick(trocar_sim *sim, int t, trocar_output *out) {
     trocar_pose base = {{0.005, 0.01, -0.201 + 1e-4 * fmin(t, 400)}, {1, 0, 0, 0}};
     double depth = t < 200 ? -0.001 : t < 300 ? -0.001 + 7e-5 * (t - 200) : t < 500 ? 0.006 : 0.006 - 1e-4 * (t - 500), x = t < 300 ? 0.0 : 1e-4 * fmin(t - 300, 200);
@@ -321,7 +321,7 @@ static double smallest_gap(trocar_sim *sim, const trocar_model *model) {
 static void pressed_and_released(void **state) {
     (void)state;
     trocar_model *model = create_model();
-    trocar_sim *sim, *alone;  /* the probe of `alone` is never placed */
+    trocar_sim *sim, *alone;  /* the probe of `alone` is never used */
     trocar_output out, without;
     OK(trocar_sim_create(model, &sim, &why));
     OK(trocar_sim_create(model, &alone, &why));
@@ -344,7 +344,7 @@ static void pressed_and_released(void **state) {
         double lowest = smallest_gap(sim, model);
         print_message("t = %.3f s: %2d nodes, %.3f N, smallest gap %.4f mm, needle %.4f %.4f %.4f N, %.4f N of it by the probe\n", 1e-3 * t, probe.contacts, probe.force[2],
                       1e3 * lowest, out.force[0], out.force[1], out.force[2], felt);
-        if (probe.contacts > 0) assert_close(lowest, 0.0, 20e-6); /* the needle's motion since the probe was last solved */
+        if (probe.contacts > 0) assert_close(lowest, 0.0, 20e-6); /* 20 um allow for the needle's motion since the probe was last solved */
         deepest = fmin(deepest, probe.force[2]);
     }
     assert_true(deepest < -3.0);
@@ -354,7 +354,7 @@ static void pressed_and_released(void **state) {
     trocar_model_free(model);
 }
 
-/* The probe keeps pressing where a needle rests, and the needle keeps resting where the probe presses; pictures show both. */
+/* The probe keeps pressing while a needle rests, and the needle keeps resting while the probe presses; pictures show both. */
 static void beside_a_resting_needle(void **state) {
     (void)state;
     trocar_model *model = create_model();
@@ -413,11 +413,11 @@ static void saved_and_restored(void **state) {
     OK(trocar_sim_reset(sim, 0, &start, &why));
     for (int t = 0; t < 355; t++) run_tick(sim, t, &out);
     trocar_pose asked = across(0.006, 0.005);
-    OK(trocar_sim_set_probe(sim, &asked, &why)); /* this pose is pending when the state is saved */
+    OK(trocar_sim_set_probe(sim, &asked, &why)); /* this pose is still pending when the state is saved */
     size_t size = trocar_sim_state_size(sim);
     void *saved = malloc(size);
     OK(trocar_sim_save(sim, saved, size, &why));
-    OK(trocar_sim_set_probe(other, &elsewhere, &why)); /* the other probe has been at another place */
+    OK(trocar_sim_set_probe(other, &elsewhere, &why)); /* the other simulation's probe has been at another position */
     OK(trocar_sim_reset(other, 0, &start, &why));
     OK(trocar_sim_step(other, 0, &start, 1e-3, &again, &why));
     OK(trocar_sim_set_probe(other, &start, &why));
@@ -435,7 +435,7 @@ static void saved_and_restored(void **state) {
     trocar_model_free(model);
 }
 
-/* Ticks and worker run as in real time, but one after the other; the result is that of lockstep. */
+/* Ticks and worker run with the code of the real-time mode, but alternately in one thread; the result equals that of lockstep. */
 static void with_a_worker(void **state) {
     (void)state;
     trocar_model *model = create_model();
@@ -471,7 +471,7 @@ static void with_a_worker(void **state) {
     trocar_model_free(model);
 }
 
-/* meshes/trus.yaml: the probe lies in the rectum without contact, 1 mm clear of the wall, and presses when it is raised by more. */
+/* meshes/trus.yaml: the probe lies in the rectum, 1 mm from the wall and without contact. It presses on the wall when it is raised by more than that. */
 static void rests_at_the_scenes_place(void **state) {
     (void)state;
     trocar_scene *scene;
@@ -492,7 +492,7 @@ static void rests_at_the_scenes_place(void **state) {
         up.position[1] += 1e-3 * mm;
         OK(trocar_sim_set_probe(sim, &up, &why));
         OK(trocar_sim_step(sim, 0, &needle, 1e-3, &out, &why));
-        double force = -trocar_view_probe(trocar_sim_view(sim)).force[1]; /* downwards on the hand */
+        double force = -trocar_view_probe(trocar_sim_view(sim)).force[1]; /* the probe pushes the hand downwards */
         assert_true(mm == 1 ? force < 1e-6 : force > before);
         before = force;
     }
@@ -508,11 +508,11 @@ static const probe_shape TRANSRECTAL = {.radius = 9e-3, .tip_radius = 9e-3, .len
 typedef struct {
     trocar_model *model;
     trocar_sim *sim;
-    int count, *wall;        /* nodes of the rectum's wall */
+    int count, *wall;        /* nodes on the wall of the rectum */
     double *u;
 } rectum;
 
-/* The rectum's wall consists of the nodes 10 mm from its axis. */
+/* The rectum's wall consists of the nodes at a distance of 10 mm from the rectum's axis. */
 static void open_rectum(rectum *r, const char *max_force) {
     trocar_scene *scene;
     trocar_pose needle = {{0, 0, -0.3}, {1, 0, 0, 0}};
@@ -555,7 +555,7 @@ static pose place_of(const trocar_probe *p) {
 
 static vec3 vector(const double v[3]) { return v3(v[0], v[1], v[2]); }
 
-/* Returns the smallest gap of the wall's nodes, m, at rest or displaced. */
+/* Returns the smallest gap (m) of the wall's nodes, with the wall at rest or displaced. */
 static double least_gap(rectum *r, pose at, bool rest) {
     const double *x = trocar_model_nodes(r->model);
     double least = INFINITY;
@@ -569,7 +569,7 @@ static double least_gap(rectum *r, pose at, bool rest) {
     return least;
 }
 
-/* Returns the largest change of the force (N) within a short distance that does not count as a jump. */
+/* Returns the largest change of force (N) over a short distance that does not yet count as a jump. */
 static double smooth_change(double before, double after) { return fmax(0.05, 0.07 * fmax(before, after)); }
 
 static double change_of(const trocar_probe *from, const trocar_probe *to) {
@@ -577,9 +577,9 @@ static double change_of(const trocar_probe *from, const trocar_probe *to) {
     return v3_norm(v3_sub(vector(to->force), vector(from->force))) / smooth_change(before, after);
 }
 
-/* The probe is raised by 20 mm in steps of 0.25 mm, once without a greatest force and once with the scene's: it never passes through the wall. The
-   limited probe stops where the force of the unlimited one exceeds the limit. Far beyond that point, single nodes may slip past the rounded end, but
-   without a jump of the force. */
+/* Raises the probe by 20 mm in steps of 0.25 mm, once without a force limit and once with the scene's limit. It must never pass through the wall. The limited
+   probe stops where the force of the unlimited one exceeds the limit. Far beyond that point, single nodes may slip past the rounded end, but the force must not
+   jump. */
 static void does_not_pass_the_wall(void **state) {
     (void)state;
     enum { STEPS = 80 };
@@ -602,7 +602,7 @@ static void does_not_pass_the_wall(void **state) {
         }
         print_message("raised by 20 mm, %s: %.2f N\n", limited ? "stopped" : "not stopped", before);
         assert_true(before > (limited ? 0.98 : 1.0) * limit);
-        for (int step = STEPS; step >= 0; step--) { /* and the limited probe follows as the hand draws back */
+        for (int step = STEPS; step >= 0; step--) { /* the limited probe follows when the hand draws back */
             trocar_probe p = move_to(&r, (pose){v3(0, -0.032 + 0.25e-3 * step, -0.08), {1, 0, 0, 0}});
             assert_int_equal(p.stopped, limited && unlimited[step] > limit);
         }
@@ -611,8 +611,9 @@ static void does_not_pass_the_wall(void **state) {
     }
 }
 
-/* Repeats the motion to `at` from the saved state, in which the force changes by this many jumps, in parts: twice as many as a steady rise would
-   need, so that a real jump remains whole in one part. Returns the largest change, in jumps. */
+/* Repeats the motion to `at` from the saved state in smaller parts. `change` is that of force in the whole motion, in units of the largest change that is not a
+   jump. There are twice as many parts as a steady rise would need, so that a real jump still falls into a single part. Returns the largest change per part, in
+   the same unit. */
 static double change_in_parts(rectum *r, const void *saved, size_t size, trocar_probe last, pose at, double change) {
     pose from = place_of(&last);
     double largest = 0.0;
@@ -626,14 +627,15 @@ static double change_in_parts(rectum *r, const void *saved, size_t size, trocar_
     return largest;
 }
 
-/* Closed paths of five motions, as far as a hand would move the probe: raised, tilted, moved along, drawn back, brought home. */
+/* Moves the probe along closed paths composed of five motions, as far as a hand would move it: raise, tilt, move along its axis, draw back, return to its home
+   pose. */
 static int motions = 20, seed = 1;
 
 static void moved_at_random(void **state) {
     (void)state;
     enum { LEGS = 5 };
     const pose home = {v3(0, -0.032, -0.08), {1, 0, 0, 0}};
-    const double longest = 0.2e-3; /* m, between two solutions for a hand at 20 mm/s, the speed at which the viewer moves the probe */
+    const double longest = 0.2e-3; /* m, distance moved between two solutions at 20 mm/s, the speed at which the viewer moves the probe */
     rectum r;
     open_rectum(&r, "35");
     size_t size = trocar_sim_state_size(r.sim);
@@ -643,7 +645,7 @@ static void moved_at_random(void **state) {
     int places = 0, stops = 0, pressed = 0, lost = 0, jumps = 0;
     for (int path = 0; path < (motions + LEGS - 1) / LEGS; path++) {
         trocar_probe last = move_to(&r, home);
-        double work = 0.0; /* work of the hand */
+        double work = 0.0; /* J, work done by the hand */
         assert_true(!last.stopped && last.contacts == 0);
         pose at = home;
         for (int leg = 0; leg < LEGS; leg++) {
@@ -665,7 +667,7 @@ static void moved_at_random(void **state) {
                     change = change_in_parts(&r, saved, size, last, now, change);
                     p = trocar_view_probe(trocar_sim_view(r.sim));
                 }
-                if (change > 1.0 && last.contacts > 0 && p.contacts > 0) { /* a change with which contact begins or ends is not a jump */
+                if (change > 1.0 && last.contacts > 0 && p.contacts > 0) { /* a change of force at the beginning or end of contact does not count as a jump */
                     jumps++;
                     print_message("motion %d, %.1f of it: %.3f to %.3f N, %d to %d points, on a way of %.3f mm\n", LEGS * path + leg, (double)i / steps,
                                   v3_norm(vector(last.force)), v3_norm(vector(p.force)), last.contacts, p.contacts, 1e3 * probe_way(&TRANSRECTAL, from, now));
@@ -693,7 +695,7 @@ static void moved_at_random(void **state) {
     close_rectum(&r);
 }
 
-/* Checks that the scene of figure 8 with these keys is refused. */
+/* Checks that the scene of figure 8 is refused if these keys are added. */
 static void refused_in_a_file(const char *keys, const char *says) {
     char folder[] = "/tmp/test_probe.XXXXXX", path[64], line[512];
     trocar_scene *scene;

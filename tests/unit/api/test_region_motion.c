@@ -1,4 +1,4 @@
-/* The rigid motion of a region: known motions are recovered, and a uniform strain gives the mean motion. */
+/* Tests the rigid motion of a region: known motions are recovered, and the result for a uniform strain is the mean motion. */
 #include "api/api.h"
 #include "replay/region_motion.h"
 
@@ -44,7 +44,7 @@ static void known_motions_are_recovered(void **unused) {
     }
 }
 
-/* The eight corners of a box, which is symmetric, so that stretching does not turn it, and simple shear g turns it by about g/2. */
+/* The eight corners of a box. Because of the box's symmetry, stretching does not rotate it, and a simple shear g rotates it by about g/2. */
 static void strain_is_not_a_rotation(void **unused) {
     (void)unused;
     vec3 from[8], stretched[8], sheared[8];
@@ -73,7 +73,7 @@ typedef struct {
     region_motion motion;
 } followed;
 
-/* Creates a simulation of a scene, which is freed, and the gland's motion; the needle's base is at `start`. */
+/* Creates a simulation of a scene, which is freed, and an object that measures the gland's motion. The needle's base is at `start`. */
 static followed follow(trocar_scene *scene, vec3 start) {
     followed f = {.base = {{start.x, start.y, start.z}, {1, 0, 0, 0}}};
     report why;
@@ -100,7 +100,7 @@ static trocar_scene *load(const char *path) {
     return scene;
 }
 
-/* Moves the base by `way` (m) in `ticks` ticks of `dt`. */
+/* Moves the base by `way` (m) in `ticks` ticks of `dt` (s). */
 static void move(followed *f, vec3 way, int ticks, double dt) {
     const double from[3] = {f->base.position[0], f->base.position[1], f->base.position[2]}, to[3] = {way.x, way.y, way.z};
     for (int i = 1; i <= ticks; i++) {
@@ -117,8 +117,8 @@ static rigid_motion motion_now(followed *f) {
     return region_motion_of(&f->motion, f->displacements);
 }
 
-/* By reciprocity (Maxwell, Betti) the gland's mean displacement in a direction is the work of the needle's forces on the field of a
-   unit force that is spread over the gland's nodes. This takes one static solve on the unrefined mesh. */
+/* By reciprocity (Maxwell, Betti), the gland's mean displacement in a direction equals the work of the needle's forces on the displacement field of a unit
+   force distributed over the gland's nodes. This requires one static solve on the unrefined mesh. */
 static double shift_by_reciprocity(const followed *f, vec3 direction) {
     const simulation *parts = &f->model->parts;
     const insertion_state *state = &f->sim->needles[0].state;
@@ -149,7 +149,7 @@ static vec3 check_shift(followed *f) {
     return shift;
 }
 
-/* The gland follows the needle when it is pushed in, pulled back (beyond its initial position) and moved sideways. */
+/* The gland follows the needle when the needle is pushed in, pulled back beyond its initial position, and moved sideways. */
 static void gland_is_displaced_by_the_needle(void **unused) {
     (void)unused;
     followed f = follow(load(MESHES "/figure8.yaml"), v3(0.005, 0.003, -0.201));
@@ -170,12 +170,12 @@ static void gland_is_displaced_by_the_needle(void **unused) {
 
 /* ---- the loosely embedded gland of twist.yaml ---------------------------------------------------------------------------- */
 
-static const double PUBLISHED[2] = {-11.2, 13.8}; /* deg in the coronal plane, in patients (Lagerburg et al. 2005) */
+static const double PUBLISHED[2] = {-11.2, 13.8}; /* degrees in the coronal plane, measured in patients (Lagerburg et al. 2005) */
 
-/* m from the midplane; the modulus of the surroundings and the friction of the gland, relative to the scene's */
+/* distance from the midplane (m), and factors by which the modulus of the surroundings and the gland's friction differ from the scene's values */
 typedef struct { double x, bedding, grip; bool loose_arch; } twist_case;
 
-typedef struct { double low, high, pushed, pulled; } coronal_turn; /* deg in the coronal plane; mm of shift along the needle */
+typedef struct { double low, high, pushed, pulled; } coronal_turn; /* degrees in the coronal plane; mm of shift along the needle */
 
 static void scale(trocar_scene *scene, const char *region, const char *key, double factor) {
     char path[128];
@@ -206,7 +206,7 @@ static trocar_scene *twist_scene(twist_case given) {
     return scene;
 }
 
-/* Inserts a needle parallel to the body's axis by 120 mm and withdraws it. */
+/* Inserts a needle by 120 mm parallel to the body's axis and withdraws it. */
 static coronal_turn insert_and_draw_back(const char *title, twist_case given) {
     trocar_scene *scene = twist_scene(given);
     report why;
@@ -227,8 +227,8 @@ static coronal_turn insert_and_draw_back(const char *title, twist_case given) {
 
 static double largest(coronal_turn t) { return fmax(t.high, -t.low); }
 
-/* Rotations are within the range seen in patients, with opposite signs for needles on the left and right. They grow with the
-   distance from the midplane, with softer surroundings and with friction. An arch that fixes the tissue restrains the gland. */
+/* Rotations are within the range measured in patients, and have opposite signs for needles on the left and on the right. They increase with the needle's
+   distance from the midplane, with softer surroundings and with more friction. A pubic arch that fixes the tissue reduces the gland's motion. */
 static void needles_rotate_the_gland(void **unused) {
     (void)unused;
     coronal_turn left = insert_and_draw_back("18 mm left of the midplane", (twist_case){-0.018, 1, 1, false});

@@ -1,14 +1,13 @@
-/* A whole implant with slipping needles is compared with a single contact problem for all resting needles. Needles are pushed in one after the other and
-   left, then taken in the same order and drawn out.
+/* Compares a whole implant with slipping needles with a single contact problem for all resting needles. Needles are inserted and released one after the other,
+   then taken and withdrawn in the same order.
 
-   The library lets one needle slip at a time, at 250 Hz; the reference prevents that. After each tick of 1 ms, the reference solves for the slips of all
-   points of all needles together, by projected Gauss-Seidel on the dense compliance of needles, template and tissue, which is assembled here from the model's
-   inverse, until no force exceeds the friction limit by more than 1e-10 N; the next tick uses the result. test_resting.c shows that sticking needles are one
-   problem with the held needle, and measures the error of linearising a slipping needle.
+   The library lets one needle slip at a time, at 250 Hz. In the reference run, this is disabled. Instead, after each tick of 1 ms, the slips of all points of
+   all needles are solved together by projected Gauss-Seidel, until no force exceeds its friction limit by more than 1e-10 N; the next tick uses the result. The
+   dense compliance of needles, template and tissue is assembled here from the model's inverse. test_resting.c shows that sticking needles and the held needle
+   are solved as one problem, and measures the error due to linearising a slipping needle.
 
-   usage: [SCENE=NAME] [NEEDLES=N] [DEPTH=N] [TICKS=N] test_unit test_resting_implant     by default a short implant: figure8.yaml, 4 needles, 30 mm; TICKS:
-   number of the reference's ticks
-   per ms, by default 1 */
+   usage: [SCENE=NAME] [NEEDLES=N] [DEPTH=N] [TICKS=N] test_unit test_resting_implant default: a short implant with figure8.yaml, 4 needles, 30 mm. TICKS:
+   number of ticks per ms in the reference run, default 1 */
 #include <setjmp.h>
 #include <stdarg.h>
 #include <stddef.h>
@@ -34,18 +33,18 @@ static struct { const char *scene; int needles, depth, substeps; } implant = {"f
 
 /* ---- the reference ----------------------------------------------------------------------------------------------------------- */
 
-/* All needles that rest now, in the set's order. */
+/* All needles that rest at present, in the order of the library's set. */
 typedef struct {
-    uint64_t id[MAX_NEEDLES];      /* id of each needle of the scene when it last rested */
-    double lower[MAX_NEEDLES][MAX_AXIAL], upper[MAX_NEEDLES][MAX_AXIAL]; /* N, and the bounds, which the library does not know now */
-    uint64_t changes;        /* number of changes of the set when this was assembled */
+    uint64_t id[MAX_NEEDLES];      /* for each needle of the scene, its id when it last rested */
+    double lower[MAX_NEEDLES][MAX_AXIAL], upper[MAX_NEEDLES][MAX_AXIAL]; /* N, force limits, which the library does not store for the reference run */
+    uint64_t changes;        /* value of the set's change counter when this was assembled */
     int rows, motions, axials;
-    int *row, *needle, *axial; /* for each force along a needle: its row, its needle in the set, and its index within the needle */
-    double *response;        /* response of rows and motions, column by column, to a unit slip of each force */
-    double slipped;          /* m, largest slip of all points */
+    int *row, *needle, *axial; /* for each axial force: its row, its needle in the set, and its index within the needle */
+    double *response;        /* response of rows and base motions to a unit slip at each axial force, stored by columns */
+    double slipped;          /* m, largest slip of any point */
 } one_problem;
 
-/* Returns the compliance between two rows, with the shape functions of each row's point. */
+/* Returns the compliance between two rows, using the shape functions at the point of each row. */
 static double between(trocar_model *model, const attached_row *a, const attached_row *b) {
     double blocks[12 * 12], sum = 0.0;
     if (a->tet < 0 || b->tet < 0) return 0.0;
@@ -89,7 +88,7 @@ static void assemble(trocar_sim *sim, one_problem *p) {
         const resting_needle *r = set->needles[k];
         size_t first = (size_t)set->row[k];
         static double nearby[MAX_UNKNOWNS * MAX_UNKNOWNS];
-        for (int l = 0; l < k; l++) { /* the compliance between them that the mesh does not resolve */
+        for (int l = 0; l < k; l++) { /* adds the compliance between the two needles that the mesh does not resolve */
             OK(resting_mutual(sim->pairs, r, set->needles[l], nearby, MAX_UNKNOWNS, &why));
             for (int u = 0; u < r->unknown_count; u++)
                 for (int v = 0; v < set->needles[l]->unknown_count; v++) {
@@ -120,7 +119,7 @@ static void assemble(trocar_sim *sim, one_problem *p) {
     free(pivots);
 }
 
-/* Takes from the library the bounds of needles that have been left since the last call. */
+/* Copies the force limits of needles that have been released since the last call from the library. */
 static void take_bounds(trocar_sim *sim, one_problem *p) {
     for (int k = 0; k < sim->needle_count; k++) {
         resting_needle *r = sim->needles[k].resting;
@@ -139,7 +138,7 @@ static int of_scene(const trocar_sim *sim, const resting_needle *r) {
     return -1;
 }
 
-/* Computes the present bounds of a force along a needle: friction weakens as the needle slides. */
+/* Computes the present limits of an axial force: friction decreases as the needle slides. */
 static void bounds_of(const trocar_sim *sim, const one_problem *p, int a, double *lower, double *upper) {
     resting_needle *r = sim->resting.needles[p->needle[a]];
     int k = of_scene(sim, r), i = p->axial[a];
@@ -149,7 +148,7 @@ static void bounds_of(const trocar_sim *sim, const one_problem *p, int a, double
     r->lower[i] = -INFINITY, r->upper[i] = INFINITY;
 }
 
-/* Solves for all slips together, and applies them. */
+/* Solves for the slips of all needles together, and applies them. */
 static void slip_together(trocar_sim *sim, one_problem *p) {
     resting_set *set = &sim->resting;
     take_bounds(sim, p);
@@ -168,7 +167,7 @@ static void slip_together(trocar_sim *sim, one_problem *p) {
         for (int a = 0; a < p->axials; a++) {
             const double *column = p->response + (size_t)a * n;
             double yields = -column[p->row[a]], alone = force[a] + yields * slip[a];
-            if (!(yields > 1e-3)) continue; /* N/m: slipping relieves no force here */
+            if (!(yields > 1e-3)) continue; /* N/m; if smaller, slipping does not reduce the force at this point */
             double now = alone > upper[a] ? (alone - upper[a]) / yields : alone < lower[a] ? (alone - lower[a]) / yields : 0.0, more = now - slip[a];
             if (more == 0.0) continue;
             for (int b = 0; b < p->axials; b++) force[b] += column[p->row[b]] * more;
@@ -206,13 +205,12 @@ static void slip_together(trocar_sim *sim, one_problem *p) {
 
 typedef struct {
     int count;
-    double (*hand)[3];       /* N, force on the hand in each ms */
+    double (*hand)[3];       /* N, force on the hand at each millisecond */
     int *punctures;          /* so far */
-    /* N, forces of the first needle on tissue and template along its axis while it rests: sum of the positive ones, of the negative ones, and the
-       largest */
+    /* N, axial forces of the resting first needle on tissue and template: sum of the positive forces, sum of the negative forces, and largest magnitude */
     double (*rests)[3];
     int broken;              /* number of membranes punctured so far */
-    double slid;             /* m, largest sliding of all points */
+    double slid;             /* m, largest sliding distance of any point */
 } record;
 
 static void note(const trocar_sim *sim, const trocar_output *out, record *r) {
@@ -255,7 +253,7 @@ static void move(trocar_sim *sim, int needle, trocar_pose *base, double way, int
     }
 }
 
-/* Returns the pose for hole k; holes are 5 mm apart, starting from the middle. */
+/* Returns the base's pose for hole k; the holes are 5 mm apart, starting from the middle. */
 static trocar_pose hole(int k) {
     static const int columns[] = {0, 1, -1, 0, 1, -1, 0, 1, -1}, rows[] = {0, 0, 0, 1, 1, 1, -1, -1, -1};
     return (trocar_pose){{5e-3 * columns[k % 9], 5e-3 * rows[k % 9], -0.201}, {1, 0, 0, 0}};
@@ -316,7 +314,7 @@ static void slipping_needles_are_near_one_problem(void **state) {
         apart = differ ? apart + 1 : 0;
         latest = apart > latest ? apart : latest;
         settling = differ ? SETTLE : settling - 1;
-        if (settling > 0) { /* a membrane is punctured slightly earlier in one of the runs: the same drop of force occurs at another time */
+        if (settling > 0) { /* a membrane is punctured slightly earlier in one of the two runs, so the same drop of force occurs at different times */
             left_out++;
             continue;
         }
@@ -333,7 +331,7 @@ static void slipping_needles_are_near_one_problem(void **state) {
                   sqrt(squares / exact.count), latest, left_out, off, largest);
     for (int t = at - 4; getenv("VERBOSE") && t < at + 12; t++)
         print_message("%d: %.4f %.4f %d %d\n", t, library.hand[t][2], exact.hand[t][2], library.punctures[t], exact.punctures[t]);
-    assert_true(library.slid > 1e-5); /* some friction has been overcome */
+    assert_true(library.slid > 1e-5); /* at least one friction limit was exceeded */
     assert_true(worst < 0.05 * peak && latest <= 5);
     for (record *r = &library; r; r = r == &library ? &exact : NULL) free(r->hand), free(r->rests), free(r->punctures);
     trocar_model_free(model);

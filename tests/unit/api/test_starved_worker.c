@@ -1,5 +1,5 @@
-/* A worker gets so little processor time that a newer request always waits when it has answered one, or it gets none. A tip in the tissue must
-   feel about the same force as with a punctual worker, each tick must report that it is late, and afterwards the state must be as if the
+/* The worker gets so little processor time that a newer request is already waiting whenever it has answered one, or it gets no time at all. A tip in the tissue
+   must feel about the same force as with a punctual worker, each tick must report that the worker is late, and afterwards the state must be the same as if the
    worker had always been in time. */
 #include <math.h>
 
@@ -14,15 +14,15 @@
 #include "host.h"
 
 enum { TICKS = 6000, AFTER = 1500 };
-static const double SPEED = 0.01;    /* m/s, over 60 mm, through skin and capsule */
-static const double ALMOST = 0.02;   /* fraction of the peak; measured: 0.6 % */
+static const double SPEED = 0.01;    /* m/s, over 60 mm, through the skin and the capsule */
+static const double ALMOST = 0.02;   /* largest permitted difference as a fraction of the peak force; 0.6 % was measured */
 static const double SAME = 0.005;
 
 typedef struct {
     host h;
     int tick;
-    int slow;                /* number of ticks during which the worker answers a request, and during which it measures a line */
-    int late;                /* number of ticks with the flag */
+    int slow;                /* number of ticks that the worker takes to answer a request, and to measure a line */
+    int late;                /* number of ticks in which the worker was reported late */
     int measured;            /* lines */
     double depth;            /* m, deepest */
     double force[TICKS + AFTER]; /* N, force along the needle */
@@ -63,7 +63,7 @@ trocar_status __wrap_remesher_measure(remesher *r, const remesh_request *request
     return status;
 }
 
-/* Moves on for this many ticks with a worker of this slowness; INT_MAX: no worker. */
+/* Continues the motion for `ticks` ticks with a worker of this slowness; INT_MAX means that no worker runs. */
 static void push(int ticks, int slow) {
     now.slow = slow;
     for (int end = now.tick + ticks; now.tick < end && now.tick < TICKS + AFTER;) {
@@ -72,7 +72,7 @@ static void push(int ticks, int slow) {
     }
 }
 
-static insertion in_time; /* the same insertion with a worker that answers at once */
+static insertion in_time; /* the same insertion with a worker that answers immediately */
 
 static void begin(void) {
     trocar_pose base = {{0.005, 0.003, -0.201}, {1, 0, 0, 0}};
@@ -89,12 +89,12 @@ static int insert_in_time(void **unused) {
     return 0;
 }
 
-/* Returns the largest difference of the forces in these ticks, as a fraction of their peak, except for ticks around a puncture. */
+/* Returns the largest difference between the forces of two insertions in these ticks, as a fraction of the peak force. Ticks around a puncture are excluded. */
 static double difference(int from, int to) {
     double most = 0.0, peak = 0.0;
     for (int i = from; i < to; i++) {
         peak = fmax(peak, fabs(in_time.force[i]));
-        double nearest = INFINITY; /* distance to the other run's force within 1 mm */
+        double nearest = INFINITY; /* N, smallest difference from the other run's forces within 1 mm of travel */
         for (int k = i - 100 < 0 ? 0 : i - 100; k < i + 100 && k < to; k++) nearest = fmin(nearest, fabs(now.force[i] - in_time.force[k]));
         most = fmax(most, nearest);
     }
@@ -121,7 +121,7 @@ static void without_a_worker_forces_are_estimated(void **unused) {
     push(TICKS, INT32_MAX);
     double starved = difference(0, TICKS);
     print_message("%d of %d ticks late, forces within %.1f %%\n", now.late, now.tick, 1e2 * starved);
-    assert_true(now.late > TICKS - 200); /* all ticks in the tissue */
+    assert_true(now.late > TICKS - 200); /* all ticks in which the tip is in the tissue */
     assert_true(starved < ALMOST && now.depth > 0.05);
     push(AFTER, 0);
     assert_true(difference(TICKS + 1000, TICKS + AFTER) < SAME);
@@ -129,7 +129,7 @@ static void without_a_worker_forces_are_estimated(void **unused) {
     host_close(&now.h);
 }
 
-/* At rest 25 mm deep, then moved sideways by 5 mm: returns the largest lateral force, N. */
+/* The needle rests at a depth of 25 mm and is then moved sideways by 5 mm. Returns the largest lateral force, N. */
 static double sway(bool with_worker) {
     host h = host_open(MESHES "/figure8.yaml");
     trocar_pose base = {{0.005, 0.003, -0.201}, {1, 0, 0, 0}};

@@ -1,5 +1,5 @@
-/* The states of a needle that ticking thread and worker share: each event in each phase, legal or refused, for a single link and through
-   trocar.h; and with both threads at the same time, also for ThreadSanitizer. */
+/* Tests the states of a needle, which ticking thread and worker share: each event in each phase, whether legal or refused, for a single link and through
+   trocar.h; and with both threads running concurrently, also for ThreadSanitizer. */
 #include "api/worker_protocol.h"
 
 #include <poll.h>
@@ -20,8 +20,8 @@ static trocar_error why;
 
 #define OK(call) do { if ((call) != TROCAR_OK) fail_msg("%s: %s", #call, why.text); } while (0)
 
-/* The expected phases, written down independently: one letter for the phase after each event, '-' if the event is refused. */
-static const char LETTERS[] = "HLRTK"; /* HELD, LEAVING, RESTING, TAKING, TAKEN */
+/* The expected transitions, specified independently of the code: the letter of the phase after each event, or '-' if the event is refused. */
+static const char LETTERS[] = "HLRTK"; /* letters of HELD, LEAVING, RESTING, TAKING and TAKEN */
 static const char *const EXPECTED[NEEDLE_EVENTS] = {
     [ON_TICK] = "H----", [ON_LEAVE] = "L----", [ON_TAKE] = "--T--", [ON_RESET] = "HHHH-", [ON_ADOPT] = "----H",
     [ON_RESTS] = "-R---", [ON_STAYS] = "-H---", [ON_RELEASE] = "---K-",
@@ -53,7 +53,7 @@ static void close_single(single *s) {
     free(s->state);
 }
 
-/* Carries out an event that is legal. */
+/* Executes a legal event. */
 static void carry_out(single *s, needle_event event) {
     switch (event) {
     case ON_TICK: s->state->request.serial++, link_post_request(&s->link, &s->state->request, 0); return;
@@ -65,7 +65,7 @@ static void carry_out(single *s, needle_event event) {
     }
 }
 
-/* Carries out the events that lead from HELD to a phase. */
+/* Executes the events that lead from HELD to this phase. */
 static void go_to(single *s, needle_phase phase) {
     static const needle_event way[] = {ON_LEAVE, ON_RESTS, ON_TAKE, ON_RELEASE};
     for (int i = 0; i < (int)phase; i++) carry_out(s, way[i]);
@@ -94,8 +94,8 @@ static void every_event_in_every_phase(void **unused) {
         }
 }
 
-/* The worker began its work in one phase, and the ticking thread has changed the phase since: the worker's result has no effect, even if the
-   phase is the same again. */
+/* The ticking thread changes the phase after the worker has begun a task. The worker's result then has no effect, even if the needle has meanwhile returned to
+   the original phase. */
 static void the_worker_ends_only_what_still_holds(void **unused) {
     (void)unused;
     static const needle_event changes[][6] = {
@@ -143,14 +143,14 @@ static void requests_are_posted_once_and_their_age_is_known(void **unused) {
     assert_true(fresh && !link_request_waits(&s.link));
     s.link.answered = 1;
     assert_int_equal(link_waiting(&s.link, 200), 0);
-    for (int i = 1; i <= 2 * REQUESTS_REMEMBERED; i++) { /* the oldest remembered request counts */
+    for (int i = 1; i <= 2 * REQUESTS_REMEMBERED; i++) { /* the age is that of the oldest request still remembered */
         s.state->request.serial++;
         assert_true(link_post_request(&s.link, &s.state->request, 1000 + i));
     }
     assert_int_equal(link_waiting(&s.link, 1000 + 2 * REQUESTS_REMEMBERED), REQUESTS_REMEMBERED - 1);
     uint64_t before = s.state->request.serial;
     carry_out(&s, ON_LEAVE);
-    assert_true(s.state->request.serial > before + REQUESTS_REMEMBERED); /* except for those that the worker makes while it releases a needle */
+    assert_true(s.state->request.serial > before + REQUESTS_REMEMBERED); /* a release reserves request numbers for the worker */
     assert_int_equal(link_waiting(&s.link, 1 << 20), 0);
     close_single(&s);
 }
@@ -164,12 +164,12 @@ typedef struct {
     atomic_bool stop;
     bool attached;           /* written by the worker */
     int duties[4];
-    int outdated;            /* number of tasks for which the ticking thread had changed its mind */
+    int outdated;            /* number of tasks that the ticking thread cancelled by another command */
 } two_threads;
 
 static unsigned random_below(unsigned *seed, unsigned n) { return (*seed = *seed * 1664525u + 1013904223u) / 65536u % n; }
 
-/* Labels everything that is handed over twice with its ticket, in places far apart in memory. */
+/* Writes the ticket twice into each object that is handed over, at locations far apart in memory. */
 static void label(insertion_state *state, uint64_t ticket) { state->next_id = state->request.serial = ticket; }
 static bool is_labelled(const insertion_state *state, uint64_t ticket) { return state->next_id == ticket && state->request.serial == ticket; }
 
@@ -230,8 +230,8 @@ static bool all_happened(const int *counts, int count) {
     return true;
 }
 
-/* The ticking thread changes its mind at any time until it has met every phase, however late the worker gets a processor. It must always be shown
-   the needle that it left last. */
+/* The ticking thread issues commands at random times until it has seen every phase, however late the worker is scheduled. It must always be shown the needle in
+   the state in which it was last released. */
 static void both_threads_agree_on_who_has_the_needle(void **unused) {
     (void)unused;
     two_threads *t = aligned_alloc(CACHE_LINE, (sizeof *t + CACHE_LINE - 1) / CACHE_LINE * CACHE_LINE);
@@ -249,7 +249,7 @@ static void both_threads_agree_on_who_has_the_needle(void **unused) {
         needle_event event = (needle_event)random_below(&seed, ON_ADOPT + 1);
         needle_phase before = link_phase(&t->link);
         met[before]++;
-        if (before == PHASE_RESTING) assert_true(is_labelled(&link_shown(&t->link)->state, ticket)); /* only this thread can end this phase */
+        if (before == PHASE_RESTING) assert_true(is_labelled(&link_shown(&t->link)->state, ticket)); /* only this thread can end the phase PHASE_RESTING */
         if (before == PHASE_TAKEN) {
             assert_true(is_labelled(&link_shown(&t->link)->state, ticket + RETURNED));
             assert_int_equal(link_answer(&t->link)->serial, ticket + RETURNED);
@@ -266,7 +266,7 @@ static void both_threads_agree_on_who_has_the_needle(void **unused) {
             link_post_loads(&t->link, &loads);
             break;
         case ON_LEAVE:
-            ticket += 2 * (1 << 20); /* beyond the range that link_leave distinguishes */
+            ticket += 2 * (1 << 20); /* beyond the range of tickets that link_leave distinguishes */
             label(&link_left_slot(&t->link)->state, ticket);
             link_leave(&t->link, state);
             break;
@@ -283,7 +283,7 @@ static void both_threads_agree_on_who_has_the_needle(void **unused) {
     atomic_store(&t->stop, true);
     pthread_join(thread, NULL);
     needle_phase last = link_phase(&t->link);
-    assert_true(last == PHASE_HELD || last == PHASE_TAKEN); /* the worker may have been first */
+    assert_true(last == PHASE_HELD || last == PHASE_TAKEN); /* TAKEN if the worker finished before the last command */
     assert_false(t->attached);
     print_message("phases met %d %d %d %d %d, laid down %d, returned %d, removed %d, outdated %d\n", met[0], met[1], met[2], met[3], met[4],
                   t->duties[DUTY_LAY_DOWN], t->duties[DUTY_RETURN], t->duties[DUTY_REMOVE], t->outdated);
@@ -298,7 +298,7 @@ enum { NEEDLES = 2 };
 
 typedef enum { TICK, STEP, LEAVE, TAKE, RESET, DROP, SAVE, CALLS } call;
 
-/* For each phase: the status; the needle's state after the call, and after the worker has finished; words of the message. */
+/* For each phase: the returned status, the needle's state right after the call and after the worker has finished, and words that the message contains. */
 typedef struct {
     trocar_status status;
     trocar_needle_state at_once, in_the_end;
@@ -386,7 +386,7 @@ static void every_call_in_every_phase(void **unused) {
             trocar_output out;
             if (o->in_the_end == TROCAR_NEEDLE_RESTING) OK(trocar_sim_take(h.sim, 0, &why));
             work_off(h.sim);
-            OK(trocar_sim_tick(h.sim, 0, &base, 1e-3, &out)); /* whatever has happened, the needle can be ticked again */
+            OK(trocar_sim_tick(h.sim, 0, &base, 1e-3, &out)); /* after any sequence of commands, the needle can be ticked again */
         }
     free(held);
     free(memory);
@@ -420,8 +420,8 @@ static bool is_on_its_way(const trocar_sim *sim) {
     return now == TROCAR_NEEDLE_LEAVING || now == TROCAR_NEEDLE_TAKING;
 }
 
-/* Makes random calls on two needles while the worker runs: each is answered as the table says for the phase before it, or for a phase to which the
-   worker may have moved the needle meanwhile. */
+/* Makes random calls for two needles while the worker runs. The answer must be the one listed for the phase before the call, or for a phase to which the worker
+   may have advanced the needle in the meantime. */
 static void random_calls_beside_a_worker(void **unused) {
     (void)unused;
     enum { ROUNDS = 200, PATIENCE = 120000 }; /* ms */
@@ -455,14 +455,14 @@ static void random_calls_beside_a_worker(void **unused) {
         bool nowhere = what == LEAVE && status == TROCAR_BAD_INPUT && outside;
         if (status != OUTCOMES[what][before].status && status != OUTCOMES[what][NEXT[before]].status && !kept && !nowhere)
             fail_msg("call %d in phase %d: %d: %s", what, before, status, why.text);
-        if (what == RESET) /* pushed in again at once */
+        if (what == RESET) /* after a reset, the needle is inserted again immediately */
             for (int t = 0; t < 40; t++) {
                 trocar_pose at = base;
                 at.position[2] = -0.201 + (base.position[2] + 0.201) * (t + 1) / 40.0;
                 trocar_sim_tick(h.sim, 0, &at, 1e-3, &out);
                 sched_yield();
             }
-        bool waits = random_below(&seed, 2) == 0; /* waits for the worker to finish its task, however slow it is */
+        bool waits = random_below(&seed, 2) == 0; /* waits for the worker to finish its task, however long this takes */
         for (int ms = 0; waits && is_on_its_way(h.sim); ms++) {
             assert_true(ms < PATIENCE);
             poll(NULL, 0, 1);

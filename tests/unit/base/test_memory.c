@@ -1,4 +1,4 @@
-/* The machine's memory is compared with sysconf; limits of control groups are read from files like the kernel's. */
+/* Compares the machine's memory with sysconf. The limits of control groups are read from files that imitate the kernel's. */
 #include <math.h>
 #include <setjmp.h>
 #include <stdarg.h>
@@ -71,7 +71,7 @@ static int create(void **state) {
     return mkdtemp(root) ? 0 : -1;
 }
 
-/* Starts each case without files. */
+/* Removes all files before each case. */
 static int clear(void **state) {
     (void)state;
     char command[128];
@@ -97,11 +97,11 @@ static void pages_of_files_are_given_back(void **state) {
     put("proc/self", "cgroup", "0::/a\n");
     put_group("sys/fs/cgroup/a", "1000\n", "300\n", "100");
     assert_limits(1000.0, 800.0);
-    put_group("sys/fs/cgroup/a", "1000\n", "1300\n", "100"); /* above the limit, which was lowered */
+    put_group("sys/fs/cgroup/a", "1000\n", "1300\n", "100"); /* usage above the limit, which has been lowered */
     assert_limits(1000.0, 0.0);
 }
 
-/* The limit that leaves the least memory need not be the lowest one. */
+/* The group with the least available memory need not be the group with the lowest limit. */
 static void groups_are_nested(void **state) {
     (void)state;
     put("proc/self", "cgroup", "0::/a/b.slice/c\n");
@@ -110,7 +110,7 @@ static void groups_are_nested(void **state) {
     put_group("sys/fs/cgroup/a", "2000\n", "1900\n", "50");
     put_group("sys/fs/cgroup/other", "10\n", "5\n", "0");
     assert_limits(1000.0, 150.0);
-    put_group("sys/fs/cgroup", "900\n", "800\n", "0"); /* the container's own group */
+    put_group("sys/fs/cgroup", "900\n", "800\n", "0"); /* the container's own control group */
     assert_limits(900.0, 100.0);
 }
 
@@ -123,7 +123,7 @@ static void the_first_version_is_read(void **state) {
     assert_limits(5000.0, 4500.0);
 }
 
-/* The path is one of the machine, whose files a container does not see. */
+/* The path refers to the machine's file system, whose files are not visible inside a container. */
 static void a_container_has_its_group_at_the_top(void **state) {
     (void)state;
     put("proc/self", "cgroup", "4:memory:/docker/0123\n");

@@ -1,4 +1,4 @@
-/* A loop shared by threads: every index once, each member runs one at a time, and all are done on return. */
+/* Tests a loop that threads share: every index is executed once, a member executes one index at a time, and all calls have returned when the loop returns. */
 #include <setjmp.h>
 #include <stdarg.h>
 #include <stdatomic.h>
@@ -13,7 +13,7 @@
 enum { MEMBERS = 4, MOST = 1000, ROUNDS = 2000 };
 
 typedef struct {
-    int calls[MOST];         /* not atomic, so that a call that returns late or happens twice is a race */
+    int calls[MOST];         /* deliberately not atomic, so that ThreadSanitizer detects a call that returns late or is made twice */
     atomic_bool inside[MEMBERS];
     atomic_int wrong;
 } loop;
@@ -46,7 +46,7 @@ static void each_index_is_taken_once(void **state) {
     }
 }
 
-/* Two calls that wait for each other end only if two members make them. */
+/* Two calls that wait for each other can finish only if two members execute them concurrently. */
 static atomic_int arrived;
 static void meet(void *context, int i, int member) {
     (void)i;

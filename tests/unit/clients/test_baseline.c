@@ -1,4 +1,4 @@
-/* The baseline of timings: a matrix product that is really computed each time, in one thread. */
+/* Tests the baseline of the timings: a matrix product that is really computed each time, in one thread. */
 #include <setjmp.h>
 #include <stdarg.h>
 #include <stddef.h>
@@ -9,7 +9,8 @@
 
 #include "bench/baseline.h"
 
-/* No core exceeds 64 floating-point operations per cycle or 6e9 cycles per second, so anything faster did not compute the product. */
+/* No core executes more than 64 floating-point operations per cycle at more than 6e9 cycles per second, so a shorter time means that the product was not
+   computed. */
 static void measures_the_time_of_a_matrix_product(void **state) {
     (void)state;
     histogram time;
@@ -27,7 +28,7 @@ static void restores_one_thread(void **state) {
     assert_int_equal(openblas_get_num_threads(), 1);
 }
 
-/* Half of the products took at least the median time, and all of them fit into the elapsed time. */
+/* Half of the products took at least the median time, and the total must not exceed the elapsed time. */
 static void times_do_not_exceed_elapsed_time(void **state) {
     (void)state;
     histogram time;

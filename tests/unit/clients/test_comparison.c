@@ -12,9 +12,9 @@
 
 #include "check.h"
 
-enum { COUNT = 100, GOLDEN = COUNT / 5, FIRST = 20 /* index of a pose in the recording */ };
+enum { COUNT = 100, GOLDEN = COUNT / 5, FIRST = 20 /* FIRST is the index of a pose in the recording */ };
 
-/* Makes a replay in which every second pose is lost; fz is a ramp to -9.9 N. */
+/* Makes a replay in which every second pose is lost; fz decreases linearly to -9.9 N. */
 static void make_replay(trocar_needle_wrench_t replayed[COUNT]) {
     for (int i = 0; i < COUNT; i++)
         replayed[i] = (trocar_needle_wrench_t){.session = 4, .pose_seq = FIRST + 2 * i, .pose_utime = 1000000 + 2000 * i, .membrane = -1,
@@ -39,7 +39,7 @@ static int tear_down(void **state) {
     return 0;
 }
 
-/* Compares with a log of the golden wrenches. */
+/* Compares the replay with a log of the golden wrenches. */
 static trocar_status try_to_compare(const fixture *f, double tolerance, comparison *c, report *why) {
     char path[] = "/tmp/test_comparison.XXXXXX";
     close(mkstemp(path));
@@ -69,7 +69,7 @@ static void equal_wrenches_match_exactly(void **state) {
     assert_true(c.largest.share == 0);
 }
 
-/* fz changes by 0.1 N per wrench, so an error of 0.15 N is 0.05 N outside the range of the neighbouring wrenches. */
+/* fz changes by 0.1 N per wrench, so a wrench with an error of 0.15 N is 0.05 N outside the range of its neighbours. */
 static void first_difference_is_kept(void **state) {
     fixture *f = *state;
     f->golden[4].raw_force[2] -= 0.09;
@@ -87,7 +87,7 @@ static void first_difference_is_kept(void **state) {
     assert_int_equal(compare(f, 0.02).differing, 0);
 }
 
-/* Of 20 golden wrenches, the third differs by more than the peak, and the last by 2 % of it. */
+/* Of 20 golden wrenches, the third has an error larger than the peak, and the last an error of 2 % of the peak. */
 static void quantiles_and_end_are_reported(void **state) {
     fixture *f = *state;
     f->golden[2].raw_torque[0] += 5e-3;
@@ -102,7 +102,7 @@ static void quantiles_and_end_are_reported(void **state) {
     assert_close(comparison_quantile(&c, 1.0), 5.0 / 6.0, 1.1e-3);
 }
 
-/* Components that are nearly zero are compared relative to 0.1 N and 2 mN m. */
+/* The errors of components that are nearly zero are given relative to 0.1 N and 2 mN m. */
 static void small_components_use_a_minimum_peak(void **state) {
     fixture *f = *state;
     f->golden[3].raw_force[0] = 0.9e-3;
@@ -147,8 +147,8 @@ static void wrenches_of_another_recording_are_refused(void **state) {
 
 static void wrenches_whose_pose_was_not_recorded_are_left_out(void **state) {
     fixture *f = *state;
-    f->golden[0].pose_seq = 3; /* from before the recording */
-    f->golden[5].pose_seq++;    /* a pose that was lost */
+    f->golden[0].pose_seq = 3; /* a pose from before the start of the recording */
+    f->golden[5].pose_seq++;    /* a pose that was lost in the replay */
     comparison c = compare(f, 0);
     assert_int_equal(c.compared, COUNT / 5 - 2);
     assert_int_equal(c.differing, 0);
@@ -161,7 +161,7 @@ static void wrenches_whose_pose_was_not_recorded_are_left_out(void **state) {
     assert_non_null(strstr(text, "2 wrenches ignored: the recording lacks the poses that they answer\n"));
     free(text);
     report why;
-    for (int i = 0; i <= COUNT / 10; i++) f->golden[i].pose_seq = i; /* most poses are lost */
+    for (int i = 0; i <= COUNT / 10; i++) f->golden[i].pose_seq = i; /* most of the poses were lost */
     assert_int_equal(try_to_compare(f, 0, &c, &why), TROCAR_BAD_INPUT);
     assert_non_null(strstr(why.text, "11 of 20 wrenches answer poses that are not in the recording"));
 }

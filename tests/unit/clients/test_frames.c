@@ -1,4 +1,4 @@
-/* Tests docs/examples/frames.h: the conversion between the frames of devices and the scene's world frame. */
+/* Tests docs/examples/frames.h, which converts between the frames of devices and the scene's world frame. */
 #include <stdlib.h>
 #include "../docs/examples/frames.h"
 
@@ -18,7 +18,7 @@ static void expect(const double a[], double x, double y, double z) {
     assert_float_equal(a[2], z, 1e-15);
 }
 
-/* Away from the operator points into the body, up stays up, and x points to the operator's left. */
+/* Away from the operator points into the body, up remains up, and x points to the operator's left. */
 static void directions(void **state) {
     (void)state;
     double level[3][3] = {{1, 0, 0}, {0, 1, 0}, {0, 0, 1}}, base[3], q[4], force[3];
@@ -30,13 +30,13 @@ static void directions(void **state) {
     pose_in_world(&toward_x, (double[]){-0.05, -0.01, 0.02}, level, base, q);
     expect(base, 0.11, 0.22, 0.35);
     assert_float_equal(fabs(q[0]), 1, 1e-15);
-    vector_on_device(&toward_z, (double[]){0, 0, -1}, force); /* out of the body is toward the operator */
+    vector_on_device(&toward_z, (double[]){0, 0, -1}, force); /* a vector out of the body points toward the operator */
     expect(force, 0, 0, 1);
     vector_on_device(&toward_x, (double[]){0, 0, -1}, force);
     expect(force, 1, 0, 0);
 }
 
-/* If a stylus points up by 30 degrees, so does the needle's axis, its local z. */
+/* If a stylus points up by 30 degrees, so does the needle's axis, which is its local z axis. */
 static void a_tilted_stylus(void **state) {
     (void)state;
     double c = cos(M_PI / 6), s = sin(M_PI / 6), base[3], q[4];
@@ -49,7 +49,7 @@ static void a_tilted_stylus(void **state) {
     expect((double[]){axis.x, axis.y, axis.z}, 0, s, c);
 }
 
-/* Converts quaternions to matrices and back, including half turns about each axis. */
+/* Converts quaternions to matrices and back, including rotations by half a turn about each axis. */
 static void quaternions(void **state) {
     (void)state;
     srand(1);

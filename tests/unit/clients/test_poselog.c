@@ -29,7 +29,7 @@ static trocar_needle_pose_t sample(int64_t k) {
     return message_of_pose(p, 1000000 + 1000 * k, 7, k);
 }
 
-/* Writes `count` poses with wrenches of another channel in between; `change` may damage the pose at `where`. */
+/* Writes `count` poses, with wrenches of another channel in between; `change` may corrupt the pose at `where`. */
 static void write_log(int count, int where, void (*change)(trocar_needle_pose_t *)) {
     report why;
     lcm_eventlog_t *log = lcm_eventlog_create(path, "w");
@@ -74,7 +74,7 @@ static void reads_what_was_written(void **state) {
 
 enum { POSE_EVENT = 28 + 11 + 100, WRENCH_EVENT = 28 + 13 + 180, PAIR = POSE_EVENT + WRENCH_EVENT };
 
-/* Logs that do not end at the end of an event are refused; no length may cause a crash or a huge allocation. */
+/* Logs that end in the middle of an event are refused. No length field may cause a crash or a huge allocation. */
 static void refuses_truncated_logs(void **state) {
     (void)state;
     write_log(2, -1, NULL);
@@ -89,7 +89,7 @@ static void refuses_truncated_logs(void **state) {
     }
 }
 
-/* All complete events are read from a recording that is truncated or still being written. */
+/* From a recording that is truncated or still being written, all complete events are read. */
 static void reads_truncated_logs_up_to_the_last_event(void **state) {
     (void)state;
     write_log(2, -1, NULL);
@@ -123,23 +123,24 @@ static void refuses_damage_and_names_the_place(void **state) {
     overwrite(PAIR, "XXXX", 4);
     expect_bad(place, "damaged");
     write_log(3, -1, NULL);
-    overwrite(PAIR + 24, "\x7f\xff\xff\xff", 4);    /* length of 2 GiB */
+    overwrite(PAIR + 24, "\x7f\xff\xff\xff", 4);    /* a length of 2 GiB */
     expect_bad(place, "truncated");
     write_log(3, -1, NULL);
-    overwrite(PAIR + 24, "\xff\xff\xff\xf0", 4);    /* negative as a signed number */
+    overwrite(PAIR + 24, "\xff\xff\xff\xf0", 4);    /* a length that is negative as a signed number */
     expect_bad(place, "truncated");
     write_log(3, -1, NULL);
     overwrite(PAIR + 20, "\0\0\0\0", 4);
     expect_bad(place, "channel name");
     write_log(3, -1, NULL);
-    overwrite(28 + 11, "\1\2\3\4", 4);              /* fingerprint of another type */
+    overwrite(28 + 11, "\1\2\3\4", 4);              /* the fingerprint of another type */
     expect_bad("event 0", "not a trocar.needle_pose_t");
     write_log(3, -1, NULL);
     overwrite(0, "solid\n", 6);
     expect_bad("byte 0", "not an LCM log");
 }
 
-/* Poses of the probe with another type, a wrong length or an impossible time count as damage; others that the server refuses are counted. */
+/* Poses of the probe that have another type, a wrong length or an impossible time count as corrupt. Other poses that the server would refuse are counted
+   separately. */
 static void reads_the_probe_with_the_same_care(void **state) {
     (void)state;
     enum { PROBE_EVENT = POSE_EVENT + 28 + 12 };
@@ -198,7 +199,7 @@ static void refuses_a_log_without_poses(void **state) {
 static void repeat_number(trocar_needle_pose_t *p) { p->seq -= 1; }
 static void change_number_and_time(trocar_needle_pose_t *p) { p->seq -= 2, p->utime -= 2000; }
 
-/* Repeated and late datagrams are refused as by the server. */
+/* Duplicate and late datagrams are refused, as they are by the server. */
 static void ignores_duplicate_and_late_poses(void **state) {
     (void)state;
     void (*changes[])(trocar_needle_pose_t *) = {repeat_number, change_number_and_time};
@@ -214,7 +215,7 @@ static void ignores_duplicate_and_late_poses(void **state) {
     }
 }
 
-/* From a log of two devices, only one needle's poses are read, by default those of the first pose's needle. */
+/* From a log of two devices, the poses of only one needle are read, by default those of the needle in the first pose. */
 static void reads_one_needle_of_several(void **state) {
     (void)state;
     report why;
@@ -241,7 +242,7 @@ static void reads_one_needle_of_several(void **state) {
     assert_non_null(strstr(why.text, "no pose of needle 0"));
 }
 
-/* Messages of releases without the field `needle` count as needle 0's. */
+/* Release messages without the field `needle` refer to needle 0. */
 static void logs_without_needles_can_still_be_read(void **state) {
     (void)state;
     report why;
@@ -263,13 +264,13 @@ static void write_command(lcm_eventlog_t *log, int what, int64_t session, int ne
     assert_int_equal(log_write_command(log, &m, path, &why), TROCAR_OK);
 }
 
-/* Each command is stored with the pose that follows it; commands of other sessions, and those that do not concern seeds, are skipped. */
+/* Each command is stored with the pose that follows it. Commands of other sessions, and commands that do not concern seeds, are skipped. */
 static void commands_for_seeds_are_read(void **state) {
     (void)state;
     report why;
     pose_log log;
     lcm_eventlog_t *out = lcm_eventlog_create(path, "w");
-    write_command(out, TROCAR_COMMAND_T_DROP_SEED, 7, 0, 1); /* this command comes before the first pose */
+    write_command(out, TROCAR_COMMAND_T_DROP_SEED, 7, 0, 1); /* a command that precedes the first pose */
     for (int64_t k = 0; k < 10; k++) {
         trocar_needle_pose_t p = sample(k);
         assert_int_equal(log_write_pose(out, &p, path, &why), TROCAR_OK);
@@ -285,7 +286,7 @@ static void commands_for_seeds_are_read(void **state) {
     assert_true(log.commands[0].next_pose == 5 && log.commands[0].command.command == TROCAR_COMMAND_T_DROP_SEED && log.commands[0].command.seeds == 3);
     assert_true(log.commands[1].next_pose == 10 && log.commands[1].command.command == TROCAR_COMMAND_T_UNDO);
     pose_log_free(&log);
-    overwrite(28 + 14, "\1\2\3\4", 4); /* from another version, which had no seeds */
+    overwrite(28 + 14, "\1\2\3\4", 4); /* the fingerprint of an older version, which had no seeds */
     assert_int_equal(pose_log_read(path, &log, &why), TROCAR_OK);
     assert_true(log.command_count == 2 && log.skipped_commands == 2);
     pose_log_free(&log);
@@ -296,7 +297,7 @@ static void commands_for_seeds_are_read(void **state) {
     expect_bad("event 0", "damaged");
 }
 
-/* Reads the server's answers to all commands. The log is in the fuzzer's corpus, which has to be renewed when the messages change. */
+/* Reads the server's replies to all commands. The log belongs to the fuzzer's corpus, which must be regenerated when the messages change. */
 static void replies_are_read(void **state) {
     (void)state;
     static const struct { int command, needle, next_pose; logged_answer answer; } EXPECTED[] = {
@@ -318,7 +319,7 @@ static void replies_are_read(void **state) {
     pose_log_free(&log);
 }
 
-/* Compares the encodings, because the padding of the structures may differ. */
+/* Compares the encoded messages, because the padding of the structures may differ. */
 static void assert_same_pose(const trocar_needle_pose_t *a, const trocar_needle_pose_t *b) {
     uint8_t bytes[2][256];
     int size = trocar_needle_pose_t_encode(bytes[0], 0, sizeof bytes[0], a);
@@ -333,7 +334,8 @@ static void assert_same_probe_pose(const trocar_probe_pose_t *a, const trocar_pr
     assert_memory_equal(bytes[0], bytes[1], (size_t)size);
 }
 
-/* Every pose, command and pose of the probe appears in its place, as when the whole log is kept; for any file, including a damaged one. */
+/* Every pose, every command and every pose of the probe appears in the same order as if the whole log were kept in memory. This holds for any file, including
+   corrupt ones. */
 static void compare_with_stream(const char *file, int needle, bool all) {
     report why, scan_why;
     pose_log whole, scanned;
@@ -382,7 +384,7 @@ static void streams_are_the_logs(void **state) {
     report why;
     srand(1);
     lcm_eventlog_t *out = lcm_eventlog_create(path, "w");
-    for (int k = 0; k < 500; k++) { /* two needles and two sessions, some poses late, with poses of the probe and commands in between */
+    for (int k = 0; k < 500; k++) { /* two needles and two sessions, with some late poses, and with probe poses and commands in between */
         trocar_needle_pose_t p = sample(k - 3 * (rand() % 20 == 0));
         trocar_probe_pose_t probe = {.utime = p.utime, .session = 9, .seq = k, .position = {0.001 * k, 0, 0}, .orientation = {1, 0, 0, 0}};
         trocar_command_t command = {.utime = p.utime, .session = 7, .seq = k, .command = TROCAR_COMMAND_T_UNDO, .needle = rand() % 2};
@@ -399,7 +401,7 @@ static void streams_are_the_logs(void **state) {
     compare_with_stream(path, -1, true);
 }
 
-/* A sender that uses a number again gets its replies in the order of its commands. */
+/* If a sender reuses a command number, replies are assigned in the order of its commands. */
 static void replies_to_one_number_go_to_the_oldest_command(void **state) {
     (void)state;
     report why;
@@ -425,7 +427,7 @@ static void distinguishes_other_types_from_damage(void **state) {
     overwrite(28 + 11, "\1\2\3\4\5\6\7\10", 8);
     expect_bad("event 0", "recorded with another lcmtypes/trocar.lcm");
     expect_bad("fingerprint", "0102030405060708");
-    char short_data[] = {0, 0, 0, 80};              /* one number shorter than a pose, so that the next event looks damaged */
+    char short_data[] = {0, 0, 0, 80};              /* one number too short for a pose, so that the next event looks corrupt */
     write_log(1, -1, NULL);
     overwrite(24, short_data, 4);
     expect_bad("event 0", "damaged");
@@ -481,7 +483,7 @@ static void status_names_the_inverse(void **state) {
     wrench_log_free(&log);
 }
 
-/* A log from an old release, whose wrenches do not name their server, gives the same values, without the kind of inverse. */
+/* A log from an old release, whose wrenches do not name their server, gives the same values, except that the kind of inverse is unknown. */
 static void logs_without_servers_can_still_be_read(void **state) {
     (void)state;
     report why;

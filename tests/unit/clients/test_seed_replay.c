@@ -1,4 +1,4 @@
-/* Seeds in a replay: a drop that comes slightly too early waits, also while the server undoes it or refuses other commands. */
+/* Tests seeds in a replay: a drop that comes slightly too early waits, even while the server undoes it or refuses other commands. */
 #include <setjmp.h>
 #include <stdarg.h>
 #include <stddef.h>
@@ -13,13 +13,13 @@ static report why;
 
 #define OK(call) do { if ((call) != TROCAR_OK) fail_msg("%s: %s", #call, why.text); } while (0)
 
-static const double STEP = 1e-4; /* m, step of the base per tick */
+static const double STEP = 1e-4; /* m, displacement of the base per tick */
 
 typedef struct {
     trocar_model *model;
     trocar_sim *sim;
     trocar_output output;
-    double z;                /* m, position of the base */
+    double z;                /* m, z coordinate of the base */
     waiting_drop waiting;
 } insertion;
 
@@ -32,7 +32,7 @@ static void tick(insertion *in, double way) {
     OK(trocar_sim_step(in->sim, 0, &base, 1e-3, &in->output, &why));
 }
 
-/* Begins with the needle 30 mm deep, where one seed was dropped, and another one before the first had left the needle. */
+/* Starts with the needle 30 mm deep. One seed has been dropped, and the command to drop another one comes before the first has left the needle. */
 static void begin(insertion *in, const logged_command *early) {
     trocar_scene *scene;
     trocar_pose base = {{0.005, 0.003, -0.202}, {1, 0, 0, 0}};
@@ -59,7 +59,7 @@ static void end(insertion *in) {
 static int left(const insertion *in) { return trocar_view_seeds(trocar_sim_view(in->sim), NULL, 0); }
 static int pending(const insertion *in) { return trocar_view_pending_seeds(trocar_sim_view(in->sim), 0); }
 
-/* Draws the needle back and tries the drop before each tick, as a replay does. */
+/* Draws the needle back, and retries the drop before each tick, as a replay does. */
 static void draw_back_until_it_no_longer_waits(insertion *in, bool carried_out) {
     for (int i = 0; i < 100 && in->waiting.drop; i++) {
         bool tried = try_waiting_drop(&in->waiting, in->sim, 0);
@@ -91,7 +91,7 @@ static void an_early_drop_waits_until_the_seed_is_out(void **state) {
     end(&in);
 }
 
-/* The server had executed the drop, so an undo cancels this drop and not the seed before it. */
+/* The server executed the drop, so an undo cancels this drop and not the previous seed. */
 static void an_undo_takes_back_the_drop_that_waits(void **state) {
     (void)state;
     insertion in;
@@ -103,7 +103,7 @@ static void an_undo_takes_back_the_drop_that_waits(void **state) {
     assert_int_equal(pending(&in), 1);
     draw_out(&in);
     assert_int_equal(left(&in), 1);
-    OK(replay_seed_command(&in.waiting, in.sim, 0, &undo, &why)); /* the next undo removes that seed */
+    OK(replay_seed_command(&in.waiting, in.sim, 0, &undo, &why)); /* the next undo removes the previous seed */
     assert_int_equal(left(&in), 0);
     end(&in);
 }
@@ -126,7 +126,7 @@ static void what_the_server_refused_does_not_end_the_waiting(void **state) {
     end(&in);
 }
 
-/* Any other command follows the drop, as it did in the server: if the previous seed is still in the needle now, it will not get out. A
+/* Any other command is executed after the drop, as in the server. If the previous seed is still in the needle at that time, it can no longer leave it. A
    missing reply to an undo is no reason to wait. */
 static void another_command_ends_the_waiting(void **state) {
     (void)state;
@@ -145,21 +145,21 @@ static void another_command_ends_the_waiting(void **state) {
     }
     OK(replay_seed_command(&in.waiting, in.sim, 0, &early, &why));
     while (pending(&in)) tick(&in, -STEP);
-    assert_true(end_waiting_drop(&in.waiting, in.sim, 0, &next[0])); /* the seed was no longer in the needle */
+    assert_true(end_waiting_drop(&in.waiting, in.sim, 0, &next[0])); /* in the server, the seed had already left the needle */
     assert_int_equal(pending(&in), 1);
     end(&in);
 }
 
 static void only_what_the_server_carried_out_waits(void **state) {
     (void)state;
-    const logged_command early = logged(TROCAR_COMMAND_T_DROP_SEED, 6, ANSWER_DONE); /* a strand longer than the rest of the track */
+    const logged_command early = logged(TROCAR_COMMAND_T_DROP_SEED, 6, ANSWER_DONE); /* a strand longer than the remaining track */
     const logged_command unknown = logged(TROCAR_COMMAND_T_DROP_SEED, 1, ANSWER_UNKNOWN);
     insertion in;
     begin(&in, &early);
     draw_back_until_it_no_longer_waits(&in, false);
     assert_int_equal(pending(&in), 0);
     assert_non_null(strstr(in.waiting.reason.text, "of the seeds: push it farther in"));
-    assert_int_equal(replay_seed_command(&in.waiting, in.sim, 0, &early, &why), TROCAR_BAD_INPUT); /* there is nothing to wait for */
+    assert_int_equal(replay_seed_command(&in.waiting, in.sim, 0, &early, &why), TROCAR_BAD_INPUT); /* waiting would not help */
     assert_null(in.waiting.drop);
     OK(replay_seed_command(&in.waiting, in.sim, 0, &unknown, &why));
     assert_int_equal(replay_seed_command(&in.waiting, in.sim, 0, &unknown, &why), TROCAR_BAD_INPUT);

@@ -21,7 +21,7 @@ static void holes_have_clinicians_names(void **state) {
     }
 }
 
-/* One seed of a needle without a guide, in the coordinates of the mesh and of a patient whose left is the mesh's -x. */
+/* One seed of a needle without a guide, in the coordinates of the mesh and in those of a patient whose left side is the mesh's -x. */
 static void a_row_has_both_places(void **state) {
     (void)state;
     host h = host_open(MESHES "/figure8.yaml");
@@ -49,7 +49,7 @@ static void a_row_has_both_places(void **state) {
         assert_true(fabs(rest[0] - sign * scale * seed.position[0]) < 1e-7 && fabs(rest[1] - sign * scale * seed.position[1]) < 1e-7);
         assert_true(fabs(rest[2] - scale * (seed.position[2] - (k ? 0.01 : 0))) < 1e-7);
         assert_true(fabs(rest[3] - sign * seed.direction[0]) < 1e-8 && fabs(rest[5] - seed.direction[2]) < 1e-8);
-        assert_true(fabs(now[2] - rest[2]) > 1e-5 * scale && fabs(now[2] - rest[2]) < 5e-3 * scale); /* the needle drags the tissue back */
+        assert_true(fabs(now[2] - rest[2]) > 1e-5 * scale && fabs(now[2] - rest[2]) < 5e-3 * scale); /* the needle drags the tissue back with it */
         free(text);
     }
     host_close(&h);

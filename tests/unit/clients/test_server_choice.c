@@ -1,4 +1,4 @@
-/* A client follows the first of two servers until it falls silent. */
+/* Tests that a client follows the first of two servers until that server falls silent. */
 #include "shared/server_choice.h"
 
 #include <setjmp.h>
@@ -15,7 +15,7 @@ static void first_server_is_followed_until_it_is_silent(void **unused) {
     assert_true(server_choice_follows(&c, 7, 1.06));
     assert_true(server_choice_has_other(&c, 1.06));
     assert_false(server_choice_follows(&c, 8, 1.15));
-    assert_true(server_choice_follows(&c, 8, 1.17)); /* the first has been silent for more than 0.1 s */
+    assert_true(server_choice_follows(&c, 8, 1.17)); /* the first server has been silent for more than 0.1 s */
     assert_int_equal(c.followed, 8);
     assert_false(server_choice_has_other(&c, 1.17));
     assert_false(server_choice_follows(&c, 7, 1.18));
@@ -30,7 +30,7 @@ static void another_server_is_forgotten_after_a_second(void **unused) {
     assert_false(server_choice_has_other(&c, 6.1));
 }
 
-/* A replay is followed as lcm-logplayer sends its log. */
+/* A replayed server is followed while lcm-logplayer sends its log. */
 static void replay_is_followed(void **unused) {
     (void)unused;
     server_choice c = {.patience = 0.1};

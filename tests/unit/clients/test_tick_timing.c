@@ -24,7 +24,7 @@ static int destroy(void **state) {
     return 0;
 }
 
-/* Straight above the gland, with the tip 1 mm in front of the skin. */
+/* Directly above the gland, with the tip 1 mm in front of the skin. */
 static const pose START = {{0.005, 0.003, -0.201}, {1, 0, 0, 0}};
 
 static timing_case five_contacts(timed_motion motion, int ticks) {
@@ -43,7 +43,7 @@ static void sweeps_with_the_requested_contacts(void **state) {
     assert_int_equal(row.unstable, 0);
 }
 
-/* All timed ticks have the requested number of contacts, although a needle that advances through that many ticks ends with more. */
+/* All timed ticks have the requested number of contacts, although a needle that advances during that many ticks would end with more. */
 static void advances_with_the_requested_contacts(void **state) {
     (void)state;
     report why;
@@ -60,7 +60,7 @@ static void advances_with_the_requested_contacts(void **state) {
     assert_true(body.output.contacts > 5);
 }
 
-/* At least half of the ticks took the median or longer, and all of them fit into the elapsed time. */
+/* At least half of the ticks took the median time or longer, and the total must not exceed the elapsed time. */
 static void times_do_not_exceed_elapsed_time(void **state) {
     (void)state;
     report why;
@@ -70,7 +70,7 @@ static void times_do_not_exceed_elapsed_time(void **state) {
     assert_int_equal(tick_timing_measure(body.sim, body.scene, &wanted, &row, &why), TROCAR_OK);
     double passed = 1e-9 * (double)(monotonic_ns() - start), median = histogram_quantile(&row.time, 0.5);
     assert_true(median > 0.0);
-    assert_true(0.5 * 200 * 0.96 * median <= passed);   /* 0.96: width of the histogram's buckets */
+    assert_true(0.5 * 200 * 0.96 * median <= passed);   /* 0.96 allows for the width of the histogram's buckets */
     assert_true(histogram_max(&row.time) <= passed);
 }
 

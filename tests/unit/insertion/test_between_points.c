@@ -1,4 +1,4 @@
-/* Blocks of compliance between contact points are compared with the formula entry by entry: P N P^T + R^T C R, and the mount's compliance. */
+/* Compares the blocks of compliance between contact points entry by entry with the formula P N P^T + R^T C R plus the compliance of the mount. */
 #include "bending.h"
 #include "insertion/contact/between_points.h"
 #include "insertion/guide/guides.h"
@@ -18,7 +18,7 @@ static insertion_model model = {.needle = &needle};
 static needle_state shape;
 static insertion_workspace w;
 static compliance_snapshot snapshot;
-static needle_tangent whole;      /* the compliance between all joints */
+static needle_tangent whole;      /* the compliance between all joints of the needle */
 static const double MOUNT = 2e-4; /* m/N */
 
 static double draw(void) { return (double)rand() / RAND_MAX - 0.5; }
@@ -29,7 +29,7 @@ static mat3 draw_block(void) {
     return m;
 }
 
-/* Creates a bent and loaded needle. */
+/* Creates a bent needle under load. */
 static int create(void **unused) {
     (void)unused;
     vec3 load[NEEDLE_MAX_SEGMENTS + 1] = {{0}};
@@ -47,7 +47,7 @@ static int create(void **unused) {
     for (int i = 0; i < MAX_CONTACTS; i++)
         for (int j = i; j < MAX_CONTACTS; j++)
             for (int a = 0; a < 9; a++) snapshot.between_contacts[i].at[a / 3][a % 3][j] = 1e-3 * draw();
-    for (int i = 0; i < MAX_CONTACTS; i++) /* the block between a point and itself is symmetric */
+    for (int i = 0; i < MAX_CONTACTS; i++) /* the diagonal block of each point is symmetric */
         for (int a = 0; a < 9; a++) snapshot.between_contacts[i].at[a % 3][a / 3][i] = snapshot.between_contacts[i].at[a / 3][a % 3][i];
     return 0;
 }
@@ -59,7 +59,7 @@ static mat3 tissue_between(int i, int j) {
     return m3_scaled(w.creep.yield, compliance_between(&snapshot, w.points.list[i].handle, w.points.list[j].handle));
 }
 
-/* Returns N between joints from the triangle that is stored. */
+/* Returns the compliance N between joints, expanded from the stored triangle. */
 static double between_joints(int row, int column) { return row / 3 <= column / 3 ? whole.compliance[row][column] : whole.compliance[column][row]; }
 
 static mat3 expected(int i, int j) {
@@ -75,7 +75,7 @@ static mat3 expected(int i, int j) {
     return m3_multiply(&transposed, &turned);
 }
 
-/* Places points from base to tip, 3 mm apart. */
+/* Places contact points from base to tip at intervals of 3 mm. */
 static void set_points(int guided, int contacts, bool tip) {
     w.points.guided = guided;
     w.points.tip = tip;
@@ -131,7 +131,7 @@ static void slots_may_be_in_any_order(void **unused) {
     check_blocks();
 }
 
-/* One contact was dragged to the base, past the others. */
+/* One contact has been dragged past the others to the base. */
 static void points_may_be_in_any_order(void **unused) {
     (void)unused;
     set_points(0, 14, true);
@@ -140,7 +140,7 @@ static void points_may_be_in_any_order(void **unused) {
     check_blocks();
 }
 
-/* Points at guides come first in the list, wherever they are; points without contact are not coupled. */
+/* Points at guides come first in the list, wherever they are along the needle; points without contact are not coupled. */
 static void guides_are_coupled_where_they_touch(void **unused) {
     (void)unused;
     static const int guides[] = {1, 2, 3, 4, 7, 16}, contacts[] = {0, 1, 3, 6, 9, 20, 64};
@@ -153,17 +153,17 @@ static void guides_are_coupled_where_they_touch(void **unused) {
         }
 }
 
-/* Starting at any point, with and without a point at which the tissue differs. */
+/* Starts at any point, with and without a point at which the tissue's properties differ. */
 static void wide_vectors_give_the_same_bits(void **unused) {
     (void)unused;
-    if (between_kernel_here() == between_portable) skip(); /* this processor has no wide kernel */
+    if (between_kernel_here() == between_portable) skip(); /* this processor has no kernel for wide vectors */
     static _Alignas(CACHE_LINE) between_components needle_rows[3 * NEEDLE_POINT_JOINTS];
     static _Alignas(CACHE_LINE) double tissue[3][3][BETWEEN_PLACES];
     static _Alignas(CACHE_LINE) between_rows frames, portable, widest;
     for (int l = 0; l < BETWEEN_PLACES; l++)
         for (int a = 0; a < 9; a++) {
             for (int m = 0; m < NEEDLE_POINT_JOINTS; m++) needle_rows[3 * m + a / 3][a % 3][l] = draw();
-            tissue[a / 3][a % 3][l] = l < 40 ? draw() : NAN; /* the tissue at this point is not known */
+            tissue[a / 3][a % 3][l] = l < 40 ? draw() : NAN; /* the tissue's compliance at this point is unknown */
             frames[a / 3][a % 3][l] = draw();
         }
     set_points(0, 40, true);

@@ -1,4 +1,4 @@
-/* Needles that pass through several bodies and materials: from one body into the next, and out of much stiffer tissue. */
+/* Tests needles that pass through several bodies and materials, from one body into the next, and out of much stiffer tissue. */
 #include "blocks.h"
 
 #include <setjmp.h>
@@ -25,10 +25,11 @@ static pose start_at(double x, double y) { return (pose){v3(x, y, -0.201), {1, 0
 
 /* ---- from one body into the next ---------------------------------------------------------------------------------------- */
 
-enum { STEPS = 95 }; /* steps of 1 mm */
-static const double CUTTING = 0.4 + 1.0 * 0.05, FRICTION = 8.0 + 100.0 * 0.05; /* N and N/m at 50 mm/s */
+enum { STEPS = 95 }; /* steps of 1 mm each */
+static const double CUTTING = 0.4 + 1.0 * 0.05, FRICTION = 8.0 + 100.0 * 0.05; /* N, cutting force, and N/m, friction, both at 50 mm/s */
 
-/* Inserts by 95 mm and withdraws at 50 mm/s; records the events during each millimetre of base travel, and force and depth at its end. */
+/* Inserts by 95 mm and withdraws, both at 50 mm/s. Records the events during each millimetre of base travel, and the force and depth at the end of the
+   millimetre. */
 typedef struct { unsigned events[2 * STEPS]; double force[2 * STEPS], depth[2 * STEPS]; } passage;
 
 static void pass(lockstep *l, passage *p) {
@@ -48,7 +49,7 @@ static int first(const passage *p, unsigned event, int from) {
     return from;
 }
 
-/* Creates two separately meshed bodies: the first is 40 mm thick, the second begins `gap` behind it (negative: they overlap). */
+/* Creates two separately meshed bodies. The first is 40 mm thick; the second begins `gap` (m) behind it. If `gap` is negative, the bodies overlap. */
 static lockstep *two_bodies(double gap) {
     block blocks[2] = {{v3(-0.05, -0.04, 0), v3(0.05, 0.04, 0.04), {8, 6, 3}, 3, 1, 1, true},
                        {v3(-0.05, -0.04, 0.04 + gap), v3(0.05, 0.04, 0.1 + gap), {7, 5, 4}, 4, 2, 2, false}};
@@ -58,8 +59,8 @@ static lockstep *two_bodies(double gap) {
     return lockstep_create(&c, start_at(0.0031, -0.0027));
 }
 
-/* Cutting and friction act on the part of the needle that is in tissue, and not in the gap. A gap that the bulging surface of the
-   first body closes does not count. A second needle in the same track has friction in both bodies, and nothing to cut. */
+/* Cutting and friction act on the part of the needle that is in tissue, but not on the part in the gap. A gap closed by the bulging surface of the first body
+   has no effect. A second needle in the same track has friction in both bodies, but nothing to cut. */
 static void second_body_exerts_force(void **unused) {
     (void)unused;
     static const double gaps[] = {0.0, 0.002, 0.015, -0.0005};
@@ -74,7 +75,7 @@ static void second_body_exerts_force(void **unused) {
         assert_true(left > 35 && left < 60);
         assert_in_range(entered, left, left + (int)(1e3 * gap));
         assert_close(p.force[last] / expected, 1.0, 0.03);
-        if (gap > 0.01) assert_close(p.force[entered - 1] / (-FRICTION * 0.04), 1.0, 0.1); /* in the gap, only the first body's friction acts */
+        if (gap > 0.01) assert_close(p.force[entered - 1] / (-FRICTION * 0.04), 1.0, 0.1); /* in the gap, friction acts only in the first body */
         int back = first(&p, EVENT_EXITED, STEPS), out = first(&p, EVENT_WITHDRAWN, back);
         assert_true(back < out && out < 2 * STEPS);
         assert_int_equal(l->state.tip.place.phase, TIP_FREE);
@@ -86,12 +87,12 @@ static void second_body_exerts_force(void **unused) {
     }
 }
 
-/* A needle that is already in both bodies at the start feels the friction of both. */
+/* A needle whose start pose is already inside both bodies feels the friction of both. */
 static void engaging_inside_two_bodies(void **unused) {
     (void)unused;
     lockstep *l = two_bodies(0.005);
     pose in = start_at(0.0031, -0.0027);
-    in.position.z = -0.2 + 0.08; /* 40 mm deep in the first body, 35 mm in the second */
+    in.position.z = -0.2 + 0.08; /* 40 mm in the first body and 35 mm in the second */
     insertion_reset(&l->simulation.insertion, in, &l->state);
     l->base = in;
     lockstep_move(l, v3(0, 0, 0), 0.01, 1e-3);
@@ -102,7 +103,7 @@ static void engaging_inside_two_bodies(void **unused) {
     lockstep_free(l);
 }
 
-/* Two separately meshed bodies whose faces match are joined into one. */
+/* Two separately meshed bodies with matching faces are joined into one. */
 static void matching_faces_are_joined(void **unused) {
     (void)unused;
     block whole = {v3(-0.05, -0.04, 0), v3(0.05, 0.04, 0.1), {6, 5, 5}, 2, 1, 2, true};
@@ -120,7 +121,7 @@ static void matching_faces_are_joined(void **unused) {
     for (int g = 0; g < one.group_count; g++) assert_int_equal(both.groups[g].node_count, one.groups[g].node_count);
     mesh_free(&one);
     mesh_free(&both);
-    parts[1].cells[0] = 5; /* now the nodes coincide only at both ends */
+    parts[1].cells[0] = 5; /* now only the nodes at both ends coincide */
     blocks_write_mesh(path, parts, 2, 2, 1.0);
     assert_int_equal(mesh_read(path, &both, &why), TROCAR_OK);
     assert_int_equal(both.node_count, 7 * 6 * 3 + 6 * 6 * 4);
@@ -151,7 +152,7 @@ static void mesh_unit_is_applied(void **unused) {
         assert_non_null(strstr(l->simulation.mesh.remarks.text, "mesh_unit"));
         lockstep_free(l);
     }
-    simulation_config c = blocks_config(path, 2); /* the unit is right, but the needle is 20 um thick */
+    simulation_config c = blocks_config(path, 2); /* the unit of the mesh is correct, but the needle is 20 um thick */
     c.mesh_unit = 1e-3;
     c.needle.outer_diameter = 20e-6;
     c.needle.inner_diameter = 0.0;
@@ -162,8 +163,8 @@ static void mesh_unit_is_applied(void **unused) {
 
 /* ---- stiff tissue ------------------------------------------------------------------------------------------------------- */
 
-/* Returns the largest change of force per tick, relative to max(7 %, 0.05 N), while the needle is pushed through a layer
-   of the given stiffness, moved sideways at the base, and pulled out. */
+/* Returns the largest change of force per tick, relative to max(7 %, 0.05 N), while the needle is inserted through a layer of the given stiffness, moved
+   sideways at the base, and withdrawn. */
 static double worst_step(double stiffness, unsigned *seen) {
     enum { TICKS = 1200 };
     simulation_config c = blocks_config(path, 2);
@@ -173,7 +174,7 @@ static double worst_step(double stiffness, unsigned *seen) {
     vec3 ways[] = {v3(0, 0, 0.065), v3(0.004, 0.006, 0), v3(0, 0, -0.07)}, before = v3(0, 0, 0);
     double worst = 0.0, now = 0.0, at = 0.0;
     for (int part = 0; part < 3; part++)
-        for (int tick = 0; tick < TICKS; tick++) { /* the motion starts and stops gently */
+        for (int tick = 0; tick < TICKS; tick++) { /* the motion starts and stops smoothly */
             lockstep_move(l, v3_scale(M_PI_2 / TICKS * sin(M_PI * (tick + 0.5) / TICKS), ways[part]), 1e-3, 1e-3);
             *seen |= l->wrench.events;
             double step = v3_norm(v3_sub(l->wrench.force, before)) / fmax(0.05, 0.07 * v3_norm(before));
@@ -201,14 +202,14 @@ static void force_is_continuous_when_leaving_stiff_tissue(void **unused) {
 
 /* ---- along a side face ---------------------------------------------------------------------------------------------------- */
 
-/* Results for a needle pushed down along a side face and pulled out again. */
+/* Results for a needle that is inserted along a side face of the body and withdrawn. */
 typedef struct {
     int exits, returns, withdrawals;
-    int jumps;               /* number of ticks in which the force changed by more than max(7 %, 0.05 N), except at punctures and exits */
-    int drops;               /* number of ticks in which the force fell to zero, except the last */
+    int jumps;               /* number of ticks in which the force changed by more than max(7 %, 0.05 N), without punctures and exits */
+    int drops;               /* number of ticks in which the force dropped to zero, except the last one */
 } side_passage;
 
-/* `inside` is the distance (m) inside the face y = -40 mm at which the needle is set on the skin. */
+/* The needle enters the skin at a distance of `inside` (m) from the side face y = -40 mm, on the inner side. */
 static side_passage along_side_face(double inside, double bevel_slope) {
     enum { TICKS = 1500 };
     simulation_config c = blocks_config(path, 2);
@@ -216,7 +217,7 @@ static side_passage along_side_face(double inside, double bevel_slope) {
     lockstep *l = lockstep_create(&c, start_at(0.0031, -0.04 + inside));
     side_passage p = {.exits = 0};
     vec3 before = v3(0, 0, 0);
-    for (int tick = 0; tick < 2 * TICKS; tick++) { /* the motion starts and stops gently at both ends */
+    for (int tick = 0; tick < 2 * TICKS; tick++) { /* the motion starts and stops smoothly at both ends */
         double part = (tick % TICKS + 0.5) / TICKS, way = 0.07 * M_PI_2 / TICKS * sin(M_PI * part);
         lockstep_move(l, v3(0, 0, tick < TICKS ? way : -way), 1e-3, 1e-3);
         unsigned events = l->wrench.events;
@@ -232,8 +233,8 @@ static side_passage along_side_face(double inside, double bevel_slope) {
     return p;
 }
 
-/* On the face, or slightly inside it, the tip must not alternate between inside and outside. It may leave the tissue once, and
-   come back once as the needle is pulled out; a needle that steers into the tissue does not leave it. */
+/* On the side face or slightly inside it, the tip must not alternate between inside and outside. It may leave the tissue once, and re-enter it once as the
+   needle is withdrawn; a needle that steers into the tissue does not leave it. */
 static void force_is_constant_along_a_side_face(void **unused) {
     (void)unused;
     static const double insides[] = {0.0, 1e-7, 1e-6, 1e-5, 1e-4}, slopes[] = {0.0, 0.1, -0.1};
@@ -251,7 +252,7 @@ static void force_is_constant_along_a_side_face(void **unused) {
         }
 }
 
-/* A needle that slides over the skin's edge becomes free, and the corner that its axis still crosses does not catch it again. */
+/* A needle that slides over the skin's edge is free afterwards, and the corner of the body that its axis still crosses does not catch it again. */
 static void edge_is_crossed_once(void **unused) {
     (void)unused;
     enum { TICKS = 800 };

@@ -1,4 +1,4 @@
-/* A needle that buckles follows the path from straight to bowed and back; on this path its force is continuous and no energy is created. */
+/* A buckling needle follows a continuous path from straight to bowed and back. Along this path its force is continuous, and no energy is created. */
 #include "lockstep.h"
 
 #include <setjmp.h>
@@ -8,9 +8,9 @@
 
 /* ---- an elastica --------------------------------------------------------------------------------------------------- */
 
-/* Integrates from the clamped end (m, N, N m^2): moment EI kappa' = -push sin(theta) - across cos(theta) over a length, by the midpoint rule. Gives
-   the residual at the hinged end, which is the curvature and the lateral position there, and returns by how much the ends have come closer to each
-   other. */
+/* Integrates the elastica from the clamped end by the midpoint rule (m, N, N m^2): the moment EI kappa satisfies EI kappa' = -push sin(theta) - across
+   cos(theta). Sets the residuals at the hinged end, which are the curvature and the lateral position, and returns the reduction of the distance between the
+   ends. */
 static double shoot(double bending, double length, double push, const double unknown[2], double left[2]) {
     int n = 4000;
     double theta = 0.0, kappa = unknown[0], ds = length / n, x = 0.0, y = 0.0;
@@ -24,7 +24,8 @@ static double shoot(double bending, double length, double push, const double unk
     return length - x;
 }
 
-/* Returns by how much (m) a column that is clamped at one end and hinged at the other, both on one line, is shortened by a push beyond Euler's load. */
+/* Returns the shortening (m) of a column under a push beyond Euler's load. The column is clamped at one end and hinged at the other, with both ends on one
+   line. */
 static double shortening(double bending, double length, double push) {
     double euler = 20.1907 * bending / (length * length), root = sqrt(push / euler - 1.0), scale[2] = {1.0 / length, euler};
     double u[2] = {15.0 * root / length, -1.4 * euler * root}, left[2], moved[2], short_by = 0.0;
@@ -50,7 +51,7 @@ static double bending_of(const simulation_config *c) {
     return c->needle.youngs_modulus * M_PI / 64.0 * (pow(c->needle.outer_diameter, 4) - pow(c->needle.inner_diameter, 4));
 }
 
-/* On skin as hard as bone, 30 mm beyond Euler's load, the push is that of the elastica. */
+/* On skin as hard as bone, pushed 30 mm further than Euler's load requires, the needle bears the load of the elastica. */
 static void a_bowed_column_is_the_elastica(void **unused) {
     (void)unused;
     simulation_config c = lockstep_config();
@@ -78,16 +79,16 @@ static void a_bowed_column_is_the_elastica(void **unused) {
 
 typedef struct {
     double most, at_end;     /* N */
-    /* N/m, largest change of force per displacement of the hand before the needle buckles: the stiffness against which it is pushed */
+    /* N/m, largest change of force per displacement of the hand before buckling, which is the stiffness that the hand works against */
     double stiffest;
-    double jump;             /* greatest change per tick after buckling, relative to the change that may be felt or that this stiffness explains */
-    double work, most_work;  /* J, work of the hand over the whole path, and its greatest value on the way */
-    int passes;              /* most passes in a tick */
+    double jump;             /* largest change per tick after buckling, relative to the perceptible change or the one explained by `stiffest` */
+    double work, most_work;  /* J, the hand's work over the whole path, and its maximum along the path */
+    int passes;              /* largest number of passes in a tick */
 } path;
 
-/* Moves the hand along the axis by `way` and back until the needle touches nothing. Punctures do not count as jumps. */
+/* Moves the hand along the axis by `way` (m) and back, until the needle touches nothing. Changes of force at punctures do not count as jumps. */
 static path there_and_back(lockstep *l, double way, double speed) {
-    const double noticed = 0.05, noticed_part = 0.07; /* N, and a fraction of the force */
+    const double noticed = 0.05, noticed_part = 0.07; /* perceptible change: N, and as a fraction of the force */
     int ticks = (int)(way / (speed * 1e-3) + 0.5);
     path p = {0};
     vec3 last = l->wrench.force;
@@ -121,8 +122,8 @@ static void check_path(const lockstep *l, path p, double least) {
     assert_true(v3_norm(l->wrench.force) < 1e-9);
 }
 
-/* In a template's hole with clearance, against skin that is never punctured: at each speed, the needle keeps bearing more than Euler's load of a needle that
-   is hinged at the plate's front face, and returns on the same path. */
+/* The needle is in a template's hole with clearance, and pushes on skin that is never punctured. At each speed, it keeps bearing more than Euler's load of a
+   needle hinged at the plate's front face, and returns along the same path. */
 static void a_guided_needle_comes_back_as_it_went(void **unused) {
     (void)unused;
     const double speeds[] = {0.02, 0.1};
@@ -146,7 +147,7 @@ static void a_guided_needle_comes_back_as_it_went(void **unused) {
     }
 }
 
-/* Through tissue, and 23 mm deep against the pubic arch. */
+/* The needle buckles in tissue, 23 mm deep against the pubic arch. */
 static void a_needle_that_buckles_at_bone_comes_back(void **unused) {
     (void)unused;
     const double speeds[] = {0.03, 0.05};

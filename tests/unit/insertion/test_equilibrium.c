@@ -1,5 +1,5 @@
-/* The solution of a tick: the tissue's equilibrium is checked with an assembled K, the needle's with its bending moments, and a
-   base on a spring against a rigid base. */
+/* Checks the solution of a tick: the tissue's equilibrium with an assembled K, the needle's equilibrium with its bending moments, and a base on a spring by
+   comparison with a rigid base. */
 #include "lockstep.h"
 #include "refinement/refined_mesh.h"
 
@@ -8,7 +8,7 @@
 #include <stddef.h>
 #include <cmocka.h>
 
-/* K u = f on the refined mesh, where K is assembled here element by element; the forces on the tissue add up to minus the base's force. */
+/* K u = f holds on the refined mesh, with K assembled here element by element. The forces on the tissue and the force on the base sum to zero. */
 static void check_equilibrium(remesh_method method) {
     simulation_config c = lockstep_config();
     c.remeshing = method;
@@ -41,7 +41,7 @@ static void check_equilibrium(remesh_method method) {
         if (i < m->node_count && l->simulation.tissue.fixed[i]) reaction = v3_add(reaction, residual[i]);
         else assert_true(v3_norm(residual[i]) < 1e-9 * v3_norm(sum));
     }
-    vec3 base = v3_sub(l->wrench.force, l->state.tip.dent.damping); /* the force on the base, without the damper at the tip */
+    vec3 base = v3_sub(l->wrench.force, l->state.tip.dent.damping); /* the force on the base, excluding the damper at the tip */
     assert_true(v3_norm(v3_add(sum, base)) < 1e-12);
     assert_true(v3_norm(v3_sub(reaction, base)) < 1e-9 * v3_norm(sum));
     free(u);
@@ -56,7 +56,8 @@ static void tissue_is_in_equilibrium_with_the_base(void **unused) {
     check_equilibrium(REMESH_IMPLICIT);
 }
 
-/* Returns the largest difference of the bending moment at the root, computed from the needle's shape alone, from the contacts' moment about the base. */
+/* Returns the largest difference between the bending moment at the root, computed from the needle's shape alone, and the moment of the contact forces about the
+   base. */
 static double worst_imbalance(double tolerance, double speed) {
     simulation_config c = lockstep_config();
     c.insertion.tolerance = tolerance;
@@ -72,8 +73,8 @@ static double worst_imbalance(double tolerance, double speed) {
     return worst;
 }
 
-/* This holds for any shape from which the first pass starts. With the default tolerance the imbalance is small, whether the motion is slow
-   enough for a single pass or not. */
+/* The moments balance for any shape from which the first pass starts. With the default tolerance, the imbalance is small, whether or not the motion is slow
+   enough for a single pass. */
 static void needle_is_in_equilibrium_with_its_bending(void **unused) {
     (void)unused;
     const double speeds[] = {0.25e-3, 0.5e-3, 0.75e-3, 1e-3, 2e-3};
@@ -85,8 +86,8 @@ static void needle_is_in_equilibrium_with_its_bending(void **unused) {
     }
 }
 
-/* After steps of very different lengths, or a jump of the base, the previous motion does not predict the next shape: the forces must be those of
-   a needle without a predicted shape. */
+/* After steps of very different lengths, or a jump of the base, the previous motion does not predict the next shape. The forces must then equal those of a
+   needle whose shape is not predicted. */
 static void jumps_and_uneven_steps_do_not_mislead(void **unused) {
     (void)unused;
     const struct { double dt, jump; } cases[] = {{1e-3, 0.0}, {1e-5, 1e-3}, {1e-6, 1e-4}, {1e-3, 1e-3}, {0.2, 0.0}, {0.2, 1e-3}};
@@ -107,8 +108,8 @@ static void jumps_and_uneven_steps_do_not_mislead(void **unused) {
     }
 }
 
-/* A rigid base that is moved tick by tick to the positions of the base on the spring feels the same wrench, except in a tick in
-   which a contact becomes active: by then the rigid base has moved, and the other base has not. */
+/* A rigid base that is moved, tick by tick, to the positions of the base on the spring feels the same wrench. The exception is a tick in which a contact
+   becomes active: the rigid base has then already moved, while the other base has not. */
 static void spring_coupled_base_matches_rigid_base(void **state) {
     (void)state;
     simulation_config config = lockstep_config();
@@ -131,8 +132,8 @@ static void spring_coupled_base_matches_rigid_base(void **state) {
     lockstep_free(rigid);
 }
 
-/* The needle is pushed 2 mm off the axis against skin that is never punctured, up to Euler's load, and buckles. Every wrench
-   balances the needle's bending moment, and none jumps. There is no wrench after the needle has slipped off. */
+/* The needle is pushed, 2 mm off its axis, against skin that is never punctured, up to Euler's load, and buckles. Every wrench balances the needle's bending
+   moment, and the wrench has no jumps. After the needle has slipped off the skin, the wrench is zero. */
 static void bowed_needle_is_in_equilibrium(void **unused) {
     (void)unused;
     simulation_config c = lockstep_config();
@@ -168,9 +169,9 @@ static void bowed_needle_is_in_equilibrium(void **unused) {
     }
 }
 
-/* Moves a hand that changes its motion every 13 ms: to any side, and turning. */
+/* Moves a hand that changes its motion every 13 ms, in any direction and with rotation. */
 static pose next_hand(pose base, int tick, vec3 *velocity, double *turning, double *turn) {
-    static const double SPEED = 0.3, TURNING = 20.0, ROOM = 0.01; /* m/s, rad/s; m to each side */
+    static const double SPEED = 0.3, TURNING = 20.0, ROOM = 0.01; /* m/s; rad/s; m to each side */
     vec3 start = lockstep_start().position;
     start.z += 0.06;
     if (tick % 13 == 0) {
@@ -185,9 +186,10 @@ static pose next_hand(pose base, int tick, vec3 *velocity, double *turning, doub
     return (pose){v3_axpy(1e-3, *velocity, base.position), {cos(0.5 * *turn), 0, 0, sin(0.5 * *turn)}};
 }
 
-/* The prediction of the needle's shape only gives the passes a better start: if they continue to the last digits, they reach the same equilibrium with and
-   without it. Each tick is run twice from the same state, with and without the last step's motion. There are no old tracks, where several equilibria may be
-   close. In a guide, friction depends on the previous passes within the edge's tolerance; there the prediction has to save passes. */
+/* The prediction of the needle's shape only gives the passes a better starting point: if the passes continue until they reach rounding error, they end at the
+   same equilibrium with and without the prediction. Each tick is run twice from the same state, once with the last step's motion and once without it. The scene
+   has no old tracks, where several equilibria may be close to each other. In a guide, friction depends on the previous passes, within the tolerance at the
+   hole's edge; in that case, the prediction must save passes. */
 static void a_guess_is_only_a_better_start(void **unused) {
     (void)unused;
     static const char *const NAMES[] = {"a guide", "tissue"};
@@ -224,7 +226,7 @@ static void a_guess_is_only_a_better_start(void **unused) {
         }
         print_message("%s: %d passes, without a guess %d; forces differ by up to %.1e N of %.1f N\n", NAMES[kind], passes, passes_without, worst, peak);
         assert_true(kind > 0 || passes < passes_without);
-        const needle_model *needle = &l->simulation.needle; /* a joint that is rotated by the tolerance exerts this force over a segment */
+        const needle_model *needle = &l->simulation.needle; /* force over a segment that corresponds to a joint rotated by the tolerance */
         double left = needle->bending / pow(needle->segment_length, 2) * sqrt(c.insertion.tolerance / needle->given.length);
         assert_true(kind == 0 || worst < left);
         lockstep_free(l);

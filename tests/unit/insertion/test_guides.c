@@ -1,4 +1,4 @@
-/* Guides: buckling loads compared with Euler's, forces at the edge of a hole with beam theory, friction, the choice of the hole, and
+/* Tests guides: buckling loads are compared with Euler's, and forces at the edge of a hole with beam theory; further, friction, the choice of the hole, and
    several needles. */
 #include "insertion/guide/guides.h"
 
@@ -12,7 +12,7 @@
 #include "insertion/contact/contact_assembly.h"
 #include "lockstep.h"
 
-/* The scene of figure 8 with a needle that is exactly straight, as beam theory assumes. */
+/* The scene of figure 8 with an exactly straight needle, as beam theory assumes. */
 static simulation_config straight_config(void) {
     simulation_config c = lockstep_config();
     c.needle.bow = 0.0;
@@ -21,7 +21,7 @@ static simulation_config straight_config(void) {
 
 /* ---- stability of a needle with its base clamped -------------------------------------------------------------------------- */
 
-/* Returns a single hole around the axis of figure 8's needle, at the distance `before` from the tip, through which the needle fits without clearance. */
+/* Returns a single hole, centred on the axis of figure 8's needle, at the distance `before` (m) from the tip. The needle fits into it without clearance. */
 static guide_config hole_before_tip(pose start, double length, double before, double thickness, double diameter) {
     guide_config g = guide_defaults();
     g.normal = v3(0, 0, 1);
@@ -47,7 +47,7 @@ static bench bench_create(int guide_count, const guide_config *guides) {
     return b;
 }
 
-/* True if the straight needle in its guides is stable under this dead load on its tip, by the simulation's own criterion. */
+/* True if the straight needle in its guides is stable under a dead load on its tip, according to the simulation's own criterion. */
 static bool is_stable(const bench *b, double load) {
     const tick_input *tick = &b->tick;
     insertion_state *state = &b->l->state;
@@ -77,8 +77,8 @@ static double buckling_load(const bench *b) {
     return low;
 }
 
-/* Computes the stiffness of a beam under the axial load `load`, for deflection and rotation of its ends, with stability functions
-   (Timoshenko and Gere, Theory of Elastic Stability). */
+/* Computes the stiffness of a beam under the axial load `load` with respect to deflection and rotation of its ends, using stability functions (Timoshenko and
+   Gere, Theory of Elastic Stability). */
 static void beam_column(double bending, double length, double load, double k[4][4]) {
     double u = length * sqrt(load / bending), d = 2.0 - 2.0 * cos(u) - u * sin(u);
     double a = bending / pow(length, 3) * u * u * u * sin(u) / d, b = bending / pow(length, 2) * u * u * (1.0 - cos(u)) / d;
@@ -87,7 +87,7 @@ static void beam_column(double bending, double length, double load, double k[4][
     memcpy(k, rows, sizeof rows);
 }
 
-/* True if a beam is stable that is clamped at one end and held by springs at `span` and at its other end, `thickness` further on. */
+/* True if a beam is stable that is clamped at one end and supported by springs at `span` and at its other end, `thickness` further along. */
 static bool beam_is_stable(double bending, double span, double thickness, double spring, double load) {
     double before[4][4], inside[4][4], k[4][4] = {{0}};
     beam_column(bending, span, load, before);
@@ -130,7 +130,7 @@ static void buckling_loads_are_eulers(void **unused) {
     guide_config g = hole_before_tip(start, length, edge, 0.0, d);
     b = bench_create(1, &g);
     check_load("guided at its end", &b, 2.0457 * pi2);
-    double thin = 4e-3; /* nearly a clamp: a third of the thickness is free to bend */
+    double thin = 4e-3; /* nearly a clamp: a third of the thickness can bend */
     g = hole_before_tip(start, length, thin + edge, thin, d);
     g.stiffness = 1e8;
     b = bench_create(1, &g);
@@ -148,7 +148,7 @@ static void buckling_loads_are_eulers(void **unused) {
 
 /* ---- the edge of a hole ---------------------------------------------------------------------------------------------------- */
 
-/* In the air, the base moves sideways and the needle bends at the edge of the hole: a cantilever in series with the edge. */
+/* The needle is in the air, its base is moved sideways, and it bends at the edge of the hole, like a cantilever in series with the edge's compliance. */
 static void sideways_force_is_the_cantilevers(void **unused) {
     (void)unused;
     simulation_config c = straight_config();
@@ -160,7 +160,7 @@ static void sideways_force_is_the_cantilevers(void **unused) {
     c.guides[0] = hole_before_tip(start, c.needle.length, c.needle.length - arc, 0.0, d + 2.0 * clearance);
     lockstep *l = lockstep_create(&c, start);
     double expected_stiffness = 1.0 / (arc * arc * arc / (3.0 * bending) + 1.0 / c.guides[0].stiffness), step = 2e-6, worst = 0.0, jump = 0.0, last = 0.0;
-    for (int i = 0; i <= 1600; i++) { /* to one side, back, and to the other side */
+    for (int i = 0; i <= 1600; i++) { /* to one side, back, and to the opposite side */
         double aside = step * (i <= 400 ? i : i <= 1200 ? 800 - i : i - 1600), turned = 0.6;
         pose base = start;
         base.position = v3_add(base.position, v3(aside * cos(turned), aside * sin(turned), 0.0));
@@ -178,7 +178,7 @@ static void sideways_force_is_the_cantilevers(void **unused) {
     lockstep_free(l);
 }
 
-/* A hole without clearance always touches the needle. Where it exerts no force, the passes must not try to reduce a residual below rounding. */
+/* A hole without clearance always touches the needle. Where it exerts no force, the passes must not try to reduce the residual below rounding error. */
 static void a_tight_hole_without_force_takes_one_pass(void **unused) {
     (void)unused;
     simulation_config c = straight_config();
@@ -202,8 +202,8 @@ static void a_tight_hole_without_force_takes_one_pass(void **unused) {
 
 /* ---- friction -------------------------------------------------------------------------------------------------------------- */
 
-/* The needle is pressed to one side in the air and moved along the hole: the friction is the coefficient times the normal force, against
-   the motion, once the edge has yielded by that force over its stiffness. */
+/* The needle is pressed to one side of the hole in the air and moved along the hole's axis. Once the edge has yielded by the friction divided by its stiffness,
+   the friction equals the coefficient times the normal force and opposes the motion. */
 static void friction_follows_the_normal_force(void **unused) {
     (void)unused;
     simulation_config c = lockstep_config();
@@ -220,7 +220,7 @@ static void friction_follows_the_normal_force(void **unused) {
         int ticks = 300, settled = 0;
         for (int k = 0; k < ticks; k++) {
             lockstep_move(l, v3(0, 0, ways[i] / ticks), 1e-3, 1e-3);
-            /* friction acts along the needle, which is bent there by a few degrees */
+            /* friction acts along the needle, which is inclined by a few degrees at this point */
             const guide_contact *face = &l->state.guides[0].faces[0];
             needle_point at = needle_at(&l->simulation.needle, &l->state.needle, face->arc);
             double along = v3_dot(face->force, needle_along(&at)), across = v3_norm(v3_axpy(-along, needle_along(&at), face->force));
@@ -237,7 +237,7 @@ static void friction_follows_the_normal_force(void **unused) {
 
 /* ---- which hole ------------------------------------------------------------------------------------------------------------- */
 
-/* 5 x 3 holes, 5 mm apart, in a plate whose back face is 5 mm in front of the skin; the middle hole is on the axis of lockstep_start. */
+/* 5 x 3 holes, 5 mm apart, in a plate whose back face is 5 mm in front of the skin. The middle hole is on the axis of the start pose of lockstep_start. */
 static guide_config template_over_skin(const simulation_config *c) {
     guide_config g = guide_defaults();
     pose start = lockstep_start();
@@ -285,7 +285,7 @@ static void the_tip_chooses_the_hole(void **unused) {
     }
 }
 
-/* A hand may move in a way that is impossible in a hole: the answer stays finite, and the hole releases the needle. */
+/* A hand may move in a way that is impossible inside a hole: the result remains finite, and the needle is released from the hole. */
 static void a_needle_turned_across_is_let_go(void **unused) {
     (void)unused;
     simulation_config c = lockstep_config();
@@ -308,7 +308,7 @@ static void a_needle_turned_across_is_let_go(void **unused) {
     lockstep_free(l);
 }
 
-/* A needle that passes through the plate when it is reset is in its hole from the first tick on. */
+/* A needle that passes through the plate when it is reset is in its hole from the first tick onwards. */
 static void a_needle_can_start_in_its_hole(void **unused) {
     (void)unused;
     simulation_config c = lockstep_config();
@@ -325,7 +325,7 @@ static void a_needle_can_start_in_its_hole(void **unused) {
 
 /* ---- insertions -------------------------------------------------------------------------------------------------------------- */
 
-/* The pose of a hand that moves in and out, moves sideways and turns the needle, once the needle is in its hole. `t`: 0 to 1 */
+/* Returns the pose of a hand that moves in and out, moves sideways and turns the needle, once the needle is in its hole. `t` runs from 0 to 1. */
 static pose trembling(double t, unsigned seed, double before, double deep) {
     double phase = 0.7 * seed, in = deep * 0.5 * (1.0 - cos(2.0 * M_PI * t)), grown = fmin(10.0 * t, 1.0);
     vec3 tilt = v3(0.008 * grown * sin(31.0 * t + phase), 0.008 * grown * sin(23.0 * t + 2.0 * phase), 0.0);
@@ -336,7 +336,7 @@ static pose trembling(double t, unsigned seed, double before, double deep) {
 
 typedef struct { double peak, step, across; int passes, worst, touching; } trembling_result;
 
-/* Returns the largest force, and its largest changes per tick, in total and across the axis. */
+/* Returns the largest force, the largest change of the force per tick, and the largest change per tick of its component across the axis. */
 static trembling_result tremble(lockstep *l, unsigned seed, double before, double deep, int ticks, double dt) {
     trembling_result r = {0};
     pose start = trembling(0.0, seed, before, deep);
@@ -357,7 +357,7 @@ static trembling_result tremble(lockstep *l, unsigned seed, double before, doubl
     return r;
 }
 
-/* In the air, without friction. With eight times as many ticks, the changes per tick become an eighth; a jump would keep its size. */
+/* The needle is in the air, without friction. With eight times as many ticks, the changes per tick decrease to an eighth, whereas a jump would not decrease. */
 static void forces_are_continuous_at_the_clearance(void **unused) {
     (void)unused;
     enum { TICKS = 1000, FINER = 8 };
@@ -376,7 +376,7 @@ static void forces_are_continuous_at_the_clearance(void **unused) {
     lockstep_free(l);
 }
 
-/* Along the axis, forces change with the tissue, most at punctures, as without the guide. */
+/* Forces along the axis change with the tissue, mostly at punctures, in the same way as without the guide. */
 static void random_insertions_stay_stable(void **unused) {
     (void)unused;
     enum { TICKS = 2000 };
@@ -396,8 +396,8 @@ static void random_insertions_stay_stable(void **unused) {
     lockstep_free(l);
 }
 
-/* Returns the largest difference (N) between the forces of two needles that move in and out through a template, one of which starts each tick from its
-   last shape; and the largest force. */
+/* Returns the largest difference (N) between the forces of two needles that move in and out through a template, and the largest force. One of the needles
+   starts each tick from its last shape. */
 static double felt_of_a_guess(double friction, double *peak) {
     simulation_config c = lockstep_config();
     c.guide_count = 1;
@@ -420,8 +420,8 @@ static double felt_of_a_guess(double friction, double *peak) {
     return worst;
 }
 
-/* Whatever the shape from which the passes start, the results agree within the tolerance of edge and friction: 1 % of the force, at the usual and at
-   a high friction. */
+/* Whatever the shape from which the passes start, the results agree within the tolerance for edge and friction, 1 % of the force, with the usual friction and
+   with a high friction. */
 static void a_guess_stays_within_the_tolerance_of_a_guide(void **unused) {
     (void)unused;
     const double friction[] = {0.1, 0.6};
@@ -436,7 +436,7 @@ static void a_guess_stays_within_the_tolerance_of_a_guide(void **unused) {
 
 static const relaxation_term SERIES[] = {{0.25, 0.15}, {0.15, 2.5}, {0.10, 30.0}};
 
-/* The shaft fits its hole without clearance, and touches both faces. */
+/* The shaft fits its hole without clearance and touches the hole at both faces of the plate. */
 static simulation_config snug_scene(bool relaxing) {
     simulation_config c = straight_config();
     c.guide_count = 1;
@@ -456,7 +456,7 @@ static lockstep *engaged(const simulation_config *config) {
 static vec3 force_on_guide(const lockstep *l) { return v3_add(l->state.guides[0].faces[0].force, l->state.guides[0].faces[1].force); }
 static vec3 force_on_tissue(const lockstep *l) { return v3_scale(-1.0, v3_add(l->wrench.force, force_on_guide(l))); }
 
-/* A rigid needle that sticks: a step of its base is a step of the tissue's strain and of the plate's. Only the tissue relaxes. */
+/* A rigid needle that sticks: a step of its base causes an equal step of the tissue's and of the plate's deformation. Only the tissue relaxes. */
 static void check_held_step(vec3 way, double on_guide) {
     simulation_config relaxing = snug_scene(true), elastic = snug_scene(false);
     simulation_config *both[] = {&relaxing, &elastic};
@@ -499,7 +499,7 @@ static void turn(lockstep *l, double angle, double seconds) {
     for (int i = 1; i <= n; i++) lockstep_tick(l, (pose){from.position, q_unit(q_multiply(from.orientation, q_exp(v3(0, 0, angle * i / n))))}, 1e-3);
 }
 
-/* Only friction in the tissue resists turning: torque and lag are those of test_roll.c. A needle that is turned in the air is not twisted. */
+/* Only friction in the tissue resists turning: torque and lag equal those in test_roll.c. A needle that is turned in the air is not twisted. */
 static void a_needle_turns_in_its_hole(void **unused) {
     (void)unused;
     const double dry = 20.0;
@@ -516,7 +516,7 @@ static void a_needle_turns_in_its_hole(void **unused) {
         double f = dry * needle->radius, depth = l->state.tip.place.depth, lag = f * depth * (needle->given.length - 0.5 * depth) / needle->torsion;
         print_message("lag %.6f, expected %.6f; torque %.6f of %.6f\n", -l->state.tip_lead, lag, -l->wrench.torque.z, f * depth);
         assert_true(fabs(-l->state.tip_lead / lag - 1.0) < 0.01 && fabs(-l->wrench.torque.z / (f * depth) - 1.0) < 0.01);
-        lockstep_move(l, v3(0, 0, -0.065), 0.5, 1e-3); /* out of the skin, but not out of the hole */
+        lockstep_move(l, v3(0, 0, -0.065), 0.5, 1e-3); /* withdrawn from the skin, but not from the hole */
         assert_true(l->state.tip.place.phase == TIP_FREE && l->state.guides[0].passage == GUIDE_IN_HOLE);
         assert_true(l->state.tip_lead == 0.0 && l->state.memory.count == 0 && (l->state.memory.residual.count > 0) == (relaxing == 1));
         turn(l, 20.0, 0.5);
@@ -553,7 +553,7 @@ static void a_restored_insertion_goes_on_to_the_bit(void **unused) {
     lockstep_free(other);
 }
 
-/* Returns the needle's greatest distance (m) from the line through its base and its end. */
+/* Returns the needle's largest distance (m) from the straight line through its base and its end. */
 static double bow(const lockstep *l) {
     const vec3 *joints = l->state.needle.joints;
     int n = l->simulation.needle.given.segments;
@@ -566,9 +566,9 @@ static double bow(const lockstep *l) {
     return most;
 }
 
-/* The needle is pushed against stiff skin that is never punctured, through a template. Beyond Euler's load for the span between the hand and the plate,
-   whose end is held by two springs at the faces, the needle buckles and keeps bearing that load; by the elastica, 1 % more at a bow of a tenth of the
-   span. Without a template it buckles at 10 N. */
+/* The needle is pushed through a template against stiff skin that is never punctured. Two springs at the plate's faces support the end of the span between hand
+   and plate. Beyond Euler's load for this span, the needle buckles and keeps bearing that load; by the elastica, 1 % more at a bow of a tenth of the span.
+   Without a template it buckles at 10 N. */
 static void a_template_lets_the_needle_bear_more(void **unused) {
     (void)unused;
     simulation_config c = lockstep_config();
@@ -596,8 +596,8 @@ static void a_template_lets_the_needle_bear_more(void **unused) {
     }
 }
 
-/* A needle that is nearly straight is pushed exactly along its axis on skin as hard as bone, at 5 and 50 mm/s: it reaches the buckled shape, and
-   bears Euler's load there. */
+/* A nearly straight needle is pushed exactly along its axis onto skin as hard as bone, at 5 and 50 mm/s. It reaches the buckled shape and then bears Euler's
+   load. */
 static void a_needle_pushed_along_its_axis_bows(void **unused) {
     (void)unused;
     const double steps[] = {5e-6, 5e-5};
@@ -620,7 +620,7 @@ static void a_needle_pushed_along_its_axis_bows(void **unused) {
     }
 }
 
-/* One tick without the worker's part: its time in ns, and its allocations. */
+/* Measures one tick without the worker's part: its time in ns, and the number of its allocations. */
 typedef struct { int64_t time, allocations; } tick_effort;
 
 static int64_t now_ns(void) {
@@ -663,8 +663,8 @@ static int compare(const void *a, const void *b) {
     return (x > y) - (x < y);
 }
 
-/* Three needles run side by side: without a guide, with one face of a guide that it always touches, and with more contacts in the tissue.
-   Their ticks alternate; a needle that is held still takes one pass. */
+/* Times three needles: one without a guide, one that always touches one face of a guide, and one with more contacts in the tissue. Their ticks alternate. Ticks
+   of a needle that is held still take one pass. */
 static void a_face_costs_what_a_contact_costs(void **unused) {
     (void)unused;
     enum { TICKS = 4001 };

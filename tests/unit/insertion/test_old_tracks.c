@@ -1,5 +1,5 @@
-/* At the end of an old track, the tissue beyond resists at once. Beside a puncture, a membrane is partly torn. Tissue springs back into a track
-   no faster than elsewhere. */
+/* At the end of an old track, the tissue beyond it resists immediately. Close to an earlier puncture, a membrane counts as partly torn. Tissue springs back
+   into a track no faster than into intact tissue. */
 #include "lockstep.h"
 
 #include <setjmp.h>
@@ -9,7 +9,7 @@
 
 static const double SPEED = 0.02, DT = 1e-3; /* m/s, s */
 
-/* Returns by how much the force grows per metre (N/m) when the hand moves on and the tip does not. */
+/* Returns the increase of force per metre (N/m) when the hand advances and the tip does not move. */
 static double stiffness_of(lockstep *l) {
     insertion_state before = l->state;
     pose base = l->base;
@@ -27,11 +27,11 @@ static double stiffness_of(lockstep *l) {
     return force / 1e-4;
 }
 
-/* A needle cuts at constant speed, then meets a short piece of track: the tip springs forward to the end of that piece and no further, so that the force
-   falls by the elastic force over that length and by the viscous force, which is zero while the tip rests there. */
+/* A needle cuts at constant speed and then meets a short piece of track. The tip springs forward to the end of that piece and no further. The force therefore
+   drops by the elastic force over that length and by the viscous force, which is zero while the tip rests at the end. */
 static void a_short_track_gives_back_its_length(void **state) {
     (void)state;
-    static const double LENGTHS[] = {1.5e-5, 1e-4, 3e-4}; /* m; without resistance behind the piece, the tip would spring forward by more */
+    static const double LENGTHS[] = {1.5e-5, 1e-4, 3e-4}; /* m; if nothing resisted behind the piece of track, the tip would spring forward by more than this */
     for (int i = 0; i < 3; i++) {
         simulation_config config = lockstep_config();
         lockstep *l = lockstep_create(&config, lockstep_start());
@@ -57,15 +57,15 @@ static void a_short_track_gives_back_its_length(void **state) {
     }
 }
 
-/* A tip that is pressed against the end of its track, but not hard enough to cut, stays there; drawn back, it finds the track again. */
+/* A tip that is pressed against the end of its track, but not hard enough to cut, stays at the end. After being drawn back, it finds the track again. */
 static void a_tip_rests_at_the_end(void **state) {
     (void)state;
     simulation_config config = lockstep_config();
     lockstep *l = lockstep_create(&config, lockstep_start());
     lockstep_move(l, v3(0, 0, 0.031), 0.031 / SPEED, DT);
-    for (int k = 0; k < 50; k++) lockstep_tick(l, l->base, DT); /* it keeps cutting for a moment */
+    for (int k = 0; k < 50; k++) lockstep_tick(l, l->base, DT); /* the tip keeps cutting for a moment */
     double end = l->state.tip.place.depth;
-    for (int k = 0; k < 500; k++) { /* and for another moment as it turns back */
+    for (int k = 0; k < 500; k++) { /* likewise for a moment after the motion is reversed */
         lockstep_move(l, v3(0, 0, -SPEED * DT), DT, DT);
         end = fmax(end, l->state.tip.place.depth);
     }
@@ -84,8 +84,8 @@ static void a_tip_rests_at_the_end(void **state) {
     lockstep_free(l);
 }
 
-/* The closer a membrane is to a puncture, the sooner it is punctured: the force falls from that of an intact membrane at 1.5 times the
-   reach to zero at the reach. */
+/* The closer a puncture attempt is to an earlier puncture, the lower is the membrane's puncture force: it decreases from that of an intact membrane at 1.5
+   times the reach to zero at the reach. */
 static void a_membrane_is_torn_beside_a_puncture(void **state) {
     (void)state;
     static const double TIMES[] = {0.95, 1.1, 1.25, 1.4, 1.6}, LEFT[] = {0.0, 0.2, 0.5, 0.8, 1.0};
@@ -106,7 +106,7 @@ static void a_membrane_is_torn_beside_a_puncture(void **state) {
     }
 }
 
-/* A needle is pressed against hard tissue and held there, with this length of track ahead (m; 0: none). */
+/* A needle is pressed against hard tissue and held there, with a track of this length ahead of it (m; 0: no track). */
 static lockstep *pressed_before_a_track(double whole, double left, double length) {
     simulation_config config = lockstep_config();
     lockstep *l = lockstep_create(&config, lockstep_start());
@@ -122,8 +122,8 @@ static lockstep *pressed_before_a_track(double whole, double left, double length
     return l;
 }
 
-/* Where nothing is cut, tissue springs back over a needle at rest as fast in a track as in tissue without resistance. A needle that moves on
-   in the track meets no viscosity. */
+/* If nothing is cut, tissue springs back over a resting needle in a track as fast as in tissue without resistance. A needle that advances in the track meets no
+   viscosity. */
 static void tissue_springs_back_into_a_track(void **state) {
     (void)state;
     lockstep *track = pressed_before_a_track(2.0, 2.0, 0.05), *soft = pressed_before_a_track(2.0, 0.0, 0.0);
@@ -133,7 +133,7 @@ static void tissue_springs_back_into_a_track(void **state) {
         lockstep_tick(track, track->base, DT);
         lockstep_tick(soft, soft->base, DT);
         double f = v3_norm(track->wrench.force), g = v3_norm(soft->wrench.force);
-        if (k > 1) largest = fmax(largest, last - f); /* at first, the resistance to cutting ends and the shaft follows */
+        if (k > 1) largest = fmax(largest, last - f); /* in the first tick, the cutting resistance ends and the shaft follows */
         assert_true(track->state.tip.track.openness == 1.0);
         assert_true(fabs(f - g) < 1e-3 * before);
     }
@@ -150,7 +150,8 @@ static void tissue_springs_back_into_a_track(void **state) {
     lockstep_free(soft);
 }
 
-/* A step in which tissue springs back, or in which the tip reaches the end of its track, is solved once: no more passes than in intact tissue. */
+/* A step in which tissue springs back, or in which the tip reaches the end of its track, is solved once; it takes no more passes than a step in intact
+   tissue. */
 static void nothing_is_solved_again(void **state) {
     (void)state;
     static const struct { double length; int hand; } CASES[] = {{0.0, 2}, {0.05, 0}, {0.05, 1}, {0.05, 2}, {0.01, 2}};

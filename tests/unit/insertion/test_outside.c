@@ -1,5 +1,4 @@
-/* A shaft that is pushed into a body from the side bears no force there, and a flag reports it. A needle that enters with its tip does not set the
-   flag. */
+/* A shaft that is pushed into a body from the side bears no force there, and a flag reports this. A needle that enters with its tip does not set the flag. */
 #include "lockstep.h"
 
 #include <setjmp.h>
@@ -7,7 +6,8 @@
 #include <stddef.h>
 #include <cmocka.h>
 
-/* The needle lies along +x with its tip past the far side of the body, and is moved down into the skin, at z = 0, without the tip touching it. */
+/* The needle lies along +x, with its tip beyond the far side of the body. It is moved down into the skin, which is at z = 0, without the tip touching the
+   body. */
 static void a_shaft_laid_into_the_body_is_told(void **unused) {
     (void)unused;
     simulation_config c = lockstep_config();
@@ -27,7 +27,7 @@ static void a_shaft_laid_into_the_body_is_told(void **unused) {
     lockstep_free(l);
 }
 
-/* In an insertion with motion sideways, deeper and out, at any speed, the track is known. */
+/* While an inserted needle is moved sideways, deeper and out, at any speed, its track is known. */
 static void an_insertion_is_not(void **unused) {
     (void)unused;
     simulation_config c = lockstep_config();

@@ -1,4 +1,4 @@
-/* The tick's reads from a snapshot are compared with the inverse itself, and its requests with the tip's path. */
+/* Compares the tick's reads from a snapshot with the inverse itself, and its requests with the tip's path. */
 #include "insertion/tip/prefetch.h"
 #include "lockstep.h"
 #include "snapshot/snapshot_kernels.h"
@@ -32,7 +32,7 @@ static void nothing_is_known_before_the_first_snapshot(void **unused) {
     free(empty);
 }
 
-/* For a point between nominal nodes, the rows of K^-1 are interpolated with the displacement's weights. */
+/* At a point between nominal nodes, the rows of K^-1 are interpolated with the same weights as the displacement. */
 static void point_interpolates_the_rows_of_its_corners(void **unused) {
     (void)unused;
     lockstep *l = inserted(0.03);
@@ -70,7 +70,7 @@ static void contacts_are_identified_by_their_ids(void **unused) {
     lockstep_free(l);
 }
 
-/* The elements that a straight needle reaches within the prefetch distance are requested before it arrives. */
+/* The elements that a straight needle will reach within the prefetch distance are requested in advance. */
 static void path_ahead_is_requested(void **unused) {
     (void)unused;
     lockstep *l = inserted(0.03);
@@ -105,11 +105,11 @@ static void line_is_prefetched_before_the_skin_and_follows_the_needle(void **unu
     lockstep *l = lockstep_create(&c, start);
     lockstep_tick(l, start, 1e-3);
     uint64_t serial = l->state.request.serial;
-    assert_int_equal(l->state.request.window_count, 0); /* far from the skin */
+    assert_int_equal(l->state.request.window_count, 0); /* far from the skin, nothing is requested */
     assert_true(l->state.request.direction.z == 1.0 && fabs(l->state.request.tip.x - 0.005) < 1e-12);
     int slices = 1;
     while (remesher_look_ahead(l->run.remesher)) slices++;
-    assert_true(slices > 1); /* the line through the body */
+    assert_true(slices > 1); /* the line through the body crosses several elements */
     assert_false(remesher_look_ahead(l->run.remesher));
     lockstep_move(l, v3(0, 0, 0.02), 0.1, 1e-3);
     assert_int_equal(l->state.request.serial, serial);

@@ -1,4 +1,4 @@
-/* Friction against turning: lag and torque are compared with closed forms, and with the limit shared with sliding. */
+/* Tests friction against turning: lag and torque are compared with closed forms, and sliding and turning share one friction limit. */
 #include "insertion/contact/roll.h"
 #include "insertion/tip/next_body.h"
 #include "lockstep.h"
@@ -8,7 +8,7 @@
 #include <stddef.h>
 #include <cmocka.h>
 
-static const double DRY = 20.0; /* N/m, the same in all regions, for static and kinetic friction */
+static const double DRY = 20.0; /* N/m, static and kinetic friction, equal in all regions */
 
 static simulation_config scene_with(double dry, double viscous) {
     simulation_config c = lockstep_config();
@@ -32,8 +32,8 @@ static void turn(lockstep *l, double angle, double seconds) {
     for (int i = 1; i <= n; i++) lockstep_tick(l, (pose){from.position, q_unit(q_multiply(from.orientation, q_exp(v3(0, 0, angle * i / n))))}, 1e-3);
 }
 
-/* Turned far enough, the whole shaft slides around its axis: the torque per length f = dry r twists it by f l^2 / 2 G J over the length l in
-   the tissue, and uniformly outside. */
+/* If the base is turned far enough, the whole shaft slides around its axis. The torque per length, f = dry r, twists the shaft by f l^2 / 2 G J over the length
+   l in the tissue, and uniformly outside it. */
 static void check_lag(double sign) {
     simulation_config c = scene_with(DRY, 0.0);
     lockstep *l = engaged(&c);
@@ -44,7 +44,7 @@ static void check_lag(double sign) {
     printf("lag %.6f, expected %.6f; torque %.6f of %.6f\n", -l->state.tip_lead, lag, l->wrench.torque.z, f * depth);
     assert_true(fabs(-sign * l->state.tip_lead / lag - 1.0) < 0.01);
     assert_true(fabs(-sign * l->wrench.torque.z / (f * depth) - 1.0) < 0.01);
-    /* back by as much and more gives the same in the other direction */
+    /* turning back, by as much and by more, gives the same result in the other direction */
     turn(l, -sign * 4.0, 4.0);
     assert_true(fabs(sign * l->state.tip_lead / lag - 1.0) < 0.01);
     lockstep_free(l);
@@ -56,7 +56,7 @@ static void tip_lags_by_the_twist_of_friction(void **unused) {
     check_lag(-1.0);
 }
 
-/* Draws the needle out at a constant speed while it turns: friction on the shaft has the direction of its surface's slip. */
+/* Withdraws the needle at a constant speed while it turns: the friction on the shaft opposes the slip of the shaft's surface. */
 static double friction_while(double speed, double rate, double *torque) {
     simulation_config c = scene_with(DRY, 0.0);
     lockstep *l = engaged(&c);
@@ -85,11 +85,11 @@ static void turning_eases_sliding(void **unused) {
     }
 }
 
-/* The needle is pushed in from outside at a constant speed while it turns, at several ratios of the surface's circumferential to its axial speed. Friction is
-   the same everywhere and the needle hardly twists, so that the whole shaft slides in one direction. Along the needle, the base feels the cutting force and F
-   v / sqrt(v^2 + (omega r)^2), where F is the friction without turning; around the needle, it feels the remaining component of F. Ticks count if the tip cuts
-   and the whole shaft slides, after the jump at a membrane. A new contact node starts as if the shaft did not turn (docs/mechanics.md): until it slides, the
-   force may have an imperceptible error; after that, the formula holds in every tick. */
+/* The needle is inserted from outside at a constant speed while it turns, with several ratios of the surface's circumferential speed to its axial speed.
+   Friction is the same everywhere and the needle hardly twists, so that the whole shaft slides in one direction. Along the needle, the base feels the cutting
+   force and F v / sqrt(v^2 + (omega r)^2), where F is the friction without turning; around the needle, it feels the remaining component of F. Only ticks in
+   which the tip cuts and the whole shaft slides are compared, and none during the jump at a membrane. A new contact node starts as if the shaft did not turn
+   (docs/mechanics.md): until it slides, the force may have an error too small to be felt; once it slides, the formula holds in every tick. */
 static bool all_slides(const insertion_state *s) {
     if (s->tip.place.phase != TIP_INSIDE || s->tip.barrier.blocked_by != NOT_BLOCKED || s->tip.solved.friction != SLIP_FORWARD || s->tip.shaft.friction != SLIP_FORWARD) return false;
     for (int k = 0; contact_is_active(s, k); k++)
@@ -108,7 +108,7 @@ static void turning_eases_insertion(void **unused) {
         lockstep *l = lockstep_create(&c, lockstep_start());
         double radius = l->simulation.needle.radius, rate = ratios[i] * speed / radius, left = 1.0 / hypot(1.0, ratios[i]);
         double worst = 0.0, worst_torque = 0.0, new_contact = 0.0, sum = 0.0;
-        int counted = 0, settled = 0, punctured = 0, added = 0; /* `punctured` and `added` count the ticks since that event */
+        int counted = 0, settled = 0, punctured = 0, added = 0; /* `punctured`, `added`: ticks since the last puncture and the last added node */
         for (int k = 1; k <= TICKS; k++) {
             double t = k * 1e-3;
             pose start = lockstep_start();
@@ -135,7 +135,7 @@ static void turning_eases_insertion(void **unused) {
     }
 }
 
-/* The segments turn with the base before the solve, so that turning takes no more passes than sliding, also for a bent needle. */
+/* The segments turn with the base before the solve, so turning takes no more passes than sliding, even for a bent needle. */
 static void turning_takes_one_pass(void **unused) {
     (void)unused;
     enum { TICKS = 200 };
@@ -158,7 +158,7 @@ static void turning_takes_one_pass(void **unused) {
     lockstep_free(l);
 }
 
-/* After ten turns forward and back, the whole shaft has slid both ways, and torque and the tip's lag have the limit of the turn back
+/* After ten turns forward and back, the whole shaft has slid in both directions. Torque and lag of the tip then have their limits for the backward direction,
    although the needle is at its initial angle. After a small turn back, the forces are those of a stuck shaft. */
 static void ten_turns_leave_what_friction_holds(void **unused) {
     (void)unused;
@@ -173,18 +173,18 @@ static void ten_turns_leave_what_friction_holds(void **unused) {
     assert_true(fabs(l->wrench.torque.z / (f * depth) - 1.0) < 0.01);
     double lag = f * (0.5 * depth * depth + depth * (l->simulation.needle.given.length - depth)) / l->simulation.needle.torsion;
     assert_true(fabs(l->state.tip_lead / lag - 1.0) < 0.01);
-    /* held still, nothing changes */
+    /* while the needle is held still, nothing changes */
     double before = l->wrench.torque.z;
     for (int i = 0; i < 100; i++) lockstep_tick(l, l->base, 1e-3);
     assert_true(fabs(l->wrench.torque.z - before) < 1e-12);
-    /* from one limit to the other over the angle of twice the twist of shaft and tissue at the limit, and not before */
+    /* the torque goes from one limit to the other over twice the angle by which shaft and tissue are twisted at the limit, and not earlier */
     turn(l, 0.5 * lag, 0.1);
     assert_true(l->wrench.torque.z < before && l->wrench.torque.z > -0.9 * before);
     lockstep_free(l);
 }
 
-/* A stuck shaft in tissue that is softer than the shaft in torsion: the torque is that of a rod in an elastic foundation with k
-   = 4 pi mu r^2 per length (Winkler), M = sqrt(GJ k) tanh(sqrt(k / GJ) l) angle. */
+/* A stuck shaft in tissue that is softer than the shaft in torsion: the torque is that of a rod on an elastic foundation with k = 4 pi mu r^2 per length
+   (Winkler), M = sqrt(GJ k) tanh(sqrt(k / GJ) l) angle. */
 static void stuck_shaft_is_a_rod_in_a_foundation(void **unused) {
     (void)unused;
     simulation_config c = scene_with(1e4, 0.0);
@@ -201,12 +201,12 @@ static void stuck_shaft_is_a_rod_in_a_foundation(void **unused) {
     lockstep_free(l);
 }
 
-/* The bevel cuts in the direction of the tip's roll, not the base's. */
+/* The bevel cuts in the direction given by the roll angle of the tip, not by that of the base. */
 static void bevel_follows_the_tip(void **unused) {
     (void)unused;
     simulation_config c = scene_with(3e3, 0.0);
     c.needle.bevel_slope = 0.1;
-    c.needle.outer_diameter = 0.5e-3; /* thin and soft, so that most of the turn twists the shaft outside the tissue */
+    c.needle.outer_diameter = 0.5e-3; /* so thin and flexible that most of the rotation twists the shaft outside the tissue */
     c.needle.inner_diameter = 0.0;
     c.needle.youngs_modulus = 20e9;
     lockstep *l = engaged(&c);

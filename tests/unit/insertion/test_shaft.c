@@ -1,4 +1,4 @@
-/* Tributary lengths of the shaft, and friction in two regions, compared with sums by hand. */
+/* Compares the tributary lengths of the shaft and its friction in two regions with sums calculated by hand. */
 #include <setjmp.h>
 #include <stdarg.h>
 #include <stddef.h>
@@ -26,7 +26,7 @@ static void activate(insertion_state *s, int count) {
     }
 }
 
-/* Contacts at 4, 10 and 11 mm, the tip at 20 mm; the second region from 9 mm on. */
+/* Contacts are at 4, 10 and 11 mm, and the tip is at 20 mm; the second region begins at 9 mm. */
 static insertion_state inserted(void) {
     insertion_state state = {.stratum_count = 2, .strata = {{0.0, 0}, {9e-3, 1}}};
     activate(&state, 3);
@@ -59,8 +59,8 @@ static void tributary_lengths_meet_half_way_and_reach_the_end(void **unused) {
     assert_share(&s, 0, true, 0.0, 1e-6);
 }
 
-/* When the tip enters the next region, the border of the last tributary length moves from half-way to the regions' boundary, no
-   faster than the tip, so that no contact represents shaft in the other region. */
+/* When the tip enters the next region, the end of the last tributary length moves from the midpoint to the boundary between the regions, no faster than the
+   tip, so that no contact represents a part of the shaft in the other region. */
 static void tributary_lengths_end_at_region_boundaries(void **unused) {
     (void)unused;
     insertion_state s = inserted();
@@ -74,7 +74,7 @@ static void tributary_lengths_end_at_region_boundaries(void **unused) {
         last = border;
     }
     s = inserted();
-    assert_share(&s, 0, true, 0.0, 8e-3); /* the next contact is 1 mm beyond the regions' boundary */
+    assert_share(&s, 0, true, 0.0, 8e-3); /* the next contact is 1 mm beyond the boundary between the regions */
     s.strata[1].depth = 6e-3;
     assert_share(&s, 0, true, 0.0, 6e-3);
     assert_share(&s, 1, true, 6e-3, 10.5e-3);

@@ -1,4 +1,4 @@
-/* Saving and restoring, into the same simulation after other motions or into another simulation: the results continue bit for bit. */
+/* Saves a state and restores it, into the same simulation after other motions or into another simulation: the subsequent results are bit-identical. */
 #include "lockstep.h"
 
 #include <setjmp.h>
@@ -9,7 +9,7 @@
 enum { MARKS = 12 };
 typedef struct { vec3 force[MARKS], torque[MARKS]; double depth[MARKS]; } recorded;
 
-/* Moves the needle sideways, deeper, back past contact nodes, and in again: nodes are added and removed. */
+/* Moves the needle sideways, deeper, back past contact nodes, and in again, so that nodes are added and removed. */
 static recorded go_on(lockstep *l) {
     static const double way[MARKS][3] = {{1, 2, 4}, {0, 0, 4}, {-1, 0, -3}, {0, 0, -5}, {0, 1, -4}, {0, 0, 6},
                                          {0, 0, 6}, {1, -2, 5}, {0, 0, -4}, {0, 0, 3}, {0, 0, 5}, {0, 0, -20}};
@@ -30,7 +30,7 @@ static void restore(lockstep *l, const checkpoint *saved) {
     l->base = l->state.needle.base;
 }
 
-/* Takes another path from the same point with as many new nodes, so that their numbers are reused. */
+/* Takes another path from the same point with as many new nodes, so that node numbers are reused. */
 static void make_a_detour(lockstep *l) {
     lockstep_move(l, v3(-0.003, 0.004, 0.012), 0.3, 1e-3);
     lockstep_move(l, v3(0, 0, -0.030), 0.3, 1e-3);
@@ -88,7 +88,7 @@ static void restored_at_rest_engages_again(void **unused) {
     lockstep_free(l);
 }
 
-/* Equal bit for bit for `nested` with a stored inverse; otherwise equal to rounding. */
+/* Results are bit-identical for `nested` with a stored inverse; in other cases they agree to rounding error. */
 static void every_method_and_inverse_can_be_restored(void **unused) {
     (void)unused;
     char directory[] = "/tmp/test_simulation.XXXXXX", command[64];
@@ -121,7 +121,7 @@ static void every_method_and_inverse_can_be_restored(void **unused) {
     assert_int_equal(system(command), 0);
 }
 
-/* Every kind of inverse gives the same forces for the same motion, and reports its kind. */
+/* For the same motion, every kind of inverse gives the same forces, and reports its kind. */
 static void every_inverse_gives_the_same_forces(void **unused) {
     (void)unused;
     char directory[] = "/tmp/test_simulation.XXXXXX", command[64];
@@ -134,7 +134,7 @@ static void every_inverse_gives_the_same_forces(void **unused) {
     for (size_t i = 0; i < sizeof cases / sizeof *cases; i++) {
         simulation_config config = lockstep_config();
         config.inverse = cases[i].choice;
-        config.roi.radius = cases[i].radius; /* the needle leaves the narrow region */
+        config.roi.radius = cases[i].radius; /* so narrow that the needle leaves the region */
         config.roi.from = v3(0.005, 0.003, 0);
         config.roi.to = v3(0.005, 0.003, 0.1);
         strcpy(config.cache, directory);
@@ -150,7 +150,7 @@ static void every_inverse_gives_the_same_forces(void **unused) {
     assert_int_equal(system(command), 0);
 }
 
-/* As in the server, there is one tick without force, and the insertion restarts at the needle's position. */
+/* As in the server, one tick returns no force, and then the insertion restarts at the needle's position. */
 static void non_finite_state_restarts(void **unused) {
     (void)unused;
     simulation_config c = lockstep_config();
@@ -165,7 +165,7 @@ static void non_finite_state_restarts(void **unused) {
         assert_true(insertion_is_finite(&l->state, &l->wrench));
     }
     assert_false(l->wrench.events & EVENT_UNSTABLE);
-    assert_true(l->wrench.depth > depth && l->wrench.depth < depth + 0.0105); /* the base moved on by 10.1 mm, and the tissue yielded */
+    assert_true(l->wrench.depth > depth && l->wrench.depth < depth + 0.0105); /* the base advanced by 10.1 mm, and the tissue yielded */
     assert_true(v3_norm(l->wrench.force) > 0.1);
     lockstep_free(l);
 }

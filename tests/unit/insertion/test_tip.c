@@ -1,4 +1,4 @@
-/* The tip's path through the mesh: first touch, obstacles, contact nodes left along the track, and retraction. */
+/* Tests the tip's path through the mesh: first touch, obstacles, contact nodes placed along the track, and withdrawal. */
 #include "lockstep.h"
 #include "insertion/tip/tip.h"
 #include "insertion/track/obstacle.h"
@@ -53,7 +53,7 @@ static void skin_stops_it_until_punctured(void **unused) {
     lockstep_free(l);
 }
 
-/* The capsule is an ellipsoid with half axes of 24, 17 and 20 mm around (0, 0, 55) mm, with flat facets. */
+/* The capsule is an ellipsoid around (0, 0, 55) mm with semi-axes of 24, 17 and 20 mm, approximated by flat facets. */
 static void capsule_stops_the_tip_at_its_surface(void **unused) {
     (void)unused;
     lockstep *l = touching();
@@ -68,7 +68,7 @@ static void capsule_stops_the_tip_at_its_surface(void **unused) {
     lockstep_free(l);
 }
 
-/* Pushes the tip through the capsule, with `layers` layers already recorded. */
+/* Pushes the tip through the capsule, with `layers` layers already recorded in the track. */
 static tick_output into_the_gland_after(lockstep *l, int layers) {
     break_through(l);
     go(l, 0.06);
@@ -102,7 +102,7 @@ static void tip_never_enters_bone(void **unused) {
     lockstep_free(l);
 }
 
-/* Contact nodes lie on the track in order, no closer than the spacing; retraction removes them and ends outside. */
+/* Contact nodes lie on the track in order, at least the spacing apart. Withdrawal removes them and ends outside the tissue. */
 static void insertion_and_retraction(void **unused) {
     (void)unused;
     lockstep *l = touching();
@@ -140,8 +140,8 @@ static void bevel_deflects_the_cut_away_from_its_face(void **unused) {
     lockstep_free(l);
 }
 
-/* A needle is pressed against hard tissue, `before` metres in front of the capsule, then released: tissue springs back over its tip, and
-   the tip reaches the capsule at about 0.5 m/s. The hand moves on at 20 mm/s. */
+/* A needle is pressed against hard tissue, `before` (m) in front of the capsule, and the tissue then stops resisting. It springs back over the tip, which
+   reaches the capsule at about 0.5 m/s, while the hand advances at 20 mm/s. */
 static lockstep *released_before_the_capsule(double before, double puncture_force) {
     simulation_config config = lockstep_config();
     config.membranes[1].puncture_force = puncture_force;
@@ -150,7 +150,7 @@ static lockstep *released_before_the_capsule(double before, double puncture_forc
     double chord = INFINITY;
     int steps = 0;
     for (bool ahead = false; !ahead || chord > before; steps++) {
-        assert_true(steps < 10000); /* 200 mm: the capsule is on the path */
+        assert_true(steps < 10000); /* 200 mm; the capsule must be reached before that */
         lockstep_move(l, v3(0, 0, 2e-5), 1e-3, 1e-3);
         int face = tip->place.phase == TIP_INSIDE ? mesh_exit(&l->simulation.mesh, tip->place.tet, tip->place.nominal, tip->place.direction, &chord) : -1;
         ahead = face >= 0 && l->simulation.mesh.face_groups[tip->place.tet][face] >> l->simulation.membranes[1].group & 1;
@@ -163,8 +163,8 @@ static lockstep *released_before_the_capsule(double before, double puncture_forc
     return l;
 }
 
-/* The tip stops at the capsule within the step in which it reaches it: tissue that has sprung back is pushed forward again by no more than
-   the hand moves. */
+/* The tip stops at the capsule within the step in which it reaches it. Tissue that has sprung back is pushed forward again by no more than the hand's
+   motion. */
 static void a_tip_that_springs_forward_stops_at_a_membrane(void **unused) {
     (void)unused;
     double jumps = 0.0;
@@ -184,7 +184,7 @@ static void a_tip_that_springs_forward_stops_at_a_membrane(void **unused) {
     assert_true(jumps < 2.5e-5);
 }
 
-/* A membrane that resists less than the cutting force does not stop the tip. */
+/* A membrane whose resistance is below the cutting force does not stop the tip. */
 static void a_weak_membrane_is_pierced_in_passing(void **unused) {
     (void)unused;
     for (int i = 0; i < 6; i++) {

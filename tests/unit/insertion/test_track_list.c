@@ -1,4 +1,4 @@
-/* The direction of a recorded track is as smooth as the path that was cut. */
+/* The direction of a recorded track varies as smoothly as the path that was cut. */
 #include "insertion/state/track_list.h"
 
 #include <setjmp.h>
@@ -7,14 +7,14 @@
 #include <stdlib.h>
 #include <cmocka.h>
 
-static const double BEND = 0.15, LENGTH = 0.06, STEP = 5e-5; /* m: radius as of a bevelled needle's track; length; piece cut in a tick */
+static const double BEND = 0.15, LENGTH = 0.06, STEP = 5e-5; /* m: radius, as for the track of a bevelled needle; length of the track; length cut in a tick */
 
 static vec3 point_at(double s) { return v3(BEND * (1.0 - cos(s / BEND)), 0, BEND * sin(s / BEND)); }
 static vec3 direction_at(double s) { return v3(sin(s / BEND), 0, cos(s / BEND)); }
 
 static double angle_between(vec3 a, vec3 b) { return atan2(v3_norm(v3_cross(a, b)), v3_dot(a, b)); }
 
-/* Records an arc, with a membrane just behind a point and two membranes at one place, so that its points are unevenly spaced. */
+/* Records an arc with unevenly spaced points: one membrane lies just behind a point, and two membranes lie at one place. */
 static track_list *cut_arc(void) {
     track_list *list = calloc(1, sizeof *list);
     int steps = (int)(LENGTH / STEP + 0.5);
@@ -28,7 +28,7 @@ static track_list *cut_arc(void) {
 
 static void direction_turns_evenly(void **state) {
     (void)state;
-    static const double BESIDE[] = {-1e-3, 0.0, 1e-3}; /* m, distance from the centre of the bend */
+    static const double BESIDE[] = {-1e-3, 0.0, 1e-3}; /* m, distance from the centre line of the arc */
     track_list *list = cut_arc();
     assert_int_equal(list->count, 1);
     for (int k = 0; k < 3; k++) {
@@ -50,7 +50,7 @@ static void direction_turns_evenly(void **state) {
     free(list);
 }
 
-/* A track that turns back on itself has a direction at its turning point, too. */
+/* A track that reverses its direction has a direction even at its turning point. */
 static void a_track_may_turn_back(void **state) {
     (void)state;
     track_list *list = calloc(1, sizeof *list);

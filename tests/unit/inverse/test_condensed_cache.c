@@ -1,4 +1,4 @@
-/* The cache directory of condensed inverses has a limited size. The files' contents are tested in test_inverse_condensed.c. */
+/* The cache directory of condensed inverses has a limited size. test_inverse_condensed.c tests the contents of the files. */
 #include <fcntl.h>
 #include <setjmp.h>
 #include <stdarg.h>
@@ -18,7 +18,7 @@
 static char directory[] = "/tmp/test_cache.XXXXXX";
 
 enum { FILES = 5, BYTES = 1000 };
-/* Files with their times of last use, s; one is unfinished, and one is another program's. */
+/* Files with the times (s) at which they were last used; one is unfinished, and one belongs to another program. */
 static const struct { const char *name; long used; } files[FILES] = {
     {"condensed-00000000000000aa.h5", 300}, {"condensed-00000000000000bb.h5", 100}, {"condensed-00000000000000cc.h5", 200},
     {"condensed-00000000000000dd.h5.123", 150}, {"condensed-milk.h5", 1}};
@@ -59,7 +59,7 @@ static void least_recently_used_files_are_removed_first(void **state) {
     }
 }
 
-/* A process in another container may have the same process id and be writing the same inverse. */
+/* A process in another container may have the same process id and may be writing the same inverse at the same time. */
 static void another_writers_file_is_left_alone(void **state) {
     (void)state;
     double numbers[9] = {2, 0, 0, 0, 2, 0, 0, 0, 2};
@@ -83,7 +83,7 @@ static void another_writers_file_is_left_alone(void **state) {
     assert_int_equal(found, 5);
     munmap(mapping.at, mapping.bytes);
     assert_int_equal(unlink(other), 0);
-    assert_int_equal(unlink(cache.path), 0); /* destroy removes no other file */
+    assert_int_equal(unlink(cache.path), 0); /* destroying the inverse removes no other file */
 }
 
 static void room_is_checked_beforehand(void **state) {
@@ -100,7 +100,7 @@ static void room_is_checked_beforehand(void **state) {
     assert_non_null(strstr(why.text, "cannot be written"));
 }
 
-/* Unfinished files that are an hour old are removed, whatever inverse they belong to, but no others. */
+/* Unfinished files older than an hour are removed, whatever inverse they belong to; no other files are. */
 static void old_halves_are_removed(void **state) {
     (void)state;
     static const struct { const char *name; long age; bool there; } left[] = {

@@ -1,4 +1,4 @@
-/* Conjugate gradients, and their coarse space, compared with CHOLMOD's solution from good and bad starts; a problem that cannot be solved is
+/* Compares conjugate gradients and their coarse space with CHOLMOD's solution, from good and bad starting points. A problem that cannot be solved is
    reported. */
 #include <setjmp.h>
 #include <stdarg.h>
@@ -40,7 +40,7 @@ static int destroy(void **state) {
     return 0;
 }
 
-/* Starts from zero, from close by, from far away, from the solution of a much larger force, and from NaN; without and with a coarse space. */
+/* Starts from zero, near the solution, far from it, from the solution for a much larger force, and from NaN, without and with a coarse space. */
 static void the_solution_does_not_depend_on_the_start(void **state) {
     (void)state;
     coarse_space *coarse = coarse_space_create(&body.tissue);
@@ -72,7 +72,7 @@ static void a_coarse_space_saves_steps(void **state) {
     coarse_space_free(coarse);
 }
 
-/* K m, for a rigid motion m of all free nodes, is balanced by m; the residual of any other force has no resultant in any rigid motion. */
+/* The force K m of a rigid motion m of all free nodes is balanced by m alone; for any other force, the residual has no component in any rigid motion. */
 static void rigid_motions_are_found(void **state) {
     (void)state;
     coarse_space *coarse = coarse_space_create(&body.tissue);
@@ -103,7 +103,7 @@ static void rigid_motions_are_found(void **state) {
     coarse_space_free(coarse);
 }
 
-/* Each step solves with the coarse space. */
+/* Each iteration also solves with the coarse space. */
 static void a_coarse_space_allocates_only_once(void **state) {
     (void)state;
     double found[N], again[N];
@@ -135,14 +135,14 @@ static void a_force_that_is_not_finite_is_refused(void **state) {
     }
 }
 
-/* Returns K with its diagonal multiplied by a factor. */
+/* Returns K with its diagonal multiplied by `factor`. */
 static cholmod_sparse *with_diagonal(double factor) {
     cholmod_sparse *k = cholmod_copy_sparse(body.tissue.stiffness, &body.tissue.common);
     for (int j = 0; j < N; j++) ((double *)k->x)[((const int *)k->p)[j]] *= factor;
     return k;
 }
 
-/* With positive, negative and zero diagonals. */
+/* Matrices with positive, negative and zero diagonals. */
 static void an_indefinite_matrix_is_refused(void **state) {
     (void)state;
     static const double factors[] = {0.9, 0.5, -1.0, 0.0};
@@ -156,13 +156,13 @@ static void an_indefinite_matrix_is_refused(void **state) {
         cholmod_free_sparse(&indefinite, &body.tissue.common);
     }
     int start[] = {0, 2, 3}, row[] = {0, 1, 1};
-    double value[] = {1, 2, 1}, f[] = {1, -1}, u[] = {0, 0}; /* eigenvalues 3 and -1 */
+    double value[] = {1, 2, 1}, f[] = {1, -1}, u[] = {0, 0}; /* the eigenvalues are 3 and -1 */
     cholmod_sparse two = {.nrow = 2, .ncol = 2, .nzmax = 3, .p = start, .i = row, .x = value, .stype = -1, .itype = CHOLMOD_INT,
                           .xtype = CHOLMOD_REAL, .sorted = 1, .packed = 1};
     assert_false(conjugate_gradients(&two, NULL, TOLERANCE, STEPS, f, u));
 }
 
-/* -u'' = 1 between fixed ends: the number of steps grows with the number of unknowns. */
+/* -u'' = 1 between fixed ends: the number of iterations increases with the number of unknowns. */
 static void steps_are_limited(void **state) {
     (void)state;
     enum { MANY = 20000 };

@@ -1,5 +1,5 @@
-/* The inverse with attached needles or probes is compared with a factorisation of K + P S P^T from scratch, for the dense and the sparse
-   inverse; their responses are compared with the displacements that this matrix gives; unchanged parts stay equal bit for bit. */
+/* Compares the inverse with attached needles or probes, dense and sparse, with a factorisation of K + P S P^T from scratch, and the attachments' responses with
+   the displacements given by this matrix. Unchanged parts must remain bit-identical. */
 #include <setjmp.h>
 #include <stdarg.h>
 #include <stddef.h>
@@ -28,7 +28,7 @@ static int all[CUBE_NODES];
 static double dense[N * N], largest;
 static report why;
 
-/* Makes the allocator fail when set. */
+/* While this is set, the allocator fails. */
 static bool out_of_memory;
 void *__real_malloc(size_t size);
 void *__real_calloc(size_t count, size_t size);
@@ -39,7 +39,8 @@ void *__wrap_calloc(size_t count, size_t size) { return out_of_memory ? NULL : _
 
 #define OK(call) do { if ((call) != TROCAR_OK) fail_msg("%s: %s", #call, why.text); } while (0)
 
-/* Makes an attachment: three components at random points, the last row outside the tissue; the last attachment is held, the others are free to move. */
+/* Makes an attachment with three components at random points, the last row being outside the tissue. The last attachment is held; the others can move
+   freely. */
 static void make_thing(thing *t) {
     double root[ROWS][ROWS];
     for (int i = 0; i < ROWS; i++) {
@@ -82,13 +83,13 @@ static int destroy(void **state) {
     return 0;
 }
 
-/* Solves A X = B in place, n square and count columns, column-major; A is destroyed. */
+/* Solves A X = B in place, with n x n matrix A, `count` columns of B, all column-major; A is overwritten. */
 static void solve(int n, double *a, int count, double *b) {
     lapack_int pivots[N];
     assert_int_equal(LAPACKE_dgesv(LAPACK_COL_MAJOR, n, count, a, n, pivots, b, n), 0);
 }
 
-/* Computes S: the forces of one attachment under displacements of its rows, one column at a time from [G -R; R^T 0] [f q] = [d 0]. */
+/* Computes S, the forces of one attachment under displacements of its rows, one column at a time, from [G -R; R^T 0] [f q] = [d 0]. */
 static void stiffness_of(const attachment *t, double s[ROWS][ROWS]) {
     enum { M = ROWS + FREE };
     double system[M * M] = {0}, right[ROWS * M] = {0};
@@ -112,7 +113,7 @@ static double row_entry(const attached_row *row, int dof) {
     return 0.0;
 }
 
-/* Computes (K + P S P^T)^-1 from scratch, dof_count square. */
+/* Computes (K + P S P^T)^-1, dof_count x dof_count, from scratch. */
 static void reference(int count, const int *which, double *inverse_out) {
     int n = body.tissue.dof_count;
     static double k[N * N];
@@ -151,7 +152,7 @@ static void check_blocks(inverse *base) {
     inverse *inv;
     int n = body.tissue.dof_count;
     OK(inverse_create_attached(base, &inv, &why));
-    for (int set = 0; set < 4; set++) { /* from one set to the next, some attachments stay, in other positions */
+    for (int set = 0; set < 4; set++) { /* from one set to the next, some attachments remain, at other indices */
         double worst = 0.0;
         attach(inv, counts[set], sets[set]);
         reference(counts[set], sets[set], expected);
@@ -174,8 +175,8 @@ static void blocks_are_those_of_the_stiffness_with_the_attachments(void **state)
     check_blocks(sparse);
 }
 
-/* Displacements under nodal forces, by inverse_apply; with these, forces and motions of each attachment must close its gaps: G df = R q
-   - d, R^T df = 0, where d are the displacements of its rows by all forces. */
+/* Displacements under nodal forces from inverse_apply, together with the forces and motions of each attachment, must close the attachment's gaps: G df = R q -
+   d, R^T df = 0, where d are the displacements of its rows due to all forces. */
 static void forces_and_motions_close_the_gaps(void **state) {
     (void)state;
     static const int set[] = {0, 1, 2};
@@ -190,11 +191,11 @@ static void forces_and_motions_close_the_gaps(void **state) {
     assert_int_equal(inverse_attached_motions(inv), 2 * FREE);
     for (int i = 0; i < LOADS; i++) nominal[nodes[i] = 20 + 15 * i] = force[i] = cube_random_vector(1.0);
     OK(inverse_attached_response(inv, &(nodal_forces){LOADS, nodes, force}, df, q, &why));
-    out_of_memory = true; /* an attachment is never left out */
+    out_of_memory = true; /* an attachment is never silently omitted */
     inverse_apply(inv, nominal, u);
     out_of_memory = false;
     inverse_apply(body.inverse, nominal, alone);
-    OK(inverse_attached_displace(inv, df, CUBE_NODES, all, alone, &why)); /* the loads and the attachments' forces on bare tissue */
+    OK(inverse_attached_displace(inv, df, CUBE_NODES, all, alone, &why)); /* due to the loads and the attachments' forces, without attachments */
     double size = 0.0, strength = 0.0;
     for (int i = 0; i < CUBE_NODES; i++) size = fmax(size, v3_norm(u[i]));
     for (int i = 0; i < ALL; i++) strength = fmax(strength, fabs(df[i]));
@@ -217,7 +218,7 @@ static void forces_and_motions_close_the_gaps(void **state) {
     inverse_free(inv);
 }
 
-/* For a unit displacement of one row without other loads, the gap of its attachment opens by one there, and all others stay closed. */
+/* A unit displacement of one row without other loads opens the gap of that row by one, and leaves all other gaps closed. */
 static void columns_close_the_gaps_but_one(void **state) {
     (void)state;
     static const int set[] = {0, 1, 2}, rows[] = {4, 9, 25};
@@ -242,7 +243,8 @@ static void columns_close_the_gaps_but_one(void **state) {
     inverse_free(inv);
 }
 
-/* Attached and detached in random order: only the final set counts, and with nothing attached the blocks equal those of the base inverse bit for bit. */
+/* Needles are attached and detached in random order: only the final set matters, and with nothing attached the blocks are bit-identical to those of the base
+   inverse. */
 static void a_thousand_changes_leave_no_trace(void **state) {
     (void)state;
     static double found[N * N], fresh[N * N], before[N * N];

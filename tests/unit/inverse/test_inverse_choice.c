@@ -1,4 +1,4 @@
-/* The choice of the inverse and the reason given, in every case. */
+/* Tests the choice of the inverse, and the reason given for it, in every case. */
 #include <setjmp.h>
 #include <stdarg.h>
 #include <stddef.h>

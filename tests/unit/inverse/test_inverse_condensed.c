@@ -1,5 +1,5 @@
-/* The condensed inverse is compared with the dense one in the region, across its edge and outside; computed, read from the
-   cache, and recomputed if the file is damaged. */
+/* Compares the condensed inverse with the dense one inside the region, across its boundary and outside, when it is computed, read from the cache, and
+   recomputed because the file is corrupt. */
 #include <fcntl.h>
 #include <setjmp.h>
 #include <stdarg.h>
@@ -20,7 +20,7 @@ enum { N = 3 * CUBE_NODES, REGION = 30 };
 static char directory[] = "/tmp/test_condensed.XXXXXX";
 static cube body;
 static double dense[N * N], largest;
-static int all[CUBE_NODES], region[REGION]; /* some nodes are fixed */
+static int all[CUBE_NODES], region[REGION]; /* some of these nodes are fixed */
 
 static double memory_left = 1e12; /* bytes */
 double __wrap_memory_available(void);
@@ -30,9 +30,9 @@ static double memory_ever = 1e12;
 double __wrap_memory_most(void);
 double __wrap_memory_most(void) { return memory_ever; }
 
-/* Behaviour of the coarse space: normal; out of memory; or misleading, as with a gland 2000 times stiffer at nu = 0.499. */
+/* Behaviour of the coarse space: normal, out of memory, or misleading (as for a gland 2000 times stiffer than its surroundings at nu = 0.499). */
 static enum { COARSE_WORKS, COARSE_FAILS, COARSE_MISLEADS, COARSE_IS_NOT_FINITE } coarse_way;
-static int coarse_calls, coarse_good; /* number of calls, and number of calls that work in any case */
+static int coarse_calls, coarse_good; /* number of calls, and number of initial calls that succeed in any case */
 bool __real_coarse_space_solve(coarse_space *c, const double *force, double *motion);
 bool __wrap_coarse_space_solve(coarse_space *c, const double *force, double *motion);
 bool __wrap_coarse_space_solve(coarse_space *c, const double *force, double *motion) {
@@ -76,7 +76,7 @@ typedef struct {
     char path[1200];         /* path of the cache file */
 } condensed;
 
-/* Starts as a new process would, with only the file left from the previous start. */
+/* Starts as a new process would, for which only the file of the previous start exists. */
 static void start(condensed *c, double stiffness) {
     report why;
     static region_material materials[2];
@@ -129,7 +129,7 @@ static void reading_a_file_updates_its_time_of_use(void **state) {
     assert_int_equal(unlink(c.path), 0);
 }
 
-/* Solves once from zero, and once from the last field, with a field of zero force in between. */
+/* Solves once from zero, and once from the last field, with a field for zero force in between. */
 static void fields_need_no_factorisation(void **state) {
     (void)state;
     condensed c;
@@ -148,11 +148,11 @@ static void fields_need_no_factorisation(void **state) {
     assert_int_equal(unlink(c.path), 0);
 }
 
-/* Fields are then found without the coarse space, also those that start from the last field, and it is not tried again. */
+/* After that, fields are computed without the coarse space, including those that start from the last field, and the coarse space is not tried again. */
 static void a_coarse_space_that_does_not_help_is_given_up(void **state) {
     (void)state;
     for (coarse_way = COARSE_FAILS; coarse_way <= COARSE_IS_NOT_FINITE; coarse_way++)
-        for (coarse_good = 0; coarse_good <= 10; coarse_good += 10) { /* from the start, or in the middle */
+        for (coarse_good = 0; coarse_good <= 10; coarse_good += 10) { /* the coarse solve fails from the first iteration (0), or after 10 iterations */
             condensed c;
             vec3 force[CUBE_NODES], expected[CUBE_NODES], found[CUBE_NODES];
             start(&c, 1.0);
@@ -173,7 +173,7 @@ static void a_coarse_space_that_does_not_help_is_given_up(void **state) {
     coarse_way = COARSE_WORKS;
 }
 
-/* An entry's error is small compared with the compliances of its two nodes, and the file has half the size. Diagonal blocks are exactly symmetric. */
+/* The error of an entry is small compared with the compliances of its two nodes, and the file has half the size. Diagonal blocks are exactly symmetric. */
 static void single_precision_takes_half_the_room(void **state) {
     (void)state;
     condensed c;
@@ -207,7 +207,7 @@ static void single_precision_takes_half_the_room(void **state) {
     assert_int_equal(unlink(c.path), 0);
 }
 
-/* In single precision, the factor of a very stiff body is infinite and its inverse zero. Such an inverse is neither used nor cached. */
+/* In single precision, the factor of a very stiff body is infinite and its inverse is zero. Such an inverse is neither used nor cached. */
 static void overflow_is_an_error(void **state) {
     (void)state;
     static const double factors[] = {1e70, 1e-70};
@@ -229,7 +229,7 @@ static void overflow_is_an_error(void **state) {
     }
 }
 
-/* The inverse is read from the file without factorising; nodes outside need a factor. */
+/* The inverse is read from the file without factorising; only nodes outside the region require a factor. */
 static void second_start_needs_no_factorisation(void **state) {
     (void)state;
     condensed c;
@@ -252,7 +252,7 @@ static void second_start_needs_no_factorisation(void **state) {
     assert_int_equal(unlink(c.path), 0);
 }
 
-/* Nodes outside need a factor. If the factorisation fails, this is reported instead of returning zero displacements. */
+/* Nodes outside the region require a factor. If the factorisation fails, the failure is reported; no zero displacements are returned. */
 static void failed_factorisation_is_reported(void **state) {
     (void)state;
     condensed c;
@@ -299,7 +299,7 @@ static void factorisation_can_be_prepared(void **state) {
     assert_int_equal(unlink(c.path), 0);
 }
 
-/* Changes one byte of the file at this place, or truncates it there. */
+/* Changes one byte of the file at offset `at`, or truncates the file there. */
 static void damage(const char *path, double place, bool cut) {
     struct stat s;
     assert_int_equal(stat(path, &s), 0);
@@ -345,7 +345,7 @@ static void different_tissues_use_different_files(void **state) {
     assert_true(says(&stiff, "written to"));
     stop(&stiff);
     assert_string_not_equal(soft.path, stiff.path);
-    assert_int_equal(rename(stiff.path, soft.path), 0); /* stale: the file has the right name, but is of another tissue */
+    assert_int_equal(rename(stiff.path, soft.path), 0); /* stale: the file has the correct name but belongs to another tissue */
     start(&soft, 1.0);
     assert_true(says(&soft, "damaged"));
     assert_blocks(&soft, REGION, region);
@@ -353,7 +353,7 @@ static void different_tissues_use_different_files(void **state) {
     assert_int_equal(unlink(soft.path), 0);
 }
 
-/* Expects that no inverse can be made of the body's own tissue, which the caller frees. */
+/* Expects that no inverse can be computed for the body's own tissue; the caller frees the tissue. */
 static report refused(tissue *t, condensed_region wanted, trocar_status expected) {
     inverse *inv;
     report notice, why;
@@ -364,8 +364,8 @@ static report refused(tissue *t, condensed_region wanted, trocar_status expected
     return why;
 }
 
-/* The error comes before the elimination; the message has both numbers, the remedy, and the path for a file from another machine. The same holds for
-   the whole factor. */
+/* The error occurs before the elimination. The message contains both memory sizes and the remedy, and for a file from another machine also its path. The same
+   holds for the whole factor. */
 static void too_little_memory_is_reported_beforehand(void **state) {
     (void)state;
     tissue t;
@@ -383,7 +383,7 @@ static void too_little_memory_is_reported_beforehand(void **state) {
     tissue_free(&t);
 }
 
-/* If the machine can never have as much memory, a supervisor need not restart the program. */
+/* If the machine can never provide that much memory, a supervisor need not restart the program. */
 static void more_than_the_machine_has_is_bad_input(void **state) {
     (void)state;
     tissue t;
@@ -396,7 +396,7 @@ static void more_than_the_machine_has_is_bad_input(void **state) {
     tissue_free(&t);
 }
 
-/* If there was too little memory for the factor when a node outside was first needed, there may be enough later. */
+/* If there was too little memory for the factor when a node outside the region was first needed, there may be enough later. */
 static void a_passing_shortage_is_not_final(void **state) {
     (void)state;
     condensed c;

@@ -1,4 +1,4 @@
-/* Half-solves are compared with the dense inverse: every block is a product of them, whichever nodes are eliminated last. */
+/* Compares half-solves with the dense inverse: every block is a product of half-solves, whichever nodes are eliminated last. */
 #include <setjmp.h>
 #include <stdarg.h>
 #include <stddef.h>
@@ -32,7 +32,7 @@ static int destroy(void **state) {
     return 0;
 }
 
-/* Assembles and factorises; the `last_count` nodes from 40 on, if any, are eliminated last. */
+/* Assembles and factorises the matrix; the `last_count` nodes from node 40 on, if any, are eliminated last. */
 static void assemble_and_factor(int last_count, tissue *t) {
     report why;
     int last[LAST];
@@ -41,7 +41,7 @@ static void assemble_and_factor(int last_count, tissue *t) {
     assert_int_equal(tissue_factor(t, last_count, last, &why), TROCAR_OK);
 }
 
-/* Checks all pairs of free nodes in random order, in blocks of every size from 1 to PRODUCT_BLOCK. */
+/* Checks all pairs of free nodes, in random order, in blocks of every size from 1 to PRODUCT_BLOCK. */
 static void check_products(const tissue *t) {
     report why;
     sparse_columns *h;

@@ -1,5 +1,5 @@
-/* The region's stiffness after the elimination of all other nodes is compared with the inverse of the whole matrix by LAPACK; on a larger
-   mesh, with fronts of several panels, with CHOLMOD's factor. Its memory is compared with malloc's count. */
+/* After the elimination of all other nodes, the region's stiffness is compared with the inverse of the whole matrix by LAPACK; on a larger mesh, with fronts of
+   several panels, it is compared with CHOLMOD's factor. The memory estimate is compared with the amount counted by malloc. */
 #include <cblas.h>
 #include <lapacke.h>
 #include <malloc.h>
@@ -17,7 +17,7 @@
 
 #include "check.h"
 
-enum { CELLS = 8, SIDE = CELLS + 1, BOX = SIDE * SIDE * SIDE }; /* cells of a box, which the dissection cuts several times */
+enum { CELLS = 8, SIDE = CELLS + 1, BOX = SIDE * SIDE * SIDE }; /* cells along an edge of the box, enough for the dissection to divide it several times */
 static const region_material materials[2] = {{.youngs_modulus = 15e3, .poisson_ratio = 0.45}, {.youngs_modulus = 60e3, .poisson_ratio = 0.3}};
 
 typedef struct {
@@ -28,7 +28,7 @@ typedef struct {
 
 static int cubed(int n) { return n * n * n; }
 
-/* Makes a mesh of boxes that do not touch, with Kuhn's six tets per cell; soft below, stiff above. */
+/* Makes a mesh of boxes that do not touch, with Kuhn's six tetrahedra per cell; the lower part is soft, the upper part stiff. */
 static mesh mesh_of(int count, const box *boxes) {
     static const int orders[6][3] = {{0, 1, 2}, {1, 2, 0}, {2, 0, 1}, {0, 2, 1}, {2, 1, 0}, {1, 0, 2}};
     report why;
@@ -63,10 +63,10 @@ static mesh mesh_of(int count, const box *boxes) {
 
 static box upright(int cells, double x) { return (box){cells, v3(x, 0.0, 0.0), v3(0.01, 0.01, 0.01), q_exp(v3(0.0, 0.0, 0.0))}; }
 
-/* Makes one box, or two side by side. */
+/* Makes one box, or two boxes next to each other. */
 static mesh boxes(int count) { return mesh_of(count, (box[]){upright(CELLS, 0.0), upright(CELLS, 0.1)}); }
 
-/* Returns K^-1, dof_count square. */
+/* Returns K^-1, dof_count x dof_count. */
 static double *whole_inverse(const tissue *t) {
     int n = t->dof_count;
     const int *start = t->stiffness->p, *row = t->stiffness->i;
@@ -79,7 +79,7 @@ static double *whole_inverse(const tissue *t) {
     return a;
 }
 
-/* Returns (L L^T)^-1, lower triangle. */
+/* Returns the lower triangle of (L L^T)^-1. */
 static double *corner_inverse(const panels *corner, int n) {
     double *a = calloc((size_t)n * (size_t)n, sizeof *a);
     for (int k = 0; k < corner->count; k++)
@@ -134,7 +134,7 @@ static bool in_column(const mesh *m, int n, int box) {
     return n / BOX == box && fabs(m->nodes[n].x - 0.1 * box - 0.04) < 0.015 && fabs(m->nodes[n].y - 0.04) < 0.015;
 }
 
-/* Tests these regions: a column through the body, from its fixed face up; single nodes; two pieces; one node; all nodes. */
+/* Tests these regions: a column through the body, starting at its fixed face; single nodes; two separate pieces; a single node; all nodes. */
 static void regions_agree_with_the_whole_inverse(void **state) {
     (void)state;
     static bool fixed[BOX];
@@ -154,7 +154,7 @@ static void regions_agree_with_the_whole_inverse(void **state) {
     mesh_free(&m);
 }
 
-/* The other body has no part in the region, whichever body is eliminated first; or each body has a part. */
+/* With two bodies, the region contains nodes of one body only, whichever body is eliminated first; or it contains nodes of both. */
 static void bodies_may_be_apart(void **state) {
     (void)state;
     static bool fixed[2 * BOX];
@@ -170,7 +170,7 @@ static void bodies_may_be_apart(void **state) {
     mesh_free(&m);
 }
 
-/* A body that is not fixed, or that can rotate about two nodes, with the region in it or elsewhere. */
+/* A body that is not fixed, or that can rotate about two nodes, with the region inside it or in another body. */
 static void loose_body_is_refused(void **state) {
     (void)state;
     static int region[BOX];
@@ -198,14 +198,15 @@ static void loose_body_is_refused(void **state) {
     mesh_free(&m);
 }
 
-/* Random numbers that no library affects: METIS calls srand. */
+/* Random numbers that no library affects (METIS calls srand). */
 static unsigned any(unsigned below) {
     static unsigned long long state = 1;
     state = state * 6364136223846793005ULL + 1442695040888963407ULL;
     return (unsigned)(state >> 33) % below;
 }
 
-/* About ten nodes beside thousands, rotating about two fixed nodes in any direction; in the region or not. */
+/* A second body of about ten nodes next to one of thousands: it can rotate about two fixed nodes, whose axis has any direction, and it lies in the region or
+   outside. */
 static void small_loose_piece_is_refused(void **state) {
     (void)state;
     enum { LARGE = 12, BESIDE = (LARGE + 1) * (LARGE + 1) * (LARGE + 1), MOST = BESIDE + 27, TRIALS = 10 };
@@ -246,14 +247,14 @@ static void note_memory(const char *what, double fraction, void *context) {
     most_used = fmax(most_used, (double)now.uordblks + (double)now.hblkhd);
 }
 
-/* Starts the count; returns the memory in use. */
+/* Starts counting, and returns the memory in use. */
 static double begin_counting(void) {
     most_used = 0.0;
     note_memory("", 0.0, NULL);
     return most_used;
 }
 
-/* Does nothing under sanitizers, which have their own malloc. */
+/* Under sanitizers, which replace malloc, this has no effect. */
 static void assert_predicted(double predicted, double used) {
     if (mallinfo2().uordblks == 0) return;
     assert_true(predicted >= used);
@@ -283,7 +284,7 @@ static void assert_same_bits(const panels *a, const panels *b) {
         assert_memory_equal(a->panels[k].values, b->panels[k].values, (size_t)a->panels[k].rows * (size_t)a->panels[k].width * sizeof(double));
 }
 
-/* Computes a column of K^-1_RR with CHOLMOD's factor of the whole matrix. */
+/* Computes a column of K^-1_RR from CHOLMOD's factor of the whole matrix. */
 static double *column_by_factor(tissue *t, const int *nodes, int count, size_t column) {
     double *values = malloc(3 * (size_t)count * sizeof *values);
     cholmod_dense *load = cholmod_zeros((size_t)t->dof_count, 1, CHOLMOD_REAL, &t->common);
@@ -296,7 +297,7 @@ static double *column_by_factor(tissue *t, const int *nodes, int count, size_t c
     return values;
 }
 
-/* A narrow region, whose triangle is full, and a region that is wide enough to have inner nodes; with a team of threads and without. */
+/* Tests a narrow region, whose triangle is full, and a region wide enough to have inner nodes, each with and without a team of threads. */
 static void large_fronts_agree_with_the_factor(void **state) {
     (void)state;
     enum { LARGE = 16, ALL = (LARGE + 1) * (LARGE + 1) * (LARGE + 1), COLUMNS = 5 };
@@ -348,7 +349,7 @@ static void large_fronts_agree_with_the_factor(void **state) {
     mesh_free(&m);
 }
 
-/* Several panels with empty blocks between them, in both precisions, with one thread and with two. */
+/* Several panels with empty blocks between them, in single and double precision, with one thread and with two. */
 static void inverse_of_a_wide_region_agrees_with_the_factor(void **state) {
     (void)state;
     enum { LARGE = 16, ALL = (LARGE + 1) * (LARGE + 1) * (LARGE + 1), COLUMNS = 7 };
@@ -392,7 +393,7 @@ static double memory_left = 1e12; /* bytes */
 double __wrap_memory_available(void);
 double __wrap_memory_available(void) { return memory_left; }
 
-/* For a small region the elimination needs the most memory, for the whole body the inversion. */
+/* For a small region, the elimination needs the most memory; for the whole body, the inversion does. */
 static void memory_of_condensing_is_predicted(void **state) {
     (void)state;
     static bool fixed[BOX];
@@ -429,7 +430,7 @@ static void note_blas_threads(const char *what, double fraction, void *context) 
     shown++;
 }
 
-/* BLAS's number of threads belongs to the process, and another thread may also be condensing. */
+/* The number of BLAS threads is a setting of the whole process, and another thread may be condensing at the same time. */
 static void condensing_leaves_blas_alone(void **state) {
     (void)state;
     static bool fixed[BOX];
@@ -465,6 +466,6 @@ int main(void) {
         cmocka_unit_test(memory_of_condensing_is_predicted),
         cmocka_unit_test(condensing_leaves_blas_alone),
     };
-    openblas_set_num_threads(1); /* as in a simulation of meshes like these */
+    openblas_set_num_threads(1); /* the setting that a simulation uses for meshes of this size */
     return cmocka_run_group_tests(tests, NULL, NULL);
 }

@@ -1,4 +1,4 @@
-/* Packets sent by LCM pass; packets that would make liblcm overrun its buffers do not. Only LCM's datagrams are checked. */
+/* Packets sent by LCM are accepted; packets that would make liblcm overrun its buffers are rejected. Only LCM's datagrams are checked. */
 #include "lcm_filter.h"
 
 #include <arpa/inet.h>
@@ -69,7 +69,7 @@ static void short_packets_need_a_terminated_channel(void **unused) {
     expect(endless, &anything, PACKET_MALFORMED);
 }
 
-/* Sends 150 000 bytes in three fragments, as liblcm does. */
+/* Sends 150 000 bytes in three fragments, as liblcm would. */
 static void fragments_of_lcm_pass(void **unused) {
     (void)unused;
     uint32_t first = 65487 - 2;
@@ -85,19 +85,19 @@ static void inconsistent_fragments_are_malformed(void **unused) {
     expect_fragment(good, PACKET_GOOD);
     fragment f = good;
     f.part = 501;
-    expect_fragment(f, PACKET_MALFORMED);                                        /* beyond the end of the message */
+    expect_fragment(f, PACKET_MALFORMED);                                        /* a fragment that extends beyond the end of the message */
     expect_fragment((fragment){1000, 0xffffff00, 1, 2, NULL, 0x200}, PACKET_MALFORMED); /* liblcm's sum overflows */
     expect_fragment((fragment){1000, 0xffffff00, 0, 2, c, 0x200}, PACKET_MALFORMED);
-    expect_fragment((fragment){1000, 500, 2, 2, NULL, 500}, PACKET_MALFORMED);   /* third fragment of two */
-    expect_fragment((fragment){1000, 0, 1, 2, NULL, 500}, PACKET_MALFORMED);     /* second fragment at the start */
-    expect_fragment((fragment){1000, 0, 0, 0, c, 500}, PACKET_MALFORMED);        /* first fragment of none */
+    expect_fragment((fragment){1000, 500, 2, 2, NULL, 500}, PACKET_MALFORMED);   /* the third fragment of a message of two */
+    expect_fragment((fragment){1000, 0, 1, 2, NULL, 500}, PACKET_MALFORMED);     /* a second fragment that claims offset 0 */
+    expect_fragment((fragment){1000, 0, 0, 0, c, 500}, PACKET_MALFORMED);        /* the first fragment of a message of none */
     expect_fragment((fragment){1000, 500, 1, 2, NULL, 0}, PACKET_MALFORMED);     /* empty */
     expect_fragment((fragment){0, 0, 0, 2, c, 0}, PACKET_MALFORMED);
-    expect_fragment((fragment){1000, 0, 0, 2, NULL, 200}, PACKET_MALFORMED);     /* the channel name has no end */
-    expect_fragment((fragment){200000, 0, 0, 2, c, 500}, PACKET_MALFORMED);      /* too few fragments for the size */
-    expect_fragment((fragment){1 << 28, 0, 0, 5000, c, 500}, PACKET_MALFORMED);  /* 256 MB, which liblcm would allocate */
+    expect_fragment((fragment){1000, 0, 0, 2, NULL, 200}, PACKET_MALFORMED);     /* the channel name is not terminated */
+    expect_fragment((fragment){200000, 0, 0, 2, c, 500}, PACKET_MALFORMED);      /* too few fragments for the message's size */
+    expect_fragment((fragment){1 << 28, 0, 0, 5000, c, 500}, PACKET_MALFORMED);  /* a size of 256 MB, which liblcm would allocate */
     packet p = packet_of(good);
-    for (p.size = 4; p.size <= 20; p.size++) expect(p, &anything, PACKET_MALFORMED); /* shorter than its header */
+    for (p.size = 4; p.size <= 20; p.size++) expect(p, &anything, PACKET_MALFORMED); /* shorter than a header */
 }
 
 static void program_receives_its_channels_only(void **unused) {
@@ -109,12 +109,12 @@ static void program_receives_its_channels_only(void **unused) {
     expect(packet_of((fragment){1000, 500, 1, 2, NULL, 500}), &poses, PACKET_UNWANTED);
 }
 
-/* Repeats the arithmetic of liblcm 1.3.1: for every packet that passes, its copy must stay within the packet and the message. */
+/* Repeats the arithmetic of liblcm 1.3.1: for every accepted packet, liblcm must copy only within the packet and the message. */
 static void liblcm_would_stay_within_its_buffers(const packet *p) {
     uint32_t word[5];
     memcpy(word, p->bytes, sizeof word);
     uint32_t message = ntohl(word[2]), offset = ntohl(word[3]), part = (uint32_t)p->size - 20, name = 0;
-    if (ntohl(word[4]) >> 16 == 0) name = (uint32_t)strlen((const char *)p->bytes + 20) + 1; /* liblcm reads up to the next zero */
+    if (ntohl(word[4]) >> 16 == 0) name = (uint32_t)strlen((const char *)p->bytes + 20) + 1; /* liblcm reads up to the next zero byte */
     assert_true(name <= 64 && 20 + name <= p->size);
     part -= name;
     assert_true(part <= p->size && (uint64_t)offset + part <= message && message <= 1 << 24);
@@ -127,7 +127,7 @@ static uint32_t draw(void) {
     return state ^= state << 5;
 }
 
-/* Draws numbers near the limits, and arbitrary ones. */
+/* Draws numbers close to the limits, and arbitrary numbers. */
 static uint32_t draw_number(void) {
     static const uint32_t edges[] = {0, 1, 2, 19, 20, 63, 64, 500, 1000, 65487, 1 << 24, 1 << 28, UINT32_MAX};
     uint32_t edge = edges[draw() % (sizeof edges / sizeof *edges)];
@@ -144,7 +144,7 @@ static void random_fragments(void **unused) {
     for (int i = 0; i < 1000000; i++) {
         packet p;
         p.size = 4 + draw() % 116;
-        memset(p.bytes, draw() % 2 ? 'x' : 0, 300); /* leftovers of the previous packet */
+        memset(p.bytes, draw() % 2 ? 'x' : 0, 300); /* the rest of the buffer, left from a previous packet */
         p.bytes[299] = 0;
         memcpy(p.bytes, "LC03", 4);
         put_32(p.bytes + 8, draw_number());
@@ -187,7 +187,7 @@ static void only_malformed_lcm_packets_are_dropped(void **unused) {
     assert_int_equal(received(sender, receiver, bad), 0);
     assert_int_equal(lcm_filter_dropped() - before, 1);
 
-    assert_int_equal(socketpair(AF_UNIX, SOCK_DGRAM, 0, pair), 0); /* not UDP, so not LCM's */
+    assert_int_equal(socketpair(AF_UNIX, SOCK_DGRAM, 0, pair), 0); /* not a UDP socket, so not one of LCM's */
     assert_int_equal(received(pair[0], pair[1], bad), bad.size);
 
     lcm_filter_restrict(&poses);
@@ -197,7 +197,7 @@ static void only_malformed_lcm_packets_are_dropped(void **unused) {
     close(sender), close(receiver), close(pair[0]), close(pair[1]);
 }
 
-/* URLs are read as by liblcm 1.3.1. */
+/* URLs are parsed in the same way as in liblcm 1.3.1. */
 static void urls_without_a_ttl_are_for_this_machine(void **unused) {
     (void)unused;
     static const struct { const char *url; bool local; uint16_t port; } urls[] = {
@@ -218,8 +218,8 @@ static void urls_without_a_ttl_are_for_this_machine(void **unused) {
     assert_true(lcm_filter_is_local(NULL, &port) && port == 7667);
 }
 
-/* Datagrams from this machine pass on a port that accepts only local ones, and do not count as another machine's. tests/system/test_other_machine.sh
-   tests other machines. */
+/* On a port that accepts only local datagrams, datagrams from this machine pass and are not counted as coming from another machine.
+   tests/system/test_other_machine.sh tests datagrams from other machines. */
 static void datagrams_of_this_machine_pass(void **unused) {
     (void)unused;
     static const packet_wishes marked = {.origin = {"TROCAR_COMMAND", "REMOTE_COMMAND"}};

@@ -1,4 +1,4 @@
-/* Block elimination is compared with Gaussian elimination of the whole matrix. */
+/* Compares block elimination with Gaussian elimination of the whole matrix. */
 #include "oracles/block_tridiagonal.h"
 
 #include <math.h>
@@ -15,7 +15,7 @@ typedef struct { int size; double a[MOST][MOST]; } dense;
 
 static double uniform(void) { return 2.0 * rand() / RAND_MAX - 1.0; }
 
-/* Fills in random symmetric blocks, some with zeros on the diagonal: indefinite, so that the factorisation needs pivoting. */
+/* Fills in random symmetric blocks, some with zeros on the diagonal, so that the matrix is indefinite and the factorisation needs pivoting. */
 static void fill(int count, block_tridiagonal *chain, dense *whole) {
     memset(chain, 0, sizeof *chain);
     memset(whole, 0, sizeof *whole);

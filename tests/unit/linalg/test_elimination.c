@@ -1,4 +1,4 @@
-/* Elimination with wide vectors gives the same bits as the portable kernels, and agrees entry by entry with the definition. */
+/* Elimination with wide vectors gives bit-identical results to the portable kernels, and agrees entry by entry with the definition. */
 #include "linalg/elimination.h"
 
 #include <math.h>
@@ -17,13 +17,13 @@ static _Alignas(CACHE_LINE) matrix given, portable, widest, plain;
 
 static double draw(void) { return (double)rand() / RAND_MAX - 0.5; }
 
-/* Makes a matrix with leftovers of earlier ticks below the diagonal and behind the right-hand side. */
+/* Makes a matrix with random values even where it is not used, below the diagonal and behind the right-hand side, as left by earlier ticks. */
 static void make(int order) {
     for (int i = 0; i < ELIMINATION_SIZE(MOST_ORDER); i++)
         for (int j = 0; j < LD; j++) given[i][j] = draw() + (i == j ? order : 0.0);
 }
 
-/* Eliminates a copy of the matrix in `a`: rows in pairs up to `pairs`, each slightly rotated, then one by one. */
+/* Copies the matrix into `a` and eliminates it: rows in pairs up to `pairs`, each pair slightly rotated, and then row by row. */
 static void eliminate(elimination_kernel *eliminate_after_panel, int order, int pairs, matrix a) {
     static elimination_panel panel;
     symmetric_system s = {a, order};
@@ -46,7 +46,7 @@ static void eliminate(elimination_kernel *eliminate_after_panel, int order, int 
     }
 }
 
-/* Eliminates by the definition, without panels. */
+/* Eliminates row by row according to the definition, without panels. */
 static void eliminate_plainly(int order, int pairs, matrix a) {
     memcpy(a, given, sizeof given);
     for (int i = 0; i < order; i += i < pairs ? 2 : 1) {
@@ -65,7 +65,7 @@ static void eliminate_plainly(int order, int pairs, matrix a) {
     }
 }
 
-/* unknowns, and the number of them in pairs */
+/* number of unknowns, and the number of those eliminated in pairs */
 static const int ORDERS[][2] = {{1, 0}, {3, 2}, {7, 4}, {16, 10}, {31, 20}, {92, 60}, {181, 120}, {244, 162}};
 
 static bool in_a_pair(int i, int j, int pairs) { return j == i + 1 && i % 2 == 0 && j < pairs; }
@@ -88,7 +88,7 @@ static void rows_are_those_of_the_definition(void **state) {
 
 static void wider_vectors_give_the_same_bits(void **state) {
     (void)state;
-    if (elimination_kernel_here() == elimination_portable) skip(); /* this processor has no wide kernel */
+    if (elimination_kernel_here() == elimination_portable) skip(); /* this processor has no kernel for wide vectors */
     srand(2);
     for (size_t c = 0; c < sizeof ORDERS / sizeof *ORDERS; c++) {
         int order = ORDERS[c][0], pairs = ORDERS[c][1];

@@ -1,5 +1,4 @@
-/* Elimination by panels is compared with LAPACK's Cholesky factorisation of the whole matrix: with several panels, and with all or some of the
-   pivots. */
+/* Compares elimination by panels with LAPACK's Cholesky factorisation of the whole matrix, using several panels, and with all or some of the pivots. */
 #include <lapacke.h>
 #include <math.h>
 #include <setjmp.h>
@@ -15,9 +14,9 @@
 
 #include "check.h"
 
-enum { N = 1300, COLUMNS = 1260, PIVOTS = 700 }; /* panels of 576 and 124 pivots; 560 other columns */
+enum { N = 1300, COLUMNS = 1260, PIVOTS = 700 }; /* panels of 576 and 124 pivots, and 560 other columns */
 
-/* Returns A + A^T + 2 N 1 with random A in [0, 1], column-major. */
+/* Returns A + A^T + 2 N 1, where the entries of A are random in [0, 1]; column-major. */
 static double *random_matrix(void) {
     double *a = calloc((size_t)N * N, sizeof *a);
     for (int j = 0; j < N; j++)
@@ -25,7 +24,7 @@ static double *random_matrix(void) {
     return a;
 }
 
-/* Replaces the rest by a - a_0 a_00^-1 a_0^T, and the first `pivots` columns by those of L. */
+/* Replaces the remaining block by a - a_0 a_00^-1 a_0^T, and the first `pivots` columns by those of L. */
 static void eliminate(double *a, int pivots) {
     assert_int_equal(LAPACKE_dpotrf(LAPACK_COL_MAJOR, 'L', pivots, a, N), 0);
     for (int j = 0; j < pivots; j++)
@@ -87,7 +86,7 @@ static void agrees_with_lapack(void **state) {
 static void negative_pivot_is_found(void **state) {
     (void)state;
     double *a = random_matrix();
-    a[650 * N + 650] = -1.0; /* in the second panel */
+    a[650 * N + 650] = -1.0; /* an entry in the second panel */
     panels p = filled(a, COLUMNS, PIVOTS);
     assert_true(panels_eliminate(&p, 0, 2, NULL));
     assert_false(panels_eliminate(&p, 1, 2, NULL));

@@ -1,4 +1,4 @@
-/* Vectors, matrices and rotations are compared with textbook formulas. */
+/* Compares vectors, matrices and rotations with textbook formulas. */
 #include <setjmp.h>
 #include <stdarg.h>
 #include <stddef.h>
@@ -27,7 +27,7 @@ static void check_same_matrix(const mat3 *a, const mat3 *b, double tolerance, in
 
 static const mat3 UNIT = {{{1, 0, 0}, {0, 1, 0}, {0, 0, 1}}};
 
-/* Rodrigues: R = 1 + sin(angle) K + (1 - cos(angle)) K^2, where K is the cross product with the axis. */
+/* Rodrigues' formula: R = 1 + sin(angle) K + (1 - cos(angle)) K^2, where K is the cross product with the axis. */
 static mat3 rodrigues(vec3 axis, double angle) {
     mat3 k = {{{0, -axis.z, axis.y}, {axis.z, 0, -axis.x}, {-axis.y, axis.x, 0}}}, r = UNIT;
     for (int i = 0; i < 3; i++)
@@ -112,7 +112,7 @@ static void logarithm_undoes_exponential(void **state) {
             assert_close_vector(q_log(q), r, 1e-15 + 1e-14 * angles[i]);
             assert_close_vector(q_log(opposite), r, 1e-15 + 1e-14 * angles[i]); /* the same rotation */
         }
-    vec3 beyond = q_log(q_exp(v3(0, 0, 1.5 * M_PI))); /* three quarters of a turn one way are one quarter the other way */
+    vec3 beyond = q_log(q_exp(v3(0, 0, 1.5 * M_PI))); /* a rotation by three quarters of a turn equals a quarter turn in the opposite direction */
     assert_close_vector(beyond, v3(0, 0, -0.5 * M_PI), 1e-14);
 }
 
@@ -123,7 +123,7 @@ static void assert_close_quat(quat a, quat b) {
     for (int i = 0; i < 4; i++) assert_true(fabs(differences[i]) < 1e-14);
 }
 
-/* Small and large angles beside each other, and quaternions of either sign. */
+/* Small and large angles in the same set, and quaternions of either sign. */
 static void four_at_once_are_as_one_by_one(void **state) {
     (void)state;
     for (int n = 0; n < 1000; n++) {

@@ -1,4 +1,4 @@
-/* The needle of tetrahedra is compared with beam theory, with its own energy, and with the rod in tissue. */
+/* Compares the needle made of tetrahedra with beam theory, with its own energy, and with the rod in tissue. */
 #include "bending_solid.h"
 #include "lockstep.h"
 #include "shared/motion.h"
@@ -13,7 +13,7 @@ static const int SEGMENTS[] = {10, 20, 40};
 
 static solid_model make(int segments) { return solid_made(segments); }
 
-/* Returns the deflection of the tip along the load and across it, m. */
+/* Returns the deflection (m) of the tip along the load and across it. */
 static vec3 bent_tip(const solid_model *model, double angle, double force, solid_tangent *tangent) {
     solid_state state;
     solid_rest(model, ORIGIN, &state);
@@ -30,7 +30,7 @@ static void bending_is_isotropic(void **unused) {
     for (int s = 0; s < 3; s++) {
         solid_model model = make(SEGMENTS[s]);
         double least = INFINITY, most = 0.0, across = 0.0;
-        for (int d = 0; d < DIRECTIONS; d++) { /* 2 EI / L^2 bends the needle by half its length */
+        for (int d = 0; d < DIRECTIONS; d++) { /* a load of 2 EI / L^2 deflects the needle by half its length */
             vec3 tip = bent_tip(&model, 0.5 * M_PI * d / DIRECTIONS, 2.0 * model.line.bending / 0.04, tangent);
             least = fmin(least, tip.x), most = fmax(most, tip.x), across = fmax(across, fabs(tip.y));
         }
@@ -50,7 +50,7 @@ static void small_deflection_matches_a_cantilever(void **unused) {
         solid_model model = make(n);
         double expected = 1e-3 * pow(0.2, 3) / (3.0 * model.line.bending);
         assert_true(fabs(bent_tip(&model, 0.4, 1e-3, tangent).x / expected - 1.0) < 1e-4);
-        /* compliance between the middle and the tip: a^2 (3 L - a) / (6 EI); the locked shape errs by 1 / N^2 */
+        /* compliance between the middle and the tip: a^2 (3 L - a) / (6 EI); the relative error due to locking is 1 / N^2 */
         expected = 0.01 * (0.6 - 0.1) / (6.0 * model.line.bending);
         assert_true(fabs(tangent->line.compliance[3 * middle][3 * n] / expected - 1.0) < 1.0 / (n * n));
     }
@@ -72,7 +72,7 @@ static void large_deflection_follows_the_elastica(void **unused) {
     free(tangent);
 }
 
-/* As in the rod's test: below Euler's load, close to it and beyond, where the tangent is indefinite. */
+/* As in the test of the rod: below Euler's load, close to it, and above it, where the tangent is indefinite. */
 static void axial_load_softens_like_a_beam_column(void **unused) {
     (void)unused;
     solid_model model = make(40);
@@ -124,7 +124,7 @@ static void rigid_motions_give_no_force(void **unused) {
     solid_tangent *tangent = malloc(sizeof *tangent);
     solid_state state;
     vec3 load[NEEDLE_MAX_SEGMENTS + 1] = {{0}};
-    double stiffness = model.line.bending / pow(0.2, 2); /* N, a load that bends the needle clearly */
+    double stiffness = model.line.bending / pow(0.2, 2); /* N, a load that bends the needle considerably */
     for (int i = 0; i < 20; i++) {
         solid_rest(&model, (pose){v3(0.02 * i, -0.01 * i, 0.2), q_exp(v3(0.3 * i, 1.0 - 0.2 * i, 0.1 * i))}, &state);
         solid_linearise(&model, &state, load, 0, tangent);
@@ -135,7 +135,7 @@ static void rigid_motions_give_no_force(void **unused) {
     free(tangent);
 }
 
-/* Moves every node by some fraction of the radius, which gives a shape far from rest. */
+/* Moves every node by a random fraction of the radius, which gives a shape far from the rest shape. */
 static void distort(solid_state *state, int segments) {
     srand(3);
     for (int k = 1; k <= segments; k++)
@@ -146,7 +146,7 @@ static void distort(solid_state *state, int segments) {
         }
 }
 
-/* Compares with central differences; the energy is a polynomial of degree four in the positions. */
+/* Compares with central differences; the energy is a polynomial of degree four in the nodes' positions. */
 static void forces_are_the_gradient_of_the_energy(void **unused) {
     (void)unused;
     enum { N = 4 };
@@ -196,7 +196,7 @@ static void newton_converges_quadratically(void **unused) {
     }
     assert_true(passes <= 8 && change[passes - 1] < 1e-10);
     assert_true(change[passes - 1] < fmax(1e-10, 10 * change[passes - 2] * change[passes - 2]));
-    /* the clamped section carries the loads' moment about the base */
+    /* the moment in the clamped section balances the moment of the loads about the base */
     vec3 base = state.line.base.position, moment = v3_cross(v3_sub(state.line.joints[40], base), load[40]);
     moment = v3_add(moment, v3_cross(v3_sub(state.line.joints[22], base), load[22]));
     assert_true(v3_norm(v3_sub(solid_root_moment(&model, &state), moment)) < 1e-8 * v3_norm(moment));
@@ -219,7 +219,7 @@ static void rotated_base_gives_rotated_shape(void **unused) {
     free(tangent);
 }
 
-/* When the base is rolled and shifted as far as a hand can move it in a tick or two, the free needle follows and is straight again. */
+/* When the base is rolled and shifted as far as a hand can move it in one or two ticks, a free needle follows and is straight again. */
 static void free_needle_follows_its_base(void **unused) {
     (void)unused;
     solid_model model = make(20);
@@ -256,7 +256,7 @@ static void run_figure8(bool solid, double (*wrench)[6], double *punctures) {
     lockstep_free(l);
 }
 
-/* Returns the root mean square of the difference in components [from, to), relative to that of b. */
+/* Returns the root mean square difference of the components [from, to), relative to the root mean square of b. */
 static double difference(double (*a)[6], double (*b)[6], int from, int to) {
     double off = 0.0, size = 0.0;
     for (int i = 0; i < TICKS; i++)

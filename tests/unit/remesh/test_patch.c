@@ -1,5 +1,5 @@
-/* The change of K due to a contact node is compared with meshes assembled with and without it; and K with all changes must
-   reproduce linear displacements. */
+/* Compares the change of K due to a contact node with the difference of the matrices assembled with and without the node. K with all changes must reproduce
+   linear displacements. */
 #include "remeshing.h"
 
 #include "refinement/patch.h"
@@ -13,7 +13,7 @@ static void assemble(const refinement *all, int count, reference *r) {
 
 static int entry_of(int node) { return node >= 0 ? node : CUBE_NODES - 1 - node; }
 
-/* The patch contains every entry in which the two matrices differ, except for rows and columns of fixed nodes. */
+/* The patch contains every entry by which the two matrices differ, except rows and columns of fixed nodes. */
 static void check_patch(int index) {
     static patch p;
     reference before, after;
@@ -36,7 +36,7 @@ static void check_patch(int index) {
     reference_free(&after);
 }
 
-/* The columns of an added node's own displacement, computed separately, equal those of the whole patch. */
+/* The columns for an added node's own displacement are also computed separately, and equal those of the whole patch. */
 static void check_own_columns(int index) {
     static patch p;
     split_columns own;
@@ -60,7 +60,7 @@ static void patch_equals_the_difference_of_two_meshes(void **state) {
         kind wanted = (kind)(index % 3);
         if (add_node(wanted, tet, point_in(tet, 0.02)) < 0) continue;
         bool inner = request.wanted.nodes[index].across_tet >= 0;
-        if (wanted == ON_FACE && inner != (index % 2 == 0)) { /* alternately inside the body and on its surface */
+        if (wanted == ON_FACE && inner != (index % 2 == 0)) { /* nodes are placed alternately inside the body and on its surface */
             request.wanted.count--;
             continue;
         }
@@ -72,7 +72,7 @@ static void patch_equals_the_difference_of_two_meshes(void **state) {
 /* ---- linear fields ---- */
 
 enum { MOST = CUBE_NODES + MAX_CONTACTS, HELD = CUBE_NODES - 1 };
-static double stiffness[3 * MOST][3 * MOST]; /* K of all nodes; zero for the fixed node, which is the mesh's last */
+static double stiffness[3 * MOST][3 * MOST]; /* K of all nodes; rows and columns of the fixed node, the last one of the mesh, are zero */
 
 static void add_nominal(const tissue *t) {
     const int *starts = t->stiffness->p, *rows = t->stiffness->i;
@@ -94,8 +94,8 @@ static bool within(vec3 x) {
     return fmin(x.x, fmin(x.y, x.z)) > least && fmax(x.x, fmax(x.y, x.z)) < most;
 }
 
-/* Returns the largest nodal force divided by Young's modulus (m^2) under a linear displacement that is zero at the fixed node; of
-   all nodes if `all`, otherwise only of those inside the body. */
+/* Returns the largest nodal force divided by Young's modulus (m^2) under a linear displacement that vanishes at the fixed node. If `all`, the forces of all
+   nodes are considered, otherwise only those of nodes inside the body. */
 static double largest_force(const tissue *t, const mat3 *gradient, bool all) {
     vec3 at[MOST];
     int count = CUBE_NODES + request.wanted.count;
@@ -103,7 +103,7 @@ static double largest_force(const tissue *t, const mat3 *gradient, bool all) {
     memcpy(at, body.mesh.nodes, CUBE_NODES * sizeof *at);
     for (int i = 0; i < request.wanted.count; i++) {
         const added_node *node = &request.wanted.nodes[i];
-        at[CUBE_NODES + i] = node->position; /* not used by any element if the node is a moved one */
+        at[CUBE_NODES + i] = node->position; /* if the node is one that was moved, no element uses it */
         if (node->moved >= 0) at[node->moved] = node->position;
     }
     for (int i = 0; i < count; i++) {
@@ -141,17 +141,17 @@ static void check_linear_fields(volumetric_strain volumetric, int kinds) {
 static void linear_fields_match_the_refined_mesh(void **state) {
     (void)state;
     check_linear_fields(STRAIN_BY_ELEMENT, 3);
-    check_linear_fields(STRAIN_BY_NODE, 2); /* nodes cannot be moved with averaged strain */
+    check_linear_fields(STRAIN_BY_NODE, 2); /* nodes cannot be moved if strain is averaged at the nodes */
     check_linear_fields(STRAIN_BY_PATCH, 2);
 }
 
 /* ---- nodes added within a patch of averaged strain ---- */
 
-/* Adds nodes alternately inside elements and on faces between two elements of one patch. */
+/* Adds nodes alternately inside elements and on faces between two elements of the same patch. */
 static void add_within_patches(const tissue *t, int count) {
     memset(&request, 0, sizeof request);
     while (request.wanted.count < count) {
-        int tet = 7 * (rand() % 40), index = request.wanted.count; /* several nodes share an element */
+        int tet = 7 * (rand() % 40), index = request.wanted.count; /* several nodes are in the same element */
         add_node((kind)(index % 2), tet, point_in(tet, 0.02));
         const added_node *node = &request.wanted.nodes[index];
         bool between = index % 2 == 1 && (node->across_tet < 0 || t->patch[node->across_tet] != t->patch[node->tet]);
@@ -159,8 +159,8 @@ static void add_within_patches(const tissue *t, int count) {
     }
 }
 
-/* The parts of a split element stay in its patch and do not change the patch's mean strain, so K equals that of the split mesh, assembled
-   with all its nodes. */
+/* The parts of a split element remain in its patch and do not change the patch's mean strain, so K equals the matrix assembled for the split mesh with all its
+   nodes. */
 static void split_elements_stay_in_their_patch(void **state) {
     (void)state;
     static const bool fixed[CUBE_NODES] = {[HELD] = true};

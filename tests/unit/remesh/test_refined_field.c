@@ -1,4 +1,4 @@
-/* Displacements of the refined mesh are compared with a dense solve from scratch, and the surplus with its own stiffness. */
+/* Compares displacements of the refined mesh with a dense solution computed from scratch, and the surplus with the stiffness from which it follows. */
 #include <setjmp.h>
 #include <stdarg.h>
 #include <stddef.h>
@@ -45,7 +45,7 @@ static void check_displacement(const refinement *r, const reference *expected) {
 
 static void displacements_match_a_direct_solve(void **state) {
     (void)state;
-    static const int cases[4][2] = {{1, 1}, {12, 1}, {1, 30}, {5, 10}}; /* nodes per element, elements; in every second case, some nodes on faces */
+    static const int cases[4][2] = {{1, 1}, {12, 1}, {1, 30}, {5, 10}}; /* nodes per element, elements; in every second case some nodes are on faces */
     for (int c = 0; c < 4; c++) {
         refinement r = {0};
         cube_refine(&body, &r, cases[c][0], cases[c][1]);
@@ -57,7 +57,7 @@ static void displacements_match_a_direct_solve(void **state) {
     }
 }
 
-/* The surplus is a node's compliance with its leaf's corners fixed: the inverse of its own stiffness. */
+/* The surplus is the compliance of a node while the corners of its leaf are fixed, which is the inverse of the node's own stiffness. */
 static void surplus_is_the_inverse_of_the_nodal_stiffness(void **state) {
     (void)state;
     for (int n = 0; n < 50; n++) {

@@ -1,4 +1,4 @@
-/* The refined mesh is compared with a linear search over its elements. */
+/* Compares point location in the refined mesh with a linear search over its elements. */
 #include <setjmp.h>
 #include <stdarg.h>
 #include <stddef.h>
@@ -32,7 +32,7 @@ static vec3 position(const refinement *r, int corner) {
 
 /* ---- locating points ---- */
 
-/* `slack` of the weights is the rounding of x relative to the leaf's height, which is small where nodes are dense. */
+/* `slack` allows for the rounding of x in the weights, which is relative to the leaf's height; the height is small where nodes are dense. */
 static void assert_leaf_holds(const refinement *r, int active, int tet, vec3 x, double slack) {
     leaf_point p = refinement_locate(&body.mesh, r, active, tet, x);
     vec3 sum = v3(0, 0, 0);
@@ -46,7 +46,7 @@ static void assert_leaf_holds(const refinement *r, int active, int tet, vec3 x, 
     }
     assert_close(total, 1.0, 1e-13 + slack);
     assert_close_vector(sum, x, 1e-15);
-    for (int q = 0; q < active; q++) { /* a leaf contains no node */
+    for (int q = 0; q < active; q++) { /* no leaf contains a node */
         vec3 corners[4], gradients[4];
         for (int i = 0; i < 4; i++) corners[i] = position(r, p.corners[i]);
         tet_gradients(corners, gradients);
@@ -61,7 +61,7 @@ static void leaf_contains_its_point(void **state) {
     refinement r = {0};
     cube_refine(&body, &r, 12, 4);
     for (int n = 0; n < 4000; n++) {
-        int tet = (37 * (n % 5) + 11) % body.mesh.tet_count; /* every fifth element is not refined */
+        int tet = (37 * (n % 5) + 11) % body.mesh.tet_count; /* every fifth element remains unrefined */
         assert_leaf_holds(&r, n % (r.count + 1), tet, cube_point(&body, tet, 0.0), 1e-13);
     }
     for (int q = 0; q < r.count; q++) assert_leaf_holds(&r, r.count, r.nodes[q].tet, r.nodes[q].position, 1e-13);
@@ -72,7 +72,7 @@ static void added_node_is_at_the_requested_point(void **state) {
     refinement r = {0};
     for (int n = 0; n < 20; n++) {
         int tet = 7 * n;
-        vec3 x = cube_point(&body, tet, 0.03); /* far enough from faces that it is not shifted */
+        vec3 x = cube_point(&body, tet, 0.03); /* far enough from the faces not to be shifted */
         refinement_add(&body.mesh, &r, tet, x, 100 + n);
         assert_close_vector(r.nodes[n].position, x, 1e-15);
         assert_int_equal(r.nodes[n].id, 100 + n);
@@ -80,7 +80,7 @@ static void added_node_is_at_the_requested_point(void **state) {
     }
 }
 
-/* Nodes on vertices, edges and faces, twice each, are shifted inwards by a fraction of the leaf, so that no element is flat. */
+/* Two nodes each on vertices, edges and faces are shifted inwards by a fraction of the leaf's size, so that no element is flat. */
 static void nodes_on_corners_edges_and_faces_are_handled(void **state) {
     (void)state;
     refinement r = {0};
@@ -106,7 +106,7 @@ static void full_refinement_rejects_nodes(void **state) {
 
 /* ---- removal ---- */
 
-/* Repeatedly removes a random one of many nodes in a few elements: the leaves still form a partition, and no other node has moved. */
+/* Repeatedly removes one of many nodes in a few elements, chosen at random. The leaves must still form a partition, and no other node may have moved. */
 static void removed_nodes_leave_the_others_where_they_are(void **state) {
     (void)state;
     refinement r = {0};
@@ -153,7 +153,7 @@ static void freed_slots_are_used_again(void **state) {
     assert_int_equal(refinement_find(&r, 100), MAX_CONTACTS - 1);
 }
 
-/* A node that was added after a move may not fit into the mesh without that move. */
+/* A node that was added after another node was moved may not fit into the mesh without that move. */
 static void moved_nodes_go_last_first(void **state) {
     (void)state;
     refinement r = {0};

@@ -1,7 +1,7 @@
-/* The remesher's behaviour that is common to all methods: slots, ids and refusals. Each method has a test of its own. */
+/* Tests the behaviour of the remesher that all methods share: slots, ids and refusals. Each method also has a test of its own. */
 #include "remeshing.h"
 
-/* A replaced node has the same place in the list but another id: it must be removed and added again. */
+/* A replaced node has the same index in the list but another id: it must be removed and added again. */
 static void ids_are_unique(void **state) {
     (void)state;
     for (method = 0; method < ALL_REMESH_METHODS; method++) {
@@ -23,7 +23,7 @@ static void remaining_nodes_keep_their_index(void **state) {
     serve(r);
     before = snapshot;
     request.window_count = 50;
-    memmove(request.window, request.window + 20, 20 * sizeof *request.window); /* drops the first 20 */
+    memmove(request.window, request.window + 20, 20 * sizeof *request.window); /* drops the first 20 nodes */
     for (int node = 0, n = 20; n < 50; node++) {
         bool old = false;
         for (int k = 0; k < MAX_WINDOW; k++) old = old || before.window[k] == node;
@@ -76,7 +76,7 @@ static void sparse_inverse_gives_the_same_results(void **state) {
     inverse_free(sparse);
 }
 
-/* Blocks are correct after preparing nodes in advance, with contact nodes present and after adding more. */
+/* The blocks are correct after nodes have been prepared in advance, with contact nodes present, and after more nodes have been added. */
 static void looking_ahead_changes_no_answer(void) {
     for (method = REMESH_NESTED; method <= REMESH_IMPLICIT; method++) {
         remesher *r = start(method);
@@ -105,7 +105,7 @@ static void sparse_inverse_prefetches(void **state) {
 
 enum { HELD = CUBE_NODES / 2 };
 
-/* Returns a condensed inverse of the lower half of `t`, read from its file, so that nothing has been factorised. */
+/* Returns a condensed inverse for the lower half of `t`, read from its file, so that nothing has been factorised. */
 static inverse *lower_half(tissue *t) {
     inverse *condensed = NULL;
     report notice, why = {""};
@@ -125,7 +125,7 @@ static inverse *lower_half(tissue *t) {
     return condensed;
 }
 
-/* Nodes outside the condensed region need a factor of the whole matrix, which only the tick's own requests justify. */
+/* Nodes outside the condensed region require a factor of the whole matrix. Only requests made by the tick justify computing it. */
 static void check_costly_nodes(void) {
     remesher *r = start(REMESH_NESTED);
     int outside = CUBE_NODES - 1;
@@ -154,7 +154,7 @@ static void costly_nodes_are_skipped_unless_needed(void **state) {
     tissue_free(&t);
 }
 
-/* Returns an element whose nodes are all in the region, or all outside. */
+/* Returns an element whose nodes are all inside the region, or all outside it. */
 static int element_of(bool held) {
     for (int tet = 0;; tet++) {
         int found = 0;

@@ -1,4 +1,4 @@
-/* Boundary-condition switches on the full inverse, one by one and in blocks, and the state after a failed switch. */
+/* Tests boundary-condition switches on the full inverse, one by one and in blocks, and the state after a failed switch. */
 #include "remeshing.h"
 
 #include "oracles/remesh_dense.h"
@@ -18,7 +18,7 @@ static remesher *start_with_nodes(int wanted, int count) {
     return r;
 }
 
-/* A node that is moved out of its elements inverts them, so there is no pivot. Requests that contain it fail. */
+/* A node that is moved out of its elements inverts them, so no valid pivot exists. Requests that contain the node fail. */
 static void check_inverted(int wanted) {
     remesher *r = start_with_nodes(wanted, 6);
     int last = request.wanted.count;
@@ -34,7 +34,7 @@ static void check_inverted(int wanted) {
     remesher_free(r);
 }
 
-/* If removing a node fails (here because the matrix was damaged), the remaining nodes are added again from scratch. */
+/* If removing a node fails (here because the matrix has been corrupted), the remaining nodes are added again from scratch. */
 static void check_spoilt(int wanted) {
     remesher *r = start_with_nodes(wanted, 8);
     dense_remesher *dense = (dense_remesher *)r;

@@ -1,4 +1,4 @@
-/* Tests the implicit low-rank form. */
+/* Tests the implicit low-rank form of the update. */
 #include "remeshing.h"
 
 int main(void) {

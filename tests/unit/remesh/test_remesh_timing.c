@@ -1,4 +1,4 @@
-/* The measurements of the remeshing benchmark: operations are counted, and the inverse is restored. Times are not checked. */
+/* Tests the measurements of the remeshing benchmark: operations are counted, and the inverse is restored. The measured times are not checked. */
 #include "remeshing.h"
 
 #include "remesh_timing.h"
@@ -37,8 +37,8 @@ static void valences_match_the_mesh(void **state) {
     int counts[MAX_PATCH + 1], sum = 0;
     remesh_timing_valences(tested, counts);
     for (int i = 0; i <= MAX_PATCH; i++) sum += counts[i];
-    assert_int_equal(sum, 2 * 9); /* inner nodes, except those between the regions */
-    assert_int_equal(counts[15], sum); /* Kuhn's elements have 14 neighbours each */
+    assert_int_equal(sum, 2 * 9); /* inner nodes, without those on the boundary between the regions */
+    assert_int_equal(counts[15], sum); /* each of Kuhn's elements has 14 neighbours */
     report why;
     static remesh_timing result;
     remesh_case wanted = {.method = REMESH_IMPLICIT, .change = MOVE_NODE, .touched = 14, .samples = 3, .seconds = 60.0};

@@ -1,4 +1,4 @@
-/* Woodbury's formula on the full inverse, stored as one triangle and as the full matrix. */
+/* Tests Woodbury's formula on the full inverse, stored as a triangle and as the full matrix. */
 #include "remeshing.h"
 
 int main(void) {

@@ -1,4 +1,4 @@
-/* The worker's lateness on a mesh where it is never late, and with a clock so fast that it is always late. */
+/* Measures the worker's lateness on a mesh on which it is never late, and with such a short tick period that it is always late. */
 #include "host.h"
 #include "scale_timing.h"
 
@@ -8,10 +8,10 @@
 #include <stdint.h>
 #include <cmocka.h>
 
-static const double ASIDE = 1e-3; /* m; at this offset no element is crossed so close to an edge that one tick is enough */
+static const double ASIDE = 1e-3; /* m, offset at which the needle crosses no element so close to an edge that it leaves the element within one tick */
 
 static const double WHOLE = 0.066; /* m, depth of an insertion through several elements */
-static const double ABOVE = 1e-3; /* m, height of the tip above the skin at the start */
+static const double ABOVE = 1e-3; /* m, initial height of the tip above the skin */
 
 static scale_timing *measured(double aside, const motion *script, double speed, double depth, double dt, const char *owner) {
     host h = {NULL};
@@ -28,14 +28,14 @@ static scale_timing *measured(double aside, const motion *script, double speed, 
     return &result;
 }
 
-/* An instrumented worker is too slow to be judged: it takes several ticks to measure what the mesh resolves. */
+/* With sanitizers, the worker is too slow for this check: measuring what the mesh resolves takes it several ticks. */
 #if defined(__SANITIZE_ADDRESS__) || defined(__SANITIZE_THREAD__)
 static const bool INSTRUMENTED = true;
 #else
 static const bool INSTRUMENTED = false;
 #endif
 
-/* Each requested contact node is answered once or counted as unanswered; each active node was answered. */
+/* Each requested contact node has been answered once or is counted as unanswered; each active node has been answered. */
 static void check_counts(const scale_timing *r) {
     assert_int_equal(r->crossing.count + r->unanswered, r->contacts);
     assert_in_range(r->activation.count, r->most_contacts, r->crossing.count);
@@ -56,7 +56,7 @@ static void crossings_are_counted_and_answered(void **unused) {
     assert_true(r->crossing.max >= 1000000); /* answers arrive one tick after the request at the earliest */
 }
 
-/* Inserts and withdraws: contact nodes that are removed during retraction are not counted as late. */
+/* Inserts and withdraws: contact nodes that are removed during the withdrawal are not counted as late. */
 static void crossings_during_retraction_are_ignored(void **unused) {
     (void)unused;
     scale_timing in = *measured(ASIDE, NULL, 0.05, WHOLE, 1e-3, "dense");
@@ -69,24 +69,23 @@ static void crossings_during_retraction_are_ignored(void **unused) {
     assert_true(r->contacts >= r->most_contacts);
 }
 
-/* The needle moves by 20 mm in 20 us: no answer arrives within that time, so each tick is late after the touch. (A deeper insertion is not
-   possible: against tissue that has not been measured, the needle buckles at about 30 mm, and a tick without an equilibrium cannot use an
-   answer.) At 2 m/s some answers arrive. */
+/* The needle moves 20 mm in 20 us. No answer arrives within that time, so each tick after the first touch is late. (A deeper insertion is not possible: without
+   measured compliance, the needle buckles at about 30 mm, and a tick without an equilibrium cannot use an answer.) At 2 m/s some answers arrive. */
 static void worker_slower_than_the_needle_is_late(void **unused) {
     (void)unused;
     const double speed = 1000.0, dt = 2e-8;
     scale_timing none = *measured(ASIDE, NULL, speed, 0.02, dt, "sparse");
-    int before = (int)(ABOVE / (speed * dt) + 0.5); /* the touch; one tick more or less is rounding */
+    int before = (int)(ABOVE / (speed * dt) + 0.5); /* tick of the first touch, to within one tick due to rounding */
     check_counts(&none);
     assert_int_equal(none.unanswered, none.contacts);
     assert_in_range(none.late_ticks, none.ticks - before - 1, none.ticks - before + 1);
     const scale_timing *some = measured(ASIDE, NULL, 2.0, WHOLE, 1e-5, "sparse");
     check_counts(some);
     if (INSTRUMENTED) return;
-    assert_true(some->contacts > 0 && some->crossing.max > 20000); /* more than two ticks */
+    assert_true(some->contacts > 0 && some->crossing.max > 20000); /* more than two ticks late */
 }
 
-/* With 3 mm per tick, some elements are crossed within one tick, and answers arrive two ticks after the request. */
+/* At 3 mm per tick, some elements are crossed within a single tick, and answers arrive two ticks after the request. */
 static void late_contact_nodes_are_counted(void **unused) {
     (void)unused;
     const scale_timing *r = measured(ASIDE, NULL, 3.0, WHOLE, 1e-3, "dense");
@@ -94,7 +93,7 @@ static void late_contact_nodes_are_counted(void **unused) {
     if (INSTRUMENTED) return;
     print_message("%d of %d late, by %.1f ms at most\n", r->late_crossings, r->contacts, 1e-6 * (double)r->activation.max);
     assert_in_range(r->late_crossings, 1, r->contacts);
-    /* the worker may be measuring a line at the time, until some moment within a tick */
+    /* the worker may be measuring a line at that time, and finish in the middle of a tick */
     assert_in_range(r->activation.max, 900000, 3100000 + r->patch.max);
 }
 

@@ -1,5 +1,5 @@
-/* Scene files: the values of a valid file, and the message for each error. */
-#include "scene/scene.h" /* before cmocka.h, whose macro hides `fail` */
+/* Tests scene files: the values of a valid file, and the message for each error. */
+#include "scene/scene.h" /* included before cmocka.h, whose macro hides `fail` */
 
 #include <setjmp.h>
 #include <stdarg.h>
@@ -65,7 +65,7 @@ static void load_good(const char *text, scene *s) {
     if (load_text(text, s, &why) != TROCAR_OK) fail_msg("%s", why.text);
 }
 
-/* Expects a refusal; `words` follow the path of the file: ":12: regions[0].name: ..." */
+/* Expects that the scene is refused; `words` is the message after the file's path, such as ":12: regions[0].name: ..." */
 static void assert_refused(const char *text, const char *words) {
     char expected[256];
     scene s;
@@ -76,7 +76,7 @@ static void assert_refused(const char *text, const char *words) {
         fail_msg("status %d, \"%s\" where \"%s\" was expected", status, why.text, expected);
 }
 
-/* Expects that GOOD with one piece replaced is refused. */
+/* Expects that GOOD is refused after one part of it has been replaced. */
 static void assert_change_refused(const char *piece, const char *other, const char *words) {
     const char *at = strstr(GOOD, piece);
     assert_non_null(at);
@@ -118,7 +118,7 @@ static void every_value_is_read(void **state) {
     const device_limits *g = &s.device;
     assert_true(g->max_force == 15 && g->max_torque == 0.8 && g->max_force_rate == 1500 && g->max_torque_rate == 70);
     assert_true(g->mass == 0.3 && g->delay == 4e-3);
-    assert_true(g->max_stiffness == 400); /* from the profile, whose force is overridden */
+    assert_true(g->max_stiffness == 400); /* from the profile; the profile's force limit is overridden */
     assert_true(g->max_speed == 1.5 && g->max_turn_rate == 12 && g->hold_time == 0.02 && g->ramp_time == 0.2);
 }
 
@@ -152,10 +152,10 @@ static void omitted_keys_have_their_defaults(void **state) {
     assert_memory_equal(&s.simulation.regions[0].material, &material, sizeof material);
 }
 
-/* A minimal valid scene; lines added to it start at number 4. */
+/* A minimal valid scene, which ends at line 3, so that lines added to it start at line 4. */
 #define MINIMAL "mesh: a\nregions: [{name: x}]\nfixed: [b]\n"
 
-/* Each case: lines added to MINIMAL, and words as for assert_refused. */
+/* Each case: the lines added to MINIMAL, and `words` as in assert_refused. */
 static void assert_all_refused(size_t count, const char *const cases[][2]) {
     for (size_t i = 0; i < count; i++) {
         char text[512];
@@ -317,7 +317,7 @@ static void patient_coordinates_and_start_are_read(void **state) {
     load_good(MINIMAL TURNED "needle: {start: {position: [0.01, 0.02, -0.2], orientation: [0.70711, 0, 0.70711, 0]}}\n", &s);
     assert_true(s.patient_to_mesh[1] == -1e-3 && s.patient_to_mesh[3] == 0.25 && s.patient_to_mesh[7] == -0.125 && s.patient_to_mesh[15] == 1.0);
     assert_true(s.start.position.x == 0.01 && s.start.position.y == 0.02 && s.start.position.z == -0.2);
-    assert_true(fabs(q_axis(s.start.orientation).x - 1.0) < 1e-12); /* normalised, though given with five digits */
+    assert_true(fabs(q_axis(s.start.orientation).x - 1.0) < 1e-12); /* normalised, although it is given with only five digits */
     assert_int_equal(scene_get(&s, "patient_to_mesh", text, sizeof text, &why), TROCAR_OK);
     assert_string_equal(text, "[0, -0.001, 0, 0.25, 0.001, 0, 0, -0.125, 0, 0, 0.001, 0.5, 0, 0, 0, 1]");
 }
@@ -476,11 +476,11 @@ static void figure_8_scene_is_valid(void **state) {
     assert_int_equal(s.simulation.membrane_count, 2);
 }
 
-/* A parameter of PARAMETERS.md: its default (NAN: none) and its values for the two regions or membranes of figure 8, equal if there
-   is only one. */
+/* A parameter listed in PARAMETERS.md: its default (NAN: none) and its values for the two regions or membranes of figure 8, which are equal if only one value
+   is listed. */
 typedef struct { const char *key; double values[3]; } parameter;
 
-/* Reads a row of the table of parameters; false for any other line. */
+/* Reads a row of the table of parameters; returns false for any other line. */
 static bool read_parameter(const char *line, char key[64], double values[3]) {
     for (int k = 0; k < 3; k++) values[k] = NAN;
     int found = sscanf(line, "| `%63[^`]` | %lf | %lf, %lf", key, &values[0], &values[1], &values[2]) - 1;

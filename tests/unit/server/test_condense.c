@@ -1,4 +1,4 @@
-/* trocar-server --condense creates the file, finds it again, and refuses scenes without a condensed inverse. */
+/* trocar-server --condense creates the file, finds it at the next start, and refuses scenes without a condensed inverse. */
 #include <setjmp.h>
 #include <stdarg.h>
 #include <stddef.h>
@@ -31,7 +31,7 @@ static int destroy(void **state) {
     return system(command);
 }
 
-/* Writes a scene with figure 8's mesh and these keys. */
+/* Writes a scene with figure 8's mesh and these scene keys. */
 static void write_scene(const char *keys) {
     FILE *from = fopen(MESHES "/figure8.yaml", "r"), *to = fopen(scene, "w");
     char line[512];

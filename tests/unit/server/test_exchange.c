@@ -1,4 +1,4 @@
-/* The shared buffers are created empty, and wake-ups are never lost. */
+/* The shared buffers are empty when they are created, and no wake-up is lost. */
 #include <poll.h>
 
 #include "common/wake.h"
@@ -29,7 +29,7 @@ static void initially_empty(void **unused) {
     assert_false(fresh);
     assert_false(spsc_ring_pop(&x.latencies, &latency));
     exchange_free(&x);
-    exchange_free(&x); /* freeing twice is harmless */
+    exchange_free(&x); /* freeing the exchange twice is harmless */
 }
 
 static void wakes_before_the_wait_are_kept(void **unused) {

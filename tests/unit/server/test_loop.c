@@ -1,5 +1,5 @@
-/* The bare loop is compared with the clock; the complete haptic thread with the real model does not allocate, cause page faults
-   or wait for a slow worker. */
+/* Compares the bare loop with the clock. The complete haptic thread with the real model must not allocate memory, cause page faults, or wait for a slow
+   worker. */
 #define _GNU_SOURCE
 #include <pthread.h>
 #include <sched.h>
@@ -28,7 +28,7 @@ enum { TICKS = 200, SLOW_TICK = 50 };
 
 typedef struct { loop_wake wakes[TICKS]; } diary;
 
-/* Records its ticks, and oversleeps a few periods once. */
+/* Records its ticks, and once sleeps a few periods too long. */
 static bool keep_diary(void *context, const loop_wake *wake) {
     diary *d = context;
     d->wakes[wake->tick] = *wake;
@@ -51,7 +51,7 @@ static void missed_periods_are_skipped_and_counted(void **unused) {
     assert_true(d.wakes[SLOW_TICK + 1].late);
     assert_true(d.wakes[SLOW_TICK + 1].elapsed > 0.0109);
 
-    /* Model time follows the clock: deadlines stay on the grid of periods, and no tick is repeated. */
+    /* The model time follows the clock: deadlines remain multiples of the period, and no tick is repeated. */
     double model = 0.0, missed = 0.0;
     for (int i = 1; i < TICKS; i++) {
         model += d.wakes[i].elapsed;
@@ -59,7 +59,7 @@ static void missed_periods_are_skipped_and_counted(void **unused) {
         assert_true(d.wakes[i].late == (d.wakes[i].elapsed > 1.5e-3));
     }
     double clock = 1e-9 * (double)(d.wakes[TICKS - 1].now - d.wakes[0].now);
-    assert_true(fabs(model - clock) < 0.05); /* either end may be as late as a wake-up on a busy virtual machine */
+    assert_true(fabs(model - clock) < 0.05); /* the first and the last tick may each be late by a wake-up on a busy virtual machine */
     assert_true(fabs(missed - (double)l.misses) < 0.5);
 
     bool fresh;
@@ -84,13 +84,13 @@ typedef struct {
     worker worker;
     int64_t ticks_wanted;
     int most_contacts[TROCAR_MAX_NEEDLES];
-    thread_usage start, used;    /* usage of the haptic thread at its first tick, and since then */
+    thread_usage start, used;    /* usage of the haptic thread up to its first tick, and since then */
     int64_t wrenches;
 } rig;
 
-static int nap_ms;               /* ms, added to each of the worker's answers */
+static int nap_ms;               /* ms, added to the time of each of the worker's answers */
 
-/* The linker wraps this around the library's own function. */
+/* The linker replaces the library's own function by this wrapper. */
 trocar_status __real_remesher_serve(remesher *r, const remesh_request *request, compliance_snapshot *snapshot, report *why);
 trocar_status __wrap_remesher_serve(remesher *r, const remesh_request *request, compliance_snapshot *snapshot, report *why);
 trocar_status __wrap_remesher_serve(remesher *r, const remesh_request *request, compliance_snapshot *snapshot, report *why) {
@@ -98,7 +98,7 @@ trocar_status __wrap_remesher_serve(remesher *r, const remesh_request *request, 
     return __real_remesher_serve(r, request, snapshot, why);
 }
 
-/* Runs the haptic tick as between two rounds of a mock IO thread: a pose arrives before it, and the wrench is taken after it. */
+/* Runs the haptic tick between two rounds of a simulated IO thread: a pose arrives before the tick, and the wrench is taken after it. */
 static bool rigged_tick(void *context, const loop_wake *wake) {
     rig *r = context;
     if (wake->tick == 0) r->start = thread_usage_now();
@@ -128,7 +128,7 @@ static void *haptic_thread(void *context) {
     report ignored;
     realtime_flush_denormals();
     realtime_touch_stack();
-    realtime_set_priority(PRIORITY_HAPTIC, &ignored); /* ignored if it is not permitted */
+    realtime_set_priority(PRIORITY_HAPTIC, &ignored); /* ignored if the priority is not permitted */
     loop_run(&r->loop);
     return NULL;
 }
@@ -167,7 +167,7 @@ static void expect_a_quiet_loop(int64_t ticks, const char *needles) {
     bool locked = realtime_lock_memory(&why) == TROCAR_OK;
     rig_run(r);
     assert_int_equal(r->wrenches, ticks * r->haptic.needle_count);
-    for (int n = 0; n < r->haptic.needle_count; n++) assert_true(r->most_contacts[n] >= 5); /* the needle really was in contact */
+    for (int n = 0; n < r->haptic.needle_count; n++) assert_true(r->most_contacts[n] >= 5); /* the needle was in contact */
     assert_true(r->worker.served > 10);
     assert_int_equal(r->loop.usage.allocations, 0);
     if (locked && ALLOCATIONS_ARE_COUNTED) {
@@ -192,9 +192,9 @@ static void a_slow_worker_never_stalls_the_loop(void **unused) {
     nap_ms = 50;
     rig *r = rig_create(2 * RATE, "1");
     rig_run(r);
-    assert_true(r->worker.served > 10 && r->worker.served <= 42); /* 50 ms each: only the newest request is served, there is no queue */
+    assert_true(r->worker.served > 10 && r->worker.served <= 42); /* each answer takes 50 ms; only the newest request is answered, so there is no queue */
     assert_true(histogram_quantile(&r->loop.compute, 0.99) < (ALLOCATIONS_ARE_COUNTED ? 1e-3 : 20e-3));
-    if (ALLOCATIONS_ARE_COUNTED) assert_true(r->loop.misses < RATE / 10); /* stalls are the machine's, not the worker's */
+    if (ALLOCATIONS_ARE_COUNTED) assert_true(r->loop.misses < RATE / 10); /* the remaining misses are caused by the machine, not by the worker */
     rig_free(r);
 }
 

@@ -1,4 +1,4 @@
-/* Permanent network errors (bad input) are distinguished from temporary ones. */
+/* Permanent network errors (bad input) are distinguished from temporary errors. */
 #include <stdlib.h>
 #include <string.h>
 
@@ -22,7 +22,7 @@ static void expect(const char *url, trocar_status expected, const char *named) {
 static void unknown_lcm_provider_is_bad_input(void **unused) {
     (void)unused;
     expect("nonsense://", TROCAR_BAD_INPUT, "nonsense://");
-    expect("mpudpm://239.255.76.67:7667", TROCAR_BAD_INPUT, "mpudpm://"); /* supported by LCM, but not safely */
+    expect("mpudpm://239.255.76.67:7667", TROCAR_BAD_INPUT, "mpudpm://"); /* a protocol that LCM supports, but not safely */
     expect("239.255.76.67:7667", TROCAR_BAD_INPUT, "udpm://GROUP:PORT");
 }
 

@@ -1,4 +1,4 @@
-/* The phase lock with a simulated device: arrivals with jitter, another clock, other rates, silence. */
+/* Tests the phase lock with a simulated device: jittering arrivals, a device clock that runs at another speed, other rates, and silence. */
 #include "phase_lock.h"
 
 #include <math.h>
@@ -12,12 +12,12 @@
 enum { PERIOD = 1000000, SETTLE = 1000, TICKS = 5000 }; /* ns; ticks */
 
 typedef struct {
-    double period, jitter;   /* ns, mean interval of the poses, and half the width of its deviations */
+    double period, jitter;   /* ns: mean interval between poses, and half the width of the random deviation */
     double start;            /* ns, time of the first pose */
 } device;
 
 typedef struct {
-    double age, oldest;      /* ns, age of the newest pose at a tick: mean and maximum, after SETTLE ticks */
+    double age, oldest;      /* ns, age of the newest pose at a tick, mean and maximum over the ticks after the first SETTLE ticks */
     double rate;             /* ratio of the loop's mean period to its nominal period */
     int64_t largest;         /* ns, shift */
 } outcome;
@@ -54,7 +54,7 @@ static void poses_are_answered_at_once(void **unused) {
         double drift = uniform(-2e-4, 2e-4);
         outcome o = run((device){PERIOD * (1.0 + drift), 20e3, uniform(1, PERIOD)});
         assert_true(o.age > 20e3 && o.age < 120e3);
-        assert_true(o.oldest < 0.3 * PERIOD); /* no pose comes too late for its tick */
+        assert_true(o.oldest < 0.3 * PERIOD); /* no pose arrives too late for its tick */
         assert_true(fabs(o.rate - 1.0 - drift) < 2e-5);
         assert_true(o.largest <= PERIOD / 100);
     }

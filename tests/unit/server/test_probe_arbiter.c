@@ -1,4 +1,4 @@
-/* Poses of the probe that the arbiter accepts or refuses, by their bytes and by their session; and their path through IO and haptic thread to a
+/* Tests which poses of the probe the arbiter accepts or refuses, according to their bytes and their session, and their path through IO and haptic thread to a
    message. */
 #include <string.h>
 
@@ -63,7 +63,7 @@ static void no_sequence_number_locks_the_owner_out(void **unused) {
     trocar_probe_pose_t forged = pose_message(5, INT64_MAX, 0);
     assert_false(take(&in, &forged, SECOND));
     for (int64_t seq = 2; seq < 10; seq++) assert_true(take_pose(&in, 5, seq, SECOND));
-    for (int64_t seq = 1; seq < 10; seq++) assert_int_equal(take_pose(&in, 5, seq, SECOND), seq >= SEQUENCE_RUN); /* a sender that starts again */
+    for (int64_t seq = 1; seq < 10; seq++) assert_int_equal(take_pose(&in, 5, seq, SECOND), seq >= SEQUENCE_RUN); /* a sender that restarts its numbering */
 }
 
 static void invalid_messages_are_counted(void **unused) {
@@ -75,7 +75,7 @@ static void invalid_messages_are_counted(void **unused) {
     int size = trocar_probe_pose_t_encode(data, 0, sizeof data, &good);
     for (int k = 0; k <= (int)sizeof data; k++)
         if (k != size) assert_false(probe_arbiter_pose(&in, data, (size_t)k, 0, message, sizeof message));
-    for (int bit = 0; bit < 64; bit++) { /* bits of the fingerprint */
+    for (int bit = 0; bit < 64; bit++) { /* flips the bits of the fingerprint */
         data[bit / 8] ^= (unsigned char)(1 << bit % 8);
         assert_false(probe_arbiter_pose(&in, data, (size_t)size, 0, message, sizeof message));
         data[bit / 8] ^= (unsigned char)(1 << bit % 8);
@@ -98,7 +98,7 @@ static void on_wrench(const lcm_recv_buf_t *b, const char *channel, const trocar
     received++;
 }
 
-/* A message moves the probe, the simulation's worker presses it, and a message reports it. */
+/* A message moves the probe, the simulation's worker presses the probe on the tissue, and a message reports the result. */
 static void pressed_by_message(void **unused) {
     (void)unused;
     static exchange x;
@@ -118,7 +118,7 @@ static void pressed_by_message(void **unused) {
     OK(io_open(&o));
     trocar_probe_wrench_t_subscription_t *s = trocar_probe_wrench_t_subscribe(o.lcm, "TROCAR_PROBE_WRENCH", on_wrench, NULL);
     for (int tick = 0; tick < 60; tick++) {
-        const double half = sqrt(0.5); /* the probe lies along x, 3 mm deep in the skin at z = 0 */
+        const double half = sqrt(0.5); /* the probe lies along x, 3 mm below the skin at z = 0 */
         trocar_probe_pose_t m = {.session = 9, .seq = tick, .position = {-0.1, 0, 0.003 - 0.010}, .orientation = {half, 0, half, 0}};
         if (tick >= 20 && tick < 40) trocar_probe_pose_t_publish(o.lcm, "TROCAR_PROBE", &m);
         OK(io_round(&o));
@@ -128,7 +128,7 @@ static void pressed_by_message(void **unused) {
     }
     OK(io_round(&o));
     OK(io_round(&o));
-    assert_in_range(received, 1, 4); /* the probe did not move */
+    assert_in_range(received, 1, 4); /* few messages, because the probe did not move */
     assert_int_equal(last.session, 9);
     assert_true(last.pose_seq >= 30 && last.contacts > 2 && last.force[2] < -0.5);
     assert_true(last.position[2] == 0.003 - 0.010);

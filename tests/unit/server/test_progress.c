@@ -1,4 +1,4 @@
-/* What goes to stderr when it is not a terminal: progress, a line per tenth, none repeated; and messages. */
+/* What is written to a stderr that is not a terminal: messages, and progress as one line per tenth without repetitions. */
 #include "common/progress.h"
 
 #include <setjmp.h>
@@ -12,7 +12,7 @@
 
 #include "trocar.h"
 
-/* What `show` writes to stderr. */
+/* Returns what `show` writes to stderr. */
 static const char *shown_by(void (*show)(void)) {
     static char text[512];
     FILE *file = tmpfile();

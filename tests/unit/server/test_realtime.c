@@ -1,4 +1,4 @@
-/* Each request of realtime.c to Linux takes effect, or the error says which limit to raise. */
+/* Each request that realtime.c makes to Linux takes effect, or the error message says which limit to raise. */
 #define _GNU_SOURCE
 #include <fcntl.h>
 #include <float.h>
@@ -58,7 +58,7 @@ static void *faults_on_a_touched_stack(void *faults) {
 static void a_touched_stack_does_not_fault(void **unused) {
     (void)unused;
 #if defined(__SANITIZE_ADDRESS__)
-    skip(); /* the sanitizer keeps large local variables elsewhere */
+    skip(); /* AddressSanitizer moves large local variables off the stack, so stack use cannot be measured */
 #endif
     int64_t faults = -1;
     pthread_t thread;
@@ -96,7 +96,7 @@ static void checking_does_not_change_the_thread(void **unused) {
     report why;
     realtime_check_permission(PRIORITY_HAPTIC, &why);
     assert_int_equal(sched_getscheduler(0), SCHED_OTHER);
-    assert_int_equal(realtime_check_permission(1000, &why), TROCAR_SYSTEM); /* a higher priority than any system grants */
+    assert_int_equal(realtime_check_permission(1000, &why), TROCAR_SYSTEM); /* a priority higher than any system grants */
     assert_non_null(strstr(why.text, "1000"));
 }
 
@@ -136,7 +136,7 @@ static void missing_permission_has_its_own_status(void **unused) {
     assert_non_null(strstr(why.text, "ulimit -r 80"));
 }
 
-/* Returns the amount of locked memory, kB. */
+/* Returns the amount of locked memory in kB. */
 static long locked_kilobytes(void) {
     char line[256];
     long kilobytes = -1;
@@ -168,7 +168,7 @@ static void idle_states_are_disabled_or_the_reason_is_reported(void **unused) {
     }
     int reader = open("/dev/cpu_dma_latency", O_RDONLY);
     if (reader >= 0) assert_int_equal(read(reader, &allowed, sizeof allowed), sizeof allowed);
-    if (reader >= 0) assert_int_equal(allowed, 0); /* us, wake-up latency of a processor */
+    if (reader >= 0) assert_int_equal(allowed, 0); /* us, permitted wake-up latency of a processor */
     if (reader >= 0) close(reader);
     close(descriptor);
 }
@@ -195,7 +195,7 @@ static void timer_slack_is_not_inherited(void **unused) {
     void *policy;
     pthread_create(&thread, NULL, hurry_and_start_a_thread, &hurried);
     pthread_join(thread, &policy);
-    assert_true(hurried == (SCHED_FIFO | SCHED_RESET_ON_FORK) || hurried == SCHED_OTHER); /* unless the kernel refuses */
+    assert_true(hurried == (SCHED_FIFO | SCHED_RESET_ON_FORK) || hurried == SCHED_OTHER); /* SCHED_OTHER if the kernel refuses the priority */
     assert_int_equal((intptr_t)policy, SCHED_OTHER);
 }
 
@@ -209,7 +209,7 @@ int main(void) {
         cmocka_unit_test(memory_is_locked_or_the_limit_is_reported),
         cmocka_unit_test(idle_states_are_disabled_or_the_reason_is_reported),
         cmocka_unit_test(timer_slack_is_not_inherited),
-        cmocka_unit_test(missing_permission_has_its_own_status), /* last, because it lowers a limit permanently */
+        cmocka_unit_test(missing_permission_has_its_own_status), /* last test, because it lowers a limit permanently */
     };
     return cmocka_run_group_tests(tests, NULL, NULL);
 }

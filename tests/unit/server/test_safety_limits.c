@@ -1,4 +1,4 @@
-/* The safety limits, tick by tick, with a simulated clock. */
+/* Tests the safety limits tick by tick, with a simulated clock. */
 #include <stdio.h>
 #include <string.h>
 
@@ -21,14 +21,14 @@ static pose_sample sample(uint64_t engagement, double x, int64_t received) {
     return (pose_sample){.held = true, .engagement = engagement, .session = 1, .received = received, .base = at(x)};
 }
 
-/* Runs one tick with a constant wrench of the model; returns the flags. */
+/* Runs one tick in which the model returns a constant wrench; returns the flags. */
 static int tick(safety_limits *g, const device_limits *limits, bool wind_down, double model_force, vec3 *force) {
     vec3 torque = v3(0, 0, 0);
     *force = v3(model_force, 0, 0);
     return safety_wrench(g, limits, wind_down, DT, force, &torque);
 }
 
-/* Returns the limits after one second at full wrench with a pose at x = 0; the last pose arrived at `now`. */
+/* Returns the safety state after one second at full wrench with a pose at x = 0; the last pose arrived at `now`. */
 static safety_limits engaged(const device_limits *limits, int64_t now, double model_force) {
     safety_limits g = {0};
     vec3 force;
@@ -61,10 +61,10 @@ static void bad_numbers_are_reported(void **unused) {
 
 static void travel_time_is_the_longer_of_translation_and_rotation(void **unused) {
     (void)unused;
-    device_limits limits = device_defaults(); /* 2 m/s, 20 rad/s */
+    device_limits limits = device_defaults(); /* limits: 2 m/s, 20 rad/s */
     pose a = at(0), b = at(0.5);
     assert_true(fabs(safety_travel_time(&limits, &a, &b) - 0.25) < 1e-12);
-    b.orientation = (quat){cos(5.0 / 20), 0, sin(5.0 / 20), 0}; /* 0.5 rad: 25 ms */
+    b.orientation = (quat){cos(5.0 / 20), 0, sin(5.0 / 20), 0}; /* a rotation by 0.5 rad, which takes 25 ms */
     assert_true(fabs(safety_travel_time(&limits, &a, &b) - 0.25) < 1e-12);
     b.position.x = 0;
     assert_true(fabs(safety_travel_time(&limits, &a, &b) - 0.025) < 1e-12);
@@ -85,7 +85,7 @@ static void nothing_happens_before_the_first_pose(void **unused) {
 
 static void engaging_ramps_in_over_the_ramp_time(void **unused) {
     (void)unused;
-    device_limits limits = device_defaults(); /* ramp of 100 ms */
+    device_limits limits = device_defaults(); /* the ramp takes 100 ms */
     safety_limits g = {0};
     vec3 force;
     pose_sample s = sample(1, 0, 0);
@@ -100,7 +100,7 @@ static void engaging_ramps_in_over_the_ramp_time(void **unused) {
 
 static void stale_poses_hold_then_ramp_then_return(void **unused) {
     (void)unused;
-    device_limits limits = device_defaults(); /* hold 10 ms, ramp 100 ms */
+    device_limits limits = device_defaults(); /* hold time 10 ms, ramp 100 ms */
     safety_limits g = engaged(&limits, 0, 10.0);
     pose_sample s = sample(1, 0, 0);
     vec3 force;
@@ -114,7 +114,7 @@ static void stale_poses_hold_then_ramp_then_return(void **unused) {
         assert_true(tick(&g, &limits, false, 10.0, &force) & TROCAR_NEEDLE_WRENCH_T_STALE);
     }
     assert_true(force.x == 0.0);
-    s = sample(1, 0.01, 120 * (int64_t)MILLISECOND); /* back after a gap, 10 mm further on: within the limits */
+    s = sample(1, 0.01, 120 * (int64_t)MILLISECOND); /* a pose after a gap, 10 mm further on, within the limits */
     assert_int_equal(safety_pose(&g, &limits, &s, 121 * (int64_t)MILLISECOND), SAFETY_FOLLOW);
     assert_true(g.base.position.x == 0.01);
     assert_int_equal(tick(&g, &limits, false, 10.0, &force), TROCAR_NEEDLE_WRENCH_T_RAMPING);
@@ -127,7 +127,7 @@ static void return_from_far_away_engages_again(void **unused) {
     safety_limits g = engaged(&limits, 0, 10.0);
     pose_sample s = sample(1, 0, 0);
     safety_pose(&g, &limits, &s, 150 * (int64_t)MILLISECOND);
-    s = sample(1, 0.31, 150 * (int64_t)MILLISECOND); /* 0.31 m in 0.15 s, which is more than 2 m/s */
+    s = sample(1, 0.31, 150 * (int64_t)MILLISECOND); /* 0.31 m in 0.15 s, which exceeds 2 m/s */
     assert_int_equal(safety_pose(&g, &limits, &s, 151 * (int64_t)MILLISECOND), SAFETY_ENGAGE);
     assert_true(g.base.position.x == 0.31 && g.gain == 0.0);
 }
@@ -160,7 +160,7 @@ static void limits_preserve_the_direction(void **unused) {
     assert_true(fabs(torque.z - 1.0) < 1e-12);
 }
 
-/* Full force takes 3 ms; the profile of a device without torque leaves the torque limits unchanged. */
+/* Reaching the full force takes 3 ms. The profile of a device without torque leaves the torque limits unchanged. */
 static void profile_sets_the_limits_of_its_device(void **unused) {
     (void)unused;
     device_limits limits = device_defaults(), before = limits;
@@ -184,7 +184,7 @@ static void profile_sets_the_limits_of_its_device(void **unused) {
     assert_true(fabs(force.x - 20) < 1e-9);
 }
 
-/* Reads a row of the table "Devices" in PARAMETERS.md: name, N, N m, N/mm. */
+/* Reads a row of the table "Devices" in PARAMETERS.md: device name, N, N m, N/mm. */
 static bool read_device(const char *line, char name[64], double values[3]) {
     return sscanf(line, "| `%63[^`]` | %lf | %lf | %lf |", name, &values[0], &values[1], &values[2]) == 4;
 }
@@ -212,7 +212,7 @@ static void documented_device_table_is_correct(void **unused) {
 
 static void slew_is_limited(void **unused) {
     (void)unused;
-    device_limits limits = device_defaults(); /* 2000 N/s, thus 2 N per tick */
+    device_limits limits = device_defaults(); /* 2000 N/s, which is 2 N per tick */
     safety_limits g = engaged(&limits, 0, 0.0);
     vec3 force;
     for (int i = 1; i <= 5; i++) {
@@ -221,7 +221,7 @@ static void slew_is_limited(void **unused) {
     }
     assert_int_equal(tick(&g, &limits, false, 11.0, &force), 0);
     assert_true(fabs(force.x - 11.0) < 1e-12);
-    vec3 torque = v3(0, 0.5, 0); /* 100 N m/s, thus 0.1 N m per tick */
+    vec3 torque = v3(0, 0.5, 0); /* 100 N m/s, which is 0.1 N m per tick */
     force = v3(11, 0, 0);
     assert_int_equal(safety_wrench(&g, &limits, false, DT, &force, &torque), TROCAR_NEEDLE_WRENCH_T_SATURATED);
     assert_true(fabs(torque.y - 0.1) < 1e-12);
@@ -248,7 +248,7 @@ static void overruns_in_a_row_ramp_out_until_timing_is_good(void **unused) {
     safety_limits g = engaged(&limits, 0, 10.0);
     vec3 force;
     for (int i = 0; i < SAFETY_OVERRUNS - 1; i++) safety_timing(&g, true, DT);
-    safety_timing(&g, false, DT); /* one punctual tick ends the run of late ticks */
+    safety_timing(&g, false, DT); /* one punctual tick ends the series of late ticks */
     for (int i = 0; i < SAFETY_OVERRUNS - 1; i++) safety_timing(&g, true, DT);
     assert_int_equal(tick(&g, &limits, false, 10.0, &force), 0);
     safety_timing(&g, true, DT);
@@ -273,7 +273,7 @@ static void winding_down_comes_to_rest(void **unused) {
     assert_in_range(ticks, 100, 102);
 }
 
-/* The output moves from the last output to the model's wrench and always lies between them, whatever the model does meanwhile. */
+/* The output moves from the last output to the model's wrench, and always lies between the two, however the model's wrench changes. */
 static void a_transfer_goes_over_by_a_ramp(void **unused) {
     (void)unused;
     device_limits limits = device_defaults();
@@ -295,7 +295,7 @@ static void a_transfer_goes_over_by_a_ramp(void **unused) {
     }
 }
 
-/* When the same hand engages the needle anew, it keeps its force for the ramp; another hand starts without that force. */
+/* When the same hand engages the needle again, it keeps its force during the ramp; another hand starts without that force. */
 static void a_new_hand_does_not_get_the_force_of_the_last_one(void **unused) {
     (void)unused;
     device_limits limits = device_defaults();

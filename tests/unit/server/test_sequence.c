@@ -1,4 +1,4 @@
-/* Sequence numbers: which are in order, and how a sender recovers after numbers that are not. */
+/* Tests which sequence numbers count as in order, and how a sender recovers after numbers that are not. */
 #include "intake/sequence.h"
 
 #include <stddef.h>
@@ -8,7 +8,7 @@
 #include <stdint.h>
 #include <cmocka.h>
 
-/* Uses the message if that is permitted. */
+/* Accepts the message if its number permits. */
 static bool take(sequence *s, int64_t number) {
     bool accepted = sequence_accepts(s, number);
     if (accepted) sequence_begin(s, number);
@@ -44,9 +44,9 @@ static void a_run_in_order_starts_a_new_count(void **unused) {
     sequence s;
     sequence_begin(&s, 1000);
     assert_true(!take(&s, 5) && !take(&s, 6) && take(&s, 7) && take(&s, 8));
-    assert_true(!take(&s, 7) && !take(&s, 7) && !take(&s, 7) && !take(&s, 7)); /* repeated numbers are not in order */
+    assert_true(!take(&s, 7) && !take(&s, 7) && !take(&s, 7) && !take(&s, 7)); /* repeated numbers are never in order */
     assert_true(!take(&s, 3) && !take(&s, 2) && !take(&s, 1)); /* nor these */
-    assert_true(!take(&s, 2) && take(&s, 9));                  /* a good number in between ends the run */
+    assert_true(!take(&s, 2) && take(&s, 9));                  /* a valid number in between ends the run of invalid ones */
     assert_true(!take(&s, 3) && !take(&s, 4) && take(&s, 10));
 }
 

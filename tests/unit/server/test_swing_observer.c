@@ -1,4 +1,4 @@
-/* The swing observer with motions of known damping. */
+/* Tests the swing observer with oscillations of known damping. */
 #include <math.h>
 
 #include "coupling/swing_observer.h"
@@ -12,15 +12,15 @@
 static const int64_t MS = 1000000;
 
 typedef struct {
-    double amplitude;        /* m, half of a swing */
+    double amplitude;        /* m, amplitude of the oscillation */
     double frequency;        /* Hz */
-    double damping;          /* fraction of critical damping; negative: the motion grows */
-    double force;            /* N, amplitude of the force's oscillation */
+    double damping;          /* fraction of critical damping; if negative, the oscillation grows */
+    double force;            /* N, amplitude of the force oscillation */
     double drift;            /* m/s */
     vec3 direction;
 } motion;
 
-/* Returns the largest number of consecutive swings that were reported in this time. */
+/* Returns the largest number of consecutive oscillations reported during this time. */
 static int longest_row(const motion *m, double seconds) {
     swing_observer s;
     swing_begin(&s, v3(0.1, 0.2, 0.3), 0);
@@ -46,7 +46,7 @@ static void a_steady_oscillation_is_reported_swing_by_swing(void **unused) {
     assert_true(longest_row(&small, 1.0) > 15 && longest_row(&growing, 1.0) > 15 && longest_row(&drifting, 1.0) > 15);
 }
 
-/* Over a period, a swing shrinks by exp(-2 pi times the damping): to 0.9 at 1.7 %. The first two swings have no predecessor for
+/* In one period, an oscillation decays by exp(-2 pi times the damping), which is 0.9 at 1.7 %. The first two half-oscillations have no predecessor for
    comparison, and the first is half as long as the others. */
 static void an_oscillation_that_dies_away_is_not_reported(void **unused) {
     (void)unused;
@@ -63,7 +63,7 @@ static void other_motions_are_not_reported(void **unused) {
     assert_int_equal(longest_row(&slow, 3.0), 0);
     assert_int_equal(longest_row(&tremor, 3.0), 0);
     assert_int_equal(longest_row(&free, 3.0), 0);   /* the needle moves through air */
-    assert_int_equal(longest_row(&push, 3.0), 0);   /* the hand never turns back */
+    assert_int_equal(longest_row(&push, 3.0), 0);   /* the hand never reverses its motion */
 }
 
 int main(void) {

@@ -1,4 +1,4 @@
-/* The messages to monitors and viewers, through a real LCM object (memq, no network). */
+/* Tests the messages to monitors and viewers through a real LCM object (memq, no network). */
 #include <pthread.h>
 #include <stdlib.h>
 #include <string.h>
@@ -24,13 +24,13 @@ typedef struct {
     host host;
     exchange exchange;
     telemetry telemetry;
-    trocar_loop_timing_t *timing;      /* the first message of each kind */
+    trocar_loop_timing_t *timing;      /* the first message of each type */
     trocar_status_t *status;
     trocar_deformation_t *deformation;
     trocar_contacts_t *contacts;
     trocar_tracks_t *tracks;
-    int statuses[2], pictures[2];      /* number of messages for each needle */
-    int empty_tracks;                  /* number of messages without tracks */
+    int statuses[2], pictures[2];      /* number of messages received for each needle */
+    int empty_tracks;                  /* number of messages that contained no tracks */
     int64_t owners[2];
     double tips[2];                    /* m, along z */
 } fixture;
@@ -79,7 +79,7 @@ static int close_fixture(void **state) {
     return 0;
 }
 
-/* Pushes a needle 20 mm into the tissue in lockstep, turns it on the way, and publishes it as the haptic thread would. */
+/* Inserts a needle 20 mm into the tissue in lockstep, turning it at the same time, and publishes it as the haptic thread would. */
 static void show_turned_needle(fixture *f, double turn) {
     view_sample *view = triple_buffer_slot(&f->exchange.views);
     trocar_pose base = {{0.005, 0.003, -0.201}, {1, 0, 0, 0}};
@@ -124,7 +124,7 @@ static void show_the_rest(fixture *f) {
         spsc_ring_push(&f->exchange.round_trips, &round_trip);
 }
 
-/* Receives the messages of this many tenths of a second; at the start of each, `show`, unless NULL, hands over a new state. */
+/* Receives messages for this many tenths of a second. At the start of each tenth, `show`, unless it is NULL, publishes a new state. */
 static void receive_while(fixture *f, int tenths, void (*show)(fixture *)) {
     lcm_t *lcm = f->telemetry.lcm;
     trocar_loop_timing_t_subscription_t *a = trocar_loop_timing_t_subscribe(lcm, "TROCAR_TIMING", on_timing, f);
@@ -150,7 +150,7 @@ static void receive_while(fixture *f, int tenths, void (*show)(fixture *)) {
 
 static void receive(fixture *f) { receive_while(f, 3, NULL); }
 
-/* The track of a needle that has gone straight in by 19 mm, minus a dent, starts at the skin. */
+/* The track of a needle that was inserted straight by 19 mm starts at the skin; it is shorter by the depth of the dent. */
 static void the_track_is_published(void **state) {
     fixture *f = *state;
     show_a_needle(f);
@@ -176,7 +176,7 @@ static void count_empty_tracks(const lcm_recv_buf_t *b, const char *channel, con
     f->empty_tracks += m->point_count == 0;
 }
 
-/* A viewer that loses the first message after a reset learns from the next one that there are no tracks. */
+/* A viewer that loses the first message after a reset learns from the next message that there are no tracks. */
 static void a_reset_is_told_again_each_second(void **state) {
     fixture *f = *state;
     trocar_pose base = {{0.005, 0.003, -0.201}, {1, 0, 0, 0}};
@@ -198,7 +198,7 @@ static void on_seeds(const lcm_recv_buf_t *b, const char *channel, const trocar_
     *last = trocar_seeds_t_copy(m);
 }
 
-/* Of a strand of two seeds, one is in the tissue and one still in the needle; afterwards there are none. */
+/* Of a strand of two seeds, one is in the tissue and one is still in the needle; after the reset there are none. */
 static void seeds_are_published(void **state) {
     fixture *f = *state;
     trocar_seeds_t *last = NULL;
@@ -309,7 +309,7 @@ static void the_contacts_lie_on_the_needle(void **state) {
         assert_int_equal(c->kind[i], i == c->contact_count - 1 ? TROCAR_CONTACTS_T_TIP : TROCAR_CONTACTS_T_TISSUE);
     double pull = 0.0;
     for (int i = 0; i < c->contact_count; i++) {
-        assert_true(fabs(c->position[i][2] - (c->centreline[0][2] + c->arc[i])) < 1e-3); /* nearly straight along z */
+        assert_true(fabs(c->position[i][2] - (c->centreline[0][2] + c->arc[i])) < 1e-3); /* nearly straight, along z */
         pull += c->force[i][2];
     }
     assert_true(pull > 0.2); /* the tissue is pushed forward */
@@ -339,7 +339,7 @@ static void count_contacts(const lcm_recv_buf_t *b, const char *channel, const t
     f->tips[m->needle] = m->centreline[m->joint_count - 1][2];
 }
 
-/* Every needle has a status. Contacts are published only for needles that have been held. */
+/* A status is published for every needle. Contacts are published only for needles that a hand has held. */
 static void each_needle_has_its_messages(void **state) {
     fixture *f = *state;
     for (int held = 1; held <= 2; held++) {
@@ -371,7 +371,7 @@ static void each_needle_has_its_messages(void **state) {
     assert_true(fabs(f->tips[0] + 0.001) < 1e-6 && fabs(f->tips[1] + 0.011) < 1e-6);
 }
 
-/* The message appears on stderr once, even if another message has been refused since. */
+/* The message is printed to stderr once, even if another message has been refused in the meantime. */
 static void the_first_malformed_pose_is_reported(void **state) {
     fixture *f = *state;
     char said[1000] = "";

@@ -1,5 +1,5 @@
-/* The virtual coupling alone, and the closed loop that it must keep stable: a simulated hand, a network with delay and loss, the
-   coupling, and a needle in tissue or on a spring of any stiffness. */
+/* Tests the virtual coupling alone, and the closed loop that the coupling must keep stable: a simulated hand, a network with delay and loss, the coupling, and
+   a needle in tissue or on a spring of any stiffness. */
 #include <math.h>
 
 #include "coupling/virtual_coupling.h"
@@ -21,7 +21,7 @@ static pose_sample sample(int64_t ms, double x, int64_t wrench_tick) {
                          .base = {v3(x, 0, 0), {1, 0, 0, 0}}};
 }
 
-/* Returns the limits of a device without a delay of its own; the next call overwrites them. */
+/* Returns the limits of a device that has no delay of its own; the next call overwrites them. */
 static const device_limits *limited_to(double stiffness) {
     static device_limits limits;
     limits = device_defaults();
@@ -42,7 +42,7 @@ static void round_trip_ends_with_the_first_acknowledging_pose(void **unused) {
     s = sample(6, 0, 3);
     assert_int_equal(coupling_receive(&p, &s), 3 * MS);
     assert_int_equal(coupling_receive(&p, &s), -1); /* the same pose */
-    /* repeated, older, none, future, without force, invalid */
+    /* wrench numbers that are repeated, old, missing, in the future, without a force, or invalid */
     static const int64_t others[] = {3, 2, 0, 900, -4, 3 + COUPLING_TICKS, INT64_MIN, INT64_MAX};
     for (size_t i = 0; i < sizeof others / sizeof *others; i++) {
         s = sample(7 + (int64_t)i, 0, others[i]);
@@ -60,12 +60,12 @@ static void energy_is_the_work_of_the_hand_against_the_rendered_wrench(void **un
     coupling_engage(&p, &s);
     coupling_send(&p, 1, 0, v3(-2, 0, 0), v3(0, 0, -0.5));
     coupling_send(&p, 2, 0, v3(-4, 0, 0), v3(0, 0, 0));
-    s = sample(1, 0.010, 1); /* 10 mm against 2 N, 0.1 rad against 0.5 N m */
+    s = sample(1, 0.010, 1); /* 10 mm against 2 N, and 0.1 rad against 0.5 N m */
     s.base.orientation = q_exp(v3(0, 0, 0.1));
     coupling_receive(&p, &s);
     assert_true(fabs(p.energy - 0.07) < 1e-12 && p.lowest == 0.0 && !coupling_active(&p));
     s.received++;
-    s.base.position.x = -0.010; /* 20 mm back, 4 N */
+    s.base.position.x = -0.010; /* 20 mm in the opposite direction, with 4 N */
     s.wrench_tick = 2;
     coupling_receive(&p, &s);
     assert_true(fabs(p.energy + 0.01) < 1e-12 && fabs(p.lowest + 0.01) < 1e-12 && coupling_active(&p));
@@ -83,7 +83,7 @@ static void rigid_coupling_changes_nothing(void **unused) {
     assert_true(compliance == 0.0 && p.stiffness == 0.0);
 }
 
-/* A client that renders nothing names the newest wrench by -1 - tick: the round trip is measured, and the needle follows rigidly. */
+/* A client that renders no wrench refers to the newest one by -1 - tick: the round trip is measured, and the needle follows the poses rigidly. */
 static void a_hand_without_force_holds_rigidly(void **unused) {
     (void)unused;
     static virtual_coupling p;
@@ -96,20 +96,20 @@ static void a_hand_without_force_holds_rigidly(void **unused) {
     assert_int_equal(coupling_receive(&p, &s), 3 * MS);
     coupling_hold(&p, limited_to(400), s.base, DT, &compliance);
     assert_true(compliance == 0.0 && p.stiffness == 0.0);
-    s = sample(7, 0.1, 4); /* this client renders the wrench */
+    s = sample(7, 0.1, 4); /* from here on, this client renders the wrench */
     assert_int_equal(coupling_receive(&p, &s), 3 * MS);
     coupling_hold(&p, limited_to(400), s.base, DT, &compliance);
     assert_true(compliance > 0.0 && p.stiffness > 0.0);
 }
 
-/* The values that the scene gives for the device enter the rule of docs/connect-a-device.md. */
+/* The values that the scene gives for the device are inserted into the formula in docs/connect-a-device.md. */
 static void stiffness_follows_delay_and_mass_of_the_device(void **unused) {
     (void)unused;
     static virtual_coupling p;
     p = (virtual_coupling){0};
     pose_sample s = sample(0, 0, 0);
     coupling_engage(&p, &s);
-    for (int64_t ms = 1; ms < 20000; ms++) { /* a round trip of 1 ms, and a pose each millisecond */
+    for (int64_t ms = 1; ms < 20000; ms++) { /* a round trip of 1 ms, and one pose per millisecond */
         s = sample(ms, 0, ms - 1);
         coupling_receive(&p, &s);
         coupling_send(&p, ms, ms * MS, v3(0, 0, 0), v3(0, 0, 0));
@@ -127,7 +127,7 @@ static void stiffness_follows_delay_and_mass_of_the_device(void **unused) {
         }
 }
 
-/* The hand felt the wrench that was sent one device delay before the wrench that the pose names. */
+/* The hand felt the wrench that was sent one device delay before the wrench to which the pose refers. */
 static void energy_is_accounted_with_the_wrench_that_the_device_felt(void **unused) {
     (void)unused;
     static virtual_coupling p;
@@ -143,14 +143,15 @@ static void energy_is_accounted_with_the_wrench_that_the_device_felt(void **unus
         s = sample(ms, s.base.position.x + step, ms);
         coupling_receive(&p, &s);
         coupling_hold(&p, &limits, s.base, DT, &compliance);
-        expected += (ms == 1 ? 1 : fmax(0, (double)ms - 3)) * step; /* the delay is used from the first tick on; there is no wrench before the first */
+        expected += (ms == 1 ? 1 : fmax(0, (double)ms - 3)) * step; /* the delay is applied from the first tick on; before the first tick there is no wrench */
         assert_true(fabs(p.energy - expected) < 1e-9);
     }
 }
 
 /* ---- caution: a hand that oscillates as it likes ---------------------------------------------------------------------------- */
 
-/* The hand swings for a number of half periods of 50 ms with 2 mm, under an opposing force, or rests under a force; a pose is sent each millisecond. */
+/* The hand oscillates for a number of half periods of 50 ms with an amplitude of 2 mm against an opposing force, or rests under a force. It sends one pose per
+   millisecond. */
 typedef struct { virtual_coupling p; device_limits limits; int64_t ms; int swung; /* half periods */ } swinging;
 
 static void go_on(swinging *w, double x, double force) {
@@ -185,7 +186,7 @@ static swinging *begin_to_swing(void) {
     return &w;
 }
 
-/* Four swings that do not decay soften the coupling by one level, which the flag ACTIVE reports, although the measured energy does not show it. */
+/* Four half-oscillations that do not decay soften the coupling by one level, even if the measured energy shows no instability. The flag ACTIVE reports this. */
 static void lasting_swings_soften_the_coupling(void **unused) {
     (void)unused;
     swinging *w = begin_to_swing();
@@ -199,18 +200,19 @@ static void lasting_swings_soften_the_coupling(void **unused) {
     assert_true(w->p.caution.level == 4 && w->p.stiffness < 110);
 }
 
-/* After some time under force without such swings, the coupling is made stiffer again, one level at a time. If that was wrong, it then waits longer. */
+/* After some time under force without such oscillations, the coupling becomes stiffer again, one level at a time. If it then oscillates again, it waits longer
+   before the next attempt. */
 static void the_coupling_recovers_slowly_and_learns(void **unused) {
     (void)unused;
     swinging *w = begin_to_swing();
     swing(w, 5);
     assert_true(w->p.caution.level == 2);
-    rest(w, 60, 0.0); /* through air, so nothing is learnt */
+    rest(w, 60, 0.0); /* moves through air, from which nothing is learnt */
     assert_true(w->p.caution.level == 2);
     rest(w, 19, 1.0);
     assert_true(w->p.caution.level == 2);
     rest(w, 2, 1.0);
-    assert_true(w->p.caution.level == 1 && w->p.caution.factor > 1.1); /* the stiffness does not jump */
+    assert_true(w->p.caution.level == 1 && w->p.caution.factor > 1.1); /* the stiffness does not change abruptly */
     rest(w, 10, 1.0);
     assert_true(!coupling_active(&w->p) && fabs(w->p.stiffness - 400) < 1e-3);
     swing(w, 5);
@@ -221,7 +223,7 @@ static void the_coupling_recovers_slowly_and_learns(void **unused) {
     assert_true(w->p.caution.level == 1);
 }
 
-/* A hand that keeps swinging at the highest level does so by itself: when it stops, the coupling is as before. */
+/* A hand that keeps oscillating at the highest level does so of its own accord: when it stops, the coupling returns to its previous state. */
 static void what_the_hand_does_by_itself_is_forgotten(void **unused) {
     (void)unused;
     swinging *w = begin_to_swing();
@@ -233,7 +235,7 @@ static void what_the_hand_does_by_itself_is_forgotten(void **unused) {
     assert_true(fabs(w->p.stiffness - 400) < 1);
 }
 
-/* If the coupling is held against a wall long enough, spring and damper settle at the spring's stretch. */
+/* If the coupling is held against a wall long enough, spring and damper settle at the force that corresponds to the spring's stretch. */
 static void the_coupling_settles_at_its_stiffness(void **unused) {
     (void)unused;
     static virtual_coupling p;
@@ -244,7 +246,7 @@ static void the_coupling_settles_at_its_stiffness(void **unused) {
     for (int i = 0; i < 2000; i++) {
         double compliance;
         pose rest = coupling_hold(&p, limited_to(200), (pose){v3(0.004, 0, 0), {1, 0, 0, 0}}, DT, &compliance);
-        double k = 1e9; /* the wall at x = 0 */
+        double k = 1e9; /* stiffness of the wall at x = 0 */
         base = v3(rest.position.x / (1 + compliance * k), 0, 0);
         force = v3(-k * base.x, 0, 0);
         torque = coupling_yield(&p, (pose){v3(0.004, 0, 0), {1, 0, 0, 0}}, base, force, v3(0, 0, 1));
@@ -253,10 +255,10 @@ static void the_coupling_settles_at_its_stiffness(void **unused) {
     assert_true(fabs(force.x + 0.8) < 1e-3); /* 4 mm * 200 N/m */
     assert_true(fabs(torque.z - 1) < 1e-9);  /* the force has no lever arm */
     torque = coupling_yield(&p, (pose){v3(0, 0.004, 0), {1, 0, 0, 0}}, v3(0, 0, 0), v3(-1, 0, 0), v3(0, 0, 0));
-    assert_true(fabs(torque.z + 0.004) < 1e-12); /* r x F, with r from the hand to the base */
+    assert_true(fabs(torque.z + 0.004) < 1e-12); /* r x F, where r points from the hand to the base */
 }
 
-/* With four ticks per pose, a device that uses one wrench in four feels the same damper in each. */
+/* With four ticks per pose, a device that uses one wrench in four feels the same damping whichever of the four it uses. */
 static void damper_acts_between_poses(void **unused) {
     (void)unused;
     static virtual_coupling p;
@@ -266,7 +268,7 @@ static void damper_acts_between_poses(void **unused) {
     for (int ms = 1; ms <= 1000; ms++) {
         s = sample(ms, 1e-5 * ms, 0);
         double force[4], compliance;
-        for (int i = 0; i < 4; i++) { /* against a wall at x = 0 */
+        for (int i = 0; i < 4; i++) { /* pushed against a wall at x = 0 */
             coupling_receive(&p, &s);
             pose rest = coupling_hold(&p, limited_to(200), s.base, 0.25e-3, &compliance);
             force[i] = -rest.position.x / compliance;
@@ -278,7 +280,7 @@ static void damper_acts_between_poses(void **unused) {
     assert_true(fabs(p.interval - 1e-3) < 1e-6 && p.damping > 0.0);
     double compliance;
     pose rest = s.base;
-    for (int i = 0; i < 20; i++) { /* no more poses arrive */
+    for (int i = 0; i < 20; i++) { /* no more poses arrive from here on */
         rest = coupling_hold(&p, limited_to(200), s.base, 0.25e-3, &compliance);
         coupling_yield(&p, s.base, v3(0, 0, 0), v3(0, 0, 0), v3(0, 0, 0));
     }
@@ -287,24 +289,24 @@ static void damper_acts_between_poses(void **unused) {
 
 /* ---- the closed loop ---------------------------------------------------------------------------------------------------- */
 
-enum { FLIGHT = 64 };                /* largest number of messages in transit */
+enum { FLIGHT = 64 };                /* largest number of messages in transit at the same time */
 
 typedef struct {
-    double period, sampling;         /* s, period of the server and of the device */
+    double period, sampling;         /* s, periods of the server and of the device */
     double mass;                     /* kg */
-    double delay, jitter;            /* s, each way: minimum delay, and random addition */
-    int lost;                        /* percentage of messages lost */
+    double delay, jitter;            /* s, minimum delay and largest random addition, in each direction */
+    int lost;                        /* percentage of messages that are lost */
     double knock;                    /* m/s */
     device_limits limits;
 } situation;
 
-/* The needle's surroundings: they give the base's force (N, on the hand) and position when it hangs on a spring from `rest`. */
+/* The needle's surroundings. They give the force (N, on the hand) and the position of a base that is attached by a spring to `rest`. */
 typedef struct {
-    lockstep *tissue;                /* or NULL: a spring to x = 0 */
-    double stiffness;                /* N/m, stiffness of that spring */
+    lockstep *tissue;                /* NULL for a spring to x = 0 instead */
+    double stiffness;                /* N/m, stiffness of the spring to x = 0 */
 } surroundings;
 
-/* A weakly damped hand and the server, each at its own rate. */
+/* A weakly damped hand and the server, each running at its own rate. */
 typedef struct {
     situation situation;
     hand hand;
@@ -312,10 +314,10 @@ typedef struct {
     virtual_coupling port;
     int64_t now, next_tick, next_sample; /* ns */
     int64_t tick, seq;
-    pose_sample poses[FLIGHT], newest;   /* sent poses, by number modulo FLIGHT; newest pose that has arrived */
+    pose_sample poses[FLIGHT], newest;   /* sent poses, indexed by number modulo FLIGHT; newest pose that has arrived */
     coupling_wrench wrenches[FLIGHT], felt;
-    int64_t arrives[FLIGHT];             /* ns, when the wrenches arrive */
-    double worst;                        /* m/s, highest speed of the hand since the last reset */
+    int64_t arrives[FLIGHT];             /* ns, times at which the wrenches arrive */
+    double worst;                        /* m/s, highest speed of the hand since it was last set to zero */
     int64_t saturated;                   /* ticks */
 } loop;
 
@@ -350,11 +352,11 @@ static void loop_init(loop *l, const situation *s, vec3 start) {
     l->newest = (pose_sample){.held = true, .engagement = 1, .base = {start, {1, 0, 0, 0}}};
 }
 
-/* Runs the server's tick, as in haptic.c. */
+/* Runs the server's tick in the same way as haptic.c. */
 static void serve(loop *l, surroundings *in) {
     const device_limits *limits = &l->situation.limits;
     double period = l->situation.period, compliance;
-    for (int64_t i = l->seq; i > l->newest.seq; i--) /* the newest pose that has arrived; older ones are refused */
+    for (int64_t i = l->seq; i > l->newest.seq; i--) /* finds the newest pose that has arrived; older poses are refused */
         if (l->poses[i % FLIGHT].received <= l->now) l->newest = l->poses[i % FLIGHT];
     safety_decision decision = safety_pose(&l->guard, limits, &l->newest, l->now);
     assert_true(l->tick == 0 || decision != SAFETY_ENGAGE);
@@ -392,7 +394,7 @@ static void loop_run(loop *l, surroundings *in, vec3 target, double seconds) {
     l->now = end;
 }
 
-/* True if the hand's motion decays after a knock, at least to a fifth if the hand's own damping can do that. */
+/* True if the hand's motion decays after a knock, to a fifth or less if the hand's own damping could achieve that. */
 static bool dies_away(loop *l, surroundings *in, vec3 target) {
     l->hand.velocity = v3_add(l->hand.velocity, v3(l->situation.knock, 0, 0));
     loop_run(l, in, target, 0.3);
@@ -410,7 +412,7 @@ static device_limits limits_of(const char *device) {
     return limits;
 }
 
-/* Returns the highest stiffness that a scene may request according to docs/connect-a-device.md: full slew for a hand of 1 m/s. */
+/* Returns the highest stiffness that a scene may request according to docs/connect-a-device.md: the force rate that a hand moving at 1 m/s requires. */
 static device_limits own_limits(void) {
     device_limits limits = device_defaults();
     limits.max_stiffness = limits.max_force_rate = 14500;
@@ -435,7 +437,7 @@ static int64_t try_springs(const situation *s) {
     return saturated;
 }
 
-/* The knock is so hard that force and slew reach their limits, on a good and on a bad network. */
+/* The knock is so hard that force and force rate reach their limits, both on a good and on a bad network. */
 static void stable_against_a_spring_of_any_stiffness(void **unused) {
     (void)unused;
     static const double masses[] = {0.05, 0.1, 0.3, 1, 2}, delays[] = {0, 1e-3, 2e-3, 3e-3, 4e-3, 5e-3};
@@ -450,7 +452,7 @@ static void stable_against_a_spring_of_any_stiffness(void **unused) {
     }
 }
 
-/* The server is slower than the device, faster than it, and both are fast. */
+/* The server is slower than the device, or faster than the device, or both are fast. */
 static void stable_at_other_rates(void **unused) {
     (void)unused;
     static const double masses[] = {0.05, 0.3, 2}, delays[] = {0, 1e-3, 5e-3};
@@ -464,7 +466,7 @@ static void stable_at_other_rates(void **unused) {
             }
 }
 
-/* Without the coupling the same loops are unstable, which shows that the tests above can fail. */
+/* Without the coupling, the same loops are unstable, which shows that the tests above are able to fail. */
 static void unstable_without_the_coupling(void **unused) {
     (void)unused;
     static loop l;
@@ -475,7 +477,7 @@ static void unstable_without_the_coupling(void **unused) {
     assert_false(dies_away(&l, &in, v3(0, 0, 0)));
 }
 
-/* A slew limit that is too low makes the force lag behind the hand: a delay that the coupling does not know until the hand oscillates. */
+/* A force rate limit that is too low makes the force lag behind the hand. The coupling cannot account for this delay until the hand oscillates. */
 static void a_slow_slew_softens_the_coupling(void **unused) {
     (void)unused;
     static loop l;
@@ -488,7 +490,7 @@ static void a_slow_slew_softens_the_coupling(void **unused) {
     assert_true(l.port.caution.level > 1 && coupling_active(&l.port));
 }
 
-/* The hand pushes the needle 20 mm into tissue and is knocked there; then it moves on against bone. */
+/* The hand pushes the needle 20 mm into tissue and is knocked there. It then pushes on against bone. */
 static void knock_in_tissue(const situation *s, lockstep *tissue) {
     static loop l;
     surroundings in = {.tissue = tissue};
@@ -496,7 +498,7 @@ static void knock_in_tissue(const situation *s, lockstep *tissue) {
     insertion_reset(&tissue->simulation.insertion, lockstep_start(), &tissue->state);
     loop_init(&l, s, start);
     for (int i = 0; i < 300; i++) {
-        target.z += 0.2e-3; /* stretches the hand's spring; the needle follows part of that distance */
+        target.z += 0.2e-3; /* stretches the hand's spring; the needle follows by part of that distance */
         loop_run(&l, &in, target, DT);
     }
     loop_run(&l, &in, target, 0.5);

@@ -1,5 +1,5 @@
-/* The worker with a mock simulation, which the linker wraps around the real one: the newest request is served first, and failures
-   are reported once. The real simulation's answers are tested in test_api_sim.c. */
+/* Tests the worker with a mock simulation, by which the linker replaces the real one: the newest request is served first, and failures are reported once.
+   test_api_sim.c tests the answers of the real simulation. */
 #include <pthread.h>
 #include <string.h>
 #include <sys/eventfd.h>
@@ -39,7 +39,7 @@ int __wrap_trocar_sim_work_descriptor(const trocar_sim *sim) {
     return fixed.requested;
 }
 
-/* An answer takes 20 ms, and each request has ten slices of 5 ms of work in advance. */
+/* An answer takes 20 ms, and each request leaves ten slices of 5 ms each of work in advance. */
 trocar_status __wrap_trocar_sim_work(trocar_sim *sim, trocar_work *done, trocar_error *why);
 trocar_status __wrap_trocar_sim_work(trocar_sim *sim, trocar_work *done, trocar_error *why) {
     (void)sim;
@@ -72,7 +72,7 @@ static void ask(fixture *f, int serial) {
     wake(f->requested);
 }
 
-/* Waits for at most a second until request `serial` has been answered; returns the last one answered. */
+/* Waits at most one second until request `serial` has been answered; returns the last request answered. */
 static int answer(fixture *f, int serial) {
     int64_t end = monotonic_ns() + 1000000000;
     do sleep_until(monotonic_ns() + 1000000);
@@ -129,7 +129,7 @@ static void failure_keeps_the_last_snapshot_and_is_reported(void **state) {
     assert_true(fault->lasts);
     assert_string_equal(fault->why.text, "request 66: no good");
     assert_int_equal(atomic_load(&f->answered), 1);
-    ask(f, 2); /* the worker recovers, and there is no fault any more */
+    ask(f, 2); /* the worker recovers, and the fault is cleared */
     assert_int_equal(answer(f, 2), 2);
     end = monotonic_ns() + 1000000000;
     for (; fault->lasts && monotonic_ns() < end; fault = triple_buffer_read(&f->exchange.faults, NULL)) sleep_until(monotonic_ns() + 1000000);
@@ -145,7 +145,7 @@ static void idle_time_is_used_for_prefetching(void **state) {
     assert_int_equal(atomic_load(&f->slices), 10);
 }
 
-/* Requests have priority: they wait only for the slice in progress. */
+/* Requests have priority over work in advance: they wait only for the slice in progress. */
 static void a_request_interrupts_looking_ahead(void **state) {
     fixture *f = *state;
     ask(f, 1);
@@ -159,7 +159,7 @@ static void a_request_interrupts_looking_ahead(void **state) {
     assert_int_equal(answer(f, 2), 2);
 }
 
-static void stops_without_a_request(void **state) { (void)state; } /* the teardown would hang */
+static void stops_without_a_request(void **state) { (void)state; } /* if stopping failed, the teardown would hang */
 
 int main(void) {
     const struct CMUnitTest tests[] = {

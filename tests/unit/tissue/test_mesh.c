@@ -1,4 +1,4 @@
-/* The mesh functions are compared with a box of known answers and with a linear search over all elements. */
+/* Compares the mesh functions with known results for a box, and with a linear search over all elements. */
 #include <float.h>
 #include <setjmp.h>
 #include <stdarg.h>
@@ -7,7 +7,7 @@
 #include <stdlib.h>
 #include <string.h>
 
-#include "mesh/mesh.h" /* before cmocka.h, whose macro hides `fail` */
+#include "mesh/mesh.h" /* included before cmocka.h, whose macro hides `fail` */
 
 #include <cmocka.h>
 
@@ -16,7 +16,7 @@
 /* ---- a structured box, 6 tets (Kuhn) a cell; half of them inside out, their nodes in mixed order ---- */
 
 enum { CELLS = 4 };
-static const vec3 BOX = {0.08, 0.1, 0.12}; /* m, from the origin */
+static const vec3 BOX = {0.08, 0.1, 0.12}; /* m, size of a box with one corner at the origin */
 
 typedef struct { int count; int (*nodes)[3]; int *group; } triangle_list;
 
@@ -30,7 +30,7 @@ static void fill_nodes(mesh *m) {
         m->nodes[n] = v3(BOX.x * (n % side) / CELLS, BOX.y * (n / side % side) / CELLS, BOX.z * (n / side / side) / CELLS);
 }
 
-/* Kuhn's six tets lead from one corner of the cell to the opposite one along the axes, in each order of the axes. */
+/* Kuhn's six tetrahedra of a cell follow the paths along the axes from one corner to the opposite corner, one for each order of the axes. */
 static void fill_tets(mesh *m) {
     static const int orders[6][3] = {{0, 1, 2}, {1, 2, 0}, {2, 0, 1}, {0, 2, 1}, {2, 1, 0}, {1, 0, 2}};
     m->tet_count = 6 * CELLS * CELLS * CELLS;
@@ -74,7 +74,7 @@ static void draft_box(mesh *m) {
     m->groups[2] = (mesh_group){.name = "wall", .dimension = 2};
 }
 
-/* Makes the first `count` of three tets on the face of nodes 0, 1, 2. */
+/* Makes the first `count` of three tetrahedra that share the face of nodes 0, 1 and 2. */
 static void draft_fan(mesh *m, int count) {
     static const vec3 nodes[6] = {{0, 0, 0}, {1, 0, 0}, {0, 1, 0}, {0, 0, 1}, {0, 0, -1}, {0.1, 0.1, 3}};
     *m = (mesh){.node_count = 3 + count, .tet_count = count, .group_count = 1, .groups = {{.name = "fan", .dimension = 3}}};
@@ -151,12 +151,12 @@ static void neighbours_are_mutual_and_share_three_nodes(void **state) {
             assert_int_equal(back, 1);
             assert_int_equal(shared, 3);
         }
-    assert_int_equal(outer, 6 * 2 * CELLS * CELLS); /* two triangles for each square of the box's six sides */
+    assert_int_equal(outer, 6 * 2 * CELLS * CELLS); /* two triangles for each square on the box's six sides */
     assert_int_equal(m.boundary_count, outer);
     mesh_free(&m);
 }
 
-/* Divergence theorem: the outward boundary encloses the box's volume, and its area vectors cancel. */
+/* Divergence theorem: the outward boundary encloses the box's volume, and its area vectors sum to zero. */
 static void boundary_is_counter_clockwise_from_outside(void **state) {
     (void)state;
     mesh m;
@@ -188,7 +188,7 @@ static void named_faces_are_marked_on_both_sides(void **state) {
                 *(group == 1 ? &skin : &wall) += on == 3;
             }
     assert_int_equal(skin, 2 * CELLS * CELLS);
-    assert_int_equal(wall, 2 * 2 * CELLS * CELLS); /* an inner surface has a tet on each side */
+    assert_int_equal(wall, 2 * 2 * CELLS * CELLS); /* an inner surface has a tetrahedron on each side */
     assert_int_equal(mesh_find_group(&m, "wall", 2), 2);
     assert_int_equal(mesh_find_group(&m, "wall", -1), 2);
     assert_int_equal(mesh_find_group(&m, "wall", 3), -1);
@@ -199,7 +199,7 @@ static void node_size_is_the_edge_of_the_regular_tet(void **state) {
     (void)state;
     mesh m;
     make_box(&m);
-    double volume = BOX.x * BOX.y * BOX.z / (6 * CELLS * CELLS * CELLS); /* all tets are equal */
+    double volume = BOX.x * BOX.y * BOX.z / (6 * CELLS * CELLS * CELLS); /* all tetrahedra have the same volume */
     for (int n = 0; n < m.node_count; n++) assert_close(m.node_size[n], cbrt(6 * sqrt(2) * volume), 1e-12);
     mesh_free(&m);
 }
@@ -230,7 +230,7 @@ static void weights_reproduce_the_point(void **state) {
     mesh_free(&m);
 }
 
-/* True if x is inside, by the signs of the four volumes that x spans with the faces; independent of barycentric weights. */
+/* True if x is inside, according to the signs of the four volumes between x and the faces; this does not use barycentric weights. */
 static bool holds(const mesh *m, int t, vec3 x) {
     for (int i = 0; i < 4; i++) {
         vec3 c[4];
@@ -250,14 +250,14 @@ static void locate_finds_the_containing_tet(void **state) {
         assert_int_equal(t >= 0, in_box(x));
         if (t >= 0) assert_true(holds(&m, t, x));
     }
-    for (int n = 0; n < m.node_count; n++) { /* nodes are in the closed box despite rounding */
+    for (int n = 0; n < m.node_count; n++) { /* nodes are found inside the closed box despite rounding */
         int t = mesh_locate(&m, m.nodes[n], rand() % m.tet_count);
         assert_true(t >= 0 && holds(&m, t, m.nodes[n]));
     }
     mesh_free(&m);
 }
 
-/* A body with a slot: the straight walk ends at the slot, but the point behind it is found. */
+/* In a body with a slot, the straight walk ends at the slot, but the point behind it is found nevertheless. */
 static void locate_finds_the_far_side_of_a_slot(void **state) {
     (void)state;
     mesh m;
@@ -265,7 +265,7 @@ static void locate_finds_the_far_side_of_a_slot(void **state) {
     int kept = 0;
     for (int t = 0; t < m.tet_count; t++) {
         int cell = t / 6, i = cell % CELLS, k = cell / CELLS / CELLS;
-        if (i >= CELLS / 2 - 1 && i <= CELLS / 2 && k < CELLS - 1) continue; /* a slot that is open at z = 0 makes a U */
+        if (i >= CELLS / 2 - 1 && i <= CELLS / 2 && k < CELLS - 1) continue; /* a slot that is open at z = 0 gives the body the shape of a U */
         memmove(m.tets[kept++], m.tets[t], sizeof m.tets[t]);
     }
     m.tet_count = kept;
@@ -278,10 +278,10 @@ static void locate_finds_the_far_side_of_a_slot(void **state) {
     assert_true(to >= 0 && holds(&m, to, right));
     assert_int_equal(mesh_locate(&m, v3(0.5 * BOX.x, 0.4 * BOX.y, 0.1 * BOX.z), from), -1);
 
-    surface_hit hit = mesh_enter(&m, v3(0.5 * BOX.x, 0.4 * BOX.y, 0.1 * BOX.z), right); /* from the slot into the far leg */
+    surface_hit hit = mesh_enter(&m, v3(0.5 * BOX.x, 0.4 * BOX.y, 0.1 * BOX.z), right); /* from inside the slot into the far leg */
     assert_true(hit.hit);
     assert_close(hit.point.x, 0.75 * BOX.x, 1e-14);
-    vec3 before = v3(-BOX.x, left.y, left.z), behind = v3(2 * BOX.x, left.y, left.z); /* both legs are on the path, and the nearer one is hit */
+    vec3 before = v3(-BOX.x, left.y, left.z), behind = v3(2 * BOX.x, left.y, left.z); /* both legs are on the path, and the hit is on the nearer one */
     assert_close(mesh_enter(&m, before, behind).point.x, 0, 1e-14);
     assert_close(mesh_enter(&m, behind, before).point.x, BOX.x, 1e-14);
     mesh_free(&m);
@@ -289,7 +289,7 @@ static void locate_finds_the_far_side_of_a_slot(void **state) {
 
 /* ---- rays ---- */
 
-/* A walk from face to face through the box: the parts add up to the point where the line leaves the box. */
+/* A walk from face to face through the box: the lengths in the elements add up to the distance at which the line leaves the box. */
 static void exit_walk_traverses_the_box(void **state) {
     (void)state;
     mesh m;
@@ -326,7 +326,7 @@ static void start_slightly_outside_a_face_is_treated_as_on_it(void **state) {
     mesh_free(&m);
 }
 
-/* Returns the fraction at which the segment enters the whole box, by the slab method, or infinity. */
+/* Returns the fraction of the segment at which it enters the whole box, computed by the slab method, or infinity. */
 static double enters_box(vec3 a, vec3 b) {
     double from[3] = {a.x, a.y, a.z}, to[3] = {b.x, b.y, b.z}, size[3] = {BOX.x, BOX.y, BOX.z}, enter = -DBL_MAX, leave = DBL_MAX;
     for (int i = 0; i < 3; i++) {
@@ -351,7 +351,7 @@ static void segments_enter_at_the_surface_of_the_box(void **state) {
         hits++;
         assert_close(hit.fraction, expected, 1e-12);
         assert_int_equal(m.neighbours[hit.tet][hit.face], -1);
-        double w[4]; /* the hit is on the reported face */
+        double w[4]; /* weights that show that the hit is on the reported face */
         mesh_barycentric(&m, hit.tet, hit.point, w);
         for (int v = 0; v < 4; v++) assert_true(v == hit.face ? fabs(w[v]) < 1e-12 : w[v] > -1e-12);
     }
@@ -359,7 +359,7 @@ static void segments_enter_at_the_surface_of_the_box(void **state) {
     mesh_free(&m);
 }
 
-/* Rays are aimed exactly at every node, edge and diagonal of the skin, which several triangles share: no ray passes between them. */
+/* Rays are aimed exactly at every node, edge and diagonal of the skin, which several triangles share: no ray may pass between the triangles. */
 static void no_ray_passes_between_triangles(void **state) {
     (void)state;
     mesh m;
@@ -402,14 +402,14 @@ static void assert_refused(mesh *m, const char *words) {
 static void bad_meshes_are_refused(void **state) {
     (void)state;
     mesh m;
-    draft_fan(&m, 3); /* the third tet shares the face of the first two */
+    draft_fan(&m, 3); /* the third tetrahedron shares the face between the first two */
     assert_refused(&m, "share the face");
 
     draft_fan(&m, 2);
-    m.nodes[4] = v3(0.2, 0.2, 2); /* on the side of the face on which the first tet lies */
+    m.nodes[4] = v3(0.2, 0.2, 2); /* on the same side of the shared face as the first tetrahedron */
     assert_refused(&m, "overlap");
 
-    draft_box(&m); /* an inner node that is moved onto its tet's opposite face */
+    draft_box(&m); /* moves an inner node onto the opposite face of its tetrahedron */
     const int *v = m.tets[100];
     m.nodes[v[0]] = v3_scale(1.0 / 3, v3_add(m.nodes[v[1]], v3_add(m.nodes[v[2]], m.nodes[v[3]])));
     assert_refused(&m, "no volume");

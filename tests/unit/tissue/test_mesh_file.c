@@ -1,6 +1,6 @@
-/* Reading meshes: two tetrahedra written by hand in several formats, the prostate, and invalid files. */
+/* Tests reading meshes: two tetrahedra written by hand in several formats, the prostate, and invalid files. */
 #define _GNU_SOURCE /* memmem */
-#include "mesh/mesh.h" /* before cmocka.h, whose macro hides `fail` */
+#include "mesh/mesh.h" /* included before cmocka.h, whose macro hides `fail` */
 
 #include <dlfcn.h>
 #include <float.h>
@@ -16,7 +16,7 @@
 
 #include <cmocka.h>
 
-/* Nodes 1 2 3 5 and 2 3 5 7; no tetrahedron uses node 4, and the second tetrahedron is inverted. */
+/* The tetrahedra have nodes 1 2 3 5 and 2 3 5 7. No tetrahedron uses node 4, and the second tetrahedron is inverted. */
 #define NAMES "$PhysicalNames\n5\n0 1 \"anchor\"\n2 2 \"skin\"\n2 3 \"capsule\"\n3 4 \"gland\"\n3 5 \"around\"\n$EndPhysicalNames\n"
 #define POINTS "1 0 0 0\n2 1 0 0\n3 0 1 0\n4 9 9 9\n5 0 0 1\n7 1 1 1\n"
 
@@ -34,11 +34,11 @@ static const char VTK[] =
     "# vtk DataFile Version 2.0\ntwo tets\nASCII\nDATASET UNSTRUCTURED_GRID\nPOINTS 5 double\n"
     "0 0 0\n1 0 0\n0 1 0\n0 0 1\n1 1 1\nCELLS 2 10\n4 0 1 2 3\n4 1 2 3 4\nCELL_TYPES 2\n10\n10\n";
 
-/* Gmsh leaks when it gives up in the middle of a file. Called by LeakSanitizer only. */
+/* Gmsh leaks memory when it aborts reading in the middle of a file. Only LeakSanitizer calls this function. */
 const char *__lsan_default_suppressions(void);
 const char *__lsan_default_suppressions(void) { return "leak:libgmsh\n"; }
 
-static bool gmsh_is_absent; /* as on a machine where it is not installed */
+static bool gmsh_is_absent; /* imitates a machine without Gmsh */
 static int loads;           /* of Gmsh */
 void *__real_dlopen(const char *path, int flags);
 void *__wrap_dlopen(const char *path, int flags);
@@ -80,7 +80,7 @@ static void read_good(const char *name, const char *text, mesh *m) {
     if (read_text(name, text, strlen(text), m, &why) != TROCAR_OK) fail_msg("%s", why.text);
 }
 
-/* Refused with a message that contains the file's name and `words`; nothing is left allocated. */
+/* Expects that the file is refused with a message that contains the file's name and `words`, and that no memory remains allocated. */
 static void assert_refused(const char *name, const char *text, size_t length, const char *words) {
     report why = {""};
     mesh m;
@@ -164,7 +164,7 @@ static void put_sizes(binary_file *f, int count, const int *values) {
 
 static const struct { int tag; double x[3]; } NODES[6] = {{1, {0, 0, 0}}, {2, {1, 0, 0}}, {3, {0, 1, 0}}, {4, {9, 9, 9}}, {5, {0, 0, 1}}, {7, {1, 1, 1}}};
 
-/* The same as MSH2. Blocks of elements: type, number of elements, number of tags. */
+/* The same mesh as MSH2, in binary. Each block of elements starts with the type, the number of elements and the number of tags. */
 static void write_binary_2(binary_file *f) {
     put_text(f, "$MeshFormat\n2.2 1 8\n");
     put_int(f, 1);
@@ -180,13 +180,13 @@ static void write_binary_2(binary_file *f) {
     put_text(f, "\n$EndElements\n");
 }
 
-/* The same as MSH4. */
+/* The same mesh as MSH4, in binary. */
 static void write_binary_4(binary_file *f) {
     put_text(f, "$MeshFormat\n4.1 1 8\n");
     put_int(f, 1);
     put_text(f, "\n$EndMeshFormat\n" NAMES "$Entities\n");
     put_sizes(f, INTS(1, 0, 2, 2));
-    for (int group = 1; group <= 5; group++) { /* point 1, surfaces 1 and 2, volumes 1 and 2, each in one group */
+    for (int group = 1; group <= 5; group++) { /* point 1, surfaces 1 and 2 and volumes 1 and 2, each in a group of its own */
         put_int(f, group < 2 ? 1 : 1 + group % 2);
         for (int k = 0; k < (group == 1 ? 3 : 6); k++) put_real(f, k > 2);
         put_size(f, 1);
@@ -230,7 +230,7 @@ static void binary_files_are_read_in_both_byte_orders(void **state) {
     }
 }
 
-/* Changes the size or number behind the first `place` to `value`. */
+/* Changes the `place`-th size or number of the file to `value`. */
 static void assert_number_refused(void (*write_file)(binary_file *), const char *place, size_t offset, size_t size, uint64_t value, const char *words) {
     binary_file f = {.swapped = false};
     write_file(&f);
@@ -271,7 +271,7 @@ static void vtk_is_one_region_of_tissue(void **state) {
     mesh_free(&m);
 }
 
-/* Copy of a text with one piece replaced. */
+/* Returns a copy of a text in which one part is replaced. */
 static char *with(const char *text, const char *piece, const char *other) {
     const char *at = strstr(text, piece);
     assert_non_null(at);
@@ -348,7 +348,7 @@ static void assert_change_read(const char *text, const char *piece, const char *
     free(changed);
 }
 
-/* Sections, nodes and repetitions of the format that do not change the mesh. */
+/* Sections, nodes and repetitions that the format permits and that do not change the mesh. */
 static void what_does_not_concern_the_mesh_is_skipped(void **state) {
     (void)state;
     assert_change_read(MSH2, "$MeshFormat", "$Comments\n1 $Nodes\n$End\n$EndComments\n$MeshFormat");
@@ -376,7 +376,7 @@ static void parametric_nodes_are_read(void **state) {
     free(four);
 }
 
-/* Volume 2 is divided among partitions: its part 3 has the tetrahedron. Volume 8 holds ghosts, elements of another partition. */
+/* Volume 2 is divided among partitions, and its part 3 contains the tetrahedron. Volume 8 contains ghost elements, which belong to another partition. */
 static void partitioned_entities_have_the_groups_of_their_parents(void **state) {
     (void)state;
     char *parts = with(MSH4, "$Nodes", "$PartitionedEntities\n2\n1\n8 1\n0 0 0 1\n3 3 2 1 2 0 0 0 1 1 1 1 5 0\n$EndPartitionedEntities\n$Nodes");
@@ -402,7 +402,7 @@ static void without_entities_all_is_tissue(void **state) {
     free(text);
 }
 
-/* In version 2.2 once for each group, in version 4.1 by the groups of its entity. */
+/* In version 2.2 the element is listed once for each group; in version 4.1 the groups are those of the entity that contains it. */
 static void elements_are_in_several_groups(void **state) {
     (void)state;
     mesh m;
@@ -463,7 +463,7 @@ static void non_mesh_files_are_refused(void **state) {
     for (size_t length = 1; length < sizeof MSH4 - 2; length += 7) assert_refused("cut4.msh", MSH4, length, "cut4.msh");
 }
 
-/* The box of meshes/prostate.py. Flat facets make the ellipsoid's volume a little smaller. */
+/* The box created by meshes/prostate.py. Its flat facets make the ellipsoid's volume slightly smaller. */
 static void the_prostate_has_its_regions_and_surfaces(void **state) {
     (void)state;
     mesh m;
@@ -475,7 +475,7 @@ static void the_prostate_has_its_regions_and_surfaces(void **state) {
     for (int t = 0; t < m.tet_count; t++) {
         total += mesh_volume(&m, t);
         if (m.region[t] == prostate) gland += mesh_volume(&m, t);
-        for (int i = 0; i < 4; i++) { /* the capsule is exactly where the regions meet */
+        for (int i = 0; i < 4; i++) { /* the capsule coincides with the boundary between the regions */
             int other = m.neighbours[t][i];
             assert_int_equal(other >= 0 && m.region[other] != m.region[t], m.face_groups[t][i] >> capsule & 1);
         }

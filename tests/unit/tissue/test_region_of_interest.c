@@ -1,4 +1,4 @@
-/* The region of interest: given by the scene, and by default. */
+/* Tests the region of interest, both given by the scene and by default. */
 #include "mesh/region_of_interest.h"
 
 #include <math.h>
@@ -87,7 +87,7 @@ static void small_mesh_is_entirely_of_interest(void **state) {
     free(nodes);
 }
 
-/* A box with more nodes than a default region, and the skin at z = 0. */
+/* A box with more nodes than a default region contains, with its skin at z = 0. */
 static void default_region_of_a_large_mesh_is_around_the_skin_normal(void **state) {
     (void)state;
     enum { CELLS = 16, SIDE = CELLS + 1 };
@@ -107,7 +107,7 @@ static void default_region_of_a_large_mesh_is_around_the_skin_normal(void **stat
         }
     }
     int (*skin)[3] = malloc(2 * CELLS * CELLS * sizeof *skin), skin_group[2 * CELLS * CELLS], skin_count = 0;
-    for (int t = 0; t < m.tet_count; t++) { /* tets with three nodes at z = 0 */
+    for (int t = 0; t < m.tet_count; t++) { /* tetrahedra with three nodes at z = 0 */
         int low[4], found = 0;
         for (int c = 0; c < 4; c++)
             if (m.tets[t][c] < SIDE * SIDE) low[found++] = m.tets[t][c];
@@ -122,7 +122,7 @@ static void default_region_of_a_large_mesh_is_around_the_skin_normal(void **stat
     int *nodes, count;
     assert_int_equal(roi_find(&m, &nothing, 1, &nodes, &count, &why), TROCAR_OK);
     assert_int_equal(count, REACH_USUAL);
-    double inner = 0.0, outer = INFINITY; /* m from the axis x = y = 0.08 */
+    double inner = 0.0, outer = INFINITY; /* m, distances from the axis x = y = 0.08 */
     for (int i = 0, k = 0; i < m.node_count; i++) {
         double distance = hypot(m.nodes[i].x - 0.08, m.nodes[i].y - 0.08);
         if (k < count && nodes[k] == i) inner = fmax(inner, distance), k++;

@@ -1,4 +1,4 @@
-/* Creep from relaxation is compared with the convolution of the two, solved by quadrature. */
+/* Compares the creep computed from the relaxation with the numerical solution of their convolution integral. */
 #include "tissue/relaxation.h"
 
 #include <math.h>
@@ -17,7 +17,7 @@ static double creep_at(const creep_series *creep, double t) {
     return sum;
 }
 
-/* Solves the integral of G(t - s) dJ(s) = 1 for a held force of 1. J has steps, each half-way through its interval. */
+/* Solves the equation integral of G(t - s) dJ(s) = 1 for a constant force of 1. J changes in steps, each in the middle of its interval. */
 static double *creep_by_quadrature(int count, const relaxation_term *terms, double step, int steps) {
     double *j = calloc((size_t)steps + 1, sizeof *j);
     j[0] = 1.0;
@@ -50,7 +50,7 @@ static void creep_and_relaxation_belong_together(void **unused) {
     check_against_quadrature(4, close, 2e-3, 3000, 3e-6);
 }
 
-/* In the long term, the displacement under a held force is the inverse of the remaining stress under a held strain. */
+/* In the long term, the displacement under a constant force is the reciprocal of the stress that remains under a constant strain. */
 static void long_term_values_are_inverse(void **unused) {
     (void)unused;
     creep_series creep;

@@ -1,5 +1,5 @@
-/* What the mesh resolves around a line: the exact fields are compared with the equations that they solve, and the radii measured
-   in patches with those of whole meshes. */
+/* What the mesh resolves around a line: the exact fields must satisfy their differential equations, and the radii measured in patches must equal those of whole
+   meshes. */
 #include <setjmp.h>
 #include <stdarg.h>
 #include <stddef.h>
@@ -24,7 +24,7 @@ static vec3 mindlin(vec3 x) { return mindlin_displacement(source, force, x, NU);
 static vec3 lateral(vec3 x) { return line_lateral(x.x, x.y, NU); }
 static vec3 axial(vec3 x) { return line_axial(x.x, x.y); }
 
-/* Returns the stress for shear modulus 1, by central differences. */
+/* Returns the stress for a shear modulus of 1, computed by central differences. */
 static mat3 stress(displacement u, vec3 x) {
     static const double h = 1e-5;
     const vec3 axes[] = {{h, 0, 0}, {0, h, 0}, {0, 0, h}};
@@ -97,7 +97,7 @@ static void segments_are_kelvins_solution_integrated(void **state) {
         assert_close_vector(segment(x), sum, 1e-6 * v3_norm(sum));
         mat3 s = stress(segment, x);
         assert_close_vector(segment_traction(pushed, x, area, NU), m3_apply(&s, area), 1e-8);
-        for (int i = 0; i < RINGS; i++) /* over a sphere around the point */
+        for (int i = 0; i < RINGS; i++) /* integrates over a sphere around the point */
             for (int j = 0; j < RINGS; j++) {
                 double z = -1.0 + 2.0 * (i + 0.5) / RINGS, turn = 2.0 * M_PI * j / RINGS, rho = sqrt(1.0 - z * z);
                 vec3 outward = v3(rho * cos(turn), rho * sin(turn), z);
@@ -107,7 +107,8 @@ static void segments_are_kelvins_solution_integrated(void **state) {
     }
 }
 
-/* Far ahead, half a line looks endless: the sum of both directions, minus the logarithm of the radius, does not depend on the radius. */
+/* Far ahead of its end, half a line acts like an infinite line: the sum of the fields of both directions, minus the logarithm of the radius, does not depend on
+   the radius. */
 static void half_a_line_moves_its_end_half_as_far(void **state) {
     (void)state;
     double near = segment_logarithm(0.0, 1e3, 0.5, NU), far = segment_logarithm(0.0, 1e3, 2.0, NU);
@@ -131,7 +132,7 @@ typedef struct {
     resolver *resolver;
 } block;
 
-/* Creates Kuhn's structured mesh of 120 x 120 x 100 mm, 1089 nodes, with all lengths times `scale`. */
+/* Creates Kuhn's structured mesh of 120 x 120 x 100 mm with 1089 nodes, all lengths multiplied by `scale`. */
 static void create(block *b, double scale, double youngs_modulus) {
     static const int orders[6][3] = {{0, 1, 2}, {1, 2, 0}, {2, 0, 1}, {0, 2, 1}, {2, 1, 0}, {1, 0, 2}};
     static const char *const region[] = {"tissue"};
@@ -175,7 +176,7 @@ static resolved_field measure(block *b, vec3 x, vec3 direction) {
     return field;
 }
 
-/* Returns the geometric means over a period of the mesh along z, in h. */
+/* Returns the geometric mean of the radii, in units of h, over one period of the mesh along z. */
 static resolved_field mean_along(block *b, double x, double y) {
     enum { POINTS = 10 };
     double h = cbrt(sqrt(2.0) * 0.012 * 0.012 * 0.0125), lateral_sum = 0.0, axial_sum = 0.0;
@@ -189,7 +190,7 @@ static resolved_field mean_along(block *b, double x, double y) {
     return (resolved_field){.uneven = uneven, .lateral = exp(lateral_sum / POINTS), .axial = exp(axial_sum / POINTS)};
 }
 
-/* Radii in h of the same lines on the whole mesh, with the exact solution on its boundary, computed by another program. */
+/* Radii, in units of h, of the same lines on the whole mesh, with the exact solution on its boundary. Another program computed them. */
 static void patches_measure_what_the_whole_mesh_resolves(void **state) {
     (void)state;
     static const struct { double x, y, lateral, axial; } whole[] = {{0, 0, 0.150, 0.175}, {0.003, 0, 0.289, 0.314}, {0.006, 0.006, 0.447, 0.474},
@@ -204,8 +205,8 @@ static void patches_measure_what_the_whole_mesh_resolves(void **state) {
     destroy(&b);
 }
 
-/* 3 and 6 mm ahead of a line's end, computed by verification/references/line_end.py on the whole mesh. On edges, the part beyond the patch's 14 mm amounts to
-   0.1. */
+/* Values 3 and 6 mm ahead of a line's end, computed on the whole mesh by verification/references/line_end.py. For lines on edges, the contribution from beyond
+   the patch's 14 mm is 0.1. */
 static void patches_measure_where_a_line_ends_what_the_whole_mesh_does(void **state) {
     (void)state;
     static const struct { double x, y, ahead, more, within; } whole[] = {
@@ -224,12 +225,12 @@ static void patches_measure_where_a_line_ends_what_the_whole_mesh_does(void **st
     }
     resolved_field f = measure(&b, v3(0, 0, 0.05), v3(0, 0, -1));
     assert_true(line_end_at(&f.end, f.end.reach) == 0.0 && line_end_at(&f.end, INFINITY) == 0.0);
-    assert_true(line_end_at(&(line_end){.more = {1, 1, 1, 1}}, -5e-7) == 0.0); /* at the surface there is no tissue ahead */
+    assert_true(line_end_at(&(line_end){.more = {1, 1, 1, 1}}, -5e-7) == 0.0); /* the point is at the surface, with no tissue ahead of it */
     assert_true(line_end_at(&f.end, 0.0) == f.end.more[0] && line_end_at(&f.end, -1.0) == f.end.more[0]);
     destroy(&b);
 }
 
-/* A line in a face of the mesh, the plane y = 0, pushed along the face and across it. */
+/* A line in a plane of mesh faces, y = 0, pushed within this plane and across it. */
 static void directions_across_differ_as_on_the_whole_mesh(void **state) {
     (void)state;
     static const double within = 0.252, across = 0.331;
@@ -240,12 +241,12 @@ static void directions_across_differ_as_on_the_whole_mesh(void **state) {
     assert_close(log(f.lateral / across) + f.uneven.m[1][1], 0.0, 0.09);
     assert_close(f.uneven.m[0][0] + f.uneven.m[1][1], 0.0, 1e-12);
     assert_close(f.uneven.m[2][2], 0.0, 1e-12);
-    resolved_field turned = mean_along(&b, 0.0, 0.003); /* the mesh is symmetric */
+    resolved_field turned = mean_along(&b, 0.0, 0.003); /* the same value, because the mesh is symmetric */
     assert_close(turned.uneven.m[1][1], f.uneven.m[0][0], 0.02);
     destroy(&b);
 }
 
-/* The radius belongs to the mesh, not to its size or stiffness; the compliance at a point is for a shear modulus of 1. */
+/* The radius depends on the mesh only, not on its scale or stiffness. The compliance at a point is given for a shear modulus of 1. */
 static void radii_scale_with_the_mesh(void **state) {
     (void)state;
     block small, large;

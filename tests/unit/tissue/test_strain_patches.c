@@ -1,4 +1,4 @@
-/* Patches of tetrahedra are disjoint, lie in one region, are connected by faces, have the documented sizes, and are reproducible. */
+/* Patches of tetrahedra are disjoint, each lies in one region, is connected through faces and has the documented size, and the division is reproducible. */
 #include <setjmp.h>
 #include <stdarg.h>
 #include <stddef.h>
@@ -23,7 +23,7 @@ static bool joined(const mesh *m, int tet, int face) {
     return other >= 0 && m->region[other] == m->region[tet];
 }
 
-/* Returns the number of tetrahedra that can be reached from `tet` through faces within its region and, unless `patch` is NULL, its patch. */
+/* Returns the number of tetrahedra that can be reached from `tet` through faces without leaving its region or, unless `patch` is NULL, its patch. */
 static int reached_from(const mesh *m, int tet, const int *patch) {
     int *found = malloc((size_t)m->tet_count * sizeof *found), count = 1;
     bool *seen = calloc((size_t)m->tet_count, sizeof *seen);
@@ -41,8 +41,8 @@ static int reached_from(const mesh *m, int tet, const int *patch) {
     return count;
 }
 
-/* Checks that every tetrahedron is in one patch, which is connected and in one region. A patch of fewer than LEAST tetrahedra is a whole
-   connected part of its region. */
+/* Checks that every tetrahedron belongs to one patch, and that each patch is connected and lies in one region. A patch of fewer than LEAST tetrahedra must be a
+   whole connected part of its region. */
 static void check_partition(const mesh *m, int most) {
     int count, usual = 0, *patch = create(m, &count), *size = calloc((size_t)count, sizeof *size), *first = malloc((size_t)count * sizeof *first);
     for (int e = m->tet_count - 1; e >= 0; e--) {
@@ -74,12 +74,12 @@ static void meshes_are_divided_into_patches(void **state) {
         check_partition(&m, MOST);
         mesh_free(&m);
     }
-    assert_int_equal(cube_shape(&c, 0.1, &why), TROCAR_OK); /* a structured mesh (Kuhn) */
+    assert_int_equal(cube_shape(&c, 0.1, &why), TROCAR_OK); /* a structured mesh made of Kuhn's tetrahedra */
     check_partition(&c.mesh, MOST);
     cube_free(&c);
 }
 
-/* Regions chosen at random have connected parts of all sizes, down to single tetrahedra. A patch with many remainders may be large. */
+/* Regions that are assigned at random have connected parts of all sizes, down to single tetrahedra. A patch that absorbs many remainders may be large. */
 static void scattered_regions_are_divided(void **state) {
     (void)state;
     report why;
@@ -107,15 +107,15 @@ static void single_elements_are_patches(void **state) {
     cube_free(&c);
 }
 
-/* Returns a hash of the patch numbers in order (FNV-1a). */
+/* Returns the FNV-1a hash of the patch numbers in the order of the elements. */
 static uint64_t hash_of(const int *patch, int count) {
     uint64_t hash = 14695981039346656037u;
     for (int i = 0; i < count; i++) hash = (hash ^ (uint64_t)patch[i]) * 1099511628211u;
     return hash;
 }
 
-/* Patches depend only on the order of the elements: translation, rotation and scaling do not change them. The hash was computed on one
-   machine; all others must get the same hash. */
+/* Patches depend only on the order of the elements; translation, rotation and scaling do not change them. The hash was computed on one machine, and every other
+   machine must get the same value. */
 static void patches_do_not_depend_on_run_machine_or_rounding(void **state) {
     (void)state;
     mesh m;
@@ -133,7 +133,7 @@ static void patches_do_not_depend_on_run_machine_or_rounding(void **state) {
     mesh_free(&m);
 }
 
-/* In a mirrored mesh, the elements have their corners in another order. */
+/* In a mirrored mesh, the corners of each element are in a different order. */
 static void mirror_image_has_the_same_patches(void **state) {
     (void)state;
     cube c, image;

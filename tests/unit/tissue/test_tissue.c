@@ -1,5 +1,4 @@
-/* The stiffness is compared with closed-form results: energy of an element, patch test, bar in tension; and insufficiently constrained bodies are
-   refused. */
+/* Compares the stiffness with closed-form results: energy of an element, patch test, bar in tension. Insufficiently constrained bodies are refused. */
 #include <setjmp.h>
 #include <stdarg.h>
 #include <stddef.h>
@@ -43,7 +42,7 @@ static void rigid_motions_need_no_force(void **state) {
     }
 }
 
-/* Returns the energy per volume of the displacement u = G x: mu eps:eps + lambda/2 tr(eps)^2, where eps is the symmetric part of G. */
+/* Returns the energy per volume of the displacement u = G x, which is mu eps:eps + lambda/2 tr(eps)^2, where eps is the symmetric part of G. */
 static double energy_density(double g[3][3], double e, double nu) {
     double mu = e / 2.0 / (1.0 + nu), bulk = e / 3.0 / (1.0 - 2.0 * nu), lambda = bulk - 2.0 / 3.0 * mu;
     double trace = g[0][0] + g[1][1] + g[2][2], square = 0.0;
@@ -92,7 +91,7 @@ static void make_uniform(cube *c, double e, double nu, volumetric_strain strain)
     if (tissue_create(&c->mesh, c->materials, c->fixed, strain, &c->tissue, &why) != TROCAR_OK) fail_msg("%s", why.text);
 }
 
-/* Solves K u = f, where f are the nodal forces of the stress `sigma` on the outer surface. */
+/* Solves K u = f, where f are the nodal forces that the stress `sigma` exerts on the outer surface. */
 static cholmod_dense *solve_under_stress(cube *c, double sigma[3][3]) {
     tissue *t = &c->tissue;
     cholmod_dense *force = cholmod_zeros(t->dof_count, 1, CHOLMOD_REAL, &t->common);
@@ -109,7 +108,7 @@ static cholmod_dense *solve_under_stress(cube *c, double sigma[3][3]) {
     return u;
 }
 
-/* The displacement u = d z is zero on the fixed face and has constant stress, so every mesh must reproduce it exactly. */
+/* The displacement u = d z vanishes on the fixed face and has constant stress, so any mesh must reproduce it exactly. */
 static void check_patch_test(volumetric_strain strain) {
     cube c;
     double e = 20e3, nu = 0.45, mu = e / 2.0 / (1.0 + nu), lambda = e * nu / (1.0 + nu) / (1.0 - 2.0 * nu);
@@ -138,7 +137,7 @@ static void patch_test(void **state) {
 static void bar_in_tension_elongates_by_f_l_over_e_a(void **state) {
     (void)state;
     cube c;
-    double pull = 3.0, e = 10e3; /* N, Pa; with nu = 0 the fixed end does not disturb the stress */
+    double pull = 3.0, e = 10e3; /* N, Pa; with nu = 0, the fixed end does not disturb the stress */
     make_uniform(&c, e, 0.0, STRAIN_BY_ELEMENT);
     double sigma[3][3] = {{0, 0, 0}, {0, 0, 0}, {0, 0, pull / (CUBE_EDGE * CUBE_EDGE)}};
     cholmod_dense *u = solve_under_stress(&c, sigma);
@@ -156,17 +155,17 @@ static void assert_refused(cube *c, volumetric_strain strain, const char *words)
     if (!strstr(why.text, words)) fail_msg("\"%s\" lacks \"%s\"", why.text, words);
 }
 
-/* With too few fixed nodes, K is singular. Elements without stiffness against some strain would make it singular in more cases. */
+/* With too few fixed nodes, K is singular. If elements had no stiffness against some kind of strain, K would be singular in more cases. */
 static void check_loose_bodies(volumetric_strain strain) {
     cube c;
     report why;
     assert_int_equal(cube_shape(&c, 0.1, &why), TROCAR_OK);
     memset(c.fixed, 0, sizeof c.fixed);
     assert_refused(&c, strain, "no node is fixed");
-    for (int i = 0; i < CUBE_NODES; i += 17) { /* the body can rotate about the node */
+    for (int i = 0; i < CUBE_NODES; i += 17) { /* the body can rotate about this single fixed node */
         c.fixed[i] = true;
         assert_refused(&c, strain, "do not constrain");
-        for (int j = 3; j < CUBE_NODES; j += 29) { /* the body can rotate about the line through both nodes */
+        for (int j = 3; j < CUBE_NODES; j += 29) { /* the body can rotate about the line through both fixed nodes */
             if (i == j) continue;
             c.fixed[j] = true;
             assert_refused(&c, strain, "do not constrain");
@@ -174,7 +173,7 @@ static void check_loose_bodies(volumetric_strain strain) {
         }
         c.fixed[i] = false;
     }
-    c.fixed[0] = c.fixed[CUBE_CELLS] = c.fixed[CUBE_NODES - 1] = true; /* three nodes that are not on one line are enough */
+    c.fixed[0] = c.fixed[CUBE_CELLS] = c.fixed[CUBE_NODES - 1] = true; /* three fixed nodes that are not on one line are enough */
     assert_int_equal(tissue_create(&c.mesh, c.materials, c.fixed, strain, &c.tissue, &why), TROCAR_OK);
     tissue_free(&c.tissue);
     memset(c.fixed, 1, sizeof c.fixed);

@@ -1,4 +1,4 @@
-/* A needle moves to the chosen hole: first back out of the template, then sideways, never through the plate. */
+/* A needle moves to the chosen hole: first back out of the template, then sideways, and never sideways inside the plate. */
 #include "view/hand/hole_approach.h"
 
 #include <setjmp.h>
@@ -16,7 +16,7 @@ static trocar_guide template(void) {
                           .thickness = 0.02};
 }
 
-/* C3.5 is 4 columns and 1 row from the middle hole. */
+/* Hole C3.5 is 4 columns and 1 row away from the middle hole. */
 static void waits_in_line_with_the_hole(void **unused) {
     (void)unused;
     trocar_guide g = template();
@@ -28,7 +28,7 @@ static void waits_in_line_with_the_hole(void **unused) {
     assert_close_vector(q_axis(home.orientation), v3(0, 0, 1), 1e-15);
 }
 
-/* If the letters run the other way, the hole is elsewhere, and the needle is not turned, so that keys and bevel work as before. */
+/* If the letters run in the opposite direction, the hole is at another position. The needle is not rotated, so keys and bevel work as before. */
 static void a_mirrored_template_does_not_turn_the_needle(void **unused) {
     (void)unused;
     trocar_guide g = template(), mirrored = template();
@@ -39,7 +39,7 @@ static void a_mirrored_template_does_not_turn_the_needle(void **unused) {
         assert_close_vector(q_rotate(home.orientation, v3(a == 0, a == 1, a == 2)), q_rotate(plain.orientation, v3(a == 0, a == 1, a == 2)), 1e-12);
 }
 
-/* This also holds for a rotated template, in which needles come from the other side or obliquely. */
+/* The approach also works for a rotated template, in which needles come from the opposite side or obliquely. */
 static void its_axes_are_those_of_the_template(void **unused) {
     (void)unused;
     for (int i = 0; i < 20; i++) {
@@ -55,7 +55,7 @@ static void its_axes_are_those_of_the_template(void **unused) {
     }
 }
 
-/* The tip starts 30 mm beyond the template's face, tilted, and moves sideways only once it is in front of the face. */
+/* The tilted tip starts 30 mm beyond the template's face, and moves sideways only after it has been drawn back in front of the face. */
 static void leaves_the_template_before_it_moves_sideways(void **unused) {
     (void)unused;
     trocar_guide g = template();
@@ -73,7 +73,7 @@ static void leaves_the_template_before_it_moves_sideways(void **unused) {
         assert_true(++steps < 5000);
     }
     assert_close_vector(d.base.position, d.home.position, 0);
-    assert_true(approach_step(&d, &l, DT)); /* and the needle stays there */
+    assert_true(approach_step(&d, &l, DT)); /* the needle has arrived and stays at the hole */
     assert_close_vector(d.base.position, d.home.position, 0);
 }
 

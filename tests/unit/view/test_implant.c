@@ -1,4 +1,5 @@
-/* The sections about an implant for browsers: the dose compared with the plain sum of the formula, seeds that come and go, and plans with mistakes. */
+/* Tests the sections that describe an implant to browsers: the dose is compared with a plain sum of the formula; seeds are added and removed; and plans may
+   contain errors. */
 #define _GNU_SOURCE
 #include "view/implant/implant.h"
 
@@ -22,7 +23,7 @@ typedef struct {
     trocar_model *model;
 } fixture;
 
-/* Seeds in the gland, lengthwise. */
+/* Seeds in the gland, along its length. */
 static float centres[SEEDS][3] = {{-0.02f, -0.005f, 0.06f}, {0.0f, 0.0f, 0.05f}, {0.01f, 0.004f, 0.055f}}, axes[SEEDS][3] = {{0, 0, 1}, {0, 0, 1}, {0, 0.6f, 0.8f}};
 static float *centre_rows[SEEDS] = {centres[0], centres[1], centres[2]}, *axis_rows[SEEDS] = {axes[0], axes[1], axes[2]};
 static const int16_t numbers[SEEDS] = {0};
@@ -56,14 +57,15 @@ static implant open_implant(const fixture *f, const implant_settings *settings) 
     return i;
 }
 
-/* True if the dose's JSON is for this many seeds. */
+/* True if the JSON text contains the dose of this many seeds. */
 static bool has_seeds(const char *json, int count) {
     static const char key[] = "\"seeds\":";
     const char *found = strstr(json, key);
     return found && atoi(found + sizeof key - 1) == count;
 }
 
-/* Passes the seeds to browsers and waits until the dose is that of `count` seeds. Returns the section's JSON; `levels` follow it. */
+/* Passes the seeds to browsers and waits until the dose is that of `count` seeds. Returns the section's JSON text; `levels` is set to the data that follow
+   it. */
 static const char *dose_of(implant *i, int count, const unsigned char **levels) {
     trocar_seeds_t seeds = message_of(count);
     subscriber feed = {.seeds = &seeds, .seeds_heard = i->seeds_heard + 1};
@@ -96,7 +98,7 @@ static void read_numbers(const char *json, const char *key, double *values, int 
     }
 }
 
-/* Computes the dose (Gy) at each of the points by the formula. */
+/* Computes the dose (Gy) at each of the points from the formula. */
 static void plain_doses(const implant_settings *settings, int seeds, const double *points, int64_t count, double *doses) {
     trocar_error why;
     trocar_dose_source *source;
@@ -130,7 +132,7 @@ static void check_levels(const implant_settings *settings, int seeds, const char
     }
 }
 
-/* Computes V100 of the gland from points of the scene's own mesh. */
+/* Computes V100 of the gland at points distributed over the scene's own mesh. */
 static double plain_v100(const fixture *f, const implant_settings *settings, int seeds) {
     trocar_error why;
     trocar_structure *gland;
@@ -162,7 +164,7 @@ static void the_dose_is_that_of_the_seeds(void **state) {
     implant_close(&i);
 }
 
-/* Computes V100 of the gland's voxels at `points` with these seeds. */
+/* Computes V100 of the gland for these seeds, at its voxels `points`. */
 static double covered(const implant_settings *settings, const trocar_dose_seed *seeds, const double *points, int64_t count) {
     trocar_error why;
     trocar_dose_source *source;
@@ -177,8 +179,8 @@ static double covered(const implant_settings *settings, const trocar_dose_seed *
     return (double)inside / (double)count;
 }
 
-/* The tissue is stretched away from a plane, and seeds are displaced: isodose lines and present figures follow, those at rest do not. Without
-   swelling, gland and seeds are closer to the gland's centre. All seeds are in the gland. */
+/* The tissue is stretched away from a plane, and the seeds are displaced with it. Isodose lines and the figures for the present positions follow; the figures
+   for the positions at rest do not. Without swelling, gland and seeds are closer to the gland's centre. All seeds are inside the gland. */
 static void each_state_has_its_own_figures(void **state) {
     fixture *f = *state;
     static const implant_settings settings = {.dose = {"I-125 6711", 2.0, 145, 1.3}};
@@ -229,7 +231,7 @@ static void each_state_has_its_own_figures(void **state) {
         read_numbers(found, "\"v100\":", &figure[k], 1);
     }
     for (int64_t n = 0; n < 3 * count; n++) points[n] = n % 3 == 0 ? (1 + stretch) * rest[n] : rest[n];
-    assert_close(figure[0], covered(&settings, now, points, count), 2e-4); /* displacements are in single precision */
+    assert_close(figure[0], covered(&settings, now, points, count), 2e-4); /* displacements are stored in single precision */
     assert_close(figure[1], covered(&settings, out, rest, count), 1e-9);
     for (int64_t n = 0; n < 3 * count; n++) points[n] = centre[n % 3] + scale * (rest[n] - centre[n % 3]);
     assert_close(figure[2], covered(&settings, later, points, count), 1e-9);
@@ -239,7 +241,7 @@ static void each_state_has_its_own_figures(void **state) {
     implant_close(&i);
 }
 
-/* An answer from the previous server is not sent to a browser that connects. */
+/* An answer from the previous server is not sent to a browser that connects later. */
 static void answers_go_with_their_server(void **state) {
     fixture *f = *state;
     implant i = open_implant(f, &(implant_settings){.dose = {"I-125 6711", 0.5, 145, 1.18}});
@@ -274,7 +276,7 @@ static void the_plan_has_its_own_figures(void **state) {
     double v100;
     assert_non_null(json);
     read_numbers(json, "\"v100\":", &v100, 1);
-    assert_close(v100, plain_v100(f, &settings, 2), 1e-6); /* the centres are in single precision */
+    assert_close(v100, plain_v100(f, &settings, 2), 1e-6); /* the voxel centres are stored in single precision */
     const byte_buffer *sent = &i.sections[IMPLANT_PLAN].bytes;
     assert_non_null(memmem(sent->data, sent->length, "\"K3.5\"", 6));
     implant_close(&i);

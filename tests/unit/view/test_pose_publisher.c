@@ -1,4 +1,4 @@
-/* The messages of the pose_publisher on a simulated clock (memq, no network). */
+/* Tests the messages of pose_publisher with a simulated clock (memq, no network). */
 #include "view/hand/pose_publisher.h"
 
 #include <pthread.h>
@@ -25,7 +25,7 @@ typedef struct {
     trocar_needle_pose_t_subscription_t *on_pose;
     trocar_command_t_subscription_t *on_command;
     int64_t now;             /* ns */
-    bool silent;             /* no server is heard */
+    bool silent;             /* while true, no message from a server arrives */
     int poses, commands;
     trocar_needle_pose_t pose;
     trocar_probe_pose_t_subscription_t *on_probe;
@@ -118,7 +118,7 @@ static void sends_nothing_before_taking_the_needle(void **unused) {
     close_fixture(f);
 }
 
-/* If the browser hangs, the needle stops after 0.25 s and a ramp, and stays there. */
+/* If the browser hangs, the needle stops after 0.25 s and a ramp, and does not move any more. */
 static void needle_stops_without_orders(void **unused) {
     (void)unused;
     fixture *f = open_fixture();
@@ -134,8 +134,8 @@ static void needle_stops_without_orders(void **unused) {
     close_fixture(f);
 }
 
-/* Without a wrench for 0.1 s, no hand feels the needle, so it stops and no more poses are sent. When the server is heard again,
-   poses resume where they ended. */
+/* If no wrench arrives for 0.1 s, no hand can feel the needle. The needle therefore stops, and no more poses are sent. When the server is heard again, poses
+   resume from the last one. */
 static void sends_nothing_without_a_server(void **unused) {
     (void)unused;
     fixture *f = open_fixture();
@@ -169,7 +169,7 @@ static void releases_the_needle(void **unused) {
     fixture *f = open_fixture();
     tell(f, ORDER_RELEASE, 0);
     run(f, 1);
-    assert_int_equal(f->commands, 0); /* the thread owns no needle */
+    assert_int_equal(f->commands, 0); /* no command is sent, because the thread owns no needle */
     tell(f, ORDER_TAKE, 0);
     run(f, 5);
     tell(f, ORDER_RELEASE, 0);
@@ -197,7 +197,7 @@ static void reset_starts_at_home(void **unused) {
     close_fixture(f);
 }
 
-/* Poses and commands name the needle; of two takes without a release in between, only the first counts. */
+/* Poses and commands name the needle. If the needle is taken twice without a release in between, only the first take counts. */
 static void takes_one_needle_after_the_other(void **unused) {
     (void)unused;
     fixture *f = open_fixture();
@@ -217,7 +217,7 @@ static void takes_one_needle_after_the_other(void **unused) {
     close_fixture(f);
 }
 
-/* The thread wakes for an order, publishes on its own clock, and ends when told. */
+/* The thread wakes up for an order, publishes at intervals of its own clock, and ends when it is told to. */
 static void thread_executes_orders(void **unused) {
     (void)unused;
     fixture *f = open_fixture();
@@ -235,7 +235,7 @@ static void thread_executes_orders(void **unused) {
     close_fixture(f);
 }
 
-/* Only the holder of a needle may drop a seed, and each command has a number of its own. */
+/* Only the holder of a needle may drop a seed, and every command has a different number. */
 static void drops_and_takes_back_seeds(void **unused) {
     (void)unused;
     fixture *f = open_fixture();
@@ -253,8 +253,8 @@ static void drops_and_takes_back_seeds(void **unused) {
     close_fixture(f);
 }
 
-/* No poses are sent while the server leaves a needle to rest or hands it over, because it would refuse them. A lost answer does not stop the needle
-   for ever. */
+/* While the server is releasing a needle or handing it over, no poses are sent, because the server would refuse them. A lost answer does not stop the needle
+   permanently. */
 static void waits_while_a_needle_changes_hands(void **unused) {
     (void)unused;
     fixture *f = open_fixture();
@@ -267,7 +267,7 @@ static void waits_while_a_needle_changes_hands(void **unused) {
     tell(f, ORDER_LEAVE, 0);
     run(f, 100);
     assert_true(f->poses == 10 && f->commands == 2 && f->command == TROCAR_COMMAND_T_LEAVE && f->command_needle == 2);
-    tell(f, ORDER_GO_ON, 0); /* the command was refused */
+    tell(f, ORDER_GO_ON, 0); /* the server refused the command */
     run(f, 10);
     assert_true(f->poses == 20 && f->pose.position[2] == -0.15);
     tell(f, ORDER_LEAVE, 0);
@@ -278,7 +278,7 @@ static void waits_while_a_needle_changes_hands(void **unused) {
     close_fixture(f);
 }
 
-/* Pulls out another needle, also while the thread holds none. */
+/* Pulls out another needle, including when the thread holds none. */
 static void pulls_out_a_needle_that_rests(void **unused) {
     (void)unused;
     fixture *f = open_fixture();
@@ -292,17 +292,17 @@ static void pulls_out_a_needle_that_rests(void **unused) {
     close_fixture(f);
 }
 
-/* The needle moves to its new home by itself, at 80 mm/s, unless it is steered sideways. */
+/* The needle moves to its new home pose automatically, at 80 mm/s, unless it is steered sideways. */
 static void goes_to_a_hole_until_it_is_steered(void **unused) {
     (void)unused;
     fixture *f = open_fixture();
     publisher_order hole = {.kind = ORDER_HOLE, .home = {{0.03, 0, -0.2}, {1, 0, 0, 0}}};
     tell(f, ORDER_TAKE, 0);
     publisher_tell(&f->pilot, &hole);
-    run(f, 125 + 2); /* 10 mm out of the template */
+    run(f, 125 + 2); /* drawn back 10 mm out of the template */
     assert_close(f->pose.position[0], 0.01, 1e-3);
     assert_close(f->pose.position[2], -0.2, 1e-9);
-    tell(f, ORDER_UNDO, 0); /* the command does not stop it */
+    tell(f, ORDER_UNDO, 0); /* the command does not stop the motion */
     for (int i = 0; i < 5; i++) tell(f, ORDER_STEER, 0), run(f, 50);
     assert_close(f->pose.position[0], 0.03, 1e-9);
     hole.home.position.x = 0;
@@ -320,21 +320,21 @@ static void goes_to_a_hole_until_it_is_steered(void **unused) {
     close_fixture(f);
 }
 
-/* Forward is held down all the time: before the order to move to a hole, on the way there, and when the needle has been steered sideways again. The needle
-   passes the plane in front of the template only in line with the hole. */
+/* The forward key is held down all the time: before the order to move to a hole, during the motion to the hole, and after the needle has been steered sideways
+   again. The needle passes the plane in front of the template only when it is in line with the hole. */
 static void pushing_forward_does_not_lead_into_another_hole(void **unused) {
     (void)unused;
     fixture *f = open_fixture();
     tell(f, ORDER_TAKE, 0);
     for (int i = 0; i < 6; i++) tell(f, ORDER_STEER, 1), run(f, 50);
-    assert_true(f->pose.position[2] > -0.185); /* through the plate, 10 mm beside the hole that was ordered */
+    assert_true(f->pose.position[2] > -0.185); /* it has passed the plate, 10 mm away from the hole of the order */
     publisher_tell(&f->pilot, &(publisher_order){.kind = ORDER_HOLE, .home = HOME});
     for (int i = 0; i < 30; i++) {
         tell(f, ORDER_STEER, 1);
         run(f, 50);
         assert_true(f->pose.position[2] <= -0.2 || f->pose.position[0] == 0 || i < 6);
     }
-    assert_true(f->pose.position[0] == 0 && f->pose.position[2] > -0.19); /* it has arrived, and moves on */
+    assert_true(f->pose.position[0] == 0 && f->pose.position[2] > -0.19); /* it has arrived at the hole, and advances */
     publisher_tell(&f->pilot, &(publisher_order){.kind = ORDER_HOLE, .home = HOME});
     for (int i = 0; i < 40; i++) tell(f, ORDER_STEER, 0), run(f, 50);
     steer(f, (rate_control_command){.right = 1});
@@ -346,19 +346,20 @@ static void pushing_forward_does_not_lead_into_another_hole(void **unused) {
     close_fixture(f);
 }
 
-/* While the probe moves, 100 poses a second are sent, starting from its pose; none once it is at rest. Without orders it stops, and the needle stays. */
+/* While the probe moves, 100 poses per second are sent, starting at its present pose, and none when it is at rest. Without further orders the probe stops; the
+   needle does not move. */
 static void moves_the_probe(void **unused) {
     (void)unused;
     fixture *f = open_fixture();
     publisher_order order = {.kind = ORDER_PROBE, .base = {{0.1, 0.2, -0.3}, {1, 0, 0, 0}}};
-    publisher_tell(&f->pilot, &order); /* the order asks for no motion */
+    publisher_tell(&f->pilot, &order); /* an order without motion */
     run(f, 100);
     assert_int_equal(f->probe_poses, 0);
     tell(f, ORDER_TAKE, 0);
     for (int i = 0; i < 20; i++) {
         order.command.forward = 1;
         publisher_tell(&f->pilot, &order);
-        order.base.position.z = 7; /* the server's answer is late, so it is not used */
+        order.base.position.z = 7; /* the server's answer arrives too late and is not used */
         run(f, 50);
     }
     assert_in_range(f->probe_poses, 95, 101);
@@ -366,7 +367,7 @@ static void moves_the_probe(void **unused) {
     assert_close(f->probe.position[2], -0.3 + 0.02 * (1 - 0.15 / 2), 3e-4);
     run(f, 500);
     int poses = f->probe_poses;
-    assert_close(f->probe.position[2], -0.3 + 0.02 * 1.2, 5e-4); /* stopped 0.25 s after the last order, 0.05 s before the end of the loop */
+    assert_close(f->probe.position[2], -0.3 + 0.02 * 1.2, 5e-4); /* the probe stopped 0.25 s after the last order, which is 0.05 s before the end of the loop */
     run(f, 100);
     assert_int_equal(f->probe_poses, poses);
     assert_true(f->pose.position[2] == -0.19);

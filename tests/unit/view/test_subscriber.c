@@ -1,4 +1,4 @@
-/* Valid messages reach the timeline; invalid ones are counted. */
+/* Valid messages are added to the timeline; invalid messages are counted. */
 #include "view/stream/subscriber.h"
 
 #include <stdlib.h>
@@ -75,7 +75,7 @@ static void picture_needs_both_messages_of_its_tick(void **state) {
     assert_int_equal(f->feed.refused, 0);
 }
 
-/* Tracks arrive less often than pictures: each picture contains the newest tracks. */
+/* Tracks arrive less often than pictures, so each picture contains the latest tracks. */
 static void picture_shows_the_newest_tracks(void **state) {
     fixture *f = *state;
     uint32_t points[2];
@@ -109,7 +109,7 @@ static void hear_wrench(fixture *f, int64_t server, int64_t tick) {
     handle_all(f);
 }
 
-/* Asks every 50 ms, like a program that runs. */
+/* Polls every 50 ms, like a program that is running normally. */
 static bool is_alive_after(fixture *f, int64_t since, int64_t until) {
     bool alive = subscriber_alive(&f->feed);
     for (int64_t at = since; at < until; at += 50000000) {
@@ -128,7 +128,7 @@ static void a_server_is_gone_half_a_second_after_its_last_wrench(void **state) {
     assert_false(is_alive_after(f, heard + 400000000, heard + 550000000));
 }
 
-/* A program that was not scheduled knows nothing about that time, because its messages may be waiting. */
+/* A program that was not scheduled for some time cannot conclude that the server was silent, because its messages may be waiting. */
 static void a_pause_of_this_program_is_no_silence_of_the_server(void **state) {
     fixture *f = *state;
     hear_wrench(f, 1, 77);
@@ -138,7 +138,7 @@ static void a_pause_of_this_program_is_no_silence_of_the_server(void **state) {
     assert_true(subscriber_alive(&f->feed));
 }
 
-/* The previous server's data are dropped: its needle may be deep while the new server's is outside. */
+/* The data of the previous server are discarded: its needle may be deep in the tissue while the needle of the new server is outside. */
 static void change_of_server_is_detected(void **state) {
     fixture *f = *state;
     pose base;
@@ -149,7 +149,7 @@ static void change_of_server_is_detected(void **state) {
     trocar_status_t_publish(f->lcm, "TROCAR_STATUS", &said);
     handle_all(f);
     hear_wrench(f, 1, 90002);
-    hear_wrench(f, 1, 90001); /* delayed in the network */
+    hear_wrench(f, 1, 90001); /* a wrench that was delayed in the network */
     assert_true(f->feed.servers == 1 && f->feed.needles[0].status && subscriber_base(&f->feed, 0, &base));
     sleep_until(f->feed.heard + 500000001);
     hear_wrench(f, 2, 3);
@@ -174,7 +174,7 @@ static void first_of_two_servers_is_followed(void **state) {
     assert_int_equal(f->feed.refused, 0);
 }
 
-/* Each of two needles has its wrench, status, contacts and samples, and both are in a picture; the scene has no third needle. */
+/* Each of two needles has its own wrench, status, contacts and samples, and a picture contains both. The scene has no third needle. */
 static void needles_are_told_apart(void **state) {
     fixture *f = *state;
     for (int i = 0; i < 3; i++) {
@@ -203,7 +203,7 @@ static void needles_are_told_apart(void **state) {
     assert_int_equal(f->feed.refused, 0);
 }
 
-/* A needle that has not been held sends no contacts, so the picture shows only the other one. */
+/* No contacts are published for a needle that has not been held, so the picture shows only the other needle. */
 static void a_picture_shows_the_needles_that_were_held(void **state) {
     fixture *f = *state;
     uint32_t shown;
@@ -219,7 +219,7 @@ static void a_picture_shows_the_needles_that_were_held(void **state) {
     assert_int_equal(shown, 1);
 }
 
-/* Before any needle has been held, the probe is shown alone. Another server starts without a probe. */
+/* Before any needle has been held, the probe is shown alone. When another server starts, there is no probe. */
 static void the_probe_is_shown(void **state) {
     fixture *f = *state;
     trocar_probe_wrench_t probe = {.server = 1, .session = 9, .position = {0.1, 0, -0.2}, .orientation = {1, 0, 0, 0}, .force = {0, 0, -2}, .contacts = 4};
@@ -256,7 +256,7 @@ static void the_probe_is_shown(void **state) {
     assert_false(f->feed.probe.placed);
 }
 
-/* Damaged as the network might deliver them: no crash, and all are counted. */
+/* Messages corrupted as the network might corrupt them: they cause no crash, and all of them are counted. */
 static void damaged_messages_are_counted(void **state) {
     fixture *f = *state;
     static const char *const channels[] = {"TROCAR_CONTACTS", "TROCAR_DEFORMATION", "TROCAR_STATUS", "TROCAR_TIMING", "TROCAR_TRACKS", "TROCAR_WRENCH"};
@@ -275,7 +275,8 @@ static void damaged_messages_are_counted(void **state) {
     assert_int_equal(f->timeline.sample_end, 0);
 }
 
-/* Seeds and replies are those of the followed server, and replies only those to this program's session. Another server starts without any. */
+/* Seeds and replies are those of the server being followed, and only replies to this program's session are shown. When another server starts, there are
+   none. */
 static void seeds_and_replies_are_kept(void **state) {
     fixture *f = *state;
     float place[3] = {0.1f, 0.2f, 0.3f}, *rows[] = {place};

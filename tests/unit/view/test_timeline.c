@@ -1,5 +1,5 @@
-/* Live, a reader of the timeline gets the newest picture, and each stored sample once; of a log, it gets everything, or as much as
-   there is room for. */
+/* In live mode, a reader of the timeline gets the newest picture, and each stored sample once. When a log is played, it gets all pictures, or as many as can be
+   stored. */
 #include "view/stream/timeline.h"
 
 #include <string.h>
@@ -14,7 +14,7 @@
 
 typedef struct { int pictures, samples; double last_picture, last_sample; } seen;
 
-/* Parses the sections as the page does. */
+/* Parses the sections in the same way as the web page does. */
 static seen take(const byte_buffer *b) {
     seen s = {0};
     for (size_t at = 0; at < b->length;) {
@@ -69,11 +69,11 @@ static void live_readers_get_the_newest_picture(void **unused) {
     s = read_once(&t, &quick);
     assert_true(s.pictures == 1 && s.samples >= 99 && s.samples <= 101);
     s = read_once(&t, &slow);
-    assert_true(s.pictures == 1 && s.samples >= 199 && s.samples <= 201); /* the plots have no gap */
+    assert_true(s.pictures == 1 && s.samples >= 199 && s.samples <= 201); /* the plots have no gaps */
     timeline_free(&t);
 }
 
-/* The ring drops the oldest samples; a late reader gets the remaining ones in order. */
+/* The ring buffer discards the oldest samples; a late reader gets the remaining ones in order. */
 static void the_last_minute_is_kept(void **unused) {
     (void)unused;
     timeline t;
@@ -99,7 +99,7 @@ static void a_slot_keeps_all_its_events(void **unused) {
     timeline t;
     report why;
     assert_int_equal(timeline_create(&t, false, 1, &why), TROCAR_OK);
-    play(&t, 0, 30); /* the puncture is in the tick at 5 ms, between two samples */
+    play(&t, 0, 30); /* the puncture occurs in the tick at 5 ms, between two samples */
     int found = 0;
     for (int64_t i = 0; i < t.sample_end; i++) found += t.samples[i].events == 2 && t.samples[i].membrane == 1;
     assert_int_equal(found, 1);
@@ -128,7 +128,7 @@ static void log_is_read_completely_in_parts(void **unused) {
     timeline_free(&t);
 }
 
-/* A log that does not fit is thinned evenly: its beginning is kept, and the newest picture is always present. */
+/* A log that does not fit is thinned out evenly: its beginning is kept, and the newest picture is always available. */
 static void a_long_log_keeps_its_beginning(void **unused) {
     (void)unused;
     timeline t;
@@ -137,7 +137,7 @@ static void a_long_log_keeps_its_beginning(void **unused) {
     play(&t, 0, 30);
     size_t one = t.pictures[0].room;
     timeline_free(&t);
-    for (int end = 3300; end <= 3300 + 8 * 33; end += 33) { /* more than 100 pictures, with room for 30 */
+    for (int end = 3300; end <= 3300 + 8 * 33; end += 33) { /* more than 100 pictures, of which 30 can be stored */
         assert_int_equal(timeline_create(&t, false, 1, &why), TROCAR_OK);
         t.picture_bytes_most = 30 * one;
         play(&t, 0, end);
@@ -151,7 +151,7 @@ static void a_long_log_keeps_its_beginning(void **unused) {
     }
 }
 
-/* Events and values of one needle do not appear in another's slots. */
+/* Events and values of one needle do not appear in the slots of another. */
 static void needles_have_slots_of_their_own(void **unused) {
     (void)unused;
     timeline t;
@@ -173,7 +173,7 @@ static void needles_have_slots_of_their_own(void **unused) {
     assert_in_range(counts[0], 99, 101);
     assert_int_equal(counts[1], counts[0]);
     assert_true(events[0] == 0 && events[1] == 1);
-    assert_true(t.sample_room >= 2 * (size_t)(SAMPLE_SPAN / SAMPLE_SLOT)); /* one minute of both needles */
+    assert_true(t.sample_room >= 2 * (size_t)(SAMPLE_SPAN / SAMPLE_SLOT)); /* room for one minute of samples of both needles */
     timeline_free(&t);
 }
 

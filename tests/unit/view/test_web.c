@@ -1,5 +1,4 @@
-/* Access to the WebSocket, its messages, and browsers that hang. tests/view tests the rest of the web server through a
-   browser. */
+/* Tests the access to the WebSocket, its messages, and browsers that hang. tests/view tests the rest of the web server with a browser. */
 #define _GNU_SOURCE /* memmem */
 #include "view/web/web.h"
 
@@ -25,11 +24,11 @@ static void only_own_pages_may_connect(void **unused) {
         {"http://LocalHost", "localhost", NULL, NULL, true},
         {"http://[::1]:8686", "[::1]:8686", NULL, NULL, true},
         {"", "127.0.0.1:8686", NULL, NULL, false},                              /* not a browser */
-        {"null", "127.0.0.1:8686", NULL, NULL, false},                          /* a file, a sandboxed frame */
+        {"null", "127.0.0.1:8686", NULL, NULL, false},                          /* the origin of a local file or of a sandboxed frame */
         {"http://evil.example", "127.0.0.1:8686", NULL, NULL, false},
         {"http://127.0.0.1:9999", "127.0.0.1:8686", NULL, NULL, false},         /* another program's page on this machine */
         {"https://127.0.0.1:8686", "127.0.0.1:8686", NULL, NULL, false},
-        {"http://evil.example:8686", "evil.example:8686", NULL, NULL, false},   /* a name that resolves to 127.0.0.1 */
+        {"http://evil.example:8686", "evil.example:8686", NULL, NULL, false},   /* a host name that resolves to 127.0.0.1 */
         {"http://127.0.0.1.evil.example:8686", "127.0.0.1.evil.example:8686", NULL, NULL, false},
         {"http://localhost.evil.example", "localhost.evil.example", NULL, NULL, false},
         {"http://10.0.0.5:8686", "10.0.0.5:8686", NULL, NULL, false},
@@ -55,7 +54,7 @@ static void missing_page_is_reported(void **unused) {
     assert_non_null(strstr(why.text, "/nowhere/index.html"));
 }
 
-/* True if the address answers. Every 127.x.y.z is this machine, so a server that listened on all addresses would also answer on 127.0.0.2. */
+/* True if the address answers. Every address 127.x.y.z is this machine, so a server that listens on all addresses would also answer on 127.0.0.2. */
 static bool answers(const char *address, int port) {
     struct sockaddr_in there = {.sin_family = AF_INET, .sin_port = htons((uint16_t)port)};
     inet_pton(AF_INET, address, &there.sin_addr);
@@ -100,11 +99,11 @@ enum { TEXT = 1, BINARY = 2, CLOSE = 8 };
 typedef struct {
     int socket;
     unsigned char got[1 << 16];
-    size_t length, taken;    /* bytes received, and bytes of frames already parsed */
+    size_t length, taken;    /* number of bytes received, and number of bytes in frames already parsed */
     bool open, closed;
-    int answer;              /* HTTP status; 0 before it arrives */
+    int answer;              /* HTTP status, or 0 before it has arrived */
     int updates;
-    int end;                 /* status code of the WebSocket's close frame; 0 if there is none */
+    int end;                 /* status code of the WebSocket's close frame, or 0 if there is none */
     char reason[126];
 } client;
 
@@ -113,7 +112,7 @@ typedef struct {
     timeline timeline;
     byte_buffer scene;
     int takes, releases, leaves, removals;
-    bool no_server;          /* driving is not allowed */
+    bool no_server;          /* if true, no server is heard, so driving is not allowed */
 } fixture;
 
 static char *describe(void *context, bool drives, bool driven, uint32_t steered) {
@@ -153,7 +152,7 @@ static void say(const client *c, int opcode, uint32_t kind, size_t length) {
     assert_int_equal(write(c->socket, frame, 6 + length), 6 + length);
 }
 
-/* Parses one complete frame; false if there is none. */
+/* Parses one complete frame; returns false if there is none. */
 static bool take_frame(client *c) {
     const unsigned char *frame = c->got + c->taken;
     size_t left = c->length - c->taken, head = left >= 2 && frame[1] == 126 ? 4 : 2;
@@ -177,7 +176,7 @@ static void take_answer(client *c) {
     c->open = c->answer == 101;
 }
 
-/* One round of the web server, then of each client. */
+/* Runs one round of the web server, and then one of each client. */
 static void go_round(fixture *f, client *clients, int count) {
     web_round(f->web);
     for (client *c = clients; c < clients + count; c++) {
@@ -197,8 +196,7 @@ static void connect_client(fixture *f, client *c) {
     fcntl(c->socket, F_SETFL, O_NONBLOCK);
 }
 
-/* Sends a request and waits for the head of the answer. `origin` may be NULL; `protocol` is NULL for plain HTTP, "" for a
-   WebSocket without a protocol. */
+/* Sends a request and waits for the head of the answer. `origin` may be NULL. `protocol` is NULL for plain HTTP, and "" for a WebSocket without a protocol. */
 static void request(fixture *f, client *c, const char *host, const char *origin, const char *protocol) {
     connect_client(f, c);
     dprintf(c->socket, "GET / HTTP/1.1\r\nHost: %s:%d\r\n", host, web_port(f->web));
@@ -215,7 +213,7 @@ static void join(fixture *f, client *c) {
     assert_int_equal(c->answer, 101);
 }
 
-/* Acknowledges the updates received since `seen`. */
+/* Acknowledges all updates received since `seen`. */
 static void acknowledge(const client *c, int *seen) {
     for (; *seen < c->updates; ++*seen) say(c, BINARY, ACTION_ACKNOWLEDGE, WEB_ACTION_BYTES);
 }
@@ -236,7 +234,7 @@ static void hanging_browser_delays_nobody_and_is_disconnected(void **unused) {
     }
     assert_int_equal(f.takes, 1);
     say(lively, BINARY, ACTION_TAKE, WEB_ACTION_BYTES);
-    while (lively->updates < 10) { /* one status each, which is longer than the permitted silence */
+    while (lively->updates < 10) { /* each update has one status; ten take longer than the permitted silence */
         go_round(&f, clients, 2);
         acknowledge(lively, &answered);
     }
@@ -244,13 +242,12 @@ static void hanging_browser_delays_nobody_and_is_disconnected(void **unused) {
     assert_int_equal(hung->updates, 2);
     assert_true(hung->closed && !lively->closed);
     close(lively->socket);
-    while (f.releases == 1) go_round(&f, NULL, 0); /* the client is disconnected */
+    while (f.releases == 1) go_round(&f, NULL, 0); /* until the client is disconnected */
     close(hung->socket);
     close_fixture(&f);
 }
 
-/* Without a server nobody can take the needle; when the server disappears, the needle is released, and the driver must take it
-   again. */
+/* Without a server, no browser can take the needle. When the server disappears, the needle is released, and the driver must take it again later. */
 static void needle_is_released_when_driving_is_not_allowed(void **unused) {
     (void)unused;
     fixture f;
@@ -275,7 +272,7 @@ static void needle_is_released_when_driving_is_not_allowed(void **unused) {
     close_fixture(&f);
 }
 
-/* Only the driver can leave its needle and pull out others; while nobody drives, any browser can pull them out. */
+/* Only the driver can release its needle and pull out other needles. While nobody drives, any browser can pull needles out. */
 static void only_the_driver_handles_needles(void **unused) {
     (void)unused;
     fixture f;
@@ -300,8 +297,8 @@ static void only_the_driver_handles_needles(void **unused) {
     close_fixture(&f);
 }
 
-/* Silent browsers take all places: the next browser is told so, and gets a place once they have timed out. Sockets that never
-   send a request block no browser. */
+/* Silent browsers occupy all connections. The next browser is refused with a message, and is accepted after they have timed out. Sockets that never send a
+   request block no browser. */
 static void idle_connections_do_not_block_others(void **unused) {
     (void)unused;
     enum { IDLE = 300 };
@@ -327,7 +324,7 @@ static void idle_connections_do_not_block_others(void **unused) {
     close_fixture(&f);
 }
 
-/* Another site's page may request any protocol, or none. */
+/* A page of another site may request any protocol or none; it is refused. */
 static void other_sites_are_refused_on_every_protocol(void **unused) {
     (void)unused;
     static const char *const protocols[] = {"trocar-view", "http", "descriptor", "", "none", NULL};
@@ -335,7 +332,7 @@ static void other_sites_are_refused_on_every_protocol(void **unused) {
     static client c;
     open_fixture(&f, 0);
     for (size_t i = 0; i < sizeof protocols / sizeof *protocols; i++)
-        for (int renamed = 0; renamed < 2; renamed++) { /* the site's own name, resolved to 127.0.0.1 */
+        for (int renamed = 0; renamed < 2; renamed++) { /* in the second case, the host name is that of the other site itself, resolved to 127.0.0.1 */
             request(&f, &c, renamed ? "evil.example" : "127.0.0.1", "evil.example", protocols[i]);
             if (c.answer != 403 && !(c.answer == 0 && c.closed))
                 fail_msg("protocol %s: %d", protocols[i] ? protocols[i] : "(no WebSocket)", c.answer);
@@ -344,7 +341,7 @@ static void other_sites_are_refused_on_every_protocol(void **unused) {
     request(&f, &c, "evil.example", NULL, NULL);
     assert_int_equal(c.answer, 403);
     while (!c.closed) go_round(&f, &c, 1);
-    assert_non_null(memmem(c.got, c.length, "with this name as --host", 24)); /* the message contains the remedy */
+    assert_non_null(memmem(c.got, c.length, "with this name as --host", 24)); /* the message states the remedy */
     close(c.socket);
     request(&f, &c, "127.0.0.1", NULL, NULL);
     assert_int_equal(c.answer, 200);

@@ -1,5 +1,4 @@
-/* Buffers that run out of memory report it, keep their data and can be used again. The encoding is tested by its readers:
-   test_timeline.c and tests/view. */
+/* Buffers that run out of memory report this, keep their data and remain usable. The encoding is tested by its readers, test_timeline.c and tests/view. */
 #include "view/stream/wire_format.h"
 
 #include <string.h>
@@ -11,7 +10,7 @@
 #include <cmocka.h>
 
 const char *__asan_default_options(void);
-const char *__asan_default_options(void) { return "allocator_may_return_null=1"; } /* malloc returns NULL, as without the sanitizer */
+const char *__asan_default_options(void) { return "allocator_may_return_null=1"; } /* makes malloc return NULL, as it does without the sanitizer */
 
 static const char text[] = "0123456789abcdef";
 
@@ -24,10 +23,10 @@ static void a_buffer_grows(void **unused) {
     bytes_free(&b);
 }
 
-/* A failed append must leave the buffer's data intact. */
+/* A failed append must leave the data in the buffer intact. */
 static void buffer_without_memory_keeps_its_data(void **unused) {
     (void)unused;
-    static const size_t impossible[] = {SIZE_MAX, SIZE_MAX / 2, SIZE_MAX / 4}; /* never read, because there is no memory for them */
+    static const size_t impossible[] = {SIZE_MAX, SIZE_MAX / 2, SIZE_MAX / 4}; /* sizes for which no memory is available, so the data are never read */
     static const char more[1 << 16];
     for (size_t i = 0; i < sizeof impossible / sizeof *impossible; i++) {
         byte_buffer b = {0};

@@ -24,9 +24,9 @@ typedef struct {
     compliance_snapshot snapshot;
 } body;
 
-static const double RIGID = 1e7;   /* factor on steel's modulus */
+static const double RIGID = 1e7;   /* factor by which the modulus exceeds that of steel */
 enum { DEEPER = 5, STEPS_PER_MM = 20 };
-static const double HOLDS = 1e6;   /* N/m and N: large enough to prevent sliding and cutting */
+static const double HOLDS = 1e6;   /* N/m and N, large enough to prevent sliding and cutting */
 
 static trocar_status configure(char **argument, simulation_config *c, report *why) {
     mesh m;
@@ -46,7 +46,7 @@ static trocar_status configure(char **argument, simulation_config *c, report *wh
         region->material.cutting_force = HOLDS;
     }
     mesh_free(&m);
-    c->inverse = INVERSE_SPARSE; /* the fastest to create on coarse meshes */
+    c->inverse = INVERSE_SPARSE; /* the fastest kind to create on coarse meshes */
     snprintf(c->fixed[c->fixed_count++], MESH_NAME, "fixed");
     c->needle.outer_diameter = 2.0 * atof(argument[2]);
     c->needle.inner_diameter = 0.5 * c->needle.outer_diameter;
@@ -54,8 +54,8 @@ static trocar_status configure(char **argument, simulation_config *c, report *wh
     return TROCAR_OK;
 }
 
-/* Returns the local compliance along an axis of the world, the third of which is the needle's, at a point that represents the shaft
-   between two depths: its regions act in parallel. */
+/* Returns the local compliance along an axis of the world frame, whose third axis is the needle's, at a point that represents the shaft between two depths. The
+   regions along this part of the shaft act in parallel. */
 static double local_between(const insertion_model *model, const insertion_state *s, const resolved_field *resolved, double from, double to, int axis) {
     lateral_axial logarithm = local_logarithm(model, resolved);
     bool along = axis == 2;
@@ -69,7 +69,7 @@ static double local_between(const insertion_model *model, const insertion_state 
     return (along ? logarithm.axial : logarithm.lateral + resolved->uneven.m[axis][axis] + end) / stiffness;
 }
 
-/* Assembles the compliance of the points (contacts, then the tip) along one axis of the world, including local parts. */
+/* Assembles the compliance of the points (the contacts, then the tip) along one axis of the world frame, including local compliances. */
 static int assemble(const body *b, int axis, double *a, double *tip_alone) {
     const insertion_state *s = &b->state;
     const insertion_model *model = &b->simulation.insertion;
@@ -98,7 +98,7 @@ static int assemble(const body *b, int axis, double *a, double *tip_alone) {
     return n;
 }
 
-/* Returns the total force when all points move by 1 mm. */
+/* Returns the total force if all points move by 1 mm. */
 static double total_force(const body *b, int axis, double *tip_alone) {
     static double a[(MAX_CONTACTS + 1) * (MAX_CONTACTS + 1)], x[MAX_CONTACTS + 1];
     lapack_int pivots[MAX_CONTACTS + 1];
@@ -110,7 +110,7 @@ static double total_force(const body *b, int axis, double *tip_alone) {
     return sum;
 }
 
-/* Computes the tick's forces, N, along the needle, which is moved by 1 to 5 mm in steps. */
+/* Computes the tick's axial forces (N) on the needle, which is moved by 1 to 5 mm in steps. */
 static trocar_status forces_deeper(body *b, pose base, vec3 way, double *force, report *why) {
     tick_output wrench;
     double rest = 0.0;
@@ -127,14 +127,14 @@ static trocar_status forces_deeper(body *b, pose base, vec3 way, double *force, 
     return status;
 }
 
-/* Computes the same with the tick: the change of the wrench on a needle with all contacts sticking when its base moves by 1 mm.
-   (The wrench at rest is not exactly zero, because nodes are kept off the elements' faces and thus slightly beside the needle.) */
+/* Computes the total force with the tick, as the change of the wrench when the base moves by 1 mm while all contacts stick. (The wrench at rest is not exactly
+   zero, because nodes are kept away from the faces of elements, so they lie slightly off the needle.) */
 static trocar_status force_of_tick(body *b, pose base, vec3 way, double *force, report *why) {
     tick_output wrench;
     insertion_reset(&b->simulation.insertion, base, &b->state);
     trocar_status status = TROCAR_OK;
     *force = 0.0;
-    for (int i = 0; i < 3 && status == TROCAR_OK; i++) { /* contacts become active in the second tick, the base moves in the third */
+    for (int i = 0; i < 3 && status == TROCAR_OK; i++) { /* contacts become active in the second tick; the base moves in the third */
         if (i == 2) base.position = v3_axpy(1e-3, way, base.position);
         status = run_step(&b->run, (tick_input){.base = {.pose = base}, .dt = 1e-3}, &b->state, &b->snapshot, &wrench, why);
         if (i > 0) *force = -v3_dot(way, wrench.force) - *force;
@@ -142,10 +142,10 @@ static trocar_status force_of_tick(body *b, pose base, vec3 way, double *force, 
     return status;
 }
 
-/* Returns the base's pose for a tip `length` from the base. The needle points along the base's z; its x is the direction sideways, its y the
-   direction across. */
+/* Returns the pose of the base for a tip at the distance `length` from it. The needle points along the base's z axis; "sideways" is the base's x axis, and
+   "across" its y axis. */
 static pose base_of(vec3 tip, double length, double angle, double azimuth) {
-    pose base = {tip, {0, 1, 0, 0}}; /* turned about x: the needle points along -z */
+    pose base = {tip, {0, 1, 0, 0}}; /* rotated about x, so that the needle points along -z */
     quat lean = q_multiply(q_exp(v3(0, 0, azimuth)), q_exp(v3(0, angle - M_PI_2, 0)));
     base.orientation = q_multiply(lean, base.orientation);
     base.position = v3_axpy(-length, q_rotate(base.orientation, v3(0, 0, 1)), tip);

@@ -16,10 +16,10 @@ import needle_meshes  # noqa: E402: first, because it skips this check if Gmsh i
 import large_deflection as ld  # noqa: E402
 from rows import REPOSITORY, Rows  # noqa: E402
 
-LARGE_DISPLACEMENTS = 0.02   # error of large displacements alone, according to docs/mechanics.md
+LARGE_DISPLACEMENTS = 0.02   # relative error due to large displacements alone, according to docs/mechanics.md
 OURS = 0.05
 STIFFENING = 0.04
-AGAIN = 1e-4                 # CalculiX prints seven digits; how its increments converge depends on rounding
+AGAIN = 1e-4                 # repeatability: CalculiX prints seven digits, and the convergence of its increments depends on rounding
 WAYS = {"sideways": (1.0, 0.0, 0.0), "axial": (0.0, 0.0, -1.0)}
 WORDS = {"sideways": "sideways", "axial": "along"}
 
@@ -43,7 +43,7 @@ def compare_materials(rows, forces):
 
 
 def compare_ours(rows, forces):
-    """Compares the core's rigid needle in the same block, on a coarse mesh."""
+    """Compares the core's rigid needle in the same block, on a coarse mesh, with the reference."""
     mesh, case = rows.folder / "large-deflection.msh", ld.CASE
     needle_meshes.block(mesh, 0.0125)
     words = [rows.build / "tests/verification/rigid_needle", mesh, case["radius"], case["poisson_ratio"], *case["axis"], case["tip"],
@@ -55,7 +55,7 @@ def compare_ours(rows, forces):
 
 
 def compare_stiffening(rows, forces):
-    """Compares the core's rigid needle in the stiffening block, on meshes of 500 to 10 000 nodes, moved along by 1 to 5 mm."""
+    """Compares the core's rigid needle in the stiffening block, on meshes of 500 to 10 000 nodes, with the reference, for axial motions of 1 to 5 mm."""
     case = ld.CASE
     for size in (0.0165, 0.0125) if rows.short_form else (0.0165, 0.0125, 0.0095, 0.007, 0.0052):
         mesh = rows.folder / f"stiffening-{1e3 * size:g}.msh"

@@ -1,5 +1,5 @@
-/* The rod against beam theory: small deflections, the elastica under a tip force and a tip moment, bending in space, torsion, roll
-   of the base; convergence with the number of segments, and the time of a linearisation. */
+/* Compares the rod with beam theory: small deflections, the elastica under a force and a moment at the tip, bending in space, torsion, and roll of the base.
+   Also measures the convergence with the number of segments, and the time of a linearisation. */
 #include <time.h>
 
 #include "bench/baseline.h"
@@ -16,7 +16,7 @@ static needle_model rod(int segments) {
     needle_model model;
     report why;
     simulation_defaults(&config);
-    config.needle.bow = 0.0; /* straight, like the references */
+    config.needle.bow = 0.0; /* straight, like the reference solutions */
     config.needle.segments = segments;
     if (needle_create(&config.needle, &model, &why) != TROCAR_OK) {
         fprintf(stderr, "%s\n", why.text);
@@ -27,7 +27,7 @@ static needle_model rod(int segments) {
 
 static pose at_rest(double roll) { return (pose){v3(0, 0, 0), q_exp(v3(0, 0, roll))}; }
 
-/* Adds a couple on the last segment whose moment keeps its direction, x. */
+/* Adds a couple on the last segment, whose moment keeps its direction along x. */
 static void add_tip_moment(const needle_model *model, const needle_state *state, double moment, vec3 *load) {
     int n = model->given.segments;
     vec3 across = v3_scale(moment / model->segment_length, v3_cross(v3(1, 0, 0), q_rotate(state->frames[n - 1], v3(0, 0, 1))));
@@ -35,7 +35,7 @@ static void add_tip_moment(const needle_model *model, const needle_state *state,
     load[n - 1] = v3_scale(-1.0, across);
 }
 
-/* Solves for equilibrium under dead forces at joints and a moment on the tip by Newton's method, in load steps. */
+/* Solves for the equilibrium under dead forces at joints and a moment at the tip by Newton's method, applying the load in increments. */
 static void bend(const needle_model *model, needle_state *state, const vec3 *force, double moment) {
     vec3 load[NEEDLE_MAX_SEGMENTS + 1] = {{0}};
     for (int step = 1; step <= 20; step++)
@@ -73,14 +73,14 @@ static void check_small(rows *r) {
 
 /* ---- large deflections and their convergence ------------------------------------------------------------------------------ */
 
-/* Loads of a case in units of E I / L^2 that move the tip sideways by half the needle's length. */
+/* Loads of a case, in units of E I / L^2, chosen so that the tip moves sideways by half the needle's length. */
 static void case_forces(int which, const needle_model *model, vec3 *middle, vec3 *tip) {
     double unit = model->bending / (model->given.length * model->given.length);
     *middle = which == IN_SPACE ? v3(4.0 * unit, 0, 0) : v3(0, 0, 0);
     *tip = which == IN_SPACE ? v3(-0.5 * unit, 1.5 * unit, -0.5 * unit) : v3(0, 2.05 * unit, 0);
 }
 
-/* Angle of an arc whose tip is displaced sideways by half its length: (1 - cos a) / a = 1/2. */
+/* Angle of a circular arc whose tip is displaced sideways by half its length: (1 - cos a) / a = 1/2. */
 static const double HALF_ARC = 1.1091441817;
 
 static vec3 reference_tip(int which, const needle_model *model) {
@@ -133,8 +133,8 @@ static void check_large(rows *r, int which) {
 
 /* ---- torsion and roll ------------------------------------------------------------------------------------------------------ */
 
-/* Energy and moment under a prescribed uniform twist. Bent in space, a round rod has no twisting moment: m.t is constant along it
-   and zero at the tip. */
+/* Compares energy and moment under a prescribed uniform twist. A round rod bent in space has no twisting moment, because m.t is constant along it and zero at
+   the tip. */
 static void check_torsion(rows *r) {
     needle_model model = rod(40);
     const needle_parameters *g = &model.given;
@@ -154,7 +154,7 @@ static void check_torsion(rows *r) {
     rows_error(r, "forces in two planes: twisting moment over bending moment at the base", "0, a round rod", moment.z / v3_norm(moment), 1e-9);
 }
 
-/* Roll must not change the response: the same forces on a needle rolled by any angle, and forces that roll with it. */
+/* Roll must not change the response: the same forces act on a needle rolled by any angle, and forces are rotated together with the needle. */
 static void check_roll(rows *r) {
     needle_model model = rod(40);
     needle_state plain, rolled;
@@ -179,11 +179,11 @@ static void check_roll(rows *r) {
     rows_error(r, "base and forces rolled by 9 angles: moment in the base's frame", "no roll", worst_own, 1e-9);
 }
 
-/* Computes force and torque of a push by 60 mm and a push sideways; the base is rolled by `roll` before, and by `later` at depth.
-   Friction would resist the roll, so in that case there is none. */
+/* Computes force and torque after a push by 60 mm and a push sideways. The base is rolled by `roll` before the push, and by `later` at depth. Friction is off
+   in the second case, because it would resist the roll. */
 static void push_rolled(double roll, double later, bool friction, double wrench[6]) {
     simulation_config c = lockstep_config();
-    c.needle.bow = 0.0; /* otherwise the bow would roll with the needle */
+    c.needle.bow = 0.0; /* otherwise the bow would rotate with the needle */
     for (int i = 0; i < c.region_count && !friction; i++)
         c.regions[i].material.friction_static = c.regions[i].material.friction_kinetic = c.regions[i].material.friction_viscous = 0.0;
     pose start = lockstep_start();
@@ -245,7 +245,7 @@ static void check_speed(rows *r) {
     bend(&model, &state, load, 0.0);
     for (int i = 0; i < TIMES; i++) {
         double from = seconds_now();
-        needle_linearise(&model, &state, load, 14, &tangent); /* joints in tissue with 60 mm still outside */
+        needle_linearise(&model, &state, load, 14, &tangent); /* joints in the tissue, with 60 mm of the needle still outside */
         took[i] = seconds_now() - from;
     }
     qsort(took, TIMES, sizeof *took, ascending);

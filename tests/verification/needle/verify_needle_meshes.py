@@ -24,26 +24,26 @@ import needle_meshes as nm  # noqa: E402
 from rows import REPOSITORY, Rows  # noqa: E402
 
 LIMIT, MEDIAN = 0.05, 0.02
-BESIDE = 2e-7                                       # m: beside an edge or a face, but within a micrometre
+BESIDE = 2e-7                                       # m, distance from an edge or a face that is within a micrometre of it
 STANDARD = "depth_r0.635_nu0.45"
-PER_LENGTH = {"short": (1,), "full": (1, 2, 3)}     # elements per 10 mm
+PER_LENGTH = {"short": (1,), "full": (1, 2, 3)}     # number of elements per 10 mm
 GMSH = {"short": (0.0125,), "full": (0.0155, 0.0125, 0.0078, 0.0053, 0.0030)}
 PATIENT = (600, 1700, 6500)                         # nodes
 GRADED = {"short": ((0.0015, 0.015),), "full": ((0.0015, 0.015), (0.015, 0.0015))}
-TOO_FINE = ((0.0005, 0.005), (0.005, 0.0005))       # elements smaller than the needle
-AS_COARSE = 0.014                                   # m: with larger elements, the mesh itself limits the accuracy
-AS_COARSE_FOR_LAYERS = 0.012                        # m, the same with a layer 1000 times as stiff 5 mm away
+TOO_FINE = ((0.0005, 0.005), (0.005, 0.0005))       # element sizes smaller than the needle
+AS_COARSE = 0.014                                   # m; in meshes with larger elements, the mesh itself limits the accuracy
+AS_COARSE_FOR_LAYERS = 0.012                        # m, as above, for meshes with a layer 1000 times as stiff 5 mm away
 SLIVERS = {"short": (0.2,), "full": (0.2, 0.1)}     # fraction of its volume that the flattest tetrahedron around a moved node keeps
 KINDS = ("Kuhn", "five")
 COARSE = "elements of 14 mm and more: so coarse linear tetrahedra are too stiff under smooth loads as well (Tissue: error of the elements on coarse meshes)"
 NEAR_LAYER = "elements of 12 mm and more, less than one between the needle and tissue 1000 times as stiff"
 LONG_EDGES = "edges of 17 mm lie along the needle: too stiff as elements of that size are; with cubes of half the size 5 %"
 SOFT_MODES = "averaged volumetric strain leaves this mesh too soft, by patches 8 and by nodes 5 %; the reference may be 2 % too high at nu = 0.499"
-FEW = ("on edges", "in faces", "within elements")   # places in the finest meshes, of 42 000 nodes
+FEW = ("on edges", "in faces", "within elements")   # places of the needle in the finest meshes, of 42 000 nodes
 
 
 class Check:
-    """The rows, the error of every force, and the worst error of each row that has a limit."""
+    """The rows, the errors of all forces, and the worst error of each row that has a limit."""
 
     def __init__(self, rows):
         self.rows, self.form, self.errors = rows, "short" if rows.short_form else "full", []
@@ -58,8 +58,8 @@ class Check:
         return self.path(name)
 
     def place(self, name, mesh, case_name=STANDARD, tip=None, azimuth=None, outside="", limited=""):
-        """tip: x and y, if not the reference's. outside: why the model does not cover the case; limited: how the mesh limits the accuracy
-        there. In both cases the error is only measured."""
+        """tip: x and y of the tip, if they differ from the reference's. outside: the reason why the model does not cover the case. limited: how the mesh limits
+        the accuracy at this place. If either is given, the error is measured without a limit."""
         case = self.cases[case_name]
         x, y = tip or case["axis"]
         command = [self.rows.build / "tests/verification/rigid_needle", mesh, case["radius"], case["poisson_ratio"], x, y, case["tip"],
@@ -90,7 +90,7 @@ class Check:
 
 
 def straight_places(cell):
-    """Returns the tips of straight needles in a mesh of cubes by name: x and y."""
+    """Returns the tips (x and y) of straight needles in a mesh of cubes, by name."""
     return {"on edges": (0.0, 0.0), "0.2 um beside edges": (BESIDE, 0.5 * BESIDE), "in faces": (0.5 * cell, 0.0), "0.2 um beside faces": (0.5 * cell, BESIDE),
             "in diagonal planes": (0.25 * cell, 0.25 * cell), "on the cubes' middle axes": (0.5 * cell, 0.5 * cell), "within elements": None}
 
@@ -112,7 +112,7 @@ def mirrored(tip):
 
 
 def diagonals(check, kind, cell, mesh, besides):
-    """Along both diagonals of faces, and two of cubes. In a Kuhn mesh, those called the other way are edges."""
+    """Needles lie along both diagonals of faces, and along two of the diagonals of cubes. In a Kuhn mesh, those named "other" are edges of the mesh."""
     for case_name, words in (("oblique_45", "face diagonal"), ("body_diagonal", "body diagonal")):
         limited = LONG_EDGES if kind == "Kuhn" and words == "body diagonal" and cell > 0.009 else ""
         azimuth = check.cases[case_name]["azimuth"]
@@ -141,7 +141,7 @@ def structured(check):
 
 
 def radii_and_ratios(check):
-    """Compares on the coarse structured meshes."""
+    """Compares the needles in the coarse structured meshes with the reference."""
     check.rows.section = "Mesh independence: structured meshes, radii and Poisson's ratios"
     for kind in KINDS:
         for case_name in (name for name in check.cases if name.startswith("depth_") and name != STANDARD):
@@ -181,7 +181,7 @@ def oblique(check):
 
 
 def contrast(check):
-    """The lower half of the block is 1000 times as stiff; the needle ends 5 mm above it or reaches into it."""
+    """The lower half of the block is 1000 times as stiff as the upper half. The needle ends 5 mm above it or reaches into it."""
     check.rows.section = "Mesh independence: contrast 1:1000"
     meshes = {}
     for i, size in enumerate(GMSH[check.form][:4] if check.form == "full" else ()):
@@ -215,7 +215,7 @@ def main():
         rows.measured(f"places measured only, because the mesh limits the accuracy: {missed} of {len(check.measured)} above the limit of the others",
                       "needle's surface resolved, CalculiX C3D10", max(check.measured), None, max(check.measured),
                       note="which places these are was decided after their errors had been seen")
-    if not rows.short_form:  # for coarse meshes alone it is larger
+    if not rows.short_form:  # the median for the coarse meshes alone is larger
         rows.error(f"median of all {len(check.errors)} forces", "needle's surface resolved, CalculiX C3D10", np.median(check.errors), MEDIAN)
     return rows.end()
 

@@ -14,14 +14,14 @@ sys.path[:0] = [str(Path(__file__).resolve().parents[1] / folder) for folder in 
 import needle_meshes  # noqa: E402: first, because it skips this check if Gmsh is missing
 from rows import REPOSITORY, Rows  # noqa: E402
 
-LIMITS = {448: 0.10, 1440: 0.05}  # nodes: largest error of a force; of others it is measured
-RECIPROCAL = 0.02                 # fraction of the largest force: largest difference of both needles' lateral forces
+LIMITS = {448: 0.10, 1440: 0.05}  # number of nodes: largest permitted error of a force; on other meshes the error is only measured
+RECIPROCAL = 0.02                 # largest permitted difference between the lateral forces of the two needles, as a fraction of the largest force
 LENGTH = 0.2                      # m, default length of the needle
-STEP, TICKS, RISE = 1e-3, 300, 100  # m; of 1 ms: in all, and while the needle moves
+STEP, TICKS, RISE = 1e-3, 300, 100  # m; number of ticks of 1 ms in total, and while the needle moves
 
 
 def block(cubes):
-    """Returns Kuhn's mesh of the block: nodes, tetrahedra, faces at z = 0."""
+    """Returns Kuhn's mesh of the block: nodes, tetrahedra, and faces at z = 0."""
     nodes, tets = needle_meshes.structured("Kuhn", cubes)
     faces = np.concatenate([tets[:, [0, 1, 2]], tets[:, [0, 1, 3]], tets[:, [0, 2, 3]], tets[:, [1, 2, 3]]])
     return nodes, tets, faces[(np.abs(nodes[faces][:, :, 2]) < 1e-9).all(axis=1)]
@@ -41,7 +41,7 @@ def stuck_needles(cubes, case):
 
 
 def forces_of_move(sim, bases, moved, axis):
-    """Returns the forces on both hands (2, 3), N, after needle `moved` has moved by STEP: along z, downwards."""
+    """Returns the forces (N) on both hands, shape (2, 3), after needle `moved` has moved down by STEP along z."""
     for needle in (0, 1):
         sim.reset(bases[needle], needle)
     forces, base = np.zeros((2, 3)), [b.copy() for b in bases]
@@ -69,20 +69,20 @@ def compare(rows, case, cubes):
 
 
 def check_coupling(rows, name, across):
-    """Of two needles: `across` are the forces along x and y on each by moving each along x and y."""
+    """The forces of two needles. `across` contains the forces along x and y on each needle when each needle is moved along x and y."""
     rows.error(f"{name}: forces on each other across the needles, difference over the largest", "reciprocity", np.abs(across - across.T).max() / np.abs(across).max(), RECIPROCAL)
     least, largest = np.linalg.eigvalsh(-0.5 * (across + across.T))[[0, -1]]
     rows.add(f"{name}: least stiffness of both across, over the largest", "positive", least / largest, None, max(0.0, -least / largest), 0.0)
 
 
 def leaning_base(point, lean):
-    """Returns the base of a needle that leans about y and passes through the point, with its tip 30 mm beyond."""
+    """Returns the pose of the base of a needle that is inclined about y and passes through the point, with its tip 30 mm beyond the point."""
     turn, along = 0.5 * (np.pi - lean), np.array([np.sin(lean), 0.0, -np.cos(lean)])
     return np.array([*(point + (0.03 - LENGTH) * along), np.cos(turn), 0.0, np.sin(turn), 0.0])
 
 
 def cross(rows, case, cubes, apart, angle):
-    """Compares needles that pass each other at this distance and angle."""
+    """Compares needles that pass each other at this distance and angle with the reference."""
     count, model = stuck_needles(cubes, case)
     sim, middle = trocar.Sim(model), np.array([0.001, 0.0011, 0.045])
     bases = [leaning_base(middle + np.array([0, side * apart, 0]), 2 * (side - 0.5) * 0.5 * angle) for side in (0, 1)]

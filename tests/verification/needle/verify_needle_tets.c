@@ -1,5 +1,5 @@
-/* The paper's needle, tetrahedra with quadratic strain: directional dependence of its stiffness, locking, effect and error of
-   the calibration, and speed and forces compared with the rod. */
+/* Tests the paper's needle, made of tetrahedra with quadratic strain: the directional dependence of its stiffness, locking, effect and error of the
+   calibration, and its speed and forces compared with the rod's. */
 #include <time.h>
 
 #include "bending_solid.h"
@@ -8,7 +8,7 @@
 #include "shared/motion.h"
 
 static const pose ORIGIN = {{0, 0, 0}, {1, 0, 0, 0}};
-static const double LENGTH = 0.2; /* m, length of the needle in bending.h */
+static const double LENGTH = 0.2; /* m, length of the needle assumed in bending.h */
 enum { TICKS = 2400, MOST_DIRECTIONS = 36, MOST_LOADS = 12, LEAST_SEGMENTS = 20 };
 
 /* One mesh under test. */
@@ -32,7 +32,8 @@ static const char *named(const subject *s, const char *what) {
     return text;
 }
 
-/* Returns the tip displacement over the length under a load of p EI / L^2 across the needle: along the load, across it, along the needle. */
+/* Returns the tip displacement, as a fraction of the length, under a load of p EI / L^2 across the needle: its components along the load, at a right angle to
+   the load, and along the needle. */
 static vec3 bent_tip(const subject *s, double angle, double p) {
     solid_state state;
     vec3 along = v3(cos(angle), sin(angle), 0), across = v3(-sin(angle), cos(angle), 0);
@@ -73,9 +74,9 @@ static void check_direction(rows *r, const subject *s) {
 
 /* ---- locking and calibration ------------------------------------------------------------------------------------------ */
 
-/* Bending stiffness with plane sections kept plane and all of Young's modulus, over E I of the square that is meshed,
-   I = r^4 / 3. By tetrahedron: two of three see a normal strain at a rim node, which gives 2/3 r^4; all see a shear
-   strain of the curvature times h/2, and every sixth one of h across it as well: 5/12 G A h^2 with A = 2 r^2. */
+/* Returns the bending stiffness if plane sections remain plane and the full Young's modulus is used, divided by E I of the square that is meshed, I = r^4 / 3.
+   Of the tetrahedra at a rim node, two of three have a normal strain, which gives 2/3 r^4. All of them have a shear strain of the curvature times h/2, and
+   every sixth one also across the needle, which gives 5/12 G A h^2 with A = 2 r^2. */
 static double plane_sections(const solid_model *model) {
     double slender = model->line.segment_length / model->line.radius;
     return 2.0 + 2.5 / (2.0 * (1.0 + model->line.given.poisson_ratio)) * slender * slender;
@@ -136,10 +137,10 @@ static void draw_elastica(rows *r, const subject *s) {
     rows_curve(r, c);
 }
 
-/* Returns the couple on the tip's rim divided by its rotation, N m, from the tangent's factors at rest. */
+/* Returns the couple on the tip's rim divided by its rotation (N m), computed from the factors of the tangent stiffness at rest. */
 static double torsional_stiffness(const subject *s) {
     double x[NEEDLE_MAX_SEGMENTS][TRIDIAGONAL_ROWS] = {{0}}, *tip = x[s->segments - 1], twist = 0.0;
-    for (int i = 0; i < SOLID_RIM; i++) { /* unit couple: forces along e_z x arm */
+    for (int i = 0; i < SOLID_RIM; i++) { /* a unit couple, with forces along e_z x arm */
         vec3 arm = s->model.solid.rim[i];
         tip[3 + 3 * i] = -arm.y / (SOLID_RIM * v3_dot(arm, arm));
         tip[4 + 3 * i] = arm.x / (SOLID_RIM * v3_dot(arm, arm));
@@ -152,7 +153,7 @@ static double torsional_stiffness(const subject *s) {
     return 1.0 / twist;
 }
 
-/* Checks the effect of the factor on Young's modulus on the stiffnesses for which it was not chosen. */
+/* Checks how the factor on Young's modulus affects the stiffnesses for which it was not chosen. */
 static void check_cost(rows *r, const subject *s) {
     const needle_parameters *g = &s->model.line.given;
     int z = 3 * s->segments + 2;
@@ -178,7 +179,7 @@ static double seconds(void) {
     return (double)t.tv_sec + 1e-9 * (double)t.tv_nsec;
 }
 
-/* Returns the shortest time of a Newton pass, s: linearisation for contacts on the outer half, and the update. */
+/* Returns the shortest time (s) of a Newton pass, which consists of the linearisation for contacts on the outer half and the update. */
 static double rod_pass_time(int segments) {
     needle_model model = needle_made(segments);
     needle_tangent *tangent = malloc(sizeof *tangent);
@@ -242,7 +243,7 @@ static record *run_figure8(bool solid, int segments) {
     return run;
 }
 
-/* Returns the root mean square of the difference in components [from, to), relative to that of the rod. */
+/* Returns the root mean square difference in the components [from, to), relative to the root mean square for the rod. */
 static double difference(const record *a, const record *rod, int from, int to) {
     double off = 0.0, size = 0.0;
     for (int i = 0; i < TICKS; i++)

@@ -17,19 +17,20 @@ sys.path[:0] = [str(Path(__file__).resolve().parents[1] / folder) for folder in 
 import needle_meshes  # noqa: E402
 from rows import REPOSITORY, Rows  # noqa: E402
 
-LIMIT, MEDIAN = 0.05, 0.02  # limits of the error of a single force, and of the median of all
-TICK_LIMIT = 0.002  # cross-coupling between directions, which rigid_needle.c neglects
+LIMIT, MEDIAN = 0.05, 0.02  # limits on the error of a single force, and on the median of all errors
+TICK_LIMIT = 0.002  # limit on the effect of the coupling between directions, which rigid_needle.c neglects
 ABREAST = "the sum of springs neglects cross-coupling between directions"
 SHORT = "less than two elements deep: the force on the end face moves the shaft behind it no farther than the mesh says"
 SHALLOW = "less than one element deep"
 BESIDE = "less than one element from a side"
 ABOVE = "the tip is less than half an element from the fixed face"
-COARSE = 4  # number of meshes on which the springs are added up as well
+COARSE = 4  # number of meshes on which the springs of each direction are also added up
 SIZES = {"short": (0.0155, 0.0125), "full": (0.0155, 0.0125, 0.0125 * 1.001, 0.0125 * 0.999, 0.0078, 0.0053, 0.0040, 0.0030)}
 
 
 def rigid_needle(rows, mesh, case):
-    """Returns nodes, contacts and the three forces by the project's contact nodes; sideways and axial again by the tick."""
+    """Returns the number of nodes, the number of contacts, and the three forces that follow from the project's contact nodes; also the sideways and axial
+    forces of the tick."""
     tip = case["tip"]
     command = [rows.build / "tests/verification/rigid_needle", mesh, case["radius"], case["poisson_ratio"], *case["axis"], tip,
                case["youngs_modulus_above"], case["youngs_modulus_below"]]
@@ -39,7 +40,7 @@ def rigid_needle(rows, mesh, case):
 
 
 def limited(case, direction, size):
-    """Returns why elements of this size (m) limit the accuracy there, or ''."""
+    """Returns the reason why elements of this size (m) limit the accuracy for this case, or '' if they do not."""
     depth, beside = needle_meshes.HEIGHT - case["tip"], needle_meshes.HALF_WIDTH - max(abs(x) for x in case["axis"])
     if case["kind"] == "disc":
         return ""
@@ -49,8 +50,8 @@ def limited(case, direction, size):
 
 
 def compare(rows, name, case, meshes, sizes):
-    """Compares the needle by the tick, and the tip's disc, whose shaft slides, by its own spring. Returns the errors, and those of places that are
-    only measured."""
+    """Compares the tick's force on the needle with the reference. The tip's disc, whose shaft slides, is compared by its own spring. Returns the errors, and
+    the errors at places where they are only measured."""
     errors, measured = [], []
     for mesh, size in zip(meshes, sizes):
         nodes, contacts, _, _, tip, sideways, along = rigid_needle(rows, mesh, case)
@@ -76,7 +77,7 @@ def compare_with_tick(rows, name, case, meshes):
         _, _, sideways, along, _, tick_sideways, tick_along = rigid_needle(rows, mesh, case)
         apart = max(apart, abs(sideways / tick_sideways - 1), abs(along / tick_along - 1))
     check, reference = f"{name}: the springs' forces against the tick's, worst of {len(meshes)} coarse meshes", "wrench of insertion_tick"
-    if name == "side": # pushed sideways, the tissue also moves along the needle
+    if name == "side": # if the needle is pushed sideways, the tissue also moves along it
         rows.measured(check, reference, apart, None, apart, "", ABREAST)
     else:
         rows.error(check, reference, apart, TICK_LIMIT)
@@ -106,7 +107,7 @@ def main():
         rows.measured(f"forces measured only, because the mesh limits the accuracy, {len(measured)} of {len(errors)}: {missed} above the limit of the others",
                       "needle's surface resolved, CalculiX C3D10", max(measured), None, max(measured),
                       note="which places these are was decided after their errors had been seen")
-    if not rows.short_form: # for coarse meshes alone it is larger
+    if not rows.short_form: # the median for the coarse meshes alone is larger
         rows.error(f"median of all {len(errors)} forces on the needle", "needle's surface resolved, CalculiX C3D10", np.median(errors), MEDIAN)
     sys.exit(rows.end())
 

@@ -7,7 +7,7 @@ import needle_meshes as nm
 
 class KuhnBlock:
     def __init__(self, cubes):
-        """`cubes`: numbers along x, y and z."""
+        """`cubes`: numbers of cubes along x, y and z."""
         self.nodes, self.tets = nm.structured("Kuhn", cubes)
         corners = self.nodes[self.tets]
         self.inverse = np.linalg.inv(np.concatenate([np.ones((len(self.tets), 4, 1)), corners], axis=2))
@@ -15,16 +15,16 @@ class KuhnBlock:
         self.outer = (np.abs(self.nodes[:, :2]).max(axis=1) > nm.HALF_WIDTH - 1e-9) | (np.abs(self.nodes[:, 2] / nm.HEIGHT - 0.5) > 0.5 - 1e-9)
 
     def by_cube(self):
-        """Returns the weights of the elements (columns) in each cube."""
+        """Returns a matrix with the weights of the elements (columns) in each cube."""
         cube = np.arange(len(self.tets)) // 6
         return sparse.csr_matrix((np.ones(len(cube)), (cube, np.arange(len(cube)))))
 
     def by_node(self):
-        """Returns the weights of the elements (columns) around each node: a quarter of each."""
+        """Returns a matrix with the weights of the elements (columns) around each node; each node gets a quarter of an element."""
         return sparse.csr_matrix((np.full(4 * len(self.tets), 0.25), (self.tets.ravel(), np.repeat(np.arange(len(self.tets)), 4))))
 
     def stiffness(self, shear, lame, averages):
-        """Returns the stiffness with the volumetric strain averaged over each row of `averages`: by_cube() or by_node()."""
+        """Returns the stiffness matrix for a volumetric strain that is averaged with each row of `averages`, a result of by_cube() or by_node()."""
         gradient, volume = self.inverse[:, 1:].transpose(0, 2, 1), np.abs(nm.volumes(self.nodes, self.tets))
         dofs, size = (3 * self.tets[:, :, None] + np.arange(3)).reshape(-1, 12), 3 * len(self.nodes)
         blocks = np.einsum("tai,tbi->tab", gradient, gradient)[:, :, None, :, None] * np.eye(3)[None, None, :, None, :]
@@ -35,7 +35,7 @@ class KuhnBlock:
         return (deviatoric.tocsr() + lame * flux.T @ sparse.diags(1 / (averages @ volume)) @ flux).tocsc()
 
     def interpolation(self, points):
-        """Returns rows that interpolate values at points from those of the nodes."""
+        """Returns a matrix whose rows interpolate nodal values at the points."""
         rows = sparse.lil_matrix((len(points), len(self.nodes)))
         for i, point in enumerate(points):
             near = np.flatnonzero(((point >= self.low) & (point <= self.high)).all(axis=1))

@@ -25,11 +25,11 @@ CASE = rn.CASES["depth_r0.635_nu0.45"]
 MESH = {"rim": 1.0, "slope": 1.0, "far_slope": 0.5, "sectors": 8, "largest": 0.02}
 STEPS, LARGEST = 5, 5e-3  # m
 STIFFENING = 0.2
-NO_MORE = 1e10            # D2 and D3: the pressure has no terms of higher order. (CalculiX takes zero for the value of D1.)
+NO_MORE = 1e10            # D2 and D3, so large that the pressure has no higher-order terms. (CalculiX replaces zero by the value of D1.)
 
 
 def hyperelastic(modulus, nu):
-    """Returns CalculiX's definitions by name; its fields hold twenty characters."""
+    """Returns CalculiX's material definitions by name; a field of its input holds at most twenty characters."""
     mu, bulk = modulus / 2 / (1 + nu), modulus / 3 / (1 - 2 * nu)
     c10, d1 = mu / 2, 2 / bulk
     return {"linear": f"*ELASTIC\n{modulus!r}, {nu!r}\n", "neo-Hookean": f"*HYPERELASTIC, NEO HOOKE\n{c10:.10g}, {d1:.10g}\n",
@@ -47,7 +47,7 @@ def deck(mesh, law, large, way):
 
 
 def solve(folder, name, mesh, law, large, way):
-    """Returns displacements (m) and forces along the motion (N) at each increment."""
+    """Returns the displacements (m) and the forces along the motion (N) at each increment."""
     (folder / f"{name}.inp").write_text(deck(mesh, law, large, way))
     done = subprocess.run(["nice", "ccx", "-i", name], cwd=folder, capture_output=True, text=True, env={**os.environ, "OMP_NUM_THREADS": "1"})
     text = (folder / f"{name}.dat").read_text() if (folder / f"{name}.dat").exists() else ""

@@ -18,7 +18,7 @@ POISSON, LAME = 0.45, 9.0               # for a shear modulus of 1
 LINE = (3 - 4 * POISSON) / (8 * math.pi * (1 - POISSON))
 STEP, REACH = 0.00025, 0.030            # m
 SIZE = (math.sqrt(2) * math.prod(CUBE)) ** (1 / 3)
-PLACES = (((0, 0), 0.150), ((0.0031, -0.0027), 0.464))  # x and y, and the line's resolved radius over SIZE
+PLACES = (((0, 0), 0.150), ((0.0031, -0.0027), 0.464))  # x and y, and the line's resolved radius divided by SIZE
 
 
 class Block(KuhnBlock):
@@ -29,7 +29,7 @@ class Block(KuhnBlock):
         self.factor = splu(self.matrix[self.free][:, self.free])
 
     def moved(self, at, line, axis):
-        """Returns the displacement along an axis at a point under a unit force per length along it at the points of the line."""
+        """Returns the displacement along an axis at a point due to a unit force per length along this axis at the points of the line."""
         force, moved = np.eye(3)[axis], np.zeros((len(self.nodes), 3))
         moved[self.outer] = sum(STEP * kelvin(point, force, self.nodes[self.outer]) for point in line)
         moved, load = moved.ravel(), np.zeros(3 * len(self.nodes))

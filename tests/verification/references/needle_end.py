@@ -34,14 +34,14 @@ class Block(KuhnBlock):
         self.matrix = self.stiffness(SHEAR, LAME, self.by_cube())
 
     def sideways_at(self, points):
-        """Returns rows that interpolate the sideways displacement at points from those of the nodes."""
+        """Returns a matrix whose rows interpolate the sideways displacement at points from nodal values."""
         return sparse.kron(self.interpolation(points), SIDEWAYS.reshape(1, 3)).tocsc()
 
     def solve(self, free, right):
         return splu(self.matrix[free][:, free]).solve(right)
 
     def resolved_radius(self, entry):
-        """Returns the resolved radius of an endless line through the block whose surface moves as in the exact solution."""
+        """Returns the resolved radius of an infinite line through the block, at which the displacement equals that of the exact solution."""
         depth = np.arange(-300, 300) * SEGMENT
         points = entry + depth[:, None] * ALONG
         inside = (np.abs(points[:, :2]).max(axis=1) < nm.HALF_WIDTH) & (points[:, 2] > 0) & (points[:, 2] < nm.HEIGHT)
@@ -55,7 +55,7 @@ class Block(KuhnBlock):
         return math.exp(-along[len(along) // 6 : -(len(along) // 6)].mean() / LINE)
 
     def compliance(self, entry):
-        """Returns the compliance of the segments, due to the mesh alone."""
+        """Returns the compliance of the segments that is due to the mesh alone."""
         free = np.repeat(self.nodes[:, 2] > 1e-9, 3)
         rows = self.sideways_at(entry + (np.arange(SEGMENTS) + 0.5)[:, None] * SEGMENT * ALONG)[:, free]
         return rows @ self.solve(free, rows.T.toarray())

@@ -19,13 +19,13 @@ except ImportError:
     sys.exit(SKIPPED)
 
 HALF_WIDTH, HEIGHT = 0.060, 0.100
-FACES = ((1, 2, 3), (0, 3, 2), (0, 1, 3), (0, 2, 1))  # faces opposite to each corner
+FACES = ((1, 2, 3), (0, 3, 2), (0, 1, 3), (0, 2, 1))  # the face opposite to each corner
 
 
 # ---- by Gmsh -----------------------------------------------------------------------------------------------------------
 
 def set_field(expression):
-    """Element sizes from an expression in x, y and z alone."""
+    """Sets the element sizes by an expression in x, y and z alone."""
     sizes = gmsh.model.mesh.field.add("MathEval")
     gmsh.model.mesh.field.setString(sizes, "F", expression)
     gmsh.model.mesh.field.setAsBackgroundMesh(sizes)
@@ -34,7 +34,7 @@ def set_field(expression):
 
 
 def block(path, size, layered=False, field=None):
-    """Meshes the block without structure; `size`: of all elements, or, with `field` (an expression in x, y, z), the largest."""
+    """Makes an unstructured mesh of the block. `size` is the size of all elements, or the largest size if `field`, an expression in x, y and z, is given."""
     gmsh.initialize()
     gmsh.option.setNumber("General.Terminal", 0)
     occ = gmsh.model.occ
@@ -61,14 +61,14 @@ def block(path, size, layered=False, field=None):
 
 
 def graded(path, at_skin, at_tip, axis, tip):
-    """Meshes the block with the element size along the needle's line from `at_skin` to `at_tip`, in geometric progression;
-    it grows by 0.35 with the distance from the line."""
+    """Meshes the block with element sizes that vary along the needle's line from `at_skin` to `at_tip` in a geometric progression, and increase by 0.35 times
+    the distance from the line."""
     rate = np.log(at_tip / at_skin) / (tip - HEIGHT)
     block(path, 0.02, field=f"{at_skin}*exp({rate}*(z-{HEIGHT})) + 0.35*sqrt((x-{axis[0]})^2+(y+{-axis[1]})^2)")
 
 
 def read(path):
-    """Returns nodes and tetrahedra."""
+    """Returns the nodes and tetrahedra of the mesh."""
     gmsh.initialize()
     gmsh.option.setNumber("General.Terminal", 0)
     gmsh.open(str(path))
@@ -83,7 +83,7 @@ def read(path):
 # ---- by numpy ----------------------------------------------------------------------------------------------------------
 
 def msh(nodes, groups, elements):
-    """Returns the text of a Gmsh file. groups: dimension, number and name; elements: Gmsh's type, group and nodes."""
+    """Returns the text of a Gmsh file. groups: dimension, number and name of each; elements: Gmsh's type, group and nodes of each."""
     lines = ["$MeshFormat", "2.2 0 8", "$EndMeshFormat", "$PhysicalNames", str(len(groups)), *(f'{dim} {number} "{name}"' for dim, number, name in groups),
              "$EndPhysicalNames", "$Nodes", str(len(nodes)), *(f"{i} {x:.17g} {y:.17g} {z:.17g}" for i, (x, y, z) in enumerate(nodes.tolist(), 1)), "$EndNodes",
              "$Elements", str(len(elements)),
@@ -93,7 +93,7 @@ def msh(nodes, groups, elements):
 
 
 def write(path, nodes, tets, lower=None):
-    """Writes the mesh; `lower` tells for each tetrahedron whether it is in the region of that name."""
+    """Writes the mesh; `lower` states for each tetrahedron whether it belongs to the region of that name."""
     tets = np.array(tets)
     mirrored = np.linalg.det(nodes[tets[:, 1:]] - nodes[tets[:, :1]]) < 0
     tets[mirrored] = tets[mirrored][:, [1, 0, 2, 3]]
@@ -106,14 +106,14 @@ def write(path, nodes, tets, lower=None):
     path.write_text(msh(nodes, ((3, 1, "upper"), (3, 2, "lower"), (2, 9, "fixed")), elements))
 
 
-# Corners of a cell are numbered 4 x + 2 y + z. Kuhn: six paths of edges from corner 0 to 7. Five: a regular tetrahedron and four corners,
-# mirrored in every other cell.
+# The corners of a cell are numbered 4 x + 2 y + z. Kuhn's division follows the six paths of edges from corner 0 to 7. The division into five consists of a
+# regular tetrahedron and four corner tetrahedra, and is mirrored in every other cell.
 KUHN = [(0, a, a | b, 7) for a in (1, 2, 4) for b in (1, 2, 4) if a != b]
 FIVE = ([(0, 3, 5, 6), (1, 0, 3, 5), (2, 0, 3, 6), (4, 0, 5, 6), (7, 3, 5, 6)], [(1, 2, 4, 7), (0, 1, 2, 4), (3, 1, 2, 7), (5, 1, 4, 7), (6, 2, 4, 7)])
 
 
 def structured(kind, cells, low=(-HALF_WIDTH, -HALF_WIDTH, 0.0), high=(HALF_WIDTH, HALF_WIDTH, HEIGHT)):
-    """Nodes and tetrahedra of a grid of cells (nx, ny, nz), each cut into six ("Kuhn") or five ("five") tetrahedra."""
+    """Returns nodes and tetrahedra of a grid of (nx, ny, nz) cells, each divided into six ("Kuhn") or five ("five") tetrahedra."""
     grid = np.meshgrid(*(np.linspace(a, b, n + 1) for a, b, n in zip(low, high, cells)), indexing="ij")
     nodes = np.stack([axis.ravel() for axis in grid], axis=1)
     cell = np.stack(np.meshgrid(*(np.arange(n) for n in cells), indexing="ij"), axis=-1).reshape(-1, 3)
@@ -130,8 +130,7 @@ def volumes(nodes, tets):
 
 
 def with_slivers(nodes, tets, left, seed=3):
-    """Moves every second node inside the block in a random direction until one of its tetrahedra has only the fraction `left` of its
-    volume."""
+    """Moves every second node inside the block in a random direction until one of its tetrahedra keeps only the fraction `left` of its volume."""
     random, nodes = np.random.default_rng(seed), nodes.copy()
     volume = volumes(nodes, tets)
     tets = np.where((volume < 0)[:, None], tets[:, [1, 0, 2, 3]], tets)
@@ -147,7 +146,7 @@ def with_slivers(nodes, tets, left, seed=3):
 
 
 def least_angle(nodes, tets):
-    """Returns the smallest dihedral angle of each tetrahedron, degrees."""
+    """Returns the smallest dihedral angle of each tetrahedron, in degrees."""
     x = nodes[tets]
     normal = np.stack([np.cross(x[:, b] - x[:, a], x[:, c] - x[:, a]) for a, b, c in FACES], axis=1)
     normal /= np.linalg.norm(normal, axis=2)[..., None]
@@ -158,8 +157,8 @@ def least_angle(nodes, tets):
 # ---- a patient's -------------------------------------------------------------------------------------------------------
 
 def patient(folder, nodes):
-    """Nodes and tetrahedra of the synthetic patient's prostate and the tissue around it by scripts/anatomy, without bones; its box is
-    stretched to the block, skin on top."""
+    """Returns nodes and tetrahedra of the synthetic patient's prostate and surrounding tissue, meshed by scripts/anatomy without bones. The mesh's bounding box
+    is stretched to the block, with the skin on top."""
     prefix = folder / f"patient-{nodes}"
     made = subprocess.run([REPOSITORY / "scripts/anatomy", REPOSITORY / "meshes/synthetic.dcm", "--roi", "Prostate", "--nodes", str(nodes), "--output", prefix],
                           capture_output=True, text=True)

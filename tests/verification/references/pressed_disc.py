@@ -16,11 +16,11 @@ from pathlib import Path
 import numpy as np
 
 RADIUS, WIDTH, HEIGHT, E, NU = 0.635e-3, 0.06, 0.06, 20e3, 0.45
-RIM, GROWTH, STEPS = 0.3, 1.25, 20   # size of the first element relative to the radius; growth from one element to the next
+RIM, GROWTH, STEPS = 0.3, 1.25, 20   # size of the first element relative to the radius; ratio of successive element sizes
 
 
 def graded(start, end, first):
-    """Returns points from `start` to `end`, with elements growing from `first` on."""
+    """Returns points from `start` to `end` whose spacing begins with `first` and grows."""
     steps = first * GROWTH ** np.arange(200)
     ends = np.concatenate([[0.0], np.cumsum(steps)])
     ends = ends[:np.searchsorted(ends, end - start) + 1]

@@ -25,15 +25,15 @@ import gmsh
 import numpy as np
 
 HALF_WIDTH, HEIGHT = 0.060, 0.100  # the block: |x|, |y| <= HALF_WIDTH; z = 0 is fixed, z = HEIGHT is the skin
-RINGS_RADIUS = 0.006  # where the polar rings end; less than the distance from any needle to a side of the block
+RINGS_RADIUS = 0.006  # m, radius at which the polar rings end; less than the distance from any needle to a side of the block
 SOFT, STIFF, CONTRAST = 20e3, 60e3, 1000.0
 MOVE = 1e-3
-BALANCE = 1e-4  # largest imbalance of the reactions relative to their size; CalculiX prints seven digits
+BALANCE = 1e-4  # largest imbalance of the reactions relative to their magnitude; CalculiX prints seven digits
 
-# rim: first element at the needle's rim, in radii. slope: growth of the element size with the distance from there, and
-# far_slope with the distance from the rings. sectors: elements around the needle. largest: element size far away.
-# Discs have a finer rim: where the bonded end meets the free wall of the hole (a clamped-free corner of 270 degrees,
-# Williams 1952), displacements go with the power 0.28 of the distance at nu = 0.45, so forces go as rim^0.56.
+# rim: size of the first element at the needle's rim, in radii. slope: growth of the element size with the distance from the rim; far_slope: growth with the
+# distance from the rings. sectors: number of elements around the needle. largest: largest element size, far from the needle. Discs have a finer rim: where the
+# bonded end meets the free wall of the hole (a clamped-free corner of 270 degrees, Williams 1952), displacements go with the power 0.28 of the distance at nu =
+# 0.45, so forces go as rim^0.56.
 MESHES = {
     "coarse": {"needle": {"rim": 0.24, "slope": 1.0, "far_slope": 0.5, "sectors": 8, "largest": 0.018},
                "disc": {"rim": 0.006, "slope": 0.7, "far_slope": 0.6, "sectors": 8, "largest": 0.025}},
@@ -42,7 +42,7 @@ MESHES = {
     "fine": {"needle": {"rim": 0.08, "slope": 0.55, "far_slope": 0.275, "sectors": 12, "largest": 0.012},
              "disc": {"rim": 0.001, "slope": 0.5, "far_slope": 0.6, "sectors": 10, "largest": 0.025}},
 }
-# Lengths over which the mesh under an oblique needle's tip turns back to the vertical.
+# Lengths over which the mesh below the tip of an oblique needle turns back to the vertical.
 BEND, TILT = 0.008, 0.020
 ABOUT = (
     "Total force needed to move a rigid needle, or the disc at its end, by 1 mm in tissue that is bonded to it. "
@@ -58,21 +58,20 @@ ABOUT = (
 
 
 def case(tip, radius=0.635e-3, nu=0.45, axis=(0.0031, -0.0027), below=SOFT, above=SOFT, disc=False):
-    """Returns a needle from the skin down to z = tip; `above` and `below` are the moduli over and under z = 50 mm; `disc`
-    moves the end face only."""
+    """Returns a needle from the skin down to z = tip. `above` and `below` are the moduli above and below z = 50 mm. With `disc`, only the end face is moved."""
     return {"kind": "disc" if disc else "needle", "radius": radius, "poisson_ratio": nu, "axis": list(axis), "tip": tip,
             "youngs_modulus_above": above, "youngs_modulus_below": below, "interface": HEIGHT / 2}
 
 
 def oblique(angle, azimuth=0, middle=(0.0, -0.0027), length=0.060):
-    """Returns a needle of which `length` is inside, half of it on either side of x, y = middle."""
+    """Returns a needle with a length of `length` inside the tissue, half of it on either side of x, y = middle."""
     across, down = 0.5 * length * math.cos(math.radians(angle)), length * math.sin(math.radians(angle))
     way = (math.cos(math.radians(azimuth)), math.sin(math.radians(azimuth)))
     return {**case(HEIGHT - down, axis=(middle[0] + across * way[0], middle[1] + across * way[1])), "angle": angle, "azimuth": azimuth}
 
 
 def directions(one):
-    """Returns unit vectors: of the needle into the tissue; at right angles to it in the plane that contains z; horizontal."""
+    """Returns unit vectors: along the needle into the tissue; at a right angle to the needle in the plane that contains z; and horizontal."""
     if "angle" not in one:
         return np.array([0.0, 0.0, -1.0]), np.array([1.0, 0.0, 0.0]), np.array([0.0, 1.0, 0.0])
     angle, azimuth = math.radians(one["angle"]), math.radians(one["azimuth"])
@@ -82,7 +81,7 @@ def directions(one):
 
 
 def loads(one):
-    """Returns the displacement of the moved nodes in each load case; a disc is pressed in the direction of insertion."""
+    """Returns the displacement of the moved nodes in each load case. A disc is pressed in the direction of insertion."""
     inwards, sideways, across = directions(one)
     if one["kind"] == "disc":
         return {"axial": MOVE * inwards}
@@ -91,7 +90,7 @@ def loads(one):
 
 
 def all_cases():
-    """Returns the cases by name."""
+    """Returns a dict of the cases by name."""
     radii = (0.35e-3, 0.635e-3, 0.9e-3)
     cases = {f"depth_r{1e3 * r:g}_nu{nu:g}": case(0.020, r, nu) for r in radii for nu in (0.3, 0.45, 0.49, 0.499)}
     cases["skin"] = case(0.080)
@@ -113,7 +112,7 @@ CASES = all_cases()
 
 
 def graded(low, high, fine_at, first, mesh):
-    """Returns points from low to high, spaced by `first` at the points `fine_at`, and wider with the distance from these."""
+    """Returns points from low to high whose spacing is `first` at the points `fine_at` and increases with the distance from them."""
     near = np.geomspace(0.01 * first, high - low, 2001)
     s = np.concatenate([np.linspace(low, high, 2001), *(p + sign * near for p in fine_at for sign in (-1, 1))])
     s = np.unique(np.clip(s, low, high))
@@ -127,7 +126,7 @@ def graded(low, high, fine_at, first, mesh):
 # ---- the plane triangulation -----------------------------------------------------------------------------------------
 
 def polar_rings(radius, first, mesh):
-    """Returns vertices (n x 2, about the axis) and triangles of the disc of RINGS_RADIUS, with a ring exactly at the rim."""
+    """Returns the vertices (n x 2, relative to the axis) and triangles of the disc with RINGS_RADIUS, one ring of which lies exactly at the rim."""
     inside = graded(0.0, radius, [radius], first, mesh)[1:]
     outside = graded(radius, RINGS_RADIUS, [radius], first, mesh)[1:]
     rings, sectors = np.concatenate([inside, outside]), mesh["sectors"]
@@ -144,7 +143,7 @@ def polar_rings(radius, first, mesh):
 
 
 def surroundings(axis, boundary, mesh):
-    """Returns Gmsh's triangles between the polygon `boundary` (n x 2, about the axis) and the block's sides."""
+    """Returns Gmsh's triangles between the polygon `boundary` (n x 2, relative to the axis) and the block's sides."""
     gmsh.initialize()
     gmsh.option.setNumber("General.Terminal", 0)
     geo, edge = gmsh.model.geo, np.linalg.norm(boundary[1] - boundary[0])
@@ -175,7 +174,7 @@ def surroundings(axis, boundary, mesh):
 
 
 def plane_triangulation(axis, radius, first, mesh):
-    """Returns vertices about the axis and triangles of the block's whole cross-section, conforming on the outermost ring."""
+    """Returns the vertices, relative to the axis, and the triangles of the block's whole cross-section, which conform at the outermost ring."""
     vertices, triangles = polar_rings(radius, first, mesh)
     ring = np.arange(len(vertices) - mesh["sectors"], len(vertices))
     outer_vertices, outer_triangles = surroundings(np.array(axis), vertices[ring], mesh)
@@ -188,7 +187,7 @@ def plane_triangulation(axis, radius, first, mesh):
 
 
 def midpoints(a, b):
-    """Returns the middle of the edges from a to b (n x 2), along the arc within the rings, so that the needle is round."""
+    """Returns the midpoints of the edges from a to b (n x 2). Within the rings they lie on the arc, so that the needle is round."""
     middle, radius_a, radius_b = 0.5 * (a + b), np.linalg.norm(a, axis=1), np.linalg.norm(b, axis=1)
     within = (np.maximum(radius_a, radius_b) < RINGS_RADIUS * (1 - 1e-9)) & (np.minimum(radius_a, radius_b) > 1e-9)
     mean = 0.5 * (radius_a + radius_b)[within]
@@ -199,7 +198,7 @@ def midpoints(a, b):
 # ---- extrusion to quadratic tetrahedra -------------------------------------------------------------------------------
 
 def layers(one, first, mesh):
-    """Returns the heights of the layers' faces: thin layers at the tip, at the skin and at a change of material."""
+    """Returns the heights of the layers' faces, with thin layers at the tip, at the skin and at a change of material."""
     stops, fine_at = [0.0, one["tip"], HEIGHT], [one["tip"]]
     if one["kind"] == "needle":
         fine_at.append(HEIGHT)
@@ -212,7 +211,7 @@ def layers(one, first, mesh):
 
 
 class Edges:
-    """Numbers the edges of a triangulation: vertices keep their number, edges follow."""
+    """Numbers the edges of a triangulation: vertices keep their numbers, and edges follow."""
 
     def __init__(self, vertices, triangles):
         pairs = np.sort(np.concatenate([triangles[:, [0, 1]], triangles[:, [1, 2]], triangles[:, [0, 2]]]), axis=1)
@@ -221,7 +220,7 @@ class Edges:
         self.keys = self.pairs[:, 0] * self.stride + self.pairs[:, 1]
 
     def middle(self, a, b):
-        """Returns the plane node half-way between the vertices a and b, which may be the same."""
+        """Returns the plane node half-way between the vertices a and b, which may be the same vertex."""
         edge = self.stride + np.searchsorted(self.keys, np.minimum(a, b) * self.stride + np.maximum(a, b))
         return np.where(a == b, a, edge)
 
@@ -229,9 +228,9 @@ class Edges:
 def extrude(vertices, triangles, heights):
     """Extrudes each triangle through each layer and cuts the prism into three C3D10 tetrahedra.
 
-    Returns nodes (n x 3) and elements (layers x 3 triangles x 10). A node is a plane node (vertex
-    or middle of an edge) at a level (face or middle of a layer): number = level * plane nodes + plane node. Corners of
-    a prism are taken by rising number, so that neighbours cut their common face along the same diagonal.
+    Returns nodes (n x 3) and elements (layers x 3 triangles x 10). A node is a plane node (vertex or midpoint of an edge) at a level (face or middle of a
+    layer): number = level * plane nodes + plane node. The corners of a prism are taken in ascending order, so that neighbours divide their common face along
+    the same diagonal.
     """
     edges = Edges(vertices, triangles)
     plane = np.concatenate([vertices, midpoints(vertices[edges.pairs[:, 0]], vertices[edges.pairs[:, 1]])])
@@ -240,7 +239,7 @@ def extrude(vertices, triangles, heights):
 
     corner = np.sort(triangles, axis=1)
     prism_splits = (((0, 0), (1, 0), (2, 0), (2, 2)), ((0, 0), (1, 0), (1, 2), (2, 2)), ((0, 0), (0, 2), (1, 2), (2, 2)))
-    pairs = ((0, 0), (1, 1), (2, 2), (3, 3), (0, 1), (1, 2), (0, 2), (0, 3), (1, 3), (2, 3))  # order of a C3D10
+    pairs = ((0, 0), (1, 1), (2, 2), (3, 3), (0, 1), (1, 2), (0, 2), (0, 3), (1, 3), (2, 3))  # node order of a C3D10
     tets = []
     for split in prism_splits:
         ends = [(corner[:, vertex], level) for vertex, level in split]
@@ -276,7 +275,7 @@ def oblique_axis(one, z):
 
 
 def middle_of(one):
-    """Returns x and y half-way between skin and tip."""
+    """Returns x and y of the point half-way between skin and tip."""
     back = 0.5 * (HEIGHT - one["tip"]) / math.tan(math.radians(one["angle"]))
     return np.array(one["axis"]) - back * directions(one)[0][:2] / math.cos(math.radians(one["angle"]))
 
@@ -285,7 +284,7 @@ EDGES = ((0, 1), (1, 2), (0, 2), (0, 3), (1, 3), (2, 3))  # edges of a C3D10 ele
 
 
 def straighten(nodes, elements, far):
-    """Puts middle nodes of edges with a far end half-way between the ends."""
+    """Moves the mid-side nodes of edges with a far end to the midpoints between the ends."""
     for i, edge in enumerate(EDGES, 4):
         ends, middle = elements[:, edge], elements[:, i]
         chosen = far[ends].any(axis=1)
@@ -293,7 +292,7 @@ def straighten(nodes, elements, far):
 
 
 def least_jacobian(nodes, elements):
-    """Returns the smallest Jacobian of each element at its integration points."""
+    """Returns the smallest Jacobian determinant of each element at its integration points."""
     inner, outer = (5 + 3 * 5 ** 0.5) / 20, (5 - 5 ** 0.5) / 20
     gradients = np.concatenate([-np.ones((1, 3)), np.eye(3)])  # gradients of the barycentric coordinates
     least = np.full(len(elements), np.inf)
@@ -304,15 +303,15 @@ def least_jacobian(nodes, elements):
 
 
 def deform(one, nodes, elements):
-    """Nodes of a straight needle's mesh, x and y from its axis, moved so that the needle is oblique: the rings move with it, the
-    block's sides stay. Elements outside the rings keep straight edges, and so do those that would fold."""
+    """Returns the nodes of a straight needle's mesh, with x and y relative to its axis, moved so that the needle is oblique. The rings move with the needle,
+    while the block's sides do not. Elements outside the rings keep straight edges, as do those that would otherwise fold."""
     middle, side = middle_of(one), directions(one)[2]
     forward = np.array([side[1], -side[0]])
     x, y, z = nodes.T
     share = np.max([sign * nodes[:, i] / (HALF_WIDTH - sign * middle[i]) for i in (0, 1) for sign in (-1, 1)], axis=0)
     weight = np.clip((1 - share) / (1 - RINGS_RADIUS / (HALF_WIDTH - np.abs(middle).max())), 0.0, 1.0)
     centre, ahead, up = oblique_axis(one, z)
-    turned = weight ** 3 * (nodes[:, :2] @ forward)  # the turn fades faster than the shift, which keeps elements from folding
+    turned = weight ** 3 * (nodes[:, :2] @ forward)  # the rotation decreases faster than the shift, which keeps elements from folding
     shift = weight * (centre + (one["axis"] - middle) @ forward) + turned * (ahead - 1)
     moved = np.column_stack([nodes[:, :2] + middle + shift[:, None] * forward, z + turned * up])
     distance = np.hypot(x, y)
@@ -327,7 +326,7 @@ def deform(one, nodes, elements):
 # ---- the block with its needle ---------------------------------------------------------------------------------------
 
 def block_with_needle(one, mesh):
-    """Returns nodes (n x 3), elements (m x 10), heights of their layers (m), and the fixed and moved nodes."""
+    """Returns nodes (n x 3), elements (m x 10), the heights of their layers (m), and the fixed and moved nodes."""
     first = mesh["rim"] * one["radius"]
     place = middle_of(one) if "angle" in one else one["axis"]
     vertices, triangles = plane_triangulation(place, one["radius"], first, mesh)
@@ -355,7 +354,7 @@ def block_with_needle(one, mesh):
 # ---- the problem for CalculiX ----------------------------------------------------------------------------------------
 
 def numbered(table):
-    """Formats the lines of a table, numbered from one; CalculiX reads 20 characters per number."""
+    """Formats the lines of a table, numbered from one; CalculiX reads at most 20 characters per number."""
     return "".join(f"{i}, {', '.join(f'{value:.12g}' for value in row)}\n" for i, row in enumerate(table.tolist(), 1))
 
 
@@ -387,7 +386,7 @@ def input_deck(one, nodes, elements, middle, fixed, moved):
 
 
 def reactions(text, names):
-    """Returns the sums of the forces on the moved nodes and on the fixed face for each load case, from CalculiX's .dat file."""
+    """Returns the sums of the forces on the moved nodes and on the fixed face for each load case, read from CalculiX's .dat file."""
     sums = re.findall(r"total force.*for set (\w+) and time.*\n\s*\n\s*(\S+)\s+(\S+)\s+(\S+)", text)
     if [name for name, *_ in sums] != ["MOVED", "FIXED"] * len(names):
         sys.exit("resolved_needle: CalculiX printed no reactions; keep its files with --keep and run it by hand")
@@ -400,7 +399,7 @@ def reactions(text, names):
 
 
 def solve(one, mesh, folder):
-    """Returns the size of the mesh and the reactions of one case on one mesh; CalculiX works in `folder`."""
+    """Returns the size of the mesh and the reactions for one case on one mesh; CalculiX works in `folder`."""
     nodes, elements, middle, fixed, moved = block_with_needle(one, mesh)
     (folder / "needle.inp").write_text(input_deck(one, nodes, elements, middle, fixed, moved))
     (folder / "needle.dat").unlink(missing_ok=True)
@@ -418,7 +417,7 @@ def summarise(entry):
     """Adds the force along each motion on the finest mesh solved, and the deviation of each mesh from the next finer one."""
     force = {mesh: {name: float(np.dot(entry["meshes"][mesh][name]["needle_force"], move)) / MOVE
                     for name, move in loads(entry).items()} for mesh in MESHES if mesh in entry["meshes"]}
-    solved = list(force)  # from coarse to fine
+    solved = list(force)  # ordered from coarse to fine
     entry["force"] = force[solved[-1]]
     for mesh, finer in zip(solved, solved[1:]):
         entry[f"{mesh}_above_{finer}"] = {name: force[mesh][name] / value - 1 for name, value in force[finer].items()}
@@ -430,7 +429,7 @@ def solver_version():
 
 
 def write(path, solved):
-    """Writes the table in the order of the cases, each vector on one line."""
+    """Writes the table in the order of the cases, with each vector on one line."""
     table = {"about": ABOUT, "solver": solver_version(), "mesh_settings": MESHES,
              "cases": {name: solved[name] for name in CASES if name in solved}}
     text = re.sub(r"\[\s+([^][]*?)\s+\]", lambda m: "[" + re.sub(r"\s+", " ", m[1]) + "]", json.dumps(table, indent=1))

@@ -23,10 +23,11 @@ import numpy as np
 from resolved_needle import BALANCE, HALF_WIDTH, HEIGHT, MOVE, a_set, least_jacobian, material, numbered, solver_version, straighten
 
 RADIUS, MODULUS = 0.635e-3, 20e3
-# around: elements around a needle; slope: growth of the element size with the distance from its surface; largest: far away.
+# around: number of elements around a needle. slope: growth of the element size with the distance from the needle's surface. largest: element size far from the
+# needles.
 MESHES = {"coarse": {"around": 8, "slope": 0.6, "largest": 0.018}, "standard": {"around": 10, "slope": 0.45, "largest": 0.015},
           "fine": {"around": 14, "slope": 0.35, "largest": 0.012}}
-BEYOND = 0.010  # m: the hole is cut from so far above the skin
+BEYOND = 0.010  # m, height above the skin from which the hole is cut
 ABOUT = (
     "Forces on rigid needles of radius 0.635 mm bonded to tissue, one of which is moved by 1 mm while the others are held. Lengths in m, forces in N, "
     "modulus 20 kPa. Block |x|, |y| <= 0.06, 0 <= z <= 0.1; z = 0 is held, all else is free. 'needles': where each goes in and where its tip is. "
@@ -42,8 +43,8 @@ def vertical(x, y, depth=0.080):
 
 
 def oblique(x, y, angle, azimuth, depth=0.080, crosses=0.0):
-    """Returns a needle of `depth` along itself at `angle` degrees to the skin, towards `azimuth` degrees from x; it passes (x, y) at the
-    skin, or at `crosses` below it."""
+    """Returns a needle with a length of `depth` in the tissue, at `angle` degrees to the skin and towards `azimuth` degrees from x. It passes through (x, y) at
+    the skin, or at the depth `crosses` below the skin."""
     along = np.array([math.cos(math.radians(angle)) * math.cos(math.radians(azimuth)), math.cos(math.radians(angle)) * math.sin(math.radians(azimuth)),
                       -math.sin(math.radians(angle))])
     entry = np.array([x, y, HEIGHT - crosses]) + crosses / along[2] * along
@@ -51,11 +52,11 @@ def oblique(x, y, angle, azimuth, depth=0.080, crosses=0.0):
 
 
 def case(needles, moved=None, nu=0.45):
-    """`moved`: numbers of the needles that are moved, each along x, y and z; all by default."""
+    """`moved`: numbers of the needles that are moved, each along x, y and z; by default, all of them."""
     return {"radius": RADIUS, "poisson_ratio": nu, "youngs_modulus": MODULUS, "needles": needles, "moved": list(range(len(needles))) if moved is None else moved}
 
 
-X, Y = 0.0007, 0.0011  # the middle of the needles: not on a plane of symmetry of the block
+X, Y = 0.0007, 0.0011  # the centre between the needles, which is not on a plane of symmetry of the block
 
 
 def apart(distance, **more):
@@ -80,7 +81,7 @@ CASES = all_cases()
 # ---- the mesh --------------------------------------------------------------------------------------------------------
 
 def axis_distance(point, needle):
-    """Returns the distance from a point to a needle's axis, which continues above the skin, m. In plain Python, because Gmsh calls it a million
+    """Returns the distance (m) from a point to a needle's axis, which is extended above the skin. Written in plain Python, because Gmsh calls it a million
     times."""
     (ex, ey, ez), (tx, ty, tz) = needle
     wx, wy, wz, x, y, z = ex - tx, ey - ty, ez - tz, point[0] - tx, point[1] - ty, point[2] - tz
@@ -118,9 +119,9 @@ def block_with_needles(one, mesh):
     gmsh.finalize()
     row = np.zeros(int(max(tags)) + 1, int)
     row[tags.astype(int)] = np.arange(len(tags))
-    used, elements = np.unique(row[elements[:, [0, 1, 2, 3, 4, 5, 6, 7, 9, 8]]], return_inverse=True)  # its last two nodes are in the other order
+    used, elements = np.unique(row[elements[:, [0, 1, 2, 3, 4, 5, 6, 7, 9, 8]]], return_inverse=True)  # Gmsh and CalculiX order the last two nodes differently
     nodes, elements = coordinates.reshape(-1, 3)[used], elements.reshape(-1, 10)
-    folded = least_jacobian(nodes, elements) <= 0.0  # a few elements, because of the curved edges on the holes
+    folded = least_jacobian(nodes, elements) <= 0.0  # a few elements fold because of the curved edges on the holes
     straighten(nodes, elements[folded], np.ones(len(nodes), bool))
     if least_jacobian(nodes, elements).min() <= 0.0:
         sys.exit("resolved_pair: the mesh has folded elements")
@@ -162,7 +163,7 @@ def input_deck(one, nodes, elements):
 
 
 def reactions(one, text):
-    """Returns [moved][axis][needle][component] in N per MOVE, from CalculiX's .dat file."""
+    """Returns the forces [moved][axis][needle][component] in N per MOVE, read from CalculiX's .dat file."""
     sums = re.findall(r"total force.*for set (\w+) and time.*\n\s*\n\s*(\S+)\s+(\S+)\s+(\S+)", text)
     sets, count = len(one["needles"]) + 1, len(steps_of(one))
     if len(sums) != sets * count:
@@ -187,7 +188,7 @@ def solve(one, mesh, folder):
 # ---- the table -------------------------------------------------------------------------------------------------------
 
 def known(force):
-    """Returns the columns that were solved: (moved needles, 3, needles, 3)."""
+    """Returns the columns that were solved, with shape (moved needles, 3, needles, 3)."""
     return np.array([column for column in force if column is not None])
 
 

@@ -17,7 +17,7 @@ typedef struct {
     tissue tissue;
     inverse *inverse;
     vec3 *force, *displacement;
-    bool loaded;               /* a case has started */
+    bool loaded;               /* true if a load case has started */
 } problem;
 
 static trocar_status set_material(problem *p, const char *line, report *why) {
@@ -70,7 +70,7 @@ static void solve_case(problem *p) {
     memset(p->force, 0, (size_t)p->mesh.node_count * sizeof *p->force);
 }
 
-/* The first case needs the factor: materials and fixed groups are complete by then. */
+/* The first load case needs the factor; materials and fixed groups are complete by then. */
 static trocar_status begin_case(problem *p, report *why) {
     trocar_status status = TROCAR_OK;
     solve_case(p);

@@ -25,16 +25,16 @@ if not shutil.which("ccx"):
     sys.exit(SKIPPED)
 
 TETRAHEDRON, TRIANGLE = 4, 2  # Gmsh's element types
-EDGES = ((0, 1), (1, 2), (2, 0), (0, 3), (1, 3), (2, 3))  # in the order of C3D10's mid-side nodes
+EDGES = ((0, 1), (1, 2), (2, 0), (0, 3), (1, 3), (2, 3))  # in the order of the mid-side nodes of a C3D10
 
 
 @dataclass
 class Model:
-    path: Path      # the mesh file, for core
+    path: Path      # path of the mesh file, for the core
     nodes: np.ndarray
     tets: np.ndarray
-    regions: dict   # name: indices of tets
-    surfaces: dict  # name: triangles (k, 3)
+    regions: dict   # name of each region, with the indices of its tetrahedra
+    surfaces: dict  # name of each surface, with its triangles (k, 3)
 
 
 # ---- meshes ----
@@ -47,7 +47,8 @@ def start_gmsh():
 
 
 def finish_mesh(path, size, volumes, surfaces, optimize=False):
-    """Meshes the shape with named groups, tags of entities by name (no group where there are none), in elements of this size, writes and reads it."""
+    """Meshes the shape with elements of this size, writes the file and reads it. The named groups are given by the tags of entities by name; a name without
+    tags gets no group."""
     for dimension, groups, first in ((3, volumes, 1), (2, surfaces, 8)):
         for number, (name, tags) in enumerate(groups.items(), first):
             if tags:
@@ -64,7 +65,7 @@ def finish_mesh(path, size, volumes, surfaces, optimize=False):
 
 
 def faces_at(height):
-    """Returns the tags of the shape's faces whose middle is at this height."""
+    """Returns the tags of the shape's faces whose centre is at this height."""
     return [tag for _, tag in gmsh.model.getEntities(2) if abs(gmsh.model.occ.getCenterOfMass(2, tag)[2] - height) < 1e-9]
 
 
@@ -100,8 +101,8 @@ def read_mesh(path):
 # ---- elements ----
 
 def tet_rule(n=3):
-    """Gauss points (weights of the four corners) and weights (sum 1/6) on a tetrahedron: conical product of n^3 points,
-    exact to degree 2 n - 3 (Stroud 1971)."""
+    """Returns Gauss points (weights of the four corners) and their weights (sum 1/6) on a tetrahedron: a conical product of n^3 points, exact to degree 2 n - 3
+    (Stroud 1971)."""
     x, w = np.polynomial.legendre.leggauss(n)
     x, w = (x + 1) / 2, w / 2
     a, b, c = np.meshgrid(x, x, x, indexing="ij")
@@ -111,7 +112,7 @@ def tet_rule(n=3):
 
 
 def triangle_rule(n=6):
-    """Returns the same on a triangle, where the weights sum to 1/2."""
+    """Returns Gauss points and weights on a triangle; these weights sum to 1/2."""
     x, w = np.polynomial.legendre.leggauss(n)
     x, w = (x + 1) / 2, w / 2
     a, b = np.meshgrid(x, x, indexing="ij")
@@ -139,7 +140,7 @@ def lame(material):
 
 
 class Quadratic:
-    """A model's mid-side nodes: they follow the corner nodes."""
+    """The mid-side nodes of a model, numbered after the corner nodes."""
 
     def __init__(self, model):
         pairs = np.sort(np.concatenate([model.tets[:, edge] for edge in EDGES]), axis=1)
@@ -149,7 +150,7 @@ class Quadratic:
         self.tets = np.concatenate([model.tets, n + index.reshape(6, -1).T], axis=1)
 
     def middles(self, triangles):
-        """Returns the mid-side nodes of triangles' edges 01, 12, 20 (k, 3)."""
+        """Returns the mid-side nodes of the triangles' edges 01, 12 and 20, shape (k, 3)."""
         n = len(self.nodes) - len(self.pairs)
         ends = np.sort(np.stack([triangles[:, e] for e in ((0, 1), (1, 2), (2, 0))], 1), axis=2)
         key = self.pairs[:, 0] * n + self.pairs[:, 1]
@@ -159,14 +160,14 @@ class Quadratic:
 # ---- loads: consistent nodal forces (n, 3) ----
 
 def assemble(count, elements, forces):
-    """Adds forces (elements, nodes of an element, 3)."""
+    """Adds forces of shape (elements, nodes of an element, 3) to the nodes."""
     total = np.zeros((count, 3))
     np.add.at(total, elements.ravel(), forces.reshape(-1, 3))
     return total
 
 
 def body_load(model, density, order=1, middle=None):
-    """Returns forces from a body force density(x) -> (..., 3), N/m^3; quadratic elements if `middle`, a Quadratic, is given."""
+    """Returns the nodal forces of a body force density(x) -> (..., 3), N/m^3. Elements are quadratic if `middle`, a Quadratic, is given."""
     points, weights = tet_rule(4)
     shape = points if order == 1 else quadratic(points, EDGES)
     volume6 = np.linalg.det(model.nodes[model.tets[:, 1:]] - model.nodes[model.tets[:, :1]])
@@ -177,7 +178,7 @@ def body_load(model, density, order=1, middle=None):
 
 
 def surface_load(model, triangles, traction, order=1, middle=None):
-    """Returns forces from a traction(x) -> (..., 3), N/m^2, on these triangles."""
+    """Returns the nodal forces of a traction(x) -> (..., 3), N/m^2, on these triangles."""
     points, weights = triangle_rule()
     shape = points if order == 1 else quadratic(points, ((0, 1), (1, 2), (2, 0)))
     x = model.nodes[triangles]
@@ -189,7 +190,7 @@ def surface_load(model, triangles, traction, order=1, middle=None):
 
 
 def point_load(model, points, force):
-    """Distributes the same force (3) at each point (k, 3) to the corners of its tetrahedron."""
+    """Distributes the same force (3) at each point (k, 3) to the corners of the tetrahedron that contains it."""
     g, _ = gradients(model)
     total = np.zeros_like(model.nodes)
     for x in points:
@@ -203,8 +204,8 @@ def point_load(model, points, force):
 # ---- solutions: displacements (cases, n, 3) ----
 
 def solve_core(rows, model, materials, fixed, cases, strain="patch"):
-    """Solves with trocar's core; `materials` by region name, `fixed` names of groups, `cases` forces. `strain`: the
-    set over which the volumetric strain is averaged, "patch" or "node", or "element"."""
+    """Solves with trocar's core. `materials` is keyed by region name, `fixed` lists names of groups, and `cases` contains nodal forces. `strain` is the set
+    over which the volumetric strain is averaged: "patch", "node" or "element"."""
     lines = [f"strain {strain}"]
     lines += [f"material {name} {e!r} {nu!r}" for name, (e, nu) in materials.items()] + [f"fixed {name}" for name in fixed]
     for force in cases:
@@ -221,7 +222,7 @@ def solve_core(rows, model, materials, fixed, cases, strain="patch"):
 
 
 def deck(nodes, tets, kind, regions, materials, fixed, cases):
-    """Returns CalculiX's input; it reads at most twenty characters per number."""
+    """Returns CalculiX's input deck; CalculiX reads at most twenty characters per number."""
     yield "*NODE, NSET=ALL"
     yield from (f"{i},{x:.13e},{y:.13e},{z:.13e}" for i, (x, y, z) in enumerate(nodes.tolist(), 1))
     for name, members in regions.items():
@@ -240,7 +241,7 @@ def deck(nodes, tets, kind, regions, materials, fixed, cases):
 
 
 def run_calculix(lines):
-    """Returns CalculiX's .dat file for an input deck."""
+    """Returns the .dat file that CalculiX writes for an input deck."""
     with tempfile.TemporaryDirectory() as folder:
         Path(folder, "model.inp").write_text("\n".join(lines) + "\n")
         done = subprocess.run(["ccx", "model"], cwd=folder, capture_output=True, text=True, env={**os.environ, "OMP_NUM_THREADS": "1"})
@@ -250,7 +251,7 @@ def run_calculix(lines):
 
 
 def read_displacements(text, count):
-    """Returns the displacements of all steps of a .dat file."""
+    """Returns the displacements of all steps in a .dat file."""
     steps = []
     for line in text.splitlines():
         if line.lstrip().startswith("displacements"):
@@ -262,7 +263,7 @@ def read_displacements(text, count):
 
 
 def solve_calculix(model, materials, fixed, cases, middle=None):
-    """Solves with CalculiX: C3D4, or C3D10 if `middle`, a Quadratic, is given. Its output has seven digits."""
+    """Solves with CalculiX, using C3D4, or C3D10 if `middle`, a Quadratic, is given. CalculiX's output has seven digits."""
     triangles = np.concatenate([model.surfaces[name] for name in fixed])
     held, nodes, tets, kind = triangles, model.nodes, model.tets, "C3D4"
     if middle:

@@ -20,15 +20,15 @@ from rows import Rows  # noqa: E402
 
 LIMIT = 0.05
 RADIUS, LENGTH, DEPTH = 0.010, 0.06, 0.006
-TIP = 0.008                                  # m: position of the tip beyond the middle of the block
-WALL = 0.045                                 # m: height of the wall that is pressed
+TIP = 0.008                                  # m, position of the tip beyond the middle of the block
+WALL = 0.045                                 # m, height of the wall on which the probe presses
 MATERIALS = {"gland": (60e3, 0.45), "surrounding": (20e3, 0.45)}
-PENALTY = 3e9                                # N/m^3; an element of the wall has about E / h = 5e6
+PENALTY = 3e9                                # N/m^3; for comparison, an element of the wall has about E / h = 5e6
 FACET = 0.0012
 
 
 def block(path, size):
-    """A block with an ellipsoid, the gland, 20 mm below its upper face, the wall. Fixed at its bottom."""
+    """Makes a block that contains an ellipsoid, the gland, 20 mm below its upper face, which is the wall. The block is fixed at its bottom."""
     tm.start_gmsh()
     occ = tm.gmsh.model.occ
     box, ball = occ.addBox(-0.04, -0.03, 0, 0.08, 0.06, WALL), occ.addSphere(0, 0, 0, 0.016)
@@ -42,7 +42,7 @@ def block(path, size):
 
 
 def cylinder():
-    """Returns the probe's body, touching the wall: nodes (k, 3) and tetrahedra."""
+    """Returns the probe's body when it touches the wall: nodes (k, 3) and tetrahedra."""
     tm.start_gmsh()
     occ = tm.gmsh.model.occ
     height = WALL + RADIUS
@@ -60,11 +60,11 @@ def cylinder():
     return np.array([position[tag] for tag in used.tolist()]), index.reshape(-1, 3)
 
 
-FACES = ((0, 1, 2), (0, 3, 1), (1, 3, 2), (2, 3, 0))    # faces of CalculiX's tetrahedra: S1 to S4
+FACES = ((0, 1, 2), (0, 3, 1), (1, 3, 2), (2, 3, 0))    # the faces S1 to S4 of CalculiX's tetrahedra
 
 
 def wall_faces(model):
-    """Returns element and face in CalculiX's numbering."""
+    """Returns the element and its face in CalculiX's numbering."""
     wall = {tuple(sorted(triangle)) for triangle in model.surfaces["wall"].tolist()}
     for t, corners in enumerate(model.tets.tolist(), 1):
         for f, face in enumerate(FACES, 1):
@@ -73,14 +73,15 @@ def wall_faces(model):
 
 
 def deck(model, nodes, triangles, faces):
-    """Each facet gets a tetrahedron towards the axis, which only carries it. `faces`: the wall's faces take part in contact instead of its nodes."""
+    """Each facet of the probe belongs to a tetrahedron toward the axis, which only carries the facet. With `faces`, the wall's faces are used in the contact
+    instead of its nodes."""
     first = len(model.nodes)
     ends = nodes[triangles]
     centre = ends.mean(1)
     inner = np.stack([np.clip(centre[:, 0], TIP - LENGTH + 2e-3, TIP - RADIUS), np.zeros(len(centre)), np.full(len(centre), WALL + RADIUS)], 1)
     normal = np.cross(ends[:, 1] - ends[:, 0], ends[:, 2] - ends[:, 0])
     flipped = np.einsum("kx,kx->k", normal, inner - centre) < 0
-    triangles = np.where(flipped[:, None], triangles[:, [0, 2, 1]], triangles)    # positive volume with the inner node
+    triangles = np.where(flipped[:, None], triangles[:, [0, 2, 1]], triangles)    # so that the volume with the inner node is positive
     total = first + len(nodes)
     yield "*NODE, NSET=ALL"
     for i, (x, y, z) in enumerate(np.concatenate([model.nodes, nodes, inner]).tolist(), 1):
@@ -130,7 +131,7 @@ def solve_trocar(rows, model):
     sim = trocar.Sim(trocar.Model(scene))
     away, half = [0, 0, 1, 1, 0, 0, 0], np.sqrt(0.5)
     sim.reset(away)
-    sim.set_probe([TIP - LENGTH, 0, WALL + RADIUS - DEPTH, half, 0, half, 0])    # its +z along x
+    sim.set_probe([TIP - LENGTH, 0, WALL + RADIUS - DEPTH, half, 0, half, 0])    # rotated so that the probe's +z points along x
     sim.step(away, 1e-3)
     return sim.displacements(), sim.probe
 

@@ -17,7 +17,7 @@ NOTE = "relative to the field's norm; CalculiX prints 7 digits"
 
 
 def layered_block(path, size):
-    """A block of three layers with tilted interfaces, not aligned with the axes. Fixed: z = 0."""
+    """Makes a block of three layers with tilted interfaces, none of which is parallel to an axis. The face z = 0 is fixed."""
     tm.start_gmsh()
     occ = tm.gmsh.model.occ
     block = occ.addBox(0, 0, 0, 0.06, 0.05, 0.06)
@@ -35,7 +35,7 @@ def layered_block(path, size):
 
 
 def load_cases(model):
-    """A few large forces inside and on the surface, and a force on every node."""
+    """Two load cases: a few large forces inside and on the surface, and a force on every node."""
     random = np.random.default_rng(7)
     few, all_over = np.zeros_like(model.nodes), random.normal(size=model.nodes.shape)
     few[random.choice(len(model.nodes), 6, replace=False)] = random.normal(size=(6, 3))

@@ -29,11 +29,11 @@ LOCKING_NU = 0.499
 AMPLITUDE = np.array([1, -0.7, 0.4]) * 1e-3  # m
 STRAINS = ("patch", "node", "element")  # the sets over which the volumetric strain is averaged
 YOUNGS_MODULUS = 20e3                 # Pa
-ORDER_LIMIT = 0.05                    # relative error of the observed order
+ORDER_LIMIT = 0.05                    # permitted relative error of the observed order of convergence
 
 
 def cube(path, size, fixed_faces):
-    """An unstructured mesh of this size; `fixed_faces` decides by a face's centre whether it is fixed."""
+    """Makes an unstructured mesh with elements of this size; `fixed_faces` decides from the centre of a face whether it is fixed."""
     tm.start_gmsh()
     occ = tm.gmsh.model.occ
     block = occ.addBox(0, 0, 0, SIDE, SIDE, SIDE)
@@ -46,7 +46,7 @@ def cube(path, size, fixed_faces):
 # ---- patch test ----
 
 def normals(model, triangles):
-    """Unit outward normals of triangles on the cube's surface."""
+    """Returns the unit outward normals of triangles on the cube's surface."""
     x = model.nodes[triangles]
     n = np.cross(x[:, 1] - x[:, 0], x[:, 2] - x[:, 0])
     n *= np.sign(np.einsum("ti,ti->t", n, x.mean(1) - SIDE / 2))[:, None]
@@ -66,7 +66,7 @@ def constant_traction(traction):
 
 
 def patch_test(rows):
-    """u = d z vanishes on the fixed face, and its constant stress loads the others. Any mesh must give it exactly."""
+    """u = d z vanishes on the fixed face, and its constant stress loads the other faces. Any mesh must reproduce it exactly."""
     rows.section = "Tissue: patch test"
     model = cube(rows.folder / "patch.msh", SIDE / 6, lambda centre: centre[2] < 1e-9)
     triangles = model.surfaces["free"]
@@ -87,7 +87,7 @@ def patch_test(rows):
 class Solution:
     displacement: Callable  # function of x (..., 3), all in metres
     gradient: Callable      # function of x: du_i / dx_j
-    body_force: Callable    # for a material, a function of x, N/m^3
+    body_force: Callable    # function of the material that returns a function of x, N/m^3
 
 
 def field(x):
@@ -128,7 +128,7 @@ TRIGONOMETRIC = Solution(exact, exact_gradient, body_force)
 
 
 def curl_factor(x, order):
-    """Returns a derivative of sin^2(pi x / L)."""
+    """Returns the derivative of this order of sin^2(pi x / L)."""
     k = 2 * np.pi / SIDE
     if order == 0:
         return (1 - np.cos(k * x)) / 2
@@ -136,12 +136,12 @@ def curl_factor(x, order):
 
 
 def curl_part(x, orders):
-    """Returns d phi of these orders in x, y and z, for phi = sin^2 sin^2 sin^2."""
+    """Returns the derivative of these orders in x, y and z of phi = sin^2 sin^2 sin^2."""
     return np.prod([curl_factor(x[..., axis], order) for axis, order in enumerate(orders)], axis=0)
 
 
 def curl_derivative(x, extra):
-    """Returns the derivative by `extra`, orders in x, y and z, of u = curl (0, 0, phi)."""
+    """Returns the derivative of orders `extra` in x, y and z of u = curl (0, 0, phi)."""
     u = [curl_part(x, np.add((0, 1, 0), extra)), -curl_part(x, np.add((1, 0, 0), extra)), 0 * x[..., 0]]
     return CURL_AMPLITUDE * np.stack(u, -1)
 
@@ -162,7 +162,7 @@ def energy_density(material, gradient):
 
 
 def errors(model, material, u, solution=TRIGONOMETRIC):
-    """Returns relative errors in the L2 norm and in the energy norm."""
+    """Returns the relative errors in the L2 norm and in the energy norm."""
     points, weights = tm.tet_rule(4)
     g, volume = tm.gradients(model)
     x = np.einsum("qa,tax->tqx", points, model.nodes[model.tets])
@@ -177,7 +177,7 @@ def errors(model, material, u, solution=TRIGONOMETRIC):
 
 
 def observed(rows, models, nu, strain, solution):
-    """Returns errors (models, 2), and the orders of convergence (2) in both norms on the finest pair and fitted to all models."""
+    """Returns the errors, shape (models, 2), and the orders of convergence in both norms (2), once for the finest pair and once fitted to all models."""
     material, found = (YOUNGS_MODULUS, nu), []
     for model in models:
         load = tm.body_load(model, solution.body_force(material))
@@ -203,7 +203,7 @@ def convergence(rows, models, nu, strain):
         short_by = 1 - order[column] / expected
         if strain == "element":
             error, reference = abs(short_by), "linear elements"
-        else:  # theory gives an upper bound of this element's error, so it may converge faster
+        else:  # theory gives only an upper bound of this element's error, so it may converge faster
             error, reference = max(0.0, short_by), "at least linear elements"
         rows.add(f"order in the {norm}, nu = {nu}, strain by {strain}", reference, order[column], expected, error,
                  ORDER_LIMIT, note=note(models, found[:, column]))
@@ -212,7 +212,7 @@ def convergence(rows, models, nu, strain):
 
 
 def locking(rows, models, strains):
-    """Under the divergence-free field's load, which does not depend on lambda, a locking element hardly moves when nu approaches 0.5."""
+    """Applies the load of the divergence-free field, which does not depend on lambda: an element that locks hardly moves as nu approaches 0.5."""
     rows.section = "Tissue: divergence-free field"
     for strain in strains:
         found, order, _ = observed(rows, models, LOCKING_NU, strain, DIVERGENCE_FREE)

@@ -24,12 +24,12 @@ sys.path.insert(0, str(Path(__file__).resolve().parents[1]))
 import tissue_model as tm  # noqa: E402
 from rows import REPOSITORY, SKIPPED, Rows  # noqa: E402
 
-LIMIT = 0.07           # just noticeable difference of force
+LIMIT = 0.07           # just noticeable difference of force, relative
 POISSON = (0.3, 0.45, 0.48, 0.49, 0.499)
 DEFAULT = 0.45
 MESHES = (570, 1700, 3300, 6500)
-COARSE = (570, 1700)   # on these meshes, the total error is only measured
-REFERENCES = (570, 1700, 3300)  # solved with quadratic elements, which have eight times as many nodes
+COARSE = (570, 1700)   # number of nodes of the meshes on which the total error is only measured
+REFERENCES = (570, 1700, 3300)  # number of nodes of the meshes solved with quadratic elements, which have eight times as many nodes
 LOCKING, WHOLE = "Tissue: volumetric locking", "Tissue: error of the elements on coarse meshes"
 TRACK = np.stack([np.full(12, 0.005), np.full(12, 0.003), np.linspace(0.0025, 0.0575, 12)], 1)  # the needle's track in the figure-8 scene
 SPREAD = 0.006         # m, standard deviation of the force spread around the track
@@ -37,7 +37,7 @@ PATCH = 0.025          # m, radius of the pressure patch
 
 
 def pressure(x):
-    """Returns a pressure along z that decreases smoothly to zero at the patch's rim."""
+    """Returns a function for a pressure along z that decreases smoothly to zero at the rim of the patch."""
     r2 = ((x - TRACK[0])[..., :2] ** 2).sum(-1) / PATCH ** 2
     p = np.where(r2 < 1, (1 - r2) ** 2, 0.0)
     return np.stack([0 * p, 0 * p, p], -1)
@@ -52,7 +52,7 @@ def around_track(direction):
 
 
 def load_cases(model, order=1, middle=None):
-    """Returns {name: nodal forces}."""
+    """Returns a dict of name -> nodal forces."""
     sideways, axial = np.eye(3)[1], np.eye(3)[2]
     cases = {"patch on the skin": tm.surface_load(model, model.surfaces["skin"], pressure, order, middle)}
     for name, direction in (("sideways", sideways), ("axial", axial)):
@@ -78,7 +78,7 @@ def linear(rows, model, nu, strain):
 
 
 def quadratic(rows, model, nu):
-    """Solves with C3D10; cached in the parent folder, because the larger meshes take minutes each."""
+    """Solves with C3D10. The result is cached in the parent folder, because the larger meshes take minutes each."""
     kept = rows.folder.parent / f"locking-{model.path.stem}-{nu}.json"
     if kept.exists() and kept.stat().st_mtime > max(Path(file).stat().st_mtime for file in (model.path, __file__, tm.__file__)):
         return json.loads(kept.read_text())
@@ -105,7 +105,7 @@ def is_points(load):
 
 
 def report(rows, ours, references):
-    """Writes the report; ours[strain][nodes][nu] and references[nodes][nu] are compliances by load."""
+    """Writes the report. ours[strain][nodes][nu] and references[nodes][nu] contain the compliances by load."""
     for load in ours["patch"][MESHES[0]][DEFAULT]:
         for strain, nodes in itertools.product(ours, MESHES):
             own = nodes if is_points(load) else max(references)

@@ -107,7 +107,7 @@ static trocar_status run_one(rollout *r, trocar_sim *sim, const void *fresh, siz
 }
 
 /* Every insertion starts from the same fresh state, so its result does not depend on which thread runs it or on earlier insertions. A thread that cannot
- * allocate memory exits and leaves its insertions to the others. */
+   allocate memory exits and leaves its insertions to the others. */
 static void take_part(rollout *r, bool caller) {
     report why;
     trocar_sim *sim;

@@ -8,8 +8,8 @@
 #include "api/worker_resting.h"
 #include "base/flush_denormals.h"
 
-/* Data saved for each needle. The model's address, the time of the last response, the simulated time and the seeds precede it. It is copied member by member,
- * because the caller's memory need not be aligned. The worker's pending work is completed after a restore. */
+/* Data saved for each needle. The model's address, the time of the last response, the simulated time and the seeds precede it. It is copied member by
+   member, because the caller's memory need not be aligned. The worker's pending work is completed after a restore. */
 typedef struct {
     int phase;
     insertion_state state;   /* state of the needle; if it is being left, its state at that moment */

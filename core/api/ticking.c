@@ -60,8 +60,8 @@ void adopt_needle(trocar_sim *sim, needle_track *n) {
 
 /* Copies the tracks nearest to the tip first, because there may be too little room for all. */
 void fill_left(trocar_sim *sim, int needle) {
-    static const double DISTANCES[] = {-1.0, 10e-3, 40e-3}; /* m, distances from the tip within which tracks are copied, one pass after the other; a released
-                                                             * needle moves by only a few millimetres */
+    static const double DISTANCES[] = {-1.0, 10e-3, 40e-3}; /* m, distances from the tip within which tracks are copied, one pass after the other; a
+                                                               released needle moves by only a few millimetres */
     needle_track *n = &sim->needles[needle];
     left_needle *slot = link_left_slot(&n->link);
     memcpy(&slot->state, &n->state, sizeof slot->state);
@@ -123,7 +123,7 @@ trocar_status trocar_sim_reset(trocar_sim *sim, int needle, const trocar_pose *b
     n->stamp = next_stamp();
     n->loads.count = 0;
     if (link_reset(&n->link, n->state.request.serial) || n->link.posted_loads.count > 0) { /* tells the worker, so that the other needles stop feeling this
-                                                                                            * one */
+                                                                                              one */
         link_post_loads(&n->link, &(tissue_loads){.count = 0});
         wake_worker(&sim->link);
     }

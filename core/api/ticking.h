@@ -25,8 +25,8 @@ void adopt_needle(trocar_sim *sim, needle_track *needle);
 /* Fills the message about a needle that is left, including the tracks of all needles. RT */
 void fill_left(trocar_sim *sim, int needle);
 
-/* Computes one tick with the snapshot `answer`. If the result is not finite, the insertion restarts, because a non-finite number would persist in the state;
- * the status is then NUMERIC. RT */
+/* Computes one tick with the snapshot `answer`. If the result is not finite, the insertion restarts, because a non-finite number would persist in the
+   state; the status is then NUMERIC. RT */
 trocar_status run_tick(trocar_sim *sim, int needle, const compliance_snapshot *answer, pose base, double dt, trocar_output *output);
 
 #endif

@@ -22,8 +22,8 @@ int pending_contacts_of(const trocar_model *model, const insertion_state *state,
 int tracks_of(const insertion_state *state, trocar_track_point *points, int room);
 int centreline_of(const trocar_model *model, const insertion_state *state, double *joints, int room);
 
-/* Adds the forces of the probe, and of all needles except the first, to the nodes of the mesh without contact nodes. `states` has one pointer for each of the
- * model's needles. */
+/* Adds the forces of the probe, and of all needles except the first, to the nodes of the mesh without contact nodes. `states` has one pointer for each of
+   the model's needles. */
 void spread_others(const trocar_model *model, const insertion_state *const states[], const shown_probe *probe, vec3 *nominal);
 
 /* Computes the displacements of the mesh's nodes and of the first needle's contact nodes. Allocates *scratch if it is NULL. Returns NO_MEMORY if it cannot. */

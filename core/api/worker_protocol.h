@@ -49,7 +49,7 @@ typedef enum {
 } needle_event;
 
 /* Returns NULL if the event is legal in this phase; *next, unless NULL, is then the phase after the event. Otherwise returns the reason why the event is
- * refused. RT */
+   refused. RT */
 const char *phase_after(needle_phase phase, needle_event event, needle_phase *next);
 
 /* What the worker has to do for a needle. */
@@ -97,24 +97,24 @@ uint64_t next_stamp(void);
 
 enum { REQUESTS_REMEMBERED = 1024 };
 
-/* ns: time over which the effect of releasing a needle on the other needles builds up; about as long as fingers take to open. Assumed: in a single tick, the
- * change would be a jolt of up to 0.5 N */
+/* ns: time over which the effect of releasing a needle on the other needles builds up; about as long as fingers take to open. Assumed: in a single tick,
+   the change would be a jolt of up to 0.5 N */
 static const int64_t RELEASE_TIME = 100000000;
 
 /* s, interval at which resting needles respond to the forces of held needles. It is longer while a probe presses `pressed` nodes, because the worker's
- * computation then takes longer. RT */
+   computation then takes longer. RT */
 static inline double response_period(int pressed) { return pressed > 0 ? 0.01 : 0.004; }
 
 typedef struct {
-    atomic_uint phase;       /* needle_phase, plus PHASES times the number of changes made by the ticking thread. The number shows whether a needle was reset
-                              * and left again while the worker was attaching it */
+    atomic_uint phase;       /* needle_phase, plus PHASES times the number of changes made by the ticking thread. The number shows whether a needle was
+                                reset and left again while the worker was attaching it */
     triple_buffer requests;  /* posted_request: ticking thread -> worker */
     triple_buffer loads;     /* tissue_loads: ticking thread -> worker */
     triple_buffer left;      /* left_needle: ticking thread -> worker */
     triple_buffer answers;   /* compliance_snapshot: worker -> ticking thread */
     triple_buffer shown;     /* shown_needle: worker -> ticking thread */
-    atomic_bool stale;       /* set by the worker and cleared by the ticking thread: the last answer is no longer valid, and the ticking thread has to post a
-                              * new request */
+    atomic_bool stale;       /* set by the worker and cleared by the ticking thread: the last answer is no longer valid, and the ticking thread has to post
+                                a new request */
     atomic_llong since_release; /* ns of this needle's ticks since another needle was last released; increased by the ticking thread, reset by the worker */
     /* Used by the ticking thread: */
     uint64_t posted;         /* serial of the last posted request */
@@ -152,14 +152,14 @@ left_needle *link_left_slot(needle_link *link);
 
 /* These functions change the phase. They must not be called in a phase in which link_refuses() rejects their event. */
 void link_leave(needle_link *link, insertion_state *state); /* `state` is the ticking thread's; its serials and ids are kept distinct from those that the
-                                                             * worker issues */
+                                                               worker issues */
 void link_take(needle_link *link);
-void link_adopt(needle_link *link, insertion_state *state, tissue_loads *loads); /* `loads`: forces of `state`, which the worker knows from the time when the
-                                                                                  * needle rested */
+void link_adopt(needle_link *link, insertion_state *state, tissue_loads *loads); /* `loads`: forces of `state`, which the worker knows from the time when
+                                                                                    the needle rested */
 bool link_reset(needle_link *link, uint64_t serial); /* `serial`: that of the state's request after the reset. Returns true if the worker had the needle */
 
 /* Returns the time (ns) since the oldest request was posted that the last tick had no answer to; 0 if there is none. `now` is a time on the clock used for
- * link_post_request. */
+   link_post_request. */
 int64_t link_waiting(const needle_link *link, int64_t now);
 
 /* ---- the worker's side ------------------------------------------------------------------------------------------------------------- */

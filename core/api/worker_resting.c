@@ -14,7 +14,7 @@ enum { MOST_TICKS = 2000 };            /* ticks within which a released needle s
 /* A needle is at rest below these limits: the remaining wrench of its base, and the largest slip of its shaft per tick. */
 typedef struct { double force, torque, slip; } rest_limits; /* N, N m, m */
 static const rest_limits AT_REST = {1e-3, 1e-4, 1e-7}, RELAXING = {20e-3, 2e-3, 2e-6}; /* relaxing tissue continues to creep for seconds, hence the larger
-                                                                                        * limits */
+                                                                                          limits */
 
 static const double LARGEST_STEP = 16.0; /* largest factor by which a step may exceed the step without sliding */
 static const double TICK = 1e-3;       /* s */
@@ -115,7 +115,7 @@ bool slip_some(trocar_sim *sim, bool all) {
 }
 
 /* Fraction of the change caused by the last release that the other needles do not feel yet. Time is measured in ticks of the needle that has ticked most
- * since the release. */
+   since the release. */
 static double left_of_release(const trocar_sim *sim) {
     int64_t most = 0;
     for (int i = 0; i < sim->needle_count; i++) {

@@ -53,7 +53,7 @@ typedef enum {
 } seed_refusal;
 
 /* Drops `count` seeds with this spacing (m; 0 selects the scene's). The tip marks the distal end of the first seed. Each seed leaves the needle once the
- * needle has been drawn back over the seed's length. RT */
+   needle has been drawn back over the seed's length. RT */
 seed_refusal seeds_drop(const insertion_model *model, const seed_size *size, const insertion_state *state, int needle, int count, double spacing, seed_list *list);
 
 /* Length (m) of a strand of `count` seeds from end to end. */

@@ -73,14 +73,14 @@ trocar_status simulation_create_mesh(const simulation_config *config, simulation
 trocar_status simulation_create_model(const simulation_config *config, simulation *s, report *why);
 
 /* Builds the constant data for a configuration with the same mesh and stiffness as `base`; shares the mesh, tissue and inverse of `base`, which must
- * outlive it. Returns BAD_INPUT, naming the key, if stiffness or inverse would differ, or if the mesh was given as arrays. */
+   outlive it. Returns BAD_INPUT, naming the key, if stiffness or inverse would differ, or if the mesh was given as arrays. */
 trocar_status simulation_derive(const simulation *base, const simulation_config *config, simulation *s, report *why);
 
 void simulation_free(simulation *s);
 
 /* Computes the displacements (m) of the nominal nodes (node_count) and of the nodes of insertion_refinement() (MAX_CONTACTS). `scratch` has
- * simulation_field_scratch() entries; each thread needs its own array. On entry, `nominal` holds the nodal forces (N) of all other loads on the tissue.
- * Does not allocate memory; not for the haptic thread. */
+   simulation_field_scratch() entries; each thread needs its own array. On entry, `nominal` holds the nodal forces (N) of all other loads on the tissue.
+   Does not allocate memory; not for the haptic thread. */
 size_t simulation_field_scratch(const simulation *s);
 void simulation_field(simulation *s, const insertion_state *state, vec3 *scratch, vec3 *nominal, vec3 *added);
 

@@ -9,7 +9,7 @@ typedef struct {
     bool in_order;                   /* see in_order_of_slots */
     _Alignas(CACHE_LINE) between_rows frames; /* [a][b]: component a of axis b of a point's frame */
     between_rows tissue;             /* m/N, world frame: compliance between one point (rows) and the others; used only if the points are not in the order
-                                      * of their slots */
+                                        of their slots */
 } layout;
 
 /* ---- points ---------------------------------------------------------------------------------------------------------- */
@@ -100,7 +100,7 @@ static void put_blocks(const contact_points *points, contact_problem *problem, c
 }
 
 /* Returns the tissue's compliance between point k and points k, k + 1, ...: between contacts that are in order, the snapshot's rows are used without
- * copying. */
+   copying. */
 static void read_tissue(const tick_input *tick, const contact_points *points, const tissue_step *tissue, const creep_step *creep, int k, between_points_row *row) {
     static const double none[BETWEEN_PLACES];
     const contact_point *point = &points->list[k];

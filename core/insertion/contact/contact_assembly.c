@@ -15,7 +15,7 @@
 
 static const double TIP_FADE = 3e-3; /* m: depth over which the tissue's lateral support of tip and shaft grows to its full value. Chosen by judgement */
 static const double LEAST_STIFFNESS = 1e-3; /* N/m: smallest stiffness of a share of the shaft per logarithm, for shaft that has emerged from a gap and is
-                                             * hardly in the tissue. Rounding: stiffness of 0.5 um of shaft at 1 kPa */
+                                               hardly in the tissue. Rounding: stiffness of 0.5 um of shaft at 1 kPa */
 static const double LEAST_HOLD = 1e-6; /* fraction: smallest lateral support, so that its compliance is finite. Rounding tolerance */
 
 /* ---- points and forces --------------------------------------------------------------------------------------------- */
@@ -41,8 +41,8 @@ void points_list(const tick_input *tick, const insertion_state *state, contact_p
 }
 
 /* A contact's force acts at the shaft's material point that the tissue holds, or at the needle's end if that point would lie beyond it. The same is true
- * of the shaft next to the tip; this point is behind the needle's end by the depth of the dent under the end face. The force on the end face acts at the
- * needle's end. The resultant of the two lateral forces acts between both points. */
+   of the shaft next to the tip; this point is behind the needle's end by the depth of the dent under the end face. The force on the end face acts at the
+   needle's end. The resultant of the two lateral forces acts between both points. */
 static void place_on_shaft(const tick_input *tick, const insertion_state *state, const tissue_step *tissue, contact_point *p) {
     double length = tick->model->needle->given.length;
     bool tip = p->kind == POINT_TIP;
@@ -106,7 +106,7 @@ void find_tip_rows(const tick_input *tick, const insertion_state *state, const c
 }
 
 /* Fraction (0 to 1) of the full lateral support that the tissue gives near the surface; it grows with depth and with the push on the tip. It is the same
- * for the tip and the contacts behind it, so that forces do not jump when a contact takes over from the tip. */
+   for the tip and the contacts behind it, so that forces do not jump when a contact takes over from the tip. */
 static double hold_near_surface(const insertion_state *state, const contact_points *points) {
     const needle_tip *tip = &state->tip;
     return points->tip ? fmin(1.0, (tip->place.depth - tip_entry_depth(state)) / TIP_FADE + tip->filtered_push / FULL_GRIP) : 1.0;
@@ -155,8 +155,8 @@ void find_local_compliance(const tick_input *tick, const insertion_state *state,
 }
 
 /* Change (m) of the shaft's lead over the tissue under its present traction after the tissue along its share has become softer (positive) or stiffer
- * (negative). When shaft enters another region, it has not sheared the tissue there yet; without this correction, the shaft would slide in the tick in
- * which the tip enters the region. */
+   (negative). When shaft enters another region, it has not sheared the tissue there yet; without this correction, the shaft would slide in the tick in
+   which the tip enters the region. */
 static double lead_gained(const insertion_model *model, const contact_point *p, double logarithm, double traction, shaft_hold *shaft) {
     stiffened_shaft before = {shaft->softness, shaft->stiffening};
     stiffened_shaft now = {(p->share.to - p->share.from) / larger_of(p->shaft.axial, LEAST_STIFFNESS), p->shaft.stiffening};
@@ -196,8 +196,8 @@ static void bound_friction(const tick_input *tick, contact_problem *problem, int
 }
 
 /* Work (N, along the needle) done against the lateral support per length of advance. Near the surface, this support grows with depth, which stores elastic
- * energy in tissue and needle; the hand must do that work as the tip advances. Without this term, a tip that meets no resistance, as in an old track,
- * would oscillate along the needle: a needle with firmer support bends more, and its end moves back. */
+   energy in tissue and needle; the hand must do that work as the tip advances. Without this term, a tip that meets no resistance, as in an old track,
+   would oscillate along the needle: a needle with firmer support bends more, and its end moves back. */
 static double work_of_hold(const insertion_state *state, const contact_points *points, const tissue_step *tissue) {
     double sum = 0.0;
     for (int i = points->guided; i < points->count; i++) {
@@ -238,7 +238,7 @@ void bound_contacts(const tick_input *tick, const insertion_state *state, const 
 /* ---- the contact problem ------------------------------------------------------------------------------------------- */
 
 /* The shaft next to the tip acts at the same point and in the same direction as the end face, so its row and column are initially copies of those of the
- * tip's axial force. */
+   tip's axial force. */
 static void repeat_tip(contact_problem *p) {
     int tip = unknown(p->count, p->count - 1, 2), shaft = tip + 1;
     for (int i = 0; i <= tip; i++) p->compliance[i][shaft] = p->compliance[i][tip];
@@ -246,7 +246,7 @@ static void repeat_tip(contact_problem *p) {
 }
 
 /* The principal directions of the shaft's local lateral compliance are those of the track, not of the needle. If they turned with a bending needle, the
- * passes would diverge near buckling, because the tangent contains no term for this rotation. The compliance of the tip's end face is isotropic. */
+   passes would diverge near buckling, because the tangent contains no term for this rotation. The compliance of the tip's end face is isotropic. */
 static void add_local_compliance(const insertion_state *state, const contact_points *points, const tissue_step *tissue, contact_problem *problem, int point) {
     const track_shares at = along_track(state, points, tissue, point);
     bool tip = points->list[point].kind == POINT_TIP;

@@ -1,5 +1,5 @@
 /* Assembles the contact problem: the contact points; the compliance of tissue, needle and mount between them; the bounds of their forces; and the gaps
- * that would open without forces. */
+   that would open without forces. */
 #ifndef TROCAR_CONTACT_ASSEMBLY_H
 #define TROCAR_CONTACT_ASSEMBLY_H
 
@@ -22,8 +22,8 @@ void find_tip_rows(const tick_input *tick, const insertion_state *state, const c
 void keep_shear(const tick_input *tick, insertion_state *state, contact_points *points, const creep_step *creep);
 
 /* Computes the points' local compliances, m/N. Shaft: from the length of the point's share in each region. Tip, across the needle: as for a shaft as long
- * as its share plus one radius (the support vanishes at the surface unless the tip is pushed in). Tip, along the needle: as for a disc under the cutting
- * force, in parallel with the adjacent shaft. RT */
+   as its share plus one radius (the support vanishes at the surface unless the tip is pushed in). Tip, along the needle: as for a disc under the cutting
+   force, in parallel with the adjacent shaft. RT */
 void find_local_compliance(const tick_input *tick, const insertion_state *state, const contact_points *points, tissue_step *tissue);
 
 /* Sets the bounds of the forces along the needle. RT */

@@ -16,8 +16,8 @@ static void add_stretch(resistance_ahead *ahead, stretch_ahead added) {
 }
 
 /* Adds a stretch of tissue. Tissue along an open track springs back over the tip, so that the tip advances farther than the hand carries it. Beyond the
- * hand's advance, the viscosity is that of uncut tissue: otherwise nothing would limit the rebound, and the force would drop at once when the tip enters
- * the track. */
+   hand's advance, the viscosity is that of uncut tissue: otherwise nothing would limit the rebound, and the force would drop at once when the tip enters
+   the track. */
 static void add_tissue(const tick_input *tick, const insertion_state *state, const hand_advance *hand, resistance_ahead *ahead, double from, const open_track *track) {
     const insertion_model *model = tick->model;
     int tet = state->tip.place.tet;
@@ -103,12 +103,12 @@ static void add_knot(resistance_ahead *ahead, staircase *climb, double at, doubl
 }
 
 /* The staircase is the largest resistance met so far, so it is monotone: the tip passes a membrane at the force that punctures it, and this force persists
- * until the tissue's resistance exceeds it. The membrane itself is punctured in the next step. */
+   until the tissue's resistance exceeds it. The membrane itself is punctured in the next step. */
 void resistance_ahead_climb(const tick_input *tick, const insertion_state *state, const contact_points *points, resistance_ahead *ahead, double work_of_hold,
                             staircase *climb) {
     vec3 force = state->tip.solved.force, needle = needle_along(&points->list[points->count - 1].at);
     double tissue = 0.0, slope = 0.0, cutting = 0.0, held = 0.0, at = 0.0; /* N, resistance of the tissue; N/m, its slope; N, the same resistance without
-                                                                            * viscosity; N, resistance of the obstacles; m, slip reached */
+                                                                              viscosity; N, resistance of the obstacles; m, slip reached */
     climb->count = 0;
     climb->back = 0.0;
     for (int k = 0; k < ahead->count && isfinite(held); k++) {

@@ -1,5 +1,5 @@
 /* The resistance to the tip's advance in this step: uncut tissue, open tracks and their ends, membranes, bone. Once per step, they are listed as stretches
- * of the tip's slip; the contact problem receives them as a single staircase. See docs/mechanics.md, "One tick is one convex problem". */
+   of the tip's slip; the contact problem receives them as a single staircase. See docs/mechanics.md, "One tick is one convex problem". */
 #ifndef TROCAR_RESISTANCE_AHEAD_H
 #define TROCAR_RESISTANCE_AHEAD_H
 
@@ -10,7 +10,7 @@ void resistance_ahead_find(const tick_input *tick, const insertion_state *state,
                            resistance_ahead *ahead);
 
 /* Builds the tip's staircase for the forces of the last pass. `work_of_hold` (N): work per length needed to advance into tissue whose lateral support
- * grows with depth. RT */
+   grows with depth. RT */
 void resistance_ahead_climb(const tick_input *tick, const insertion_state *state, const contact_points *points, resistance_ahead *ahead, double work_of_hold,
                             staircase *climb);
 

@@ -6,7 +6,7 @@
 /* ---- one bound for sliding and turning --------------------------------------------------------------------------------- */
 
 static const double LEAST_WAY = 1e-12; /* m: surface slip per step below which a shaft is treated as sticking, because the direction of such a small slip
-                                        * is rounding error. Rounding tolerance */
+                                          is rounding error. Rounding tolerance */
 static const double LEAST_YIELDING = 1e-12; /* N m / rad: smallest stiffness of the tissue against rotation of a share. Rounding tolerance */
 static const double LEAST_TORQUE = 1e-6; /* N m: added to a torque before MARGIN is applied. Rounding tolerance */
 static const double LEAST_GAP = 1e-6; /* m: smallest distance between two points on the needle. Rounding tolerance */
@@ -16,7 +16,7 @@ double roll_slip_length(double slip, const roll_friction *roll, double radius) {
 }
 
 /* Friction opposes the slip of the shaft's surface. With the bound F, sliding by a and turning by w give the axial force f(a) = F a / sqrt(a^2 + w^2).
- * Returns its tangent at the value of a from the last solve. */
+   Returns its tangent at the value of a from the last solve. */
 static shared_bound tangent(double dry, double a, double w) {
     double s = length_of(a, w), along = fabs(a) / s, across = w / s;
     return (shared_bound){dry * along * along * along, dry * across * across / s};
@@ -72,7 +72,7 @@ typedef struct {
 } roll_point;
 
 /* The rotation of the tissue around a shaft is local: a torque m' per length rotates the tissue by m' / (4 pi mu r^2), whatever the mesh. Here 2 pi mu is
- * the inverse of the local compliance along the needle. */
+   the inverse of the local compliance along the needle. */
 static roll_point point_at(const tick_input *tick, const insertion_state *state, const creep_step *creep, const contact_point *p) {
     const insertion_model *model = tick->model;
     bool tip = p->kind == POINT_TIP;

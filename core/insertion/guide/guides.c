@@ -1,13 +1,13 @@
 #include "insertion/guide/guides.h"
 
 static const double LEAST_STIFFNESS = 1e-2; /* N/m: stiffness along the edge of a hole at a place where the needle touches the edge without force. Rounding
-                                             * tolerance */
+                                               tolerance */
 static const double LEAST_SLOPE = 0.3; /* cosine, below 1: smallest cosine of the angle between needle and hole axis at which the hole still guides the
-                                        * needle. Chosen: 70 degrees, beyond any real needle */
+                                          needle. Chosen: 70 degrees, beyond any real needle */
 static const double TOLERANCE = 1e-6; /* m: largest distance between needle and edge at which the passes end. Chosen: a tolerance ten times smaller takes
-                                       * up to 1.6 times as many passes */
+                                         up to 1.6 times as many passes */
 static const double FORCE_TOLERANCE = 0.01; /* fraction: relative error of the edge spring's force at which the passes end, so that light touches are
-                                             * resolved. Chosen, like TOLERANCE */
+                                               resolved. Chosen, like TOLERANCE */
 static const double ROUNDING = 1e-12; /* m: distance between needle and edge that is accepted in any case. Rounding tolerance */
 
 static const guide *guide_of(const tick_input *tick, const contact_points *points, int point) { return &tick->model->guides[points->list[point].guide]; }
@@ -29,7 +29,7 @@ static double beyond_plane(const needle_point *p, vec3 centre, vec3 normal) {
 /* ---- in and out of holes ----------------------------------------------------------------------------------------------- */
 
 /* Arc at which the centreline crosses the plane, by Newton's method from a close guess. A few steps are enough because the centreline is nearly straight
- * near the plane. */
+   near the plane. */
 static double crossing(const tick_input *tick, const insertion_state *state, double arc, vec3 centre, vec3 normal) {
     double length = tick->model->needle->given.length;
     for (int i = 0; i < 3; i++) {
@@ -173,7 +173,7 @@ static void find_touch(const tick_input *tick, const insertion_state *state, con
 }
 
 /* If the needle would have to pull on the edges at both faces of a plate in one pass, only the face with the larger pull is released: usually the other
- * one pulls only because of it. */
+   one pulls only because of it. */
 static void keep_one_face(hole_edge *edges, int front) {
     hole_edge *edge = &edges[front];
     if (edge[0].pulled == 0.0 || edge[1].pulled == 0.0) return;

@@ -5,8 +5,8 @@
 #include "insertion/state/tick.h"
 
 /* Forces of one point, in the order of the unknowns: the two across the needle, then the one along it (at the tip: the force on the end face, then that on
- * the adjacent shaft). Part of each force acts on the shaft and the rest on the end face. By reciprocity, the point's displacement under each force is the
- * sum of the displacements of shaft and end face, weighted by the same fractions. */
+   the adjacent shaft). Part of each force acts on the shaft and the rest on the end face. By reciprocity, the point's displacement under each force is the
+   sum of the displacements of shaft and end face, weighted by the same fractions. */
 typedef struct {
     int row[4], axis[4], count; /* rows of these forces in the contact problem, and their axes in the needle's frame */
     double on_shaft[4], on_face[4];

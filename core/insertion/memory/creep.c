@@ -8,7 +8,7 @@
 
 static const double TOGETHER = 1e-3; /* m: distance within which residual loads are merged. Effort limit */
 static const double NOTICEABLE = 1e-3; /* N: sum of new residual loads above which a request to the worker is worthwhile. Effort limit: below what a hand
-                                        * feels */
+                                          feels */
 static const double NEGLIGIBLE = 1e-9; /* N: residual loads smaller than this are dropped. Rounding tolerance */
 static const double ALL_OF_IT = 1e-9; /* fraction: part of a share's length that may remain unassigned. Rounding tolerance */
 
@@ -48,7 +48,7 @@ static int closest_residual(const residual_loads *residual, vec3 x, double *dist
 }
 
 /* Adds this fraction of a share's load to the residual loads, at the point where the share's load acts, decayed to the end of the step. `decay` is NULL
- * between two steps. */
+   between two steps. */
 static void deposit_load(const insertion_model *model, tissue_memory *memory, const share_memory *share, double part, const double *decay) {
     const creep_series *series = &model->creep;
     residual_loads *residual = &memory->residual;
@@ -127,7 +127,7 @@ static double tip_way_since(const insertion_state *state, const contact_points *
 }
 
 /* A tip that slides along the surface has no track. While it moves by up to one diameter, the tissue that it leaves keeps its memory; the tissue that it
- * reaches has none. */
+   reaches has none. */
 static void glide(const tick_input *tick, insertion_state *state, const creep_step *creep) {
     tissue_memory *memory = &state->memory;
     share_memory *share = &memory->shares[0];
@@ -141,7 +141,7 @@ static void glide(const tick_input *tick, insertion_state *state, const creep_st
 }
 
 /* Transfers a share's memory to the new shares that overlap it, starting the search at share `first`. Memory outside the new shares becomes residual load.
- * Returns the first overlapping share. */
+   Returns the first overlapping share. */
 static int transfer_memory(const insertion_model *model, tissue_memory *memory, const share_memory *before, int first, const double *decay) {
     double length = before->to - before->from, rest = 1.0;
     while (first < memory->count && memory->shares[first].to <= before->from) first++;
@@ -156,7 +156,7 @@ static int transfer_memory(const insertion_model *model, tissue_memory *memory, 
 }
 
 /* Memory belongs to the tissue and stays where it is: when borders of shares move, the memory between old and new borders is assigned to another share.
- * Within a share, memory is distributed uniformly over the length. */
+   Within a share, memory is distributed uniformly over the length. */
 void creep_divide(const tick_input *tick, insertion_state *state, const contact_points *points, creep_step *creep) {
     tissue_memory *memory = &state->memory;
     if (tick->model->creep.count == 0) return;
@@ -188,7 +188,7 @@ void creep_forget(tissue_memory *memory) {
 /* ---- displacements ----------------------------------------------------------------------------------------------------- */
 
 /* Displacements around the end face extend over about one diameter, so an advancing tip reaches tissue with less memory. A remembered dent deeper than one
- * diameter fades over a distance equal to its depth; otherwise the work of tissue that springs back on a cutting tip would exceed the work of cutting. */
+   diameter fades over a distance equal to its depth; otherwise the work of tissue that springs back on a cutting tip would exceed the work of cutting. */
 static void fade_face(const tick_input *tick, insertion_state *state, const creep_step *creep, double yielding) {
     const creep_series *series = &tick->model->creep;
     double *face = state->memory.face, dent = 0.0, moved = creep->tip_moved;
@@ -199,7 +199,7 @@ static void fade_face(const tick_input *tick, insertion_state *state, const cree
 }
 
 /* The shaft next to the tip is one radius shorter than the share that bears the tip's lateral forces. Returns the fraction of the load along a shaft as
- * long as the share (the load in `along`) that this shaft bears. */
+   long as the share (the load in `along`) that this shaft bears. */
 static double shaft_part(const tick_input *tick, const insertion_state *state) {
     const share_memory *share = &state->memory.shares[state->memory.count - 1];
     return 1.0 - tick->model->needle->radius / (share->to - share->from);
@@ -249,7 +249,7 @@ double creep_traction_of(const tick_input *tick, const insertion_state *state, c
                          int i) { return tick->model->creep.count > 0 ? traction_of(tick, creep, share_of(state, points, i)) : 0.0; }
 
 /* A share whose borders have moved remembers a different mean shear of the tissue. The shaft's origin is shifted so that this change does not move the
- * shaft, as in keep_shear. */
+   shaft, as in keep_shear. */
 static void keep_remembered_shear(const tick_input *tick, insertion_state *state, const contact_points *points, const tissue_step *tissue, const creep_step *creep,
                                   const stiffening_step *stiffening) {
     for (int i = points->guided + creep->kept; i < points->count; i++) {
@@ -289,7 +289,7 @@ void creep_prepare(const tick_input *tick, insertion_state *state, const contact
 }
 
 /* Multiplies the local compliance by the remembered force, as in add_local_compliance. The additional lateral compliance near the surface does not
- * represent tissue, so it does not creep. */
+   represent tissue, so it does not creep. */
 void creep_shift_gaps(const tick_input *tick, const insertion_state *state, const contact_points *points, const tissue_step *tissue, const creep_step *creep,
                       contact_problem *problem) {
     if (tick->model->creep.count == 0) return;

@@ -1,5 +1,5 @@
 /* Creep: tissue that relaxes under a constant strain creeps under a constant force. For each share of the track, the tick stores one low-pass filtered
- * force per term of the creep series. Without a relaxation series, these functions have no effect. See docs/mechanics.md, "Relaxation". */
+   force per term of the creep series. Without a relaxation series, these functions have no effect. See docs/mechanics.md, "Relaxation". */
 #ifndef TROCAR_CREEP_H
 #define TROCAR_CREEP_H
 
@@ -18,7 +18,7 @@ void creep_deposit_all(const insertion_model *model, tissue_memory *memory, cons
 void creep_forget(tissue_memory *memory);
 
 /* Computes what results from memory: the displacement of the tissue at each point and the forces that shear the tissue. Multiplies the local compliances
- * by the step's yield. To be called after find_tip_rows and find_local_compliance. RT */
+   by the step's yield. To be called after find_tip_rows and find_local_compliance. RT */
 void creep_prepare(const tick_input *tick, insertion_state *state, const contact_points *points, tissue_step *tissue, creep_step *creep,
                    const stiffening_step *stiffening);
 
@@ -33,7 +33,7 @@ double creep_dent(const tick_input *tick, const insertion_state *state, const co
 void creep_remember(const tick_input *tick, insertion_state *state, const contact_points *points, const tissue_step *tissue, const creep_step *creep);
 
 /* Torque (N m) equivalent to the creep memory of point i in this step; for the tip, the torque on the shaft. Point i must not be a guide's. To be called
- * after creep_prepare. RT */
+   after creep_prepare. RT */
 double creep_twist(const tick_input *tick, const creep_step *creep, int i);
 
 /* Load on the tissue (N) that is equivalent to the memory of share i, to be added to the present force. RT */

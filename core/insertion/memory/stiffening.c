@@ -67,8 +67,8 @@ static stiffening_shift evaluate(const creep_step *creep, const stiffening_law *
 /* ---- passes --------------------------------------------------------------------------------------------------------------- */
 
 /* Force about which to linearise after a pass that found `force`. Because the law's tangent flattens at smaller forces, Newton's method approaches a
- * growing force from below, but overshoots a falling one. A falling force is therefore linearised about the force at which the law gives the displacement
- * found in the pass. */
+   growing force from below, but overshoots a falling one. A falling force is therefore linearised about the force at which the law gives the displacement
+   found in the pass. */
 static double force_of_last_pass(const creep_step *creep, const stiffening_law *law, double force, double remembered, const linear_shift *linear) {
     double yield = creep->yield, before = linear->force + remembered;
     if (fabs(force + remembered) >= fabs(before) && (force + remembered) * before >= 0.0) return force;
@@ -115,7 +115,7 @@ void stiffening_shift_gaps(const insertion_state *state, const contact_points *p
 }
 
 /* True if the linearised law is accurate enough. The second derivatives of the laws are at most unit scale^2; with this bound, most evaluations can be
- * skipped. */
+   skipped. */
 static bool agrees(const creep_step *creep, const stiffening_law *law, double force, double remembered, const linear_shift *linear) {
     double change = creep->yield * law->scale * (force - linear->force);
     if (law->field == NOT_STIFFENING || 0.5 * law->unit * change * change <= AGREEMENT) return true;

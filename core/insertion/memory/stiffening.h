@@ -1,5 +1,5 @@
 /* Stiffening tissue in the contact problem: the non-linear part of the local compliances. Without stiffening regions, these functions have no effect. See
- * docs/mechanics.md, "Stiffening". */
+   docs/mechanics.md, "Stiffening". */
 #ifndef TROCAR_STIFFENING_H
 #define TROCAR_STIFFENING_H
 
@@ -11,7 +11,7 @@ typedef struct {
 } stiffened_shaft;
 
 /* Additional displacement (m) of the shaft relative to the tissue, beyond the linear one, when a share under this traction (N/m) moves into other regions.
- * RT */
+   RT */
 double stiffening_lead(const insertion_model *model, stiffened_shaft before, stiffened_shaft now, double traction);
 
 /* Sets up the laws for this step's points. To be called after find_local_compliance and before creep_prepare. RT */

@@ -6,14 +6,14 @@
 #include "linalg/rows.h"
 
 static const double LEAST_PIVOT = 1e-8; /* fraction: smallest magnitude of a pivot, relative to the contact's own lateral compliance. Rounding: the square
-                                         * root of double precision, so that the elimination keeps half of its digits */
+                                           root of double precision, so that the elimination keeps half of its digits */
 
 /* Principal directions of one contact's lateral block [p q; q r]: a rotation by the angle with cosine c and sine s makes it diagonal. Two scalar pivots
- * keep their accuracy even if their magnitudes differ greatly; the inverse of the block would not. */
+   keep their accuracy even if their magnitudes differ greatly; the inverse of the block would not. */
 typedef struct { double c, s, pivot[2]; } principal;
 
 /* A pivot may be negative: needle and tissue together can be stable even if the needle alone would buckle. Where a pivot changes sign, its magnitude is
- * limited from below by a compliance that is far too small to be felt, but large enough for the elimination to keep half of its digits. */
+   limited from below by a compliance that is far too small to be felt, but large enough for the elimination to keep half of its digits. */
 static double off_zero(double pivot, double least) { return fabs(pivot) < least ? copysign(least, pivot) : pivot; }
 
 static principal diagonalise(double p, double q, double r, double scale) {
@@ -32,7 +32,7 @@ static void turn(principal by, double *x, double *y) {
 static symmetric_system system_of(contact_problem *p) { return (symmetric_system){p->compliance, 2 * p->count + p->axial_count}; }
 
 /* Eliminates the lateral unknowns in the principal directions of each contact. The axial rows become the Schur complement: compliance and gap along the
- * needle when all lateral gaps are closed. The lateral rows keep the factors for close_sideways(). */
+   needle when all lateral gaps are closed. The lateral rows keep the factors for close_sideways(). */
 static void eliminate_sideways(contact_problem *p, principal axes[MAX_PAIRS]) {
     elimination_kernel *eliminate_after_panel = elimination_kernel_here();
     symmetric_system s = system_of(p);
@@ -183,8 +183,8 @@ static bool switch_state(contact_problem *p, int i, double slip, bool may_switch
 }
 
 /* Active-set search. All inconsistent contacts switch at once, usually about twice. If that cycles, they switch one at a time in least-index order, which
- * terminates for positive definite problems (Murty 1974). `negative`: number of negative eigenvalues of the compliance between the points that stick or
- * that slide with viscosity. */
+   terminates for positive definite problems (Murty 1974). `negative`: number of negative eigenvalues of the compliance between the points that stick or
+   that slide with viscosity. */
 static bool search_states(contact_problem *p, int *negative) {
     int limit = ROUNDS_TOGETHER + ROUNDS_EACH * (p->axial_count + p->ahead.count);
     double slip[MAX_AXIAL];

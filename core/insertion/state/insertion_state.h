@@ -12,8 +12,8 @@ enum { NOT_BLOCKED = -1, BLOCKED_BY_BONE = -2 };
 typedef enum { TIP_FREE, TIP_INSIDE, TIP_BEYOND } tip_phase; /* beyond: the tip is outside, on the far side or in a gap, but the shaft is still in the tissue */
 
 /* Planned: the node has been requested, but the tip has not reached it. Waiting: the tip has passed the node, but its row of the inverse has not arrived.
- * Active: the contact is part of the solve, and `friction` says whether it sticks. Active contacts come first along the track, then waiting ones, then a
- * planned one. */
+   Active: the contact is part of the solve, and `friction` says whether it sticks. Active contacts come first along the track, then waiting ones, then a
+   planned one. */
 typedef enum { CONTACT_PLANNED, CONTACT_WAITING, CONTACT_ACTIVE } contact_status;
 
 /* Rotation of the shaft about its axis, relative to the tissue. */
@@ -27,7 +27,7 @@ typedef struct {
 /* How the tissue along a share of the track holds the shaft. When the tip leaves a contact, or returns to it, this struct is handed over unchanged. */
 typedef struct {
     double origin;           /* m: arc minus depth of the material point of the shaft that would be at the track if the tissue were not sheared along the
-                              * shaft. Near the tip, this point may be beyond the needle's end */
+                                shaft. Near the tip, this point may be beyond the needle's end */
     double slip;             /* m, slip in the last solve, positive if the shaft moves forward relative to the tissue; applied by the next tick */
     double slid;             /* m, distance slid since the shaft last stuck */
     friction_state friction;
@@ -38,8 +38,8 @@ typedef struct {
 } shaft_hold;
 
 static const double FULL_GRIP = 0.05; /* N: force along the needle at which the surface gives the tip its full lateral support. The tip starts with this
-                                       * force at first touch, because a bent needle without lateral support would slip aside at once. Chosen: about the
-                                       * smallest force that a hand feels */
+                                         force at first touch, because a bent needle without lateral support would slip aside at once. Chosen: about the
+                                         smallest force that a hand feels */
 
 /* One contact: a node of the tissue on the shaft's track. */
 typedef struct {
@@ -73,7 +73,7 @@ typedef struct {
     vec3 graze_normal;       /* unit normal of the outer face that the tip grazes; zero if none */
     vec3 beside;             /* m, from `nominal` (just inside the grazed face) to the tip itself, which may be up to one radius outside */
     vec3 end;                /* m, world frame: last position of the needle's end while the tip was beyond the tissue; meanwhile `nominal` is where the tip
-                              * left the tissue */
+                                left the tissue */
 } tip_place;
 
 /* Obstacle at the tip; written by the path stage. */
@@ -121,7 +121,7 @@ typedef struct {
     open_track track;        /* old track that guides the tip. The path stage finds it; after the solve, it is the track on which the tip's slip ended */
     double next_contact;     /* m, depth at which the next contact node is due; NAN if it has to be planned. Written by the path stage */
     shaft_hold shaft;        /* the shaft next to the tip, extending halfway to the last contact: it is held by friction, not by the resistance ahead of
-                              * the tip */
+                                the tip */
     tip_solution solved;
     tip_dent dent;
     double filtered_push;    /* N, >= 0, low-pass filtered force along the needle, which determines the lateral support. Written after the solve */

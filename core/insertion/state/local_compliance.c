@@ -3,18 +3,18 @@
 #include <stdlib.h>
 
 static const double LEAST_LOGARITHM = 0.02; /* 1: smallest logarithm of the ratio of resolved radius to needle radius; keeps contacts independent where the
-                                             * mesh itself resolves the needle's surface. Chosen by judgement */
+                                               mesh itself resolves the needle's surface. Chosen by judgement */
 static const double EMBEDDING_DEPTH = 4.0; /* radii: depth below the surface from which a disc counts as embedded in an infinite body. Fitted to resolved
                                               finite elements, within 2 % */
 static const double DENSITY = 1050.0; /* kg/m^3: density of soft tissue, for the speed of shear waves, which limits how fast tissue springs back. Cited: ICRU
                                          Report 46 (1992), skeletal muscle 1050, average soft tissue 1030 */
 static const double GUESSED_LATERAL = 0.42; /* edge lengths: radius that a mesh resolves across the needle, used until it has been measured. Measured:
-                                             * median of 4500 random places and directions in the meshes of figure8.yaml, implant.yaml and trus.yaml; 9 in
-                                             * 10 are within a factor of 1.6 */
+                                               median of 4500 random places and directions in the meshes of figure8.yaml, implant.yaml and trus.yaml; 9 in
+                                               10 are within a factor of 1.6 */
 static const double GUESSED_AXIAL = 0.49; /* edge lengths: radius that a mesh resolves along the needle, used until it has been measured. Measured like
-                                           * GUESSED_LATERAL */
+                                             GUESSED_LATERAL */
 static const double GUESSED_POINT = 0.14; /* 1 / edge length: compliance of the mesh to a point force times the shear modulus, used until it has been
-                                           * measured. Measured like GUESSED_LATERAL */
+                                             measured. Measured like GUESSED_LATERAL */
 
 /* ---- model ---------------------------------------------------------------------------------------------------------- */
 
@@ -27,7 +27,7 @@ static void add_moduli(insertion_model *model, int node, const region_material *
 }
 
 /* For a tip that comes from the tissue, a surface that cannot be punctured is bone if the surface is fixed or has nothing behind it. If the surface is
- * between two tissues, or the tip comes from outside, it is as soft as the tissue. */
+   between two tissues, or the tip comes from outside, it is as soft as the tissue. */
 static void mark_bone(insertion_model *model) {
     const mesh *m = model->mesh;
     for (int i = 0; i < model->membrane_count; i++) {
@@ -93,7 +93,7 @@ static double interpolate(const insertion_model *model, int tet, const double we
 static double between(double from, double to, double part) { return from + part * (to - from); }
 
 /* Weight of bone, from 0 (tissue) to 1 (bone), for a tip at this depth. The stiffness rises gradually in front of bone, so that the tip stops at the bone
- * and not behind it. */
+   and not behind it. */
 static double bone_at(const insertion_model *model, int tet, const double weights[4], double depth) {
     return smaller_of(1.0, depth / (EMBEDDING_DEPTH * model->needle->radius)) * interpolate(model, tet, weights, model->node_bone);
 }
@@ -121,7 +121,7 @@ double local_wave_speed(const insertion_model *model, int tet, vec3 x) {
 }
 
 /* Tissue is stiffer around a tip deep inside than around a tip on the surface. The tip counts as deep once it is a few radii below the surface and deeper
- * than its dent. If only the radii counted, a needle that has dented the skin would meet more force as it cuts, which would create elastic energy. */
+   than its dent. If only the radii counted, a needle that has dented the skin would meet more force as it cuts, which would create elastic energy. */
 local_disc local_disc_at_tip(const insertion_model *model, int tet, vec3 x, double depth, double push) {
     double weights[4], radius = model->needle->radius;
     mesh_barycentric(model->mesh, tet, x, weights);

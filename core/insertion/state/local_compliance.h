@@ -1,5 +1,5 @@
 /* Local compliance: the part of a contact's compliance that is due to the displacement field between the needle's radius and the radius that the mesh
- * resolves. See docs/mechanics.md, "Local compliance". */
+   resolves. See docs/mechanics.md, "Local compliance". */
 #ifndef TROCAR_LOCAL_COMPLIANCE_H
 #define TROCAR_LOCAL_COMPLIANCE_H
 
@@ -14,8 +14,8 @@ typedef struct {
 } lateral_axial;
 
 /* The local compliance to a line force, m^2/N (to be divided by the length of shaft that the point represents), is the product of a material factor and a
- * logarithm. The material factor, m^2/N, follows from Kelvin's line force in plane strain (across the needle) and from anti-plane shear (along it). This
- * function returns its inverse, N/m^2. */
+   logarithm. The material factor, m^2/N, follows from Kelvin's line force in plane strain (across the needle) and from anti-plane shear (along it). This
+   function returns its inverse, N/m^2. */
 static inline lateral_axial local_line_stiffness(const region_material *material) { /* RT */
     double nu = material->poisson_ratio, axial = 2.0 * M_PI * shear_modulus(material->youngs_modulus, nu);
     return (lateral_axial){axial * 4.0 * (1.0 - nu) / (3.0 - 4.0 * nu), axial};
@@ -49,7 +49,7 @@ double local_at_tip(const insertion_model *model, int tet, vec3 x, double depth,
 double local_wave_speed(const insertion_model *model, int tet, vec3 x);
 
 /* Fills the arrays node_* of a model whose other members have been set, with means over the elements around each node. Returns NO_MEMORY if it cannot
- * allocate them. */
+   allocate them. */
 trocar_status local_create(insertion_model *model, report *why);
 void local_free(insertion_model *model);
 

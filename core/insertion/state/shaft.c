@@ -10,8 +10,8 @@ static double depth_of(const insertion_state *state, int k) {
 }
 
 /* Depth of the border between the shares of points k and k + 1. It is halfway between them, or where the track first enters another region between them,
- * so that no contact represents shaft in a different tissue. The border moves to that boundary only as fast as the next point moves away from it;
- * otherwise forces would jump whenever the tip enters a region. */
+   so that no contact represents shaft in a different tissue. The border moves to that boundary only as fast as the next point moves away from it;
+   otherwise forces would jump whenever the tip enters a region. */
 static double border_behind(const insertion_state *state, int k) {
     double here = depth_of(state, k), next = depth_of(state, k + 1), half = 0.5 * (here + next);
     for (int s = 1; s < state->stratum_count; s++) {

@@ -19,11 +19,11 @@ typedef struct {
 } shaft_resistance;
 
 /* Share of active contact number k, counted from the base: it extends halfway to each neighbour. If `tip` is true, the tip follows the last contact (its k
- * is the number of active contacts) and has the rest of the shaft. RT */
+   is the number of active contacts) and has the rest of the shaft. RT */
 shaft_share shaft_share_of(const insertion_state *state, int k, bool tip);
 
 /* Like shaft_share_of, but called for one share after the other, from k = 0. `border` (m of depth), initially 0, is where this share begins; it is
- * advanced to where the next one begins. RT */
+   advanced to where the next one begins. RT */
 shaft_share shaft_next_share(const insertion_state *state, int k, bool tip, double *border);
 
 /* Friction and stiffness of the tissue along a share of the track, summed over the strata in the share. RT */

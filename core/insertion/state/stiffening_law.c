@@ -4,7 +4,7 @@
 #include <stdbool.h>
 
 /* Solves y (1 + y^2) = b for the shear y (in units of 1 / sqrt(2 S)) under the stress b (in units of mu / sqrt(2 S)). Newton's method approaches the
- * solution monotonically from above and is exact to the last bit after six steps for any b. */
+   solution monotonically from above and is exact to the last bit after six steps for any b. */
 static double shear_of(double b) {
     double y = b < 1.0 ? b : cbrt(b);
     for (int i = 0; i < 6; i++) y -= (y * (1.0 + y * y) - b) / (1.0 + 3.0 * y * y);
@@ -13,9 +13,9 @@ static double shear_of(double b) {
 
 enum { MOST_FORCES = 30 }; /* iterations: largest number in the search for the force at a given displacement. Effort limit: 8 are enough for S = 10 */
 static const double SAME_FORCE = 1e-6; /* 1: relative change of the force at which the iteration ends. Rounding: the force serves only as a point of
-                                        * linearisation */
+                                          linearisation */
 static const double RIGID = 1e-3; /* 1: fraction of the linear compliance below which the iteration ends. Rounding: the force serves only as a point of
-                                   * linearisation */
+                                     linearisation */
 
 /* ---- shaft: shear stress F' / (2 pi rho) at the distance rho ----------------------------------------------------------------
 
@@ -45,10 +45,10 @@ static double shaft_limit(double most) {
    to a parabola. */
 
 static const double STRESS = 0.8; /* 1: stress on the disc divided by the uniform stress that has the energy of the linear disc. Fitted to a resolved disc,
-                                   * S = 1, pressed in by 2.5 radii (tests/unit/insertion/test_stiffening.c) */
+                                     S = 1, pressed in by 2.5 radii (tests/unit/insertion/test_stiffening.c) */
 static const double WHOLE = 3.7081493546027438; /* 1: I(infinity). Exact: Gamma(1/4)^2 / (2 sqrt(pi)) */
 static const double SMALL = 1e-3; /* 1: force below which the tip's law is computed from the first term of its series. Derived: relative to that term, the
-                                   * next one is 1e-6 */
+                                     next one is 1e-6 */
 
 /* For y <= 1: twice the integral of 1 / sqrt(1 + s^4) from 0 to sqrt(y), by Gauss quadrature with eight points. */
 static double small_integral(double y) {

@@ -3,7 +3,7 @@
 #define TROCAR_STIFFENING_LAW_H
 
 /* Change of the linear displacement caused by stiffening: `unit` times a function of (`scale` times the force). The field around the shaft and that in
- * front of the tip each have their own function. */
+   front of the tip each have their own function. */
 typedef struct {
     enum { NOT_STIFFENING, STIFFENING_SHAFT, STIFFENING_TIP } field;
     double unit;             /* m */
@@ -19,7 +19,7 @@ typedef struct {
 } stiffening_shift;
 
 /* Law for a line force along a shaft of this radius (m). `stiffness` (N/m): length of the shaft divided by its linear compliance to a line force per
- * logarithm. `room` (m/N): largest decrease of the compliance; beyond it, the law continues with constant slope. RT */
+   logarithm. `room` (m/N): largest decrease of the compliance; beyond it, the law continues with constant slope. RT */
 stiffening_law stiffening_of_shaft(double stiffening, double radius, double stiffness, double room);
 
 /* Law for a disc of this radius (m) and linear compliance `disc` (m/N), in tissue of softness 1 / mu (m^2/N) that fills `angle` steradians around it: 2 pi at

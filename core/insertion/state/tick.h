@@ -15,7 +15,7 @@ typedef enum {
     EVENT_REENTERED = 1 << 5,    /* the tip returned the same way */
     EVENT_WITHDRAWN = 1 << 6,    /* the needle was withdrawn from the tissue through its entry */
     EVENT_LATE = 1 << 7,         /* the snapshot does not cover the tip, or the mesh's resolution at the tip has not been measured: the tick used the last
-                                  * known values, or estimates */
+                                    known values, or estimates */
     EVENT_FULL = 1 << 8,         /* MAX_CONTACTS or MAX_STRATA has been reached: from now on the shaft has the friction of the last recorded stratum */
     EVENT_UNSTABLE = 1 << 9,     /* the result was not finite: the insertion restarts */
     EVENT_MISSED_GUIDE = 1 << 11, /* the needle passes a guide outside its holes and is not guided; set in every tick */
@@ -64,7 +64,7 @@ typedef struct {
     int guide, face;         /* POINT_GUIDE only */
     double arc;              /* m from the base */
     double lead;             /* m along the needle, from `arc` to the material point of the shaft that the tissue holds (see shaft_hold); 0 except near the
-                              * tip */
+                                tip */
     double to_end;           /* m along the needle, from `arc` to the needle's end face; used for the tip only */
     needle_point at;         /* the point on the needle at this arc */
     vec3 target;             /* m, where the touched material would be without the needle's forces */
@@ -73,14 +73,14 @@ typedef struct {
 } contact_point;
 
 /* Relaxing tissue in one step: its displacement under the forces f is (yield C) (f + remembered). For elastic tissue, yield is 1 and the other members are
- * 0. */
+   0. */
 typedef struct {
     double yield;
     double decay[MAX_RELAXATION];            /* factor by which each term's memory decays over the step */
     double weight[MAX_RELAXATION];           /* weight of each term in the remembered force, divided by the yield */
     double residual[MAX_RELAXATION];         /* factor by which the snapshot's u_residual has decayed since its time */
     remembered_forces remembered[MAX_POINTS]; /* remembered force at each point in the tissue, divided by the yield; for the tip, `along` and `twist` are
-                                               * those of the shaft's part of the share */
+                                                 those of the shaft's part of the share */
     double face;                             /* N, remembered force on the tip's end face */
     double tip_moved;                        /* m, distance that the tip has moved since the last step */
     vec3 moved[MAX_POINTS];                  /* m, displacement of the tissue at each point caused by the remembered loads */
@@ -105,7 +105,7 @@ typedef struct {
 } stiffening_step;
 
 /* The map J from a lateral displacement of the shaft, in the shaft's frame, to the displacement of the point where its axis intersects the face of a
- * guide, in the directions of the grid. A force in the plane of the face is equivalent to the lateral force J^T times it on the needle. */
+   guide, in the directions of the grid. A force in the plane of the face is equivalent to the lateral force J^T times it on the needle. */
 typedef struct {
     double m[2][2], inverse[2][2];
 } crossing_map;
@@ -163,7 +163,7 @@ typedef struct {
 } path_step;
 
 /* The contact points that are part of the solve, listed by the tissue stage. Their members `at`, `target`, `lead` and (for the tip) `arc` follow the
- * needle's shape. */
+   needle's shape. */
 typedef struct {
     int count, guided;               /* number of points, and number of those at guides, which come first */
     bool tip;                        /* true if the last point is the tip */
@@ -178,7 +178,7 @@ typedef struct {
     double tip_resolved;             /* 1/m, resolved_field.point at the tip; 0 if the mesh is treated as rigid at the tip */
     principal_tensor lateral[MAX_POINTS]; /* m/N, local compliance across the track at each point */
     double axial[MAX_AXIAL];         /* m/N, local compliance along the track at each point: for the tip, that of the end face, followed by that of the
-                                      * adjacent shaft */
+                                        adjacent shaft */
     double sideways_on_shaft;        /* fraction of the tip's lateral force that acts on the adjacent shaft; the rest acts on the end face */
     double extra_lateral_compliance[MAX_POINTS];  /* m/N, additional lateral compliance while the surface gives the tip less than its full support */
     double tightening[MAX_POINTS];   /* 1/N, decrease of that additional compliance per metre of depth */

@@ -15,7 +15,7 @@ typedef struct {
 } remembered_forces;
 
 /* Memory of one share of the track, which belongs to an active contact or to the tip. For each term of the series, it is the force, low-pass filtered with
- * the term's time constant. */
+   the term's time constant. */
 typedef struct {
     double from, to;             /* m, depths at which the share begins and ends */
     int tet;                     /* nominal element in which the share's load acts */

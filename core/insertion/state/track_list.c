@@ -94,7 +94,7 @@ bool tracks_puncture(track_list *list, track_point at, int membrane) {
 /* ---- searching ----------------------------------------------------------------------------------------------------------- */
 
 /* Number of points of a track that the search can skip after a point at this distance from x: neither these points nor the segments between them can be
- * within reach. */
+   within reach. */
 static int skippable(double distance, double reach) { return (int)fmax(0.0, (distance - reach) / TRACK_SPACING); }
 
 double tracks_puncture_distance(const track_list *list, int membrane, vec3 x, double reach) {
@@ -130,7 +130,7 @@ static vec3 walk(const track_list *list, vec3 from, int next, int step, int last
 }
 
 /* Direction of the track at a point of this segment. The needle has cut a smooth curve, but the segments' direction jumps at each point, so the direction
- * is averaged over one point spacing around x. */
+   is averaged over one point spacing around x. */
 static vec3 direction_at(const track_list *list, int begin, int last, int segment, vec3 x) {
     vec3 ahead = walk(list, x, segment + 1, 1, last, 0.5 * TRACK_SPACING), behind = walk(list, x, segment, -1, begin, 0.5 * TRACK_SPACING);
     vec3 chord = v3_sub(ahead, behind);

@@ -1,5 +1,5 @@
 /* The tracks that a needle has cut: polylines in the undeformed tissue, from the tip's entry to the end of the cut, with the membranes that were
- * punctured. Plain data. */
+   punctured. Plain data. */
 #ifndef TROCAR_TRACK_LIST_H
 #define TROCAR_TRACK_LIST_H
 
@@ -10,7 +10,7 @@
 enum { MAX_TRACKS = 128, MAX_TRACK_POINTS = 1024, NO_MEMBRANE = -1 };
 
 static const double TRACK_SPACING = 4e-3; /* m: largest distance between adjacent points of a track; also the length over which its direction is averaged.
-                                           * Chosen: the list has room for 4 m of tracks */
+                                             Chosen: the list has room for 4 m of tracks */
 
 typedef struct {
     vec3 at;                 /* m, nominal */
@@ -29,7 +29,7 @@ typedef struct {
 static inline int track_end(const track_list *list, int track) { return track + 1 < list->count ? list->first[track + 1] : list->point_count; }
 
 /* Records a cut from one nominal point to another. If the cut begins at the end of the newest track, it extends that track; otherwise it begins a new one.
- * If there is no room, the oldest track is dropped and the function returns false. RT */
+   If there is no room, the oldest track is dropped and the function returns false. RT */
 bool tracks_cut(track_list *list, track_point from, track_point to);
 
 /* Records the puncture of a membrane at this point. Returns the same as tracks_cut. RT */
@@ -49,7 +49,7 @@ typedef struct {
 } track_place;
 
 /* Finds the closest point within `reach`; tracks whose bounding box is farther away are not searched. From a distant point, the search skips the points
- * that cannot be near: on a straight track it examines about ten points, and in the worst case all. RT */
+   that cannot be near: on a straight track it examines about ten points, and in the worst case all. RT */
 track_place tracks_closest(const track_list *list, int track, vec3 x, double reach);
 
 #endif

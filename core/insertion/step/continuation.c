@@ -4,9 +4,9 @@
 #include "insertion/step/needle_drag.h"
 
 static const double AT_REST = 5e-3; /* fraction: drag, relative to Euler's load, below which a moving needle is considered at rest. Chosen: 0.05 N for an
-                                     * 18 G needle of 200 mm, about the smallest force that a hand feels */
+                                       18 G needle of 200 mm, about the smallest force that a hand feels */
 static const double LEAST_STEP = 1.0 / 256; /* fraction: smallest part of a tick used as an increment to follow a branch of equilibria. Effort limit: eight
-                                             * halvings */
+                                               halvings */
 enum { LAST_PASSES = 3 }; /* passes: largest number within which a needle may come to rest. Effort limit */
 
 /* Computes the difference between the gaps and those that would balance the forces at the start of the tick. It results from the motion of the base. */
@@ -53,8 +53,8 @@ static pass_result come_to_rest(const tick_input *tick, insertion_state *state, 
 }
 
 /* Closes the gaps in small increments. Against bone, one large step would find the straight needle, which is unstable above Euler's load; small increments
- * follow the branch on which the needle bows. Where that branch ends, the needle moves to another one against its drag. The drag is inversely proportional
- * to the increment, so that a short enough one is stable under any compression. */
+   follow the branch on which the needle bows. Where that branch ends, the needle moves to another one against its drag. The drag is inversely proportional
+   to the increment, so that a short enough one is stable under any compression. */
 pass_result continuation_follow(const tick_input *tick, insertion_state *state, insertion_workspace *w, tick_output *output) {
     double drag = needle_drag(tick->model->needle) / tick->dt, done = 0.0, step = 1.0;
     bool moving_on = state->moving_on;

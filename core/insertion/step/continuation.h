@@ -1,5 +1,5 @@
 /* The fallback of equilibrium_find if the passes find no stable equilibrium near the last one: the step is repeated in small increments along the branch
- * of equilibria. Where the branch ends, the needle moves to another one against its drag. See docs/mechanics.md, "Buckling". */
+   of equilibria. Where the branch ends, the needle moves to another one against its drag. See docs/mechanics.md, "Buckling". */
 #ifndef TROCAR_CONTINUATION_H
 #define TROCAR_CONTINUATION_H
 

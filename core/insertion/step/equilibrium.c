@@ -10,7 +10,7 @@
 #include "insertion/step/continuation.h"
 
 static const double BITE_TIME = 20e-3; /* s: time by which the surface's support lags behind the force along the needle; without the lag, the two would
-                                        * oscillate. Chosen by judgement */
+                                          oscillate. Chosen by judgement */
 
 /* Lists the resistance ahead of the tip, for the needle's shape at the start of the passes. */
 static void begin(const tick_input *tick, const insertion_state *state, insertion_workspace *w) {
@@ -46,8 +46,8 @@ static void conclude(const tick_input *tick, insertion_state *state, const inser
 }
 
 /* The extrapolated shape only improves the starting point: a needle in steady motion then often needs just one pass. A misleading guess costs one or two
- * passes; restarting from the last shape would cost more. (For 12 000 steps of a hand that changes direction every 13 ms, with the needle in a guide: 15
- * 992 passes; 16 539 if guesses are abandoned after three passes; 37 918 without guesses.) */
+   passes; restarting from the last shape would cost more. (For 12 000 steps of a hand that changes direction every 13 ms, with the needle in a guide: 15
+   992 passes; 16 539 if guesses are abandoned after three passes; 37 918 without guesses.) */
 void equilibrium_find(const tick_input *tick, insertion_state *state, insertion_workspace *w, tick_output *output) {
     const needle_model *needle = tick->model->needle;
     pass_result r = {.found = false};

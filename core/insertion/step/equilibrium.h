@@ -5,14 +5,14 @@
 #include "insertion/state/tick.h"
 
 /* Finds the needle's shape, and the forces and slips at the points that the tissue stage has listed. If no stable equilibrium is near, the needle moves to
- * another one. RT */
+   another one. RT */
 void equilibrium_find(const tick_input *tick, insertion_state *state, insertion_workspace *w, tick_output *output);
 
 /* For a needle without contact: discards the starting point for the next equilibrium. RT */
 void equilibrium_forget(insertion_state *state);
 
 /* Assembles the contact problem for the present shape and forces in w->problem, without solving it. Unless `loaded` is true, the needle has the stiffness
- * of a needle without forces. To be called after the tissue stage. */
+   of a needle without forces. To be called after the tissue stage. */
 void equilibrium_linearise(const tick_input *tick, insertion_state *state, insertion_workspace *w, bool loaded);
 
 #endif

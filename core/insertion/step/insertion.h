@@ -6,16 +6,16 @@
 #include "insertion/state/tick.h"
 
 /* Resets to a straight needle whose base is held at `base`. Where the needle overlaps the tissue, it counts as inserted along its axis without force. The
- * tissue forgets this needle's forces and tracks. RT */
+   tissue forgets this needle's forces and tracks. RT */
 void insertion_reset(const insertion_model *model, pose base, insertion_state *state);
 
 /* Computes one tick. Its cost is independent of the size of the mesh, except for the search for the skin, O(log n), while the tip is outside or on the
- * skin. No allocation, no lock, no library call. RT */
+   skin. No allocation, no lock, no library call. RT */
 void insertion_tick(const tick_input *tick, insertion_state *state, insertion_workspace *w, tick_output *output);
 
 /* Assembles in w->problem, without solving it, the contact problem of a tick in which the base does not move. The state's memory of relaxing tissue
- * advances as in a tick. Unless `loaded` is true, the stiffness that the forces add to the needle is left out. Returns false if the needle touches no
- * tissue. */
+   advances as in a tick. Unless `loaded` is true, the stiffness that the forces add to the needle is left out. Returns false if the needle touches no
+   tissue. */
 bool insertion_linearise(const tick_input *tick, insertion_state *state, insertion_workspace *w, tick_output *output, bool loaded);
 
 /* True if the output and the state are finite. RT */

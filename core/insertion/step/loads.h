@@ -9,8 +9,8 @@
 void insertion_refinement(const insertion_state *state, refinement *out);
 
 /* Adds the needle's forces on the tissue to `nominal` (node_count), and writes those on the active contact nodes to `added`, in the order of
- * insertion_refinement (N, world frame). The tip's force is distributed to the corners of its element. In creeping tissue, these are the forces that would
- * displace elastic tissue by the same amount. */
+   insertion_refinement (N, world frame). The tip's force is distributed to the corners of its element. In creeping tissue, these are the forces that would
+   displace elastic tissue by the same amount. */
 void insertion_forces(const insertion_model *model, const insertion_state *state, vec3 *nominal, vec3 *added);
 
 /* Sets the positions of the needle's loads on the tissue: the active contacts and, if it is in the tissue, the tip. The forces are set to 0. RT */

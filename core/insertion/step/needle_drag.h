@@ -1,5 +1,5 @@
 /* Drag on a needle that has no stable equilibrium: it damps the needle's bending waves while the needle moves to another equilibrium. See
- * docs/mechanics.md, "Buckling". */
+   docs/mechanics.md, "Buckling". */
 #ifndef TROCAR_NEEDLE_DRAG_H
 #define TROCAR_NEEDLE_DRAG_H
 

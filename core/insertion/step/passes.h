@@ -1,5 +1,5 @@
 /* Newton passes, each consisting of needle, problem, solve and advance, until the state is in equilibrium. See docs/mechanics.md, "One tick is one convex
- * problem". */
+   problem". */
 #ifndef TROCAR_PASSES_H
 #define TROCAR_PASSES_H
 

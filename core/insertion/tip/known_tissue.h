@@ -5,7 +5,7 @@
 #include "insertion/state/tick.h"
 
 /* Displacement (m) of a point under the needle's present forces and those of other bodies, given the handles and weights of the corners of the point's
- * element. RT */
+   element. RT */
 vec3 displacement_at(const tick_input *tick, const insertion_state *state, const creep_step *creep, const int handles[4], const double weights[4]);
 
 /* Displacement (m) at the tip or, after the tip has left the tissue, at its exit point. Zero if the snapshot does not cover that point. RT */
@@ -15,12 +15,12 @@ vec3 displacement_at_tip(const tick_input *tick, const insertion_state *state, c
 int accept_snapshot(const tick_input *tick, insertion_state *state, tick_output *output);
 
 /* Finds the handles of the corners around the tip or, if the worker is late, around the last point that the snapshot covered. Without such a point, they
- * are NO_HANDLE and the mesh is treated as rigid. The tip's force acts on the nominal mesh by interpolation: a separate node at the tip would become
- * stiffer as it approached a face, and would add less than what the mesh already resolves. RT */
+   are NO_HANDLE and the mesh is treated as rigid. The tip's force acts on the nominal mesh by interpolation: a separate node at the tip would become
+   stiffer as it approached a face, and would add less than what the mesh already resolves. RT */
 void follow_known_point(const tick_input *tick, insertion_state *state, tick_output *output, int handles[4]);
 
 /* Updates the mesh's resolution at the tip without a jump. If the worker is late, uses the last measurement or an estimate, so that forces always act on a
- * tip in the tissue. RT */
+   tip in the tissue. RT */
 void follow_resolution(const tick_input *tick, insertion_state *state, tick_output *output);
 
 #endif

@@ -12,18 +12,18 @@ typedef struct {
 } entrance;
 
 /* For a tip that has left the tissue on the far side: it has returned if the needle's end is more than one radius behind the exit point. With a smaller
- * distance, tissue that springs back when the tip leaves would enclose the tip again. RT */
+   distance, tissue that springs back when the tip leaves would enclose the tip again. RT */
 void reenter_tissue(const tick_input *tick, insertion_state *state, const creep_step *creep, tick_output *output);
 
 /* Looks for other tissue ahead of a needle that has left the tissue on the far side. RT */
 void enter_body_ahead(const tick_input *tick, insertion_state *state, const creep_step *creep, tick_output *output);
 
 /* For a tip that has left the tissue in this tick: touching bodies have the same displacement, so a body between the nominal exit point and the tip's
- * position in space is entered at once. RT */
+   position in space is entered at once. RT */
 void enter_touching_body(const tick_input *tick, insertion_state *state, tick_output *output, vec3 direction);
 
 /* Finds where the segment from the tip's exit point `left` to `to` enters the next body. Separately meshed bodies may overlap; the tip is then in the next
- * body as soon as it leaves the first. RT */
+   body as soon as it leaves the first. RT */
 entrance next_body(const tick_input *tick, const insertion_state *state, vec3 left, vec3 to);
 
 /* Enters the next body, `gap` (m) beyond the exit. If there is no room to record the gap, the needle advances without contact. RT */

@@ -1,7 +1,7 @@
 #include "insertion/tip/outside.h"
 
 static const double NEAR = 10e-3; /* m: distance from the beginning and end of the track within which the shaft is not checked, because the skin is
-                                   * displaced in this range. Chosen by judgement */
+                                     displaced in this range. Chosen by judgement */
 
 /* A range of the shaft, m from the base. */
 typedef struct {

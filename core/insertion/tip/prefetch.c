@@ -8,7 +8,7 @@ static const double LINE_OFFSET = 1e-3; /* m: offset above which a needle's line
 static const double LINE_TURN = 0.02; /* rad: rotation above which a needle's line counts as a new one. Effort limit */
 static const line_tolerance SAME_LINE = {1e-9, 1e-9}; /* m and rad: differences below which lines are the same. Rounding tolerance */
 static const double ABOUT_TO_TOUCH = 2e-3; /* m: distance of the needle from the skin below which the requested line must be exact, so that an insertion
-                                            * does not depend on the needle's earlier motion. Chosen by judgement */
+                                              does not depend on the needle's earlier motion. Chosen by judgement */
 static const double NEAR_FACE = 1e-7; /* m: distance between touching surfaces. Rounding tolerance */
 static const double WAY_IN = 1.25; /* ratio: length of the requested path into a body, divided by `prefetch_distance`. Chosen by judgement */
 enum { AHEAD = 16 }; /* elements: number requested ahead of the tip. Effort limit */
@@ -86,7 +86,7 @@ static void add_surroundings(const mesh *m, int tet, wanted_tissue *list) {
 }
 
 /* Adds the elements behind those outer faces that share an edge with this face, because the tip may slide onto them: goes around each edge, from element
- * to element, to the end of the tissue. */
+   to element, to the end of the tissue. */
 static void add_beside(const mesh *m, int tet, int face, wanted_tissue *list) {
     for (int c = 0; c < 4; c++) {
         if (c == face) continue;
@@ -106,7 +106,7 @@ static void add_beside(const mesh *m, int tet, int face, wanted_tissue *list) {
 }
 
 /* Adds the elements along the track from x back to the last contact node (leaving out the last `skipped` nodes), or back to the entry. Returns the point
- * reached. */
+   reached. */
 static vec3 add_stretch_back(const mesh *m, const insertion_state *state, int tet, vec3 x, int skipped, wanted_tissue *list) {
     int k = contacts_passed(state) - 1 - skipped;
     const shaft_contact *contact = k >= 0 ? &state->contacts[state->refined.order[k]] : NULL;

@@ -8,7 +8,7 @@
 #include "insertion/track/old_tracks.h"
 
 static const double MOST_SHEAR = 0.7; /* fraction, below 1: shear of the tissue along the track above which the tip's direction no longer follows the
-                                       * shear. Chosen: far beyond small strains */
+                                         shear. Chosen: far beyond small strains */
 static const double GLIDE_REACH = 2e-3; /* m: distance above and below a sliding tip within which the surface is searched for. Chosen by judgement */
 static const double LIFTED = 1e-6; /* m: distance from the surface above which a tip has left it. Rounding: accuracy of the surface's displacement */
 
@@ -56,7 +56,7 @@ static void tip_glide(const tick_input *tick, insertion_state *state, tick_outpu
 }
 
 /* The tip slides half the distance that would return the force to the friction cone. The full distance could overshoot, and lift off a needle that hardly
- * presses. */
+   presses. */
 void tip_glide_on_surface(const tick_input *tick, insertion_state *state, tick_output *output) {
     const insertion_model *model = tick->model;
     const needle_tip *tip = &state->tip;
@@ -81,7 +81,7 @@ void tip_puncture(const tick_input *tick, insertion_state *state, tick_output *o
 }
 
 /* Unit nominal direction d whose image in the deformed tissue, d + gradient, points along `direction`; `direction` itself if the tissue is deformed beyond
- * the range of linear elasticity. Compression along the needle is neglected: the slip of the next tick corrects the resulting error. */
+   the range of linear elasticity. Compression along the needle is neglected: the slip of the next tick corrects the resulting error. */
 static vec3 pull_back(vec3 gradient, vec3 direction) {
     direction = v3_unit(direction);
     vec3 sideways = v3_axpy(-v3_dot(gradient, direction), direction, gradient);

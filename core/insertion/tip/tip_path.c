@@ -8,7 +8,7 @@
 static const double GRAZING = 0.2; /* 1: sine of the angle between tip direction and outer face below which the tip moves along the face. Chosen: 11 degrees */
 static const double GRAZING_DEPTH = 1e-5; /* m: depth of `nominal` below the face that the tip grazes. Rounding tolerance */
 static const double SAME_FORCE = 1e-6; /* fraction: relative amount by which a resistance may exceed the tip's cutting force and still be overcome.
-                                        * Rounding tolerance */
+                                          Rounding tolerance */
 
 int follow_line(const mesh *m, int tet, vec3 *from, vec3 target) {
     for (int step = 0; step < MAX_STEPS; step++) {

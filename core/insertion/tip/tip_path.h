@@ -8,7 +8,7 @@ enum { MAX_STEPS = 256 }; /* elements: largest number crossed in one step. Effor
 static const double FACE_CLEARANCE = 1e-7; /* m: distance by which the tip is placed past a face that it crosses. Rounding tolerance */
 
 /* Cuts forward by `distance` along the unit nominal direction, and places contact nodes where they are due. Membranes whose resistance exceeds the cutting
- * force stop the tip. RT */
+   force stop the tip. RT */
 void cut_forward(const tick_input *tick, insertion_state *state, tick_output *output, vec3 direction, double distance);
 
 /* Draws the tip back by `distance` along the track, and removes the contact nodes that it passes. RT */
@@ -21,7 +21,7 @@ void puncture_barrier(const tick_input *tick, insertion_state *state, tick_outpu
 void withdraw_tip(insertion_state *state, tick_output *output);
 
 /* Follows the line from a nominal point in element `tet` to `target`, element by element, as long as it is in tissue. Moves the point to `target` and
- * returns the last element. RT */
+   returns the last element. RT */
 int follow_line(const mesh *m, int tet, vec3 *from, vec3 target);
 
 /* True if the straight line from a hit on the outer surface to x is inside the tissue. *tet: element that contains x. RT */

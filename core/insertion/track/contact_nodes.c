@@ -4,11 +4,11 @@
 #include "insertion/state/strata.h"
 
 static const double LONGEST_SHARE = 0.8; /* edge lengths: longest share of one contact within an element; if the chord is longer, it gets several contacts.
-                                          * Chosen by judgement */
+                                            Chosen by judgement */
 static const double PLAN_TOLERANCE = 2e-4; /* m: largest distance between the tip and a planned contact node at which the node can still be used. Chosen by
-                                            * judgement */
+                                              judgement */
 static const double LAST_PLACE = 0.95; /* fraction, above 0.5 and below 1: farthest position of a node along the chord through an element; a node due
-                                        * beyond it is placed in the next element. Chosen: 0.5 is its usual position, 1 is the face */
+                                          beyond it is placed in the next element. Chosen: 0.5 is its usual position, 1 is the face */
 
 double last_contact_depth(const insertion_state *state) {
     const shaft_contact *last = last_contact(state);
@@ -48,7 +48,7 @@ void drop_plan(insertion_state *state) {
 }
 
 /* Plans the next contact node. The chord through an element is divided into shares of equal length, with a node in the middle of each. `another`: the tip
- * is at such a node, with half of the node's share still ahead. */
+   is at such a node, with half of the node's share still ahead. */
 static void plan(const tick_input *tick, insertion_state *state, tick_output *output, vec3 direction, bool another) {
     const insertion_model *model = tick->model;
     needle_tip *tip = &state->tip;

@@ -8,8 +8,8 @@
 double last_contact_depth(const insertion_state *state);
 
 /* Plans the contact node of an element that the tip enters: halfway along its chord (or at the exit point, if the scene says so); on a long chord, in the
- * middle of the first share. The node is at least `spacing` from the previous one. Its row of the inverse is requested now, so that it arrives before the
- * tip. RT */
+   middle of the first share. The node is at least `spacing` from the previous one. Its row of the inverse is requested now, so that it arrives before the
+   tip. RT */
 void plan_contact(const tick_input *tick, insertion_state *state, tick_output *output, vec3 direction);
 
 /* Plans the next contact node in an element with a long chord, where the tip has just left a node behind. RT */
@@ -17,7 +17,7 @@ void plan_another(const tick_input *tick, insertion_state *state, tick_output *o
 void drop_plan(insertion_state *state); /* RT */
 
 /* Plan a last contact where the tip leaves the tissue, if the previous one is far enough away. `left`: distance (m) to the exit along the unit direction
- * `way`. RT */
+   `way`. RT */
 bool wants_contact_at_exit(const tick_input *tick, const insertion_state *state, double depth);
 void plan_exit(const tick_input *tick, insertion_state *state, tick_output *output, vec3 way, double left);
 
@@ -25,7 +25,7 @@ void plan_exit(const tick_input *tick, insertion_state *state, tick_output *outp
 void set_resolution(const insertion_model *model, shaft_contact *contact, const resolved_field *resolved);
 
 /* Leaves a contact node at the tip's position: the planned one, or a new one if the tip has passed beside it. The contact becomes active once the worker
- * has supplied its row. RT */
+   has supplied its row. RT */
 void place_contact(const tick_input *tick, insertion_state *state, tick_output *output);
 
 /* Removes the last contact when the tip has returned to it; the tip adopts its state. RT */

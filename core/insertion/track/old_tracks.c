@@ -3,9 +3,9 @@
 #include "insertion/track/obstacle.h"
 
 static const double FADE = 1.5; /* ratio, above 1: a track's openness falls from 1 at the limits of distance and angle to 0 at these limits times this
-                                 * ratio. Chosen by judgement */
+                                   ratio. Chosen by judgement */
 static const double CATCH_UP = 4.0; /* needle diameters: distance of travel over which a tip beside a track reduces its distance from the track by the
-                                     * factor e. Chosen by judgement */
+                                       factor e. Chosen by judgement */
 static const double CLOSED = 1e-5; /* m: distance from the end of a track within which a tip counts as having reached the end. Rounding tolerance */
 
 /* Returns 1 up to the limit, falling to 0 at FADE times the limit. */
@@ -100,7 +100,7 @@ vec3 old_tracks_lead(const open_track *track, vec3 direction) {
 }
 
 /* A tip that is guided sideways by u per metre does the work f . u, where f is the lateral force on the needle. Because the wall of a track is
- * frictionless, the hand must do this work; then a step never returns more energy than it received. */
+   frictionless, the hand must do this work; then a step never returns more energy than it received. */
 double old_tracks_bound(const open_track *track, vec3 tip_force, vec3 needle, double resistance) {
     if (track->openness == 0.0) return resistance;
     vec3 across = v3_axpy(-v3_dot(tip_force, needle), needle, tip_force);

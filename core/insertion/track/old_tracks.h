@@ -1,12 +1,12 @@
 /* Old tracks: cut tissue stays cut. An old track guides the tip, which does not cut along it and can pass through its punctures. See docs/mechanics.md,
- * "Old tracks". */
+   "Old tracks". */
 #ifndef TROCAR_OLD_TRACKS_H
 #define TROCAR_OLD_TRACKS_H
 
 #include "insertion/state/tick.h"
 
 /* Among the tracks that end more than `beyond` (m) ahead of the tip, returns the most open one for a tip that would cut along path->cut_direction; the
- * closest one if several are equally open. RT */
+   closest one if several are equally open. RT */
 open_track old_tracks_ahead(const tick_input *tick, const insertion_state *state, const path_step *path, double beyond);
 
 /* Direction of a tip that follows this track and would otherwise cut along `direction`. RT */

@@ -416,7 +416,7 @@ static void subtract_tile(void *context, int i, int member) {
     const elimination *e = c->elimination;
     const front *f = c->front;
     const int *rows = f->size.rows + f->size.columns, *region = e->plan->region;
-    int above = (int)((sqrt(8.0 * i + 1.0) - 1.0) / 2.0), count = 3 * (f->size.count - f->size.columns); /* number of tiles in the previous rows of tiles */
+    int above = (int)((sqrt(8.0 * i + 1.0) - 1.0) / 2.0), count = 3 * (f->size.count - f->size.columns); /* above: number of rows of tiles above this tile */
     int row = above * TILE, column = (i - above * (above + 1) / 2) * TILE;
     int height = count - row < TILE ? count - row : TILE, width = count - column < TILE ? count - column : TILE;
     double *tile = e->tiles + (size_t)member * TILE * TILE;

@@ -6,7 +6,7 @@ vec3 line_axial(double x, double y) { return v3(0, 0, -log(hypot(x, y)) / (2.0 *
 
 double line_axial_radius(double u) { return exp(-2.0 * M_PI * u); }
 
-/* -1/2 is the mean of x^2 / rho^2 over a circle with its sign changed; with this term, the mean displacement of a circle is the logarithm alone. */
+/* -1/2 is minus the mean of x^2 / rho^2 over a circle, so that the mean displacement of the circle is the logarithm alone. */
 vec3 line_lateral(double x, double y, double poisson_ratio) {
     double square = x * x + y * y, c = 1.0 / (8.0 * M_PI * (1.0 - poisson_ratio));
     return v3(c * (-(3.0 - 4.0 * poisson_ratio) * 0.5 * log(square) + x * x / square - 0.5), c * x * y / square, 0);

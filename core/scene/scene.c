@@ -159,7 +159,7 @@ static void *find_entry(scene *s, const char *key, bool append, char pattern[KEY
     while (list < LISTS && !(strlen(LIST_TABLE[list].key) == prefix && strncmp(LIST_TABLE[list].key, key, prefix) == 0)) list++;
     if (list == LISTS || !find_key(pattern)) return NULL;
     long index = strtol(name, &end, 10);
-    bool next = append && list == RELAXATION && index == *count_of(s, list) && index < LIST_TABLE[list].most; /* an entry that has no name cannot be appended by name */
+    bool next = append && list == RELAXATION && index == *count_of(s, list) && index < LIST_TABLE[list].most; /* an entry without a name has to be the next */
     if (*end == '\0' && next) return append_entry(s, list);
     if (*end == '\0') return index >= 0 && index < *count_of(s, list) ? entry_of(s, list, (int)index) : NULL;
     for (int i = 0; i < *count_of(s, list); i++)

@@ -112,8 +112,8 @@ TROCAR_API trocar_status trocar_structure_displacements(const trocar_structure *
 
 /* ---- dose-volume histograms ---- */
 
-/* Sorts the doses of equally large voxels in place, largest first, as the functions below require. BAD_INPUT if there are none or one is not finite. [any,
-   RT] */
+/* Sorts the doses of equally large voxels in place, largest first, as the functions below require. BAD_INPUT if there are none or one is not finite.
+   [any, RT] */
 TROCAR_API trocar_status trocar_dvh_sort(double *doses, int64_t count, trocar_error *error);
 
 /* Returns the dose (Gy) that at least this fraction (0 to 1) of the volume receives, by linear interpolation; for example, 0.9 gives D90. [any, RT] */

@@ -72,8 +72,8 @@ TROCAR_API trocar_status trocar_sim_run(trocar_sim *sim, int needle, const troca
                                         trocar_output *outputs, trocar_error *error);
 
 /* Real time: computes a tick with the worker's newest answer. BAD_INPUT, without effect, as in trocar_sim_step, and for a needle that the worker has not
-   handed over yet. NUMERIC if the result was not finite: the insertion restarts at `base`, and the output is zero except for the event UNSTABLE. [tick,
-   RT, wakes] */
+   handed over yet. NUMERIC if the result was not finite: the insertion restarts at `base`, and the output is zero except for the event UNSTABLE.
+   [tick, RT, wakes] */
 TROCAR_API trocar_status trocar_sim_tick(trocar_sim *sim, int needle, const trocar_pose *base, double dt, trocar_output *output);
 
 /* Bytes of stack that suffice for a thread that only calls functions marked [tick] and RT. */

@@ -56,7 +56,7 @@ typedef enum {
    needle has been drawn back over the seed's length. RT */
 seed_refusal seeds_drop(const insertion_model *model, const seed_size *size, const insertion_state *state, int needle, int count, double spacing, seed_list *list);
 
-/* Length (m) of a strand of `count` seeds from end to end. */
+/* Length (m) of a strand of `count` seeds from end to end. RT */
 double seeds_strand_length(const seed_size *size, int count, double spacing);
 
 /* Deposits the seeds over which the needle has been drawn back. To be called after each of the needle's ticks. RT */

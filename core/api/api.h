@@ -14,29 +14,29 @@
 struct trocar_scene {
     scene values;
     trocar_mesh mesh;        /* copy of a mesh that was given as arrays; empty without one */
-    char **names;            /* names of its regions, then of its surfaces */
+    char **names;            /* names of the mesh's regions, followed by names of its surfaces */
 };
 
 struct trocar_model {
-    simulation parts;        /* constant data only */
+    simulation parts;        /* constant data of the simulation, shared by all its runs */
     trocar_log log;          /* the host's */
     atomic_int users;        /* number of users: the host, until it frees the model, and the simulations, pictures and models created from it */
-    trocar_model *base;      /* model whose mesh, stiffness and inverse it shares; NULL: its own */
+    trocar_model *base;      /* model whose mesh, stiffness and inverse this one shares; NULL if it has its own */
     double rate_hz;
-    pose start;              /* initial pose of the base; NAN position: none */
+    pose start;              /* initial pose of the needle's base; its position is NAN if the scene gives none */
     double patient_to_mesh[16]; /* the first entry is NAN if there is none */
     bool mesh_only;          /* the model has only mesh, regions and membranes */
 };
 
-/* A simulation or a picture, as trocar_view_ functions read it. Part of that object. */
+/* The object behind the functions trocar_view_*: part of the simulation or picture that it shows. */
 struct trocar_view {
     trocar_model *model;
-    const trocar_sim *sim;   /* NULL: a picture */
+    const trocar_sim *sim;   /* the simulation shown; NULL if this is the view of a picture */
     const trocar_picture *picture;
-    vec3 **scratch;          /* of that object, for displacements; *scratch is NULL before the first */
+    vec3 **scratch;          /* scratch memory for displacements, owned by the simulation or picture; *scratch is NULL until first used */
 };
 
-/* Simulated time. Needles tick in rounds: a needle that ticks again begins the next one. */
+/* Simulated time. Needles tick in rounds: a round ends when a needle that has already ticked in it ticks again. */
 typedef struct {
     double time;             /* s */
     uint32_t ticked;         /* bit i: needle i has ticked in this round */
@@ -46,22 +46,22 @@ typedef struct {
 typedef struct {
     needle_link link;
     /* Used by the ticking thread: */
-    insertion_state state;   /* present state while held; while resting, the state in which it was left */
+    insertion_state state;   /* while the needle is held, its present state; while it rests, its state at the moment when it was left */
     uint64_t stamp;          /* changes whenever `state` changes */
-    double base_compliance;  /* m/N, compliance of the spring that holds the base */
-    pose given;              /* pose of the base in the last tick or reset */
+    double base_compliance;  /* m/N, compliance of the spring between the given pose and the base */
+    pose given;              /* pose that the last tick or reset gave for the base */
     tissue_loads loads;      /* the needle's present forces on the tissue */
-    double since_loads;      /* s, time since `loads` were last posted */
+    double since_loads;      /* s since `loads` were last posted to the worker */
     /* Used by the worker: */
     remesher *remesher;      /* contact nodes of this needle */
-    bool loaded;             /* u_free of the last answer is not zero everywhere */
-    vec3 u_free[MAX_HANDLES]; /* m, as in the last answer: computed once per request */
+    bool loaded;             /* whether u_free, as of the last answer, is nonzero anywhere */
+    vec3 u_free[MAX_HANDLES]; /* m, free displacements, as in the last answer; computed once per request */
     unresolved_shift unresolved;
-    tissue_loads held;       /* the needle's last known forces; while resting, only its residual loads */
-    resting_needle *resting; /* NULL: it has never rested */
+    tissue_loads held;       /* the needle's forces on the tissue as the worker knows them; while it rests, its residual loads alone */
+    resting_needle *resting; /* NULL if the needle has never rested */
     bool attached;           /* the needle is attached to the tissue */
-    uint64_t served_changes, served_shifts; /* counts for the resting needles and the probe, as of the last answer */
-    double shown_force[MAX_UNKNOWNS]; /* N, forces that were last shown */
+    uint64_t served_changes, served_shifts; /* change counters of the resting needles and the probe at the time of the last answer */
+    double shown_force[MAX_UNKNOWNS]; /* N, forces for which the needle was last shown */
 } needle_track;
 
 struct trocar_sim {
@@ -72,25 +72,25 @@ struct trocar_sim {
     sim_link link;
     /* Used by the ticking thread: */
     insertion_workspace *workspace;
-    int64_t (*clock)(void);  /* ns; NULL: stages are not timed */
+    int64_t (*clock)(void);  /* returns the time in ns; NULL if stages are not timed */
     round_clock rounds;
     seed_list seeds;
     vec3 *field_scratch;     /* see trocar_view.scratch */
     /* Used by the worker: */
-    inverse *inverse;        /* inverse with resting needles and probe attached; the model's if nothing can be attached */
-    needle_pairs *pairs;     /* NULL: there is only one needle */
+    inverse *inverse;        /* inverse to which resting needles and the probe are attached; the model's own inverse if nothing can be attached */
+    needle_pairs *pairs;     /* couplings between needles; NULL if there is only one needle */
     resting_set resting;
     resting_scratch *resting_scratch; /* NULL until a needle is first left */
-    uint64_t last_attached;  /* id of the needle attached last */
-    int next_served;         /* needle whose request is checked next */
-    int next_shown;          /* needle checked last for being shown */
+    uint64_t last_attached;  /* id of the most recently attached needle */
+    int next_served;         /* index of the needle whose request is checked next */
+    int next_shown;          /* index of the needle that was last checked for a change to show */
     probe *probe;            /* NULL: the scene has no probe */
     bool probe_posed;        /* a pose has been received */
-    pose probe_pose;         /* the newest pose */
-    uint64_t probe_beneath;  /* resting.changes when the probe pressed last */
-    double since_response;   /* s of lockstep time since the last response to the loads */
-    bool to_respond;         /* resting needles and probe have not responded to the newest loads and pose yet */
-    int answers;             /* requests answered since the last response */
+    pose probe_pose;         /* the newest pose of the probe */
+    uint64_t probe_beneath;  /* value of resting.changes when the probe was last pressed on the tissue */
+    double since_response;   /* s of simulated time in lockstep since resting needles and probe last responded to the loads */
+    bool to_respond;         /* whether resting needles and probe still have to respond to the newest loads and pose */
+    int answers;             /* number of requests answered since the last response */
 };
 
 /* A copy of the visible state of a simulation. */
@@ -99,17 +99,17 @@ struct trocar_picture {
     double time;             /* s, simulated */
     trocar_view view;
     insertion_state *states; /* one for each of the model's needles */
-    uint64_t stamps[MAX_NEEDLES]; /* stamp of each copied state */
+    uint64_t stamps[MAX_NEEDLES]; /* for each needle, the stamp of the state that was copied */
     pose bases[MAX_NEEDLES];
     shown_probe probe;
-    int next_resting;        /* resting needle that is checked first */
+    int next_resting;        /* index of the resting needle that is checked first */
     seed_list seeds;
     vec3 *scratch;           /* see trocar_view.scratch */
-    refined_mesh refined;    /* result of the last trocar_picture_refined_mesh */
-    vec3 *force, *displacement; /* forces and displacements at its nodes */
+    refined_mesh refined;    /* result of the last call of trocar_picture_refined_mesh */
+    vec3 *force, *displacement; /* forces and displacements at the nodes of `refined` */
 };
 
-/* Adds a user, who must call trocar_model_free. */
+/* Counts one more user of the model; that user must call trocar_model_free. */
 static inline trocar_model *model_share(trocar_model *model) {
     atomic_fetch_add_explicit(&model->users, 1, memory_order_relaxed);
     return model;

@@ -8,7 +8,7 @@
 
 _Static_assert(sizeof(bool) == sizeof(uint8_t) && (int)MESH_MAX_GROUPS == 32, "trocar.h says so");
 
-/* Allocates a model and copies the parts of the scene that are not in the simulation's configuration; fills *config for the rest. */
+/* Allocates a model and copies those parts of the scene that are not in the simulation's configuration. Fills *config with the configuration. */
 static trocar_status begin_model(const trocar_scene *scene, trocar_model **model, simulation_config *config, report *why) {
     trocar_status status = scene_check(&scene->values, why);
     if (status != TROCAR_OK) return status;
@@ -25,7 +25,7 @@ static trocar_status begin_model(const trocar_scene *scene, trocar_model **model
 }
 
 static trocar_status end_model(trocar_model *m, trocar_status status, trocar_model **model) {
-    if (m->parts.config.mesh_given) m->parts.config.mesh_path[0] = '\0'; /* a file that was not read */
+    if (m->parts.config.mesh_given) m->parts.config.mesh_path[0] = '\0'; /* no file was read */
     m->parts.config.mesh_given = NULL; /* belongs to the scene, which may be freed */
     m->parts.config.scene_path = NULL;
     if (status == TROCAR_OK) *model = m;
@@ -39,7 +39,7 @@ trocar_model_options trocar_default_model_options(void) {
     return (trocar_model_options){.max_substeps = config.insertion.most_steps};
 }
 
-/* Tells the host what it would otherwise have to ask for. */
+/* Logs what the host would otherwise have to query: which inverse was chosen, and remarks on the mesh. */
 static void log_new_model(const trocar_model *m) {
     if (m->parts.mesh.remarks.text[0]) host_log(&m->log, TROCAR_LOG_WARNING, "%s", m->parts.mesh.remarks.text);
     if (!m->mesh_only) host_log(&m->log, TROCAR_LOG_INFO, "inverse: %s", m->parts.about_inverse.text);

@@ -21,7 +21,7 @@ trocar_status trocar_picture_create(trocar_model *model, trocar_picture **create
         free(p);
         return fail(why, TROCAR_NO_MEMORY, "no memory for a picture");
     }
-    memset(p->states, 0, states); /* touched, so that no page fault occurs later */
+    memset(p->states, 0, states); /* writes to the memory now, so that no page fault occurs later */
     p->model = model_share(model);
     p->view = (trocar_view){.model = model, .picture = p, .scratch = &p->scratch};
     floating_mode before = flush_denormals();
@@ -45,7 +45,7 @@ void trocar_picture_free(trocar_picture *picture) {
     free(picture);
 }
 
-enum { RESTING_AT_ONCE = 2 }; /* resting needles with changes that one call copies */
+enum { RESTING_AT_ONCE = 2 }; /* maximum number of changed resting needles that one call copies */
 
 void trocar_sim_take_picture(const trocar_sim *sim, trocar_picture *picture) {
     int room = RESTING_AT_ONCE, first = picture->next_resting;

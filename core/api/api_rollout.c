@@ -9,7 +9,7 @@
 #include "base/host_log.h"
 #include "tissue/blas.h"
 
-enum { TICKS_BETWEEN = 64 }; /* ticks between two checks of the watch */
+enum { TICKS_BETWEEN = 64 }; /* ticks between two calls of the watch's functions */
 
 static void report_progress(const trocar_watch *watch, const char *what, double fraction) {
     if (watch && watch->progress) watch->progress(what, fraction, watch->context);
@@ -19,7 +19,7 @@ static bool is_cancelled(const trocar_watch *watch) { return watch && watch->can
 
 /* ---- one insertion ----------------------------------------------------------------------------------------------------- */
 
-/* Runs the poses from `*done` on, up to the next check. */
+/* Runs the next poses, beginning with number `*done`, until the watch has to be called again. */
 static trocar_status run_some(trocar_sim *sim, int needle, const trocar_pose *poses, int steps, double dt, int *done, trocar_output *outputs, report *why) {
     int end = steps - *done < TICKS_BETWEEN ? steps : *done + TICKS_BETWEEN;
     trocar_status status = TROCAR_OK;
@@ -60,8 +60,8 @@ typedef struct {
     pthread_mutex_t lock;    /* protects the members below */
     pthread_cond_t changed;
     int64_t ticks;           /* ticks completed in all insertions */
-    int running;             /* number of running threads besides the caller's */
-    trocar_status status, unable; /* status of the first insertion that failed; of the first thread without memory for a simulation */
+    int running;             /* number of running threads, not counting the caller's */
+    trocar_status status, unable; /* status of the first insertion that failed, and of the first thread that could not allocate a simulation */
     report why, why_unable;
 } rollout;
 
@@ -106,8 +106,8 @@ static trocar_status run_one(rollout *r, trocar_sim *sim, const void *fresh, siz
     return fail(why, status, "insertion %d, step %d: %.900s", index, done, reason.text);
 }
 
-/* Every insertion starts from the same fresh state, so the result does not depend on the thread that runs it or on earlier insertions. A thread without memory
-   leaves the insertions to the others. */
+/* Every insertion starts from the same fresh state, so its result does not depend on which thread runs it or on earlier insertions. A thread that cannot
+   allocate memory exits and leaves its insertions to the others. */
 static void take_part(rollout *r, bool caller) {
     report why;
     trocar_sim *sim;
@@ -137,7 +137,7 @@ static void *run(void *context) {
     return NULL;
 }
 
-/* When no insertion is left to start, the calling thread reports progress until the others have finished theirs. */
+/* When no insertion is left to start, the calling thread reports progress until the other threads have finished. */
 static void wait_for_others(rollout *r) {
     pthread_mutex_lock(&r->lock);
     while (r->running > 0 || r->reported < r->ticks) {
@@ -166,7 +166,7 @@ static trocar_status outcome(const rollout *r, report *why) {
 
 trocar_rollout_options trocar_default_rollout_options(void) { return (trocar_rollout_options){.dt = 1e-3, .threads = 1}; }
 
-/* Starts as many of the wanted threads as memory and the system allow; returns how many. */
+/* Starts as many of the `wanted` threads as memory and the system allow. Returns their number. */
 static int start_threads(rollout *r, int wanted, pthread_t *thread) {
     report ignored;
     int started = 0;
@@ -195,7 +195,7 @@ trocar_status trocar_rollout(trocar_model *model, const trocar_pose *poses, int 
     int wanted = options.threads < batch ? options.threads : batch;
     int started = start_threads(&r, wanted - 1, thread);
     if (started < wanted - 1) host_log(&model->log, TROCAR_LOG_WARNING, "the rollout has %d of %d threads: no memory for more", started + 1, wanted);
-    take_part(&r, true); /* it does all the work if no other thread could be started */
+    take_part(&r, true); /* if no other thread could be started, the calling thread runs all insertions */
     wait_for_others(&r);
     for (int i = 0; i < started; i++) pthread_join(thread[i], NULL);
     pthread_cond_destroy(&r.changed);

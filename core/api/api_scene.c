@@ -97,7 +97,7 @@ int trocar_scene_count(const trocar_scene *scene, const char *list) {
 
 int trocar_key_count(void) { return scene_key_count(); }
 
-/* The default of a list's key is that of a new entry. */
+/* The default of a key inside a list is the value that a new entry of that list gets. */
 static void print_default(const scene *standard, const char *key, char *text, size_t size) {
     report ignored;
     char first[128];
@@ -107,7 +107,7 @@ static void print_default(const scene *standard, const char *key, char *text, si
     if (scene_get(standard, first, text, size, &ignored) != TROCAR_OK) text[0] = '\0';
 }
 
-/* Created once, by the first thread that needs it. */
+/* Created once, by the first thread that needs the table. */
 static trocar_key key_table[SCENE_KEYS_MOST];
 static pthread_once_t keys_once = PTHREAD_ONCE_INIT;
 static void make_keys(void) {
@@ -133,7 +133,7 @@ trocar_key trocar_key_at(int index) {
 
 /* ---- a mesh in memory ------------------------------------------------------------------------------------------------------ */
 
-/* Copies an array that may be absent; returns false if there is no memory. */
+/* Copies an array, which may be absent. Returns false if memory cannot be allocated. */
 static bool copy(const void *from, size_t count, size_t size, const void **to) {
     *to = NULL;
     if (!from || count == 0) return true;

@@ -34,7 +34,7 @@ static trocar_status create_inverse(trocar_sim *sim, report *why) {
 
 static trocar_status allocate(trocar_sim *sim, report *why) {
     size_t needles = (size_t)sim->needle_count * sizeof *sim->needles;
-    sim->needles = allocate_on_cache_lines(needles); /* touched, so that no page fault occurs later */
+    sim->needles = allocate_on_cache_lines(needles); /* writes to the memory now, so that no page fault occurs later */
     sim->workspace = allocate_on_cache_lines(sizeof *sim->workspace);
     if (!sim->needles || !sim->workspace) return fail(why, TROCAR_NO_MEMORY, "no memory for a simulation");
     trocar_status status = sim_link_create(&sim->link, sim->model->parts.probe_surface >= 0, why);
@@ -68,7 +68,7 @@ trocar_status trocar_sim_create(trocar_model *model, trocar_sim **created, troca
     for (int i = 0; i < sim->needle_count && status == TROCAR_OK; i++) {
         sim->needles[i].link.since_release = RELEASE_TIME;
         status = trocar_sim_reset(sim, i, &at_origin, why);
-        sim->needles[i].state.tracks = (track_list){.count = 0}; /* not an insertion, so nothing has been cut */
+        sim->needles[i].state.tracks = (track_list){.count = 0}; /* creating a simulation inserts nothing, so no track has been cut */
     }
     if (status == TROCAR_OK) *created = sim;
     else trocar_sim_free(sim);
@@ -113,7 +113,7 @@ trocar_status trocar_sim_step(trocar_sim *sim, int needle, const trocar_pose *ba
     if (status == TROCAR_OK && outdated) status = answer_and_publish(sim, needle, why);
     if (status == TROCAR_OK) {
         const compliance_snapshot *answer = link_answer(&n->link);
-        finite = run_tick(sim, needle, answer, at, dt, output) == TROCAR_OK; /* if the insertion was restarted, the step continues normally */
+        finite = run_tick(sim, needle, answer, at, dt, output) == TROCAR_OK; /* if a non-finite result restarted the insertion, the step continues normally */
         status = worker_after_tick(sim, needle, answer, dt, why);
     }
     restore_floating_mode(before);

@@ -1,4 +1,4 @@
-/* trocar.h: save and restore a simulation. Called between lockstep steps, where one thread is both ticking thread and worker. */
+/* trocar.h: saving and restoring a simulation. Called between lockstep steps, where one thread is both ticking thread and worker. */
 #include <stdlib.h>
 #include <string.h>
 
@@ -8,15 +8,15 @@
 #include "api/worker_resting.h"
 #include "base/flush_denormals.h"
 
-/* The saved data of each needle, after the model's address, the clock of the responses, the time and the seeds. Copied member by member, because the
-   caller's memory need not be aligned. Pending work of the worker is done after a restore. */
+/* Data saved for each needle. The model's address, the time of the last response, the simulated time and the seeds precede it. It is copied member by
+   member, because the caller's memory need not be aligned. The worker's pending work is completed after a restore. */
 typedef struct {
     int phase;
-    insertion_state state;   /* state of the needle; while it is being left, the state in which it was left */
+    insertion_state state;   /* state of the needle; if it is being left, its state at that moment */
     double base_compliance;
     int64_t since_release;
     compliance_snapshot snapshot;
-    resting_needle resting;  /* valid while attached */
+    resting_needle resting;  /* valid while the needle is attached */
 } saved_needle;
 
 enum { ROUNDS_AT = sizeof(trocar_model *) + sizeof(double), SEEDS_AT = ROUNDS_AT + sizeof(round_clock), HEAD = SEEDS_AT + sizeof(seed_list) };
@@ -54,7 +54,7 @@ trocar_status trocar_sim_save(const trocar_sim *sim, void *state, size_t size, t
     return TROCAR_OK;
 }
 
-/* Restores everything except the remesher, which requires the resting needles. */
+/* Restores everything except the remesher, which can be restored only after the resting needles have been attached. */
 static trocar_status restore_needle(trocar_sim *sim, needle_track *needle, const char *from, report *why) {
     int phase;
     compliance_snapshot *slot = link_answer_slot(&needle->link);
@@ -73,7 +73,7 @@ static trocar_status restore_needle(trocar_sim *sim, needle_track *needle, const
     if (!needle->attached) {
         insertion_add_loads(&sim->model->parts.insertion, &needle->state, &needle->loads);
         copy_loads(&needle->loads, &needle->held);
-        link_post_loads(&needle->link, &needle->loads); /* replaces loads that were posted earlier */
+        link_post_loads(&needle->link, &needle->loads); /* replaces loads posted before the restore */
         return TROCAR_OK;
     }
     trocar_status status = make_room_to_rest(sim, needle, why);
@@ -98,7 +98,7 @@ trocar_status trocar_sim_restore(trocar_sim *sim, const void *state, size_t size
     const char *from = (const char *)state + HEAD;
     for (int i = 0; i < sim->needle_count && status == TROCAR_OK; i++, from += sizeof(saved_needle)) status = restore_needle(sim, &sim->needles[i], from, why);
     for (int i = 0; i < sim->needle_count && status == TROCAR_OK; i++)
-        /* requires the tracks of all needles */
+        /* needs the tracks of all needles */
         if (link_phase(&sim->needles[i].link) == PHASE_LEAVING) fill_left(sim, i), link_publish_left(&sim->needles[i].link);
     if (status == TROCAR_OK) status = rest_again(sim, why);
     if (status == TROCAR_OK) status = restore_probe(sim, from, why);

@@ -1,4 +1,4 @@
-/* trocar.h: what can be seen of a simulation, now or in a picture. */
+/* trocar.h: what can be seen of a simulation, at present or in a picture. */
 #include <string.h>
 
 #include "api/ticking.h"
@@ -11,12 +11,12 @@ static const insertion_state *state_at(const trocar_view *view, int needle) {
     return view->sim ? state_of_needle(view->sim, needle, NULL) : &view->picture->states[needle];
 }
 
-/* NULL if there is no such needle. */
+/* Returns NULL if there is no such needle. */
 static const insertion_state *state_of(const trocar_view *view, int needle) { return has_needle(view->model, needle) ? state_at(view, needle) : NULL; }
 
 static const seed_list *seeds_in(const trocar_view *view) { return view->sim ? &view->sim->seeds : &view->picture->seeds; }
 
-/* NULL if the scene has no probe. */
+/* Returns NULL if the scene has no probe. */
 static const shown_probe *probe_in(const trocar_view *view) { return view->sim ? shown_probe_of(view->sim) : &view->picture->probe; }
 
 double trocar_view_time(const trocar_view *view) { return view->sim ? view->sim->rounds.time : view->picture->time; }

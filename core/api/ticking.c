@@ -1,4 +1,4 @@
-/* trocar.h: ticks; leaving and taking needles. */
+/* trocar.h: ticks, and leaving and taking needles. */
 #include "api/ticking.h"
 
 #include <float.h>
@@ -20,7 +20,7 @@ trocar_status check_pose(const trocar_pose *p, pose *out, report *why) {
     for (int i = 0; i < 3; i++) sum += p->position[i];
     if (isfinite(sum) && fabs(sqrt(norm) - 1.0) <= 1e-3) {
         quat q = {p->orientation[0], p->orientation[1], p->orientation[2], p->orientation[3]};
-        bool unit = fabs(norm - 1.0) <= 8 * DBL_EPSILON; /* a quaternion from q_unit: normalising it again could change its last bit */
+        bool unit = fabs(norm - 1.0) <= 8 * DBL_EPSILON; /* the quaternion comes from q_unit: normalising it again could change its last bit */
         *out = (pose){v3(p->position[0], p->position[1], p->position[2]), unit ? q : q_unit(q)};
         return TROCAR_OK;
     }
@@ -58,9 +58,10 @@ void adopt_needle(trocar_sim *sim, needle_track *n) {
     link_adopt(&n->link, &n->state, &n->loads);
 }
 
-/* Copies the tracks nearest to the tip first, because there may not be room for all. */
+/* Copies the tracks nearest to the tip first, because there may be too little room for all. */
 void fill_left(trocar_sim *sim, int needle) {
-    static const double DISTANCES[] = {-1.0, 10e-3, 40e-3}; /* m; a needle moves by a few millimetres while it is released */
+    static const double DISTANCES[] = {-1.0, 10e-3, 40e-3}; /* m, distances from the tip within which tracks are copied, one pass after the other; a
+                                                               released needle moves by only a few millimetres */
     needle_track *n = &sim->needles[needle];
     left_needle *slot = link_left_slot(&n->link);
     memcpy(&slot->state, &n->state, sizeof slot->state);
@@ -121,7 +122,8 @@ trocar_status trocar_sim_reset(trocar_sim *sim, int needle, const trocar_pose *b
     seeds_keep(needle, &sim->seeds);
     n->stamp = next_stamp();
     n->loads.count = 0;
-    if (link_reset(&n->link, n->state.request.serial) || n->link.posted_loads.count > 0) { /* the other needles no longer feel it */
+    if (link_reset(&n->link, n->state.request.serial) || n->link.posted_loads.count > 0) { /* tells the worker, so that the other needles stop feeling this
+                                                                                              one */
         link_post_loads(&n->link, &(tissue_loads){.count = 0});
         wake_worker(&sim->link);
     }
@@ -138,7 +140,7 @@ static void answer(const tick_output *wrench, trocar_output *output) {
                               .switches = wrench->switches};
 }
 
-/* True if the needle's forces have changed enough for the others to feel it. RT */
+/* True if the needle's forces have changed enough to matter to the other needles. RT */
 static bool loads_changed(const needle_track *needle) {
     static const double NOTICEABLE = 1e-3; /* N */
     const tissue_loads *now = &needle->loads, *then = &needle->link.posted_loads;
@@ -148,7 +150,7 @@ static bool loads_changed(const needle_track *needle) {
     return false;
 }
 
-/* Posts the needle's forces to the worker, for the other needles. Resting needles and the probe have their own response period. RT */
+/* Posts the needle's forces to the worker, which passes them on to the other needles. Resting needles and the probe respond at intervals of their own. RT */
 static void post_loads(trocar_sim *sim, needle_track *needle, double dt) {
     bool rest = atomic_load_explicit(&sim->link.resting, memory_order_relaxed) > 0 || atomic_load_explicit(&sim->link.probe.placed, memory_order_relaxed);
     const shown_probe *probe = shown_probe_of(sim);
@@ -164,7 +166,7 @@ static void post_loads(trocar_sim *sim, needle_track *needle, double dt) {
 /* True if other bodies feel the needle's forces. RT */
 static bool is_felt(const trocar_sim *sim) { return sim->needle_count > 1 || sim->probe; }
 
-/* A tick of this needle. Several needles that tick one after another share a round, which takes `dt` once. RT */
+/* Advances the time for a tick of this needle. Needles that tick one after another share a round, which advances the time by `dt` only once. RT */
 static void advance_time(round_clock *rounds, int needle, double dt) {
     uint32_t bit = UINT32_C(1) << needle;
     if (rounds->ticked & bit) rounds->ticked = 0;

@@ -1,4 +1,4 @@
-/* Converts states of the mechanics to the structs of trocar.h. The only handle used is the model, which is constant. */
+/* Converts states of the mechanics to the structs of trocar.h. The only handle used here is that of the model, which is constant. */
 #ifndef TROCAR_VIEW_H
 #define TROCAR_VIEW_H
 
@@ -12,21 +12,21 @@ static inline void store_vec3(vec3 v, double out[3]) {
 
 trocar_pose pose_out(pose base);
 
-/* Convert values that are optional in a scene. Return 0, without writing, if the scene does not give them. */
+/* Convert values that a scene may omit. Return 0, without writing, if it does. */
 int start_out(pose start, trocar_pose *out);
 int transform_out(const double matrix[16], double out[16]);
 
-/* Implement trocar_view_contacts and similar functions for a given state. RT */
+/* Implement trocar_view_contacts and similar functions for the given state. RT */
 int contacts_of(const trocar_model *model, const insertion_state *state, trocar_contact *contacts, int room);
 int pending_contacts_of(const trocar_model *model, const insertion_state *state, trocar_contact *contacts, int room);
 int tracks_of(const insertion_state *state, trocar_track_point *points, int room);
 int centreline_of(const trocar_model *model, const insertion_state *state, double *joints, int room);
 
-/* Adds the forces of the probe, and of all needles except the first, to the mesh without contact nodes; `states` has one pointer for each needle of the
-   model. */
+/* Adds the forces of the probe, and of all needles except the first, to the nodes of the mesh without contact nodes. `states` has one pointer for each of
+   the model's needles. */
 void spread_others(const trocar_model *model, const insertion_state *const states[], const shown_probe *probe, vec3 *nominal);
 
-/* Displacements of the mesh's nodes and of the first needle's contact nodes. Allocates *scratch if it is NULL. NO_MEMORY. */
+/* Computes the displacements of the mesh's nodes and of the first needle's contact nodes. Allocates *scratch if it is NULL. Returns NO_MEMORY if it cannot. */
 trocar_status field_of(trocar_model *model, const insertion_state *const states[], const shown_probe *probe, vec3 **scratch, vec3 *nominal, vec3 *added, report *why);
 
 #endif

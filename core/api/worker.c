@@ -1,4 +1,4 @@
-/* trocar.h: the worker's turns, in its own thread and in lockstep. */
+/* trocar.h: the worker's tasks, both in a thread of its own and in lockstep. */
 #include "api/worker.h"
 
 #include "api/worker_answer.h"
@@ -6,11 +6,11 @@
 #include "api/worker_resting.h"
 #include "base/flush_denormals.h"
 
-enum { MOST_ANSWERS = 4 };             /* requests answered in a row before resting needles and probe respond */
+enum { MOST_ANSWERS = 4 };             /* number of requests answered in a row before resting needles and probe respond */
 
 /* ---- in its own thread ------------------------------------------------------------------------------------------------------ */
 
-/* Copies the newest forces of held needles. Returns true if any are new. */
+/* Copies the newest forces of held needles. Returns true if any of them are new. */
 static bool take_loads(trocar_sim *sim) {
     bool any = false;
     for (int i = 0; i < sim->needle_count; i++) {
@@ -33,7 +33,7 @@ static trocar_status respond_in_turn(trocar_sim *sim, report *why) {
     return status == TROCAR_OK ? respond_to_loads(sim, false, why) : status;
 }
 
-/* Lets one needle slip. Returns true if there is more work. */
+/* Lets the next needle slip. Returns true if there is more work. */
 static bool slip_in_turn(trocar_sim *sim, trocar_status *status, report *why) {
     uint64_t shifts = sim->resting.shifts;
     bool more = slip_some(sim, false);
@@ -41,7 +41,7 @@ static bool slip_in_turn(trocar_sim *sim, trocar_status *status, report *why) {
     return more;
 }
 
-/* Does one piece of work per call, so that a request never waits long. Requests have priority, but cannot starve the other work. */
+/* Does one piece of work per call, so that requests never wait long. Requests have priority, but other work also gets its turn. */
 trocar_status trocar_sim_work(trocar_sim *sim, trocar_work *done, trocar_error *error) {
     trocar_error ignored, *why = error ? error : &ignored;
     worker_is_awake(&sim->link);

@@ -4,28 +4,28 @@
 
 #include "api/api.h"
 
-/* Numbers of changes: of the attachments, and of the forces that they exert without held needles. */
+/* Counters of changes of the attachments, and of the forces that attachments exert by themselves, without held needles. */
 static inline uint64_t attached_changes(const trocar_sim *sim) { return sim->resting.changes + (sim->probe ? sim->probe->changes : 0); }
 static inline uint64_t attached_shifts(const trocar_sim *sim) { return sim->resting.shifts + (sim->probe ? sim->probe->shifts : 0); }
 
-/* Lists the loads on the tissue from all bodies except one needle, the resting needles, or the probe. */
+/* Lists the loads that all bodies except one exert on the tissue. The excluded body is a needle, the resting needles, or the probe. */
 enum { BESIDE_RESTING = -1, BESIDE_PROBE = -2 };
 void list_others(const trocar_sim *sim, int needle, other_loads *others);
 
-/* Marks the answers of other needles as stale, so that they request again. */
+/* Marks the answers of all needles except one as stale, so that those needles post new requests. */
 void mark_stale(trocar_sim *sim, const needle_track *except);
 
-/* Writes the complete answer to a request to the slot for this needle's answers. */
+/* Writes the complete answer to a request to this needle's answer slot. */
 trocar_status answer_fully(trocar_sim *sim, int needle, const remesh_request *request, report *why);
 
-/* Answers this needle's present request completely and publishes it; in lockstep, where both threads are the same. */
+/* Completely answers this needle's present request and publishes the answer. For lockstep, where one thread both posts and answers. */
 trocar_status answer_and_publish(trocar_sim *sim, int needle, report *why);
 
-/* Answers the newest request of this needle, if there is one: first the rows, then the mesh's resolution line by line, until there is a newer request. The
-   first line, which is the tip's, is always measured: otherwise a slow worker, which always has a newer request, would never measure any. */
+/* Answers the newest request of this needle, if there is one: first the rows, then the mesh's resolution line by line, until a newer request arrives. The
+   tip's line, which comes first, is always measured: otherwise a slow worker, for which a newer request is always waiting, would never measure any line. */
 trocar_status answer_request(trocar_sim *sim, int needle, trocar_work *work, report *why);
 
-/* Prefetches in idle time. Returns false if nothing is left to do. */
+/* Prefetches nodes when there is no other work. Returns false if nothing is left to prefetch. */
 bool look_ahead(trocar_sim *sim);
 
 #endif

@@ -53,7 +53,7 @@ trocar_status press_probe(trocar_sim *sim, report *why) {
 /* ---- save and restore ---------------------------------------------------------------------------------------------------------- */
 
 typedef struct {
-    bool placed, posed, waits; /* waits: `asked` is a pose that the worker has not taken yet */
+    bool placed, posed, waits; /* waits: `asked` is a pose that the worker has not read yet */
     pose pose, asked;
     probe_state state;
 } saved_probe;

@@ -6,13 +6,13 @@
 
 trocar_status create_probe(trocar_sim *sim, report *why);
 
-/* Takes the newest pose. Returns true if there was a new one. */
+/* Reads the newest pose. Returns true if it is new. */
 bool take_probe_pose(trocar_sim *sim);
 
-/* Presses the probe at its pose, after it has moved or other loads have changed. */
+/* Presses the probe on the tissue at its present pose. Called after the probe has moved or other loads have changed. */
 trocar_status press_probe(trocar_sim *sim, report *why);
 
-/* Save and restore; call between lockstep steps. */
+/* Save and restore the probe. To be called between lockstep steps. */
 size_t saved_probe_size(const trocar_sim *sim);
 void save_probe(trocar_sim *sim, void *to);
 trocar_status restore_probe(trocar_sim *sim, const void *from, report *why);

@@ -8,7 +8,7 @@
 
 /* ---- phases and events -------------------------------------------------------------------------------------------------------- */
 
-enum { SERIALS_APART = 1 << 20 };      /* keeps serials issued after a reset apart from the worker's */
+enum { SERIALS_APART = 1 << 20 };      /* separates the serials issued after a reset from those that the worker knows */
 
 typedef struct {
     bool legal;
@@ -105,7 +105,7 @@ bool link_post_request(needle_link *link, const remesh_request *request, int64_t
     slot->asked = now;
     slot->request = *request;
     triple_buffer_publish(&link->requests);
-    if (serial - link->posted > REQUESTS_REMEMBERED) link->posted = serial - REQUESTS_REMEMBERED; /* limits the loop below after a restore */
+    if (serial - link->posted > REQUESTS_REMEMBERED) link->posted = serial - REQUESTS_REMEMBERED; /* keeps the loop below short after a restore */
     while (link->posted < serial) link->asked[++link->posted % REQUESTS_REMEMBERED] = now;
     return true;
 }
@@ -135,7 +135,7 @@ void link_adopt(needle_link *link, insertion_state *state, tissue_loads *loads) 
     set_phase(link, PHASE_HELD);
 }
 
-/* The vanished loads are published after the change to HELD, because loads of a resting needle are not read. */
+/* Publishes that the loads have vanished only after the change to HELD, because the loads of a resting needle are not read. */
 bool link_reset(needle_link *link, uint64_t serial) {
     bool away = link_phase(link) != PHASE_HELD;
     if (away) {
@@ -147,7 +147,7 @@ bool link_reset(needle_link *link, uint64_t serial) {
 
 int64_t link_waiting(const needle_link *link, int64_t now) {
     if (link->answered >= link->posted || link_phase(link) != PHASE_HELD) return 0;
-    /* serial of the oldest unanswered request, or of the oldest remembered one */
+    /* serial of the oldest unanswered request or, if that is no longer remembered, of the oldest remembered one */
     uint64_t oldest = link->posted - link->answered < REQUESTS_REMEMBERED ? link->answered + 1 : link->posted + 1;
     return now - link->asked[oldest % REQUESTS_REMEMBERED];
 }
@@ -225,7 +225,7 @@ void sim_link_free(sim_link *link) {
 
 void wake_worker(const sim_link *link) {
     uint64_t one = 1;
-    ssize_t written = write(link->work_event, &one, sizeof one); /* fails only if the counter is full, and then the worker is awake anyway */
+    ssize_t written = write(link->work_event, &one, sizeof one); /* fails only if the counter is full, and in that case the worker is awake anyway */
     (void)written;
 }
 

@@ -41,143 +41,146 @@ typedef enum { PHASE_HELD, PHASE_LEAVING, PHASE_RESTING, PHASE_TAKING, PHASE_TAK
 
 typedef enum {
     ON_TICK, ON_LEAVE, ON_TAKE, ON_RESET,
-    ON_ADOPT,                /* the ticking thread continues with the state that the worker shows */
+    ON_ADOPT,                /* the ticking thread continues with the state shown by the worker */
     ON_RESTS,                /* the worker has attached the needle to the tissue */
     ON_STAYS,                /* the worker could not attach the needle */
     ON_RELEASE,              /* the worker has detached the needle */
     NEEDLE_EVENTS
 } needle_event;
 
-/* Returns NULL if the event is legal in this phase, and sets *next (unless `next` is NULL) to the phase after it; otherwise returns the reason for refusing
-   it. RT */
+/* Returns NULL if the event is legal in this phase; *next, unless NULL, is then the phase after the event. Otherwise returns the reason why the event is
+   refused. RT */
 const char *phase_after(needle_phase phase, needle_event event, needle_phase *next);
 
-/* The worker's task for a needle. */
+/* What the worker has to do for a needle. */
 typedef enum {
     DUTY_NONE,
-    DUTY_REMOVE,             /* the needle was reset while attached: detach it, so that its forces vanish, then check again */
-    DUTY_LAY_DOWN,           /* release the base and attach the needle */
-    DUTY_RETURN,             /* detach the needle and return it */
+    DUTY_REMOVE,             /* the needle was reset while attached: detach it, so that its forces vanish, then decide again */
+    DUTY_LAY_DOWN,           /* release the base and attach the needle to the tissue */
+    DUTY_RETURN,             /* detach the needle and return it to the ticking thread */
 } needle_duty;
 
 needle_duty duty_in(needle_phase phase, bool attached);
 
 /* ---- messages ------------------------------------------------------------------------------------------------------------------ */
 
-/* Ticking thread to worker. */
+/* Message from ticking thread to worker: a request. */
 typedef struct {
-    int64_t asked;           /* ns, by the simulation's clock */
+    int64_t asked;           /* ns on the simulation's clock, time of the request */
     remesh_request request;
 } posted_request;
 
-/* Ticking thread to worker: a needle to be left in the tissue. */
+/* Message from ticking thread to worker: a needle that is left in the tissue. */
 typedef struct {
     insertion_state state;
-    track_list others;       /* tracks of other needles near its tip */
+    track_list others;       /* tracks of the other needles near this one's tip */
 } left_needle;
 
-/* Worker to ticking thread: a resting needle. */
+/* Message from worker to ticking thread: a resting needle. */
 typedef struct {
     uint64_t stamp;
     insertion_state state;
 } shown_needle;
 
-/* Worker to ticking thread: the probe. */
+/* Message from worker to ticking thread: the probe. */
 typedef struct {
     uint64_t stamp;
     trocar_probe output;
-    int count, nodes[MAX_PRESSED]; /* nodes that it presses */
-    vec3 force[MAX_PRESSED];       /* N, on the tissue */
+    int count, nodes[MAX_PRESSED]; /* nodes that the probe presses */
+    vec3 force[MAX_PRESSED];       /* N, force on the tissue at each of these nodes */
 } shown_probe;
 
-/* A number that is unique in this process, to identify what is shown. RT */
+/* Returns a number that is unique in this process, to identify a shown state. RT */
 uint64_t next_stamp(void);
 
 /* ---- one needle ------------------------------------------------------------------------------------------------------------------ */
 
 enum { REQUESTS_REMEMBERED = 1024 };
 
-/* ns over which the other needles come to feel the release of a needle: about as long as fingers take to open (an assumption). Within one tick, the change
-   would be a jolt of up to 0.5 N. */
+/* ns: time over which the effect of releasing a needle on the other needles builds up; about as long as fingers take to open. Assumed: in a single tick,
+   the change would be a jolt of up to 0.5 N */
 static const int64_t RELEASE_TIME = 100000000;
 
-/* s, period of the resting needles' responses to the forces of held needles; longer while a probe presses `pressed` nodes, because the worker's computation
-   takes longer. RT */
+/* s, interval at which resting needles respond to the forces of held needles. It is longer while a probe presses `pressed` nodes, because the worker's
+   computation then takes longer. RT */
 static inline double response_period(int pressed) { return pressed > 0 ? 0.01 : 0.004; }
 
 typedef struct {
-    atomic_uint phase;       /* needle_phase, plus PHASES times the number of changes by the ticking thread: a needle that is reset and left again while the
-                                worker attaches it differs from the one being attached */
+    atomic_uint phase;       /* needle_phase, plus PHASES times the number of changes made by the ticking thread. The number shows whether a needle was
+                                reset and left again while the worker was attaching it */
     triple_buffer requests;  /* posted_request: ticking thread -> worker */
     triple_buffer loads;     /* tissue_loads: ticking thread -> worker */
     triple_buffer left;      /* left_needle: ticking thread -> worker */
     triple_buffer answers;   /* compliance_snapshot: worker -> ticking thread */
     triple_buffer shown;     /* shown_needle: worker -> ticking thread */
-    atomic_bool stale;       /* set by the worker, cleared by the ticking thread: the last answer is no longer valid, and the ticking thread requests again */
-    atomic_llong since_release; /* ns of ticks of this needle since the last release of another one: the ticking thread adds, the worker sets */
+    atomic_bool stale;       /* set by the worker and cleared by the ticking thread: the last answer is no longer valid, and the ticking thread has to post
+                                a new request */
+    atomic_llong since_release; /* ns of this needle's ticks since another needle was last released; increased by the ticking thread, reset by the worker */
     /* Used by the ticking thread: */
     uint64_t posted;         /* serial of the last posted request */
     uint64_t answered;       /* serial of the request whose answer the last tick used */
-    int64_t asked[REQUESTS_REMEMBERED]; /* ns, time at which the request with this serial (modulo) was posted */
+    int64_t asked[REQUESTS_REMEMBERED]; /* ns, time at which each remembered request was posted, indexed by its serial modulo REQUESTS_REMEMBERED */
     tissue_loads posted_loads; /* the needle's forces as last posted */
 } needle_link;
 
 trocar_status link_create(needle_link *link, report *why);
 void link_free(needle_link *link);
 
-/* Copies only the entries in use, because there is room for many. RT */
+/* Copies only the entries in use, because the arrays are large. RT */
 void copy_loads(const tissue_loads *from, tissue_loads *to);
 
 /* ---- the ticking thread's side. All RT -------------------------------------------------------------------------------------------- */
 
 needle_phase link_phase(const needle_link *link);
 
-/* Returns NULL, or the reason why the event is not legal now. */
+/* Returns NULL, or the reason why the event is not legal at present. */
 const char *link_refuses(const needle_link *link, needle_event event);
 
-/* The newest answer; serial 0: none yet. */
+/* Returns the newest answer. Its serial is 0 if there is none yet. */
 const compliance_snapshot *link_answer(const needle_link *link);
 
-/* The needle as shown by the worker; NULL while the ticking thread's own state is the visible one. */
+/* Returns the needle as shown by the worker; NULL while the ticking thread's own state is the visible one. */
 const shown_needle *link_shown(const needle_link *link);
 
-/* Posts a request if its serial is new or the last answer is stale. Returns true if it did. */
+/* Posts the request if its serial is new or the last answer is stale. Returns true if it was posted. */
 bool link_post_request(needle_link *link, const remesh_request *request, int64_t now);
 
 void link_post_loads(needle_link *link, const tissue_loads *loads);
 
-/* The message about a needle that is left, to be filled before link_leave. Valid in HELD. */
+/* Returns the slot for the message about a needle that is left, to be filled before link_leave. Valid in phase HELD. */
 left_needle *link_left_slot(needle_link *link);
 
-/* These functions change the phase. They must not be called in a phase that does not allow the event (link_refuses). */
-void link_leave(needle_link *link, insertion_state *state); /* `state`: the ticking thread's; its serials and ids are kept apart from the worker's */
+/* These functions change the phase. They must not be called in a phase in which link_refuses() rejects their event. */
+void link_leave(needle_link *link, insertion_state *state); /* `state` is the ticking thread's; its serials and ids are kept distinct from those that the
+                                                               worker issues */
 void link_take(needle_link *link);
-void link_adopt(needle_link *link, insertion_state *state, tissue_loads *loads); /* `loads`: forces of the state, which the worker knows from the needle's
-                                                                                    rest */
-bool link_reset(needle_link *link, uint64_t serial); /* `serial`: serial of the state's request after the reset. Returns true if the worker had the needle */
+void link_adopt(needle_link *link, insertion_state *state, tissue_loads *loads); /* `loads`: forces of `state`, which the worker knows from the time when
+                                                                                    the needle rested */
+bool link_reset(needle_link *link, uint64_t serial); /* `serial`: that of the state's request after the reset. Returns true if the worker had the needle */
 
-/* Time since the oldest request that the last tick had no answer to was posted, ns; 0 if there is none. `now` is by the clock of link_post_request. */
+/* Returns the time (ns) since the oldest request was posted that the last tick had no answer to; 0 if there is none. `now` is a time on the clock used for
+   link_post_request. */
 int64_t link_waiting(const needle_link *link, int64_t now);
 
 /* ---- the worker's side ------------------------------------------------------------------------------------------------------------- */
 
-/* The phase and the number of changes, as seen by the worker before it begins; phase_seen extracts the phase. */
+/* Returns the phase and the number of changes that the worker sees before it begins a task; phase_seen() extracts the phase. */
 unsigned link_seen(const needle_link *link);
 static inline needle_phase phase_seen(unsigned seen) { return (needle_phase)(seen % PHASES); }
 
-/* Applies an event of the worker. Has no effect, and returns false, if the ticking thread has changed the phase since it was `seen`. */
+/* Applies an event of the worker. If the ticking thread has changed the phase since `seen` was read, has no effect and returns false. */
 bool link_complete(needle_link *link, unsigned seen, needle_event event);
 
-/* The newest request; sets *fresh if it has not been read before. */
+/* Returns the newest request; sets *fresh if it has not been read before. */
 const posted_request *link_request(needle_link *link, bool *fresh);
-bool link_request_waits(needle_link *link); /* true if there is a newer one */
+bool link_request_waits(needle_link *link); /* true if there is a newer request than the one last read */
 
-/* The newest loads; sets *fresh (may be NULL) if they have not been read before. */
+/* Returns the newest loads; sets *fresh, unless NULL, if they have not been read before. */
 const tissue_loads *link_loads(needle_link *link, bool *fresh);
 
 const left_needle *link_left(needle_link *link);
 
-/* Slots to be filled and then published. */
+/* Return slots that the worker fills and then publishes. */
 compliance_snapshot *link_answer_slot(needle_link *link);
 void link_publish_answer(needle_link *link);
 shown_needle *link_shown_slot(needle_link *link);
@@ -188,7 +191,7 @@ void link_mark_stale(needle_link *link);
 /* ---- both at once: after a restore, between lockstep steps -------------------------------------------------------------------------- */
 
 void link_restore(needle_link *link, needle_phase phase, int64_t since_release);
-void link_publish_left(needle_link *link); /* link_left_slot has been filled for a needle in LEAVING */
+void link_publish_left(needle_link *link); /* publishes the slot of link_left_slot, which must have been filled, for a needle in phase LEAVING */
 
 /* ---- the probe ------------------------------------------------------------------------------------------------------------------------ */
 
@@ -200,19 +203,19 @@ typedef struct {
 
 void probe_link_post(probe_link *link, pose at);             /* ticking thread. RT */
 const shown_probe *probe_link_shown(const probe_link *link); /* ticking thread. RT */
-const pose *probe_link_pose(probe_link *link, bool *fresh);  /* worker: the newest one */
+const pose *probe_link_pose(probe_link *link, bool *fresh);  /* called by the worker; returns the newest pose */
 shown_probe *probe_link_slot(probe_link *link);              /* worker */
 void probe_link_publish(probe_link *link);                   /* worker */
 
-/* If a pose waits for the worker, copies it to `at` and returns true; the pose keeps waiting. Call between lockstep steps. */
+/* If a pose waits for the worker, copies it to `at` and returns true; the pose still waits afterwards. To be called between lockstep steps. */
 bool probe_link_waiting(probe_link *link, pose *at);
-/* Drops a waiting pose; `waiting`, unless NULL, then waits instead. */
+/* Discards the waiting pose and, unless `waiting` is NULL, lets that pose wait instead. */
 void probe_link_restore(probe_link *link, bool placed, const pose *waiting);
 
 /* ---- a simulation -------------------------------------------------------------------------------------------------------------------- */
 
 typedef struct {
-    int work_event;          /* eventfd, readable while the worker has work to do */
+    int work_event;          /* eventfd that is readable while the worker has work to do */
     atomic_int resting;      /* number of resting needles; set by the worker */
     probe_link probe;
 } sim_link;
@@ -220,7 +223,7 @@ typedef struct {
 trocar_status sim_link_create(sim_link *link, bool probe, report *why);
 void sim_link_free(sim_link *link);                          /* `link` may be zero-initialised, with work_event = -1 */
 
-void wake_worker(const sim_link *link);                      /* ticking thread. RT, except for one write() */
-void worker_is_awake(const sim_link *link);                  /* worker, before it looks for work */
+void wake_worker(const sim_link *link);                      /* called by the ticking thread. RT, except for one write() */
+void worker_is_awake(const sim_link *link);                  /* called by the worker before it looks for work */
 
 #endif

@@ -9,16 +9,17 @@
 #include "base/cache_line.h"
 #include "base/flush_denormals.h"
 
-enum { MOST_TICKS = 2000 };            /* ticks for a released needle to come to rest: 2 s, in which the lag of its shaft decays */
+enum { MOST_TICKS = 2000 };            /* ticks within which a released needle should come to rest: 2 s, in which the lag of its shaft decays */
 
-/* Largest remaining wrench of the base, and largest slip of the shaft in a tick, of a needle at rest. */
+/* A needle is at rest below these limits: the remaining wrench of its base, and the largest slip of its shaft per tick. */
 typedef struct { double force, torque, slip; } rest_limits; /* N, N m, m */
-static const rest_limits AT_REST = {1e-3, 1e-4, 1e-7}, RELAXING = {20e-3, 2e-3, 2e-6}; /* relaxing tissue continues to creep for seconds */
+static const rest_limits AT_REST = {1e-3, 1e-4, 1e-7}, RELAXING = {20e-3, 2e-3, 2e-6}; /* relaxing tissue continues to creep for seconds, hence the larger
+                                                                                          limits */
 
-static const double LARGEST_STEP = 16.0; /* largest step, relative to the step without sliding */
+static const double LARGEST_STEP = 16.0; /* largest factor by which a step may exceed the step without sliding */
 static const double TICK = 1e-3;       /* s */
-static const double SHOWN = 1e-4, SHOWN_ALL = 1e-7; /* N, change of a force after which a needle is shown again */
-enum { SHOWN_AT_ONCE = 4 };            /* needles whose shape is computed in one pass of the worker */
+static const double SHOWN = 1e-4, SHOWN_ALL = 1e-7; /* N, changes of force above which a needle is shown again */
+enum { SHOWN_AT_ONCE = 4 };            /* maximum number of needles whose shape is computed in one pass of the worker */
 
 /* ---- letting go ----------------------------------------------------------------------------------------------- */
 
@@ -30,7 +31,7 @@ static bool is_at_rest(const insertion_model *model, const insertion_state *stat
     return v3_norm(wrench->force) < limits->force && v3_norm(across) < limits->torque && slip < limits->slip;
 }
 
-/* Releases the base, which moves until its wrench has vanished, and linearises the needle at its final position, ready to be attached. */
+/* Releases the base, which then moves until its wrench has vanished. Linearises the needle at its final position, ready to be attached. */
 static trocar_status release_base(trocar_sim *sim, int index, const track_list *others, insertion_state *state, report *why) {
     needle_track *n = &sim->needles[index];
     resting_scratch *scratch = sim->resting_scratch;
@@ -39,7 +40,7 @@ static trocar_status release_base(trocar_sim *sim, int index, const track_list *
     tick_input tick = {.model = &sim->model->parts.insertion, .snapshot = snapshot, .dt = TICK, .base = {.pose = state->needle.base}, .others = {others}, .other_count = 1};
     state->base_shift = v3(0, 0, 0);
     trocar_status status = answer_fully(sim, index, &state->request, why);
-    double size = 1.0; /* step size: it grows while the wrench hardly falls because the shaft slides */
+    double size = 1.0; /* step size; it grows as long as sliding of the shaft keeps the wrench from falling */
     vec3 before = v3(0, 0, 0);
     for (int i = 0; i < MOST_TICKS && status == TROCAR_OK; i++) {
         base_motion step;
@@ -68,7 +69,7 @@ static int list_attached(const trocar_sim *sim, resting_needle *list[MAX_NEEDLES
     return count;
 }
 
-/* Attaches the resting needles again, after their set has changed. */
+/* Attaches all resting needles again after needles have been added or removed. */
 static trocar_status attach_again(trocar_sim *sim, report *why) {
     resting_needle *list[MAX_NEEDLES];
     other_loads held;
@@ -80,7 +81,7 @@ static trocar_status attach_again(trocar_sim *sim, report *why) {
     return status == TROCAR_OK ? press_probe(sim, why) : status;
 }
 
-/* Fills the slot that is published next with the needle's present state. */
+/* Fills the slot that will be published next with the needle's present state. Returns the slot. */
 static const shown_needle *find_shown(trocar_sim *sim, needle_track *n) {
     shown_needle *slot = link_shown_slot(&n->link);
     resting_show(&sim->model->parts.insertion, n->resting, &sim->resting_scratch->workspace.response.tangent, &slot->state);
@@ -94,7 +95,7 @@ static void show(trocar_sim *sim, needle_track *n) {
     link_publish_shown(&n->link);
 }
 
-/* Shows the needles whose forces differ by more than `difference` from the shown ones, at most `most` of them. */
+/* Shows at most `most` needles whose forces differ from the shown ones by more than `difference`. */
 static void show_changed(trocar_sim *sim, double difference, int most) {
     for (int i = 0; i < sim->needle_count && most > 0; i++) {
         needle_track *n = &sim->needles[sim->next_shown = (sim->next_shown + 1) % sim->needle_count];
@@ -113,7 +114,8 @@ bool slip_some(trocar_sim *sim, bool all) {
     return more;
 }
 
-/* Fraction of the last release's change that the other needles do not feel yet, by the clock of the needle ticked most since then. */
+/* Fraction of the change caused by the last release that the other needles do not feel yet. Time is measured in ticks of the needle that has ticked most
+   since the release. */
 static double left_of_release(const trocar_sim *sim) {
     int64_t most = 0;
     for (int i = 0; i < sim->needle_count; i++) {
@@ -147,7 +149,7 @@ trocar_status rest_again(trocar_sim *sim, report *why) {
     atomic_store(&sim->link.resting, count);
     sim->resting.fading = left_of_release(sim);
     if (count == 0 && sim->resting.count == 0) return TROCAR_OK;
-    for (int i = 0; i < count; i++) list[i]->id = ++sim->last_attached; /* another needle may have the same id in this simulation */
+    for (int i = 0; i < count; i++) list[i]->id = ++sim->last_attached; /* another needle of this simulation may have the same id */
     trocar_status status = resting_set_attach(&sim->resting, count, list, why);
     for (int i = 0; i < sim->needle_count && status == TROCAR_OK; i++)
         if (sim->needles[i].attached) show(sim, &sim->needles[i]);
@@ -182,7 +184,7 @@ static trocar_status lay_down(trocar_sim *sim, int index, unsigned seen, report 
         if (status == TROCAR_OK) resting_bore(&sim->model->parts.insertion, &left->state, n->resting);
     }
     if (status == TROCAR_OK) {
-        hold_loads(sim, state, false, &n->held); /* response to the other needles as they are now, before this one is attached */
+        hold_loads(sim, state, false, &n->held); /* response to the other needles in their present state, before this needle is attached */
         status = respond_to_loads(sim, true, why);
     }
     if (status == TROCAR_OK) {
@@ -204,11 +206,11 @@ static trocar_status lay_down(trocar_sim *sim, int index, unsigned seen, report 
     for (int i = 0; i < sim->needle_count; i++) atomic_store_explicit(&sim->needles[i].link.since_release, felt ? 0 : RELEASE_TIME, memory_order_relaxed);
     resting_set_fade(&sim->resting, left_of_release(sim));
     free(state);
-    link_complete(&n->link, seen, status == TROCAR_OK ? ON_RESTS : ON_STAYS); /* a needle that was reset in the meantime is detached next */
+    link_complete(&n->link, seen, status == TROCAR_OK ? ON_RESTS : ON_STAYS); /* if the needle was reset in the meantime, it is detached next */
     return status;
 }
 
-/* Replaces the attachment by the equivalent loads, which changes nothing. */
+/* Replaces the attachment by the equivalent loads, which does not change the equilibrium. */
 static trocar_status detach(trocar_sim *sim, needle_track *n, report *why) {
     trocar_status status = respond_to_loads(sim, true, why);
     resting_loads(n->resting, &n->held);
@@ -220,7 +222,7 @@ static trocar_status detach(trocar_sim *sim, needle_track *n, report *why) {
 
 static trocar_status return_needle(trocar_sim *sim, int index, unsigned seen, report *why) {
     needle_track *n = &sim->needles[index];
-    link_request(&n->link, NULL); /* discards requests from before the needle was left, which would otherwise be answered later */
+    link_request(&n->link, NULL); /* discards requests posted before the needle was left, which would otherwise be answered later */
     trocar_status status = detach(sim, n, why);
     const shown_needle *shown = find_shown(sim, n);
     if (status == TROCAR_OK) status = answer_fully(sim, index, &shown->state.request, why);
@@ -233,7 +235,7 @@ static trocar_status return_needle(trocar_sim *sim, int index, unsigned seen, re
 /* Removes a needle that was reset: its forces vanish. */
 static trocar_status remove_needle(trocar_sim *sim, needle_track *n, report *why) {
     trocar_status status = detach(sim, n, why);
-    copy_loads(link_loads(&n->link, NULL), &n->held); /* a needle that was reset may already have been inserted again */
+    copy_loads(link_loads(&n->link, NULL), &n->held); /* the reset needle may already have been inserted again */
     mark_stale(sim, NULL);
     return status == TROCAR_OK ? respond_to_loads(sim, true, why) : status;
 }

@@ -1,4 +1,4 @@
-/* Memory shared by two threads, aligned to cache lines to avoid false sharing. */
+/* Memory shared by two threads, aligned to cache lines to prevent false sharing. */
 #ifndef TROCAR_CACHE_LINE_H
 #define TROCAR_CACHE_LINE_H
 
@@ -9,7 +9,7 @@
 
 enum { CACHE_LINE = 64 };
 
-/* Allocates zeroed memory and touches it, so that later accesses cause no page faults. Release with free(). */
+/* Allocates zeroed memory and writes to it, so that later accesses cause no page faults. To be released with free(). */
 static inline trocar_status allocate_shared(size_t bytes, unsigned char **memory, report *why) {
     size_t rounded = (bytes + CACHE_LINE - 1) / CACHE_LINE * CACHE_LINE;
     *memory = aligned_alloc(CACHE_LINE, rounded);
@@ -18,16 +18,16 @@ static inline trocar_status allocate_shared(size_t bytes, unsigned char **memory
     return TROCAR_OK;
 }
 
-/* Allocates a zeroed struct with cache-line-aligned members: malloc() aligns to 16 bytes only, and the compiler may rely on more. NULL if there is no memory.
-   Release with free(). */
+/* Allocates a zeroed struct whose members are aligned to cache lines: malloc() aligns only to 16 bytes, and the compiler may rely on more. Returns NULL if
+   there is no memory. To be released with free(). */
 static inline void *allocate_on_cache_lines(size_t bytes) {
     report ignored;
     unsigned char *memory;
     return allocate_shared(bytes, &memory, &ignored) == TROCAR_OK ? memory : NULL;
 }
 
-/* Allocates zeros that start on a cache line, for large arrays of one thread. Pages that are never accessed are never touched. NULL if there is no memory.
-   Release `*memory` with free(), not the returned pointer. */
+/* Allocates zeros that start on a cache line, for large arrays used by one thread. Pages that are never accessed are not touched. Returns NULL if there is
+   no memory. `*memory`, not the returned pointer, is to be released with free(). */
 static inline void *zeros_on_cache_lines(size_t bytes, void **memory) {
     unsigned char *from = *memory = calloc(1, bytes + CACHE_LINE);
     return from ? from + (CACHE_LINE - (size_t)from % CACHE_LINE) % CACHE_LINE : NULL;

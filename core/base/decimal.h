@@ -1,4 +1,4 @@
-/* Numbers as text with a decimal point, whatever the locale of the host program. Nothing here allocates or locks. */
+/* Numbers as text with a decimal point, whatever the locale of the host program. These functions neither allocate nor lock. */
 #ifndef TROCAR_DECIMAL_H
 #define TROCAR_DECIMAL_H
 
@@ -6,11 +6,11 @@
 #include <stdarg.h>
 #include <stddef.h>
 
-/* Switches the calling thread to the C locale until restore_locale. For calls of other libraries. RT */
+/* Switches the calling thread to the C locale until restore_locale is called. For calls of other libraries. RT */
 locale_t use_c_locale(void);
 void restore_locale(locale_t before);
 
-/* Like snprintf, vsnprintf and strtod in the C locale. RT */
+/* Equivalent to snprintf, vsnprintf and strtod in the C locale. RT */
 __attribute__((format(printf, 3, 4))) int decimal_print(char *text, size_t size, const char *format, ...);
 __attribute__((format(printf, 3, 0))) int decimal_vprint(char *text, size_t size, const char *format, va_list arguments);
 double decimal_read(const char *text, char **end);

@@ -1,5 +1,5 @@
-/* Flushes denormals to zero in every thread of the simulation: on some processors, operations on denormals are a hundred times slower, and results must not
-   depend on the floating-point mode of the host program. */
+/* Makes every thread of the simulation flush denormals to zero: on some processors, operations on denormals are a hundred times slower, and results must
+   not depend on the floating-point mode of the host program. */
 #ifndef TROCAR_FLUSH_DENORMALS_H
 #define TROCAR_FLUSH_DENORMALS_H
 

@@ -1,10 +1,10 @@
-/* Messages to the host's log (trocar_log). Never in functions marked RT. */
+/* Messages to the host's log (trocar_log). Not to be used in functions marked RT. */
 #ifndef TROCAR_HOST_LOG_H
 #define TROCAR_HOST_LOG_H
 
 #include "base/report.h"
 
-/* The message is cut to the length of a report. */
+/* The message is truncated to the length of a report. */
 __attribute__((format(printf, 3, 4)))
 static inline void host_log(const trocar_log *log, trocar_log_level level, const char *format, ...) {
     if (!log->write) return;

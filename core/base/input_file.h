@@ -4,8 +4,8 @@
 
 #include <stdio.h>
 
-/* Opens a regular file for reading, or returns NULL and the reason in *why. Other kinds of files are rejected: opening a FIFO would block until a writer opens
-   it. */
+/* Opens a regular file for reading, or returns NULL and the reason in *why. Other types of files are rejected, because opening a FIFO would block until a
+   writer opens it. */
 FILE *input_open(const char *path, const char **why);
 
 #endif

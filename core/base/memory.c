@@ -5,9 +5,9 @@
 #include <stdio.h>
 #include <string.h>
 
-enum { LONGEST = 8192 };     /* length of a path with its suffix */
+enum { LONGEST = 8192 };     /* largest length of a path with its suffix */
 
-/* Returns the number in the first line of this form in a file of a folder, or `otherwise`. */
+/* Returns the number in the first line of a file in a folder that matches this format, or `otherwise` if there is none. */
 static double read_number(const char *folder, const char *name, const char *format, double otherwise) {
     char path[LONGEST + 64], line[256];
     long long number;
@@ -21,12 +21,12 @@ static double read_number(const char *folder, const char *name, const char *form
 
 /* ---- control groups --------------------------------------------------------------------------------------------------- */
 
-/* A version of control groups: its folder below a root folder, and the names of its files. */
+/* The folder of a version of control groups below a root folder, and the names of its files. */
 typedef struct { const char *folder, *limit, *used, *inactive; } group_files;
 static const group_files VERSION_1 = {"sys/fs/cgroup/memory", "memory.limit_in_bytes", "memory.usage_in_bytes", "total_inactive_file %lld"};
 static const group_files VERSION_2 = {"sys/fs/cgroup", "memory.max", "memory.current", "inactive_file %lld"};
 
-/* Adds a group's own limit; "max" means none. Cached file pages count as used, but are reclaimed on demand. */
+/* Adds the limit of one group; "max" means that there is none. Cached file pages count as used, but the kernel reclaims them on demand. */
 static void add_group(const group_files *files, const char *folder, memory_limits *least) {
     double limit = read_number(folder, files->limit, "%lld", INFINITY);
     if (!(limit < INFINITY)) return;
@@ -35,7 +35,7 @@ static void add_group(const group_files *files, const char *folder, memory_limit
     least->available = fmin(least->available, fmax(0.0, limit - fmax(0.0, used)));
 }
 
-/* Adds a group and its ancestors. Inside a container, the path may be that of the host: then only the container's own group is found. */
+/* Adds the limits of a group and its ancestors. Inside a container, the path may be that of the host; only the container's own group is found then. */
 static void add_groups(const group_files *files, const char *root, const char *path, memory_limits *least) {
     char folder[LONGEST];
     int base = snprintf(folder, sizeof folder, "%s/%s", root, files->folder);
@@ -75,7 +75,7 @@ memory_limits memory_of_groups(const char *root) {
 
 /* ---- all -------------------------------------------------------------------------------------------------------------- */
 
-/* Reads a value from /proc/meminfo, in bytes; the file has kilobytes. */
+/* Reads a value from /proc/meminfo, which is in kilobytes, and returns bytes. */
 static double read_meminfo(const char *format) { return 1024.0 * read_number("/proc", "meminfo", format, 8e6); }
 
 double memory_total(void) { return read_meminfo("MemTotal: %lld"); }

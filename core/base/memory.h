@@ -1,20 +1,21 @@
-/* Memory of the machine, in bytes. */
+/* Memory of the machine and of this process, in bytes. */
 #ifndef TROCAR_MEMORY_H
 #define TROCAR_MEMORY_H
 
 /* Installed memory; 8 GB if the system does not report it. */
 double memory_total(void);
 
-/* Largest amount of memory for this process: installed memory, or the limit of its control group (a container, a service). */
+/* Largest amount of memory that this process can have: the installed memory, or the limit of its control group (a container or a service). */
 double memory_most(void);
 
-/* Memory available without swapping, within the limit of the control group; 8 GB if the system does not report it. */
+/* Memory that is available without swapping, within the limit of the control group; 8 GB if the system does not report it. */
 double memory_available(void);
 
-/* The tightest limit of a control group and its ancestors, and its unused part; INFINITY: no limit. */
+/* The lowest limit among a control group and its ancestors, and the unused part of the memory below that limit; INFINITY if there is no limit. */
 typedef struct { double most, available; } memory_limits;
 
-/* Limits of this process, from the files proc/self/cgroup and sys/fs/cgroup in the folder `root` ("": that of the system), version 1 or 2. */
+/* Returns the limits of this process, read from the files proc/self/cgroup and sys/fs/cgroup in the folder `root` (empty for the real system), for version
+   1 or 2 of control groups. */
 memory_limits memory_of_groups(const char *root);
 
 #endif

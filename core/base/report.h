@@ -8,7 +8,7 @@
 #include "base/decimal.h"
 #include "trocar.h"
 
-/* The message of the first failure: place (file, line, key) and remedy. */
+/* The message about the first failure, with place (file, line, key) and remedy. */
 typedef trocar_error report;
 
 /* Writes the message and returns `status`, so that a caller can return the result directly. */

@@ -16,13 +16,13 @@ struct team {
     pthread_mutex_t lock;
     pthread_cond_t begun, ended;
     unsigned round;          /* number of loops started so far */
-    int busy;                /* members, other than the calling thread, that have not finished this round */
+    int busy;                /* number of members, without the calling thread, that have not finished this round */
     bool over;
     void (*work)(void *context, int i, int member);
     void *context;
     int count;
-    atomic_int next;         /* the first i that no member has claimed yet */
-    member others[];         /* members - 1 */
+    atomic_int next;         /* first i that no member has started */
+    member others[];         /* members - 1 entries */
 };
 
 static void take_part(team *t, int number) {

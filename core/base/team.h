@@ -4,14 +4,14 @@
 
 typedef struct team team;
 
-/* Creates `members` threads, including the calling one; fewer if the system cannot start them all. Returns NULL for a single thread; all functions accept
-   NULL. */
+/* Creates a team of `members` threads, including the calling one; fewer if the system cannot start them all. Returns NULL for a single thread; all
+   functions accept NULL. */
 team *team_create(int members);
 void team_free(team *t);
 int team_members(const team *t);
 
-/* Calls work(context, i, member) once for each i in [0, count), in ascending order, on any member, and returns when all calls have returned. Calls must not
-   write to the same memory. The calling thread is member 0. */
+/* Calls work(context, i, member) once for each i in [0, count), starting them in ascending order, each in any member of the team. Returns when all calls
+   have returned. Different calls must not write to the same memory. The calling thread is member 0. */
 void team_run(team *t, int count, void (*work)(void *context, int i, int member), void *context);
 
 #endif

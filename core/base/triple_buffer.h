@@ -1,5 +1,5 @@
-/* Lock-free triple buffer: passes the newest value from one thread to another. It has one writer and one reader, and neither ever waits. Memory is allocated,
-   zeroed and touched at creation. */
+/* Lock-free triple buffer that passes the newest value from one thread to another. It has one writer and one reader, neither of which ever waits. Memory
+   is allocated, zeroed and touched at creation. */
 #ifndef TROCAR_TRIPLE_BUFFER_H
 #define TROCAR_TRIPLE_BUFFER_H
 
@@ -10,8 +10,8 @@
 
 #include "base/cache_line.h"
 
-/* The writer fills its slot and swaps it with the middle one; the reader swaps its slot with the middle one if the middle one is fresh. Each slot belongs to
-   one side at a time, so that a value never changes while it is read. */
+/* The writer fills its slot and swaps it with the middle slot; the reader swaps its slot with the middle slot if that is fresh. Each slot belongs to one
+   side at a time, so a value never changes while it is being read. */
 typedef struct {
     size_t size;                               /* bytes per slot */
     unsigned char *slots;                      /* 3 slots */
@@ -23,12 +23,12 @@ typedef struct {
 trocar_status triple_buffer_create(triple_buffer *n, size_t size, report *why);
 void triple_buffer_free(triple_buffer *n);
 
-/* The slot to fill next; it contains an older value. Writer only. RT */
+/* Returns the slot to be filled next, which contains an older value. Writer only. RT */
 void *triple_buffer_slot(triple_buffer *n);
 /* Publishes the filled slot. Writer only. RT */
 void triple_buffer_publish(triple_buffer *n);
-/* Returns the newest value, valid until the next call; all zeros if nothing was published. Sets `fresh` (may be NULL) if the value is new since the last call.
-   Reader only. RT */
+/* Returns the newest value, which is valid until the next call; all zeros if nothing has been published. Sets `fresh` (may be NULL) if the value is new
+   since the last call. Reader only. RT */
 const void *triple_buffer_read(triple_buffer *n, bool *fresh);
 /* True if there is an unread value. Reader only. RT */
 bool triple_buffer_waits(triple_buffer *n);

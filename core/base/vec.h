@@ -9,7 +9,7 @@ typedef struct { double m[3][3]; } mat3;       /* m[row][column] */
 typedef struct { double w, x, y, z; } quat;    /* unit quaternion; rotates from body to world coordinates */
 typedef struct { vec3 position; quat orientation; } pose;
 
-/* fmax and fmin without library calls; return b if either argument is NaN. */
+/* Equivalent to fmax and fmin, but without library calls; return b if either argument is NaN. */
 static inline double larger_of(double a, double b) { return a > b ? a : b; }
 static inline double smaller_of(double a, double b) { return a < b ? a : b; }
 
@@ -75,12 +75,12 @@ static inline void m3_add_block(mat3 *sum, double s, const double *block, int ld
         for (int j = 0; j < 3; j++) sum->m[i][j] += s * block[i * ld + j];
 }
 static inline void m3_add_scaled(mat3 *sum, double s, const mat3 *a) { m3_add_block(sum, s, &a->m[0][0], 3); }
-/* Matrix whose columns are a, b, c. */
+/* Returns the matrix whose columns are a, b and c. */
 static inline mat3 m3_columns(vec3 a, vec3 b, vec3 c) {
     return (mat3){{{a.x, b.x, c.x}, {a.y, b.y, c.y}, {a.z, b.z, c.z}}};
 }
 
-/* Like hypot(), but without protection against overflow, which takes most of its time. */
+/* Equivalent to hypot(), but without protection against overflow, which would take most of the time. */
 static inline double length_of(double x, double y) { return sqrt(x * x + y * y); }
 
 /* Returns a frame whose third axis is this unit vector. */
@@ -104,12 +104,12 @@ static inline vec3 q_rotate(quat q, vec3 v) {
     vec3 u = v3(q.x, q.y, q.z), t = v3_scale(2.0, v3_cross(u, v));
     return v3_add(v3_axpy(q.w, t, v), v3_cross(u, t));
 }
-/* The body's axes in world coordinates; a needle points along its z axis. */
+/* The axes of the body in world coordinates; a needle points along its z axis. */
 static inline vec3 q_axis_x(quat q) { return v3(1.0 - 2.0 * (q.y * q.y + q.z * q.z), 2.0 * (q.x * q.y + q.w * q.z), 2.0 * (q.x * q.z - q.w * q.y)); }
 static inline vec3 q_axis_y(quat q) { return v3(2.0 * (q.x * q.y - q.w * q.z), 1.0 - 2.0 * (q.x * q.x + q.z * q.z), 2.0 * (q.y * q.z + q.w * q.x)); }
 static inline vec3 q_axis(quat q) { return v3(2.0 * (q.x * q.z + q.w * q.y), 2.0 * (q.y * q.z - q.w * q.x), 1.0 - 2.0 * (q.x * q.x + q.y * q.y)); }
 static inline mat3 q_matrix(quat q) { return m3_columns(q_axis_x(q), q_axis_y(q), q_axis(q)); }
-/* Rotation by the vector `r` (axis times angle). Small angles use a series that is exact to the last digit. */
+/* Rotation by the vector `r` (axis times angle). For small angles, a series is used that is exact to the last digit. */
 static inline quat q_exp(vec3 r) {
     double half2 = 0.25 * v3_dot(r, r), s, c;
     if (half2 < 1e-3) {
@@ -122,7 +122,7 @@ static inline quat q_exp(vec3 r) {
     }
     return (quat){c, s * r.x, s * r.y, s * r.z};
 }
-/* Rotation vector of `q`, angle in [0, pi]. */
+/* Rotation vector of `q`, with an angle in [0, pi]. */
 static inline vec3 q_log(quat q) {
     if (q.w < 0) q = (quat){-q.w, -q.x, -q.y, -q.z};
     double s2 = q.x * q.x + q.y * q.y + q.z * q.z, scale;
@@ -133,8 +133,8 @@ static inline vec3 q_log(quat q) {
     return v3(scale * q.x, scale * q.y, scale * q.z);
 }
 
-/* Unit quaternion of a rotation matrix. Each row of `rows` is the quaternion times one of its components; the row with the largest diagonal entry is the most
-   accurate. */
+/* Unit quaternion of a rotation matrix. Each row of `rows` is the quaternion times one of its components; the row with the largest diagonal entry is the
+   most accurate, so it is used. */
 static inline quat q_of_matrix(const mat3 *turn) {
     const double (*m)[3] = turn->m;
     const double rows[4][4] = {{1 + m[0][0] + m[1][1] + m[2][2], m[2][1] - m[1][2], m[0][2] - m[2][0], m[1][0] - m[0][1]},
@@ -147,13 +147,13 @@ static inline quat q_of_matrix(const mat3 *turn) {
     return q_unit((quat){rows[best][0], rows[best][1], rows[best][2], rows[best][3]});
 }
 
-/* Rotation about the body's z axis from one orientation to another, rad; exactly 0 between equal ones. */
+/* Rotation (rad) about the body's z axis from one orientation to another; exactly 0 between equal orientations. */
 static inline double q_roll_between(quat from, quat to) {
     if (from.w == to.w && from.x == to.x && from.y == to.y && from.z == to.z) return 0.0;
     return v3_dot(q_log(q_multiply(to, q_conjugate(from))), q_axis(from));
 }
 
-/* Interpolates between two poses, rotating about a fixed axis. */
+/* Interpolates between two poses by a translation and a rotation about a fixed axis. */
 static inline pose pose_between(pose from, pose to, double fraction) {
     vec3 turn = q_log(q_multiply(to.orientation, q_conjugate(from.orientation)));
     return (pose){v3_axpy(fraction, v3_sub(to.position, from.position), from.position),

@@ -7,23 +7,24 @@
 #include "tissue/blas.h"
 #include "tissue/factor_solve.h"
 
-enum { PART = 64, MODES = 6 }; /* largest number of nodes per part; rigid motions of a part */
+enum { PART = 64, MODES = 6 }; /* largest number of nodes in a part; number of rigid motions of a part */
 
 typedef struct { int node; vec3 at; } place;
 
 struct coarse_space {
     int nodes, parts;
-    place *places;           /* the free nodes (first dof / 3), part by part; positions relative to the middle of the part, in units of its size */
+    place *places;           /* the free nodes (first dof / 3), part by part, with their positions relative to the middle of the part, in units of the
+                                part's size */
     int *start;              /* parts + 1: index of each part's first node in `places` */
     cholmod_common common;
     cholmod_factor *factor;  /* factor of Z^T K Z */
     cholmod_dense *moments;  /* resultants of the force on each part */
-    factor_solution motions; /* rigid motions of each part */
+    factor_solution motions; /* amplitudes of the rigid motions of all parts */
 };
 
 /* ---- parts ------------------------------------------------------------------------------------------------------------ */
 
-/* Also fixes the order of equal coordinates, so that parts do not depend on the C library's sort. */
+/* Compares coordinates; breaks ties by the node's number, so that the parts do not depend on the sort of the C library. */
 static int compare(double a, double b, int node_a, int node_b) { return a != b ? (a > b) - (a < b) : (node_a > node_b) - (node_a < node_b); }
 
 static int compare_x(const void *a, const void *b) {
@@ -41,7 +42,7 @@ static int compare_z(const void *a, const void *b) {
     return compare(p->at.z, q->at.z, p->node, q->node);
 }
 
-/* Halves the set perpendicular to its longest side until the parts are small. */
+/* Halves a set of nodes perpendicular to its longest side, repeatedly until the parts are small. */
 static void divide(coarse_space *c, int first, int count) {
     place *p = c->places + first;
     vec3 low = p->at, high = p->at, sum = v3(0.0, 0.0, 0.0);
@@ -62,7 +63,7 @@ static void divide(coarse_space *c, int first, int count) {
     c->start[++c->parts] = first + count;
 }
 
-/* Rows of Z for a node: translations, and rotations w x position. */
+/* Computes the rows of Z for a node: translations, and rotations w x position. */
 static void modes_at(vec3 at, double z[3][MODES]) {
     const double rows[3][MODES] = {{1, 0, 0, 0, at.z, -at.y}, {0, 1, 0, -at.z, 0, at.x}, {0, 0, 1, at.y, -at.x, 0}};
     memcpy(z, rows, sizeof rows);
@@ -73,12 +74,12 @@ static void modes_at(vec3 at, double z[3][MODES]) {
 typedef struct {
     int *part_of;            /* part of each node */
     vec3 *at;                /* position of each node */
-    int *slot, *touched;     /* per part: its block in the table, or -1; list of parts that have a block */
+    int *slot, *touched;     /* for each part: index of its block in the table, or -1; list of the parts that have a block */
     double (*table)[MODES][MODES];
     int count;
 } columns_of_part;
 
-/* Adds the columns of K that belong to a node of this part, from K's lower triangle, to the rows of every part that they touch. */
+/* Adds the columns of K that belong to a node of this part, from the lower triangle of K, to the rows of every part in which they have entries. */
 static void add_node(const tissue *t, int part, int node, columns_of_part *c) {
     const int *start = t->stiffness->p, *row = t->stiffness->i;
     const double *value = t->stiffness->x;
@@ -113,7 +114,7 @@ static bool append_block(coarse_space *s, cholmod_triplet *e, int row, int colum
     return true;
 }
 
-/* Adds entries above the diagonal to those below. */
+/* Adds the entries above the diagonal to those below it. */
 static cholmod_sparse *coarse_matrix(coarse_space *s, const tissue *t) {
     size_t nodes = (size_t)s->nodes, parts = (size_t)s->parts, size = MODES * parts;
     columns_of_part c = {malloc(nodes * sizeof(int)), malloc(nodes * sizeof(vec3)), malloc(parts * sizeof(int)), malloc(parts * sizeof(int)),
@@ -165,7 +166,7 @@ coarse_space *coarse_space_create(const tissue *t) {
     if (!c) return NULL;
     cholmod_start(&c->common);
     c->common.print = 0;
-    c->common.supernodal = CHOLMOD_SUPERNODAL; /* the simplicial factor neither reports an indefinite matrix nor reuses its workspace */
+    c->common.supernodal = CHOLMOD_SUPERNODAL; /* the simplicial factorisation neither reports an indefinite matrix nor reuses its workspace */
     c->nodes = nodes;
     c->places = malloc((size_t)nodes * sizeof *c->places);
     c->start = calloc((size_t)(nodes / (PART / 2) + 2), sizeof *c->start);

@@ -17,7 +17,7 @@ static void show(inverse_progress progress, double fraction) {
     if (progress.show) progress.show("condensing the inverse", fraction, progress.context);
 }
 
-/* Rounds a panel to floats, in place. */
+/* Converts a panel to single precision in place. */
 static void make_single(panel *p) {
     size_t numbers = (size_t)p->rows * (size_t)p->width;
     char *at = p->values;
@@ -31,8 +31,8 @@ static void make_single(panel *p) {
     if (smaller) p->values = smaller;
 }
 
-/* BLAS and LAPACK operations in both precisions: C = alpha A B + beta C, also with the transpose of A; B <- B A and A <- A^-1 with A lower
-   triangular. */
+/* BLAS and LAPACK operations in both precisions: C = alpha A B + beta C, optionally with the transpose of A; and, for a lower triangular A, B <- B A and A
+   <- A^-1. */
 typedef struct { int rows, columns, depth; CBLAS_TRANSPOSE transposed; double alpha, beta; } product_of;
 
 static void multiply(bool single, const product_of *p, const void *a, int lda, const void *b, int ldb, void *c, int ldc) {
@@ -49,16 +49,17 @@ static void multiply_by_corner(bool single, int rows, int n, const void *a, int 
     else cblas_dtrmm(CblasColMajor, CblasRight, CblasLower, CblasNoTrans, CblasNonUnit, rows, n, 1.0, a, lda, b, ldb);
 }
 
-/* Replaces panel J of L by panel J of T: T_JJ = L_JJ^-1, T_BJ = -T_BB L_BJ T_JJ, where L_JJ is the diagonal block and L_BJ are the rows below it. */
+/* Replaces panel J of L by panel J of T = L^-1: T_JJ = L_JJ^-1, T_BJ = -T_BB L_BJ T_JJ, where L_JJ is the diagonal block and L_BJ contains the rows below
+   it. */
 typedef struct {
     const panels *l;
     int j;
     bool single;
     char *product;           /* T_BJ */
-    bool *filled;            /* per panel: true if its rows of T_BJ have entries */
+    bool *filled;            /* for each panel: true if its rows of T_BJ have entries */
 } replacement;
 
-/* Computes the rows of T_BJ that belong to one panel; the last panels, with the longest products, come first. */
+/* Computes the rows of T_BJ that belong to one panel. The last panels, with the longest products, are processed first. */
 static void multiply_rows(void *context, int index, int member) {
     (void)member;
     const replacement *r = context;
@@ -122,13 +123,13 @@ static bool is_positive(const double block[9]) {
 typedef struct {
     const panels *t;
     symmetric_blocks *inverse;
-    char *tiles;             /* scratch: PANEL_WIDTH square for each team member */
+    char *tiles;             /* scratch: a square of PANEL_WIDTH rows for each team member */
     atomic_bool failed, cancelled;
     inverse_progress progress;
     report *why;
 } square;
 
-/* Computes K^-1 = T^T T between two panels, by rows of the lower triangle. */
+/* Computes the part of K^-1 = T^T T between two panels, by rows of the lower triangle. */
 static void multiply_panels(void *context, int index, int member) {
     square *s = context;
     if (atomic_load(&s->cancelled)) return;
@@ -166,7 +167,7 @@ static void multiply_panels(void *context, int index, int member) {
     if (inverse_go_on(s->progress, s->why) != TROCAR_OK) atomic_store(&s->cancelled, true);
 }
 
-/* In single precision, an overflow or underflow appears on the diagonal. */
+/* In single precision, an overflow or underflow shows on the diagonal. */
 static trocar_status multiply_triangle(const panels *t, symmetric_blocks *inverse, team *team, inverse_progress progress, report *why) {
     size_t number = inverse->single ? sizeof(float) : sizeof(double);
     square s = {.t = t, .inverse = inverse, .progress = progress, .why = why};
@@ -181,8 +182,8 @@ static trocar_status multiply_triangle(const panels *t, symmetric_blocks *invers
 
 double condensation_bytes(int count) { return 72.0 * count * count; }
 
-/* Peak memory of the inversion: first the triangle plus a copy of one panel, then the triangle plus the inverse and its tiles. Each allocation is rounded up
-   to whole pages. */
+/* Peak memory of the inversion: first the triangle plus a copy of one panel, later the triangle plus the inverse and its tiles. Each allocation is rounded
+   up to whole pages. */
 static double inversion_bytes(int count, bool single, const team *t) {
     double number = single ? sizeof(float) : sizeof(double), share = number / sizeof(double);
     double panel_product = 3.0 * count * PANEL_WIDTH * number, tiles = (double)PANEL_WIDTH * PANEL_WIDTH * number * team_members(t);
@@ -234,8 +235,8 @@ static trocar_status condense_with(team *team, tissue *t, const condensed_region
     return TROCAR_OK;
 }
 
-/* For matrices as small as most fronts, BLAS threads are slower than the team, which replaces them. The number of BLAS threads is global to the process and is
-   not changed here, so that several regions can be condensed at once. */
+/* For matrices of the size of most fronts, BLAS threads are slower than the threads of the team. The number of BLAS threads is a property of the process
+   and is not changed here, so that several regions can be condensed at the same time. */
 trocar_status condense(tissue *t, const condensed_region *region, int *nodes, symmetric_blocks *inverse, double *needed, report *why) {
     team *team = team_create(region->threads);
     trocar_status status = condense_with(team, t, region, nodes, inverse, needed, why);

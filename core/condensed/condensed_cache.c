@@ -19,7 +19,7 @@ enum { ALIGNMENT = 64 };     /* bytes, alignment of all datasets in the file */
 
 /* ---- name ------------------------------------------------------------------------------------------------------------- */
 
-/* Fowler-Noll-Vo hash (FNV-1a), eight bytes at a time; the tail byte by byte. */
+/* Fowler-Noll-Vo hash (FNV-1a) over eight bytes at a time; the remaining bytes are hashed one by one. */
 static const uint64_t BASIS = UINT64_C(0xcbf29ce484222325);
 static uint64_t hash(uint64_t h, const void *data, size_t bytes) {
     static const uint64_t PRIME = UINT64_C(0x100000001b3);
@@ -73,7 +73,7 @@ static bool read_dataset(hid_t file, const char *name, hid_t type, hsize_t numbe
     return good;
 }
 
-/* Offset in the file of a dataset with this number of bytes; HADDR_UNDEF if its size differs or it is not contiguous. */
+/* Returns the offset in the file of a dataset that has this number of bytes; HADDR_UNDEF if its size differs or it is not contiguous. */
 static haddr_t offset_of(hid_t file, const char *name, size_t bytes) {
     hid_t set = H5Dopen2(file, name, H5P_DEFAULT);
     if (set < 0) return HADDR_UNDEF;
@@ -82,7 +82,7 @@ static haddr_t offset_of(hid_t file, const char *name, size_t bytes) {
     return offset;
 }
 
-/* Reads all pages in at once, so that later accesses do not wait for the disk. */
+/* Reads all pages at once, so that later accesses do not wait for the disk. */
 static bool map_file(const char *path, size_t bytes, file_mapping *mapping) {
     struct stat s;
     int file = open(path, O_RDONLY | O_NONBLOCK | O_CLOEXEC);
@@ -119,7 +119,7 @@ cache_state condensed_cache_map(const condensed_cache *cache, int *order, symmet
         matrix->numbers = NULL;
         return CACHE_DAMAGED;
     }
-    utimensat(AT_FDCWD, cache->path, NULL, 0); /* marks the file as used now */
+    utimensat(AT_FDCWD, cache->path, NULL, 0); /* sets the time at which the file was last used */
     return CACHE_READ;
 }
 
@@ -138,12 +138,12 @@ static bool make_folders(const char *path) {
 
 typedef struct {
     const char *name;
-    hid_t type;              /* the same in the file as in memory, so that the file can be mapped */
+    hid_t type;              /* identical in the file and in memory, so that the file can be mapped */
     hsize_t count;
     const void *data;
 } dataset;
 
-/* Writes a contiguous dataset if it will be mapped, otherwise one chunk with a checksum (Fletcher). */
+/* Writes a dataset. If it will be mapped, it is contiguous; otherwise it is one chunk with a checksum (Fletcher). */
 static bool write_dataset(hid_t file, const dataset *d, bool mapped) {
     hid_t space = H5Screate_simple(1, &d->count, NULL), properties = H5Pcreate(H5P_DATASET_CREATE);
     if (!mapped) {
@@ -179,8 +179,8 @@ static bool is_older(const struct timespec *a, const struct timespec *b) {
     return a->tv_sec != b->tv_sec ? a->tv_sec < b->tv_sec : a->tv_nsec < b->tv_nsec;
 }
 
-/* Bytes of all cached inverses in a directory, including abandoned temporary files. `oldest` gets the name of the least recently used one other than
-   `kept`, or "". */
+/* Returns the total bytes of the cached inverses in a directory, including abandoned temporary files. `oldest` receives the name of the least recently
+   used file other than `kept`, or "". */
 static double survey(DIR *directory, const char *kept, char oldest[NAME_MAX + 1]) {
     double bytes = 0.0;
     struct stat s;
@@ -197,7 +197,7 @@ static double survey(DIR *directory, const char *kept, char oldest[NAME_MAX + 1]
     return bytes;
 }
 
-/* Splits the path before the file name, which is returned. */
+/* Separates the folder from the file name and returns the latter. */
 static const char *find_folder(const condensed_cache *cache, char folder[sizeof cache->path]) {
     strcpy(folder, cache->path);
     char *slash = strrchr(folder, '/');
@@ -225,7 +225,7 @@ trocar_status condensed_cache_check(const condensed_cache *cache, const symmetri
     return fail(why, TROCAR_SYSTEM, "%s cannot be written: it takes %.3g GB, and there is room for %.3g GB", cache->path, 1e-9 * bytes, 1e-9 * left);
 }
 
-/* Removes abandoned temporary files. On any machine, a file that is still being written is younger than OLD. */
+/* Removes abandoned temporary files. On any machine, writing a file takes less time than OLD. */
 static void remove_halves(const condensed_cache *cache) {
     static const long OLD = 3600; /* s */
     char folder[sizeof cache->path];
@@ -241,7 +241,7 @@ static void remove_halves(const condensed_cache *cache) {
 
 trocar_status condensed_cache_write(const condensed_cache *cache, const int *order, const symmetric_blocks *matrix, report *why) {
     char beside[sizeof cache->path + 32];
-    uint64_t number; /* random, because containers that share the directory may have equal process ids */
+    uint64_t number; /* random, because processes in different containers that share the directory may have the same id */
     silence();
     remove_halves(cache);
     if (getrandom(&number, sizeof number, 0) == sizeof number) {

@@ -10,7 +10,7 @@
 typedef struct {
     int n;
     const int *start, *row;
-    const double *value;     /* values of each column, with the diagonal first */
+    const double *value;     /* values of each column, starting with the diagonal */
 } split;
 
 static double diagonal(const split *k, int i) { return k->value[k->start[i]]; }
@@ -23,7 +23,7 @@ static void solve_lower(const split *k, double *x) {
     }
 }
 
-/* y = (D + L^T)^-1 x, v = L y, in one pass over L */
+/* y = (D + L^T)^-1 x and v = L y, in one pass over L */
 static void solve_upper(const split *k, const double *x, double *y, double *v) {
     memset(v, 0, (size_t)k->n * sizeof *v);
     for (int j = k->n - 1; j >= 0; j--) {
@@ -65,10 +65,11 @@ static void find_residual(const split *k, const double *f, const double *u, doub
 /* Vectors of n numbers each. */
 typedef struct { double *residual, *scaled, *direction, *upper, *product; } workspace;
 
-/* Continues from u until the residual of the transformed system has fallen by the factor `fall`, for at most `steps` steps; decrements `steps`. Returns false
-   if K proves not to be positive definite, or if there is no memory. The system is K' u' = f' with K' = (D + L)^-1 K (D + L^T)^-1, preconditioned by D;
-   directions are z = (D + L^T)^-1 p', with K' p' = z + (D + L)^-1 L^T z. They are made conjugate to the coarse space (Saad et al., A deflated version of the
-   conjugate gradient algorithm, SIAM J. Sci. Comput. 21, 2000), which needs K y = D r' + L y for y = (D + L^T)^-1 D r'. */
+/* Continues from u until the residual of the transformed system has fallen by the factor `fall`, for at most `steps` steps; subtracts the steps done from
+   `steps`. Returns false if K is found not to be positive definite, or if there is no memory. The system is K' u' = f' with K' = (D + L)^-1 K (D +
+   L^T)^-1, preconditioned by D; directions are z = (D + L^T)^-1 p', with K' p' = z + (D + L)^-1 L^T z. They are made conjugate to the coarse space (Saad
+   et al., A deflated version of the conjugate gradient algorithm, SIAM J. Sci. Comput. 21, 2000), which requires K y = D r' + L y for y = (D + L^T)^-1 D
+   r'. */
 static bool search(const split *k, coarse_space *coarse, double fall, int *steps, workspace *w, double *u) {
     int n = k->n;
     double *r = w->residual, *s = w->scaled, *z = w->direction, *y = w->upper, *q = w->product, first = 0.0, last = 0.0;
@@ -97,7 +98,7 @@ static bool search(const split *k, coarse_space *coarse, double fall, int *steps
     return true;
 }
 
-/* Corrects u in the coarse space, so that the residual has no component there. */
+/* Corrects u in the coarse space, so that the residual has no component in this space. */
 static bool correct(const split *k, coarse_space *coarse, const double *f, workspace *w, double *u) {
     if (!coarse) return true;
     if (!coarse_space_solve(coarse, w->residual, w->upper)) return false;
@@ -112,7 +113,7 @@ static bool has_positive_diagonal(const split *k) {
     return true;
 }
 
-/* Factor by which the residual falls between two coarse corrections: rounding reintroduces the components that a correction has removed. */
+/* Factor by which the residual falls between two coarse corrections, because rounding errors reintroduce the components that a correction has removed. */
 static const double COARSE_FALL = 1e-5;
 
 bool conjugate_gradients(const cholmod_sparse *matrix, coarse_space *coarse, double tolerance, int steps, const double *f, double *u) {
@@ -124,19 +125,19 @@ bool conjugate_gradients(const cholmod_sparse *matrix, coarse_space *coarse, dou
     workspace w = {numbers, numbers + n, numbers + 2 * n, numbers + 3 * n, numbers + 4 * n};
     find_residual(&k, f, u, w.residual);
     double left = cblas_dnrm2(k.n, w.residual, 1);
-    if (!(left <= size)) { /* starting from zero is better */
+    if (!(left <= size)) { /* starting from zero is better than from u */
         memset(u, 0, n * sizeof *u);
         memcpy(w.residual, f, n * sizeof *f);
         left = size;
     }
     bool definite = true;
-    while (definite && steps > 0 && left > wanted && left < before) { /* repeats if the true residual has fallen less than that of the transformed system */
+    while (definite && steps > 0 && left > wanted && left < before) { /* repeats if the true residual has fallen by less than that of the transformed system */
         before = 0.9 * left;
         definite = correct(&k, coarse, f, &w, u) && search(&k, coarse, fmax(0.5 * wanted / left, coarse ? COARSE_FALL : DBL_EPSILON), &steps, &w, u);
         find_residual(&k, f, u, w.residual);
         left = cblas_dnrm2(k.n, w.residual, 1);
     }
     free(numbers);
-    bool stagnated = steps > 0 && left >= before && !coarse; /* as close as rounding allows; with a coarse space this criterion is not valid */
+    bool stagnated = steps > 0 && left >= before && !coarse; /* as close as rounding allows; with a coarse space, this criterion is not valid */
     return definite && isfinite(left) && (left <= wanted || stagnated);
 }

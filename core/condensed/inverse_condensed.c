@@ -14,27 +14,28 @@
 #include "condensed/conjugate_gradients.h"
 #include "inverse/inverse_owner.h"
 
-/* The dense inverse between the nodes of a region of interest, K^-1_RR. Displacement fields are found by conjugate gradients, which need no more memory than
-   K. Blocks of other nodes come from a sparse inverse that is created on first use, so that a start from the cache needs neither the factorisation nor K. */
+/* The dense inverse between the nodes of a region of interest, K^-1_RR. Displacement fields are found by conjugate gradients, which need no memory of the
+   size of a factor. Blocks of other nodes come from a sparse inverse that is created on first use, so that a start from the cache requires neither the
+   factorisation nor K. */
 typedef struct {
     inverse shared;
     int *nodes;              /* matrix.count free nodes of the region, in the order of the matrix */
-    int *place;              /* node_count: index in `nodes`, or -1 */
+    int *place;              /* node_count: index of each node in `nodes`, or -1 */
     symmetric_blocks matrix; /* m/N */
     file_mapping mapping;    /* mapping of the cache file with the matrix; empty if the matrix is allocated */
-    pthread_mutex_t assembling;        /* protects K until it is assembled: worker, display and preparation may need it concurrently */
-    pthread_mutex_t factoring;         /* protects the next three members and the factor, for a minute or more; displacement fields do not wait for it */
-    _Atomic(inverse *) rest; /* sparse inverse for other nodes; NULL: not needed yet, or failed */
+    pthread_mutex_t assembling;        /* protects K until it is assembled, because worker, display and preparation may need K concurrently */
+    pthread_mutex_t factoring;         /* protects the next three members and the factor, for up to a minute or more; displacement fields do not wait for it */
+    _Atomic(inverse *) rest; /* sparse inverse for other nodes; NULL if not needed yet, or if its creation failed */
     trocar_status rest_status;
-    report no_rest;          /* reason of the failure */
-    coarse_space *coarse;    /* coarse space for conjugate gradients; NULL: not needed yet, or failed */
+    report no_rest;          /* reason for which its creation failed */
+    coarse_space *coarse;    /* coarse space for conjugate gradients; NULL if not needed yet, or if its creation failed */
     bool coarse_sought;
     int given_count, *given; /* the region's nodes in the caller's order */
 } condensed_inverse;
 
 /* ---- the rest of the body --------------------------------------------------------------------------------------------- */
 
-/* Assembles K once; then other threads may read it. */
+/* Assembles K once; afterwards, other threads may read it. */
 static trocar_status assemble(condensed_inverse *c, report *why) {
     tissue *t = c->shared.tissue;
     if (atomic_load(&t->assembled)) return TROCAR_OK;
@@ -44,7 +45,8 @@ static trocar_status assemble(condensed_inverse *c, report *why) {
     return status;
 }
 
-/* A failure is final, because each attempt would take minutes. A shortage of memory at the beginning is not final, if there is enough now. */
+/* A failure is normally final, because each attempt would take minutes. A shortage of memory at the beginning is not final if enough memory has become
+   available. */
 static bool is_final(const condensed_inverse *c) {
     double refused = c->shared.tissue->refused;
     return c->rest_status != TROCAR_OK && !(c->rest_status == TROCAR_NO_MEMORY && refused > 0.0 && refused <= memory_available());
@@ -83,10 +85,10 @@ static void look_up(const condensed_inverse *c, int row, int column, double *out
         symmetric_blocks_get(&c->matrix, c->place[row], c->place[column], out, ld);
         return;
     }
-    for (int a = 0; a < 3; a++) memset(out + (size_t)a * (size_t)ld, 0, 3 * sizeof *out); /* a node in the region but not in the matrix is fixed */
+    for (int a = 0; a < 3; a++) memset(out + (size_t)a * (size_t)ld, 0, 3 * sizeof *out); /* a node that is in the region but not in the matrix is fixed */
 }
 
-/* Copies blocks of the region; other blocks are requested from the sparse inverse. */
+/* Copies blocks within the region; requests other blocks from the sparse inverse. */
 static trocar_status condensed_gather(inverse *inv, const inverse_blocks *blocks, report *why) {
     condensed_inverse *c = (condensed_inverse *)inv;
     if (!is_inside(c, blocks->row_count, blocks->rows) || !is_inside(c, blocks->column_count, blocks->columns)) {
@@ -100,11 +102,13 @@ static trocar_status condensed_gather(inverse *inv, const inverse_blocks *blocks
     return TROCAR_OK;
 }
 
-static const double FIELD_TOLERANCE = 1e-10; /* relative to the force */
-enum { COARSE_STEPS = 1000 };                /* limit with a coarse space; 45 suffice at 20 000 and at 45 000 nodes */
-enum { FIELD_STEPS = 20000 };                /* limit without a coarse space; 3000 suffice for a gland 2000 times stiffer at nu = 0.499 and 4985 nodes */
+static const double FIELD_TOLERANCE = 1e-10; /* residual relative to the force */
+enum { COARSE_STEPS = 1000 };                /* iteration limit with a coarse space; 45 iterations suffice with 20 000 and with 45 000 nodes */
+enum { FIELD_STEPS = 20000 };                /* iteration limit without a coarse space; 3000 iterations suffice with 4985 nodes and nu = 0.499 for a gland
+                                                2000 times stiffer than its surroundings */
 
-/* Drops a coarse space that does not converge (gland 2000 times stiffer at nu = 0.499). */
+/* Solves by conjugate gradients; discards a coarse space that does not converge (for example, with nu = 0.499 and a gland 2000 times stiffer than its
+   surroundings). */
 static bool search(condensed_inverse *c, const double *force, double *displacement) {
     const tissue *t = c->shared.tissue;
     if (!c->coarse_sought) c->coarse = coarse_space_create(t);
@@ -152,7 +156,7 @@ static const inverse_owner condensed_owner = {"condensed", condensed_gather, con
 
 /* ---- creation --------------------------------------------------------------------------------------------------------- */
 
-/* Maps the matrix from the cache, or computes and caches it. */
+/* Maps the matrix from the cache; if it is not cached, computes and saves it. */
 static trocar_status fill(condensed_inverse *c, const condensed_region *region, report *notice, report *why) {
     const tissue *t = c->shared.tissue;
     int count = c->matrix.count;

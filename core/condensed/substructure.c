@@ -7,18 +7,18 @@
 
 #include "tissue/node_order.h"
 
-/* Rows and columns per tile (whole 3 x 3 blocks) in which fronts are added to the region's triangle. */
+/* Rows and columns of a tile, in whole 3 x 3 blocks. Fronts are added to the region's triangle tile by tile. */
 enum { TILE = 288 };
 
-/* Response of a part of the body to a load: |load|^2, and the energy |L^-1 load|^2 = load^T K^-1 load with the rest of the body fixed. */
+/* Response of a part of the body to a load: |load|^2, and the energy |L^-1 load|^2 = load^T K^-1 load while the rest of the body is fixed. */
 typedef struct { double squares, energy; } response;
 
 /* ---- plan ------------------------------------------------------------------------------------------------------------- */
 
-/* Size of a front in nodes. Its rows are the pivots, then nodes that are eliminated later, then nodes of the region. */
+/* Size of a front, in nodes. Its rows are the pivots, followed by nodes that are eliminated later, followed by nodes of the region. */
 typedef struct {
-    const int *rows;         /* positions in the order, ascending */
-    int pivots, columns, count; /* columns: pivots and nodes eliminated later */
+    const int *rows;         /* positions of the rows in the elimination order, ascending */
+    int pivots, columns, count; /* columns: number of pivots plus nodes eliminated later */
 } extent;
 
 static extent extent_of(const substructure *s, int front) {
@@ -31,7 +31,7 @@ static extent extent_of(const substructure *s, int front) {
     return e;
 }
 
-/* Memory of a front after its pivots are eliminated, until its parent takes over the remainder. */
+/* Memory of a front from the elimination of its pivots until its parent has taken over the remainder. */
 static double rest_bytes(const extent *e) { return panels_bytes(3 * (e->count - e->pivots), 3 * (e->columns - e->pivots)); }
 
 static double operations_of(const extent *e) {
@@ -43,7 +43,7 @@ static double operations_of(const extent *e) {
 /* Peak memory of a subtree's elimination, and the memory that remains allocated afterwards. */
 typedef struct { double peak, rest; } memory_estimate;
 
-/* Inserts a child into the list by the order of elimination: the largest peak relative to the remaining memory comes first (Liu 1986). */
+/* Inserts a child into the list in the order of elimination: the one with the largest peak relative to the remaining memory comes first (Liu 1986). */
 static void insert_child(substructure *s, const memory_estimate *estimates, int *list, int child) {
     double key = estimates[child].peak - estimates[child].rest;
     while (*list >= 0 && estimates[*list].peak - estimates[*list].rest >= key) list = &s->next[*list];
@@ -51,7 +51,7 @@ static void insert_child(substructure *s, const memory_estimate *estimates, int 
     *list = child;
 }
 
-/* Memory of a front's later columns that remains after its parent has taken over the columns before its own row `end`. */
+/* Memory of a front's later columns that remains after its parent has taken over the columns before the parent's row `end`. */
 static double left_bytes(const extent *e, const int *local, int end) {
     enum { WIDTH = PANEL_WIDTH / 3 };
     double numbers = 0.0;
@@ -62,7 +62,7 @@ static double left_bytes(const extent *e, const int *local, int end) {
     return sizeof(double) * numbers;
 }
 
-/* Peak memory while a front is eliminated: its panels are created one by one and take over its children's columns. */
+/* Peak memory during the elimination of a front: its panels are created one by one, and take over the columns of its children. */
 static double front_peak(const substructure *s, const extent *e, int first_child, const int *local) {
     double here = 0.0, peak = 0.0;
     panels own;
@@ -107,7 +107,7 @@ static bool find_sequence(substructure *s, int root) {
 
 enum { PANEL_NODES = PANEL_WIDTH / 3 };
 
-/* Finds the blocks of the region's triangle that have entries, and the number of operations of its factorisation. */
+/* Finds the blocks of the region's triangle that have entries, and the number of operations needed to factorise it. */
 static bool find_filled(substructure *s) {
     const int *super = s->symbolic->super, *pi = s->symbolic->pi, *rows = s->symbolic->s;
     int count = (s->region_count + PANEL_NODES - 1) / PANEL_NODES;
@@ -162,7 +162,7 @@ static int compare_places(const void *a, const void *b) {
     return left->place != right->place ? (left->place > right->place) - (left->place < right->place) : (left->node > right->node) - (left->node < right->node);
 }
 
-/* Sorts nodes by their first neighbour among order[placed], and appends them. */
+/* Sorts nodes by their first neighbour in order[placed], and appends them. */
 static bool sort_by_neighbours(const cholmod_sparse *graph, int placed, int count, const int *nodes, int *order) {
     const int *start = graph->p, *row = graph->i;
     int all = (int)graph->nrow;
@@ -185,8 +185,8 @@ static bool sort_by_neighbours(const cholmod_sparse *graph, int placed, int coun
     return done;
 }
 
-/* Orders first the nodes outside the region, then the region's nodes without neighbours outside, then the region's border. The elimination of the outside
-   couples only the border, so many blocks of the region's triangle stay empty. The border is sorted so that the filled blocks are contiguous. */
+/* Orders the nodes outside the region first, then the region's nodes without neighbours outside, then those on its border. The elimination of the outside
+   couples only the border nodes, so many blocks of the region's triangle stay empty. The border nodes are sorted so that the filled blocks are contiguous. */
 static bool order_nodes(const substructure *s, const cholmod_sparse *graph, const bool *last, int *order) {
     enum { OUTSIDE, INNER, BORDER, GROUPS };
     const int *start = graph->p, *row = graph->i;
@@ -239,13 +239,13 @@ static bool plan(substructure *s, const bool *last) {
     for (size_t i = 0; i < fronts; i++) s->first_child[i] = s->next[i] = -1;
     double matrix = matrix_bytes(s->tissue), tiles = (double)TILE * TILE * team_members(s->team) * sizeof(double);
     s->bytes = matrix + tiles + panels_bytes(3 * s->region_count, 3 * s->region_count);
-    s->bytes += (double)nodes * (2.0 * sizeof(int) + sizeof(response)); /* scratch of the elimination, per node */
+    s->bytes += (double)nodes * (2.0 * sizeof(int) + sizeof(response)); /* scratch of the elimination for each node */
     if (!find_filled(s) || !find_tree(s)) return false;
-    s->bytes = fmax(s->bytes, 2.0 * matrix); /* reordering K requires another copy */
+    s->bytes = fmax(s->bytes, 2.0 * matrix); /* a second copy of K is needed to reorder it */
     return true;
 }
 
-/* Lists the region's nodes in the order of the triangle. */
+/* Lists the region's nodes in the order of the triangle's rows. */
 static bool list_nodes(const substructure *s, int count, const int *region, int *nodes) {
     const tissue *t = s->tissue;
     const int *order = s->symbolic->Perm;
@@ -284,24 +284,24 @@ void substructure_free(substructure *s) {
 
 typedef struct {
     extent size;
-    panels matrix;           /* columns of pivots and of nodes eliminated later; all rows */
+    panels matrix;           /* columns of the pivots and of nodes eliminated later, with all rows */
     int pivot_panels;
     double *load;            /* 3 size.count */
-    response below;          /* response of the pivots of this front and of all fronts below it */
-    int taken, taken_panels; /* number of columns and panels that the parent has taken over */
+    response below;          /* response of the pivots of this front and of all fronts below it in the tree */
+    int taken, taken_panels; /* numbers of columns and panels that the parent has taken over */
 } front;
 
 typedef struct {
     const substructure *plan;
-    cholmod_sparse *k;       /* K in the order of elimination, lower triangle */
-    front **fronts;          /* fronts by supernode; NULL: not started, or taken over */
+    cholmod_sparse *k;       /* lower triangle of K in the order of elimination */
+    front **fronts;          /* front of each supernode; NULL if not started, or if taken over by its parent */
     panels *corner;
     int *local;              /* plan->nodes: row of each node in the current front */
-    double *load;            /* load on the region, 3 region_count */
+    double *load;            /* load on the region, 3 region_count entries */
     double *tiles;           /* scratch: TILE x TILE for each team member */
-    int *piece;              /* plan->nodes: another node of the same connected piece; at the end, its representative */
-    response *of_piece;      /* plan->nodes: response of each piece, by representative */
-    double norm;             /* K's largest column sum, an upper bound of its largest eigenvalue */
+    int *piece;              /* plan->nodes: another node of the same connected piece; after the search, its representative */
+    response *of_piece;      /* plan->nodes: response of each piece, indexed by its representative */
+    double norm;             /* largest column sum of K, which is an upper bound of its largest eigenvalue */
     inverse_progress progress;
     report *why;
     double done;             /* operations completed */
@@ -312,7 +312,7 @@ static void show(inverse_progress progress, double fraction) {
     if (progress.show) progress.show("eliminating the tissue outside the region", fraction, progress.context);
 }
 
-/* Reports progress: the fronts before this one, plus `here` operations of this one. CANCELLED. */
+/* Reports progress: the operations of all previous fronts, plus `here` operations of this one. CANCELLED. */
 static trocar_status show_done(elimination *e, double here) {
     int percent = (int)(100.0 * (e->done + here) / e->plan->operations);
     if (percent <= e->shown || percent >= 100) return TROCAR_OK;
@@ -344,10 +344,10 @@ static front *front_create(const extent *e) {
 
 static double load_at(const substructure *s, int row) { return tissue_test_load(3 * ((const int *)s->symbolic->Perm)[row / 3] + row % 3); }
 
-/* Column number `column` of the whole matrix, in its panel. Its rows start at p->first. */
+/* Returns column number `column` of the whole matrix, which is in this panel. Its rows start at p->first. */
 static double *column_at(const panel *p, int column) { return (double *)p->values + (size_t)(column - p->first) * (size_t)p->rows; }
 
-/* Adds K's columns of these pivots, [first, first + width) of the front. */
+/* Adds the columns of K for these pivots, [first, first + width) of the front. */
 static void add_stiffness(const elimination *e, front *f, panel *p) {
     const int *start = e->k->p, *row = e->k->i;
     const double *value = e->k->x;
@@ -361,7 +361,7 @@ static void add_stiffness(const elimination *e, front *f, panel *p) {
     }
 }
 
-/* Groups of a child's nodes [child->taken, end), which are added to a panel. */
+/* Groups of those nodes of a child, [child->taken, end), that are added to a panel. */
 typedef struct {
     const elimination *elimination;
     const front *child;
@@ -389,7 +389,7 @@ static void add_columns(void *context, int i, int member) {
     }
 }
 
-/* Adds a child's columns to this panel, and frees the child's completed panels. */
+/* Adds a child's columns to this panel, and frees those panels of the child that have been added completely. */
 static void add_child(const elimination *e, front *child, panel *p) {
     const extent *c = &child->size;
     addition a = {e, child, p, child->taken};
@@ -416,7 +416,7 @@ static void subtract_tile(void *context, int i, int member) {
     const elimination *e = c->elimination;
     const front *f = c->front;
     const int *rows = f->size.rows + f->size.columns, *region = e->plan->region;
-    int above = (int)((sqrt(8.0 * i + 1.0) - 1.0) / 2.0), count = 3 * (f->size.count - f->size.columns); /* rows of tiles */
+    int above = (int)((sqrt(8.0 * i + 1.0) - 1.0) / 2.0), count = 3 * (f->size.count - f->size.columns); /* above: number of rows of tiles above this tile */
     int row = above * TILE, column = (i - above * (above + 1) / 2) * TILE;
     int height = count - row < TILE ? count - row : TILE, width = count - column < TILE ? count - column : TILE;
     double *tile = e->tiles + (size_t)member * TILE * TILE;
@@ -442,18 +442,19 @@ static int piece_of(const elimination *e, int place) {
     return place;
 }
 
-/* Adds the energy of one node, given its part of L^-1 load, to its piece. */
+/* Adds the energy of one node to its piece, given the node's part of L^-1 load. */
 static double add_energy(elimination *e, int place, const double y[3]) {
     double energy = y[0] * y[0] + y[1] * y[1] + y[2] * y[2];
     e->of_piece[piece_of(e, place)].energy += energy;
     return energy;
 }
 
-/* The ratio of |load|^2 to the energy is an upper bound of the part's smallest eigenvalue, and close to it if the part is loose. With the rest of the body
-   fixed, no part has a smaller eigenvalue than the whole (interlacing). A test of the whole body would miss a small loose part beside a large one. */
+/* The ratio of |load|^2 to the energy is an upper bound of the part's smallest eigenvalue, and close to it if the part is loose. While the rest of the
+   body is fixed, no part has a smaller eigenvalue than the whole body (interlacing). A test of the whole body would miss a small loose part next to a
+   large one. */
 static bool is_constrained(const elimination *e, const response *part) { return part->squares >= LOOSE_BODY * e->norm * part->energy; }
 
-/* Solves L y = load for the pivots, and passes the remaining load to the parent. */
+/* Solves L y = load for the pivots and passes the rest of the load to the parent. */
 static void pass_load(elimination *e, front *f) {
     panels_forward(&f->matrix, f->pivot_panels, f->load);
     for (int row = 0; row < f->size.pivots; row++) f->below.energy += add_energy(e, f->size.rows[row], f->load + 3 * row);
@@ -514,7 +515,7 @@ static cholmod_sparse *reorder(const substructure *s) {
     return lower;
 }
 
-/* Copies K and the load between the nodes of the region. */
+/* Copies the parts of K and of the load between the nodes of the region. */
 static bool begin_corner(elimination *e) {
     const substructure *s = e->plan;
     const int *start = e->k->p, *row = e->k->i;

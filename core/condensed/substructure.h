@@ -1,7 +1,7 @@
-/* The factor of a region's stiffness after all other nodes are eliminated: L_RR L_RR^T = K_RR - K_RI K_II^-1 K_IR (Schur complement). Multifrontal (Duff and
-   Reid, ACM TOMS 9, 1983; Liu, SIAM Review 34, 1992), with CHOLMOD's order and supernodes for the graph of the nodes rather than of the dofs, so that its
-   32-bit indices suffice for 250 000 nodes. Columns of the factor outside the region are freed as soon as they have been applied. Their contribution to the
-   region is subtracted there at once, instead of being passed from front to front. */
+/* The factor of a region's stiffness after the elimination of all other nodes: L_RR L_RR^T = K_RR - K_RI K_II^-1 K_IR (Schur complement). The method is
+   multifrontal (Duff and Reid, ACM TOMS 9, 1983; Liu, SIAM Review 34, 1992). It uses CHOLMOD's order and supernodes for the graph of the nodes rather than
+   of the dofs, so that CHOLMOD's 32-bit indices suffice for 250 000 nodes. Columns of the factor outside the region are freed as soon as they have been
+   applied. Their contribution to the region is subtracted immediately, instead of being passed from front to front. */
 #ifndef TROCAR_SUBSTRUCTURE_H
 #define TROCAR_SUBSTRUCTURE_H
 
@@ -10,15 +10,15 @@
 
 typedef struct {
     tissue *tissue;
-    team *team;              /* shares the work; NULL: only the calling thread works */
+    team *team;              /* shares the work; NULL if the calling thread works alone */
     cholmod_factor *symbolic; /* symbolic factor of the nodes' graph */
     int nodes;               /* free nodes */
-    int region_count;        /* nodes of the region */
-    int *region;             /* per position in the order: the node's index in the region, or -1 */
-    bool *filled;            /* blocks of the region's triangle with entries, see `panels` */
-    int *first_child, *next; /* tree of the fronts, by supernode: first child, and next sibling by decreasing memory; -1: none */
+    int region_count;        /* number of the region's nodes */
+    int *region;             /* for each position in the order: index in the region of the node, or -1 */
+    bool *filled;            /* for each block of the region's triangle: true if it has entries, see `panels` */
+    int *first_child, *next; /* tree of the fronts by supernode: first child, and next sibling in the order of decreasing memory; -1 if there is none */
     int *sequence;           /* fronts in the order of their elimination */
-    double bytes;            /* peak memory of the elimination: fronts, the region's triangle, its scratch, and K in this order */
+    double bytes;            /* peak memory of the elimination, including fronts, the region's triangle, its scratch, and K in the order of elimination */
     double operations;
 } substructure;
 
@@ -27,7 +27,7 @@ typedef struct {
 trocar_status substructure_plan(tissue *t, team *team, int count, const int *region, int *nodes, substructure *s, report *why);
 void substructure_free(substructure *s);
 
-/* Computes `corner`, L_RR, identical to the bit for any team. BLAS must use one thread. NO_MEMORY; BAD_INPUT if the fixed nodes do not constrain the body. */
+/* Computes `corner`, L_RR, bitwise identical for any team. BLAS must use one thread. NO_MEMORY; BAD_INPUT if the fixed nodes do not constrain the body. */
 trocar_status substructure_eliminate(const substructure *s, panels *corner, inverse_progress progress, report *why);
 
 #endif

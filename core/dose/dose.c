@@ -16,15 +16,15 @@ typedef struct {
     trocar_dose_seed given;
 } listed_seed;
 
-/* At most 4095 seeds of at most 2^51 quanta each, so sums stay below 2^63. */
+/* There are at most 4095 seeds, with at most 2^51 quanta each, so sums are below 2^63. */
 struct trocar_dose {
     const trocar_dose_source *source;
     int64_t count;           /* points */
-    trocar_dose_grid grid;   /* used if `points` is NULL */
-    double *points;          /* [count][3], m, at rest; NULL: the grid is used */
-    double *moved;           /* [count][3], m, displaced; NULL before the first displacement */
-    bool displaced;          /* true: `moved` replaces `points` */
-    int64_t *quanta;         /* [count], dose in TROCAR_DOSE_QUANTUM */
+    trocar_dose_grid grid;   /* the grid; used if `points` is NULL */
+    double *points;          /* [count][3], m, positions at rest; NULL if the grid is used */
+    double *moved;           /* [count][3], m, displaced positions; NULL before the first displacement */
+    bool displaced;          /* true if `moved` is used in place of `points` */
+    int64_t *quanta;         /* [count], dose in multiples of TROCAR_DOSE_QUANTUM */
     listed_seed *seeds;      /* room for `room` seeds, of which seed_count are used */
     int seed_count, room;
     int32_t next_id;
@@ -114,9 +114,9 @@ static seed_place place_of(const trocar_dose_seed *seed) {
 
 static int block_size(int64_t first, int64_t count) { return count - first < TG43_BLOCK ? (int)(count - first) : TG43_BLOCK; }
 
-/* Adds a seed's dose to all points, or subtracts exactly the same numbers. */
+/* Adds a seed's dose to all points, or subtracts exactly the same numbers, depending on `sign`. */
 static void accumulate(trocar_dose *d, const trocar_dose_seed *seed, int64_t sign) {
-    const double round = 0x1.8p52; /* adding this to a number below 2^51 leaves it, rounded, in the last bits */
+    const double round = 0x1.8p52; /* when this is added to a number below 2^51, the last bits of the sum are the rounded number */
     int64_t round_bits;
     memcpy(&round_bits, &round, sizeof round_bits);
     seed_place place = place_of(seed);

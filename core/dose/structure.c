@@ -1,4 +1,4 @@
-/* trocar.h: voxels inside an organ. */
+/* trocar.h: the voxels inside an organ. */
 #include <math.h>
 #include <stdbool.h>
 #include <stdint.h>
@@ -11,7 +11,7 @@
 static const double MAX_VOXELS = 0x1p28;
 static const double FARTHEST = 1000.0; /* m */
 
-/* Position of a voxel's centre in a tetrahedron. */
+/* Position of a voxel's centre inside a tetrahedron. */
 typedef struct {
     int32_t node[4];
     double weight[4];
@@ -24,7 +24,7 @@ struct trocar_structure {
     tet_place *places;       /* [count]; NULL if the structure was made from a surface */
 };
 
-/* Voxels of a box around an organ; centres are at (first + index + 1/2) spacing. */
+/* The voxels of a box around an organ, with their centres at (first + index + 1/2) spacing. */
 typedef struct {
     double spacing;
     int64_t first[3], counts[3], total;
@@ -37,7 +37,7 @@ static vec3 node_of(const trocar_mesh *mesh, int32_t index) {
 
 static double coordinate(vec3 p, int axis) { return axis == 0 ? p.x : axis == 1 ? p.y : p.z; }
 
-/* Index of the first voxel whose centre is not before x, counted from the first voxel of the lattice. It may be outside the lattice. */
+/* Returns the index, counted from the first voxel of the lattice, of the first voxel whose centre is not below x. It may be outside the lattice. */
 static int64_t voxel_from(const lattice *l, int axis, double x) { return (int64_t)ceil(x / l->spacing - 0.5) - l->first[axis]; }
 static double centre_of(const lattice *l, int axis, int64_t index) { return l->spacing * ((double)(l->first[axis] + index) + 0.5); }
 
@@ -49,7 +49,7 @@ static trocar_status check_node(const trocar_mesh *mesh, const char *what, int e
     return fail(why, TROCAR_BAD_INPUT, "node %d is at (%g, %g, %g): expected finite numbers, at most 1000 m", node, p.x, p.y, p.z);
 }
 
-/* Finds the lattice around the given elements, which have `corners` nodes each. */
+/* Finds the lattice around the given elements, each of which has `corners` nodes. */
 static trocar_status find_lattice(const trocar_mesh *mesh, const char *what, const int32_t *elements, int count, int corners, const int32_t *group, int chosen,
                                   double spacing, lattice *l, report *why) {
     double low[3] = {INFINITY, INFINITY, INFINITY}, high[3] = {-INFINITY, -INFINITY, -INFINITY};
@@ -106,10 +106,10 @@ static void put_centre(const lattice *l, int64_t voxel, double point[3]) {
 
 /* ---- tetrahedra ------------------------------------------------------------------------------------------------------------------ */
 
-/* Frame for barycentric coordinates in a tetrahedron. */
+/* Data for the barycentric coordinates in a tetrahedron. */
 typedef struct {
     vec3 origin;
-    mat3 inverse;            /* inverse of the matrix of edges from the origin */
+    mat3 inverse;            /* inverse of the matrix whose columns are the edges from the origin */
 } tet_frame;
 
 /* Returns false if the tetrahedron is flat. */
@@ -127,7 +127,7 @@ static void weights_of(const tet_frame *frame, vec3 p, double weight[4]) {
     weight[3] = w.z;
 }
 
-/* A centre on a face counts as inside for both neighbours, and rounding leaves no gap between them. */
+/* A centre on a face counts as inside both adjacent tetrahedra, so rounding leaves no gap between them. */
 static bool is_inside(const double w[4]) {
     const double tolerance = -1e-12;
     return w[0] >= tolerance && w[1] >= tolerance && w[2] >= tolerance && w[3] >= tolerance;
@@ -137,7 +137,7 @@ static void corners_of(const trocar_mesh *mesh, int32_t tet, vec3 corner[4]) {
     for (int c = 0; c < 4; c++) corner[c] = node_of(mesh, mesh->tets[4 * (int64_t)tet + c]);
 }
 
-/* Assigns a tetrahedron's number plus 1 to its voxels, unless they have one. Returns the number of voxels assigned. */
+/* Assigns a tetrahedron's number plus 1 to those of its voxels that have no number yet. Returns how many were assigned. */
 static int64_t claim(const trocar_mesh *mesh, int32_t tet, const lattice *l, int32_t *owner) {
     vec3 corner[4];
     int64_t from[3], to[3], claimed = 0;
@@ -209,7 +209,7 @@ static int by_nodes(const void *a, const void *b) {
 
 static bool is_of_surface(const trocar_mesh *mesh, int triangle, int surface) { return !mesh->triangle_surface || mesh->triangle_surface[triangle] == surface; }
 
-/* Checks that every edge belongs to an even number of triangles. */
+/* Checks that the surface is closed: every edge must belong to an even number of triangles. */
 static trocar_status check_closed(const trocar_mesh *mesh, int surface, report *why) {
     edge *edges = malloc(3 * (size_t)mesh->triangle_count * sizeof *edges);
     if (!edges) return fail(why, TROCAR_NO_MEMORY, "no memory for the edges of %d triangles", mesh->triangle_count);
@@ -233,7 +233,7 @@ static trocar_status check_closed(const trocar_mesh *mesh, int surface, report *
     return status;
 }
 
-/* Point where an edge crosses the plane of this x. Both triangles at the edge compute the same numbers. */
+/* Finds the point where an edge crosses the plane with this x. Both triangles at the edge compute exactly the same numbers. */
 static bool cross_edge(const trocar_mesh *mesh, int32_t a, int32_t b, double x, double at[2]) {
     vec3 p = node_of(mesh, a < b ? a : b), q = node_of(mesh, a < b ? b : a);
     if ((p.x <= x) == (q.x <= x)) return false;
@@ -243,8 +243,8 @@ static bool cross_edge(const trocar_mesh *mesh, int32_t a, int32_t b, double x, 
     return true;
 }
 
-/* Marks the first voxel above the triangle in each column: a centre with an odd number of marks below it is inside. In the plane of each x, the triangles'
-   sections are closed polygons, and a line of constant y crosses them an even number of times, even through corners. */
+/* In each column of voxels, marks the first voxel above the triangle; a centre with an odd number of marks at or below it is inside. In the plane of each
+   x, the sections of the triangles are closed polygons; a line of constant y crosses them an even number of times, even if it passes through corners. */
 static void mark_triangle(const trocar_mesh *mesh, const int32_t node[3], const lattice *l, uint8_t *marks) {
     vec3 a = node_of(mesh, node[0]), b = node_of(mesh, node[1]), c = node_of(mesh, node[2]);
     int64_t to = voxel_from(l, 0, fmax(a.x, fmax(b.x, c.x)));
@@ -264,7 +264,7 @@ static void mark_triangle(const trocar_mesh *mesh, const int32_t node[3], const 
     }
 }
 
-/* Converts marks to 1 for voxels inside. Returns the number of voxels inside. */
+/* Converts the marks to 1 for voxels that are inside and 0 for others. Returns the number of voxels inside. */
 static int64_t fill(const lattice *l, uint8_t *marks) {
     int64_t count = 0;
     for (int64_t column = 0; column < l->total; column += l->counts[2]) {

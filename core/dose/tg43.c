@@ -21,11 +21,11 @@ static inline double atan_over(double t) {
     return sum;
 }
 
-/* exp(x) for -700 <= x <= 700: 2^n times the Taylor series of the remainder, relative error 1e-14. */
+/* exp(x) for -700 <= x <= 700: 2^n times the Taylor series of the exponential of the remainder; relative error 1e-14. */
 static inline double exponential(double x) {
-    const double round = 0x1.8p52; /* adding this constant to an integer moves the integer into the last bits */
+    const double round = 0x1.8p52; /* when this is added to an integer, the last bits of the sum are that integer */
     double shifted = x * 1.44269504088896340736 + round, n = shifted - round;
-    double rest = (x - n * 0x1.62e42fefa38p-1) - n * 0x1.ef35793c7673p-45; /* ln 2 in two parts */
+    double rest = (x - n * 0x1.62e42fefa38p-1) - n * 0x1.ef35793c7673p-45; /* ln 2, split into two parts */
     double sum = 1.0 / 39916800.0;
     static const double c[] = {1.0, 1.0, 1.0 / 2, 1.0 / 6, 1.0 / 24, 1.0 / 120, 1.0 / 720, 1.0 / 5040, 1.0 / 40320, 1.0 / 362880, 1.0 / 3628800};
     for (int i = 10; i >= 0; i--) sum = sum * rest + c[i];
@@ -37,22 +37,22 @@ static inline double exponential(double x) {
     return sum * power;
 }
 
-/* Moves i to the interval of `start` that contains x: start[i] <= x < start[i + 1], 0 <= i < count. */
+/* Returns the interval of `start` that contains x, searching from interval i: start[i] <= x < start[i + 1], 0 <= i < count. */
 static inline int walk(const double *start, int count, int i, double x) {
     while (i + 1 < count && x >= start[i + 1]) i++;
     while (i > 0 && x < start[i]) i--;
     return i;
 }
 
-/* Angle between the x axis and the vector (x, y), y >= 0, rad. */
+/* Angle (rad) between the x axis and the vector (x, y), where y >= 0. */
 static inline double angle_of(double x, double y) {
     double across = fabs(x), low = y < across ? y : across, high = y < across ? across : y, t = low / high, a = t * atan_over(t);
     a = y > across ? 0.5 * PI - a : a;
     return x < 0.0 ? PI - a : a;
 }
 
-/* beta / (L rho) of a line of length L on the axis, at distance `radius` from its centre and rho from the axis; beta = atan2(L rho, radius^2 - L^2 / 4).
-   Finite on the axis beyond the line's ends. */
+/* beta / (L rho) for a line of length L on the axis, where `radius` is the distance from its centre, rho is the distance from the axis, and beta = atan2(L
+   rho, radius^2 - L^2 / 4). Finite on the axis beyond the line's ends. */
 static inline double geometry(double length, double rho, double radius_squared) {
     double y = length * rho, x = radius_squared - 0.25 * length * length, across = fabs(x);
     double low = y < across ? y : across, high = y < across ? across : y, q = atan_over(low / high), a = low / high * q;
@@ -65,7 +65,7 @@ void tg43_rates(const trocar_dose_source *s, const seed_place *seed, const doubl
     double radius[TG43_BLOCK], degrees[TG43_BLOCK], geometric[TG43_BLOCK], log_g[TG43_BLOCK], f[TG43_BLOCK];
     const vec3 c = seed->centre, a = seed->axis;
     const double length = s->active_length, half = 0.5 * s->capsule_length, wall = 0.5 * s->capsule_diameter;
-    const double scale = 0.01 * s->dose_rate_constant / geometry(length, 1.0, 1.0); /* cGy -> Gy */
+    const double scale = 0.01 * s->dose_rate_constant / geometry(length, 1.0, 1.0); /* converts cGy to Gy */
 
     /* Computes cylindrical coordinates in cm, then r, theta and G. */
     for (int i = 0; i < count; i++) {

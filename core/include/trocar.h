@@ -16,15 +16,15 @@
    Functions that can fail return a status and write one message, with place and remedy, into `error`, which may be NULL. No function prints, exits or
    changes signal handlers. *_free accepts NULL.
 
-   Each function carries a mark: the threads that may call it, and whether it suits a real-time thread.
+   Each function is marked with the threads that may call it, and with whether it suits a real-time thread.
 
        [any]        any thread, at any time
        [one]        one thread at a time for each object
        [tick]       the thread that ticks the simulation; another thread may work at the same time
-       [work]       the thread that works for the simulation; the ticking thread may tick at the same time
+       [work]       the worker thread of the simulation; the ticking thread may tick at the same time
        [alone]      while no other thread uses the simulation
        RT           neither allocates, locks, waits nor makes system calls
-       RT, wakes    the same, except for one write() to an eventfd if the worker has something to do
+       RT, wakes    as RT, except for one write() to an eventfd if the worker has something to do
        allocates    allocates memory */
 #ifndef TROCAR_H
 #define TROCAR_H

@@ -15,7 +15,7 @@ typedef struct {
     double spacing;              /* m, between the centres of adjacent seeds of a strand */
 } seed_size;
 
-/* A seed in the tissue, or the planned position of a pending one. */
+/* A seed in the tissue, or the planned position of a seed still in the needle. */
 typedef struct {
     int tet;                     /* nominal element of its centre */
     double weights[4];           /* barycentric weights of its centre in that element */
@@ -23,21 +23,21 @@ typedef struct {
     vec3 direction;              /* unit vector from its proximal to its distal end, in the undeformed tissue */
     int needle;                  /* index of the needle that deposited it */
     int guide, hole;             /* guide and hole that the needle was in; NO_HOLE: none */
-    int strand;                  /* number in its strand; 0 is the distal seed */
+    int strand;                  /* number of the seed in its strand; 0 is the distal seed */
 } seed;
 
-/* The seeds of one drop; those from index `placed` on are still in the needle. */
+/* The seeds of one drop. Those from index `placed` on are still in the needle. */
 typedef struct {
     int count, placed;
     seed seeds[MAX_STRAND];      /* seeds in order from the distal to the proximal end */
-    double uncovered[MAX_STRAND]; /* m, depth of the tip at which each seed is deposited: the depth of its proximal end */
+    double uncovered[MAX_STRAND]; /* m, depth of the tip at which each seed leaves the needle: the depth of its proximal end */
 } seed_drop;
 
-/* All seeds of a simulation; they remain when needles are reset or removed. */
+/* All seeds of a simulation. They stay in the tissue when needles are reset or removed. */
 typedef struct {
     int count;
     seed seeds[MAX_SEEDS];       /* seeds in the order of placement */
-    seed_drop drops[MAX_NEEDLES]; /* the last drop of each needle */
+    seed_drop drops[MAX_NEEDLES]; /* the most recent drop of each needle */
 } seed_list;
 
 /* Copies only the entries in use, because the arrays are large. RT */
@@ -47,31 +47,31 @@ static inline void seeds_copy(const seed_list *from, int needle_count, seed_list
     memcpy(to->drops, from->drops, (size_t)needle_count * sizeof *from->drops);
 }
 
-/* Why seeds cannot be dropped or taken back. */
+/* Reasons why seeds cannot be dropped or taken back. */
 typedef enum {
     SEEDS_ACCEPTED, SEEDS_BAD_COUNT, SEEDS_BAD_SPACING, SEEDS_TOO_THICK, SEEDS_PENDING, SEEDS_FULL, SEEDS_OUTSIDE, SEEDS_TOO_LONG, SEEDS_NONE
 } seed_refusal;
 
-/* Drops `count` seeds with this spacing (m; 0: the scene's). The tip marks the distal end of the first one. Each seed is deposited once the needle has been
-   drawn back over its length. RT */
+/* Drops `count` seeds with this spacing (m; 0 selects the scene's). The tip marks the distal end of the first seed. Each seed leaves the needle once the
+   needle has been drawn back over the seed's length. RT */
 seed_refusal seeds_drop(const insertion_model *model, const seed_size *size, const insertion_state *state, int needle, int count, double spacing, seed_list *list);
 
-/* Length of a strand of `count` seeds from end to end, m. RT */
+/* Length (m) of a strand of `count` seeds from end to end. RT */
 double seeds_strand_length(const seed_size *size, int count, double spacing);
 
-/* Deposits the seeds that the needle has been drawn back over. Call after each of its ticks. RT */
+/* Deposits the seeds over which the needle has been drawn back. To be called after each of the needle's ticks. RT */
 void seeds_follow(const insertion_state *state, int needle, seed_list *list);
 
-/* Cancels the pending part of the drop: the needle keeps the seeds that it has not been drawn back over. RT */
+/* Cancels the pending part of the drop: seeds over which the needle has not been drawn back stay in it. RT */
 void seeds_keep(int needle, seed_list *list);
 
-/* Number of seeds of the last drop that are still in the needle. RT */
+/* Number of seeds of the needle's last drop that are still in it. RT */
 static inline int seeds_pending(int needle, const seed_list *list) { return list->drops[needle].count - list->drops[needle].placed; }
 
-/* Cancels the pending seeds of the needle's last drop; if none is pending, removes the seed that it deposited last. RT */
+/* Cancels the pending seeds of the needle's last drop; if none are pending, removes the seed that it deposited last. RT */
 seed_refusal seeds_undo(int needle, seed_list *list);
 
-/* Centre (m) and direction (unit vector) of a seed in the tissue displaced by `displacement` (node_count, m). RT */
+/* Computes the centre (m) and direction (unit vector) of a seed in tissue whose nodes are displaced by `displacement` (node_count, m). RT */
 void seed_displaced(const mesh *m, const seed *s, const vec3 *displacement, vec3 *at, vec3 *direction);
 
 #endif

@@ -33,7 +33,7 @@ void simulation_defaults(simulation_config *config) {
     };
 }
 
-/* Names of the mesh's groups of one dimension, "name1, name2, ...", for messages. */
+/* Lists the names of the mesh's groups of one dimension for messages, as "name1, name2, ...". */
 static const char *list_groups(const mesh *m, int dimension, char *text, size_t size) {
     size_t used = 0;
     text[0] = '\0';
@@ -76,7 +76,7 @@ static trocar_status bind_membranes(simulation *s, report *why) {
 
 enum { PLACE_ROOM = 600 };
 
-/* "FILE:LINE: ", or empty for a key that is not in a file. */
+/* Returns "FILE:LINE: ", or an empty text if the key does not come from a file. */
 static const char *place_in_scene(const simulation *s, int line, char place[PLACE_ROOM]) {
     place[0] = '\0';
     if (line > 0 && s->config.scene_path) snprintf(place, PLACE_ROOM, "%.500s:%d: ", s->config.scene_path, line);
@@ -113,7 +113,7 @@ static trocar_status bind_probe(simulation *s, report *why) {
                 "the tissue, or leave start away and place it with a pose", place_in_scene(s, p->start_line, place), p->shape.radius);
 }
 
-/* Looks up the configuration's names in the mesh. */
+/* Looks up the configuration's group names in the mesh. */
 static trocar_status bind_to_mesh(simulation *s, report *why) {
     trocar_status status = bind_regions(s, why);
     if (status == TROCAR_OK) status = bind_membranes(s, why);
@@ -121,7 +121,7 @@ static trocar_status bind_to_mesh(simulation *s, report *why) {
     return status == TROCAR_OK ? bind_probe(s, why) : status;
 }
 
-/* Checks that the probe's surface can yield, because a surface that is entirely fixed does not. Requires the tissue. */
+/* Checks that the probe's surface can yield: a surface whose nodes are all fixed cannot. The tissue must have been created. */
 static trocar_status check_probe_surface(const simulation *s, report *why) {
     char place[PLACE_ROOM];
     if (s->probe_surface < 0) return TROCAR_OK;
@@ -152,15 +152,14 @@ static trocar_status build_tissue(simulation *s, report *why) {
 
 /* ---- who owns the inverse --------------------------------------------------------------------------------------------- */
 
-/* BLAS uses one thread, except while a large mesh is factorised or inverted as a whole, where several threads save minutes. Condensation has its own
-   threads. */
-enum { SEVERAL_THREADS = 30000 }; /* unknowns from which BLAS uses several threads */
+/* BLAS uses one thread, except to factorise or invert a large mesh as a whole, where several threads save minutes. Condensation has its own threads. */
+enum { SEVERAL_THREADS = 30000 }; /* number of unknowns from which BLAS uses several threads */
 
 static bool is_large(const simulation *s) { return s->tissue.dof_count > SEVERAL_THREADS; }
 
 static trocar_status build_whole(simulation *s, bool sparse, int roi_count, const int *roi, report *why) {
     inverse_progress progress = s->config.progress;
-    if (!sparse) progress.show = NULL; /* a dense inverse takes too little time to report progress */
+    if (!sparse) progress.show = NULL; /* a dense inverse is computed too quickly to report progress */
     trocar_status status = inverse_factor(&s->tissue, sparse ? roi_count : 0, roi, progress, why);
     if (status != TROCAR_OK) return status;
     return sparse ? inverse_create_sparse(&s->tissue, SPARSE_CACHE, &s->inverse, why) : inverse_create_dense(&s->tissue, progress, &s->inverse, why);
@@ -178,7 +177,7 @@ static trocar_status build_owner(simulation *s, int roi_count, const int *roi, r
     const simulation_config *config = &s->config;
     inverse_facts facts = {.given = config->inverse, .precision = config->precision, .node_count = s->mesh.node_count,
                            .dof_count = s->tissue.dof_count, .roi_given = roi_given(&config->roi), .roi_count = roi_count,
-                           .memory = memory_total()}; /* total, not free, memory, so that the same scene always gets the same owner */
+                           .memory = memory_total()}; /* total rather than free memory, so that the same scene always gets the same owner */
     inverse_choice choice = inverse_choose(&facts, &s->about_inverse);
     int threads = is_large(s) ? blas_own_threads() : 1;
     trocar_status status = blas_make_room(threads, why);
@@ -266,7 +265,7 @@ static bool same_names(int count, const char (*a)[MESH_NAME], const char (*b)[ME
     return true;
 }
 
-/* The first key of the regions that differs, written to `text`; NULL if none does. */
+/* Writes the first key of a region that differs between the configurations to `text` and returns it; NULL if none differs. */
 static const char *region_key_that_differs(const simulation_config *a, const simulation_config *b, char *text, size_t size) {
     if (a->region_count != b->region_count) return "regions";
     for (int i = 0; i < a->region_count; i++) {
@@ -286,8 +285,8 @@ static bool same_roi(const roi_config *a, const roi_config *b) {
 
 static const char *first_membrane(const simulation_config *c) { return c->membrane_count > 0 ? c->membranes[0].name : ""; }
 
-/* The first differing key, among those on which mesh, stiffness or inverse depend; NULL if none differs. `text` has room for a key. Unless the scene gives the
-   nodes of a condensed inverse, they lie around the first membrane and the probe. */
+/* Returns the first key that differs among those on which mesh, stiffness or inverse depend; NULL if none differs. `text` has room for a key. The nodes of
+   a condensed inverse are around the first membrane and the probe, unless the scene lists them. */
 static const char *stiffness_key_that_differs(const simulation_config *a, const simulation_config *b, char *text, size_t size) {
     const char *of_region = region_key_that_differs(a, b, text, size);
     const struct { bool same; const char *key; } keys[] = {

@@ -13,38 +13,38 @@ typedef struct { char name[MESH_NAME]; region_material material; } region_config
 typedef struct { char name[MESH_NAME]; double puncture_force; } membrane_config;
 
 typedef struct {
-    char surface[MESH_NAME]; /* surface that the probe presses; empty: there is no probe */
+    char surface[MESH_NAME]; /* surface that the probe presses; empty if there is no probe */
     probe_shape shape;
-    double max_force;        /* N, force at which the probe stops */
-    pose start;              /* initial pose of its base; the position is NAN until a pose is given */
-    int surface_line, start_line; /* lines of these keys in the scene file, for messages; 0: none */
+    double max_force;        /* N, force at which the probe is stopped */
+    pose start;              /* initial pose of the first needle's base; its position is NAN until a pose is given */
+    int surface_line, start_line; /* lines of these keys in the scene file, for messages; 0 if not given in a file */
 } probe_config;
 
 enum { MAX_REGIONS = 16, MAX_MEMBRANES = 16, MAX_FIXED = 8 };
 
 typedef struct {
-    const char *scene_path;              /* used in messages while the model is created; NULL: the configuration is not from a file */
+    const char *scene_path;              /* name used in messages while the model is created; NULL if the configuration is not from a file */
     char mesh_path[1024];
-    const trocar_mesh *mesh_given;      /* used instead of a file; NULL: there is a path */
+    const trocar_mesh *mesh_given;      /* mesh used instead of a file; NULL if the mesh is read from a file */
     double mesh_unit;                    /* m, length of one unit of the file's coordinates */
     int region_count;   region_config regions[MAX_REGIONS];
     int membrane_count; membrane_config membranes[MAX_MEMBRANES];
-    int fixed_count;    char fixed[MAX_FIXED][MESH_NAME];   /* groups of any dimension with zero displacement */
+    int fixed_count;    char fixed[MAX_FIXED][MESH_NAME];   /* mesh groups, of any dimension, with zero displacement */
     int guide_count;    guide_config guides[MAX_GUIDES];
-    int relaxation_count; relaxation_term relaxation[MAX_RELAXATION]; /* the same for all regions; none: elastic */
+    int relaxation_count; relaxation_term relaxation[MAX_RELAXATION]; /* relaxation series, the same for all regions; without terms, the tissue is elastic */
     needle_parameters needle;
-    int needle_count;                    /* identical needles in the same tissue, 1 .. MAX_NEEDLES */
+    int needle_count;                    /* number of identical needles in the same tissue, 1 to MAX_NEEDLES */
     seed_size seeds;
     insertion_settings insertion;
     remesh_method remeshing;
     inverse_choice inverse;
     inverse_precision precision;
     probe_config probe;
-    roi_config roi;                  /* region of interest; if empty, see roi_find */
-    char cache[1024];                    /* directory of condensed inverses; empty: the user's cache directory */
-    bool keep_inverse;                   /* failure to save a condensed inverse in `cache` is an error */
+    roi_config roi;                  /* region of interest; if it is empty, roi_find determines it */
+    char cache[1024];                    /* directory of condensed inverses; if empty, the user's cache directory */
+    bool keep_inverse;                   /* true: treat it as an error if a condensed inverse cannot be saved in `cache` */
     volumetric_strain volumetric;
-    inverse_progress progress;           /* reports the progress of a long start; its function may be NULL */
+    inverse_progress progress;           /* reports progress during a long start; its function may be NULL */
 } simulation_config;
 
 typedef struct {
@@ -54,33 +54,33 @@ typedef struct {
     region_material materials[MESH_MAX_GROUPS];
     membrane membranes[MAX_MEMBRANES];
     guide guides[MAX_GUIDES];
-    int probe_surface;                  /* group index; -1: there is no probe */
+    int probe_surface;                  /* index of the probe's surface among the groups; -1 if there is no probe */
     tissue tissue;
     inverse *inverse;
-    report about_inverse;               /* name of the chosen owner, and the reason for the choice */
+    report about_inverse;               /* name of the chosen owner of the inverse, and the reason for the choice */
     needle_model needle;
     insertion_model insertion;
 } simulation;
 
-/* Defaults as in docs/reference/scene.md; names and mesh are empty. */
+/* Sets the defaults listed in docs/reference/scene.md; names and mesh are empty. */
 void simulation_defaults(simulation_config *config);
 region_material region_defaults(void);
 
-/* Reads the mesh and looks up the scene's names in it; the other members stay empty. Frees everything on failure. */
+/* Reads the mesh and looks up the scene's names in it; the other members stay empty. After a failure, everything has been freed. */
 trocar_status simulation_create_mesh(const simulation_config *config, simulation *s, report *why);
 
-/* Reads the mesh and builds all constant data. On failure, frees everything and sets `why`. */
+/* Reads the mesh and builds all constant data. After a failure, everything has been freed and `why` is set. */
 trocar_status simulation_create_model(const simulation_config *config, simulation *s, report *why);
 
-/* Builds the constant data for a configuration with the same mesh and stiffness as `base`, and shares its mesh, tissue and inverse. `base` must outlive it.
-   BAD_INPUT, with the key, if stiffness or inverse would differ, or if the mesh was given as arrays. */
+/* Builds the constant data for a configuration with the same mesh and stiffness as `base`; shares the mesh, tissue and inverse of `base`, which must
+   outlive it. Returns BAD_INPUT, naming the key, if stiffness or inverse would differ, or if the mesh was given as arrays. */
 trocar_status simulation_derive(const simulation *base, const simulation_config *config, simulation *s, report *why);
 
 void simulation_free(simulation *s);
 
-/* Displacements of the nominal nodes (node_count) and of the nodes of insertion_refinement() (MAX_CONTACTS), m. `scratch` has simulation_field_scratch
-   entries, one array for each thread. On entry, `nominal` holds the nodal forces of all other loads on the tissue, N. Allocates nothing; not for the haptic
-   thread. */
+/* Computes the displacements (m) of the nominal nodes (node_count) and of the nodes of insertion_refinement() (MAX_CONTACTS). `scratch` has
+   simulation_field_scratch() entries; each thread needs its own array. On entry, `nominal` holds the nodal forces (N) of all other loads on the tissue.
+   Does not allocate memory; not for the haptic thread. */
 size_t simulation_field_scratch(const simulation *s);
 void simulation_field(simulation *s, const insertion_state *state, vec3 *scratch, vec3 *nominal, vec3 *added);
 

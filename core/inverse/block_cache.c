@@ -7,7 +7,7 @@ enum { ALL = BLOCK_CACHE_NODES };
 
 bool block_cache_create(block_cache *c, int node_count) {
     c->known = calloc((size_t)ALL * ALL, sizeof *c->known);
-    c->blocks = calloc((size_t)9 * ALL * ALL, sizeof *c->blocks); /* unused pages are never touched */
+    c->blocks = calloc((size_t)9 * ALL * ALL, sizeof *c->blocks); /* pages that are not used are never touched */
     return lru_create(&c->nodes, (size_t)node_count, ALL) && c->known && c->blocks;
 }
 
@@ -25,7 +25,7 @@ static void claim(block_cache *c, int node) {
 
 static size_t place(const block_cache *c, int node) { return (size_t)c->nodes.slot[node]; }
 
-/* Claims slots for cached nodes first, so that they are not evicted when the others are added. */
+/* Assigns slots to those nodes that are (`there` true) or are not yet in the cache. Cached nodes come first, so that adding the others does not evict them. */
 static void claim_all(block_cache *c, int count, const int *nodes, bool there) {
     for (int i = 0; i < count; i++)
         if ((c->nodes.slot[nodes[i]] >= 0) == there) claim(c, nodes[i]);
@@ -40,7 +40,7 @@ bool block_cache_take(block_cache *c, int row_count, const int *rows, int column
     return true;
 }
 
-/* Index of the block; sets `transposed` if it is stored transposed. */
+/* Returns the index of the block; sets `transposed` if the block is stored transposed. */
 static size_t find(const block_cache *c, int row, int column, bool *transposed) {
     size_t i = place(c, row), j = place(c, column);
     *transposed = i > j;
@@ -68,7 +68,7 @@ void block_cache_get(const block_cache *c, int row, int column, double *block, i
 
 static int least(int a, int b) { return a < b ? a : b; }
 
-/* Computes blocks without the cache. */
+/* Computes the blocks without using the cache. */
 static trocar_status gather_afresh(const block_source *s, const inverse_blocks *b, report *why) {
     trocar_status status = TROCAR_OK;
     for (int i = 0; i < b->row_count; i += s->size)
@@ -78,7 +78,7 @@ static trocar_status gather_afresh(const block_source *s, const inverse_blocks *
     return status;
 }
 
-/* Lists the `nodes` that lack a cached block with some node of `others`. */
+/* Lists those of `nodes` whose block with at least one node of `others` is not cached. */
 static int list_missing(const block_cache *c, int count, const int *nodes, int other_count, const int *others, int *missing) {
     int found = 0;
     for (int i = 0; i < count; i++) {

@@ -1,4 +1,4 @@
-/* Cached blocks of an inverse between the nodes used most recently: 3 x 3 each, symmetric. */
+/* A cache of the blocks of an inverse between the most recently used nodes. The blocks are 3 x 3; the matrix is symmetric. */
 #ifndef TROCAR_BLOCK_CACHE_H
 #define TROCAR_BLOCK_CACHE_H
 
@@ -11,29 +11,29 @@
 enum { BLOCK_CACHE_NODES = 1024 }; /* 75 MB */
 
 typedef struct {
-    lru nodes;               /* BLOCK_CACHE_NODES slots: rows and columns of the arrays below */
-    bool *known;             /* BLOCK_CACHE_NODES square, symmetric */
-    double *blocks;          /* BLOCK_CACHE_NODES square of 3 x 3 blocks, row-major; only blocks on and above the diagonal are used */
+    lru nodes;               /* BLOCK_CACHE_NODES slots, which are the rows and columns of the arrays below */
+    bool *known;             /* BLOCK_CACHE_NODES square, symmetric: true if the block is cached */
+    double *blocks;          /* BLOCK_CACHE_NODES square array of 3 x 3 blocks, row-major; only blocks on and above the diagonal are used */
 } block_cache;
 
 bool block_cache_create(block_cache *c, int node_count);
 void block_cache_free(block_cache *c);
 
-/* A source of blocks that are not cached: computes at most `size` rows and columns at once. */
+/* The source of blocks that are not cached: computes at most `size` rows and columns at a time. */
 typedef struct {
     trocar_status (*compute)(void *context, const inverse_blocks *tile, report *why);
     void *context;
-    double *tile;            /* 3 size square: scratch */
+    double *tile;            /* scratch, a square of 3 size rows */
     int size;
 } block_source;
 
-/* Copies cached blocks, and computes and caches the others. If there are too many nodes to cache, their blocks are only computed. */
+/* Copies the cached blocks, and computes and caches the others. Blocks of nodes for which the cache has no room are computed without caching. */
 trocar_status block_cache_gather(block_cache *c, const block_source *source, const inverse_blocks *blocks, report *why);
 
-/* Assigns slots to all these nodes, evicting the least recently used ones. Returns false, and changes nothing, if there are too many. */
+/* Assigns slots to all these nodes, evicting the least recently used ones. If there are too many nodes, returns false and changes nothing. */
 bool block_cache_take(block_cache *c, int row_count, const int *rows, int column_count, const int *columns);
 
-/* Looks up, stores and reads the block between two nodes that have slots. */
+/* Look up, store and read the block between two nodes that have slots. */
 bool block_cache_knows(const block_cache *c, int row, int column);
 void block_cache_put(block_cache *c, int row, int column, const double *block, int ld);
 void block_cache_get(const block_cache *c, int row, int column, double *block, int ld);

@@ -1,5 +1,5 @@
-/* The inverse K^-1 of the stiffness matrix: one interface with three implementations (dense, sparse, condensed). Callers request blocks between nodes, or a
-   whole displacement field. */
+/* The inverse K^-1 of the stiffness matrix: one interface with three implementations (dense, sparse, condensed). Callers request either blocks between
+   nodes or a whole displacement field. */
 #ifndef TROCAR_INVERSE_H
 #define TROCAR_INVERSE_H
 
@@ -8,11 +8,11 @@
 
 typedef struct inverse inverse;
 
-/* Creates a sparse inverse: half-solves of nodes with the sparse factor are computed on demand and cached. */
+/* Creates a sparse inverse, which computes half-solves of nodes with the sparse factor on demand, and caches them. */
 static const double SPARSE_CACHE = 1.5e9; /* bytes, default size of the cache */
 trocar_status inverse_create_sparse(tissue *t, double cache_bytes, inverse **created, report *why);
 
-/* Callbacks during a long start, called in the thread that creates the inverse: `show` receives the progress, from 0 to 1; `cancelled` returns non-zero to
+/* Callbacks during a long start, called in the thread that creates the inverse: `show` receives the progress, from 0 to 1; `cancelled` returns nonzero to
    stop. Both may be NULL. */
 typedef struct {
     void (*show)(const char *what, double fraction, void *context);
@@ -23,7 +23,7 @@ typedef struct {
 /* Returns CANCELLED if the caller wants to stop. */
 trocar_status inverse_go_on(inverse_progress progress, report *why);
 
-/* Creates a dense inverse, as in the paper: the whole 3n x 3n matrix, 8 (3n)^2 bytes. `t` must outlive it. */
+/* Creates a dense inverse, as in the paper: the whole 3n x 3n matrix, of 8 (3n)^2 bytes. `t` must outlive it. */
 trocar_status inverse_create_dense(tissue *t, inverse_progress progress, inverse **created, report *why);
 
 /* Factorises K (see tissue_factor) and reports progress. */
@@ -33,38 +33,38 @@ typedef struct {
     int count;
     const int *nodes;
     bool single;             /* single precision */
-    int threads;             /* number of threads for condensing, with single-threaded BLAS; 0: one */
+    int threads;             /* number of threads for the condensation, each with single-threaded BLAS; 0 is equivalent to 1 */
     const char *directory;   /* directory of the cache */
-    bool must_be_saved;      /* fail (SYSTEM) before computing if the inverse cannot be saved */
+    bool must_be_saved;      /* fail (SYSTEM) before computing the inverse if it cannot be saved */
     inverse_progress progress;
 } condensed_region;
 
-/* Creates a condensed inverse: dense between the region's nodes, 36 count^2 bytes, or half of that in single precision. It is mapped from `directory` if
-   cached there (see condensed_cache.h), otherwise computed and saved. A sparse inverse handles other nodes; `t` is factorised when the first of them is
-   requested, and K is assembled on demand. `notice` receives the source. */
+/* Creates a condensed inverse, which is dense between the region's nodes: 36 count^2 bytes, or half of that in single precision. If it is cached in
+   `directory`, it is mapped (see condensed_cache.h); otherwise it is computed and saved. A sparse inverse handles all other nodes; `t` is factorised when
+   the first of them is requested, and K is assembled on demand. `notice` receives where the inverse came from. */
 trocar_status inverse_create_condensed(tissue *t, const condensed_region *region, inverse **created, report *notice, report *why);
 
 void inverse_free(inverse *inv);
 const char *inverse_name(const inverse *inv);
 
-/* Performs deferred work now: the factorisation for nodes outside a condensed inverse's region, which takes minutes and gigabytes on a large mesh. Returns the
-   same errors as inverse_gather would. May be called from any thread, concurrently with the other functions. */
+/* Performs deferred work now: the factorisation needed for nodes outside a condensed inverse's region, which takes minutes and gigabytes on a large mesh.
+   Returns the errors that inverse_gather would return. May be called from any thread, concurrently with the other functions. */
 trocar_status inverse_prepare(inverse *inv, report *why);
 
-/* True if gathering blocks in advance makes a later request for them much cheaper. */
+/* True if gathering blocks in advance makes a later request for these blocks much cheaper. */
 bool inverse_prefetches(const inverse *inv);
 
-/* Largest number of new nodes to gather in advance at once, so that a request never waits for them longer than a few milliseconds. */
+/* Largest number of new nodes to gather in advance at once, so that a request waits for them a few milliseconds at most. */
 int inverse_slice(const inverse *inv);
 
-/* False if blocks of this node require factorising the whole matrix; such nodes should be requested only if indispensable. */
+/* Returns false if blocks of this node require a factorisation of the whole matrix; such a node should be requested only if it is indispensable. */
 bool inverse_holds(const inverse *inv, int node);
 
-/* Writes the blocks of K^-1 between these nodes. Rows and columns of fixed nodes are zero. Fails, and writes nothing, if the factor of the whole
-   matrix is needed but cannot be computed. Thread-safe; calls to the sparse inverse are serialised. */
+/* Writes the blocks of K^-1 between these nodes. Rows and columns of fixed nodes are zero. If the factor of the whole matrix is needed but cannot be
+   computed, fails and writes nothing. Thread-safe; calls to the sparse inverse are serialised. */
 trocar_status inverse_gather(inverse *inv, const inverse_blocks *blocks, report *why);
 
-/* Computes u = K^-1 f, both vectors of node_count entries (N -> m); forces on fixed nodes are ignored. With a condensed inverse, the relative residual is
+/* Computes u = K^-1 f for vectors of node_count entries (N to m); forces on fixed nodes are ignored. With a condensed inverse, the relative residual is
    1e-10. Returns zero displacements if there is no memory or f is not finite. Thread-safe; calls are serialised. */
 void inverse_apply(inverse *inv, const vec3 *force, vec3 *displacement);
 

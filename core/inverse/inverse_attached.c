@@ -11,8 +11,8 @@
 #include "inverse/block_cache.h"
 #include "inverse/inverse_owner.h"
 
-enum { BATCH = 32, TILE = 64 };                     /* nodes per solve; rows or columns (nodes) per product */
-static const double CACHE = 96e6;                   /* bytes of c_i, z_i and Q^T y_i */
+enum { BATCH = 32, TILE = 64 };                     /* nodes per solve; nodes per product, as rows or columns */
+static const double CACHE = 96e6;                   /* bytes for c_i, z_i and Q^T y_i */
 enum { LEAST_NODES = 2 * TILE, MOST_NODES = 1024 }; /* number of cached nodes */
 
 typedef struct { uint64_t id; int first, rows; } placed;
@@ -23,18 +23,18 @@ typedef struct {
     int row_count, motion_count, placed_count;
     placed *placed;
     attached_row *rows;
-    int *corner;             /* 4 row_count: positions of the rows' nodes in `nodes` */
+    int *corner;             /* 4 row_count: index in `nodes` of each corner of the rows' elements */
     int node_count, *nodes;  /* all nodes of the rows' elements, without duplicates */
     double *between;         /* row_count square, column-major: C */
     double *factor;          /* row_count square, column-major: L */
     double *basis;           /* row_count x motion_count: Q */
     double *triangle;        /* motion_count square: T, upper */
     lru slots;
-    double *kept;            /* per slot: c, z and Q^T y, 3 columns each */
+    double *kept;            /* for each slot c, z and Q^T y, in 3 columns each */
     block_cache blocks;
-    double *batch, *columns; /* scratch: blocks between BATCH nodes and all of `nodes`; 3 BATCH columns of rows, and of motions */
-    double *left, *right, *tile; /* scratch: 3 TILE columns of rows; 3 TILE square */
-    double *moved, *sum;     /* scratch of apply: rows and motions; dof_count */
+    double *batch, *columns; /* scratch: blocks between BATCH nodes and all of `nodes`; 3 BATCH columns with the entries of all rows and all motions */
+    double *left, *right, *tile; /* scratch: 3 TILE columns with the entries of all rows, twice; a square of 3 TILE rows */
+    double *moved, *sum;     /* scratch of apply: entries of all rows and motions; dof_count entries */
 } attached_inverse;
 
 static size_t slot_size(const attached_inverse *a) { return 3 * (2 * (size_t)a->row_count + (size_t)a->motion_count); }
@@ -44,7 +44,7 @@ static double *moved_of(const attached_inverse *a, int node) { return slot_of(a,
 
 /* ---- what is kept of nodes ------------------------------------------------------------------------------------------------ */
 
-/* Computes c of up to BATCH nodes, for rows from `first` on, into `out`: 3 columns per node, of `rows` entries each. */
+/* Computes c of up to BATCH nodes for the rows from `first` on. Writes 3 columns per node, of `rows` entries each, to `out`. */
 static trocar_status find_c(attached_inverse *a, int count, const int *nodes, double *out, report *why) {
     int ld = 3 * a->node_count;
     trocar_status status = inverse_gather(a->base, &(inverse_blocks){count, nodes, a->node_count, a->nodes, a->batch, ld}, why);
@@ -64,7 +64,7 @@ static trocar_status find_c(attached_inverse *a, int count, const int *nodes, do
     return TROCAR_OK;
 }
 
-/* Converts y in place to z, followed by Q^T y, for this many columns. */
+/* For this many columns, replaces y by z in place, followed by Q^T y. */
 static void project(const attached_inverse *a, int count, double *y, double *moved) {
     int n = a->row_count, m = a->motion_count;
     if (m == 0) return;
@@ -90,7 +90,7 @@ static trocar_status keep(attached_inverse *a, int count, const int *nodes, repo
     return TROCAR_OK;
 }
 
-/* Makes sure that all these nodes are cached, at most LEAST_NODES. */
+/* Ensures that all these nodes, at most LEAST_NODES, are cached. */
 static trocar_status keep_all(attached_inverse *a, int count, const int *nodes, report *why) {
     int missing[BATCH], found = 0;
     trocar_status status = TROCAR_OK;
@@ -128,7 +128,7 @@ static trocar_status attached_gather(inverse *inv, const inverse_blocks *blocks,
     return block_cache_gather(&a->blocks, &(block_source){compute_tile, a, a->tile, TILE}, blocks, why);
 }
 
-/* Other threads may use the base at the same time. */
+/* Applies the base inverse, which other threads may use at the same time. */
 static void base_apply(inverse *base, const double *force, double *displacement) {
     pthread_mutex_lock(&base->apply_lock);
     base->owner->apply(base, force, displacement);
@@ -173,7 +173,7 @@ static bool attached_prefetches(const inverse *inv) {
 
 /* Each node takes three solves with L. */
 static int attached_slice(const inverse *inv) {
-    const double AT_ONCE = 1.5e7; /* multiplications, about 2 ms */
+    const double AT_ONCE = 1.5e7; /* multiplications that take about 2 ms */
     const attached_inverse *a = (const attached_inverse *)inv;
     int beneath = inverse_slice(a->base);
     double nodes = AT_ONCE / (3.0 * (double)a->row_count * (double)a->row_count);
@@ -221,7 +221,7 @@ trocar_status inverse_create_attached(inverse *base, inverse **created, report *
     return status;
 }
 
-/* Copies the descriptions, and lists their nodes. */
+/* Copies the attachments' descriptions and lists their nodes. */
 static bool place_all(attached_inverse *a, int count, const attachment *things) {
     const mesh *m = a->shared.tissue->mesh;
     int *place = malloc((size_t)m->node_count * sizeof *place);
@@ -277,7 +277,7 @@ static const placed *find_placed(const attached_inverse *a, uint64_t id) {
     return NULL;
 }
 
-/* Copies C between attachments that existed before. */
+/* Copies C between those attachments that existed before. */
 static void copy_between(attached_inverse *a, const attached_inverse *before) {
     size_t n = (size_t)a->row_count, old = (size_t)before->row_count;
     for (int s = 0; s < a->placed_count; s++)
@@ -289,7 +289,7 @@ static void copy_between(attached_inverse *a, const attached_inverse *before) {
         }
 }
 
-/* Computes C between a new attachment and all others, from c of its rows' nodes. */
+/* Computes C between a new attachment and all others, from c of the nodes of its rows. */
 static trocar_status find_between(attached_inverse *a, const placed *thing, report *why) {
     size_t n = (size_t)a->row_count;
     bool *own = calloc((size_t)a->node_count + 1, sizeof *own);
@@ -367,10 +367,10 @@ trocar_status inverse_attach(inverse *inv, int count, const attachment *things, 
 int inverse_attached_rows(const inverse *inv) { return ((const attached_inverse *)inv)->row_count; }
 int inverse_attached_motions(const inverse *inv) { return ((const attached_inverse *)inv)->motion_count; }
 
-/* Converts z and Q^T y in place to df and q, for this many columns. */
+/* For this many columns, replaces z and Q^T y by df and q in place. */
 static void respond(const attached_inverse *a, int count, double *force, double *motion) {
     int n = a->row_count, q = a->motion_count;
-    if (count == 1) { /* reads L once, without copying it */
+    if (count == 1) { /* reads L directly, without copying it */
         cblas_dscal(n, -1.0, force, 1);
         cblas_dtrsv(CblasColMajor, CblasLower, CblasTrans, CblasNonUnit, n, a->factor, n, force, 1);
     } else {

@@ -1,39 +1,39 @@
-/* The inverse of a stiffness matrix with attachments to the tissue, such as resting needles: a low-rank correction to a base inverse, which stays unchanged.
-   See docs/mechanics.md, "Resting needles". Not thread-safe. */
+/* The inverse of a stiffness matrix with attachments to the tissue, such as resting needles: a low-rank correction to a base inverse, which remains
+   unchanged. See docs/mechanics.md, "Resting needles". Not thread-safe. */
 #ifndef TROCAR_INVERSE_ATTACHED_H
 #define TROCAR_INVERSE_ATTACHED_H
 
 #include "inverse/inverse.h"
 
-/* A row: one component of the force on the tissue at a point. */
+/* A row of an attachment: one component of the force on the tissue at a point. */
 typedef struct {
-    int tet;                 /* nominal element, or -1: the force does not act on the tissue */
+    int tet;                 /* nominal element; -1 if the force does not act on the tissue */
     double weights[4];       /* barycentric */
     vec3 direction;          /* unit vector */
 } attached_row;
 
-/* One attachment. When other loads displace its rows by d, the change df of its forces closes all gaps, and an attachment that is free to move stays in
-   equilibrium, with motions q: (G + C) df = R q - d, R^T df = 0. C: compliance of the tissue between its rows and those of all other attachments. */
+/* One attachment. When other loads displace its rows by d, its forces change by df, which closes all gaps; if the attachment is free to move, its motions
+   q keep it in equilibrium: (G + C) df = R q - d, R^T df = 0. C is the compliance of the tissue between its rows and those of all other attachments. */
 typedef struct {
-    uint64_t id;             /* an attachment with the same id as before is unchanged */
+    uint64_t id;             /* if an attachment with this id existed before, it is unchanged */
     int row_count;
     const attached_row *rows;
-    const double *compliance; /* G, row_count square, lower triangle: [i * ld + j], j <= i, m/N; positive semidefinite, and definite together with C; 0: a
-                                 rigid attachment */
+    const double *compliance; /* m/N, G, row_count square, lower triangle: [i * ld + j], j <= i. Positive semidefinite, and definite together with C; 0 for
+                                 a rigid attachment */
     int ld;
-    const double *mutual;    /* compliance between its rows and those of all attachments before it, in their order, that the mesh does not resolve: [i *
-                                mutual_ld + j], m/N; NULL: none. Semidefinite together with the compliances of all attachments */
+    const double *mutual;    /* m/N, the part of the compliance between its rows and those of all earlier attachments, in order, that the mesh does not
+                                resolve: [i * mutual_ld + j]; NULL if there is none. Semidefinite together with the compliances of all attachments */
     int mutual_ld;
-    int motion_count;        /* independent motions that only its rows resist */
+    int motion_count;        /* number of independent motions that only the attachment's rows resist */
     const double *motions;   /* R, displacement of each row under each motion: [motion * motion_ld + row] */
     int motion_ld;
 } attachment;
 
-/* Creates an inverse without attachments, which equals `base`. `base` must outlive it. */
+/* Creates an inverse without attachments, which is equal to `base`. `base` must outlive it. */
 trocar_status inverse_create_attached(inverse *base, inverse **created, report *why);
 
-/* Replaces all attachments by these, in this order; the descriptions are copied. The cost is one factorisation of the size of all rows together, plus blocks
-   of the base inverse for new attachments. After a failure nothing is attached. Allocates. */
+/* Replaces all attachments by these, in this order; their descriptions are copied. The cost is one factorisation whose size is the number of all rows
+   together, plus blocks of the base inverse for new attachments. After a failure, nothing is attached. Allocates. */
 trocar_status inverse_attach(inverse *inv, int count, const attachment *things, report *why);
 
 int inverse_attached_rows(const inverse *inv);    /* number of rows of all attachments */
@@ -46,16 +46,16 @@ typedef struct {
     const vec3 *force;       /* N */
 } nodal_forces;
 
-/* Response of the attachments to these forces: changes of the forces at all rows (N), and all motions. */
+/* Computes the response of the attachments to these forces: the changes of the forces at all rows (N), and all motions. */
 trocar_status inverse_attached_response(inverse *inv, const nodal_forces *loads, double *force, double *motion, report *why);
 
-/* Response to a unit displacement of each of these rows: force[k * rows + i], motion[k * motions + i]. */
+/* Computes the response to a unit displacement of each of these rows: force[k * rows + i], motion[k * motions + i]. */
 void inverse_attached_columns(inverse *inv, int count, const int *rows, double *force, double *motion);
 
-/* Response to displacements of all rows (m). */
+/* Computes the response to displacements (m) of all rows. */
 void inverse_attached_displaced(inverse *inv, const double *displacement, double *force, double *motion);
 
-/* Adds the displacements of nodes (m) that forces at all rows would cause without attachments. */
+/* Adds the displacements (m) of nodes that forces at all rows would cause if nothing were attached. */
 trocar_status inverse_attached_displace(inverse *inv, const double *force, int count, const int *nodes, vec3 *displacement, report *why);
 
 #endif

@@ -1,4 +1,4 @@
-/* Blocks of K^-1 between nodes, and their destination. */
+/* Blocks of K^-1 between nodes, and where to write them. */
 #ifndef TROCAR_INVERSE_BLOCKS_H
 #define TROCAR_INVERSE_BLOCKS_H
 

@@ -61,7 +61,7 @@ static trocar_status dense_fill(tissue *t, double *dense, inverse_progress progr
     return solved ? status : fail(why, TROCAR_NO_MEMORY, "no memory to invert the stiffness matrix");
 }
 
-/* Makes the matrix exactly symmetric; rounding errors differ above and below the diagonal. */
+/* Makes the matrix exactly symmetric, because rounding errors above and below the diagonal differ. */
 static void symmetrise(double *a, size_t n) {
     for (size_t j = 0; j < n; j++)
         for (size_t i = 0; i < j; i++) a[j * n + i] = a[i * n + j] = 0.5 * (a[j * n + i] + a[i * n + j]);

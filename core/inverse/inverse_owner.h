@@ -1,4 +1,4 @@
-/* Interface of the implementations of K^-1; included by their files only. */
+/* The interface that each implementation of K^-1 provides; included by the implementations only. */
 #ifndef TROCAR_INVERSE_OWNER_H
 #define TROCAR_INVERSE_OWNER_H
 
@@ -13,19 +13,19 @@ typedef struct {
     const char *name;
     trocar_status (*gather)(inverse *inv, const inverse_blocks *blocks, report *why);
     void (*apply)(inverse *inv, const double *force, double *displacement); /* dof_count each */
-    trocar_status (*prepare)(inverse *inv, report *why);                    /* NULL: no deferred work */
+    trocar_status (*prepare)(inverse *inv, report *why);                    /* NULL if no work is ever deferred */
     void (*release)(inverse *inv);                                          /* frees everything except the common part */
-    bool (*prefetches)(const inverse *inv);                                 /* see inverse_prefetches; NULL: false */
-    bool (*holds)(const inverse *inv, int node);                            /* NULL: all nodes */
-    int (*slice)(const inverse *inv);                                       /* see inverse_slice; NULL: INT_MAX */
+    bool (*prefetches)(const inverse *inv);                                 /* see inverse_prefetches; NULL is equivalent to false */
+    bool (*holds)(const inverse *inv, int node);                            /* see inverse_holds; NULL if it holds all nodes */
+    int (*slice)(const inverse *inv);                                       /* see inverse_slice; NULL is equivalent to INT_MAX */
 } inverse_owner;
 
-/* Common part, first member of each implementation's struct. */
+/* Common part of all implementations; the first member of each implementation's struct. */
 struct inverse {
     const inverse_owner *owner;
     tissue *tissue;
     pthread_mutex_t apply_lock;             /* protects the scratch memory of inverse_apply */
-    double *force, *displacement; /* dof_count: scratch of inverse_apply */
+    double *force, *displacement; /* dof_count: scratch memory of inverse_apply */
 };
 
 trocar_status inverse_init(inverse *inv, const inverse_owner *owner, tissue *t, report *why);

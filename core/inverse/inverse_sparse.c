@@ -9,29 +9,29 @@
 #include "inverse/sparse_inverse_columns.h"
 #include "tissue/factor_solve.h"
 
-/* A solver with its own workspace, one per thread. */
+/* A solver with its own workspace; each thread needs one. */
 typedef struct {
     cholmod_common common;
     cholmod_dense *right;
     factor_solution solution;
 } solver;
 
-/* Half-solves computed on demand; LRU caches store them and the resulting blocks. */
+/* Half-solves computed on demand; they and the resulting blocks are kept in LRU caches. */
 typedef struct {
     inverse shared;
     sparse_columns *half;
     lru slots;               /* slots of nodes' half-solves in the cache */
-    size_t slot_size;        /* numbers in the longest half-solve */
+    size_t slot_size;        /* number of entries in the longest half-solve */
     double *halves;          /* slots.slot_count x slot_size */
-    pthread_mutex_t gather_lock;       /* protects all members above */
-    double *block, *tile;    /* 3 PRODUCT_BLOCK square: scratch of gather */
+    pthread_mutex_t gather_lock;       /* protects all members above it */
+    double *block, *tile;    /* scratch of gather: a square of 3 PRODUCT_BLOCK rows */
     block_cache blocks;
     solver field_solver;     /* solver for displacement fields, which another thread may request */
 } sparse_inverse;
 
-enum { LEAST_SLOTS = 2 * PRODUCT_BLOCK }; /* number of slots that one product needs */
+enum { LEAST_SLOTS = 2 * PRODUCT_BLOCK }; /* number of slots needed for one product */
 
-/* Solves for up to HALF_BLOCK nodes that are not cached. */
+/* Solves for up to HALF_BLOCK nodes that are not in the cache. */
 static void solve_halves(sparse_inverse *s, int count, const int *nodes) {
     int dofs[HALF_BLOCK];
     double *y[HALF_BLOCK];
@@ -42,7 +42,7 @@ static void solve_halves(sparse_inverse *s, int count, const int *nodes) {
     sparse_columns_half_solve(s->half, count, dofs, y);
 }
 
-/* Computes missing half-solves of free nodes. Touches cached ones first, so that up to LEAST_SLOTS nodes are in the cache together. */
+/* Computes the missing half-solves of free nodes. Cached ones are touched first, so that up to LEAST_SLOTS nodes can be in the cache together. */
 static void solve_missing(sparse_inverse *s, int count, const int *nodes) {
     int missing[HALF_BLOCK], found = 0;
     for (int i = 0; i < count; i++) lru_touch(&s->slots, nodes[i]);
@@ -55,7 +55,7 @@ static void solve_missing(sparse_inverse *s, int count, const int *nodes) {
     if (found > 0) solve_halves(s, found, missing);
 }
 
-/* Rows or columns of a block: the free nodes among those given. */
+/* Rows or columns of a block: those of the given nodes that are free. */
 typedef struct {
     int count, node[PRODUCT_BLOCK], dof[PRODUCT_BLOCK], place[PRODUCT_BLOCK];
     const double *y[PRODUCT_BLOCK];
@@ -108,12 +108,12 @@ static trocar_status sparse_gather(inverse *inv, const inverse_blocks *blocks, r
     return status;
 }
 
-/* Solves K x = right and returns the solution, in the workspace; NULL if out of memory. Only the first call allocates. */
+/* Solves K x = right and returns the solution, which is in the workspace; NULL if out of memory. Only the first call allocates. */
 static const double *solver_run(solver *w, const tissue *t) {
     return factor_solve(t->factor, w->right, &w->solution, &w->common) ? w->solution.x->x : NULL;
 }
 
-/* Solves once, so that all memory is allocated here. */
+/* Solves once, so that all memory has been allocated when this function returns. */
 static bool solver_create(solver *w, const tissue *t) {
     cholmod_start(&w->common);
     w->common.print = 0;

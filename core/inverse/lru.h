@@ -1,4 +1,4 @@
-/* Assigns few slots to many keys; a new key takes the least recently used slot. */
+/* Assigns a limited number of slots to many keys; a new key is assigned the least recently used slot. */
 #ifndef TROCAR_LRU_H
 #define TROCAR_LRU_H
 
@@ -8,16 +8,16 @@
 
 typedef struct {
     int slot_count;
-    int *slot;               /* per key, or -1 */
-    int *key;                /* per slot, or -1 */
+    int *slot;               /* slot of each key, or -1 */
+    int *key;                /* key in each slot, or -1 */
     uint64_t *used;          /* slot_count: time of last use */
     uint64_t time;
 } lru;
 
-bool lru_create(lru *c, size_t key_count, size_t slot_count); /* false if there is no memory; lru_free must be called in either case */
+bool lru_create(lru *c, size_t key_count, size_t slot_count); /* returns false if there is no memory; lru_free must be called in either case */
 void lru_free(lru *c);
 
-/* Marks a key as most recently used; false if it has no slot. */
+/* Marks a key as most recently used. Returns false if it has no slot. */
 bool lru_touch(lru *c, int key);
 
 /* Assigns the least recently used slot to a key without a slot, and returns the slot. */

@@ -6,19 +6,19 @@
 
 #include "tissue/tissue.h"
 
-enum { HALF_BLOCK = 32, PRODUCT_BLOCK = 64 }; /* nodes per solve; rows or columns (nodes) per product */
+enum { HALF_BLOCK = 32, PRODUCT_BLOCK = 64 }; /* nodes per solve; nodes per product, as rows or columns */
 
 typedef struct sparse_columns sparse_columns;
 
-/* Creates a solver for this tissue's factor, which must outlive it. Each thread needs its own. */
+/* Creates a solver for this tissue's factor; the factor must outlive it. Each thread needs its own solver. */
 trocar_status sparse_columns_create(const tissue *t, sparse_columns **created, report *why);
 void sparse_columns_free(sparse_columns *h);
 
-/* sparse_columns_length: number of rows of Y of the node with first dof `dof`; sparse_columns_longest: the maximum over all nodes. */
+/* sparse_columns_length: number of rows of Y for the node with the first dof `dof`; sparse_columns_longest: the largest such number. */
 int sparse_columns_length(const sparse_columns *h, int dof);
 int sparse_columns_longest(const sparse_columns *h);
 
-/* Computes Y of up to HALF_BLOCK nodes, y[i] column-major sparse_columns_length x 3. Allocates nothing. */
+/* Computes Y of up to HALF_BLOCK nodes; y[i] is column-major, sparse_columns_length x 3. Does not allocate memory. */
 void sparse_columns_half_solve(sparse_columns *h, int count, const int *dofs, double *const *y);
 
 /* Nodes, given by their first dofs, and their Y. */
@@ -28,8 +28,8 @@ typedef struct {
     const double *const *y;
 } half_solved;
 
-/* out[(3 i + a) * ld + 3 j + b] = entry of K^-1 between dofs rows[i] + a and columns[j] + b, from their Y. At most
-   PRODUCT_BLOCK rows and columns. Allocates nothing. */
+/* out[(3 i + a) * ld + 3 j + b] = entry of K^-1 between dofs rows[i] + a and columns[j] + b, computed from their Y. At most PRODUCT_BLOCK rows and
+   columns. Does not allocate memory. */
 void sparse_columns_product(sparse_columns *h, const half_solved *rows, const half_solved *columns, double *out, int ld);
 
 #endif

@@ -8,7 +8,7 @@ void between_interpolate(const double *compliance, int ld, int count, const betw
         const between_interpolation *p[SIMD4_WIDTH];
         for (int i = 0; i < SIMD4_WIDTH; i++) p[i] = &points[l + i < count ? l + i : count - 1];
         for (int row = begin; row < 3 * (p[SIMD4_WIDTH - 1]->first + BETWEEN_JOINTS); row++) {
-            simd4 moved[SIMD4_WIDTH]; /* components in lanes; the fourth is padding */
+            simd4 moved[SIMD4_WIDTH]; /* one component in each lane; the fourth lane is padding */
             for (int i = 0; i < SIMD4_WIDTH; i++) {
                 const double *at = compliance + (ptrdiff_t)row * ld + 3 * p[i]->first;
                 moved[i] = p[i]->weights[0] * simd4_load(at);

@@ -1,4 +1,4 @@
-/* The kernel of elimination.h, for one vector width. */
+/* The kernel of elimination.h, compiled for one vector width. */
 #include "linalg/elimination.h"
 
 #include <stddef.h>
@@ -20,7 +20,7 @@ INLINE void turn(double cosine, double sine, simd_wide *x, simd_wide *y) {
     *x = first;
 }
 
-/* Processes one vector of the panel's `count` rows, from column j on. Rows are eliminated one by one or, if rotated, in pairs. */
+/* Processes one vector of each of the panel's `count` rows, starting at column j. Rows are eliminated one by one or, if they are rotated, in pairs. */
 INLINE void finish_vector(const symmetric_system *s, elimination_panel *panel, int j, int count, int step) {
     double (*row)[MOST_COLUMNS] = s->a + panel->begin;
     simd_wide x[PANEL_ROWS], divided[2];
@@ -66,7 +66,7 @@ INLINE void subtract(const double *left, const double *divided, int vectors, sim
         for (int c = 0; c < vectors; c++) x[r][c] -= simd_wide_all(left[r]) * d[c];
 }
 
-/* Subtracts the panel's contribution from a tile of later rows, which starts at row i, column j. */
+/* Subtracts the panel's contribution from a tile of later rows that starts at row i and column j. */
 INLINE void update_tile(const symmetric_system *s, const elimination_panel *panel, int i, ptrdiff_t j, int vectors) {
     const double *left = &panel->undivided[0][i], *divided = &s->a[panel->begin][j];
     double *tile = &s->a[i][j];

@@ -1,4 +1,4 @@
-/* Lower trapezoidal matrices, stored in panels of columns that are allocated separately, so that they can be freed one by one. */
+/* Lower trapezoidal matrices, stored in panels of columns that are allocated separately and can be freed one by one. */
 #ifndef TROCAR_PANELS_H
 #define TROCAR_PANELS_H
 
@@ -9,17 +9,17 @@
 
 enum { PANEL_WIDTH = 576 };  /* largest number of columns in a panel, a multiple of the block size 3 */
 
-/* Columns [first, first + width), from the diagonal down. */
+/* Columns [first, first + width) of the matrix, from the diagonal down. */
 typedef struct {
     int first, width, rows;
-    void *values;            /* rows x width, column-major; double, or float after conversion to single precision. Zero above the diagonal. NULL: not
+    void *values;            /* rows x width, column-major, zero above the diagonal; double, or float after conversion to single precision; NULL if not
                                 allocated */
 } panel;
 
 typedef struct {
     int count;
     panel *panels;
-    bool *filled;            /* count square: true at [i * count + j] if the rows of panel i have entries in panel j; NULL: all have entries */
+    bool *filled;            /* count square: [i * count + j] is true if the rows of panel i have entries in panel j; NULL if all have entries */
 } panels;
 
 static inline bool panels_filled(const panels *p, int i, int j) { return !p->filled || p->filled[i * p->count + j]; }
@@ -28,23 +28,23 @@ static inline bool panels_filled(const panels *p, int i, int j) { return !p->fil
 bool panels_divide(panels *p, int rows, int columns, int split);
 void panels_free(panels *p);
 
-/* Bytes of all panels in double precision. */
+/* Number of bytes of all panels in double precision. */
 double panels_bytes(int rows, int columns);
 
-/* Allocates zeros in double precision, written by the team. */
+/* Allocates the panel in double precision, filled with zeros by the team. */
 bool panel_allocate(panel *p, team *t);
 void panel_release(panel *p);
 
-/* C = alpha A B^T + beta C: A is `rows` rows of a panel, from row `row` of the matrix on, and B `columns` rows from row `column` on. If both are the
-   same rows, only the lower triangle of C is computed. */
+/* C = alpha A B^T + beta C, where A is `rows` rows of a panel, starting at row `row` of the matrix, and B is `columns` rows, starting at row `column`. If
+   both are the same rows, only the lower triangle of C is computed. */
 void panel_multiply(const panel *from, int row, int rows, int column, int columns, double alpha, double beta, double *c, int ld);
 
-/* Left-looking Cholesky factorisation, panel by panel: subtracts the contribution of the factored panels k < min(j, pivots) from panel j, and factorises it if
-   j < pivots; blocks that are not filled are skipped. Returns false if a pivot is not positive. The team shares the rows; each member calls BLAS, which must
-   use one thread. */
+/* Left-looking Cholesky factorisation, one panel at a time: subtracts the contribution of the factored panels k < min(j, pivots) from panel j, and
+   factorises panel j if j < pivots; blocks that are not filled are skipped. Returns false if a pivot is not positive. The members of the team share the
+   rows; each calls BLAS, which must use one thread. */
 bool panels_eliminate(panels *p, int j, int pivots, team *t);
 
-/* Replaces the first entries of `load` (as many as the first `pivots` panels have columns) by y = L^-1 load, and subtracts L y from the others. */
+/* Replaces the first entries of `load` (as many as the first `pivots` panels have columns) by y = L^-1 load, and subtracts L y from the other entries. */
 void panels_forward(const panels *p, int pivots, double *load);
 
 #endif

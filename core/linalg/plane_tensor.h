@@ -4,30 +4,30 @@
 
 #include "base/vec.h"
 
-/* Components in the first two axes of frame_along() of the track's direction. */
+/* Components along the first two axes of frame_along() of the track's direction. */
 typedef struct {
     double xx, xy, yy;
 } plane_tensor;
 
-/* A tensor written as `least` in all directions plus `more` along the unit vector `easy`. */
+/* A tensor expressed as `least` in all directions plus `more` along the unit vector `easy`. */
 typedef struct {
     double least, more;
     vec3 easy;
 } principal_tensor;
 
-/* Sum of all components: finite if all of them are. RT */
+/* Sum of all components; it is finite if all components are. RT */
 static inline double plane_total(plane_tensor t) { return t.xx + t.xy + t.yy; }
 
 /* Mean over all directions. RT */
 static inline double plane_mean(plane_tensor t) { return 0.5 * (t.xx + t.yy); }
 
-/* The part of a symmetric tensor across the track. RT */
+/* The components of a symmetric tensor across the track. RT */
 plane_tensor plane_part(const mat3 *tensor, vec3 direction);
 
 /* RT */
 static inline plane_tensor plane_scaled(double s, plane_tensor t) { return (plane_tensor){s * t.xx, s * t.xy, s * t.yy}; }
 
-/* Raises principal values below `least` to `least`. RT */
+/* Raises principal values that are below `least` to `least`. RT */
 plane_tensor plane_at_least(plane_tensor t, double least);
 
 /* RT */

@@ -1,5 +1,5 @@
-/* Operations on three rows of a matrix, those of a node, over the columns of many nodes, four columns at once. Columns are computed in whole vectors,
-   including a few unused neighbours. */
+/* Operations on three rows of a matrix (those of one node) over the columns of many nodes, four columns at a time. Columns are computed in whole vectors,
+   which may include a few unused columns. */
 #ifndef TROCAR_ROW_TRIPLES_H
 #define TROCAR_ROW_TRIPLES_H
 
@@ -7,7 +7,7 @@
 
 enum { MAX_COLUMN_RANGES = 3, COLUMN_STEP = 8, BLOCK_LD = 4 };
 
-/* The columns in use: ranges of whole steps. */
+/* The columns in use, as ranges of whole steps. */
 typedef struct {
     int count;
     struct { int begin, end; } ranges[MAX_COLUMN_RANGES];
@@ -25,10 +25,10 @@ typedef struct {
 void rows_clear(const column_ranges *c, double *to, int ld);
 void rows_copy(const column_ranges *c, const double *from, int from_ld, double *to, int ld);
 
-/* Computes to += sum of by * rows, entry by entry in this order: the last bits do not depend on other entries. */
+/* Computes to += sum of by * rows. Each entry is summed in this order, so its last bits do not depend on other entries. */
 void rows_add(const column_ranges *c, int count, const row_triple *parts, double *to, int ld);
 
-/* Computes to = sum of weight * rows, added in this order. */
+/* Computes to = sum of weight * rows, summed in this order. */
 typedef struct {
     const double *rows;
     int ld;
@@ -36,7 +36,7 @@ typedef struct {
 } weighted_triple;
 void rows_interpolate(const column_ranges *c, int count, const weighted_triple *parts, double *to, int ld);
 
-/* block = sum of rows * by over the first three columns, added in the same order; the fourth column of the block is zero. */
+/* block = sum of rows * by over the first three columns, summed in the same order; the fourth column of the block is zero. */
 typedef struct {
     const double *rows;
     int ld;

@@ -10,7 +10,7 @@ typedef double simd4 __attribute__((vector_size(SIMD4_WIDTH * sizeof(double))));
 
 static inline simd4 simd4_load(const double *from) {
     simd4 x;
-    memcpy(&x, from, sizeof x); /* need not be aligned */
+    memcpy(&x, from, sizeof x); /* `from` need not be aligned */
     return x;
 }
 
@@ -19,11 +19,11 @@ static inline simd4 simd4_all(double x) { return (simd4){x, x, x, x}; }
 static inline simd4 simd4_from(int i) { return simd4_all(i) + (simd4){0, 1, 2, 3}; }
 static inline double simd4_sum(simd4 x) { return (x[0] + x[2]) + (x[1] + x[3]); }
 
-/* x in the lanes where the mask, a comparison, is true, and zero in the others. */
+/* Returns x in the lanes where the mask (the result of a comparison) is true, and zero in the other lanes. */
 typedef __typeof__((simd4){0} < (simd4){0}) simd4_mask;
 static inline simd4 simd4_where(simd4_mask mask, simd4 x) { return (simd4)(mask & (simd4_mask)x); }
 
-/* The largest multiple of SIMD4_WIDTH that is at most i, for i >= 0. */
+/* Returns the largest multiple of SIMD4_WIDTH that is at most i, for i >= 0. */
 static inline int simd4_below(int i) { return i / SIMD4_WIDTH * SIMD4_WIDTH; }
 
 #endif

@@ -1,5 +1,5 @@
-/* A vector as wide as the registers of the compilation target: eight doubles (AVX-512) or four (AVX2, or two NEON registers). For loops that are compiled once
-   for each width. */
+/* A vector with the width of the target's registers: eight doubles (AVX-512) or four (one AVX2 register, or two NEON registers). For loops that are
+   compiled once for each width. */
 #ifndef TROCAR_SIMD_WIDE_H
 #define TROCAR_SIMD_WIDE_H
 
@@ -16,7 +16,7 @@ typedef double simd_wide __attribute__((vector_size(SIMD_WIDE_WIDTH * sizeof(dou
 
 static inline simd_wide simd_wide_load(const double *from) {
     simd_wide x;
-    memcpy(&x, from, sizeof x); /* need not be aligned */
+    memcpy(&x, from, sizeof x); /* `from` need not be aligned */
     return x;
 }
 
@@ -29,16 +29,16 @@ static inline simd_wide simd_wide_from(int i) {
     return x;
 }
 
-/* x in the lanes where the mask, a comparison, is true, and zero in the others. */
+/* Returns x in the lanes where the mask (the result of a comparison) is true, and zero in the other lanes. */
 typedef __typeof__((simd_wide){0} < (simd_wide){0}) simd_wide_mask;
 static inline simd_wide simd_wide_where(simd_wide_mask mask, simd_wide x) { return (simd_wide)(mask & (simd_wide_mask)x); }
 
-/* The largest multiple of SIMD_WIDE_WIDTH that is at most i, for i >= 0. */
+/* Returns the largest multiple of SIMD_WIDE_WIDTH that is at most i, for i >= 0. */
 static inline int simd_wide_below(int i) { return i / SIMD_WIDE_WIDTH * SIMD_WIDE_WIDTH; }
 
-#ifdef TROCAR_AVX512 /* the program has code for x86-64-v4 besides that for any other processor */
+#ifdef TROCAR_AVX512 /* defined if the program contains code for x86-64-v4 in addition to that for any other processor */
 
-/* True if this processor supports x86-64-v4. Results are equal to the bit only if both versions have fused multiplication. RT */
+/* True if this processor supports x86-64-v4. Results are bitwise equal only if both versions of the code have fused multiplication. RT */
 static inline bool runs_avx512(void) {
 #ifdef __FMA__
     return __builtin_cpu_supports("avx512f") && __builtin_cpu_supports("avx512bw") && __builtin_cpu_supports("avx512cd")

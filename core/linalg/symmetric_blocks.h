@@ -1,4 +1,4 @@
-/* A symmetric matrix of 3 x 3 blocks. Blocks on and below the diagonal are stored, each contiguous, in double or single precision. */
+/* A symmetric matrix of 3 x 3 blocks. Only blocks on and below the diagonal are stored; each is contiguous, in double or single precision. */
 #ifndef TROCAR_SYMMETRIC_BLOCKS_H
 #define TROCAR_SYMMETRIC_BLOCKS_H
 
@@ -7,11 +7,11 @@
 
 typedef struct {
     int count;               /* rows of blocks */
-    bool single;             /* true: float; false: double */
+    bool single;             /* true for float, false for double */
     void *numbers;           /* block (i, j), j <= i, row-major, is the (i (i + 1) / 2 + j)th */
 } symmetric_blocks;
 
-/* Numbers and bytes of storage for `count` rows of blocks. */
+/* Number of values, and of bytes, that `count` rows of blocks need. */
 size_t symmetric_blocks_numbers(int count);
 size_t symmetric_blocks_bytes(int count, bool single);
 

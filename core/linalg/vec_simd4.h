@@ -12,7 +12,7 @@ typedef struct { simd4 m[3][3]; } mat3_simd4;   /* m[row][column] */
 static inline simd4 simd4_sqrt(simd4 a) { return (simd4){sqrt(a[0]), sqrt(a[1]), sqrt(a[2]), sqrt(a[3])}; }
 static inline simd4 simd4_signs(simd4 a) { return (simd4){copysign(1.0, a[0]), copysign(1.0, a[1]), copysign(1.0, a[2]), copysign(1.0, a[3])}; }
 
-/* Rows become columns. */
+/* Transposes four vectors: rows become columns. */
 static inline void simd4_transpose(simd4 *a, simd4 *b, simd4 *c, simd4 *d) {
     simd4 ab = __builtin_shufflevector(*a, *b, 0, 4, 2, 6), ba = __builtin_shufflevector(*a, *b, 1, 5, 3, 7);
     simd4 cd = __builtin_shufflevector(*c, *d, 0, 4, 2, 6), dc = __builtin_shufflevector(*c, *d, 1, 5, 3, 7);

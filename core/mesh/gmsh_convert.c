@@ -11,9 +11,9 @@
 
 /* ---- the library ---- */
 
-static const char LIBRARY[] = "libgmsh.so.4.8"; /* Debian 12's. Later versions have another gmshInitialize */
+static const char LIBRARY[] = "libgmsh.so.4.8"; /* in Debian 12; later versions have a different gmshInitialize */
 
-/* The functions of Gmsh's C interface (gmshc.h) that are used here; *error is not 0 after a failure. */
+/* Those functions of Gmsh's C interface (gmshc.h) that are used here; after a failure, *error is not 0. */
 typedef struct {
     void (*start)(int argc, char **argv, int read_config, int *error);
     void (*finish)(int *error);
@@ -35,7 +35,7 @@ static bool find(void *library, const char *name, void *function) {
     return symbol;
 }
 
-/* The library stays loaded: it has state of its own, and so have those that it brings. */
+/* The library is never unloaded, because it and the libraries on which it depends have state of their own. */
 static bool load(gmsh_functions *g) {
     void *library = dlopen(LIBRARY, RTLD_NOW | RTLD_LOCAL);
     return library && find(library, "gmshInitialize", &g->start) && find(library, "gmshFinalize", &g->finish) && find(library, "gmshMerge", &g->merge) &&
@@ -58,7 +58,7 @@ static trocar_status cannot_read(const gmsh_functions *g, const char *path, repo
     return TROCAR_BAD_INPUT;
 }
 
-/* All elements, not only those of physical groups; coordinates as they are. */
+/* Keep all elements, not only those of physical groups, and leave the coordinates unchanged. */
 static const struct { const char *name; double value; } OPTIONS[] = {
     {"General.Terminal", 0}, {"Mesh.MshFileVersion", 4.1}, {"Mesh.Binary", 1}, {"Mesh.SaveAll", 1}, {"Mesh.SaveParametric", 0}, {"Mesh.ScalingFactor", 1},
     {"Mesh.PartitionSplitMeshFiles", 0},
@@ -87,7 +87,7 @@ static trocar_status convert(const gmsh_functions *g, const char *path, const ch
 
 /* ---- session ---- */
 
-/* Gmsh sets the locale of the whole process; this restores the host's at once. */
+/* Gmsh sets the locale of the whole process; this restores the host's locale at once. */
 static void start(const gmsh_functions *g, int *error) {
     const char *now = setlocale(LC_ALL, NULL);
     char *before = now ? strdup(now) : NULL;
@@ -96,10 +96,10 @@ static void start(const gmsh_functions *g, int *error) {
     free(before);
 }
 
-/* If the host program already uses Gmsh, works in a model of its own, which is removed again. */
+/* If the host program already uses Gmsh, works in a separate model, which is removed afterwards. */
 static trocar_status convert_in_session(const gmsh_functions *g, const char *path, const char *converted, report *why) {
     int error = 0;
-    double terminal = -1.0; /* unchanged if Gmsh is not running */
+    double terminal = -1.0; /* keeps this value if Gmsh has not been initialised */
     g->get_number("General.Terminal", &terminal, &error);
     bool hosted = error == 0 && terminal >= 0.0;
     char *host_model = NULL;
@@ -121,8 +121,7 @@ static trocar_status convert_in_session(const gmsh_functions *g, const char *pat
 
 static pthread_mutex_t session_lock = PTHREAD_MUTEX_INITIALIZER;
 
-/* A fork waits until other threads have read their meshes: otherwise the child would inherit a half-initialised Gmsh and a lock that is never
-   released. */
+/* A fork waits until other threads have read their meshes. Otherwise the child would inherit a half-initialised Gmsh and a lock that is never released. */
 static pthread_once_t forks_watched = PTHREAD_ONCE_INIT;
 static void begin_fork(void) { pthread_mutex_lock(&session_lock); }
 static void end_fork(void) { pthread_mutex_unlock(&session_lock); }
@@ -131,7 +130,7 @@ static void watch_forks(void) { pthread_atfork(begin_fork, end_fork, end_fork); 
 static trocar_status convert_alone(const gmsh_functions *g, const char *path, const char *converted, report *why) {
     pthread_once(&forks_watched, watch_forks);
     pthread_mutex_lock(&session_lock);
-    locale_t before = use_c_locale(); /* Gmsh reads numbers in the host's locale */
+    locale_t before = use_c_locale(); /* otherwise Gmsh would read numbers in the host's locale */
     trocar_status status = convert_in_session(g, path, converted, why);
     restore_locale(before);
     pthread_mutex_unlock(&session_lock);

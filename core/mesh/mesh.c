@@ -64,7 +64,8 @@ vec3 mesh_face_normal(const mesh *m, int tet, int face) {
     return v3_unit(gradients[face]);
 }
 
-/* The barycentric weight of vertex i changes linearly along d and is zero on face i. In this function, weights and rates are multiplied by six volumes. */
+/* The barycentric weight of vertex i changes linearly along d and is zero on face i. In this function, weights and rates are multiplied by six times the
+   volume. */
 int mesh_exit(const mesh *m, int tet, vec3 x, vec3 d, double *distance) {
     const int *corners = m->tets[tet];
     vec3 first = m->nodes[corners[0]], to = v3_sub(x, first);
@@ -137,7 +138,8 @@ static int locate_by_search(const mesh *m, vec3 x) {
     return best;
 }
 
-/* Walks through the face with the most negative barycentric weight. If the walk cycles or leaves a non-convex body, all tetrahedra are tested. */
+/* Walks from element to element through the face with the most negative barycentric weight. If the walk cycles, or leaves a non-convex body, all
+   tetrahedra are tested. */
 int mesh_locate(const mesh *m, vec3 x, int start) {
     int tet = start >= 0 ? start : 0;
     int steps = 64 + 8 * (int)cbrt(m->tet_count);
@@ -162,9 +164,9 @@ void mesh_remark(mesh *m, const char *format, ...) {
     va_end(arguments);
 }
 
-static const double LARGEST_BODY = 10.0; /* needle lengths: size of the body above which a warning says that the unit may be wrong. Chosen by judgement */
-static const double SMALLEST_BODY = 0.05; /* needle lengths: size of the body below which a warning says that the unit may be wrong. Chosen by judgement */
-static const double COARSEST = 50.0; /* needle diameters: size of elements above which a warning is given. Chosen by judgement */
+static const double LARGEST_BODY = 10.0; /* needle lengths: size of the body above which a message warns that the unit may be wrong. Chosen by judgement */
+static const double SMALLEST_BODY = 0.05; /* needle lengths: size of the body below which a message warns that the unit may be wrong. Chosen by judgement */
+static const double COARSEST = 50.0; /* needle diameters: size of the elements above which a message warns that the mesh is coarse. Chosen by judgement */
 
 void mesh_compare_with_needle(mesh *m, double length, double diameter) {
     double size = v3_norm(v3_sub(m->bvh[0].high, m->bvh[0].low)), least = INFINITY;

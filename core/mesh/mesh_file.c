@@ -1,4 +1,4 @@
-/* Makes a mesh from a file: its tetrahedra, the nodes that they use, physical groups. */
+/* Creates a mesh from the contents of a file: tetrahedra, the nodes that they use, and physical groups. */
 #include <errno.h>
 #include <inttypes.h>
 #include <limits.h>
@@ -10,7 +10,7 @@
 #include "mesh/mesh_merge.h"
 #include "mesh/msh_reader.h"
 
-/* Named sets of elements: bit g is set if the entity is in the mesh's group g. */
+/* The groups of the mesh that contain a model entity: bit g is set for group g. */
 typedef struct { int dimension, entity; uint32_t groups; } entity_groups;
 
 typedef struct {
@@ -19,11 +19,11 @@ typedef struct {
     mesh *mesh;
     report *why;
     msh_contents file;
-    int *index;              /* file.node_count: the mesh's number of the node, -1 if no tetrahedron uses it */
-    int tags[MESH_MAX_GROUPS]; /* of the groups in the file */
-    entity_groups *entities; /* entity_count, by dimension and tag; those in groups */
+    int *index;              /* file.node_count: number of each node in the mesh; -1 if no tetrahedron uses the node */
+    int tags[MESH_MAX_GROUPS]; /* tags of the groups in the file */
+    entity_groups *entities; /* entity_count: entities that are in a group, sorted by dimension and tag */
     size_t entity_count;
-    int (*triangles)[3];     /* of all named surfaces, node indices */
+    int (*triangles)[3];     /* node indices of the triangles of all named surfaces */
     int *triangle_group;
     int triangle_count;
 } mesh_maker;
@@ -56,9 +56,9 @@ static trocar_status read_file(mesh_maker *r) {
     return status;
 }
 
-/* Position in file.nodes, or -1. */
+/* Returns the index in file.nodes of the node with this tag, or -1. */
 static int find_node(const mesh_maker *r, uint64_t tag) {
-    uint64_t place = tag - r->file.nodes[0].tag; /* in a file without gaps; wraps around below the first tag */
+    uint64_t place = tag - r->file.nodes[0].tag; /* in a file without gaps, this is the index; it wraps around for tags below the first one */
     if (place < r->file.node_count && r->file.nodes[place].tag == tag) return (int)place;
     size_t low = 0, high = r->file.node_count;
     while (low < high) {
@@ -69,7 +69,7 @@ static int find_node(const mesh_maker *r, uint64_t tag) {
     return low < r->file.node_count && r->file.nodes[low].tag == tag ? (int)low : -1;
 }
 
-/* The mesh's number of the node with this tag, -1 if no tetrahedron uses it. */
+/* Returns the number in the mesh of the node with this tag, or -1 if no tetrahedron uses it. */
 static int mesh_node(const mesh_maker *r, uint64_t tag) {
     int place = find_node(r, tag);
     return place < 0 ? -1 : r->index[place];
@@ -110,7 +110,7 @@ static int group_of_tag(const mesh_maker *r, int dimension, int tag) {
     return -1;
 }
 
-/* The next group after (dimension, tag) in the order of dimension and tag; NULL: none. */
+/* Returns the next group after (dimension, tag), in the order of dimension and tag; NULL if there is none. */
 static const msh_membership *next_group(const mesh_maker *r, int dimension, int tag) {
     const msh_membership *next = NULL;
     for (size_t i = 0; i < r->file.membership_count; i++) {
@@ -122,8 +122,7 @@ static const msh_membership *next_group(const mesh_maker *r, int dimension, int 
     return next;
 }
 
-/* Makes the groups in the order of dimension and tag, without their nodes. If no volume is in a physical group, all tetrahedra form the region
-   "tissue". */
+/* Creates the groups, in the order of dimension and tag, without their nodes. If no volume is in a physical group, all tetrahedra form the region "tissue". */
 static trocar_status make_groups(mesh_maker *r) {
     trocar_status status = TROCAR_OK;
     bool has_volume = false;
@@ -152,7 +151,7 @@ static trocar_status collect_entities(mesh_maker *r) {
     return TROCAR_OK;
 }
 
-/* The groups, as bits, that contain this element. */
+/* Returns the groups that contain this element, one bit each. */
 static uint32_t groups_of(const mesh_maker *r, const msh_element *e) {
     size_t low = 0, high = r->entity_count;
     while (low < high) {
@@ -167,7 +166,7 @@ static uint32_t groups_of(const mesh_maker *r, const msh_element *e) {
 
 /* ---- tetrahedra ---- */
 
-/* The region of an element's entity: its only physical volume, or "tissue" if there are no physical volumes. */
+/* Finds the region of an element's entity: the only physical volume that contains it, or "tissue" if there are no physical volumes. */
 static trocar_status find_region(const mesh_maker *r, const msh_element *e, int *region) {
     uint32_t groups = groups_of(r, e), others = groups & (groups - 1);
     *region = groups ? __builtin_ctz(groups) : group_of_tag(r, 3, 0);
@@ -179,7 +178,7 @@ static trocar_status find_region(const mesh_maker *r, const msh_element *e, int 
     return TROCAR_OK;
 }
 
-/* Takes the tetrahedra in the order of their entities; `mesh->tets` receives positions in file.nodes, and `index` 0 for each node that is used. */
+/* Reads the tetrahedra in the order of their entities. `mesh->tets` receives indices in file.nodes, and `index` becomes 0 for each node that is used. */
 static trocar_status take_tets(mesh_maker *r) {
     mesh *m = r->mesh;
     size_t first = 0, count = r->file.element_count;
@@ -208,7 +207,7 @@ static trocar_status take_tets(mesh_maker *r) {
     return TROCAR_OK;
 }
 
-/* Removes unused nodes and keeps the order of the others. */
+/* Removes unused nodes; the others keep their order. */
 static trocar_status take_nodes(mesh_maker *r) {
     mesh *m = r->mesh;
     m->nodes = malloc(r->file.node_count * sizeof *m->nodes);
@@ -224,7 +223,7 @@ static trocar_status take_nodes(mesh_maker *r) {
     return TROCAR_OK;
 }
 
-/* Joins separately meshed bodies at matching faces; adds remarks about joined nodes and about faces that do not match. */
+/* Joins separately meshed bodies at matching faces. Adds remarks about joined nodes and about faces that do not match. */
 static trocar_status merge_nodes(mesh_maker *r) {
     mesh *m = r->mesh;
     mesh_merge_result result;

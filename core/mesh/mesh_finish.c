@@ -1,14 +1,14 @@
-/* Completes a mesh that consists of nodes and elements: orientation, neighbours, named surfaces, outer surface. Rejects invalid meshes. */
+/* Completes a mesh of nodes and elements: orientation, neighbours, named surfaces, outer surface. Rejects invalid meshes. */
 #include <stdlib.h>
 #include <string.h>
 
 #include "mesh/mesh.h"
 #include "mesh/surface_tree.h"
 
-/* Face i is opposite vertex i; for a tet of positive volume its nodes are counter-clockwise as seen from outside. */
+/* Face i is opposite vertex i. In a tetrahedron of positive volume, the face's nodes are counter-clockwise as seen from outside. */
 static const int FACE[4][3] = {{1, 2, 3}, {0, 3, 2}, {0, 1, 3}, {0, 2, 1}};
 
-static const double FLAT = 1e-9; /* 1: volume over longest edge^3 below which a tetrahedron counts as degenerate (a regular one has 0.118). Rounding
+static const double FLAT = 1e-9; /* 1: ratio of volume to longest edge^3 below which a tetrahedron counts as degenerate (0.118 for a regular one). Rounding
                                     tolerance */
 
 /* ---- checks and orientation ---- */
@@ -48,7 +48,7 @@ static trocar_status orient_tets(mesh *m, const char *name, report *why) {
     return TROCAR_OK;
 }
 
-/* Computes the size at each node: mean edge length of regular tetrahedra with the volumes of those around the node. */
+/* Computes the size at each node: the mean edge length of regular tetrahedra with the volumes of those around the node. */
 static trocar_status measure_nodes(mesh *m, const char *name, report *why) {
     int *valence = calloc(m->node_count, sizeof *valence);
     if (!valence) return fail(why, TROCAR_NO_MEMORY, "%s: no memory for %d nodes", name, m->node_count);
@@ -73,7 +73,7 @@ static trocar_status measure_nodes(mesh *m, const char *name, report *why) {
 
 typedef struct {
     int key[3];              /* nodes, ascending */
-    bool odd;                /* the outward order of the nodes is an odd permutation of the key */
+    bool odd;                /* true if the outward order of the nodes is an odd permutation of the key */
     int tet, face;
 } face_record;
 
@@ -95,7 +95,7 @@ static int compare_keys(const int a[3], const int b[3]) {
     return 0;
 }
 
-/* Ties are broken by tet, so that the order of records and boundary faces does not depend on the sorting algorithm. */
+/* Ties are resolved by the number of the tetrahedron, so that the order of records and boundary faces does not depend on the sorting algorithm. */
 static int compare_records(const void *left, const void *right) {
     const face_record *a = left, *b = right;
     int order = compare_keys(a->key, b->key);
@@ -117,7 +117,7 @@ static face_record *sorted_faces(const mesh *m) {
     return faces;
 }
 
-/* Two tetrahedra that share a face are on opposite sides of it, so the face's nodes must have opposite orientations in them. */
+/* Two tetrahedra that share a face are on opposite sides of it, so they must contain the face's nodes in opposite orientations. */
 static trocar_status join_neighbours(mesh *m, const face_record *faces, const char *name, report *why) {
     size_t count = 4 * (size_t)m->tet_count, next;
     for (size_t i = 0; i < count; i = next) {
@@ -140,7 +140,7 @@ static trocar_status join_neighbours(mesh *m, const face_record *faces, const ch
     return TROCAR_OK;
 }
 
-/* First record with this key, or NULL. */
+/* Returns the first record with this key, or NULL. */
 static const face_record *find_face(const face_record *faces, size_t count, const int key[3]) {
     size_t low = 0, high = count;
     while (low < high) {

@@ -2,12 +2,14 @@
 
 #include <stdlib.h>
 
-static const double SAME_PLACE = 1e-6; /* fraction: distance, relative to the body's size, within which nodes coincide. Rounding: files in single precision */
-static const vec3 ORDER = {0.5773, 0.7211, 0.3834};               /* direction of sorting, not aligned with the axes of regular meshes */
+static const double SAME_PLACE = 1e-6; /* fraction: distance, relative to the size of the body, within which nodes coincide. Rounding: files in single
+                                          precision */
+static const vec3 ORDER = {0.5773, 0.7211, 0.3834};               /* direction along which nodes are sorted, not aligned with the axes of regular meshes */
 static const int FACES[4][3] = {{1, 2, 3}, {0, 2, 3}, {0, 1, 3}, {0, 1, 2}};
 
 typedef struct { double along; int node; } placed_node;
-typedef struct { int place[3], nodes[3]; } placed_face;            /* lowest node at each position, ascending; and the face's own nodes */
+typedef struct { int place[3], nodes[3]; } placed_face;            /* lowest node at each corner's position, in ascending order; and the nodes of the face
+                                                                      itself */
 
 static int compare_placed(const void *left, const void *right) {
     const placed_node *a = left, *b = right;
@@ -31,7 +33,7 @@ static double body_size(const mesh *m) {
     return v3_norm(v3_sub(high, low));
 }
 
-/* place[n]: lowest node at the position of n. Returns the number of nodes that coincide with another. */
+/* Sets place[n] to the lowest node at the position of n. Returns the number of nodes that coincide with another one. */
 static int find_places(const mesh *m, placed_node *order, int *place) {
     double near = SAME_PLACE * body_size(m);
     int shared = 0;
@@ -83,7 +85,7 @@ static placed_face face_at(const int *place, const int nodes[4], int face) {
     return f;
 }
 
-/* Joins the nodes of matching faces (union-find). On entry parent[n] = n. */
+/* Joins the nodes of matching faces (union-find). On entry, parent[n] is n. */
 static trocar_status join_faces(const mesh *m, const int *place, int *parent) {
     bool *shared = calloc((size_t)m->node_count, sizeof *shared);
     placed_face *faces = malloc(4 * (size_t)m->tet_count * sizeof *faces);
@@ -107,7 +109,7 @@ static trocar_status join_faces(const mesh *m, const int *place, int *parent) {
 static void renumber(mesh *m, const int *place, int *parent, int *renumbered, mesh_merge_result *result) {
     int count = 0;
     for (int n = 0; n < m->node_count; n++) {
-        int root = root_of(parent, n); /* lower than n, or n */
+        int root = root_of(parent, n); /* lower than n, or equal to n */
         if (root == n && place[n] != n) result->apart++, result->example = n;
         renumbered[n] = root == n ? count : renumbered[root];
         if (root == n) m->nodes[count++] = m->nodes[n];

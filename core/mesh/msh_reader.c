@@ -25,7 +25,7 @@ static void out_of_memory(reader *r) {
     if (going_on(r)) r->in.status = fail(r->in.why, TROCAR_NO_MEMORY, "%s: no memory for the mesh", r->in.path);
 }
 
-/* Returns the array, moved if necessary, with room for one item more than `count`. */
+/* Returns the array, reallocated if necessary, with room for at least one item more than `count`. */
 static void *grown(reader *r, void *array, size_t count, size_t *room, size_t item) {
     if (count < *room || !going_on(r)) return array;
     size_t wanted = *room > 0 ? 2 * *room : 64;
@@ -38,7 +38,8 @@ static void *grown(reader *r, void *array, size_t count, size_t *room, size_t it
 
 /* ---- element types ---- */
 
-/* Gmsh's types 1 to 31 (reference manual, "Node ordering"); those of higher order have more nodes than any mesh needs whose tetrahedra are linear. */
+/* Gmsh's element types 1 to 31 (reference manual, "Node ordering"). Those of high order, which are omitted, have more nodes than a mesh of linear
+   tetrahedra needs. */
 static const struct { const char *shape; int dimension, nodes; } ELEMENT_TYPES[] = {
     {0}, {"Line", 1, 2}, {"Triangle", 2, 3}, {"Quadrilateral", 2, 4}, {"Tetrahedron", 3, 4}, {"Hexahedron", 3, 8}, {"Prism", 3, 6}, {"Pyramid", 3, 5},
     {"Line", 1, 3}, {"Triangle", 2, 6}, {"Quadrilateral", 2, 9}, {"Tetrahedron", 3, 10}, {"Hexahedron", 3, 27}, {"Prism", 3, 18}, {"Pyramid", 3, 14},
@@ -61,7 +62,7 @@ static bool check_type(reader *r, int type) {
 
 /* ---- physical groups ---- */
 
-/* Gmsh stores the group of a reversed entity with a negative tag. */
+/* For a reversed entity, Gmsh stores the group's tag with a negative sign. */
 static void add_membership(reader *r, int dimension, int entity, int tag) {
     msh_contents *c = r->contents;
     msh_membership added = {dimension, entity, tag < 0 && tag > INT_MIN ? -tag : tag};
@@ -78,7 +79,7 @@ static bool name_is_taken(const msh_contents *c, int dimension, const char *text
     return false;
 }
 
-/* In version 2.2 a name belongs to the first group that has it, and a later one of the same dimension is unnamed. */
+/* In version 2.2, a name belongs to the first group that has it; later groups of the same dimension with that name are unnamed. */
 static void read_names(reader *r) {
     msh_contents *c = r->contents;
     int64_t count = msh_text_int_line(&r->in);
@@ -97,7 +98,7 @@ static void read_names(reader *r) {
 
 /* ---- nodes ---- */
 
-/* Makes room for `count` nodes, of `numbers` numbers and `bytes` bytes in the file at least. */
+/* Makes room for `count` nodes. Each of them takes at least `numbers` numbers (text) or `bytes` bytes (binary) in the file. */
 static void begin_nodes(reader *r, uint64_t count, int bytes) {
     if (r->has_nodes) msh_fail(&r->in, "a second section with nodes: export the mesh again");
     r->has_nodes = true;
@@ -133,7 +134,7 @@ static void read_nodes_2(reader *r, bool parametric) {
 static void read_nodes_4(reader *r) {
     msh_contents *c = r->contents;
     uint64_t blocks = msh_size(&r->in), count = msh_size(&r->in);
-    msh_size(&r->in), msh_size(&r->in); /* the least and the greatest tag */
+    msh_size(&r->in), msh_size(&r->in); /* skips the smallest and the largest tag */
     begin_nodes(r, count, 32);
     for (uint64_t b = 0; b < blocks && going_on(r); b++) {
         int dimension = msh_int(&r->in);
@@ -160,7 +161,7 @@ static void begin_elements(reader *r, uint64_t count, int numbers, int bytes) {
     if (going_on(r) && !(r->contents->elements = malloc(r->element_room * sizeof *r->contents->elements))) out_of_memory(r);
 }
 
-/* Reads the element's nodes, and keeps it. There is room for it. */
+/* Reads the nodes of an element and stores the element, for which there must be room. */
 static void read_corners(reader *r, msh_element element) {
     msh_contents *c = r->contents;
     element.first = c->corner_count;
@@ -172,8 +173,8 @@ static void read_corners(reader *r, msh_element element) {
     if (going_on(r)) c->elements[c->element_count++] = element;
 }
 
-/* The element's tags: the first is its physical group or 0, the second its entity, others concern partitions. Skips
-   elements of negative entities, as Gmsh does. */
+/* Reads an element with its tags: the first is its physical group or 0, the second is its entity, and the others concern partitions. Skips elements of
+   negative entities, as Gmsh does. */
 static void read_element_2(reader *r, int64_t number, int type, int tags) {
     int physical = 0, entity = 0;
     for (int i = 0; i < tags && going_on(r); i++) {
@@ -193,7 +194,7 @@ static void read_elements_2(reader *r) {
     if (count < 0) msh_fail(&r->in, "$Elements announces %" PRId64 " elements: export the mesh again", count);
     begin_elements(r, (uint64_t)count, 4, 8);
     for (int64_t i = 0; i < count && going_on(r);) {
-        int number = 0, type, tags, block = 1; /* a binary file has a header for each block of similar elements */
+        int number = 0, type, tags, block = 1; /* in a binary file, each block of similar elements has a header */
         if (!r->in.binary) number = msh_int(&r->in);
         type = msh_int(&r->in);
         if (r->in.binary) block = msh_int(&r->in);
@@ -213,7 +214,7 @@ static bool is_ghost(const reader *r, int entity) {
 static void read_elements_4(reader *r) {
     msh_contents *c = r->contents;
     uint64_t blocks = msh_size(&r->in), count = msh_size(&r->in), read = 0;
-    msh_size(&r->in), msh_size(&r->in); /* the least and the greatest tag */
+    msh_size(&r->in), msh_size(&r->in); /* skips the smallest and the largest tag */
     begin_elements(r, count, 2, 16);
     for (uint64_t b = 0; b < blocks && going_on(r); b++) {
         int dimension = msh_int(&r->in), entity = msh_int(&r->in), type = msh_int(&r->in);
@@ -238,10 +239,10 @@ static void read_elements_4(reader *r) {
 static void read_entity(reader *r, int dimension, bool partition) {
     int entity = msh_int(&r->in);
     if (partition) {
-        msh_int(&r->in), msh_int(&r->in); /* the parent's dimension and tag */
+        msh_int(&r->in), msh_int(&r->in); /* skips dimension and tag of the parent entity */
         for (uint64_t i = msh_size(&r->in); i > 0 && going_on(r); i--) msh_int(&r->in);
     }
-    for (int k = 0; k < (dimension == 0 ? 3 : 6); k++) msh_real(&r->in); /* point or bounding box */
+    for (int k = 0; k < (dimension == 0 ? 3 : 6); k++) msh_real(&r->in); /* skips the point or the bounding box */
     for (uint64_t i = msh_size(&r->in); i > 0 && going_on(r); i--) add_membership(r, dimension, entity, msh_int(&r->in));
     if (dimension == 0) return;
     for (uint64_t i = msh_size(&r->in); i > 0 && going_on(r); i--) msh_int(&r->in); /* bounding entities */
@@ -249,7 +250,7 @@ static void read_entity(reader *r, int dimension, bool partition) {
 
 static void read_entities(reader *r, bool partitions) {
     if (partitions) {
-        msh_size(&r->in); /* number of partitions */
+        msh_size(&r->in); /* skips the number of partitions */
         for (uint64_t i = msh_size(&r->in); i > 0 && going_on(r); i--) {
             GROW(r, r->ghosts, r->ghost_count, r->ghost_room);
             int ghost = msh_int(&r->in);
@@ -266,7 +267,7 @@ static void read_entities(reader *r, bool partitions) {
 
 /* ---- order ---- */
 
-/* Returns false if they were in this order already. */
+/* Sorts the items. Returns false if they were already sorted. */
 static bool sort(void *items, size_t count, size_t size, int (*compare)(const void *, const void *)) {
     const char *at = items;
     size_t i = 1;
@@ -280,7 +281,7 @@ static int compare_tags(const void *left, const void *right) {
     return (a->tag > b->tag) - (a->tag < b->tag);
 }
 
-/* Sorts the nodes and removes repetitions. */
+/* Sorts the nodes and removes duplicates. */
 static void unite_nodes(reader *r) {
     msh_contents *c = r->contents;
     size_t kept = 0;
@@ -308,7 +309,7 @@ static int compare_elements(const void *left, const void *right) {
     return (a->number > b->number) - (a->number < b->number);
 }
 
-/* Removes repetitions: an element that is in several physical groups may occur once for each, always with the same number. */
+/* Removes duplicates: an element in several physical groups may occur once for each group, always with the same number. */
 static void unite_elements(reader *r) {
     msh_contents *c = r->contents;
     size_t kept = 0;
@@ -345,7 +346,7 @@ static void sort_memberships(msh_contents *c) {
 
 /* ---- the whole file ---- */
 
-/* Reads $MeshFormat up to the numbers: version, text (0) or binary, bytes of a size. Sections before it are comments. */
+/* Reads $MeshFormat up to and including the numbers for version, text (0) or binary, and bytes of a size. Sections before it are comments. */
 static bool read_format(reader *r, int64_t *binary, int64_t *size) {
     do {
         if (!msh_next_section(&r->in)) return false;
@@ -382,7 +383,7 @@ bool msh_is_readable(FILE *file) {
     if (fread(first, 1, sizeof first - 1, file) < sizeof first - 1) return false;
     if (strncmp(first, "$MeshForm", 9) != 0 && strncmp(first, "$Comments", 9) != 0) return false;
     rewind(file);
-    return !read_format(&r, &binary, &size) || r.version == 2.2 || r.version == 4.1; /* it is read in order to tell what is wrong */
+    return !read_format(&r, &binary, &size) || r.version == 2.2 || r.version == 4.1; /* an unsupported version is read in order to report what is wrong */
 }
 
 trocar_status msh_read(FILE *file, const char *path, bool converted, msh_contents *contents, report *why) {

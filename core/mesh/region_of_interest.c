@@ -28,7 +28,7 @@ static trocar_status mark_given(const mesh *m, const roi_config *given, bool *in
 
 typedef struct { vec3 point, direction; } line;
 
-/* Line through the centroid of an outer surface, pointing inward; its direction is zero if there is no such surface. */
+/* Returns the line through the centroid of an outer surface, pointing inward; its direction is zero if there is no such surface. */
 static line line_into(const mesh *m, int surface) {
     double area = 0.0;
     vec3 middle = v3(0, 0, 0), outwards = v3(0, 0, 0);
@@ -41,7 +41,7 @@ static line line_into(const mesh *m, int surface) {
         middle = v3_axpy(v3_norm(normal) / 3.0, v3_add(p, v3_add(q, r)), middle);
         outwards = v3_add(outwards, normal);
     }
-    bool flat = v3_norm(outwards) > 0.1 * area; /* an open, roughly flat surface, not a closed one */
+    bool flat = v3_norm(outwards) > 0.1 * area; /* true for an open, roughly flat surface; false for a closed one */
     return flat ? (line){v3_scale(1.0 / area, middle), v3_scale(-1.0 / v3_norm(outwards), outwards)} : (line){.direction = v3(0, 0, 0)};
 }
 

@@ -2,8 +2,8 @@
 
 #include <stdlib.h>
 
-static const double SLACK = 1e-12; /* fraction: tolerance of distances, relative to the body's size. Rounding tolerance */
-enum { LEAF_FACES = 4, STACK_SIZE = 64 };   /* each level halves the faces, so 64 levels suffice for any mesh */
+static const double SLACK = 1e-12; /* fraction: tolerance of distances, relative to the size of the body. Rounding tolerance */
+enum { LEAF_FACES = 4, STACK_SIZE = 64 };   /* each level halves the number of faces, so 64 levels suffice for any mesh */
 
 /* ---- building ---- */
 
@@ -38,7 +38,7 @@ static void rank_along_longest_axis(const mesh *m, const bvh_node *node, ranked_
     qsort(faces, count, sizeof *faces, compare_ranks);
 }
 
-/* Splits `all[first .. first + count)` recursively down to leaves; `used` counts the nodes of the tree. */
+/* Splits `all[first .. first + count)` recursively into leaves; `used` counts the tree's nodes. */
 static void split_node(mesh *m, int index, ranked_face *all, int first, int count, int *used) {
     bvh_node *node = &m->bvh[index];
     bound_faces(m, all + first, count, node);
@@ -73,7 +73,7 @@ bool surface_tree_build(mesh *m) {
 
 /* ---- entering through the outer surface ---- */
 
-typedef struct { vec3 from, along; double slack; } segment; /* from + s along, 0 <= s <= 1; slack in m */
+typedef struct { vec3 from, along; double slack; } segment; /* points from + s along, 0 <= s <= 1; slack in m */
 
 static bool clip_axis(double from, double along, double low, double high, double *enter, double *leave) {
     if (along == 0.0) return from >= low && from <= high;
@@ -90,13 +90,13 @@ static bool meets_box(const segment *ray, const bvh_node *box, double limit) {
         && clip_axis(ray->from.z, ray->along.z, box->low.z - slack, box->high.z + slack, &enter, &leave);
 }
 
-/* True if the line passes to the left of the edge p -> q, seen against `along`. The rounding error of the triple product is below 1e-14 of the product of
-   lengths. Within that tolerance, both triangles of an edge accept the line, so that it cannot pass between them. */
+/* True if the line passes to the left of the edge p -> q, as seen against the direction `along`. The rounding error of the triple product is below 1e-14
+   times the product of the lengths. Within this tolerance, both triangles at an edge accept the line, so that it cannot pass between them. */
 static bool left_of_edge(vec3 along, vec3 p, vec3 q) {
     return v3_dot(along, v3_cross(p, q)) <= 1e-14 * v3_norm(along) * v3_norm(p) * v3_norm(q);
 }
 
-/* Fraction of the segment at which it enters through triangle abc (counter-clockwise from outside), or INFINITY. */
+/* Returns the fraction of the segment at which it enters through triangle abc (counter-clockwise as seen from outside), or INFINITY. */
 static double enters_triangle(const segment *ray, vec3 a, vec3 b, vec3 c) {
     vec3 normal = v3_cross(v3_sub(b, a), v3_sub(c, a));
     double inward = -v3_dot(normal, ray->along);

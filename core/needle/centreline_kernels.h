@@ -4,10 +4,10 @@
 
 #include "needle/needle_model.h"
 
-enum { CENTRELINE_STEP = 4 }; /* points at a time */
+enum { CENTRELINE_STEP = 4 }; /* number of points computed at a time */
 
-/* Sets the frames of the first `count` points. Each tangent is interpolated by rotation: `fraction` of the way from the axis of segment `before` to that of
-   segment `after`. The second normal is near that segment's y axis. RT */
+/* Sets the frames of the first `count` points. Each tangent is interpolated by a rotation from the axis of segment `before` to that of segment `after`, of
+   which `fraction` is done. The second normal is near the y axis of segment `before`. RT */
 void centreline_frames(const quat *segments, const int before[CENTRELINE_STEP], const int after[CENTRELINE_STEP], const double fraction[CENTRELINE_STEP],
                        int count, needle_point *const *points);
 

@@ -4,12 +4,13 @@
 #include "needle/centreline_kernels.h"
 #include "needle/rod_kernels.h"
 
-static const double MOST_BOW = 0.01; /* needle lengths: largest bow in a scene; beyond it the needle would be visibly bent, and the distance from base to tip
-                                        shorter than its length. Chosen by judgement */
-static const double FARTHEST = 2.0; /* steps: ratio of a step's length to that of the last one above which the shape is not extrapolated. Chosen by judgement */
+static const double MOST_BOW = 0.01; /* needle lengths: largest bow that a scene may give; with a larger one, the needle would be visibly bent and the
+                                        distance from base to tip shorter than its length. Chosen by judgement */
+static const double FARTHEST = 2.0; /* steps: ratio of a step's duration to that of the last one above which the shape is not extrapolated. Chosen by
+                                       judgement */
 
-/* Slope of a segment of the unloaded needle against the axis, m/m, for the bow y = bow L (1 - cos(2 pi s / L)) / 2. At its base and tip, the needle is on the
-   axis and parallel to it. */
+/* Slope (m/m) of a segment of the unloaded needle relative to the axis, for the bow y = bow L (1 - cos(2 pi s / L)) / 2. At base and tip, the needle is on
+   the axis and parallel to it. */
 static double natural_slope(const needle_parameters *given, int segment) {
     int last = given->segments - 1;
     return M_PI * given->bow * sin(2.0 * M_PI * segment / last);
@@ -93,7 +94,7 @@ double needle_energy(const needle_model *model, const needle_state *state) {
 
 /* ---- the centreline ------------------------------------------------------------------------------------------------ */
 
-/* A tangent between two segments, rotated by this fraction (0 to 1) from the axis of the first to that of the second. */
+/* A tangent between two segments: the direction reached by rotating the first segment's axis toward the second one's by this fraction (0 to 1) of the angle. */
 typedef struct {
     int before, after;
     double fraction;
@@ -104,7 +105,7 @@ static tangent_turn weigh_joints(const needle_model *model, double arc, needle_p
     int n = model->given.segments;
     double s = arc / model->segment_length; /* position in segments from the base */
     s = smaller_of(larger_of(s, 0.0), n);
-    int joint = (int)(s + 0.5);                        /* nearest joint: the middle control point */
+    int joint = (int)(s + 0.5);                        /* joint nearest to the point: the middle control point */
     if (joint < 1 || joint > n - 1) {                  /* the first and last half segments are straight */
         int k = joint < 1 ? 0 : n - 1;
         p->first = joint < 1 ? 0 : n - 2;
@@ -113,7 +114,7 @@ static tangent_turn weigh_joints(const needle_model *model, double arc, needle_p
         p->weights[k - p->first + 1] = s - k;
         return (tangent_turn){k, k, 0.0};
     }
-    double f = s + 0.5 - joint;                        /* position between the middle of one segment and that of the next */
+    double f = s + 0.5 - joint;                        /* position between the middle of one segment and the middle of the next */
     p->first = joint - 1;
     p->weights[0] = 0.5 * (1.0 - f) * (1.0 - f);
     p->weights[1] = 0.5 + f - f * f;

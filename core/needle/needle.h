@@ -1,5 +1,5 @@
-/* The needle, clamped at its base: a geometrically exact, inextensible Kirchhoff rod of rigid segments with elastic joints between them. The base is at arc 0,
-   the tip at arc `length`; the axis is local +z. See docs/mechanics.md, "The needle". */
+/* The needle, clamped at its base: a geometrically exact, inextensible Kirchhoff rod made of rigid segments with elastic joints between them. The base is
+   at arc 0, the tip at arc `length`; the axis is local +z. See docs/mechanics.md, "The needle". */
 #ifndef TROCAR_NEEDLE_H
 #define TROCAR_NEEDLE_H
 
@@ -7,39 +7,39 @@
 
 #include "needle/needle_model.h"
 
-/* Computes the model. BAD_INPUT for values out of range, NO_MEMORY. Nothing needs to be freed. */
+/* Computes the model from its parameters. BAD_INPUT for values out of range; NO_MEMORY. Nothing needs to be freed. */
 trocar_status needle_create(const needle_parameters *given, needle_model *model, report *why);
 
-/* Sets the needle straight and unloaded, with its base at `base`. RT */
+/* Makes the needle straight and unloaded, with its base at `base`. RT */
 void needle_set_straight(const needle_model *model, pose base, needle_state *state);
 
-/* Position of the end of a straight needle with this base, m. RT */
+/* Position (m) of the end of a straight needle with this base. RT */
 static inline vec3 needle_straight_end(const needle_model *model, pose base) { return v3_axpy(model->given.length, q_axis(base.orientation), base.position); }
 
-/* Moves the base. The needle moves with it, and each segment rotates about its own axis by the base's rotation about the needle's axis; the axes keep their
-   directions until the next solve. RT */
+/* Moves the base. The joints move with it. Each segment rotates about its own axis by the base's rotation about the needle's axis; the directions of the
+   axes do not change until the next solve. RT */
 void needle_move_base(const needle_model *model, pose base, needle_state *state);
 
-/* The point of the centreline at this arc (m). needle_locate finds several points, *points[0] to *points[count - 1]. RT */
+/* needle_at returns the point of the centreline at this arc (m); needle_locate finds several points, *points[0] to *points[count - 1]. RT */
 needle_point needle_at(const needle_model *model, const needle_state *state, double arc);
 void needle_locate(const needle_model *model, const needle_state *state, int count, const double *arcs, needle_point *const *points);
 
 /* Unit vector along the centreline, toward the tip. RT */
 static inline vec3 needle_along(const needle_point *p) { return v3(p->frame.m[0][2], p->frame.m[1][2], p->frame.m[2][2]); }
 
-/* Linearises about the present shape under the joint forces `load` (N, segments + 1), which determine the geometric stiffness. Finds the compliance between
-   joints >= first. RT */
+/* Linearises about the present shape under the joint forces `load` (N, segments + 1), which determine the geometric stiffness. Computes the compliance
+   between the joints with indices >= first. RT */
 void needle_linearise(const needle_model *model, const needle_state *state, const vec3 *load, int first, needle_tangent *tangent);
 
-/* Moves the needle to the linearised equilibrium under `load`. Returns the largest rotation of a segment, rad. RT */
+/* Moves the needle to the linearised equilibrium under `load`. Returns the largest rotation of a segment (rad). RT */
 double needle_advance(const needle_model *model, const needle_tangent *tangent, const vec3 *load, needle_state *state);
 
-/* needle_motion_of: the change of shape from `before` to `after` in `dt` seconds. needle_extrapolate: extrapolates the shape by `dt`; returns false, without a
-   change, if it cannot. RT */
+/* needle_motion_of: computes the change of shape from `before` to `after`, which took `dt` seconds. needle_extrapolate: extrapolates the shape by `dt`; if
+   it cannot, returns false without changing the shape. RT */
 void needle_motion_of(const needle_model *model, const needle_state *before, const needle_state *after, double dt, needle_motion *motion);
 bool needle_extrapolate(const needle_model *model, const needle_motion *motion, double dt, needle_state *state);
 
-/* Elastic moment at the base in the present shape, world frame, N m; in equilibrium, equal to the moment of the loads. */
+/* Elastic moment (N m, world frame) at the base in the present shape; in equilibrium, it is equal to the moment of the loads. */
 vec3 needle_root_moment(const needle_model *model, const needle_state *state);
 
 double needle_energy(const needle_model *model, const needle_state *state); /* elastic, J */

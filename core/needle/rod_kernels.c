@@ -23,7 +23,7 @@ static inline vec3 vector_at(const vector_series *from, int k) { return v3(from-
 
 static inline quat_simd4 frames_at(const rod_frames *of, int segment) { return ql_load(&of->base_and_segments[1 + segment]); }
 
-/* Length times axis of segments k to k + 3. */
+/* Vectors along segments k to k + 3: length times axis. */
 static inline vec3_simd4 arms_of(const needle_model *model, const rod_frames *of, int k) {
     return v3l_scale(simd4_all(model->segment_length), ql_axis(frames_at(of, k)));
 }
@@ -39,7 +39,7 @@ void rod_set_frames(const needle_model *model, const rod_frames *of, needle_stat
 
 /* ---- elasticity of the joints ------------------------------------------------------------------------------------------ */
 
-static const int SYMMETRIC[3][3] = {{0, 1, 2}, {1, 3, 4}, {2, 4, 5}}; /* index of each component in the storage of a symmetric matrix */
+static const int SYMMETRIC[3][3] = {{0, 1, 2}, {1, 3, 4}, {2, 4, 5}}; /* index at which each component of a symmetric matrix is stored */
 
 /* Stiffness of joints k to k + 3, N m. `rigidity`: EI or GJ. */
 static simd4 joint_stiffness(const needle_model *model, double rigidity, int k) {
@@ -53,7 +53,7 @@ static vec3_simd4 joint_curvature(const rod_frames *of, int k) {
     return ql_log(ql_multiply(ql_conjugate(frames_at(of, k - 1)), frames_at(of, k)));
 }
 
-/* The factor c of [w]x^2 in the inverse Jacobians of SO(3), from the square of the angle |w|. */
+/* The factor c of [w]x^2 in the inverse Jacobians of SO(3), as a function of |w|^2. */
 static simd4 square_factor(simd4 angle2) {
     simd4 c = 1.0 / 12 + angle2 * (1.0 / 720 + angle2 * (1.0 / 30240 + angle2 / 1209600)); /* accurate to 1e-15 */
     for (int i = 0; i < SIMD4_WIDTH; i++) {
@@ -64,7 +64,7 @@ static simd4 square_factor(simd4 angle2) {
     return c;
 }
 
-/* Inverse of the right Jacobian of SO(3): rate of the rotation vector w per body rotation, I + [w]x / 2 + c [w]x^2 (Sola et al. 2018, eq. 144). */
+/* Inverse of the right Jacobian of SO(3), which is the rate of the rotation vector w per body rotation: I + [w]x / 2 + c [w]x^2 (Sola et al. 2018, eq. 144). */
 static mat3_simd4 inverse_right_jacobian(vec3_simd4 w, simd4 c) {
     simd4 own = 1.0 - c * v3l_dot(w, w);
     vec3_simd4 v = v3l_scale(c, w), half = v3l_scale(simd4_all(0.5), w);
@@ -73,11 +73,11 @@ static mat3_simd4 inverse_right_jacobian(vec3_simd4 w, simd4 c) {
                          {v.z * w.x - half.y, v.z * w.y + half.x, v.z * w.z + own}}};
 }
 
-/* Spatial moments of joints k to k + 3, and their stiffness (symmetric) against the relative spatial rotation of their two segments. With equal stiffness b in
-   all directions, the energy b |w|^2 / 2 gives the moment b w and, to second order in a rotation, the stiffness b (I + c [w]x^2): the sum of J^T J and the
-   curvature of the logarithm, (1/4 - c) [w]x^2 - c^2 [w]x^4. Torsion differs from bending by (t - b) w_z^2 / 2; its stiffness follows from the rate of w_z.
-   The change of that rate would add a term proportional to w_z, which no load causes. A tangent with an error of second order in w does not converge if a
-   bowed needle is nearly free to rotate about its axis. */
+/* Computes the spatial moments of joints k to k + 3, and their (symmetric) stiffness against the relative spatial rotation of the adjacent segments. With
+   equal stiffness b in all directions, the energy b |w|^2 / 2 gives the moment b w and, to second order in a rotation, the stiffness b (I + c [w]x^2): the
+   sum of J^T J and the curvature of the logarithm, (1/4 - c) [w]x^2 - c^2 [w]x^4. Torsion differs from bending by (t - b) w_z^2 / 2; its stiffness follows
+   from the rate of w_z. The change of this rate would add a term proportional to w_z, which no load causes. The second-order terms matter: with a tangent
+   whose error is of second order in w, the iteration does not converge if a bowed needle is nearly free to rotate about its axis. */
 static vec3_simd4 joint_moments(const needle_model *model, const rod_frames *of, int k, simd4 stiffness[6]) {
     simd4 bending = joint_stiffness(model, model->bending, k), more = joint_stiffness(model, model->torsion, k) - bending;
     vec3_simd4 w = joint_curvature(of, k);
@@ -106,13 +106,13 @@ vec3 rod_root_moment(const needle_model *model, const needle_state *state) {
 
 /* ---- tangent ------------------------------------------------------------------------------------------------------- */
 
-/* The tangent stiffness, block tridiagonal, and right-hand sides after forward substitution. */
+/* The block tridiagonal tangent stiffness, and the right-hand sides after forward substitution. */
 typedef struct {
     symmetric_series joint, segment;         /* N m, stiffness of each joint, and diagonal block of each segment */
-    matrix_series coupling;                  /* N m, between segments k and k + 1 */
-    vector_series arm;                       /* m, length times axis of each segment */
-    vector_series beyond;                    /* N, sum of the loads beyond the joint before each segment */
-    row_matrix sides[NEEDLE_MAX_SEGMENTS];   /* moments under unit forces beyond each segment; fourth column: moments that relax the joints */
+    matrix_series coupling;                  /* N m, coupling between segments k and k + 1 */
+    vector_series arm;                       /* m, vector along each segment: length times axis */
+    vector_series beyond;                    /* N, sum of the loads on all joints beyond the joint before each segment */
+    row_matrix sides[NEEDLE_MAX_SEGMENTS];   /* moments under unit forces beyond each segment; the fourth column contains the moments that relax the joints */
 } rod_chain;
 
 static void sum_loads(int n, const vec3 *load, vector_series *beyond) {
@@ -127,7 +127,7 @@ static void sum_loads(int n, const vec3 *load, vector_series *beyond) {
     }
 }
 
-/* Adds the second variation of -n.t under spatial rotations of a segment (n: sum of the forces beyond it, t: length times axis). */
+/* Adds the second variation of -n.t under spatial rotations of a segment, where n is the sum of the forces beyond it and t is its length times its axis. */
 static inline void add_geometric_stiffness(vec3_simd4 n, vec3_simd4 t, simd4 sum[6]) {
     simd4 along = v3l_dot(n, t), a[3] = {-0.5 * n.x, -0.5 * n.y, -0.5 * n.z}, b[3] = {t.x, t.y, t.z};
     for (int i = 0; i < 3; i++)
@@ -161,13 +161,13 @@ static void assemble_chain(const needle_model *model, const needle_state *state,
     }
 }
 
-/* Number of negative eigenvalues of a symmetric matrix: sign changes in the sequence of leading minors (Jacobi). */
+/* Number of negative eigenvalues of a symmetric matrix, which is the number of sign changes in the sequence of its leading minors (Jacobi). */
 static int negative_eigenvalues(double first, double second, double third) {
     return (first < 0.0) + ((first < 0.0) != (second < 0.0)) + ((second < 0.0) != (third < 0.0));
 }
 
-/* Block L D L^T factorisation of the tangent stiffness from base to tip. D may be indefinite: needle and tissue together may be stable when the needle alone
-   would buckle. Each block depends on the previous one; the adjugate is multiplied while the division by the determinant is in progress. */
+/* Factorises the tangent stiffness as block L D L^T, from base to tip. D may be indefinite: needle and tissue together may be stable even if the needle
+   alone would buckle. Each block depends on the previous one; the adjugate is multiplied while the division by the determinant is in progress. */
 static void factor_tangent(int n, const rod_chain *chain, needle_tangent *tangent) {
     symmetric_series *adjugate = &tangent->pivot_inverse;
     double inverse_determinant[NEEDLE_PLACES], carried[6] = {0.0};
@@ -188,7 +188,7 @@ static void factor_tangent(int n, const rod_chain *chain, needle_tangent *tangen
             for (int j = i; j < 3; j++)
                 carried[SYMMETRIC[i][j]] = inverse * (c[i] * product[0][j] + c[3 + i] * product[1][j] + c[6 + i] * product[2][j]);
     }
-    for (int k = n; k < n + SIMD4_WIDTH; k++) { /* padding of the last vector: computed but not used */
+    for (int k = n; k < n + SIMD4_WIDTH; k++) { /* padding of the last vector, which is computed but not used */
         inverse_determinant[k] = 0.0;
         for (int i = 0; i < 6; i++) adjugate->at[i][k] = 0.0;
     }
@@ -218,7 +218,7 @@ static inline row_matrix pivot_inverse_at(const needle_tangent *tangent, int k) 
     return m;
 }
 
-/* Moments that cancel the joints' moments at zero load, for segments k to k + 3. */
+/* Moments that cancel the joints' moments if there is no load, for segments k to k + 3. */
 static inline vec3_simd4 released_moments(const vector_series *moments, int k) {
     return v3l_sub(vectors_at(moments, k + 1), vectors_at(moments, k));
 }
@@ -248,13 +248,13 @@ static void solve_tangent(int n, const needle_tangent *tangent, vector_series *r
 
 /* Three rows of a matrix with three columns per joint. */
 typedef double (*joint_rows)[NEEDLE_LD];
-enum { BLOCK = 12 }; /* columns of four joints */
+enum { BLOCK = 12 }; /* number of columns of four joints */
 
 static void put_block(joint_rows rows, int joint, const mat3 *block) {
     for (int a = 0; a < 3; a++) memcpy(&rows[a][3 * joint], block->m[a], sizeof block->m[a]);
 }
 
-/* Computes to = own - m^T from, where `own` is the same for every joint of columns [begin, end), in whole blocks. */
+/* Computes to = own - m^T from. `own` is the same for every joint of columns [begin, end), which are whole blocks. */
 static void carry_back(const row_matrix *own, const mat3 *m, joint_rows from, joint_rows to, int begin, int end) {
     simd4 added[3][BLOCK / SIMD4_WIDTH];
     for (int a = 0; a < 3; a++) {
@@ -271,7 +271,7 @@ static void carry_back(const row_matrix *own, const mat3 *m, joint_rows from, jo
         }
 }
 
-/* Forward substitution of the right-hand sides. A force at a joint exerts the moment length * axis x force on every previous segment. */
+/* Forward substitution of the right-hand sides. A force at a joint exerts the moment length * axis x force on every segment before the joint. */
 static void substitute_forward(int n, const needle_tangent *tangent, rod_chain *chain) {
     vector_series released;
     for (int k = 0; k < n; k += SIMD4_WIDTH) put_vectors(&released, k, released_moments(&tangent->moments, k));
@@ -283,17 +283,18 @@ static void substitute_forward(int n, const needle_tangent *tangent, rod_chain *
     }
 }
 
-/* Displacement of joint `last` if no force acts before it: the sum of S^T P^-1 S over the previous segments, with the pivots P and the moments S under a force
-   at the joint after forward substitution, minus a multiple of the rotation of segment `last`. Fourth column: at zero load. */
+/* Displacement of joint `last` if no force acts on earlier joints. It is the sum of S^T P^-1 S over the previous segments, where P are the pivots and S
+   the moments under a force at the joint after forward substitution, minus a multiple of the rotation of segment `last`. The fourth column is for zero
+   load. */
 static row_matrix displace_base(int last, const needle_tangent *tangent, const rod_chain *chain) {
     row_matrix sum = {{{0}}};
     for (int k = 0; k < last; k++) sum = rm_add(sum, rm_multiply_transposed(chain->sides[k], rm_multiply(pivot_inverse_at(tangent, k), chain->sides[k])));
     return sum;
 }
 
-/* Rotations of the segments from `last` on under unit forces at the joints from `first` on, one column each, and at zero load (`turn`). A force at a joint
-   exerts no moment on later segments. Forward substitution up to segment k is therefore the same for all joints beyond k, and backward substitution starts
-   with the segment before the joint, whose block of the inverse stiffness (`own`) includes all later segments. */
+/* Computes the rotations of the segments from `last` on, under unit forces at the joints from `first` on (one column each) and for zero load (`turn`). A
+   force at a joint exerts no moment on later segments. Therefore, forward substitution up to segment k is the same for all joints beyond k, and backward
+   substitution starts with the segment before the joint, whose block of the inverse stiffness (`own`) includes all later segments. */
 static void find_rotations(int n, int first, int last, const row_matrix *sides, needle_tangent *tangent, vec3 *turn) {
     row_matrix own = {{{0}}};
     for (int k = n - 1; k >= last; k--) {
@@ -313,8 +314,8 @@ static void find_rotations(int n, int first, int last, const row_matrix *sides, 
     }
 }
 
-/* Displacements of the joints from `last` + 1 on: sums of length * rotation x axis over the previous segments, starting from the displacement of joint
-   `last`. */
+/* Computes the displacements of the joints from `last` + 1 on. They are sums of length * rotation x axis over the previous segments, starting from the
+   displacement of joint `last`. */
 static void sum_displacements(int n, int first, int last, const vector_series *arm, joint_rows sum, needle_tangent *tangent) {
     int end = 3 * (n + 1);
     for (int k = last; k < n; k++) {
@@ -329,15 +330,15 @@ static void sum_displacements(int n, int first, int last, const vector_series *a
                 simd4_store(&rows[a][c], moved[a]);
             }
         }
-        int before = k + 2 - NEEDLE_POINT_JOINTS; /* first of the earlier joints from which a point near this joint may be interpolated */
+        int before = k + 2 - NEEDLE_POINT_JOINTS; /* first of the earlier joints that, together with this one, can determine a point of the centreline */
         for (int c = 3 * (before > first ? before : first); c < 3 * (k + 1); c++) /* from symmetry */
             for (int a = 0; a < 3; a++) rows[a][c] = tangent->compliance[c][3 * (k + 1) + a];
     }
 }
 
-/* Compliance between the joints from `first` on, and their displacement at zero load. */
+/* Computes the compliance between the joints from `first` on, and their displacement for zero load. */
 static void find_compliance(int n, int first, const rod_chain *chain, needle_tangent *tangent) {
-    int last = first > 1 ? first - 1 : 0; /* no relevant joint is before this segment */
+    int last = first > 1 ? first - 1 : 0; /* no joint that matters is before this segment */
     vec3 turn[NEEDLE_MAX_SEGMENTS], *drift = tangent->drift;
     double sum[3][NEEDLE_LD] = {{0}};
     for (int a = 0; a < 3 && first == 0; a++)
@@ -387,7 +388,7 @@ double rod_advance(const needle_model *model, const needle_tangent *tangent, con
 
 /* ---- going on ------------------------------------------------------------------------------------------------------ */
 
-/* A fraction of small rotations, to first order. */
+/* A fraction of a small rotation, to first order. */
 static quat_simd4 part_of(quat_simd4 turn, simd4 fraction) {
     simd4 w = fraction * simd4_signs(turn.w); /* the sign selects the shorter rotation */
     return ql_unit((quat_simd4){simd4_all(1.0), w * turn.x, w * turn.y, w * turn.z});

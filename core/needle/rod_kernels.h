@@ -6,9 +6,9 @@
 
 #include "needle/needle_model.h"
 
-enum { ROD_STEP = 4 };       /* segments at a time */
+enum { ROD_STEP = 4 };       /* number of segments computed at a time */
 
-/* Orientations of the base and the segments; the last one is repeated to fill a vector. */
+/* Orientations of the base and the segments; the last segment's is repeated to fill a vector. */
 typedef struct {
     quat base_and_segments[1 + NEEDLE_PLACES];
 } rod_frames;
@@ -20,10 +20,10 @@ static inline void rod_copy_frames(int n, const needle_state *state, rod_frames 
     for (int k = n; k < n + ROD_STEP; k++) *rod_frame(to, k) = state->frames[n - 1];
 }
 
-/* Joint k precedes segment k. The joint at the base represents half a segment of bending length, the others one segment. */
+/* Length that joint k, which precedes segment k, represents in bending: half a segment for the joint at the base, one segment for all others. */
 static inline double rod_joint_length(const needle_model *model, int k) { return (k == 0 ? 0.5 : 1.0) * model->segment_length; }
 
-/* Turns the segments and moves the joints accordingly. RT */
+/* Rotates the segments and moves the joints accordingly. RT */
 void rod_set_frames(const needle_model *model, const rod_frames *of, needle_state *state);
 
 /* Implementations of the functions with the same names in needle.h. RT */

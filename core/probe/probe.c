@@ -7,32 +7,34 @@
 #include "snapshot/free_displacement.h"
 
 enum { LD = 3 * MAX_PRESSED };
-enum { MOST_ITERATIONS = 50 }; /* iterations: largest number of Newton iterations in one solution; the next solution continues from there. Effort limit */
-enum { MOST_STOPS = 4 }; /* steps: largest number of secant steps to find where the probe stops; the probe stays at the last one. Effort limit */
-static const double REACH = 0.5; /* probe radii: distance within which points can take part. Chosen: twice the probe's largest step */
-static const double LOADED_REACH = 3.0; /* probe radii: the same for tissue that needles may push onto the probe. Chosen: three times the largest displacement,
-                                           0.9 radii, in 200 random motions (verify_probe_motions) */
-static const double BRIDGE = 1.0 - M_SQRT1_2; /* probe radii, below 1: depth of the middle of an edge whose ends touch the probe a right angle apart. Beyond
-                                                 this depth, the edge no longer follows the wall around the probe, and the probe would pass between its ends.
-                                                 Derived for that angle, which is chosen; force and field are within 1.5 % of another program's
-                                                 (verify_probe) */
-static const double LONG_EDGE = 0.5; /* probe radii: length of edges below which their middles do not take part, because such edges would have to stretch to
-                                        nearly three times their length to reach the depth BRIDGE. Derived for that depth */
-static const double STEP = 0.25; /* probe radii: largest step of the probe, so that closest points move little. Chosen by judgement */
-static const double CONVERGED = 1e-9; /* m: largest change of a node's position in a converged iteration. Rounding tolerance */
+enum { MOST_ITERATIONS = 50 }; /* iterations: largest number of Newton iterations per solution; the next solution continues from the last iteration. Effort
+                                  limit */
+enum { MOST_STOPS = 4 }; /* steps: largest number of secant steps to find where the probe stops; after them, the probe stays at the pose of the last step.
+                            Effort limit */
+static const double REACH = 0.5; /* probe radii: distance within which points are candidates for contact. Chosen: twice the probe's largest step */
+static const double LOADED_REACH = 3.0; /* probe radii: distance within which points are candidates for contact in tissue that needles may push onto the
+                                           probe. Chosen: three times the largest displacement, 0.9 radii, in 200 random motions (verify_probe_motions) */
+static const double BRIDGE = 1.0 - M_SQRT1_2; /* probe radii, below 1: depth inside the probe of the midpoint of an edge whose ends touch the probe at
+                                                 positions a right angle apart. Beyond this depth, the edge no longer follows the wall around the probe,
+                                                 and the probe would pass between the edge's ends. Derived for that angle, which is chosen; force and field
+                                                 are within 1.5 % of another program's (verify_probe) */
+static const double LONG_EDGE = 0.5; /* probe radii: length of edges below which their midpoints are never pressed, because such edges would have to
+                                        stretch to nearly three times their length to reach the depth BRIDGE. Derived for that depth */
+static const double STEP = 0.25; /* probe radii: largest step of the probe, so that the closest points on its surface move little. Chosen by judgement */
+static const double CONVERGED = 1e-9; /* m: largest change of a node's position in an iteration that counts as converged. Rounding tolerance */
 static const double PENETRATION = 1e-12; /* m: penetration up to which a node still counts as outside. Rounding tolerance */
-static const double TURNED = 0.02; /* rad: change of a normal beyond which the node is attached again along the new normal. Effort limit */
-static const double NOTICEABLE = 1e-5; /* N: smallest change of a force that causes a new answer. Effort limit */
-static const double STOPPED = 1e-3; /* fraction: margin below max_force, relative to it, at which the probe stops. Chosen by judgement */
-static const double EDGE_COMPLIANCE = 1e-4; /* fraction: part of an edge's own compliance that is added to its diagonal entry, because an edge and its ends are
-                                               not independent. Chosen by judgement */
+static const double TURNED = 0.02; /* rad: change of a normal above which the node is attached again, along the new normal. Effort limit */
+static const double NOTICEABLE = 1e-5; /* N: smallest change of a force for which a new answer is published. Effort limit */
+static const double STOPPED = 1e-3; /* fraction: margin below max_force, as a fraction of it, within which the probe stops. Chosen by judgement */
+static const double EDGE_COMPLIANCE = 1e-4; /* fraction: part of an edge's own compliance that is added to its diagonal entry, because the forces on an
+                                               edge and on its ends would otherwise not be independent. Chosen by judgement */
 
 typedef struct probe_scratch {
-    vec3 free_u[MAX_PRESSED], u[MAX_PRESSED], load[MAX_PRESSED]; /* near nodes: displacement without the probe and with it (m), load (N) */
+    vec3 free_u[MAX_PRESSED], u[MAX_PRESSED], load[MAX_PRESSED]; /* for the near nodes: m, displacement without and with the probe; N, load */
     vec3 normal[MAX_PRESSED];                                    /* outward normals of the candidates */
-    double gap[MAX_PRESSED], force[MAX_PRESSED];                 /* m and N, of the candidates */
-    int near_ends[MAX_PRESSED][2];                               /* indices of the candidates' ends in `near`; -1: none */
-    int chosen[MAX_PRESSED];                                     /* candidates in the complementarity problem */
+    double gap[MAX_PRESSED], force[MAX_PRESSED];                 /* m and N, gap and force of each candidate */
+    int near_ends[MAX_PRESSED][2];                               /* indices in `near` of each candidate's ends; -1 if there is none */
+    int chosen[MAX_PRESSED];                                     /* candidates that are part of the complementarity problem */
     double matrix[MAX_PRESSED * MAX_PRESSED], right[MAX_PRESSED], z[MAX_PRESSED], pivoting[MAX_PRESSED * (MAX_PRESSED + 2)];
     int nodes[2 * MAX_PRESSED];
     vec3 now[MAX_PRESSED], unloaded[MAX_PRESSED];
@@ -54,7 +56,7 @@ static int compare_edges(const void *a, const void *b) {
     return x[0] != y[0] ? compare_nodes(x, y) : compare_nodes(x + 1, y + 1);
 }
 
-/* Lists the long, movable edges of the surface's triangles: two nodes, ascending, and a tetrahedron. NULL if there is no memory. */
+/* Lists the long edges of the surface's triangles that can move: two nodes in ascending order, and a tetrahedron. Returns NULL if there is no memory. */
 static int (*list_edges(const probe *p, int surface, int *count))[3] {
     const mesh *m = mesh_of(p);
     int most = 0;
@@ -168,7 +170,7 @@ static int compare_gaps(const void *a, const void *b) {
     return x[0] < y[0] ? -1 : x[0] > y[0] ? 1 : (x[1] > y[1]) - (x[1] < y[1]);
 }
 
-/* Chooses the pressed points, then the closest other points, as long as there is room for them and their ends. */
+/* Chooses the pressed points and then the closest other points, until there is no room for more points or their ends. */
 static void choose_closest(probe *p, double (*gaps)[2]) {
     int before[MAX_PRESSED], near_before = p->near_count;
     memcpy(before, p->near, sizeof before);
@@ -195,7 +197,7 @@ static void choose_closest(probe *p, double (*gaps)[2]) {
         }
 }
 
-/* Chooses the points again, unless all relevant points are already listed. */
+/* Chooses the points again, unless all points that matter are already listed. */
 static trocar_status list_near(probe *p, pose base, report *why) {
     bool listed = p->near_count > 0;
     for (int i = 0; i < p->point_count && listed; i++)
@@ -225,7 +227,7 @@ static vec3 yields(const probe *p, int i, int j, vec3 force) {
     return m3_apply(&block, force);
 }
 
-/* Interpolates a field on the near nodes at a candidate; fixed ends count as 0. */
+/* Interpolates a field, given at the near nodes, at a candidate. At fixed ends the field is 0. */
 static vec3 at_candidate(const probe *p, int candidate, const vec3 *field) {
     const int *ends = p->scratch->near_ends[candidate];
     vec3 sum = v3(0, 0, 0);
@@ -244,7 +246,7 @@ static vec3 candidate_yields(const probe *p, int i, int j, vec3 force) {
     return sum;
 }
 
-/* Compliance of candidate i along its normal in addition to that of its nodes, m/N. */
+/* Compliance (m/N) of candidate i along its normal, in addition to that of its nodes. */
 static double own_compliance(const probe *p, int i) {
     if (p->points[p->candidates[i]].weight == 1.0) return 0.0;
     vec3 normal = p->scratch->normal[i];
@@ -277,7 +279,7 @@ static trocar_status find_free(probe *p, const nodal_forces *loads, const double
 
 /* ---- contact --------------------------------------------------------------------------------------------------------------------- */
 
-/* Moves the near nodes to their positions under the forces. Returns the largest change, m. */
+/* Moves the near nodes to their positions under the forces. Returns the largest change (m). */
 static double displace(probe *p) {
     probe_scratch *s = p->scratch;
     double longest = 0.0;
@@ -301,7 +303,7 @@ static vec3 displaced(const probe *p, int candidate) {
     return v3_add(p->points[p->candidates[candidate]].rest, at_candidate(p, candidate, p->scratch->u));
 }
 
-/* One Newton step: the gaps are linearised about the present displacement, and the new displacement closes them wherever the force is not zero. */
+/* One Newton step: the gaps are linearised about the present displacement, and the new displacement closes them wherever the force is nonzero. */
 static bool solve_linearised(probe *p, pose base) {
     probe_scratch *s = p->scratch;
     int count = 0;
@@ -374,7 +376,7 @@ static trocar_status attach(probe *p, report *why) {
 
 static bool has_turned(const pressed_point *n) { return v3_norm(v3_cross(n->normal, n->row)) > TURNED; }
 
-/* Sums the force on the hand, and the torque about the base. */
+/* Computes the force on the hand, and the torque about the base. */
 static vec3 wrench_of_solution(const probe *p, pose base, vec3 *torque) {
     const probe_scratch *s = p->scratch;
     vec3 force = *torque = v3(0, 0, 0);
@@ -417,7 +419,7 @@ static bool take_solution(probe *p, pose base) {
     return changed;
 }
 
-/* Distributes the forces on points to nodes, each node once. */
+/* Distributes the forces on points to nodes, without duplicate nodes. */
 static void publish(probe *p) {
     probe_scratch *s = p->scratch;
     int count = 0;
@@ -445,7 +447,7 @@ static void publish(probe *p) {
     p->now.count = p->unloaded.count = distinct;
 }
 
-/* Subtracts the response of the attached points to held needles from the forces. */
+/* Computes the free forces: subtracts the response of the attached points to held needles from the forces. */
 static trocar_status find_free_forces(probe *p, const nodal_forces *loads, bool changed, report *why) {
     double *response = p->scratch->response, most = 0.0;
     vec3 *unloaded = p->scratch->unloaded;
@@ -464,13 +466,13 @@ static trocar_status find_free_forces(probe *p, const nodal_forces *loads, bool 
 
 /* ---- pressing ------------------------------------------------------------------------------------------------------------------------ */
 
-/* Other loads, which displace the surface without the probe. */
+/* The other loads on the tissue, which displace the surface without the probe. */
 typedef struct {
     nodal_forces forces;
     const double *attached;
 } probe_loads;
 
-/* Is the probe too far away to touch the surface, which other loads may push towards it? */
+/* True if the probe is too far away to touch the surface, which other loads may push toward it. */
 static bool is_far(const probe *p, pose base, const probe_loads *loads) {
     double reach = loads->forces.count > 0 || loads->attached ? LOADED_REACH : REACH;
     for (int i = 0; i < p->point_count; i++)
@@ -490,8 +492,8 @@ static trocar_status solve_force(probe *p, pose at, const probe_loads *loads, do
     return status;
 }
 
-/* Finds, by the secant method, the pose between the present one and `to` at which the force is just below the limit; at `to` it would be `beyond`. The
-   solution for the returned pose is left in the scratch. */
+/* Finds, by the secant method, the pose between the present pose and `to` at which the force is just below the limit. `beyond`: the force at `to`. The
+   solution for the returned pose is left in the scratch memory. */
 static trocar_status solve_short_of(probe *p, pose *to, double beyond, const probe_loads *loads, report *why) {
     pose from = p->state.base, end = *to;
     double force = v3_norm(p->state.wrench_force), part = 1.0, target = (1.0 - STOPPED) * p->max_force;
@@ -504,7 +506,7 @@ static trocar_status solve_short_of(probe *p, pose *to, double beyond, const pro
     return TROCAR_OK;
 }
 
-/* Moves to the next pose on the probe's path. Sets `free` to false if the tissue stops the probe before that pose. */
+/* Moves to the next pose along the probe's path. Sets `free` to false if the tissue stops the probe before it reaches that pose. */
 static trocar_status press_at(probe *p, pose at, const probe_loads *loads, bool *free, bool *changed, report *why) {
     double force;
     if (p->state.count == 0 && is_far(p, at, loads)) {
@@ -520,7 +522,8 @@ static trocar_status press_at(probe *p, pose at, const probe_loads *loads, bool 
     return status;
 }
 
-/* Places the probe directly at a pose that it has not reached in steps, unless its axis or its force prevents that. Otherwise the probe stays where it was. */
+/* Places the probe directly at a pose that it has not reached in steps, unless its axis or its force would not allow this; in that case, the probe stays
+   where it was. */
 static trocar_status put_in(probe *p, pose base, const probe_loads *loads, bool *free, bool *changed, report *why) {
     double force = 0.0;
     trocar_status status = TROCAR_OK;

@@ -1,78 +1,79 @@
-/* A rigid probe that presses a named surface of the mesh: unilateral contact without friction at the surface's nodes and the middles of its long edges. See
-   docs/mechanics.md, "Probe". Called by the worker; not thread-safe. */
+/* A rigid probe that presses a named surface of the mesh: unilateral contact without friction at the surface's nodes and at the midpoints of its long
+   edges. See docs/mechanics.md, "Probe". Called by the worker; not thread-safe. */
 #ifndef TROCAR_PROBE_H
 #define TROCAR_PROBE_H
 
 #include "probe/probe_shape.h"
 #include "snapshot/snapshot.h"
 
-enum { MAX_PRESSED = 256 };  /* largest number of nodes, and of points, that take part; on a larger surface, those closest to the probe */
+enum { MAX_PRESSED = 256 };  /* largest number of nodes, and of points, that can be pressed; on a larger surface, those closest to the probe */
 
-/* A material point of the surface: a node, or the middle of an edge, which moves as the mean of its ends. */
+/* A material point of the surface: a node, or the midpoint of an edge, whose displacement is the mean of those of the edge's ends. */
 typedef struct {
     vec3 rest;               /* m, undeformed */
-    int ends[2];             /* indices in `surface`; -1: none, or fixed */
+    int ends[2];             /* indices in `surface`; -1 if there is none, or if it is fixed */
     double weight;           /* weight of each end: 1 for a node, 1/2 for an edge */
-    double slack;            /* m, allowed depth inside the probe; 0 for a node */
-    int tet;                 /* an element that contains the point */
+    double slack;            /* m, depth inside the probe that is permitted; 0 for a node */
+    int tet;                 /* a nominal element that contains the point */
     double weights[4];       /* barycentric weights of the point in that element */
 } surface_point;
 
 typedef struct {
     int point;
-    vec3 normal;             /* outward normal of the probe at the point of contact */
-    double force;            /* N, on the tissue along `normal`, positive */
-    vec3 row;                /* the direction in which the point is attached: `normal` at that time */
-    vec3 free_force;         /* N, force if no needle were held */
-    double own_compliance;   /* m/N: the point's own compliance; 0 for a node */
+    vec3 normal;             /* outward normal of the probe's surface at the point of contact */
+    double force;            /* N, force on the tissue along `normal`, positive */
+    vec3 row;                /* direction in which the point is attached: `normal` at the time of attachment */
+    vec3 free_force;         /* N, force in the absence of held needles */
+    double own_compliance;   /* m/N, the point's own compliance; 0 for a node */
 } pressed_point;
 
 /* The mutable state. Plain data. */
 typedef struct {
-    bool placed;             /* false: the probe has no pose yet */
-    bool stopped;            /* true: the tissue stopped it before the requested pose */
+    bool placed;             /* false if the probe has no pose yet */
+    bool stopped;            /* true if the tissue stopped the probe before the requested pose */
     pose base;               /* present pose */
-    vec3 wrench_force, wrench_torque; /* N, and N m about the base: on the hand that holds the probe */
+    vec3 wrench_force, wrench_torque; /* N, and N m about the base: exerted on the hand that holds the probe */
     int count;
-    pressed_point points[MAX_PRESSED]; /* the pressed points, ascending */
+    pressed_point points[MAX_PRESSED]; /* the pressed points, in ascending order */
 } probe_state;
 
 typedef struct {
     probe_shape shape;
-    inverse *beneath;        /* the inverse without the probe; not owned */
+    inverse *beneath;        /* the inverse without the probe; owned by the caller */
     inverse *inverse;        /* the inverse with the pressed nodes attached */
     double max_force;        /* N */
-    int surface_count, *surface; /* nodes of the surface that are not fixed, ascending */
+    int surface_count, *surface; /* nodes of the surface that are not fixed, in ascending order */
     int point_count;
-    surface_point *points;   /* the nodes come first, in the same order */
+    surface_point *points;   /* points of the surface: first the nodes, in the same order as `surface` */
     probe_state state;
     uint64_t changes;        /* number of changes of the attached set */
     uint64_t shifts;         /* number of changes of the free forces */
     uint64_t last_attached;  /* id of the last attachment */
     int attached_count;      /* number of attached points */
-    int near_count, near[MAX_PRESSED]; /* nodes that can take part, ascending */
-    double *compliance;      /* m/N: compliance between the nodes in `near`, 3 near_count square, row-major; reused while it is valid */
+    int near_count, near[MAX_PRESSED]; /* nodes that can be pressed, in ascending order */
+    double *compliance;      /* m/N, compliance between the nodes in `near`, 3 near_count square, row-major; reused as long as it is valid */
     bool compliance_known;
-    int candidate_count, candidates[MAX_PRESSED]; /* points that can take part, ascending: all their ends are near */
-    nodal_forces now, unloaded; /* nodal forces of the pressed points: force, and free_force */
+    int candidate_count, candidates[MAX_PRESSED]; /* points that can be pressed, in ascending order; all their ends are in `near` */
+    nodal_forces now, unloaded; /* nodal forces of the pressed points, from `force` and from `free_force` */
     struct probe_scratch *scratch;
-    int load_room, *load_nodes; /* scratch for loads by others */
+    int load_room, *load_nodes; /* scratch memory for the loads of others */
     vec3 *load_forces;
 } probe;
 
-/* Creates a probe that presses surface number `surface` of the mesh. `max_force` (N): force at which the probe stops. `beneath` must outlive the probe.
-   BAD_INPUT if all nodes of the surface are fixed. */
+/* Creates a probe that presses surface number `surface` of the mesh. `max_force` (N): force at which the probe is stopped. `beneath` must outlive the
+   probe. BAD_INPUT if all nodes of the surface are fixed. */
 trocar_status probe_create(inverse *beneath, const probe_shape *shape, int surface, double max_force, probe **created, report *why);
 void probe_free(probe *p);
 
-/* Presses at this pose, with the loads `others` on the tissue. `beneath_changed`: the attachments of `beneath` have changed. Moves longer than a quarter of
-   the radius are divided into steps. If the force would exceed max_force, the probe stops on its path. If that takes more than MOST_STEPS steps, or the probe
-   has no pose yet, it is placed directly at the pose, unless its axis would intersect the tissue at rest or its force would exceed max_force; in that case it
-   stays where it was, and counts as stopped. On failure nothing is pressed. Allocates when the set of pressed points changes. */
+/* Presses the probe on the tissue at this pose, with the loads `others` on the tissue. `beneath_changed`: the attachments of `beneath` have changed.
+   Motions longer than a quarter of the radius are divided into steps. If the force would exceed max_force, the probe stops on its path. If the motion
+   would take more than MOST_STEPS steps, or if the probe has no pose yet, it is placed directly at the pose. If in this case its axis would intersect the
+   tissue at rest, or its force would exceed max_force, it stays where it was and counts as stopped. After a failure, nothing is pressed. Allocates when
+   the set of pressed points changes. */
 enum { MOST_STEPS = 16 };
 trocar_status probe_press(probe *p, pose base, const other_loads *others, bool beneath_changed, report *why);
 
-/* True if the axis of a probe at this pose, from base to tip, intersects the undeformed tissue. */
+/* True if the axis of a probe at this pose, from its base to its tip, intersects the undeformed tissue. */
 bool probe_axis_in_tissue(const mesh *m, const probe_shape *shape, pose base);
 
 /* Restores a saved state. */

@@ -1,6 +1,6 @@
 #include "probe/probe_shape.h"
 
-/* The shape is a thinner cylinder with a flat end, enlarged by the tip's radius on all sides. In the plane through the axis and x, (beside, beyond) is the
+/* The shape is a thinner cylinder with a flat end, enlarged by the tip radius on all sides. In the plane through the axis and x, (beside, beyond) is the
    position of x relative to the side and the end of the thinner cylinder. */
 double probe_gap(const probe_shape *shape, pose base, vec3 x, vec3 *normal) {
     vec3 local = q_rotate(q_conjugate(base.orientation), v3_sub(x, base.position)), radial = v3(local.x, local.y, 0.0);

@@ -22,7 +22,7 @@ void leaf_positions(const mesh *m, const refinement *r, int active, const int co
 
 /* ---- leaves ------------------------------------------------------------------------------------------------------ */
 
-/* Replaces each corner with a non-zero weight in turn by the contact node. */
+/* Splits a leaf at the contact node: each child has the contact node in place of one of the corners with a nonzero weight. */
 static int split_leaf(const leaf_point *at, int slot, int count, leaf leaves[MAX_LEAVES]) {
     int split = 0;
     while (split < count && !same_corners(leaves[split].corners, at->corners)) split++;
@@ -38,7 +38,7 @@ static int split_leaf(const leaf_point *at, int slot, int count, leaf leaves[MAX
     return place;
 }
 
-/* The leaf that a node splits on one side; NULL if it splits none in element `tet`. */
+/* Returns the leaf that a node splits on one side; NULL if it splits none in element `tet`. */
 static const leaf_point *leaf_split(const added_node *node, int side, int tet) {
     if (node->moved >= 0 || (side == 0 ? node->tet : node->across_tet) != tet) return NULL;
     return side == 0 ? &node->at : &node->across;
@@ -98,8 +98,8 @@ static double least_weight(const leaf_point *p) { return smaller_of(smaller_of(p
 
 bool added_on_face(const added_node *node) { return least_weight(&node->at) == 0.0; }
 
-/* If the added node in `slot` splits p's leaf, moves p into the child that contains it. With p's weights b and the node's weights g, the child is the one
-   opposite the corner of smallest b/g, and that ratio is the node's weight. */
+/* If the added node in `slot` splits p's leaf, moves p into the child that contains it. With p's weights b and the node's weights g, this is the child
+   opposite the corner with the smallest b/g, and that ratio is the weight of the node. */
 static bool descend(const leaf_point *at, int slot, leaf_point *p) {
     if (!same_corners(at->corners, p->corners)) return false;
     int least = at->weights[0] == 0.0;
@@ -112,7 +112,7 @@ static bool descend(const leaf_point *at, int slot, leaf_point *p) {
     return true;
 }
 
-/* Where nodes have moved, leaves no longer fill their parents: returns the leaf in which x is deepest. */
+/* Where nodes have moved, leaves no longer fill their parents. Returns the leaf in which x is deepest. */
 static leaf_point search_leaves(const mesh *m, const refinement *r, int active, int tet, vec3 x) {
     leaf leaves[MAX_LEAVES];
     int count = leaves_of(m, r, active, tet, leaves);
@@ -131,7 +131,7 @@ leaf_point refinement_locate(const mesh *m, const refinement *r, int active, int
     for (int i = 0; i < active; i++)
         for (int side = 0; side < 2; side++) {
             const leaf_point *at = leaf_split(&r->nodes[r->order[i]], side, tet);
-            if (at && descend(at, r->order[i], &p)) break; /* once is enough: the same node does not split the children */
+            if (at && descend(at, r->order[i], &p)) break; /* once is enough, because the same node does not split the children */
         }
     return p;
 }

@@ -13,7 +13,7 @@ static int place_of(const tissue *t, patch *p, int corner) {
     return p->count++;
 }
 
-/* Adds `sign` times one leaf's stiffness, in the mesh with the first `active` contact nodes. */
+/* Adds the stiffness of one leaf, multiplied by `sign`, in the mesh with the first `active` contact nodes. */
 static void add_leaf(const tissue *t, const refinement *r, int active, const leaf *l, double sign, patch *p) {
     double youngs_modulus, poisson_ratio, k[12][12];
     vec3 corners[4];
@@ -74,7 +74,7 @@ static int split_place(const tissue *t, split_columns *s, int corner) {
     return s->count++;
 }
 
-/* Adds the columns from the leaves into which the node at x splits leaf `at`. */
+/* Adds the columns that result from the leaves into which the node at x splits leaf `at`. */
 static void add_own_columns(const tissue *t, const refinement *r, int position, int tet, const leaf_point *at, vec3 x, split_columns *s) {
     double youngs_modulus, poisson_ratio;
     vec3 corners[4], gradients[4];

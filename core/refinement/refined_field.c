@@ -6,7 +6,7 @@
 
 /* ---- surplus ----------------------------------------------------------------------------------------------------- */
 
-/* The surplus's hat function has the gradient g_i / w_i in the sub-tetrahedron that replaces corner i, whose volume is w_i V. */
+/* The hat function of the surplus has the gradient g_i / w_i in the sub-tetrahedron that replaces corner i and has the volume w_i V. */
 mat3 surplus_compliance(const tissue *t, const refinement *r, int tet, const leaf_point *at) {
     double youngs_modulus, poisson_ratio;
     element_moduli(t, tet, &youngs_modulus, &poisson_ratio);
@@ -15,7 +15,7 @@ mat3 surplus_compliance(const tissue *t, const refinement *r, int tet, const lea
     double volume = tet_gradients(corners, g);
     mat3 d = {{{0}}};
     for (int i = 0; i < 4; i++) {
-        double weight = fmax(at->weights[i], 1e-9); /* on a face, d is infinite and the compliance zero */
+        double weight = fmax(at->weights[i], 1e-9); /* on a face, d is infinite and the compliance is zero */
         mat3 k = stiffness_block(g[i], g[i], volume / weight, youngs_modulus, poisson_ratio);
         m3_add_scaled(&d, 1.0, &k);
     }
@@ -32,13 +32,13 @@ mat3 node_surplus(const tissue *t, const refinement *r, int position) {
 
 /* ---- displacements ------------------------------------------------------------------------------------------------- */
 
-/* Displacements under forces on the nominal nodes, followed by the added ones, if no surplus coupled to the old nodes: exact if all added nodes lie inside
-   elements. `loads`: the resulting forces on the nominal mesh. */
+/* Computes the displacements under forces on the nominal nodes, followed by those on the added nodes, without coupling between surpluses and old nodes.
+   This is exact if all added nodes are inside elements. `loads`: the resulting forces on the nominal mesh. */
 static void displace_uncoupled(inverse *inv, const refinement *r, const vec3 *force, vec3 *loads, vec3 *u) {
     const tissue *t = inverse_tissue(inv);
     const size_t n = (size_t)t->mesh->node_count;
     memcpy(loads, force, (n + (size_t)r->count) * sizeof *loads);
-    for (int q = r->count - 1; q >= 0; q--) /* nodal forces -> forces on the hierarchical unknowns */
+    for (int q = r->count - 1; q >= 0; q--) /* converts nodal forces to forces on the hierarchical unknowns */
         for (int i = 0; i < 4; i++) {
             int corner = r->nodes[q].at.corners[i];
             vec3 *at = corner >= 0 ? &loads[corner] : &loads[n + (size_t)(-1 - corner)];
@@ -46,7 +46,7 @@ static void displace_uncoupled(inverse *inv, const refinement *r, const vec3 *fo
         }
     inverse_apply(inv, loads, u);
     for (int q = 0; q < r->count; q++) {
-        if (r->nodes[q].moved >= 0) { /* a moved node has no unknown of its own */
+        if (r->nodes[q].moved >= 0) { /* a moved node has no separate unknown */
             u[n + (size_t)q] = v3(0, 0, 0);
             continue;
         }
@@ -84,8 +84,8 @@ static void add_multiple(vec3 *to, double factor, const vec3 *what, size_t count
     for (size_t i = 0; i < count; i++) to[i] = v3_axpy(factor, what[i], to[i]);
 }
 
-/* Conjugate gradients (Hestenes and Stiefel 1952), preconditioned by displace_uncoupled. The nominal stiffness is never multiplied: its part of the
-   direction's forces equals the preconditioner's own loads. `force` becomes the residual. */
+/* Conjugate gradients (Hestenes and Stiefel 1952), preconditioned by displace_uncoupled. No product with the nominal stiffness is needed: its contribution
+   to the forces of a direction is equal to the loads that the preconditioner has computed. `force` becomes the residual. */
 static void displace_coupled(inverse *inv, const refinement *r, vec3 *force, vec3 *u, vec3 *scratch) {
     enum { MOST = 100 };
     const tissue *t = inverse_tissue(inv);

@@ -4,12 +4,13 @@
 
 #include "refinement/leaves.h"
 
-static const double LEAST_WEIGHT = 0.02; /* fraction: smallest barycentric weight of an added node in its leaf, which prevents slivers. Chosen by judgement */
-static const double ON_FACE = 1e-9; /* 1: largest barycentric weight of a node that counts as on a face. Rounding tolerance */
+static const double LEAST_WEIGHT = 0.02; /* fraction: smallest barycentric weight of an added node in its leaf, which prevents degenerate elements. Chosen
+                                            by judgement */
+static const double ON_FACE = 1e-9; /* 1: largest barycentric weight at which a node counts as on the opposite face. Rounding tolerance */
 
 /* ---- addition ---------------------------------------------------------------------------------------------------- */
 
-/* Raises the weights to LEAST_WEIGHT, except that of corner `zero` (-1: none), which is set to zero. */
+/* Raises the weights to at least LEAST_WEIGHT, except that of corner `zero` (-1 if there is none), which is set to zero. */
 static void keep_inside(leaf_point *p, int zero) {
     double sum = 0.0;
     for (int i = 0; i < 4; i++) sum += p->weights[i] = i == zero ? 0.0 : fmax(p->weights[i], LEAST_WEIGHT);
@@ -43,7 +44,7 @@ int refinement_add(const mesh *m, refinement *r, int tet, vec3 x, uint64_t id) {
     return append(m, r, tet, &p, id);
 }
 
-/* Finds the leaf on the other side of the face opposite corner `face`: in the same element or an adjacent one. */
+/* Finds the leaf on the other side of the face opposite corner `face`, which is in the same element or in an adjacent one. */
 static bool find_across(const mesh *m, const refinement *r, int active, int tet, const int corners[4], int face, leaf *across) {
     leaf leaves[MAX_LEAVES];
     for (int k = -1; k < 4; k++) {
@@ -60,7 +61,7 @@ static bool find_across(const mesh *m, const refinement *r, int active, int tet,
     return false;
 }
 
-/* Sets the other side of a node on the face opposite corner `face`, with the first `active` contact nodes. */
+/* For a node on the face opposite corner `face`, sets the leaf on the other side, in the mesh with the first `active` contact nodes. */
 static void split_across(const mesh *m, const refinement *r, int active, int face, added_node *node) {
     leaf across;
     if (!find_across(m, r, active, node->tet, node->at.corners, face, &across)) return;
@@ -101,7 +102,8 @@ bool refinement_hangs_on(const added_node *node, uint64_t slots) {
     return node->moved < 0 && (touches(&node->at, slots) || (node->across_tet >= 0 && touches(&node->across, slots)));
 }
 
-/* Finds the leaf that now contains a node, with the first `active` nodes. A node on a face of that leaf is on it only to rounding. */
+/* Finds the leaf that now contains a node, in the mesh with the first `active` nodes. A node that was on a face of this leaf is on it only to rounding
+   accuracy. */
 static void place_again(const mesh *m, const refinement *r, int active, added_node *node) {
     node->at = refinement_locate(m, r, active, node->tet, node->position);
     node->across_tet = -1;

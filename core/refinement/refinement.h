@@ -1,24 +1,24 @@
-/* The refined part of the mesh: contact nodes, each added inside an element or on a face. Adding moves no node, so the new finite-element space contains the
-   old one. A nominal node that is moved (`moved`) does not have that property; only tests and benchmarks move nodes. See docs/mechanics.md, "Node addition"
+/* The refined part of the mesh: contact nodes, each added inside an element or on a face. An addition moves no node, so the new finite-element space
+   contains the old one. This is not true if a nominal node is moved (`moved`), which only tests and benchmarks do. See docs/mechanics.md, "Node addition"
    and "Remeshing methods". */
 #ifndef TROCAR_REFINEMENT_H
 #define TROCAR_REFINEMENT_H
 
 #include "refinement/leaves.h"
 
-/* Adds a node at x in `tet`, shifted inside if x is nearly on a face of its leaf. Returns its slot, or -1 if the refinement is full. RT */
+/* Adds a node at x in `tet`; if x is nearly on a face of its leaf, the node is shifted inside. Returns its slot, or -1 if the refinement is full. RT */
 int refinement_add(const mesh *m, refinement *r, int tet, vec3 x, uint64_t id);
 
-/* Adds a node on the face of its leaf that is closest to x in `tet`, shifted inside if x is nearly on an edge. For tests and benchmarks: in an insertion,
-   nodes come to be on faces only when others are removed. RT */
+/* Adds a node on that face of its leaf which is closest to x in `tet`; if x is nearly on an edge, the node is shifted away from it. For tests and
+   benchmarks: in an insertion, nodes are on faces only as a result of removing others. RT */
 int refinement_add_on_face(const mesh *m, refinement *r, int tet, vec3 x, uint64_t id);
 
-/* Index in `order` of the node with this id, or -1. RT */
+/* Returns the index in `order` of the node with this id, or -1. RT */
 int refinement_find(const refinement *r, uint64_t id);
 
-/* Removes the node `id`; the other nodes keep their slots and positions. The leaves that it had split become whole again, so later nodes in them split other
-   leaves than before: the mesh is the one that results from adding the remaining nodes in the same order. Returns the freed slot, or -1 if there is no such
-   node, or if it is not the last one and it, or a node added after it, was moved. RT */
+/* Removes the node with this id; the other nodes keep their slots and positions. The leaves that the node had split become whole again, so later nodes in
+   these leaves split other leaves than before: the mesh is the one that results from adding the remaining nodes in the same order. Returns the freed slot.
+   Returns -1 if there is no such node, or if it is not the last one and either it or a node added after it was moved. RT */
 int refinement_remove(const mesh *m, refinement *r, uint64_t id);
 
 /* True if a leaf split by this node has a corner in one of these slots (bit i: slot i). RT */

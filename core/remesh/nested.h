@@ -8,15 +8,15 @@
 enum {
     REACHED = 12,                         /* largest number of nominal nodes that one addition couples to: the nodes of two elements and their neighbours */
     MAX_EXTRA = REACHED + 4,             /* largest number of nominal nodes that one addition needs outside the window */
-    MAX_PLACES = MAX_HANDLES + MAX_EXTRA, /* handles, then extra nodes */
+    MAX_PLACES = MAX_HANDLES + MAX_EXTRA, /* handles, followed by extra nodes */
     NESTED_LD = 3 * MAX_PLACES,
 };
 
 typedef struct {
-    bool on_face;                         /* the node is on a face, and its surplus couples to the old nodes */
-    double weights[4];                    /* nominal weights: those of the nominal nodes of its element */
-    int nominal_count, nominal[REACHED];  /* nominal nodes to which the coupling extends through the touched nodes */
-    mat3 coupling[REACHED];               /* c_j at the nodes in `nominal`, N/m */
+    bool on_face;                         /* true if the node is on a face; its surplus is then coupled to the old nodes */
+    double weights[4];                    /* nominal weights: those of the corners of its nominal element */
+    int nominal_count, nominal[REACHED];  /* nominal nodes to which the touched nodes extend the coupling */
+    mat3 coupling[REACHED];               /* N/m, c_j at the nodes in `nominal` */
     mat3 chain[MAX_CONTACTS];             /* G_ij = S_i sum_touched F_i^T c_j, i < j */
     mat3 surplus;                         /* S_j, m/N */
 } bordering;
@@ -24,38 +24,38 @@ typedef struct {
 typedef struct {
     remesher shared;
     bordering borders[MAX_CONTACTS];
-    int extra_count, extra[MAX_EXTRA];  /* extra nodes of the addition in progress */
-    double (*nominal)[NESTED_LD];         /* NESTED_LD rows: K^-1 between the places in use, m/N: [3 i + a][3 j + b] */
-    double (*factors)[3][NESTED_LD];      /* MAX_CONTACTS entries, m/N times N/m: F_j^T; F_j(i) is at [j][b][3 i + a] */
+    int extra_count, extra[MAX_EXTRA];  /* extra nodes needed for the present addition */
+    double (*nominal)[NESTED_LD];         /* NESTED_LD rows, m/N: K^-1 between the places in use, [3 i + a][3 j + b] */
+    double (*factors)[3][NESTED_LD];      /* MAX_CONTACTS entries, m/N times N/m: F_j^T, where F_j(i) is at [j][b][3 i + a] */
     void *nominal_memory, *factors_memory; /* memory of `nominal` and `factors` */
 } nested_remesher;
 
-/* Place of a coded node, or -1; and F_j at a place. */
+/* nested_place: place of a coded node, or -1; the other function returns F_j at a place. */
 int nested_place(const nested_remesher *r, int node);
 mat3 nested_factor(const nested_remesher *r, int j, int place);
 
-/* Column ranges of the handles in use and of contact node `slot`, which is being added (-1: none). */
+/* Returns the column ranges of the handles in use and of contact node `slot`, which is being added (-1 if none is). */
 column_ranges nested_columns(const nested_remesher *r, int slot);
 
-/* Column ranges of the handles in use, of contact node `slot` and of the extra nodes. */
+/* Returns the column ranges of the handles in use, of contact node `slot` and of the extra nodes. */
 column_ranges nested_all_columns(const nested_remesher *r, int slot);
 
-/* Fills `nominal` and `factors` for new places: window entries or extra nodes. */
+/* Fills the rows of `nominal` and `factors` for new places, which are window entries or extra nodes. */
 trocar_status nested_enter(nested_remesher *r, int count, const int *places, report *why);
 
-/* Interpolates the contact node in `slot` between nominal nodes: fills its rows and columns of `nominal`. */
+/* Fills the rows and columns of `nominal` for the contact node in `slot` by interpolation between nominal nodes. */
 void nested_interpolate(nested_remesher *r, int slot);
 
-/* Rows of the inverse with the first `count` contact nodes, between a nominal node's place and all handles: three rows, SNAPSHOT_LD apart. */
+/* Computes the rows of the inverse with the first `count` contact nodes, between the place of a nominal node and all handles: three rows, SNAPSHOT_LD apart. */
 void nested_inverse_rows(const nested_remesher *r, int count, int place, const column_ranges *columns, double *rows);
 
-/* Copies the rows of this place to the columns of a symmetric matrix, at the other places. */
+/* Copies the rows of this place to the columns of a symmetric matrix, for the other places. */
 void nested_mirror(double *matrix, int ld, int place, int count, const int *places);
 
-/* Adds F S F^T to the rows of the handles in use (sign 1), or subtracts it (sign -1). */
+/* Adds F S F^T to the rows of the handles in use (sign 1), or subtracts it from them (sign -1). */
 void nested_update_rows(nested_remesher *r, int slot, double sign);
 
-/* Exchanges the node in `slot`, which is no longer in the order, with the nodes from `position` on, so that it can be removed as the last one: updates
+/* Exchanges the node in `slot`, which is no longer in the order, with the nodes from `position` on, so that it can be removed like the last one. Updates
    factors, chains and surpluses. */
 void nested_move_to_end(nested_remesher *r, int slot, int position);
 

@@ -16,7 +16,7 @@ static mat3 inverse_sum(const mat3 *a, const mat3 *v, const mat3 *b) {
     return m3_inverse(&sum);
 }
 
-/* Removes the contribution of the removed node to F_k from G of later nodes, and updates their y. */
+/* Removes the contribution of the removed node to F_k from G of later nodes, and updates y of these nodes. */
 static void exchange_chains(nested_remesher *r, int position, const mat3 *v, const mat3 *n, const mat3 *exchanged, mat3 *y) {
     const int *order = r->shared.refined.order, k = order[position];
     mat3 stiffness = m3_inverse(&r->borders[k].surplus), nv = m3_multiply(n, v), transposed = m3_transposed(&nv);

@@ -1,7 +1,7 @@
-/* Rows of nested addition in bulk. K^-1 and the factors F^T are stored between all places, so that an addition works on contiguous rows: a row of F_j is a sum
-   of rows of K^-1 and of earlier F_i. The inverse's owner supplies blocks only for new nodes. An entry is the same sum whether it is computed from a row or
-   from a new node's block. Therefore the stored values depend only on the contact nodes and their order, to the bit; after the removal of a node on a face
-   that was not the last one, to rounding. */
+/* Rows of nested addition, many at a time. K^-1 and the factors F^T are stored between all places, so that an addition works on contiguous rows: a row of
+   F_j is a sum of rows of K^-1 and of earlier F_i. The owner of the inverse supplies blocks only for new nodes. An entry is the same sum whether it is
+   computed from a row or from a new node's block. Therefore the stored values depend, to the bit, only on the contact nodes and their order; after the
+   removal of a node on a face that was not the last one, this is true only to rounding accuracy. */
 #include "remesh/nested.h"
 
 #include <string.h>
@@ -26,7 +26,7 @@ static int node_at(const nested_remesher *r, int place) {
     return place < MAX_HANDLES ? r->shared.window[place - MAX_CONTACTS] : r->extra[place - MAX_HANDLES];
 }
 
-/* The places in use: contact nodes in order, the window, extra nodes. */
+/* Lists the places in use: contact nodes in order, the window, extra nodes. */
 static int places_in_use(const nested_remesher *r, int places[MAX_PLACES]) {
     int count = handles_in_use(&r->shared, places);
     for (int g = 0; g < r->extra_count; g++) places[count++] = MAX_HANDLES + g;
@@ -68,8 +68,8 @@ void nested_mirror(double *matrix, int ld, int place, int count, const int *plac
 
 /* ---- new nominal nodes ----------------------------------------------------------------------------------------------- */
 
-/* Fetches all blocks between the new nodes and the nodes that they are combined with: other places, the elements of the contact nodes, and the nodes that
-   surpluses couple to. */
+/* Fetches all blocks between the new nodes and the nodes with which they are combined: those at other places, those of the contact nodes' elements, and
+   those coupled to surpluses. */
 static trocar_status gather(nested_remesher *r, int count, const int *places, report *why) {
     remesher *shared = &r->shared;
     gather_start(shared);
@@ -85,7 +85,7 @@ static trocar_status gather(nested_remesher *r, int count, const int *places, re
     return gather_finish(shared, why);
 }
 
-/* Block of K^-1 between a new node and another one; its rows are GATHERED_LD apart. */
+/* Returns the block of K^-1 between a new node and another node; its rows are GATHERED_LD apart. */
 static const double *gathered(const nested_remesher *r, int node, int other) {
     const gathered_blocks *g = &r->shared.gathered;
     return g->blocks + (size_t)(3 * g->row_of[node]) * GATHERED_LD + 3 * g->column_of[other];
@@ -113,7 +113,7 @@ static void enter_nominal(nested_remesher *r, int place) {
     }
 }
 
-/* F_j of a nominal node: the same sum as in rows_add. Zero for surpluses inside elements. */
+/* Computes F_j of a nominal node, as the same sum as in rows_add. It is zero for surpluses inside elements. */
 static void enter_factors(nested_remesher *r, int place) {
     const refinement *refined = &r->shared.refined;
     double factors[MAX_CONTACTS][3][BLOCK_LD];
@@ -156,7 +156,7 @@ void nested_interpolate(nested_remesher *r, int slot) {
     rows_interpolate(&columns, count, parts, r->nominal[3 * slot], NESTED_LD);
     nested_mirror(r->nominal[0], NESTED_LD, slot, all, places);
     column_ranges_add(&own, 3 * slot / COLUMN_STEP * COLUMN_STEP, 3 * slot + 3);
-    rows_interpolate(&own, count, parts, r->nominal[3 * slot], NESTED_LD); /* its columns are filled by now */
+    rows_interpolate(&own, count, parts, r->nominal[3 * slot], NESTED_LD); /* its columns have been filled before */
 }
 
 /* ---- the inverse ----------------------------------------------------------------------------------------------------- */
@@ -166,7 +166,7 @@ void nested_inverse_rows(const nested_remesher *r, int count, int place, const c
     int faces = 0;
     for (int k = 0; k < count; k++) {
         int j = r->shared.refined.order[k];
-        if (!r->borders[j].on_face) continue; /* zero at nominal nodes */
+        if (!r->borders[j].on_face) continue; /* the factor is zero at nominal nodes */
         mat3 factor = nested_factor(r, j, place);
         parts[faces++] = (row_triple){r->factors[j][0], NESTED_LD, m3_multiply(&factor, &r->borders[j].surplus)};
     }

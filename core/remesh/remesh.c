@@ -39,7 +39,7 @@ void remesher_free(remesher *r) {
 
 /* ---- serving ------------------------------------------------------------------------------------------------------- */
 
-/* Status of a successful step, unless the inverse's owner failed to supply some blocks. */
+/* Returns the status of a successful step, unless the owner of the inverse failed to supply blocks. */
 static trocar_status confirm(const remesher *r, report *why) {
     if (r->gathered.status != TROCAR_OK) *why = r->gathered.why;
     return r->gathered.status;
@@ -91,7 +91,7 @@ static void remove_node(remesher *r, int position) {
     r->operations->remove(r, slot, position);
 }
 
-/* Nodes that are still wanted keep their places; new nodes take the free places. */
+/* Nodes that are still wanted keep their places; new nodes are assigned the free places. */
 static trocar_status move_window(remesher *r, const remesh_request *request, report *why) {
     int fresh[MAX_WINDOW] = {0}, count = 0;
     bool wanted[MAX_WINDOW] = {false};
@@ -109,7 +109,7 @@ static trocar_status move_window(remesher *r, const remesh_request *request, rep
         fresh[count++] = MAX_CONTACTS + place;
     }
     trocar_status status = take_nodes(r, count, fresh, why);
-    for (int i = 0; i < count && status != TROCAR_OK; i++) window_put(r, fresh[i] - MAX_CONTACTS, -1); /* their rows were not filled */
+    for (int i = 0; i < count && status != TROCAR_OK; i++) window_put(r, fresh[i] - MAX_CONTACTS, -1); /* their rows could not be filled */
     return status;
 }
 
@@ -122,7 +122,7 @@ static bool same_node(const added_node *a, const added_node *b) {
         && (a->across_tet < 0 || same_leaf(&a->across, &b->across));
 }
 
-/* Slots (bit i: slot i) whose nodes must be removed: nodes that are not wanted or have moved, and nodes that depend on them. */
+/* Returns the slots (bit i: slot i) of nodes that must be removed: nodes that are not wanted or have moved, and nodes that depend on these. */
 static uint64_t slots_to_clear(const remesher *r, const refinement *wanted) {
     const refinement *refined = &r->refined;
     uint64_t clear = 0, same = 0;
@@ -151,7 +151,7 @@ static trocar_status update_nodes(remesher *r, const refinement *wanted, report 
     return TROCAR_OK;
 }
 
-/* Copies only rows and columns in use, because a snapshot is large. */
+/* Copies only the rows and columns in use, because a snapshot is large. */
 static void copy_rows(remesher *r, compliance_snapshot *snapshot) {
     int handles[MAX_HANDLES], count = handles_in_use(r, handles);
     size_t contacts = 3 * (size_t)refinement_span(&r->refined), window = 3 * (size_t)MAX_CONTACTS, end = 3 * (size_t)(count > 0 ? handles[count - 1] + 1 : 0);
@@ -181,7 +181,7 @@ static void list_ahead(remesher *r, int tet) {
     }
 }
 
-/* Lists the nodes of all elements on the line and adjacent to it, from the tip, or from the line's entry into the body, to its exit. */
+/* Lists the nodes of all elements that the line crosses and of their neighbours, from the tip (or the line's entry into the body) to the line's exit. */
 static void follow_line(remesher *r) {
     const mesh *m = r->tissue->mesh;
     vec3 tip = r->line_tip, direction = r->line_direction;
@@ -205,12 +205,13 @@ static void follow_line(remesher *r) {
     }
 }
 
-/* Fetches the blocks between a slice of these nodes and all nodes that they may be combined with: those before them, the window's and the contacts'. */
+/* Fetches the blocks between the next few of these nodes and all nodes with which they may be combined: the earlier ones, those of the window and those of
+   the contacts. */
 bool remesher_look_ahead(remesher *r) {
     enum { LARGE = 32, SMALL = 8 };
-    int slice = r->refined.count > 0 ? SMALL : LARGE, most = inverse_slice(r->inverse); /* once the needle is inside, requests must not wait long */
+    int slice = r->refined.count > 0 ? SMALL : LARGE, most = inverse_slice(r->inverse); /* once the needle is in the tissue, requests must not wait long */
     if (slice > most) slice = most;
-    report why; /* ignored: a later request for these nodes reports the error */
+    report why; /* ignored, because a later request for these nodes reports the error */
     if (r->line_new) follow_line(r);
     int first = r->ahead_done, left = r->ahead_count - first;
     if (left == 0) return false;
@@ -305,6 +306,6 @@ trocar_status remesher_resume(remesher *r, const remesh_request *request, const 
     r->residual.any = snapshot->has_residuals;
     r->residual.time = snapshot->residual_time;
     memcpy(r->residual.u, snapshot->u_residual, sizeof r->residual.u);
-    memcpy(r->handles, snapshot->compliance, sizeof snapshot->compliance); /* rows computed in another order differ in the last bits */
+    memcpy(r->handles, snapshot->compliance, sizeof snapshot->compliance); /* rows computed in another order would differ in the last bits */
     return status;
 }

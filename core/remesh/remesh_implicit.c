@@ -1,7 +1,7 @@
-/* Implicit low-rank form: the stiffness change of every contact node stays a factor, never multiplied out,
-       inverse(a, b) = C(a, b) - sum_j F_j(a) M_j F_j(b)^T, F_j(a) = C(a, touched_j) - sum_(i<j) F_i(a) M_i F_i(touched_j)^T
-   (Woodbury, change by change: the block factors of one capacitance matrix over all touched dofs). C is the inverse of the nominal mesh, with an auxiliary
-   spring for each added node, which its change removes again. Rows are formed at the handles only. */
+/* Implicit low-rank form: the stiffness change of every contact node stays a factor, never multiplied out, inverse(a, b) = C(a, b) - sum_j F_j(a) M_j
+   F_j(b)^T, F_j(a) = C(a, touched_j) - sum_(i<j) F_i(a) M_i F_i(touched_j)^T (Woodbury, one change after the other: these are the block factors of a
+   single capacitance matrix over all touched dofs). C is the inverse of the nominal mesh, with an auxiliary spring for each added node, which its change
+   removes again. Rows are formed at the handles only. */
 #include "remesh/remesh_method.h"
 
 #include <cblas.h>
@@ -9,19 +9,19 @@
 #include <string.h>
 
 typedef struct {
-    int first, rank;                      /* first column, and number of columns, among those of all changes */
+    int first, rank;                      /* index of its first column among those of all changes, and number of its columns */
     int nodes[MAX_PATCH];                 /* touched, coded */
     double middle[MAX_RANK * MAX_RANK];   /* M, rank square, N/m */
 } low_rank;
 
 typedef struct {
     remesher shared;
-    double spring;                        /* m/N, compliance of an added node's auxiliary spring */
-    low_rank changes[MAX_CONTACTS];       /* changes in the order of the nodes */
+    double spring;                        /* m/N, compliance of the auxiliary spring of an added node */
+    low_rank changes[MAX_CONTACTS];       /* changes, in the order of the nodes */
     double *factors;                      /* SNAPSHOT_LD x ALL_RANKS, row-major: F of the handles in use */
-    double *chain;                        /* ALL_RANKS square, row-major: column block j holds M_i F_i(touched_j)^T, i < j */
-    double *touched;                      /* MAX_RANK x ALL_RANKS: F of the nodes that a new change touches */
-    double *product, *packed, *packed_middle; /* scratch: SNAPSHOT_LD square; SNAPSHOT_LD x MAX_RANK twice */
+    double *chain;                        /* ALL_RANKS square, row-major: column block j contains M_i F_i(touched_j)^T for i < j */
+    double *touched;                      /* MAX_RANK x ALL_RANKS: F of the nodes touched by a new change */
+    double *product, *packed, *packed_middle; /* scratch: one square of SNAPSHOT_LD rows, and two arrays of SNAPSHOT_LD x MAX_RANK */
 } implicit_remesher;
 
 static double *factor_row(implicit_remesher *r, int handle) { return r->factors + (size_t)3 * (size_t)handle * ALL_RANKS; }
@@ -41,7 +41,7 @@ static void start_block(implicit_remesher *r, int node, int other, double *out, 
         for (int b = 0; b < 3; b++) out[a * ld + b] = node == other && a == b ? r->spring : 0.0;
 }
 
-/* Computes F_j of a node for change j = `index`, after those of earlier changes in `row`. */
+/* Computes F_j of a node for change j = `index`; F of earlier changes is already in `row`. */
 static void extend_factors(implicit_remesher *r, int index, int node, double *row) {
     const low_rank *change = &r->changes[index];
     for (int q = 0; 3 * q < change->rank; q++) start_block(r, node, change->nodes[q], row + change->first + 3 * q, ALL_RANKS);
@@ -50,7 +50,7 @@ static void extend_factors(implicit_remesher *r, int index, int node, double *ro
                     r->chain + change->first, ALL_RANKS, 1.0, row + change->first, ALL_RANKS);
 }
 
-/* Subtracts F M F^T of change `index` from the rows in use (sign -1), or adds it again (sign 1). */
+/* Subtracts F M F^T of change `index` from the rows in use (sign -1), or adds it back (sign 1). */
 static void update_rows(implicit_remesher *r, int index, double sign) {
     const low_rank *change = &r->changes[index];
     int handles[MAX_HANDLES], count = handles_in_use(&r->shared, handles), n = change->rank;
@@ -103,7 +103,7 @@ static void gather_touched(implicit_remesher *r, int index, bool as_rows) {
     }
 }
 
-/* Fetches all blocks that the factors of the given rows may need, with the first `count` changes. */
+/* Fetches all blocks that the factors of the given rows may need with the first `count` changes. */
 static trocar_status gather_factors(implicit_remesher *r, int count, report *why) {
     for (int k = 0; k < MAX_WINDOW; k++)
         if (r->shared.window[k] >= 0) gather_column(&r->shared, r->shared.window[k]);
@@ -121,7 +121,7 @@ static trocar_status implicit_take_nodes(remesher *shared, int count, const int 
     return status;
 }
 
-/* Computes F of the touched nodes, up to the new change's own, which is the present inverse between them. */
+/* Computes F of the touched nodes, up to that of the new change, which is the present inverse between these nodes. */
 static void touch_nodes(implicit_remesher *r, int index) {
     const low_rank *change = &r->changes[index];
     for (int q = 0; 3 * q < change->rank; q++)
@@ -156,7 +156,7 @@ static trocar_status implicit_add(remesher *shared, int slot, report *why) {
     int handles[MAX_HANDLES], count = handles_in_use(shared, handles);
     for (int i = 0; i < count; i++) extend_factors(r, index, handle_node(shared, handles[i]), factor_row(r, handles[i]));
     update_rows(r, index, -1.0);
-    shared->refined.count++; /* its own row is computed like that of any handle */
+    shared->refined.count++; /* the node's row is computed like that of any handle */
     find_factors(r, slot);
     form_row(r, slot);
     shared->refined.count--;
@@ -180,7 +180,7 @@ static void implicit_release(remesher *shared) {
 
 static const remesh_operations implicit = {implicit_add, implicit_remove, false, implicit_take_nodes, NULL, implicit_release, false};
 
-/* Large, but pages that no change reaches are never touched. */
+/* Allocates large arrays, but pages that no change reaches are never touched. */
 trocar_status remesher_create_implicit(inverse *inv, remesher **created, report *why) {
     implicit_remesher *r = calloc(1, sizeof *r);
     *created = r ? &r->shared : NULL;
@@ -198,6 +198,6 @@ trocar_status remesher_create_implicit(inverse *inv, remesher **created, report 
     int node = 0;
     while (inverse_tissue(inv)->fixed[node] || !inverse_holds(inv, node)) node++;
     if (status == TROCAR_OK) status = inverse_gather(inv, &(inverse_blocks){1, &node, 1, &node, row, 3}, why);
-    r->spring = row[0]; /* arbitrary, because the spring is removed again; the magnitude of the compliances loses no digits */
+    r->spring = row[0]; /* an arbitrary value, because the spring is removed again; with the magnitude of the compliances, no digits are lost */
     return status;
 }

@@ -11,7 +11,7 @@
 #include "base/cache_line.h"
 #include "refinement/refined_field.h"
 
-static const double ROUNDING = 1e-12; /* 1: barycentric weight below which a node counts as on the opposite face. Rounding tolerance */
+static const double ROUNDING = 1e-12; /* 1: barycentric weight below which a node counts as on the face opposite that corner. Rounding tolerance */
 
 /* ---- what the new node couples to ------------------------------------------------------------------------------------ */
 
@@ -31,9 +31,9 @@ static void add_coupling(bordering *border, int nominal, double weight, const ma
     m3_add_scaled(&border->coupling[p], weight, c);
 }
 
-/* Adds c of a touched node, distributed to the nominal nodes on which it depends. */
+/* Adds c of a touched node, distributed to the nominal nodes on which this node depends. */
 static void collect_coupling(nested_remesher *r, bordering *border, int node, const mat3 *c) {
-    if (node >= 0) { /* nominal; contact nodes are coded as -1 - slot */
+    if (node >= 0) { /* a nominal node; contact nodes are coded as -1 - slot */
         add_coupling(border, node, 1.0, c);
         return;
     }
@@ -41,14 +41,15 @@ static void collect_coupling(nested_remesher *r, bordering *border, int node, co
     for (int i = 0; i < 4; i++) add_coupling(border, corners[i], r->borders[-1 - node].weights[i], c);
 }
 
-/* Weight of a touched node in the interpolation of the contact node. */
+/* Weight of a touched node in the interpolation at the contact node. */
 static double weight_of(const added_node *node, int corner) {
     for (int c = 0; c < 4; c++)
         if (node->at.corners[c] == corner) return node->at.weights[c];
     return 0.0;
 }
 
-/* c of the touched nodes goes to `touched->beside`, and d to `touched->own`. With u_new = sum w u + h, c = K(old, new) + w K(new, new) and d = K(new, new). */
+/* Writes c of the touched nodes to `touched->beside`, and d to `touched->own`. With u_new = sum w u + h, c = K(old, new) + w K(new, new) and d = K(new,
+   new). */
 static void couple(nested_remesher *r, int slot, split_columns *touched) {
     const refinement *refined = &r->shared.refined;
     patch_own_columns(r->shared.tissue, refined, refined->count, touched);
@@ -62,8 +63,8 @@ static void add_extra(nested_remesher *r, int node) {
     if (nested_place(r, node) < 0) r->extra[r->extra_count++] = node;
 }
 
-/* Finds places for the nominal nodes that the addition needs: those with nominal weights, those of its leaf (which rounding may separate from the former), and
-   those that it couples to. Nodes in the window have a place already. */
+/* Finds places for the nominal nodes needed for the addition: those with nominal weights, those of the node's leaf (which can differ from the former by
+   rounding), and those coupled to it. Nodes in the window already have places. */
 static trocar_status add_all_extra(nested_remesher *r, int slot, report *why) {
     const bordering *border = &r->borders[slot];
     const int *corners = r->shared.tissue->mesh->tets[r->shared.refined.nodes[slot].tet];
@@ -81,7 +82,7 @@ static trocar_status add_all_extra(nested_remesher *r, int slot, report *why) {
 
 /* ---- factors and surplus --------------------------------------------------------------------------------------------- */
 
-/* G_ij, from the factors of surplus i at the touched nodes. */
+/* G_ij, computed from the factors of surplus i at the touched nodes. */
 static mat3 chain_to(const nested_remesher *r, int i, const split_columns *touched, const int *places) {
     mat3 sum = {{{0}}};
     for (int q = 0; q < touched->count; q++) {
@@ -131,7 +132,7 @@ static trocar_status border_face(nested_remesher *r, int slot, const split_colum
     return TROCAR_OK;
 }
 
-/* Inside an element, only the node itself and the nodes that depend on it have a factor. */
+/* For a node inside an element, only the node itself and the nodes that depend on it have a factor. */
 static void border_inside(nested_remesher *r, int slot) {
     const added_node *node = &r->shared.refined.nodes[slot];
     column_ranges columns = nested_all_columns(r, slot);
@@ -139,7 +140,7 @@ static void border_inside(nested_remesher *r, int slot) {
     r->borders[slot].surplus = surplus_compliance(r->shared.tissue, &r->shared.refined, node->tet, &node->at);
 }
 
-/* Factors of earlier surpluses at a new node: those of its corners with its weights, and its own surplus. */
+/* Computes the factors of earlier surpluses at a new node, which interpolate those of its corners with its weights, and of its own surplus. */
 static void interpolate_factors(nested_remesher *r, int slot) {
     const refinement *refined = &r->shared.refined;
     const leaf_point *at = &refined->nodes[slot].at;
@@ -166,7 +167,7 @@ static void fill_row(nested_remesher *r, int slot, const column_ranges *columns,
     rows_add(columns, 1, &surplus, row, SNAPSHOT_LD);
 }
 
-/* Adds the new row: interpolated between the corners of the leaf, plus the surplus. */
+/* Adds the new node's row: interpolated between the corners of its leaf, plus the surplus. */
 static void add_row(nested_remesher *r, int slot) {
     remesher *shared = &r->shared;
     const leaf_point *at = &shared->refined.nodes[slot].at;
@@ -184,7 +185,7 @@ static void add_row(nested_remesher *r, int slot) {
     fill_row(r, slot, &columns, count, corners);
     nested_mirror(shared->handles, SNAPSHOT_LD, slot, all, handles);
     column_ranges_add(&own, 3 * slot / COLUMN_STEP * COLUMN_STEP, 3 * slot + 3);
-    fill_row(r, slot, &own, count, corners); /* its columns are filled by now */
+    fill_row(r, slot, &own, count, corners); /* its columns have been filled before */
 }
 
 /* Computes the compliance of the nominal mesh between the new node and all contact nodes. */
@@ -227,7 +228,7 @@ static trocar_status nested_add(remesher *shared, int slot, report *why) {
 
 static void nested_remove(remesher *shared, int slot, int position) {
     nested_remesher *r = (nested_remesher *)shared;
-    if (!r->borders[slot].on_face) return; /* the surplus disappears with its row */
+    if (!r->borders[slot].on_face) return; /* for a node inside an element, the surplus disappears with the node's row */
     nested_move_to_end(r, slot, position);
     nested_update_rows(r, slot, -1.0);
 }

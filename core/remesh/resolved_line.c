@@ -2,7 +2,7 @@
 
 #include <string.h>
 
-/* Finds where the line enters and leaves its element, m from its point; both 0 if it only touches a corner or an edge. */
+/* Finds where the line enters and leaves its element (m from the line's point); both are 0 if the line only touches a corner or an edge. */
 static void clip(const mesh *m, const line_in_tet *line, double *from, double *to) {
     double here[4], there[4], unit = m->node_size[m->tets[line->tet][0]];
     *from = -INFINITY;
@@ -28,7 +28,7 @@ static trocar_status measure_piece(remesher *r, const line_in_tet *line, line_pi
 
 static bool same_vector(vec3 a, vec3 b) { return a.x == b.x && a.y == b.y && a.z == b.z; }
 
-/* Finds exactly the same line: an answer must not depend on earlier requests. */
+/* Finds a piece with exactly the same line, because an answer must not depend on earlier requests. */
 static const line_piece *find_piece(const remesher *r, const line_in_tet *line) {
     for (int i = 0; i < r->piece_count; i++) {
         const line_in_tet *known = &r->pieces[i].line;
@@ -69,7 +69,7 @@ trocar_status resolve_contact(remesher *r, int slot, report *why) {
     line_piece measured;
     trocar_status status = known ? TROCAR_OK : measure_piece(r, &line, &measured, why);
     if (status != TROCAR_OK) return status;
-    if (!known && r->piece_count < MAX_PIECES) r->pieces[r->piece_count++] = measured; /* the request often contains the same line */
+    if (!known && r->piece_count < MAX_PIECES) r->pieces[r->piece_count++] = measured; /* a request often contains the same line more than once */
     r->resolved[slot] = piece_at(known ? known : &measured, node->position);
     return TROCAR_OK;
 }

@@ -1,16 +1,16 @@
-/* The worker's part of the local compliance: measures the mesh's resolution along the needle's path and at its contact nodes. */
+/* The worker's part of the local compliance: measures the mesh's resolution along the needle's path and at the contact nodes. */
 #ifndef TROCAR_RESOLVED_LINE_H
 #define TROCAR_RESOLVED_LINE_H
 
 #include "remesh/remesh_method.h"
 
-/* True if a line of the request has not been measured. */
+/* True if the request contains a line that has not been measured. */
 bool lines_are_new(const remesher *r, const remesh_request *request);
 
-/* Updates the pieces for a request: measures at most `most` new ones. */
+/* Updates the pieces for a request; measures at most `most` new lines. */
 trocar_status resolve_pieces(remesher *r, const remesh_request *request, int most, report *why);
 
-/* Measures at the contact node in `slot`, which is next in the order, in the mesh with the nodes before it. */
+/* Measures the resolution at the contact node in `slot`, which is next in the order, in the mesh with the earlier nodes. */
 trocar_status resolve_contact(remesher *r, int slot, report *why);
 
 #endif

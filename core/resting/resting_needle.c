@@ -8,15 +8,16 @@
 #include "insertion/memory/creep.h"
 #include "insertion/step/insertion.h"
 
-static const double STEP_SHIFT = 0.3e-3; /* m: largest shift of the base in one step of 1 ms while it moves to its resting position. Chosen: 0.3 m/s, as fast
-                                            as a hand inserts */
-static const double STEP_TURN = 3e-3; /* rad: largest rotation of the base in one step of 1 ms while it moves to its resting position. Chosen by judgement */
-static const double DEPENDENT = 1e-6; /* fraction: relative difference from a combination of other motions below which a motion counts as dependent. Rounding
-                                         tolerance */
+static const double STEP_SHIFT = 0.3e-3; /* m: largest shift of the base in one step of 1 ms while the released needle moves to its resting position.
+                                            Chosen: 0.3 m/s, as fast as a hand inserts */
+static const double STEP_TURN = 3e-3; /* rad: largest rotation of the base in one step of 1 ms while the released needle moves to its resting position.
+                                         Chosen by judgement */
+static const double DEPENDENT = 1e-6; /* fraction: relative distance of a motion from the span of the other motions below which it counts as dependent on
+                                         them. Rounding tolerance */
 
 /* ---- linearising ---------------------------------------------------------------------------------------------------------- */
 
-/* The point at which an unknown's force acts: see unknown(). */
+/* Returns the point at which an unknown's force acts; see unknown(). */
 static int point_of(const resting_needle *r, int u) {
     int along = u - 2 * r->point_count;
     if (along < 0) return u / 2;
@@ -29,7 +30,7 @@ static vec3 direction_of(const resting_needle *r, int u) {
     return v3(f->m[0][axis], f->m[1][axis], f->m[2][axis]);
 }
 
-/* Element of the nominal mesh in which the point's force acts, or -1 if it does not act on the mesh. */
+/* Returns the element of the nominal mesh in which the point's force acts, or -1 if the force does not act on the mesh. */
 static int element_of(const mesh *m, const insertion_state *state, const contact_point *p, double weights[4]) {
     if (p->kind == POINT_GUIDE) return -1;
     if (p->kind == POINT_TIP) {
@@ -61,7 +62,7 @@ int resting_place(const resting_needle *r, int u) {
     return place >= 0 && place < r->places.count && r->rows[u].tet >= 0 ? place : -1;
 }
 
-/* Fraction of this place's piece of shaft that lies on step k of the track. */
+/* Fraction of the piece of shaft at this place that lies on step k of the track. */
 static double part_on_step(const resting_needle *r, int place, int k) {
     const shaft_piece *piece = &r->places.loads[place].shaft;
     double from = r->steps.start + k * r->steps.step;
@@ -74,7 +75,8 @@ vec3 resting_moved(const resting_needle *r, int place, int from, int to, const v
     return sum;
 }
 
-/* Adds the displacements under another needle's forces that the mesh does not resolve, as blocks between places of the needle (rows) and of the other one. */
+/* Adds the displacements, caused by another needle's forces, that the mesh does not resolve, as blocks between places of this needle (rows) and of the
+   other one. */
 static trocar_status add_lacks(needle_pairs *pairs, const resting_needle *r, const resting_needle *other, bool transposed, mat3 *blocks, int ld, report *why) {
     mat3 lacks[SHIFT_STEPS];
     for (int j = 0; j < other->places.count; j++) {
@@ -105,7 +107,7 @@ trocar_status resting_mutual(needle_pairs *pairs, const resting_needle *r, const
     return status;
 }
 
-/* The tissue's compliance between points interpolated in the nominal mesh: `blocks`, 3 point_count square. */
+/* Computes the tissue's compliance between points that are interpolated in the nominal mesh; `blocks` is a square matrix of 3 point_count rows. */
 static trocar_status interpolated(const mesh *m, const insertion_state *state, inverse *inv, const resting_needle *r, double *blocks, report *why) {
     int count = 0, nodes[4 * MAX_POINTS], place[MAX_POINTS][4], ld = 3 * r->point_count;
     double weights[MAX_POINTS][4];
@@ -135,7 +137,8 @@ static trocar_status interpolated(const mesh *m, const insertion_state *state, i
     return status;
 }
 
-/* Takes the assembled compliance of the contact problem without the nominal mesh's part. The tip's rows contain no other part of the tissue. */
+/* Copies the compliance of the assembled contact problem without the contribution of the nominal mesh. The tip's rows contain no other contribution of the
+   tissue. */
 static trocar_status take_compliance(const mesh *m, const insertion_state *state, const insertion_workspace *w, inverse *inv, resting_needle *r, report *why) {
     const contact_problem *p = &w->problem;
     int ld = 3 * r->point_count;
@@ -152,7 +155,7 @@ static trocar_status take_compliance(const mesh *m, const insertion_state *state
     return status;
 }
 
-/* Decouples a row, so that it bears no force under any load. */
+/* Decouples a row, so that its force is zero under any load. */
 static void uncouple(resting_needle *r, int u) {
     for (int v = 0; v < u; v++) r->compliance[u][v] = 0.0;
     for (int v = u + 1; v < r->unknown_count; v++) r->compliance[v][u] = 0.0;
@@ -169,7 +172,7 @@ static bool is_open(const insertion_workspace *w, const resting_needle *r, int u
 
 static vec3 displaced(base_motion t, vec3 lever) { return v3_add(t.shift, v3_cross(t.turn, lever)); }
 
-/* Computes orthonormal motions of the rows, and the motions of the base that cause them. Rotations are measured by the arc that they describe at the tip. */
+/* Computes orthonormal motions of the rows, and the motions of the base that cause them. Rotations are measured by the arc that the tip describes. */
 static void take_motions(const insertion_workspace *w, pose base, double length, resting_needle *r) {
     vec3 x = q_rotate(base.orientation, v3(1.0 / length, 0, 0)), y = q_rotate(base.orientation, v3(0, 1.0 / length, 0));
     const base_motion given[MAX_MOTIONS] = {{.shift = {1, 0, 0}}, {.shift = {0, 1, 0}}, {.shift = {0, 0, 1}}, {.turn = x}, {.turn = y}};
@@ -196,7 +199,7 @@ static void take_motions(const insertion_workspace *w, pose base, double length,
     }
 }
 
-/* Adds a force at a point to its unknowns; of the tip's force along the needle, `shaft` acts on the adjacent shaft. */
+/* Adds a force at a point to the point's unknowns. `shaft`: part of the tip's force along the needle that acts on the adjacent shaft. */
 static void put_force(const resting_needle *r, int point, vec3 force, double shaft, double *unknowns) {
     vec3 f = m3_apply_transposed(&r->points[point].at.frame, force);
     int count = r->point_count;
@@ -217,7 +220,7 @@ static void take_forces(const insertion_model *model, const insertion_state *sta
     }
 }
 
-/* Load on the tissue by the contact with this handle, if its id is `id`. */
+/* Load on the tissue of the contact with this handle, if its id is `id`. */
 static vec3 contact_load(const insertion_model *model, const insertion_state *state, int handle, uint64_t id) {
     for (int k = 0; contact_is_active(state, k); k++)
         if (state->refined.order[k] == handle && state->refined.nodes[handle].id == id) return v3_add(state->contacts[handle].force, creep_load(model, &state->memory, k));
@@ -239,7 +242,7 @@ static trocar_status linearise(const tick_input *given, const insertion_state *s
     tick_input tick = *given;
     insertion_workspace *w = &scratch->workspace;
     tick_output ignored = {0};
-    scratch->state = r->anchor = *state; /* the linearisation advances the copy's memory */
+    scratch->state = r->anchor = *state; /* the linearisation advances the memory of the copy */
     tick.base = (mount){.pose = state->needle.base};
     if (!insertion_linearise(&tick, &scratch->state, w, &ignored, loaded)) return fail(why, TROCAR_BAD_INPUT, "the needle is not in the tissue: only inserted needles can be left");
     const contact_problem *p = &w->problem;
@@ -275,7 +278,7 @@ static bool is_definite(const resting_needle *r, resting_scratch *scratch) {
     return LAPACKE_dpotrf(LAPACK_COL_MAJOR, 'L', r->unknown_count, scratch->matrix[0], MAX_UNKNOWNS) == 0;
 }
 
-/* A needle that would buckle under its forces without the tissue is linearised with the stiffness that it has without them: an attachment must be stable by
+/* A needle that would buckle under its forces without the tissue is linearised with its stiffness without forces, because an attachment must be stable by
    itself. */
 trocar_status resting_linearise(const tick_input *tick, const insertion_state *state, inverse *inv, resting_scratch *scratch, resting_needle *r, report *why) {
     trocar_status status = linearise(tick, state, inv, true, scratch, r, why);
@@ -293,7 +296,8 @@ pose pose_moved(pose base, base_motion step) {
     return (pose){v3_add(base.position, step.shift), q_unit(q_multiply(q_exp(step.turn), base.orientation))};
 }
 
-/* If all points stick, motions q of the base change the forces by M^-1 R q, with the compliance M that includes the tissue's: R^T (f + M^-1 R q) = 0. */
+/* If all points stick, motions q of the base change the forces by M^-1 R q, where the compliance M includes that of the tissue. Equilibrium requires R^T
+   (f + M^-1 R q) = 0. */
 trocar_status resting_release_step(const resting_needle *r, double size, resting_scratch *scratch, base_motion *step, report *why) {
     int n = r->unknown_count, m = r->motion_count;
     const contact_problem *p = &scratch->workspace.problem;
@@ -327,7 +331,8 @@ trocar_status resting_release_step(const resting_needle *r, double size, resting
 
 /* ---- as it is now --------------------------------------------------------------------------------------------------------------- */
 
-/* Fraction of the bound that remains after sliding: friction weakens from static to kinetic, but the tip's cutting force and the friction of guides do not. */
+/* Fraction of the force's bound that remains after sliding: friction weakens from static to kinetic, but the tip's cutting force and the friction of
+   guides do not. */
 static double weakened(const insertion_model *model, const resting_needle *r, int i) {
     int point = i < r->point_count ? i : r->point_count - 1;
     const contact_point *p = &r->points[point];
@@ -340,7 +345,7 @@ static double weakened(const insertion_model *model, const resting_needle *r, in
 double resting_upper(const insertion_model *model, const resting_needle *r, int i) { return r->upper[i] * weakened(model, r, i); }
 double resting_lower(const insertion_model *model, const resting_needle *r, int i) { return r->lower[i] * weakened(model, r, i); }
 
-/* Writes forces and slips to the state. */
+/* Writes forces and slips back to the insertion's state. */
 static void put_back(const resting_needle *r, insertion_state *state) {
     int count = r->point_count;
     for (int i = 0; i < count; i++) {

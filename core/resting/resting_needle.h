@@ -1,5 +1,5 @@
-/* A resting needle: nobody holds it; tissue and guides keep it in place. It responds to other loads on the tissue linearly, about the equilibrium in which it
-   was left. See docs/mechanics.md, "Resting needles". */
+/* A resting needle, which nobody holds and which tissue and guides keep in place. It responds linearly to other loads on the tissue, about the equilibrium
+   in which it was left. See docs/mechanics.md, "Resting needles". */
 #ifndef TROCAR_RESTING_NEEDLE_H
 #define TROCAR_RESTING_NEEDLE_H
 
@@ -7,33 +7,35 @@
 #include "inverse/inverse_attached.h"
 #include "snapshot/needle_pairs.h"
 
-enum { MAX_MOTIONS = 5 };    /* motions of the base: all except the rotation about the needle's axis, which friction resists */
+enum { MAX_MOTIONS = 5 };    /* motions of the base: all except the rotation about the needle's axis, which friction prevents */
 
-typedef struct { vec3 shift, turn; } base_motion; /* m; rad about the base; world frame */
+typedef struct { vec3 shift, turn; } base_motion; /* m, translation, and rad, rotation about the base; world frame */
 
-/* Plain data. Forces on tissue and guides are stored as unknowns of the contact problem, in its order and in the needle's frame. */
+/* Plain data. Forces on tissue and guides are stored like the unknowns of the contact problem: in the same order, and in the needle's frame. */
 typedef struct {
-    uint64_t id;             /* id, a new one each time the needle is left */
+    uint64_t id;             /* a new id each time the needle is left */
     insertion_state anchor;  /* equilibrium in which the needle was left */
     int point_count, unknown_count, axial_count;
-    bool tip;                /* the last point is the tip */
+    bool tip;                /* true if the last point is the tip */
     contact_point points[MAX_POINTS];
     attached_row rows[MAX_UNKNOWNS];
-    tissue_loads places;                           /* positions of its loads on the tissue: the points that are not at a guide; the forces are not used */
-    shaft_steps steps;                             /* the needle's track, in steps */
-    double compliance[MAX_UNKNOWNS][MAX_UNKNOWNS]; /* m/N, lower triangle: compliance of the needle with its base clamped, guides, and tissue around the
-                                                      shaft */
+    tissue_loads places;                           /* positions of its loads on the tissue, which act at all points that are not at a guide; the forces are
+                                                      not used */
+    shaft_steps steps;                             /* the needle's track, divided into short steps */
+    double compliance[MAX_UNKNOWNS][MAX_UNKNOWNS]; /* m/N, lower triangle: compliance of the needle with its base clamped, of the guides, and of the tissue
+                                                      around the shaft */
     int motion_count;
     double motions[MAX_MOTIONS][MAX_UNKNOWNS];     /* displacement of each row under each motion of the base */
-    base_motion twists[MAX_MOTIONS];                     /* the base's motion for each row of `motions` */
-    double lower[MAX_AXIAL], upper[MAX_AXIAL];     /* N, bounds of the forces along the needle at the anchor */
+    base_motion twists[MAX_MOTIONS];                     /* motion of the base that causes each row of `motions` */
+    double lower[MAX_AXIAL], upper[MAX_AXIAL];     /* N, bounds of the axial forces at the anchor */
     double anchor_force[MAX_UNKNOWNS];             /* N, forces at the anchor */
-    double beside[MAX_UNKNOWNS];                   /* N, loads on the tissue from the memory of relaxing tissue, which are not forces of the needle */
-    double free_force[MAX_UNKNOWNS], free_motion[MAX_MOTIONS]; /* forces and motion if no needle were held */
+    double beside[MAX_UNKNOWNS];                   /* N, loads on the tissue from its memory, which are not forces of the needle */
+    double free_force[MAX_UNKNOWNS], free_motion[MAX_MOTIONS]; /* forces and motions in the absence of held needles */
     double force[MAX_UNKNOWNS], motion[MAX_MOTIONS];           /* present forces and motion */
-    double aside[MAX_UNKNOWNS];                    /* N, part of the forces due to displacements by held needles that the mesh does not resolve */
-    double fading[MAX_UNKNOWNS];                   /* N: forces of its rows before the last release minus those after it (resting_set) */
-    double slip[MAX_AXIAL], slid[MAX_AXIAL];       /* m, slip of the shaft forward past the tissue since the anchor; and the total distance slid */
+    double aside[MAX_UNKNOWNS];                    /* N, change of the forces caused by those displacements from held needles that the mesh does not resolve */
+    double fading[MAX_UNKNOWNS];                   /* N, forces of the needle's rows before the last release minus those after it (resting_set) */
+    double slip[MAX_AXIAL], slid[MAX_AXIAL];       /* m, slip of the shaft since the anchor (positive: forward relative to the tissue), and total distance
+                                                      slid */
 } resting_needle;
 
 /* The worker's scratch for the linearisation. */
@@ -43,34 +45,34 @@ typedef struct {
     double matrix[MAX_UNKNOWNS][MAX_UNKNOWNS];
 } resting_scratch;
 
-/* Linearises about `state`, which must be an equilibrium; tick->snapshot must hold its rows of the present `inv`. BAD_INPUT if the needle touches no tissue.
-   Allocates. */
+/* Linearises about `state`, which must be an equilibrium. tick->snapshot must contain the needle's rows of `inv` as it is at present. BAD_INPUT if the
+   needle touches no tissue. Allocates. */
 trocar_status resting_linearise(const tick_input *tick, const insertion_state *state, inverse *inv, resting_scratch *scratch, resting_needle *r, report *why);
 
-/* Stores in r->fading the forces of its rows in `held`, the state in which the hand let go of the needle. Call after resting_linearise. */
+/* Stores the forces of the rows in `held`, the state in which the hand released the needle, in r->fading. To be called after resting_linearise. */
 void resting_bore(const insertion_model *model, const insertion_state *held, resting_needle *r);
 
-/* Motion of the base that makes its wrench vanish if nothing slides; along the needle, `size` times that motion, within limits. Call after resting_linearise.
-   NUMERIC if needle and tissue are unstable. */
+/* Computes the motion of the base that makes the base's wrench vanish if nothing slides; its component along the needle is multiplied by `size`, and all
+   components are limited. To be called after resting_linearise. NUMERIC if needle and tissue are unstable. */
 trocar_status resting_release_step(const resting_needle *r, double size, resting_scratch *scratch, base_motion *step, report *why);
 pose pose_moved(pose base, base_motion step);
 
-/* The row's place, as an index of `places`, or -1 if the row is at a guide. */
+/* Returns the row's place as an index of `places`, or -1 if the row is at a guide. */
 int resting_place(const resting_needle *r, int u);
 
-/* Displacement of a place, from the displacements of the track's steps. */
+/* Computes the displacement of a place from the displacements of the track's steps. */
 vec3 resting_moved(const resting_needle *r, int place, int from, int to, const vec3 *moved);
 
-/* Compliance between the needle's rows and those of another needle that the mesh does not resolve, m/N: [u * ld + v]. Allocates. */
+/* Computes the part of the compliance (m/N) between this needle's rows and those of another needle that the mesh does not resolve: [u * ld + v]. Allocates. */
 trocar_status resting_mutual(needle_pairs *pairs, const resting_needle *r, const resting_needle *other, double *compliance, int ld, report *why);
 
 attachment resting_attachment(const resting_needle *r);
 
-/* Present bounds of axial force i, after the shaft's sliding. */
+/* Return the present bounds of axial force i, after the shaft has slid. */
 double resting_upper(const insertion_model *model, const resting_needle *r, int i);
 double resting_lower(const insertion_model *model, const resting_needle *r, int i);
 
-/* Writes the needle's present state, from which ticks can continue. */
+/* Writes the needle's present state to an insertion state from which ticks can continue. */
 void resting_show(const insertion_model *model, const resting_needle *r, needle_tangent *scratch, insertion_state *state);
 
 #endif

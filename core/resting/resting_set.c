@@ -7,9 +7,9 @@
 
 enum { AT_ONCE = 6 };
 enum { MOST_SWEEPS = 500 }; /* sweeps: largest number of Gauss-Seidel sweeps over a needle's points. Effort limit */
-enum { MOST_ROUNDS = 20 }; /* rounds: largest number over all resting needles, between two changes of the loads. Effort limit */
-static const double ENOUGH = 1e-7; /* N: excess of a force over its bound that is accepted. Rounding tolerance */
-static const double YIELDING = 1e-3; /* N/m: stiffness below which a slip would relieve no force. Rounding tolerance */
+enum { MOST_ROUNDS = 20 }; /* rounds: largest number of passes over all resting needles between two changes of the loads. Effort limit */
+static const double ENOUGH = 1e-7; /* N: accepted excess of a force over its bound. Rounding tolerance */
+static const double YIELDING = 1e-3; /* N/m: stiffness below which a slip would not relieve the force. Rounding tolerance */
 
 static void forget_columns(resting_set *s) {
     for (int i = 0; i < MAX_NEEDLES; i++) {
@@ -46,7 +46,7 @@ static bool make_room(resting_set *s, int count) {
     return s->load_room > 0;
 }
 
-/* Displacements of a needle's rows by held needles that the mesh does not resolve, m. */
+/* Computes the part of the displacements (m) of a needle's rows, caused by held needles, that the mesh does not resolve. */
 static trocar_status find_displaced(const resting_set *s, const resting_needle *r, const other_loads *held, double *displacement, bool *any, report *why) {
     mat3 lacks[SHIFT_STEPS];
     vec3 moved[SHIFT_STEPS], at[MAX_LOADS] = {{0, 0, 0}};
@@ -77,11 +77,11 @@ static trocar_status respond_aside(resting_set *s, const other_loads *held, repo
     }
     if (s->any_aside) inverse_attached_displaced(s->inverse, s->force, s->aside, s->aside_move);
     for (int i = 0; i < s->count; i++) memcpy(s->needles[i]->aside, s->aside + s->row[i], (size_t)s->needles[i]->unknown_count * sizeof *s->aside);
-    s->any_aside = s->any_aside || before; /* stays set once more, to report that the displacement has vanished */
+    s->any_aside = s->any_aside || before; /* stays true for one more call, which reports that the displacement has vanished */
     return TROCAR_OK;
 }
 
-/* Response of all resting needles to the loads of held needles and the probe. */
+/* Computes the response of all resting needles to the loads of held needles and the probe. */
 static trocar_status respond(resting_set *s, const other_loads *held, report *why) {
     const mesh *m = inverse_tissue(s->inverse)->mesh;
     if (!make_room(s, 1 + loads_most_nodes(held))) return fail(why, TROCAR_NO_MEMORY, "no memory for the loads of held needles");
@@ -122,7 +122,7 @@ bool resting_set_fade(resting_set *s, double part) {
     return true;
 }
 
-/* Compliance between each needle and those before it that the mesh does not resolve, for attachments. */
+/* For attachments: computes the part of the compliance between each needle and the earlier needles that the mesh does not resolve. */
 static trocar_status find_mutual(const resting_set *s, int index, double **compliance, report *why) {
     const resting_needle *r = s->needles[index];
     *compliance = NULL;
@@ -177,7 +177,7 @@ trocar_status resting_set_attach(resting_set *s, int count, resting_needle *cons
 trocar_status resting_set_change(resting_set *s, int count, resting_needle *const *needles, const other_loads *held, report *why) {
     trocar_status status = resting_set_attach(s, count, needles, why);
     if (status == TROCAR_OK) status = respond(s, held, why);
-    for (int i = 0; i < count && status == TROCAR_OK; i++) { /* subtracts the new set's response to these loads, so that no force jumps */
+    for (int i = 0; i < count && status == TROCAR_OK; i++) { /* subtracts the response of the new set to these loads, so that no force jumps */
         resting_needle *r = needles[i];
         for (int u = 0; u < r->unknown_count; u++) r->free_force[u] = r->force[u] - s->force[s->row[i] + u] - s->aside[s->row[i] + u];
         for (int k = 0; k < r->motion_count; k++) r->free_motion[k] = r->motion[k] - s->move[s->motion[i] + k] - s->aside_move[s->motion[i] + k];
@@ -204,7 +204,7 @@ static bool exceeds_friction(const insertion_model *model, const resting_needle 
     return false;
 }
 
-/* Computes the responses of all rows and motions to a unit slip of each of the needle's rows, a few rows per call. Returns true if they are complete. */
+/* Computes the responses of all rows and motions to a unit slip of each of the needle's rows, a few rows per call. Returns true once all have been computed. */
 static bool find_columns(resting_set *s, int index) {
     const resting_needle *r = s->needles[index];
     int rows[AT_ONCE], count = r->axial_count - s->columns_known[index];
@@ -213,7 +213,7 @@ static bool find_columns(resting_set *s, int index) {
     if (count == 0) return true;
     if (!s->columns[index]) s->columns[index] = malloc(all * (n + m) * sizeof **s->columns);
     if (!s->columns[index]) return false;
-    int slice = inverse_slice(s->inverse), most = slice < AT_ONCE / 2 ? 3 * slice / 2 : AT_ONCE; /* a node takes three solutions, a column two */
+    int slice = inverse_slice(s->inverse), most = slice < AT_ONCE / 2 ? 3 * slice / 2 : AT_ONCE; /* a node takes three solves, a column two */
     if (count > most) count = most;
     for (int i = 0; i < count; i++) rows[i] = s->row[index] + 2 * r->point_count + (int)known + i;
     inverse_attached_columns(s->inverse, count, rows, s->columns[index] + known * n, s->columns[index] + all * n + known * m);
@@ -221,8 +221,8 @@ static bool find_columns(resting_set *s, int index) {
     return s->columns_known[index] == r->axial_count;
 }
 
-/* Slips of one needle's points for which its forces are within their bounds, with all other slips fixed: the minimum of a convex function, by Gauss-Seidel. w:
-   a slip s at point i changes force j by w[i][j] s, at most 0 for i = j. */
+/* Finds the slips of one needle's points at which its forces are within their bounds, with all other slips fixed. They minimise a convex function;
+   Gauss-Seidel iterations find them. w: a slip s at point i changes force j by w[i][j] s, which is at most 0 for i = j. */
 static void find_slips(const insertion_model *model, const resting_needle *r, const double *const w[MAX_AXIAL], double slip[MAX_AXIAL]) {
     double force[MAX_AXIAL], upper[MAX_AXIAL], lower[MAX_AXIAL];
     int first = 2 * r->point_count;
@@ -235,7 +235,7 @@ static void find_slips(const insertion_model *model, const resting_needle *r, co
     for (int sweep = 0; sweep < MOST_SWEEPS; sweep++) {
         double worst = 0.0;
         for (int i = 0; i < r->axial_count; i++) {
-            double yields = -w[i][i], alone = force[i] + yields * slip[i]; /* force without this slip */
+            double yields = -w[i][i], alone = force[i] + yields * slip[i]; /* force that would act without this slip */
             if (!(yields > YIELDING)) continue;
             double now = alone > upper[i] ? (alone - upper[i]) / yields : alone < lower[i] ? (alone - lower[i]) / yields : 0.0, more = now - slip[i];
             if (more == 0.0) continue;
@@ -252,7 +252,8 @@ static bool slip_needle(resting_set *s, const insertion_model *model, int index)
     size_t n = (size_t)inverse_attached_rows(s->inverse), m = (size_t)inverse_attached_motions(s->inverse), count = (size_t)r->axial_count;
     const double *w[MAX_AXIAL];
     double slip[MAX_AXIAL];
-    if (!find_columns(s, index)) return s->columns[index] != NULL; /* true: more columns next time; false: out of memory, and the needle keeps sticking */
+    if (!find_columns(s, index)) return s->columns[index] != NULL; /* true: compute more columns next time; false: out of memory, so the needle continues
+                                                                      to stick */
     const double *columns = s->columns[index];
     for (int i = 0; i < r->axial_count; i++) w[i] = columns + (size_t)i * n + (size_t)(s->row[index] + 2 * r->point_count);
     find_slips(model, r, w, slip);
@@ -308,7 +309,7 @@ bool resting_set_slip(resting_set *s, const insertion_model *model, int most) {
     return more;
 }
 
-/* Force of a row as felt by other needles: its present force plus the remaining fraction of its change in the last release. */
+/* Force of a row as the other needles feel it: the present force plus the remaining fraction of its change in the last release. */
 static double felt(const resting_needle *r, double fading, int u) { return r->force[u] + r->beside[u] + fading * r->fading[u]; }
 
 static void list_loads(const resting_needle *r, double fading, tissue_loads *loads) {

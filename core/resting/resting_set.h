@@ -1,4 +1,4 @@
-/* The set of resting needles as attachments to the tissue: their forces under other loads, and their slips where friction is exceeded. */
+/* The set of resting needles as attachments to the tissue: their forces under other loads, and their slips where the friction limit is exceeded. */
 #ifndef TROCAR_RESTING_SET_H
 #define TROCAR_RESTING_SET_H
 
@@ -12,46 +12,49 @@ typedef struct {
     resting_needle *needles[MAX_NEEDLES];
     int row[MAX_NEEDLES], motion[MAX_NEEDLES]; /* index of each needle's first row and motion */
     double *force, *move;    /* scratch: forces of all rows, and all motions */
-    double *aside, *aside_move; /* responses to displacements by held needles that the mesh does not resolve */
-    bool any_aside;          /* `aside` is not zero */
-    double *load;            /* N: forces at all rows without held needles, loads beside them, and the fading part: other_loads.attached */
-    double fading;           /* remaining fraction of the needles' `fading`: from 1 to 0 */
-    double *columns[MAX_NEEDLES]; /* responses to a unit slip at each of the needle's points; NULL: not needed yet */
-    int columns_known[MAX_NEEDLES]; /* number of columns found so far */
-    int load_room, *nodes;   /* scratch for the loads of held needles */
+    double *aside, *aside_move; /* responses to those displacements from held needles that the mesh does not resolve */
+    bool any_aside;          /* true if `aside` is not zero */
+    double *load;            /* N, for all rows: forces in the absence of held needles, other loads at the same places, and the fading part (see
+                                other_loads.attached) */
+    double fading;           /* remaining fraction, from 1 to 0, of the needles' `fading` */
+    double *columns[MAX_NEEDLES]; /* responses to a unit slip at each of the needle's points; NULL until needed */
+    int columns_known[MAX_NEEDLES]; /* number of columns computed so far */
+    int load_room, *nodes;   /* scratch memory for the loads of held needles */
     vec3 *nodal;
-    int next_slip, quiet, slips_left; /* next needle to check; number of needles checked since the last slip; largest number of checks left */
-    bool slipped;            /* slips that `load` does not contain yet */
+    int next_slip, quiet, slips_left; /* next needle to check; number of needles checked since the last slip; largest number of checks that remain */
+    bool slipped;            /* true if `load` does not contain the latest slips yet */
     uint64_t changes;        /* number of changes of the set */
     uint64_t shifts;         /* number of changes of `load` */
 } resting_set;
 
 void resting_set_free(resting_set *s); /* frees neither the needles nor the inverse */
 
-/* Sets the resting needles, in this order. Their forces stay unchanged under the loads `held`. On a failure nothing is attached, and the set is empty.
+/* Sets the resting needles, in this order. Their forces under the loads `held` do not change. After a failure, nothing is attached and the set is empty.
    Allocates. */
 trocar_status resting_set_change(resting_set *s, int count, resting_needle *const *needles, const other_loads *held, report *why);
 
-/* Sets the resting needles, in this order, and continues from their stored forces: after a restore. */
+/* Sets the resting needles, in this order, with their stored forces, after a restore. */
 trocar_status resting_set_attach(resting_set *s, int count, resting_needle *const *needles, report *why);
 
-/* Computes their forces and motions under these loads. */
+/* Computes the needles' forces and motions under these loads. */
 trocar_status resting_set_load(resting_set *s, const other_loads *held, report *why);
 
-/* Lets needles slip whose forces exceed their friction bounds: one after another, at most `most` per call. Returns true if there are more. */
+/* Lets needles slip whose forces exceed their friction bounds, one after another, at most `most` per call. Returns true if more needles have to slip. */
 bool resting_set_slip(resting_set *s, const insertion_model *model, int most);
 
-/* A release: before it, all resting needles record their forces (resting_bore does so for the released needle); after it, the change begins to fade. */
+/* For a release. Before it, all resting needles record their forces (for the released needle, resting_bore does this); after it, the effect of the change
+   begins to fade in. */
 void resting_set_before_release(resting_set *s);
 void resting_set_after_release(resting_set *s);
 
-/* Sets the remaining fraction of the change. Returns true if it has changed. */
+/* Sets the remaining fraction of the fading change. Returns true if it has changed. */
 bool resting_set_fade(resting_set *s, double part);
 
-/* Adds the displacements of a shaft by their forces that the mesh does not resolve. `fades`: with the fading part of the forces, otherwise without it. */
+/* Adds the part of a shaft's displacements, caused by the resting needles' forces, that the mesh does not resolve. `fades`: true if the fading part of the
+   forces is included. */
 trocar_status resting_set_shift(const resting_set *s, bool fades, const shaft_steps *steps, unresolved_shift *shift, report *why);
 
-/* Loads of one resting needle on the tissue. */
+/* Writes the loads of one resting needle on the tissue. */
 void resting_loads(const resting_needle *r, tissue_loads *loads);
 
 #endif

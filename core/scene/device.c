@@ -11,14 +11,14 @@ device_limits device_defaults(void) {
 
 const char *const device_profiles[] = {"touch", "touch-x", "premium-1.5-6dof", "falcon", "omega.3", "delta.6", "sigma.7", NULL};
 
-/* Largest force (N), torque (N m; 0: none) and stiffness of a virtual wall (N/m), in the order of device_profiles. */
+/* Force (N), torque (N m; 0 if there is none) and stiffness of a virtual wall (N/m) that each device can render, in the order of device_profiles. */
 static const struct { double force, torque, stiffness; } RENDERED[] = {
     {3.3, 0.0, 400.0}, {7.9, 0.0, 1000.0}, {8.5, 0.188, 800.0}, {8.0, 0.0, 3000.0}, {12.0, 0.0, 5000.0}, {20.0, 0.2, 5000.0}, {12.0, 0.2, 4000.0},
 };
 _Static_assert(sizeof RENDERED / sizeof *RENDERED == sizeof device_profiles / sizeof *device_profiles - 1, "a row for each name");
 
-/* Time from zero to full force, s. It is shorter than people perceive. At 5 ms, the force of a hard impact would lag far enough behind the hand to drive a
-   light one (tests/unit/server/test_virtual_coupling.c). */
+/* Time (s) from zero to full force. It is shorter than people perceive. At 5 ms, the force of a hard impact would lag far enough behind the hand to drive
+   a light hand (tests/unit/server/test_virtual_coupling.c). */
 static const double FULL_SLEW = 3e-3;
 
 bool device_use_profile(const char *name, device_limits *limits) {

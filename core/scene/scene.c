@@ -7,7 +7,7 @@
 #include "base/input_file.h"
 #include "scene/scene_document.h"
 
-enum { MAX_FILE = 1 << 20 }; /* bytes; a scene has a few thousand bytes */
+enum { MAX_FILE = 1 << 20 }; /* bytes, largest size of a scene file; a scene has a few thousand bytes */
 
 /* ---- values that must fit each other ---------------------------------------------------------------------------------------- */
 
@@ -101,7 +101,7 @@ static trocar_status read_file(const char *path, char **text, size_t *length, re
     return status;
 }
 
-/* Records the lines of values that are checked against the mesh later. */
+/* Records the lines of those values that are later checked against the mesh. */
 static void note_lines(scene *s, yaml_text *document) {
     char key[KEY_ROOM];
     for (int i = 0; i < s->simulation.guide_count; i++) {
@@ -144,7 +144,7 @@ trocar_status scene_load(const char *path, scene *s, report *why) {
 
 /* ---- one key ----------------------------------------------------------------------------------------------------------------- */
 
-/* Finds the list entry for "regions[0].x" or "regions[prostate].x", and the pattern "regions[].x". NULL if there is no such entry. */
+/* Finds the list entry to which "regions[0].x" or "regions[prostate].x" refers, and the pattern "regions[].x". NULL if there is no such entry. */
 static void *find_entry(scene *s, const char *key, bool append, char pattern[KEY_ROOM]) {
     const char *open = strchr(key, '['), *close = open ? strchr(open, ']') : NULL;
     snprintf(pattern, KEY_ROOM, "%s", key);
@@ -159,7 +159,7 @@ static void *find_entry(scene *s, const char *key, bool append, char pattern[KEY
     while (list < LISTS && !(strlen(LIST_TABLE[list].key) == prefix && strncmp(LIST_TABLE[list].key, key, prefix) == 0)) list++;
     if (list == LISTS || !find_key(pattern)) return NULL;
     long index = strtol(name, &end, 10);
-    bool next = append && list == RELAXATION && index == *count_of(s, list) && index < LIST_TABLE[list].most; /* an entry without a name cannot be appended by name */
+    bool next = append && list == RELAXATION && index == *count_of(s, list) && index < LIST_TABLE[list].most; /* an entry without a name has to be the next */
     if (*end == '\0' && next) return append_entry(s, list);
     if (*end == '\0') return index >= 0 && index < *count_of(s, list) ? entry_of(s, list, (int)index) : NULL;
     for (int i = 0; i < *count_of(s, list); i++)
@@ -170,7 +170,7 @@ static void *find_entry(scene *s, const char *key, bool append, char pattern[KEY
     return entry;
 }
 
-/* Finds the table row of a key, and the struct that contains its value. */
+/* Finds the row of a key in the table, and the struct that contains the key's value. */
 static const key_spec *find_value(scene *s, const char *key, bool append, void **base, fault *f) {
     char pattern[KEY_ROOM];
     *base = strlen(key) < KEY_ROOM ? find_entry(s, key, append, pattern) : NULL;

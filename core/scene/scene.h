@@ -1,25 +1,25 @@
-/* The scene, read from a YAML file or set by calls. Every key is one row of a table (scene_table.c), which reading, setting, printing and the reference
-   documentation share. */
+/* The scene, read from a YAML file or set by calls. Every key is one row of a table (scene_table.c), which is shared by the code that reads, sets and
+   prints keys and by the reference documentation. */
 #ifndef TROCAR_SCENE_H
 #define TROCAR_SCENE_H
 
 #include "scene/scene_struct.h"
 
-/* Sets a scene without mesh, regions and fixed groups; all other values are defaults. */
+/* Sets a scene to default values; it has no mesh, regions and fixed groups. */
 void scene_defaults(scene *s);
 
-/* Reads a scene file over the defaults. BAD_INPUT with file, line and key if a key is unknown, missing or repeated, or a value has the wrong type or is out of
-   range. Names are checked against the mesh later. */
+/* Reads a scene file into a scene with default values. BAD_INPUT with file, line and key if a key is unknown, missing or repeated, or if a value has the
+   wrong type or is out of range. Names are checked against the mesh later. */
 trocar_status scene_load(const char *path, scene *s, report *why);
 
-/* Sets one key from YAML text: "needle.length" to "0.15", "fixed" to "[back, below]". List entries are chosen by index or name, as in
-   "regions[0].poisson_ratio" or "regions[prostate].friction.static"; a new name appends an entry. BAD_INPUT leaves the scene unchanged. */
+/* Sets one key to a value in YAML, for example "needle.length" to "0.15" or "fixed" to "[back, below]". List entries are identified by index or name, as
+   in "regions[0].poisson_ratio" or "regions[prostate].friction.static"; a new name appends an entry. BAD_INPUT leaves the scene unchanged. */
 trocar_status scene_set(scene *s, const char *key, const char *value, report *why);
 
 /* Prints the value of a key as YAML. BAD_INPUT if there is no such key or entry, or if `size` is too small. */
 trocar_status scene_get(const scene *s, const char *key, char *value, size_t size, report *why);
 
-/* Checks conditions that involve more than one key: mandatory keys, and values that must be consistent. */
+/* Checks conditions that involve more than one key: whether mandatory keys are present, and whether values are consistent with each other. */
 trocar_status scene_check(const scene *s, report *why);
 
 #endif

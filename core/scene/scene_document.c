@@ -4,10 +4,10 @@
 
 static void join_key(char out[KEY_ROOM], const char *before, const char *key) { snprintf(out, KEY_ROOM, "%s%s%s", before, *before ? "." : "", key); }
 
-/* A mapping: its key, such as "regions[0].friction", the matching pattern of the table, and the struct for its values. */
+/* A mapping: its key, such as "regions[0].friction", the matching pattern of the table, and the struct that stores its values. */
 typedef struct {
     const char *key, *pattern;
-    void *base;              /* the scene, or a list entry */
+    void *base;              /* the scene, or an entry of a list */
 } mapping;
 
 static void take_mapping(scene *s, const mapping *at, const yaml_value *value, fault *f);
@@ -30,7 +30,7 @@ static void take_list(scene *s, list_kind list, const yaml_value *value, fault *
     }
 }
 
-/* Keys of earlier releases. */
+/* Keys of earlier releases, with what replaces them. */
 static const struct { const char *key, *remedy; } RETIRED[] = {
     {"contact.resolution", "the simulator measures the mesh's resolution: remove the key"},
 };
@@ -61,7 +61,7 @@ static void take_pair(scene *s, const mapping *at, const char *name, const yaml_
     else reject_unknown(f, key, at, name);
 }
 
-/* True for the device's profile, which is read before the keys that override it. */
+/* True for the device's profile, which must be read before the keys that override it. */
 static bool comes_first(const char *pattern, const char *name) {
     char key[KEY_ROOM];
     join_key(key, pattern, name);

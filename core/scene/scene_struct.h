@@ -9,23 +9,23 @@
 #define SCENE_MAX_RATE 10000.0 /* Hz, upper limit of rate_hz */
 
 typedef struct {
-    char path[1024];         /* path of the scene file, empty if there is none: relative paths start from its directory */
+    char path[1024];         /* path of the scene file, from whose directory relative paths start; empty if there is no file */
     simulation_config simulation;
-    double rate_hz;          /* rate of the haptic loop */
+    double rate_hz;          /* Hz, rate of the haptic loop */
     int phase_lock;          /* 1: ticks begin when poses arrive */
-    char profile[MESH_NAME]; /* name of the device profile; empty: none */
+    char profile[MESH_NAME]; /* name of the device profile; empty if there is none */
     device_limits device;
-    pose start;              /* initial pose of the needle's base, outside the tissue; NAN position: none */
-    double start_depth;      /* m, depth to which scripted motions insert the needle from `start` */
-    int only_one;            /* value of keys that accept only one value: 0 */
-    double patient_to_mesh[16]; /* row by row, from the patient's mm (LPS) to the mesh's m; the first entry is NAN if there is none */
+    pose start;              /* initial pose of the needle's base, outside the tissue; its position is NAN if none is given */
+    double start_depth;      /* m, depth to which scripted motions insert the needle, starting at `start` */
+    int only_one;            /* value of keys that accept only one value, which is 0 */
+    double patient_to_mesh[16]; /* transform from the patient's coordinates (mm, LPS) to the mesh's (m), row by row; the first entry is NAN if none is given */
 } scene;
 
-/* One row of the reference table. The strings live as long as the program. */
+/* One row of the reference table. The strings are valid for the lifetime of the program. */
 typedef struct {
-    const char *key;         /* for all list entries, such as "regions[].friction.static" */
-    const char *unit;        /* "" if the value has no unit */
-    const char *accepts;     /* accepted values, such as "a number above 0" or "rod or tetrahedra" */
+    const char *key;         /* stands for the key of every list entry, for example "regions[].friction.static" */
+    const char *unit;        /* empty if the value has no unit */
+    const char *accepts;     /* description of the accepted values, for example "a number above 0" or "rod or tetrahedra" */
     const char *doc;
     bool required;
     trocar_key_kind kind;

@@ -185,7 +185,7 @@ void *entry_of(scene *s, list_kind list, int index) {
     return (char *)s + LIST_TABLE[list].entries + (size_t)index * LIST_TABLE[list].stride;
 }
 int *count_of(scene *s, list_kind list) { return (int *)((char *)s + LIST_TABLE[list].count); }
-/* The name is the entry's first member. */
+/* The name is the first member of an entry. */
 const char *name_of(const scene *s, list_kind list, int index) { return list == RELAXATION ? NULL : entry_of((scene *)s, list, index); }
 _Static_assert(offsetof(region_config, name) == 0 && offsetof(membrane_config, name) == 0 && offsetof(guide_config, name) == 0, "name_of relies on it");
 

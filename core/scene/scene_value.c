@@ -5,7 +5,7 @@
 #include <stdlib.h>
 #include <string.h>
 
-#define ROTATION_ERROR 1e-3 /* tolerance for given directions, which may have been rounded */
+#define ROTATION_ERROR 1e-3 /* tolerance for directions in the scene, which may have been rounded */
 
 void reject_at(fault *f, const char *place, const char *key, const char *format, ...) {
     if (f->found) return;
@@ -20,7 +20,7 @@ void reject_at(fault *f, const char *place, const char *key, const char *format,
 
 /* ---- values -------------------------------------------------------------------------------------------------------------- */
 
-/* Parses a decimal number or YAML's infinity, with nothing after it. */
+/* Parses a decimal number or YAML's infinity; no other characters may follow. */
 static bool parse_number(const char *text, double *value) {
     static const char *const infinities[] = {".inf", ".Inf", ".INF", "+.inf"};
     for (size_t i = 0; i < sizeof infinities / sizeof *infinities; i++)
@@ -38,7 +38,7 @@ static bool take_number(const key_spec *r, const char *key, const char *text, co
     return false;
 }
 
-/* Reads a named unit, or its size in metres. */
+/* Reads a unit, given by name or by its size in metres. */
 static void take_unit(const char *key, const char *text, double *unit, fault *f) {
     double number;
     double named = unit_size(text);
@@ -47,7 +47,7 @@ static void take_unit(const char *key, const char *text, double *unit, fault *f)
     else reject(f, key, "\"%s\": expected %s", text, UNIT_WORDS);
 }
 
-/* Words of earlier releases. */
+/* Words of earlier releases, with what replaces them. */
 static const struct { const char *key, *word, *remedy; } RETIRED[] = {
     {"remeshing", "woodbury", "used only by scripts/bench for comparison: remove the key, or set nested"},
     {"remeshing", "woodbury-general", "used only by scripts/bench for comparison: remove the key, or set nested"},
@@ -76,7 +76,7 @@ static void take_name(const char *key, const char *text, char name[MESH_NAME], f
     else memcpy(name, text, length + 1);
 }
 
-/* Makes a path relative to the scene file. */
+/* Stores a path, which is relative to the directory of the scene file. */
 static void take_path(const scene *s, const key_spec *r, const char *key, const char *text, char path[1024], fault *f) {
     const char *slash = strrchr(s->path, '/');
     int directory = slash && text[0] != '/' ? (int)(slash - s->path) + 1 : 0;
@@ -110,7 +110,7 @@ static void take_rotation(const key_spec *r, const char *key, const yaml_value *
     else *rotation = q_unit((quat){n[0], n[1], n[2], n[3]});
 }
 
-/* Reads a transform from mm to m without distortion: rotation, translation and the factor 1e-3. */
+/* Reads a transform from mm to m without distortion, consisting of a rotation, a translation and the factor 1e-3. */
 static void take_transform(const key_spec *r, const char *key, const yaml_value *value, double matrix[16], fault *f) {
     double n[16];
     if (!take_numbers(r, key, value, "sixteen", 16, n, f)) return;
@@ -137,7 +137,7 @@ static void take_names(scene *s, const key_spec *r, const char *key, const yaml_
     }
 }
 
-/* Reads a name that must be unique in the list. */
+/* Reads the name of an entry, which must be unique in the list. */
 static void take_entry_name(scene *s, const key_spec *r, const char *key, const char *text, char *name, fault *f) {
     for (int i = 0; i < *count_of(s, r->list); i++)
         if (name_of(s, r->list, i) != name && strcmp(name_of(s, r->list, i), text) == 0) reject(f, key, "\"%s\" appears twice", text);
@@ -180,7 +180,7 @@ _Static_assert(sizeof(remesh_method) == sizeof(int) && sizeof(inverse_choice) ==
 
 /* ---- printing ------------------------------------------------------------------------------------------------------- */
 
-/* Prints the shortest decimal that reads back as the same number. */
+/* Prints the shortest decimal number that is read back as the same value. */
 static int print_number(char *text, size_t size, double x) {
     if (isinf(x)) return snprintf(text, size, ".inf");
     char shortest[32];
@@ -191,7 +191,7 @@ static int print_number(char *text, size_t size, double x) {
     return snprintf(text, size, "%s", shortest);
 }
 
-/* Prints numbers as a YAML list; prints nothing if the first is NAN, which means that the key was not given. */
+/* Prints numbers as a YAML list; prints nothing if the first is NAN, because the key was then not given. */
 static int print_numbers(char *text, size_t size, const double *numbers, int count) {
     char number[32];
     if (isnan(numbers[0])) return snprintf(text, size, "%s", "");

@@ -3,18 +3,17 @@
 #include <stdlib.h>
 #include <string.h>
 
-enum { FIELDS = 1024 };              /* lines whose fields are cached: those of 32 needles */
-static const double REACH = 3.0; /* edge lengths: distance from a line beyond which its patches have no nodes. Derived: a patch extends 1.6 edge lengths, plus
-                                    up to one element */
+enum { FIELDS = 1024 };              /* lines whose fields are cached: enough for 32 needles */
+static const double REACH = 3.0; /* edge lengths: distance from a line beyond which the line's patch has no nodes. Derived: a patch extends 1.6 edge
+                                    lengths, plus up to one element */
 
-static const double LEAST_PIECE = 1e-5; /* m: half the length that a piece of a shaft has at least, and the width over which its force is spread. Rounding
-                                           tolerance */
+static const double LEAST_PIECE = 1e-5; /* m: smallest half length of a piece of shaft, and width over which its force is spread. Rounding tolerance */
 
 struct needle_pairs {
     resolver *resolver;
     const mesh *mesh;
     double radius;
-    int count, next;                 /* number of cached fields; the one to be replaced next */
+    int count, next;                 /* number of cached fields, and index of the field to be replaced next */
     line_in_tet lines[FIELDS];       /* line of each cached field */
     line_field *fields[FIELDS];
 };
@@ -92,21 +91,21 @@ void shaft_steps_lay(const mesh *m, const tissue_loads *own, double ahead, doubl
     }
 }
 
-/* Position of a shaft piece beside a step. */
+/* Where a piece of another needle's shaft acts on a step. */
 typedef struct {
-    double part;             /* 1/m, fraction of a force on the piece that acts beside the step, per length of the step; 0: none */
-    vec3 place;              /* m, point of the piece beside the step's middle */
+    double part;             /* 1/m, fraction of a force on the piece that acts at the step, per length of the step; 0 if it does not act there */
+    vec3 place;              /* m, point of the piece that is nearest to the step's middle */
 } meeting;
 
-/* Second antiderivative of a box of width `width` and area 1 about 0. */
+/* Second antiderivative of a box function with area 1 and width `width`, centred at 0. */
 static double box_twice_integrated(double t, double width) {
     if (t <= -0.5 * width) return 0.0;
     return t >= 0.5 * width ? t : 0.5 * (t + 0.5 * width) * (t + 0.5 * width) / width;
 }
 
-/* Lines interact where they are beside each other, measured along the bisector of their directions. Both lines then use the same measure, so that the forces
-   are reciprocal. A force at a point of one line moves the other one over a length of twice the distance between them: spread evenly over this length, it has
-   as much of Kelvin's line force as the mesh does not resolve as of Kelvin's point force, at the distance from which on the mesh resolves both. */
+/* Lines interact along the range in which they overlap, measured along the bisector of their directions. Both lines then use the same measure, so that the
+   forces are reciprocal. A force at a point of one line moves the other line over a length of twice the distance between them. Spread evenly over this
+   length, it has the same unresolved part of Kelvin's line force as of Kelvin's point force, at the distance beyond which the mesh resolves both. */
 static meeting meet(const shaft_steps *steps, int k, const shaft_piece *piece) {
     vec3 along = steps->at[k].direction, other = piece->direction;
     if (v3_dot(along, other) < 0.0) other = v3_scale(-1.0, other);
@@ -124,7 +123,8 @@ static meeting meet(const shaft_steps *steps, int k, const shaft_piece *piece) {
     return (meeting){common * lean / (4.0 * half * half_piece), place};
 }
 
-/* Displacement at a place by a force per length on the other line, as far as the mesh does not resolve it: the mean of the estimates by both lines' patches. */
+/* The part of the displacement at a place, caused by a force per length on the other line, that the mesh does not resolve: the mean of the estimates from
+   both lines' patches. */
 static mat3 lacks_between(const needle_pairs *p, const line_field *of, const shaft_steps *steps, int k, const line_field *own, int tet, vec3 place) {
     double weights[4];
     mat3 there = line_field_lacks(of, p->mesh, steps->at[k].tet, steps->at[k].weights, steps->at[k].place, p->radius);

@@ -1,4 +1,5 @@
-/* Interaction of needles closer to each other than an element, which the mesh does not resolve. See docs/mechanics.md, "Needles close to each other". */
+/* Interaction of needles that are closer to each other than one element, which the mesh does not resolve. See docs/mechanics.md, "Needles close to each
+   other". */
 #ifndef TROCAR_NEEDLE_PAIRS_H
 #define TROCAR_NEEDLE_PAIRS_H
 
@@ -6,31 +7,31 @@
 
 typedef struct needle_pairs needle_pairs;
 
-/* For needles with this radius (m). `t` must outlive the result. NO_MEMORY. */
+/* Creates the interaction for needles with this radius (m). `t` must outlive it. NO_MEMORY. */
 trocar_status needle_pairs_create(const tissue *t, double radius, needle_pairs **created, report *why);
 void needle_pairs_free(needle_pairs *p);
 
-/* A needle's track in short steps. */
+/* A needle's track, divided into short steps. */
 typedef struct {
-    double start, step;      /* m of depth */
+    double start, step;      /* m of depth, start of the first step and length of a step */
     int count;
     struct {
-        int tet;             /* nominal, or -1: outside */
+        int tet;             /* nominal element; -1 outside the tissue */
         double weights[4];
-        vec3 place, direction; /* middle and direction of the step */
+        vec3 place, direction; /* m, middle of the step; and its direction */
         line_in_tet line;    /* line of the shaft_piece that contains the step */
     } at[SHIFT_STEPS];
 } shaft_steps;
 
-/* Divides the track on which these loads act, extended by `ahead` (m) beyond its end, into steps of at least `finest` (m). Without loads
-   there are no steps. */
+/* Divides the track on which these loads act, extended by `ahead` (m) beyond its end, into steps of at least `finest` (m). Without loads, there are no
+   steps. */
 void shaft_steps_lay(const mesh *m, const tissue_loads *own, double ahead, double finest, shaft_steps *steps);
 
-/* Mean displacement of each step under a unit force on the piece that the mesh does not resolve, m/N. It is zero except for steps *from to *to - 1; `lacks`
-   has room for SHIFT_STEPS entries. NUMERIC if a patch has no stiffness, NO_MEMORY. */
+/* Computes the mean displacement (m/N) of each step, under a unit force on the piece, that the mesh does not resolve. It is zero except for steps *from to
+   *to - 1; `lacks` has room for SHIFT_STEPS entries. NUMERIC if a patch has no stiffness; NO_MEMORY. */
 trocar_status needle_pairs_find(needle_pairs *p, const shaft_steps *steps, const shaft_piece *piece, int *from, int *to, mat3 *lacks, report *why);
 
-/* Adds the displacement of the shaft by these loads. */
+/* Adds the displacement of the shaft that these loads cause and the mesh does not resolve. */
 trocar_status needle_pairs_shift(needle_pairs *p, const shaft_steps *steps, const tissue_loads *loads, unresolved_shift *shift, report *why);
 
 #endif

@@ -1,4 +1,4 @@
-/* The messages between tick and worker: requests from the tick, snapshots of the compliance between handles from the worker. */
+/* The messages between tick and worker: the tick sends requests; the worker sends snapshots of the compliance between handles. */
 #ifndef TROCAR_SNAPSHOT_H
 #define TROCAR_SNAPSHOT_H
 
@@ -13,11 +13,11 @@ enum {
     SNAPSHOT_LD = 3 * MAX_HANDLES,
 };
 
-/* The piece of a needle's shaft that a point of contact represents: a straight line along the track at that point. Used for held and resting needles, for
+/* The piece of a needle's shaft that a contact point represents: a straight line along the track at that point. Used for held and resting needles, for
    contacts and the tip. */
 typedef struct {
-    double from, to;         /* m of depth along the track; equal: no shaft, for example at residual loads */
-    double depth;            /* m, depth of `place` */
+    double from, to;         /* m of depth along the track; equal if the force acts without a shaft, for example for residual loads */
+    double depth;            /* m, depth at `place` */
     vec3 place, direction;   /* m, nominal point and unit vector of the track */
     line_in_tet line;        /* line on which the mesh's resolution is measured */
 } shaft_piece;
@@ -27,21 +27,21 @@ typedef struct {
     int tet;
     double weights[4];       /* barycentric */
     vec3 force;              /* N */
-    shaft_piece shaft;       /* piece of shaft that exerts the force */
+    shaft_piece shaft;       /* the piece of shaft that exerts the force */
 } tissue_load;
 
-/* A residual load: a load that relaxing tissue remembers at a place that nothing touches any more. It stores the filtered force of each term of the creep
-   series, which decays with the term's time constant. */
+/* A residual load: a load that relaxing tissue remembers at a place that nothing touches any more. For each term of the creep series, it stores the
+   filtered force, which decays with the term's time constant. */
 enum { MAX_RESIDUAL_LOADS = 64 };
 typedef struct {
     int tet;
     double weights[4];       /* barycentric */
-    vec3 at;                 /* m, nominal position of that point */
+    vec3 at;                 /* m, nominal position of the load */
     vec3 load[MAX_RELAXATION]; /* N */
 } residual_load;
 
 typedef struct {
-    double time;             /* s, by the insertion's clock: time of these values */
+    double time;             /* s, time on the insertion's clock to which these values refer */
     int count;
     residual_load loads[MAX_RESIDUAL_LOADS];
 } residual_loads;
@@ -54,103 +54,103 @@ typedef struct {
     tissue_load loads[MAX_LOADS];
 } tissue_loads;
 
-/* Other loads on the tissue, besides those of the requesting needle. */
+/* The loads on the tissue of everything except the requesting needle. */
 typedef struct {
     int count;               /* number of other held needles */
     const tissue_loads *of[MAX_NEEDLES];
-    inverse *beneath;        /* attached inverse with the resting needles, but without the probe */
-    const double *attached;  /* N, forces at all its rows; NULL: none */
-    const nodal_forces *pressed; /* the probe's forces, under which the tissue responds as `beneath` does; NULL: none */
+    inverse *beneath;        /* inverse to which the resting needles are attached, but not the probe */
+    const double *attached;  /* N, forces at all rows of that inverse; NULL if there are none */
+    const nodal_forces *pressed; /* forces of the probe, to which the tissue responds as in `beneath`; NULL if there are none */
 } other_loads;
 
-/* The mesh's resolution along a line through an element: at its entry, middle and exit. */
+/* The mesh's resolution along a line through an element: at its entry, middle and exit point. */
 typedef struct {
     line_in_tet line;
     double length;           /* m, length of the line within the element */
-    vec3 start;              /* m, entry point */
+    vec3 start;              /* m, point at which the line enters the element */
     resolved_field at[MAX_RESOLVED];
 } line_piece;
 
 enum { MAX_PIECES = 16 };
 
-/* The tick's request for data on the tissue: a complete description, so that only the newest request matters. */
+/* The tick's request for data on the tissue. Each request is complete, so that only the newest one matters. */
 typedef struct {
     uint64_t serial;
     refinement wanted;
     int window_count;
     int window[MAX_WINDOW];  /* nominal nodes */
     int piece_count;
-    line_in_tet pieces[MAX_PIECES]; /* lines along the path around the tip */
-    int needed;              /* the first `needed` window nodes are indispensable; the others may be omitted if costly (inverse_holds) */
-    vec3 tip, direction;     /* m, and unit vector (zero: unknown): the needle's line, along which remesher_look_ahead prefetches */
+    line_in_tet pieces[MAX_PIECES]; /* lines along the path near the tip */
+    int needed;              /* number of window nodes, at the front of the list, that are indispensable; the others may be omitted if costly (inverse_holds) */
+    vec3 tip, direction;     /* m and unit vector (zero if unknown): the needle's line, along which remesher_look_ahead prefetches */
     residual_loads residual_loads;
 } remesh_request;
 
-/* Compliance between the contact in slot i and those in slots j >= i, in rows for the tick: [a][b][j] is component a of the displacement at i under a force
-   along b at j. Slots are usually in order from base to tip. Entries of unused slots are meaningless but finite. */
-enum { CONTACT_COLUMNS = MAX_CONTACTS + ROW_ROOM }; /* columns, padded because they are read as whole vectors */
+/* Compliance between the contact in slot i and those in slots j >= i, stored in rows for the tick: [a][b][j] is component a of the displacement at i under
+   a force along b at j. Slots are usually in order from base to tip. Entries of unused slots are meaningless but finite. */
+enum { CONTACT_COLUMNS = MAX_CONTACTS + ROW_ROOM }; /* number of columns, padded because whole vectors are read */
 typedef struct {
     double at[3][3][CONTACT_COLUMNS];
 } contact_rows;
 
-/* Displacement of the shaft by nearby needles that the mesh does not resolve, along its track. It is stored as a running sum over depth, so that the mean over
-   any interval is a difference. */
+/* Displacement of the shaft, along its track, that nearby needles cause and the mesh does not resolve. It is stored as a running sum over depth, so that
+   the mean over any interval is a difference of two sums. */
 enum { SHIFT_STEPS = 128 };
 typedef struct {
-    bool any;                /* the displacement is not zero everywhere */
-    double start, step;      /* m of depth */
-    int count;               /* number of steps; the last one extends beyond its end */
+    bool any;                /* true if the displacement is not zero everywhere */
+    double start, step;      /* m of depth, start of the first step and length of a step */
+    int count;               /* number of steps; the last value also applies beyond the last step */
     vec3 sum[SHIFT_STEPS + 1]; /* m^2 */
 } unresolved_shift;
 
-/* Mean over an interval of the track, m. RT */
+/* Mean (m) over an interval of the track. RT */
 vec3 unresolved_mean(const unresolved_shift *shift, double from, double to);
 
-/* Value where the track begins, m. RT */
+/* Value (m) at the beginning of the track. RT */
 static inline vec3 unresolved_at_entry(const unresolved_shift *shift) { return unresolved_mean(shift, shift->start, shift->start + shift->step); }
 
-/* The worker's answer: the inverse of the refined stiffness matrix between handles. The contact node in slot i is handle i, window entry k is handle
-   MAX_CONTACTS + k; rows of unused handles are meaningless. Immutable once published. */
+/* The worker's answer: the inverse of the refined stiffness matrix between handles. The contact node in slot i is handle i; window entry k is handle
+   MAX_CONTACTS + k. Rows of unused handles are meaningless. Immutable once published. */
 typedef struct {
-    uint64_t serial;         /* serial of the answered request; 0: none yet */
-    uint64_t ids[MAX_CONTACTS]; /* id of the contact node in each slot; 0: the slot is free */
-    int window[MAX_WINDOW];  /* nominal node, or -1 for a free place */
+    uint64_t serial;         /* serial of the answered request; 0 if there has been no answer yet */
+    uint64_t ids[MAX_CONTACTS]; /* id of the contact node in each slot; 0 if the slot is free */
+    int window[MAX_WINDOW];  /* nominal node at each place of the window; -1 if the place is free */
     resolved_field resolved[MAX_CONTACTS]; /* the mesh's resolution at each contact node */
-    contact_rows between_contacts[MAX_CONTACTS]; /* m/N, compliance of the nominal mesh */
+    contact_rows between_contacts[MAX_CONTACTS]; /* m/N, compliance of the nominal mesh between contacts */
     int piece_count;
     line_piece pieces[MAX_PIECES];
-    bool loaded;             /* u_free is not zero everywhere */
-    vec3 u_free[MAX_HANDLES]; /* m, displacement of each handle that is not caused by the needle itself */
-    unresolved_shift unresolved; /* displacement by other needles that the mesh does not resolve */
-    bool has_residuals;      /* u_residual is not zero everywhere */
+    bool loaded;             /* true if u_free is not zero everywhere */
+    vec3 u_free[MAX_HANDLES]; /* m, displacement of each handle due to all causes except the needle itself */
+    unresolved_shift unresolved; /* displacement that other needles cause and the mesh does not resolve */
+    bool has_residuals;      /* true if u_residual is not zero everywhere */
     double residual_time;    /* s, residual_loads.time of the request */
-    vec3 u_residual[MAX_RELAXATION][MAX_HANDLES]; /* m, displacement at that time under each term's residual loads */
+    vec3 u_residual[MAX_RELAXATION][MAX_HANDLES]; /* m, displacement at residual_time under the residual loads of each term */
     double compliance[SNAPSHOT_LD * SNAPSHOT_LD]; /* m/N, between handles i and j: [(3 i + a) * SNAPSHOT_LD + 3 j + b] */
 } compliance_snapshot;
 
-/* Handles of four nominal nodes in the snapshot; false if one is missing. RT */
+/* Finds the handles of four nominal nodes in the snapshot; returns false if any is missing. RT */
 bool snapshot_covers(const compliance_snapshot *snapshot, const int nodes[4], int handles[4]);
 
-/* Number of contact nodes, from the first in order, whose rows the snapshot holds without interruption. RT */
+/* Number of contact nodes, counted from the first in order up to the first gap, whose rows the snapshot contains. RT */
 int snapshot_known_contacts(const compliance_snapshot *snapshot, const refinement *refined);
 
-/* A line of the request in the same element and within this tolerance of `line`; NULL if there is none. RT */
+/* Returns a line of the request that is in the same element as `line` and differs from it by at most this tolerance; NULL if there is none. RT */
 typedef struct {
     double aside, turn;      /* m, rad */
 } line_tolerance;
 const line_in_tet *request_line(const remesh_request *request, const line_in_tet *line, line_tolerance tolerance);
 
-static const line_tolerance SAME_FIELD = {0.3e-3, 0.05}; /* m and rad: differences within which two lines count as having the same resolution. Chosen by
-                                                            judgement */
+static const line_tolerance SAME_FIELD = {0.3e-3, 0.05}; /* m and rad: differences within which two lines are considered to have the same resolution.
+                                                            Chosen by judgement */
 
-/* The piece in element `tet`, or NULL. RT */
+/* Returns the piece in element `tet`, or NULL. RT */
 const line_piece *snapshot_piece(const compliance_snapshot *snapshot, int tet);
 
 /* The mesh's resolution at the point of the piece that is closest to x. RT */
 resolved_field piece_at(const line_piece *piece, vec3 x);
 
-/* Compliance between two handles, m/N. Between two contacts, the compliance of the nominal mesh is used, so that adding a node changes what is computed, not
-   what is felt. RT */
+/* Compliance (m/N) between two handles. Between two contacts, it is that of the nominal mesh, so that adding a node changes what is computed but not what
+   is felt. RT */
 mat3 compliance_between(const compliance_snapshot *snapshot, int handle, int other);
 
 #endif

@@ -8,7 +8,7 @@
 #include <stdlib.h>
 #include <sys/mman.h>
 
-/* No header declares these functions, and some builds of the libraries lack them. */
+/* No header declares these functions, and some builds of the libraries do not contain them. */
 static struct {
     void *(*allocate)(int);
     void (*release)(void *);
@@ -20,7 +20,7 @@ static pthread_once_t found = PTHREAD_ONCE_INIT, started = PTHREAD_ONCE_INIT;
 static pthread_mutex_t turn = PTHREAD_MUTEX_INITIALIZER, room = PTHREAD_MUTEX_INITIALIZER;
 static int own_threads;
 
-/* After a fork, the child has no other threads that could release a lock. */
+/* After a fork, the child has no other threads that could release a lock that was held. */
 static void forget_threads(void) {
     pthread_mutex_init(&turn, NULL);
     pthread_mutex_init(&room, NULL);
@@ -59,9 +59,9 @@ void blas_end_turn(void) {
 
 /* ---- memory ----------------------------------------------------------------------------------------------------------- */
 
-enum { MOST_BUFFERS = 32 };             /* OpenBLAS has room for some hundred buffers, and ends the process if they do not suffice */
-static const size_t BUFFER = 128 << 20; /* bytes, size of an OpenBLAS buffer on this kind of processor */
-static const size_t ELSE = 16 << 20;    /* bytes, for the caller's own allocations */
+enum { MOST_BUFFERS = 32 };             /* OpenBLAS has room for about a hundred buffers, and terminates the process if it needs more */
+static const size_t BUFFER = 128 << 20; /* bytes, size of an OpenBLAS buffer on this type of processor */
+static const size_t ELSE = 16 << 20;    /* bytes, reserve for the caller's own allocations */
 
 static bool has_room(size_t bytes) {
     void *probe = mmap(NULL, bytes, PROT_READ | PROT_WRITE, MAP_PRIVATE | MAP_ANONYMOUS | MAP_NORESERVE, -1, 0);
@@ -70,8 +70,8 @@ static bool has_room(size_t bytes) {
     return true;
 }
 
-/* OpenBLAS's own threads allocate a buffer each when they first run, which may be much later. A product large enough for all of them triggers the allocation
-   now. */
+/* Each of OpenBLAS's own threads allocates a buffer when it first runs, which may be much later. A product that is large enough for all threads makes them
+   allocate now. */
 static void run_own_threads(void) {
     enum { SIZE = 256 };
     double *product = calloc(SIZE * SIZE, sizeof *product);
@@ -82,7 +82,7 @@ static void run_own_threads(void) {
     free(product);
 }
 
-/* Buffers allocated at the same time are distinct, and OpenBLAS keeps all of them. */
+/* Buffers that are allocated at the same time are distinct, and OpenBLAS keeps them all. */
 static void fill_table(int count) {
     void *buffer[MOST_BUFFERS];
     for (int i = 0; i < count; i++) buffer[i] = library.allocate(0);

@@ -6,7 +6,7 @@ vec3 line_axial(double x, double y) { return v3(0, 0, -log(hypot(x, y)) / (2.0 *
 
 double line_axial_radius(double u) { return exp(-2.0 * M_PI * u); }
 
-/* -1/2: the mean of x^2 / rho^2 over a circle, so that the mean displacement of the circle is the logarithm alone. */
+/* -1/2 is minus the mean of x^2 / rho^2 over a circle, so that the mean displacement of the circle is the logarithm alone. */
 vec3 line_lateral(double x, double y, double poisson_ratio) {
     double square = x * x + y * y, c = 1.0 / (8.0 * M_PI * (1.0 - poisson_ratio));
     return v3(c * (-(3.0 - 4.0 * poisson_ratio) * 0.5 * log(square) + x * x / square - 0.5), c * x * y / square, 0);
@@ -29,14 +29,14 @@ double line_lateral_logarithm(double u, double poisson_ratio) { return -8.0 * M_
 
 double line_lateral_radius(double u, double poisson_ratio) { return exp(line_lateral_logarithm(u, poisson_ratio)); }
 
-/* Integrals over a segment, where z is the coordinate of x relative to a point of the segment and r their distance: of 1/r, 1/r^3, z/r^3 and z^2/r^3, and of
-   their gradients. */
+/* Integrals over a segment of 1/r, 1/r^3, z/r^3 and z^2/r^3, where r is the distance of x from a point of the segment and z the coordinate of x relative
+   to that point; and their gradients. */
 typedef struct {
     double value[4];
     vec3 gradient[4];
 } segment_integrals;
 
-/* r + z, without cancellation. */
+/* r + z, computed without cancellation. */
 static double reached(double z, double r, double square) { return z > 0.0 ? r + z : square / (r - z); }
 
 static segment_integrals integrate(const line_segment *line, vec3 x) {
@@ -63,7 +63,7 @@ vec3 segment_displacement(const line_segment *line, vec3 x, double poisson_ratio
     }
 }
 
-/* Hooke's law for the gradient of segment_displacement(). */
+/* Applies Hooke's law to the gradient of segment_displacement(). */
 vec3 segment_traction(const line_segment *line, vec3 x, vec3 area, double poisson_ratio) {
     segment_integrals s = integrate(line, x);
     double c = 1.0 / (16.0 * M_PI * (1.0 - poisson_ratio)), k = 3.0 - 4.0 * poisson_ratio;
@@ -83,7 +83,7 @@ vec3 segment_traction(const line_segment *line, vec3 x, vec3 area, double poisso
     return v3_scale(c, v3_add(v3_add(t, turned), v3(v3_dot(row[0], area), v3_dot(row[1], area), v3_dot(row[2], area))));
 }
 
-/* On the circumference, the mean of x^2 is half of rho^2. */
+/* On a circle, the mean of x^2 is half of rho^2. */
 double segment_logarithm(double from, double to, double radius, double poisson_ratio) {
     double logarithm = asinh(to / radius) - asinh(from / radius), cosines = to / hypot(to, radius) - from / hypot(from, radius);
     return line_lateral_logarithm(((3.0 - 4.0 * poisson_ratio) * logarithm + 0.5 * cosines) / (16.0 * M_PI * (1.0 - poisson_ratio)), poisson_ratio);
@@ -104,7 +104,7 @@ vec3 mindlin_displacement(vec3 source, vec3 force, vec3 at, double nu) {
     double outward = below / r1_3 + k * below / r2_3 - q / (r2 * reach) + 6.0 * c * z * above / r2_5;
     double along = k / r1 + (8.0 * (1.0 - nu) * (1.0 - nu) - k) / r2 + below * below / r1_3
                  + (k * above * above - 2.0 * c * z) / r2_3 + 6.0 * c * z * above * above / r2_5;
-    /* a parallel force: A f + B (f . d) d in the plane, and a normal part */
+    /* a force parallel to the surface: A f + B (f . d) d in the plane, plus a normal component */
     double a = k / r1 + 1.0 / r2 + 2.0 * c * z / r2_3 + q / reach;
     double b = 1.0 / r1_3 + k / r2_3 - 6.0 * c * z / r2_5 - q / (r2 * reach * reach);
     double lifted = below / r1_3 + k * below / r2_3 - 6.0 * c * z * above / r2_5 + q / (r2 * reach);

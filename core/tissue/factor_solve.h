@@ -5,10 +5,10 @@
 #include <stdbool.h>
 #include <suitesparse/cholmod.h>
 
-/* A solution and its workspace, reused by later solves: only the first one allocates. Initialise to NULL. */
+/* A solution and its workspace, reused by later solves; only the first solve allocates. To be initialised with NULL. */
 typedef struct { cholmod_dense *x, *y, *e; } factor_solution;
 
-/* Solves A x = right; x has the size of right. Returns false if out of memory. */
+/* Solves A x = right, where x has the size of right. Returns false if out of memory. */
 bool factor_solve(cholmod_factor *factor, cholmod_dense *right, factor_solution *s, cholmod_common *common);
 
 void factor_solution_free(factor_solution *s, cholmod_common *common);

@@ -53,7 +53,7 @@ static bool is_near(const neighbourhood *n, int tet, double radius, double half_
     return false;
 }
 
-/* Collects elements outward from the first one, across faces. Returns false if there is no room for all of them. */
+/* Collects elements from the first one outward, across faces. Returns false if there is no room for all of them. */
 static bool grow(neighbourhood *n, int tet, double radius, double half_length) {
     forget(n);
     if (!add_tet(n, tet)) return false;
@@ -84,13 +84,13 @@ static void mark_cut(neighbourhood *n) {
         }
 }
 
-/* The line's path through the elements, in pieces that each lie in one element; a piece on a face or an edge belongs to one of its elements. */
+/* The line's path through the elements, in pieces that each lie in one element; a piece on a face or an edge belongs to one of the adjacent elements. */
 static int by_start(const void *a, const void *b) {
     double x = ((const chord *)a)->from, y = ((const chord *)b)->from;
     return (x > y) - (x < y);
 }
 
-static const double ON_FACE = 1e-9; /* 1: largest barycentric weight of a line that counts as on a face. Rounding tolerance */
+static const double ON_FACE = 1e-9; /* 1: largest barycentric weight at which a line counts as on a face. Rounding tolerance */
 
 static void trace_line(neighbourhood *n) {
     const mesh *m = n->tissue->mesh;
@@ -149,9 +149,9 @@ static void add_elements(neighbourhood *n, double poisson_ratio) {
     }
 }
 
-/* Criterion for elements that share their volumetric strain; each contributes part of its volume. */
+/* Which elements share a volumetric strain; each contributes part of its volume. */
 typedef struct {
-    int region, node, strain_patch; /* elements of a region with this local node as a corner, or elements of this strain patch; -1: not used */
+    int region, node, strain_patch; /* elements of this region that have this local node as a corner, or elements of this strain patch; -1 if not used */
 } strain_group;
 
 static bool shares_strain(const neighbourhood *n, int tet, const strain_group *group) {

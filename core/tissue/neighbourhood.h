@@ -1,5 +1,5 @@
-/* The elements around a point of a line, in the line's frame, and their stiffness for a shear modulus of 1. resolved_radius.c uses them to measure how well
-   the mesh resolves the line's field. */
+/* The elements around a point of a line, in the line's frame, and their stiffness for a shear modulus of 1. In resolved_radius.c they serve to measure how
+   well the mesh resolves the line's field. */
 #ifndef TROCAR_NEIGHBOURHOOD_H
 #define TROCAR_NEIGHBOURHOOD_H
 
@@ -15,15 +15,15 @@ typedef struct {
 /* All positions are in the line's frame: z along it, the origin at its point. */
 typedef struct {
     const tissue *tissue;
-    int *local;              /* node_count of the mesh: number in the neighbourhood, or -1 */
+    int *local;              /* node_count of the mesh: number of each node in the neighbourhood, or -1 */
     bool *taken;             /* tet_count */
     int node_count, nodes[AROUND_NODES], tet_count, tets[AROUND_TETS];
     vec3 position[AROUND_NODES];
-    bool cut[AROUND_NODES];  /* the node is on the boundary to the rest of the mesh */
-    mat3 frame;              /* columns: the line's frame */
+    bool cut[AROUND_NODES];  /* true if the node is on the boundary with the rest of the mesh */
+    mat3 frame;              /* its columns are the axes of the line's frame */
     vec3 origin;
     double size;             /* m, edge length of the mesh at the point */
-    double poisson_ratio;    /* Poisson's ratio of the point's element, used for all elements */
+    double poisson_ratio;    /* Poisson's ratio of the element that contains the point, used for all elements */
     int chord_count;
     chord chords[AROUND_TETS]; /* the line's path through the elements, in order */
     double stiffness[AROUND_DOFS * AROUND_DOFS]; /* full */
@@ -33,21 +33,21 @@ typedef struct {
 trocar_status neighbourhood_create(const tissue *t, neighbourhood *n, report *why);
 void neighbourhood_free(neighbourhood *n);
 
-/* Extent of the neighbourhood: distance from the line, and length along it in both directions. */
+/* Extent of the neighbourhood: distance from the line, and length along the line in both directions. */
 typedef struct {
     double radius, half_length; /* edge lengths of the mesh at the point */
     double least;               /* m, smallest half length */
 } patch_reach;
 
-/* Collects the elements within reach of `x` in element `tet` and of the line through it, as many as there is room for, and their stiffness. Allocates
-   nothing. */
+/* Collects the elements within reach of `x` (in element `tet`) and of the line through x, as far as there is room, and computes their stiffness. Does not
+   allocate memory. */
 void neighbourhood_take(neighbourhood *n, int tet, vec3 x, vec3 direction, patch_reach reach);
 
-/* True if a face is on the outer surface and not fixed. A fixed face counts as a border to the rest of the mesh, because the nominal mesh already includes the
-   support. */
+/* True if a face is on the outer surface and not fixed. A fixed face counts as a boundary with the rest of the mesh, because the nominal mesh already
+   includes the support. */
 bool neighbourhood_free_face(const neighbourhood *n, int tet, int face);
 
-/* Direction of the line, unit vector in the mesh. */
+/* Direction of the line, as a unit vector in the mesh's coordinates. */
 vec3 neighbourhood_direction(const neighbourhood *n);
 
 #endif

@@ -29,8 +29,8 @@ static double modulus_at(int count, const relaxation_term *terms, double rate) {
     return sum;
 }
 
-/* Rate of creep between two adjacent rates of relaxation (the lower one may be 0). Between them, the modulus falls from infinity, or from its long-term value,
-   to minus infinity. */
+/* Rate of creep between two adjacent rates of relaxation (the lower one may be 0). Between these rates, the modulus falls from infinity (or, if the lower
+   one is 0, from its long-term value) to minus infinity. */
 static double creep_rate(int count, const relaxation_term *terms, double low, double high) {
     for (double middle = 0.5 * (low + high); low < middle && middle < high; middle = 0.5 * (low + high)) {
         if (modulus_at(count, terms, middle) > 0.0) low = middle;
@@ -39,13 +39,14 @@ static double creep_rate(int count, const relaxation_term *terms, double low, do
     return low;
 }
 
-/* The creep function J and the relaxation function G satisfy s^2 G~(s) J~(s) = 1. M(s) = s G~(s) is a rational function with simple poles at -1 / relaxation
-   times. The times of J correspond to the zeros of M, one between any two poles; its compliances are the residues of 1 / (s M(s)) there: -1 / (s M'(s)). */
+/* The creep function J and the relaxation function G satisfy s^2 G~(s) J~(s) = 1. M(s) = s G~(s) is a rational function with simple poles at -1 /
+   relaxation times. The times of J correspond to the zeros of M, of which there is one between any two adjacent poles; its compliances are the residues of
+   1 / (s M(s)) at these zeros: -1 / (s M'(s)). */
 trocar_status creep_from_relaxation(int count, const relaxation_term *terms, creep_series *creep, report *why) {
     relaxation_term sorted[MAX_RELAXATION];
     relaxation_fault wrong = relaxation_check(count, terms);
     if (wrong.key) return fail(why, TROCAR_BAD_INPUT, "relaxation[%d].%s: %s", wrong.term, wrong.key, wrong.words);
-    for (int i = 0; i < count; i++) { /* longest first, so that their rates ascend */
+    for (int i = 0; i < count; i++) { /* longest time first, so that the rates ascend */
         int k = i;
         for (; k > 0 && sorted[k - 1].time < terms[i].time; k--) sorted[k] = sorted[k - 1];
         sorted[k] = terms[i];

@@ -1,5 +1,5 @@
-/* Relaxation of the tissue: the Prony series of the stress under constant strain, and the creep under constant force that follows from it. See
-   docs/mechanics.md, "Relaxation". */
+/* Relaxation of the tissue: the Prony series of the stress under constant strain, and the resulting creep under constant force. See docs/mechanics.md,
+   "Relaxation". */
 #ifndef TROCAR_RELAXATION_H
 #define TROCAR_RELAXATION_H
 
@@ -7,15 +7,15 @@
 
 enum { MAX_RELAXATION = 4 }; /* terms of a series */
 
-/* A term of the series: the part `weight` of the stress under constant strain decays as exp(-t / time). */
+/* A term of the series: the fraction `weight` of the stress under constant strain decays as exp(-t / time). */
 typedef struct {
     double weight;
     double time;             /* s */
 } relaxation_term;
 
-/* Displacement under a constant force relative to the initial one: 1 + sum of compliance (1 - exp(-t / time)). */
+/* Displacement under a constant force, relative to the initial displacement: 1 + sum of compliance (1 - exp(-t / time)). */
 typedef struct {
-    int count;               /* 0: the tissue is elastic */
+    int count;               /* number of terms; 0 if the tissue is elastic */
     double compliance[MAX_RELAXATION];
     double time[MAX_RELAXATION]; /* s, ascending */
 } creep_series;
@@ -28,7 +28,7 @@ typedef struct {
 } relaxation_fault;
 relaxation_fault relaxation_check(int count, const relaxation_term *terms);
 
-/* Stress at t (s) after a strain was applied, relative to the initial stress. */
+/* Stress at t (s) after a strain was applied, as a fraction of the initial stress. */
 double relaxation_at(int count, const relaxation_term *terms, double t);
 
 /* Computes the creep of tissue with this relaxation. BAD_INPUT for a series that relaxation_check rejects. */

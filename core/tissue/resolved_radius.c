@@ -9,15 +9,15 @@
 #include "tissue/exact_fields.h"
 #include "tissue/neighbourhood.h"
 
-static const double RADIUS = 1.6; /* edge lengths: distance from the line within which elements with a node belong to the patch. Measured: with this patch ln R
-                                     differs from that of the whole mesh by 0.01 across and by 0.02 to 0.03 along (docs/mechanics.md) */
-static const double HALF_LENGTH = 1.2; /* edge lengths: half the extent of the patch along the line, and smallest multiple of the line's length within the
-                                          element. Measured like RADIUS */
-static const double FREE = 0.45; /* edge lengths: distance from the line below which boundary nodes are left free, because the exact solution is not valid for
-                                    a mesh so close to the line. Measured like RADIUS */
+static const double RADIUS = 1.6; /* edge lengths: distance from the line within which a node's elements belong to the patch. Measured: with this patch, ln
+                                     R differs from that of the whole mesh by 0.01 across the line and by 0.02 to 0.03 along it (docs/mechanics.md) */
+static const double HALF_LENGTH = 1.2; /* edge lengths: half the extent of the patch along the line; also, smallest ratio of this half extent to the line's
+                                          length within the element. Measured like RADIUS */
+static const double FREE = 0.45; /* edge lengths: distance from the line below which boundary nodes are left free, because the exact solution does not hold
+                                    for a mesh so close to the line. Measured like RADIUS */
 static const double GAP = 1e-9; /* m: largest gap between consecutive pieces of the line. Rounding tolerance */
 
-/* Displacement of one point along one axis per unit load on each component, and per unit displacement of each fixed component. */
+/* Displacement of one point along one axis, per unit load on each component and per unit displacement of each fixed component. */
 typedef struct {
     double of_load[AROUND_DOFS], of_moved[AROUND_DOFS];
 } influence;
@@ -25,7 +25,7 @@ typedef struct {
 struct resolver {
     neighbourhood around;
     double reduced[AROUND_DOFS * AROUND_DOFS], load[AROUND_DOFS], moved[AROUND_DOFS];
-    influence on[MAX_RESOLVED][2]; /* each of the points */
+    influence on[MAX_RESOLVED][2]; /* influence on each of the points */
     int unknowns, unknown[AROUND_DOFS];
 };
 
@@ -47,7 +47,7 @@ void resolver_free(resolver *r) {
 
 /* ---- solving ------------------------------------------------------------------------------------------------------- */
 
-/* Factorises the stiffness of the components that are free. */
+/* Factorises the stiffness of the free components. */
 static trocar_status factor(resolver *r, report *why) {
     for (int i = 0; i < r->unknowns; i++)
         for (int j = 0; j <= i; j++) r->reduced[(size_t)i * (size_t)r->unknowns + (size_t)j] = r->around.stiffness[r->unknown[i] * AROUND_DOFS + r->unknown[j]];
@@ -60,7 +60,7 @@ static void weights_at(const resolver *r, int tet, vec3 x, int nodes[4], double 
     for (int c = 0; c < 4; c++) nodes[c] = r->around.local[r->around.tissue->mesh->tets[tet][c]];
 }
 
-/* Computes the influence of each component's load, and of each fixed component's displacement, on one point along one axis. One solve serves all lines. */
+/* Computes how each component's load, and each fixed component's displacement, influences one point along one axis. One solve serves all lines. */
 static void find_influence(resolver *r, int tet, vec3 x, int axis, influence *on) {
     double right[AROUND_DOFS], weights[4];
     int n = 3 * r->around.node_count, nodes[4];
@@ -77,7 +77,7 @@ static void find_influence(resolver *r, int tet, vec3 x, int axis, influence *on
     for (int i = 0; i < r->unknowns; i++) on->of_moved[r->unknown[i]] = 0.0;
 }
 
-/* Displacement under the present load and the present displacements of the fixed components. */
+/* Displacement under the present load and with the present displacements of the fixed components. */
 static double moved_by(const resolver *r, const influence *on) {
     int n = 3 * r->around.node_count;
     return cblas_ddot(n, on->of_load, 1, r->load, 1) + cblas_ddot(n, on->of_moved, 1, r->moved, 1);
@@ -105,7 +105,7 @@ static vec3 displacement_of(const resolver *r, const line_segment *line, vec3 x)
     return v3(-turned.y, turned.x, 0);
 }
 
-/* Number of parts per edge of a face for integrating the line's traction: fewer far away from the line's end. */
+/* Number of parts into which each edge of a face is divided to integrate the line's traction: fewer if the face is far from the line's end. */
 static int parts_of_face(const line_segment *line, vec3 a, vec3 b, vec3 c) {
     enum { NEAR = 6, FAR = 2 };
     vec3 middle = v3_axpy(1.0 / 3.0, v3_add(b, c), a);
@@ -113,7 +113,7 @@ static int parts_of_face(const line_segment *line, vec3 a, vec3 b, vec3 c) {
     return !is_endless(line) && v3_norm(v3_sub(middle, v3(0, 0, z))) > size ? FAR : NEAR;
 }
 
-/* Adds the traction that the continuation of the body beyond its free surface would exert, by quadrature over parts of each face. Without it, the compliance
+/* Adds the traction that a continuation of the body beyond its free surface would exert, by quadrature over parts of each face. Without it, the compliance
    of the surface itself would be attributed to the mesh. */
 static void load_surface(resolver *r, const line_segment *line) {
     const mesh *m = r->around.tissue->mesh;
@@ -127,7 +127,7 @@ static void load_surface(resolver *r, const line_segment *line) {
             vec3 outward = v3_scale(0.5 / (parts * parts), v3_cross(b, c));
             if (v3_dot(outward, v3_sub(r->around.position[r->around.local[m->tets[r->around.tets[i]][f]]], a)) > 0.0) outward = v3_scale(-1.0, outward);
             for (int p = 0; p < parts; p++)
-                for (int q = 0; q < 2 * (parts - p) - 1; q++) { /* sub-triangles in row p, upright and upside down */
+                for (int q = 0; q < 2 * (parts - p) - 1; q++) { /* sub-triangles in row p, alternately upright and upside down */
                     double s = (p + (q % 2 ? 2.0 : 1.0) / 3.0) / parts, t = (q / 2 + (q % 2 ? 2.0 : 1.0) / 3.0) / parts;
                     vec3 traction = traction_of(r, line, v3_axpy(t, c, v3_axpy(s, b, a)), outward);
                     const double weights[] = {1.0 - s - t, s, t};
@@ -157,7 +157,7 @@ static bool is_near_line(const resolver *r, int node) {
     return hypot(r->around.position[node].x, r->around.position[node].y) < FREE * r->around.size;
 }
 
-/* Prescribes the displacement by the line force on the boundary; near the line, the nodes are free, either across the needle or along it. */
+/* Prescribes the displacement caused by the line force on the boundary. Near the line, the nodes are free, across the needle or along it. */
 static void free_for_line(resolver *r, bool along) {
     r->unknowns = 0;
     for (int i = 0; i < r->around.node_count; i++)
@@ -175,7 +175,7 @@ static void push(resolver *r, const line_segment *line) {
 
 static void push_endless(resolver *r, int axis) { push(r, &(line_segment){axis, -INFINITY, INFINITY}); }
 
-/* Computes the mean of the lateral displacements under forces along the frame's x and y, and their deviation from it. */
+/* Computes the mean of the lateral displacements under forces along x and y of the frame, and the deviation from this mean. */
 static void set_lateral(const resolver *r, double moved[2][2], resolved_field *resolved) {
     double mean = 0.5 * (moved[0][0] + moved[1][1]), nu = r->around.poisson_ratio;
     double half = line_lateral_logarithm(0.5 * (moved[0][0] - moved[1][1]), nu), shear = line_lateral_logarithm(0.5 * (moved[0][1] + moved[1][0]), nu);
@@ -187,7 +187,7 @@ static void set_lateral(const resolver *r, double moved[2][2], resolved_field *r
 
 static double place_on_line(const resolver *r, vec3 x) { return v3_dot(v3_sub(x, r->around.origin), neighbourhood_direction(&r->around)); }
 
-/* Finds where the line leaves the patch, or the body. */
+/* Finds the distance at which the line leaves the patch or the body. */
 static double reach_of(const resolver *r, double place) {
     double end = place;
     for (int i = 0; i < r->around.chord_count; i++)
@@ -195,13 +195,14 @@ static double reach_of(const resolver *r, double place) {
     return end - place;
 }
 
-/* Points are closer together near the tip, where accuracy matters most. */
+/* Places of the line's end are closer together near the tip, where accuracy matters most. */
 static double end_place(const line_end *end, int k) {
     double part = (double)k / LINE_ENDS;
     return part * part * end->reach;
 }
 
-/* Displacement of a cylinder of the resolved radius by the part of the line from `from` to `to` beyond the point, minus the mesh's displacement. */
+/* Displacement of a cylinder of the resolved radius, caused by the part of the line from `from` to `to` beyond the point, minus the displacement of the
+   mesh. */
 static double difference_beyond(resolver *r, double place, double from, double to, double radius, const influence *on) {
     double moved = 0.0, nu = r->around.poisson_ratio;
     for (int axis = 0; axis < 2; axis++) {
@@ -257,7 +258,7 @@ typedef struct {
     mat3 frame;              /* its z axis points inward */
 } plane;
 
-/* The plane of the outer face closest to x, if the patch has one. */
+/* Returns the plane of the outer face closest to x, if the patch has an outer face. */
 static plane surface_near(const resolver *r, vec3 x) {
     const mesh *m = r->around.tissue->mesh;
     double closest = INFINITY;
@@ -275,7 +276,7 @@ static plane surface_near(const resolver *r, vec3 x) {
     return found;
 }
 
-/* Displacement of a boundary node under a unit force along the line, distributed to the corners of the element as in the mesh. At the boundary, only its
+/* Displacement of a boundary node under a unit force along the line, distributed to the corners of the element as in the mesh. On the boundary, only the
    difference from a point force matters. */
 static vec3 push_at(const resolver *r, int tet, const double weights[4], int node, const plane *surface) {
     const mesh *m = r->around.tissue->mesh;
@@ -298,7 +299,7 @@ static vec3 push_at(const resolver *r, int tet, const double weights[4], int nod
 
 static trocar_status measure_point(resolver *r, int tet, int count, const vec3 *x, resolved_field *resolved, report *why) {
     r->unknowns = 0;
-    /* the force acts on these nodes, so they are free */
+    /* the force acts on these nodes, so they must be free */
     for (int c = 0; c < 4; c++) r->around.cut[r->around.local[r->around.tissue->mesh->tets[tet][c]]] = false;
     for (int i = 0; i < r->around.node_count; i++)
         for (int a = 0; a < 3 && !r->around.cut[i]; a++) r->unknown[r->unknowns++] = 3 * i + a;

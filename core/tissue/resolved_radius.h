@@ -1,18 +1,18 @@
-/* Measures how well the mesh resolves a needle's field at a place. Line forces, endless or not, and a point force act on a small patch of elements whose
-   boundary moves as in the exact solution, and the displacement of the mesh is compared with that solution. No constant is fitted. See docs/mechanics.md,
-   "Local compliance". */
+/* Measures how well the mesh resolves a needle's field at a place. Line forces, with and without an end, and a point force act on a small patch of
+   elements whose boundary moves as in the exact solution; the displacement of the mesh is compared with that solution. No constant is fitted. See
+   docs/mechanics.md, "Local compliance". */
 #ifndef TROCAR_RESOLVED_RADIUS_H
 #define TROCAR_RESOLVED_RADIUS_H
 
 #include "tissue/tissue.h"
 
 /* Correction for a line force that ends near the needle's tip, where the lateral compliance of the mesh differs from that of a cylinder with the resolved
-   radius. `more` is added to the logarithm of the radius there. It is a mean over the directions across the line; along the needle, the effect is too small to
-   be measured on a patch. */
+   radius. `more` is added to the logarithm of the radius. It is a mean over the directions across the line; along the line, the effect is too small to be
+   measured on a patch. */
 enum { LINE_ENDS = 4 };
 typedef struct {
-    double reach;            /* m ahead of the point, within the body: a line that continues this far counts as endless */
-    double more[LINE_ENDS];  /* correction for a line whose end is (k / LINE_ENDS)^2 of the reach ahead of the point */
+    double reach;            /* m ahead of the point, inside the body: a line that extends at least this far counts as endless */
+    double more[LINE_ENDS];  /* correction for a line that ends at the fraction (k / LINE_ENDS)^2 of the reach ahead of the point */
 } line_end;
 
 /* Interpolates `more` for a line that ends this far ahead (m). RT */
@@ -24,48 +24,49 @@ void line_end_add_scaled(line_end *to, double scale, const line_end *from);
 /* Sum of all members: finite only if all of them are. RT */
 double line_end_total(const line_end *end);
 
-/* The measurement at one point of the line. The material is uniform, that of the point's element: only the mesh is measured. */
+/* The measurement at one point of the line. The material is uniform and equal to that of the point's element, so that only the mesh matters. */
 typedef struct {
-    double lateral, axial;   /* m: radius of a rigid cylinder with the mesh's compliance to a line force; across the line, a geometric mean */
+    double lateral, axial;   /* m, radius of a rigid cylinder with the mesh's compliance to a line force; across the line, a geometric mean over the
+                                directions */
     mat3 uneven;             /* symmetric: for a force along the unit vector e across the line, e.uneven e is added to the logarithm of the radius */
-    line_end end;            /* ahead of the point, in the line's direction */
-    double point;            /* 1/m: displacement of the mesh along the line under a force at the point, times the shear modulus */
+    line_end end;            /* correction for a line that ends ahead of the point, in the line's direction */
+    double point;            /* 1/m, displacement of the mesh along the line under a force at the point, multiplied by the shear modulus */
 } resolved_field;
 
-/* A line through an element: a piece of the needle's path. */
+/* A line through an element, representing a piece of the needle's path. */
 typedef struct {
     int tet;
-    vec3 point, direction;   /* m, and unit vector */
+    vec3 point, direction;   /* m, a point of the line; and a unit vector */
 } line_in_tet;
 
-/* Displacement of the mesh around an endless line under unit force per length, for a shear modulus of 1. Its difference from Kelvin's solution is missing in
-   the mesh's interaction between this needle and nearby ones. */
+/* Displacement of the mesh around an endless line under unit force per length, for a shear modulus of 1. Its difference from Kelvin's solution is the part
+   of the interaction between this needle and nearby ones that the mesh does not resolve. */
 enum { FIELD_NODES = 256 };
 typedef struct {
     line_in_tet line;
     mat3 frame;              /* columns: its axes */
-    double poisson_ratio, softness; /* Poisson's ratio, and 1 / mu (m^2/N), of the line's element */
+    double poisson_ratio, softness; /* Poisson's ratio and 1 / mu (m^2/N) of the element that contains the line */
     int count, nodes[FIELD_NODES]; /* nodes of the mesh */
-    vec3 moved[FIELD_NODES][3]; /* displacement in the line's frame under a force along each of its axes; 1/m means N/m over Pa */
+    vec3 moved[FIELD_NODES][3]; /* displacement in the line's frame under a force along each of its axes; the unit 1/m stands for N/m divided by Pa */
 } line_field;
 
 typedef struct resolver resolver;
 
-/* `t` must outlive it. NO_MEMORY. */
+/* Creates a resolver; `t` must outlive it. NO_MEMORY. */
 trocar_status resolver_create(const tissue *t, resolver **created, report *why);
 void resolver_free(resolver *r);
 
 enum { MAX_RESOLVED = 3 };
 
-/* Measures at `count` points of element `tet`, all on one line along the unit vector `direction`. Allocates nothing; takes about a millisecond. `end` is
-   measured only at the first and the last point. NUMERIC if the patch has no stiffness. */
+/* Measures at `count` points of element `tet` that are all on one line along the unit vector `direction`. Takes about a millisecond; does not allocate
+   memory. `end` is measured only at the first and the last point. NUMERIC if the patch has no stiffness. */
 trocar_status resolver_measure(resolver *r, int tet, vec3 direction, int count, const vec3 *x, resolved_field *resolved, report *why);
 
 /* Computes the field of one line. NUMERIC if the patch has no stiffness. */
 trocar_status resolver_spread(resolver *r, const line_in_tet *line, line_field *field, report *why);
 
-/* The part of the displacement at x (with these weights in element `tet`) that the mesh does not resolve, per force per length on the line: m^2/N, world
-   frame. The distance of x from the line is raised to at least `radius` (m). Zero outside the patch, where the mesh resolves the field. */
+/* The part of the displacement at x (with these weights in element `tet`) that the mesh does not resolve, per force per length on the line (m^2/N, world
+   frame). If x is closer to the line than `radius` (m), that distance is used. Zero outside the patch, where the mesh resolves the field. */
 mat3 line_field_lacks(const line_field *field, const mesh *m, int tet, const double weights[4], vec3 x, double radius);
 
 #endif

@@ -2,20 +2,20 @@
 
 #include <stdlib.h>
 
-/* Smaller patches lock more; larger ones couple more nodes without benefit (measured for 4 to 12). */
+/* Measured for 4 to 12 tetrahedra: smaller patches lock more; larger ones couple more nodes without benefit. */
 enum { PATCH_SIZE = 8, LEAST_SIZE = 4, NO_PATCH = -1 };
 
 typedef struct {
     const mesh *mesh;
     int *patch;              /* tet_count: patch of each tetrahedron; initially NO_PATCH */
-    int *grown;              /* tet_count: tetrahedra in the order in which they were added to patches */
-    int *first;              /* per patch: its first index in `grown` */
-    int *size;               /* per patch: number of tets */
-    int count, taken;        /* patches; tets in `grown` */
+    int *grown;              /* tet_count: tetrahedra, in the order in which they were added to patches */
+    int *first;              /* for each patch: index in `grown` of its first tetrahedron */
+    int *size;               /* for each patch: number of its tetrahedra */
+    int count, taken;        /* number of patches, and of tetrahedra in `grown` */
 } partition;
 
-/* Lists the tetrahedra of the same region that share a face with this one, in ascending order. With this order, ties do not depend on the order of a
-   tetrahedron's corners, which differs in the mirror image of a mesh. Returns their number. */
+/* Lists, in ascending order, the tetrahedra of the same region that share a face with this one, and returns their number. With this order, the resolution
+   of ties does not depend on the order of a tetrahedron's corners, which is different in a mirrored mesh. */
 static int beside(const mesh *m, int tet, int others[4]) {
     int count = 0;
     for (int face = 0; face < 4; face++) {
@@ -28,7 +28,7 @@ static int beside(const mesh *m, int tet, int others[4]) {
     return count;
 }
 
-/* Number of a tet's faces to tets of this patch. */
+/* Number of a tetrahedron's faces that it shares with tetrahedra of this patch. */
 static int shared_faces(const partition *p, int tet, int patch) {
     int others[4], count = beside(p->mesh, tet, others), shared = 0;
     for (int i = 0; i < count; i++) shared += p->patch[others[i]] == patch;
@@ -43,7 +43,7 @@ static void take(partition *p, int tet) {
 
 /* ---- growing ------------------------------------------------------------------------------------------------------ */
 
-/* True if a tet has all its nodes in the growing patch. */
+/* True if all nodes of a tetrahedron are already in the growing patch. */
 static bool adds_no_node(const partition *p, int tet) {
     for (int corner = 0; corner < 4; corner++) {
         bool found = false;
@@ -54,13 +54,13 @@ static bool adds_no_node(const partition *p, int tet) {
     return true;
 }
 
-/* Score of a free tetrahedron for the growing patch. The fewer nodes a patch has, the fewer entries K has: tetrahedra that add no node come first, then those
-   with more faces on the patch, then those that would otherwise be isolated. */
+/* Score of a free tetrahedron as the next member of the growing patch. The fewer nodes a patch has, the fewer entries K has. Therefore tetrahedra that add
+   no node come first, then those that share more faces with the patch, then those that would otherwise be isolated. */
 static int suitability(const partition *p, int tet) {
     return 100 * adds_no_node(p, tet) + 10 * shared_faces(p, tet, p->count) - shared_faces(p, tet, NO_PATCH);
 }
 
-/* The free tetrahedron next to the patch with the best score, the first one among equals; -1 if there is none. */
+/* Returns the free tetrahedron next to the patch that has the best score (the first one, if several are equal); -1 if there is none. */
 static int next_member(const partition *p) {
     int best = -1, most = 0, others[4];
     for (int k = p->first[p->count]; k < p->taken; k++) {
@@ -83,7 +83,7 @@ static void grow_patch(partition *p, int seed) {
     p->count++;
 }
 
-/* Patches spread like a front: each starts next to the earliest tetrahedron that still has a free neighbour. */
+/* Grows all patches in the manner of an advancing front: each one starts next to the earliest tetrahedron that still has a free neighbour. */
 static void grow_all(partition *p) {
     int front = 0, others[4];
     for (int start = 0; start < p->mesh->tet_count; start++) {
@@ -98,10 +98,10 @@ static void grow_all(partition *p) {
 
 /* ---- what is left over ---------------------------------------------------------------------------------------------- */
 
-/* Index in `grown` after a patch's last tet. */
+/* Index in `grown` after that of a patch's last tetrahedron. */
 static int end_of(const partition *p, int patch) { return patch + 1 < p->count ? p->first[patch + 1] : p->taken; }
 
-/* Moves one tetrahedron of a small patch to the smallest adjacent patch that is large enough; returns false if there is none. */
+/* Moves one tetrahedron of a small patch to the smallest adjacent patch that is large enough. Returns false if there is no such patch. */
 static bool give_away(partition *p, int small) {
     int given = -1, to = -1, others[4];
     for (int k = p->first[small]; k < end_of(p, small); k++) {
@@ -120,8 +120,8 @@ static bool give_away(partition *p, int small) {
     return true;
 }
 
-/* Distributes the tetrahedra of patches that could not grow to adjacent patches. The first patch of each connected part is full or the whole part, so that
-   finally only small parts have small patches. */
+/* Distributes the tetrahedra of patches that could not grow to adjacent patches. The first patch of each connected part either is full or contains the
+   whole part, so that in the end only small parts have small patches. */
 static void dissolve_small(partition *p) {
     for (bool changed = true; changed;) {
         changed = false;
@@ -130,7 +130,7 @@ static void dissolve_small(partition *p) {
     }
 }
 
-/* Removes dissolved patches from the numbering. */
+/* Removes dissolved patches and renumbers the others. */
 static void renumber(partition *p) {
     int kept = 0, *number = p->first;
     for (int i = 0; i < p->count; i++) number[i] = p->size[i] > 0 ? kept++ : NO_PATCH;

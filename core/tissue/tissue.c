@@ -37,7 +37,7 @@ static int number_dofs(tissue *t) {
     return next;
 }
 
-/* Moduli if the volumetric part is integrated separately: mu is unchanged, and lambda is 0. */
+/* Elastic moduli for the case that the volumetric part is integrated separately: mu is unchanged and lambda is 0. */
 void element_moduli(const tissue *t, int tet, double *youngs_modulus, double *poisson_ratio) {
     const region_material *material = &t->materials[t->mesh->region[tet]];
     bool whole = t->volumetric == STRAIN_BY_ELEMENT;
@@ -69,7 +69,7 @@ static void add_element(const tissue *t, int tet, cholmod_triplet *triplets) {
 
 /* ---- mean volumetric strain ---------------------------------------------------------------------------------------- */
 
-/* Lists the means of div u to which an element contributes with equal parts of its volume: that of its patch, or those of its nodes. Returns their number. */
+/* Lists the means of div u to which an element contributes equal parts of its volume: that of its patch, or those of its nodes. Returns their number. */
 static int means_of(const tissue *t, int tet, int means[4]) {
     if (t->volumetric == STRAIN_BY_PATCH) {
         means[0] = t->patch[tet];
@@ -81,7 +81,7 @@ static int means_of(const tissue *t, int tet, int means[4]) {
 
 static int mean_count(const tissue *t) { return t->volumetric == STRAIN_BY_PATCH ? t->patch_count : t->mesh->node_count; }
 
-/* Adds an element's contribution to its means, one column per mean. `whole`: volumes of the means. */
+/* Adds an element's contribution to its means, one column for each mean. `whole`: volumes of the means. */
 static void add_divergence(const tissue *t, int tet, const double *whole, cholmod_triplet *triplets) {
     const mesh *m = t->mesh;
     vec3 corners[4], g[4];
@@ -104,7 +104,7 @@ static void add_divergence(const tissue *t, int tet, const double *whole, cholmo
     }
 }
 
-/* Computes B B^T of one region: the sum over its means of lambda V (mean of div u)^2, where V is the mean's volume. `whole` has room for all means. */
+/* Computes B B^T of one region: the sum over its means of lambda V (mean of div u)^2, where V is the volume of the mean. `whole` has room for all means. */
 static cholmod_sparse *volumetric_stiffness(tissue *t, int region, double *whole) {
     const mesh *m = t->mesh;
     size_t shares = 0;

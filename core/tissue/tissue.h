@@ -11,34 +11,34 @@
 typedef struct {
     double youngs_modulus;     /* Pa */
     double poisson_ratio;      /* below 0.5 */
-    double stiffening;         /* C20 / C10 of a Yeoh material; 0: linear. Used by the local compliance only; K is linear */
-    double cutting_force;      /* N, resistance at the tip; INFINITY: bone, cannot be cut */
+    double stiffening;         /* C20 / C10 of a Yeoh material; 0 if linear. Used only for the local compliance; K is linear */
+    double cutting_force;      /* N, cutting resistance at the tip; INFINITY for bone, which cannot be cut */
     double cutting_viscosity;  /* N s/m, additional resistance per tip speed */
-    double spreading_force;    /* N, resistance at the tip that remains in an open track */
+    double spreading_force;    /* N, resistance at the tip that remains along an open track */
     double friction_static;    /* N/m, limit of the shaft's friction per length while sticking */
     double friction_kinetic;   /* N/m, limit of the shaft's friction per length after sliding over the weakening distance */
     double friction_viscous;   /* N s/m^2, additional friction per length and sliding speed */
 } region_material;
 
-/* Integration of the volumetric energy, lambda/2 (div u)^2. Integrated by element, linear tetrahedra lock (at nu = 0.45 needle forces are 10 to 15 % too
-   large). Averaging prevents this: over disjoint patches of 8 tetrahedra of one region (after the F-bar patches of de Souza Neto and others 2005), or at the
-   nodes of each region (Bonet and Burton 1998), which couples a node with its neighbours' neighbours and makes large meshes expensive. The remaining energy,
-   mu eps:eps, is always integrated by element, which keeps K positive definite. */
+/* How the volumetric energy, lambda/2 (div u)^2, is integrated. If it is integrated by element, linear tetrahedra lock (at nu = 0.45, needle forces are 10
+   to 15 % too large). Averaging the volumetric strain prevents this: either over disjoint patches of 8 tetrahedra of the same region (after the F-bar
+   patches of de Souza Neto and others 2005), or at the nodes of each region (Bonet and Burton 1998), which couples a node with its neighbours' neighbours
+   and makes large meshes expensive. The remaining energy, mu eps:eps, is always integrated by element, which keeps K positive definite. */
 typedef enum { STRAIN_BY_PATCH, STRAIN_BY_NODE, STRAIN_BY_ELEMENT } volumetric_strain;
 
 typedef struct {
     const mesh *mesh;
     volumetric_strain volumetric;
-    int *patch, patch_count;   /* tet_count: patch of each tet, see strain_patches.h; NULL if the strain is not averaged by patch */
+    int *patch, patch_count;   /* tet_count: patch of each tetrahedron, see strain_patches.h; NULL if the strain is not averaged by patch */
     const region_material *materials; /* materials by group index; only entries of dimension 3 are used */
-    bool *fixed;               /* node_count: zero displacement */
+    bool *fixed;               /* node_count: true if the node's displacement is zero */
     int dof_count;             /* free displacements */
-    int *dof;                  /* node_count: first of the node's three dofs, or -1 if fixed */
+    int *dof;                  /* node_count: first of each node's three dofs, or -1 if the node is fixed */
     cholmod_common common;     /* workspace of the thread that owns the factor */
-    cholmod_sparse *stiffness; /* K, dof_count square, lower triangle, N/m; NULL before tissue_stiffness */
-    atomic_bool assembled;     /* K exists, visible to any thread */
-    cholmod_factor *factor;    /* supernodal Cholesky factor of K; NULL before tissue_factor */
-    double refused;            /* bytes that the last tissue_factor required when it failed for lack of memory; 0: it did not */
+    cholmod_sparse *stiffness; /* K, N/m, dof_count square, lower triangle; NULL until tissue_stiffness is called */
+    atomic_bool assembled;     /* true once K exists and is visible to any thread */
+    cholmod_factor *factor;    /* supernodal Cholesky factor of K; NULL until tissue_factor is called */
+    double refused;            /* bytes that the last tissue_factor required if it failed for lack of memory; otherwise 0 */
     int *column;               /* dof_count / 3: position in the factor of dofs 3 i, 3 i + 1, 3 i + 2 */
 } tissue;
 
@@ -53,30 +53,30 @@ trocar_status tissue_stiffness(tissue *t, report *why);
 trocar_status tissue_assemble(const mesh *m, const region_material *materials, const bool *fixed, volumetric_strain volumetric,
                               tissue *t, report *why);
 
-/* Factorises K, after assembling it if necessary. The given nodes are eliminated last, so that blocks of the inverse between them need only a small part of
-   the factor. BAD_INPUT if the fixed nodes do not constrain the body, or the factor exceeds the machine's memory or the range of CHOLMOD's indices; NO_MEMORY,
-   before the computation, if too little memory is available now. After an error, `factor` is NULL. */
+/* Factorises K; assembles it first if necessary. The given nodes are eliminated last, so that blocks of the inverse between them need only a small part of
+   the factor. BAD_INPUT if the fixed nodes do not constrain the body, or if the factor exceeds the machine's memory or the range of CHOLMOD's indices;
+   NO_MEMORY, before the computation, if too little memory is available at present. After an error, `factor` is NULL. */
 trocar_status tissue_factor(tissue *t, int count, const int *nodes, report *why);
 
-static const double LOOSE_BODY = 1e-13; /* fraction: smallest eigenvalue of K, relative to the largest one, below which the body counts as loose. Rounding
+static const double LOOSE_BODY = 1e-13; /* fraction: ratio of the smallest to the largest eigenvalue of K below which the body counts as loose. Rounding
                                            tolerance */
 
-/* Reports a loose body (BAD_INPUT) in `why`. */
+/* Reports in `why` that the body is loose, and returns BAD_INPUT. */
 trocar_status tissue_loose(report *why);
 
-/* A load that is not orthogonal to any rigid motion, for finding loose bodies. */
+/* A load that is not orthogonal to any rigid motion, used to find loose bodies. */
 static inline double tissue_test_load(int dof) { return 1.0 + 0.37 * (dof % 7); }
 
-/* Assembles and factorises without nodes to be eliminated last; for tests. A simulation factorises once it knows the last nodes, or never. */
+/* Assembles and factorises without nodes that are eliminated last; for tests. A simulation factorises only once these nodes are known, or never. */
 trocar_status tissue_create(const mesh *m, const region_material *materials, const bool *fixed, volumetric_strain volumetric,
                             tissue *t, report *why);
 void tissue_free(tissue *t);
 
-/* The constant part of a tissue after tissue_define, for use while another thread creates K and its factor, which stay with the original. Nothing needs to be
-   freed; the original must outlive it. */
+/* Copies the constant part of a tissue after tissue_define, for use while another thread creates K and its factor, which remain with the original. Nothing
+   needs to be freed; the original must outlive the copy. */
 tissue tissue_constants(const tissue *t);
 
-/* Moduli of the part of the energy that is integrated by element. */
+/* Elastic moduli for that part of the energy which is integrated by element. */
 void element_moduli(const tissue *t, int tet, double *youngs_modulus, double *poisson_ratio);
 
 /* 12 x 12 stiffness of a linear tetrahedron (node-major, 3 dofs per node), N/m. Zienkiewicz & Taylor, vol. 1. */

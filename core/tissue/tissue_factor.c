@@ -21,7 +21,7 @@ static bool order_dofs(tissue *t, const bool *last, int *order) {
     return done;
 }
 
-/* Position of each node's dofs in the factor. They are contiguous, because their columns of K have the same pattern. */
+/* Finds the position of each node's dofs in the factor. They are contiguous, because their columns of K have the same pattern. */
 static void find_columns(tissue *t) {
     const int *order = t->factor->Perm;
     for (int i = 0; i < t->dof_count; i += 3) t->column[order[i] / 3] = i;
@@ -41,9 +41,9 @@ static bool analyse(tissue *t, const bool *last) {
 
 /* ---- factor ---- */
 
-/* Estimate of the ratio of the smallest to the largest eigenvalue of K: Rayleigh quotient after two steps of inverse iteration.
-   Because of rounding a singular K may have inconspicuous pivots (7e-9 of the largest was observed for a body free to rotate
-   about two nodes), but its quotient is not much above 1e-16. Negative if out of memory. */
+/* Estimates the ratio of the smallest to the largest eigenvalue of K by the Rayleigh quotient after two steps of inverse iteration. Because of rounding
+   errors, a singular K may have inconspicuous pivots (for a body free to rotate about two nodes, 7e-9 of the largest pivot was observed), but its quotient
+   is not much above 1e-16. Returns a negative number if out of memory. */
 static double least_stiffness(tissue *t) {
     int n = t->dof_count;
     double one[2] = {1, 0}, zero[2] = {0, 0}, quotient = -1.0;
@@ -69,13 +69,13 @@ trocar_status tissue_loose(report *why) {
                 "under `fixed` that every part of the mesh is connected to");
 }
 
-/* Required memory: the factor, the largest update of a supernode, and K in the order of elimination. */
+/* Required memory: for the factor, for the largest update of a supernode, and for K in the order of elimination. */
 static double factor_bytes(tissue *t) {
     double numbers = (double)t->factor->xsize + (double)t->factor->maxcsize;
     return sizeof(double) * numbers + (sizeof(double) + sizeof(int)) * (double)cholmod_nnz(t->stiffness, &t->common);
 }
 
-/* Checks memory beforehand, because the kernel may kill a process that runs out of memory without a message. */
+/* Checks memory before the computation, because the kernel may kill a process that runs out of memory without a message. */
 static trocar_status check_memory(tissue *t, report *why) {
     static const char remedy[] = "with inverse: condensed and needles that stay in the region_of_interest it is not needed";
     if (!t->factor || t->common.status == CHOLMOD_TOO_LARGE)
@@ -90,7 +90,7 @@ static trocar_status check_memory(tissue *t, report *why) {
 
 static trocar_status factor(tissue *t, int count, const int *nodes, report *why) {
     bool *last = mark_free_nodes(t, count, nodes);
-    if (count > 0) { /* a region of interest implies a large mesh: more and narrower supernodes, with fewer zeros, save 5 % of the memory */
+    if (count > 0) { /* a region of interest implies a large mesh, where more and narrower supernodes with fewer zeros save 5 % of the memory */
         static const double LEAST_FULL[3] = {0.2, 0.025, 0.0125};
         memcpy(t->common.zrelax, LEAST_FULL, sizeof LEAST_FULL);
     }

@@ -3,7 +3,7 @@
 #include <stdlib.h>
 #include <string.h>
 
-/* For bytes that are not text, libyaml reports an offset instead of a line. */
+/* If bytes are not text, libyaml reports an offset instead of a line; this function finds the line. */
 static size_t line_of_problem(const yaml_parser_t *parser, const char *text) {
     if (parser->error != YAML_READER_ERROR) return parser->problem_mark.line + 1;
     size_t line = 1;
@@ -71,7 +71,7 @@ bool yaml_key_repeated(const yaml_value *mapping, int index) {
     return false;
 }
 
-/* Finds the value of a key with `length` characters; `place` becomes the key's node. NULL if there is no such key. */
+/* Finds the value of a key of `length` characters; `place` becomes the node of the key. NULL if there is no such key. */
 static yaml_node_t *find_pair(yaml_document_t *document, const yaml_node_t *node, const char *key, size_t length, const yaml_node_t **place) {
     if (node->type != YAML_MAPPING_NODE) return NULL;
     for (yaml_node_pair_t *pair = node->data.mapping.pairs.start; pair < node->data.mapping.pairs.top; pair++) {
@@ -95,7 +95,7 @@ static yaml_node_t *find_item(yaml_document_t *document, const yaml_node_t *node
 int yaml_line(yaml_text *y, const char *path) {
     yaml_document_t *document = &y->document;
     yaml_node_t *node = yaml_document_get_root_node(document);
-    const yaml_node_t *place = node; /* key or item that led to `node` */
+    const yaml_node_t *place = node; /* key or list item that leads to `node` */
     while (node && *path) {
         if (*path == '[') {
             char *end;

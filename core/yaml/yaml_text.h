@@ -16,25 +16,25 @@ typedef enum { YAML_TEXT, YAML_LIST, YAML_MAPPING } yaml_kind;
 typedef struct {
     yaml_kind kind;
     const char *text;        /* YAML_TEXT */
-    int count;               /* items of a list, or pairs of a mapping */
+    int count;               /* number of items in a list, or of pairs in a mapping */
     yaml_document_t *document;
     yaml_node_t *node;
 } yaml_value;
 
-/* Parses a document. BAD_INPUT, with `name` and line, if the text is empty or not YAML. Call yaml_close only after success. */
+/* Parses a document. BAD_INPUT, with `name` and line, if the text is empty or is not YAML. yaml_close must be called only after success. */
 trocar_status yaml_open(const char *name, const char *text, size_t length, yaml_text *y, report *why);
 void yaml_close(yaml_text *y);
 
 yaml_value yaml_root(yaml_text *y);
 yaml_value yaml_item(const yaml_value *list, int index);
 
-/* Returns the key of a pair and its value; a key that is not a single value reads as "". */
+/* Returns the key of a pair, and its value in *value; a key that is not a single value is returned as "". */
 const char *yaml_pair(const yaml_value *mapping, int index, yaml_value *value);
 bool yaml_has_key(const yaml_value *mapping, const char *key);
 bool yaml_key_repeated(const yaml_value *mapping, int index); /* true if an earlier pair has the same key */
 
-/* Line (from 1) of the key or item at a path such as "regions[0].friction.static", or of its innermost existing parent. For a repeated key, the line of its
-   first occurrence. */
+/* Line (from 1) of the key or item at a path such as "regions[0].friction.static"; if it does not exist, that of its innermost existing parent. For a
+   repeated key, the line of its first occurrence. */
 int yaml_line(yaml_text *y, const char *path);
 
 #endif

@@ -12,111 +12,115 @@ extern "C" {
 
 /* ---- sources ---- */
 
-/* The TG-43 data of one kind of seed. Constant. */
+/* The TG-43 data of one type of seed. Constant. */
 typedef struct trocar_dose_source trocar_dose_source;
 
 /* Loads consensus data of TG-43U1 by name: "I-125 6711" or "Pd-103 200". BAD_INPUT for another name; NO_MEMORY. [any, allocates] */
 TROCAR_API trocar_status trocar_dose_source_create(const char *name, trocar_dose_source **source, trocar_error *error);
 
-/* Loads a YAML table; docs/dose.md lists its keys. BAD_INPUT with file, line and remedy; NO_MEMORY. [any, allocates] */
+/* Loads a table in YAML, whose keys are listed in docs/dose.md. BAD_INPUT with file, line and remedy; NO_MEMORY. [any, allocates] */
 TROCAR_API trocar_status trocar_dose_source_load(const char *path, trocar_dose_source **source, trocar_error *error);
-TROCAR_API void trocar_dose_source_free(trocar_dose_source *source); /* call after freeing the doses that use it. [any] */
+TROCAR_API void trocar_dose_source_free(trocar_dose_source *source); /* must be called after freeing the doses that use the source. [any] */
 
 typedef struct trocar_dose_source_data {
     char name[64];
     double dose_rate_constant;   /* Lambda, cGy/(h U) */
-    double active_length;        /* m, of the line source */
+    double active_length;        /* m, length of the line source */
     double capsule_length, capsule_diameter; /* m, outside */
     double half_life;            /* s */
 } trocar_dose_source_data;
 TROCAR_API trocar_dose_source_data trocar_dose_source_get(const trocar_dose_source *source); /* [any, RT] */
 
-/* Dose over the first `hours` of decay, divided by the initial dose rate: h. INFINITY, a permanent implant: the half-life / ln 2. NAN for a negative
-   number. [any, RT] */
+/* Returns the dose over the first `hours` of decay divided by the initial dose rate, in h. For INFINITY (a permanent implant), this is the half-life / ln
+   2; for a negative number, NAN. [any, RT] */
 TROCAR_API double trocar_dose_hours(const trocar_dose_source *source, double hours);
 
 typedef struct trocar_dose_seed {
-    double position[3];          /* m, the seed's centre */
-    double direction[3];         /* along its axis, of any length but 0 */
-    double strength;             /* U, air-kerma strength at the time of implantation, above 0, at most 1000 */
+    double position[3];          /* m, centre of the seed */
+    double direction[3];         /* vector along the seed's axis, of any length except 0 */
+    double strength;             /* U, air-kerma strength at the time of implantation; above 0 and at most 1000 */
 } trocar_dose_seed;
 
-/* Dose rates (Gy/h) of `seed_count` seeds at `count` points [count][3] (m); 25 ns per point and seed. BAD_INPUT, and nothing is written, for a seed or
-   point that is not finite or beyond 1000 m, or a bad strength or direction. [any, RT] */
+/* Computes the dose rates (Gy/h) of `seed_count` seeds at `count` points [count][3] (m), in 25 ns per point and seed. BAD_INPUT, and nothing is written,
+   if a seed or point is not finite or is beyond 1000 m, or if a strength or direction is invalid. [any, RT] */
 TROCAR_API trocar_status trocar_dose_rates(const trocar_dose_source *source, const trocar_dose_seed *seeds, int seed_count, const double *points,
                                            int64_t count, double *rates, trocar_error *error);
 
 /* ---- dose of an implant ---- */
 
-/* The dose of a permanent implant at many points. Doses are whole multiples of TROCAR_DOSE_QUANTUM, so sums are exact: they do not depend on the order
-   in which seeds are added and removed. */
+/* The dose of a permanent implant at many points. Doses are integer multiples of TROCAR_DOSE_QUANTUM, so that sums are exact and do not depend on the
+   order in which seeds are added and removed. */
 typedef struct trocar_dose trocar_dose;
 #define TROCAR_DOSE_QUANTUM 5.8207660913467407e-11 /* Gy: 2^-34 */
-#define TROCAR_MAX_SEED_DOSE 131072.0                  /* Gy, the most that one seed contributes to a point: 2^17 */
+#define TROCAR_MAX_SEED_DOSE 131072.0                  /* Gy, largest dose that one seed contributes to a point: 2^17 */
 enum { TROCAR_MAX_DOSE_SEEDS = 4095 };
 
-/* Voxel (i, j, k), counted from 0, has the index (i counts[1] + j) counts[2] + k, and its centre at origin + spacing (i, j, k). */
+/* Voxel (i, j, k), counted from 0, has the index (i counts[1] + j) counts[2] + k; its centre is at origin + spacing (i, j, k). */
 typedef struct trocar_dose_grid {
     double origin[3];            /* m, centre of voxel (0, 0, 0) */
-    double spacing;              /* m, above 0 */
-    int32_t counts[3];           /* voxels along x, y and z: at least 1, at most 2^28 in total */
+    double spacing;              /* m, greater than 0 */
+    int32_t counts[3];           /* numbers of voxels along x, y and z: each at least 1, with a product of at most 2^28 */
 } trocar_dose_grid;
 
-/* Creates a dose of zero on a grid (8 bytes per voxel), or at points [count][3], m, at most 2^28 (32 bytes per point); the source must outlive it.
-   BAD_INPUT for a bad grid or point; NO_MEMORY. [any, allocates] */
+/* Creates a dose of zero, either on a grid (8 bytes per voxel) or at at most 2^28 points [count][3] (m; 32 bytes per point). The source must outlive the
+   dose. BAD_INPUT for an invalid grid or point; NO_MEMORY. [any, allocates] */
 TROCAR_API trocar_status trocar_dose_create(const trocar_dose_source *source, const trocar_dose_grid *grid, trocar_dose **dose, trocar_error *error);
 TROCAR_API trocar_status trocar_dose_create_points(const trocar_dose_source *source, const double *points, int64_t count, trocar_dose **dose,
                                                    trocar_error *error);
 TROCAR_API void trocar_dose_free(trocar_dose *dose); /* [one] */
 
-/* Adds a seed; `id` (may be NULL) identifies it, and is never reused. 25 ns per point. BAD_INPUT, without effect, as in trocar_dose_rates, and beyond
-   TROCAR_MAX_DOSE_SEEDS seeds; NO_MEMORY. [one, allocates] */
+/* Adds a seed, in 25 ns per point. `id` (may be NULL) receives a number that identifies the seed and is never reused. BAD_INPUT, without effect, as in
+   trocar_dose_rates, or beyond TROCAR_MAX_DOSE_SEEDS seeds; NO_MEMORY. [one, allocates] */
 TROCAR_API trocar_status trocar_dose_add(trocar_dose *dose, const trocar_dose_seed *seed, int32_t *id, trocar_error *error);
 
-/* Removes a seed, or changes its place, direction and strength. BAD_INPUT, without effect, for an unknown id or a bad seed. [one, RT] */
+/* Remove a seed, or change its position, direction and strength. BAD_INPUT, without effect, for an unknown id or an invalid seed. [one, RT] */
 TROCAR_API trocar_status trocar_dose_remove(trocar_dose *dose, int32_t id, trocar_error *error);
 TROCAR_API trocar_status trocar_dose_move(trocar_dose *dose, int32_t id, const trocar_dose_seed *seed, trocar_error *error);
 
-/* Moves every point to its place at rest plus its displacement [count][3], m; NULL: back to rest. Seeds do not move. BAD_INPUT, without effect, for a
-   displacement that is not finite or a point beyond 1000 m; NO_MEMORY. [one, allocates] */
+/* Moves every point to its rest position plus its displacement [count][3] (m); NULL returns all points to rest. Seeds do not move. BAD_INPUT, without
+   effect, if a displacement is not finite or would move a point beyond 1000 m; NO_MEMORY. [one, allocates] */
 TROCAR_API trocar_status trocar_dose_displace(trocar_dose *dose, const double *displacements, trocar_error *error);
 
 TROCAR_API int64_t trocar_dose_point_count(const trocar_dose *dose);         /* [one, RT] */
 TROCAR_API int trocar_dose_seed_count(const trocar_dose *dose);              /* [one, RT] */
-TROCAR_API void trocar_dose_values(const trocar_dose *dose, double *values); /* Gy, of all points. [one, RT] */
+TROCAR_API void trocar_dose_values(const trocar_dose *dose, double *values); /* writes the doses of all points, in Gy. [one, RT] */
 
 /* ---- structures ---- */
 
-/* The voxels whose centres, multiples of the spacing plus one half, are inside an organ at rest. Constant. */
+/* The voxels whose centres are inside an organ at rest. Their centres are at multiples of the spacing plus one half. Constant. */
 typedef struct trocar_structure trocar_structure;
 
-/* Voxels inside the triangles of surface number `surface`, or of all if the mesh has no triangle_surface. `spacing` in m. BAD_INPUT for an open surface
-   (names an edge), no triangles or voxels, an index out of range, and more than 2^28 voxels in the surface's box; NO_MEMORY. [any, allocates] */
+/* Finds the voxels inside surface number `surface`, or inside all triangles if the mesh has no triangle_surface. `spacing` in m. BAD_INPUT for an open
+   surface (the message names an edge), for no triangles or voxels, for an index out of range, and for more than 2^28 voxels in the surface's bounding box;
+   NO_MEMORY. [any, allocates] */
 TROCAR_API trocar_status trocar_structure_from_surface(const trocar_mesh *mesh, int surface, double spacing, trocar_structure **structure,
                                                        trocar_error *error);
 
-/* Voxels inside the tetrahedra of region number `region`, or inside all if the mesh has no tet_region. Errors as above. [any, allocates] */
+/* Finds the voxels inside the tetrahedra of region number `region`, or inside all tetrahedra if the mesh has no tet_region. Errors as for
+   trocar_structure_from_surface. [any, allocates] */
 TROCAR_API trocar_status trocar_structure_from_region(const trocar_mesh *mesh, int region, double spacing, trocar_structure **structure,
                                                       trocar_error *error);
 TROCAR_API void trocar_structure_free(trocar_structure *structure);                   /* [any] */
-TROCAR_API int64_t trocar_structure_count(const trocar_structure *structure);         /* voxels, at least 1. [any, RT] */
-TROCAR_API const double *trocar_structure_points(const trocar_structure *structure);  /* [count][3], m, their centres. [any, RT] */
+TROCAR_API int64_t trocar_structure_count(const trocar_structure *structure);         /* number of voxels, at least 1. [any, RT] */
+TROCAR_API const double *trocar_structure_points(const trocar_structure *structure);  /* [count][3], m, centres of the voxels. [any, RT] */
 TROCAR_API double trocar_structure_voxel(const trocar_structure *structure);          /* m^3, volume of a voxel. [any, RT] */
 
-/* Displacements [count][3] of the voxels' centres, interpolated from the nodes' (trocar_view_displacements), for trocar_dose_displace. BAD_INPUT for a
-   structure made from a surface. [any, RT] */
+/* Interpolates the displacements [count][3] of the voxels' centres from those of the nodes (trocar_view_displacements), for trocar_dose_displace.
+   BAD_INPUT for a structure made from a surface. [any, RT] */
 TROCAR_API trocar_status trocar_structure_displacements(const trocar_structure *structure, const double *nodal, double *displacements,
                                                         trocar_error *error);
 
 /* ---- dose-volume histograms ---- */
 
-/* Sorts the doses of voxels of equal size in place, largest first, for the functions below. BAD_INPUT if one is not finite or there is none. [any, RT] */
+/* Sorts the doses of equally large voxels in place, largest first, as the functions below require. BAD_INPUT if there are none or one is not finite.
+   [any, RT] */
 TROCAR_API trocar_status trocar_dvh_sort(double *doses, int64_t count, trocar_error *error);
 
-/* The dose (Gy) that the fraction 0 to 1 of the volume receives at least, interpolated linearly: 0.9 for D90. [any, RT] */
+/* Returns the dose (Gy) that at least this fraction (0 to 1) of the volume receives, by linear interpolation; for example, 0.9 gives D90. [any, RT] */
 TROCAR_API double trocar_dvh_dose(const double *doses, int64_t count, double fraction);
 
-/* The fraction of the volume that receives `dose` (Gy) or more: the prescription for V100, 1.5 times that for V150. [any, RT] */
+/* Returns the fraction of the volume that receives at least `dose` (Gy); for example, the prescribed dose gives V100, and 1.5 times that dose gives V150.
+   [any, RT] */
 TROCAR_API double trocar_dvh_volume(const double *doses, int64_t count, double dose);
 
 typedef struct trocar_dvh_summary {
@@ -127,7 +131,7 @@ typedef struct trocar_dvh_summary {
     double v100_cm3;             /* cm^3 */
 } trocar_dvh_summary;
 
-/* The customary figures: voxel_volume in m^3, prescription in Gy. [any, RT] */
+/* Computes the customary dose-volume figures; voxel_volume in m^3, prescription in Gy. [any, RT] */
 TROCAR_API trocar_dvh_summary trocar_dvh_summarise(const double *doses, int64_t count, double voxel_volume, double prescription);
 
 #ifdef __cplusplus

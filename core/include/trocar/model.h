@@ -1,4 +1,4 @@
-/* Models: mesh, stiffness, inverse, needle and materials. Constant, and shared by threads without a lock. Included by trocar.h. */
+/* Models: mesh, stiffness, inverse, needle and materials. They are constant, so threads share them without a lock. Included by trocar.h. */
 #ifndef TROCAR_PUBLIC_MODEL_H
 #define TROCAR_PUBLIC_MODEL_H
 
@@ -13,48 +13,49 @@ typedef struct trocar_model trocar_model;
 /* ---- creation ---- */
 
 typedef struct trocar_model_options {
-    trocar_watch watch;      /* must not wait for another model to be created. Reading a mesh and factorising are not interrupted */
-    trocar_log log;          /* of this model, its simulations and models derived from it; kept until the last of them is freed */
-    int max_substeps;    /* a long tick is divided into steps of 1 ms, but at most this many; 0: the default */
-    int mesh_only;           /* 1: only reads and checks the mesh and the names in it, for viewers; no simulation can be created */
-    int keep_inverse;        /* 1: fail (SYSTEM), before a condensed inverse is computed, if it cannot be saved in the cache */
+    trocar_watch watch;      /* its functions must not wait for the creation of another model. Reading a mesh and factorising cannot be interrupted */
+    trocar_log log;          /* log of this model, its simulations and the models derived from it; used until the last of them is freed */
+    int max_substeps;    /* a long tick is divided into steps of 1 ms, but into at most this many steps; 0 selects the default, 4 */
+    int mesh_only;           /* 1: only read and check the mesh and the names in it, for viewers; no simulation can be created */
+    int keep_inverse;        /* 1: fail (SYSTEM) before computing a condensed inverse if it cannot be saved in the cache */
 } trocar_model_options;
 
-/* No callbacks, 4 steps, everything built. [any, RT] */
+/* Returns the defaults: no callbacks, at most 4 steps per tick, everything is built. [any, RT] */
 TROCAR_API trocar_model_options trocar_default_model_options(void);
 
-/* Builds everything: seconds to minutes. `options` may be NULL; the scene is not needed afterwards. Sets OpenBLAS to one thread for the process. From
-   one thread if Gmsh reads the mesh (not MSH 2.2 or 4.1) and the host uses it, too. BAD_INPUT, NO_MEMORY, NUMERIC, SYSTEM, CANCELLED. [any, allocates] */
+/* Builds the whole model, which takes seconds to minutes. `options` may be NULL; the scene is not needed afterwards. Sets OpenBLAS to one thread for the
+   process. If Gmsh reads the mesh (formats other than MSH 2.2 and 4.1) and the host also uses Gmsh, both must do so in the same thread. BAD_INPUT,
+   NO_MEMORY, NUMERIC, SYSTEM, CANCELLED. [any, allocates] */
 TROCAR_API trocar_status trocar_model_create(const trocar_scene *scene, const trocar_model_options *options, trocar_model **model,
                                              trocar_error *error);
 
-/* Builds a model that shares mesh, stiffness and inverse with `base`: milliseconds. BAD_INPUT, with the key, if the scenes differ in what these depend
-   on, and for meshes from arrays; NO_MEMORY. [any, allocates] */
+/* Builds a model that shares mesh, stiffness and inverse with `base`, within milliseconds. BAD_INPUT, naming the key, if the scenes differ in anything on
+   which the shared parts depend, or if the mesh came from arrays; NO_MEMORY. [any, allocates] */
 TROCAR_API trocar_status trocar_model_derive(const trocar_model *base, const trocar_scene *scene, trocar_model **model, trocar_error *error);
 
-/* Memory is released with the last simulation, picture or derived model that uses it. [any] */
+/* Frees a model. Its memory is released with the last simulation, picture or derived model that uses it. [any] */
 TROCAR_API void trocar_model_free(trocar_model *model);
 
-/* Computes now what would otherwise be computed on first use: the factor for contacts outside a condensed inverse's region, a minute and gigabytes on a
-   large mesh. NO_MEMORY, NUMERIC. [any, allocates] */
+/* Computes now what would otherwise be computed on first use: the factor for contacts outside the region of a condensed inverse, which takes a minute and
+   gigabytes on a large mesh. NO_MEMORY, NUMERIC. [any, allocates] */
 TROCAR_API trocar_status trocar_model_prepare(trocar_model *model, trocar_error *error);
 
 /* ---- facts; strings and arrays belong to the model [any, RT] ---- */
 
-TROCAR_API const char *trocar_model_inverse(const trocar_model *model);        /* "dense", "sparse" or "condensed"; "" with mesh_only */
+TROCAR_API const char *trocar_model_inverse(const trocar_model *model);        /* "dense", "sparse" or "condensed"; empty with mesh_only */
 TROCAR_API const char *trocar_model_description(const trocar_model *model);    /* which inverse was chosen, and why */
-TROCAR_API const char *trocar_model_remarks(const trocar_model *model);        /* repairs of the mesh, suspected errors in it; "": none */
-TROCAR_API int trocar_model_unknowns(const trocar_model *model);               /* three per free node */
+TROCAR_API const char *trocar_model_remarks(const trocar_model *model);        /* repairs of the mesh, and suspected errors in it; empty if there are none */
+TROCAR_API int trocar_model_unknowns(const trocar_model *model);               /* number of unknowns: three per free node */
 TROCAR_API int trocar_model_needles(const trocar_model *model);                /* number of needles of the scene */
-TROCAR_API int trocar_model_segments(const trocar_model *model);               /* of the needle, which has one joint more */
+TROCAR_API int trocar_model_segments(const trocar_model *model);               /* number of the needle's segments; it has one joint more */
 TROCAR_API double trocar_model_needle_length(const trocar_model *model);       /* m */
-TROCAR_API double trocar_model_rate(const trocar_model *model);                /* Hz, rate_hz of the scene */
+TROCAR_API double trocar_model_rate(const trocar_model *model);                /* Hz, rate_hz of the scene: rate of the haptic loop */
 
-/* The pose of the first needle's base before the insertion: the keys "needle.start.". Returns 1 and the pose, or 0 if there is none. */
+/* Pose of the first needle's base before the insertion, from the keys "needle.start.". Returns 1 and the pose, or 0 if the scene gives none. */
 TROCAR_API int trocar_model_start(const trocar_model *model, trocar_pose *start);
 
-/* The key "patient_to_mesh", row by row: from the patient's coordinates (DICOM: mm to the left, back and head) to the mesh's (m); its upper left 3 x 3
-   is a rotation times 1e-3. Returns 1 and the matrix, or 0 if there is none. */
+/* The key "patient_to_mesh": transform from the patient's coordinates (DICOM: mm to the left, back and head) to those of the mesh (m), row by row. Its
+   upper left 3 x 3 part is a rotation times 1e-3. Returns 1 and the matrix, or 0 if the scene gives none. */
 TROCAR_API int trocar_model_patient_to_mesh(const trocar_model *model, double matrix[16]);
 
 /* ---- mesh at rest; its named groups, called regions, have a dimension: 3 for volumes, 2 for surfaces, 1 for curves, 0 for points [any, RT] ---- */
@@ -63,31 +64,33 @@ TROCAR_API int trocar_model_node_count(const trocar_model *model);
 TROCAR_API int trocar_model_tet_count(const trocar_model *model);
 TROCAR_API const double *trocar_model_nodes(const trocar_model *model);        /* 3 node_count, m */
 TROCAR_API const int32_t *trocar_model_tets(const trocar_model *model);        /* 4 tet_count, positive volume */
-TROCAR_API const int32_t *trocar_model_neighbours(const trocar_model *model);  /* 4 tet_count: across the face opposite each corner, -1: none */
-TROCAR_API const int32_t *trocar_model_tet_regions(const trocar_model *model); /* tet_count: index of the volume */
-TROCAR_API const uint32_t *trocar_model_face_surfaces(const trocar_model *model); /* 4 tet_count: bit i: the face lies on surface i */
-TROCAR_API const uint8_t *trocar_model_fixed(const trocar_model *model);       /* node_count: 1: held at 0; NULL with mesh_only */
-TROCAR_API int trocar_model_region_count(const trocar_model *model);           /* of any dimension, at most 32 */
+TROCAR_API const int32_t *trocar_model_neighbours(const trocar_model *model);  /* 4 tet_count: tetrahedron across the face opposite each corner; -1 if
+                                                                                  there is none */
+TROCAR_API const int32_t *trocar_model_tet_regions(const trocar_model *model); /* tet_count: index of the region that contains each tetrahedron */
+TROCAR_API const uint32_t *trocar_model_face_surfaces(const trocar_model *model); /* 4 tet_count: bit i is set if the face lies on surface i */
+TROCAR_API const uint8_t *trocar_model_fixed(const trocar_model *model);       /* node_count: 1 if the node is fixed; NULL with mesh_only */
+TROCAR_API int trocar_model_region_count(const trocar_model *model);           /* number of regions of any dimension, at most 32 */
 TROCAR_API const char *trocar_model_region_name(const trocar_model *model, int index); /* "" if out of range */
 TROCAR_API int trocar_model_region_dimension(const trocar_model *model, int index);    /* -1 if out of range */
 TROCAR_API int trocar_model_find_region(const trocar_model *model, const char *name, int dimension); /* index, or -1 */
 
-/* Finds where the segment between two points (m) first enters the tissue at rest. Returns 1 and the point, or 0 if it never does. */
+/* Finds where the segment between two points (m) first enters the tissue at rest. Returns 1 and the point, or 0 if the segment does not enter it. */
 TROCAR_API int trocar_model_entry(const trocar_model *model, const double from[3], const double to[3], double point[3]);
 
-/* 1 if volumetric strains are averaged around nodes (key "volumetric_strain"), else 0. */
+/* Returns 1 if volumetric strains are averaged around nodes (key "volumetric_strain"), otherwise 0. */
 TROCAR_API int trocar_model_averages_strain(const trocar_model *model);
 
-/* tet_count numbers, from 0, of the patches over which volumetric strains are averaged; NULL if they are not, and with mesh_only. */
+/* Returns tet_count numbers, counted from 0, of the patches over which volumetric strains are averaged; NULL if they are not averaged over patches, or
+   with mesh_only. */
 TROCAR_API const int32_t *trocar_model_strain_patches(const trocar_model *model);
 
 /* ---- materials and guides ---- */
 
-/* Material of a volume: the keys "regions[]." of the same name. */
+/* Material of a volume, from the keys "regions[]." of the same name. */
 typedef struct trocar_material {
     double youngs_modulus;    /* Pa */
     double poisson_ratio;
-    double cutting_force;     /* N; INFINITY: bone */
+    double cutting_force;     /* N; INFINITY for bone */
     double cutting_viscosity; /* N s/m */
     double friction_static;   /* N/m */
     double friction_kinetic;  /* N/m */
@@ -95,21 +98,22 @@ typedef struct trocar_material {
     double spreading_force;   /* N */
     double stiffening;        /* C20 / C10 of a Yeoh material */
 } trocar_material;
-TROCAR_API trocar_material trocar_model_material(const trocar_model *model, int region); /* all zero if it is not a volume. [any, RT] */
+TROCAR_API trocar_material trocar_model_material(const trocar_model *model, int region); /* all members are 0 if the region is not a volume. [any, RT] */
 
-/* A guide, the key "guides[]". Hole (column, row), counted from 0, has its axis at origin + (column - (columns - 1) / 2) spacing across[0] +
-   (row - (rows - 1) / 2) spacing across[1] on the front face. */
+/* A guide, from the key "guides[]". Columns and rows are counted from 0. On the front face, the axis of hole (column, row) is at origin + (column -
+   (columns - 1) / 2) spacing across[0] + (row - (rows - 1) / 2) spacing across[1]. */
 typedef struct trocar_guide {
-    double origin[3];        /* m, middle of the holes on the front face */
-    double normal[3];        /* unit vectors: through the plate, */
-    double across[2][3];     /* along columns, and along rows, perpendicular to each other; with the normal, right- or left-handed */
+    double origin[3];        /* m, middle of the grid of holes on the front face */
+    double normal[3];        /* unit vector through the plate, in the direction of insertion */
+    double across[2][3];     /* unit vectors along which columns and rows are counted, perpendicular to each other and to the normal; the handedness is
+                                arbitrary */
     double spacing;          /* m */
     double hole_diameter;    /* m */
     double thickness;        /* m */
     int32_t columns, rows;
 } trocar_guide;
 TROCAR_API int trocar_model_guide_count(const trocar_model *model);                /* [any, RT] */
-TROCAR_API trocar_guide trocar_model_guide(const trocar_model *model, int index);  /* all zero if out of range. [any, RT] */
+TROCAR_API trocar_guide trocar_model_guide(const trocar_model *model, int index);  /* all members are 0 if the index is out of range. [any, RT] */
 
 #ifdef __cplusplus
 }

@@ -1,4 +1,4 @@
-/* Contacts and tracks of a needle, as trocar/view.h shows them. Included by trocar.h. */
+/* Contacts and tracks of a needle, as returned by the functions of trocar/view.h. Included by trocar.h. */
 #ifndef TROCAR_PUBLIC_NEEDLE_H
 #define TROCAR_PUBLIC_NEEDLE_H
 
@@ -12,47 +12,47 @@ enum { TROCAR_MAX_POINTS = 2 * TROCAR_MAX_GUIDES + TROCAR_MAX_CONTACTS + 1 }; /*
 typedef enum trocar_contact_kind {
     TROCAR_CONTACT_TISSUE = 0,
     TROCAR_CONTACT_TIP = 1,
-    TROCAR_CONTACT_GUIDE = 2 /* the edge of a guide's hole, on one of its faces */
+    TROCAR_CONTACT_GUIDE = 2 /* at the edge of a guide's hole, on one of the plate's faces */
 } trocar_contact_kind;
 
-/* State of a contact. A tissue contact is planned, then adding, then sticking or sliding until it is removed. */
+/* Status of a contact. A tissue contact is first planned, then adding, then sticking or sliding until it is removed. */
 typedef enum trocar_contact_status {
-    TROCAR_CONTACT_PLANNED = 0,  /* ahead of the tip */
-    TROCAR_CONTACT_ADDING = 1,   /* the tip has passed, but the worker has not answered yet. Planned and adding contacts bear no force */
+    TROCAR_CONTACT_PLANNED = 0,  /* ahead of the tip; bears no force */
+    TROCAR_CONTACT_ADDING = 1,   /* passed by the tip, but the worker has not answered yet; bears no force */
     TROCAR_CONTACT_STICKING = 2,
-    TROCAR_CONTACT_SLIDING = 3,  /* trocar_contact.state: which way */
+    TROCAR_CONTACT_SLIDING = 3,  /* the direction is in trocar_contact.state */
     TROCAR_CONTACT_DETACHED = 4  /* no longer used: a buckling needle stays in contact */
 } trocar_contact_status;
 
-/* A point where the needle meets the tissue or a guide. */
+/* A point where the needle touches the tissue or a guide. */
 typedef struct trocar_contact {
-    int32_t kind;            /* trocar_contact_kind; more kinds may be added */
+    int32_t kind;            /* trocar_contact_kind; more kinds may be added in future versions */
     int32_t state;           /* 0 sticks, 1 slides forward, -1 slides backward */
-    double arc;              /* m from the base, where the force acts; for the tip, at the needle's end or behind it */
-    double depth;            /* m along the track from the skin; 0 for a guide */
+    double arc;              /* m from the base to the point where the force acts; for the tip, this is the needle's end or behind it */
+    double depth;            /* m along the track, measured from the skin; 0 for a guide */
     double position[3];      /* m, on the deformed needle, world frame */
     double force[3];         /* N, on the tissue or guide, world frame */
-    uint64_t id;             /* of a tissue contact: constant from its addition to its removal, and never reused for this needle; 0 for others */
+    uint64_t id;             /* tissue contact: constant from its addition to its removal, and never reused for this needle; other contacts: 0 */
     int32_t status;          /* trocar_contact_status */
-    int32_t slot;            /* tissue contact: 0 to TROCAR_MAX_CONTACTS - 1, constant like the id, but reused later; guide: its index; tip: -1 */
+    int32_t slot;            /* tissue contact: 0 to TROCAR_MAX_CONTACTS - 1, constant like the id, but reused later; guide: index of the guide; tip: -1 */
 } trocar_contact;
 
-/* Results of trocar_view_hole that are no holes. */
+/* Results of trocar_view_hole if the needle is in no hole. */
 enum {
-    TROCAR_NO_HOLE = -1,     /* not at the guide, or beside its plate */
-    TROCAR_MISSED_HOLE = -2  /* through the plate beside its holes: TROCAR_EVENT_MISSED_GUIDE */
+    TROCAR_NO_HOLE = -1,     /* the needle is not at the guide, or passes beside its plate */
+    TROCAR_MISSED_HOLE = -2  /* the needle passes through the plate beside its holes (TROCAR_EVENT_MISSED_GUIDE) */
 };
 
 /* ---- tracks ---- */
 
-enum { TROCAR_MAX_TRACKS = 128, TROCAR_MAX_TRACK_POINTS = 1024 }; /* per needle: 4 m */
+enum { TROCAR_MAX_TRACKS = 128, TROCAR_MAX_TRACK_POINTS = 1024 }; /* largest numbers per needle; enough for 4 m of tracks */
 
-/* A point of a track: where a needle has cut since its last reset. Tissue stays cut, and any needle meets less resistance there. */
+/* A point of a track, along which a needle has cut since its last reset. Tissue stays cut, so any needle meets less resistance along a track. */
 typedef struct trocar_track_point {
     double position[3];      /* m, in the tissue at rest */
-    int32_t tet;             /* tetrahedron of the model's mesh that contains it */
-    int32_t track;           /* from 0, oldest first; the points of a track are ordered from skin to tip, at most 4 mm apart */
-    int32_t membrane;        /* index in the scene of the membrane punctured there, -1: none */
+    int32_t tet;             /* tetrahedron of the model's mesh that contains the point */
+    int32_t track;           /* number of the track, counted from 0 for the oldest; its points are ordered from skin to tip, at most 4 mm apart */
+    int32_t membrane;        /* index in the scene of the membrane punctured at this point; -1 if none */
     int32_t reserved;        /* 0 */
 } trocar_track_point;
 

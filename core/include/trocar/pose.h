@@ -4,7 +4,7 @@
 
 typedef struct trocar_pose {
     double position[3];      /* m */
-    double orientation[4];   /* w x y z, unit: rotates from the needle's frame to the world */
+    double orientation[4];   /* w x y z, of unit length: rotates from the needle's frame to the world frame */
 } trocar_pose;
 
 #endif

@@ -1,4 +1,4 @@
-/* Needles that rest in the tissue, with their base free. Included by trocar.h. */
+/* Needles that rest in the tissue with their base free. Included by trocar.h. */
 #ifndef TROCAR_PUBLIC_REST_H
 #define TROCAR_PUBLIC_REST_H
 
@@ -8,23 +8,23 @@
 extern "C" {
 #endif
 
-/* Leaves a needle: it is LEAVING until the worker, or in lockstep the next step, has found its equilibrium, and then RESTING; if there is none, that
-   call fails and the needle stays HELD. BAD_INPUT if it is out of range, is not in the tissue, or is moving to another equilibrium, if it rests
-   already, and with a remeshing method other than nested and implicit. [tick, RT, wakes] */
+/* Leaves a needle. It is LEAVING until the worker (in lockstep, the next step) has found its equilibrium, and then RESTING. If there is no equilibrium,
+   that call fails and the needle stays HELD. BAD_INPUT if the needle is out of range, is outside the tissue, is moving to another equilibrium, or already
+   rests, or if the remeshing method is neither nested nor implicit. [tick, RT, wakes] */
 TROCAR_API trocar_status trocar_sim_leave(trocar_sim *sim, int needle, trocar_error *error);
 
-/* Takes a resting needle: it is TAKING until the worker, or in lockstep the next step, has handed it over. The first tick's pose should be
-   trocar_view_base. BAD_INPUT if it is out of range or does not rest. [tick, RT, wakes] */
+/* Takes a resting needle. It is TAKING until the worker (in lockstep, the next step) has handed it over. The pose of the first tick should be
+   trocar_view_base. BAD_INPUT if the needle is out of range or does not rest. [tick, RT, wakes] */
 TROCAR_API trocar_status trocar_sim_take(trocar_sim *sim, int needle, trocar_error *error);
 
 typedef enum trocar_needle_state {
-    TROCAR_NEEDLE_HELD,      /* driven by the caller; also outside the tissue */
+    TROCAR_NEEDLE_HELD,      /* driven by the caller, also while it is outside the tissue */
     TROCAR_NEEDLE_LEAVING,
     TROCAR_NEEDLE_RESTING,
     TROCAR_NEEDLE_TAKING
 } trocar_needle_state;
 
-/* HELD if the needle is out of range. [tick, RT] */
+/* Returns the needle's state; HELD if it is out of range. [tick, RT] */
 TROCAR_API trocar_needle_state trocar_sim_needle_state(const trocar_sim *sim, int needle);
 
 #ifdef __cplusplus

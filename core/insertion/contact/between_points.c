@@ -3,17 +3,18 @@
 #include "insertion/guide/guides.h"
 #include "linalg/between_kernels.h"
 
-/* Order of the points from base to tip, and the data that their blocks are computed from. */
+/* The points' order from base to tip, and the data from which the blocks between them are computed. */
 typedef struct {
-    int order[MAX_POINTS];           /* index of the point at each place */
+    int order[MAX_POINTS];           /* index of the point at each place in the order from base to tip */
     bool in_order;                   /* see in_order_of_slots */
-    _Alignas(CACHE_LINE) between_rows frames; /* [a][b]: component a of axis b */
-    between_rows tissue;             /* m/N, world frame: compliance between one point (rows) and the others; used if they are not in order */
+    _Alignas(CACHE_LINE) between_rows frames; /* [a][b]: component a of axis b of a point's frame */
+    between_rows tissue;             /* m/N, world frame: compliance between one point (rows) and the others; used only if the points are not in the order
+                                        of their slots */
 } layout;
 
 /* ---- points ---------------------------------------------------------------------------------------------------------- */
 
-/* Sorts the points from base to tip: in the list, guides come first wherever they are. */
+/* Sorts the points from base to tip. In the list, guides come first even if tissue contacts are nearer to the base. */
 static void sort_points(const contact_points *points, int order[MAX_POINTS]) {
     for (int i = 0; i < points->count; i++) {
         int at = i;
@@ -28,7 +29,7 @@ static void lay_out_frames(const contact_points *points, layout *to) {
             for (int b = 0; b < 3; b++) to->frames[a][b][k] = points->list[to->order[k]].at.frame.m[a][b];
 }
 
-/* True if points and slots are in order without gaps, with any guides nearer to the base. (The usual case.) */
+/* True if points and slots are in the same order without gaps, and all guides are nearer to the base. This is the usual case. */
 static bool in_order_of_slots(const contact_points *points, const int order[MAX_POINTS]) {
     bool in_order = true;
     for (int k = 0; k < points->count && in_order; k++)
@@ -47,7 +48,7 @@ static mat3 between_contacts(const tick_input *tick, const contact_points *point
     return m3_scaled(creep->yield, compliance_between(tick->snapshot, points->list[i].handle, points->list[j].handle));
 }
 
-/* Compliance of the tissue between the point at place k and the points from there on. */
+/* Compliance of the tissue between the point at place k and the points at places k, k + 1, ... */
 static void lay_out_tissue(const tick_input *tick, const contact_points *points, const tissue_step *tissue, const creep_step *creep, const int *order, int k,
                            between_rows to) {
     int i = order[k];
@@ -64,7 +65,7 @@ static void lay_out_tissue(const tick_input *tick, const contact_points *points,
 
 /* ---- needle ---------------------------------------------------------------------------------------------------------- */
 
-/* Displacements of the joints under unit forces at each point. */
+/* Displacements of the joints under unit forces at each point, interpolated from the needle's response. */
 static void interpolate_columns(const contact_points *points, const needle_response *response, between_components *joints_to_points, const int *order) {
     between_interpolation columns[MAX_POINTS];
     for (int k = 0; k < points->count; k++) columns[k] = (between_interpolation){points->list[order[k]].at.first, points->list[order[k]].at.weights};
@@ -89,7 +90,7 @@ static void uncouple_guide(const contact_points *points, contact_problem *proble
     for (int j = 0; j < points->count; j++) put_block(problem, i, j, &nothing);
 }
 
-/* Stores the blocks of the point at place k with itself and the points beyond. */
+/* Stores the blocks that couple the point at place k to itself and to the points nearer to the tip. */
 static void put_blocks(const contact_points *points, contact_problem *problem, const int *order, int k, between_rows blocks) {
     for (int l = k; l < points->count; l++) {
         mat3 block;
@@ -98,7 +99,8 @@ static void put_blocks(const contact_points *points, contact_problem *problem, c
     }
 }
 
-/* Points to the tissue's compliance for points in order, from place k on: between contacts, the snapshot's rows are used directly. */
+/* Returns the tissue's compliance between point k and points k, k + 1, ...: between contacts that are in order, the snapshot's rows are used without
+   copying. */
 static void read_tissue(const tick_input *tick, const contact_points *points, const tissue_step *tissue, const creep_step *creep, int k, between_points_row *row) {
     static const double none[BETWEEN_PLACES];
     const contact_point *point = &points->list[k];
@@ -111,7 +113,7 @@ static void read_tissue(const tick_input *tick, const contact_points *points, co
     if (points->tip) row->at_tip = point->kind == POINT_TIP ? tissue->tip_row[k] : m3_transposed(&tissue->tip_row[k]);
 }
 
-/* Computes the blocks of the point at place k with the points from there on. */
+/* Computes the blocks that couple the point at place k to those at places k, k + 1, ... */
 static void find_blocks(const tick_input *tick, const contact_points *points, const tissue_step *tissue, const creep_step *creep, between_components *joints_to_points,
                         layout *places, between_kernel *kernel, int k, between_rows blocks) {
     const needle_point *point = &points->list[places->order[k]].at;
@@ -135,7 +137,7 @@ void assemble_between_points(const tick_input *tick, insertion_workspace *w) {
     places.in_order = in_order_of_slots(&w->points, places.order);
     lay_out_frames(&w->points, &places);
     interpolate_columns(&w->points, &w->response, w->joints_to_points, places.order);
-    for (int k = w->points.count - 1; k >= 0; k--) { /* toward the base: see between_store */
+    for (int k = w->points.count - 1; k >= 0; k--) { /* from tip to base: see between_store */
         find_blocks(tick, &w->points, &w->tissue, &w->creep, w->joints_to_points, &places, kernel, k, blocks);
         if (places.in_order) between_store(w->problem.count, k, blocks, w->problem.compliance);
         else put_blocks(&w->points, &w->problem, places.order, k, blocks);

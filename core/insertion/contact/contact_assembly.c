@@ -13,10 +13,10 @@
 #include "insertion/state/strata.h"
 #include "snapshot/snapshot_kernels.h"
 
-static const double TIP_FADE = 3e-3; /* m: depth over which the tissue's lateral hold on tip and shaft grows to its full value. Chosen by judgement */
-static const double LEAST_STIFFNESS = 1e-3; /* N/m: smallest stiffness of a share of the shaft per logarithm, for shaft that has come out of a gap and is
-                                               hardly in tissue. Rounding: stiffness of 0.5 um of shaft at 1 kPa */
-static const double LEAST_HOLD = 1e-6; /* fraction: smallest lateral hold, so that its compliance is finite. Rounding tolerance */
+static const double TIP_FADE = 3e-3; /* m: depth over which the tissue's lateral support of tip and shaft grows to its full value. Chosen by judgement */
+static const double LEAST_STIFFNESS = 1e-3; /* N/m: smallest stiffness of a share of the shaft per logarithm, for shaft that has emerged from a gap and is
+                                               hardly in the tissue. Rounding: stiffness of 0.5 um of shaft at 1 kPa */
+static const double LEAST_HOLD = 1e-6; /* fraction: smallest lateral support, so that its compliance is finite. Rounding tolerance */
 
 /* ---- points and forces --------------------------------------------------------------------------------------------- */
 
@@ -40,9 +40,9 @@ void points_list(const tick_input *tick, const insertion_state *state, contact_p
     p->shaft = shaft_resistance_of(tick->model, state, p->share);
 }
 
-/* A contact bears its force at the material point that the tissue holds, limited to the needle's end. The same is true of the shaft next to the tip, which is
-   behind the needle's end by the depth of the end face's dent. The force on the end face acts at the end. The resultant of their lateral forces acts between
-   them. */
+/* A contact's force acts at the shaft's material point that the tissue holds, or at the needle's end if that point would lie beyond it. The same is true
+   of the shaft next to the tip; this point is behind the needle's end by the depth of the dent under the end face. The force on the end face acts at the
+   needle's end. The resultant of the two lateral forces acts between both points. */
 static void place_on_shaft(const tick_input *tick, const insertion_state *state, const tissue_step *tissue, contact_point *p) {
     double length = tick->model->needle->given.length;
     bool tip = p->kind == POINT_TIP;
@@ -93,7 +93,7 @@ void find_tip_rows(const tick_input *tick, const insertion_state *state, const c
     int tip = points->count - 1;
     double yielding[4];
     tissue->tip_resolved = handles[0] == NO_HANDLE ? 0.0 : state->tip.resolution.field.point;
-    if (handles[0] == NO_HANDLE) { /* the mesh counts as rigid at the tip */
+    if (handles[0] == NO_HANDLE) { /* the mesh is treated as rigid at the tip */
         memset(tissue->tip_row, 0, (size_t)points->count * sizeof *tissue->tip_row);
         tissue->free_at_tip = v3(0, 0, 0);
         return;
@@ -105,21 +105,21 @@ void find_tip_rows(const tick_input *tick, const insertion_state *state, const c
     tissue->free_at_tip = creep_free_at(tick, state, creep, handles, weights);
 }
 
-/* Fraction, 0 to 1, of the full lateral hold near the surface: it grows with depth and with push. It is the same for the tip and the contacts behind it, so
-   that nothing jumps when a contact replaces the tip. */
+/* Fraction (0 to 1) of the full lateral support that the tissue gives near the surface; it grows with depth and with the push on the tip. It is the same
+   for the tip and the contacts behind it, so that forces do not jump when a contact takes over from the tip. */
 static double hold_near_surface(const insertion_state *state, const contact_points *points) {
     const needle_tip *tip = &state->tip;
     return points->tip ? fmin(1.0, (tip->place.depth - tip_entry_depth(state)) / TIP_FADE + tip->filtered_push / FULL_GRIP) : 1.0;
 }
 
-/* Reduces the lateral hold of point i, with this local compliance (m/N), to the fraction `hold`. */
+/* Reduces the lateral support of point i, whose local compliance is `compliance` (m/N), to the fraction `hold`. */
 static void reduce_hold(tissue_step *tissue, int i, double hold, double compliance) {
     double part = fmax(hold, LEAST_HOLD);
     tissue->extra_lateral_compliance[i] = hold < 1.0 ? compliance * (1.0 / part - 1.0) : 0.0;
     tissue->tightening[i] = hold < 1.0 ? compliance / (part * part * TIP_FADE) : 0.0;
 }
 
-/* Distance of the middle of a point's share behind the tip, m; INFINITY without a tip in the tissue. */
+/* Distance (m) from the tip back to the middle of a point's share; INFINITY if the tip is not in the tissue. */
 static double behind_tip(const insertion_state *state, const contact_points *points, int i) {
     shaft_share share = points->list[i].share;
     return points->tip ? state->tip.place.depth - 0.5 * (share.from + share.to) : INFINITY;
@@ -132,7 +132,7 @@ void find_local_compliance(const tick_input *tick, const insertion_state *state,
     for (int i = points->guided; i < t; i++) {
         const shaft_contact *contact = &state->contacts[points->list[i].handle];
         const shaft_resistance *shaft = &points->list[i].shaft;
-        bool here = contact->depth >= tip_entry_depth(state); /* false in a previous body */
+        bool here = contact->depth >= tip_entry_depth(state); /* false for a contact in a previous body */
         plane_tensor lateral = local_logarithm_behind_tip(contact->log_lateral, &contact->resolved.end, here ? behind_tip(state, points, i) : INFINITY);
         reduce_hold(tissue, i, here ? hold : 1.0, plane_mean(lateral) / shaft->lateral);
         tissue->lateral[i] = plane_principal(plane_scaled(1.0 / shaft->lateral, lateral), contact->direction);
@@ -146,7 +146,7 @@ void find_local_compliance(const tick_input *tick, const insertion_state *state,
     plane_tensor endless = local_logarithm_across(model, &tip->resolution.field, tip->place.direction);
     plane_tensor lateral = local_logarithm_behind_tip(endless, &tip->resolution.field.end, behind_tip(state, points, t));
     double face = local_at_tip(model, tip->place.tet, tip->place.nominal, depth, tip->filtered_push, tissue->tip_resolved);
-    double both = plane_mean(lateral) + face * shaft->lateral; /* shaft and end face in parallel */
+    double both = plane_mean(lateral) + face * shaft->lateral; /* shaft and end face act in parallel */
     tissue->sideways_on_shaft = face * shaft->lateral / both;
     tissue->lateral[t] = plane_principal(plane_scaled(1.0 / fmax(shaft->lateral, LEAST_STIFFNESS), lateral), tip->place.direction);
     tissue->axial[t] = face;
@@ -154,9 +154,9 @@ void find_local_compliance(const tick_input *tick, const insertion_state *state,
     tissue->axial[t + 1] = axial / fmax(shaft->axial, LEAST_STIFFNESS);
 }
 
-/* Change of the shaft's lead over the tissue, m, under its present traction, because the tissue along its share has become softer (or stiffer: negative).
-   Shaft that enters another region has not sheared the tissue there yet; without this correction, it would slide in the tick in which the tip enters that
-   region. */
+/* Change (m) of the shaft's lead over the tissue under its present traction after the tissue along its share has become softer (positive) or stiffer
+   (negative). When shaft enters another region, it has not sheared the tissue there yet; without this correction, the shaft would slide in the tick in
+   which the tip enters the region. */
 static double lead_gained(const insertion_model *model, const contact_point *p, double logarithm, double traction, shaft_hold *shaft) {
     stiffened_shaft before = {shaft->softness, shaft->stiffening};
     stiffened_shaft now = {(p->share.to - p->share.from) / larger_of(p->shaft.axial, LEAST_STIFFNESS), p->shaft.stiffening};
@@ -195,9 +195,9 @@ static void bound_friction(const tick_input *tick, contact_problem *problem, int
     problem->state[i] = last;
 }
 
-/* Work of the lateral hold per length of advance, N along the needle. Near the surface the hold grows with depth, which stores elastic energy in tissue and
-   needle; the hand must do that work as the tip advances. Without this term, a tip without resistance, as in an old track, would move in and out alternately:
-   a needle that is held more firmly bends more, and its end moves back. */
+/* Work (N, along the needle) done against the lateral support per length of advance. Near the surface, this support grows with depth, which stores elastic
+   energy in tissue and needle; the hand must do that work as the tip advances. Without this term, a tip that meets no resistance, as in an old track,
+   would oscillate along the needle: a needle with firmer support bends more, and its end moves back. */
 static double work_of_hold(const insertion_state *state, const contact_points *points, const tissue_step *tissue) {
     double sum = 0.0;
     for (int i = points->guided; i < points->count; i++) {
@@ -209,7 +209,7 @@ static double work_of_hold(const insertion_state *state, const contact_points *p
     return sum;
 }
 
-/* The tip bears two forces along the needle: the cutting or blocking force on its end face, and the friction of the shaft next to it. */
+/* Two forces act on the tip along the needle: the cutting or blocking force on its end face, and the friction of the shaft next to it. */
 static void bound_tip(const tick_input *tick, const insertion_state *state, const contact_points *points, const tissue_step *tissue, resistance_ahead *ahead,
                       contact_problem *problem) {
     const needle_tip *tip = &state->tip;
@@ -237,15 +237,16 @@ void bound_contacts(const tick_input *tick, const insertion_state *state, const 
 
 /* ---- the contact problem ------------------------------------------------------------------------------------------- */
 
-/* The shaft next to the tip acts at the same point along the same line, so its row and column are initially a copy of the tip's last ones. */
+/* The shaft next to the tip acts at the same point and in the same direction as the end face, so its row and column are initially copies of those of the
+   tip's axial force. */
 static void repeat_tip(contact_problem *p) {
     int tip = unknown(p->count, p->count - 1, 2), shaft = tip + 1;
     for (int i = 0; i <= tip; i++) p->compliance[i][shaft] = p->compliance[i][tip];
     p->compliance[shaft][shaft] = p->compliance[tip][tip];
 }
 
-/* The principal directions of the local compliance around the shaft are those of the track, not of the needle. If they turned with a needle that bends there,
-   the passes would diverge near buckling, because the tangent lacks that term. The compliance of the tip's end face is isotropic. */
+/* The principal directions of the shaft's local lateral compliance are those of the track, not of the needle. If they turned with a bending needle, the
+   passes would diverge near buckling, because the tangent contains no term for this rotation. The compliance of the tip's end face is isotropic. */
 static void add_local_compliance(const insertion_state *state, const contact_points *points, const tissue_step *tissue, contact_problem *problem, int point) {
     const track_shares at = along_track(state, points, tissue, point);
     bool tip = points->list[point].kind == POINT_TIP;

@@ -1,36 +1,36 @@
-/* Assembles the contact problem: the points of contact, the compliance of tissue, needle and mount between them, the bounds of their forces, and the gaps that
-   would open without forces. */
+/* Assembles the contact problem: the contact points; the compliance of tissue, needle and mount between them; the bounds of their forces; and the gaps
+   that would open without forces. */
 #ifndef TROCAR_CONTACT_ASSEMBLY_H
 #define TROCAR_CONTACT_ASSEMBLY_H
 
 #include "insertion/state/tick.h"
 
-/* Lists the points of contact: guides, active contacts, and the tip if it is in the tissue (points->tip). RT */
+/* Lists the contact points: guides, active contacts, and the tip if it is in the tissue (points->tip). RT */
 void points_list(const tick_input *tick, const insertion_state *state, contact_points *points);
 
-/* Finds the points' positions on the needle, and the positions of holes and tissue without the needle's forces. RT */
+/* Finds the points' positions on the needle, and where the holes and the tissue would be without the needle's forces. RT */
 void points_locate(const tick_input *tick, const insertion_state *state, contact_points *points, const tissue_step *tissue, const creep_step *creep, hole_edge *edges);
 
-/* Forces of the points on the needle's joints. RT */
+/* Computes the forces that the contact points exert on the needle's joints. RT */
 void points_load_needle(const tick_input *tick, const insertion_state *state, const contact_points *points, needle_response *response);
 
-/* Finds the compliance of the tissue between the tip, whose corners have these handles, and each point, and the free displacement at the tip. RT */
+/* Computes the tissue's compliance between the tip and each point, and the free displacement at the tip. `handles`: those of the tip's corner nodes. RT */
 void find_tip_rows(const tick_input *tick, const insertion_state *state, const contact_points *points, tissue_step *tissue, const creep_step *creep,
                    const int handles[4]);
 
-/* Keeps the shear of the tissue along each share when the share moves into other regions. RT */
+/* Preserves the shear of the tissue along each share when shares move into other regions. RT */
 void keep_shear(const tick_input *tick, insertion_state *state, contact_points *points, const creep_step *creep);
 
-/* Finds the local compliances of the points, m/N. Shaft: from the length of its share in each region. Tip across the needle: as shaft of its share plus one
-   radius (its hold vanishes at the surface unless the tip is pushed in). Tip along the needle: as a disc under the cutting force, in parallel with the
-   adjacent shaft. RT */
+/* Computes the points' local compliances, m/N. Shaft: from the length of the point's share in each region. Tip, across the needle: as for a shaft as long
+   as its share plus one radius (the support vanishes at the surface unless the tip is pushed in). Tip, along the needle: as for a disc under the cutting
+   force, in parallel with the adjacent shaft. RT */
 void find_local_compliance(const tick_input *tick, const insertion_state *state, const contact_points *points, tissue_step *tissue);
 
 /* Sets the bounds of the forces along the needle. RT */
 void bound_contacts(const tick_input *tick, const insertion_state *state, const contact_points *points, const tissue_step *tissue, resistance_ahead *ahead,
                     hole_edge *edges, contact_problem *problem);
 
-/* Assembles the compliance of tissue, needle and mount between all points, in their frames, with local compliance on the diagonal. RT */
+/* Assembles the compliance of tissue, needle and mount between all points, in the points' frames, with the local compliances on the diagonal. RT */
 void assemble_compliance(const tick_input *tick, const insertion_state *state, insertion_workspace *w);
 
 /* Assembles the gaps that would open without contact forces. RT */

@@ -6,7 +6,7 @@
 
 /* ---- the stretches ------------------------------------------------------------------------------------------------- */
 
-/* Inserts a stretch, in the order in which the tip reaches them. */
+/* Inserts a stretch into the list, which is in the order in which the tip reaches the stretches. */
 static void add_stretch(resistance_ahead *ahead, stretch_ahead added) {
     int k = ahead->count;
     if (k == MAX_KNOTS) return;
@@ -15,8 +15,9 @@ static void add_stretch(resistance_ahead *ahead, stretch_ahead added) {
     ahead->count++;
 }
 
-/* Tissue along an open track springs back over a tip that advances farther than the hand carries it. Beyond the hand's advance, the viscosity is that of uncut
-   tissue; otherwise nothing would limit the rebound, and the force would drop at once when the tip enters the track. */
+/* Adds a stretch of tissue. Tissue along an open track springs back over the tip, so that the tip advances farther than the hand carries it. Beyond the
+   hand's advance, the viscosity is that of uncut tissue: otherwise nothing would limit the rebound, and the force would drop at once when the tip enters
+   the track. */
 static void add_tissue(const tick_input *tick, const insertion_state *state, const hand_advance *hand, resistance_ahead *ahead, double from, const open_track *track) {
     const insertion_model *model = tick->model;
     int tet = state->tip.place.tet;
@@ -26,7 +27,7 @@ static void add_tissue(const tick_input *tick, const insertion_state *state, con
                                                        .viscosity = springs_back ? whole : (1.0 - track->openness) * whole, .track = *track});
 }
 
-/* Adds open tracks, one after the other, and uncut tissue. */
+/* Adds the open tracks, one after the other, and the uncut tissue after them. */
 static void add_tracks(const tick_input *tick, const insertion_state *state, const hand_advance *hand, const path_step *path, resistance_ahead *ahead, double reach) {
     double carried = hand->carried, from = 0.0;
     open_track track = state->tip.track;
@@ -40,7 +41,7 @@ static void add_tracks(const tick_input *tick, const insertion_state *state, con
     }
 }
 
-/* Adds membranes and bone along the stretches. A tip that grazes an outer face meets none of them. */
+/* Adds the membranes and bone that the tip would meet along the stretches. A tip that grazes an outer face meets none. */
 static void add_stops(const tick_input *tick, const insertion_state *state, const path_step *path, resistance_ahead *ahead, double reach) {
     const mesh *m = tick->model->mesh;
     const needle_tip *tip = &state->tip;
@@ -65,14 +66,14 @@ static void add_stops(const tick_input *tick, const insertion_state *state, cons
         int behind = m->neighbours[tet][face], blocked_by = old_tracks_obstacle(tick, state, tet, face, behind, x);
         if (blocked_by != NOT_BLOCKED && slip <= reach) {
             double resistance = blocked_resistance(tick->model, tet, track->openness, blocked_by, old_tracks_damage(tick, state, blocked_by, x));
-            add_stretch(ahead, (stretch_ahead){.from = slip + FACE_CLEARANCE /* places the stop just past the face, so that the tip reaches the face */, .resistance = resistance, .stops = true, .track = *track});
+            add_stretch(ahead, (stretch_ahead){.from = slip + FACE_CLEARANCE /* just past the face, so that the tip reaches it */, .resistance = resistance, .stops = true, .track = *track});
         }
         x = v3_axpy(FACE_CLEARANCE, direction, x);
         tet = behind;
     }
 }
 
-/* Largest possible advance of the tip, m, if no force opposed it: the hand's advance and the full rebound. */
+/* Largest possible advance of the tip (m), if no force opposed it: the hand's advance plus the full rebound of the tissue. */
 static double most_slip(const insertion_state *state, const contact_points *points) {
     const contact_point *p = &points->list[points->count - 1];
     return fmax(v3_dot(needle_along(&p->at), v3_sub(v3_sub(p->at.position, state->base_shift), p->target)), 0.0);
@@ -101,12 +102,13 @@ static void add_knot(resistance_ahead *ahead, staircase *climb, double at, doubl
     ahead->of_knot[climb->count++] = stretch;
 }
 
-/* The staircase is the largest resistance met so far, so that it is monotone: the tip passes a membrane at the force that punctures it, and this force
-   persists until the tissue's resistance exceeds it. The membrane is punctured in the next step. */
+/* The staircase is the largest resistance met so far, so it is monotone: the tip passes a membrane at the force that punctures it, and this force persists
+   until the tissue's resistance exceeds it. The membrane itself is punctured in the next step. */
 void resistance_ahead_climb(const tick_input *tick, const insertion_state *state, const contact_points *points, resistance_ahead *ahead, double work_of_hold,
                             staircase *climb) {
     vec3 force = state->tip.solved.force, needle = needle_along(&points->list[points->count - 1].at);
-    double tissue = 0.0, slope = 0.0, cutting = 0.0, held = 0.0, at = 0.0; /* N; N/m; N, without viscosity; N, of the obstacles; m */
+    double tissue = 0.0, slope = 0.0, cutting = 0.0, held = 0.0, at = 0.0; /* N, resistance of the tissue; N/m, its slope; N, the same resistance without
+                                                                              viscosity; N, resistance of the obstacles; m, slip reached */
     climb->count = 0;
     climb->back = 0.0;
     for (int k = 0; k < ahead->count && isfinite(held); k++) {
@@ -123,7 +125,7 @@ void resistance_ahead_climb(const tick_input *tick, const insertion_state *state
             slope = s->viscosity / tick->dt;
         }
         add_knot(ahead, climb, at, fmax(tissue, held), tissue >= held ? slope : 0.0, k);
-        double equal = at + (held - tissue) / slope; /* m, where the tissue's resistance equals that of the obstacle */
+        double equal = at + (held - tissue) / slope; /* m, slip at which the tissue's resistance equals that of the obstacle */
         if (tissue < held && equal < end) add_knot(ahead, climb, equal, held, slope, k);
     }
 }

@@ -5,8 +5,8 @@
 
 /* ---- one bound for sliding and turning --------------------------------------------------------------------------------- */
 
-static const double LEAST_WAY = 1e-12; /* m: surface slip in one step below which a shaft counts as sticking, because the direction of its slip is rounding
-                                          error. Rounding tolerance */
+static const double LEAST_WAY = 1e-12; /* m: surface slip per step below which a shaft is treated as sticking, because the direction of such a small slip
+                                          is rounding error. Rounding tolerance */
 static const double LEAST_YIELDING = 1e-12; /* N m / rad: smallest stiffness of the tissue against rotation of a share. Rounding tolerance */
 static const double LEAST_TORQUE = 1e-6; /* N m: added to a torque before MARGIN is applied. Rounding tolerance */
 static const double LEAST_GAP = 1e-6; /* m: smallest distance between two points on the needle. Rounding tolerance */
@@ -15,14 +15,14 @@ double roll_slip_length(double slip, const roll_friction *roll, double radius) {
     return roll->turned == 0.0 ? fabs(slip) : length_of(slip, radius * roll->turned);
 }
 
-/* Friction opposes the slip of the shaft's surface: with the bound F, sliding by a and turning by w gives f(a) = F a / sqrt(a^2 + w^2). Returns the tangent at
-   the last a. */
+/* Friction opposes the slip of the shaft's surface. With the bound F, sliding by a and turning by w give the axial force f(a) = F a / sqrt(a^2 + w^2).
+   Returns its tangent at the value of a from the last solve. */
 static shared_bound tangent(double dry, double a, double w) {
     double s = length_of(a, w), along = fabs(a) / s, across = w / s;
     return (shared_bound){dry * along * along * along, dry * across * across / s};
 }
 
-/* If nothing slides, the resultant of both forces must stay within the bound. */
+/* Bound that remains for one force if nothing slides: the resultant of both forces must stay within the common bound. */
 static double rest_of(double dry, double other) { return sqrt(larger_of(dry * dry - other * other, 0.0)); }
 
 shared_bound roll_bound_for_sliding(double dry, double slip, const roll_friction *roll, double radius) {
@@ -42,10 +42,10 @@ shared_bound roll_bound_for_turning(double dry, double slip, double along, const
 void roll_follow_base(insertion_state *state, quat orientation) {
     double turn = q_roll_between(state->needle.base.orientation, orientation);
     state->base_turn += turn;
-    state->tip_lead -= turn; /* the tip does not follow until the solve turns it */
+    state->tip_lead -= turn; /* the tip does not follow the base until the solve rotates it */
 }
 
-/* Roll of a point in tissue; guides do not resist rotation of the shaft. */
+/* State of a tissue point's rotation; guides do not resist rotation of the shaft. */
 static const roll_friction *roll_at(const insertion_state *state, const contact_point *p) {
     return p->kind == POINT_TIP ? &state->tip.shaft.roll : &state->contacts[p->handle].shaft.roll;
 }
@@ -62,17 +62,17 @@ double roll_torque(const insertion_state *state, const contact_points *points) {
     return sum;
 }
 
-/* One point of the torsional chain: torque on the tissue = stiffness * angle + offset, and the data that decide whether it sticks. */
+/* One point of the torsional chain. Torque on the tissue = stiffness * angle + offset. The other members decide whether the point sticks. */
 typedef struct {
-    double shaft;                /* N m / rad, stiffness of the shaft between the previous point, or the base, and this one */
-    double yielding;             /* rad / N m, compliance of the tissue around its share */
-    double remembered;           /* N m, memory of relaxing tissue */
+    double shaft;                /* N m / rad, torsional stiffness of the shaft between this point and the previous one or the base */
+    double yielding;             /* rad / N m, rotational compliance of the tissue around the point's share */
+    double remembered;           /* N m, remembered torque in relaxing tissue */
     shared_bound bound;
     double stiffness, offset, angle;
 } roll_point;
 
-/* The tissue's rotation around a shaft is local: the torque m' per length rotates it by m' / (4 pi mu r^2), whatever the mesh. 2 pi mu is the inverse of the
-   local compliance along the needle. */
+/* The rotation of the tissue around a shaft is local: a torque m' per length rotates the tissue by m' / (4 pi mu r^2), whatever the mesh. Here 2 pi mu is
+   the inverse of the local compliance along the needle. */
 static roll_point point_at(const tick_input *tick, const insertion_state *state, const creep_step *creep, const contact_point *p) {
     const insertion_model *model = tick->model;
     bool tip = p->kind == POINT_TIP;
@@ -88,7 +88,7 @@ static roll_point point_at(const tick_input *tick, const insertion_state *state,
     return point;
 }
 
-/* Sets the torque's law for a sticking or a sliding point. The slip is the shaft's angle minus the tissue's. */
+/* Sets stiffness and offset of the torque for a sticking or a sliding point. The slip is the shaft's angle minus the tissue's. */
 static void take_law(roll_point *p, const roll_friction *roll) {
     if (roll->friction == STICK) {
         p->stiffness = 1.0 / p->yielding;
@@ -100,10 +100,10 @@ static void take_law(roll_point *p, const roll_friction *roll) {
     p->offset = (roll->friction * p->bound.bound - p->bound.viscosity * (roll->anchor + p->yielding * p->remembered)) / share;
 }
 
-/* Angles of the twisted shaft under these laws, rad: a chain that starts at the base, solved by elimination in that order. */
+/* Solves for the angles (rad) of the twisted shaft with these torques: the points form a chain that starts at the base, and are eliminated in that order. */
 static void solve_chain(int n, double base, roll_point *p) {
-    double share[MAX_SHARES]; /* fraction of the next point's angle that is added to a point's own */
-    double held = p[0].shaft, turning = p[0].shaft * base; /* N m / rad and N m, contribution of the chain between the base and this point */
+    double share[MAX_SHARES]; /* fraction of the next point's angle that is added to each point's own */
+    double held = p[0].shaft, turning = p[0].shaft * base; /* N m / rad and N m: contribution of the chain between the base and this point */
     for (int i = 0; i < n; i++) {
         double after = i + 1 < n ? p[i + 1].shaft : 0.0, inverse = 1.0 / (held + after + p[i].stiffness);
         p[i].angle = (turning - p[i].offset) * inverse;
@@ -123,7 +123,7 @@ static friction_state consistent(const roll_point *p, const roll_friction *roll)
     return torque > p->bound.bound + margin ? SLIP_FORWARD : torque < -p->bound.bound - margin ? SLIP_BACKWARD : STICK;
 }
 
-/* Switches points between sticking and sliding until all are consistent, as contact_solve does. */
+/* Switches points between sticking and sliding until all are consistent, in the same way as contact_solve. */
 static void search(insertion_state *state, const contact_points *points, int n, roll_point *chain) {
     const contact_point *at = tissue_points(points);
     for (int round = 0; round < ROUNDS_TOGETHER + ROUNDS_EACH * n; round++) {
@@ -141,7 +141,7 @@ static void search(insertion_state *state, const contact_points *points, int n, 
     }
 }
 
-/* Anchors new points where the tissue is unstrained. */
+/* Anchors new points at the shaft's present roll, where the surrounding tissue is unstrained. */
 static bool anchor_points(insertion_state *state, const contact_points *points) {
     bool twisted = state->tip_lead != 0.0;
     for (int i = points->guided; i < points->count; i++) {

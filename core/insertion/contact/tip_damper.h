@@ -1,26 +1,26 @@
-/* The damper at the tip: while the tip cuts, tissue springs back no faster than a shear wave crosses its dent. See docs/mechanics.md, "The tip". */
+/* The damper at the tip: while the tip cuts, the tissue rebounds no faster than a shear wave crosses the dent. See docs/mechanics.md, "The tip". */
 #ifndef TROCAR_TIP_DAMPER_H
 #define TROCAR_TIP_DAMPER_H
 
 #include "insertion/state/tick.h"
 
-/* Fraction of the distance to static equilibrium that the tissue at the tip covers in this step. It is 1 while the tip sticks: the tissue then follows the
+/* Fraction of the distance to static equilibrium that the tissue at the tip covers in this step. It is 1 while the tip sticks: then the tissue follows the
    hand, which is far slower than the waves. RT */
 double damper_relaxed(const insertion_model *model, const needle_tip *tip, double dt);
 
-/* New contacts take over force from the tip, but at their positions this force displaces the tip less. To prevent a sudden rebound, the difference is kept as
-   an offset, which fades as fast as shear waves cross the dent. Call before the passes. RT */
+/* When new contacts take over force from the tip, this force acts at their positions, where it displaces the tip less. To prevent a sudden rebound, the
+   difference is kept as an offset, which fades as fast as shear waves cross the dent. To be called before the passes. RT */
 void damper_keep_dent(insertion_state *state, const contact_points *points, const tissue_step *tissue);
 
 /* Eliminates the damper's force from the contact problem. In one step, the dent covers the fraction relaxed = 1 - exp(-c dt / dent) of its distance to the
-   static displacement u, with the wave speed c: dent' = relaxed u + (1 - relaxed) dent. The damper's force on the tissue is (dent' - u) divided by the tip's
-   compliance. The elimination subtracts a matrix of rank 1 from the tissue's compliance, which stays positive semidefinite. RT */
+   static displacement u, where c is the wave speed: dent' = relaxed u + (1 - relaxed) dent. The damper's force on the tissue is (dent' - u) divided by the
+   tip's compliance. The elimination subtracts a matrix of rank 1 from the tissue's compliance, which remains positive semidefinite. RT */
 void damper_eliminate(const tick_input *tick, const insertion_state *state, insertion_workspace *w);
 
 /* Computes the damper's force from the forces of the last pass. RT */
 void damper_find_force(const tick_input *tick, insertion_state *state, const insertion_workspace *w);
 
-/* Computes the dent after this step, and the damper's force. RT */
+/* Computes the dent at the end of this step, and the damper's force. RT */
 void damper_conclude(const tick_input *tick, insertion_state *state, const insertion_workspace *w);
 
 #endif

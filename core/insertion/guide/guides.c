@@ -1,12 +1,13 @@
 #include "insertion/guide/guides.h"
 
-static const double LEAST_STIFFNESS = 1e-2; /* N/m: stiffness along a hole's edge where the needle touches the edge without force. Rounding tolerance */
-static const double LEAST_SLOPE = 0.3; /* cosine, below 1: cosine of the largest angle between needle and hole axis at which the hole still guides the needle.
-                                          Chosen: 70 degrees, beyond any real needle */
-static const double TOLERANCE = 1e-6; /* m: largest distance between needle and edge at which the passes end. Chosen: a tenth of it takes up to 1.6 times the
-                                         passes */
-static const double FORCE_TOLERANCE = 0.01; /* fraction: error of the edge spring's force, relative to that force, at which the passes end, so that light
-                                               touches are resolved. Chosen, like TOLERANCE */
+static const double LEAST_STIFFNESS = 1e-2; /* N/m: stiffness along the edge of a hole at a place where the needle touches the edge without force. Rounding
+                                               tolerance */
+static const double LEAST_SLOPE = 0.3; /* cosine, below 1: smallest cosine of the angle between needle and hole axis at which the hole still guides the
+                                          needle. Chosen: 70 degrees, beyond any real needle */
+static const double TOLERANCE = 1e-6; /* m: largest distance between needle and edge at which the passes end. Chosen: a tolerance ten times smaller takes
+                                         up to 1.6 times as many passes */
+static const double FORCE_TOLERANCE = 0.01; /* fraction: relative error of the edge spring's force at which the passes end, so that light touches are
+                                               resolved. Chosen, like TOLERANCE */
 static const double ROUNDING = 1e-12; /* m: distance between needle and edge that is accepted in any case. Rounding tolerance */
 
 static const guide *guide_of(const tick_input *tick, const contact_points *points, int point) { return &tick->model->guides[points->list[point].guide]; }
@@ -14,20 +15,21 @@ static const guide_state *state_of(const insertion_state *state, const contact_p
 static const guide_contact *contact_of(const insertion_state *state, const contact_points *points, int point) { return &state_of(state, points,
                                        point)->faces[points->list[point].face]; }
 
-/* Distance of a guide point's plane behind the front face, m. */
+/* Distance (m) from the guide's front face back to the plane of a guide point. */
 static double plane_of(const guide_state *state, int face) { return face == 0 ? 0.0 : state->depth; }
 
-/* True if the point is at the tip, which is still inside the plate. */
+/* True if the guide point is at the tip, because the tip is still inside the plate. */
 static bool at_tip(const guide *g, const guide_state *state, int face) { return face == 1 && state->depth < g->thickness; }
 
-/* Distance along the needle from the plane through `centre` to the point, m. */
+/* Distance (m) along the needle from the plane through `centre` to the point. */
 static double beyond_plane(const needle_point *p, vec3 centre, vec3 normal) {
     return v3_dot(v3_sub(p->position, centre), normal) / v3_dot(needle_along(p), normal);
 }
 
 /* ---- in and out of holes ----------------------------------------------------------------------------------------------- */
 
-/* Arc at which the centreline crosses the plane. Newton's method from a close guess; few steps are enough because the centreline is nearly straight there. */
+/* Arc at which the centreline crosses the plane, by Newton's method from a close guess. A few steps are enough because the centreline is nearly straight
+   near the plane. */
 static double crossing(const tick_input *tick, const insertion_state *state, double arc, vec3 centre, vec3 normal) {
     double length = tick->model->needle->given.length;
     for (int i = 0; i < 3; i++) {
@@ -51,13 +53,13 @@ static void pass_front(const tick_input *tick, const insertion_state *state, con
     s->faces[1].arc = tick->model->needle->given.length;
 }
 
-/* True if the needle is too oblique to its hole, as no real needle could be. */
+/* True if the needle is too oblique to its hole for any real needle. */
 static bool lies_across(const tick_input *tick, const insertion_state *state, const guide *g, const guide_state *s) {
     needle_point p = needle_at(tick->model->needle, &state->needle, s->faces[0].arc);
     return v3_dot(needle_along(&p), g->normal) < LEAST_SLOPE;
 }
 
-/* Updates the needle's material point on each face where friction does not hold it. */
+/* For each face, updates which material point of the needle is on it, unless friction holds that point. */
 static void follow_faces(const tick_input *tick, const insertion_state *state, const guide *g, guide_state *s) {
     for (int f = 0; f < GUIDE_FACES; f++) {
         guide_contact *face = &s->faces[f];
@@ -115,7 +117,7 @@ void guides_list(const tick_input *tick, const insertion_state *state, contact_p
     }
 }
 
-/* Oblique if the needle is not normal to the plate. */
+/* Map from the needle's lateral displacement to the face; it is oblique if the needle is not normal to the plate. */
 static crossing_map map_of(const guide *g, const needle_point *at) {
     crossing_map j;
     vec3 along = needle_along(at);
@@ -130,7 +132,7 @@ static crossing_map map_of(const guide *g, const needle_point *at) {
     return j;
 }
 
-/* Upper bound of the needle's compliance to a lateral force at a face, m/N; the tissue, which may also support the needle, is neglected. */
+/* Upper bound (m/N) of the needle's compliance to a lateral force at a face. It neglects the tissue, which may also support the needle. */
 static double needle_compliance(const tick_input *tick, double arc) {
     return arc * arc * arc / (3.0 * tick->model->needle->bending) + tick->base.compliance;
 }
@@ -164,13 +166,14 @@ static void find_touch(const tick_input *tick, const insertion_state *state, con
     double compliance = r + 1.0 / g->stiffness;
     edge->pressed = edge->touched ? (reach - c) / compliance : 0.0;
     for (int a = 0; a < 2; a++) edge->normal[a] = reach > 0.0 ? n[a] / reach : a == 0;
-    double rubs = edge->touched && !at_tip(g, s, p->face) ? length_of(given.x, given.y) : 0.0; /* lateral force that bounds the friction in the next pass */
+    double rubs = edge->touched && !at_tip(g, s, p->face) ? length_of(given.x, given.y) : 0.0; /* lateral force that will bound the friction in the next pass */
     double missing = length_of(f[0] - edge->pressed * edge->normal[0], f[1] - edge->pressed * edge->normal[1]) + g->friction * fabs(rubs - edge->rubbing);
     double allowed = fmin(TOLERANCE, fmax(FORCE_TOLERANCE * edge->pressed * compliance, ROUNDING));
     edge->agrees = missing * compliance <= allowed;
 }
 
-/* If the needle leaves both faces of a plate in one pass, only the face with the larger pull is released: usually the other face pulls only because of it. */
+/* If the needle would have to pull on the edges at both faces of a plate in one pass, only the face with the larger pull is released: usually the other
+   one pulls only because of it. */
 static void keep_one_face(hole_edge *edges, int front) {
     hole_edge *edge = &edges[front];
     if (edge[0].pulled == 0.0 || edge[1].pulled == 0.0) return;
@@ -226,7 +229,7 @@ void guides_bound(const tick_input *tick, const insertion_state *state, const co
 void guides_add_compliance(const tick_input *tick, const contact_points *points, const hole_edge *edges, contact_problem *problem, int point) {
     const hole_edge *edge = &edges[point];
     int x = unknown(problem->count, point, 0), along = unknown(problem->count, point, 2);
-    bool touched = edge->touched; /* an untouched edge is decoupled and bears no force */
+    bool touched = edge->touched; /* an edge that the needle does not touch is decoupled and bears no force */
     problem->compliance[x][x] += touched ? edge->lateral[0] : 1.0;
     problem->compliance[x][x + 1] += touched ? edge->lateral[1] : 0.0;
     problem->compliance[x + 1][x + 1] += touched ? edge->lateral[2] : 1.0;

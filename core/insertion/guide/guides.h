@@ -1,38 +1,38 @@
-/* Contact points of the needle with the guides that it passes through: see docs/mechanics.md, "Guides". */
+/* Contact points between the needle and the guides that it passes through. See docs/mechanics.md, "Guides". */
 #ifndef TROCAR_GUIDES_H
 #define TROCAR_GUIDES_H
 
 #include "insertion/state/tick.h"
 
-/* After the tip has moved: records which hole of each guide the needle is in, or that it misses the plate. RT */
+/* After the tip has moved: records for each guide which hole the needle is in, or that the needle misses the plate. RT */
 void guides_follow(const tick_input *tick, insertion_state *state, tick_output *output);
 
 /* Slides the shaft through the holes by the slips of the last solve. RT */
 void guides_slide(const insertion_model *model, insertion_state *state);
 
-/* True if the needle is in a hole; then it may bend outside the tissue. RT */
+/* True if the needle is in a hole of any guide; in this case, it may bend outside the tissue. RT */
 bool guides_hold(const insertion_model *model, const insertion_state *state);
 
 /* Lists the guides' contact points; they come first in the list. RT */
 void guides_list(const tick_input *tick, const insertion_state *state, contact_points *points);
 
-/* Finds the points' positions on the needle, their targets on the holes' edges, and the compliance of the edges. RT */
+/* Finds the guide points' positions on the needle, their targets on the holes' edges, and the edges' compliance. RT */
 void guides_locate(const tick_input *tick, const insertion_state *state, contact_points *points, hole_edge *edges);
 
-/* Bounds the point's force along the needle: Coulomb friction under the normal force of the last pass. RT */
+/* Bounds the point's force along the needle by Coulomb friction, with the normal force of the last pass. RT */
 void guides_bound(const tick_input *tick, const insertion_state *state, const contact_points *points, hole_edge *edges, contact_problem *problem, int point);
 
-/* True if the needle does not touch the edge at this point: the point is decoupled and bears no force. RT */
+/* True if the needle does not touch the edge at this point; the point is then decoupled and bears no force. RT */
 static inline bool guides_is_open(const contact_points *points, const hole_edge *edges, int point) { return point < points->guided && !edges[point].touched; }
 
 /* Adds the edge's compliance to the contact problem. RT */
 void guides_add_compliance(const tick_input *tick, const contact_points *points, const hole_edge *edges, contact_problem *problem, int point);
 void guides_close_gap(const hole_edge *edges, contact_problem *problem, int point);
 
-/* Takes the point's slip from the solution. RT */
+/* Reads the point's slip from the solution. RT */
 void guides_take(insertion_state *state, const contact_points *points, const hole_edge *edges, const contact_problem *problem, int point);
 
-/* True if the needle's offsets agree with the edge forces of the last pass. RT */
+/* True if the needle's offsets in the holes agree with the edge forces of the last pass. RT */
 bool guides_agree(const contact_points *points, const hole_edge *edges);
 
 #endif

@@ -1,6 +1,6 @@
 #include "insertion/memory/along_track.h"
 
-/* The end face and the adjacent shaft resist a lateral motion of the tip like two springs in parallel. */
+/* The end face and the adjacent shaft resist lateral motion of the tip like two springs in parallel. */
 track_shares along_track(const insertion_state *state, const contact_points *points, const tissue_step *tissue, int i) {
     const contact_point *p = &points->list[i];
     vec3 track = m3_apply_transposed(&p->at.frame, point_track(state, p));
@@ -11,7 +11,7 @@ track_shares along_track(const insertion_state *state, const contact_points *poi
                           {sideways, sideways, !tip, tip}, {1.0 - sideways, 1.0 - sideways, tip, 0.0}, {track.x, track.y, track.z, track.z}};
 }
 
-/* Fraction of the tip's lateral force, and force of friction along the needle, that act on the shaft. */
+/* For the tip's lateral force, the fraction that acts on the shaft; for friction along the needle, the force on the shaft. */
 static double on_tip_shaft(const insertion_state *state, const contact_points *points, const tissue_step *tissue, int t) {
     const contact_point *p = &points->list[t];
     const needle_tip *tip = &state->tip;

@@ -6,9 +6,10 @@
 #include "insertion/memory/creep_kernels.h"
 #include "insertion/memory/stiffening.h"
 
-static const double TOGETHER = 1e-3; /* m: residual loads within this distance are merged. Effort limit */
-static const double NOTICEABLE = 1e-3; /* N: sum of new residual loads that justifies a request to the worker. Effort limit: below what a hand feels */
-static const double NEGLIGIBLE = 1e-9; /* N: residual loads below this force are dropped. Rounding tolerance */
+static const double TOGETHER = 1e-3; /* m: distance within which residual loads are merged. Effort limit */
+static const double NOTICEABLE = 1e-3; /* N: sum of new residual loads above which a request to the worker is worthwhile. Effort limit: below what a hand
+                                          feels */
+static const double NEGLIGIBLE = 1e-9; /* N: residual loads smaller than this are dropped. Rounding tolerance */
 static const double ALL_OF_IT = 1e-9; /* fraction: part of a share's length that may remain unassigned. Rounding tolerance */
 
 static const vec3 ZERO = {0, 0, 0};
@@ -21,7 +22,7 @@ static void add_part(double factor, const remembered_forces *from, remembered_fo
     to->twist += factor * from->twist;
 }
 
-/* Weighted sum of the terms. */
+/* Computes the weighted sum of the terms. */
 static void add_up(int count, const double *weights, const remembered_forces *terms, remembered_forces *sum) {
     *sum = NOTHING;
     for (int k = 0; k < count; k++) add_part(weights[k], &terms[k], sum);
@@ -35,7 +36,7 @@ static double size_of_terms(const creep_series *series, const vec3 *terms) {
     return size;
 }
 
-/* Index of the residual load closest to x, or -1 if there is none. */
+/* Returns the index of the residual load closest to x, or -1 if there is none. */
 static int closest_residual(const residual_loads *residual, vec3 x, double *distance) {
     int closest = -1;
     *distance = INFINITY;
@@ -46,7 +47,8 @@ static int closest_residual(const residual_loads *residual, vec3 x, double *dist
     return closest;
 }
 
-/* Adds this fraction of a share's load to the residual loads, at its point of action and decayed to the end of the step. `decay` is NULL between two steps. */
+/* Adds this fraction of a share's load to the residual loads, at the point where the share's load acts, decayed to the end of the step. `decay` is NULL
+   between two steps. */
 static void deposit_load(const insertion_model *model, tissue_memory *memory, const share_memory *share, double part, const double *decay) {
     const creep_series *series = &model->creep;
     residual_loads *residual = &memory->residual;
@@ -98,10 +100,10 @@ void creep_begin(const tick_input *tick, insertion_state *state, creep_step *cre
     memory->residual.time = memory->time;
 }
 
-/* Memory of the tissue at a point of this step, which must not be a guide's. */
+/* Returns the tissue's memory at a point of this step, which must not be a guide's. */
 static const share_memory *share_of(const insertion_state *state, const contact_points *points, int point) { return &state->memory.shares[point - points->guided]; }
 
-/* An empty share at the point's present position. The tip's share extends one radius beyond the tip, like its local compliance. */
+/* Returns a share without memory at the point's present position. The tip's share extends one radius beyond the tip, like its local compliance. */
 static share_memory empty_share(const tick_input *tick, const insertion_state *state, const contact_point *p) {
     if (p->kind == POINT_TIP)
         return (share_memory){.from = p->share.from, .to = p->share.to + tick->model->needle->radius, .tet = state->tip.place.tet, .at = state->tip.place.nominal};
@@ -109,7 +111,7 @@ static share_memory empty_share(const tick_input *tick, const insertion_state *s
     return (share_memory){.from = p->share.from, .to = p->share.to, .tet = node->tet, .at = node->position};
 }
 
-/* Number of shares, from the base, with the same borders as in the last step. The last share, which ends at the tip, does not count. */
+/* Number of shares, counted from the base, whose borders are the same as in the last step. The last share, which ends at the tip, is not counted. */
 static int count_kept(const insertion_state *state, const contact_points *points) {
     const tissue_memory *memory = &state->memory;
     const contact_point *now_at = &points->list[points->guided];
@@ -118,14 +120,14 @@ static int count_kept(const insertion_state *state, const contact_points *points
     return kept;
 }
 
-/* Distance between the tip's positions in the last step and in this one, m. */
+/* Distance (m) between the tip's positions in the last step and in this step. */
 static double tip_way_since(const insertion_state *state, const contact_points *points) {
     const tissue_memory *memory = &state->memory;
     return memory->tip && points->tip ? v3_norm(v3_sub(state->tip.place.nominal, memory->shares[memory->count - 1].at)) : 0.0;
 }
 
-/* A tip that slides along the surface has no track. Within one diameter, the tissue that the tip leaves keeps its memory, and the tissue that it reaches has
-   none. */
+/* A tip that slides along the surface has no track. While it moves by up to one diameter, the tissue that it leaves keeps its memory; the tissue that it
+   reaches has none. */
 static void glide(const tick_input *tick, insertion_state *state, const creep_step *creep) {
     tissue_memory *memory = &state->memory;
     share_memory *share = &memory->shares[0];
@@ -138,8 +140,8 @@ static void glide(const tick_input *tick, insertion_state *state, const creep_st
     }
 }
 
-/* Transfers a share's memory to the new shares, from `first` on, that overlap it; memory beyond them becomes residual load. Returns the first overlapping
-   share. */
+/* Transfers a share's memory to the new shares that overlap it, starting the search at share `first`. Memory outside the new shares becomes residual load.
+   Returns the first overlapping share. */
 static int transfer_memory(const insertion_model *model, tissue_memory *memory, const share_memory *before, int first, const double *decay) {
     double length = before->to - before->from, rest = 1.0;
     while (first < memory->count && memory->shares[first].to <= before->from) first++;
@@ -153,8 +155,8 @@ static int transfer_memory(const insertion_model *model, tissue_memory *memory, 
     return first;
 }
 
-/* Memory belongs to the tissue and stays in place: when borders of shares move, the memory between old and new borders changes its share. Memory is
-   distributed uniformly over a share's length. */
+/* Memory belongs to the tissue and stays where it is: when borders of shares move, the memory between old and new borders is assigned to another share.
+   Within a share, memory is distributed uniformly over the length. */
 void creep_divide(const tick_input *tick, insertion_state *state, const contact_points *points, creep_step *creep) {
     tissue_memory *memory = &state->memory;
     if (tick->model->creep.count == 0) return;
@@ -185,8 +187,8 @@ void creep_forget(tissue_memory *memory) {
 
 /* ---- displacements ----------------------------------------------------------------------------------------------------- */
 
-/* Displacements around the end face extend over about a diameter, so an advancing tip reaches tissue with less memory. A remembered dent deeper than a
-   diameter fades over its own depth; otherwise the work of tissue that springs back on a cutting tip would exceed the work of cutting. */
+/* Displacements around the end face extend over about one diameter, so an advancing tip reaches tissue with less memory. A remembered dent deeper than one
+   diameter fades over a distance equal to its depth; otherwise the work of tissue that springs back on a cutting tip would exceed the work of cutting. */
 static void fade_face(const tick_input *tick, insertion_state *state, const creep_step *creep, double yielding) {
     const creep_series *series = &tick->model->creep;
     double *face = state->memory.face, dent = 0.0, moved = creep->tip_moved;
@@ -196,14 +198,14 @@ static void fade_face(const tick_input *tick, insertion_state *state, const cree
     for (int k = 0; k < series->count; k++) face[k] *= fading;
 }
 
-/* The shaft next to the tip is one radius shorter than the share that bears the tip's lateral forces. It bears this fraction of the load of a shaft as long as
-   the share, which is the load in `along`. */
+/* The shaft next to the tip is one radius shorter than the share that bears the tip's lateral forces. Returns the fraction of the load along a shaft as
+   long as the share (the load in `along`) that this shaft bears. */
 static double shaft_part(const tick_input *tick, const insertion_state *state) {
     const share_memory *share = &state->memory.shares[state->memory.count - 1];
     return 1.0 - tick->model->needle->radius / (share->to - share->from);
 }
 
-/* Displacement of the tissue at each point under the remembered loads. */
+/* Computes the displacement of the tissue at each point under the remembered loads. */
 static void find_moved(const tick_input *tick, const contact_points *points, const tissue_step *tissue, creep_step *creep) {
     _Alignas(CACHE_LINE) slot_vectors load = {{0}}, moved = {{0}};
     slot_vectors by_beyond;
@@ -230,7 +232,7 @@ static void find_moved(const tick_input *tick, const contact_points *points, con
     }
 }
 
-/* Traction along the needle that is equivalent to a share's memory, N/m. */
+/* Traction (N/m) along the needle that is equivalent to a share's memory. */
 static double traction_of(const tick_input *tick, const creep_step *creep, const share_memory *share) {
     double sum = 0.0;
     for (int k = 0; k < tick->model->creep.count; k++) sum += creep->weight[k] * share->terms[k].along;
@@ -246,8 +248,8 @@ static double traction_at(const tick_input *tick, const creep_step *creep, int c
 double creep_traction_of(const tick_input *tick, const insertion_state *state, const contact_points *points, const creep_step *creep,
                          int i) { return tick->model->creep.count > 0 ? traction_of(tick, creep, share_of(state, points, i)) : 0.0; }
 
-/* A share whose borders have moved remembers a different mean shear of the tissue. As in keep_shear, the shaft's origin is shifted so that this does not move
-   the shaft. */
+/* A share whose borders have moved remembers a different mean shear of the tissue. The shaft's origin is shifted so that this change does not move the
+   shaft, as in keep_shear. */
 static void keep_remembered_shear(const tick_input *tick, insertion_state *state, const contact_points *points, const tissue_step *tissue, const creep_step *creep,
                                   const stiffening_step *stiffening) {
     for (int i = points->guided + creep->kept; i < points->count; i++) {
@@ -286,8 +288,8 @@ void creep_prepare(const tick_input *tick, insertion_state *state, const contact
     find_moved(tick, points, tissue, creep);
 }
 
-/* Local compliance times the remembered force, as in add_local_compliance. The additional lateral compliance near the surface is not that of tissue and does
-   not creep. */
+/* Multiplies the local compliance by the remembered force, as in add_local_compliance. The additional lateral compliance near the surface does not
+   represent tissue, so it does not creep. */
 void creep_shift_gaps(const tick_input *tick, const insertion_state *state, const contact_points *points, const tissue_step *tissue, const creep_step *creep,
                       contact_problem *problem) {
     if (tick->model->creep.count == 0) return;

@@ -5,20 +5,20 @@
 
 #include "linalg/rows.h"
 
-static const double LEAST_PIVOT = 1e-8; /* fraction: smallest magnitude of a pivot, relative to the contact's own lateral compliance. Rounding: the square root
-                                           of double precision, so that elimination keeps half of its digits */
+static const double LEAST_PIVOT = 1e-8; /* fraction: smallest magnitude of a pivot, relative to the contact's own lateral compliance. Rounding: the square
+                                           root of double precision, so that the elimination keeps half of its digits */
 
-/* Principal directions of one contact's lateral block [p q; q r]: rotation by the angle with cosine c and sine s makes it diagonal. Two scalar pivots keep
-   their digits however far apart they are; the block's inverse would not. */
+/* Principal directions of one contact's lateral block [p q; q r]: a rotation by the angle with cosine c and sine s makes it diagonal. Two scalar pivots
+   keep their accuracy even if their magnitudes differ greatly; the inverse of the block would not. */
 typedef struct { double c, s, pivot[2]; } principal;
 
-/* A pivot may be negative, because a needle alone may be buckled where needle and tissue together are stable. Where a pivot changes sign, it is kept off zero
-   by a compliance far below anything perceptible, but large enough for the elimination to keep half of its digits. */
+/* A pivot may be negative: needle and tissue together can be stable even if the needle alone would buckle. Where a pivot changes sign, its magnitude is
+   limited from below by a compliance that is far too small to be felt, but large enough for the elimination to keep half of its digits. */
 static double off_zero(double pivot, double least) { return fabs(pivot) < least ? copysign(least, pivot) : pivot; }
 
 static principal diagonalise(double p, double q, double r, double scale) {
     double least = LEAST_PIVOT * scale, half = 0.5 * (r - p), root = sqrt(half * half + q * q), sum = fabs(half) + root;
-    bool diagonal = root == 0.0; /* otherwise Jacobi's rotation by the smaller angle, with tangent t */
+    bool diagonal = root == 0.0; /* otherwise, Jacobi's rotation by the smaller angle, with tangent t */
     double t = diagonal ? 0.0 : q / copysign(sum, half), c = diagonal ? 1.0 : sqrt(0.5 * sum / root);
     return (principal){c, t * c, {off_zero(p - t * q, least), off_zero(r + t * q, least)}};
 }
@@ -31,8 +31,8 @@ static void turn(principal by, double *x, double *y) {
 
 static symmetric_system system_of(contact_problem *p) { return (symmetric_system){p->compliance, 2 * p->count + p->axial_count}; }
 
-/* Eliminates the lateral unknowns, in the principal directions of each contact. The axial rows become the Schur complement: compliance and gap along the
-   needle with all lateral gaps closed. The lateral rows keep the factors for close_sideways(). */
+/* Eliminates the lateral unknowns in the principal directions of each contact. The axial rows become the Schur complement: compliance and gap along the
+   needle when all lateral gaps are closed. The lateral rows keep the factors for close_sideways(). */
 static void eliminate_sideways(contact_problem *p, principal axes[MAX_PAIRS]) {
     elimination_kernel *eliminate_after_panel = elimination_kernel_here();
     symmetric_system s = system_of(p);
@@ -54,12 +54,12 @@ static void eliminate_sideways(contact_problem *p, principal axes[MAX_PAIRS]) {
     for (int i = 2 * p->count; i < s.order; i++) p->gap[i] = p->compliance[i][s.order];
 }
 
-/* Axial compliance after the elimination: upper triangle. */
+/* Returns the axial compliance after the elimination, as an upper triangle. */
 static symmetric_system axial_system(contact_problem *p) {
     return (symmetric_system){(double (*)[CONTACT_LD])&p->compliance[2 * p->count][2 * p->count], p->axial_count};
 }
 
-/* Slips under the present forces, of the points that slide freely, m. */
+/* Computes the slips (m), under the present forces, of the points that slide freely. */
 static void find_slips(contact_problem *p, double slip[MAX_AXIAL]) {
     symmetric_system s = axial_system(p);
     double force[MAX_AXIAL + PADDING] = {0}, sum[MAX_AXIAL + PADDING];
@@ -68,7 +68,7 @@ static void find_slips(contact_problem *p, double slip[MAX_AXIAL]) {
     for (int i = 0; i < s.order; i++) slip[i] = p->gap[2 * p->count + i] - sum[i];
 }
 
-/* Solves for the right-hand side, stores the solution in x and counts negative eigenvalues (pivots); false if the system is singular. */
+/* Solves for the right-hand side, stores the solution in x and counts the negative eigenvalues (negative pivots). Returns false if the system is singular. */
 static bool solve_symmetric(const symmetric_system *s, double x[MAX_AXIAL + PADDING], int *negative) {
     elimination_kernel *eliminate_after_panel = elimination_kernel_here();
     elimination_panel panel;
@@ -97,7 +97,7 @@ static bool solve_symmetric(const symmetric_system *s, double x[MAX_AXIAL + PADD
     return true;
 }
 
-/* Gives the climber the law near knot k: between the piece below it and the piece above. */
+/* Sets the climber's law for slips near knot k, between the piece below the knot and the piece above it. */
 static void stand_at_knot(contact_problem *p, int k) {
     const staircase *s = &p->ahead;
     int i = p->climber;
@@ -108,19 +108,19 @@ static void stand_at_knot(contact_problem *p, int k) {
     p->viscosity[i][0] = k > 0 ? s->slope[k - 1] : 0.0;
 }
 
-/* Slip from which unknown i's own law is counted, m. */
+/* Slip (m) from which the law of unknown i is counted. */
 static double origin(const contact_problem *p, int i) { return p->ahead.count > 0 && i == p->climber ? p->ahead.at[p->knot] : 0.0; }
 
 static double bound(const contact_problem *p, int i) { return p->state[i] == SLIP_FORWARD ? p->upper[i] : p->lower[i]; }
 static double viscosity(const contact_problem *p, int i) { return p->viscosity[i][p->state[i] == SLIP_FORWARD]; }
 
-/* Copies the row of the a-th of `count` selected unknowns, from the diagonal on; `all` is the number of unknowns. */
+/* Copies the part of the row of the a-th of `count` selected unknowns that begins at the diagonal; `all` is the total number of unknowns. */
 static void copy_row(const double *row, int all, int count, const int *unknown, int a, double *to) {
     if (count == all) row_copy(row, a, count, to);
     else for (int b = a; b < count; b++) to[b] = row[unknown[b]];
 }
 
-/* Axial forces for a given set of sticking and slipping contacts. */
+/* Solves for the axial forces, with the present sets of sticking and sliding contacts. */
 static bool solve_axial(contact_problem *p, int *negative) {
     int unknown[MAX_AXIAL], count = 0;
     _Alignas(CACHE_LINE) double system[ELIMINATION_SIZE(MAX_AXIAL)][MOST_COLUMNS];
@@ -148,7 +148,7 @@ static bool solve_axial(contact_problem *p, int *negative) {
     return true;
 }
 
-/* The consistent state of unknown i: its present one, or the one to switch to. */
+/* Returns the state of unknown i that is consistent with the solution: its present state, or the one to which it must switch. */
 static friction_state consistent_state(contact_problem *p, int i, double slip) {
     double force = p->force[2 * p->count + i], margin = MARGIN * (1.0 + fabs(force));
     if (p->state[i] == STICK) {
@@ -161,35 +161,35 @@ static friction_state consistent_state(contact_problem *p, int i, double slip) {
     return p->state[i] * (slip - origin(p, i)) < 0.0 ? STICK : p->state[i];
 }
 
-/* The consistent knot of unknown i: the next knot if the unknown has slid past it, otherwise its present one. */
+/* Returns the knot of unknown i that is consistent with the solution: the next knot if the unknown has slid past it, otherwise the present one. */
 static int consistent_knot(const contact_problem *p, int i, double slip) {
     int next = p->knot + (int)p->state[i];
     if (p->ahead.count == 0 || i != p->climber || next == p->knot || next < 0 || next >= p->ahead.count) return p->knot;
     return (int)p->state[i] * (slip - p->ahead.at[next]) > 0.0 ? next : p->knot;
 }
 
-/* Switches an inconsistent state of unknown i, or an inconsistent knot of the climber. Returns true if either changed. */
+/* Switches the state of unknown i, or the climber's knot, if it is inconsistent. Returns true if it has switched. */
 static bool switch_state(contact_problem *p, int i, double slip, bool may_switch) {
     friction_state next = consistent_state(p, i, slip);
     int knot = consistent_knot(p, i, slip);
     if ((next == p->state[i] && knot == p->knot) || !may_switch) return false;
     if (knot != p->knot) {
         stand_at_knot(p, knot);
-        if (p->lower[i] < p->upper[i]) next = STICK; /* at a kink without a jump, it keeps sliding */
+        if (p->lower[i] < p->upper[i]) next = STICK; /* at a kink without a jump in force, it keeps sliding */
     }
     p->state[i] = next;
     p->switches++;
     return true;
 }
 
-/* Active-set search. All inconsistent contacts switch at once, usually about twice; if that cycles, one at a time in least-index order, which terminates for
-   positive definite problems (Murty 1974). `negative`: number of negative eigenvalues of the compliance between the points that stick or slide with
-   viscosity. */
+/* Active-set search. All inconsistent contacts switch at once, usually about twice. If that cycles, they switch one at a time in least-index order, which
+   terminates for positive definite problems (Murty 1974). `negative`: number of negative eigenvalues of the compliance between the points that stick or
+   that slide with viscosity. */
 static bool search_states(contact_problem *p, int *negative) {
     int limit = ROUNDS_TOGETHER + ROUNDS_EACH * (p->axial_count + p->ahead.count);
     double slip[MAX_AXIAL];
     if (p->ahead.count > 0) stand_at_knot(p, p->knot < p->ahead.count ? p->knot : 0);
-    for (int i = 0; i < p->axial_count; i++) /* these slid in the last tick but cannot any more, for example a tip that has met bone */
+    for (int i = 0; i < p->axial_count; i++) /* contacts that slid in the last tick but can no longer slide, for example a tip that has met bone */
         if (isinf(bound(p, i))) p->state[i] = STICK;
     for (int round = 0; round < limit; round++) {
         if (!solve_axial(p, negative)) return false;
@@ -202,7 +202,7 @@ static bool search_states(contact_problem *p, int *negative) {
     return false;
 }
 
-/* Back substitution: lateral forces from the axial ones. */
+/* Back substitution: computes the lateral forces from the axial ones. */
 static void close_sideways(contact_problem *p, const principal axes[MAX_PAIRS]) {
     symmetric_system s = system_of(p);
     double x[MAX_UNKNOWNS + PADDING] = {0};

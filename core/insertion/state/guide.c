@@ -4,14 +4,14 @@
 
 static const double SKIN_CONTACT = 1e-5; /* m: depth by which a plate may overlap the tissue, because a plate on the skin touches it. Rounding tolerance */
 static const double LEAST_SINE = 1e-3; /* 1: smallest sine of the angle between the normal and the direction of the columns. Rounding tolerance */
-static const double LEAST_SQUARE = 0.7; /* cosine, below 1: smallest cosine of the angle between the given direction of the rows and the perpendicular to the
-                                           columns. Chosen: 45 degrees, beyond which the direction would be nearer to that of the columns */
+static const double LEAST_SQUARE = 0.7; /* cosine, below 1: smallest cosine of the angle between the given direction of the rows and the perpendicular to
+                                           the columns. Chosen: 45 degrees; with a larger angle, the direction would be nearer to that of the columns */
 
 guide_config guide_defaults(void) {
     return (guide_config){.columns = 1, .rows = 1, .spacing = 5e-3, .thickness = 20e-3, .stiffness = 50e3, .friction = 0.1};
 }
 
-/* Unit vector along v; a zero vector stays zero. */
+/* Returns the unit vector along v; a zero vector stays zero. */
 static vec3 direction_of(vec3 v) {
     double largest = fmax(fabs(v.x), fmax(fabs(v.y), fabs(v.z)));
     return largest > 0.0 ? v3_unit(v3_scale(1.0 / largest, v)) : v;
@@ -19,10 +19,10 @@ static vec3 direction_of(vec3 v) {
 
 static bool is_zero(vec3 v) { return v.x == 0.0 && v.y == 0.0 && v.z == 0.0; }
 
-/* Any direction perpendicular to the normal, for a plate with one hole: a projected axis that is not nearly parallel to the normal. */
+/* Returns any direction perpendicular to the normal, for a plate with one hole: the projection of an axis that is not nearly parallel to the normal. */
 static vec3 some_direction_across(vec3 normal) { return fabs(normal.x) < 0.9 ? v3(1, 0, 0) : v3(0, 1, 0); }
 
-/* Unit vectors along columns and rows. `square` is the cosine of the angle between the given direction of the rows and the resulting one. */
+/* Finds the unit vectors along columns and rows. `square` is the cosine of the angle between the given direction of the rows and the resulting one. */
 static void find_axes(const guide_config *given, vec3 across[2], double *square) {
     vec3 normal = direction_of(given->normal), along = is_zero(given->along) ? some_direction_across(normal) : direction_of(given->along);
     across[0] = v3_unit(v3_axpy(-v3_dot(along, normal), normal, along));
@@ -41,7 +41,7 @@ static bool has_square_rows(const guide_config *g) {
     return square >= LEAST_SQUARE;
 }
 
-/* Checks the directions. Describes a fault in `text` and returns the key. */
+/* Checks the directions. For a fault, writes a description to `text` and returns the key. */
 static const char *fault_of_directions(const guide_config *g, char *text, size_t size) {
     bool grid = g->columns * g->rows > 1;
     if (is_zero(g->normal)) return snprintf(text, size, "has no direction: give the direction in which needles pass through the plate"), "normal";
@@ -74,7 +74,7 @@ guide guide_make(const guide_config *given, double needle_diameter) {
     return g;
 }
 
-/* Distance of a column or row from the middle of the grid, m. */
+/* Distance (m) of a column or row from the middle of the grid. */
 static double offset_of(const guide *g, int index, int count) { return g->spacing * (index - 0.5 * (count - 1)); }
 
 vec3 guide_hole(const guide *g, int hole, double depth) {

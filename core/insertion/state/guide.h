@@ -1,4 +1,4 @@
-/* A guide: a plate with holes, such as an implant's template, that supports the shaft laterally. See docs/mechanics.md, "Guides". */
+/* A guide: a plate with holes that supports the shaft laterally, such as an implant template. See docs/mechanics.md, "Guides". */
 #ifndef TROCAR_GUIDE_H
 #define TROCAR_GUIDE_H
 
@@ -17,19 +17,19 @@ enum {
 typedef struct {
     char name[MESH_NAME];
     vec3 origin;             /* m, middle of the grid on the front face, where needles enter */
-    vec3 normal;             /* direction in which needles pass through; any length */
-    vec3 along;              /* direction along which columns are counted; any length; zero: not given */
-    vec3 rows_along;         /* direction along which rows are counted; only its sign relative to `along` matters; zero: normal x along */
+    vec3 normal;             /* direction in which needles pass through the plate; any length */
+    vec3 along;              /* direction along which columns are counted; any length; zero if not given */
+    vec3 rows_along;         /* direction along which rows are counted; only its sign relative to `along` matters; zero selects normal x along */
     int columns, rows;
     double spacing;          /* m, between the axes of neighbouring holes */
     double hole_diameter;    /* m */
     double thickness;        /* m; 0: a single plane, which does not constrain the needle's direction */
-    double stiffness;        /* N/m, of a hole's edge in all directions */
+    double stiffness;        /* N/m, stiffness of a hole's edge, the same in all directions */
     double friction;         /* coefficient */
-    int line;                /* line of its origin in the scene file, for messages; 0: none */
+    int line;                /* line of the guide's origin in the scene file, for messages; 0 if none */
 } guide_config;
 
-/* A guide in the form that the tick uses. Constant during a run. */
+/* A guide in the form used by the tick. Constant during a run. */
 typedef struct {
     vec3 origin;             /* m */
     vec3 normal;             /* unit vector through the plate */
@@ -37,7 +37,7 @@ typedef struct {
     int columns, rows;
     double spacing;          /* m */
     double hole_radius;      /* m */
-    double clearance;        /* m, distance of the needle's axis from that of the hole up to which there is no force */
+    double clearance;        /* m, distance between the axes of needle and hole up to which there is no force */
     double thickness;        /* m */
     double stiffness;        /* N/m */
     double friction;
@@ -45,10 +45,10 @@ typedef struct {
 
 guide_config guide_defaults(void);
 
-/* Returns NULL, or a description of the first fault, whose key goes to `key`. `needle_diameter` is in m. */
+/* Returns NULL if the guide is valid. Otherwise returns a description of the first fault and sets *key to the key concerned. `needle_diameter` is in m. */
 const char *guide_fault(const guide_config *given, double needle_diameter, const char **key, report *words);
 
-/* `given` must be valid. */
+/* Converts a valid guide from the scene. */
 guide guide_make(const guide_config *given, double needle_diameter);
 
 /* Point at which the axis of a hole (column + columns * row) intersects the plane `depth` behind the front face, m. RT */
@@ -56,7 +56,7 @@ vec3 guide_hole(const guide *g, int hole, double depth);
 
 enum { NO_HOLE = -1, BESIDE_PLATE = -2 };
 
-/* The hole at a point of the front face; NO_HOLE on the plate between holes, BESIDE_PLATE more than one spacing outside the grid. RT */
+/* Returns the hole at a point of the front face: NO_HOLE on the plate between holes, BESIDE_PLATE more than one spacing outside the grid. RT */
 int guide_hole_at(const guide *g, vec3 point);
 
 /* True if the plate, or the axis of one of its holes, intersects the tissue at rest. */

@@ -9,23 +9,23 @@
 
 /* A named surface that resists the tip until it is punctured. */
 typedef struct {
-    int group;               /* group of the mesh, dimension 2 */
-    double puncture_force;   /* N; INFINITY: never */
+    int group;               /* group of the mesh with dimension 2 */
+    double puncture_force;   /* N; INFINITY if the surface can never be punctured */
 } membrane;
 
 typedef struct {
-    double contact_spacing;      /* m, least distance between contact nodes along the track */
-    double weakening_distance;   /* m of sliding over which static friction falls to kinetic friction */
-    double prefetch_distance;    /* m of path ahead of the tip that the window covers */
-    double longest_step;         /* s, longer ticks are divided into several steps, so that forces do not depend on the rate */
-    int most_steps;              /* largest number of steps per tick; in a longer tick, the steps are longer */
-    double track_reach;          /* diameters of the needle, distance up to which an old track is open to the tip; 0: tracks close behind the needle */
-    double track_angle;          /* rad, angle between track and cutting direction up to which the track is open */
+    double contact_spacing;      /* m, smallest distance between contact nodes along the track */
+    double weakening_distance;   /* m, sliding distance over which static friction falls to kinetic friction */
+    double prefetch_distance;    /* m, length of the path ahead of the tip that the requested window of nodes covers */
+    double longest_step;         /* s; longer ticks are divided into several steps, so that forces do not depend on the tick rate */
+    int most_steps;              /* largest number of steps per tick; the steps of a tick that needs more become longer */
+    double track_reach;          /* needle diameters, distance up to which an old track is open to the tip; 0: tracks close behind the needle */
+    double track_angle;          /* rad, largest angle between track and cutting direction at which the track is open */
     int max_passes;              /* largest number of Newton passes per step */
-    double tolerance;            /* m, error of the needle's shape at which the passes end */
+    double tolerance;            /* m, error of the needle's shape below which the passes end */
     double bone_compliance;      /* m/N, compliance of bone under the tip */
-    double surface_friction;     /* friction coefficient of the tip on a surface that it has not punctured */
-    double gradient_span;        /* m before and behind the tip over which the gradient of the tissue's displacement is taken */
+    double surface_friction;     /* friction coefficient between the tip and a surface that it has not punctured */
+    double gradient_span;        /* m behind and ahead of the tip, over which the gradient of the tissue's displacement is computed */
 } insertion_settings;
 
 typedef struct {
@@ -38,14 +38,14 @@ typedef struct {
     const guide *guides;
     int guide_count;
     insertion_settings settings;
-    creep_series creep;          /* the same for all regions */
-    bool stiffens;               /* some region stiffens; set by local_create */
+    creep_series creep;          /* creep series, the same for all regions */
+    bool stiffens;               /* true if any region stiffens; set by local_create */
     double *node_disc;           /* node_count: mean of (3 - 4 nu) / (32 mu (1 - nu)), m^2/N: compliance of a rigid disc at depth, times its radius */
-    double *node_stiffening;     /* node_count: mean of the regions' stiffening */
+    double *node_stiffening;     /* node_count: mean stiffening coefficient of the regions */
     double *node_softness;       /* node_count: mean of 1 / mu, m^2/N */
     double *node_punch;          /* node_count: mean of (1 - 2 nu) / (4 mu ln(3 - 4 nu)), m^2/N: compliance of a rigid disc bonded to a free surface, times its
                                     radius */
-    double *node_bone;           /* node_count: 1 on bone, which stops a tip that comes from the tissue, otherwise 0 */
+    double *node_bone;           /* node_count: 1 on bone, which stops a tip that comes from the tissue; 0 elsewhere in the mesh */
 } insertion_model;
 
 #endif

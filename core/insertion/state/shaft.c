@@ -4,14 +4,14 @@
 
 static const double LEAST_SHARE = 1e-6; /* m: smallest length of shaft that a contact represents. Rounding tolerance */
 
-/* Depth of active contact number k, or of the tip if k is beyond the last one. */
+/* Depth of active contact number k; depth of the tip if k is beyond the last contact. */
 static double depth_of(const insertion_state *state, int k) {
     return contact_is_active(state, k) ? state->contacts[state->refined.order[k]].depth : state->tip.place.depth;
 }
 
-/* Depth of the border between the shares of points k and k + 1: halfway, or where the track first enters another region between them, so that no contact
-   represents shaft in a different tissue. The border moves to that boundary only as fast as the next point moves away from it; otherwise forces would jump
-   whenever the tip enters a region. */
+/* Depth of the border between the shares of points k and k + 1. It is halfway between them, or where the track first enters another region between them,
+   so that no contact represents shaft in a different tissue. The border moves to that boundary only as fast as the next point moves away from it;
+   otherwise forces would jump whenever the tip enters a region. */
 static double border_behind(const insertion_state *state, int k) {
     double here = depth_of(state, k), next = depth_of(state, k + 1), half = 0.5 * (here + next);
     for (int s = 1; s < state->stratum_count; s++) {
@@ -34,7 +34,7 @@ shaft_share shaft_share_of(const insertion_state *state, int k, bool tip) {
     return shaft_next_share(state, k, tip, &border);
 }
 
-/* Adds the resistance of this length in one material. */
+/* Adds the resistance of a piece of shaft with this length in one material. */
 static void add_resistance(const region_material *material, double length, shaft_resistance *sum) {
     lateral_axial line = local_line_stiffness(material);
     sum->kinetic += length * material->friction_kinetic;

@@ -1,4 +1,4 @@
-/* The shaft in the tissue: the share that each contact represents, and the resistance that it meets. See docs/mechanics.md, "What a contact is". */
+/* The shaft in the tissue: the share of it that each contact represents, and the resistance to that share. See docs/mechanics.md, "What a contact is". */
 #ifndef TROCAR_SHAFT_H
 #define TROCAR_SHAFT_H
 
@@ -7,34 +7,34 @@
 
 /* The share of the track that a point of the shaft represents. */
 typedef struct {
-    double from, to;         /* m of depth */
+    double from, to;         /* m, depths at which the share begins and ends */
 } shaft_share;
 
-/* Resistance to a share of the shaft in its regions. */
+/* Resistance to a share of the shaft, summed over the regions that it crosses. */
 typedef struct {
-    double kinetic, excess;      /* N, kinetic friction limit, and excess of the static limit */
+    double kinetic, excess;      /* N, limit of kinetic friction, and difference between the static and the kinetic limit */
     double viscous;              /* N s/m, viscous friction */
-    double lateral, axial;       /* N/m, length of shaft over the local compliance to a line force per logarithm */
-    double stiffening;           /* mean of the regions' stiffening, weighted by axial stiffness: exact to third order in the force */
+    double lateral, axial;       /* N/m, length of shaft divided by the local compliance to a line force per logarithm */
+    double stiffening;           /* mean of the regions' stiffening coefficients, weighted by axial stiffness: exact to third order in the force */
 } shaft_resistance;
 
-/* Share of active contact number k from the base: halfway to its neighbours. With `tip`, the tip follows the last contact (k: number of active contacts) and
-   has the rest. RT */
+/* Share of active contact number k, counted from the base: it extends halfway to each neighbour. If `tip` is true, the tip follows the last contact (its k
+   is the number of active contacts) and has the rest of the shaft. RT */
 shaft_share shaft_share_of(const insertion_state *state, int k, bool tip);
 
-/* Like shaft_share_of, for one share after the other from k = 0. `border` (m of depth) is the beginning of this share, initially 0; it is advanced to the
-   beginning of the next. RT */
+/* Like shaft_share_of, but called for one share after the other, from k = 0. `border` (m of depth), initially 0, is where this share begins; it is
+   advanced to where the next one begins. RT */
 shaft_share shaft_next_share(const insertion_state *state, int k, bool tip, double *border);
 
-/* Friction and stiffness of the tissue along a share of the track, summed over its strata. RT */
+/* Friction and stiffness of the tissue along a share of the track, summed over the strata in the share. RT */
 shaft_resistance shaft_resistance_of(const insertion_model *model, const insertion_state *state, shaft_share part);
 
-/* Friction limit after sliding by `slid` (m), N: static friction falls to kinetic by slip weakening, independent of the rate. RT */
+/* Friction limit (N) after sliding by `slid` (m): static friction falls to kinetic friction by slip weakening, at any rate of slip. RT */
 static inline double shaft_friction_limit(const insertion_model *model, const shaft_resistance *shaft, double slid) {
     return shaft->kinetic + shaft->excess * exp(-slid / model->settings.weakening_distance);
 }
 
-/* Shaft in unsheared tissue at this depth, for a tip at the same depth. RT */
+/* State of shaft in unsheared tissue at this depth, for a tip at the same depth. RT */
 static inline shaft_hold shaft_at_rest(const insertion_model *model, double depth) {
     return (shaft_hold){.origin = model->needle->given.length - depth, .roll = {.anchor = NAN}};
 }

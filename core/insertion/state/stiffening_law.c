@@ -3,17 +3,18 @@
 #include <math.h>
 #include <stdbool.h>
 
-/* Solves y (1 + y^2) = b for the shear y, in units of 1 / sqrt(2 S), under the stress b, in units of mu / sqrt(2 S). Newton's method from above: monotone, and
-   exact to the last bit in six steps for any b. */
+/* Solves y (1 + y^2) = b for the shear y (in units of 1 / sqrt(2 S)) under the stress b (in units of mu / sqrt(2 S)). Newton's method approaches the
+   solution monotonically from above and is exact to the last bit after six steps for any b. */
 static double shear_of(double b) {
     double y = b < 1.0 ? b : cbrt(b);
     for (int i = 0; i < 6; i++) y -= (y * (1.0 + y * y) - b) / (1.0 + 3.0 * y * y);
     return y;
 }
 
-enum { MOST_FORCES = 30 }; /* iterations: largest number for the force at a given displacement. Effort limit: 8 are enough for S = 10 */
-static const double SAME_FORCE = 1e-6; /* 1: relative change of the force at which the iteration ends. Rounding: the force is only a point of linearisation */
-static const double RIGID = 1e-3; /* 1: fraction of the linear compliance below which the iteration ends. Rounding: the force is only a point of
+enum { MOST_FORCES = 30 }; /* iterations: largest number in the search for the force at a given displacement. Effort limit: 8 are enough for S = 10 */
+static const double SAME_FORCE = 1e-6; /* 1: relative change of the force at which the iteration ends. Rounding: the force serves only as a point of
+                                          linearisation */
+static const double RIGID = 1e-3; /* 1: fraction of the linear compliance below which the iteration ends. Rounding: the force serves only as a point of
                                      linearisation */
 
 /* ---- shaft: shear stress F' / (2 pi rho) at the distance rho ----------------------------------------------------------------
@@ -30,7 +31,7 @@ static stiffening_shift shaft_field(double b) {
 static const double KEPT_LOGARITHM = 0.1; /* 1: smallest logarithm that stiffening leaves of the local compliance, so that contacts in one element of the mesh,
                                              whose displacements are dependent, stay independent. Chosen by judgement */
 
-/* The b at which the slope is -most. */
+/* The stress b at which the slope is -most. */
 static double shaft_limit(double most) {
     double q = expm1(most / 1.5);
     return sqrt(q) * (1.0 + q);
@@ -43,12 +44,13 @@ static double shaft_limit(double most) {
    1 / sqrt(t (1 + t^2)) from 0 to y. For small forces it is b - b^3 / 5, for large ones it grows with sqrt(b): force and dent go from a line
    to a parabola. */
 
-static const double STRESS = 0.8; /* 1: stress relative to the uniformly distributed one with the energy of the linear disc. Fitted to a resolved disc, S = 1,
-                                     pressed in by 2.5 radii (tests/unit/insertion/test_stiffening.c) */
+static const double STRESS = 0.8; /* 1: stress on the disc divided by the uniform stress that has the energy of the linear disc. Fitted to a resolved disc,
+                                     S = 1, pressed in by 2.5 radii (tests/unit/insertion/test_stiffening.c) */
 static const double WHOLE = 3.7081493546027438; /* 1: I(infinity). Exact: Gamma(1/4)^2 / (2 sqrt(pi)) */
-static const double SMALL = 1e-3; /* 1: force below which the tip's law uses the first term of its series. Derived: the next term is 1e-6 of it */
+static const double SMALL = 1e-3; /* 1: force below which the tip's law is computed from the first term of its series. Derived: relative to that term, the
+                                     next one is 1e-6 */
 
-/* For y <= 1: 2 times the integral of 1 / sqrt(1 + s^4) from 0 to sqrt(y), by Gauss quadrature with eight points. */
+/* For y <= 1: twice the integral of 1 / sqrt(1 + s^4) from 0 to sqrt(y), by Gauss quadrature with eight points. */
 static double small_integral(double y) {
     static const double at[4] = {0.1834346424956498, 0.5255324099163290, 0.7966664774136267, 0.9602898564975363};
     static const double weight[4] = {0.3626837833783620, 0.3137066458778873, 0.2223810344533745, 0.1012285362903763};
@@ -70,7 +72,7 @@ static stiffening_shift tip_field(double b) {
     return (stiffening_shift){sqrt(b) * integral(y) - y - b, tip_slope(y)};
 }
 
-/* The slope decreases monotonically with y to -1: bisection to a part in 2^40. */
+/* The slope decreases monotonically with y to -1; it is solved for by bisection to a relative width of 2^-40. */
 static double tip_limit(double most) {
     double low = 0.0, high = 1.0;
     while (tip_slope(high) > -most && high < 1e6) high *= 2.0;
@@ -95,7 +97,7 @@ stiffening_law stiffening_of_tip(double stiffening, double radius, double disc, 
     return (stiffening_law){STIFFENING_TIP, disc / scale, scale, fmax(room, 0.0) / disc, room};
 }
 
-/* Odd in the force. Continues with constant slope beyond the limit. */
+/* The law is odd in the force and continues with constant slope beyond the limit. */
 stiffening_shift stiffening_at(const stiffening_law *law, double force) {
     if (law->field == NOT_STIFFENING) return (stiffening_shift){0.0, 0.0};
     bool shaft = law->field == STIFFENING_SHAFT;
@@ -109,7 +111,7 @@ stiffening_shift stiffening_at(const stiffening_law *law, double force) {
     return (stiffening_shift){copysign(law->unit, force) * at.shift, law->unit * law->scale * at.slope};
 }
 
-/* Newton's method. The displacement is concave in the force, so the iteration approaches from below. */
+/* Newton's method. Because the displacement is a concave function of the force, the iteration approaches the solution from below. */
 double stiffening_force(const stiffening_law *law, double displacement) {
     double sought = fabs(displacement), force = law->linear > 0.0 ? sought / law->linear : 0.0;
     for (int i = 0; i < MOST_FORCES && law->field != NOT_STIFFENING; i++) {

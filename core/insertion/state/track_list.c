@@ -3,7 +3,7 @@
 #include <math.h>
 #include <string.h>
 
-static const double JOINED = 1e-4; /* m: a cut that begins this close to the end of the newest track extends it. Rounding tolerance */
+static const double JOINED = 1e-4; /* m: if a new cut begins within this distance of the end of the newest track, it extends that track. Rounding tolerance */
 
 /* ---- recording ----------------------------------------------------------------------------------------------------------- */
 
@@ -20,7 +20,7 @@ static void drop_oldest(track_list *list) {
 static vec3 least(vec3 a, vec3 b) { return v3(fmin(a.x, b.x), fmin(a.y, b.y), fmin(a.z, b.z)); }
 static vec3 greatest(vec3 a, vec3 b) { return v3(fmax(a.x, b.x), fmax(a.y, b.y), fmax(a.z, b.z)); }
 
-/* Extends the newest track's bounding box. */
+/* Enlarges the newest track's bounding box to contain x. */
 static void enclose(track_list *list, vec3 x) {
     int track = list->count - 1;
     bool new = list->point_count == list->first[track];
@@ -34,7 +34,7 @@ static bool is_near_box(const track_list *list, int track, vec3 x, double reach)
         && x.z <= high.z + reach;
 }
 
-/* Appends a point to the newest track. A track that fills the list by itself restarts at that point. */
+/* Appends a point to the newest track. If this track alone fills the list, it restarts at that point. */
 static bool append(track_list *list, track_point point) {
     bool room = list->point_count < MAX_TRACK_POINTS;
     if (!room) drop_oldest(list);
@@ -51,7 +51,7 @@ static bool begin(track_list *list, track_point point) {
     return append(list, point) && room;
 }
 
-/* The newest track's last point, or NULL. */
+/* Returns the newest track's last point, or NULL. */
 static track_point *newest_point(track_list *list) { return list->count > 0 ? &list->points[list->point_count - 1] : NULL; }
 
 static bool is_joined(track_list *list, vec3 x) {
@@ -59,7 +59,7 @@ static bool is_joined(track_list *list, vec3 x) {
     return last && v3_norm(v3_sub(x, last->at)) <= JOINED;
 }
 
-/* Moves the last point up to the spacing from the point before it, then appends further points. */
+/* Moves the last point by at most the spacing from the point before it, then appends further points. */
 static bool extend(track_list *list, track_point to) {
     int points = list->point_count - list->first[list->count - 1];
     track_point *last = newest_point(list);
@@ -93,7 +93,8 @@ bool tracks_puncture(track_list *list, track_point at, int membrane) {
 
 /* ---- searching ----------------------------------------------------------------------------------------------------------- */
 
-/* Number of points of a track that can be skipped, from a point at this distance from x, because neither they nor their segments can be within reach. */
+/* Number of points of a track that the search can skip after a point at this distance from x: neither these points nor the segments between them can be
+   within reach. */
 static int skippable(double distance, double reach) { return (int)fmax(0.0, (distance - reach) / TRACK_SPACING); }
 
 double tracks_puncture_distance(const track_list *list, int membrane, vec3 x, double reach) {
@@ -116,7 +117,7 @@ static double length_between(const track_list *list, int from, int to) {
     return sum;
 }
 
-/* The point at distance `way` (m) along the track from `from`, through the points `next`, `next` + `step` and so on, at most to the point `last`. */
+/* Returns the point reached after `way` (m) along the track from `from`, through the points `next`, `next` + `step`, ..., but not beyond the point `last`. */
 static vec3 walk(const track_list *list, vec3 from, int next, int step, int last, double way) {
     for (;; next += step) {
         vec3 to = list->points[next].at, piece = v3_sub(to, from);
@@ -128,8 +129,8 @@ static vec3 walk(const track_list *list, vec3 from, int next, int step, int last
     }
 }
 
-/* Direction of the track at a point of this segment. The needle cut a smooth curve, but the direction of the segments jumps at each point; so it is averaged
-   over one point spacing, half of it to each side. */
+/* Direction of the track at a point of this segment. The needle has cut a smooth curve, but the segments' direction jumps at each point, so the direction
+   is averaged over one point spacing around x. */
 static vec3 direction_at(const track_list *list, int begin, int last, int segment, vec3 x) {
     vec3 ahead = walk(list, x, segment + 1, 1, last, 0.5 * TRACK_SPACING), behind = walk(list, x, segment, -1, begin, 0.5 * TRACK_SPACING);
     vec3 chord = v3_sub(ahead, behind);

@@ -1,5 +1,5 @@
-/* The tracks that a needle has cut: polylines in the undeformed tissue, from the tip's entry to the end of the cut, with the membranes that it punctured.
-   Plain data. */
+/* The tracks that a needle has cut: polylines in the undeformed tissue, from the tip's entry to the end of the cut, with the membranes that were
+   punctured. Plain data. */
 #ifndef TROCAR_TRACK_LIST_H
 #define TROCAR_TRACK_LIST_H
 
@@ -9,8 +9,8 @@
 
 enum { MAX_TRACKS = 128, MAX_TRACK_POINTS = 1024, NO_MEMBRANE = -1 };
 
-static const double TRACK_SPACING = 4e-3; /* m: largest distance between adjacent points of a track, over which its direction is averaged. Chosen: the list has
-                                             room for 4 m of tracks */
+static const double TRACK_SPACING = 4e-3; /* m: largest distance between adjacent points of a track; also the length over which its direction is averaged.
+                                             Chosen: the list has room for 4 m of tracks */
 
 typedef struct {
     vec3 at;                 /* m, nominal */
@@ -21,35 +21,35 @@ typedef struct {
 typedef struct {
     int count, point_count;
     int first[MAX_TRACKS];   /* index of each track's first point; a track ends where the next one begins */
-    vec3 low[MAX_TRACKS], high[MAX_TRACKS]; /* m, corners of a box around each track */
+    vec3 low[MAX_TRACKS], high[MAX_TRACKS]; /* m, opposite corners of a bounding box of each track */
     track_point points[MAX_TRACK_POINTS];
 } track_list;
 
-/* One past the last point of this track. RT */
+/* Index after that of the track's last point. RT */
 static inline int track_end(const track_list *list, int track) { return track + 1 < list->count ? list->first[track + 1] : list->point_count; }
 
-/* Records a cut from one nominal point to another. Extends the newest track if the cut begins at its end, otherwise begins a new track. If there is no room,
-   the oldest track is dropped and the function returns false. RT */
+/* Records a cut from one nominal point to another. If the cut begins at the end of the newest track, it extends that track; otherwise it begins a new one.
+   If there is no room, the oldest track is dropped and the function returns false. RT */
 bool tracks_cut(track_list *list, track_point from, track_point to);
 
-/* Records the puncture of a membrane at this point. Returns as tracks_cut does. RT */
+/* Records the puncture of a membrane at this point. Returns the same as tracks_cut. RT */
 bool tracks_puncture(track_list *list, track_point at, int membrane);
 
-/* Appends the tracks of another list whose distance from a nominal point is between `beyond` and `reach` (m), as long as there is room. RT */
+/* Appends those tracks of another list whose distance from a nominal point is between `beyond` and `reach` (m), until the list is full. RT */
 void tracks_copy_near(const track_list *from, vec3 x, double beyond, double reach, track_list *to);
 
-/* Distance of a nominal point from the nearest puncture of this membrane, m; INFINITY if there is none within `reach`. RT */
+/* Distance (m) from a nominal point to the nearest puncture of this membrane; INFINITY if there is none within `reach`. RT */
 double tracks_puncture_distance(const track_list *list, int membrane, vec3 x, double reach);
 
-/* The point of a track that is closest to x. */
+/* The point of a track that is closest to a given point x. */
 typedef struct {
-    double distance;         /* m from x; INFINITY: none within reach */
-    vec3 point, along;       /* m; unit vector in the direction of the cut */
-    double ahead, behind;    /* m of track from the point to its end and to its start */
+    double distance;         /* m, distance from x; INFINITY if no point is within reach */
+    vec3 point, along;       /* m, the closest point; and the unit vector along the cut */
+    double ahead, behind;    /* m, length of the track from the point to its end and back to its start */
 } track_place;
 
-/* Searches within `reach` only, and only tracks whose bounding box is within reach. From a distant point, the search skips the points that cannot be near:
-   about ten points are examined on a straight track, and all of them in the worst case. RT */
+/* Finds the closest point within `reach`; tracks whose bounding box is farther away are not searched. From a distant point, the search skips the points
+   that cannot be near: on a straight track it examines about ten points, and in the worst case all. RT */
 track_place tracks_closest(const track_list *list, int track, vec3 x, double reach);
 
 #endif

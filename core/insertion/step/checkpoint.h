@@ -1,4 +1,4 @@
-/* The only checkpoint of the passes: saves and restores everything that the passes change. */
+/* The only checkpoint of the passes. It saves and restores everything that the passes change. */
 #ifndef TROCAR_CHECKPOINT_H
 #define TROCAR_CHECKPOINT_H
 
@@ -7,7 +7,7 @@
 /* RT */
 void checkpoint_save(const insertion_state *state, const contact_points *points, const contact_problem *problem, pass_checkpoint *saved);
 
-/* After the restore, passes give the same result, to the bit, as passes directly after the save. The points must be located again. RT */
+/* After the restore, passes give bitwise the same result as passes directly after the save. The points must be located again. RT */
 void checkpoint_restore(insertion_state *state, const contact_points *points, contact_problem *problem, const pass_checkpoint *saved);
 
 #endif

@@ -3,13 +3,13 @@
 #include "insertion/step/checkpoint.h"
 #include "insertion/step/needle_drag.h"
 
-static const double AT_REST = 5e-3; /* fraction: drag, relative to Euler's load, below which a moving needle has come to rest. Chosen: 0.05 N for an 18 G
-                                       needle of 200 mm, about the smallest force that a hand feels */
-static const double LEAST_STEP = 1.0 / 256; /* fraction: smallest part of a tick in which the branch of an equilibrium is followed. Effort limit: eight
+static const double AT_REST = 5e-3; /* fraction: drag, relative to Euler's load, below which a moving needle is considered at rest. Chosen: 0.05 N for an
+                                       18 G needle of 200 mm, about the smallest force that a hand feels */
+static const double LEAST_STEP = 1.0 / 256; /* fraction: smallest part of a tick used as an increment to follow a branch of equilibria. Effort limit: eight
                                                halvings */
-enum { LAST_PASSES = 3 }; /* passes: largest number in which a needle may come to rest. Effort limit */
+enum { LAST_PASSES = 3 }; /* passes: largest number within which a needle may come to rest. Effort limit */
 
-/* Finds the offset of the gaps from those that balance the forces at the start of the tick, which results from the motion of the base. */
+/* Computes the difference between the gaps and those that would balance the forces at the start of the tick. It results from the motion of the base. */
 static void find_lag(const tick_input *tick, insertion_state *state, insertion_workspace *w) {
     const contact_problem *p = &w->problem;
     double force[MAX_UNKNOWNS];
@@ -38,7 +38,7 @@ static bool is_at_rest(const tick_input *tick, const insertion_state *state, con
     return needle_drag(needle) / tick->dt * passes_turned_since(tick, state, since) < AT_REST * euler_load(needle);
 }
 
-/* A needle that has hardly moved is in equilibrium, provided that the passes without drag converge to a stable state. */
+/* Checks whether a needle that has hardly moved is in equilibrium: this is so if the passes without drag converge to a stable state. */
 static pass_result come_to_rest(const tick_input *tick, insertion_state *state, insertion_workspace *w, tick_output *output, pass_result moved) {
     double drag = w->response.drag;
     checkpoint_save(state, &w->points, &w->problem, &w->start);
@@ -52,9 +52,9 @@ static pass_result come_to_rest(const tick_input *tick, insertion_state *state, 
     return moved;
 }
 
-/* Closes the gaps in small steps. One large step against bone finds the straight needle, which is unstable above Euler's load; small steps follow the branch
-   on which the needle bows. Where that branch ends, the needle moves to another one against its drag. The drag grows as the step shrinks, so that a short
-   enough step is stable under any compression. */
+/* Closes the gaps in small increments. Against bone, one large step would find the straight needle, which is unstable above Euler's load; small increments
+   follow the branch on which the needle bows. Where that branch ends, the needle moves to another one against its drag. The drag is inversely proportional
+   to the increment, so that a short enough one is stable under any compression. */
 pass_result continuation_follow(const tick_input *tick, insertion_state *state, insertion_workspace *w, tick_output *output) {
     double drag = needle_drag(tick->model->needle) / tick->dt, done = 0.0, step = 1.0;
     bool moving_on = state->moving_on;

@@ -9,10 +9,10 @@
 #include "insertion/step/checkpoint.h"
 #include "insertion/step/continuation.h"
 
-static const double BITE_TIME = 20e-3; /* s: lag of the surface's hold behind the force along the needle; without the lag, the two would oscillate. Chosen by
-                                          judgement */
+static const double BITE_TIME = 20e-3; /* s: time by which the surface's support lags behind the force along the needle; without the lag, the two would
+                                          oscillate. Chosen by judgement */
 
-/* Finds the resistance ahead of the tip, from the needle's shape at the start of the passes. */
+/* Lists the resistance ahead of the tip, for the needle's shape at the start of the passes. */
 static void begin(const tick_input *tick, const insertion_state *state, insertion_workspace *w) {
     w->response.drag = w->continuation.kept_open = 0.0;
     passes_begin(tick, state, w);
@@ -23,7 +23,7 @@ static void begin(const tick_input *tick, const insertion_state *state, insertio
 void equilibrium_linearise(const tick_input *tick, insertion_state *state, insertion_workspace *w, bool loaded) {
     begin(tick, state, w);
     if (!loaded) memset(w->response.load, 0, sizeof w->response.load);
-    w->damper.relaxed = 1.0; /* the linearisation is static, so the damper is not active */
+    w->damper.relaxed = 1.0; /* the linearisation is static, without the damper */
     passes_linearise(tick, state, w, true);
 }
 
@@ -32,7 +32,7 @@ static void filter_push(needle_tip *tip, const needle_point *p, double dt) {
     tip->filtered_push += (push - tip->filtered_push) * -expm1(-dt / BITE_TIME);
 }
 
-/* Updates all quantities that follow from the forces: the tip's dent and track, the shaft's roll, the tissue's memory. */
+/* Updates all quantities that follow from the forces: the tip's dent and track, the shaft's roll and the tissue's memory. */
 static void conclude(const tick_input *tick, insertion_state *state, const insertion_workspace *w, tick_output *output, pass_result r) {
     needle_tip *tip = &state->tip;
     const contact_point *last = &w->points.list[w->points.count - 1];
@@ -45,9 +45,9 @@ static void conclude(const tick_input *tick, insertion_state *state, const inser
     if (w->points.tip) filter_push(tip, &last->at, tick->dt);
 }
 
-/* The extrapolated shape is only a better starting point: a needle in steady motion then often needs only one pass. A misleading guess costs a pass or two;
-   restarting from the last shape costs more. (12 000 steps of a hand that changes direction every 13 ms, in a guide: 15 992 passes; 16 539 if guesses are
-   abandoned after three passes; 37 918 without guesses.) */
+/* The extrapolated shape only improves the starting point: a needle in steady motion then often needs just one pass. A misleading guess costs one or two
+   passes; restarting from the last shape would cost more. (For 12 000 steps of a hand that changes direction every 13 ms, with the needle in a guide: 15
+   992 passes; 16 539 if guesses are abandoned after three passes; 37 918 without guesses.) */
 void equilibrium_find(const tick_input *tick, insertion_state *state, insertion_workspace *w, tick_output *output) {
     const needle_model *needle = tick->model->needle;
     pass_result r = {.found = false};

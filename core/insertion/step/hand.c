@@ -12,22 +12,22 @@ static void slide(shaft_hold *shaft, double radius) {
     shaft->slid = slid_on(shaft->slid, shaft->slip, shaft->friction, &shaft->roll, radius);
 }
 
-/* Slides the shaft past its contacts by the slips of the last solve. Contacts without a row slide like the shaft next to them. */
+/* Slides the shaft past its contacts by the slips of the last solve. Where contacts have no row yet, it slides like the adjacent shaft. */
 static void slide_in_tissue(insertion_state *state, double radius) {
     double slip = 0.0;
     for (int k = 0; contact_is_active(state, k); k++) {
         shaft_contact *contact = &state->contacts[state->refined.order[k]];
         slide(&contact->shaft, radius);
-        contact->shaft.origin = larger_of(contact->shaft.origin, -contact->depth); /* a needle pushed in up to its base drags the contacts at its base along */
+        contact->shaft.origin = larger_of(contact->shaft.origin, -contact->depth); /* a needle pushed in up to its base drags along the contacts at its base */
         slip = contact->shaft.slip;
     }
     bool inside = state->tip.place.phase == TIP_INSIDE;
     if (inside) slip = state->tip.shaft.slip;
     if (inside) state->tip.shaft.slid = slid_on(state->tip.shaft.slid, slip, state->tip.shaft.friction, &state->tip.shaft.roll, radius);
-    shift_tip_shaft(state, -slip); /* meaningless, but harmless, for a tip outside the tissue */
+    shift_tip_shaft(state, -slip); /* has no meaning, and no effect, for a tip outside the tissue */
 }
 
-/* Moves the base; the displacement of the spring that holds it is kept. */
+/* Moves the base; the displacement of the spring that holds the base stays the same. */
 static void move_base(const tick_input *tick, insertion_state *state) {
     pose base = tick->base.pose;
     base.position = v3_add(base.position, state->base_shift);

@@ -4,10 +4,10 @@
 
 #include "insertion/state/tick.h"
 
-/* Slides the shaft past its contacts, and through guides, by the slips of the last solve. RT */
+/* Slides the shaft past its contacts and through guides, by the slips of the last solve. RT */
 void hand_slide_shaft(const tick_input *tick, insertion_state *state);
 
-/* Moves the base to its pose, and records the resulting motion of the needle's end. A needle outside the tissue is straight, unless a guide bends it. RT */
+/* Moves the base to its pose and records how this moves the needle's end. A needle outside the tissue is straight, unless a guide bends it. RT */
 void hand_move(const tick_input *tick, insertion_state *state, hand_advance *hand);
 
 #endif

@@ -10,13 +10,13 @@
 #include "insertion/tip/prefetch.h"
 #include "insertion/tip/tip.h"
 
-static const double LEAST_TICK = 1e-6; /* s: shorter ticks are computed with this duration. Rounding tolerance */
-static const double SAME_TIME = 1e-6; /* steps: excess of a tick over a whole number of steps that is ignored. Rounding tolerance */
+static const double LEAST_TICK = 1e-6; /* s: shorter ticks are computed as if they had this duration. Rounding tolerance */
+static const double SAME_TIME = 1e-6; /* steps: a tick that exceeds a whole number of steps by less than this is not divided further. Rounding tolerance */
 
 void insertion_reset(const insertion_model *model, pose base, insertion_state *state) {
-    uint64_t serial = state->request.serial, next_id = state->next_id; /* preserved, so that no old snapshot matches */
+    uint64_t serial = state->request.serial, next_id = state->next_id; /* not reset, so that no earlier snapshot matches */
     creep_forget(&state->memory);
-    tissue_memory memory = state->memory; /* the memory's clock continues */
+    tissue_memory memory = state->memory; /* the memory's clock is not reset */
     memset(state, 0, sizeof *state);
     state->memory = memory;
     state->request.serial = serial;

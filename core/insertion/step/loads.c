@@ -34,7 +34,7 @@ void insertion_add_residual_loads(const insertion_model *model, const insertion_
     }
 }
 
-/* The piece of shaft that the contact in `slot` represents, or the tip if `slot` is NO_SLOT. */
+/* Returns the piece of shaft that the contact in `slot` represents, or the tip if `slot` is NO_SLOT. */
 enum { NO_SLOT = -1 };
 static shaft_piece piece_of(const insertion_state *state, int slot, shaft_share share) {
     const needle_tip *tip = &state->tip;
@@ -45,7 +45,7 @@ static shaft_piece piece_of(const insertion_state *state, int slot, shaft_share 
         return (shaft_piece){share.from, share.to, contact->depth, v3_sub(contact->track, contact->beside), contact->direction, line};
     }
     line_in_tet line = {tip->place.tet, tip->place.nominal, tip->place.direction};
-    for (int i = 0; i < state->request.piece_count; i++) /* the same line for the tip's entire chord through an element */
+    for (int i = 0; i < state->request.piece_count; i++) /* uses the same line for the tip's entire chord through an element */
         if (state->request.pieces[i].tet == tip->place.tet) line = state->request.pieces[i];
     return (shaft_piece){share.from, share.to, tip->place.depth, tip->place.nominal, tip->place.direction, line};
 }

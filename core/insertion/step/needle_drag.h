@@ -1,17 +1,17 @@
-/* Drag on a needle without a stable equilibrium: it damps the needle's bending waves while the needle moves to another equilibrium. See docs/mechanics.md,
-   "Buckling". */
+/* Drag on a needle that has no stable equilibrium: it damps the needle's bending waves while the needle moves to another equilibrium. See
+   docs/mechanics.md, "Buckling". */
 #ifndef TROCAR_NEEDLE_DRAG_H
 #define TROCAR_NEEDLE_DRAG_H
 
 #include "insertion/state/tick.h"
 
-/* Drag of this needle, N s: moment per length and rate of rotation. */
+/* Drag coefficient of this needle, N s: moment per length, divided by the rate of rotation. */
 double needle_drag(const needle_model *model);
 
-/* Adds the drag of a needle that has moved from `start` in this step to the loads on the joints. RT */
+/* Adds the drag on a needle that has moved from `start` in this step to the loads on its joints. RT */
 void drag_add_loads(const tick_input *tick, needle_response *response, const pass_checkpoint *start);
 
-/* Adds the displacement caused by the drag to the joints' displacement at zero load. Requires the compliance of all joints. RT */
+/* Adds the displacement caused by the drag to the displacement that the joints have without loads. The compliance of all joints must have been computed. RT */
 void drag_shift_joints(const tick_input *tick, needle_response *response, const pass_checkpoint *start);
 
 #endif

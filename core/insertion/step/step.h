@@ -4,7 +4,7 @@
 
 #include "insertion/state/tick.h"
 
-/* Computes the next equilibrium, with the base held at `tick->base`. Each scratch struct is written by one stage and read by later ones. RT */
+/* Computes the next equilibrium, with the base held at `tick->base`. Each struct of the scratch memory is written by one stage and read by later ones. RT */
 void step(const tick_input *tick, insertion_state *state, insertion_workspace *w, tick_output *output);
 
 #endif

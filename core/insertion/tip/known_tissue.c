@@ -14,12 +14,12 @@ static bool tip_handles(const tick_input *tick, const insertion_state *state, in
     return tip->place.phase == TIP_INSIDE && tip->known.tet >= 0 && snapshot_covers(tick->snapshot, tick->model->mesh->tets[tip->known.tet], handles);
 }
 
-/* Load of active contact number k, counted from the base, on the tissue, N. */
+/* Load (N) on the tissue of active contact number k, counted from the base. */
 static vec3 load_of(const tick_input *tick, const insertion_state *state, int k) {
     return v3_add(state->contacts[state->refined.order[k]].force, creep_load(tick->model, &state->memory, k));
 }
 
-/* Displacement of a handle under the tip's load on the handles `corners`, m. */
+/* Displacement (m) of a handle under the tip's load, which acts on the handles `corners`. */
 static vec3 displaced_by_tip(const tick_input *tick, const insertion_state *state, const int corners[4], int handle) {
     mat3 c = compliance_to_point(tick->snapshot, corners, state->tip.known.weights, handle);
     return m3_apply_transposed(&c, v3_add(tip_load(&state->tip), creep_tip_load(tick->model, &state->memory)));
@@ -44,13 +44,13 @@ vec3 displacement_at_tip(const tick_input *tick, const insertion_state *state, c
     return covered ? displacement_at(tick, state, creep, corners, tip->known.weights) : v3(0, 0, 0);
 }
 
-/* Activates a contact whose row has arrived. The tissue holds it as it has held the shaft next to the tip. */
+/* Activates a contact whose row has arrived. Its initial state is that of the shaft next to the tip. */
 static void activate_contact(const tick_input *tick, insertion_state *state, int k) {
     int slot = state->refined.order[k];
     shaft_contact *contact = &state->contacts[slot];
     contact->status = CONTACT_ACTIVE;
     contact->force = v3(0, 0, 0);
-    /* the resolution had not been measured when the tip left the contact */
+    /* the resolution had not yet been measured when the tip left the contact */
     if (contact->log_axial == 0.0) set_resolution(tick->model, contact, &tick->snapshot->resolved[slot]);
     if (state->tip.place.phase != TIP_INSIDE || contact->depth < tip_entry_depth(state)) return;
     double origin = contact->shaft.origin;
@@ -58,7 +58,7 @@ static void activate_contact(const tick_input *tick, insertion_state *state, int
     contact->shaft.origin = origin;
 }
 
-/* Transfers the tip's force on the part of the contact's share that was the tip's, which began at `from` (m of depth). */
+/* Transfers the tip's force on that part of the contact's share which belonged to the tip until now; this part began at `from` (m of depth). */
 static void take_over_force(const tick_input *tick, insertion_state *state, int k, double from) {
     shaft_contact *contact = &state->contacts[state->refined.order[k]];
     if (state->tip.place.phase != TIP_INSIDE || contact->depth < tip_entry_depth(state)) return;
@@ -83,7 +83,7 @@ void follow_known_point(const tick_input *tick, insertion_state *state, tick_out
     double weights[4];
     int tet = refinement_element(model->mesh, &state->refined, snapshot_known_contacts(tick->snapshot, &state->refined), tip->place.tet, tip->place.nominal, weights);
     bool covered = snapshot_covers(tick->snapshot, model->mesh->tets[tet], handles);
-    if (!covered && tet != tip->place.tet) { /* the window follows the nominal mesh */
+    if (!covered && tet != tip->place.tet) { /* the requested window follows the nominal mesh */
         tet = tip->place.tet;
         mesh_barycentric(model->mesh, tet, tip->place.nominal, weights);
         covered = snapshot_covers(tick->snapshot, model->mesh->tets[tet], handles);
@@ -97,10 +97,10 @@ void follow_known_point(const tick_input *tick, insertion_state *state, tick_out
     if (!tip_handles(tick, state, handles)) handles[0] = NO_HANDLE;
 }
 
-/* Two measurements differ, because the element is another or the line has turned. The difference fades out as the tip advances by about a diameter. */
+/* Two measurements differ if the element has changed or the line has turned. The difference fades out while the tip advances by about one diameter. */
 static double faded(double now, double then, double used, double fading) { return now + (used - then) * fading; }
 
-/* Keeps the last measurement, because adjacent elements differ little. Farther away, or without any measurement, the worker counts as late. */
+/* Keeps the last measurement, because adjacent elements differ little. If it was made farther away, or if there is none, the worker counts as late. */
 static void keep_resolution(const tick_input *tick, insertion_state *state, tick_output *output) {
     const insertion_model *model = tick->model;
     needle_tip *tip = &state->tip;

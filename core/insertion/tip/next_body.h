@@ -1,35 +1,35 @@
-/* Transition between bodies: a tip that has left the tissue on the far side returns, or enters the next body. */
+/* Transition between bodies: a tip that has left the tissue on the far side either returns or enters the next body. */
 #ifndef TROCAR_NEXT_BODY_H
 #define TROCAR_NEXT_BODY_H
 
 #include "insertion/state/tick.h"
 
-/* Entry of the tip into a body: a point of the mesh, and the obstacle at that point. */
+/* Where the tip enters a body: a point of the mesh, and the obstacle at this point. */
 typedef struct {
     bool found;
     int tet, face, blocked_by;
     vec3 point;              /* m, nominal */
 } entrance;
 
-/* For a tip that has left on the far side: the tip has returned when the needle's end is more than a radius behind the exit point. With a smaller distance,
-   tissue that springs back when the tip leaves would enclose the tip again. RT */
+/* For a tip that has left the tissue on the far side: it has returned if the needle's end is more than one radius behind the exit point. With a smaller
+   distance, tissue that springs back when the tip leaves would enclose the tip again. RT */
 void reenter_tissue(const tick_input *tick, insertion_state *state, const creep_step *creep, tick_output *output);
 
-/* Looks for other tissue ahead of a needle that has left on the far side. RT */
+/* Looks for other tissue ahead of a needle that has left the tissue on the far side. RT */
 void enter_body_ahead(const tick_input *tick, insertion_state *state, const creep_step *creep, tick_output *output);
 
-/* For a tip that has left the tissue in this tick. Touching bodies have the same displacement, so a body between the nominal exit point and the tip's position
-   in space is entered at once. RT */
+/* For a tip that has left the tissue in this tick: touching bodies have the same displacement, so a body between the nominal exit point and the tip's
+   position in space is entered at once. RT */
 void enter_touching_body(const tick_input *tick, insertion_state *state, tick_output *output, vec3 direction);
 
-/* Finds where the segment from `left`, the tip's exit point, to `to` enters the next body. Bodies that were meshed separately may overlap: then the tip is in
-   the next one as soon as it leaves the first. RT */
+/* Finds where the segment from the tip's exit point `left` to `to` enters the next body. Separately meshed bodies may overlap; the tip is then in the next
+   body as soon as it leaves the first. RT */
 entrance next_body(const tick_input *tick, const insertion_state *state, vec3 left, vec3 to);
 
-/* Enters the next body, `gap` (m) beyond the exit. Without room to record the gap, the needle advances without contact. RT */
+/* Enters the next body, `gap` (m) beyond the exit. If there is no room to record the gap, the needle advances without contact. RT */
 void enter_next(const tick_input *tick, insertion_state *state, tick_output *output, const entrance *at, double gap);
 
-/* Cutting direction of the tip: along the needle, with a lateral component away from the bevel's face. RT */
+/* Cutting direction of the tip: along the needle, plus a lateral component directed away from the bevel's face. RT */
 vec3 needle_direction(const tick_input *tick, const insertion_state *state);
 
 #endif

@@ -11,9 +11,9 @@ enum { MOST_LOOKS = 5 }; /* iterations: largest number for the displaced surface
 
 /* ---- in the air ---------------------------------------------------------------------------------------------------- */
 
-/* Displacement of the surface ahead of a free needle's end or just behind it, by other bodies and by memory. The mesh is the tissue at rest: the axis meets
-   the displaced surface where its line, shifted back by the displacement there, meets the mesh. Where the displacement is not known yet, its last known value
-   is used. */
+/* Displacement of the surface just ahead of or behind the end of a free needle, caused by other bodies and by memory. The mesh represents the tissue at
+   rest: the needle's axis meets the displaced surface where the axis, shifted back by the displacement at this point, meets the mesh. As long as the
+   displacement is not known, its last known value is used. */
 static vec3 surface_displacement(const tick_input *tick, const insertion_state *state, const creep_step *creep, vec3 end, vec3 axis) {
     const mesh *m = tick->model->mesh;
     vec3 u = isnan(state->surface.x) ? v3(0, 0, 0) : state->surface, before;
@@ -33,8 +33,8 @@ static vec3 surface_displacement(const tick_input *tick, const insertion_state *
     return u;
 }
 
-/* Touches the surface above a tip at the nominal point `now` (m) in the tissue. Other needles have moved the tissue over the tip, or their displacement has
-   just become known. The search starts one diameter behind the tip and doubles that distance up to two lengths of the needle. */
+/* Lets the tip touch the surface above its nominal position `now` (m), which is in the tissue. Other needles have moved the tissue over the tip, or their
+   displacement has just become known. The search starts one diameter behind the tip and doubles that distance, up to two needle lengths. */
 static void touch_above(const tick_input *tick, insertion_state *state, tick_output *output, vec3 now, vec3 axis) {
     const insertion_model *model = tick->model;
     for (double back = model->needle->given.outer_diameter; back < 2.0 * model->needle->given.length; back *= 2.0) {
@@ -46,8 +46,8 @@ static void touch_above(const tick_input *tick, insertion_state *state, tick_out
     }
 }
 
-/* Starts an insertion when the tip touches the outer surface. A needle that the hand draws out of a dent does not touch it. A needle whose end has slid over
-   an edge is past the tissue, although its axis still intersects the corner. */
+/* Starts an insertion when the tip touches the outer surface. A needle that the hand draws out of a dent does not touch the surface. A needle whose end
+   has slid over an edge is past the tissue, although its axis still intersects the corner. */
 static void look_for_surface(const tick_input *tick, insertion_state *state, const hand_advance *hand, const creep_step *creep, tick_output *output) {
     const insertion_model *model = tick->model;
     vec3 known = state->surface, axis = q_axis(tick->base.pose.orientation), end = state->needle.joints[model->needle->given.segments];
@@ -62,8 +62,8 @@ static void look_for_surface(const tick_input *tick, insertion_state *state, con
 
 static void advance_tip(const tick_input *tick, insertion_state *state, const creep_step *creep, tick_output *output, vec3 gradient) {
     needle_tip *tip = &state->tip;
-    if (!isfinite(tip->solved.slip)) tip->shaft.origin = NAN; /* restarts the insertion (insertion_is_finite), so that the tip does not cut a track across the
-                                                                 whole tissue */
+    if (!isfinite(tip->solved.slip)) tip->shaft.origin = NAN; /* restarts the insertion (see insertion_is_finite), so that the tip does not cut a track
+                                                                 through the whole tissue */
     tip_move(tick, state, creep, output, tip_cut_direction(tick, state, gradient));
     if (tip->place.phase == TIP_INSIDE && tip->place.depth == 0.0) tip_glide_on_surface(tick, state, output);
 }

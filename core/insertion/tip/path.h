@@ -5,7 +5,7 @@
 
 #include "insertion/state/tick.h"
 
-/* `gradient` is that of the tissue's displacement along the track, before the hand moved (track_gradient.h). RT */
+/* `gradient`: derivative of the tissue's displacement along the track, before the hand moved (track_gradient.h). RT */
 void path_follow(const tick_input *tick, insertion_state *state, const hand_advance *hand, path_step *path, const creep_step *creep, tick_output *output, vec3 gradient);
 
 #endif

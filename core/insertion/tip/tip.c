@@ -7,10 +7,10 @@
 #include "insertion/track/contact_nodes.h"
 #include "insertion/track/old_tracks.h"
 
-static const double MOST_SHEAR = 0.7; /* fraction below 1: shear of the tissue along the track up to which the tip's direction follows it. Chosen: far beyond
-                                         small strains */
+static const double MOST_SHEAR = 0.7; /* fraction, below 1: shear of the tissue along the track above which the tip's direction no longer follows the
+                                         shear. Chosen: far beyond small strains */
 static const double GLIDE_REACH = 2e-3; /* m: distance above and below a sliding tip within which the surface is searched for. Chosen by judgement */
-static const double LIFTED = 1e-6; /* m: distance from the surface beyond which a tip has left it. Rounding: accuracy of the surface's displacement */
+static const double LIFTED = 1e-6; /* m: distance from the surface above which a tip has left it. Rounding: accuracy of the surface's displacement */
 
 /* ---- on the surface ---------------------------------------------------------------------------------------------------- */
 
@@ -34,13 +34,13 @@ bool tip_is_below(const insertion_model *model, vec3 from, vec3 to) {
     return hit.hit && reaches(model->mesh, hit, to, &tet);
 }
 
-/* Moves the tip's material point along the outer surface by the tangential vector `shift` (m). `inward` is the surface's unit normal. */
+/* Moves the tip's material point along the outer surface by the tangential vector `shift` (m). `inward`: unit normal of the surface. */
 static void tip_glide(const tick_input *tick, insertion_state *state, tick_output *output, vec3 inward, vec3 shift) {
     const insertion_model *model = tick->model;
     needle_tip *tip = &state->tip;
     vec3 goal = v3_add(tip->place.nominal, shift);
     surface_hit hit = mesh_enter(model->mesh, v3_axpy(-GLIDE_REACH, inward, goal), v3_axpy(GLIDE_REACH, inward, goal));
-    if (!hit.hit) { /* over the edge, if the straight needle is past the tissue; otherwise it would meet the surface again */
+    if (!hit.hit) { /* the tip is over the edge if a straight needle would be past the tissue; otherwise it would meet the surface again */
         vec3 axis = q_axis(state->needle.base.orientation);
         vec3 end = needle_straight_end(model->needle, state->needle.base);
         if (!tip_is_below(model, v3_axpy(-GLIDE_REACH, axis, end), end)) withdraw_tip(state, output);
@@ -55,7 +55,7 @@ static void tip_glide(const tick_input *tick, insertion_state *state, tick_outpu
     tip->barrier.entering = true;
 }
 
-/* The tip slides half the distance that would bring the force back into the friction cone: the full distance could overshoot and lift off a needle that hardly
+/* The tip slides half the distance that would return the force to the friction cone. The full distance could overshoot, and lift off a needle that hardly
    presses. */
 void tip_glide_on_surface(const tick_input *tick, insertion_state *state, tick_output *output) {
     const insertion_model *model = tick->model;
@@ -80,8 +80,8 @@ void tip_puncture(const tick_input *tick, insertion_state *state, tick_output *o
     if (tip->place.phase == TIP_BEYOND) enter_touching_body(tick, state, output, v3_unit(needle_direction(tick, state)));
 }
 
-/* Unit nominal direction d whose image in the deformed tissue, d + gradient, is along `direction`; `direction` itself if the tissue is deformed beyond the
-   range of linear elasticity. Compression along the needle is neglected: its error in one tick is corrected by the slip of the next. */
+/* Unit nominal direction d whose image in the deformed tissue, d + gradient, points along `direction`; `direction` itself if the tissue is deformed beyond
+   the range of linear elasticity. Compression along the needle is neglected: the slip of the next tick corrects the resulting error. */
 static vec3 pull_back(vec3 gradient, vec3 direction) {
     direction = v3_unit(direction);
     vec3 sideways = v3_axpy(-v3_dot(gradient, direction), direction, gradient);
@@ -92,7 +92,7 @@ static vec3 pull_back(vec3 gradient, vec3 direction) {
 
 vec3 tip_cut_direction(const tick_input *tick, const insertion_state *state, vec3 track_gradient) { return pull_back(track_gradient, needle_direction(tick, state)); }
 
-/* Updates the track's direction at the tip: a running mean over about one needle diameter. `way` is the segment that was just cut. */
+/* Updates the track's direction at the tip, a running mean over about one needle diameter. `way`: segment that was just cut. */
 static void follow_track(const insertion_model *model, needle_tip *tip, vec3 way) {
     double length = v3_norm(way);
     if (length == 0.0) return;
@@ -100,7 +100,7 @@ static void follow_track(const insertion_model *model, needle_tip *tip, vec3 way
     tip->place.direction = v3_unit(v3_axpy(-expm1(-0.5 * length / model->needle->radius), change, tip->place.direction));
 }
 
-/* True if a bent needle without axial force still touches the surface: its end would be in the tissue if it were straight. */
+/* True if a bent needle without axial force still touches the surface, because its end would be in the tissue if the needle were straight. */
 static bool stays_on_surface(const tick_input *tick, const insertion_state *state) {
     const needle_tip *tip = &state->tip;
     if (tip->place.depth > 0.0) return false;
@@ -129,7 +129,7 @@ void tip_move(const tick_input *tick, insertion_state *state, const creep_step *
     tip->solved.slip = 0.0;
 }
 
-/* Sets the tissue around a straight needle to an unstrained state: its contacts hold the shaft in its present position. */
+/* Makes the tissue around a straight needle unstrained: its contacts hold the shaft in its present position. */
 static void rest_shaft(const insertion_model *model, insertion_state *state) {
     const vec3 *joints = state->needle.joints;
     vec3 base = joints[0], axis = v3_unit(v3_sub(joints[model->needle->given.segments], base));

@@ -5,9 +5,10 @@
 #include "insertion/track/obstacle.h"
 #include "insertion/track/old_tracks.h"
 
-static const double GRAZING = 0.2; /* 1: sine of the angle to an outer face below which the tip moves along the face. Chosen: 11 degrees */
+static const double GRAZING = 0.2; /* 1: sine of the angle between tip direction and outer face below which the tip moves along the face. Chosen: 11 degrees */
 static const double GRAZING_DEPTH = 1e-5; /* m: depth of `nominal` below the face that the tip grazes. Rounding tolerance */
-static const double SAME_FORCE = 1e-6; /* fraction: excess of a resistance over the tip's cutting force up to which the tip overcomes it. Rounding tolerance */
+static const double SAME_FORCE = 1e-6; /* fraction: relative amount by which a resistance may exceed the tip's cutting force and still be overcome.
+                                          Rounding tolerance */
 
 int follow_line(const mesh *m, int tet, vec3 *from, vec3 target) {
     for (int step = 0; step < MAX_STEPS; step++) {
@@ -31,7 +32,7 @@ bool reaches(const mesh *m, surface_hit hit, vec3 x, int *tet) {
 
 /* ---- out of the tissue ------------------------------------------------------------------------------------------------- */
 
-/* The tip leaves the tissue; the shaft stays in it. */
+/* Records that the tip has left the tissue while the shaft is still in it. */
 static void go_beyond(const tick_input *tick, insertion_state *state) {
     needle_tip *tip = &state->tip;
     tip->place.phase = TIP_BEYOND;
@@ -49,7 +50,7 @@ static void exit_tissue(const tick_input *tick, insertion_state *state, tick_out
     output->events |= EVENT_EXITED;
 }
 
-/* The tip leaves this body backwards into the gap before it, and returns to its exit point in the previous body. */
+/* The tip leaves this body backwards, into the gap before it, and returns to its exit point in the previous body. */
 static void back_into_gap(const tick_input *tick, insertion_state *state, tick_output *output) {
     int gap = last_gap(state);
     const stratum *left = &state->strata[gap];
@@ -63,7 +64,7 @@ static void back_into_gap(const tick_input *tick, insertion_state *state, tick_o
 }
 
 void withdraw_tip(insertion_state *state, tick_output *output) {
-    state->request.piece_count = 0; /* the next insertion must not depend on the lines of this one */
+    state->request.piece_count = 0; /* the next insertion must not depend on the lines of this insertion */
     state->tip = tip_in_air();
     state->surface = v3(NAN, NAN, NAN);
     output->events |= EVENT_WITHDRAWN;
@@ -74,7 +75,7 @@ void withdraw_tip(insertion_state *state, tick_output *output) {
    A needle is not out of the tissue as soon as its axis is: a tip that reaches an outer face at a small angle goes on along the face
    until it is out by the needle's radius. In the mesh, a point just inside the face stands for it. */
 
-/* True if the tip continues along the outer face that it has reached: unless there is other tissue behind the face, or a membrane on it. */
+/* True if the tip continues along the outer face that it has reached, because neither other tissue is behind the face nor a membrane on it. */
 static bool grazes(const tick_input *tick, const insertion_state *state, int face, vec3 direction) {
     const insertion_model *model = tick->model;
     const needle_tip *tip = &state->tip;
@@ -92,7 +93,7 @@ static void begin_grazing(const tick_input *tick, insertion_state *state, tick_o
     plan_contact(tick, state, output, direction);
 }
 
-/* Moves the tip by `part` along `direction`, and `nominal` along the face. The tip may return to the tissue or leave it. */
+/* Moves the tip by `part` along `direction`, and `nominal` along the face. The tip may return to the tissue, or leave the face. */
 static void graze_on(const tick_input *tick, insertion_state *state, tick_output *output, vec3 direction, double part) {
     needle_tip *tip = &state->tip;
     tip->place.beside = v3_axpy(part * v3_dot(direction, tip->place.graze_normal), tip->place.graze_normal, tip->place.beside);
@@ -108,7 +109,7 @@ static void graze_on(const tick_input *tick, insertion_state *state, tick_output
 
 /* ---- forward and back -------------------------------------------------------------------------------------------------- */
 
-/* Enters the element behind a face, or leaves the tissue. */
+/* Crosses a face: the tip enters the element behind it, or leaves the tissue. */
 static void cross_face(const tick_input *tick, insertion_state *state, tick_output *output, int face, vec3 direction) {
     needle_tip *tip = &state->tip;
     int next = tick->model->mesh->neighbours[tip->place.tet][face];
@@ -125,7 +126,7 @@ static void cross_face(const tick_input *tick, insertion_state *state, tick_outp
 
 void puncture_barrier(const tick_input *tick, insertion_state *state, tick_output *output, vec3 direction) {
     needle_tip *tip = &state->tip;
-    if (tip->barrier.blocked_by != BLOCKED_BY_BONE) { /* a needle may start in bone, which is not a puncture */
+    if (tip->barrier.blocked_by != BLOCKED_BY_BONE) { /* a needle may start in bone, which does not count as a puncture */
         output->events |= EVENT_PUNCTURED;
         output->membrane = tip->barrier.blocked_by;
         old_tracks_puncture(state, output, tip->barrier.blocked_by);
@@ -133,13 +134,13 @@ void puncture_barrier(const tick_input *tick, insertion_state *state, tick_outpu
     tip->barrier.blocked_by = NOT_BLOCKED;
     if (!tip->barrier.entering) {
         cross_face(tick, state, output, tip->barrier.face, direction);
-    } else { /* the tip is already on the inner side */
+    } else { /* the tip is already on the inner side of the face */
         tip->place.nominal = v3_axpy(FACE_CLEARANCE, direction, tip->place.nominal);
         tip->place.depth += FACE_CLEARANCE;
     }
 }
 
-/* Distance of the tip to an exit from the tissue in its present element, m; INFINITY if there is none. */
+/* Distance (m) of the tip from an exit out of the tissue through its present element; INFINITY if there is none. */
 static double distance_to_exit(const insertion_model *model, const needle_tip *tip, vec3 direction) {
     double to_face, rising = v3_dot(direction, tip->place.graze_normal);
     int face = mesh_exit(model->mesh, tip->place.tet, tip->place.nominal, tip_way(&tip->place, direction), &to_face);
@@ -154,7 +155,7 @@ static double distance_to_exit(const insertion_model *model, const needle_tip *t
 /* True if the tip's cutting force exceeds this resistance. */
 static bool overcomes(const needle_tip *tip, double resistance) { return resistance <= (1.0 + SAME_FORCE) * tip->solved.end_force; }
 
-/* At a face: the tip moves along an outer face, is blocked, or crosses the face. Returns true if it has crossed. */
+/* Decides what happens at a face: the tip moves along an outer face, is blocked, or crosses the face. Returns true if it has crossed. */
 static bool meet_face(const tick_input *tick, insertion_state *state, tick_output *output, int face, vec3 direction) {
     needle_tip *tip = &state->tip;
     int behind = tick->model->mesh->neighbours[tip->place.tet][face];
@@ -171,7 +172,7 @@ static bool meet_face(const tick_input *tick, insertion_state *state, tick_outpu
     return true;
 }
 
-/* Cuts up to the next face or the next contact node. Returns the remaining distance, m. */
+/* Cuts up to the next face or contact node. Returns the remaining distance, m. */
 static double advance_once(const tick_input *tick, insertion_state *state, tick_output *output, vec3 direction, double distance) {
     needle_tip *tip = &state->tip;
     double to_face, to_contact = tip->next_contact - tip->place.depth;
@@ -184,7 +185,7 @@ static double advance_once(const tick_input *tick, insertion_state *state, tick_
     tip->place.depth += part;
     if (grazing) graze_on(tick, state, output, direction, part);
     if (tip->place.phase != TIP_INSIDE) return 0.0;
-    if (grazing && v3_norm(tip->place.graze_normal) == 0.0) return left; /* back in the tissue, perhaps in another element */
+    if (grazing && v3_norm(tip->place.graze_normal) == 0.0) return left; /* the tip is back in the tissue, perhaps in another element */
     if (to_contact <= part) {
         place_contact(tick, state, output);
         plan_another(tick, state, output, direction);
@@ -222,9 +223,9 @@ void cut_forward(const tick_input *tick, insertion_state *state, tick_output *ou
     if (isfinite(left)) plan_exit(tick, state, output, tip_way(&tip->place, direction), left);
 }
 
-/* The track behind the tip, back to the last contact, to the entry into this body, or to the skin. */
+/* The track behind the tip, which extends back to the last contact, to the entry into this body, or to the skin. */
 typedef struct {
-    const shaft_contact *contact; /* NULL: none in this body */
+    const shaft_contact *contact; /* NULL if there is no contact in this body */
     int gap;                      /* index of the gap before this body, or -1 */
     double length;                /* m */
 } way_back;
@@ -236,7 +237,7 @@ static way_back find_way_back(const insertion_state *state) {
     return (way_back){last, last_gap(state), state->tip.place.depth - (last ? last->depth : entry)};
 }
 
-/* Moves the tip back by `distance`, which must be less than the total length. */
+/* Moves the tip back by `distance`, which must be less than the length of the track behind the tip. */
 static void go_back(const mesh *m, insertion_state *state, const way_back *way, double distance) {
     needle_tip *tip = &state->tip;
     vec3 goal = way->contact ? way->contact->track : way->gap >= 0 ? state->strata[way->gap + 1].point : state->entry;

@@ -5,13 +5,13 @@
 #include "insertion/tip/prefetch.h"
 #include "insertion/tip/tip_path.h"
 
-/* Displacement of the tissue at a contact, which moves with the shaft, m. */
+/* Displacement (m) of the tissue at a contact, which moves with the shaft. */
 static vec3 carried(const tick_input *tick, const insertion_state *state, const shaft_contact *contact) {
     needle_point p = needle_at(tick->model->needle, &state->needle, contact_arc(contact, tick->model->needle->given.length));
     return v3_sub(p.position, contact->track);
 }
 
-/* Displacement of the tissue that moves with the shaft, one span (contact.gradient_span) behind the tip, m. */
+/* Displacement (m) of the tissue that moves with the shaft, at one span (contact.gradient_span) behind the tip. */
 static vec3 displacement_behind(const tick_input *tick, const insertion_state *state, vec3 at_tip) {
     vec3 ahead = at_tip;
     double ahead_depth = state->tip.place.depth, sought = ahead_depth - tick->model->settings.gradient_span;
@@ -27,7 +27,7 @@ static vec3 displacement_behind(const tick_input *tick, const insertion_state *s
     return ahead;
 }
 
-/* Displacement of the tissue up to one span ahead of the tip, m; that at the tip if the snapshot does not cover the point. */
+/* Displacement (m) of the tissue at one span, or as far as the tissue reaches, ahead of the tip; that at the tip if the snapshot does not cover the point. */
 static vec3 displacement_ahead(const tick_input *tick, const insertion_state *state, const creep_step *creep, vec3 direction, vec3 at_tip) {
     const mesh *m = tick->model->mesh;
     double left = tick->model->settings.gradient_span, chord;

@@ -3,11 +3,12 @@
 #include "insertion/state/local_compliance.h"
 #include "insertion/state/strata.h"
 
-static const double LONGEST_SHARE = 0.8; /* edge lengths: longest share of one contact within an element; a longer chord gets several contacts. Chosen by
-                                            judgement */
-static const double PLAN_TOLERANCE = 2e-4; /* m: largest distance between the tip and a planned contact node that it can still use. Chosen by judgement */
-static const double LAST_PLACE = 0.95; /* fraction above 0.5 and below 1: latest position of a node along the chord through an element; a node due farther on
-                                          is placed in the next element. Chosen: 0.5 is its usual position, 1 is the face */
+static const double LONGEST_SHARE = 0.8; /* edge lengths: longest share of one contact within an element; if the chord is longer, it gets several contacts.
+                                            Chosen by judgement */
+static const double PLAN_TOLERANCE = 2e-4; /* m: largest distance between the tip and a planned contact node at which the node can still be used. Chosen by
+                                              judgement */
+static const double LAST_PLACE = 0.95; /* fraction, above 0.5 and below 1: farthest position of a node along the chord through an element; a node due
+                                          beyond it is placed in the next element. Chosen: 0.5 is its usual position, 1 is the face */
 
 double last_contact_depth(const insertion_state *state) {
     const shaft_contact *last = last_contact(state);
@@ -19,7 +20,7 @@ void set_beside(needle_tip *tip, vec3 beside) {
     tip->place.graze_normal = v3_norm(beside) > 0.0 ? v3_unit(beside) : v3(0, 0, 0);
 }
 
-/* Sets the needle's line at a new node; keeps the line of an earlier request for it. */
+/* Sets the needle's line at a new node; a line that an earlier request contained for the node is kept. */
 static void set_line(insertion_state *state, int slot, vec3 direction) {
     added_node *node = &state->refined.nodes[slot];
     node->line = (line_in_tet){node->tet, node->position, v3_unit(direction)};
@@ -46,8 +47,8 @@ void drop_plan(insertion_state *state) {
     state->tip.next_contact = NAN;
 }
 
-/* The chord through an element is divided into shares of equal length, with a contact node in the middle of each. `another`: the tip is at such a node, with
-   half of its share ahead. */
+/* Plans the next contact node. The chord through an element is divided into shares of equal length, with a node in the middle of each. `another`: the tip
+   is at such a node, with half of the node's share still ahead. */
 static void plan(const tick_input *tick, insertion_state *state, tick_output *output, vec3 direction, bool another) {
     const insertion_model *model = tick->model;
     needle_tip *tip = &state->tip;
@@ -120,7 +121,7 @@ void return_to_contact(const tick_input *tick, insertion_state *state, tick_outp
     tip->place.depth = contact->depth;
     tip->shaft = contact->shaft;
     if (contact->log_axial != 0.0) {
-        double point = tip->resolution.field.point; /* resolution for the end face, which is the tip's alone */
+        double point = tip->resolution.field.point; /* resolution for the end face, which only the tip has */
         tip->resolution.field = contact->resolved;
         tip->resolution.field.point = point;
         tip->resolution.at = tip->place.nominal;

@@ -2,12 +2,13 @@
 
 #include "insertion/track/obstacle.h"
 
-static const double FADE = 1.5; /* ratio above 1: a track's openness falls from 1 at the limits of distance and angle to 0 at this multiple of them. Chosen by
-                                   judgement */
-static const double CATCH_UP = 4.0; /* needle diameters: distance over which a tip beside a track approaches it by a factor e. Chosen by judgement */
-static const double CLOSED = 1e-5; /* m: a tip this close to the end of a track has reached its end. Rounding tolerance */
+static const double FADE = 1.5; /* ratio, above 1: a track's openness falls from 1 at the limits of distance and angle to 0 at these limits times this
+                                   ratio. Chosen by judgement */
+static const double CATCH_UP = 4.0; /* needle diameters: distance of travel over which a tip beside a track reduces its distance from the track by the
+                                       factor e. Chosen by judgement */
+static const double CLOSED = 1e-5; /* m: distance from the end of a track within which a tip counts as having reached the end. Rounding tolerance */
 
-/* 1 up to the limit, falling to 0 at FADE times the limit. */
+/* Returns 1 up to the limit, falling to 0 at FADE times the limit. */
 static double fade(double value, double limit) { return fmin(fmax((FADE - value / limit) / (FADE - 1.0), 0.0), 1.0); }
 
 static double reach_of(const insertion_model *model) { return model->settings.track_reach * 2.0 * model->needle->radius; }
@@ -31,13 +32,13 @@ void old_tracks_puncture(insertion_state *state, tick_output *output, int membra
 
 /* ---- what is open -------------------------------------------------------------------------------------------------------- */
 
-/* The track lists in the tissue; index 0 is the needle's own list. NULL past the last list. */
+/* Returns the track lists in the tissue one by one; index 0 is the needle's own list. NULL after the last list. */
 static const track_list *list_of(const tick_input *tick, const insertion_state *state, int index) {
     if (index == 0) return &state->tracks;
     return index <= tick->other_count ? tick->others[index - 1] : NULL;
 }
 
-/* Openness of this membrane at x: like that of a track, by the distance from its punctures. */
+/* Openness of this membrane at x, which depends on the distance from its punctures as that of a track depends on the distance from the track. */
 static double membrane_open(const tick_input *tick, const insertion_state *state, int membrane, vec3 x) {
     double reach = reach_of(tick->model), closest = INFINITY;
     const track_list *list;
@@ -59,7 +60,7 @@ typedef struct {
     vec3 direction;
 } candidate;
 
-/* Openness of this track to the tip, which may follow it in either direction. */
+/* Rates how open this track is to the tip, which may follow it in either direction. */
 static candidate judge(const insertion_model *model, const track_list *list, int track, vec3 x, vec3 direction) {
     double reach = reach_of(model);
     track_place place = tracks_closest(list, track, x, FADE * reach);
@@ -98,8 +99,8 @@ vec3 old_tracks_lead(const open_track *track, vec3 direction) {
     return v3_unit(v3_axpy(track->openness, v3_sub(track->direction, direction), direction));
 }
 
-/* A tip guided sideways by u per metre does the work f . u, with f the lateral force on the needle. The hand must do this work, because the wall of a track is
-   frictionless; then a step never returns more energy than it received. */
+/* A tip that is guided sideways by u per metre does the work f . u, where f is the lateral force on the needle. Because the wall of a track is
+   frictionless, the hand must do this work; then a step never returns more energy than it received. */
 double old_tracks_bound(const open_track *track, vec3 tip_force, vec3 needle, double resistance) {
     if (track->openness == 0.0) return resistance;
     vec3 across = v3_axpy(-v3_dot(tip_force, needle), needle, tip_force);

@@ -1,4 +1,4 @@
-/* Functions shared by players and bridges: ending on a signal, and real time. */
+/* Functions shared by players and bridges: they handle signals that end the program, and real-time scheduling. */
 #ifndef TROCAR_PLAYING_H
 #define TROCAR_PLAYING_H
 

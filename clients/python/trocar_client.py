@@ -279,7 +279,7 @@ class Client:
 
     def drop_seeds(self, count, spacing=0.0):
         """Drops `count` seeds, 1 to 16, which the needle leaves as it is drawn back over them; the first has its distal end at the tip.
-        `spacing` is the distance of their centres in m; 0 means the scene's."""
+        `spacing` is the distance between their centres in m; 0 selects the scene's value."""
         return self._ask(_COMMAND_DROP_SEED, count, spacing)
 
     def undo(self):
@@ -287,7 +287,7 @@ class Client:
         return self._ask(_COMMAND_UNDO)
 
     def reply(self):
-        """Returns (the answer to the last command, the reason unless it is DONE)."""
+        """Returns the result of the last command and, unless it is DONE, the reason."""
         number, done, why = self._reply
         if self._asked == 0:
             return Answer.NONE, ""
@@ -343,7 +343,7 @@ class Client:
         try:
             self._sender.sendto(packet, self._group)
         except OSError:
-            if not self._echoed:    # a pose that is lost later is counted by the server
+            if not self._echoed:    # poses that are lost later are counted by the server
                 raise
 
     def _command(self, what, number, seeds=0, spacing=0.0):
@@ -354,7 +354,7 @@ class Client:
         while not self._ends:
             try:
                 self._receive()
-            except OSError:     # while the network is down, every call may fail at once
+            except OSError:     # while the network is down, every call may fail immediately
                 time.sleep(0.01)
 
     def _receive(self):
@@ -383,7 +383,7 @@ class Client:
             self._take_message(channel, message)
 
     def _take_fragment(self, packet, sender):
-        """Assembles a fragmented message, one at a time. Its fragment 0 must come first; the others may come in any order."""
+        """Assembles fragmented messages, one at a time. Fragment 0 of a message must come first; the others may come in any order."""
         if len(packet) < 20:
             return
         sequence, total, offset, number, count = struct.unpack(">IIIHH", packet[4:20])
@@ -415,7 +415,8 @@ class Client:
             self._echoed = True
 
     def _is_ours(self, found, now):
-        """True if a message is for this client, and from the server that it follows: the first one heard, until that one falls silent."""
+        """True if a message is meant for this client and comes from the server that it follows. That is the first server heard, until it falls
+        silent."""
         if found is None or found["session"] != self._session or found["needle"] != self._needle:
             return False
         if found["server"] != self._server:

@@ -4,7 +4,7 @@
 
 #include "common/progress.h"
 
-/* Prints the path of the condensed inverse, which has been saved: otherwise creating the model would have failed. */
+/* Prints the path of the condensed inverse. The file exists, because creating the model fails if the file cannot be saved. */
 static trocar_status describe(const trocar_model *model, FILE *out, report *why) {
     const char *description = trocar_model_description(model);
     if (strcmp(trocar_model_inverse(model), "condensed") != 0)

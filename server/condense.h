@@ -1,4 +1,5 @@
-/* Computes and stores a scene's condensed inverse for later starts of the server, possibly on another machine. Needs neither a network nor real time. */
+/* Computes a scene's condensed inverse and stores it for later starts of the server, possibly on another machine. Needs neither a network nor real
+   time. */
 #ifndef TROCAR_CONDENSE_H
 #define TROCAR_CONDENSE_H
 
@@ -7,8 +8,8 @@
 #include "base/report.h"
 
 /* Computes the condensed inverse and prints where it is stored. BAD_INPUT for a bad scene, for a scene whose inverse is not condensed, and for a
-   mesh that needs more memory than the machine has; NO_MEMORY, before the elimination begins, if too little memory is free; SYSTEM, before the
-   computation, if the file cannot be written. */
+   mesh that needs more memory than the machine has; NO_MEMORY, if too little memory is free before the elimination begins; SYSTEM if the file cannot
+   be written, which is checked before the computation. */
 trocar_status condense_scene(const char *scene_path, FILE *out, report *why);
 
 #endif

@@ -11,15 +11,16 @@
 #include "trocar_needle_wrench_t.h"
 #include "trocar_probe_wrench_t.h"
 
-enum { COMMANDS = 64, PROBE_WRENCHES = 64, WRENCHES = 1024, LATENCIES = 4096 }; /* WRENCHES holds one second of one needle at 1 kHz; LATENCIES
-                                                                                   holds far more than arrive in a telemetry interval */
+enum { COMMANDS = 64, PROBE_WRENCHES = 64, WRENCHES = 1024, LATENCIES = 4096 }; /* WRENCHES holds the wrenches of one needle for one second at 1 kHz;
+                                                                                   LATENCIES holds far more values than arrive in one telemetry
+                                                                                   interval */
 
 static trocar_status create_eventfd(int *descriptor, report *why) {
     *descriptor = eventfd(0, EFD_NONBLOCK | EFD_CLOEXEC);
     return *descriptor >= 0 ? TROCAR_OK : fail(why, TROCAR_SYSTEM, "cannot create an eventfd: %s", strerror(errno));
 }
 
-/* Returns the slot with this index. */
+/* Returns the slot of the buffer with this index. */
 static view_sample *view_at(const triple_buffer *views, size_t index) { return (view_sample *)(void *)(views->slots + index * views->size); }
 
 trocar_status views_create(triple_buffer *views, trocar_model *model, report *why) {

@@ -23,43 +23,43 @@
 #include "intake/safety_limits.h"
 #include "trocar.h"
 
-/* IO -> haptic: the newest pose of each needle */
+/* From the IO thread to the haptic thread: the newest pose of each needle */
 typedef struct {
     pose_sample needles[TROCAR_MAX_NEEDLES];
 } newest_poses;
 
-/* The state of one needle in a view_sample */
+/* State of one needle in a view_sample */
 typedef struct {
-    bool engaged;                /* a hand has held the needle since the server started */
-    int64_t pose_utime;          /* us, utime of the pose that this tick answered */
+    bool engaged;                /* true once a hand has held the needle, at any time since the server started */
+    int64_t pose_utime;          /* us, utime of the pose to which this tick responded */
     int flags;                   /* flags as in needle_wrench_t */
     int64_t saturated_ticks;     /* since start */
-    double energy, energy_lowest; /* J, energy passed from the hand into the coupling since the engagement, and its minimum */
+    double energy, energy_lowest; /* J, energy that the hand has put into the coupling since the engagement, and the minimum of that energy */
     double coupling_stiffness;   /* N/m; 0 if the coupling is rigid */
     int contacts;
     int state;                   /* state as in status_t */
 } needle_view;
 
-/* haptic -> telemetry, about 60 Hz: results of the last tick for viewers */
+/* From the haptic thread to the telemetry thread, about 60 times per second: results of the last tick for viewers */
 typedef struct {
     int64_t tick;
     int64_t wrench_dropped;      /* since start */
     double snapshot_age;         /* s since the oldest unanswered request; 0 if all requests have been answered */
     needle_view needles[TROCAR_MAX_NEEDLES];
-    trocar_picture *picture;     /* belongs to the slot of the triple buffer; NULL without a model */
+    trocar_picture *picture;     /* belongs to this slot of the triple buffer; NULL if there is no model */
 } view_sample;
 
-/* Creates a triple buffer of views, each with a picture of this model. If `model` is NULL, the views have no pictures, as some tests need. */
+/* Creates a triple buffer of views, each with a picture of this model. If `model` is NULL, as in some tests, the views have no pictures. */
 trocar_status views_create(triple_buffer *views, trocar_model *model, report *why);
 void views_free(triple_buffer *views);
 
 /* worker -> telemetry */
 typedef struct {
-    bool lasts;                  /* the worker has answered no request since the fault */
+    bool lasts;                  /* the worker has not answered any request since the fault */
     report why;
 } worker_fault;
 
-/* Copies the view's content. `from` and `to` each keep their own picture. */
+/* Copies the contents of a view. `from` and `to` each keep their own picture buffer. */
 void view_copy(const view_sample *from, view_sample *to);
 
 typedef struct {
@@ -72,13 +72,13 @@ typedef struct {
     spsc_ring wrenches;          /* trocar_needle_wrench_t */
     spsc_ring probe_wrenches;    /* trocar_probe_wrench_t */
     spsc_ring commands, replies; /* needle_command */
-    spsc_ring latencies;         /* int64_t, ns: times from a request to the worker's answer */
-    spsc_ring round_trips;       /* int64_t, ns: times from computing a wrench to the arrival of the first pose that names it */
-    atomic_bool probe_stopped;   /* haptic -> IO: the tissue stops the probe short of its newest pose */
-    int io_wake, worker_wake;    /* non-blocking eventfds; writing to worker_wake stops the worker */
+    spsc_ring latencies;         /* int64_t, ns: times between a request and the worker's answer */
+    spsc_ring round_trips;       /* int64_t, ns: times between computing a wrench and the arrival of the first pose that refers to it */
+    atomic_bool probe_stopped;   /* from haptic to IO thread: the tissue stops the probe before it reaches its newest pose */
+    int io_wake, worker_wake;    /* non-blocking eventfds; a write to worker_wake stops the worker */
 } exchange;
 
-/* Creates all buffers; `model` as in views_create. */
+/* Creates all buffers; `model` has the same meaning as in views_create. */
 trocar_status exchange_create(exchange *x, trocar_model *model, report *why);
 void exchange_free(exchange *x);
 

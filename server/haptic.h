@@ -1,4 +1,5 @@
-/* One tick of the server. For each needle: newest pose -> safety limits -> simulation -> safety limits -> wrench. */
+/* One tick of the server. The data of each needle pass through these stages: newest pose -> safety limits -> simulation -> safety limits ->
+   wrench. */
 #ifndef TROCAR_HAPTIC_H
 #define TROCAR_HAPTIC_H
 
@@ -8,16 +9,16 @@
 #include "intake/safety_limits.h"
 #include "loop.h"
 
-/* State of one needle. A needle without an owner, or with a silent device, does not affect the others. */
+/* State of one needle. A needle that has no owner, or whose device is silent, does not affect the others. */
 typedef struct {
     safety_limits safety;
     virtual_coupling coupling;
     int64_t saturated_ticks;     /* since start */
-    bool rests;                  /* the needle was left in the tissue and not taken again, so it is not ticked */
-    bool faulty;                 /* the last tick produced no reliable wrench */
+    bool rests;                  /* the needle was left in the tissue and has not been taken again, so it is not ticked */
+    bool faulty;                 /* the last tick did not produce a reliable wrench */
     vec3 force;                  /* N, the model's force in the last tick */
-    bool taken;                  /* a hand took the needle where it rested, so that engaging it does not start a new insertion */
-    bool pending;                /* the needle's `command` is being executed */
+    bool taken;                  /* a hand took the needle where it rested, so engaging the needle does not start a new insertion */
+    bool pending;                /* the command in `command` is being executed for this needle */
     needle_command command;
     hand_clutch clutch;          /* offset of the hand that has taken the needle */
 } haptic_needle;
@@ -27,21 +28,21 @@ typedef struct {
     int needle_count;
     trocar_device_limits limits;
     double period;               /* s, nominal */
-    int flags;                   /* flags of every wrench: NOT_REALTIME or 0 */
-    int64_t server;              /* this server's number, set by the creator */
+    int flags;                   /* flags set in every wrench: NOT_REALTIME or 0 */
+    int64_t server;              /* this server's ID, set by the creator of this struct */
     exchange *exchange;
-    atomic_bool wind_down;       /* set by any thread: ramp to zero, then stop */
+    atomic_bool wind_down;       /* set by any thread to make the loop ramp the wrenches to zero and then stop */
 
-    haptic_needle needles[TROCAR_MAX_NEEDLES]; /* this and all following members are used by the haptic thread only */
-    int64_t probe_session, probe_seq; /* session and sequence number of the probe's last pose; -1 before the first */
-    trocar_probe probe;          /* the probe's state as last sent */
+    haptic_needle needles[TROCAR_MAX_NEEDLES]; /* this and all following members are used only by the haptic thread */
+    int64_t probe_session, probe_seq; /* session and sequence number of the last pose of the probe; -1 before the first */
+    trocar_probe probe;          /* state of the probe as last sent */
     int64_t wrench_dropped;      /* since start */
-    int64_t stages[LOOP_STAGES]; /* ns, times of the last tick's stages, summed over all needles */
-    int64_t received;            /* ns, monotonic: arrival of the newest pose of a held needle that the last tick saw; 0 if there was none */
+    int64_t stages[LOOP_STAGES]; /* ns, durations of the last tick's stages, summed over all needles */
+    int64_t received;            /* ns, monotonic: arrival time of the newest pose of a held needle that the last tick used; 0 if there was none */
 } haptic;
 
-/* Prepares the loop's state for a model with `needle_count` needles and sets the simulation's clock to the monotonic one. `sim` and `x` must outlive
-   it. */
+/* Prepares the loop's state for a model with `needle_count` needles, and makes the simulation use the monotonic clock. `sim` and `x` must outlive the
+   loop's state. */
 void haptic_init(haptic *h, trocar_sim *sim, int needle_count, const trocar_device_limits *limits, double rate_hz, int flags, exchange *x);
 
 /* Runs one tick of the loop; `context` is a haptic. Returns false once the wrenches have been ramped to zero after `wind_down`. RT */

@@ -22,7 +22,8 @@ trocar_status io_create(io *o, const char *url, int needle_count, const trocar_d
     arbiter_init(&o->arbiter, needle_count, limits);
     probe_arbiter_init(&o->probe);
     atomic_init(&o->stop, false);
-    /* Generated code computes a type's hash on first use, without a lock. Two threads use this type, so its hash is computed here. */
+    /* Generated code computes a type's hash on first use without a lock. Because two threads use this type, its hash is computed here, before they
+       start. */
     __trocar_status_t_get_hash();
     if (sem_init(&o->ready, 0, 0) == 0) return TROCAR_OK;
     return fail(why, TROCAR_SYSTEM, "cannot create a semaphore: %s", strerror(errno));
@@ -91,9 +92,10 @@ static void on_status(const lcm_recv_buf_t *received, const char *channel, void 
 static const char *const CHANNELS[] = {"TROCAR_POSE", "TROCAR_PROBE", "TROCAR_COMMAND", "REMOTE_COMMAND", "TROCAR_STATUS", NULL};
 static const lcm_msg_handler_t HANDLERS[] = {on_pose, on_probe, on_command, on_command, on_status};
 _Static_assert(sizeof CHANNELS / sizeof *CHANNELS == sizeof HANDLERS / sizeof *HANDLERS + 1, "one handler for each channel");
-const packet_wishes IO_PACKETS = {.channels = CHANNELS, .whole_only = true, .origin = {"TROCAR_COMMAND", "REMOTE_COMMAND"}}; /* all messages to the server are small */
+/* all messages to the server are small enough for one packet */
+const packet_wishes IO_PACKETS = {.channels = CHANNELS, .whole_only = true, .origin = {"TROCAR_COMMAND", "REMOTE_COMMAND"}};
 
-/* Subscribes to raw messages, because LCM's generated subscriptions drop bad messages silently. */
+/* Subscribes to raw messages, because LCM's generated subscriptions drop malformed messages silently. */
 static bool subscribe(io *o, const char *channel, lcm_msg_handler_t handler) {
     lcm_subscription_t *subscription = lcm_subscribe(o->lcm, channel, handler, o);
     return subscription != NULL && lcm_subscription_set_queue_capacity(subscription, QUEUE) == 0;
@@ -114,7 +116,8 @@ void io_close(io *o) {
     o->lcm = NULL;
 }
 
-/* Drains LCM's queues, which keep the oldest messages. The number of messages per round is limited, so that a flood cannot delay the wrenches. */
+/* Empties LCM's queues, which drop the newest messages when they are full. The number of messages per round is limited, so that a flood of messages
+   cannot delay the wrenches. */
 static trocar_status receive(io *o) {
     int handled = 1;
     for (int i = 0; i < MESSAGES_A_ROUND && handled > 0; i++) handled = lcm_handle_timeout(o->lcm, 0);
@@ -132,7 +135,7 @@ static void hand_over(io *o) {
     triple_buffer_publish(&o->exchange->intakes);
 }
 
-/* Sends the queued wrenches. If the network refuses a datagram (no route, full buffer), the wrench is lost and counted, and the server continues. */
+/* Sends the queued wrenches. If the network refuses a datagram (no route, full buffer), that wrench is counted as lost, and the server continues. */
 static void publish_wrenches(io *o) {
     trocar_needle_wrench_t wrench;
     unsigned char bytes[WRENCH_BYTES];

@@ -2,7 +2,7 @@
 
 #include <string.h>
 
-/* Adds one tick to the timing of the current interval, which is collected in the buffer's write slot. RT */
+/* Adds one tick to the timing of the current interval, which is accumulated in the buffer's write slot. RT */
 static void note(loop *l, int64_t lateness, int64_t compute) {
     loop_record *interval = triple_buffer_slot(l->records);
     histogram_add(&interval->lateness, lateness);
@@ -15,7 +15,7 @@ static void note(loop *l, int64_t lateness, int64_t compute) {
     }
 }
 
-/* Publishes the interval and starts the next one. RT */
+/* Publishes the timing of the current interval and starts the next one. RT */
 static void hand_over(loop *l) {
     loop_record *interval = triple_buffer_slot(l->records);
     interval->lateness_max_total = histogram_max(&l->lateness);

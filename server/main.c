@@ -1,4 +1,4 @@
-/* trocar-server: options, signals, exit status. */
+/* Main program of trocar-server: options, signals and exit status. */
 #include <argp.h>
 #include <errno.h>
 #include <signal.h>
@@ -33,7 +33,7 @@ static const struct argp_option options[] = {
 
 typedef struct {
     server_options options;
-    bool condense;           /* compute the condensed inverse instead of serving */
+    bool condense;           /* compute the condensed inverse instead of running the server */
     const char *serving;     /* name of an option that has no effect with --condense; NULL if none was given */
 } arguments;
 
@@ -78,10 +78,10 @@ static void on_stop(int signal) {
     errno = error;
 }
 
-/* All signals that would end the process at once, without ramping the wrench, except those that report a fault of the program itself. SIGHUP
-   stays ignored under nohup. */
+/* All signals that would otherwise end the process at once, without ramping the wrench down; signals that report a fault of the program itself are
+   not included. Under nohup, SIGHUP remains ignored. */
 static const int STOPPING[] = {SIGHUP, SIGINT, SIGQUIT, SIGTERM, SIGUSR1, SIGUSR2, SIGALRM, SIGVTALRM, SIGPROF, SIGIO, SIGPWR, SIGSTKFLT, SIGXCPU};
-static const int IGNORED[] = {SIGPIPE, SIGXFSZ}; /* output is lost if its reader has gone or the file is full */
+static const int IGNORED[] = {SIGPIPE, SIGXFSZ}; /* the output is lost if its reader has exited or the file is full */
 
 /* Returns a descriptor that becomes readable when one of these signals arrives. Uses a handler instead of a signalfd, because threads that libraries
    start before main do not block the signals. */
@@ -100,8 +100,8 @@ static void say_ready(void) {
     fflush(stdout);
 }
 
-/* Prints the reason and returns the exit status. Status 2, and 4 (insufficient privilege, as for LSB services), tell a
-   supervisor that a restart would not help. */
+/* Prints the reason and returns the exit status. Exit statuses 2 and 4 (insufficient privileges, as for LSB services) tell a supervisor that a
+   restart would not help. */
 static int complain(trocar_status status, const report *why) {
     fprintf(stderr, "trocar-server: %s\n", why->text);
     switch (status) {
@@ -132,7 +132,7 @@ int main(int argc, char **argv) {
     status = server_run(s, signals, say_ready, &why);
     if (status == TROCAR_OK) server_summarise(s, stdout);
     int exit_status = status == TROCAR_OK ? 0 : complain(status, &why);
-    if (server_busy(s)) { /* a thread still uses the libraries, so exit without cleaning up */
+    if (server_busy(s)) { /* a thread is still using the libraries, so exit without cleaning up */
         fflush(NULL);
         _exit(exit_status);
     }

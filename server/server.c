@@ -32,11 +32,11 @@ struct server {
     trocar_scene *scene;
     double rate_hz;
     bool phase_lock;
-    int64_t id;                  /* this server's number, in all of its messages */
+    int64_t id;                  /* this server's ID, included in all of its messages */
     bool realtime;
-    report refused;              /* the reason if real time is refused */
-    int awake;                   /* descriptor that keeps the processors out of deep sleep, or -1 */
-    report asleep;               /* the reason if they are not kept out of deep sleep */
+    report refused;              /* the reason if real-time scheduling is refused */
+    int awake;                   /* descriptor that keeps the processors out of deep sleep states, or -1 */
+    report asleep;               /* the reason if the processors cannot be kept out of deep sleep states */
     int shutdown_wake;           /* eventfd */
     trocar_model *model;
     trocar_sim *sim;
@@ -57,7 +57,7 @@ static trocar_status start(task *t, const char *name, size_t stack, void *(*body
     if (stack > 0) pthread_attr_setstacksize(&attributes, stack);
     sigset_t all, before;
     sigfillset(&all);
-    pthread_sigmask(SIG_SETMASK, &all, &before); /* new threads inherit this mask, so that only the main thread handles signals */
+    pthread_sigmask(SIG_SETMASK, &all, &before); /* new threads inherit this signal mask, so that only the main thread handles signals */
     int error = pthread_create(&t->thread, &attributes, body, context);
     pthread_sigmask(SIG_SETMASK, &before, NULL);
     pthread_attr_destroy(&attributes);
@@ -91,9 +91,9 @@ static void show_long_start(const char *what, double fraction, void *context) {
     progress_show(what, fraction, context);
 }
 
-/* A late tick runs no more steps than a punctual one, because catching up would make the next tick late. */
+/* A late tick runs no more steps than a punctual one, because catching up would make the next tick late as well. */
 static trocar_status create_simulation(server *s, report *why) {
-    static const double STEP = 1e-3; /* s, the longest step */
+    static const double STEP = 1e-3; /* s, the longest step of the simulation */
     trocar_model_options options = trocar_default_model_options();
     options.watch.progress = show_long_start;
     options.log = (trocar_log){progress_warn, "trocar-server"};
@@ -103,7 +103,7 @@ static trocar_status create_simulation(server *s, report *why) {
     return trocar_sim_create(s->model, &s->sim, why);
 }
 
-/* With --allow-non-rt, stores the reason why real time is refused, and succeeds. */
+/* With --allow-non-rt, succeeds even if real time is refused, and stores the reason. */
 static trocar_status note_realtime(server *s, trocar_status status, report *why) {
     s->realtime = status == TROCAR_OK;
     if (s->realtime || s->options.allow_non_rt) return TROCAR_OK;
@@ -111,12 +111,13 @@ static trocar_status note_realtime(server *s, trocar_status status, report *why)
     return status;
 }
 
-/* Checks the permission for real time before the expensive part of the start, because a supervisor may keep restarting a server that lacks it. */
+/* Checks the permission for real time before the expensive part of the start, because a supervisor may repeatedly restart a server that lacks this
+   permission. */
 static trocar_status check_realtime(server *s, report *why) {
     return note_realtime(s, realtime_check_permission(PRIORITY_HAPTIC, &s->refused), why);
 }
 
-/* Enters real time when most memory has been allocated and no thread has been started. */
+/* Switches to real time after most memory has been allocated and before any thread is started. */
 static trocar_status enter_realtime(server *s, report *why) {
     if (!s->realtime) return TROCAR_OK;
     trocar_status status = note_realtime(s, realtime_lock_memory(&s->refused), why);
@@ -165,8 +166,8 @@ static void *create_run(void *context) {
     return NULL;
 }
 
-/* Creates the server in a separate thread with raised priority. In the caller's thread, the flag SCHED_RESET_ON_FORK would remain and reset a
-   negative nice value in all threads started later. */
+/* Creates the server in a separate thread with raised priority. If the caller's thread did this, its SCHED_RESET_ON_FORK flag would remain set and
+   reset a negative nice value in all threads started later. */
 static trocar_status create_in_a_hurry(server *s, report *why) {
     creation c = {.server = s, .why = why};
     task creating = {0};
@@ -204,16 +205,16 @@ void server_free(server *s) {
 
 /* --- threads ---------------------------------------------------------------------------------------------------- */
 
-/* Joins the thread, or gives up at the time `until`: the factorisation of a large matrix cannot be interrupted, so a thread that computes one, or
-   waits for one, is left running. */
+/* Joins the thread, or gives up at the time `until`. The factorisation of a large matrix cannot be interrupted, so a thread that computes such a
+   factorisation, or waits for one, is left running. */
 static void join_or_leave(task *t, const struct timespec *until) {
     if (t->running && pthread_timedjoin_np(t->thread, NULL, until) == 0) t->running = false;
 }
 
 bool server_busy(const server *s) { return s->worker_task.running || s->telemetry_task.running || s->prepare_task.running; }
 
-/* --prepare: computes in advance what is otherwise computed when a needle leaves the region of interest. Afterwards, pictures of the deformed
-   tissue take less time. */
+/* --prepare: computes in advance what is otherwise computed only when a needle leaves the region of interest. After that, pictures of the deformed
+   tissue also take less time. */
 static void *prepare_run(void *context) {
     const server *s = context;
     report why;
@@ -228,7 +229,7 @@ static void *haptic_run(void *context) {
     report ignored;
     realtime_flush_denormals();
     realtime_touch_stack();
-    if (s->realtime) realtime_set_priority(PRIORITY_HAPTIC, &ignored); /* permission was checked at the start */
+    if (s->realtime) realtime_set_priority(PRIORITY_HAPTIC, &ignored); /* the permission was checked at the start */
     loop_run(&s->loop);
     return NULL;
 }
@@ -251,7 +252,7 @@ static trocar_status start_all(server *s, report *why) {
     return start(&s->haptic_task, "trocar-haptic", REALTIME_STACK, haptic_run, s, why);
 }
 
-/* Stops the haptic thread first, while the IO thread still sends the ramp to the device. */
+/* Stops the haptic thread first, while the IO thread still sends the ramped wrenches to the device. */
 static void stop_all(server *s) {
     atomic_store(&s->haptic.wind_down, true);
     join(&s->haptic_task);

@@ -9,29 +9,29 @@
 
 typedef struct {
     const char *scene_path;
-    const char *lcm_url;         /* NULL for LCM's default */
-    double rate_hz;              /* 0 for the scene's rate */
-    bool allow_non_rt;           /* run without locked memory or SCHED_FIFO, with a flag in every message */
-    bool prepare;                /* factorise the whole mesh in the background: see trocar_model_prepare */
+    const char *lcm_url;         /* LCM URL; NULL for LCM's default */
+    double rate_hz;              /* tick rate; 0 selects the scene's rate */
+    bool allow_non_rt;           /* run without locked memory or SCHED_FIFO if necessary, and set a flag in every message */
+    bool prepare;                /* factorise the matrix of the whole mesh in the background: see trocar_model_prepare */
     bool verbose;                /* print a line of timing per second on stderr */
 } server_options;
 
 typedef struct server server;
 
-/* Reads the scene and builds everything, but starts no threads. BAD_INPUT for a bad scene, mesh, rate or URL; NO_REALTIME, naming
-   the limit to raise, if real time is refused and allow_non_rt is not set; SYSTEM if there is no network yet. The strings in
-   `options` must outlive the server. */
+/* Reads the scene and builds everything, but starts no threads. BAD_INPUT for a bad scene, mesh, rate or URL; NO_REALTIME if real time is refused and
+   allow_non_rt is not set (the message names the limit to raise); SYSTEM if there is no network yet. The strings in `options` must outlive the
+   server. */
 trocar_status server_create(const server_options *options, server **created, report *why);
 void server_free(server *s); /* does nothing while the server is busy */
 
 /* Runs until `stop_descriptor` (such as an eventfd) becomes readable, a client commands a shutdown, or the network fails. Then ramps the wrench to
-   zero and joins all threads, except one that is factorising a large matrix. Calls `ready`, if not NULL, when the server is listening. */
+   zero and joins all threads, except one that is factorising a large matrix. If `ready` is not NULL, calls it when the server is listening. */
 trocar_status server_run(server *s, int stop_descriptor, void (*ready)(void), report *why);
 
-/* True if a thread that factorises a large matrix is still running after server_run; the process must then end with _exit. */
+/* True if a thread that factorises a large matrix is still running after server_run has returned; the process must then end with _exit. */
 bool server_busy(const server *s);
 
-void server_describe(const server *s, FILE *out);       /* prints a paragraph about the scene and the settings, before the start */
-void server_summarise(const server *s, FILE *out);      /* prints the timing after the run */
+void server_describe(const server *s, FILE *out);       /* prints a paragraph about the scene and the settings; for use before the start */
+void server_summarise(const server *s, FILE *out);      /* prints the timing of the run; for use after the run */
 
 #endif

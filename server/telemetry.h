@@ -1,6 +1,6 @@
 /* The telemetry thread publishes messages for monitors and viewers. It has its own LCM connection, so that a large message never
-   holds the IO thread's transmit lock. A second thread publishes the pictures, because computing the displacement of a large mesh
-   may take long (minutes if a condensed inverse needs a factorisation). */
+   holds the IO thread's transmit lock. A second thread publishes the pictures, because computing the displacement of a large mesh may take a long
+   time (minutes if a condensed inverse requires a factorisation). */
 #ifndef TROCAR_TELEMETRY_H
 #define TROCAR_TELEMETRY_H
 
@@ -13,12 +13,12 @@
 #include "worker.h"
 
 typedef struct {
-    const char *lcm_url;         /* NULL for LCM's default */
+    const char *lcm_url;         /* LCM URL; NULL for LCM's default */
     const char *scene_path;
     double rate_hz;
-    int flags;                   /* NOT_REALTIME or 0, until the loop reports its flags */
+    int flags;                   /* NOT_REALTIME or 0, used until the loop reports its own flags */
     int64_t server;              /* this server's number */
-    bool verbose;                /* print a line per second on stderr */
+    bool verbose;                /* print one line per second on stderr */
 } telemetry_settings;
 
 typedef struct {
@@ -26,27 +26,28 @@ typedef struct {
     telemetry_settings given;
     atomic_bool stop;
     lcm_t *lcm;
-    char host[80];               /* name of this machine and the process id */
-    const char *inverse;         /* description of the inverse */
+    char host[80];               /* name of this machine, followed by the process ID */
+    const char *inverse;         /* text that describes the inverse */
     int needle_count;            /* number of needles in the scene */
-    int64_t other_told;          /* number of the other server that was reported on stderr, 0 if there was none; from here on used by the thread only */
-    bool malformed_told;         /* a malformed pose has been reported on stderr */
+    int64_t other_told;          /* ID of the other server that was reported on stderr, 0 if there was none; this and all following members are used
+                                    only by the thread */
+    bool malformed_told;         /* true once a malformed pose has been reported on stderr */
     char other_text[400];
-    char fault_told[sizeof(report)]; /* the worker's fault that was last reported on stderr */
-    char distant_text[200];      /* text about packets from other machines; empty if there were none */
+    char fault_told[sizeof(report)]; /* the last fault of the worker that was reported on stderr */
+    char distant_text[200];      /* message about packets from other machines; empty if there were none */
     int64_t timings_published;
-    histogram *latency, *round_trip; /* latency of the worker and round trip of the hand, in the current interval */
-    triple_buffer views;          /* view_sample, for the pictures' thread */
-    viewer_messages messages;     /* used by the pictures' thread only, */
-    struct { int64_t sent; int count; } seeds; /* ns of the last message, and the number of seeds in it, including pending ones */
-    struct { int64_t sent; int points; float end[3]; } tracks[TROCAR_MAX_NEEDLES]; /* ns of the last message of tracks, and the last point in it */
+    histogram *latency, *round_trip; /* latency of the worker and round-trip time of the hand, both in the current interval */
+    triple_buffer views;          /* buffer of view_sample, read by the pictures thread */
+    viewer_messages messages;     /* used only by the pictures thread, */
+    struct { int64_t sent; int count; } seeds; /* time (ns) of the last message, and the number of seeds in it, including pending ones */
+    struct { int64_t sent; int points; float end[3]; } tracks[TROCAR_MAX_NEEDLES]; /* time (ns) of the last message of tracks, and the last point in it */
 } telemetry;
 
-/* Connects to LCM. `model` and `x` must outlive the telemetry. Errors as in network_open. */
+/* Connects to LCM. `model` and `x` must outlive the telemetry. Errors are the same as in network_open. */
 trocar_status telemetry_create(telemetry *t, const telemetry_settings *given, trocar_model *model, exchange *x, report *why);
 void telemetry_free(telemetry *t);
 
-/* Body of the thread; `context` is a telemetry. */
+/* Main function of the thread; `context` is a telemetry. */
 void *telemetry_run(void *context);
 void telemetry_stop(telemetry *t);
 

@@ -6,7 +6,7 @@
 #include "common/realtime.h"
 #include "common/wake.h"
 
-/* Publishes the worker's fault; `why` is NULL when it has ended. */
+/* Publishes the worker's fault; `why` is NULL when the fault has ended. */
 static void show_fault(worker *w, const report *why) {
     worker_fault *fault = triple_buffer_slot(&w->exchange->faults);
     fault->lasts = w->faulty = why != NULL;
@@ -19,13 +19,14 @@ static void note_failure(worker *w, const report *why) {
     show_fault(w, why);
 }
 
-/* Serves one request, or prepares one slice of work in advance. Returns whether more work is pending. After a failed request the tick keeps using
-   the last answer and sets the flag that it is late. A fault lasts until a request has been answered. */
+/* Serves one request, or does one slice of the work that can be prepared in advance. Returns whether more work is pending. After a failed request,
+   the tick keeps using the last answer and sets the flag that reports a late answer. A fault persists until a request has been answered. */
 static bool work(worker *w) {
     report why;
     trocar_work done = {.more = 0};
-    if (trocar_sim_work(w->sim, &done, &why) != TROCAR_OK && !done.still_held) note_failure(w, &why); /* if the worker failed but the needle was kept, the client
-                                                                                                   that wanted to leave the needle gets a reply */
+    if (trocar_sim_work(w->sim, &done, &why) != TROCAR_OK && !done.still_held) note_failure(w, &why); /* if the worker failed but the needle was kept,
+                                                                                                         send a reply to the client that asked to
+                                                                                                         leave the needle */
     if (done.answered) {
         spsc_ring_push(&w->exchange->latencies, &done.latency);
         w->served++;

@@ -8,12 +8,13 @@ typedef struct {
     exchange *exchange;
     trocar_sim *sim;
     atomic_bool stop;
-    bool faulty;             /* a request has failed since the last answered one; from here on used by the thread only */
-    int64_t served, failed;  /* number of requests answered and failed, valid after the thread has ended */
+    bool faulty;             /* a request has failed since the last successful one; this and all following members are used only by the thread */
+    int64_t served, failed;  /* number of requests answered and of requests failed; valid after the thread has ended */
     report first;            /* reason of the first failure */
 } worker;
 
-/* Body of the thread; `context` is a worker. Serves only the newest request, by trocar_sim_work. While it is idle, it prepares nodes in advance. */
+/* Main function of the thread; `context` is a worker. Serves only the newest request, with trocar_sim_work. While idle, it prepares nodes in
+   advance. */
 void *worker_run(void *context);
 
 /* Ends the thread after it has finished its current request. */

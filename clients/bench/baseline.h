@@ -1,4 +1,4 @@
-/* A baseline for benchmarks: the time of a matrix product on this machine, measured in the same run. */
+/* A baseline for benchmarks: the time that a matrix product takes on this machine, measured in the same run. */
 #ifndef TROCAR_BASELINE_H
 #define TROCAR_BASELINE_H
 
@@ -10,7 +10,7 @@ enum { BASELINE_ORDER = 256 };
    thread for the whole process. */
 void baseline_measure(histogram *time);
 
-/* Returns the ratio of the two medians, time to baseline. */
+/* Returns the ratio of the median of `time` to the median of the baseline. */
 double per_baseline(const histogram *baseline, const histogram *time);
 
 #endif

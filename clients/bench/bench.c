@@ -1,4 +1,5 @@
-/* trocar-bench: times the simulation through trocar.h. The benchmarks in tests/benchmarks/ time the library's parts. */
+/* trocar-bench: measures the speed of the simulation through trocar.h. The benchmarks in tests/benchmarks/ measure individual parts of the
+   library. */
 #include "bench/bench_dose.h"
 #include "bench/bench_features.h"
 #include "bench/bench_main.h"

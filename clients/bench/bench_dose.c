@@ -20,7 +20,7 @@ typedef struct {
     trocar_dose_source *source;
     trocar_dose *dose;
     int64_t voxels;
-    double *plain;           /* an array of the same size without a dose grid, for comparison */
+    double *plain;           /* an array of the same size that is not a dose grid, for comparison */
     histogram baseline, pass, add, remove;
     output json_file;
 } bench;
@@ -68,12 +68,12 @@ static trocar_status prepare(bench *b, report *why) {
     return b->plain ? TROCAR_OK : fail(why, TROCAR_NO_MEMORY, "no memory for %lld doubles", (long long)b->voxels);
 }
 
-/* Measures processor time, because adding a seed takes longer than the scheduler's time slices on a busy machine. */
+/* Measures processor time rather than elapsed time, because adding a seed takes longer than the scheduler's time slices on a busy machine. */
 static void measure_pass(bench *b) {
     for (int repeat = 0; repeat < 100; repeat++) {
         int64_t start = processor_ns();
         for (int64_t i = 0; i < b->voxels; i++) b->plain[i] += 1.0;
-        __asm__ volatile("" : : "r"(b->plain) : "memory"); /* keeps the compiler from optimising a pass away */
+        __asm__ volatile("" : : "r"(b->plain) : "memory"); /* keeps the compiler from optimising the loop away */
         if (repeat >= 5) histogram_add(&b->pass, processor_ns() - start);
     }
 }

@@ -1,11 +1,11 @@
-/* trocar-bench dose: measures the time of adding a seed to a dose grid. */
+/* trocar-bench dose: measures how long it takes to add a seed to a dose grid. */
 #ifndef TROCAR_BENCH_DOSE_H
 #define TROCAR_BENCH_DOSE_H
 
 #include "base/report.h"
 
-/* Parses the options, measures, prints a table and, if asked to, writes JSON. BAD_INPUT or SYSTEM for a file that cannot be written; argp
-   exits on bad options. */
+/* Parses the options, runs the measurement, prints a table and, if requested, writes JSON. BAD_INPUT or SYSTEM for a file that cannot be written;
+   argp exits on bad options. */
 trocar_status bench_dose(int count, char **arguments, report *why);
 
 #endif

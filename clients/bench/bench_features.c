@@ -10,16 +10,16 @@
 #include "shared/output.h"
 #include "shared/patient.h"
 
-static const double TURN_RATE = 6.0;                        /* rad/s, turning rate of the base */
+static const double TURN_RATE = 6.0;                        /* rad/s, rate at which the base turns */
 static const double SERIES[][2] = {{0.25, 0.15}, {0.15, 2.5}, {0.1, 30.0}}; /* weights and time constants (s) of the relaxation */
-static const double GUIDE_END = 0.01, GUIDE_THICKNESS = 0.01; /* m: distance of the guide before the tip at the start, and thickness of the plate */
-enum { PLAIN, WHOLE, VARIANTS, ROUNDS = 10 };               /* the rounds of both alternate, so that changes of the machine's load affect both */
+static const double GUIDE_END = 0.01, GUIDE_THICKNESS = 0.01; /* m: distance of the guide from the tip at the start, and thickness of the guide's plate */
+enum { PLAIN, WHOLE, VARIANTS, ROUNDS = 10 };               /* the rounds of both variants alternate, so that changes of the machine's load affect both */
 static const char *const NAMES[VARIANTS] = {"without", "with"};
 
 typedef struct {
     const char *scene_path, *json_path;
     int contacts, ticks;
-    double spacing;          /* m, replaces the scene's spacing if positive */
+    double spacing;          /* m, replaces the scene's spacing of contact nodes if positive */
 } options;
 
 typedef struct {
@@ -27,7 +27,7 @@ typedef struct {
     trocar_scene *scenes[VARIANTS];
     trocar_model *models[VARIANTS];
     trocar_sim *sims[VARIANTS];
-    pose start;              /* pose of the base at the start */
+    pose start;              /* pose of the needle's base at the start */
     tick_timing rows[TIMED_MOTIONS][VARIANTS];
     output json_file;
 } bench;

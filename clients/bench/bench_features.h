@@ -1,11 +1,11 @@
-/* trocar-bench features: measures how much relaxation, a guide and turning add to the time of a tick. */
+/* trocar-bench features: measures how much relaxation, a guide and turning of the needle add to the time of a tick. */
 #ifndef TROCAR_BENCH_FEATURES_H
 #define TROCAR_BENCH_FEATURES_H
 
 #include "base/report.h"
 
-/* Parses the options, measures, prints a table and, if asked to, writes JSON. BAD_INPUT for a bad scene, a scene that already has
-   relaxation or guides, and a mesh with too few contacts; argp exits on bad options. */
+/* Parses the options, runs the measurement, prints a table and, if requested, writes JSON. BAD_INPUT for a bad scene, a scene that already has
+   relaxation or guides, and a mesh in which the needle gets too few contacts; argp exits on bad options. */
 trocar_status bench_features(int count, char **arguments, report *why);
 
 #endif

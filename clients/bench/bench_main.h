@@ -1,4 +1,4 @@
-/* Main function of a program with several benchmarks: the first argument names the benchmark, which parses the other arguments. */
+/* Main function of a program with several benchmarks: the first argument selects the benchmark, which parses the remaining arguments. */
 #ifndef TROCAR_BENCH_MAIN_H
 #define TROCAR_BENCH_MAIN_H
 
@@ -6,10 +6,10 @@
 
 typedef struct {
     const char *name;        /* names of the program and the benchmark, separated by a space */
-    trocar_status (*run)(int count, char **arguments, report *why); /* arguments[0] is the name */
+    trocar_status (*run)(int count, char **arguments, report *why); /* arguments[0] is the name in `name` */
 } benchmark;
 
-/* Runs the benchmark that the arguments name; `doc` is the text of --help, as in argp. Returns the exit status. */
+/* Runs the benchmark selected by the arguments; `doc` is the text of --help, as in argp. Returns the exit status. */
 int bench_main(int count, char **arguments, const benchmark *benchmarks, int benchmark_count, const char *doc);
 
 #endif

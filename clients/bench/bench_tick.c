@@ -17,8 +17,8 @@ typedef struct {
     const char *scene_path, *json_path;
     int counts[MAX_COUNTS], count_count;   /* numbers of contacts */
     int ticks;
-    double spacing;                        /* m, replaces the scene's spacing if positive */
-    vec3 start;                            /* m, or mm in patient coordinates; x is NAN if the scene's start is used */
+    double spacing;                        /* m, replaces the scene's spacing of contact nodes if positive */
+    vec3 start;                            /* m, or mm in patient coordinates; x is NAN if the start position is taken from the scene */
     bool patient;
 } options;
 
@@ -27,8 +27,8 @@ typedef struct {
     trocar_scene *scene;
     trocar_model *model;
     trocar_sim *sim;
-    double spacing;          /* m, between contact nodes */
-    pose start;              /* pose of the base at the start */
+    double spacing;          /* m, distance between contact nodes */
+    pose start;              /* pose of the needle's base at the start */
     histogram baseline;
     tick_timing rows[MAX_COUNTS][TIMED_MOTIONS];
     output json_file;

@@ -4,8 +4,8 @@
 
 #include "base/report.h"
 
-/* Parses the options, measures, prints a table and, if asked to, writes JSON. BAD_INPUT for a bad scene, or a mesh with too
-   few contacts; argp exits on bad options. */
+/* Parses the options, runs the measurement, prints a table and, if requested, writes JSON. BAD_INPUT for a bad scene, or a mesh in which the needle
+   gets too few contacts; argp exits on bad options. */
 trocar_status bench_tick(int count, char **arguments, report *why);
 
 #endif

@@ -7,13 +7,13 @@
 #include "common/messages.h"
 
 static const double PUSH_SPEED = 0.1;      /* m/s, speed of the insertion */
-enum { LEAP = 100 };                       /* ticks, duration of the longest jump after a puncture */
+enum { LEAP = 100 };                       /* ticks, longest duration of the jump that follows a puncture */
 static const double ADVANCE_SPEED = 0.02;  /* m/s */
 static const double SWEEP_SPEED = 0.03;    /* m/s */
 
 typedef struct {
     trocar_sim *sim;
-    trocar_output output;    /* output of the last tick */
+    trocar_output output;    /* output of the last simulated tick */
     const timing_case *wanted;
     double length, spacing;  /* m: length of the needle, and distance between contact nodes */
     char mesh[1024];         /* path of the mesh file */
@@ -26,18 +26,18 @@ static pose displaced(pose base, vec3 by) {
     return base;
 }
 
-/* Returns a triangular wave: period 1 s, slope +-1, starting upwards from 0. */
+/* Returns a triangular wave with period 1 s and slope +-1 that starts upwards from 0. */
 static double to_and_fro(double t) {
     double phase = t - floor(t);
     return phase < 0.25 ? phase : phase < 0.75 ? 0.5 - phase : phase - 1.0;
 }
 
-/* Returns the displacement in the needle's frame, m. */
+/* Returns the displacement of the base in the needle's frame, m. */
 static vec3 way_after(timed_motion motion, double t) {
     return motion == TIMED_ADVANCE ? v3(0, 0, ADVANCE_SPEED * t) : v3(0, SWEEP_SPEED * to_and_fro(t), 0);
 }
 
-/* Runs one tick and measures its time, ns; then does the worker's part, which is not timed. */
+/* Runs one tick and returns the time it took, in ns; then does the worker's part, which is not timed. */
 static trocar_status timed_step(timing_run *run, pose base, int64_t *time, report *why) {
     struct pollfd request = {.fd = trocar_sim_work_descriptor(run->sim), .events = POLLIN};
     trocar_pose at = library_pose(base);
@@ -67,8 +67,8 @@ static trocar_status push_in(timing_run *run, pose *base, report *why) {
                 "lower the spacing of %g mm", run->mesh, most, wanted->contacts, 1e3 * run->spacing);
 }
 
-/* Lets the needle settle after the jump behind a membrane, which passes several contact nodes at once: waits for the end of the jump, and retracts
-   the base until these contacts are removed. */
+/* Lets the needle settle after it has jumped through a membrane and passed several contact nodes at once: waits for the end of the jump, and then
+   retracts the base until these contacts have been removed. */
 static trocar_status settle(timing_run *run, pose *base, report *why) {
     const timing_case *wanted = run->wanted;
     int most = (int)(run->length / (PUSH_SPEED * wanted->dt));
@@ -92,7 +92,7 @@ static void record(const timing_run *run, int64_t time, tick_timing *result) {
     result->unstable += (output->events & TROCAR_EVENT_UNSTABLE) != 0;
 }
 
-/* Times ticks until the number of contacts changes, because a tick's time grows with it, and in a finer mesh the needle reaches the next contact
+/* Times ticks until the number of contacts changes. A tick's time grows with that number, and in a finer mesh the needle reaches the next contact
    sooner. */
 static trocar_status time_motion(timing_run *run, pose from, tick_timing *result, report *why) {
     const timing_case *wanted = run->wanted;
@@ -109,7 +109,7 @@ static trocar_status time_motion(timing_run *run, pose from, tick_timing *result
     return TROCAR_OK;
 }
 
-/* Repeats the insertion in tissue in which the needle has already been. */
+/* Repeats the insertion in tissue through which the needle has already passed. */
 static trocar_status time_again(timing_run *run, tick_timing *result, report *why) {
     pose base;
     int64_t before = result->time.count;

@@ -1,4 +1,5 @@
-/* Measures the time of one tick with a given number of contacts while the needle moves as in use. In lockstep, in one thread. */
+/* Measures the time of one tick with a given number of contacts while the needle moves as in normal use. Server and worker run in lockstep, in one
+   thread. */
 #ifndef TROCAR_TICK_TIMING_H
 #define TROCAR_TICK_TIMING_H
 
@@ -8,33 +9,33 @@
 #include "trocar.h"
 
 typedef enum {
-    TIMED_ADVANCE,           /* along the needle's axis at 20 mm/s */
-    TIMED_SWEEP,             /* sideways back and forth at 30 mm/s, 7.5 mm to each side, once a second */
+    TIMED_ADVANCE,           /* moves along the needle's axis at 20 mm/s */
+    TIMED_SWEEP,             /* moves sideways back and forth at 30 mm/s, by 7.5 mm to each side, once per second */
     TIMED_MOTIONS
 } timed_motion;
 
 const char *timed_motion_name(timed_motion motion);
 
-/* What is measured, and how. */
+/* Settings of the measurement. */
 typedef struct {
-    pose start;              /* pose of the needle's base with the tip in front of the skin; the needle moves along its axis */
-    double dt;               /* s, length of a tick */
-    int contacts;            /* the needle is inserted until it has this many contacts; ticks are timed as long as the number stays the same */
-    int ticks;               /* number of ticks to time; the insertion is repeated until that many have been timed */
+    pose start;              /* pose of the needle's base with the tip in front of the skin; the insertion follows the needle's axis */
+    double dt;               /* s, duration of a tick */
+    int contacts;            /* the needle is inserted until it has this many contacts; ticks are timed as long as this number does not change */
+    int ticks;               /* number of ticks to time; the insertion is repeated until enough ticks have been timed */
     timed_motion motion;
-    double turn_rate;        /* rad/s, rotation of the base about the needle's axis during the motion */
+    double turn_rate;        /* rad/s, rate at which the base turns about the needle's axis during the motion */
 } timing_case;
 
 typedef struct {
-    histogram time;          /* time of trocar_sim_tick alone, without the worker's part */
-    int contacts;            /* number of contacts in the timed ticks */
+    histogram time;          /* time of trocar_sim_tick alone, excluding the worker's part */
+    int contacts;            /* number of contacts during the timed ticks */
     double passes, switches; /* mean per tick */
-    double stages[TROCAR_STAGES]; /* s, mean per tick, including the clock's own time */
+    double stages[TROCAR_STAGES]; /* s, mean duration of each stage per tick, including the overhead of reading the clock */
     int unstable;            /* number of ticks without an equilibrium */
 } tick_timing;
 
-/* Resets the needle of `sim`, a simulation of `scene`, to the start, pushes it in and times the ticks. BAD_INPUT if the needle meets fewer contacts
-   than requested; the message says how many. */
+/* Resets the needle of `sim`, which is a simulation of `scene`, to the start pose, inserts it and times the ticks. BAD_INPUT if the needle gets fewer
+   contacts than requested; the message gives the number. */
 trocar_status tick_timing_measure(trocar_sim *sim, const trocar_scene *scene, const timing_case *wanted, tick_timing *result, report *why);
 
 /* Adds the ticks of `part` to `sum`. */

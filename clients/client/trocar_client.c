@@ -50,27 +50,28 @@
 #include "trocar_client.h"
 
 static const double WATCHDOG = 0.02;       /* s */
-static const double RAMP = 0.1;            /* s, after an outage */
+static const double RAMP = 0.1;            /* s, duration of the ramp after an outage */
 static const double PATIENCE = 0.1;        /* s of silence after which the client follows another server */
-static const double LONGEST_PERIOD = 0.01; /* s of the device's loop, the longest for which the wrench may change */
-static const double MAX_FORCE = 20.0, MAX_TORQUE = 1.0;                 /* N, N m: the limits of a scene without `device` */
-static const double MAX_FORCE_RATE = 2000.0, MAX_TORQUE_RATE = 100.0;   /* per s: the rates of such a scene */
-static const double LONGEST_REPLY = 3.0;   /* s; a server with 25 resting needles takes 0.1 s to leave another one */
-static const double LONGEST_ECHO = 10.0;   /* s within which the client's first message has to come back from the network */
+static const double LONGEST_PERIOD = 0.01; /* s, the longest period of the device's loop over which the wrench may change */
+static const double MAX_FORCE = 20.0, MAX_TORQUE = 1.0;                 /* N and N m: the limits that apply to a scene without `device` keys */
+static const double MAX_FORCE_RATE = 2000.0, MAX_TORQUE_RATE = 100.0;   /* N/s and N m/s: the rate limits that apply to such a scene */
+static const double LONGEST_REPLY = 3.0;   /* s to wait for a reply; a server with 25 resting needles takes 0.1 s to leave another one */
+static const double LONGEST_ECHO = 10.0;   /* s within which the client's first message must come back from the network */
 
 enum {
-    CHANNEL_MOST = 63,       /* bytes, longest channel name */
+    CHANNEL_MOST = 63,       /* bytes, length of the longest channel name */
     DATAGRAM_MOST = 65536,
-    MESSAGE_MOST = 1 << 17,  /* bytes, longest message that is assembled from fragments; today's longest message from a server has 0.5 kB */
+    MESSAGE_MOST = 1 << 17,  /* bytes, length of the longest message that is assembled from fragments; at present the longest message from a server
+                                has 0.5 kB */
     FRAGMENTS_MOST = 256,
-    SENT_MOST = 512,         /* bytes, longest datagram that this client sends */
-    RUN_MOST = 64,           /* datagrams received before a waiting pose is sent */
+    SENT_MOST = 512,         /* bytes, length of the longest datagram that this client sends */
+    RUN_MOST = 64,           /* most datagrams that are received before a waiting pose is sent */
     APART = 64,              /* bytes, size of a cache line */
 };
 
 /* ---- messages ----------------------------------------------------------------------------------------------------------- */
 
-/* A field: `count` numbers of `width` bytes, or, if the width is 1, a text, of which `count` - 1 bytes are kept. */
+/* A field of a message: `count` numbers of `width` bytes each; or, if the width is 1, a text, of which `count` - 1 bytes are kept. */
 typedef struct {
     int width, count;
     size_t offset;           /* offset of the field in the struct */
@@ -197,7 +198,7 @@ static uint64_t get_number(const unsigned char *from, int width) {
     return number;
 }
 
-/* Reads a number, converting from big-endian to the machine's byte order; store does the reverse. */
+/* Reads a number and converts it from big-endian to the machine's byte order; `store` does the reverse. */
 static uint64_t load(const void *from, int width) {
     uint32_t narrow;
     uint64_t wide;
@@ -210,7 +211,7 @@ static void store(void *to, uint64_t number, int width) {
     memcpy(to, width == 4 ? (const void *)&narrow : &number, (size_t)width);
 }
 
-/* Encodes a message without texts; returns its size. */
+/* Encodes a message that has no texts; returns its size. */
 static size_t encode(const message_type *type, const void *message, unsigned char *to) {
     unsigned char *at = to + 8;
     put_number(to, type->fingerprint, 8);
@@ -220,7 +221,7 @@ static size_t encode(const message_type *type, const void *message, unsigned cha
     return (size_t)(at - to);
 }
 
-/* Decodes a text into `room` bytes. Returns the number of bytes read, 0 if the text is incomplete. */
+/* Decodes a text into `room` bytes. Returns the number of bytes read, or 0 if the text is incomplete. */
 static size_t decode_text(const unsigned char *from, size_t size, char *text, size_t room) {
     uint64_t length = size < 4 ? 0 : get_number(from, 4);
     if (length == 0 || length > size - 4 || from[4 + length - 1] != 0) return 0;
@@ -230,7 +231,7 @@ static size_t decode_text(const unsigned char *from, size_t size, char *text, si
     return 4 + (size_t)length;
 }
 
-/* True if these bytes are exactly one message of this type; `message` then receives its fields. */
+/* True if these bytes are exactly one message of this type; in that case, `message` receives its fields. */
 static bool decode(const message_type *type, const unsigned char *from, size_t size, void *message) {
     if (size < 8 || get_number(from, 8) != type->fingerprint) return false;
     from += 8, size -= 8;
@@ -281,7 +282,7 @@ static void os_close(os_part *os) {
 static void wake(os_part *os) { SetEvent(os->wake); }
 static bool set_readable(os_part *os, socket_handle s) { return WSAEventSelect(s, os->readable, FD_READ) == 0; }
 
-/* Waits for `wake` or a datagram, at most `most` ms, or forever if `most` is negative. */
+/* Waits for `wake` or a datagram: at most `most` ms, or without limit if `most` is negative. */
 static void wait_for_work(os_part *os, socket_handle s, int most) {
     HANDLE events[2];
     WSANETWORKEVENTS what;
@@ -340,7 +341,7 @@ static bool would_block(void) { return errno == EAGAIN || errno == EWOULDBLOCK; 
 static void network_error(char *text, size_t size) { snprintf(text, size, "%s", strerror(errno)); }
 
 typedef struct {
-    int wake[2];             /* a pipe: a byte in it means that a pose, a command or the end is pending */
+    int wake[2];             /* a pipe; a byte in it means that a pose, a command or the end of the thread is pending */
     pthread_t thread;
 } os_part;
 
@@ -358,7 +359,7 @@ static void os_close(os_part *os) {
         if (os->wake[i] >= 0) close(os->wake[i]);
 }
 
-/* Wakes the thread. If the pipe is full, the thread will wake in any case. */
+/* Wakes the thread. If the pipe is full, the thread will wake up in any case. */
 static void wake(os_part *os) {
     if (write(os->wake[1], "", 1) < 0) return;
 }
@@ -368,7 +369,7 @@ static bool set_readable(os_part *os, socket_handle s) {
     return never_waits(s);
 }
 
-/* Waits for `wake` or a datagram, at most `most` ms, or forever if `most` is negative. */
+/* Waits for `wake` or a datagram: at most `most` ms, or without limit if `most` is negative. */
 static void wait_for_work(os_part *os, socket_handle s, int most) {
     struct pollfd events[2] = {{os->wake[0], POLLIN, 0}, {s, POLLIN, 0}};
     char bytes[64];
@@ -433,33 +434,33 @@ typedef struct {
 } sent_pose;
 
 typedef struct {
-    double arrival;          /* s, monotonic; 0 before the first */
+    double arrival;          /* s, monotonic: arrival time; 0 before the first */
     trocar_client_wrench wrench;
 } received_wrench;
 
 typedef struct {
-    int64_t number;          /* from 1; the reply repeats it */
+    int64_t number;          /* number of the command, counted from 1, which the reply repeats */
     int32_t what, seeds;
     double spacing;          /* m */
 } sent_command;
 
 typedef struct {
-    int64_t number;          /* number of the command; 0 before the first */
+    int64_t number;          /* number of the command that was answered; 0 before the first */
     bool done;
     char why[256];
 } received_reply;
 
-/* Limits on one vector to render, and its last value. */
+/* Limits on one rendered vector, and its last value. */
 typedef struct {
-    double most, rate;       /* N or N m; the same per s */
+    double most, rate;       /* magnitude limit in N or N m; rate limit in N/s or N m/s */
     double last[3];
 } limiter;
 
-/* Passes the newest value from one thread to another through three slots. The writer fills its own slot and swaps it with the
-   middle one; the reader swaps its own slot with the middle one if that is fresh. */
+/* Passes the newest value from one thread to another through three slots. The writer fills its own slot and swaps it with the middle one; the reader
+   swaps its own slot with the middle one if the middle one is fresh. */
 enum { FRESH = 4u, INDEX = 3u };
 typedef struct {
-    shared_word middle;      /* index, with the bit FRESH until the value is read */
+    shared_word middle;      /* index of the middle slot, with the bit FRESH set until the value is read */
     char apart_from_middle[APART];
     unsigned back;           /* writer's */
     char apart_from_back[APART];
@@ -467,30 +468,30 @@ typedef struct {
     char apart_from_front[APART];
 } slots;
 
-/* A message of which some fragments have arrived. */
+/* A message of which only some fragments have arrived. */
 typedef struct {
     struct sockaddr_in sender;
     uint32_t sequence, size, filled;
-    unsigned count, missing; /* number of fragments, and number not yet arrived; 0 missing: no message is being assembled */
+    unsigned count, missing; /* number of fragments, and number of those that have not arrived; if no fragment is missing, no message is being assembled */
     bool here[FRAGMENTS_MOST];
     char channel[CHANNEL_MOST + 1];
     unsigned char bytes[MESSAGE_MOST];
 } assembly;
 
-/* An LCM address: udpm://GROUP:PORT?ttl=TTL */
+/* An LCM address of the form udpm://GROUP:PORT?ttl=TTL */
 typedef struct {
     struct sockaddr_in group;
-    int ttl;                 /* 0: for this machine alone */
-    int buffer;              /* bytes, size of the socket's receive buffer; 0: the system's choice */
+    int ttl;                 /* time to live of the datagrams; 0 keeps them on this machine */
+    int buffer;              /* bytes, size of the socket's receive buffer; 0 selects the system's default */
 } lcm_address;
 
 struct trocar_client {
-    /* device's loop -> client's thread */
+    /* from the device's loop to the client's thread */
     slots pose_slots;
     sent_pose poses[3];
     slots command_slots;
     sent_command commands[3];
-    /* client's thread -> device's loop */
+    /* from the client's thread to the device's loop */
     slots wrench_slots;
     received_wrench wrenches[3];
     slots reply_slots;
@@ -498,27 +499,27 @@ struct trocar_client {
     shared_word ends;
     os_part os;
 
-    /* used by the device's loop */
+    /* the following members are used only by the device's loop */
     double watchdog;         /* s */
-    double alive_since;      /* s; 0 while no wrenches arrive */
+    double alive_since;      /* s, time since when wrenches have been arriving; 0 if none arrive */
     limiter force, torque;
-    double rendered_at;      /* s, time of the last wrench that was rendered */
+    double rendered_at;      /* s, time at which the last wrench was rendered */
     int64_t felt_tick;
     bool without_force;
     int64_t asked;           /* number of the last command; 0 before the first */
     double asked_at;         /* s */
 
-    /* used by the client's thread */
+    /* the following members are used only by the client's thread */
     lcm_address address;
     socket_handle sender, receiver;
     uint32_t packets;        /* sent */
     int64_t session, seq;
     int needle;
     bool echoed;             /* the client's first message has come back from the network */
-    int64_t server;          /* number of the followed server */
-    double heard;            /* s, arrival of that server's last message; 0 before the first */
-    int64_t newest_tick;     /* newest tick of the server's wrenches */
-    double newest_at;        /* s, arrival of that wrench; 0 before the first */
+    int64_t server;          /* ID of the server that this client follows */
+    double heard;            /* s, arrival time of that server's last message; 0 before the first */
+    int64_t newest_tick;     /* newest tick among the wrenches received from that server */
+    double newest_at;        /* s, arrival time of the wrench with that tick; 0 before the first */
     struct {
         struct in_addr address;
         bool here;
@@ -534,7 +535,7 @@ static void slots_init(slots *s) {
     s->front = 2;
 }
 
-/* Publishes the writer's slot. */
+/* Publishes the value in the writer's slot. */
 static void slots_publish(slots *s) { s->back = swap_word(&s->middle, s->back | FRESH) & INDEX; }
 
 /* Moves the reader's slot to the newest value; returns false if there is no new value. */
@@ -565,7 +566,8 @@ int trocar_client_publish(trocar_client *c, const double position[3], const doub
 
 static double length_of(const double a[3]) { return sqrt(a[0] * a[0] + a[1] * a[1] + a[2] * a[2]); }
 
-/* Limits the length of `wanted`, then its distance from the last value, to the change allowed in `period` (s). Returns true if it changed the vector. */
+/* Limits the length of `wanted`, and then its distance from the last value to the change allowed within `period` (s). Returns true if the vector was
+   changed. */
 static bool limit(limiter *l, double period, double wanted[3]) {
     double length = length_of(wanted), scale = length > l->most ? l->most / length : 1.0, change[3];
     for (int i = 0; i < 3; i++) change[i] = scale * wanted[i] - l->last[i];
@@ -610,7 +612,7 @@ int trocar_client_newest(trocar_client *c, trocar_client_wrench *wrench) {
     return 1;
 }
 
-/* Copies as much of the text as fits into `size` bytes. */
+/* Copies as much of the text as fits into `size` bytes, including the terminating zero. */
 static void copy_text(char *to, size_t size, const char *text) {
     size_t length = strlen(text);
     if (size == 0) return;
@@ -647,7 +649,7 @@ int trocar_client_drop_seeds(trocar_client *c, int count, double spacing) { retu
 
 /* ---- what comes from the network ------------------------------------------------------------------------------------------ */
 
-/* True if messages of this server are used: the first one heard, until it falls silent. */
+/* True if this client uses messages from this server. It follows the first server that it hears until that server falls silent. */
 static bool follows(trocar_client *c, int64_t server, double time) {
     if (server != c->server && c->heard != 0 && time - c->heard <= PATIENCE) return false;
     if (server != c->server) c->newest_at = 0;
@@ -656,7 +658,7 @@ static bool follows(trocar_client *c, int64_t server, double time) {
     return true;
 }
 
-/* True if a newer wrench, which is still valid, arrived before this one. */
+/* True if a newer wrench, which is still valid, has arrived before this one. */
 static bool is_overtaken(const trocar_client *c, int64_t tick, double time) {
     return c->newest_at != 0 && tick < c->newest_tick && time - c->newest_at < c->watchdog;
 }
@@ -682,7 +684,7 @@ static void take_wrench(trocar_client *c, const unsigned char *bytes, size_t siz
     slots_publish(&c->wrench_slots);
 }
 
-/* Keeps only printable ASCII characters, because texts from the network are printed on terminals. */
+/* Keeps only printable ASCII characters, because texts from the network may be printed on a terminal. */
 static void make_printable(char *text) {
     for (; *text != '\0'; text++)
         if (*text < ' ' || *text > '~') *text = '?';
@@ -709,8 +711,8 @@ static void take_message(trocar_client *c, const char *channel, const unsigned c
     else if (strcmp(channel, ECHO_CHANNEL) == 0) c->echoed |= size == 8 && (int64_t)get_number(bytes, 8) == c->session;
 }
 
-/* Returns the number of bytes of the channel name at the start of `text`, with its terminating zero; 0 if the name is too long or does not end within
-   `size`. */
+/* Returns the length of the channel name at the start of `text`, including its terminating zero; returns 0 if the name is too long or does not end
+   within `size` bytes. */
 static size_t channel_bytes(const unsigned char *text, size_t size) {
     const unsigned char *end = memchr(text, 0, size < CHANNEL_MOST + 1 ? size : CHANNEL_MOST + 1);
     return end == NULL ? 0 : (size_t)(end - text) + 1;
@@ -720,8 +722,8 @@ static bool is_same_address(const struct sockaddr_in *a, const struct sockaddr_i
     return a->sin_addr.s_addr == b->sin_addr.s_addr && a->sin_port == b->sin_port;
 }
 
-/* Assembles a fragmented message, one at a time. Its fragment 0 must come first; the others may come in any order. A new message
-   replaces an incomplete one, of which fragments were lost. */
+/* Assembles fragmented messages, one at a time. Fragment 0 of a message must come first; the others may come in any order. A new message replaces an
+   incomplete one, because the missing fragments of the latter have been lost. */
 static void take_fragment(trocar_client *c, const unsigned char *packet, size_t size, const struct sockaddr_in *from) {
     enum { HEADER = 20 };
     assembly *a = &c->assembly;
@@ -766,13 +768,13 @@ static void take_datagram(trocar_client *c, const unsigned char *packet, size_t 
     if (name > 0) take_message(c, (const char *)packet + HEADER, packet + HEADER + name, size - HEADER - name);
 }
 
-/* True if this is the machine's own address: only then does the system use it as the source of packets sent to it. */
+/* True if this address belongs to this machine: only then does the system use it as the source of packets that are sent to it. */
 static bool is_own(struct in_addr address) {
     struct sockaddr_in to = {0}, from = {0};
     socklen_t length = sizeof from;
     socket_handle s = socket(AF_INET, SOCK_DGRAM, 0);
     to.sin_family = AF_INET;
-    to.sin_port = htons(1); /* any port: nothing is sent */
+    to.sin_port = htons(1); /* the port does not matter, because nothing is sent */
     to.sin_addr = address;
     bool own = s != NO_SOCKET && connect(s, (struct sockaddr *)&to, sizeof to) == 0 && getsockname(s, (struct sockaddr *)&from, &length) == 0 &&
                from.sin_addr.s_addr == address.s_addr;
@@ -780,13 +782,13 @@ static bool is_own(struct in_addr address) {
     return own;
 }
 
-/* True if datagrams from this address are accepted. With ttl=0 LCM is for this machine alone, but its socket also gets other machines'
-   datagrams. The last answer is used for a second, because most datagrams have the same sender, while interfaces may come and go. (The
-   kernel drops datagrams from outside that claim this machine as their source.) */
+/* True if datagrams from this address are accepted. With ttl=0, LCM is meant for this machine only, but its socket also receives datagrams from other
+   machines. The result is reused for one second, because most datagrams have the same sender, but network interfaces may come and go. (The kernel
+   drops datagrams from outside that claim to come from this machine.) */
 static bool is_welcome(trocar_client *c, const struct sockaddr_in *from) {
     double time = now();
     uint32_t address = ntohl(from->sin_addr.s_addr);
-    if (c->address.ttl > 0 || address == INADDR_ANY || address >> 24 == 127) return true; /* there is no address if only the loopback interface is up */
+    if (c->address.ttl > 0 || address == INADDR_ANY || address >> 24 == 127) return true; /* the address is 0 if only the loopback interface is up */
     if (c->known_sender.address.s_addr != from->sin_addr.s_addr || time >= c->known_sender.until) {
         c->known_sender.address = from->sin_addr;
         c->known_sender.here = is_own(from->sin_addr);
@@ -801,7 +803,7 @@ static void receive(trocar_client *c) {
         socklen_t length = sizeof from;
         int size = (int)recvfrom(c->receiver, (char *)c->datagram, sizeof c->datagram, 0, (struct sockaddr *)&from, &length);
         if (size < 0) {
-            if (!would_block()) pause_shortly(); /* while the network is down, every call may fail at once */
+            if (!would_block()) pause_shortly(); /* while the network is down, every call may fail immediately */
             return;
         }
         if (is_welcome(c, &from)) take_datagram(c, c->datagram, (size_t)size, &from);
@@ -810,7 +812,8 @@ static void receive(trocar_client *c) {
 
 /* ---- what goes to the network ------------------------------------------------------------------------------------------ */
 
-/* Sends a packet; false if the network refuses it. `size` is that of the message behind the header and the channel in `packet`. */
+/* Sends a packet; returns false if the network refuses it. `size` is the size of the message that follows the header and the channel name in
+   `packet`. */
 static bool send_packet(trocar_client *c, const char *channel, const unsigned char *message, size_t size) {
     unsigned char packet[SENT_MOST];
     size_t name = strlen(channel) + 1, whole = 8 + name + size;
@@ -826,7 +829,7 @@ static bool send_message(trocar_client *c, const char *channel, const message_ty
     return send_packet(c, channel, bytes, encode(type, message, bytes));
 }
 
-/* Sends the waiting pose. A pose that the network refuses is lost (the server counts it); the next one follows soon. */
+/* Sends the waiting pose. If the network refuses it, the pose is lost, which the server counts; the next pose follows soon. */
 static void send_pose(trocar_client *c) {
     const sent_pose *p = &c->poses[c->pose_slots.front];
     needle_pose m = {.utime = wall_clock(), .session = c->session, .seq = c->seq++, .wrench_tick = p->wrench_tick, .needle = c->needle};
@@ -856,14 +859,14 @@ static void exchange_until_end(trocar_client *c) {
 
 /* ---- opening and closing --------------------------------------------------------------------------------------------------- */
 
-/* Returns the number after `key` in the URL's options, or `standard` if it is missing. */
+/* Returns the number that follows `key` in the URL's options, or `standard` if the key is missing. */
 static long option_of(const char *url, const char *key, long standard) {
     for (const char *at = url + strcspn(url, "?"); *at != '\0'; at += strcspn(at, "?&"))
         if (strncmp(++at, key, strlen(key)) == 0 && at[strlen(key)] == '=') return strtol(at + strlen(key) + 1, NULL, 0);
     return standard;
 }
 
-/* Parses udpm://GROUP:PORT?KEY=VALUE&KEY=VALUE, where everything after udpm:// may be missing. */
+/* Parses a URL of the form udpm://GROUP:PORT?KEY=VALUE&KEY=VALUE, in which everything after udpm:// is optional. */
 static bool read_url(const char *url, lcm_address *a) {
     static const char provider[] = "udpm://";
     char group[] = "239.255.76.67\0";
@@ -902,7 +905,7 @@ static bool open_receiver(trocar_client *c) {
     struct sockaddr_in own = c->address.group;
     struct ip_mreq membership;
 #ifdef _WIN32
-    own.sin_addr.s_addr = htonl(INADDR_ANY); /* on other systems, a socket can be bound to the multicast group and gets no other datagrams */
+    own.sin_addr.s_addr = htonl(INADDR_ANY); /* on other systems, a socket can be bound to the multicast group, and then receives no other datagrams */
 #endif
     memset(&membership, 0, sizeof membership);
     membership.imr_multiaddr = c->address.group.sin_addr;
@@ -916,7 +919,7 @@ static bool open_receiver(trocar_client *c) {
            set_option(c->receiver, IPPROTO_IP, IP_ADD_MEMBERSHIP, &membership, sizeof membership);
 }
 
-/* Sends a message repeatedly until it comes back from the network. */
+/* Sends a message repeatedly until one copy comes back from the network. */
 static bool hears_itself(trocar_client *c) {
     unsigned char message[8];
     put_number(message, (uint64_t)c->session, 8);
@@ -946,7 +949,7 @@ static void free_client(trocar_client *c) {
 static trocar_client *create_client(const trocar_client_options *o) {
     trocar_client *c = malloc(sizeof *c);
     if (c == NULL) return NULL;
-    memset(c, 0, sizeof *c); /* also touches the pages, so that the device's loop causes no page fault */
+    memset(c, 0, sizeof *c); /* this also touches the pages, so that the device's loop causes no page faults */
     slots_init(&c->pose_slots);
     slots_init(&c->wrench_slots);
     slots_init(&c->command_slots);

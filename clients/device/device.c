@@ -16,7 +16,7 @@ typedef struct {
     play_settings play;
     const char *report_path, *csv_path, *log_path, *scene_path, *plan_path;
     bool start_given, patient, follow;
-    const char *script_option; /* name of an option that only a script has; NULL if none was given */
+    const char *script_option; /* name of an option that applies only to scripts; NULL if none was given */
 } options;
 
 enum { OPTION_SPEED = 256, OPTION_REPORT, OPTION_CSV, OPTION_LOG, OPTION_URL, OPTION_START, OPTION_HAND, OPTION_REALTIME,
@@ -73,7 +73,7 @@ static hand parse_hand(const struct argp_state *state, const char *text) {
     return (hand){.mass = n[0], .damping = n[1], .stiffness = n[2]};
 }
 
-/* Returns the option's name if only a script has the option, else NULL: the option may go with --plan. */
+/* Returns the option's name if the option applies only to scripts, or NULL if it may also be used with --plan. */
 static const char *script_option(int key) {
     switch (key) {
     case 's': return "--script";
@@ -173,7 +173,7 @@ static trocar_status play_and_report(const options *o, const patient_frame *pati
     return status == TROCAR_OK ? output_commit(csv_file, why) : status;
 }
 
-/* Opens the outputs first, so that a bad path is reported before the run. */
+/* Opens the output files first, so that a bad path is reported before the run. */
 static trocar_status run_live(const options *o, const patient_frame *patient, report *why) {
     output report_file = {0}, csv_file = {0};
     recording r = {0};
@@ -222,7 +222,7 @@ static trocar_status run_implant(const options *o, report *why) {
     return status;
 }
 
-/* Takes start, depth and coordinates from the scene, if one was given. */
+/* Takes start, depth and coordinates from the scene, if a scene was given. */
 static trocar_status choose_start(options *o, patient_frame *patient, report *why) {
     static motion script;
     trocar_scene *scene;

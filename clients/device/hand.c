@@ -1,6 +1,6 @@
 #include "device/hand.h"
 
-/* Computes cos(w t) and sin(w t)/w of the damped oscillation; its squared frequency is negative if it is overdamped. */
+/* Computes cos(w t) and sin(w t)/w of the damped oscillation; for an overdamped one, the squared frequency is negative. */
 static void oscillation(double squared_frequency, double t, double *cosine, double *sine) {
     double w = sqrt(fabs(squared_frequency));
     if (w * t < 1e-6) {

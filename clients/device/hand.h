@@ -1,4 +1,5 @@
-/* A hand on the needle's handle: a mass on a spring to its target position, damped relative to the ground, and pushed by the needle. */
+/* Model of a hand on the needle's handle: a mass that is pulled towards its target position by a spring, damped relative to the ground, and pushed by
+   the needle. */
 #ifndef TROCAR_HAND_H
 #define TROCAR_HAND_H
 
@@ -12,8 +13,8 @@ typedef struct {
     vec3 velocity;           /* m/s */
 } hand;
 
-/* Advances the hand by dt (s) towards `target` (m) under `force` (N, on the hand), both constant over the step. Uses the exact solution of m a + c
-   v + k (x - target) = force, stable for every dt. */
+/* Advances the hand by dt (s) towards `target` (m) under `force` (N, exerted on the hand), both constant during the step. Uses the exact solution of
+   m a + c v + k (x - target) = force, which is stable for every dt. */
 void hand_step(hand *h, vec3 target, vec3 force, double dt);
 
 #endif

@@ -6,10 +6,11 @@
 #include "common/messages.h"
 #include "shared/template_holes.h"
 
-static const double ROUNDING = 1e-5;  /* m, rounding of positions in the table */
-static const double ON_FACE = 1e-9;   /* rounding of a barycentric weight */
+static const double ROUNDING = 1e-5;  /* m, rounding error allowed for positions in the table */
+static const double ON_FACE = 1e-9;   /* rounding error allowed for a barycentric weight */
 
-/* Chooses the needle for the next seed's hole: a new needle, unless the last one is in this hole. A hole may have two names, such as C3 and C3.0. */
+/* Chooses the needle for the hole of the next seed: the last needle if it is in this hole, otherwise a new needle. A hole may have two names, such as
+   C3 and C3.0. */
 static trocar_status choose_needle(implant_plan *plan, const trocar_guide *guide, const char *hole, const char *where, report *why) {
     int column, row, known = 0;
     find_hole(guide, hole, &column, &row);
@@ -27,7 +28,7 @@ static trocar_status choose_needle(implant_plan *plan, const trocar_guide *guide
 /* Returns six times the volume of a tetrahedron, positive if the order a, b, c is counter-clockwise as seen from d. */
 static double volume_of(vec3 a, vec3 b, vec3 c, vec3 d) { return v3_dot(v3_cross(v3_sub(b, a), v3_sub(c, a)), v3_sub(d, a)); }
 
-/* Finds the material point at a position; false if no tetrahedron of the model contains the position. */
+/* Finds the material point at a position; returns false if no tetrahedron of the model contains the position. */
 static bool find_material_point(const trocar_model *model, vec3 point, material_point *found) {
     const double *nodes = trocar_model_nodes(model);
     const int32_t *tets = trocar_model_tets(model);

@@ -11,16 +11,16 @@
 #include "shared/motion.h"
 #include "trocar_client.h"
 
-static const double MEAN_SPEED = 0.065; /* m/s, mean speed of a stroke; a minimum-jerk stroke peaks at 1.875 times that. Measured hands: mean 48
-                                           mm/s, peak 123 mm/s (docs/validation.md, "A whole implant") */
+static const double MEAN_SPEED = 0.065; /* m/s, mean speed of a stroke; a minimum-jerk stroke has a peak speed of 1.875 times the mean. Measured for
+                                           hands: mean 48 mm/s, peak 123 mm/s (docs/validation.md, "A whole implant") */
 static const double CLEAR = 0.005;      /* m, distance of the tip from the template before insertion and after withdrawal */
-static const double PAUSE = 0.1;        /* s at rest before a needle is left and before a seed is dropped */
-static const double FURTHER = 1e-3;     /* m by which drop_seed draws the needle back before it tries again */
+static const double PAUSE = 0.1;        /* s, rest before a needle is left and before a seed is dropped */
+static const double FURTHER = 1e-3;     /* m, additional distance by which drop_seed draws the needle back before it tries again */
 static const int REPEATS = 5;
-static const double AT_TARGET = 0.3e-3; /* m from the displaced target at which the tip counts as having reached it */
-static const int CORRECTIONS = 5;       /* most approaches to a target, which the needle's motion displaces */
-static const double PATIENCE_TO_SEE = 1.0; /* s without pictures after which the player gives up; the server sends 30 pictures a second */
-/* part of the reason with which the server refuses a command while a seed is still in the needle: see api_seeds.c */
+static const double AT_TARGET = 0.3e-3; /* m, distance from the displaced target within which the tip is considered to have reached it */
+static const int CORRECTIONS = 5;       /* largest number of approaches to a target; several may be needed because the needle's motion displaces the target */
+static const double PATIENCE_TO_SEE = 1.0; /* s without pictures after which the player gives up; the server sends 30 pictures per second */
+/* part of the text with which the server refuses a command while a seed is still in the needle: see api_seeds.c */
 static const char *const PENDING = "still holds";
 
 typedef struct {
@@ -31,13 +31,13 @@ typedef struct {
     trocar_client *client;
     trocar_client_wrench wrench;
     int needle;
-    int priority;            /* priority of the client's thread; 0: as the calling thread */
-    const char *stage;       /* stage of the implant for the table: in, out */
+    int priority;            /* priority of the client's thread; 0 keeps that of the calling thread */
+    const char *stage;       /* stage of the implant, for the table: "in" or "out" */
     double began, due;       /* s */
-    double heard;            /* s, arrival of the newest wrench */
-    double tip;              /* m, how far the needle reaches beyond the template's face */
+    double heard;            /* s, arrival time of the newest wrench */
+    double tip;              /* m, length of the needle beyond the template's face */
     implant_watch watch;
-    double left_at[TROCAR_MAX_NEEDLES]; /* m, value of `tip` when the needle was left */
+    double left_at[TROCAR_MAX_NEEDLES]; /* m, value of `tip` when each needle was left */
 } player;
 
 static const planned_needle *planned(const player *p) { return &p->plan->needles[p->needle]; }
@@ -46,7 +46,7 @@ static trocar_status fail_needle(player *p, const char *what, const char *reason
     return fail(p->why, TROCAR_SYSTEM, "needle %d in hole %s %s%s%s", p->needle, planned(p)->hole, what, reason ? ": " : "", reason ? reason : "");
 }
 
-/* Sleeps until the next period begins, then receives messages. Missed periods are skipped. */
+/* Sleeps until the next period begins, and then receives messages. Missed periods are skipped. */
 static trocar_status next_period(player *p) {
     double period = 1.0 / p->play->rate;
     p->due = fmax(p->due + period, playing_now());
@@ -92,7 +92,7 @@ static trocar_status hold(player *p, double seconds) {
     return status;
 }
 
-/* Holds the needle until the server answers, and a little longer while the force ramps up. */
+/* Keeps holding the needle until the server answers, and a little longer while the force ramps up. */
 static trocar_status engage(player *p) {
     double asked = p->heard = playing_now();
     trocar_status status;
@@ -101,7 +101,7 @@ static trocar_status engage(player *p) {
     return status == TROCAR_OK ? hold(p, p->play->settle) : status;
 }
 
-/* Reads the marks of a needle that is held without sending poses, from a message newer than this moment. */
+/* Reads the depth marks of a needle for which no poses are sent, using a message that arrives after this call. */
 static trocar_status read_depth(player *p) {
     double asked = playing_now();
     trocar_status status = TROCAR_OK;
@@ -118,7 +118,7 @@ static trocar_status read_depth(player *p) {
     return status;
 }
 
-/* Returns the depth of the tip (m) for dropping this seed. */
+/* Returns the depth (m) to which the tip must be moved to drop this seed. */
 static double target(const player *p, int seed) {
     double depth = planned(p)->depths[seed];
     return p->play->follow ? depth + implant_watch_shift(&p->watch, planned(p), seed) : depth;
@@ -141,15 +141,16 @@ static trocar_status go_to(player *p, double depth) {
     return status == TROCAR_OK ? hold(p, PAUSE) : status;
 }
 
-/* Moves the tip to the depth at which this seed should be dropped, and rests there. If targets are followed, the tissue carries the target along with
-   the needle. */
+/* Moves the tip to the depth at which this seed should be dropped, and rests there. If the player follows displaced targets, it corrects the depth,
+   because the tissue carries the target along with the needle. */
 static trocar_status go_to_target(player *p, int seed) {
     trocar_status status = go_to(p, target(p, seed));
     for (int i = 0; p->play->follow && status == TROCAR_OK && i < CORRECTIONS && fabs(target(p, seed) - p->tip) > AT_TARGET; i++) status = go_to(p, target(p, seed));
     return status;
 }
 
-/* Waits for the reply to the last command. With `holding`, it sends poses meanwhile; a resting needle must not get poses, because it has no owner. */
+/* Waits for the reply to the last command. If `holding` is true, continues to send poses while waiting; a resting needle must not receive poses,
+   because it has no owner. */
 static trocar_status await_reply(player *p, bool holding, trocar_client_answer *answer, char reason[256]) {
     trocar_status status = TROCAR_OK;
     while (status == TROCAR_OK && (*answer = trocar_client_reply(p->client, reason, 256)) == TROCAR_CLIENT_WAITING)
@@ -176,8 +177,8 @@ static trocar_status insert_and_leave(player *p) {
     return await_done(p, "cannot be left");
 }
 
-/* Drops a seed. If the tissue has followed the needle as it was drawn back, the previous seed is still in the needle, and the server refuses the next
-   one; the hand then draws the needle back a little further and tries again. Any other refusal ends the implant. */
+/* Drops a seed. If the tissue has followed the needle while the needle was drawn back, the previous seed is still in the needle, and the server
+   refuses to drop the next one. In that case, the hand draws the needle back a little further and tries again. Any other refusal ends the implant. */
 static trocar_status drop_seed(player *p) {
     char reason[256];
     trocar_client_answer answer = TROCAR_CLIENT_NONE;
@@ -209,7 +210,7 @@ static trocar_status take_and_draw_back(player *p) {
     return status == TROCAR_OK ? stroke(p, -CLEAR) : status;
 }
 
-/* Opens a client for this needle and calls `handle`; each needle has its own client, because a client holds one needle. */
+/* Opens a client for this needle and calls `handle`. A client can hold only one needle, so each needle needs its own client. */
 static trocar_status with_needle(player *p, int needle, trocar_status (*handle)(player *)) {
     trocar_client_options options = {.url = p->play->lcm_url, .needle = needle, .priority = p->priority, .without_force = 1};
     char reason[512];
@@ -229,7 +230,8 @@ trocar_status implant_carry_out(const implant_plan *plan, const implant_play *pl
     if (play->csv) fputs("t [s],needle,hole,stage,tip [m],fx [N],fy [N],fz [N],against [N],depth [m],flags\n", play->csv);
 
     *summary = (implant_summary){0};
-    if (play->realtime && playing_use_realtime()) p.priority = PRIORITY_DEVICE - 1; /* the client's thread runs at a priority just below this one */
+    if (play->realtime && playing_use_realtime()) p.priority = PRIORITY_DEVICE - 1; /* the client's thread runs at the priority just below that of
+                                                                                       this thread */
     for (int i = 0; status == TROCAR_OK && i < plan->needle_count; i++) status = with_needle(&p, i, insert_and_leave);
     for (int i = 0; status == TROCAR_OK && i < plan->needle_count; i++) status = with_needle(&p, i, take_and_draw_back);
     implant_watch_close(&p.watch);

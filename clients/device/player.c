@@ -1,5 +1,5 @@
-/* One thread handles two events: the timer (send the next pose) and LCM's socket (a wrench has arrived). Deadlines are
-   absolute, so that the rate does not drift; missed periods are skipped and counted. */
+/* One thread handles two events: the timer, when the next pose is due, and LCM's socket, when a wrench has arrived. Deadlines are absolute, so that
+   the rate does not drift; missed periods are skipped and counted. */
 #include "device/player.h"
 
 #include <errno.h>
@@ -19,7 +19,7 @@
 #include "shared/server_choice.h"
 #include "trocar_command_t.h"
 
-static const double last_answers = 0.008; /* s to listen after the last pose: shorter than the server's hold time */
+static const double last_answers = 0.008; /* s, time to listen after the last pose, which is shorter than the server's hold time */
 
 typedef struct {
     const play_settings *settings;
@@ -29,13 +29,13 @@ typedef struct {
     int timer;
     double period;           /* s */
     hand hand;
-    vec3 force;              /* newest force on the hand, N */
-    int64_t wrench_tick;     /* tick of that force */
+    vec3 force;              /* N, newest force on the hand */
+    int64_t wrench_tick;     /* server tick of that force */
     trocar_status status;    /* status of the first failure in a callback */
     report *why;
 } player;
 
-/* True if this is the server whose wrenches are used. Another server is reported once, and its wrenches are counted. */
+/* True if wrenches from this server are used. Any other server is reported once, and its wrenches are counted. */
 static bool follow(player *p, int64_t server) {
     if (server_choice_follows(&p->servers, server, playing_now())) return true;
     if (p->record->foreign_wrenches++ == 0)
@@ -56,7 +56,7 @@ static void on_wrench(const lcm_recv_buf_t *buffer, const char *channel, void *u
     if (p->status == TROCAR_OK) p->status = status;
 }
 
-/* Returns the pose of the base at script time t: the script's pose, or that of the hand that follows the script. */
+/* Returns the pose of the base at script time t: that of the script or, with a simulated hand, that of the hand which follows the script. */
 static pose next_pose(player *p, double t) {
     pose wanted = motion_pose(p->settings->script, p->settings->start, t * p->settings->speed);
     if (!p->settings->closed_loop) return wanted;
@@ -76,7 +76,7 @@ static trocar_status send_pose(player *p, double t) {
     return fail(p->why, TROCAR_SYSTEM, "LCM cannot publish on %s: is there a multicast route (docs/troubleshooting.md)?", POSE_CHANNEL);
 }
 
-/* Waits for a wrench or the timer; returns the number of periods elapsed, 0 after a wrench, -1 if interrupted. */
+/* Waits for a wrench or the timer. Returns the number of periods elapsed, 0 after a wrench, or -1 if interrupted. */
 static int wait_event(player *p) {
     struct pollfd events[2] = {{.fd = p->timer, .events = POLLIN}, {.fd = lcm_get_fileno(p->lcm), .events = POLLIN}};
     if (poll(events, 2, -1) < 0 || playing_interrupted()) return -1;
@@ -103,7 +103,7 @@ static trocar_status await_server(player *p) {
     return TROCAR_OK;
 }
 
-/* Rests for `settle`, plays the script, then listens for a short time. */
+/* Rests for the time `settle`, plays the script, and then listens for a short time. */
 static trocar_status play_script(player *p) {
     double start = playing_now() + p->settings->settle, t = 0;
     p->record->start = start;
@@ -153,7 +153,7 @@ trocar_status play(const play_settings *settings, recording *r, report *why) {
     p.hand.velocity = v3(0, 0, 0);
 
     playing_heed_signals();
-    if (settings->realtime) playing_use_realtime(); /* done before LCM is created, because its reader thread inherits the priority */
+    if (settings->realtime) playing_use_realtime(); /* this must be done before LCM is created, because LCM's reader thread inherits the priority */
 
     trocar_status status = open_links(&p);
     if (status == TROCAR_OK) status = await_server(&p);

@@ -1,4 +1,4 @@
-/* Plays a scripted motion to the server over LCM in real time and records the server's answers. */
+/* Plays a scripted motion to the server over LCM in real time, and records the server's answers. */
 #ifndef TROCAR_PLAYER_H
 #define TROCAR_PLAYER_H
 
@@ -7,21 +7,21 @@
 #include "shared/motion.h"
 
 typedef struct {
-    const char *lcm_url;     /* NULL: $LCM_DEFAULT_URL, or else LCM's default */
+    const char *lcm_url;     /* LCM URL; NULL selects $LCM_DEFAULT_URL or, if that is not set, LCM's default */
     const motion *script;
     pose start;
     int needle;              /* index of the needle in the scene */
     double rate;             /* Hz */
-    double speed;            /* script seconds per second of real time */
-    double duration;         /* s of real time */
+    double speed;            /* script speed, in script seconds per second of real time */
+    double duration;         /* s of real time, duration of the motion */
     double patience;         /* s to wait for the server's first answer */
-    double settle;           /* s at rest before the script starts, while the server ramps the force up */
+    double settle;           /* s, rest before the script starts, while the server ramps the force up */
     bool realtime;           /* ask for SCHED_FIFO */
-    bool closed_loop;        /* a simulated hand, `hand`, holds the needle and follows the script */
-    hand hand;               /* mass, damping and stiffness; `play` sets position and velocity */
+    bool closed_loop;        /* true: a simulated hand, described by `hand`, holds the needle and follows the script */
+    hand hand;               /* mass, damping and stiffness of that hand; `play` sets position and velocity */
 } play_settings;
 
-/* Plays until the end or an interrupt (SIGINT, SIGTERM). SYSTEM if LCM or a timer fails, or if no server answers. */
+/* Plays the motion until its end or an interrupt (SIGINT, SIGTERM). SYSTEM if LCM or a timer fails, or if no server answers. */
 trocar_status play(const play_settings *settings, recording *r, report *why);
 
 #endif

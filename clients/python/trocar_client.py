@@ -9,7 +9,7 @@
             ...                                               # render wrench.force and wrench.torque
 
 It offers the functions of clients/client/trocar_client.h, with the same watchdog, limits and commands. Python is not for real time: for a device
-that renders force at 1 kHz, use the C library. Positions and forces may be any sequences of numbers, such as NumPy's arrays; the answers are tuples.
+that renders force at 1 kHz, use the C library. Positions and orientations may be any sequences of numbers, such as NumPy arrays; results are tuples.
 
 Frames: the scene's world frame, in metres. Quaternions are w, x, y, z. The needle's axis is its local +z, from base to tip, and its bevel
 faces local +y."""
@@ -27,17 +27,18 @@ from typing import NamedTuple, Tuple
 
 __all__ = ["Answer", "Client", "Events", "Flags", "Wrench"]
 
-_RAMP = 0.1             # s, after an outage
+_RAMP = 0.1             # s, duration of the ramp after an outage
 _PATIENCE = 0.1         # s of silence after which the client follows another server
-_LONGEST_PERIOD = 0.01  # s of the device's loop, the longest for which the wrench may change
+_LONGEST_PERIOD = 0.01  # s, the longest period of the device's loop over which the wrench may change
 _LONGEST_REPLY = 3.0    # s
-_LONGEST_ECHO = 10.0    # s within which the client's first message has to come back from the network
-_MESSAGE_MOST, _FRAGMENTS_MOST, _TEXT_MOST = 1 << 17, 256, 255  # bytes of the longest message, most fragments of a message, most bytes kept of a text
+_LONGEST_ECHO = 10.0    # s within which the client's first message must come back from the network
+# largest size of a message in bytes, largest number of fragments of a message, and largest number of bytes kept of a text
+_MESSAGE_MOST, _FRAGMENTS_MOST, _TEXT_MOST = 1 << 17, 256, 255
 _ECHO = b"LCM_SELF_TEST"
 
 
 class _Message:
-    """Encodes and decodes one message type: a fingerprint, numbers in big-endian order, and a text at the end if the type has one."""
+    """Encodes and decodes one message type, which consists of a fingerprint, numbers in big-endian order, and for some types a text at the end."""
 
     def __init__(self, fingerprint, layout, fields):
         self._fingerprint, self._layout = fingerprint, struct.Struct(">Q" + layout[1:])
@@ -45,7 +46,7 @@ class _Message:
         self._has_text = layout.endswith("I")
 
     def encode(self, **values):
-        """Returns the bytes of a message without a text; fields that are not given are 0."""
+        """Returns the bytes of a message that has no text; fields that are not given are 0."""
         numbers = []
         for name, length in self._fields:
             value = values.get(name, 0 if length is None else [0] * length)
@@ -65,7 +66,7 @@ class _Message:
         for name, length in self._fields:
             found[name] = numbers[at] if length is None else tuple(numbers[at:at + length])
             at += length or 1
-        if self._has_text:  # keeps only printable ASCII characters, as the text may be printed on a terminal
+        if self._has_text:  # keep only printable ASCII characters, because the text may be printed on a terminal
             kept = text.split(b"\0", 1)[0][:_TEXT_MOST]
             found[self._fields[-1][0]] = "".join(chr(byte) if 32 <= byte <= 126 else "?" for byte in kept)
         return found
@@ -134,21 +135,21 @@ class Answer(enum.Enum):
 
 
 class Wrench(NamedTuple):
-    """The wrench to render. All zero while no wrenches arrive."""
+    """The wrench to render. All values are zero while no wrenches arrive."""
 
     answered: bool = False                                      # True if a server sent this wrench
-    force: Tuple[float, float, float] = (0.0, 0.0, 0.0)         # N, world frame: force of the needle's base on the hand
-    torque: Tuple[float, float, float] = (0.0, 0.0, 0.0)        # N m, world frame, about the base point
+    force: Tuple[float, float, float] = (0.0, 0.0, 0.0)         # N, world frame: force that the needle's base exerts on the hand
+    torque: Tuple[float, float, float] = (0.0, 0.0, 0.0)        # N m, world frame: torque about the needle's base
     depth: float = 0.0                                          # m, length of the needle's track in the tissue
-    tick: int = 0                                               # tick of the server
+    tick: int = 0                                               # tick of the server in which the wrench was computed
     contacts: int = 0                                           # number of active contact nodes
     events: Events = Events(0)                                  # events of that tick only
-    membrane: int = -1                                          # membrane that was punctured in that tick, -1 if none
+    membrane: int = -1                                          # index of the membrane punctured in that tick; -1 if none
     flags: Flags = Flags(0)                                     # flags of the server; SATURATED is also set when the client has limited the wrench
 
 
 def _read_url(url):
-    """Parses the URL; returns ((group, port), ttl, size of the receive buffer or 0)."""
+    """Parses the URL; returns ((group, port), ttl, size of the receive buffer), where a size of 0 selects the system's default."""
     match = re.fullmatch(r"udpm://([0-9.]*)(?::(\d+))?(?:/?\?(.*))?", url)
     if not match:
         raise ValueError
@@ -161,7 +162,7 @@ def _read_url(url):
 
 
 def _is_own(address):
-    """True if this is the machine's own address: only then does the system use it as the source of packets sent to it."""
+    """True if this address belongs to this machine: only then does the system use it as the source of packets that are sent to it."""
     with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as probe:
         try:
             probe.connect((address, 1))     # sends nothing
@@ -175,7 +176,7 @@ class _Limiter:
         self.most, self.rate, self.last = most, rate, (0.0, 0.0, 0.0)
 
     def limit(self, wanted, period):
-        """Returns (the vector to render after `period` s, whether it differs from the wanted one)."""
+        """Returns the vector to render after `period` s, and whether it differs from the wanted one."""
         length = math.sqrt(sum(x * x for x in wanted))
         scale = self.most / length if length > self.most else 1.0
         change = [scale * x - last for x, last in zip(wanted, self.last)]
@@ -188,13 +189,14 @@ class _Limiter:
 class Client:
     """Holds one needle of a scene. For several needles, open a client for each.
 
-    url: LCM URL of UDP multicast; None: $LCM_DEFAULT_URL, or else LCM's default. watchdog: s without a wrench after which the force is zero.
-    max_force (N), max_torque (N m) and their rates (per s) limit the rendered wrench, whatever arrives. without_force: for a mouse or a
-    tracker; the needle then follows its poses rigidly. Call the methods from one thread."""
+    url: LCM URL of UDP multicast; None selects $LCM_DEFAULT_URL or, if that is not set, LCM's default. watchdog: s without a wrench after which the
+    force is set to zero. max_force (N), max_torque (N m) and their rates (per s) limit the rendered wrench, whatever the server sends. without_force:
+    for a mouse or a tracker; the needle then follows its poses rigidly. Call the methods from one thread."""
 
     def __init__(self, url=None, needle=0, watchdog=0.02, max_force=20.0, max_torque=1.0, max_force_rate=2000.0, max_torque_rate=100.0,
                  without_force=False):
-        """Connects. Waits for the network, but not for a server, which may start later. ConnectionError says what to do."""
+        """Connects to the network. Waits for the network, but not for a server, which may be started later. Raises ConnectionError, which states the
+        remedy."""
         if not all(limit > 0 for limit in (watchdog, max_force, max_torque, max_force_rate, max_torque_rate)):
             raise ValueError("watchdog, max_force, max_torque, max_force_rate and max_torque_rate must be above 0")
         self._needle, self._watchdog, self._without_force = needle, watchdog, without_force
@@ -202,7 +204,7 @@ class Client:
         self._session = secrets.randbits(63) | 1
         self._seq = self._packets = self._felt_tick = self._asked = 0
         self._alive_since = self._rendered_at = self._asked_at = 0.0
-        self._newest = None         # (arrival, fields): set by the thread, always as a new tuple
+        self._newest = None         # (arrival time, fields), set by the thread; always a new tuple
         self._reply = (0, False, "")
         self._server, self._heard = 0, -math.inf
         self._assembly, self._known = None, (None, False, 0.0)
@@ -219,7 +221,7 @@ class Client:
         self.close()
 
     def close(self):
-        """Releases the needle, so that another device can take it at once, and disconnects."""
+        """Releases the needle, so that another device can take it at once, and then disconnects."""
         if self._ends:
             return
         self._ends = True
@@ -241,8 +243,8 @@ class Client:
         return True
 
     def newest(self):
-        """Returns the newest wrench; wrenches that arrive out of order are dropped. It is zero, and not `answered`, if the watchdog has expired,
-        because there is no server, the needle belongs to another device, or the scene has no such needle (trocar-top shows the reason)."""
+        """Returns the newest wrench; wrenches that arrive out of order are dropped. The wrench is zero, and `answered` is False, if the watchdog has
+        expired, because there is no server, the needle belongs to another device, or the scene has no such needle (trocar-top shows the reason)."""
         newest, now = self._newest, time.monotonic()
         if newest is None or now - newest[0] >= self._watchdog:
             self._force.last = self._torque.last = (0.0, 0.0, 0.0)
@@ -259,8 +261,8 @@ class Client:
         flags = Flags(found["flags"]) | (Flags.SATURATED if less_force or less_torque else Flags(0))
         return Wrench(True, force, torque, found["depth"], found["tick"], found["contacts"], Events(found["events"]), found["membrane"], flags)
 
-    # Commands for the client's needle. Each is sent at once; the server's reply arrives later. Only one command may be pending: the methods
-    # return False, and do nothing, while the previous command waits for its reply.
+    # Commands for the client's needle. Each is sent at once; the server's reply arrives later. Only one command may be pending: while the previous
+    # command waits for its reply, the methods do nothing and return False.
 
     def reset(self):
         """Removes the needle and relaxes the tissue; the next pose engages the needle again."""
@@ -277,7 +279,7 @@ class Client:
 
     def drop_seeds(self, count, spacing=0.0):
         """Drops `count` seeds, 1 to 16, which the needle leaves as it is drawn back over them; the first has its distal end at the tip.
-        `spacing` is the distance of their centres in m; 0 means the scene's."""
+        `spacing` is the distance between their centres in m; 0 selects the scene's value."""
         return self._ask(_COMMAND_DROP_SEED, count, spacing)
 
     def undo(self):
@@ -285,7 +287,7 @@ class Client:
         return self._ask(_COMMAND_UNDO)
 
     def reply(self):
-        """Returns (the answer to the last command, the reason unless it is DONE)."""
+        """Returns the result of the last command and, unless it is DONE, the reason."""
         number, done, why = self._reply
         if self._asked == 0:
             return Answer.NONE, ""
@@ -341,7 +343,7 @@ class Client:
         try:
             self._sender.sendto(packet, self._group)
         except OSError:
-            if not self._echoed:    # a pose that is lost later is counted by the server
+            if not self._echoed:    # poses that are lost later are counted by the server
                 raise
 
     def _command(self, what, number, seeds=0, spacing=0.0):
@@ -352,7 +354,7 @@ class Client:
         while not self._ends:
             try:
                 self._receive()
-            except OSError:     # while the network is down, every call may fail at once
+            except OSError:     # while the network is down, every call may fail immediately
                 time.sleep(0.01)
 
     def _receive(self):
@@ -381,7 +383,7 @@ class Client:
             self._take_message(channel, message)
 
     def _take_fragment(self, packet, sender):
-        """Assembles a fragmented message, one at a time. Its fragment 0 must come first; the others may come in any order."""
+        """Assembles fragmented messages, one at a time. Fragment 0 of a message must come first; the others may come in any order."""
         if len(packet) < 20:
             return
         sequence, total, offset, number, count = struct.unpack(">IIIHH", packet[4:20])
@@ -413,7 +415,8 @@ class Client:
             self._echoed = True
 
     def _is_ours(self, found, now):
-        """True if a message is for this client, and from the server that it follows: the first one heard, until that one falls silent."""
+        """True if a message is meant for this client and comes from the server that it follows. That is the first server heard, until it falls
+        silent."""
         if found is None or found["session"] != self._session or found["needle"] != self._needle:
             return False
         if found["server"] != self._server:

@@ -17,7 +17,7 @@ static double component_of(const trocar_needle_wrench_t *w, int component) {
 
 /* ---- the golden log ----------------------------------------------------------------------------------------------------- */
 
-/* Reads the next wrench to compare, which must be of the session, and of the server that the session's first wrench names. */
+/* Reads the next wrench to compare. It must belong to the session, and come from the same server as the session's first wrench. */
 static trocar_status read_golden(comparison *c, report *why) {
     for (;;) {
         trocar_status status = wrench_stream_next(c->stream, &c->golden, &c->ended, why);
@@ -30,7 +30,7 @@ static trocar_status read_golden(comparison *c, report *why) {
     }
 }
 
-/* Reads all golden wrenches to find the peaks, and checks their order and numbers before the replay begins. */
+/* Reads all golden wrenches to find their peaks, and checks their order and values before the replay begins. */
 static trocar_status look_through(comparison *c, report *why) {
     int64_t last = -1, server = 0;
     bool begun = false, ended = false;
@@ -70,7 +70,7 @@ void comparison_free(comparison *c) {
 
 /* ---- comparing ---------------------------------------------------------------------------------------------------------- */
 
-/* Returns the distance of `value` from the range of the replayed values in the window. */
+/* Returns the distance between `value` and the range of the replayed values in the window; 0 inside the range. */
 static double distance(double value, const comparison *c, int component, bool before, bool after) {
     double least = component_of(&c->window[1], component), greatest = least;
     if (isnan(least)) return INFINITY;
@@ -93,7 +93,7 @@ static deviation worst_component(const comparison *c, bool before, bool after) {
     return worst;
 }
 
-/* Compares the golden wrenches up to the pose in the middle of the window. */
+/* Compares those golden wrenches that answer poses up to the one in the middle of the window. */
 static trocar_status compare_middle(comparison *c, bool before, bool after, report *why) {
     trocar_status status = TROCAR_OK;
     for (; status == TROCAR_OK && !c->ended && c->golden.pose_seq <= c->window[1].pose_seq; status = read_golden(c, why)) {

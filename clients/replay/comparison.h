@@ -6,14 +6,14 @@
 
 #include "shared/poselog.h"
 
-enum { WRENCH_COMPONENTS = 6 }; /* force x y z, torque x y z */
+enum { WRENCH_COMPONENTS = 6 }; /* force x, y, z and torque x, y, z */
 
 /* The component of a golden wrench that differs most from the replayed one. */
 typedef struct {
     trocar_needle_wrench_t golden, replayed;
     int component;
-    double time;             /* s after the first pose */
-    double off;              /* N or N m, difference */
+    double time;             /* s since the first pose */
+    double off;              /* N or N m, absolute difference */
     double share;            /* difference as a fraction of the component's peak in the golden log */
 } deviation;
 
@@ -21,11 +21,11 @@ enum { SHARE_BINS = 1001 };
 
 typedef struct {
     int compared, differing; /* golden wrenches */
-    int foreign;             /* number of golden wrenches ignored because another server than that of the first one sent them */
-    int unrecorded;          /* number of golden wrenches ignored because the recording lacks the poses that they answer */
-    deviation first;         /* first difference beyond the tolerance */
+    int foreign;             /* number of golden wrenches ignored because they came from a different server than the first one */
+    int unrecorded;          /* number of golden wrenches ignored because the recording does not contain the poses that they answer */
+    deviation first;         /* first difference that exceeds the tolerance */
     deviation largest, last;
-    /* number of golden wrenches by fraction: bin i counts fractions from 0.001 i on; the last bin also counts all larger ones */
+    /* histogram of the golden wrenches' fractions: bin i counts fractions of at least 0.001 i; the last bin also counts all larger ones */
     int bins[SHARE_BINS];
     int64_t skipped_not_finite; /* golden wrenches */
     char inverse[16];        /* kind of inverse according to the golden log; empty if unknown */
@@ -34,29 +34,30 @@ typedef struct {
     double tolerance, peaks[WRENCH_COMPONENTS];
     int64_t session, first_utime;
     wrench_stream *stream;
-    bool begun, ended;       /* a golden wrench of the session has been read; no more are left */
-    int64_t server;          /* server of the first golden wrench */
+    bool begun, ended;       /* `begun`: a golden wrench of the session has been read; `ended`: no more golden wrenches are left */
+    int64_t server;          /* server that sent the first golden wrench */
     trocar_needle_wrench_t golden; /* the next golden wrench to compare */
     trocar_needle_wrench_t window[3]; /* replayed wrenches before, at and after the compared wrench */
     int replayed;            /* number of replayed wrenches so far */
 } comparison;
 
-/* Reads the golden log once to find the peaks of its components. `session` is that of the replayed poses. BAD_INPUT for an unusable log, and for a
-   log whose wrenches of that session are not in the order of their poses; NO_MEMORY. After any of these errors, call only comparison_free. */
+/* Reads the golden log once to find the peaks of its components. `session` is the session of the replayed poses. BAD_INPUT for an unusable log, and
+   for a log whose wrenches of that session are not in the order of their poses; NO_MEMORY. After any of these errors, call only comparison_free. */
 trocar_status comparison_begin(comparison *c, const char *golden_path, int64_t session, double tolerance, report *why);
 
-/* Compares the raw wrenches, which come in the order of their poses. A golden component may differ from the range of the replay at the answered pose
-   and its neighbours by `tolerance`, a fraction of its peak (at least 0.1 N or 2 mN m). The tolerance is needed because other processors and BLAS
-   kernels round differently, which shifts contact events by a tick. Ignores golden wrenches of other sessions, of servers other than that of the
-   first compared wrench, and those whose pose is missing among the replayed poses because the recording began later or lost the pose. There may be
-   fewer golden wrenches than poses. */
+/* Compares the raw wrenches, which must be passed in the order of their poses. A golden component may differ from the range of the replay at the
+   answered pose and its neighbours by `tolerance`, a fraction of its peak (at least 0.1 N or 2 mN m). The tolerance is needed because other
+   processors and BLAS kernels round differently, which shifts contact events by a tick. Ignores golden wrenches of other sessions, of servers other
+   than that of the first compared wrench, and those whose pose is missing among the replayed poses because the recording began later or lost the
+   pose. There may be fewer golden wrenches than poses. */
 trocar_status comparison_add(comparison *c, const trocar_needle_wrench_t *replayed, report *why);
 
-/* Call it after the last wrench. BAD_INPUT if a golden wrench answers a later pose, if most poses are missing, or if no wrench was compared. */
+/* Must be called after the last wrench. BAD_INPUT if a golden wrench answers a later pose, if most poses are missing, or if no wrench was
+   compared. */
 trocar_status comparison_end(comparison *c, report *why);
 void comparison_free(comparison *c);
 
-/* Returns the quantile q of the golden wrenches' fractions, to 0.001. */
+/* Returns the quantile q of the golden wrenches' fractions, with a resolution of 0.001. */
 double comparison_quantile(const comparison *c, double q);
 
 /* Prints the result of the comparison. */

@@ -27,7 +27,7 @@ trocar_status pvd_take(pvd_series *p, const trocar_model *model, trocar_picture 
 /* True if the state at this time (s) belongs to the series. */
 bool pvd_is_due(const pvd_series *p, double time);
 
-/* Writes the list, which does not exist before this call. */
+/* Writes the list, PREFIX.pvd; the file does not exist before this call. */
 trocar_status pvd_close(pvd_series *p, report *why);
 void pvd_abandon(pvd_series *p);
 

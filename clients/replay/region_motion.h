@@ -16,7 +16,7 @@ typedef struct {
    coplanar points, and for rotations so large that the covariance is a reflection. */
 rigid_motion rigid_motion_fit(int count, const vec3 *from, const vec3 *displacement);
 
-/* The nodes of one region, whose motion is computed. */
+/* The nodes of one region whose motion is computed. */
 typedef struct {
     int count;
     int *nodes;              /* count, ascending */

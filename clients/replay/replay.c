@@ -30,17 +30,17 @@ error_t argp_err_exit_status = EXIT_BAD_INPUT;
 
 typedef struct {
     const char *scene_path, *pose_path, *log_path, *csv_path, *json_path, *vtu_prefix, *pvd_prefix, *golden_path, *shift_path, *region, *seeds_path;
-    double at;               /* s after the first pose; NaN: the last pose */
-    double tolerance;        /* as a fraction of the peak */
-    int needle;              /* index of the replayed needle; -1: the first pose's needle */
-    int every;               /* only every Nth wrench is logged */
+    double at;               /* s after the first pose; NaN selects the last pose */
+    double tolerance;        /* tolerance as a fraction of the component's peak */
+    int needle;              /* index of the replayed needle; -1 selects the needle of the first pose */
+    int every;               /* N if only every Nth wrench is logged */
     bool quiet, patient, all;
 } options;
 
 /* A needle of a log that is replayed with --all. */
 typedef struct {
-    bool begun;              /* the needle has been reset at a pose of `session` */
-    bool taken;              /* the next pose continues from where the needle rested */
+    bool begun;              /* true once the needle has been reset at a pose of `session` */
+    bool taken;              /* true if the next pose continues the insertion from where the needle rested */
     int64_t session, utime;  /* session and utime of the needle's last pose */
     hand_clutch clutch;      /* offset of the hand that has taken the needle */
     waiting_drop waiting;
@@ -50,25 +50,25 @@ typedef struct {
     const options *options;
     trocar_scene *scene;
     patient_frame frame;     /* for --patient */
-    const patient_frame *patient; /* coordinates of the files: `frame` or NULL */
+    const patient_frame *patient; /* coordinates used in the files: `frame`, or NULL for the mesh's own */
     pose_log poses;          /* counts and commands of the log */
-    pose_stream *stream;     /* the log's poses, one after another */
+    pose_stream *stream;     /* the poses of the log, read one after another */
     pose_step now;
     int64_t before;          /* utime of the previous pose */
     trocar_model *model;
     trocar_sim *sim;
     trocar_output result;              /* output of the last tick */
-    trocar_picture *picture;           /* for --vtu and --pvd */
-    double *displacements;             /* for --shift: 3 per node of the mesh, m; otherwise NULL */
+    trocar_picture *picture;           /* picture for --vtu and --pvd */
+    double *displacements;             /* displacements for --shift, 3 per node of the mesh, m; otherwise NULL */
     output log_file, csv_file, json_file, shift_file, seeds_file;
     region_motion motion;
     comparison comparison;
     pvd_series series;
-    bool dumped;             /* for --vtu: the state at --at has been written */
-    int64_t logged;          /* number of events in log_file */
+    bool dumped;             /* true once --vtu has written the state at --at */
+    int64_t logged;          /* number of events written to log_file */
     bool has_probe;          /* the scene has a probe */
-    int commands_done;       /* number of the log's commands that have been handled */
-    int refused, refused_before; /* number of commands refused here, and number that the server had already refused */
+    int commands_done;       /* number of commands from the log that have been handled */
+    int refused, refused_before; /* number of commands refused in this replay, and number that the server had already refused */
     report refusal;          /* reason of the first refusal in this replay */
     replayed_needle needles[TROCAR_MAX_NEEDLES];
     int gaps;                /* number of gaps longer than POSE_LOG_GAP */
@@ -148,7 +148,7 @@ static const struct argp parser = {
 
 /* ---- set-up ------------------------------------------------------------------------------------------------------ */
 
-/* Returns the pose's time, s after the first pose. */
+/* Returns the time of the pose, in s since the first pose. */
 static double time_of(const replay *r, const trocar_needle_pose_t *pose) { return 1e-6 * (double)(pose->utime - r->poses.first.utime); }
 
 static trocar_status check_dump_time(const replay *r, report *why) {
@@ -157,7 +157,7 @@ static trocar_status check_dump_time(const replay *r, report *why) {
     return fail(why, TROCAR_BAD_INPUT, "%s: --at %g s is after the last pose at %g s", r->options->pose_path, r->options->at, end);
 }
 
-/* True if --vtu writes the state now: after the first tick at or after --at that moves a needle. */
+/* True if --vtu must write the state now, which is after the first tick at or after --at that moves a needle. */
 static bool dump_is_due(const replay *r, int tick) {
     if (!r->options->vtu_prefix || r->dumped) return false;
     return isnan(r->options->at) ? tick == r->poses.count - 1 : time_of(r, &r->now.pose) >= r->options->at;
@@ -177,7 +177,7 @@ static trocar_status open_outputs(replay *r, report *why) {
     return status;
 }
 
-/* Prepares to follow the chosen region, by default the scene's first. */
+/* Prepares to track the chosen region, which is the scene's first region by default. */
 static trocar_status prepare_shift(replay *r, report *why) {
     char region[256];
     r->displacements = malloc(3 * (size_t)trocar_model_node_count(r->model) * sizeof *r->displacements);
@@ -262,8 +262,8 @@ static trocar_status log_tick(replay *r, int tick, const trocar_needle_wrench_t 
     return status;
 }
 
-/* Starts the log with everything that the wrenches depend on except scene and poses. The log's messages keep the needle's index in the
-   recording, which the scene may not have. */
+/* Starts the log with everything on which the wrenches depend, except scene and poses. Messages in the log refer to the needle by its index in the
+   recording; the scene may have no needle with that index. */
 static trocar_status log_origin(replay *r, report *why) {
     int needles = trocar_model_needles(r->model), needle = r->poses.needle;
     lcm_eventlog_t log = log_at(r);
@@ -306,7 +306,7 @@ static void write_row(const replay *r) {
     if (r->json_file.file) tick_row_json(&row, r->json_file.file);
 }
 
-/* Writes the region's motion. Rotations in the sagittal, coronal and axial planes are about the normals of these planes. */
+/* Writes the motion of the region. Rotations in the sagittal, coronal and axial planes are rotations about the normals of these planes. */
 static trocar_status shift_tick(replay *r, report *why) {
     trocar_status status = trocar_view_displacements(trocar_sim_view(r->sim), r->displacements, why);
     if (status != TROCAR_OK) return status;
@@ -346,7 +346,7 @@ static trocar_status carry_out(replay *r, const logged_command *logged, report *
     case TROCAR_COMMAND_T_LEAVE:
         status = trocar_sim_leave(r->sim, needle, why);
         if (status == TROCAR_OK) status = trocar_sim_work(r->sim, NULL, why);
-        if (status == TROCAR_OK) n->begun = false; /* no hand holds the needle */
+        if (status == TROCAR_OK) n->begun = false; /* no hand holds the needle any more */
         return status;
     case TROCAR_COMMAND_T_TAKE:
         status = trocar_sim_take(r->sim, needle, why);
@@ -367,7 +367,7 @@ static void note_refusal(replay *r, const report *reason) {
     if (r->refused++ == 0) r->refusal = *reason;
 }
 
-/* Stops waiting for a needle's pending drop; `next` is the needle's next command, or NULL. */
+/* Gives up a pending drop of a needle; `next` is the needle's next command, or NULL. */
 static void end_waiting(replay *r, int needle, const logged_command *next) {
     waiting_drop *w = &r->needles[needle].waiting;
     if (!end_waiting_drop(w, r->sim, needle, next)) note_refusal(r, &w->reason);
@@ -411,7 +411,8 @@ static trocar_status run_commands(replay *r, int pose, report *why) {
     return status;
 }
 
-/* Decides as the server does: skips (*dt = 0) a pose for a needle that rests or that another session holds. A silent session loses the needle. */
+/* Decides whether to use a pose, as the server does: skips it (*dt = 0) if the needle rests or is held by another session. A session that falls
+   silent loses the needle. */
 static trocar_status follow_needle(replay *r, trocar_pose *base, double *dt, report *why) {
     static const int64_t SILENCE = 2000000; /* us */
     const trocar_needle_pose_t *m = &r->now.pose;
@@ -438,7 +439,7 @@ static trocar_status follow_needle(replay *r, trocar_pose *base, double *dt, rep
     return trocar_sim_reset(r->sim, m->needle, base, why);
 }
 
-/* Moves the probe to its newest pose before this one, and logs the probe's poses up to there. */
+/* Moves the probe to its newest pose before this needle pose, and logs the poses of the probe up to that one. */
 static trocar_status follow_probe(replay *r, report *why) {
     trocar_status status = TROCAR_OK;
     int count = r->now.probe_count;
@@ -457,7 +458,7 @@ static trocar_status check_needles(const replay *r, report *why) {
     int needles = trocar_model_needles(r->model);
     if (r->poses.most_needle >= needles)
         return fail(why, TROCAR_BAD_INPUT, "%s: a pose or a command of needle %d: the scene's \"needles\" is %d", r->options->pose_path, r->poses.most_needle, needles);
-    for (int i = 0; i < needles; i++) { /* the needle waits outside the tissue until its first pose */
+    for (int i = 0; i < needles; i++) { /* each needle waits outside the tissue until its first pose */
         trocar_pose away = {{0, 0, -10.0}, {1, 0, 0, 0}};
         trocar_status status = trocar_sim_reset(r->sim, i, &away, why);
         if (status != TROCAR_OK) return status;
@@ -519,7 +520,7 @@ static trocar_status run_all(replay *r, report *why) {
     for (int i = 0; i < trocar_model_needles(r->model); i++) end_waiting(r, i, NULL);
     if (status == TROCAR_OK) status = pose_stream_next(r->stream, &r->now, why);
     if (status == TROCAR_OK) status = follow_probe(r, why);
-    if (status == TROCAR_OK && r->options->vtu_prefix && !r->dumped) status = dump(r, why); /* no later pose moved a needle */
+    if (status == TROCAR_OK && r->options->vtu_prefix && !r->dumped) status = dump(r, why); /* no later pose has moved a needle */
     if (status == TROCAR_OK && r->seeds_file.file) status = seed_table_write(r->seeds_file.file, r->scene, r->model, r->sim, r->patient, why);
     if (status == TROCAR_OK) status = output_commit(&r->seeds_file, why);
     if (status == TROCAR_OK) status = output_commit(&r->log_file, why);
@@ -547,7 +548,7 @@ static void summarise(const replay *r) {
         fprintf(stderr, "%" PRId64 " commands for seeds skipped: of other needles or sessions, or before the first pose\n", r->poses.skipped_commands);
 }
 
-/* Names another owner of the needle. Printed even with --quiet, because it explains why the bits differ. */
+/* Reports that another server session owned the needle. Printed even with --quiet, because it explains why the results are not bit-for-bit equal. */
 static void name_other_owner(const replay *r) {
     const char *golden = r->comparison.inverse, *here = trocar_model_inverse(r->model);
     if (golden[0] == '\0' || strcmp(golden, here) == 0) return;

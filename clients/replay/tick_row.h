@@ -1,4 +1,4 @@
-/* One tick in the output of trocar-replay, as a row of CSV and as a line of JSON: both have the same values, with all digits. */
+/* One tick in the output of trocar-replay, written as a CSV row or as a JSON line. Both contain the same values, with full precision. */
 #ifndef TROCAR_TICK_ROW_H
 #define TROCAR_TICK_ROW_H
 
@@ -9,19 +9,19 @@
 
 typedef struct {
     double time;             /* s since the first pose */
-    vec3 force, torque;      /* N, N m: exerted by the base on the hand */
+    vec3 force, torque;      /* N and N m, exerted by the needle's base on the hand */
     double depth;            /* m */
     int contacts;
     char events[256];        /* see events_text */
     int needle;
-    double tip_lead;         /* rad: the tip's roll minus that of the base */
+    double tip_lead;         /* rad, roll of the tip minus roll of the base */
     vec3 base, tip;          /* in `unit` */
     const char *unit;        /* "m" or, in patient coordinates, "mm" */
-    bool has_probe;          /* the scene has a probe; without one, the following members are not written */
-    vec3 probe_force, probe_torque; /* N, N m: exerted on the hand that holds the probe */
+    bool has_probe;          /* true if the scene has a probe; otherwise, the following members are not written */
+    vec3 probe_force, probe_torque; /* N and N m, exerted on the hand that holds the probe */
     int probe_contacts;
     bool probe_placed;
-    vec3 probe_base;         /* valid if the probe has been placed */
+    vec3 probe_base;         /* pose of the probe's base; valid once the probe has been placed */
 } tick_row;
 
 /* Writes the names of the columns; those of the probe come last. */

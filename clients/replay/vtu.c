@@ -17,7 +17,7 @@ static void begin_array(const char *type, const char *name, int components, FILE
 
 static void end_array(FILE *out) { fprintf(out, "</DataArray>\n"); }
 
-/* Conversion of one kind of quantity: mesh_to_patient for positions, lengths_to_patient or axes_to_patient for vectors. */
+/* Conversion of one type of quantity: mesh_to_patient for positions, lengths_to_patient or axes_to_patient for vectors. */
 typedef vec3 (*conversion)(const patient_frame *patient, vec3 v);
 
 static void write_vector(const double v[3], const patient_frame *patient, conversion convert, FILE *out) {
@@ -85,7 +85,7 @@ static void write_tissue_cells(const trocar_model *model, const trocar_refined_m
     begin_array("Float64", "poisson_ratio", 1, out);
     for (int e = 0; e < m->tet_count; e++) fprintf(out, "%.17g\n", trocar_model_material(model, regions[m->parents[e]]).poisson_ratio);
     end_array(out);
-    if (trocar_model_averages_strain(model)) { /* the nodes at which each cell's volumetric strain is averaged */
+    if (trocar_model_averages_strain(model)) { /* the nodes over which each cell's volumetric strain is averaged */
         begin_array("Int32", "volumetric_nodes", 4, out);
         for (int e = 0; e < m->tet_count; e++) {
             const int32_t *corners = trocar_model_tets(model) + 4 * m->parents[e];
@@ -102,7 +102,7 @@ static void write_tissue_cells(const trocar_model *model, const trocar_refined_m
     fprintf(out, "</CellData>\n");
 }
 
-/* Writes the regions' names, in which "--" is replaced, because XML forbids it in comments. */
+/* Writes the names of the regions with "--" replaced, because XML does not allow it in comments. */
 static void write_region_names(const trocar_model *model, FILE *out) {
     fprintf(out, "<!-- regions:");
     for (int g = 0; g < trocar_model_region_count(model); g++) {
@@ -113,7 +113,8 @@ static void write_region_names(const trocar_model *model, FILE *out) {
     fprintf(out, " -->\n");
 }
 
-/* Writes the tissue. The applied forces include the damper at the tip, which slows tissue that springs back; the needle does not feel it. */
+/* Writes the tissue. The applied forces include that of the damper at the tip, which slows down tissue that springs back; the needle does not feel
+   this force. */
 static void write_tissue(const trocar_model *model, const trocar_refined_mesh *m, const patient_frame *patient, FILE *out) {
     fprintf(out, "<?xml version=\"1.0\"?>\n<VTKFile type=\"UnstructuredGrid\" version=\"0.1\" byte_order=\"LittleEndian\">\n<UnstructuredGrid>\n<FieldData>\n");
     write_field_vector("tip_damping", m->damping, patient, axes_to_patient, out);
@@ -154,7 +155,7 @@ enum { MAX_CENTRELINE = TROCAR_MAX_JOINTS + TROCAR_MAX_POINTS };
 
 typedef struct {
     int count;
-    double position[MAX_CENTRELINE][3], force[MAX_CENTRELINE][3]; /* m; and N, force on the needle */
+    double position[MAX_CENTRELINE][3], force[MAX_CENTRELINE][3]; /* m, points of the centreline; N, force on the needle at each point */
     double arc[MAX_CENTRELINE];
 } centreline;
 
@@ -167,7 +168,8 @@ static void append(centreline *c, double arc, const double position[3], const do
     c->count++;
 }
 
-/* Collects joints and contact points, merged by arc length; a tip at the needle's end is the last joint. */
+/* Collects joints and contact points, merged in order of arc length. If the tip coincides with the end of the needle, the last joint represents
+   it. */
 static void trace_needle(const trocar_model *model, const trocar_picture *picture, centreline *c) {
     static const double none[3] = {-0.0, -0.0, -0.0}, no_tip[3] = {0};
     const trocar_view *view = trocar_picture_view(picture);
@@ -235,10 +237,11 @@ trocar_status vtu_write_needle(const trocar_model *model, const trocar_picture *
 
 /* ---- probe ------------------------------------------------------------------------------------------------------- */
 
-/* points around the probe, and rings along it: one at the base, the others from the edge of the tip's rounding to its end */
+/* number of points around the probe, and of rings along it: one ring is at the base, the others lie between the edge and the end of the tip's
+   rounding */
 enum { AROUND = 48, ALONG = 16 };
 
-/* Computes radius and axial position of a ring, m. The last ring is the edge of the flat end. */
+/* Computes the radius and the axial position of a ring, m. The last ring is the edge of the probe's flat end. */
 static void profile(const trocar_probe_shape *s, int ring, double *radius, double *along) {
     double angle = 0.5 * M_PI * (ring - 1) / (ALONG - 2);
     *radius = ring == 0 ? s->radius : s->radius - s->tip_radius * (1 - cos(angle));
@@ -256,7 +259,8 @@ static void write_probe_points(const trocar_probe_shape *s, pose base, const pat
     write_points(points[0], AROUND * ALONG + 1, patient, out);
 }
 
-/* Writes two triangles between neighbouring points of neighbouring rings, and one from each edge of the last ring to the middle of the end. */
+/* Writes two triangles between neighbouring points of neighbouring rings, and one triangle from each edge of the last ring to the centre of the
+   end. */
 static void write_probe_triangles(bool placed, FILE *out) {
     int rings = placed ? ALONG - 1 : 0, count = placed ? (2 * rings + 1) * AROUND : 0;
     fprintf(out, "<Cells>\n");

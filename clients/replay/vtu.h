@@ -1,5 +1,5 @@
-/* Exports one state in VTK's XML format, for ParaView and for checks of the balance of forces. ASCII with 17 digits, so that reading gives
-   the same bits. If `patient` is not NULL, positions and displacements are in mm, and all vectors are along the patient's axes. */
+/* Exports one state in VTK's XML format, for ParaView and for checks of the balance of forces. Numbers are ASCII with 17 digits, so that reading them
+   gives exactly the same values. If `patient` is not NULL, positions and displacements are in mm, and all vectors are along the patient's axes. */
 #ifndef TROCAR_VTU_H
 #define TROCAR_VTU_H
 

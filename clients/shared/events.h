@@ -12,7 +12,7 @@ void events_text(unsigned events, const char *membrane, char *text, size_t size)
 /* Writes the names joined by ", ", e.g. "stale, ramping"; empty if no bit is set. */
 void flags_text(unsigned flags, char *text, size_t size);
 
-/* Gives the flag with this index, from 0; false after the last. */
+/* Writes the name of the flag with this index, counted from 0; returns false after the last flag. */
 bool flag_at(int index, unsigned *bit, const char **word);
 
 #endif

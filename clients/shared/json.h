@@ -12,14 +12,15 @@
 
 typedef struct {
     FILE *out;
-    bool comma; /* the next value needs a comma before it */
+    bool comma; /* a comma must precede the next value */
 } json;
 
 void json_open(json *j, const char *name, char bracket);     /* '{' or '[' */
 void json_close(json *j, char bracket);                      /* '}' or ']' */
 void json_text(json *j, const char *name, const char *text);
-void json_number(json *j, const char *name, double value);   /* writes null for a number that is not finite: JSON has neither NaN nor infinity */
-void json_exact(json *j, const char *name, double value);    /* writes all digits, so that reading gives the same double; null if it is not finite */
+void json_number(json *j, const char *name, double value);   /* writes null for a number that is not finite, because JSON has neither NaN nor infinity */
+void json_exact(json *j, const char *name, double value);    /* writes all digits, so that reading the number gives the same double; writes null if it
+                                                                is not finite */
 void json_xyz(json *j, const char *name, vec3 v);            /* writes the members x, y and z of an object, with all digits */
 void json_time_stamp(json *j, double time);                  /* writes the member "timestamp", s, to the microsecond */
 void json_numbers(json *j, const char *name, const double *values, int count);

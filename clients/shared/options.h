@@ -1,4 +1,4 @@
-/* Parses numbers and addresses on the command line, for argp parsers. */
+/* Parses numbers and addresses from the command line, for use in argp parsers. */
 #ifndef TROCAR_OPTIONS_H
 #define TROCAR_OPTIONS_H
 
@@ -9,7 +9,7 @@
 
 enum { EXIT_BAD_INPUT = 2 };
 
-/* Parses `count` finite numbers separated by commas in `text`; on an error, exits through argp_error. */
+/* Parses `count` finite numbers separated by commas in `text`; if that fails, exits through argp_error. */
 void parse_numbers(const struct argp_state *state, const char *option, const char *text, int count, double *numbers);
 
 /* Parses three finite numbers. */

@@ -6,13 +6,13 @@
 
 typedef struct {
     char path[1024], temporary[1040];
-    FILE *file;              /* NULL when not open */
+    FILE *file;              /* NULL when the file is not open */
 } output;
 
 /* Opens the temporary file. BAD_INPUT if it cannot be created. */
 trocar_status output_open(output *o, const char *path, report *why);
 
-/* Closes the file and renames it. SYSTEM, and no file remains, if it could not be written completely. */
+/* Closes the file and renames it. SYSTEM if it could not be written completely; in that case, no file remains. */
 trocar_status output_commit(output *o, report *why);
 
 /* Removes the temporary file; does nothing after a commit or without an open file. */

@@ -47,7 +47,7 @@ static bool read_numbers(const trocar_scene *scene, const char *key, int count, 
     char text[256], *rest = text;
     if (trocar_scene_get(scene, key, text, sizeof text, NULL) != TROCAR_OK) return false;
     for (int i = 0; i < count; i++) {
-        char *begin = rest + 1, *end; /* after [ or a comma */
+        char *begin = rest + 1, *end; /* after the opening bracket or a comma */
         numbers[i] = strtod(begin, &end);
         if (end == begin || !isfinite(numbers[i])) return false;
         rest = end;

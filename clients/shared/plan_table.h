@@ -22,8 +22,8 @@ typedef struct {
 /* Reads the table. BAD_INPUT with file, line and remedy if the file is not such a table. */
 trocar_status plan_table_read(const char *path, plan_table *plan, report *why);
 
-/* Checks that each seed is on the axis of its hole in this template. Otherwise BAD_INPUT, with the line in the table: the plan is for another
-   template. */
+/* Checks that each seed lies on the axis of its hole in this template. Otherwise the plan was made for another template: BAD_INPUT, with the line in
+   the table. */
 trocar_status plan_table_fits(const plan_table *plan, const trocar_guide *guide, const char *path, report *why);
 
 #endif

@@ -15,9 +15,9 @@
 #include "intake/safety_limits.h"
 #include "trocar_command_reply_t.h"
 
-/* LCM's own reader trusts the lengths in the file, prints to stderr and resumes at the next magic number, so that it would take a
-   damaged log for a shorter one. This reader checks everything instead. An event on disk is big-endian: magic, event number (8),
-   timestamp (8), two lengths (4 each), channel, data. */
+/* LCM's own reader trusts the lengths in the file, prints to stderr and resumes at the next magic number, so that it would treat a damaged log as a
+   shorter one. This reader checks everything instead. An event on disk is big-endian: magic, event number (8), timestamp (8), two lengths (4 each),
+   channel, data. */
 enum { EVENT_HEADER = 28, EVENT_CHANNEL_LENGTH = 20, EVENT_DATA_LENGTH = 24, CHANNEL_MAX = 63, DATA_MAX = 512, STATUS_MAX = 4096 };
 static const unsigned char event_magic[4] = {0xED, 0xA1, 0xDA, 0x01};
 
@@ -32,17 +32,17 @@ static const older_type older_poses[] = {{0xbe3af96bc721e5ea, 4}, {0}};
 static const older_type older_wrenches[] = {{0x558602e319c11faf, 4}, {0x9bb829ef4984e48c, 8 + 4}, {0}};
 static const older_type older_statuses[] = {{0xe428bcd4a42ff814, 4}, {0xbcbe6819f8e2446a, 3 * 4 + 8 + 4}, {0}};
 
-/* State of the pose readers: the log, the last accepted poses, and the server's code that accepts or refuses the probe's poses. */
+/* State of the pose readers: the log, the last accepted poses, and the server code that decides whether to accept the probe's poses. */
 typedef struct {
     pose_log *poses;
-    bool keeps;              /* keep all poses of the needle in the log */
+    bool keeps;              /* true if all poses of the needle in the log are kept */
     trocar_needle_pose_t newest[TROCAR_MAX_NEEDLES]; /* last accepted pose of each needle */
-    bool begun[TROCAR_MAX_NEEDLES]; /* the needle has an accepted pose */
+    bool begun[TROCAR_MAX_NEEDLES]; /* true if a pose of the needle has been accepted */
     probe_arbiter probe;
-    trocar_probe_pose_t *passed; /* poses of the probe since the last pose of a needle; unused if all are kept */
+    trocar_probe_pose_t *passed; /* poses of the probe since the last needle pose; unused if all poses are kept */
     int passed_count, passed_room;
     trocar_needle_pose_t pose; /* accepted last; */
-    bool accepted;           /* the last event was accepted */
+    bool accepted;           /* true if the last event was accepted */
 } reading;
 
 /* A log that is being read. */
@@ -50,9 +50,9 @@ typedef struct {
     const char *path;
     FILE *file;
     int64_t size, offset;    /* bytes */
-    int64_t event;           /* number of the current event */
-    bool cut;                /* the file ends within the current event */
-    bool found;              /* the log has an event of the first wanted channel */
+    int64_t event;           /* number of the current event in the log */
+    bool cut;                /* true if the file ends within the current event */
+    bool found;              /* true if the log contains an event of the first wanted channel */
 } reader;
 
 typedef struct {
@@ -102,7 +102,7 @@ static trocar_status read_header(reader *r, event_header *h, report *why) {
     return fread(h->channel, 1, length, r->file) == length ? TROCAR_OK : bad_event(r, "cannot be read", why);
 }
 
-/* Moves the file to the next event. */
+/* Moves the file position to the next event. */
 static trocar_status skip_event(reader *r, const event_header *h, report *why) {
     r->offset += EVENT_HEADER + h->channel_length + h->data_length;
     r->event++;
@@ -124,8 +124,8 @@ static trocar_status check_type(const reader *r, const unsigned char *data, cons
                 r->path, r->event, r->offset, type, (uint64_t)found, (uint64_t)fingerprint);
 }
 
-/* Converts a message of an older type to the current type: sets the current fingerprint and appends the missing fields as
-   zeros. Returns the new length. `data` must have room for that length and be zero after the message. */
+/* Converts a message of an older type to the current type: sets the current fingerprint and appends the missing fields as zeros. Returns the new
+   length. `data` must have room for the new length, and must contain zeros after the message. */
 static int64_t complete(unsigned char *data, int64_t length, const older_type *older, int64_t fingerprint) {
     uint64_t found = (uint64_t)big_endian_64(data);
     while (older->missing && older->fingerprint != found) older++;
@@ -220,7 +220,7 @@ static trocar_status take_pose(const reader *r, const event_header *h, void *con
 /* State of the wrench readers. */
 typedef struct {
     trocar_needle_wrench_t wrench; /* accepted last; */
-    bool accepted;           /* the last event was accepted */
+    bool accepted;           /* true if the last event was accepted */
     int64_t skipped;         /* not finite */
     char inverse[16];
 } wrench_reading;
@@ -267,7 +267,7 @@ static trocar_status note_command(const reader *r, const event_header *h, void *
     return add_command(&m, log, why);
 }
 
-enum { MOST_UNANSWERED = 1024 }; /* most commands without an answer; a server has fewer pending */
+enum { MOST_UNANSWERED = 1024 }; /* largest number of unanswered commands; a server has fewer pending */
 
 /* Records the result of a command; replies of another message type are ignored. */
 static trocar_status note_reply(const reader *r, const event_header *h, void *context, report *why) {
@@ -277,7 +277,7 @@ static trocar_status note_reply(const reader *r, const event_header *h, void *co
     trocar_status status = read_data(r, h, data, DATA_MAX, why);
     if (status != TROCAR_OK || h->data_length > DATA_MAX || !reply_fits(data, (size_t)h->data_length)) return status;
     if (trocar_command_reply_t_decode(data, 0, (int)h->data_length, &m) < 0) return TROCAR_OK;
-    logged_command *asked = NULL; /* the oldest command without an answer, because a sender may use a number again */
+    logged_command *asked = NULL; /* the oldest command without an answer, because a sender may reuse a number */
     for (int i = log->command_count - 1; i >= 0 && log->command_count - i <= MOST_UNANSWERED; i--) {
         const trocar_command_t *c = &log->commands[i].command;
         bool same = c->session == m.session && c->seq == m.seq && c->needle == m.needle && c->command == m.command;
@@ -310,7 +310,7 @@ static trocar_status keep_probe(const trocar_probe_pose_t *m, pose_log *log, rep
     return status;
 }
 
-/* Keeps a pose of the probe until the next pose of a needle only. */
+/* Keeps a pose of the probe until the next pose of a needle. */
 static trocar_status pass_probe(const trocar_probe_pose_t *m, reading *in, report *why) {
     in->poses->probe_count++;
     if (in->accepted) in->passed_count = 0;
@@ -326,7 +326,7 @@ static trocar_status pass_probe(const trocar_probe_pose_t *m, reading *in, repor
     return TROCAR_OK;
 }
 
-/* Accepts or refuses a pose of the probe by the server's own rules, with the poses' time as clock. */
+/* Accepts or refuses a pose of the probe by the server's own rules, using the times of the poses instead of a clock. */
 static trocar_status note_probe(const reader *r, const event_header *h, void *context, report *why) {
     reading *in = context;
     pose_log *log = in->poses;
@@ -385,7 +385,7 @@ static trocar_status read_log(const char *path, const wanted_channel *wanted, vo
     return status == TROCAR_OK ? check_found(&r, wanted, why) : status;
 }
 
-/* Accepts, of all needles, each pose that is later than the last one of its needle and session. */
+/* Accepts poses of all needles, provided that each is later than the previous pose of the same needle and session. */
 static trocar_status take_any_pose(const reader *r, const event_header *h, void *context, report *why) {
     reading *in = context;
     trocar_needle_pose_t p = {0};
@@ -422,7 +422,7 @@ static void begin_reading(reading *in, pose_log *log, int needle, bool keeps) {
     probe_arbiter_init(&in->probe);
 }
 
-/* Reads the poses of this needle; -1 means the needle of the first pose. */
+/* Reads the poses of this needle; -1 selects the needle of the first pose. */
 static trocar_status read_poses(const char *path, int needle, bool all, bool keeps, pose_log *log, report *cut, report *why) {
     reading *in = malloc(sizeof *in);
     if (!in) return fail(why, TROCAR_NO_MEMORY, "%s: no memory to read it", path);
@@ -455,7 +455,7 @@ struct pose_stream {
     reader file;
     const wanted_channel *wanted;
     reading in;
-    pose_log log;            /* a second reading of the log, for counts and commands */
+    pose_log log;            /* the log, read a second time for counts and commands */
 };
 
 trocar_status pose_stream_open(const char *path, int needle, bool all, pose_stream **opened, report *why) {

@@ -22,12 +22,12 @@
 #define REPLY_CHANNEL "TROCAR_REPLY"
 #define PROBE_CHANNEL "TROCAR_PROBE"
 
-/* The server's answer to a command; unknown if the log contains no reply to the command. */
+/* The server's answer to a command; unknown if the log contains no reply to it. */
 typedef enum { ANSWER_UNKNOWN, ANSWER_DONE, ANSWER_REFUSED } logged_answer;
 
 /* A command, and the pose before which it arrived. */
 typedef struct {
-    int next_pose;                /* index of that pose; the number of poses if the command arrived after the last */
+    int next_pose;                /* index of that pose; equals the number of poses if the command arrived after the last one */
     trocar_command_t command;
     logged_answer answer;
 } logged_command;
@@ -38,22 +38,23 @@ typedef struct {
     trocar_probe_pose_t pose;
 } logged_probe;
 
-/* The poses of a log that the server would accept: in order, and of one session and thus of one needle. */
+/* The poses in a log that the server would accept: in order, all from one session and therefore of one needle. */
 typedef struct {
     int needle;
-    int most_needle;              /* largest needle index of a pose or command */
+    int most_needle;              /* largest needle index in any pose or command */
     int count;
     trocar_needle_pose_t first, last;
-    trocar_needle_pose_t *poses;  /* count; NULL from pose_log_scan */
+    trocar_needle_pose_t *poses;  /* array of `count` poses; NULL if read by pose_log_scan */
     int command_count;
-    /* [command_count], in order: all commands from pose_log_read_all, otherwise only DROP_SEED and UNDO of the poses' session and needle */
+    /* array [command_count], in order: all commands if read by pose_log_read_all, otherwise only DROP_SEED and UNDO from the poses' session and
+       needle */
     logged_command *commands;
     int probe_count;
-    logged_probe *probes;         /* [probe_count], in order: the poses that the server would accept; NULL from pose_log_scan */
+    logged_probe *probes;         /* array [probe_count], in order: the poses of the probe that the server would accept; NULL if read by pose_log_scan */
     int64_t skipped_probes;       /* number of poses of the probe that the server would refuse */
-    int64_t skipped_sessions;     /* number of skipped poses of other needles, or of other sessions than that of the first pose */
+    int64_t skipped_sessions;     /* number of skipped poses that belong to other needles, or to sessions other than that of the first pose */
     int64_t skipped_old;          /* number of skipped poses that were repeated or out of order */
-    int64_t skipped_commands;     /* number of skipped commands of these kinds from other senders, or from before the first pose */
+    int64_t skipped_commands;     /* number of skipped DROP_SEED and UNDO commands from other senders, or from before the first pose */
 } pose_log;
 
 /* The wrenches of a log that answer a pose, in the order of the log. */
@@ -61,7 +62,7 @@ typedef struct {
     int count;
     trocar_needle_wrench_t *wrenches; /* count */
     int64_t skipped_not_finite;   /* number of skipped wrenches that are not finite, which servers up to release 0.1 could send */
-    char inverse[16];             /* kind of inverse according to the log's last status; empty if unknown */
+    char inverse[16];             /* type of inverse according to the log's last status; empty if unknown */
 } wrench_log;
 
 /* Reads the poses of needle and probe and the commands, or the wrenches, of the log at `path`; other channels are ignored. Only the poses of one needle are
@@ -72,26 +73,26 @@ typedef struct {
 trocar_status pose_log_read(const char *path, pose_log *log, report *why);
 trocar_status pose_log_read_needle(const char *path, int needle, pose_log *log, report *why);
 
-/* Reads all needles' poses, in the order of the log, and the commands between them. */
+/* Reads the poses of all needles in the order of the log, and the commands between them. */
 trocar_status pose_log_read_all(const char *path, pose_log *log, report *why);
 
-/* Like pose_log_read, for a recording that is truncated or still being written: reads its complete events. If the log ends within an event, `cut` says where;
-   otherwise it is empty. */
+/* Like pose_log_read, for a recording that is truncated or still being written: reads its complete events. If the log ends within an event, `cut`
+   states where; otherwise, `cut` is empty. */
 trocar_status pose_log_read_to_cut(const char *path, pose_log *log, report *cut, report *why);
 void pose_log_free(pose_log *log);
 
-/* For logs of any length: pose_log_scan reads a log as pose_log_read_needle does, or with `all` as pose_log_read_all does, and keeps only the
-   commands. A stream then reads the log again, pose by pose. */
+/* For logs of any length. pose_log_scan reads a log in the same way as pose_log_read_needle or, if `all` is true, as pose_log_read_all, but keeps
+   only the commands. A stream then reads the log again, pose by pose. */
 trocar_status pose_log_scan(const char *path, int needle, bool all, pose_log *log, report *why);
 
 typedef struct pose_stream pose_stream;
 
-/* The part of the log that has been read up to a pose. */
+/* The part of a log up to the pose that was read last. */
 typedef struct {
-    bool ended;                   /* there was no further pose */
+    bool ended;                   /* true if the log has no further pose */
     trocar_needle_pose_t pose;
-    int probe_count;              /* number of probe poses between the previous pose (or the beginning) and this pose (or the end) */
-    const trocar_probe_pose_t *probes; /* [probe_count], valid until the next call */
+    int probe_count;              /* number of probe poses between the previous needle pose (or the beginning) and this one (or the end) */
+    const trocar_probe_pose_t *probes; /* array [probe_count], valid until the next call */
 } pose_step;
 
 trocar_status pose_stream_open(const char *path, int needle, bool all, pose_stream **stream, report *why);
@@ -103,7 +104,7 @@ typedef struct wrench_stream wrench_stream;
 trocar_status wrench_stream_open(const char *path, wrench_stream **stream, report *why);
 trocar_status wrench_stream_next(wrench_stream *stream, trocar_needle_wrench_t *wrench, bool *ended, report *why);
 int64_t wrench_stream_skipped(const wrench_stream *stream);       /* number of wrenches skipped so far because they are not finite */
-const char *wrench_stream_inverse(const wrench_stream *stream);   /* as in wrench_log, up to the last wrench read */
+const char *wrench_stream_inverse(const wrench_stream *stream);   /* type of inverse as in wrench_log, according to the last wrench read so far */
 void wrench_stream_close(wrench_stream *stream);
 
 trocar_status wrench_log_read(const char *path, wrench_log *log, report *why);

@@ -1,17 +1,17 @@
-/* Chooses the server that a client follows if two servers send on one LCM URL: the first one heard, until it falls silent. */
+/* Chooses the server that a client follows if two servers send on the same LCM URL: the first one heard, until it falls silent. */
 #ifndef TROCAR_SERVER_CHOICE_H
 #define TROCAR_SERVER_CHOICE_H
 
 #include <stdbool.h>
 #include <stdint.h>
 
-/* All zero at the start, except `patience`. Times are in s, on one clock, and above 0. */
+/* State of the choice. All zero at the start, except `patience`. Times are in s, on a single clock, and above 0. */
 typedef struct {
-    double patience;         /* s of silence of the followed server after which the client follows another one */
+    double patience;         /* s of silence from the followed server after which the client follows another one */
     int64_t followed;        /* its number */
-    double heard;            /* arrival of the followed server's last message; 0 before the first */
-    int64_t other;           /* number of the last other server heard */
-    double other_heard;      /* arrival of its last message; 0 before the first */
+    double heard;            /* s, arrival time of the followed server's last message; 0 before the first */
+    int64_t other;           /* ID of the most recent other server that was heard */
+    double other_heard;      /* s, arrival time of the last message from that other server; 0 before the first */
 } server_choice;
 
 /* True if a message from `server` that arrived at `now` should be used. */

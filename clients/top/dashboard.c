@@ -10,9 +10,9 @@
 #include "shared/events.h"
 #include "trocar_needle_wrench_t.h"
 
-static const double silence = 1.0;  /* s without a message after which an alarm is shown */
+static const double silence = 1.0;  /* s without a message after which the display shows an alarm */
 
-/* True if the message is from the server that is displayed. */
+/* True if the message comes from the server that is displayed. */
 static bool follows(dashboard *d, int64_t server, double now) {
     d->servers.patience = silence;
     return server_choice_follows(&d->servers, server, now);
@@ -20,7 +20,7 @@ static bool follows(dashboard *d, int64_t server, double now) {
 
 void dashboard_take_timing(dashboard *d, const trocar_loop_timing_t *timing, double now) {
     if (!follows(d, timing->server, now)) return;
-    /* the first message, or a new server */
+    /* this is the first message, or a new server */
     if (!d->heard || timing->ticks < d->timing.ticks || timing->server != d->timing.server) d->first_misses = timing->misses;
     d->heard = true;
     d->heard_at = now;
@@ -100,7 +100,7 @@ static void add_needle(page *p, const dashboard *d, int needle) {
     char text[160] = ", ";
     flags_text((unsigned)s->flags, text + 2, sizeof text - 2);
     if (!s->flags) text[0] = '\0';
-    bool alarm = s->flags & ~TROCAR_NEEDLE_WRENCH_T_RAMPING; /* ramps raise no alarm */
+    bool alarm = s->flags & ~TROCAR_NEEDLE_WRENCH_T_RAMPING; /* a ramp does not raise an alarm */
     label name = needle_label(d, "needle", needle);
     if (s->owner == 0) add(p, alarm, "%-12sfree%s", name.text, text);
     else add(p, alarm, "%-12sof session %" PRId64 ", %d contacts%s", name.text, s->owner, s->contacts, text);

@@ -20,11 +20,11 @@ const char *argp_program_version = "trocar-top " TROCAR_VERSION;
 error_t argp_err_exit_status = EXIT_BAD_INPUT;
 
 typedef struct {
-    const char *lcm_url;     /* NULL: $LCM_DEFAULT_URL, or else LCM's default */
+    const char *lcm_url;     /* NULL selects $LCM_DEFAULT_URL or, if that is not set, LCM's default */
     bool plain, once;
-    double wait;             /* s to wait for a server's first message, with --once */
-    const char *udp;         /* HOST:PORT; NULL if nothing is sent */
-    double udp_rate;         /* Hz; 0: every wrench; NaN: not given */
+    double wait;             /* s, time to wait for a server's first message with --once */
+    const char *udp;         /* HOST:PORT to which datagrams are sent; NULL if none are sent */
+    double udp_rate;         /* Hz; 0 sends every wrench; NaN if the option was not given */
 } options;
 
 enum { OPTION_ONCE = 256, OPTION_WAIT, OPTION_UDP, OPTION_UDP_RATE };
@@ -141,7 +141,7 @@ static void interrupt(int signal) {
     interrupted = 1;
 }
 
-/* Receives messages until this time. With `keys`, it also ends when a key is pressed or the window changes. */
+/* Receives messages until the given time. If `keys` is true, also ends when a key is pressed or the window size changes. */
 static void receive_until(lcm_t *lcm, double end, bool keys) {
     struct pollfd events[2] = {{.fd = lcm_get_fileno(lcm), .events = POLLIN}, {.fd = STDIN_FILENO, .events = POLLIN}};
     for (double left; (left = end - now()) > 0 && !interrupted;) {
@@ -175,12 +175,12 @@ static void print_lines(const monitor *m) {
 static int print_once(const options *o, lcm_t *lcm, monitor *m) {
     double end = now() + o->wait;
     while (!m->shown.heard && now() < end && !interrupted) receive_until(lcm, now() + 0.1, false);
-    if (m->shown.heard) receive_until(lcm, now() + 0.3, false);  /* waits for the status */
+    if (m->shown.heard) receive_until(lcm, now() + 0.3, false);  /* wait for the status */
     print_lines(m);
     return m->shown.heard ? EXIT_SUCCESS : EXIT_FAILURE;
 }
 
-/* Sends without a display. Reports changes on stderr: whether a server is heard, and whether a program listens. */
+/* Sends datagrams without showing a display. Reports changes on stderr: whether a server is heard, and whether a program listens to the datagrams. */
 static int send_only(lcm_t *lcm, const monitor *m) {
     static const double silence = 1.0; /* s */
     bool heard = true;
@@ -234,7 +234,7 @@ static int show(lcm_t *lcm, monitor *m) {
     return EXIT_SUCCESS;
 }
 
-/* Opens the screen if the terminal supports drawing, unlike a file or a dumb terminal. */
+/* Opens the screen if the output is a terminal that supports drawing, not a file or a dumb terminal. */
 static bool open_screen(const options *o) {
     if (o->plain || o->once || !isatty(STDIN_FILENO) || !isatty(STDOUT_FILENO)) return false;
     if (!newterm(NULL, stdout, stdin)) return false;

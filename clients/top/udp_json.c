@@ -13,8 +13,8 @@
 
 /* ---- the destination -------------------------------------------------------------------------------------------------- */
 
-/* Connects to the first address that works. Names such as localhost may have addresses of both kinds; IPv4 comes first because PlotJuggler listens on
-   it by default, and a sender cannot see which one is listened to. */
+/* Connects to the first address that works. Names such as localhost may have both IPv4 and IPv6 addresses; IPv4 is tried first because PlotJuggler
+   listens on it by default, and a sender cannot find out which of them is in use. */
 static int connect_any(const struct addrinfo *found, bool version_4) {
     for (const struct addrinfo *a = found; a; a = a->ai_next) {
         if ((a->ai_family == AF_INET) != version_4) continue;
@@ -76,8 +76,8 @@ static void begin_needle(datagram *d, int needle) {
     json_open(&d->j, name, '{');
 }
 
-/* Notes a failure, which counts as lasting a second: if no program listens, the system reports this at every second datagram, in answer to the one
-   before. */
+/* Records a failure, which remains in effect for one second: if no program listens, the system reports an error for only every second datagram, in
+   response to the one before. */
 static void note(udp_json *u, int error) {
     int64_t now = monotonic_ns();
     u->count += error == 0;

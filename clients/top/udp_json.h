@@ -13,29 +13,30 @@
 #include "trocar_status_t.h"
 
 typedef struct {
-    int64_t sent;            /* us: utime of the last wrench that was sent */
-    int32_t events;          /* events of all wrenches since then */
-    int32_t membrane;        /* the last membrane punctured since then; -1: none */
-    int64_t session;         /* session that sent `position` */
+    int64_t sent;            /* us, utime of the last wrench that was sent */
+    int32_t events;          /* events of all wrenches since the last one that was sent */
+    int32_t membrane;        /* the last membrane punctured since that wrench; -1 if none */
+    int64_t session;         /* number of the session that sent `position` */
     double position[3];      /* m, position of the base */
 } udp_needle;
 
 typedef struct {
     char to[300];            /* HOST:PORT, as given */
     int socket;
-    int64_t period;          /* us between two wrenches of a needle; 0: every wrench */
+    int64_t period;          /* us between two wrenches of a needle that are sent; 0 sends every wrench */
     udp_needle needles[TROCAR_MAX_NEEDLES];
     int64_t count;           /* datagrams sent */
-    int error;               /* errno of the last failure; 0 if there was none in the last second. ECONNREFUSED: no program listens there */
+    int error;               /* errno of the last failure; 0 if there was none in the last second. ECONNREFUSED means that no program listens at the
+                                destination */
     int64_t failed;          /* ns, monotonic: time of the last failure */
 } udp_json;
 
-/* Connects to `to`, HOST:PORT with an IPv6 address in brackets. At most `rate` wrenches are sent per second and needle; 0: all. BAD_INPUT if `to`
-   is malformed, the name has no address, or there is no route to it. */
+/* Connects to `to`, HOST:PORT with an IPv6 address in brackets. At most `rate` wrenches are sent per second and needle; a rate of 0 sends all.
+   BAD_INPUT if `to` is malformed, the name has no address, or there is no route to it. */
 trocar_status udp_json_open(udp_json *u, const char *to, double rate, report *why);
 void udp_json_close(udp_json *u);
 
-/* Each function sends a message, or keeps it for a later datagram. They never wait. */
+/* These functions send a message, or keep it for a later datagram. They never wait. */
 void udp_json_pose(udp_json *u, const trocar_needle_pose_t *pose);
 void udp_json_wrench(udp_json *u, const trocar_needle_wrench_t *wrench);
 void udp_json_timing(udp_json *u, const trocar_loop_timing_t *timing);

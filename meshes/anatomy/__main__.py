@@ -1,4 +1,4 @@
-"""Makes a mesh, a scene and a quality report from a patient's outlines, label maps or surfaces; options.py has the options."""
+"""Makes a mesh, a scene and a quality report from a patient's outlines, label maps or surfaces; options.py defines the options."""
 import os
 import re
 import signal
@@ -12,12 +12,12 @@ from .shapes import contours, voxels
 from .trouble import BadFile
 
 MOST_GROUPS = 32            # largest number of groups in a mesh, of all dimensions
-SPARE_GROUPS = 4            # number of groups for the tissue around, skin, bone, and the fixed nodes
+SPARE_GROUPS = 4            # number of groups reserved for surrounding tissue, skin, bone, and fixed nodes
 ENDINGS = (".msh", ".yaml", "-quality.md", "-quality.svg")
 
 
 def organs_of(given, found):
-    """Returns the regions, the first of interest first, and the body if its surface is the skin, or None."""
+    """Returns the regions, with the first region of interest first, and the body if its surface is the skin (otherwise None)."""
     choice = sources.choose(given, found)
     body = [choice.body] if choice.body else []
     inner = [choice.soft[0], *choice.bones, *choice.soft[1:]]
@@ -59,7 +59,7 @@ def prefix_of(given):
 
 
 def run(given):
-    """Returns the organs, the mesh, the domain and the outlines' volumes; None if the regions were only listed."""
+    """Returns the organs, the mesh, the domain and the volumes enclosed by the outlines; None if the regions were only listed."""
     limits.SECONDS, limits.TELL = given.time_limit, not given.quiet
     prefix = None if given.list else prefix_of(given)
     own = materials.read(given.materials) if given.materials else {}
@@ -75,7 +75,8 @@ def run(given):
         raise
     if given.picture:
         limits.run("picture", picture.draw, organs + ([skin] if skin else []), found.regions, given.picture)
-    with tempfile.TemporaryDirectory(prefix=".anatomy-", dir=os.path.dirname(prefix) or ".") as folder:      # so that no incomplete files are left
+    # use a temporary folder, so that no incomplete files are left behind
+    with tempfile.TemporaryDirectory(prefix=".anatomy-", dir=os.path.dirname(prefix) or ".") as folder:
         made = make(given, organs, skin, own, os.path.join(folder, os.path.basename(prefix)))
         check.load(os.path.join(folder, os.path.basename(prefix) + ".yaml"), len(made[1].points))
         for ending in ENDINGS:
@@ -101,7 +102,7 @@ def make(given, organs, skin, own, prefix):
 
 
 def quiet_walls(organs, own):
-    """Names the surfaces that get no group of their own because there are too many: those of regions that no needle feels."""
+    """Selects the surfaces that get no group of their own because there are too many: surfaces of regions that exert no force on a needle."""
     soft = [organ for organ in organs if not organ.bone]
     felt = [organ for organ in soft if materials.find(organ.roi, organ.kind, own).material.wall is not None]
     free = MOST_GROUPS - SPARE_GROUPS - len(soft) - len(felt)
@@ -112,7 +113,7 @@ def quiet_walls(organs, own):
 
 
 def write_texts(given, own, organs, domain, made):
-    """`organs`: including the body. made: prefix of the files, the mesh, the outlines' volumes, the needle's start, the template or None, and the
+    """`organs` includes the body. made: prefix of the files, the mesh, the outlines' volumes, the needle's start, the template or None, and the
     result for each part."""
     prefix, mesh, outlined, start, plate, parts = made
     organs, skin = [organ for organ in organs if organ.name in outlined], [organ for organ in organs if organ.name not in outlined]

@@ -8,18 +8,18 @@ from .shapes import shells
 from .shapes.contours import Unusable
 
 AHEAD = 1e-3            # m, distance of the tip from the skin before the insertion
-NEEDLE = 0.2            # m, length of the scene's needle, unless the target is deeper:
-LONGER, LONGEST = 0.05, 0.5     # for a deeper target, the needle has the next multiple of the first, up to the second
-SAMPLES = 14            # along each side of a region's box, to find its deepest point
-CANDIDATES = 400        # number of entry points that are tried, nearest first
+NEEDLE = 0.2            # m, length of the needle in the scene, unless the target is deeper:
+LONGER, LONGEST = 0.05, 0.5     # m: for a deeper target, the needle's length is the next multiple of the first value, but at most the second
+SAMPLES = 14            # number of sample points along each side of a region's bounding box, used to find its deepest point
+CANDIDATES = 400        # number of entry points that are tried, starting with the nearest
 CLEARANCES = 4.0, 2.0, 0.0      # mm between the needle and its obstacles; the largest clearance that some path keeps is used
-ALONG = 2.0             # mm between the points at which the clearance is measured
-FROM_CUT = 5.0          # mm from where the image cuts off the body, within which no needle enters
-ASIDE = 3.0             # mm from a target to the region's surface, and to regions that the needle should avoid
-MOVED = 1.0             # mm: an entry that is moved further gets a remark
-HOLES, HOLE_SPACING = 13, 5.0       # number of holes along each side of a template, and mm between them
+ALONG = 2.0             # mm, distance between the points at which the clearance is measured
+FROM_CUT = 5.0          # mm, width of the zone next to the place where the image cuts off the body; no needle enters within it
+ASIDE = 3.0             # mm, smallest distance between a target and the region's surface, and between a target and regions that the needle should avoid
+MOVED = 1.0             # mm: if the entry point is moved farther than this, the report mentions it
+HOLES, HOLE_SPACING = 13, 5.0       # number of holes along each side of a template, and the distance between them in mm
 THICKNESS = 20.0        # mm, thickness of a template
-BEHIND = 5.0            # mm from a template to the skin of a box
+BEHIND = 5.0            # mm, distance between a template and the skin face of a box
 
 
 @dataclasses.dataclass
@@ -32,12 +32,13 @@ class Path:
 
 @dataclasses.dataclass
 class Template:
-    """A plate with HOLES x HOLES holes. DICOM mm."""
-    origin: np.ndarray       # middle of the holes, on the face where needles enter
+    """A plate with HOLES x HOLES holes. Positions are in DICOM coordinates, mm."""
+    origin: np.ndarray       # centre of the array of holes, on the face through which needles enter
     normal: np.ndarray       # unit vector; needles pass in this direction
 
     def along(self):
-        """Direction along which columns are counted: from the patient's right, the operator's left, as far as the plate's direction permits."""
+        """Direction along which columns are counted: from the patient's right (the operator's left), as far as the orientation of the plate
+        permits."""
         left = np.array([1.0, 0, 0]) if abs(self.normal[0]) < 0.9 else np.array([0, 1.0, 0])
         left -= (left @ self.normal) * self.normal
         return left / np.linalg.norm(left)
@@ -67,13 +68,13 @@ def first_hit(shell, start, end):
 
 def hit_in(locator, start, end):
     share, point, local, sub = vtk.reference(0.0), [0.0] * 3, [0.0] * 3, vtk.reference(0)
-    edge = 1e-6 * np.linalg.norm(end - start)     # tolerance, without which segments could pass between two triangles
+    edge = 1e-6 * np.linalg.norm(end - start)     # tolerance; without it, segments could pass between two triangles
     met = locator.IntersectWithLine(list(map(float, start)), list(map(float, end)), edge, share, point, local, sub)
     return np.array(point) if met else None
 
 
 class Obstacles:
-    """Surfaces that a needle must not meet."""
+    """Surfaces that a needle must not touch."""
 
     def __init__(self, found):
         self.found = [(shell, locator_of(shell), shell.points.min(axis=0), shell.points.max(axis=0)) for shell in found]
@@ -91,8 +92,8 @@ class Obstacles:
 
 
 def middle_of(surfaces, spared=()):
-    """Returns the centre of a region's largest part if it is at least ASIDE inside, and as far from regions that the needle avoids; otherwise the point with
-    the most room between all of these surfaces, including those of lesions in the region."""
+    """Returns the centre of a region's largest part if that point is at least ASIDE from the region's surface and from regions that the needle
+    avoids; otherwise the point that is farthest from all of these surfaces, including those of lesions in the region."""
     largest = max(surfaces, key=lambda shell: shell.volume())
     centre = largest.centre()
     low, high = largest.points.min(axis=0), largest.points.max(axis=0)
@@ -109,8 +110,8 @@ def middle_of(surfaces, spared=()):
 
 
 def nearest_free(target, places, bones, spared=()):
-    """Returns the nearest of some points on the skin from which the path to the target meets no bone and, if possible, no spared surface; and whether it
-    meets none of these. None if there is no such point. `spared`: surfaces, none of which contains the target."""
+    """Returns the nearest of some points on the skin from which the path to the target meets no bone and, if possible, no spared surface; and whether
+    the path meets no spared surface. None if there is no such point. `spared`: closed surfaces, none of which contains the target."""
     order = np.argsort(np.linalg.norm(places - target, axis=1), kind="stable")
     order = order[::1 + len(order) // CANDIDATES]
     for others in (spared, ()) if spared else ((),):
@@ -127,8 +128,8 @@ def note_of(through):
 
 
 def through_skin(target, skin, bones, spared=(), cut=None):
-    """Returns the path from the nearest point of the skin. Skin, bones, spared: closed surfaces; `cut`: function that returns how far (mm) points (n, 3) are
-    from where the image cuts off the body, which is not skin."""
+    """Returns the path from the nearest point of the skin. Skin, bones and spared regions are closed surfaces; `cut` is a function that returns the
+    distances (mm) of points (n, 3) from the plane where the image cuts off the body, which is not skin."""
     places = np.vstack([shell.points for shell in skin])
     if cut:
         places = places[cut(places) > FROM_CUT]
@@ -141,8 +142,8 @@ def through_skin(target, skin, bones, spared=(), cut=None):
 
 
 def through_template(template, target, bones):
-    """Returns where the needle leaves a template for the skin, and the point of its path nearest to the target: the nearest of the holes whose path
-    meets no bone."""
+    """Returns the point at which the needle leaves the template on its way to the skin, and the point on its path that is nearest to the target. The
+    needle uses the nearest hole whose path meets no bone."""
     holes = template.holes()
     ahead = (target - holes) @ template.normal
     least = THICKNESS + BEHIND
@@ -168,8 +169,8 @@ def on_skin(skin, entry, target):
 
 
 def through_face(target, low, high, bones, face, spared=()):
-    """Returns the path through a face of a box (axis, and side: -1 low, 1 high) that meets no bone: straight, or with the least tilt; or None. Also
-    returns whether it crosses spared regions."""
+    """Returns the path through one face of a box (given by axis, and side: -1 low, 1 high) that meets no bone, either straight or with the least
+    tilt; None if there is no such path. Also returns whether the path crosses spared regions."""
     axis, side = face
     aside = [a for a in range(3) if a != axis]
     grid = np.meshgrid(*(np.linspace(low[a] + 5, high[a] - 5, 15) for a in aside))
@@ -192,19 +193,19 @@ def orientation(direction):
 
 @dataclasses.dataclass
 class Start:
-    """Pose and length of the needle in the mesh's frame, m."""
-    position: np.ndarray     # position of the base
+    """Pose and length of the needle in the frame of the mesh, m."""
+    position: np.ndarray     # position of the needle's base
     orientation: np.ndarray  # w, x, y, z
-    entry: np.ndarray        # on the mesh's skin
-    depth: float             # by which a scripted motion must push the needle so that its tip reaches the target
+    entry: np.ndarray        # entry point on the skin of the mesh
+    depth: float             # distance by which a scripted motion must push the needle so that its tip reaches the target
     remark: str = ""
     length: float = NEEDLE   # length of the needle
-    misses: bool = False     # the needle misses the region, or bone is in its way
+    misses: bool = False     # true if the needle misses the region, or if bone is in its way
 
 
 def needle_for(skin, target, plate=None):
-    """Returns how deep a scripted motion must push the needle, and the needle's length with which its base stays in front of the template.
-    All in m. `plate`: a point of the template's face where needles enter, or None."""
+    """Returns how deep a scripted motion must push the needle, and the needle length needed to keep its base in front of the template. All in m.
+    `plate`: a point on the face of the template through which needles enter, or None."""
     deep, way = np.linalg.norm(target - skin), (target - skin) / np.linalg.norm(target - skin)
     push = AHEAD + deep
     ahead = max(0.0, (skin - plate) @ way) if plate is not None else 0.0
@@ -236,7 +237,7 @@ def start_in(mesh, entry, target, gland, plate=None):
 
 
 def check_template(template, skin):
-    """Checks that the template fits; `skin`: where the needle enters the skin, DICOM mm."""
+    """Checks that the template fits. `skin`: the point where the needle enters the skin, DICOM mm."""
     ahead = (skin - template.origin) @ template.normal
     if ahead < THICKNESS:
         raise Unusable("needle", f"the skin is {ahead:.0f} mm beyond the face of the template where needles enter, which is {THICKNESS:g} mm thick: move --template back")

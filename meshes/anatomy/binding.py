@@ -1,16 +1,16 @@
-"""Finds the Python package of trocar: that of a build, or the installed one."""
+"""Finds the Python package trocar, either in a build tree or among the installed packages."""
 import glob
 import os
 import sys
 
 HERE = os.path.dirname(os.path.abspath(__file__))
 BUILD = os.path.join(HERE, "../../build")
-PREFIX = os.path.join(HERE, "../../../lib")     # of an installation outside Python's own folders
+PREFIX = os.path.join(HERE, "../../../lib")     # library folder of an installation outside Python's own folders
 
 
 def trocar(build=None):
-    """Returns the module trocar: of this build, else of the checkout, else as installed. TROCAR_LIBRARY selects another library. Raises ImportError
-    if the module or its library is missing."""
+    """Returns the module trocar: from this build if there is one, otherwise from the checkout, otherwise as installed. TROCAR_LIBRARY selects another
+    library. Raises ImportError if the module or its library is missing."""
     build = build or BUILD
     for package, *patterns in ((f"{build}/clients/python", f"{build}/core/libtrocar.so"),
                                (f"{PREFIX}/python3/dist-packages", f"{PREFIX}/*/libtrocar.so.*.*", f"{PREFIX}/libtrocar.so.*.*")):

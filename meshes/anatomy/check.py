@@ -4,7 +4,7 @@ import sys
 from . import binding, limits
 from .shapes.contours import Unusable
 
-WHOLE = 10000               # nodes: of larger meshes, only the mesh and its names are read, because the inverse takes minutes
+WHOLE = 10000               # nodes: of larger meshes, only the geometry and the names are read, because computing the inverse would take minutes
 
 
 def load(path, nodes):

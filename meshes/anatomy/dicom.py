@@ -1,4 +1,4 @@
-"""Reads DICOM files with pydicom, which by itself takes a truncated file for a shorter one.
+"""Reads DICOM files with pydicom and detects truncated files, which pydicom alone reads as if they were complete.
 
 Also `trocar._dicom` in the Python package.
 """
@@ -13,10 +13,10 @@ import pydicom
 
 
 class _File(io.BytesIO):
-    """A file's content. `beyond`: number of reads that asked for more than there is."""
+    """Contents of a file. `beyond`: number of reads that asked for more bytes than remained."""
 
     beyond = 0
-    ends_between = False    # the last of these reads began at the end of the file
+    ends_between = False    # true if the last of these reads began at the end of the file
 
     def read(self, size: int | None = -1) -> bytes:
         data = super().read(size)
@@ -33,7 +33,7 @@ def read(path: str | PathLike[str]) -> pydicom.Dataset:
     pydicom looks for another element at the end of a complete file, once, and finds nothing. Any other read beyond the end was for an element that the
     file announces. A file that is cut between two elements of the highest level is not recognised.
     """
-    if os.path.exists(path) and not os.path.isfile(path):    # a FIFO would wait for ever
+    if os.path.exists(path) and not os.path.isfile(path):    # opening a FIFO would block forever
         raise OSError(0, "not a regular file", path)
     with open(path, "rb") as source:
         file = _File(source.read())
@@ -44,7 +44,7 @@ def read(path: str | PathLike[str]) -> pydicom.Dataset:
     except Exception as error:    # any exception that an incomplete element causes in pydicom
         if file.beyond and file.getbuffer()[128:132] == b"DICM":
             raise EOFError(_words(path, file)) from error
-        if isinstance(error, OSError):    # pydicom's own, about the content: the file itself has been read
+        if isinstance(error, OSError):    # an error raised by pydicom about the contents; the file itself has been read
             raise ValueError(str(error)) from error
         raise
     if file.beyond > 1 or (file.beyond and not file.ends_between):

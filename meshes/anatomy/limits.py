@@ -1,4 +1,4 @@
-"""Runs a stage of the work in a separate process, so that it can be stopped: libraries cannot be interrupted."""
+"""Runs a stage of the work in a separate process so that it can be stopped, because a call into a library cannot be interrupted."""
 import ctypes
 import math
 import multiprocessing
@@ -9,26 +9,26 @@ import sys
 import time
 import traceback
 
-DEFAULT = 120.0         # s, processor time per stage, which does not depend on the machine's other load
-NODES = 10000           # nodes of the largest mesh for which that is the default
-SECONDS = DEFAULT       # the limit in force
-WAITING = 10            # factor for the limit in real time, for a stage that waits instead of working
-TELL = False            # print the name of each stage
+DEFAULT = 120.0         # s, limit on the processor time of each stage; processor time does not depend on other load on the machine
+NODES = 10000           # number of nodes up to which the default limit applies
+SECONDS = DEFAULT       # the limit that is in force
+WAITING = 10            # factor by which the limit on elapsed time is larger, for a stage that waits instead of working
+TELL = False            # true to print the name of each stage
 BEGUN = time.monotonic()
-FEW = 6                 # number of names in a message
+FEW = 6                 # largest number of names listed in a message
 WITH_PARENT = 1         # prctl's PR_SET_PDEATHSIG
 
 
 class TooLong(Exception):
-    """A stage did not end in time."""
+    """Raised if a stage did not end in time."""
 
 
 class NoMemory(MemoryError):
-    """This machine has too little memory for a stage."""
+    """Raised if this machine has too little memory for a stage."""
 
 
 class Crashed(Exception):
-    """A library crashed its process or raised an unknown exception. `number`: that of the signal that ended the process, or None."""
+    """Raised if a library has crashed its process or raised an unknown exception. `number`: number of the signal that ended the process, or None."""
 
     def __init__(self, text, number=None):
         super().__init__(text)
@@ -36,7 +36,7 @@ class Crashed(Exception):
 
 
 def seconds_for(nodes):
-    """Returns the default for a mesh of this many nodes."""
+    """Returns the default time limit for a mesh with this many nodes."""
     return DEFAULT * max(1.0, nodes / NODES)
 
 
@@ -45,8 +45,8 @@ def run(stage, work, *arguments):
     if TELL:
         print(f"anatomy: {time.monotonic() - BEGUN:.0f} s: {stage}", file=sys.stderr, flush=True)
     receiver, sender = multiprocessing.Pipe(duplex=False)
-    context = multiprocessing.get_context("fork")    # inherits the arguments, however large
-    child = context.Process(target=serve, args=(sender, work, arguments))    # not a daemon: it may run stages of its own
+    context = multiprocessing.get_context("fork")    # a forked process inherits the arguments, however large they are
+    child = context.Process(target=serve, args=(sender, work, arguments))    # not a daemon, because the process may run stages of its own
     child.start()
     sender.close()
     try:
@@ -83,23 +83,23 @@ def too_long(stage):
 
 
 def serve(sender, work, arguments):
-    """Runs in the child: sends (result, exception, its traceback)."""
+    """Runs in the child process: sends the result, or the exception and its traceback."""
     signal.signal(signal.SIGTERM, signal.SIG_DFL)
     ctypes.CDLL(None).prctl(WITH_PARENT, signal.SIGKILL)
     most, hard = math.ceil(SECONDS), resource.getrlimit(resource.RLIMIT_CPU)[1]
     resource.setrlimit(resource.RLIMIT_CPU, (most if hard == resource.RLIM_INFINITY else min(most, hard), hard))
     quiet = os.open(os.devnull, os.O_WRONLY)
-    os.dup2(quiet, 1)       # some libraries write their progress there
+    os.dup2(quiet, 1)       # some libraries write their progress to stdout
     os.dup2(quiet, 2)
     try:
         answer = work(*arguments), None, None
-    except Exception as error:  # any exception: the parent decides
+    except Exception as error:  # any exception is caught, because the parent decides what to do
         answer = None, error, traceback.format_exc()
     try:
         sender.send(answer)
     except MemoryError as error:
         sender.send((None, error, answer[2]))
-    except Exception as error:  # an exception of a library that cannot be sent
+    except Exception as error:  # an exception from a library that cannot be sent between processes
         sender.send((None, Crashed(f"{error}: {answer[2]}"), answer[2]))
 
 

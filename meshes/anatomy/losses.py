@@ -1,4 +1,5 @@
-"""Reports the volume of each part of each region: as read, without the losses to other regions and the box, and in the mesh."""
+"""Reports the volume of each part of each region: the volume as read, the volume that remains after losses to other regions and the box, and the
+volume in the mesh."""
 import dataclasses
 
 import numpy as np
@@ -9,11 +10,11 @@ from .shapes.contours import Unusable
 from .shapes.label_image import OUTSIDE
 from .organ import in_ml, note_left_out, placed
 
-MOST_LOSS = 0.10        # fraction of a region's volume: meshes with a larger error are refused
-PART_LOSS = 0.05        # fraction of a part's volume: larger errors are named
+MOST_LOSS = 0.10        # fraction of a region's volume: a mesh with a larger error is refused
+PART_LOSS = 0.05        # fraction of a part's volume: the report names parts with a larger error
 SEEN = 5e-4             # fraction of a region's volume: smaller overlaps are not mentioned
-TOLD = 0.01             # fraction of a bone's surface: a larger missing fraction is reported; above MOST_LOSS, the mesh is refused
-MISSING = 5.0           # mm: a point of a bone that is further than this from the mesh's bone counts as missing
+TOLD = 0.01             # fraction of a bone's surface: the report mentions a larger missing fraction; above MOST_LOSS, the mesh is refused
+MISSING = 5.0           # mm: a point of a bone is missing if its distance from the bone in the mesh is larger than this
 NARROW = "they are too small or too thin for this number of nodes"
 
 
@@ -21,13 +22,13 @@ NARROW = "they are too small or too thin for this number of nodes"
 class Row:
     """A part of a region, or several parts that have merged. Volumes in m^3."""
     name: str            # name of the region
-    place: np.ndarray    # its middle, in the mesh's frame, m
+    place: np.ndarray    # centre of the part in the frame of the mesh, m
     parts: int           # number of parts that the row represents
     read: float          # as read
-    used: float          # volume without the losses to other regions and the box
-    mesh: float          # volume in the mesh; None: hollow
-    gone: str = ""       # why nothing is left of the part
-    each: list = dataclasses.field(default_factory=list)     # volumes as read of the parts that the row represents
+    used: float          # volume that remains after losses to other regions and the box
+    mesh: float          # volume in the mesh; None if the region is hollow
+    gone: str = ""       # reason why nothing is left of the part
+    each: list = dataclasses.field(default_factory=list)     # volumes, as read, of the parts that the row represents
 
 
 def rows_of(domain, made):
@@ -67,7 +68,8 @@ def taken(lost, part):
 
 
 def note(organs, domain, rows, outlined, skip=False):
-    """Adds remarks on losses; `outlined`: region -> m^3 that its mesh must have. `skip`: parts that are gone are no reason to refuse the mesh."""
+    """Adds remarks on losses; `outlined`: region -> m^3 that its mesh must have. If `skip` is true, parts that have vanished are no reason to refuse
+    the mesh."""
     called = {organ.name: organ for organ in organs}
     if domain.regions:
         note_overlaps(called, domain, outlined)
@@ -132,7 +134,7 @@ def check_volumes(organs, mesh, outlined):
 
 
 def check_bones(organs, distances):
-    """Bones are hollow in the mesh, so instead of their volume the missing share of their surface is checked."""
+    """Bones are hollow in the mesh. Therefore the missing fraction of their surface is checked instead of their volume."""
     for organ in organs:
         far = distances[organ.name] > MISSING if organ.bone and organ.name in distances else np.zeros(1, bool)
         text = (f"{100 * np.mean(far):.1f} % of its surface lie more than {MISSING:g} mm from the mesh's bone "

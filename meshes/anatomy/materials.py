@@ -14,7 +14,7 @@ class Material:
     cutting: float           # N
     static: float            # N/m, friction
     kinetic: float           # N/m
-    wall: float = None       # N, puncture force of the region's surface; None: no resistance
+    wall: float = None       # N, puncture force of the region's surface; None if the surface offers no resistance
     stiffening: float = 0.0
     poisson: float = 0.45
     viscosity: float = 1.0   # N s/m
@@ -24,13 +24,13 @@ class Material:
 @dataclasses.dataclass(frozen=True)
 class Row:
     """`words`: beginnings of words in a region's name; `codes`: SNOMED CT. `basis`: origin of the modulus: CITED, ASSUMED, or GUESS. `force`: a published
-    force on a needle in this organ, which materials.md compares with an insertion; empty: none was found."""
+    force on a needle in this organ, which materials.md compares with an insertion; empty if none was found."""
     material: Material
     basis: str
     source: str
     words: tuple = ()
     codes: tuple = ()
-    spare: bool = False      # a needle on its way to another region avoids this one
+    spare: bool = False      # true if a needle on its way to another region must avoid this one
     force: str = ""
 
 
@@ -39,7 +39,7 @@ STIFFENING = 0.165
 ENCLOSED = "as liver's, in the ratio of their moduli by shear waves"
 SURROUNDING = Row(Material(30e3, 0.25, 12, 7), ASSUMED, "half of figure 8's prostate")
 OTHER = Row(Material(30e3, 0.25, 12, 7), GUESS, "as figure 8's surrounding")
-# In order of precedence: a name that matches several rows gets the first of them.
+# The rows are in order of precedence: if a name matches several rows, the first of them is used.
 TABLE = {
     "tumour": Row(Material(60e3, 0.25, 12, 7), GUESS, "twice what surrounds it",
                   ("tumor", "tumour", "lesion", "metasta", "carcinoma", "cancer", "nodule", "neoplasm", "mass(_|$)", "gtv"), ("108369006", "52988006", "4147007")),
@@ -74,7 +74,7 @@ TABLE = {
     "fat": Row(Material(3.2e3, 0.05, 12, 7), CITED, "compression of samples of the breast", ("fat", "adipose", "subcutaneous"), ("55603005",)),
 }
 ALSO = {"gland": "prostate"}     # whole names
-BODIES = ("surrounding", "body", "body_trunc", "trunk", "external", "skin", "body_contour", "patient")     # names of the outer contour
+BODIES = ("surrounding", "body", "body_trunc", "trunk", "external", "skin", "body_contour", "patient")     # names that denote the outer contour of the body
 BONES = ("bone", "rib", "vertebra", "sacrum", "hip", "femur", "humerus", "scapula", "clavicula", "clavicle", "sternum", "skull", "costal_cartilage", "pelvis",
          "pubic", "ilium", "ischium", "pubis", "coccyx", "tibia", "fibula", "patella", "radius", "ulna", "mandible", "spine", "calvari", "jawbone", "tarsal", "carpal", "metatarsal",
          "metacarpal", "phalang", "hyoid", "teeth", "hip_implant")
@@ -128,7 +128,7 @@ def is_spared(name, kind=""):
 @dataclasses.dataclass(frozen=True)
 class Found:
     material: Material
-    row: str                 # name of the table's row, or of the file, that defines the material
+    row: str                 # name of the table row, or of the file, that defines the material
     basis: str
     source: str
     force: str = ""          # as in Row
@@ -148,7 +148,7 @@ def find(name, kind="", own=None):
 
 
 def read(path):
-    """Reads region name -> Material from a CSV file with the columns COLUMNS, of which only the name is required."""
+    """Reads region name -> Material from a CSV file with the columns COLUMNS, of which only the column with the name is required."""
     found = {}
     try:
         with open(path, newline="", encoding="utf-8-sig") as file:

@@ -17,38 +17,40 @@ from .shapes.loft import mesh_shell
 from .session import current_mesh
 from .shapes.shells import Shell, crossings, decimated, distances
 
-GROWTH = 4.0            # ratio of element sizes at the box's corners to those in the gland
-CORRIDOR = 0.5          # ratio of element sizes in the corridor
+GROWTH = 4.0            # ratio of the element size at the corners of the box to that in the gland
+CORRIDOR = 0.5          # ratio of the element size in the corridor to that in the gland
 MOST_GROWTH = 1.09      # largest factor by which a coarse surface is enlarged to restore its volume
-FINEST_SURFACE = 2500   # triangles, enough for remeshing a surface
+FINEST_SURFACE = 2500   # number of triangles that is sufficient for remeshing a surface
 TRIES = 16
-MOST_WORK = 20000       # total nodes of all attempts, after which the search ends; not a time, so that all machines find the same mesh
-LARGE_WORK = 4          # multiple of the wanted nodes after which the search ends for large meshes while no attempt is near
-MOST_MISSED = 0.02      # fraction of a region's surface: a mesh with a larger missing fraction is accepted only if there is no other
-REFUSED_MISSED = 0.10   # and refused above this
-FAILURES = 3            # number of Gmsh's failures after which no other element sizes are tried
-FAR_FAILURES = 2        # the same if the best mesh has far too many nodes, and elements would become larger still
-JITTER = 0.025          # fraction of the element size, to get different meshes with the same number of nodes
-SMOOTH = 5000           # nodes: in larger meshes, their number follows the element size without jumps
-CLOSE = 0.04            # fraction of the wanted number of nodes: among meshes this close the one with the best angles is chosen
-OFF = 0.10              # fraction of the wanted number of nodes: the report mentions meshes further off
-MOST_OFF = 2.0          # meshes with so many times more or fewer nodes are refused
-# of a mesh's nodes: largest fraction on the surfaces of its thin regions, because tetrahedra beside them grow only gradually (measured: 0.33 to 0.47)
+MOST_WORK = 20000       # total number of nodes in all attempts after which the search ends; a time limit would make different machines find different meshes
+LARGE_WORK = 4          # for large meshes: the search ends after this multiple of the desired number of nodes if no attempt has come close to it
+MOST_MISSED = 0.02      # fraction of a region's surface: a mesh in which a larger fraction is missing is accepted only if there is no other mesh
+REFUSED_MISSED = 0.10   # fraction of a region's surface: a mesh in which a larger fraction is missing is refused
+FAILURES = 3            # number of failures of Gmsh after which no other element sizes are tried
+# number of failures of Gmsh after which the search ends if the best mesh has far too many nodes and the next elements would be even larger
+FAR_FAILURES = 2
+JITTER = 0.025          # change of the element size, as a fraction, that gives different meshes with the same number of nodes
+SMOOTH = 5000           # number of nodes: in larger meshes, it depends smoothly on the element size
+CLOSE = 0.04            # fraction of the desired number of nodes: among meshes within this range, the one with the best angles is chosen
+OFF = 0.10              # fraction of the desired number of nodes: if the mesh is farther off, the report mentions it
+MOST_OFF = 2.0          # factor: a mesh with more nodes than desired, or fewer, by more than this factor is refused
+# largest fraction of a mesh's nodes that can lie on the surfaces of its thin regions, because tetrahedra grow only gradually with the distance from
+# these surfaces (measured: 0.33 to 0.47)
 ON_THIN = 0.48
-WORST = 4.0             # factor on the paper's extreme angles, giving 2.5 and 174.9 degrees; meshes beyond that are refused
+WORST = 4.0             # factor on the extreme angles of the paper's mesh, which gives limits of 2.5 and 174.9 degrees; a mesh beyond these limits is refused
 CUT = 1.5               # voxels: a triangle closer than this to a face of the block may be a cut (see FACING)
-BORDER = 2.5            # voxels: the same distance from the image's border, where smoothing has moved the surface inward
-FACING = 0.7            # cosine: a triangle that close which faces the border by more than this is a cut through the body
-LEAST_CUT = 0.02        # fraction of the skin's triangles: if fewer are cut, the body lies on its back
-LYING = 10e-3           # m: a body that lies on its back is fixed up to this height
-INSIDE = 0.3            # fraction of an element: regions that are deeper than this in the gland count as inside it
+BORDER = 2.5            # voxels: tolerance at the image's border, where smoothing has moved the surface inward
+FACING = 0.7            # cosine: a triangle that is close to the border and faces it by more than this is part of a cut through the body
+LEAST_CUT = 0.02        # fraction of the skin's triangles: if fewer than this are cut, the body is assumed to lie on its back
+LYING = 10e-3           # m: if the body lies on its back, it is fixed up to this height
+INSIDE = 0.3            # fraction of an element: regions that lie deeper than this in the gland are considered to be inside it
 
 
 class Failure(Exception):
     """Gmsh failed. `names`: regions whose surfaces are the cause; `z`: position of the fault, m, or None."""
 
     def __init__(self, problem, names, z=None):
-        super().__init__(problem, names, z)     # all arguments, because the exception is sent between processes
+        super().__init__(problem, names, z)     # pass on all arguments, because the exception is sent between processes
         self.names, self.z = names, z
 
     def __str__(self):
@@ -56,7 +58,7 @@ class Failure(Exception):
 
 
 class Thin(Failure):
-    """Regions are too thin, and elements of another size would not help. `enough`: a sufficient number of nodes, if it is known."""
+    """Raised if regions are too thin and elements of another size would not help. `enough`: a sufficient number of nodes, if known."""
 
     def __init__(self, problem, names, enough=None):
         super().__init__(problem, names)
@@ -65,61 +67,61 @@ class Thin(Failure):
 
 @dataclasses.dataclass
 class Body:
-    """One region, or a part of one."""
-    name: str               # of the region
-    surface: str            # name of its surface's group
-    shell: object           # fine, m, world frame
-    volume: float           # name of the group of its surface
-    longest: float          # fine surface, m, world frame
-    hollow: bool = False    # bone: no tetrahedra inside
+    """A region, or a part of a region."""
+    name: str               # name of the region
+    surface: str            # name of the group of its surface
+    shell: object           # its surface with fine triangles, m, world frame
+    volume: float           # volume that it must have in the mesh, m^3
+    longest: float          # longest edge that the triangles of its surface may have, m
+    hollow: bool = False    # true for bone, which has no tetrahedra inside
 
 
 @dataclasses.dataclass
 class Region:
-    """A region that may touch others."""
+    """A region that may touch other regions."""
     name: str
     surface: str
-    shells: list             # surfaces of its parts: closed, m, world frame
-    sizes: list              # volumes of its parts, m^3; None: unknown, because only a part is in the block
+    shells: list             # closed surfaces of its parts, in the world frame, m
+    sizes: list              # volumes of its parts, m^3; None if unknown, because only some of the part lies in the block
     hollow: bool = False     # bone: no tetrahedra inside
-    layer: object = None     # the layer of its label map, if it comes from one: regions of one layer do not overlap
+    layer: object = None     # layer of the label map from which the region comes, if any; regions of the same layer do not overlap
 
     def volumes(self):
-        """Volumes that the mesh must have for each part, m^3; None: not prescribed."""
+        """Volume that each part must have in the mesh, m^3; None if it is not prescribed."""
         return [None] * len(self.sizes) if self.hollow else self.sizes
 
 
 @dataclasses.dataclass
 class Domain:
-    """The domain to be meshed, in a box with the skin on one face: bodies that do not touch, or `regions` that may touch."""
+    """The domain to be meshed, in a box with the skin on one face. It consists of bodies that do not touch, or of `regions` that may touch."""
     bodies: list
     low: np.ndarray
     high: np.ndarray
-    middle: np.ndarray       # middle of the gland
+    middle: np.ndarray       # centre of the gland
     reach: float             # m: half the gland's longest side
-    origin: np.ndarray       # DICOM mm: origin of the mesh's frame
-    corridor: tuple = None   # x, y, radius, m
-    regions: list = None     # in order of priority
+    origin: np.ndarray       # origin of the mesh's frame in DICOM mm
+    corridor: tuple = None   # x, y and radius of the corridor, m
+    regions: list = None     # regions in order of priority
     gland: str = ""
-    path: tuple = None       # the needle's entry and target, m
-    plate: np.ndarray = None    # m: a point of the template's face where needles enter
-    tube: float = None       # m: radius around the path with smaller elements
-    skin: bool = False       # the last region is the body around the others, and there is no box: outside is air
-    border: object = None    # voxels.Border: where the image cuts off the body
-    crop: tuple = None       # low and high corner, outside which regions are cut off
-    front: str = "z-"        # the face of the box that is the skin
-    quiet: tuple = ()        # names of surfaces that get no group of their own
+    path: tuple = None       # entry point and target of the needle, m
+    plate: np.ndarray = None    # a point on the face of the template through which needles enter, m
+    tube: float = None       # m, radius around the needle's path within which elements are smaller
+    skin: bool = False       # true if the last region is the body that surrounds the others; in that case there is no box, and the outside is air
+    border: object = None    # faces where the image cuts off the body (voxels.Border)
+    crop: tuple = None       # low and high corner of the box outside which regions are cut off
+    front: str = "z-"        # the face of the box that represents the skin
+    quiet: tuple = ()        # names of surfaces that have no group of their own
     image: tuple = None      # image of the regions, its pieces, and the parts' losses to each other: see label_image.image_for
-    needed: list = None      # approximate number of nodes on the surface of each region where it is thin
+    needed: list = None      # approximate number of nodes needed on the surface of each region where the region is thin
 
     def parts(self):
-        """Numbers the parts of the regions, or the bodies: (owner, number within it)."""
+        """Numbers the parts of the regions, or the bodies, as pairs (owner, number within the owner)."""
         if self.regions:
             return [(region, n) for region in self.regions for n in range(len(region.shells))]
         return [(body, 0) for body in self.bodies]
 
     def parents(self):
-        """Returns the index of the smallest body around each body, or None."""
+        """Returns for each body the index of the smallest body that surrounds it, or None."""
         found = []
         for body in self.bodies:
             around = [i for i, other in enumerate(self.bodies) if other is not body and other.shell.volume() > body.shell.volume()
@@ -153,7 +155,7 @@ def set_sizes(formula):
 
 
 def add_discrete(shell):
-    """Adds a surface with these triangles to the current model; returns its tag."""
+    """Adds a surface with these triangles to Gmsh's current model; returns its tag."""
     tag = gmsh.model.addDiscreteEntity(2)
     gmsh.model.mesh.addNodes(2, tag, [], shell.points.ravel())
     numbers = gmsh.model.mesh.getNodes(2, tag)[0]
@@ -162,8 +164,8 @@ def add_discrete(shell):
 
 
 def coarse(body, formula):
-    """Returns the body's surface with triangles of the wanted size, or smaller if those would cut off its ends, enlarged to
-    the body's volume, which facets reduce."""
+    """Returns the surface of the body, meshed with triangles of the desired size, or smaller if triangles of that size would cut off the body's ends.
+    The surface is enlarged to the body's volume, because facets reduce it."""
     longest = body.longest
     while True:
         try:
@@ -197,7 +199,7 @@ def remeshed(shell, formula):
 
 
 def add_box(low, high):
-    """Adds the box; returns its plane faces {name: tag}."""
+    """Adds the box to the model; returns its plane faces as {name: tag}."""
     geo = gmsh.model.geo
     corner = {(i, j, k): geo.addPoint(*(high[a] if side else low[a] for a, side in enumerate((i, j, k))))
               for i in (0, 1) for j in (0, 1) for k in (0, 1)}
@@ -224,8 +226,8 @@ def face_name(axis, side):
 
 
 def fixed_faces(front):
-    """Returns the fixed faces of a box with this skin: the opposite face and the back, on which the patient lies; if the back is the skin, the face
-    toward the head."""
+    """Returns the faces of the box that are fixed if the skin is this face: the opposite face, and the back, on which the patient lies. If the back
+    is the skin, the face toward the head is fixed instead."""
     opposite = front[0] + ("+" if front[1] == "-" else "-")
     return sorted({opposite, "z+" if front == "y-" else "y-"}, reverse=True)
 
@@ -239,7 +241,7 @@ def build(domain, fine):
         found, missed = labels.shared_surfaces(*domain.image, [region.shells for region in domain.regions],
                                                [volume for region in domain.regions for volume in region.volumes()], fine)
         check_found(domain, found, missed)
-        region = [domain.regions[k] if k != OUTSIDE else None for k in pieces.regions] + [None]     # the last one is that of OUTSIDE
+        region = [domain.regions[k] if k != OUTSIDE else None for k in pieces.regions] + [None]     # the last element is the one for OUTSIDE
         owner = [region[piece] for piece in found.cells]
         missed = [share if region[piece] else 0.0 for piece, share in enumerate(missed)]
         patches, points, cells = patches_of_complex(domain, found, owner, fine), found.points, list(found.cells)
@@ -257,13 +259,13 @@ def build(domain, fine):
 
 
 def check_found(domain, found, missed):
-    """Raises Thin if too little is left of regions."""
+    """Raises Thin if too little of some regions is left."""
     pieces, names = domain.image[1], [region.name for region in domain.regions]
     left = {pieces.regions[piece] for piece in found.cells if piece != OUTSIDE}
     gone = [name for k, name in enumerate(names) if k not in left]
     if gone:
         raise Thin("nothing is left of it: it lies inside other regions or is too thin", gone)
-    weight, thin = pieces.voxels() ** (2 / 3), {}       # scales like the surface
+    weight, thin = pieces.voxels() ** (2 / 3), {}       # scales in the same way as the surface
     for k, name in enumerate(names[:-1] if domain.skin else names):
         mine = [piece for piece, number in enumerate(pieces.regions) if number == k]
         share = float(np.average([missed[piece] for piece in mine], weights=weight[mine]))
@@ -291,8 +293,8 @@ def patches_of_bodies(domain, shells):
 
 
 def patches_of_complex(domain, found, owner, fine):
-    """Makes the patches. A surface where two regions meet is named after the bone, else after the gland, else after the region drawn on top;
-    a region inside the gland has its own name. `owner`: the region of each cell, or None."""
+    """Makes the patches. A surface where two regions meet is named after the bone, or else after the gland, or else after the region drawn on top; a
+    region inside the gland has its own name. `owner`: the region of each cell, or None."""
     gland = next(region for region in domain.regions if region.name == domain.gland)
     order = {region.name: k for k, region in enumerate(domain.regions)}
     sides = np.sort(found.sides, axis=1)
@@ -320,7 +322,8 @@ def patches_of_complex(domain, found, owner, fine):
 
 
 def outer_patches(domain, found, triangles, pair, name):
-    """Makes the patches between a cell and the air: on the faces of the block; and where the image ends and the body continues, they are fixed."""
+    """Makes the patches between a cell and the air. Patches on the faces of the block, and patches where the image ends and the body continues, are
+    fixed."""
     middles, sides = found.points[triangles].mean(axis=1), tuple(int(side) for side in pair)
     a, b, c = (found.points[triangles[:, k]] for k in range(3))
     normals = np.cross(b - a, c - a)
@@ -330,7 +333,7 @@ def outer_patches(domain, found, triangles, pair, name):
     if domain.border:
         facing = normals @ domain.border.normals.T > FACING
         cut |= np.any(facing & (domain.border.offsets - middles @ domain.border.normals.T < BORDER * domain.image[0].step), axis=1)
-    if name == "skin" and np.count_nonzero(cut) < LEAST_CUT * len(cut):     # nothing else fixes the body, so it lies on its back
+    if name == "skin" and np.count_nonzero(cut) < LEAST_CUT * len(cut):     # nothing else fixes the body, so assume that it lies on its back
         cut |= middles[:, 1] < middles[:, 1].min() + LYING
     return [Patch(called, triangles[mine], sides) for called, mine in (("fixed", cut), (name, ~cut)) if mine.any()]
 
@@ -355,7 +358,7 @@ def fill(domain, points, patches, cells, formula):
 
     def tissue(side):
         return not domain.skin if side == OUTSIDE else not cells[side][1]
-    patches = [patch for patch in patches if any(map(tissue, patch.sides))]     # the other patches, as between two bones, are not part of the mesh
+    patches = [patch for patch in patches if any(map(tissue, patch.sides))]     # the other patches, for example between two bones, are not part of the mesh
     surfaces = add_patches(points, patches)
     faces = {} if domain.skin else add_box(domain.low, domain.high)
     geo = gmsh.model.geo
@@ -401,14 +404,14 @@ def first_size(extent, nodes):
 
 @dataclasses.dataclass
 class Attempt:
-    """A mesh, and the result for each piece (or body) of its regions."""
+    """A mesh, with results for each piece (or body) of its regions."""
     mesh: quality.Mesh
-    missed: list = dataclasses.field(default_factory=list)      # for each piece the fraction of its surface that is not in the mesh
-    held: list = dataclasses.field(default_factory=list)        # for each piece its volume in the mesh, m^3
+    missed: list = dataclasses.field(default_factory=list)      # for each piece, the fraction of its surface that is missing from the mesh
+    held: list = dataclasses.field(default_factory=list)        # for each piece, its volume in the mesh, m^3
 
     def rank(self, nodes):
-        """Rank of the attempt, lower is better: usable angles, no surface missing, a number of nodes close to the wanted one, and then the angles, or
-        the number."""
+        """Rank of the attempt; a lower rank is better. Compares in this order: whether the angles are usable, whether a surface is missing, whether
+        the number of nodes is close to the desired one, and then the angles, or the number."""
         off, badness = abs(len(self.mesh.points) / nodes - 1), self.mesh.badness()
         return badness > WORST, max(self.missed, default=0) > MOST_MISSED, off > CLOSE, badness if off <= CLOSE else off
 
@@ -432,7 +435,7 @@ def attempt(domain, fine, path):
 
 
 def held_points(domain, mesh):
-    """Returns the mask of the points on the block's faces, which must stay plane."""
+    """Returns the mask of the points on the faces of the block, which must remain plane."""
     if not domain.skin:
         near = 1e-6 * math.dist(domain.low, domain.high)
         return np.any((mesh.points < domain.low + near) | (mesh.points > domain.high - near), axis=1)
@@ -443,16 +446,16 @@ def held_points(domain, mesh):
 
 
 def move_nodes(mesh, points):
-    """Moves nodes in Gmsh's current model, and in `mesh`, which was made from it."""
+    """Moves nodes in Gmsh's current model, and also in `mesh`, which was made from that model."""
     tags = gmsh.model.mesh.getNodes()[0]
     for n in np.flatnonzero(np.any(points != mesh.points, axis=1)):
         gmsh.model.mesh.setNode(tags[n], points[n], [])
-    mesh.points[:] = points      # its surfaces share these points
+    mesh.points[:] = points      # the surfaces of the mesh share these points
 
 
 def prepare(domain, nodes):
-    """Draws the image of regions that share surfaces, and raises Thin if some of them are too thin for it or need too many nodes, seconds before the
-    mesh is tried."""
+    """Draws the image of regions that share surfaces, and raises Thin if some of them are too thin for it or need too many nodes. This takes seconds,
+    and is done before meshing is tried."""
     if not domain.regions:
         return
     names = [region.name for region in domain.regions]
@@ -472,8 +475,8 @@ def prepare(domain, nodes):
 
 
 def too_thin(domain, nodes, count, problem):
-    """Returns a Thin error that names the regions without which a mesh of this many nodes would be possible: those that need the most nodes, but not the
-    gland while there are others, nor the body around them."""
+    """Returns a Thin error that names the regions without which a mesh of this many nodes would be possible: those that need the most nodes,
+    excluding the body around them, and excluding the gland as long as there are others."""
     names, left, thin = [region.name for region in domain.regions], count, []
     for k in sorted(range(len(names) - domain.skin), key=lambda k: -domain.needed[k]):
         if left > MOST_OFF * nodes and domain.needed[k] > 0 and names[k] != domain.gland:
@@ -510,7 +513,7 @@ def generate(domain, nodes, path):
 
 
 def search(domain, nodes, path):
-    """Returns the best attempt, whose mesh is also written."""
+    """Returns the best attempt, and writes its mesh."""
     fine = first_size(domain.high - domain.low, nodes)
     limit = min(FAILURES, TRIES)
     best, best_rank, close_size, failures, work, tries = None, (), None, 0, 0, []
@@ -539,8 +542,9 @@ def search(domain, nodes, path):
             os.replace(path + ".try.msh", path)
         count = len(mesh.points)
         work += count
-        centre = fine * (count / nodes) ** (1 / 2 if domain.regions else 1 / 3)    # shared surfaces need many of the nodes whatever the element size
-        if rank[1]:      # part of a surface is missing: used only if all attempts fail
+        # the surfaces that regions share need many of the nodes, whatever the element size
+        centre = fine * (count / nodes) ** (1 / 2 if domain.regions else 1 / 3)
+        if rank[1]:      # part of a surface is missing, so this mesh is used only if all attempts fail
             failures += 1
             if failures == limit and best_rank[1]:
                 break
@@ -552,14 +556,15 @@ def search(domain, nodes, path):
         tries.append((fine, count))
         if off > CLOSE:
             fine = nodes > SMOOTH and size_between(tries, nodes) or centre
-        else:  # tries sizes around it
+        else:  # try sizes around this one
             close_size = close_size or centre
             fine = close_size * (1 + JITTER * (0.618 * number % 1 - 0.5))
     return best
 
 
 def too_many_at_any_size(tries, fine, count, nodes):
-    """True if larger elements have not reduced a far too large number of nodes, because the surfaces of thin regions need their own."""
+    """True if larger elements have not reduced the number of nodes, which is far too large, because the surfaces of thin regions need so many
+    nodes."""
     return count > MOST_OFF * nodes and any(size < fine and MOST_OFF * nodes < fewer <= count for size, fewer in tries)
 
 
@@ -573,7 +578,7 @@ def size_between(tries, nodes):
 
 
 def remarks_on_number(mesh, nodes):
-    """Returns the report's remarks if the mesh has far more or fewer nodes than wanted."""
+    """Returns remarks for the report if the mesh has far more or far fewer nodes than desired."""
     count = len(mesh.points)
     if abs(count / nodes - 1) <= OFF:
         return []

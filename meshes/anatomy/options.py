@@ -1,4 +1,4 @@
-"""The command line. Needs only Python's standard library, so that --help works without the packages for the work itself."""
+"""The command line. This module needs only Python's standard library, so that --help works even without the packages that the program needs."""
 import argparse
 import math
 

@@ -1,4 +1,4 @@
-"""The regions that a user names, as read: their connected parts, and what was mended or left out."""
+"""The regions named by the user, as read: their connected parts, and what was repaired or left out."""
 import dataclasses
 import re
 import unicodedata
@@ -9,38 +9,38 @@ from . import materials
 from .shapes import contours, field, label_image, shells
 from .shapes.contours import Unusable
 
-SHORT = 20.0            # mm: if the largest region is shorter than this
-SMALL = 100.0           # mm^3: and smaller than this, the unit may be another one
-LARGE = 2000.0          # mm: a longer region also suggests another unit
-LEAST = 1.0             # mm^3: smaller regions are refused
-SPECK_VOXELS = 8        # parts of a label with fewer voxels are left out
-SPECK = SMALL           # mm^3: so are smaller parts of any region that are less than SPLINTER of its largest part
-STEEP = 5.0             # times the median edge: longer edges form a spike or a dent
-FEW = 4                 # number of longer edges that is accepted, and of parts that are named one by one
+SHORT = 20.0            # mm: if the largest region is shorter than this,
+SMALL = 100.0           # mm^3, and smaller than this, the unit of length is probably wrong
+LARGE = 2000.0          # mm: a region longer than this also suggests a wrong unit
+LEAST = 1.0             # mm^3: regions smaller than this are refused
+SPECK_VOXELS = 8        # parts of a label that have fewer voxels than this are left out
+SPECK = SMALL           # mm^3: parts of any region smaller than this are left out if they are also less than SPLINTER of its largest part
+STEEP = 5.0             # multiple of the median edge length: longer edges form a spike or a dent
+FEW = 4                 # number of such edges that is accepted, and number of parts that are named individually
 MOST_CHECKED = 40000    # triangles: larger surfaces are checked for crossings in a decimated copy
 RESERVED = ("surrounding", "skin", "fixed", "capsule", "bone")    # names that every mesh uses
-LONGEST_NAME = 40       # characters; a mesh allows 63, including suffixes
+LONGEST_NAME = 40       # largest number of characters; a mesh allows 63, including suffixes
 
 
 @dataclasses.dataclass
 class Organ:
-    """One region. Lengths in DICOM mm."""
+    """A region. Lengths are in DICOM mm."""
     roi: str                     # the user's name
-    name: str                    # its name in mesh and scene
+    name: str                    # name of the region in mesh and scene
     bone: bool
     points: np.ndarray           # (n, 3) points of the outlines or the surface, as read
     loft: shells.Shell = None
-    shape: field.Field = None    # used if there is no loft
-    shells: list = None          # closed surfaces of its parts, from labels or surfaces
+    shape: field.Field = None    # the region's shape; used if there is no loft
+    shells: list = None          # closed surfaces of its parts, made from labels or surfaces
     volumes: list = None         # volumes of these parts, mm^3
     stack: contours.Stack = None
-    volume: float = 0.0          # mm^3, of all parts
+    volume: float = 0.0          # mm^3, total volume of all parts
     notes: list = dataclasses.field(default_factory=list)
-    share: bool = False          # its surfaces are made from a label image
-    read: float = None           # mm^3, volume in the file, before anything was mended or left out; None: as `volume`
-    kind: str = ""               # its description in the file, for its material
-    layer: object = None         # the layer of its label map: labels of one layer do not overlap
-    cut: object = None           # voxels.Border: where the image cuts it off
+    share: bool = False          # true if its surfaces are made from a label image
+    read: float = None           # mm^3, volume in the file, before anything was repaired or left out; None if it equals `volume`
+    kind: str = ""               # description of the region in the file, from which its material is chosen
+    layer: object = None         # layer of the label map from which it comes; labels of the same layer do not overlap
+    cut: object = None           # faces where the image cuts off the region (voxels.Border)
 
     def note(self, text):
         if f"{self.roi}: {text}" not in self.notes:
@@ -64,7 +64,7 @@ def in_ml(volume):
 
 
 def note_left_out(organ, parts, reason):
-    """Adds a remark on parts that were left out; `parts`: (volume in mm^3, place)."""
+    """Adds a remark about parts that were left out; `parts` contains pairs (volume in mm^3, place)."""
     if not parts:
         return
     parts = sorted(parts, key=lambda part: -part[0])
@@ -76,7 +76,8 @@ def note_left_out(organ, parts, reason):
 
 
 def region_names(rois):
-    """ROI -> name in mesh and scene: lower-case Latin letters, digits and underscores, numbered if already taken."""
+    """Returns a dict of ROI -> name in mesh and scene. Names consist of lower-case Latin letters, digits and underscores, numbered if already
+    taken."""
     names, taken = {}, set(RESERVED)
     for roi in rois:
         plain = unicodedata.normalize("NFKD", roi.lower()).encode("ascii", "ignore").decode()
@@ -110,7 +111,7 @@ def of_surface(roi, name, bone, surface, notes=()):
 
 
 def of_label(roi, name, bone, label, kind="", layer=None):
-    """Makes an organ from a label; `label`: voxels.Outlined."""
+    """Makes an organ from a label, given as a voxels.Outlined."""
     notes = [f"{roi}: {note}" for note in label.notes]
     if not label.shells:
         raise Unusable(roi, f"nothing is left of its {label.volume:.3g} mm^3 at the resolution of the image: leave it out")
@@ -123,8 +124,8 @@ def of_label(roi, name, bone, label, kind="", layer=None):
 
 
 def take_parts(organ, parts, gone, speck=0.0):
-    """Keeps the parts (volume, surface) that are not specks. `gone`: (volume, place) of parts without a surface; `speck`: volume of the smallest part that is
-    kept beside larger ones, mm^3."""
+    """Keeps the parts (volume, surface) that are not specks. `gone`: (volume, place) of parts that have no surface; `speck`: volume of the smallest
+    part that is kept beside larger ones, mm^3."""
     largest = max(volume for volume, _ in parts)
     kept = [part for part in parts if part[0] == largest or part[0] >= speck and (part[0] >= SPECK or part[0] > shells.SPLINTER * largest)]
     dropped = [(volume, shell.centre()) for volume, shell in parts if not any(shell is each for _, each in kept)]
@@ -148,7 +149,7 @@ def note_long_edges(organ):
 
 
 def mend_crossings(organ):
-    """Replaces a surface that crosses itself by the surface of everything that it encloses."""
+    """Replaces a surface that intersects itself with the surface of everything that it encloses."""
     surface = organ.shells[0]
     checked = shells.decimated(surface, MOST_CHECKED)
     places = [point for point, *_ in shells.crossings([checked])]
@@ -164,8 +165,8 @@ def mend_crossings(organ):
 # ---- all of them together ----------------------------------------------------------------------------------------------------------
 
 def check_sizes(organs, known):
-    """Refuses regions that are probably in another unit, unless the unit is `known`. The largest region decides, because small ones beside it may be
-    lesions."""
+    """Refuses regions whose unit of length is probably wrong, unless the unit is `known`. The largest region decides, because small regions next to
+    it may be lesions."""
     for n, organ in enumerate(sorted(organs, key=lambda organ: -organ.volume)):
         size = np.ptp(organ.points, axis=0)
         measured = f"it measures {' x '.join(f'{side:.3g}' for side in size)} mm and has {organ.volume:.3g} mm^3"
@@ -180,8 +181,8 @@ def check_sizes(organs, known):
 
 
 def merged(organs, most):
-    """Returns the organs, with at most this many soft ones: organs of one material are merged into one region, the largest groups first, but never
-    the first organ."""
+    """Returns the organs, reduced to at most this many soft ones. Organs with the same material are merged into one region, starting with the largest
+    group, but the first organ is never merged."""
     organs = list(organs)
     while sum(not organ.bone for organ in organs) > most:
         groups = {}

@@ -9,8 +9,8 @@ from .shapes import shells
 from .quality import plt
 
 PANELS = 60     # at most
-LEVELS = 12     # most slices of a region that was read from labels or a surface
-NEAR = 0.03     # fraction of the region's height: distance from a slice within which points as read are shown
+LEVELS = 12     # largest number of slices for a region that was read from labels or a surface
+NEAR = 0.03     # fraction of the region's height: points as read are shown on a slice if they are closer to it than this
 
 
 def panel(axis, title, rings, lines):
@@ -46,8 +46,8 @@ def sheet(panels, path):
 
 
 def draw(organs, regions, path):
-    """Draws all regions. `organs`: including the body; `regions`: as in sources.Sources."""
-    panels, levels = [], min(LEVELS, max(1, PANELS // len(organs)))     # so that all regions fit
+    """Draws all regions. `organs` includes the body; `regions`: as in sources.Sources."""
+    panels, levels = [], min(LEVELS, max(1, PANELS // len(organs)))     # limits the number of slices so that all regions fit
     for organ in organs:
         panels += panels_of_stack(organ.stack, regions[organ.roi]) if organ.stack else panels_of_shells(organ, levels)
     sheet(panels, path)
@@ -64,7 +64,7 @@ def panels_of_stack(stack, rings):
 
 
 def panels_of_shells(organ, levels):
-    """Returns axial slices of closed surfaces, with the points of the labels' faces or the file's surface that are close to them."""
+    """Returns axial slices of closed surfaces, together with the nearby points on the labels' faces or on the surface in the file."""
     low, high = (bound(np.vstack([shell.points for shell in organ.shells])[:, 2]) for bound in (np.min, np.max))
     height, panels = high - low, []
     for z in low + height * (np.arange(levels) + 0.5) / levels:
@@ -74,7 +74,7 @@ def panels_of_shells(organ, levels):
 
 
 def section(shell, z):
-    """Returns the lines (n, 2) in which a surface meets a plane of constant z."""
+    """Returns the lines (n, 2) along which a surface intersects a plane of constant z."""
     plane = vtk.vtkPlane()
     plane.SetOrigin(0, 0, z)
     plane.SetNormal(0, 0, 1)

@@ -1,4 +1,4 @@
-"""Makes the meshed domain from the regions that a user names."""
+"""Makes the domain to be meshed from the regions named by the user."""
 import dataclasses
 import itertools
 import os
@@ -10,42 +10,42 @@ from .shapes import field, loft, shells
 from .shapes.contours import Unusable
 from .organ import Organ, in_ml
 
-SKIN_DEPTH = 35.0       # mm from the skin to the gland
-MARGIN = 25.0           # mm of tissue around the gland
-OTHERS_MARGIN = 8.0     # mm around bones and other regions
-EDGE = 5.0              # mm from the box's faces at which --crop cuts off regions
-GAP = 0.5               # fraction of an element: regions that do not touch keep this distance from each other
-TOUCH = 1.0             # mm: regions that are closer than this share a surface
-LOSS = 0.03             # fraction of a region's volume: if keeping the gap costs more, regions share a surface
-FEET = 2, -1            # axis and side of a box: its face toward the feet
-FACES = FEET, (1, -1), (0, -1), (0, 1), (2, 1), (1, 1)      # in the order in which they are tried as the skin; no bone may lie in the needle's path
-SLENDER = 1.5           # longest edge of a thin region's triangles, in radii
+SKIN_DEPTH = 35.0       # mm, distance from the skin to the gland
+MARGIN = 25.0           # mm, thickness of the tissue around the gland
+OTHERS_MARGIN = 8.0     # mm, thickness of the tissue around bones and other regions
+EDGE = 5.0              # mm, distance from the faces of the box at which --crop cuts off regions
+GAP = 0.5               # fraction of an element: distance that is kept between regions that do not touch
+TOUCH = 1.0             # mm: regions closer to each other than this share a surface
+LOSS = 0.03             # fraction of a region's volume: if keeping the gap costs more than this, the regions share a surface
+FEET = 2, -1            # axis and side of the face of a box that points toward the feet
+FACES = FEET, (1, -1), (0, -1), (0, 1), (2, 1), (1, 1)      # faces that are tried as the skin, in this order; no bone may lie in the needle's path
+SLENDER = 1.5           # longest edge of the triangles on a thin region, as a multiple of the region's radius
 
 
 @dataclasses.dataclass
 class Plan:
-    """The user's wishes beside the regions. Lengths in DICOM mm."""
+    """What the user wants, apart from the regions. Lengths are in DICOM mm."""
     margin: float = MARGIN
-    entry: np.ndarray = None     # where the needle goes through the skin
-    target: np.ndarray = None    # where the needle should end
-    tube: float = None           # radius around the needle's path with smaller elements
-    skin: Organ = None           # the body, whose surface is the skin; None: a box
-    template: approach.Template = None      # the needle goes through one of its holes
-    skip_small: bool = False     # leave out regions that are too small or too thin for the mesh
+    entry: np.ndarray = None     # point where the needle should go through the skin
+    target: np.ndarray = None    # point where the needle should end
+    tube: float = None           # radius around the needle's path within which elements are smaller
+    skin: Organ = None           # the body, whose surface is the skin; None for a box
+    template: approach.Template = None      # template; the needle goes through one of its holes
+    skip_small: bool = False     # true to leave out regions that are too small or too thin for the mesh
 
 
 def outlines_touch(organ, other):
-    """True if outlines of the two organs come closer than TOUCH to each other on a slice."""
+    """True if, on some slice, outlines of the two organs are closer to each other than TOUCH."""
     reach = (organ.stack.spacing + other.stack.spacing) / 4
     return any(abs(a.z - b.z) < reach and a.outline.boundary.distance(b.outline.boundary) < TOUCH
                for a in organ.stack.slices for b in other.stack.slices)
 
 
 def smooth_surfaces(organ):
-    """Makes smooth surfaces by a loft if possible, otherwise by the field."""
+    """Makes smooth surfaces, by a loft if possible and otherwise from the signed-distance field."""
     if organ.shells:
         return organ.shells
-    if organ.shape is None and not organ.share:    # a label image does not need it
+    if organ.shape is None and not organ.share:    # a label image does not need the field
         organ.loft = organ.loft or loft.of_stack(organ.stack)
         if organ.loft:
             return [organ.loft]
@@ -61,7 +61,7 @@ def skin_surfaces(organ):
 
 def box_around(gland, bones, others, margin=MARGIN, face=FEET):
     """Returns the low and high corner, DICOM mm. `face`: axis and side (-1 low, 1 high) of the skin. gland, bones, others: lists of shells. `margin`:
-    around the gland."""
+    thickness of the tissue around the gland."""
     def corners(found):
         points = np.vstack([shell.points for shell in found])
         return points.min(axis=0), points.max(axis=0)
@@ -83,8 +83,8 @@ def box_around(gland, bones, others, margin=MARGIN, face=FEET):
 
 
 def path_and_block(surfaces, bones, others, plan, spared=()):
-    """Returns the needle's path, the corners of the block of tissue, and its face that is the skin, all in DICOM mm. surfaces: of the gland; spared: of
-    regions that the needle avoids if it can."""
+    """Returns the needle's path, the corners of the block of tissue, and the face of the block that is the skin, all in DICOM mm. surfaces: of the
+    gland; spared: surfaces of regions that the needle avoids if possible."""
     target = approach.middle_of(surfaces, spared) if plan.target is None else plan.target
     spared = [shell for shell in spared if shells.distances(shell, target[None])[0] > 0]
     entry = plan.entry
@@ -113,7 +113,7 @@ def path_through_box(target, margin, found, spared):
             return path[0], low, high, face
         second = second or path and (path[0], low, high, face)
     low, high = box_around(*found, margin)
-    return second or (approach.Path(np.append(target[:2], low[2]), target), low, high, FEET)      # the report says that bone is in the way
+    return second or (approach.Path(np.append(target[:2], low[2]), target), low, high, FEET)      # the report will say that bone is in the way
 
 
 def path_through_face(entry, target, margin, found):
@@ -133,7 +133,8 @@ def path_through_face(entry, target, margin, found):
 
 
 def kept_apart(organ, surfaces, before, gap):
-    """Returns the organ's surfaces, kept away from earlier ones; None if these touch it, or if too much of it would be lost."""
+    """Returns the organ's surfaces, kept at a distance from those of earlier organs; None if the surfaces touch, or if too much of the organ would be
+    lost."""
     distances = [[shells.distances(other, s.points) for s in surfaces] for other in before]
     away = [min(np.abs(d).min() for d in each) for each in distances]
     if any(d < TOUCH for d in away):
@@ -153,7 +154,7 @@ def kept_apart(organ, surfaces, before, gap):
 
 
 def origin_under(gland, low, high, face):
-    """Returns the origin, DICOM mm: on the skin, a face of the box, in front of the gland's middle."""
+    """Returns the origin of the mesh's frame, DICOM mm: on the skin, which is a face of the box, in front of the centre of the gland."""
     points = np.vstack([shell.points for shell in gland])
     origin, (axis, side) = (points.min(axis=0) + points.max(axis=0)) / 2, face
     origin[axis] = (low if side < 0 else high)[axis]
@@ -161,12 +162,12 @@ def origin_under(gland, low, high, face):
 
 
 def world(points, origin):
-    """Converts to metres; x to the patient's right, y forward, z to the head."""
+    """Converts to metres in the frame of the mesh; x points to the patient's right, y forward, z to the head."""
     return (points - origin) * [-1e-3, -1e-3, 1e-3]
 
 
 def patient(points, origin):
-    """Converts points in the mesh's frame to DICOM mm."""
+    """Converts points from the frame of the mesh to DICOM mm."""
     return points * [-1e3, -1e3, 1e3] + origin
 
 
@@ -176,13 +177,13 @@ def surface_name(organ, organs):
 
 
 def patient_to_mesh(origin):
-    """Returns the transform (4, 4), mm to m."""
+    """Returns the transform (4, 4) from mm to m."""
     matrix = np.diag([-1e-3, -1e-3, 1e-3, 1.0])
     matrix[:3, 3] = world(np.zeros(3), origin)
     return matrix
 
 
-TRANSFORM = "patient_to_mesh"    # in the comments of a mesh, followed by sixteen numbers
+TRANSFORM = "patient_to_mesh"    # keyword in the comments of a mesh, followed by the sixteen numbers of the transform
 
 
 def write_transform(path, matrix):
@@ -239,7 +240,7 @@ def domain_of(organs, nodes, corridor, crop=False, plan=None):
         for shell in kept:
             thin = SLENDER * 2 * shell.volume() / shell.area()
             domain.bodies.append(meshing.Body(organ.name, surface_name(organ, organs), placed(shell), share * shell.volume() * 1e-9, thin * 1e-3, organ.bone))
-    for body, parent in zip(domain.bodies, domain.parents()):  # enclosed bodies are not part of it
+    for body, parent in zip(domain.bodies, domain.parents()):  # enclosed bodies are not part of the body
         if parent is not None:
             outlined[domain.bodies[parent].name] -= body.volume
     return domain, outlined
@@ -268,7 +269,7 @@ def apart_surfaces(organs, surfaces, gap):
 
 
 def shaped(organs, *arguments):
-    """Calls domain_of, and also returns the organs with their surfaces, since it may run in another process."""
+    """Calls domain_of, but also returns the organs with their surfaces, because it may run in another process."""
     return (organs, *domain_of(organs, *arguments))
 
 
@@ -281,7 +282,7 @@ def mesh_of(organs, nodes, corridor, path, crop=False, plan=None, quiet=()):
         for organ, finished in zip(organs, made):
             vars(organ).update(vars(finished))
         domain.quiet = quiet
-        if not domain.skin:      # the path begins on the skin of a box
+        if not domain.skin:      # the needle's path begins on the skin face of the box
             approach.needle_for(*domain.path, domain.plate)
         try:
             meshing.prepare(domain, nodes)
@@ -306,7 +307,7 @@ def mesh_of(organs, nodes, corridor, path, crop=False, plan=None, quiet=()):
 
 
 def leave_out(organs, failure, nodes, skip):
-    """Removes regions that are too thin from the list if `skip` is set; otherwise refuses all of them by name."""
+    """If `skip` is set, removes regions that are too thin from the list; otherwise, raises an error that names all of them."""
     thin = [organ for organ in organs if organ.name in failure.names]
     named = ", ".join(f"{organ.roi} ({in_ml(organ.volume)})" for organ in thin)
     if organs[0] in thin or not thin or not skip:

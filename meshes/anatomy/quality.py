@@ -5,7 +5,7 @@ import logging
 
 import numpy as np
 
-logging.getLogger("matplotlib").setLevel(logging.ERROR)      # it warns if it cannot write into the home folder, which is not needed
+logging.getLogger("matplotlib").setLevel(logging.ERROR)      # matplotlib warns if it cannot write to the home folder, which is not needed
 import matplotlib  # noqa: E402
 
 matplotlib.use("svg")
@@ -15,7 +15,7 @@ import matplotlib.pyplot as plt  # noqa: E402
 
 from .shapes.shells import Shell  # noqa: E402
 
-LEAST_ANGLE, GREATEST_ANGLE = 9.94, 159.49        # deg, range of the paper's mesh, which a mesh should not exceed
+LEAST_ANGLE, GREATEST_ANGLE = 9.94, 159.49        # deg, range of the angles in the paper's mesh; the angles of a new mesh should be within this range
 PAPER = {"nodes": "570", "tetrahedra": "2801", "edges, mm": "3.06 to 24.04", "dihedral angles, deg": "9.94 to 159.49",
          "tetrahedra around a node, at most": "40"}
 
@@ -24,7 +24,7 @@ PAPER = {"nodes": "570", "tetrahedra": "2801", "edges, mm": "3.06 to 24.04", "di
 class Mesh:
     points: np.ndarray     # (n, 3) m
     tets: np.ndarray       # (m, 4)
-    region: np.ndarray     # (m,) index into `regions`
+    region: np.ndarray     # (m,) index into `regions` for each tetrahedron
     regions: list          # names
     surfaces: dict = dataclasses.field(default_factory=dict)    # name -> Shell
 
@@ -73,14 +73,14 @@ class Mesh:
         return np.bincount(self.tets.ravel(), minlength=len(self.points))
 
     def badness(self):
-        """Measure of the angles: below 1 if all dihedral angles are within the paper's range; lower is better."""
+        """Rates the angles: below 1 if all dihedral angles are within the range of the paper's mesh; lower is better."""
         angles = self.dihedral_angles()
         return max(LEAST_ANGLE / max(angles.min(), 1e-6), (180 - GREATEST_ANGLE) / max(180 - angles.max(), 1e-6))
 
 
 def table(mesh, outlined, distances):
-    """Returns rows (quantity, value, the paper's value). By region name: `outlined`, volume of its outlines, m^3; distances of their points
-    from its surface, mm."""
+    """Returns rows (quantity, value, the paper's value). The dicts have region names as keys: `outlined` contains the volume of the region's
+    outlines, m^3, and `distances` the distances of the outlines' points from the region's surface, mm."""
     edges, angles, valence = mesh.edges() * 1e3, mesh.dihedral_angles(), mesh.valence()
     values = {"nodes": str(len(mesh.points)), "tetrahedra": str(len(mesh.tets)), "edges, mm": f"{edges.min():.2f} to {edges.max():.2f}",
               "dihedral angles, deg": f"{angles.min():.2f} to {angles.max():.2f}",

@@ -19,18 +19,18 @@ OUTLINES, IMAGES, SURFACES = (".dcm", ".csv"), (".nii", ".nii.gz", ".nrrd", ".nh
 MESHES = (".vtk", ".vtu", ".msh")                           # a .vtk file may also contain a surface
 UNITS = {"mm": 1.0, "cm": 10.0, "m": 1e3}                   # mm
 CELL_LABELS = ("label", "labels", "region", "regions", "regionid", "material", "materialids", "medit:ref", "gmsh:physical", "cellentityids", "segment")
-MOST_LABELS = 500                                           # largest number of different cell values: an array with more does not contain labels
+MOST_LABELS = 500                                           # largest number of different cell values; an array with more values does not contain labels
 COLUMNS = ["roi", "outline", "x_mm", "y_mm", "z_mm"]
 CLOSED, EXCLUSIVE, OPEN = "CLOSED_PLANAR", "CLOSEDPLANAR_XOR", "OPEN_PLANAR"
 
 
-DICOM_MARK = 128, b"DICM"       # offset and content of the mark
+DICOM_MARK = 128, b"DICM"       # offset and content of the marker in a DICOM file
 PLY_SIZES = {"char": 1, "uchar": 1, "int8": 1, "uint8": 1, "short": 2, "ushort": 2, "int16": 2, "uint16": 2, "int": 4, "uint": 4, "int32": 4, "uint32": 4,
              "float": 4, "float32": 4, "double": 8, "float64": 8}
 
 
 def kind_of(path):
-    """Returns the file's extension if it is supported; .dcm for DICOM under any name."""
+    """Returns the file's extension if the file is supported; returns .dcm for a DICOM file with any name."""
     every = OUTLINES + IMAGES + SURFACES + MESHES
     for extension in every:
         if path.lower().endswith(extension):
@@ -72,13 +72,14 @@ def modality_of(path):
 
 
 def stem_of(path):
-    """Returns the file's name without folder and extension."""
+    """Returns the name of the file without folder and extension."""
     name, extension = os.path.basename(path), kind_of(path)
     return re.sub(r"\.seg$", "", name[:-len(extension)] if name.lower().endswith(extension) else name)
 
 
 def read_image(path, unit=None, names=None, frame=None):
-    """Reads a label map. `unit`: of its lengths, or None for the unit in the file; `names`: label number -> name; `frame`: LPS or RAS, or None."""
+    """Reads a label map. `unit`: unit of its lengths, or None to use the unit in the file; `names`: label number -> name; `frame`: LPS or RAS, or
+    None."""
     if not os.path.exists(path):
         raise BadFile(f"{path}: no such file")
     scale = UNITS[unit] if unit else None
@@ -112,7 +113,7 @@ def read_dicom(path):
         return voxels.read_seg(path, data)
     if data.get("Modality") != "RTSTRUCT":
         raise BadFile(f"{path}: its modality is {data.get('Modality', 'not given')}, not RTSTRUCT or SEG: export the structure set")
-    try:  # pydicom reads sequences on access
+    try:  # pydicom reads sequences only on access
         return rois_of(data)
     except (AttributeError, EOFError, KeyError, OSError, TypeError, ValueError, struct.error) as error:
         raise BadFile(f"{path}: damaged or truncated: {error}") from error
@@ -180,7 +181,8 @@ def add_point(rois, row, place):
 
 
 def frame_of(path, given):
-    """Returns LPS or RAS: as given by the option, else as 3D Slicer writes it into the header of a surface, else DICOM's LPS."""
+    """Returns the frame, LPS or RAS: as given by the option; otherwise as 3D Slicer has written it into the header of the surface; otherwise DICOM's
+    LPS."""
     with open(path, "rb") as file:
         said = re.search(rb"SPACE=(LPS|RAS)", file.read(4096))
     return given or (said[1].decode() if said else "LPS")
@@ -196,7 +198,8 @@ def check_length(path):
 
 
 def length_of_stl(content):
-    """Returns the bytes that a binary file announces, and those that it has; for a text file, 1 and whether it is complete."""
+    """Returns the number of bytes that a binary file should have according to its header, and the number that it has; for a text file, returns 1 and
+    whether it is complete."""
     if content[:5] == b"solid" and b"facet" in content[:1000]:
         return 1, int(b"endsolid" in content[-200:] or b"facet" not in content)
     return (84 + 50 * int.from_bytes(content[80:84], "little"), len(content)) if len(content) >= 84 else (84, len(content))
@@ -301,7 +304,7 @@ def vtk_mesh(path, array, names):
 
 
 def cell_labels(path, data, array):
-    """Returns the cells' array of this name, else one with a usual name, else the only one of whole numbers."""
+    """Returns the cell array of this name; otherwise one with a usual name; otherwise the only one that contains whole numbers."""
     arrays = {data.GetArrayName(n): vtk_to_numpy(data.GetArray(n)) for n in range(data.GetNumberOfArrays())}
     whole = [name for name, values in arrays.items()
              if values.ndim == 1 and np.all(np.isfinite(values)) and np.all(values == np.rint(values)) and len(np.unique(values)) <= MOST_LABELS]

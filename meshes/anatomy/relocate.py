@@ -1,4 +1,5 @@
-"""Moves single nodes to widen the flattest dihedral angles of a mesh, where Gmsh's optimisation stops because it does not move surfaces."""
+"""Moves individual nodes to improve the worst dihedral angles of a mesh. Gmsh's optimisation cannot improve them further, because it does not move
+surfaces."""
 import itertools
 
 import numpy as np
@@ -6,11 +7,11 @@ import numpy as np
 from .quality import GREATEST_ANGLE, LEAST_ANGLE
 
 ROUNDS = 6
-ENOUGH = 0.99           # badness at which nodes are left alone: dihedral angles of 10.04 to 159.3 degrees
-STEPS = np.array([0.3, 0.15, 0.07, 0.03])       # fraction of the mean edge at a node
+ENOUGH = 0.99           # badness below which nodes are not moved; it corresponds to dihedral angles of 10.04 to 159.3 degrees
+STEPS = np.array([0.3, 0.15, 0.07, 0.03])       # step lengths, as fractions of the mean edge length at a node
 ON_SURFACE = 0.15       # fraction of the mean edge at a node: total distance by which a node on a surface may be moved
 LEAST_GAIN = 1e-3       # fraction of the badness: smallest gain for which a node is moved
-MOST_CHANGE = 2e-3      # fraction of a region's volume: largest change by moving nodes of its surface; beyond this, only inner nodes are moved
+MOST_CHANGE = 2e-3      # fraction of a region's volume: largest change caused by moving nodes on its surface; when this is reached, only inner nodes are moved
 DIRECTIONS = np.array([d for d in itertools.product((-1, 0, 1), repeat=3) if any(d)], float)
 DIRECTIONS /= np.linalg.norm(DIRECTIONS, axis=1, keepdims=True)
 FACES = np.array([[1, 2, 3], [0, 3, 2], [0, 1, 3], [0, 2, 1]])     # normals to the same side for either orientation
@@ -65,8 +66,8 @@ def moved(mesh, still, surface):
 
 
 def better_place(points, star, node, anchor):
-    """Returns a position of a node that improves the worst of its tetrahedra (star), or None. `anchor`: a position to which it must stay close, or
-    None."""
+    """Returns a position of the node that improves the worst of the tetrahedra around it (`star`), or None. `anchor`: a position to which the node
+    must stay close, or None."""
     others = np.unique(star[star != node])
     edge = np.linalg.norm(points[others] - points[node], axis=1).mean()
     places = (points[node] + edge * STEPS[:, None, None] * DIRECTIONS).reshape(-1, 3)

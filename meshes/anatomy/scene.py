@@ -1,4 +1,4 @@
-"""The scene that goes with a mesh."""
+"""Writes the scene that belongs to a mesh."""
 import math
 
 import numpy as np

@@ -9,7 +9,8 @@ _running = False
 
 
 def start():
-    """Starts a new session with settings for reproducible meshes. After a failure, an old session would stay locked and make empty meshes."""
+    """Starts a new session with settings that make meshes reproducible. After a failure, the old session would remain locked and produce empty
+    meshes."""
     global _running
     if _running:
         gmsh.finalize()

@@ -12,15 +12,15 @@ from .shapes import contours, voxels
 from .trouble import BadFile, Empty
 
 DAMAGED = "damaged, or not what its name says"
-PLAUSIBLE = 50.0        # mm: an image, or all surfaces together, of at least this length are taken to be in mm
+PLAUSIBLE = 50.0        # mm: an image with at least this length, or all surfaces together with at least this length, is assumed to be in mm
 MOST_NAMED = 30         # number of regions that a message lists
 
 
 @dataclasses.dataclass
 class Sources:
-    regions: dict                   # name -> rings, (surface, remarks), or a label's code, in the files' order
+    regions: dict                   # name -> rings, (surface, remarks), or a label's code, in the order of the files
     map: voxels.LabelMap = None
-    in_mm: bool = False             # their unit is certain
+    in_mm: bool = False             # true if the unit of length is certain
     notes: list = dataclasses.field(default_factory=list)
 
 
@@ -138,7 +138,7 @@ def of_map(map_, in_mm):
 
 
 def is_large(surfaces):
-    """True if the surfaces together are as large as regions of a body in mm: a small one among them is then a lesion."""
+    """True if the surfaces together are as large as regions of a body in mm; a small surface among them is then assumed to be a lesion."""
     points = np.vstack([surface.points for surface, _ in surfaces.values()])
     return len(surfaces) > 1 and PLAUSIBLE <= np.ptp(points, axis=0).max() <= organ.LARGE
 
@@ -148,7 +148,7 @@ def is_large(surfaces):
 @dataclasses.dataclass
 class Choice:
     """The names of the chosen regions."""
-    soft: list               # the region of interest first
+    soft: list               # soft regions, with the region of interest first
     bones: list
     body: str = None
 
@@ -159,7 +159,7 @@ def listed(names):
 
 
 def pick(wanted, sources, path):
-    """Returns the regions that a user's word means: one by its name or number, or all that match a pattern."""
+    """Returns the regions that a word of the user denotes: one region by its name or number, or all regions that match a pattern."""
     plain = wanted.strip().lower()
     alike = [name for name in sources.regions if name.strip().lower() == plain]
     if alike:
@@ -176,7 +176,7 @@ def pick(wanted, sources, path):
 
 
 def choose(given, sources):
-    """Chooses the regions. A pattern leaves out regions that are named elsewhere."""
+    """Chooses the regions. A pattern does not select regions that are named elsewhere on the command line."""
     path = given.input[0]
     words = [("soft", word) for word in given.roi] + [("bones", word) for word in given.bone] + [("body", word) for word in ([given.skin] if given.skin else [])]
     meant = [(kind, pick(word, sources, path), bool(set("*?[") & set(word)) and word not in sources.regions) for kind, word in words]

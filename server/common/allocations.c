@@ -8,7 +8,7 @@ static _Thread_local int64_t calls;
 int64_t allocations_now(void) { return calls; }
 
 #if ALLOCATIONS_ARE_COUNTED
-/* These functions replace the C library's in the whole process, including its shared libraries. */
+/* These functions replace those of the C library in the whole process, including its shared libraries. */
 void *__libc_malloc(size_t);
 void *__libc_calloc(size_t, size_t);
 void *__libc_realloc(void *, size_t);

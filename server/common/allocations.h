@@ -1,11 +1,11 @@
-/* Counts the calling thread's calls of the C library's allocator, so that a running server can show that its loop makes none. In a build with
-   sanitizers, which have their own allocator, the count stays 0. */
+/* Counts the calls that the calling thread makes to the C library's allocator, so that a running server can show that its loop makes none. In a build
+   with sanitizers, which bring their own allocator, the count stays 0. */
 #ifndef TROCAR_ALLOCATIONS_H
 #define TROCAR_ALLOCATIONS_H
 
 #include <stdint.h>
 
-#ifndef __has_feature /* gcc has no __has_feature; it defines __SANITIZE_* instead */
+#ifndef __has_feature /* gcc has no __has_feature; it defines __SANITIZE_* macros instead */
 #define __has_feature(feature) 0
 #endif
 #if defined(__SANITIZE_ADDRESS__) || defined(__SANITIZE_THREAD__) || __has_feature(address_sanitizer)

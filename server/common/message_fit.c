@@ -7,7 +7,7 @@
 
 enum { FINGERPRINT = 8 };
 
-/* Returns the length field at this offset of the message, or -1 if it is invalid. */
+/* Returns the value of the length field at this offset of the message, or -1 if that value is invalid. */
 static int64_t length_at(const void *data, size_t size, size_t offset) {
     const unsigned char *b = (const unsigned char *)data + offset;
     if (offset + 4 > size || b[0] > 0x7f) return -1;
@@ -52,7 +52,7 @@ bool reply_fits(const void *data, size_t size) {
 bool status_fits(const void *data, size_t size) {
     enum { STRINGS = 4, AFTER_STRINGS = 3 * 4 + 8 + 4 };
     trocar_status_t empty = {.host = "", .scene = "", .inverse = "", .message = ""};
-    /* each empty string is encoded as its length and a zero byte */
+    /* an empty string is encoded as its length and a zero byte */
     size_t offset = (size_t)trocar_status_t_encoded_size(&empty) - STRINGS * (4 + 1) - AFTER_STRINGS;
     for (int string = 0; string < STRINGS; string++) {
         int64_t length = length_at(data, size, offset);

@@ -6,9 +6,8 @@
 
 #include "base/report.h"
 
-/* Connects to `url`; if it is NULL or empty, to $LCM_DEFAULT_URL or else to LCM's default. BAD_INPUT for a provider unknown to
-   LCM, and for mpudpm, whose internal messages liblcm decodes without checks; SYSTEM for temporary errors, such as a network that
-   has no route yet. */
+/* Connects to `url`; if it is NULL or empty, to $LCM_DEFAULT_URL or, if that is not set, to LCM's default. BAD_INPUT for a provider that LCM does not
+   know, and for mpudpm, whose internal messages liblcm decodes without checks; SYSTEM for temporary errors, such as a missing network route. */
 trocar_status network_open(const char *url, lcm_t **opened, report *why);
 
 #endif

@@ -12,10 +12,10 @@
 
 #include "base/flush_denormals.h"
 
-enum { LARGEST_FAULTED_IN = 32 << 20 }; /* bytes; larger mappings are not touched */
+enum { LARGEST_FAULTED_IN = 32 << 20 }; /* bytes; larger mappings are not touched in advance */
 
-/* Touches all pages of code, data, heap and stacks. Larger buffers, which libraries keep for other threads, are skipped: clearing hundreds of
-   megabytes would take half of the start-up time. */
+/* Touches all pages of code, data, heap and stacks. Skips larger buffers, which libraries keep for other threads: clearing hundreds of megabytes
+   would take half of the start-up time. */
 static void fault_in(void) {
     FILE *maps = fopen("/proc/self/maps", "r");
     char line[4500], access[5];
@@ -28,7 +28,7 @@ static void fault_in(void) {
     if (maps != NULL) fclose(maps);
 }
 
-/* Locks pages when they are first touched. Locking a whole mapping at once would stall a thread for 40 ms whenever a library maps 128 MiB at run
+/* Locks pages when they are first touched. Locking a whole mapping at once would stall a thread for 40 ms each time a library maps 128 MiB at run
    time. */
 static trocar_status lock_what_is_touched(report *why) {
     if (mlockall(MCL_CURRENT | MCL_FUTURE | MCL_ONFAULT) == 0) return TROCAR_OK;

@@ -8,40 +8,39 @@
 
 enum { PRIORITY_HAPTIC = 80, PRIORITY_IO = 75, PRIORITY_DEVICE = 70 };
 
-/* Faults in and locks the process's current memory, except large untouched buffers, and every page that it touches later.
-   NO_REALTIME, naming the limit to raise, if that is not permitted. */
+/* Loads the process's current memory into RAM and locks it, except large untouched buffers; also locks every page that the process touches later.
+   NO_REALTIME if that is not permitted; the message names the limit to raise. */
 trocar_status realtime_lock_memory(report *why);
 
-/* Schedules the calling thread by SCHED_FIFO and keeps its SCHED_RESET_ON_FORK flag, which only a process with CAP_SYS_NICE can
-   clear. Returns 0 or an errno value. */
+/* Schedules the calling thread with SCHED_FIFO and keeps its SCHED_RESET_ON_FORK flag, which only a process with CAP_SYS_NICE can clear. Returns 0 or
+   an errno value. */
 int realtime_use_fifo(int priority);
 
-/* Like realtime_use_fifo, with an error message: NO_REALTIME, naming the limit to raise; SYSTEM if the priority does not exist. */
+/* Like realtime_use_fifo, but with an error message: NO_REALTIME, which names the limit to raise; SYSTEM if the priority does not exist. */
 trocar_status realtime_set_priority(int priority, report *why);
 
-/* Checks that this process may lock memory and use SCHED_FIFO up to `priority`, and changes neither. Errors as above. */
+/* Checks that this process may lock memory and use SCHED_FIFO up to `priority`, but changes neither. Errors as above. */
 trocar_status realtime_check_permission(int priority, report *why);
 
-/* Raises the calling thread's priority above all normal threads, if permitted, so that a server restarts quickly after a fault on a
-   busy machine. Threads that it creates do not inherit this: they start at normal priority and with a nice value of at least 0.
-   This cannot be undone, so call it only on a thread that will end. */
+/* Raises the calling thread's priority above that of all normal threads, if permitted, so that a server restarts quickly after a crash on a busy
+   machine. Threads that it creates do not inherit the raised priority: they start at normal priority with a nice value of at least 0. The change
+   cannot be undone, so call this function only on a thread that will end. */
 void realtime_hurry(void);
 
-/* Returns to normal priority before long computations on all processors: their threads do not inherit a raised priority, and a high-priority
-   thread waiting for them would keep them from running. */
+/* Returns the calling thread to normal priority before long computations on all processors. Their threads do not inherit a raised priority, and a
+   high-priority thread waiting for them would keep them from running. */
 void realtime_take_time(void);
 
-/* Touches the pages of the calling thread's stack, so that it causes no page fault later. The thread needs a stack of
-   REALTIME_STACK bytes. */
+/* Touches the pages of the calling thread's stack in advance, so that they cause no page faults later. The thread needs a stack of REALTIME_STACK
+   bytes. */
 enum { REALTIME_STACK = 2 << 20, REALTIME_STACK_TOUCHED = 1 << 20 };
 void realtime_touch_stack(void);
 
-/* Treats denormal operands and results as zero, because they are a hundred times slower than normal numbers. Every computing thread
-   calls this function, in real time and in lockstep; otherwise their results would differ. */
+/* Treats denormal operands and results as zero, because computing with them is a hundred times slower than with normal numbers. Every computing
+   thread must call this function, in real time and in lockstep; otherwise the results of the two modes would differ. */
 void realtime_flush_denormals(void);
 
-/* Keeps the processors out of deep sleep states, from which they wake slowly. Returns a descriptor to keep open, or -1 with the
-   reason in `why`. */
+/* Keeps the processors out of deep sleep states, which take long to leave. Returns a descriptor to keep open, or -1 with the reason in `why`. */
 int realtime_stay_awake(report *why);
 
 #endif

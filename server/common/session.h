@@ -1,4 +1,4 @@
-/* A random number that identifies one client, or one server. */
+/* A random number that identifies a client or a server. */
 #ifndef TROCAR_SESSION_H
 #define TROCAR_SESSION_H
 

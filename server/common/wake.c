@@ -7,7 +7,7 @@
 
 void wake(int eventfd) {
     uint64_t one = 1;
-    ssize_t written = write(eventfd, &one, sizeof one); /* fails only if the counter is full: then the reader is awake anyway */
+    ssize_t written = write(eventfd, &one, sizeof one); /* fails only if the counter is full, and then the reader is awake anyway */
     (void)written;
 }
 

@@ -2,17 +2,18 @@
 
 #include <stdbool.h>
 
-static const double SHORTEST = 0.2e-3;      /* m, the shortest swing that counts; physiological tremor is smaller */
-static const double SLOWEST = 0.15;         /* s, the longest time from one turning point to the next: 3.3 Hz */
-/* the fraction of the previous swing's length in the same direction above which a swing does not decay: damping below 1.7 % of critical */
+static const double SHORTEST = 0.2e-3;      /* m, the shortest swing that is counted; physiological tremor has a smaller amplitude */
+static const double SLOWEST = 0.15;         /* s, the longest time from one turning point to the next, which corresponds to 3.3 Hz */
+/* a swing counts as undamped if its length exceeds this fraction of the previous swing in the same direction, which means damping below 1.7 % of
+   critical */
 static const double LASTING = 0.9;
-static const double LEAST_CHANGE = 0.01;    /* N: while the force changes by less, the coupling has no part in the swing */
+static const double LEAST_CHANGE = 0.01;    /* N: if the force changes by less than this, the coupling does not contribute to the swing */
 
 void swing_begin(swing_observer *s, vec3 position, int64_t now) {
     *s = (swing_observer){.turn = position, .farthest = position, .turned = now, .reached = now};
 }
 
-/* Ends the swing at its farthest point, which was a turning point. */
+/* Ends the current swing at its farthest point, which is the new turning point. */
 static int end_swing(swing_observer *s, vec3 force) {
     double length = v3_norm(v3_sub(s->farthest, s->turn)), time = 1e-9 * (double)(s->reached - s->turned);
     bool lasts = length > fmax(SHORTEST, LASTING * s->lengths[0]) && time < SLOWEST && s->stir > LEAST_CHANGE;

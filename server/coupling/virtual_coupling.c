@@ -1,22 +1,25 @@
 #include "coupling/virtual_coupling.h"
 
-static const double FAR = 5e-3;             /* s, round trip assumed until one has been measured */
-static const double RISE = 0.02, FALL = 0.002; /* filter weights per round trip, so that the estimate follows the longest of ten */
-static const double MEAN = 0.02;            /* filter weight of the newest interval between poses */
+static const double FAR = 5e-3;             /* s, assumed round-trip time until one has been measured */
+static const double RISE = 0.02, FALL = 0.002; /* filter weights per round trip, chosen so that the estimate stays near the longest of the last ten
+                                                  round trips */
+static const double MEAN = 0.02;            /* weight of the newest interval between poses in the running mean */
 static const double ACTIVE_ENERGY = 1e-3;   /* J */
 
-/* A hand of mass m on a spring K and a damper B = 2 K T, both responding after a delay T, is stable for K T^2 / m < 0.53: the delay acts as a damper
-   of -K T, and the damper itself must be slow compared with the delay. At K T^2 / m = 0.25, a delay of 1.4 T and any other spring in series are
-   stable if the hand adds a damping of K T / 8. The margin is 0.125, because the device may be half as heavy as stated. */
+/* A hand of mass m on a spring K and a damper B = 2 K T, both of which respond after a delay T, is stable for K T^2 / m < 0.53: the delay acts as a
+   damper of -K T, and the damper itself must be slow compared with the delay. At K T^2 / m = 0.25, the hand is stable even with a delay of 1.4 T or
+   any other spring in series, provided that it adds a damping of K T / 8 itself. The margin is 0.125, because the device may be half as heavy as
+   stated. */
 static const double DELAY_MARGIN = 0.125, DAMPING = 2.0;
 
-enum { SWINGS = 4 };                        /* swings without decay after which the coupling is softened */
-static const double STEP = 2.0;             /* factor between levels of caution, which divides the stiffness by four */
-static const double LONGEST_DELAY = 40e-3;  /* s, the longest delay for which the coupling is designed; at this delay it is too soft to drive a hand */
-static const double PAUSE = 0.5;            /* s without such swings after which the oscillation has ended */
-static const double SETTLE = 1.0;           /* s, time constant with which a decreasing factor approaches its level */
-static const double LOADED = 0.1;           /* N: the loop's stability shows only while the hand feels at least this force */
-/* s under load after which the level is lowered, and the factor by which this time grows if lowering was wrong */
+enum { SWINGS = 4 };                        /* number of undamped swings after which the coupling is softened */
+static const double STEP = 2.0;             /* ratio between successive levels of caution; each level divides the stiffness by four */
+static const double LONGEST_DELAY = 40e-3;  /* s, the longest delay for which the coupling is designed; with this delay, the coupling is too soft to
+                                               drive a hand */
+static const double PAUSE = 0.5;            /* s without undamped swings after which the oscillation is considered to have ended */
+static const double SETTLE = 1.0;           /* s, time constant with which a decreasing caution factor approaches its level */
+static const double LOADED = 0.1;           /* N: the stability of the loop can be observed only while the hand feels at least this force */
+/* s under load after which the caution level is lowered, and the factor by which this time grows if lowering it proved wrong */
 static const double PATIENCE = 20.0, MORE_PATIENCE = 4.0;
 
 void coupling_engage(virtual_coupling *p, const pose_sample *hand) {
@@ -48,7 +51,7 @@ static void raise_caution(coupling_caution *c, double known) {
     c->loaded = 0.0;
 }
 
-/* Handles a new pose; `lasting` is the result of swing_observe. */
+/* Handles a new pose; `lasting` is the return value of swing_observe. */
 static void heed_swings(virtual_coupling *p, int lasting) {
     coupling_caution *c = &p->caution;
     if (lasting == 0 || !(p->known > 0.0)) return;
@@ -57,7 +60,7 @@ static void heed_swings(virtual_coupling *p, int lasting) {
     if (lasting % SWINGS == 0) raise_caution(c, p->known);
 }
 
-/* Advances the time without swings that do not decay. Swings that the hand makes by itself say nothing about the loop. */
+/* Adds to the time without undamped swings. Swings that the hand makes by itself reveal nothing about the loop's stability. */
 static void heed_calm(coupling_caution *c, bool loaded, double dt) {
     c->calm += dt;
     if (loaded) c->loaded += dt;
@@ -74,16 +77,16 @@ static void heed_calm(coupling_caution *c, bool loaded, double dt) {
 
 static const coupling_wrench *wrench_of(const virtual_coupling *p, int64_t tick) { return &p->sent[(uint64_t)tick % COUPLING_TICKS]; }
 
-/* Returns the tick of the wrench that a pose names. Clients that render no force count the tick down from -1. */
+/* Returns the tick of the wrench to which a pose refers. Clients that render no force send -1 and count down from it. */
 static int64_t tick_named(const pose_sample *hand) { return hand->wrench_tick >= 0 ? hand->wrench_tick : -1 - hand->wrench_tick; }
 
-/* Returns the wrench that a pose names, or the last one sent. */
+/* Returns the wrench to which a pose refers, or the last one sent. */
 static const coupling_wrench *wrench_named(const virtual_coupling *p, int64_t named) {
     const coupling_wrench *w = wrench_of(p, named);
     return named > 0 && w->tick == named ? w : wrench_of(p, p->newest);
 }
 
-/* Returns the wrench that was sent this long (s) ago, or the oldest one stored. */
+/* Returns the wrench that was sent `time` (s) before `w`, or the oldest one stored. */
 static const coupling_wrench *wrench_before(const virtual_coupling *p, const coupling_wrench *w, double time) {
     int64_t sent = w->computed - (int64_t)(1e9 * time);
     for (int i = 1; i < COUPLING_TICKS && w->computed > sent; i++) {
@@ -126,8 +129,8 @@ int64_t coupling_receive(virtual_coupling *p, const pose_sample *hand) {
 pose coupling_hold(virtual_coupling *p, const trocar_device_limits *limits, pose hand, double dt, double *compliance) {
     *compliance = p->stiffness = p->damping = 0.0;
     if (!p->rendered || isinf(limits->max_stiffness)) return hand;
-    double hold = fmax(p->interval, dt); /* s for which a pose is in use or waits for the next one */
-    if (p->age >= 2.0 * hold) p->before = p->stretch; /* the hand has stopped sending, so the damper comes to rest */
+    double hold = fmax(p->interval, dt); /* s, time for which a pose is used while waiting for the next one */
+    if (p->age >= 2.0 * hold) p->before = p->stretch; /* the hand has stopped sending poses, so let the damper come to rest */
     p->age += dt;
     heed_calm(&p->caution, v3_norm(wrench_of(p, p->newest)->force) > LOADED, dt);
     p->known = p->delay + hold + limits->delay;
@@ -136,7 +139,7 @@ pose coupling_hold(virtual_coupling *p, const trocar_device_limits *limits, pose
     p->stiffness = fmin(limits->max_stiffness, DELAY_MARGIN * limits->mass / (delay * delay));
     p->damping = DAMPING * p->stiffness * delay;
     *compliance = 1.0 / (p->stiffness + p->damping / hold);
-    double memory = p->damping / hold * *compliance; /* fraction of the stretch that the damper keeps */
+    double memory = p->damping / hold * *compliance; /* fraction of the stretch that the damper retains */
     return (pose){v3_axpy(-memory, p->before, hand.position), hand.orientation};
 }
 

@@ -8,8 +8,8 @@
 #include "common/messages.h"
 #include "trocar_needle_pose_t.h"
 
-static const double OWNER_SILENCE = 2.0;  /* s of an owner's silence after which another session may take over */
-static const double ARRIVAL_JITTER = 5e-3; /* s by which the network may delay poses that then arrive together */
+static const double OWNER_SILENCE = 2.0;  /* s of silence from the owner after which another session may take over */
+static const double ARRIVAL_JITTER = 5e-3; /* s, longest time by which the network may delay poses that then arrive together */
 
 void arbiter_init(pose_arbiter *in, int needle_count, const trocar_device_limits *limits) {
     *in = (pose_arbiter){.limits = *limits, .needle_count = needle_count};
@@ -24,7 +24,7 @@ static void say(pose_arbiter *in, const char *format, ...) {
     va_end(arguments);
 }
 
-/* Decodes a pose. True if decoding consumed exactly the bytes received, which only works for types of fixed size. */
+/* Decodes a pose. Returns true if decoding consumed exactly the bytes received, a check that works only for types of fixed size. */
 static bool decode_pose(const void *data, size_t size, trocar_needle_pose_t *m) {
     return size == (size_t)trocar_needle_pose_t_encoded_size(m)
         && trocar_needle_pose_t_decode(data, 0, (int)size, m) == (int)size;
@@ -48,16 +48,16 @@ static bool may_hold(const pose_arbiter *in, int needle, int64_t session, int64_
     return owner == 0 || owner == session || is_silent(in, needle, now);
 }
 
-/* Returns another needle that the session owns, or -1. */
+/* Returns the index of another needle that the session owns, or -1. */
 static int other_needle_of(const pose_arbiter *in, int needle, int64_t session) {
     for (int i = 0; i < in->needle_count; i++)
         if (i != needle && owner_of(in, i) == session) return i;
     return -1;
 }
 
-/* Limits the mean speed of the poses, not the speed between two poses that the network has delivered together: unused time is credited, up to
-   ARRIVAL_JITTER. Once the wrench has been ramped to zero for lack of poses, any position is accepted; the safety limits then decide whether the
-   needle continues or engages again. */
+/* Limits the mean speed of the poses, not the speed between two poses that the network has delivered together: time that the poses did not use is
+   credited, up to ARRIVAL_JITTER. Once the wrench has been ramped to zero for lack of poses, any position is accepted; the safety limits then decide
+   whether the current insertion continues or a new engagement begins. */
 static bool motion_possible(pose_arbiter *in, int needle, const pose *p, int64_t now) {
     arbiter_needle *n = &in->needles[needle];
     double elapsed = since_last(in, needle, now);
@@ -72,7 +72,7 @@ static bool motion_possible(pose_arbiter *in, int needle, const pose *p, int64_t
     return true;
 }
 
-/* Counts the owner's poses that were lost. */
+/* Counts the poses of the owner that were lost. */
 static void count_lost(pose_arbiter *in, const trocar_needle_pose_t *m) {
     arbiter_needle *n = &in->needles[m->needle];
     int64_t owner = owner_of(in, m->needle), gap = sequence_gap(&n->heard, m->seq);
@@ -159,7 +159,8 @@ static pose_verdict judge(pose_arbiter *in, const trocar_needle_pose_t *m, int64
     return verdict;
 }
 
-/* Explains a size that is wrong. A message that lacks exactly `needle`, its last field, comes from a client older than this server. */
+/* Explains why a message has the wrong size. A message that lacks exactly its last field, `needle`, comes from a client that is older than this
+   server. */
 static const char *advice(size_t size, int size_now) {
     bool without_needle = size + sizeof(int32_t) == (size_t)size_now;
     return without_needle ? "; it has no `needle`: build its sender with this release's trocar.lcm" : "";
@@ -189,7 +190,7 @@ pose_verdict arbiter_pose(pose_arbiter *in, const void *data, size_t size, int64
     return verdict;
 }
 
-/* Refuses the command; the reason is printed into the record's message. */
+/* Refuses the command and prints the reason into the record's message. */
 static command_verdict refuse(pose_arbiter *in, needle_command *command) {
     in->record.commands_refused++;
     command->refused = true;
@@ -197,14 +198,14 @@ static command_verdict refuse(pose_arbiter *in, needle_command *command) {
     return COMMAND_SETTLED;
 }
 
-/* Executes a command that its session may give, or passes it on to the haptic thread; refuses it otherwise. */
+/* Executes a command that its session is allowed to give, or passes it on to the haptic thread; refuses all other commands. */
 static command_verdict carry_out(pose_arbiter *in, needle_command *command) {
     const trocar_command_t *m = &command->asked;
     arbiter_needle *n = &in->needles[m->needle];
     command->engagement = n->newest.engagement;
     command->anew = n->begin_anew;
     switch (m->command) {
-    case TROCAR_COMMAND_T_RESET: /* a resting needle is engaged once the haptic thread has executed the command */
+    case TROCAR_COMMAND_T_RESET: /* a resting needle is engaged only after the haptic thread has executed the command */
         if (!n->rests) n->begin_anew = true;
         return COMMAND_PASS_ON;
     case TROCAR_COMMAND_T_RELEASE:
@@ -222,7 +223,7 @@ static command_verdict carry_out(pose_arbiter *in, needle_command *command) {
     }
 }
 
-/* Accepts a shutdown if its sender is on this machine or owns a needle. */
+/* Accepts a shutdown command if its sender is on this machine or owns a needle. */
 static command_verdict judge_shutdown(pose_arbiter *in, bool distant, needle_command *command) {
     int64_t session = command->asked.session;
     if (!distant || (session != 0 && other_needle_of(in, -1, session) >= 0)) return COMMAND_SHUTDOWN;
@@ -255,7 +256,7 @@ command_verdict arbiter_command(pose_arbiter *in, const void *data, size_t size,
     return refuse(in, command);
 }
 
-/* A needle that was left has no owner. A needle that was taken or removed is engaged by the next pose; after the reset of a held needle, that
+/* A needle left in the tissue has no owner. A needle that was taken or removed is engaged by the next pose; after the reset of a held needle, that
    pose may already have arrived. */
 void arbiter_settle(pose_arbiter *in, const needle_command *done) {
     const trocar_command_t *m = &done->asked;

@@ -1,4 +1,4 @@
-/* What passes from the IO thread to the haptic thread beside the needles' poses: the probe's pose, and requests. */
+/* Data that the IO thread passes to the haptic thread in addition to the needles' poses: the probe's pose, and requests. */
 #ifndef TROCAR_REQUESTS_H
 #define TROCAR_REQUESTS_H
 
@@ -8,18 +8,18 @@
 #include "base/vec.h"
 #include "trocar_command_t.h"
 
-/* IO -> haptic: the newest pose of the probe */
+/* From the IO thread to the haptic thread: the newest pose of the probe */
 typedef struct {
-    int64_t session;             /* session of its owner, 0: nobody */
-    int64_t seq;                 /* -1 before the first */
+    int64_t session;             /* session number of the probe's owner; 0 if nobody owns it */
+    int64_t seq;                 /* sequence number of the pose; -1 before the first pose */
     pose base;
 } probe_sample;
 
-/* IO -> haptic: a client's request concerning a needle; haptic -> IO: the same, with its result */
+/* From the IO thread to the haptic thread: a client's request concerning a needle. The haptic thread returns the same struct with the result. */
 typedef struct {
     trocar_command_t asked;
-    uint64_t engagement;         /* the needle's engagement at the time of the request */
-    bool anew;                   /* before the request, the next pose was already going to start a new engagement */
+    uint64_t engagement;         /* number of the needle's engagement at the time of the request */
+    bool anew;                   /* at the time of the request, the next pose was already going to start a new engagement */
     bool refused;
     char why[256];
 } needle_command;

@@ -1,5 +1,5 @@
-/* Protection between device and model: checks of each incoming pose, ramps and limits of each outgoing wrench. No threads, no
-   clock: time is an argument. */
+/* Protection between device and model: checks each incoming pose, and ramps and limits each outgoing wrench. The code uses no threads and no clock:
+   time is an argument. */
 #ifndef TROCAR_SAFETY_LIMITS_H
 #define TROCAR_SAFETY_LIMITS_H
 
@@ -10,7 +10,7 @@
 #include "base/vec.h"
 #include "trocar.h"
 
-/* The verdict on a pose. status_t has a counter for each. */
+/* The verdict on a pose. status_t has a counter for each verdict. */
 typedef enum {
     POSE_ACCEPTED, POSE_MALFORMED, POSE_NO_NEEDLE, POSE_NOT_FINITE, POSE_NOT_UNIT, POSE_JUMPED, POSE_REFUSED, POSE_OLD,
     POSE_VERDICTS
@@ -22,51 +22,52 @@ pose_verdict safety_check_pose(const pose *p);
 /* Returns the shortest time (s) in which the needle can move from a to b within the device's limits. */
 double safety_travel_time(const trocar_device_limits *limits, const pose *a, const pose *b);
 
-/* The newest pose, as the next tick uses it. */
+/* The newest pose, in the form that the next tick uses. */
 typedef struct {
-    bool held;               /* a session owns the needle; false before the first pose and after a release */
-    uint64_t engagement;     /* incremented by each new owner and each reset, which start a new insertion; 0 before the first */
-    int64_t session, seq, utime, wrench_tick; /* as in the message */
-    int64_t received;        /* ns, monotonic clock of this machine */
+    bool held;               /* a session owns the needle; false before the first pose and after the needle has been released */
+    uint64_t engagement;     /* number of the engagement, incremented by each new owner and each reset, both of which start a new insertion; 0 before
+                                the first */
+    int64_t session, seq, utime, wrench_tick; /* same values as in the message */
+    int64_t received;        /* ns, arrival time on this machine's monotonic clock */
     pose base;
 } pose_sample;
 
-enum { SAFETY_OVERRUNS = 20 };  /* consecutive late ticks that trigger the ramp */
+enum { SAFETY_OVERRUNS = 20 };  /* number of consecutive late ticks that triggers the ramp */
 
 /* State of the safety limits; all zero at the start. */
 typedef struct {
     uint64_t engagement;     /* the model's current engagement; 0 if there was none yet */
-    int64_t session;         /* session of that engagement */
+    int64_t session;         /* session number of that engagement */
     pose base;               /* last pose given to the model */
-    int64_t received;        /* ns, arrival of that pose */
+    int64_t received;        /* ns, arrival time of that pose */
     bool released, stale, overrun;
-    int late_ticks;          /* number of late ticks in a row */
+    int late_ticks;          /* number of consecutive late ticks */
     double good_time;        /* s without a late tick since the ramp was triggered */
     double gain;             /* 0..1 */
     vec3 force, torque;      /* last output wrench, N and N m */
-    double kept;             /* 1..0: fraction of the wrench before the transfer that is still rendered */
+    double kept;             /* from 1 to 0: fraction of the wrench before the transfer that is still in the output */
     vec3 before_force, before_torque; /* that wrench */
 } safety_limits;
 
 typedef enum { SAFETY_IDLE, SAFETY_ENGAGE, SAFETY_FOLLOW, SAFETY_HOLD } safety_decision;
 
-/* Decides how the model uses the newest pose at time `now` (ns): ignore it, start a new insertion at g->base, move the needle to g->base, or leave
-   it there. After a silence, a pose that is further away than the limits allow starts a new engagement. RT */
+/* Decides how the model uses the newest pose at time `now` (ns): ignore it, start a new insertion at g->base, move the needle to g->base, or leave it
+   where it is. After a silence, a pose that the needle could not have reached within the limits starts a new engagement. RT */
 safety_decision safety_pose(safety_limits *g, const trocar_device_limits *limits, const pose_sample *newest, int64_t now);
 
-/* Records whether this tick was late by whole periods. SAFETY_OVERRUNS late ticks in a row trigger the ramp; a second of good timing or the next
-   engagement ends it. RT */
+/* Records whether this tick was late by whole periods. SAFETY_OVERRUNS consecutive late ticks trigger the ramp; a second without late ticks, or the
+   next engagement, ends it. RT */
 void safety_timing(safety_limits *g, bool late, double dt);
 
-/* Starts a bumpless transfer, for when the model's wrench may jump for a reason other than the hand's motion: within ramp_time, the output
-   changes from the last output to the model's wrench and always lies between them. RT */
+/* Starts a bumpless transfer when the model's wrench may jump for a reason other than the hand's motion. Within ramp_time, the output changes from
+   the last output to the model's wrench and always lies between them. RT */
 void safety_begin_transfer(safety_limits *g);
 
-/* Ramps the model's wrench in or out, then limits its magnitude and slew rate without changing its direction; updates force
-   and torque in place. `wind_down` ramps the wrench to zero whatever the poses. Returns flags of needle_wrench_t. RT */
+/* Ramps the model's wrench up or down, then limits its magnitude and slew rate without changing its direction; updates force and torque in place. If
+   `wind_down` is true, ramps the wrench to zero regardless of the poses. Returns flags of needle_wrench_t. RT */
 int safety_wrench(safety_limits *g, const trocar_device_limits *limits, bool wind_down, double dt, vec3 *force, vec3 *torque);
 
-/* True if the wrench is zero and will stay zero during the shutdown. RT */
+/* True if the wrench is zero and will remain zero until the shutdown is complete. RT */
 bool safety_at_rest(const safety_limits *g);
 
 #endif

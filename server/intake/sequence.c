@@ -1,8 +1,9 @@
 #include "intake/sequence.h"
 
-static const uint64_t LONGEST_GAP = 100000000; /* 0.1 s for senders whose sequence numbers are times in nanoseconds */
+static const uint64_t LONGEST_GAP = 100000000; /* 0.1 s, for senders that use times in nanoseconds as sequence numbers */
 
-/* Returns how many numbers lie between the two; -1 if `number` is not after `newest` or is too far ahead. The numbers may wrap around. */
+/* Returns how many sequence numbers lie between `newest` and `number`; -1 if `number` is not after `newest` or is too far ahead. The numbers may wrap
+   around. */
 static int64_t gap_after(int64_t newest, int64_t number) {
     uint64_t gap = (uint64_t)number - (uint64_t)newest - 1;
     return gap < LONGEST_GAP ? (int64_t)gap : -1;

@@ -3,13 +3,15 @@
 #include <complex.h>
 #include <math.h>
 
-/* Hz: above the hand's tremor (8 to 12 Hz) and its voluntary motion, and low enough that the motion has some 0.01 mm. */
+/* Hz: above the frequencies of the hand's tremor (8 to 12 Hz) and of its voluntary motion, and low enough for the motion to have an amplitude of a
+   few 0.01 mm. */
 static const double FREQUENCIES[RESPONSE_FREQUENCIES] = {14, 23, 37};
-static const double SETTLING = 0.5, DURATION = 4.0;  /* s: duration of the settling before the measurement, and of the measurement */
+static const double SETTLING = 0.5, DURATION = 4.0;  /* s: time to settle before the measurement, and duration of the measurement */
 static const double LONGEST_STEP = 1e-3;             /* s, longest step of the integration */
-static const double LONGEST_DELAY = 0.06;            /* s: longer than a period of the second frequency, shorter than a period of the lowest frequency */
+static const double LONGEST_DELAY = 0.06;            /* s, longest round-trip delay considered: longer than a period of the second frequency, shorter
+                                                        than a period of the lowest frequency */
 static const double MOST_MISFIT = 0.2;
-static const double LEAST_MOTION = 1e-6;             /* m: a smaller amplitude at a frequency counts as noise */
+static const double LEAST_MOTION = 1e-6;             /* m: if the amplitude at a frequency is smaller, it is regarded as noise */
 
 void response_begin(device_response *r, double greatest, double now) {
     *r = (device_response){.amplitude = greatest / RESPONSE_FREQUENCIES, .begin = now + SETTLING};
@@ -17,7 +19,7 @@ void response_begin(device_response *r, double greatest, double now) {
 
 bool response_is_over(const device_response *r, double now) { return now > r->begin + DURATION; }
 
-/* Adds the integral of value times e^(-i w t) over a short interval around `middle`. A Hann window suppresses the hand's drift. */
+/* Adds the integral of value * e^(-i w t) over a short interval around `middle` to the sum. A Hann window suppresses the hand's drift. */
 static void integrate_step(const device_response *r, double sums[][2], double value, double middle, double length) {
     double t = middle - r->begin;
     if (t < 0.0 || t > DURATION) return;
@@ -28,7 +30,7 @@ static void integrate_step(const device_response *r, double sums[][2], double va
     }
 }
 
-/* Adds the integral of value times e^(-i w t) over an interval of any length, in which the value changes linearly. */
+/* Adds the integral of value * e^(-i w t) over an interval of any length, during which the value changes linearly. */
 static void integrate(const device_response *r, double sums[][2], double from, double first, double to, double last) {
     int steps = (int)ceil((to - from) / LONGEST_STEP);
     double length = (to - from) / steps;
@@ -56,7 +58,8 @@ void response_add(device_response *r, double now, double position) {
     r->position.known = true;
 }
 
-/* Fits mass, damping and stiffness to the impedances (N/m) for one delay. Returns the squared misfit, relative to the impedances. */
+/* Fits mass, damping and stiffness to the impedances (N/m), assuming one value of the delay. Returns the squared misfit relative to the
+   impedances. */
 static double fit(const double complex *impedances, double delay, response_model *model) {
     double s0 = 0, s1 = 0, s2 = 0, b0 = 0, b1 = 0, d0 = 0, d1 = 0, misfit = 0;
     for (int i = 0; i < RESPONSE_FREQUENCIES; i++) { /* weighted least squares fit of Re z = k - m w^2, Im z = c w */

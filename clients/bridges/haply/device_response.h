@@ -1,6 +1,6 @@
-/* Measures a device's response to forces: the round trip from a force to the positions that show it, and the mass that a person holds. A small force
-   at three frequencies moves the device; a mass, a damper and a spring behind a delay are fitted to its motion at these frequencies. No clock: time
-   is an argument. */
+/* Measures how a device responds to forces: the round-trip time from sending a force to receiving the positions that it causes, and the mass of the
+   device together with the hand that holds it. A small force with three frequency components moves the device, and a model of a mass, a damper and a
+   spring behind a delay is fitted to the motion at these frequencies. The code reads no clock: time is an argument. */
 #ifndef TROCAR_HAPLY_DEVICE_RESPONSE_H
 #define TROCAR_HAPLY_DEVICE_RESPONSE_H
 
@@ -9,32 +9,33 @@
 enum { RESPONSE_FREQUENCIES = 3 };
 
 typedef struct {
-    double amplitude;        /* N, amplitude of each frequency */
+    double amplitude;        /* N, amplitude of the force at each frequency */
     double begin;            /* s */
-    struct { double time, value; bool known; } force, position; /* newest values: N and m, along one direction */
-    double forces[RESPONSE_FREQUENCIES][2], positions[RESPONSE_FREQUENCIES][2]; /* Fourier integrals: N s and m s, cosine and sine */
+    struct { double time, value; bool known; } force, position; /* newest values of force (N) and position (m), both along one direction */
+    double forces[RESPONSE_FREQUENCIES][2], positions[RESPONSE_FREQUENCIES][2]; /* Fourier integrals of force (N s) and position (m s): cosine and sine parts */
 } device_response;
 
 typedef struct {
     double delay;            /* s, round trip */
-    double mass;             /* kg, mass of device and hand */
+    double mass;             /* kg, combined mass of device and hand */
     double damping;          /* N s/m */
     double stiffness;        /* N/m, stiffness of the hand */
-    double misfit;           /* relative misfit of the motion */
+    double misfit;           /* relative misfit between measured and modelled motion */
 } response_model;
 
-/* Starts a measurement in which the force is at most `greatest` (N). */
+/* Starts a measurement in which the force never exceeds `greatest` (N). */
 void response_begin(device_response *r, double greatest, double now);
 
 /* Returns the force (N) to render at the time `now`; zero after the measurement. */
 double response_force(device_response *r, double now);
 
-/* Takes the device's position (m) along the force, read at the time `now`. */
+/* Takes the device's position (m) in the direction of the force, as read at the time `now`. */
 void response_add(device_response *r, double now, double position);
 
 bool response_is_over(const device_response *r, double now);
 
-/* Stores the result in `model`. Returns false if the device did not move like a mass in a hand: it is blocked, out of reach, or moved too much. */
+/* Stores the result in `model`. Returns false if the device did not move like a mass held in a hand, because it was blocked, out of reach, or moved
+   too far. */
 bool response_fit(const device_response *r, response_model *model);
 
 #endif

@@ -1,5 +1,5 @@
-/* trocar-haply: connects a Haply Inverse3 and its handle to trocar-server. In each period it sends the newest force to the Haply Inverse Service; the
-   reply contains the device's state, from which the needle's next pose is computed. See docs/devices/haply.md and message.h. */
+/* trocar-haply: connects a Haply Inverse3 and its handle to trocar-server. In each period, it sends the newest force to the Haply Inverse Service;
+   the reply contains the device's state, from which the needle's next pose is computed. See docs/devices/haply.md and message.h. */
 #include <argp.h>
 #include <stdarg.h>
 #include <stdio.h>
@@ -21,19 +21,19 @@ const char *argp_program_version = "trocar-haply " TROCAR_VERSION;
 error_t argp_err_exit_status = EXIT_BAD_INPUT;
 
 static const double GRAVITY = 9.81;                   /* m/s^2 */
-/* ns without a reply from the service after which the force is zero, like trocar_client's watchdog */
+/* ns without a reply from the service after which the force is set to zero, as by trocar_client's watchdog */
 static const int64_t REPLY_TIMEOUT = 20000000;
-static const int64_t FROZEN = 500000000;              /* ns with exactly the same state under a force after which the state counts as frozen; a
+static const int64_t FROZEN = 500000000;              /* ns for which the state may stay exactly constant under a force before it counts as frozen; a
                                                          hand's tremor moves the device by tenths of a millimetre at 8 to 12 Hz */
-static const int64_t CONNECTION_TIMEOUT = 1000000000; /* ns without a reply before the connection is renewed */
-static const int64_t REPORT_AFTER = 500000000;        /* ns without a wrench after which the missing wrench is reported */
-static const int64_t INQUIRY = 200000000;             /* ns between requests for the list of devices */
-static const int64_t SHUTDOWN_TIMEOUT = 200000000;    /* ns to wait for the last reply */
+static const int64_t CONNECTION_TIMEOUT = 1000000000; /* ns without a reply after which the connection is closed and opened again */
+static const int64_t REPORT_AFTER = 500000000;        /* ns without a wrench after which the absence of wrenches is reported */
+static const int64_t INQUIRY = 200000000;             /* ns between two requests for the list of devices */
+static const int64_t SHUTDOWN_TIMEOUT = 200000000;    /* ns to wait for the last reply at shutdown */
 static const int64_t REPORTED = INT64_MAX;
-static const double MEASURING_FORCE = 0.5;            /* N, force of --measure-delay */
-static const int64_t EVENT_GAP = 100000000;           /* ns between reported events */
+static const double MEASURING_FORCE = 0.5;            /* N, force applied by --measure-delay */
+static const int64_t EVENT_GAP = 100000000;           /* ns, shortest time between two reported events */
 
-/* Counters that are printed periodically and at the end. */
+/* Counters, printed periodically and at the end. */
 typedef struct {
     int64_t begin;           /* ns */
     int64_t messages, late, refused;
@@ -46,35 +46,35 @@ typedef struct {
     trocar_client *server;
     network *net;
     websocket service, events;
-    haply_choice choice;     /* IDs of the first device and handle, once they are known */
+    haply_choice choice;     /* IDs of the device and handle in use: the first ones that were found */
     mapping map;
     limiter limit;
     haply_state state;
 
-    bool valid;              /* the newest message contains a state, and the service is not silent */
+    bool valid;              /* the newest message contains a state, and the service has answered in time */
     haply_state seen;        /* the previous state */
-    int64_t changed_at;      /* ns: when the state last changed under a force */
-    bool frozen;             /* the state has not changed for too long: no force until it does */
-    bool lost;               /* the missing connection has been reported */
-    bool absent;             /* the newest message has no device */
+    int64_t changed_at;      /* ns: time when the state last changed while a force was applied */
+    bool frozen;             /* the state has not changed for too long, so the force stays zero until it changes */
+    bool lost;               /* the loss of the connection has been reported */
+    bool absent;             /* the newest message does not contain a device */
     bool greeted;
-    const char *key;         /* key of the force in messages; NULL before the first message */
+    const char *key;         /* key under which a message gives the force; NULL before the first message */
     unsigned told;           /* one bit for each problem reported since the connection was opened */
     int waiting;             /* number of pending replies */
-    bool overdue;            /* replies took too long: nothing more is sent until all pending replies have arrived */
-    int64_t asked_at;        /* ns: time of the first message without a reply */
-    int64_t sent_at;         /* ns: time of the newest message */
+    bool overdue;            /* replies took too long, so nothing more is sent until all pending replies have arrived */
+    int64_t asked_at;        /* ns: time at which the oldest message without a reply was sent */
+    int64_t sent_at;         /* ns: time at which the newest message was sent */
 
-    bool answered;           /* the program has reported that the server sends wrenches */
-    /* ns: start of the wait for a wrench; 0: wrenches arrive or are not expected; REPORTED: the missing wrench has been reported */
+    bool answered;           /* the program has reported that it receives wrenches from the server */
+    /* ns: start of the wait for a wrench; 0 while wrenches arrive or are not expected; REPORTED once the absence of wrenches has been reported */
     int64_t unanswered_since;
-    int64_t event_at;        /* ns: time of the last reported event */
+    int64_t event_at;        /* ns: time of the last event that was reported */
 
-    bool measuring, measured; /* `response` is measuring; it has finished, and the program ends */
+    bool measuring, measured; /* `measuring`: `response` is being measured; `measured`: the measurement has finished, and the program ends */
     bool found;              /* the fit succeeded */
     device_response response; /* measurement of --measure-delay */
 
-    bool shutting_down, last_sent; /* the program is ending: the last force is zero */
+    bool shutting_down, last_sent; /* the program is ending; its last message, with zero force, has been sent */
     int64_t shut_down_since; /* ns */
     bool ends;
     statistics part, whole;
@@ -127,12 +127,12 @@ static void tell(bridge *b, haply_problem problem) {
 /* ---- from the service to the server --------------------------------------------------------------------------------- */
 
 static void no_state(bridge *b) {
-    b->valid = b->measuring = false; /* a measurement has to start again */
+    b->valid = b->measuring = false; /* a measurement must start again from the beginning */
     limiter_cut(&b->limit);
     if (b->unanswered_since != REPORTED) b->unanswered_since = 0;
 }
 
-/* Keeps the first device and handle, even if others are connected later. */
+/* Keeps using the first device and handle, even if others are connected later. */
 static void choose(bridge *b) {
     if (!b->choice.device[0]) say("device %s", b->state.device);
     memcpy(b->choice.device, b->state.device, HAPLY_ID);
@@ -144,7 +144,7 @@ static void choose(bridge *b) {
 
 static void heed_handle(bridge *b, bool had_handle) {
     bool has_handle = b->state.handle[0] != '\0';
-    if (has_handle != had_handle) limiter_cut(&b->limit); /* the needle may change its orientation at once */
+    if (has_handle != had_handle) limiter_cut(&b->limit); /* the orientation of the needle may change abruptly */
     if (!has_handle && !b->set.mapping.fixed) tell(b, HAPLY_NO_HANDLE);
 }
 
@@ -159,8 +159,8 @@ static bool is_same(const haply_state *a, const haply_state *b) {
         && a->clutch == b->clutch;
 }
 
-/* True if the state is frozen. A service that has lost its device may repeat the last state for ever, and the server's force for that state would
-   continue for ever. */
+/* True if the state is frozen. A service that has lost its device may repeat the last state forever, and the server would keep sending the force for
+   that state. */
 static bool is_frozen(bridge *b) {
     int64_t now = monotonic_ns();
     bool same = is_same(&b->state, &b->seen), felt = v3_norm(b->limit.force) > 0;
@@ -171,7 +171,7 @@ static bool is_frozen(bridge *b) {
     return b->frozen = frozen;
 }
 
-/* Adds the device's newest position to the measurement of --measure-delay, along the device's y. */
+/* Adds the device's newest position along its y axis to the measurement of --measure-delay. */
 static void note_response(bridge *b) {
     double now = 1e-9 * (double)monotonic_ns();
     if (!b->measuring && !b->measured) {
@@ -198,7 +198,7 @@ static void on_state(void *context, const char *text, size_t length) {
         no_state(b);
         return;
     }
-    if (b->waiting > 0) return; /* this reply is late, and newer ones will follow */
+    if (b->waiting > 0) return; /* this reply is late, and newer ones will follow it */
     if (is_frozen(b)) {
         tell(b, HAPLY_FROZEN);
         no_state(b);
@@ -236,7 +236,7 @@ static void heed_server(bridge *b, bool answered, int64_t now) {
     say("no wrench from trocar-server, so no force: start the server, or look in trocar-top why needle %d gets none; waiting", b->set.needle);
 }
 
-/* Prints the device's keys for the scene, scaled to the needle's motion. */
+/* Prints the `device` keys for the scene file, scaled to the needle's motion. */
 static void tell_response(bridge *b) {
     response_model found;
     b->measured = true;
@@ -300,7 +300,7 @@ static void on_opened(void *context) {
     b->told = 0;
     b->waiting = 0;
     b->overdue = false;
-    b->sent_at = monotonic_ns(); /* the service sends the first message */
+    b->sent_at = monotonic_ns(); /* after a connection is opened, the service sends the first message */
 }
 
 static void on_closed(void *context, const char *why) {
@@ -315,7 +315,7 @@ static void ignore_opening(void *context) { (void)context; }
 static void ignore_closing(void *context, const char *why) { (void)context, (void)why; }
 static size_t write_nothing(void *context, char *text, size_t size) { return (void)context, (void)text, (void)size, 0; }
 
-/* Sends a force of zero, waits for the reply so that the message is not lost with the connection, and ends the program. */
+/* Sends a force of zero, waits for the reply so that the message is not lost when the connection closes, and ends the program. */
 static void shut_down(bridge *b, int64_t now) {
     if (!b->shutting_down) b->shut_down_since = now;
     b->shutting_down = true;
@@ -323,15 +323,16 @@ static void shut_down(bridge *b, int64_t now) {
     if (!b->last_sent) websocket_ask_to_write(&b->service);
 }
 
-/* Opens a new connection. Replies have no number, so a lost reply cannot be told from a late one, and only a new connection restarts the count. */
+/* Opens a new connection. Replies are not numbered, so a lost reply cannot be distinguished from a late one, and the count of pending replies can be
+   restarted only with a new connection. */
 static void renew(bridge *b) {
     if (!b->lost) say("no reply from the service at %s:%d for 1 s: reconnecting, twice a second", b->set.host, b->set.port);
     b->lost = true;
     websocket_drop(&b->service);
 }
 
-/* Sends one more message, with a force of zero, to a service that does not reply in time, so that the next message the service reads stops the
-   force. A second one would keep the bridge behind a service that is slower than the tick. */
+/* Sends one more message, with a force of zero, to a service that does not reply in time, so that the next message it reads stops the force. If a
+   second message were sent as well, a service slower than the tick would always lag behind the bridge. */
 static void await_reply(bridge *b, int64_t now) {
     if (now - b->asked_at > CONNECTION_TIMEOUT) renew(b);
     if (now - b->asked_at < REPLY_TIMEOUT || b->overdue) return;
@@ -359,7 +360,7 @@ static void on_tick(void *context) {
 
 static trocar_status run(bridge *b, report *why) {
     int priority = 0;
-    if (b->set.realtime && playing_use_realtime()) priority = PRIORITY_DEVICE - 1; /* the client's thread runs at a priority just below this one */
+    if (b->set.realtime && playing_use_realtime()) priority = PRIORITY_DEVICE - 1; /* the client's thread runs at the priority just below that of this thread */
     trocar_client_options server = {.url = b->set.lcm_url[0] ? b->set.lcm_url : NULL, .needle = b->set.needle, .priority = priority};
     b->server = trocar_client_open(&server, why->text, sizeof why->text);
     if (!b->server) return TROCAR_BAD_INPUT; /* the URL of the LCM network is not valid */

@@ -7,19 +7,19 @@
 typedef struct {
     double max_force;        /* N */
     double max_rate;         /* N/s */
-    double gain;             /* factor on the whole force: 0 after a cut, then rising to 1 */
-    double grip;             /* factor on the needle's force: 0 after a release, then rising to 1 */
-    vec3 force;              /* N, the newest force */
+    double gain;             /* factor applied to the whole force: 0 after a cut, then rises to 1 */
+    double grip;             /* factor applied to the needle's force: 0 after a release, then rises to 1 */
+    vec3 force;              /* N, force returned by the last call */
 } limiter;
 
-/* Returns the next force, `period` s after the last one, from the needle's force and a force that carries a weight, both in N; zero if a number is
-   not finite. */
+/* Computes the next force to render, `period` s after the last one, as the limited sum of the needle's force and a force that carries a weight, both
+   in N. Returns zero if a number is not finite. */
 vec3 limiter_next(limiter *l, vec3 felt, vec3 carried, double period);
 
-/* Releases the needle: its force starts again from zero and rises over the next 0.1 s. */
+/* Releases the needle: its force restarts at zero and rises over the next 0.1 s. */
 void limiter_let_go(limiter *l);
 
-/* Sets the force to zero at once. */
+/* Sets the rendered force to zero at once. */
 void limiter_cut(limiter *l);
 
 #endif

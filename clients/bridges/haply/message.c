@@ -4,12 +4,12 @@
 #include <stdio.h>
 #include <string.h>
 
-static const double REACH = 1.0;              /* m: largest distance of an arm's cursor from its origin */
-static const double UNIT_TOLERANCE = 0.05;    /* tolerance of a quaternion's length */
+static const double REACH = 1.0;              /* m: largest distance between a device's cursor and its origin */
+static const double UNIT_TOLERANCE = 0.05;    /* largest allowed difference between a quaternion's length and 1 */
 
 static const cJSON *member(const cJSON *object, const char *name) { return cJSON_GetObjectItemCaseSensitive(object, name); }
 
-/* Copies a device's ID if a message can repeat it verbatim. */
+/* Copies a device's ID if the ID can be sent back verbatim in a message. */
 static bool read_id(const cJSON *device, char id[HAPLY_ID]) {
     const char *text = cJSON_GetStringValue(member(device, "device_id"));
     if (!text || text[0] == '\0' || strlen(text) >= HAPLY_ID) return false;
@@ -19,7 +19,7 @@ static bool read_id(const cJSON *device, char id[HAPLY_ID]) {
     return true;
 }
 
-/* Reads finite numbers from an object's members; false if one of them is missing. */
+/* Reads finite numbers from the members of an object; returns false if one of them is missing. */
 static bool read_numbers(const cJSON *object, const char *const *names, int count, double *numbers) {
     for (int i = 0; i < count; i++) {
         const cJSON *number = member(object, names[i]);
@@ -45,7 +45,7 @@ static bool read_orientation(const cJSON *state, quat *orientation) {
     return true;
 }
 
-/* Returns the device with this ID, or the first device if the ID is empty; NULL if there is none. */
+/* Returns the device with this ID, or the first device if the ID is empty; returns NULL if there is none. */
 static const cJSON *find(const cJSON *list, const char *wanted, char id[HAPLY_ID]) {
     const cJSON *device;
     cJSON_ArrayForEach(device, list)
@@ -118,7 +118,7 @@ bool haply_read_event(const char *text, size_t length, char *told, size_t size) 
     return tell;
 }
 
-/* Rounds a force (N) to six decimals towards zero, so that it stays within its limits. */
+/* Rounds a force (N) to six decimals towards zero, so that rounding never makes it exceed its limits. */
 static double six_places(double force) { return trunc(1e6 * force) / 1e6; }
 
 size_t haply_write_force(char *text, size_t size, const char *device, const char *key, vec3 force, bool greet) {

@@ -20,13 +20,14 @@
 
 enum { HAPLY_ID = 64 };
 
-/* Selects a device and a handle. An empty ID selects the first one in the list. */
+/* Selects a device and a handle. An empty ID selects the first device or handle in the list. */
 typedef struct {
     char device[HAPLY_ID], handle[HAPLY_ID];
-    char clutch[HAPLY_ID];   /* name of the button that works the clutch */
+    char clutch[HAPLY_ID];   /* name of the button that controls the clutch */
 } haply_choice;
 
-/* Verdict on a message. haply_read does not check the last ones, which concern the message's time, its handle and changes of the state. */
+/* Verdict on a message. haply_read never returns the last three verdicts, which its caller determines: they concern the message's time, its handle
+   and changes of the state. */
 typedef enum {
     HAPLY_GOOD,
     HAPLY_NOT_JSON,
@@ -40,28 +41,28 @@ typedef enum {
 } haply_problem;
 
 typedef struct {
-    char device[HAPLY_ID], handle[HAPLY_ID]; /* IDs; empty if there is none */
+    char device[HAPLY_ID], handle[HAPLY_ID]; /* IDs of device and handle; empty if there is none */
     vec3 position;           /* m, position of the cursor in the device's frame */
     quat orientation;        /* orientation of the handle in the device's frame */
-    bool clutch;             /* the button is pressed */
-    bool has_session_id;     /* service 3.5 or later */
+    bool clutch;             /* true while the clutch button is pressed */
+    bool has_session_id;     /* the message comes from service 3.5 or later */
 } haply_state;
 
-/* Reads a message. Unless it is GOOD, only `device` and `has_session_id` are valid in `state`, and there is no position. A handle that is missing, or
-   whose quaternion is not of unit length, leaves state->handle empty. The text is not trusted: it may be truncated, not be JSON, or contain numbers
-   of any size. */
+/* Reads a message. If the verdict is not GOOD, only `device` and `has_session_id` are valid in `state`, not the position. A handle that is missing,
+   or whose quaternion is not of unit length, leaves state->handle empty. The text need not be valid: it may be truncated, may not be JSON, or may
+   contain numbers of any size. */
 haply_problem haply_read(const char *text, size_t length, const haply_choice *choice, haply_state *state);
 
-/* Returns a text that says what is wrong and what was expected. */
+/* Returns a text that states what is wrong with the message and what was expected. */
 const char *haply_expected(haply_problem problem);
 
-/* Reads a message of the service's events, port 10020 (service/events). True if its level is warning or worse; `told` then receives level, name and
-   message. */
+/* Reads an event message of the service, port 10020 (service/events). Returns true if its level is warning or higher; `told` then receives level,
+   name and message. */
 bool haply_read_event(const char *text, size_t length, char *told, size_t size);
 
-/* These functions write a message into `text`, of `size` bytes, and return its length. `key` is "vector" or "values". With `greet`,
-   the message also names this program to the service, as the first message of a session does. */
+/* These functions write a message into `text`, which has room for `size` bytes, and return the message's length. `key` is "vector" or "values". If
+   `greet` is true, the message also introduces this program to the service, as the first message of a session must. */
 size_t haply_write_force(char *text, size_t size, const char *device, const char *key, vec3 force, bool greet);
-size_t haply_write_inquiry(char *text, size_t size);  /* asks for the list of devices */
+size_t haply_write_inquiry(char *text, size_t size);  /* writes a message that requests the list of devices */
 
 #endif

@@ -10,7 +10,7 @@
 
 #include "common/timing.h"
 
-enum { PATIENCE = 3 }; /* s, time limit for the WebSocket's handshake */
+enum { PATIENCE = 3 }; /* s, time limit for the WebSocket handshake */
 
 struct network {
     struct lws_context *lws;
@@ -37,7 +37,7 @@ static void take(websocket *s, const void *data, size_t length, bool last) {
     s->overlong = false;
 }
 
-/* Sends the requested message. Returns -1 to close the connection. */
+/* Sends the requested message. Returns -1 if the connection must be closed. */
 static int send_message(websocket *s) {
     unsigned char message[LWS_PRE + 1024];
     size_t length = s->write(s->context, (char *)message + LWS_PRE, sizeof message - LWS_PRE);
@@ -77,7 +77,7 @@ static const struct lws_protocols protocols[] = {{.name = "socket", .callback = 
 
 static bool start_timer(network *n, double rate) {
     n->timer = timerfd_create(CLOCK_MONOTONIC, TFD_NONBLOCK | TFD_CLOEXEC);
-    int own = n->timer < 0 ? -1 : dup(n->timer); /* libwebsockets closes the descriptors that it adopts */
+    int own = n->timer < 0 ? -1 : dup(n->timer); /* libwebsockets closes the descriptors that are passed to it, so pass a duplicate */
     if (own < 0) return false;
     struct timespec period = {.tv_sec = (time_t)(1 / rate), .tv_nsec = lround(1e9 * fmod(1 / rate, 1.0))};
     lws_adopt_desc_t adopted = {.vh = n->host, .type = LWS_ADOPT_RAW_FILE_DESC, .fd.filefd = own, .vh_prot_name = "timer"};
@@ -92,7 +92,7 @@ trocar_status network_create(double rate, void (*tick)(void *context), void *con
     network *n = calloc(1, sizeof *n);
     if (!n) return fail(why, TROCAR_NO_MEMORY, "no memory for the network");
     *n = (network){.timer = -1, .tick = tick, .context = context};
-    lws_set_log_level(0, NULL); /* silences the library, because `closed` reports the reason */
+    lws_set_log_level(0, NULL); /* disables the library's log, because `closed` reports the reason */
     struct lws_context_creation_info info = {.port = CONTEXT_PORT_NO_LISTEN, .protocols = protocols, .user = n, .vhost_name = "haply",
                                              .timeout_secs = PATIENCE, .connect_timeout_secs = PATIENCE,
                                              .options = LWS_SERVER_OPTION_EXPLICIT_VHOSTS};

@@ -1,4 +1,4 @@
-/* WebSocket clients that reconnect by themselves, and a timer, in one event loop of libwebsockets. */
+/* WebSocket clients that reconnect automatically, and a timer, all in one event loop of libwebsockets. */
 #ifndef TROCAR_HAPLY_NETWORK_H
 #define TROCAR_HAPLY_NETWORK_H
 
@@ -8,22 +8,22 @@
 
 #include "base/report.h"
 
-enum { NETWORK_TEXT = 1 << 18 };  /* bytes of the longest message that can be received; a longer one arrives empty */
+enum { NETWORK_TEXT = 1 << 18 };  /* bytes of the longest message that can be received; a longer one is passed on as an empty text */
 
 struct lws;
 typedef struct network network;
 
 typedef struct {
     const char *address;
-    int port;                /* 0 if it never connects */
-    double retry;            /* s between two attempts to connect */
+    int port;                /* 0 if this client never connects */
+    double retry;            /* s between two connection attempts */
     void *context;
     void (*opened)(void *context);
-    void (*closed)(void *context, const char *why);       /* also called after each failed attempt */
+    void (*closed)(void *context, const char *why);       /* called when the connection closes and after each failed attempt */
     void (*received)(void *context, const char *text, size_t length);
     size_t (*write)(void *context, char *text, size_t size); /* writes a requested message and returns its length; 0 if there is no message */
 
-    /* for the network only */
+    /* used only inside network.c */
     struct lws *wsi;
     bool open, trying, overlong;
     int64_t retry_at;        /* ns */
@@ -31,19 +31,19 @@ typedef struct {
     char text[NETWORK_TEXT];
 } websocket;
 
-/* Creates the loop, which calls `tick` `rate` times a second. */
+/* Creates the event loop, which calls `tick` at `rate` times per second. */
 trocar_status network_create(double rate, void (*tick)(void *context), void *context, network **created, report *why);
 void network_free(network *n);
 
-/* Waits for events and handles them; also returns after a signal. */
+/* Waits for events and handles them; also returns after a signal has arrived. */
 void network_round(network *n);
 
-/* Connects when the next attempt is due. Call it in every tick. */
+/* Connects if the next attempt is due. Must be called in every tick. */
 void websocket_keep(network *n, websocket *s);
 
 void websocket_ask_to_write(websocket *s);
 
-/* Closes the connection soon; websocket_keep opens it again. */
+/* Closes the connection as soon as possible; websocket_keep opens it again. */
 void websocket_drop(websocket *s);
 
 #endif

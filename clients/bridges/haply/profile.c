@@ -25,7 +25,7 @@ static trocar_status next(reader *r) {
 
 static bool is_scalar(const reader *r) { return r->event.type == YAML_SCALAR_EVENT; }
 
-/* Appends a scalar to `value`, behind a comma if `more`. */
+/* Appends a scalar to `value`; if `more` is true, puts a comma before it. */
 static trocar_status append(reader *r, char *value, size_t size, bool more) {
     size_t length = strlen(value);
     int added = snprintf(value + length, size - length, "%s%s", more ? "," : "", (const char *)r->event.data.scalar.value);
@@ -43,7 +43,7 @@ static trocar_status read_value(reader *r, char *value, size_t size) {
     return r->event.type == YAML_SEQUENCE_END_EVENT ? TROCAR_OK : wrong(r, "expected a list of numbers");
 }
 
-/* Reads one key and its value; the newest event is the key. */
+/* Reads one key and its value; the newest event of the parser is the key. */
 static trocar_status read_option(reader *r, profile_setter set, void *context) {
     char key[64], value[1024] = "", place[1024];
     snprintf(key, sizeof key, "%s", (const char *)r->event.data.scalar.value);

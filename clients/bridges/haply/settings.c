@@ -8,7 +8,7 @@
 #include "shared/patient.h"
 
 static const char STANDARD_PORT[] = "10001";
-static const double STANDARD_LENGTH = 0.2; /* m, length of the needles in this project's scenes */
+static const double STANDARD_LENGTH = 0.2; /* m, length of the needles in the scenes of this project */
 
 enum { OPTION_SERVICE = 256, OPTION_EVENTS, OPTION_DEVICE, OPTION_HANDLE, OPTION_URL, OPTION_NEEDLE, OPTION_RATE, OPTION_REALTIME, OPTION_REPORT,
        OPTION_PROFILE, OPTION_ROTATION, OPTION_SCALE, OPTION_START, OPTION_OFFSET, OPTION_POINT, OPTION_LENGTH, OPTION_ORIENTATION, OPTION_DIRECTION,
@@ -81,10 +81,10 @@ static error_t parse_option(int key, char *text, struct argp_state *state);
 
 typedef struct {
     struct argp_state *state;
-    unsigned given;          /* one bit for each option given, from OPTION_SERVICE on */
+    unsigned given;          /* one bit for each option that was given, starting with OPTION_SERVICE */
 } profile;
 
-/* Sets an option from a profile. Its errors name the place in the profile. */
+/* Sets an option from a profile. Error messages name the place in the profile. */
 static trocar_status set_from_profile(void *context, const char *place, const char *name, const char *value, report *why) {
     profile *p = context;
     struct argp_state *state = p->state;
@@ -108,7 +108,7 @@ static error_t parse_option(int key, char *text, struct argp_state *state) {
     haply_settings *o = state->input;
     mapping_settings *m = &o->mapping;
     switch (key) {
-    case OPTION_PROFILE: break; /* parse_profile has already read it */
+    case OPTION_PROFILE: break; /* parse_profile has already read this option */
     case OPTION_SERVICE: parse_service(state, o, text); break;
     case OPTION_EVENTS: o->events_port = parse_whole(state, "events", text, 0, 65535); break;
     case OPTION_DEVICE: parse_text(state, "device", text, sizeof o->choice.device, o->choice.device); break;
@@ -162,7 +162,7 @@ static error_t parse_option(int key, char *text, struct argp_state *state) {
     return 0;
 }
 
-/* Reads the profile's options and ignores the others. */
+/* Reads the profile option and ignores all others. */
 static error_t parse_profile(int key, char *text, struct argp_state *state) {
     profile p = {.state = state};
     report why;
@@ -182,7 +182,7 @@ void haply_parse(int count, char **arguments, haply_settings *settings) {
         .max_force = 3, .max_force_rate = 400, .force_scale = 1,
         .mapping = {.rotation = MAPPING_Y_TO_Z, .scale = 1, .start = {0.005, 0.003, -0.201}, .length = STANDARD_LENGTH, .direction = {0, 0, 1},
                     .tool = MAPPING_Y_TO_Z}};
-    argp_parse(&profile_parser, count, arguments, 0, NULL, settings); /* read first, so that the command line overrides the profile */
+    argp_parse(&profile_parser, count, arguments, 0, NULL, settings); /* the profile is read first, so that the command line overrides it */
     argp_parse(&parser, count, arguments, 0, NULL, settings);
 }
 

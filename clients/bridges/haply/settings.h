@@ -10,15 +10,15 @@ typedef struct {
     char host[256];
     int port, events_port;   /* 0: none */
     haply_choice choice;
-    char lcm_url[256];       /* empty: the URL from the environment */
-    const char *force_key;   /* NULL: the key depends on the service's version */
+    char lcm_url[256];       /* if empty, the URL is taken from the environment */
+    const char *force_key;   /* if NULL, the key depends on the service's version */
     int needle;
     double rate;             /* Hz */
-    double report;           /* s between two reports; 0: a report at the end only */
+    double report;           /* s between two reports; 0 selects a single report at the end */
     bool realtime, start_given, length_given, direction_given;
-    bool measure_delay;      /* measure the delay instead of holding a needle */
-    bool patient;            /* start and offset are in patient coordinates, mm */
-    char scene[1024];        /* path; empty if none was given */
+    bool measure_delay;      /* measure the delay of the device instead of driving a needle */
+    bool patient;            /* start and offset are given in patient coordinates, mm */
+    char scene[1024];        /* path of the scene; empty if none was given */
     mapping_settings mapping;
     double max_force;        /* N */
     double max_force_rate;   /* N/s */
@@ -26,10 +26,10 @@ typedef struct {
     double tool_mass;        /* kg */
 } haply_settings;
 
-/* Parses the command line and the profile; exits if an option is wrong. */
+/* Parses the command line and the profile; exits if an option is invalid. */
 void haply_parse(int count, char **arguments, haply_settings *settings);
 
-/* Takes the needle's start, direction and length from the scene, unless options gave them. */
+/* Takes the needle's start, direction and length from the scene unless options specify them. */
 trocar_status haply_place(haply_settings *settings, report *why);
 
 #endif

@@ -10,8 +10,8 @@
 #include <igtl_transform.h>
 #include <igtl_util.h>
 
-enum { ASCII = 3, UTF_8 = 106 }; /* character sets by IANA's MIBenum */
-enum { EXTENDED_HEADER = 12, NO_METADATA = 2 /* bytes; metadata with no entries consists of their number, 0 */ };
+enum { ASCII = 3, UTF_8 = 106 }; /* character sets, as numbered by IANA (MIBenum) */
+enum { EXTENDED_HEADER = 12, NO_METADATA = 2 /* sizes in bytes; metadata without entries consists only of the number of entries, 0 */ };
 static const uint64_t LARGEST_BODY = UINT64_C(1) << 28;
 
 /* ---- values ---- */
@@ -33,7 +33,7 @@ void igtl_free(igtl_message *m) {
     bytes_free(&m->content);
 }
 
-/* Marks the content as changed. */
+/* Records that the content has changed. */
 static void renew(igtl_message *m, int64_t utime) {
     drop_packets(m);
     m->utime = utime;
@@ -117,14 +117,14 @@ void igtl_move_points(igtl_message *m, int64_t utime, const float *points, int c
 
 /* ---- packets ---- */
 
-/* Returns a time as a fixed-point number: seconds since the epoch in the upper half, fractions of a second in the lower half. */
+/* Returns a time as a fixed-point number with seconds since the epoch in the upper half and fractions of a second in the lower half. */
 static igtl_uint64 stamp_of(int64_t utime) {
     igtl_uint64 seconds = (igtl_uint64)(utime / 1000000), us = (igtl_uint64)(utime % 1000000);
     return seconds << 32 | (us << 32) / 1000000;
 }
 
-/* Writes what version 2 of the protocol adds around the content: the lengths of extended header and metadata, and a message number, which is not
-   used. */
+/* Writes the parts that version 2 of the protocol adds around the content: the lengths of extended header and metadata, and a message number, which
+   this program does not use. */
 static void write_extension(unsigned char *body, size_t content) {
     const uint16_t sizes[2] = {htobe16(EXTENDED_HEADER), htobe16(NO_METADATA)};
     memset(body, 0, EXTENDED_HEADER);
@@ -163,7 +163,7 @@ void igtl_drop(igtl_packet *packet) {
 
 /* ---- received ---- */
 
-/* True if a text field is printable ASCII up to its first 0. */
+/* True if a text field consists of printable ASCII characters up to its first zero byte. */
 static bool is_text(const char *field) {
     for (; *field; field++)
         if (*field < ' ' || *field > '~') return false;

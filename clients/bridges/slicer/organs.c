@@ -12,7 +12,7 @@ int organs_count(const trocar_model *model) {
     return count;
 }
 
-/* Finds the points of one volume's surface, and the triangles for the message. `place` is scratch memory for all nodes, and contains -1 outside this
+/* Finds the points on one volume's surface, and the triangles for the message. `place` is scratch memory with one entry per node, all -1 outside this
    function. */
 static bool make_organ(const trocar_model *model, int region, organ *o, int32_t *place) {
     const int32_t *tets = trocar_model_tets(model), *regions = trocar_model_tet_regions(model);

@@ -13,8 +13,8 @@ enum { STATUS, NEEDLES, BASE = 0, TIP, FORCE, CURVE, PER_NEEDLE, PER_PROBE = 2 }
 
 /* ---- names ---- */
 
-/* Names a needle's message: "NeedleToReference" for the first needle, "Needle2ToReference" for the second. Names have at most 20 letters, hence
-   "Tip2ToReference". */
+/* Names a message of one needle: "NeedleToReference" for the first needle, "Needle2ToReference" for the second. Names must not exceed 20 letters, so
+   the tip's message is called "Tip2ToReference". */
 static void name_needle(igtl_message *m, int needle) {
     char base[32] = "NeedleToReference", tip[32] = "NeedleTipToReference", force[32] = "NeedleForce", curve[32] = "Needle";
     if (needle > 0) {
@@ -77,7 +77,8 @@ void outlets_free(outlets *o) {
 
 /* ---- pictures ---- */
 
-/* Returns the tip's frame: the base's frame transported along the needle without rotation about the needle, except for the tip's lead. */
+/* Returns the frame of the tip: the base's frame, parallel-transported along the needle (no twist) and then rotated by the angle by which the tip
+   leads the base. */
 static pose tip_of(const trocar_contacts_t *c) {
     quat turn = load_pose(c->centreline[0], c->orientation).orientation;
     for (int i = 1; i < c->joint_count; i++) {
@@ -143,7 +144,7 @@ void outlets_show_forces(outlets *o, const subscriber *feed) {
         igtl_set_transform(m, w->utime, &force);
     }
     if (o->probe < 0 || !feed->probe.placed) return;
-    int64_t now = wall_us(); /* the subscriber stores no times of its messages */
+    int64_t now = wall_us(); /* the subscriber does not store the times of its messages */
     const trocar_probe *p = &feed->probe;
     ras_matrix place = ras_of_pose(&o->frame, load_pose(p->base.position, p->base.orientation)), force = ras_of_vector(&o->frame, p->force);
     igtl_set_transform(&o->messages[o->probe], now, &place);

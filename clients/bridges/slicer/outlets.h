@@ -1,4 +1,4 @@
-/* The messages for clients: their names, and their values, made from the server's newest messages. */
+/* Messages sent to clients (name and value), built from the server's latest messages. */
 #ifndef TROCAR_OUTLETS_H
 #define TROCAR_OUTLETS_H
 
@@ -10,29 +10,29 @@
 typedef struct {
     const trocar_model *model;
     patient_frame frame;     /* RAS */
-    bool registered;         /* the scene is registered to a patient */
+    bool registered;         /* true if the scene is registered to a patient */
     igtl_message *messages;
-    int count, light_count;  /* number of messages; the first light_count of them are small */
-    int needles;             /* index of the first needle's four messages: base, tip, force and shape; those of the other needles follow */
-    int probe;               /* index of the probe's two messages, place and force; -1 if the scene has no probe */
+    int count, light_count;  /* number of messages; the small ones come first, and there are light_count of them */
+    int needles;             /* index of the first needle's four messages (base, tip, force and shape), which are followed by those of the other needles */
+    int probe;               /* index of the probe's two messages (pose and force); -1 if the scene has no probe */
     int images;              /* index of the two images; -1 if there are none */
     organ *organs;
     int organ_count;
     slices slices;
-    double *nodes;           /* m, present positions of the mesh's nodes, 3 each */
+    double *nodes;           /* m, current positions of the mesh's nodes, 3 coordinates each */
 } outlets;
 
-/* Creates the messages; `pixel` in m. BAD_INPUT as in slices_create, NO_MEMORY. */
+/* Creates the messages; `pixel` is the size of a pixel in m. BAD_INPUT as in slices_create; NO_MEMORY. */
 trocar_status outlets_create(outlets *o, const trocar_scene *scene, const trocar_model *model, slice_style style, double pixel, report *why);
 void outlets_free(outlets *o);
 
-/* Updates needles, organs and images from the newest deformation; before the first one, they are shown at rest. */
+/* Updates needles, organs and images from the newest deformation; before the first deformation, shows them at rest. */
 void outlets_show_picture(outlets *o, const subscriber *feed);
 
-/* Updates the values that change faster than pictures: forces, and the probe. */
+/* Updates the values that change more often than pictures arrive: the forces, and the probe. */
 void outlets_show_forces(outlets *o, const subscriber *feed);
 
-/* Updates the status, a text in JSON. */
+/* Updates the status, a JSON text. */
 void outlets_show_status(outlets *o, subscriber *feed);
 
 #endif

@@ -18,12 +18,12 @@
 
 enum { LARGEST_TRANSFORM = 65536, TRACKER = PEERS, PACES = 16 };
 static const int64_t SECOND = 1000000000;   /* ns */
-static const int64_t PACE_INTERVAL = 30000000; /* ns between two records of a client's reading; PACES records cover half a second */
-static const uint64_t LEAST_UNREAD = 65536; /* bytes that may always be left unread at a client */
-static const double LONGEST_UNREAD = 0.2;   /* s: more bytes may be left unread if the client reads them within this time */
+static const int64_t PACE_INTERVAL = 30000000; /* ns between two records of how much a client has read; the PACES records cover half a second */
+static const uint64_t LEAST_UNREAD = 65536; /* bytes that a client may always leave unread */
+static const double LONGEST_UNREAD = 0.2;   /* s: a client may leave more bytes unread if it reads them within this time */
 static const char STANDARD_PORT[] = "18944";
 
-/* The number of bytes that a client had read at a given time. */
+/* Records how many bytes a client had read at a given time. */
 typedef struct {
     int64_t at;              /* ns, monotonic */
     uint64_t read;           /* bytes */
@@ -31,24 +31,24 @@ typedef struct {
 
 struct peer {
     int socket;
-    bool connecting;         /* a connection to the tracker's server is being made */
+    bool connecting;         /* a connection to the tracker's server is being established */
     char who[80];            /* address and port */
-    int version;             /* highest header version that the peer has sent; messages to it have the same */
-    igtl_packet *sending;    /* NULL if no message is being sent */
-    size_t sent;             /* number of its bytes that have been sent */
-    uint64_t whole;          /* bytes sent since the peer connected */
-    int64_t sent_at;         /* ns: when the last of them was sent */
-    uint64_t widest;         /* bytes, the largest receive window that the peer has offered */
+    int version;             /* highest header version received from the peer; messages to the peer use the same version */
+    igtl_packet *sending;    /* the message being sent; NULL if there is none */
+    size_t sent;             /* number of bytes of that message that have been sent */
+    uint64_t whole;          /* number of bytes sent since the peer connected */
+    int64_t sent_at;         /* ns: time at which the last byte was sent */
+    uint64_t widest;         /* bytes, the largest receive window that the peer has offered so far */
     pace paces[PACES];       /* in turn; */
     int newest_pace;
-    int turn;                /* index of the heavy message to consider first */
-    int64_t *given;          /* for each message, the number of the value that the peer received last */
+    int turn;                /* index of the heavy message that is considered first */
+    int64_t *given;          /* for each message, the number of the last value that the peer received */
     igtl_head head;          /* header of the incoming message */
-    bool in_body;            /* the body of the incoming message comes next */
-    uint64_t skip;           /* remaining bytes of a body that is skipped */
+    bool in_body;            /* the next bytes belong to the body of the incoming message */
+    uint64_t skip;           /* number of bytes of a skipped body that are still to come */
     size_t filled;
-    unsigned char bytes[LARGEST_TRANSFORM]; /* bytes of a header, or of a transform's body */
-    int64_t complained;      /* ns, monotonic: when a refusal was last reported; 0: never */
+    unsigned char bytes[LARGEST_TRANSFORM]; /* buffer for the bytes of a header, or of a transform's body */
+    int64_t complained;      /* ns, monotonic: time at which a refusal was last reported; 0 if never */
     int unsaid;              /* refused since */
 };
 
@@ -78,7 +78,8 @@ static void name_peer(peer *c, const struct sockaddr *address, socklen_t size) {
 }
 
 static peer *add_peer(peers *p, int i, int socket, const struct sockaddr *address, socklen_t size) {
-    const int on = 1, unsent = 65536; /* number of bytes in the kernel at which the client counts as slow, because they belong to outdated values */
+    const int on = 1, unsent = 65536; /* number of unsent bytes in the kernel above which the client counts as slow, because these bytes belong to
+                                         outdated values */
     peer *c = calloc(1, sizeof *c);
     int64_t *given = calloc((size_t)p->settings.message_count, sizeof *given);
     if (!c || !given) {
@@ -121,7 +122,7 @@ int peers_count(const peers *p) {
 
 /* ---- the tracker's server ---- */
 
-/* Tries the tracker's next address at once; after the last address, tries the first again in a second. */
+/* Tries the tracker's next address at once; after the last address, waits a second and starts again with the first. */
 static void try_next_address(peers *p, int error) {
     p->tracker = p->tracker->ai_next;
     p->tracker_retry = monotonic_ns() + (p->tracker ? 0 : SECOND);
@@ -159,7 +160,7 @@ static void end_connecting(peers *p) {
 
 /* ---- receiving ---- */
 
-/* Reports faults of a peer at most once a second. */
+/* Reports faults of a peer, but at most once per second. */
 static void complain(peer *c, const char *what, const char *fault) {
     int64_t now = monotonic_ns();
     if (c->complained != 0 && now - c->complained < SECOND) {
@@ -173,10 +174,11 @@ static void complain(peer *c, const char *what, const char *fault) {
     c->unsaid = 0;
 }
 
-/* Answers GET_TYPE, which requests the value of one name, or all values, again. Other queries need no answer, because everything is sent anyway. */
+/* Answers GET_TYPE, which asks to send the value of one name, or all values, again. Other queries need no answer, because all messages are sent
+   anyway. */
 static void answer_query(const peers *p, peer *c) {
     if (strncmp(c->head.type, "GET_", 4) != 0) return;
-    const char *type = c->head.type + 4; /* the type with its prefix is cut after 12 bytes: TRANSFOR */
+    const char *type = c->head.type + 4; /* a type with this prefix is truncated to 12 bytes, so TRANSFORM becomes TRANSFOR */
     for (int i = 0; i < p->settings.message_count; i++) {
         const igtl_message *m = &p->settings.messages[i];
         if (*type && strncmp(type, m->type, strlen(type)) == 0 && (!c->head.name[0] || strcmp(c->head.name, m->name) == 0)) c->given[i] = 0;
@@ -208,7 +210,7 @@ static void end_message(const peers *p, peer *c) {
     complain(c, what, fault);
 }
 
-/* Handles received bytes. Returns NULL, or the reason why the peer can no longer be understood. */
+/* Handles received bytes. Returns NULL, or the reason why the peer's data can no longer be interpreted. */
 static const char *take_bytes(const peers *p, peer *c, const unsigned char *bytes, size_t count) {
     const char *fault = NULL;
     while (count > 0 && !fault) {
@@ -247,9 +249,9 @@ static void receive(peers *p, int i) {
 
 /* ---- how far a client is behind ---- */
 
-/* Returns the number of bytes that the peer has not read: those on their way, and those waiting on its machine, which make its offered window smaller
-   than the largest one. Each acknowledgement reports the window, but reading alone causes no acknowledgement, so the number may be too high until
-   something more is sent. */
+/* Returns the number of bytes that the peer has not read yet: those in transit, and those waiting on its machine, which make the window that it
+   offers smaller than the largest one. Each acknowledgement reports the window, but reading alone does not cause an acknowledgement, so the number
+   may be too high until something more is sent. */
 static uint64_t unread(peer *c) {
     struct tcp_info info = {0};
     socklen_t size = sizeof info;
@@ -261,7 +263,7 @@ static uint64_t unread(peer *c) {
     return c->widest - info.tcpi_snd_wnd + (uint64_t)on_the_way;
 }
 
-/* Returns the peer's mean reading rate over the last half second, bytes per second. */
+/* Returns the rate at which the peer has read data over the last half second, in bytes per second. */
 static double reading_rate(peer *c, uint64_t waiting, int64_t now) {
     pace *newest = &c->paces[c->newest_pace], at_present = {now, c->whole > waiting ? c->whole - waiting : 0};
     if (now - newest->at >= PACE_INTERVAL) {
@@ -272,8 +274,9 @@ static double reading_rate(peer *c, uint64_t waiting, int64_t now) {
     return oldest->at < now && at_present.read > oldest->read ? 1e9 * (double)(at_present.read - oldest->read) / (double)(now - oldest->at) : 0.0;
 }
 
-/* True if the peer should read the bytes that it has before it gets another heavy message, because it would show outdated values. Small messages are
-   still sent, and their acknowledgements report its window; if there are none, a heavy message is sent each second for that purpose. */
+/* True if the peer should first read the bytes that it has before it is sent another heavy message; otherwise it would show outdated values. Small
+   messages are still sent, and their acknowledgements report the peer's window; if there are none, one heavy message is sent per second for that
+   purpose. */
 static bool is_behind(peer *c) {
     int64_t now = monotonic_ns();
     uint64_t waiting = unread(c);
@@ -288,7 +291,7 @@ static bool is_behind(peer *c) {
 
 static bool is_new(const peers *p, const peer *c, int message) { return p->settings.messages[message].number != c->given[message]; }
 
-/* Returns the index of the next message to send, or -1. Light messages come first, the others take turns. */
+/* Returns the index of the next message to send, or -1. Light messages come first; heavy messages take turns. */
 static int next_message(const peers *p, peer *c) {
     int light = p->settings.light_count, heavy = p->settings.message_count - light;
     for (int i = 0; i < light; i++)
@@ -317,11 +320,11 @@ static void note_sent(peer *c, size_t count) {
     c->sent_at = monotonic_ns();
 }
 
-/* Sends messages until the socket accepts no more. */
+/* Sends messages until the socket does not accept any more. */
 static void send_news(peers *p, int i) {
     peer *c = p->all[i];
     while (c->sending || begin_sending(p, c)) {
-        if (!c->sending) continue; /* no memory for the message */
+        if (!c->sending) continue; /* there is not enough memory for the message */
         ssize_t count = send(c->socket, c->sending->bytes + c->sent, c->sending->size - c->sent, MSG_DONTWAIT | MSG_NOSIGNAL);
         if (count < 0 && (errno == EAGAIN || errno == EINTR)) return;
         if (count < 0) close_broken(p, i);
@@ -348,7 +351,7 @@ int peers_watch(peers *p, struct pollfd *events) {
 }
 
 void peers_handle(peers *p, const struct pollfd *events, int count) {
-    int next = 1; /* the events are in the order of the peers */
+    int next = 1; /* the events are in the same order as the peers */
     for (int i = 0; i <= TRACKER && next < count; i++) {
         if (!p->all[i] || p->all[i]->socket != events[next].fd) continue;
         short ready = events[next++].revents;
@@ -359,7 +362,7 @@ void peers_handle(peers *p, const struct pollfd *events, int count) {
         if (ready & (POLLIN | POLLHUP | POLLERR)) receive(p, i);
         if (p->all[i] && (ready & POLLOUT)) send_news(p, i);
     }
-    if (events[0].revents) accept_peer(p); /* done last, because the events do not include a new peer */
+    if (events[0].revents) accept_peer(p); /* this is done last, because the events do not include the new peer */
 }
 
 /* ---- opening ---- */

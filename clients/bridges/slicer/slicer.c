@@ -17,42 +17,42 @@ const char *argp_program_version = "trocar-slicer " TROCAR_VERSION;
 error_t argp_err_exit_status = EXIT_BAD_INPUT;
 
 enum { PORT = 18944, LARGEST_BUFFER = 4 << 20 /* bytes */,
-       MESSAGES = 1000 /* LCM messages handled per round, so that a flood of them does not delay the clients */ };
+       MESSAGES = 1000 /* number of LCM messages handled per round; the limit keeps a flood of messages from delaying the clients */ };
 static const int64_t SECOND = 1000000000;          /* ns */
-static const int64_t OTHER_SENDER = 1000000000;    /* ns of a sender's silence after which another sender may move the needle or probe */
+static const int64_t OTHER_SENDER = 1000000000;    /* ns of silence from the current sender after which another sender may move the needle or probe */
 
 typedef struct {
     const char *scene_path, *lcm_url, *needle_name, *probe_name;
     double rate;             /* Hz */
     double pixel;            /* m */
-    int needle;              /* index of the needle that a tracker drives */
+    int needle;              /* index of the needle that is driven by a tracker */
     slice_style images;
     peer_settings peers;
 } options;
 
-/* The sender that may move the needle or probe: the first of several that try. */
+/* The sender that is allowed to move the needle or probe. If several try, it is the first one. */
 typedef struct {
     char who[80];
-    int64_t heard;           /* ns, monotonic: when the sender's last pose arrived; 0 if there is no sender */
+    int64_t heard;           /* ns, monotonic: arrival time of the sender's last pose; 0 if there is no sender */
     bool other_said;
 } mover;
 
 typedef struct {
     const options *options;
     trocar_scene *scene;
-    trocar_model *model;     /* the mesh without a simulation */
+    trocar_model *model;     /* model for the mesh only; it is not simulated */
     lcm_t *lcm;
     subscriber feed;
     outlets outlets;
     peers peers;
     tracked_needle needle;
     tracked_probe probe;
-    bool tracking;           /* the thread that drives the needle is running */
+    bool tracking;           /* true while the thread that drives the needle is running */
     mover needle_mover, probe_mover;
     int64_t picture_made, forces_due, status_due; /* ns, monotonic */
-    int64_t shown;           /* utime of the deformation that clients have; -1: the tissue at rest; -2: nothing */
+    int64_t shown;           /* utime of the deformation that has been sent to the clients; -1 for the tissue at rest; -2 if nothing has been sent */
     bool was_alive, probe_said;
-    int64_t servers, refused; /* the subscriber's counters at the last report */
+    int64_t servers, refused; /* the subscriber's counters at the time of the last report */
 } bridge;
 
 /* ---- command line ---- */
@@ -120,7 +120,7 @@ static const struct argp parser = {
 
 /* ---- trackers ---- */
 
-/* True if this sender may move the needle or probe: only the current sender may, until it is silent. */
+/* True if this sender may move the needle or probe. While the current sender is not silent, no other sender may. */
 static bool may_move(mover *m, const char *who, const char *name) {
     int64_t now = monotonic_ns();
     bool same = strcmp(who, m->who) == 0, silent = m->heard == 0 || now - m->heard > OTHER_SENDER;
@@ -162,12 +162,12 @@ static void say_server(bridge *b) {
     b->servers = b->feed.servers;
     if (b->feed.refused <= b->refused) return;
     fprintf(stderr, "trocar-slicer: messages of the server do not fit: is --scene %s its scene, and is it of the same release?\n", b->options->scene_path);
-    b->refused = INT64_MAX; /* reported once per server */
+    b->refused = INT64_MAX; /* so that each server is reported only once */
 }
 
 /* ---- the loop ---- */
 
-/* True once per `period` on average. */
+/* Returns true once per `period` on average. */
 static bool is_due(int64_t *due, int64_t now, int64_t period) {
     if (now < *due) return false;
     *due = now - *due < period ? *due + period : now + period;
@@ -176,15 +176,15 @@ static bool is_due(int64_t *due, int64_t now, int64_t period) {
 
 static int64_t newest_picture(const bridge *b) { return b->feed.deformation ? b->feed.deformation->utime : -1; }
 
-/* Updates the clients' values. Pictures, which take the most time, are computed only while there are clients. */
+/* Updates the values for the clients. Pictures take the most time and are computed only while clients are connected. */
 static void show_news(bridge *b) {
     int64_t now = monotonic_ns(), period = (int64_t)(1e9 / b->options->rate);
     say_server(b);
     if (is_due(&b->status_due, now, SECOND / 10)) outlets_show_status(&b->outlets, &b->feed);
     if (peers_count(&b->peers) == 0) return;
     if (is_due(&b->forces_due, now, period)) outlets_show_forces(&b->outlets, &b->feed);
-    if (newest_picture(b) != b->shown && now - b->picture_made > period / 4 * 3) { /* the server's pictures jitter: at their own rate, none of them
-                                                                                      must wait or be lost */
+    if (newest_picture(b) != b->shown && now - b->picture_made > period / 4 * 3) { /* the server's pictures arrive with jitter, so pictures at the
+                                                                                      server's own rate must neither wait nor be lost */
         b->picture_made = now;
         b->shown = newest_picture(b);
         outlets_show_picture(&b->outlets, &b->feed);
@@ -208,8 +208,8 @@ static void serve(bridge *b) {
 
 /* ---- set-up ---- */
 
-/* Returns the LCM URL with a receive buffer as large as the system permits: with the default size, large deformations, which arrive in several
-   packets at once, are sometimes lost. */
+/* Returns the LCM URL with the largest receive buffer that the system permits. With the default size, large deformations, whose packets arrive in
+   quick succession, are sometimes lost. */
 static void widen_url(const char *url, size_t size, char *wider) {
     int most = 0;
     FILE *limit = fopen("/proc/sys/net/core/rmem_max", "r");

@@ -4,19 +4,19 @@
 #include <stdlib.h>
 #include <string.h>
 
-/* Sizes of the images, as in the viewer (clients/view/page/src/ultrasound_view.js). */
+/* Dimensions of the images, same as in the viewer (clients/view/page/src/ultrasound_view.js). */
 static const double MARGIN = 0.014;     /* m, margin around the region of interest */
-static const double BELOW = 0.016;      /* m from the region of interest to the probe if the scene has no probe */
-static const double NEAR[SLICES] = {0.010, 0.006}, WIDEST = 1.0; /* m, nearest depth in each image; rad, half of the widest sector */
+static const double BELOW = 0.016;      /* m, distance from the region of interest to the probe if the scene has no probe */
+static const double NEAR[SLICES] = {0.010, 0.006}, WIDEST = 1.0; /* m, smallest depth shown in each image; rad, half of the widest sector angle */
 static const double BONE = 0.95, GLAND = 0.42, HOST = 0.66, OTHER = 0.55; /* brightness */
-static const double THICKNESS = 0.002;  /* m: a needle is visible if it is closer to the plane than half of this thickness */
-enum { SPECKLE = 64 };                  /* voxels along each edge of the cube of speckle, which is repeated */
-static const double GRAIN = 0.4e-3;     /* m, edge length of a voxel of speckle */
+static const double THICKNESS = 0.002;  /* m: a needle is visible if its distance from the plane is less than half of this thickness */
+enum { SPECKLE = 64 };                  /* number of voxels along each edge of the cube of speckle, which is repeated in all directions */
+static const double GRAIN = 0.4e-3;     /* m, edge length of a voxel in the cube of speckle */
 enum { LARGEST_SIDE = 2048 };           /* pixels */
 
 /* ---- what there is to see ---- */
 
-/* Returns the volume with the most faces on the outer surface; it contains the organs. */
+/* Returns the volume with the most faces on the outer surface, which is the one that surrounds the organs. */
 static int host_of(const trocar_model *model) {
     int faces[32] = {0}, host = 0;
     const int32_t *regions = trocar_model_tet_regions(model), *neighbours = trocar_model_neighbours(model);
@@ -43,7 +43,7 @@ static void find_numbers(slices *s, const trocar_scene *scene) {
     }
 }
 
-/* Finds the box around all soft organs that lie inside another volume, or around the whole mesh if there are none. */
+/* Finds the bounding box of all soft organs that lie inside another volume, or of the whole mesh if there are none. */
 static void find_box(slices *s, int host) {
     const int32_t *tets = trocar_model_tets(s->model), *regions = trocar_model_tet_regions(s->model);
     for (int all = 0; all < 2; all++) {
@@ -64,7 +64,7 @@ static vec3 middle_of(const slices *s) { return v3_scale(0.5, v3_add(s->low, s->
 
 /* ---- planes ---- */
 
-/* Places an image at the probe, whose x axis points across the image, y in the viewing direction, and z along the probe. */
+/* Places an image at the probe. The probe's x axis points across the image, y in the viewing direction, and z along the probe. */
 static void place_slice(slice *v, slice_kind kind, vec3 origin, quat turn) {
     vec3 x = q_rotate(turn, v3(1, 0, 0)), y = q_rotate(turn, v3(0, 1, 0)), z = q_axis(turn);
     v->origin = origin;
@@ -80,7 +80,7 @@ static void place_at_probe(slices *s, const pose *probe) {
 
 static double within(double value, double low, double high) { return fmin(fmax(value, low), high); }
 
-/* Without a probe: places both images below the region of interest, in planes through the needle's tip, as in the viewer. */
+/* Used without a probe: places both images below the region of interest, in planes through the needle's tip, as in the viewer. */
 static void place_at_tip(slices *s, const slice_needle *needle) {
     vec3 middle = middle_of(s), tip = middle;
     const quat straight = {1, 0, 0, 0};
@@ -92,7 +92,7 @@ static void place_at_tip(slices *s, const slice_needle *needle) {
     place_slice(&s->all[SLICE_SAGITTAL], SLICE_SAGITTAL, v3(tip.x, s->low.y - BELOW, middle.z), straight);
 }
 
-/* Finds the probe's pose at the scene's start; false if the scene has no probe. */
+/* Finds the pose of the probe at the start of the scene; returns false if the scene has no probe. */
 static bool find_probe(slices *s, const trocar_scene *scene, pose *start) {
     trocar_probe_shape shape;
     s->has_probe = trocar_model_probe(s->model, &shape) != 0;
@@ -109,12 +109,12 @@ static double smooth(double from, double to, double x) {
 }
 
 typedef struct {
-    double near, far;        /* m from the probe */
-    double side;             /* half of the sector's angle, rad; or of the rectangle's length, m */
-    double centre;           /* m, centre of the rectangle */
+    double near, far;        /* m, distances from the probe */
+    double side;             /* half of the sector's angle (rad), or half of the rectangle's length (m) */
+    double centre;           /* m, position of the rectangle's centre */
 } fan;
 
-/* Returns the gain of a pixel, with soft edges and attenuation with depth. */
+/* Returns the gain of a pixel, with soft edges of the image and attenuation with depth. */
 static double gain_at(slice_kind kind, const fan *f, double across, double away) {
     double depth = kind == SLICE_AXIAL ? hypot(across, away) : away;
     double aside = kind == SLICE_AXIAL ? fabs(atan2(across, away)) : fabs(across - f->centre), edge = kind == SLICE_AXIAL ? 0.02 : 0.002;
@@ -122,7 +122,7 @@ static double gain_at(slice_kind kind, const fan *f, double across, double away)
     return seen * (0.45 + 0.85 * exp(-9 * fmax(depth - f->near, 0)));
 }
 
-/* Chooses the fan that covers the region of interest as seen from the probe at rest. */
+/* Chooses the fan that covers the region of interest when the probe is at rest. */
 static fan frame_fan(const slices *s, slice_kind kind) {
     const slice *v = &s->all[kind];
     double low = INFINITY, high = -INFINITY, far = 0;
@@ -159,7 +159,7 @@ static trocar_status frame_slice(slices *s, slice_kind kind, report *why) {
     return TROCAR_OK;
 }
 
-/* Fills the cube of speckle with amplitudes of the sum of many random echoes, which have a Rayleigh distribution. */
+/* Fills the cube of speckle with amplitudes that result from the sum of many random echoes and therefore have a Rayleigh distribution. */
 static bool make_speckle(slices *s) {
     uint32_t random = 1;
     s->speckle = malloc(SPECKLE * SPECKLE * SPECKLE);
@@ -201,7 +201,7 @@ void slices_free(slices *s) {
 
 /* ---- drawing ---- */
 
-/* A corner of the polygon in which a plane cuts a tetrahedron: its place in the image (pixels), and in the tissue at rest (m). */
+/* A corner of the polygon in which a plane cuts a tetrahedron, with its position in the image (pixels) and its position in the tissue at rest (m). */
 typedef struct {
     double x, y;
     vec3 rest;
@@ -218,7 +218,7 @@ static unsigned char shade(const slices *s, const slice *v, int pixel, int regio
 static double area(corner a, corner b, double x, double y) { return (b.x - a.x) * (y - a.y) - (b.y - a.y) * (x - a.x); }
 
 static void draw_triangle(const slices *s, slice *v, int region, corner a, corner b, corner c) {
-    static const double ROUNDING = 1e-9; /* so that pixels on an edge belong to both sides and leave no gap */
+    static const double ROUNDING = 1e-9; /* so that pixels on an edge count as part of both polygons and leave no gap */
     double whole = area(a, b, c.x, c.y);
     if (fabs(whole) < 1e-12) return;
     int from_x = (int)ceil(fmax(0, fmin(a.x, fmin(b.x, c.x)) - ROUNDING)), to_x = (int)floor(fmin(v->width - 1, fmax(a.x, fmax(b.x, c.x)) + ROUNDING));
@@ -241,7 +241,7 @@ static void to_image(const slices *s, const slice *v, vec3 point, double *x, dou
     *y = (v3_dot(from, v->axes[1]) - v->near) / s->pixel;
 }
 
-/* Returns the point where the plane crosses the edge between two nodes. */
+/* Returns the point at which the plane intersects the edge between two nodes. */
 static corner cross_edge(const slices *s, const slice *v, const double *nodes, int a, int b) {
     double part = s->distance[a] / (s->distance[a] - s->distance[b]);
     vec3 from = row(nodes, a), rest = row(s->nodes, a);
@@ -255,7 +255,7 @@ static void draw_tissue(const slices *s, slice *v, const double *nodes) {
     int node_count = trocar_model_node_count(s->model), tet_count = trocar_model_tet_count(s->model);
     for (int n = 0; n < node_count; n++) {
         double d = v3_dot(v3_sub(row(nodes, n), v->origin), v->axes[2]);
-        s->distance[n] = d == 0 ? 1e-12 : d; /* a node in the plane counts as above it */
+        s->distance[n] = d == 0 ? 1e-12 : d; /* treat a node that lies in the plane as above it */
     }
     for (int t = 0; t < tet_count; t++) {
         int below[4], above[4], low = 0, high = 0;

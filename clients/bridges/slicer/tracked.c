@@ -10,12 +10,12 @@
 #include "trocar_client.h"
 #include "trocar_probe_pose_t.h"
 
-static const int64_t STEP = 2000000;        /* ns between poses to the server */
-static const int64_t SILENCE = 2000000000;  /* ns without poses of the tracker after which the needle is released, as by the server */
-static const int64_t DEAF = 1000000000;     /* ns without wrenches for this needle after which their absence is reported */
-static const double LONGEST_PERIOD = 0.1;   /* s: a longer gap counts as an interruption of the tracking */
+static const int64_t STEP = 2000000;        /* ns between two poses sent to the server */
+static const int64_t SILENCE = 2000000000;  /* ns without poses from the tracker after which the needle is released; the server uses the same time */
+static const int64_t DEAF = 1000000000;     /* ns without wrenches for this needle after which the absence of wrenches is reported */
+static const double LONGEST_PERIOD = 0.1;   /* s: if the gap between poses is longer, the tracking counts as interrupted */
 
-/* Returns the needle's present pose on its way to the newest one. */
+/* Returns the needle's current pose on the path to the newest pose of the tracker. */
 static pose pose_now(const tracked_needle *t, int64_t now) {
     return pose_between(t->from, t->to, fmin(1, 1e-9 * (double)(now - t->heard) / t->period));
 }
@@ -31,7 +31,7 @@ void tracked_needle_move(tracked_needle *t, pose base) {
     pthread_mutex_unlock(&t->lock);
 }
 
-/* Waits until the tracker sends a pose. Returns false if the thread should end. */
+/* Waits for a pose from the tracker. Returns false if the thread should end. */
 static bool wait_for_pose(tracked_needle *t) {
     pthread_mutex_lock(&t->lock);
     while (!t->heard && !t->ends) pthread_cond_wait(&t->news, &t->lock);
@@ -40,7 +40,7 @@ static bool wait_for_pose(tracked_needle *t) {
     return goes_on;
 }
 
-/* Computes the next pose for the server. Returns false if no more poses arrive, or if the thread should end. */
+/* Computes the next pose for the server. Returns false if poses no longer arrive, or if the thread should end. */
 static bool next_pose(tracked_needle *t, int64_t now, pose *p) {
     pthread_mutex_lock(&t->lock);
     bool lost = now - t->heard > SILENCE;

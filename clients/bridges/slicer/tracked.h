@@ -1,6 +1,7 @@
-/* Moves a needle of the server by the poses of a tracker, and the probe by those of a tracker or stepper. A tracker sends 20 to 100 poses a second,
-   while the server needs one every few milliseconds: a thread interpolates between the tracker's poses, one tracker period behind. The client holds
-   the needle from the first pose on, keeps it still while poses are missing, and releases it after two seconds without a pose. */
+/* Moves a needle of the server according to the poses from a tracker, and the probe according to poses from a tracker or stepper. A tracker sends 20
+   to 100 poses a second, while the server needs one every few milliseconds. Therefore a thread interpolates between the tracker's poses, with a lag
+   of one tracker period. The client holds the needle from the first pose onwards, keeps it still while poses are missing, and releases it after two
+   seconds without a pose. */
 #ifndef TROCAR_TRACKED_H
 #define TROCAR_TRACKED_H
 
@@ -18,16 +19,16 @@ typedef struct {
     pthread_mutex_t lock;    /* protects the following members */
     pthread_cond_t news;
     bool ends;
-    int64_t heard;           /* ns, monotonic: arrival of the newest pose; 0 if the needle is not held */
-    double period;           /* s between the last two poses */
-    pose from, to;           /* the needle's pose when the newest pose arrived, and its destination */
+    int64_t heard;           /* ns, monotonic: arrival time of the newest pose; 0 if the needle is not held */
+    double period;           /* s, time between the last two poses */
+    pose from, to;           /* pose of the needle when the newest pose arrived, and the pose toward which it moves */
 } tracked_needle;
 
-/* Starts the thread; the needle is not held before the first pose. SYSTEM. */
+/* Starts the thread. The needle is not held until the first pose arrives. SYSTEM. */
 trocar_status tracked_needle_open(tracked_needle *t, const char *url, int needle, report *why);
 void tracked_needle_close(tracked_needle *t); /* releases the needle */
 
-/* Takes a new pose of the needle's base, m. */
+/* Takes a new pose of the needle's base (positions in m). */
 void tracked_needle_move(tracked_needle *t, pose base);
 
 typedef struct {

@@ -11,15 +11,16 @@
 
 #include <libevdev/libevdev.h>
 
-static const unsigned short LASTS = 100; /* ms, duration of the effect, which is renewed every 20 ms: no force remains if this program hangs */
+static const unsigned short LASTS = 100; /* ms, duration of the force effect, which is renewed every 20 ms; if this program hangs, the force ends
+                                            after this time */
 
 static const char *const names[] = {"x", "y", "z", "rx", "ry", "rz", "throttle", "rudder", "hat0x", "hat0y", NULL};
 static const unsigned codes[INPUT_AXES] = {ABS_X, ABS_Y, ABS_Z, ABS_RX, ABS_RY, ABS_RZ, ABS_THROTTLE, ABS_RUDDER, ABS_HAT0X, ABS_HAT0Y};
 
 /* ---- what the user does ------------------------------------------------------------------------------------------- */
 
-/* Returns the code of button n in the order of the kernel's joystick interface (joydev.c), which counts the codes from BTN_JOYSTICK on first, then
-   those from BTN_MISC on. */
+/* Returns the code of button number n. Buttons are numbered as in the kernel's joystick interface (joydev.c), which first counts the codes from
+   BTN_JOYSTICK upwards, and then those from BTN_MISC upwards. */
 static unsigned nth_code(unsigned n) {
     const unsigned first = KEY_MAX + 1 - BTN_JOYSTICK;
     return n < first ? BTN_JOYSTICK + n : BTN_MISC + n - first;
@@ -51,14 +52,14 @@ void joystick_state(const joystick *j, input_state *state) {
         if (libevdev_has_event_code(dev, EV_KEY, nth_code(n))) state->held[number++] = libevdev_get_event_value(dev, EV_KEY, nth_code(n));
 }
 
-/* Records the axes' values at rest: triggers rest at one end of their range, sticks in the middle. */
+/* Records the values of the axes at rest. Triggers rest at one end of their range, sticks in the middle. */
 static void take_rest(joystick *j) {
     memset(j->moved, 0, sizeof j->moved);
     for (int i = 0; i < INPUT_AXES; i++) j->rest[i] = libevdev_get_event_value(j->dev, EV_ABS, codes[i]);
 }
 
-/* Corrects the value at rest of a stick with the range 0 .. 255. Until its first report, such a stick has the value 0, like a trigger. It then jumps
-   to the middle, while a trigger gets there step by step.
+/* Corrects the recorded rest value of a stick with the range 0 .. 255. Until its first report, such a stick has the value 0, like a trigger. It then
+   jumps to the middle of the range, whereas a trigger reaches the middle in small steps.
    */
 static void correct_rest(joystick *j, unsigned code, int value) {
     for (int i = 0; i < INPUT_AXES; i++) {
@@ -71,8 +72,8 @@ static void correct_rest(joystick *j, unsigned code, int value) {
     }
 }
 
-/* Reads the next event. After an overflow of the kernel's buffer, libevdev resynchronises to the present values; a button press during the overflow
-   is lost. */
+/* Reads the next event. After an overflow of the kernel's buffer, libevdev resynchronises to the current values; button presses during the overflow
+   are lost. */
 static int next_event(struct libevdev *dev, struct input_event *e) {
     int status = libevdev_next_event(dev, LIBEVDEV_READ_FLAG_NORMAL, e);
     while (status == LIBEVDEV_READ_STATUS_SYNC) status = libevdev_next_event(dev, LIBEVDEV_READ_FLAG_SYNC, e);
@@ -107,7 +108,7 @@ static void play(joystick *j, int level, bool begin) {
     struct ff_effect effect = {.type = FF_CONSTANT, .id = (int16_t)j->effect, .direction = (uint16_t)lround(j->force.direction * 0x10000 / 360),
                                .replay = {.length = LASTS}, .u.constant = {.level = (int16_t)level}};
     if (ioctl(j->fd, EVIOCSFF, &effect) < 0) {
-        if (errno == ENODEV) return; /* the next read reports the loss */
+        if (errno == ENODEV) return; /* the next read reports that the device is lost */
         fprintf(stderr, "trocar-spacemouse: the joystick rejects the force (%s): no force is rendered\n", strerror(errno));
         j->has_force = false;
         return;

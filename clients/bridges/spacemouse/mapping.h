@@ -5,7 +5,7 @@
 #include "input.h"
 #include "shared/rate_control.h"
 
-/* Motions as seen by a person at the scene's needle who looks along +z into the body, with +y up: the person's right is -x. */
+/* The motions, as seen by a person at the scene's needle who looks along +z into the body, with +y pointing up: the person's right is -x. */
 typedef enum { MOVE_RIGHT, MOVE_UP, MOVE_FORWARD, MOVE_PITCH, MOVE_YAW, MOVE_ROLL, MOVES } move_kind;
 
 typedef enum { ACTION_CLUTCH, ACTION_RESET, ACTION_LEAVE, ACTION_SEED, ACTION_UNDO, ACTIONS } action_kind;
@@ -16,18 +16,19 @@ typedef struct {
     double dead_zone;                               /* fraction of the full deflection below which a deflection counts as zero */
 } mapping;
 
-/* Parses a list such as "forward=-y,right=x"; moves that are not named get no axis. If the list is malformed, returns false, with the reason in
-   `why`. */
+/* Parses a list such as "forward=-y,right=x"; moves that are not in the list have no axis. If the list is malformed, returns false and writes the
+   reason to `why`. */
 bool mapping_parse_axes(mapping *m, const char *text, const char *const *axis_names, char *why, size_t size);
 
-/* Likewise parses a list such as "clutch=0,reset=1". */
+/* In the same way, parses a list such as "clutch=0,reset=1". */
 bool mapping_parse_buttons(mapping *m, const char *text, char *why, size_t size);
 
-/* Returns the rate command for the device's state. Deflections count from the edge of the dead zone, (|a| - d) / (1 - d), so that the needle starts
-   slowly. */
+/* Returns the rate command for the device's state. Deflections are counted from the edge of the dead zone, as (|a| - d) / (1 - d), so that the needle
+   starts to move slowly. */
 rate_control_command mapping_command(const mapping *m, const input_state *state);
 
-/* Returns the force (N) on a hand that pushes the needle along its axis, positive against the push. `force` (N, world frame) is the wrench's. */
+/* Returns the force (N) on a hand that pushes the needle along its axis; a force that opposes the push is positive. `force` (N, world frame) is taken
+   from the wrench. */
 double axial_push(const double force[3], quat orientation);
 
 #endif

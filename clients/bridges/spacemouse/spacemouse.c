@@ -23,15 +23,15 @@
 const char *argp_program_version = "trocar-spacemouse " TROCAR_VERSION;
 error_t argp_err_exit_status = EXIT_BAD_INPUT;
 
-static const double PATIENCE = 0.1;     /* s without a wrench after which the needle stops; the force becomes zero earlier */
-static const double SILENCE = 0.5;      /* s without a wrench after which this is reported */
+static const double PATIENCE = 0.1;     /* s without a wrench after which the needle stops; the rendered force is set to zero earlier */
+static const double SILENCE = 0.5;      /* s without a wrench after which the absence of wrenches is reported */
 static const double LONGEST_STEP = 0.01; /* s */
 
 typedef struct {
     const char *scene_path, *lcm_url, *axes, *buttons;
     vec3 start;
     bool start_given, patient, use_joystick, realtime;
-    const char *force_option;           /* name of an option that only a joystick has; NULL if none was given */
+    const char *force_option;           /* name of an option that applies only to a joystick; NULL if none was given */
     int needle;
     double rate, max_speed, max_turn;   /* Hz, m/s, rad/s */
     joystick stick;
@@ -71,7 +71,7 @@ static const struct argp_option option_list[] = {
     {0},
 };
 
-/* Parses the lists of axes and buttons, which is only possible once all options are known. */
+/* Parses the lists of axes and buttons, which requires that all options are known. */
 static void parse_lists(options *o, const struct argp_state *state) {
     const char *axes = o->use_joystick ? "forward=-y,right=x,up=-hat0y,roll=rz" : "right=x,up=y,forward=z,pitch=rx,yaw=ry,roll=rz";
     const input_driver *driver = o->use_joystick ? &joystick_driver : &spnav_driver;
@@ -140,17 +140,17 @@ typedef struct {
     input *in;
     rate_control_limits limits;
     rate_control_state drive;
-    uint32_t presses[INPUT_BUTTONS];    /* number of presses of each button that have been handled */
-    int pending;                        /* the action whose reply is pending; -1 if there is none */
-    bool rests;                         /* the needle has been left */
-    double heard;                       /* s, arrival of the last wrench, or start of the wait for the first */
+    uint32_t presses[INPUT_BUTTONS];    /* number of presses of each button that have been handled so far */
+    int pending;                        /* the action that awaits its reply; -1 if there is none */
+    bool rests;                         /* the needle has been left in the tissue */
+    double heard;                       /* s, arrival time of the last wrench, or start of the wait for the first one */
     int64_t tick;                       /* tick of the last wrench; -1 before the first */
-    bool silent;                        /* the program has reported that there are no wrenches */
+    bool silent;                        /* true once it has been reported that no wrenches arrive */
 } bridge;
 
 static void say(const char *text) { fprintf(stderr, "trocar-spacemouse: %s\n", text); }
 
-/* True while a command is pending that changes the needle's owner or place; no poses are sent until its reply. */
+/* True while a command that changes the needle's owner or place awaits its reply; no poses are sent in this time. */
 static bool waits(const bridge *b) { return b->pending == ACTION_RESET || b->pending == ACTION_LEAVE; }
 
 static void ask(bridge *b, action_kind action) {
@@ -181,7 +181,8 @@ static void hear_reply(bridge *b) {
         rate_control_begin(&b->drive, b->drive.home, b->drive.home);
         b->rests = false;
     }
-    /* A take is refused if the needle does not rest, for example after a restart of the server; then the needle is held as at the start. */
+    /* The server refuses a take if the needle does not rest in the tissue, for example after a restart of the server. In that case, the program holds
+       the needle as it does at the start. */
     if (b->pending == ACTION_LEAVE) b->rests = b->rests ? answer == TROCAR_CLIENT_UNANSWERED : done;
     b->heard = playing_now();
     b->pending = -1;
@@ -195,7 +196,7 @@ static void heed_buttons(bridge *b, const input_state *state) {
     memcpy(b->presses, state->presses, sizeof b->presses);
 }
 
-/* Reports when wrenches stop and when they return. */
+/* Reports when wrenches stop arriving and when they arrive again. */
 static void watch_server(bridge *b, bool answered, const trocar_client_wrench *w) {
     double now = playing_now();
     if (!answered) {
@@ -219,10 +220,10 @@ static void move(bridge *b, const input_state *state, bool held, double dt) {
     if (clutch >= 0 && state->held[clutch]) command = (rate_control_command){0};
     bool guarded = b->tick >= 0 && playing_now() - b->heard < PATIENCE;
     if (held && guarded) rate_control_step(&b->drive, &b->limits, command, dt);
-    else rate_control_begin(&b->drive, b->drive.home, b->drive.base); /* without a server the needle is at rest and does not move */
+    else rate_control_begin(&b->drive, b->drive.home, b->drive.base); /* without a server, the needle is considered to be at rest and does not move */
 }
 
-/* Runs one period of the device's loop. */
+/* Runs one period of the device loop. */
 static void exchange(bridge *b, double dt) {
     const input_state *state = input_newest(b->in);
     trocar_client_wrench w;
@@ -286,7 +287,7 @@ static trocar_status drive(options *o, report *why) {
     b.client = trocar_client_open(&client, why->text, sizeof why->text);
     if (b.client) run(&b);
     else status = TROCAR_BAD_INPUT;
-    input_stop(b.in); /* done first, to switch the motors off */
+    input_stop(b.in); /* this is done first, to switch the motors off */
     trocar_client_close(b.client);
     return status;
 }
@@ -294,7 +295,7 @@ static trocar_status drive(options *o, report *why) {
 int main(int count, char **arguments) {
     static options o = {.rate = 1000, .map.dead_zone = 0.05, .spnav.full_scale = 350, .stick.force = {.full_force = 10, .limit = 0.5}};
     argp_parse(&parser, count, arguments, 0, NULL, &o);
-    signal(SIGPIPE, SIG_IGN); /* libspnav may write to a daemon that has exited */
+    signal(SIGPIPE, SIG_IGN); /* libspnav may write to a daemon that has already exited */
     playing_heed_signals();
     report why;
     trocar_status status = drive(&o, &why);

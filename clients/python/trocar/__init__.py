@@ -1,6 +1,7 @@
 """trocar: a flexible needle in soft tissue, from Python.
 
-A thin layer over libtrocar (see trocar.h): arrays are NumPy's, units are SI, the world frame is the mesh's. A `Scene` describes the simulation; a `Model` is built from it once and is constant; a `Sim` holds everything that changes. `rollout` runs many insertions on one model.
+A thin layer over libtrocar (see trocar.h): arrays are NumPy arrays, units are SI, and the world frame is the frame of the mesh. A `Scene` describes
+the simulation; a `Model` is built from it once and is constant; a `Sim` holds everything that changes. `rollout` runs many insertions on one model.
 
     >>> import trocar
     >>> model = trocar.Model(trocar.Scene.load("figure8.yaml"))
@@ -54,9 +55,9 @@ class Output(NamedTuple):
     """One tick's result.
 
     force (3,) N and torque (3,) N m, world frame: exerted by the needle's base on the hand, torque about the base point; depth, m:
-    length of the track in the tissue; contacts: number of active contacts along the shaft; events: bits of `Event`; membrane: the
-    one punctured in this tick, -1 if none; passes: iterations of Newton's method; switches: changes between sticking and sliding
-    while the tick was solved.
+    length of the track in the tissue; contacts: number of active contacts along the shaft; events: bits of `Event`; membrane: index of the membrane
+    punctured in this tick, -1 if none; passes: iterations of Newton's method; switches: changes between sticking and sliding while the tick was
+    solved.
     """
 
     force: npt.NDArray[np.float64]
@@ -82,19 +83,18 @@ class Contact(NamedTuple):
     """A point where the needle meets tissue or a guide; force (3,) N acts on the tissue or guide, position (3,) m lies on the
     deformed needle.
 
-    A tissue contact keeps its id and slot from its addition to its removal. An id is never used again for this needle, but a slot
-    is.
+    A tissue contact keeps its id and slot from its addition to its removal. For the same needle, ids are never reused, but slots are.
     """
 
     kind: str  # "tissue", "tip" or "guide"
-    state: int  # 0 sticks, 1 slides forward, -1 slides backward
-    arc: float  # m from the base
-    depth: float  # m along the track
+    state: int  # 0: sticking; 1: sliding forward; -1: sliding backward
+    arc: float  # m, arc length from the base
+    depth: float  # m, depth along the track
     position: npt.NDArray[np.float64]
     force: npt.NDArray[np.float64]
-    id: int  # 0 for the tip
-    status: str  # "planned" ahead of the tip; "adding" until the worker has answered; then "sticking" or "sliding"
-    slot: int  # -1 for the tip
+    id: int  # identifies the contact; 0 for the tip
+    status: str  # "planned" if it lies ahead of the tip; "adding" until the worker has answered; after that, "sticking" or "sliding"
+    slot: int  # index of the contact's slot; -1 for the tip
     needle: int  # index of the needle
 
 
@@ -119,9 +119,9 @@ class Seed(NamedTuple):
     position: npt.NDArray[np.float64]
     direction: npt.NDArray[np.float64]
     needle: int  # index of the needle that left the seed
-    guide: int | None  # hole of this guide in which the needle was: column + columns * row, from 0
+    guide: int | None  # hole of this guide through which the needle passed: column + columns * row, both counted from 0
     hole: int | None
-    strand: int  # number in its strand, 0 for the distal seed
+    strand: int  # number of the seed in its strand, 0 for the distal seed
     tet: int  # tetrahedron that contains the seed's centre
     weights: npt.NDArray[np.float64]  # (4,) barycentric weights of the centre in that tetrahedron
 
@@ -155,9 +155,9 @@ class SeedSize(NamedTuple):
 class Probe(NamedTuple):
     """The ultrasound probe as last solved.
 
-    pose (7,): of the probe's base; force (3,) N and torque (3,) N m, world frame: exerted on the hand that holds the probe, torque about
-    the base point; contacts: number of the tissue's surface points that the probe presses; stopped: true if the tissue stops the probe
-    short of the last pose given.
+    pose (7,): pose of the probe's base; force (3,) N and torque (3,) N m, world frame: exerted on the hand that holds the probe, torque about the
+    base point; contacts: number of surface points of the tissue on which the probe presses; stopped: true if the tissue stops the probe short of the
+    last pose given.
     """
 
     pose: npt.NDArray[np.float64]
@@ -217,10 +217,10 @@ class Mesh:
 
 class Scene:
     """Description of a simulation: the keys of a scene file. `key in scene` and iteration refer to the keys that have a value; entries of lists
-    appear with their index. Any number of threads may read a scene and make models of it; changing it meanwhile raises Error."""
+    appear with their index. Any number of threads may read a scene and make models of it; changing the scene at the same time raises Error."""
 
     def __init__(self) -> None:
-        """Creates a scene in which every key has its default; `mesh`, `regions` and `fixed` must be set."""
+        """Creates a scene in which every key has its default value; `mesh`, `regions` and `fixed` must be set before use."""
         why, handle = ffi.new("trocar_error *"), ffi.new("trocar_scene **")
         _check(lib.trocar_scene_create(handle, why), why)
         self._own(handle[0])
@@ -261,7 +261,7 @@ class Scene:
                     yield key
 
     def _text(self, key: str, why: Any = ffi.NULL) -> str | None:
-        """Returns the value as in YAML, "" if the key has no value, None if there is no such key."""
+        """Returns the value as it would be written in YAML, "" if the key has no value, or None if there is no such key."""
         text = ffi.new("char[8192]")
         with self._turn.to_read():
             status = lib.trocar_scene_get(self._handle, key.encode(), text, 8192, why)
@@ -270,7 +270,7 @@ class Scene:
     def __setitem__(self, key: str, value: float | str | Sequence[str] | Sequence[float]) -> None:
         """scene["needle.length"] = 0.15; scene["regions[prostate].youngs_modulus"] = 20e3; scene["fixed"] = ["back"].
 
-        An unknown name in a list appends an entry. Raises Error if the key or the value is wrong; the scene is then unchanged.
+        An unknown name in a list appends an entry. Raises Error, and leaves the scene unchanged, if the key or the value is invalid.
         """
         why = ffi.new("trocar_error *")
         with self._turn:
@@ -327,7 +327,7 @@ class Scene:
 
 
 class _View:
-    """Read-only view of the library's memory for NumPy. It keeps the memory's owner alive as long as an array uses it."""
+    """A read-only view for NumPy of memory that belongs to the library. The view keeps the owner of that memory alive as long as an array uses it."""
 
     def __init__(self, pointer: Any, kind: str, shape: tuple[int, ...], owner: Any):
         address = int(ffi.cast("uintptr_t", pointer))
@@ -336,13 +336,13 @@ class _View:
 
 
 class Model:
-    """Mesh, stiffness, inverse, needle and materials: constant, and shared by any number of simulations and threads."""
+    """Mesh, stiffness, inverse, needle and materials. A model is constant, and can be shared by any number of simulations and threads."""
 
     def __init__(self, scene: Scene, mesh_only: bool = False, progress: Callable[[str, float], Any] | None = None) -> None:
-        """Builds everything, which takes seconds for thousands of nodes. The GIL is released meanwhile. mesh_only: only reads the mesh and the
+        """Builds everything, which takes seconds for thousands of nodes. The GIL is released during that time. mesh_only: only reads the mesh and the
         names in it; the model can then not be simulated.
 
-        progress(what, fraction) is called during long steps. An exception in it ends the call, and so does Ctrl-C, except while the mesh is
+        progress(what, fraction) is called during long steps. An exception raised in it ends the call, and so does Ctrl-C, except while the mesh is
         read or a matrix is factorised.
         """
         why, handle, watch = ffi.new("trocar_error *"), ffi.new("trocar_model **"), _Watch(progress)
@@ -356,14 +356,15 @@ class Model:
         self._guide_names = scene.names("guides")
 
     def __copy__(self) -> Model:
-        return self  # a model is constant
+        return self  # a model is constant, so a copy is not needed
 
     def __deepcopy__(self, _: Any) -> Model:
         return self
 
     def derive(self, scene: Scene) -> Model:
-        """Makes a model of another scene that shares this one's mesh, stiffness and inverse, which takes milliseconds. The scenes may differ in
-        needle, friction, cutting, puncture forces, relaxation, guides and seeds. Raises Error, with the key, if the stiffness would differ."""
+        """Makes a model of another scene that shares the mesh, stiffness and inverse of this model, which takes only milliseconds. The two scenes may
+        differ in needle, friction, cutting, puncture forces, relaxation, guides and seeds. Raises Error, which names the key, if the stiffness would
+        differ."""
         why, handle = ffi.new("trocar_error *"), ffi.new("trocar_model **")
         with scene._turn.to_read():
             _check(lib.trocar_model_derive(self._handle, scene._handle, handle, why), why)
@@ -409,7 +410,7 @@ class Model:
 
     @property
     def description(self) -> str:
-        """The chosen inverse and the reason for the choice."""
+        """Text that states which inverse was chosen, and why."""
         return ffi.string(lib.trocar_model_description(self._handle)).decode()
 
     @property
@@ -436,7 +437,7 @@ class Model:
 
     @property
     def patient_to_mesh(self) -> npt.NDArray[np.float64] | None:
-        """Transform (4, 4) from patient coordinates (DICOM, mm) to the mesh (m). None if the scene has none."""
+        """Transform (4, 4) from patient coordinates (DICOM, mm) to mesh coordinates (m). None if the scene does not define patient coordinates."""
         matrix = ffi.new("double[16]")
         return np.array(list(matrix)).reshape(4, 4) if lib.trocar_model_patient_to_mesh(self._handle, matrix) else None
 
@@ -447,7 +448,7 @@ class Model:
 
     @property
     def guides(self) -> list[Guide]:
-        """The scene's guides, by their names in the scene."""
+        """The scene's guides, as a dict with their names as keys."""
         found = []
         for i in range(lib.trocar_model_guide_count(self._handle)):
             g = lib.trocar_model_guide(self._handle, i)
@@ -462,13 +463,15 @@ class Model:
         return SeedSize(size.length, size.diameter, size.spacing)
 
     def entry(self, start: npt.ArrayLike, end: npt.ArrayLike) -> npt.NDArray[np.float64] | None:
-        """Returns the point (3,) m where the segment between two points first enters the tissue at rest. None if it never does."""
+        """Returns the point (3,) m where the segment between two points first enters the tissue at rest. None if the segment never enters the
+        tissue."""
         point = ffi.new("double[3]")
         given = [ffi.new("double[3]", [float(x) for x in np.asarray(p, np.float64)]) for p in (start, end)]
         return np.array(list(point)) if lib.trocar_model_entry(self._handle, *given, point) else None
 
     def displaced_seeds(self, seeds: Sequence[Seed], displacements: npt.ArrayLike) -> tuple[npt.NDArray[np.float64], npt.NDArray[np.float64]]:
-        """Returns positions (k, 3) m and directions (k, 3) of seeds for the nodal displacements `displacements` (n, 3) m."""
+        """Returns positions (k, 3) m and directions (k, 3) of seeds in the displaced tissue; `displacements` (n, 3) m are those of the mesh's
+        nodes."""
         field = np.ascontiguousarray(displacements, np.float64)
         if field.shape != self.nodes.shape:
             raise ValueError("displacements are %s; got shape %s" % (self.nodes.shape, field.shape))
@@ -491,8 +494,8 @@ def _pose(pose: npt.ArrayLike) -> Any:
 
 
 class Sim:
-    """The changing state: needle and tissue. Only one thread at a time may use it: a concurrent call raises Error. A copy continues independently
-    from the same state."""
+    """The state that changes: needle and tissue. Only one thread at a time may use it; a concurrent call raises Error. A copy starts from the same
+    state and continues independently."""
 
     def __init__(self, model: Model) -> None:
         why, handle = ffi.new("trocar_error *"), ffi.new("trocar_sim **")
@@ -520,15 +523,15 @@ class Sim:
                                                                                 (count, count - 1)), "bad input")
 
     def reset(self, pose: npt.ArrayLike, needle: int = 0) -> None:
-        """Makes the needle straight at `pose` (7,), and the tissue as if the needle had never been there. A needle that lies in the tissue counts as
-        inserted, without force."""
+        """Makes the needle straight at `pose` (7,), and restores the tissue as if the needle had never been in it. If the needle lies in the tissue
+        at this pose, it counts as inserted, but without force."""
         why = ffi.new("trocar_error *")
         pointer, _kept = _pose(pose)
         with self._turn:
             _check(lib.trocar_sim_reset(self._handle, needle, pointer, why), why)
 
     def step(self, pose: npt.ArrayLike, dt: float, needle: int = 0) -> Output:
-        """Runs a tick of `dt` seconds with the base at `pose` (7,), and the mesh update that the tick requests. Releases the GIL."""
+        """Runs a tick of `dt` seconds with the base at `pose` (7,), and then the mesh update that this tick requests. Releases the GIL."""
         why = ffi.new("trocar_error *")
         pointer, _kept = _pose(pose)
         with self._turn:
@@ -541,7 +544,7 @@ class Sim:
         """Runs a `step` for each of the poses (steps, 7), which is faster than a loop in Python. Returns a structured array
         (steps,) with the fields of `Output`. Raises Error with the number of the step that failed.
 
-        progress("run", fraction) is called every 64 steps. An exception in it ends the run, and so does Ctrl-C.
+        progress("run", fraction) is called every 64 steps. An exception raised in it ends the run, and so does Ctrl-C.
         """
         given = np.ascontiguousarray(poses, np.float64)
         if given.ndim != 2 or given.shape[1] != 7:
@@ -555,7 +558,8 @@ class Sim:
 
     @property
     def time(self) -> float:
-        """s, simulated since the creation: the sum of `dt`. Needles that tick one after another count once. Saved and restored."""
+        """Simulated time since the creation of this object, s: the sum of all `dt`. The time of needles that tick one after another is counted once.
+        Saved and restored with the state."""
         with self._turn:
             return lib.trocar_view_time(self._view)
 
@@ -568,7 +572,7 @@ class Sim:
 
     @property
     def probe(self) -> Probe | None:
-        """Returns the probe as last solved. None if the scene has no probe, or before the probe has been placed."""
+        """Returns the probe as last solved. None if the scene has no probe, or if the probe has not been placed yet."""
         with self._turn:
             p = lib.trocar_view_probe(self._view)
         if not p.placed:
@@ -612,17 +616,18 @@ class Sim:
         return bytes(state)
 
     def restore(self, state: bytes) -> None:
-        """Restores a saved state."""
+        """Restores a state saved by `save`."""
         why = ffi.new("trocar_error *")
         with self._turn:
             _check(lib.trocar_sim_restore(self._handle, ffi.from_buffer(state), len(state), why), why)
 
     def contacts(self, needle: int = 0) -> list[Contact]:
-        """Returns the contacts from base to tip; the tip comes last if it is in the tissue."""
+        """Returns the contacts in order from base to tip; if the tip is in the tissue, its contact comes last."""
         return self._contacts(lib.trocar_view_contacts, needle)
 
     def pending_contacts(self, needle: int = 0) -> list[Contact]:
-        """Returns the tissue contacts that bear no force yet, from base to tip: status "adding", and at most one "planned", the last."""
+        """Returns the tissue contacts that bear no force yet, in order from base to tip: those with status "adding", followed by at most one with
+        status "planned"."""
         return self._contacts(lib.trocar_view_pending_contacts, needle)
 
     def _contacts(self, read: Any, needle: int) -> list[Contact]:
@@ -635,7 +640,8 @@ class Sim:
                         _CONTACT_STATUS[c.status], c.slot, needle) for c in found[0:count]]
 
     def hole(self, guide: int, needle: int = 0) -> int | None:
-        """Returns the hole of a guide in which the needle is, column + columns * row from 0. None if it is in no hole."""
+        """Returns the hole of a guide through which the needle passes, as column + columns * row, counted from 0. None if the needle is in no
+        hole."""
         self._check_needle(needle)
         guides = lib.trocar_model_guide_count(self.model._handle)
         if not 0 <= guide < guides:
@@ -666,15 +672,15 @@ class Sim:
     def drop_seeds(self, count: int = 1, spacing: float = 0.0, needle: int = 0) -> None:
         """Drops a seed, or a strand of seeds `spacing` m apart (0: the scene's spacing). The first seed's distal end is at the tip.
 
-        The seeds are left in the tissue as the needle is drawn back past them. Raises Error, and changes nothing, for example if the tip is
-        outside the tissue or seeds are pending.
+        The seeds are left in the tissue as the needle is drawn back past them. Raises Error and changes nothing if, for example, the tip is outside
+        the tissue or seeds are pending.
         """
         why = ffi.new("trocar_error *")
         with self._turn:
             _check(lib.trocar_sim_drop_seeds(self._handle, needle, count, spacing, why), why)
 
     def undo_seed(self, needle: int = 0) -> None:
-        """Cancels the pending seeds of the needle's last drop; if there are none, removes the seed that the needle left last."""
+        """Cancels the pending seeds of the needle's last drop. If no seeds are pending, removes the seed that the needle left last."""
         why = ffi.new("trocar_error *")
         with self._turn:
             _check(lib.trocar_sim_undo_seed(self._handle, needle, why), why)
@@ -695,7 +701,7 @@ class Sim:
             return lib.trocar_view_pending_seeds(self._view, needle)
 
     def displacements(self) -> npt.NDArray[np.float64]:
-        """Returns the displacements of the mesh's nodes, (n, 3) m: one solve with the whole matrix."""
+        """Returns the displacements of the mesh's nodes, (n, 3) m, which requires one solve with the whole matrix."""
         why = ffi.new("trocar_error *")
         field = np.empty((lib.trocar_model_node_count(self.model._handle), 3))
         with self._turn:
@@ -703,8 +709,8 @@ class Sim:
         return field
 
     def tip_lead(self, needle: int = 0) -> float:
-        """Returns the rotation of the tip about the needle's axis minus that of the base, rad. Negative: the tip lags behind a base that turned
-        forward."""
+        """Returns the rotation of the tip about the needle's axis minus that of the base, in rad. It is negative if the tip lags behind a base that
+        has been turned forward."""
         self._check_needle(needle)
         with self._turn:
             return lib.trocar_view_tip_lead(self._view, needle)
@@ -725,11 +731,11 @@ assert _OUTPUT.itemsize == ffi.sizeof("trocar_output")
 def rollout(model: Model, poses: npt.ArrayLike, dt: float = 0.001, threads: int = 1, progress: Callable[[str, float], Any] | None = None) -> npt.NDArray[Any]:
     """Simulates many insertions on one model.
 
-    poses (batch, steps, 7): each insertion starts with its first pose in tissue at rest, and takes a tick of `dt` seconds per pose. Returns a
-    structured array (batch, steps) with the fields of `Output`: result["force"] is (batch, steps, 3). `threads` threads run in parallel; the
-    GIL is released. With a dense or condensed inverse, the results do not depend on the number of threads.
+    poses (batch, steps, 7): each insertion starts at its first pose in tissue at rest, and runs one tick of `dt` seconds per pose. Returns a
+    structured array (batch, steps) with the fields of `Output`: result["force"] is (batch, steps, 3). `threads` threads run in parallel; the GIL is
+    released. With a dense or condensed inverse, the results do not depend on the number of threads.
 
-    progress("rollout", fraction) is called every 64 ticks. An exception in it ends the rollout, and so does Ctrl-C.
+    progress("rollout", fraction) is called every 64 ticks. An exception raised in it ends the rollout, and so does Ctrl-C.
     """
     given = np.ascontiguousarray(poses, np.float64)
     if given.ndim != 3 or given.shape[2] != 7:

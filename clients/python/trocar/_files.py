@@ -1,4 +1,4 @@
-"""Opens files that a user names, or that may have changed since a program wrote them."""
+"""Opens files that a user has named, or that may have changed since a program wrote them."""
 from __future__ import annotations
 
 import os
@@ -7,7 +7,7 @@ from typing import IO, Any
 
 
 def open_regular(path: str | os.PathLike[str], flags: int) -> int:
-    """Like os.open(), for regular files only: opening a FIFO would block until another process writes to it. Raises OSError."""
+    """Like os.open(), but only for regular files: opening a FIFO would block until another process writes to it. Raises OSError."""
     descriptor = os.open(path, flags | os.O_NONBLOCK, 0o666)
     if not stat.S_ISREG(os.fstat(descriptor).st_mode):
         os.close(descriptor)
@@ -16,5 +16,5 @@ def open_regular(path: str | os.PathLike[str], flags: int) -> int:
 
 
 def open_input(path: str | os.PathLike[str], mode: str = "r", **options: Any) -> IO[Any]:
-    """Like open(), for regular files only. Raises OSError."""
+    """Like open(), but only for regular files. Raises OSError."""
     return open(path, mode, opener=open_regular, **options)

@@ -1,4 +1,4 @@
-"""Loads libtrocar.so through cffi: the declarations come from the header that the build copies into this folder."""
+"""Loads libtrocar.so through cffi. The declarations come from the header that the build copies into this folder."""
 from __future__ import annotations
 
 import logging
@@ -37,7 +37,7 @@ ffi, lib = _load()
 
 
 class Error(Exception):
-    """An error of the library, with its message; `status` is "bad input", "no memory", "numeric", "system" or "cancelled"."""
+    """An error reported by the library, with its message; `status` is "bad input", "no memory", "numeric", "system" or "cancelled"."""
 
     def __init__(self, text: str, status: str):
         super().__init__(text)
@@ -47,7 +47,7 @@ class Error(Exception):
         return type(self), (str(self), self.status)
 
 
-Error.__module__ = "trocar"  # the module that users import it from
+Error.__module__ = "trocar"  # the module from which users import the class
 
 
 _STATUS = ("ok", "bad input", "no memory", "numeric", "system", "no real time", "cancelled")
@@ -60,12 +60,13 @@ def _check(status: int, why: Any) -> None:
 
 @ffi.callback("void(int32_t, const char *, void *)")
 def _write_log(level: int, message: Any, _: Any) -> None:
-    """trocar_log.write: hands the library's messages to the logger "trocar"."""
+    """Implements trocar_log.write: passes the library's messages to the logger "trocar"."""
     logging.getLogger("trocar").log(logging.WARNING if level >= lib.TROCAR_LOG_WARNING else logging.INFO, "%s", ffi.string(message).decode(errors="replace"))
 
 
 class _Turn:
-    """Protects an object of the library, whose calls release the GIL: one thread may use it, or several may read it. Other threads get an Error."""
+    """Protects an object of the library during calls that release the GIL: either a single thread may use it, or several threads may read it. Other
+    threads get an Error."""
 
     def __init__(self, what: str):
         self._what, self._lock = what, threading.Lock()
@@ -94,7 +95,7 @@ class _Turn:
 
 
 class _Watch:
-    """Makes a long call report `progress(what, fraction)`. The call ends if that function raises an exception, or if a signal handler does, as for
+    """Makes a long call report `progress(what, fraction)`. The call ends if `progress` raises an exception, or if a signal handler does, as after
     Ctrl-C."""
 
     def __init__(self, progress: Callable[[str, float], Any] | None):

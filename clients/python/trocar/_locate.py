@@ -13,7 +13,8 @@ Array = npt.NDArray[np.float64]
 
 
 def locate(model: Model, points: npt.ArrayLike) -> tuple[npt.NDArray[np.intp], Array]:
-    """Returns the tetrahedra (k,) that contain points (k, 3) (m, at rest), -1 outside the tissue, and barycentric weights (k, 4)."""
+    """Returns the tetrahedra (k,) that contain the points (k, 3) (m, at rest), or -1 for points outside the tissue, and the points' barycentric
+    weights (k, 4)."""
     corners = model.nodes[model.tets]
     inverse = np.linalg.inv((corners[:, 1:] - corners[:, :1]).transpose(0, 2, 1))
     tets, weights = [], []

@@ -1,4 +1,4 @@
-"""Functions shared by the programs: progress, types of options, and exit statuses."""
+"""Functions shared by the command-line programs: progress display, option types, and exit statuses."""
 from __future__ import annotations
 
 import argparse
@@ -10,7 +10,7 @@ from typing import Any, Callable
 
 
 class Progress:
-    """Shows a bar on a terminal; otherwise prints a line at the start, at every tenth and at the end."""
+    """Shows a bar on a terminal; otherwise prints a line at the start, after every tenth of the work, and at the end."""
 
     WIDTH = 30
 
@@ -50,8 +50,8 @@ def _stop(number: int, _: Any) -> None:
 
 
 def ended(program: str, call: Callable[[], int], place: str, packages: str, interrupted: str = "interrupted") -> int:
-    """Returns the exit status of `call()`. Reports in one line whatever may stop a program: an interruption, a missing Debian package of
-    this list, and files that cannot be read or written (`place` names the file if the error names none). SIGTERM ends the call like an
+    """Calls `call()` and returns its exit status. Reports in one line whatever may stop a program: an interrupt, a missing Debian package from this
+    list, or a file that cannot be read or written (`place` names the file if the error does not). SIGTERM ends the call in the same way as an
     exception."""
     signal.signal(signal.SIGTERM, _stop)
     try:

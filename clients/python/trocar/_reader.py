@@ -1,4 +1,4 @@
-"""Reads YAML files key by key and strictly; errors give file, line and remedy."""
+"""Strict reader that takes YAML files key by key; its errors give file, line and remedy."""
 from __future__ import annotations
 
 import math
@@ -8,10 +8,11 @@ from ._files import open_input
 
 
 class Reader:
-    """A YAML document that is read key by key, with file and line for errors."""
+    """A YAML document that is read key by key. Errors give file and line."""
 
     def __init__(self, path: str, kind: str, error: type[Exception], keys: str):
-        """`kind` is the kind of file, such as "plan", and `keys` describes its keys, both for messages; `error` is the exception class."""
+        """`kind` is the type of the file, such as "plan", and `keys` describes its keys; both appear in messages. `error` is the exception class to
+        raise."""
         self.path, self.kind, self.error, self.keys = path, kind, error, keys
         try:
             import yaml
@@ -71,7 +72,7 @@ class Reader:
         return node.value.strip()
 
     def number(self, node: Any, place: str, least: float = 0.0, inclusive: bool = False) -> float:
-        """Reads a number above `least`, or equal to it if `inclusive`. YAML 1.1 reads 5e-3 as text, so text is converted here."""
+        """Reads a number greater than `least`, or equal to `least` if `inclusive` is true. YAML 1.1 reads 5e-3 as text, so text is converted here."""
         try:
             value = float(node.value) if isinstance(node, self.yaml.ScalarNode) else math.nan
         except ValueError:

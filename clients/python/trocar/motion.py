@@ -23,18 +23,18 @@ from ._files import open_input
 
 __all__ = ["Adjustment", "BadMotion", "Script", "Straight", "Table", "SCRIPTS", "START", "axis_of", "script"]
 
-START = np.array([0.005, 0.003, -0.201, 1.0, 0.0, 0.0, 0.0])  # as for trocar-device: the tip of a 200 mm needle is then 1 mm in front of the skin
+START = np.array([0.005, 0.003, -0.201, 1.0, 0.0, 0.0, 0.0])  # same default as in trocar-device: the tip of a 200 mm needle is then 1 mm in front of the skin
 
 Array = npt.NDArray[np.float64]
 
 
 class BadMotion(Exception):
-    """A table of poses or a plan that cannot be used; the message gives file, line and remedy."""
+    """The table of poses or the plan cannot be used; the message gives file, line and remedy."""
 
 
 class Leg(NamedTuple):
-    """One leg of a motion: between two times (s) the base moves by `shift` (m) and turns by `turn` (rad, a rotation vector) with minimum jerk.
-    Both are in the needle's frame at the start. Legs may overlap."""
+    """One leg of a motion: between two times (s), the base moves by `shift` (m) and turns by `turn` (rad, a rotation vector) with minimum jerk. Both
+    vectors are given in the needle's frame at the start. Legs may overlap."""
 
     start: float
     end: float
@@ -42,9 +42,9 @@ class Leg(NamedTuple):
     turn: tuple[float, float, float] = (0.0, 0.0, 0.0)
 
 
-DEPTH = 0.066  # m by which the scripts insert the needle
+DEPTH = 0.066  # m, depth to which the scripts insert the needle
 _HALF_TURN = (0.0, 0.0, math.pi)
-SCRIPTS: dict[str, tuple[float, tuple[Leg, ...]]] = {  # duration (s) and legs, as in clients/shared/motion.c
+SCRIPTS: dict[str, tuple[float, tuple[Leg, ...]]] = {  # duration (s) and legs of each script, same as in clients/shared/motion.c
     "figure8": (2.4, (Leg(0.0, 1.3, (0, 0, 0.066)), Leg(1.3, 1.6, (0, 0.010, 0)), Leg(1.4, 2.1, (0, 0, -0.066)), Leg(2.4, 2.7, (0, -0.010, 0)))),
     "hold": (2.0, ()),
     "insert": (3.0, (Leg(0.0, 1.3, (0, 0, 0.066)), Leg(1.6, 2.9, (0, 0, -0.066)))),
@@ -61,7 +61,7 @@ SCRIPTS: dict[str, tuple[float, tuple[Leg, ...]]] = {  # duration (s) and legs, 
 
 
 def multiply(a: npt.ArrayLike, b: npt.ArrayLike) -> Array:
-    """Returns the rotation b followed by a."""
+    """Returns the rotation that applies b first and then a."""
     a, b = np.asarray(a, np.float64), np.asarray(b, np.float64)
     w = a[..., 0] * b[..., 0] - np.sum(a[..., 1:] * b[..., 1:], axis=-1)
     v = a[..., :1] * b[..., 1:] + b[..., :1] * a[..., 1:] + np.cross(a[..., 1:], b[..., 1:])
@@ -75,19 +75,19 @@ def rotate(q: npt.ArrayLike, vector: npt.ArrayLike) -> Array:
 
 
 def exponential(turn: npt.ArrayLike) -> Array:
-    """Returns the quaternion of a rotation vector (rad)."""
+    """Returns the quaternion that corresponds to a rotation vector (rad)."""
     turn = np.asarray(turn, np.float64)
     angle = np.linalg.norm(turn, axis=-1, keepdims=True)
     return np.concatenate([np.cos(0.5 * angle), 0.5 * np.sinc(angle / (2.0 * np.pi)) * turn], axis=-1)
 
 
 def axis_of(pose: npt.ArrayLike) -> Array:
-    """Returns the unit vectors (..., 3) from base to tip of poses (..., 7)."""
+    """Returns the unit vectors (..., 3) that point from base to tip for poses (..., 7)."""
     return rotate(np.asarray(pose, np.float64)[..., 3:], np.array([0.0, 0.0, 1.0]))
 
 
 def towards(direction: npt.ArrayLike) -> Array:
-    """Returns the quaternion that turns +z into a unit vector, which must not be -z."""
+    """Returns the quaternion that turns +z into this unit vector, which must not be -z."""
     direction = np.asarray(direction, np.float64)
     half = np.array([1.0 + direction[2], -direction[1], direction[0], 0.0])
     return half / np.linalg.norm(half) if half[0] > 1e-12 else np.array([0.0, 1.0, 0.0, 0.0])
@@ -98,8 +98,8 @@ def towards(direction: npt.ArrayLike) -> Array:
 
 @dataclass(frozen=True)
 class Adjustment:
-    """Moves a whole motion: by x, y and z (m) along the needle's axes at the start, after tilts (rad) about x and y at the tip's
-    initial position, and with its bevel rolled by `roll` (rad)."""
+    """Transforms a whole motion: tilts it (rad) about x and y at the tip's initial position, translates it by x, y and z (m) along the needle's
+    initial axes, and rolls the bevel by `roll` (rad)."""
 
     x: float = 0.0
     y: float = 0.0
@@ -109,7 +109,7 @@ class Adjustment:
     roll: float = 0.0
 
     def apply(self, poses: Array, length: float) -> Array:
-        """Transforms poses (n, 7) of a needle of this length (m). The first pose is the start."""
+        """Transforms poses (n, 7) of a needle of this length (m). The first pose is the start of the motion."""
         if self == Adjustment():
             return poses
         base, frame = poses[0, :3], poses[0, 3:]
@@ -124,18 +124,18 @@ class Adjustment:
 
 @dataclass(frozen=True)
 class _Motion:
-    start: Array | None = None                # (7,) pose of the base; None: the scene's needle.start, or else START
+    start: Array | None = None                # (7,) pose of the base; None selects the scene's needle.start or, if that is not set, START
     adjustment: Adjustment = Adjustment()
 
     adjustable = ("x", "y", "z", "tilt_x", "tilt_y", "roll")
 
     def adjusted(self, **by: float) -> _Motion:
-        """Returns a copy with some of `adjustable` set."""
+        """Returns a copy in which some of the parameters in `adjustable` have new values."""
         own = {name: by.pop(name) for name in list(by) if name not in Adjustment.__dataclass_fields__}
         return replace(self, adjustment=replace(self.adjustment, **by), **own)
 
     def duration(self) -> float | None:
-        """Duration in s; None if it is known only once the motion is played."""
+        """Duration in s; None if it is known only after the motion has been played."""
         raise NotImplementedError
 
     def _start_of(self, sim: Sim) -> Array:
@@ -145,7 +145,7 @@ class _Motion:
         return START if given is None else given
 
     def poses(self, start: Array, dt: float) -> Array:
-        """Returns the poses (n, 7), one every `dt` seconds, from time 0."""
+        """Returns the poses (n, 7), one for every `dt` seconds, starting at time 0."""
         raise NotImplementedError
 
     def play(self, sim: Sim, dt: float) -> Iterator[Array]:
@@ -160,12 +160,12 @@ def _ticks(duration: float, dt: float) -> int:
 
 @dataclass(frozen=True)
 class Script(_Motion):
-    """One of trocar-device's scripts."""
+    """One of the scripts of trocar-device."""
 
     legs: tuple[Leg, ...] = ()
     seconds: float = 0.0
-    speed: float = 1.0        # faster or slower by this factor
-    depth: float = DEPTH      # m, insertion depth; deeper insertions take longer
+    speed: float = 1.0        # factor by which the motion is faster than the script
+    depth: float = DEPTH      # m, insertion depth; a deeper insertion takes proportionally longer
 
     adjustable = (*_Motion.adjustable, "depth", "speed")
 
@@ -174,7 +174,7 @@ class Script(_Motion):
 
     def to_depth(self, depth: float) -> Script:
         """Returns the script with this insertion depth (m), at the same speed along the needle, as trocar-device does for a scene with
-        needle.start.depth. All times scale in proportion: sideways legs and turns are slower in a deeper script."""
+        needle.start.depth. All times are scaled by the same factor, so sideways legs and turns are slower in a deeper script."""
         return replace(self, depth=depth)
 
     def poses(self, start: Array, dt: float) -> Array:
@@ -184,7 +184,7 @@ class Script(_Motion):
         poses = np.tile(start, (count, 1))
         for leg in self.legs:
             x = np.clip((t - leg.start) / (leg.end - leg.start), 0.0, 1.0)
-            part = (x * x * x * (10.0 + x * (-15.0 + 6.0 * x)))[:, None]  # minimum jerk (Flash and Hogan 1985)
+            part = (x * x * x * (10.0 + x * (-15.0 + 6.0 * x)))[:, None]  # minimum-jerk profile (Flash and Hogan 1985)
             poses[:, :3] += part * rotate(start[3:], [*leg.shift[:2], factor * leg.shift[2]])
             if any(leg.turn):
                 poses[:, 3:] = multiply(poses[:, 3:], exponential(part * np.asarray(leg.turn)))
@@ -199,7 +199,7 @@ def script(name: str, speed: float = 1.0, start: npt.ArrayLike | None = None) ->
 
 @dataclass(frozen=True)
 class Straight(_Motion):
-    """A straight insertion of the base by `depth` (m) at `speed` (m/s), a rest of `hold` (s), and a retraction if `back`."""
+    """A straight insertion of the base by `depth` (m) at `speed` (m/s), followed by a rest of `hold` (s) and, if `back` is true, a retraction."""
 
     depth: float = 0.05
     speed: float = 0.05
@@ -226,9 +226,9 @@ _COLUMNS = ("t", "x", "y", "z", "qw", "qx", "qy", "qz")
 
 @dataclass(frozen=True)
 class Table(_Motion):
-    """Poses at given times, from a CSV file; positions and orientations in between are interpolated linearly."""
+    """Poses at given times, read from a CSV file; positions and orientations between these times are interpolated linearly."""
 
-    times: Array = field(default_factory=lambda: np.zeros(0))      # (n,) s, from 0
+    times: Array = field(default_factory=lambda: np.zeros(0))      # (n,) s, times counted from 0
     given: Array = field(default_factory=lambda: np.zeros((0, 7)))
 
     @classmethod
@@ -260,7 +260,7 @@ class Table(_Motion):
         if len(rows) < 2:
             raise BadMotion(f"{name}: {len(rows)} poses: write at least two")
         table = np.array(rows)
-        for i in range(1, len(table)):    # q and -q are the same orientation
+        for i in range(1, len(table)):    # because q and -q are the same orientation, choose the sign closer to the previous one
             if table[i, 4:] @ table[i - 1, 4:] < 0.0:
                 table[i, 4:] *= -1.0
         return cls(times=table[:, 0] - table[0, 0], given=table[:, 1:])

@@ -1,4 +1,5 @@
-/* Moves a needle to a hole of a template: the pose in which it waits in front of the hole, and the path to it. No threads, no clock. */
+/* Moves a needle to a hole of a template: the pose in which it waits in front of the hole, and the path to it. The code uses no threads and no
+   clock. */
 #ifndef TROCAR_HOLE_APPROACH_H
 #define TROCAR_HOLE_APPROACH_H
 
@@ -14,7 +15,7 @@ pose hole_home(const trocar_guide *guide, double column, double row, double need
 /* Returns the pose in front of the hole that is closest to a needle's base. */
 pose hole_home_beside(const trocar_guide *guide, pose base, double needle_length);
 
-/* True if base and tip are within half a millimetre of the axis of the hole in front of which `home` is. */
+/* True if base and tip are within half a millimetre of the axis of the hole that belongs to the waiting pose `home`. */
 bool in_line_with_hole(pose home, pose base, double needle_length);
 
 /* Advances the base by dt (s) towards `d->home`: first back along its axis until the tip is out of the template, then sideways. The base moves twice

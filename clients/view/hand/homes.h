@@ -5,14 +5,15 @@
 #include "base/vec.h"
 #include "trocar.h"
 
-/* Finds the poses of the bases, homes[count]. The first is the scene's start; or in front of the middle of its template; or along z at the
-   middle of the mesh, with the tip 2 mm in front of the surface. The other needles wait beside it. */
+/* Finds the poses in which the needles' bases wait, homes[count]. The first is the scene's start pose; if there is none, it is in front of the middle
+   of the template; if there is no template, it is along z at the middle of the mesh, with the tip 2 mm in front of the surface. The other needles
+   wait next to the first. */
 void find_homes(const trocar_scene *scene, const trocar_model *model, double needle_length, int count, pose *homes);
 
-/* Returns the pose in front of the template's hole that is closest to a base, or `otherwise` if there is no template. */
+/* Returns the waiting pose in front of the template's hole that is closest to a base, or `otherwise` if there is no template. */
 pose find_home_of_base(const trocar_model *model, double needle_length, pose base, pose otherwise);
 
-/* Finds the corners of the box around the mesh, m. */
+/* Finds the corners of the mesh's bounding box, m. */
 void find_mesh_box(const trocar_model *model, vec3 *low, vec3 *high);
 
 #endif

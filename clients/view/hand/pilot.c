@@ -10,7 +10,7 @@
 #include "view/hand/homes.h"
 
 static const int64_t RECENT = 500000000; /* ns */
-static const double FAR = 0.5; /* m: a base this far from its home belongs to a needle that was removed */
+static const double FAR = 0.5; /* m: if a needle's base is farther from its home than this, the needle has been removed */
 
 static const trocar_status_t *status_of(const pilot *p, int needle) { return p->feed->needles[needle].status; }
 
@@ -30,8 +30,8 @@ static void begin_handover(pilot *p, handover what) {
     p->handing_since = monotonic_ns();
 }
 
-/* True if the needle's last wrench, which is not older than half a second, shows that it is in the tissue. A needle that rests or has not been held
-   has no wrench. */
+/* True if the needle's last wrench shows that the needle is in the tissue, provided that the wrench is at most half a second old. There are no
+   wrenches for a needle that rests or has not been held. */
 static bool is_in_tissue(const pilot *p, int needle) {
     const needle_feed *n = &p->feed->needles[needle];
     return n->wrench.depth > 0.0 && monotonic_ns() - n->heard < RECENT;
@@ -39,7 +39,7 @@ static bool is_in_tissue(const pilot *p, int needle) {
 
 /* ---- orders ---- */
 
-/* Orders the needle to a hole that the browser has chosen. False if there is no such hole, or if the needle is not known to be outside the
+/* Orders the needle to a hole that the browser has chosen. Returns false if there is no such hole, or if the needle is not known to be outside the
    tissue: the last wrench of a needle that has just been taken may be from before it rested. */
 static bool order_hole(pilot *p, const float *asked, publisher_order *order) {
     int index = (int)fmaxf(-1, fminf(asked[0], 1000));
@@ -56,8 +56,8 @@ static bool order_hole(pilot *p, const float *asked, publisher_order *order) {
     return true;
 }
 
-/* Takes a needle. If nobody holds a needle in the tissue, simply holding it would straighten it and reset the tissue, so it is first left to rest and
-   then taken. */
+/* Takes a needle. If the needle is in the tissue and nobody holds it, simply holding it would straighten it and reset the tissue; therefore it is
+   first left to rest and then taken. */
 static publisher_order order_take(pilot *p, int needle) {
     pose home = p->homes[needle], base;
     publisher_order order = {.kind = ORDER_TAKE, .needle = needle, .rests = rests(p, needle), .home = home, .base = home};
@@ -73,7 +73,7 @@ static publisher_order order_take(pilot *p, int needle) {
     return order;
 }
 
-/* Orders the release of the needle by the browser. */
+/* Orders the release of the needle because the browser has asked for it. */
 static publisher_order order_release(pilot *p) {
     bool holds = p->driving && p->handing == HANDING_NOTHING && subscriber_owner(p->feed, p->needle) == p->publisher.session;
     bool drops = p->lies_down && holds && !rests(p, p->needle) && is_in_tissue(p, p->needle);
@@ -127,8 +127,8 @@ void pilot_let_go(pilot *p, const char *why) {
 
 static void tell(pilot *p, order_kind kind) { publisher_tell(&p->publisher, &(publisher_order){.kind = kind}); }
 
-/* Handles that the server has left the driven needle to rest, or has refused to. The needle's next status may come later; until then, it would
-   appear as if the needle could be driven without taking it. */
+/* Handles the server's answer that it has left the driven needle to rest, or has refused to do so. The needle's next status may arrive later; until
+   then, it would seem that the needle could be driven without taking it. */
 static void heed_left(pilot *p, bool done) {
     handover was = p->handing;
     trocar_status_t *status = p->feed->needles[p->needle].status;
@@ -151,7 +151,7 @@ static void heed_reply(pilot *p) {
     bool done = reply->status == TROCAR_COMMAND_REPLY_T_DONE;
     if (reply->command == TROCAR_COMMAND_T_LEAVE && p->handing != HANDING_TAKEN) heed_left(p, done);
     else if (reply->command != TROCAR_COMMAND_T_TAKE || p->handing != HANDING_TAKEN) return;
-    else if (done) tell(p, ORDER_GO_ON); /* the needle's next status will show that it has been taken */
+    else if (done) tell(p, ORDER_GO_ON); /* the needle's next status will show that the needle has been taken */
     else web_let_go(p->web);
 }
 

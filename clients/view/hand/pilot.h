@@ -8,13 +8,13 @@
 #include "view/stream/subscriber.h"
 #include "view/web/web.h"
 
-/* Stages of a hand-over. Until the server has answered, the browser keeps a needle that it leaves or that it takes from rest. */
+/* Stages of a hand-over. Until the server has answered, a browser that leaves a needle, or takes one from rest, still holds it. */
 typedef enum {
     HANDING_NOTHING,
     HANDING_LEFT,
     HANDING_TAKEN,
-    HANDING_LAID,            /* nobody held the needle in the tissue, so it is first left to rest and then taken */
-    HANDING_DROPPED          /* its browser has released the needle in the tissue, and it is left to rest; nobody drives it */
+    HANDING_LAID,            /* the needle was in the tissue and nobody held it, so it is first left to rest and then taken */
+    HANDING_DROPPED          /* the browser has released the needle in the tissue, so it is left to rest; nobody drives it */
 } handover;
 
 typedef struct {
@@ -25,40 +25,40 @@ typedef struct {
     web *web;
     pose_publisher publisher;
     pthread_t thread;
-    bool running;            /* the publisher's thread is running */
+    bool running;            /* true while the publisher's thread is running */
     int needle;              /* index of the needle that a browser drives, or drove last */
-    bool driving;            /* a browser drives that needle */
+    bool driving;            /* true while a browser drives that needle */
     handover handing;        /* stage of a hand-over of that needle */
     int64_t handing_since;   /* ns, monotonic */
-    int64_t replies_heeded;  /* value of subscriber.replies_heard up to which replies have been handled */
-    bool lies_down;          /* a needle that its browser releases in the tissue is left to rest, because the scene has a template */
-    bool has_hole;           /* the driven needle should go to a hole of the template */
+    int64_t replies_heeded;  /* value of subscriber.replies_heard up to which the replies have been handled */
+    bool lies_down;          /* true if a needle that its browser releases in the tissue is left to rest, which is so in a scene with a template */
+    bool has_hole;           /* true if the driven needle should move to a hole of the template */
     int guide, column, row;
-    const char *lost;        /* why its browser lost the needle without asking; "" while a browser drives, and if the browser asked */
-    int64_t servers;         /* value of subscriber.servers for the server that browsers drive */
+    const char *lost;        /* reason why the browser lost the needle without asking for it; "" while a browser drives, or if it asked for the release */
+    int64_t servers;         /* value of subscriber.servers for the server to which the driven needle belongs */
 } pilot;
 
 /* Starts the publisher's thread. Uses `p`'s model, homes, needle_length, feed and web, which must outlive the pilot. SYSTEM if LCM or the thread
    fails. */
 trocar_status pilot_open(pilot *p, lcm_t *lcm, report *why);
 
-/* Releases the needle. Call it also if pilot_open has failed or was not called. */
+/* Releases the needle. Must also be called if pilot_open has failed or was not called. */
 void pilot_close(pilot *p);
 
 /* Carries out an action of the driving browser. */
 void pilot_act(pilot *p, const web_action *action);
 
-/* Call after messages have been received. After a change of server the driving browser loses the needle, because the new server starts without an
-   insertion. */
+/* Must be called after messages have been received. If the server has changed, the driving browser loses the needle, because the new server starts
+   without an insertion. */
 void pilot_hear(pilot *p);
 
-/* Returns the reason why this needle cannot be driven, NULL if it can. */
+/* Returns the reason why this needle cannot be driven, or NULL if it can. */
 const char *pilot_trouble(const pilot *p, int needle);
 
-/* Takes the needle away from the driving browser for this reason, a static string. */
+/* Takes the needle away from the driving browser. `why`, a static string, is the reason. */
 void pilot_let_go(pilot *p, const char *why);
 
-/* True if a server is running and this needle is not owned by another client and does not rest, unless it is being handed over. */
+/* True if a server is running and this needle neither rests nor is owned by another client, or is just being handed over. */
 bool pilot_has(const pilot *p, int needle);
 
 /* True if a browser may take this needle. A browser that drives no needle may take a resting one. */

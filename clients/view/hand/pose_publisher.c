@@ -17,13 +17,13 @@
 enum { ORDERS = 256 };
 
 static const int64_t PERIOD = 1000000;         /* ns */
-static const int64_t PROBE_PERIOD = 10000000;  /* ns; the server accepts 100 poses a second */
-static const double LONGEST_STEP = 0.01;       /* s, the longest time step */
+static const int64_t PROBE_PERIOD = 10000000;  /* ns; the server accepts 100 probe poses per second */
+static const double LONGEST_STEP = 0.01;       /* s, longest time step of the motion */
 static const double AT_HOME = 1e-6;            /* m, rounding */
 static const int64_t SILENCE = 250000000;      /* ns without an order after which the needle stops */
-static const int64_t SERVER_SILENCE = 100000000; /* ns without a wrench after which no poses are sent */
+static const int64_t SERVER_SILENCE = 100000000; /* ns without a wrench after which the publisher stops sending poses */
 
-/* Limits relative to the probe's pose at the beginning of its motion. */
+/* Limits for the probe, relative to its pose at the beginning of the motion. */
 static const rate_control_limits PROBE_LIMITS = {.max_speed = 0.02, .max_turn_rate = 0.3, .ramp = 0.15, .max_sideways = 0.05, .max_back = 0.1, .max_forward = 0.1,
                                                  .max_tilt = 0.35};
 
@@ -86,13 +86,15 @@ static bool is_still(const rate_control_command *c) {
     return c->right == 0 && c->up == 0 && c->forward == 0 && c->pitch == 0 && c->yaw == 0 && c->roll == 0;
 }
 
-/* True for a command without motion, or forward only: the direction in which the needle moves by itself once it is in front of its hole. */
+/* True if a command contains no motion, or only forward motion, which is the direction in which the needle moves by itself once it is in front of its
+   hole. */
 static bool is_still_or_forward(rate_control_command c) {
     c.forward = fmin(c.forward, 0);
     return is_still(&c);
 }
 
-/* Moves the probe from its reported pose, but only at the beginning of a motion: during the motion, the server's reports lag behind. */
+/* Starts to move the probe from the pose that the server reports. This pose is used only at the beginning of a motion, because the server's reports
+   lag behind during the motion. */
 static void steer_probe(pose_publisher *p, const publisher_order *order, int64_t now) {
     if (!p->probing && is_still(&order->command)) return;
     if (!p->probing) rate_control_begin(&p->probe, order->base, order->base);
@@ -166,7 +168,7 @@ static void publish_probe(pose_publisher *p, int64_t now) {
 
 static bool is_at_rest(const rate_control_state *d) { return v3_norm(d->velocity) == 0.0 && v3_norm(d->turn) == 0.0; }
 
-/* Moves the probe; sends its pose at intervals, and the pose in which it comes to rest. */
+/* Moves the probe. Sends its pose at regular intervals, and also the pose in which it comes to rest. */
 static void move_probe(pose_publisher *p, int64_t now, double dt) {
     if (!p->probing) return;
     if (now - p->probe_ordered > SILENCE) p->probe_command = (rate_control_command){0};
@@ -175,11 +177,11 @@ static void move_probe(pose_publisher *p, int64_t now, double dt) {
     if (!p->probing || now - p->probe_sent >= PROBE_PERIOD) publish_probe(p, now);
 }
 
-/* Returns how far (m) the base is in front of its home. */
+/* Returns the distance (m) by which the base is in front of its home. */
 static double ahead_of_home(const pose_publisher *p) { return v3_dot(v3_sub(p->drive.base.position, p->home.position), q_axis(p->home.orientation)); }
 
-/* Returns the present limits: a needle that is ordered to a hole stops in front of the template until it is in line with that hole, because otherwise
-   it would enter another hole. */
+/* Returns the current limits. A needle that has been ordered to a hole must stop in front of the template until it is aligned with that hole;
+   otherwise it would enter another hole. */
 static rate_control_limits limits_now(const pose_publisher *p) {
     rate_control_limits limits = p->limits;
     if (p->has_hole && ahead_of_home(p) <= AT_HOME && !in_line_with_hole(p->home, p->drive.base, p->needle_length)) limits.max_forward = 0;
@@ -188,7 +190,7 @@ static rate_control_limits limits_now(const pose_publisher *p) {
 
 bool publisher_round(pose_publisher *p, int64_t now, double dt) {
     bool goes_on = true;
-    int64_t heard = atomic_load_explicit(&p->heard, memory_order_acquire); /* read before the orders: see publisher_hear */
+    int64_t heard = atomic_load_explicit(&p->heard, memory_order_acquire); /* this must be read before the orders: see publisher_hear */
     for (publisher_order order; goes_on && spsc_ring_pop(&p->orders, &order);) goes_on = obey(p, &order, now);
     bool alive = now - heard <= SERVER_SILENCE;
     p->probing &= alive;
@@ -208,7 +210,7 @@ bool publisher_round(pose_publisher *p, int64_t now, double dt) {
     return true;
 }
 
-/* Asks for real-time scheduling, because local browsers may keep the processors busy. */
+/* Requests real-time scheduling, because browsers on the same machine may keep the processors busy. */
 static void ask_realtime(void) {
     realtime_use_fifo(PRIORITY_DEVICE);
 }

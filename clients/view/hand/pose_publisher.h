@@ -10,7 +10,7 @@
 #include "base/spsc_ring.h"
 #include "shared/rate_control.h"
 
-static const int64_t HANDOVER_PATIENCE = 2000000000; /* ns after which a hand-over without an answer is given up */
+static const int64_t HANDOVER_PATIENCE = 2000000000; /* ns after which a hand-over is given up if there is no answer */
 
 typedef enum {
     ORDER_TAKE,
@@ -20,9 +20,9 @@ typedef enum {
                                 through this hole */
     ORDER_DROP,
     ORDER_UNDO,
-    ORDER_LEAVE,             /* leaves the needle to rest; no poses are sent until GO_ON or RELEASE, or for two seconds */
-    ORDER_LAY,               /* leaves a needle that nobody holds, so that it can be taken */
-    ORDER_GO_ON,             /* the server has handed the resting needle over, or has refused to leave it */
+    ORDER_LEAVE,             /* leaves the needle to rest; no poses are sent until GO_ON or RELEASE arrives, or for two seconds */
+    ORDER_LAY,               /* leaves a needle that nobody holds to rest, so that it can be taken */
+    ORDER_GO_ON,             /* tells the thread that the server has handed over the resting needle, or has refused to leave it */
     ORDER_REMOVE,            /* pulls out a resting needle */
     ORDER_PROBE,
     ORDER_RELEASE,
@@ -31,32 +31,32 @@ typedef enum {
 
 typedef struct {
     order_kind kind;
-    int needle;              /* the needle of TAKE, LAY and REMOVE */
-    bool rests;              /* TAKE: the needle rests, and is handed over before poses are sent, as with LEAVE */
-    int seeds;               /* DROP: number of seeds */
+    int needle;              /* index of the needle, for TAKE, LAY and REMOVE */
+    bool rests;              /* for TAKE: true if the needle rests, so that it must be handed over before poses are sent, as with LEAVE */
+    int seeds;               /* for DROP: number of seeds */
     pose home, base;         /* TAKE: the needle's waiting pose outside the tissue, and its initial pose; HOLE: `home` is the pose to which the needle
-                                moves, unless it is steered sideways, turned or drawn back; PROBE: the probe's pose */
+                                moves, unless the user steers it sideways, turns it or draws it back; PROBE: pose of the probe */
     rate_control_command command;   /* STEER, PROBE */
 } publisher_order;
 
 typedef struct {
-    lcm_t *lcm;              /* shared, because lcm_publish is thread-safe */
+    lcm_t *lcm;              /* can be shared with other threads, because lcm_publish is thread-safe */
     int64_t session;
     double needle_length;    /* m */
     rate_control_limits limits, probe_limits;
     spsc_ring orders;        /* publisher_order */
     int wake;                /* eventfd */
-    _Atomic int64_t heard;   /* ns, monotonic: arrival of the last wrench */
-    atomic_bool approaching; /* the needle moves to its home; written by the thread */
+    _Atomic int64_t heard;   /* ns, monotonic: arrival time of the last wrench */
+    atomic_bool approaching; /* true while the needle moves to its home pose; written only by the publisher's thread */
 
-    /* used by the thread only */
+    /* the following members are used only by the thread */
     rate_control_state drive;
     rate_control_command command;
     int needle;              /* index of the needle that is held now, or was held last */
-    pose home;               /* home of that needle */
+    pose home;               /* waiting pose of that needle */
     bool holding;
-    bool has_hole;           /* `home` is in front of the hole to which the needle was ordered */
-    bool waiting;            /* the thread waits for the server: see ORDER_LEAVE */
+    bool has_hole;           /* true if `home` is in front of the hole to which the needle was ordered */
+    bool waiting;            /* true while the thread waits for the server: see ORDER_LEAVE */
     int64_t waits_since;     /* ns, monotonic */
     int64_t ordered;         /* ns, monotonic: time of the last order */
     int64_t seq;             /* sequence number of the last pose */
@@ -64,17 +64,17 @@ typedef struct {
     bool probing;            /* the probe is moving */
     rate_control_state probe;
     rate_control_command probe_command;
-    int64_t probe_ordered, probe_sent; /* ns, monotonic: times of the last order and the last pose of the probe */
+    int64_t probe_ordered, probe_sent; /* ns, monotonic: time of the last order for the probe, and of the last pose sent for it */
     int64_t probe_seq;
 } pose_publisher;
 
 trocar_status publisher_create(pose_publisher *p, lcm_t *lcm, double needle_length, report *why);
 void publisher_free(pose_publisher *p);
 
-/* Gives an order. An order is dropped if the ring is full; the next one follows soon. Called by the web thread. */
+/* Gives an order. If the ring is full, the order is dropped; the next one follows soon. Called by the web thread. */
 void publisher_tell(pose_publisher *p, const publisher_order *order);
 
-/* Notes that a wrench arrived at `now` (ns, monotonic). Orders given earlier are executed before the next pose is sent. Called by the thread that
+/* Records that a wrench arrived at `now` (ns, monotonic). Orders given earlier are executed before the next pose is sent. Called by the thread that
    gives the orders. */
 void publisher_hear(pose_publisher *p, int64_t now);
 

@@ -22,25 +22,25 @@
 
 enum {
     ORGANS = 3,
-    VOXELS = 1500000,        /* largest number of voxels of the grid */
+    VOXELS = 1500000,        /* largest number of voxels in the dose grid */
     NICENESS = 15,
 };
 
 static const double GRID_SPACING = 1e-3;  /* m */
-static const double MARGIN = 0.02;        /* m, margin of the grid around the target */
-static const double NOTICED = 1e-4;       /* m, smallest motion after which the dose is computed anew */
-static const int64_t PAUSE = 500000000;   /* ns, shortest time between computations that are caused by motion alone */
+static const double MARGIN = 0.02;        /* m, margin of the dose grid around the target */
+static const double NOTICED = 1e-4;       /* m, smallest displacement that causes the dose to be recomputed */
+static const int64_t PAUSE = 500000000;   /* ns, shortest interval between two computations that are caused only by motion */
 
 /* A seed whose dose is in the grid. */
 typedef struct {
-    trocar_dose_seed rest, now; /* the seed's position at rest, which identifies it, and its position in the grid */
+    trocar_dose_seed rest, now; /* the seed's position at rest, which identifies the seed, and its position in the grid */
     int32_t id;
 } counted_seed;
 
 /* Input of the thread. */
 typedef struct {
     int count;
-    trocar_dose_seed rest[TROCAR_MAX_SEEDS], now[TROCAR_MAX_SEEDS]; /* positions in the tissue at rest, and in the displaced tissue */
+    trocar_dose_seed rest[TROCAR_MAX_SEEDS], now[TROCAR_MAX_SEEDS]; /* positions of the seeds in the tissue at rest, and in the displaced tissue */
     double nodal[];          /* displacements [nodes][3], m */
 } told_state;
 
@@ -56,12 +56,13 @@ struct dose_thread {
     unsigned char *levels;
     counted_seed counted[TROCAR_MAX_SEEDS];
     int count;
-    told_state *done;        /* state of the last computation */
+    told_state *done;        /* results of the last computation */
 
     pthread_t thread;
     bool started;
-    triple_buffer told;      /* told_state. The threads share no lock, because this thread, with its low priority, might hold it for long */
-    int news, ready;         /* eventfds: new input for the thread, and a new result from it */
+    triple_buffer told;      /* triple buffer of told_state. The threads do not share a lock, because this thread, which has low priority, could hold
+                                it for a long time */
+    int news, ready;         /* eventfds that signal new input for the thread, and a new result from the thread */
     atomic_bool stop;
     _Atomic(byte_buffer *) result; /* NULL: taken */
 };
@@ -78,7 +79,7 @@ static int find_organ(const trocar_model *m, const char *const words[2]) {
     return -1;
 }
 
-/* Returns a grid in the box around the target, or around the whole tissue if there is no target. */
+/* Returns a dose grid for the bounding box of the target, or of the whole tissue if there is no target. */
 static trocar_dose_grid choose_grid(const trocar_mesh *mesh, int target) {
     double low[3] = {INFINITY, INFINITY, INFINITY}, high[3] = {-INFINITY, -INFINITY, -INFINITY}, voxels = 1.0;
     for (int i = 0; i < 4 * mesh->tet_count; i++) {
@@ -133,14 +134,14 @@ static trocar_status prepare(dose_thread *t, const trocar_model *m, report *why)
 
 /* ---- seeds -------------------------------------------------------------------------------------------------------------- */
 
-/* Returns the distance of a seed from its former position, m. */
+/* Returns the distance (m) between a seed's current and previous position. */
 static double distance(const trocar_dose_seed *a, const trocar_dose_seed *b) {
     double most = 0.0;
     for (int k = 0; k < 3; k++) most = fmax(most, fabs(a->position[k] - b->position[k]));
     return most;
 }
 
-/* Adds a seed; skips one that does not fit, which a server never sends. */
+/* Adds a seed to the grid. Skips a seed that exceeds the grid's capacity, which no server ever sends. */
 static void add_seed(dose_thread *t, const trocar_dose_seed *rest, const trocar_dose_seed *now) {
     counted_seed *s = &t->counted[t->count];
     *s = (counted_seed){.rest = *rest, .now = *now};
@@ -159,7 +160,7 @@ static void move_seed(dose_thread *t, counted_seed *s, const trocar_dose_seed *n
     if (distance(&s->now, now) > NOTICED && trocar_dose_move(t->dose, s->id, now, &ignored) == TROCAR_OK) s->now = *now;
 }
 
-/* Updates the grid: seeds are identified by their positions at rest. */
+/* Updates the grid. Seeds are identified by their positions at rest. */
 static void count_seeds(dose_thread *t, const told_state *state) {
     bool found[TROCAR_MAX_SEEDS] = {false};
     for (int k = t->count - 1; k >= 0; k--) {
@@ -176,7 +177,7 @@ static void count_seeds(dose_thread *t, const told_state *state) {
         if (!found[i]) add_seed(t, &state->rest[i], &state->now[i]);
 }
 
-/* Shrinks the target: seeds in it move with it. */
+/* Shrinks the target; the seeds in it move with it. */
 static void shrink_seeds(const dose_thread *t, const told_state *state, trocar_dose_seed *shrunk) {
     for (int i = 0; i < state->count; i++) {
         shrunk[i] = state->rest[i];
@@ -281,7 +282,7 @@ static bool has_moved(const dose_thread *t, const told_state *now, const told_st
     return false;
 }
 
-/* Waits for new input, or for this many ns; without limit if negative. */
+/* Waits for new input, but at most for this many ns; if the number is negative, waits without limit. */
 static void wait_for_news(const dose_thread *t, int64_t patience) {
     const struct timespec limit = {.tv_sec = patience / 1000000000, .tv_nsec = patience % 1000000000};
     uint64_t count;
@@ -302,11 +303,11 @@ static void publish(dose_thread *t, byte_buffer result) {
     wake(t->ready);
 }
 
-/* Computes on every input. While the tissue moves, the thread works at most half of the time. */
+/* Computes the dose for each new input. While the tissue moves, the thread works at most half of the time. */
 static void *run(void *context) {
     dose_thread *t = context;
-    setpriority(PRIO_PROCESS, (id_t)gettid(), NICENESS); /* affects this thread only */
-    int64_t rested = 0; /* ns, monotonic: before this time, motion alone does not cause a computation */
+    setpriority(PRIO_PROCESS, (id_t)gettid(), NICENESS); /* this affects only the calling thread */
+    int64_t rested = 0; /* ns, monotonic: until this time, motion alone does not cause a computation */
     for (bool first = true; !atomic_load(&t->stop);) {
         const told_state *state = triple_buffer_read(&t->told, NULL);
         int64_t began = monotonic_ns();
@@ -326,7 +327,7 @@ static void *run(void *context) {
     return NULL;
 }
 
-/* Computes the dose that the plan gives in the organs. */
+/* Computes the dose that the plan gives to the organs. */
 static trocar_status note_plan(dose_thread *t, const plan_table *plan, const double direction[3], report *why) {
     trocar_dose_seed *seeds = calloc((size_t)plan->count + 1, sizeof *seeds);
     if (!seeds) return fail(why, TROCAR_NO_MEMORY, "no memory for the dose");

@@ -1,4 +1,4 @@
-/* The data that browsers receive about an implant: the seeds, the answer to the last command, the dose and the plan. */
+/* The data about an implant that browsers receive: the seeds, the answer to the last command, the dose and the plan. */
 #ifndef TROCAR_IMPLANT_H
 #define TROCAR_IMPLANT_H
 
@@ -18,7 +18,7 @@ typedef struct {
     web_section sections[IMPLANT_SECTIONS];
     int64_t seeds_heard, replies_heard; /* the subscriber's counters when seeds and replies were last encoded */
     plan_table plan;
-    dose_thread *dose;       /* NULL if the scene has no template */
+    dose_thread *dose;       /* NULL if the scene has no template, so that no dose is computed */
 } implant;
 
 /* Starts the dose thread and reads the plan. `settings` must outlive the implant. BAD_INPUT for an invalid plan or seed model, and for a plan in a
@@ -26,10 +26,10 @@ typedef struct {
 trocar_status implant_open(implant *i, const trocar_model *model, const implant_settings *settings, report *why);
 void implant_close(implant *i);
 
-/* Call after messages have been received. */
+/* Must be called after messages have been received. */
 void implant_hear(implant *i, const subscriber *feed);
 
-/* Call when the dose thread's descriptor is readable. */
+/* Must be called when the dose thread's descriptor is readable. */
 void implant_note_dose(implant *i);
 
 #endif

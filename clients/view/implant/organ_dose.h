@@ -1,4 +1,4 @@
-/* The dose in an organ: as planned, now, with the needles out, and without the gland's swelling. */
+/* The dose in an organ in four states: as planned, at present, with the needles out, and after the gland's swelling has subsided. */
 #ifndef TROCAR_ORGAN_DOSE_H
 #define TROCAR_ORGAN_DOSE_H
 
@@ -9,27 +9,27 @@
 
 typedef enum {
     DOSE_PLANNED,            /* dose of the plan's seeds, in the tissue at rest */
-    DOSE_NOW,                /* seeds and voxels in the displaced tissue */
-    DOSE_NEEDLES_OUT,        /* seeds and voxels in the tissue at rest */
-    DOSE_SWELLING_GONE,      /* as DOSE_NEEDLES_OUT, after the gland, with its seeds, has shrunk uniformly about its centre */
+    DOSE_NOW,                /* dose for seeds and voxels in the displaced tissue */
+    DOSE_NEEDLES_OUT,        /* dose for seeds and voxels in the tissue at rest */
+    DOSE_SWELLING_GONE,      /* same as DOSE_NEEDLES_OUT, but after the gland and its seeds have shrunk uniformly about the gland's centre */
     DOSE_STATES
 } dose_state;
 
-enum { DVH_POINTS = 101 };   /* points of a dose-volume histogram, for doses from 0 to DVH_TOP */
+enum { DVH_POINTS = 101 };   /* number of points of a dose-volume histogram, for doses from 0 to DVH_TOP */
 #define DVH_TOP 3.0          /* prescriptions */
 
 typedef struct {
     bool known;
     trocar_dvh_summary summary;
-    double curve[DVH_POINTS]; /* fraction of the volume that receives the dose or more */
+    double curve[DVH_POINTS]; /* fraction of the volume that receives at least the dose of each point */
 } organ_result;
 
-/* Shrinkage of a gland: lengths are multiplied by `scale`, about the centre. */
+/* Shrinkage of a gland: lengths are multiplied by `scale`, and the centre stays fixed. */
 typedef struct { double centre[3], scale; } shrinkage;
 
 typedef struct {
     const char *name;        /* the region's name in the scene */
-    bool is_target, shrinks; /* `shrinks`: the organ shrinks with the gland */
+    bool is_target, shrinks; /* `shrinks` is true if the organ shrinks together with the gland */
     trocar_structure *structure;
     double *points, *doses;  /* scratch */
     organ_result results[DOSE_STATES];
@@ -39,10 +39,10 @@ typedef struct {
 trocar_status organ_create(organ *o, const trocar_model *m, const trocar_mesh *mesh, int region, report *why);
 void organ_free(organ *o);
 
-/* Computes the mean of the voxels' centres. */
+/* Computes the mean position of the voxels' centres. */
 void organ_centre(const organ *o, double centre[3]);
 
-/* True if a point at rest lies in the organ, to within a voxel. */
+/* True if a point at rest lies in the organ, with an accuracy of one voxel. */
 bool organ_contains(const organ *o, const double point[3]);
 
 /* Computes the results of one state. `nodal`, for DOSE_NOW, are the displacements [nodes][3], or NULL for tissue at rest; `shrunk` is for

@@ -67,7 +67,7 @@ static void thin_out(timeline *t) {
     t->picture_stride *= 2;
 }
 
-/* Returns the slot for the next picture. In a log it replaces the newest picture unless that one should be kept. */
+/* Returns the slot for the next picture. In a log, this replaces the newest picture unless that picture must be kept. */
 static byte_buffer *next_place(timeline *t) {
     if (!t->live && t->picture_end > 0 && (t->pictures_given - 1) % t->picture_stride != 0) t->picture_end--;
     if (!t->live && t->picture_bytes > t->picture_bytes_most && t->picture_end > 2) thin_out(t);

@@ -9,20 +9,20 @@
 #include "view/stream/wire_format.h"
 
 #define SAMPLE_SLOT 0.01     /* s, time covered by one sample of a needle */
-#define SAMPLE_SPAN 60.0     /* s of samples that are kept live */
+#define SAMPLE_SPAN 60.0     /* s, time span of the live samples that are kept */
 #define PICTURE_BYTES ((size_t)256 << 20) /* limit on the size of a log's pictures */
 
 typedef struct {
     bool live;
-    byte_buffer *pictures;   /* encoded; live, only one */
-    int64_t picture_end;     /* number of the next picture */
+    byte_buffer *pictures;   /* encoded pictures; just one in live mode */
+    int64_t picture_end;     /* number that the next picture will get */
     size_t picture_room;
-    size_t picture_bytes, picture_bytes_most; /* size of the pictures, and the limit above which pictures of a log are removed */
-    int64_t pictures_given, picture_stride; /* number of pictures given; one in `picture_stride` of a log is kept */
-    plot_sample *samples;    /* samples of all needles, in the order of their times; a ring if live */
+    size_t picture_bytes, picture_bytes_most; /* bytes, size of the pictures; and the size above which pictures of a log are removed */
+    int64_t pictures_given, picture_stride; /* number of pictures added so far; of a log, only one in `picture_stride` pictures is kept */
+    plot_sample *samples;    /* samples of all needles, in chronological order; a ring buffer in live mode */
     int64_t sample_end;      /* number of the next sample */
     size_t sample_room;
-    plot_sample gathered[TROCAR_MAX_NEEDLES]; /* values collected in the current slot */
+    plot_sample gathered[TROCAR_MAX_NEEDLES]; /* values accumulated in the current time slot */
     double slot_end[TROCAR_MAX_NEEDLES];      /* s */
     double now;              /* s, time of the newest sample */
 } timeline;

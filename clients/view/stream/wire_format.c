@@ -356,7 +356,8 @@ void encode_json_and_bytes(byte_buffer *out, section_kind kind, const char *json
 
 /* ---- seeds ---- */
 
-/* A seed: position and direction in the displaced tissue, position and direction at rest; needle, guide, hole, number in its strand. */
+/* A seed: position and direction in the displaced tissue, position and direction at rest; numbers of needle, guide and hole, and number in its
+   strand. */
 typedef struct {
     float places[4][3];
     int32_t numbers[4];

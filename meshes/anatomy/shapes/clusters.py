@@ -3,8 +3,8 @@
 CGAL finds a surface with a few random rays and follows it from there; it may miss a surface that is connected to no other one, such as that of a lesion in
 an organ. Such surfaces are therefore extracted one by one, each in a section of the image of its own, where rays cannot miss it.
 
-Pieces that touch are neighbours in a graph. Two of its edges belong to one cluster if a cycle contains both: the cluster's surfaces meet along lines. A
-piece that encloses others is in several clusters: it is the inside of one and the outside of the others.
+Pieces that touch are neighbours in a graph. Two edges of this graph are in the same cluster if some cycle contains both: the cluster's surfaces meet
+along lines. A piece that encloses others is in several clusters: it is the inside of one and the outside of the others.
 """
 import collections
 import dataclasses
@@ -13,15 +13,15 @@ import numpy as np
 
 from .label_image import pairs_in
 
-AROUND = 0               # number of the tissue (or air) around all pieces; piece k is k + 1
+AROUND = 0               # number of the tissue (or air) that surrounds all pieces; piece k has number k + 1
 
 
 @dataclasses.dataclass
 class Cluster:
-    outer: int               # number of the piece around the cluster
+    outer: int               # number of the piece that surrounds the cluster
     inner: list              # the other numbers
     stands: dict             # maps any number to the number in the cluster to which it belongs or is attached
-    edges: set               # pairs of numbers whose common surface belongs to the cluster
+    edges: set               # pairs of numbers whose common surface is part of the cluster
 
 
 def neighbours_in(numbers):

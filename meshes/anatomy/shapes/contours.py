@@ -12,31 +12,32 @@ import numpy as np
 from shapely.geometry import MultiPolygon, Polygon
 from shapely.validation import make_valid
 
-SAME_SLICE = 0.1      # mm: outlines this close in z are on one slice
-OUT_OF_PLANE = 0.5    # mm by which the points of one outline may differ in z
-SPIKE = 0.5           # mm: parts narrower than twice this are drawing errors
-SPECK = 3.0           # mm^2: smaller outlines are drawing errors
+SAME_SLICE = 0.1      # mm: outlines whose z differ by less than this are on the same slice
+OUT_OF_PLANE = 0.5    # mm, largest difference in z between the points of one outline
+SPIKE = 0.5           # mm: parts narrower than twice this value are regarded as drawing errors
+SPECK = 3.0           # mm^2: outlines smaller than this are regarded as drawing errors
 INSIDE = 0.98         # fraction of an outline that must lie inside another one for it to be a hole
-HOLE = 0.8            # fraction of the enclosing area: a larger outline inside another one is the same outline drawn again
-DOUBLED = 0.02        # fraction of the area: outlines that differ by less are copies
+HOLE = 0.8            # fraction of the enclosing area: if an outline inside another one is larger than this, it is the same outline drawn again
+DOUBLED = 0.02        # fraction of the area: outlines that differ by less than this are copies of each other
 MOST_OPEN = 0.1       # largest fraction of the outlines that may be open
-SCRAMBLED = 0.8       # the points are out of order if the outline has less than this fraction of its area with points sorted by angle
+# fraction: if sorting the points by angle increases the area so much that the original area is less than this fraction, the points are out of order
+SCRAMBLED = 0.8
 
 
 class Rings(list):
-    """The rings of a region as read from a structure set."""
+    """The rings of a region, as read from a structure set."""
 
     def __init__(self, rings=(), exclusive=False, left_open=()):
         super().__init__(rings)
-        self.exclusive = exclusive           # even-odd rule for overlaps (DICOM's CLOSEDPLANAR_XOR)
+        self.exclusive = exclusive           # true if overlaps follow the even-odd rule (DICOM's CLOSEDPLANAR_XOR)
         self.left_open = list(left_open)     # outlines that are not closed (OPEN_PLANAR) and enclose nothing
 
 
 class Unusable(Exception):
-    """Input that cannot be meshed. The text names region and slice; `rings` are shown in the picture."""
+    """Raised for input that cannot be meshed. The text names region and slice; `rings` are shown in the picture."""
 
     def __init__(self, roi, problem, z=None, rings=()):
-        super().__init__(roi, problem, z, rings)    # all arguments, because the exception is sent between processes
+        super().__init__(roi, problem, z, rings)    # pass on all arguments, because the exception is sent between processes
         self.rings = [np.asarray(ring, float) for ring in rings]
 
     def __str__(self):
@@ -52,10 +53,10 @@ class Slice:
 
 @dataclasses.dataclass
 class Stack:
-    """One organ's outlines, ascending in z; at least two slices."""
+    """The outlines of one organ, in ascending order of z; at least two slices."""
     name: str
     slices: list
-    notes: list = dataclasses.field(default_factory=list)      # remarks on outlines that were left out
+    notes: list = dataclasses.field(default_factory=list)      # remarks about outlines that were left out
     left_out: list = dataclasses.field(default_factory=list)   # z of the slices that were left out
 
     @property

@@ -9,7 +9,7 @@ from vtk.util.numpy_support import numpy_to_vtk
 from . import shells
 from .shells import configured, from_vtk, parts, pipe
 
-VOXELS = 48        # number of voxels along the longest side of an organ
+VOXELS = 48        # number of voxels along the longest side of an organ's bounding box
 PASS_BAND = 0.1    # pass band of the smoothing filter, at most 2: removes waves shorter than about six voxels
 
 
@@ -17,7 +17,7 @@ PASS_BAND = 0.1    # pass band of the smoothing filter, at most 2: removes waves
 class Field:
     low: np.ndarray      # (3,) position of the first grid point
     step: float
-    values: np.ndarray   # (z, y, x) signed distance, negative inside
+    values: np.ndarray   # (z, y, x) signed distance, negative inside the shape
 
     def points(self):
         """Positions of the grid points, (z y x, 3)."""
@@ -25,7 +25,7 @@ class Field:
         return self.low + self.step * np.stack([i, j, k], axis=-1).reshape(-1, 3)
 
     def holding(self, volume):
-        """Returns the field offset uniformly, by at most two steps, so that it encloses this volume."""
+        """Returns the field, offset uniformly by at most two grid steps, so that its surface encloses this volume."""
         def held(level):
             return float(np.clip(0.5 - (self.values - level) / self.step, 0, 1).sum()) * self.step ** 3
         low, high = -2 * self.step, 2 * self.step
@@ -35,8 +35,8 @@ class Field:
         return Field(self.low, self.step, self.values - high)
 
     def apart_from(self, shell, gap):
-        """Returns the same shape without the parts closer than `gap` to another shape's surface, on either side."""
-        reach = np.abs(self.values) < 4 * max(gap, self.step)   # further away, this surface has no influence
+        """Returns the same shape without the parts that are closer than `gap` to the surface of another shape, on either side of it."""
+        reach = np.abs(self.values) < 4 * max(gap, self.step)   # farther away, this surface has no influence
         reach |= self.values < 0
         distance = np.full(self.values.size, np.inf)
         distance[reach.ravel()] = shells.distances(shell, self.points()[reach.ravel()])

@@ -1,7 +1,7 @@
 """A label image of regions: drawn from their surfaces, without gaps and sheets that are too thin for the mesh, and divided into connected pieces.
 
-A region comes as parts, each with a surface. Parts may merge or break where the image is cleaned; `Pieces` records how much of each part each piece
-contains.
+A region consists of parts, each of which has a surface. Parts may merge or break where the image is cleaned; `Pieces` records how much of each part
+each piece contains.
 """
 import collections
 import dataclasses
@@ -17,12 +17,12 @@ VOXELS_PER_EDGE = 6.0       # edge length of the surface triangles, in voxels
 VOXELS_PER_RADIUS = 2.5     # voxels in the radius of the thinnest part
 FLATNESS = 0.3              # largest distance of a facet from its surface, as a fraction of the thinnest part's radius
 CLOSE_VOXELS = 3.0          # smaller gaps between regions are closed, because the facets on both sides would cross
-CLEAR = 2.9                 # smallest number of voxels between pieces that do not touch
-REACH = 20                  # voxels around a piece that are searched for the next piece
-MOST_THIN = 0.10            # fraction of a region: if more of it is thin, it keeps its thin places
-LEAST_VOID = 2.0            # voxels: radius of the largest ball in a void; larger voids are not filled
-FINE = 100                  # voxels along a surface that crosses itself
-OUTSIDE = -1                # in place of a region: the tissue around all regions
+CLEAR = 2.9                 # smallest distance, in voxels, between pieces that do not touch
+REACH = 20                  # voxels, distance from a piece within which the next piece is searched for
+MOST_THIN = 0.10            # fraction of a region: if a larger part of it is thin, its thin places are kept
+LEAST_VOID = 2.0            # voxels: a void is filled if the largest ball in it has a smaller radius
+FINE = 100                  # number of voxels along a surface that intersects itself
+OUTSIDE = -1                # stands for the tissue around all regions, in place of a region
 
 
 @dataclasses.dataclass
@@ -31,7 +31,7 @@ class Image:
     low: np.ndarray      # (3,) centre of the first voxel
     step: float
     labels: np.ndarray   # (z, y, x) uint16
-    sources: np.ndarray  # (z, y, x) uint16: 1 + the number of the part that was drawn here; 0: none
+    sources: np.ndarray  # (z, y, x) uint16: 1 + number of the part that was drawn in this voxel; 0 for none
     owners: np.ndarray   # (parts + 1,) label of each part's region, after a 0
 
     def sources_in(self, mask, label, window=...):
@@ -46,16 +46,16 @@ class Image:
 @dataclasses.dataclass
 class Pieces:
     """The connected parts of an image's labels, in the form in which they will be meshed."""
-    numbers: np.ndarray      # (z, y, x) uint16: 1 + the number of the piece; 0: none
-    regions: list            # for each piece its region, or OUTSIDE for a void of the tissue around
-    held: dict               # (part, piece): number of the part's voxels in it
+    numbers: np.ndarray      # (z, y, x) uint16: 1 + number of the piece; 0 for none
+    regions: list            # region of each piece, or OUTSIDE for a void in the surrounding tissue
+    held: dict               # (part, piece): number of voxels that the part and the piece share
 
     def voxels(self):
         return np.bincount(self.numbers.ravel(), minlength=len(self.regions) + 1)[1:]
 
 
 def box_of(mask, margin):
-    """Returns the slices of an array that contain a mask and this many voxels around it; None if the mask is empty."""
+    """Returns slices that cut out of an array a mask and this many voxels around it; None if the mask is empty."""
     found = []
     for axis in range(3):
         at = np.flatnonzero(mask.any(axis=tuple(a for a in range(3) if a != axis)))
@@ -73,15 +73,15 @@ def image_data(values):
 
 
 def pairs_in(first, second):
-    """Returns the different pairs of two arrays of numbers from 0, in order, and how often each occurs. (np.unique of rows takes twenty times as
-    long.)"""
+    """Returns the different pairs of corresponding elements of two arrays of numbers >= 0, in order, and how often each pair occurs. (np.unique of
+    rows takes twenty times as long.)"""
     width = int(second.max(initial=0)) + 1
     keys, often = np.unique(first.astype(np.int64) * width + second, return_counts=True)
     return np.column_stack([keys // width, keys % width]), often
 
 
 def distance_to(mask, step):
-    """Returns the distance of each voxel to the nearest one of a mask."""
+    """Returns the distance of each voxel from the nearest voxel of a mask."""
     squared = vtk.vtkImageEuclideanDistance()
     squared.SetInputData(image_data(np.where(mask, 0, 1).astype(np.uint8)))
     squared.SetMaximumDistance(1e9)
@@ -128,7 +128,7 @@ def drawn(shell, low, step, shape):
 
 def winding(shell, low, step, size):
     """Returns the winding number of a surface around each voxel of a grid (z, y, x): 0 is outside, even if parts overlap or are inverted."""
-    points = (shell.points - low) / step + [1.23e-5, 2.34e-5, 0]    # so that no vertex lies on a column's line
+    points = (shell.points - low) / step + [1.23e-5, 2.34e-5, 0]    # shifted so that no vertex lies on the line through a column of voxels
     steps = np.zeros((size[0], size[1], size[2] + 1), np.int32)
     a, b, c = (points[shell.triangles[:, k]] for k in range(3))
     ab, ac = b - a, c - a
@@ -177,7 +177,7 @@ def image_of(regions, edge, box=None, body=False):
     step = min(edge / VOXELS_PER_EDGE, thin / VOXELS_PER_RADIUS)
     extent = np.ptp(points, axis=0)
     step = max(step, (float(np.prod(extent + 6 * step)) / MOST_VOXELS) ** (1 / 3))
-    low = points.min(axis=0) - 3.5 * step      # so that planes of voxels do not coincide with flat faces of regions
+    low = points.min(axis=0) - 3.5 * step      # shifted so that planes of voxels do not coincide with flat faces of regions
     size = np.ceil((points.max(axis=0) + 3 * step - low) / step).astype(int) + 1
     image = Image(low, step, np.zeros(size[::-1], np.uint16), np.zeros(size[::-1], np.uint16),
                   np.array([0, *(k + 1 for k, region in enumerate(regions) for _ in region)]))
@@ -245,7 +245,7 @@ def splinters(numbers, sources):
 
 
 def reassign(image, count, left):
-    """Gives these voxels the nearest other label, or none."""
+    """Gives these voxels the nearest other label, or no label."""
     if not left.any():
         return
     image.labels[left] = 0
@@ -290,7 +290,7 @@ def drop_thin(image, count, radius):
 
 
 def walls(image, left):
-    """Returns the mask of those of these voxels without which voids of the tissue around would merge: connected voxels that touch several voids."""
+    """Returns those of the given voxels that separate voids of the surrounding tissue: connected voxels that touch several voids."""
     voids, sizes = connected_in(image.labels == 0)
     if len(sizes) < 2 or not left.any():
         return np.zeros(left.shape, bool)
@@ -330,7 +330,7 @@ def surrounded(numbers, number):
 
 
 def clear(numbers, count):
-    """Removes voxels that are too close to larger clusters; clusters are numbered by size."""
+    """Removes voxels that are too close to larger clusters. Clusters are numbered in order of size."""
     for number in range(2, count + 1):
         nearby = surrounded(numbers, number)
         larger = (nearby > 0) & (nearby < number)
@@ -365,13 +365,13 @@ def pieces_of(image, count):
         found[window] += np.where(numbers > 0, numbers + len(regions), 0).astype(np.uint16)
         regions += [label - 1] * len(sizes)
     add_voids(found, regions)
-    both = (found > 0) & (image.sources > 0) & (image.owners[image.sources] == image.labels)      # a void contains no part
+    both = (found > 0) & (image.sources > 0) & (image.owners[image.sources] == image.labels)      # a void does not contain any part
     pairs, held = pairs_in(image.sources[both], found[both])
     return Pieces(found, regions, {(int(part) - 1, int(piece) - 1): int(n) for (part, piece), n in zip(pairs, held)})
 
 
 def add_voids(numbers, regions):
-    """Numbers the voids that pieces enclose as pieces of no region; small voids become part of the piece around them."""
+    """Numbers the voids enclosed by pieces as pieces of no region; small voids become part of the surrounding piece."""
     voids, sizes = connected_in(numbers == 0)
     outer = voids[0, 0, 0]
     for void in range(1, len(sizes) + 1):

@@ -14,36 +14,36 @@ from .clusters import AROUND
 from .label_image import FLATNESS, OUTSIDE, box_of, distance_to, thinness
 from .shells import Shell, connected
 
-FLATNESS_OF_EDGE = 0.1      # fraction of a triangle's edge: lower bound of a facet's distance from its surface
-THIN = 1.5                  # radii: size of the tetrahedra in a piece thinner than the edge of a triangle
+FLATNESS_OF_EDGE = 0.1      # fraction of the triangle edge length: lower bound on the allowed distance of a facet from its surface
+THIN = 1.5                  # radii: size of the tetrahedra in a piece that is thinner than a triangle's edge
 GRAIN = 0.75                # fraction of the radius of the largest ball in a piece: largest size of the tetrahedra in the piece
-SLOPE = 0.5                 # size per distance from a piece that was missed: how fast tetrahedra grow around it
-PER_SIZE = 1.3              # edge of a triangle, in sizes of the small tetrahedra beside it
-EQUILATERAL = 0.866         # of the squared edge: area of the surface per node of equilateral triangles
-MM = 1e3                    # scale, because the file for CGAL has six decimals
+SLOPE = 0.5                 # increase in size per unit of distance from a piece that was missed: how fast tetrahedra grow around it
+PER_SIZE = 1.3              # edge of a triangle, as a multiple of the size of the small tetrahedra next to it
+EQUILATERAL = 0.866         # area of the surface per node for equilateral triangles, as a multiple of the squared edge length
+MM = 1e3                    # scale from m to mm, because the file for CGAL has only six decimals
 SMALL = 0.8                 # fraction of a triangle's edge: smaller tetrahedra get a layer of this size around them
-REFINEMENTS = 6             # attempts for thin pieces
-MARGIN = 0.5                # fraction of a triangle's edge: distance from the pieces to the border of their section
-JOININGS = 3                # attempts for clusters whose surfaces cross
-FINER = 0.85                # ratio of the sizes of successive attempts
+REFINEMENTS = 6             # largest number of attempts for thin pieces
+MARGIN = 0.5                # fraction of the triangle edge length: distance from the pieces to the border of their section
+JOININGS = 3                # largest number of attempts for clusters whose surfaces intersect
+FINER = 0.85                # ratio of element sizes between successive attempts
 MOST_MISSING = 0.01         # largest fraction of a piece's surface that may be missing
-MOST_PLACES = 4000          # number of points of a piece's surface that are checked for this
+MOST_PLACES = 4000          # number of points on a piece's surface at which this is checked
 FACET_ANGLE = 25.0          # deg; CGAL's surface refinement terminates for up to 30
 CIRCUMRADIUS = 0.6          # fraction of a triangle's edge; 0.577 for equilateral triangles
-CORRECTIONS = 8             # Newton steps towards the volumes; three usually suffice
-UNFOLDINGS = 6              # attempts to restore volumes without crossing surfaces
+CORRECTIONS = 8             # number of Newton steps toward the prescribed volumes; three usually suffice
+UNFOLDINGS = 6              # number of attempts to restore the volumes without making surfaces intersect
 
 
 @dataclasses.dataclass
 class Complex:
     """Triangles between cells; a cell is a connected part of a piece, or a void enclosed by pieces."""
     points: np.ndarray       # (n, 3)
-    triangles: np.ndarray    # (m, 3), normals from the first to the second cell
+    triangles: np.ndarray    # (m, 3), with normals that point from the first to the second cell
     sides: np.ndarray        # (m, 2) cells on either side: index into `cells`, or OUTSIDE
     cells: list              # number of each cell's piece, or OUTSIDE for a void
 
     def among(self, pieces):
-        """Returns the mask of the cells that belong to these pieces, with a last element for OUTSIDE."""
+        """Returns the mask of the cells that belong to these pieces; it has an additional last element for OUTSIDE."""
         return np.append(np.isin(self.cells, list(pieces)) & (np.array(self.cells) != OUTSIDE), False)
 
     def volume_gradient(self, pieces):
@@ -76,13 +76,13 @@ class Complex:
 
 @dataclasses.dataclass
 class Section:
-    """A cluster's part of the image."""
-    low: np.ndarray          # (3,) middle of the first voxel
+    """The section of the image that contains a cluster."""
+    low: np.ndarray          # (3,) centre of the first voxel
     step: float
     numbers: np.ndarray      # (z, y, x): 1 + the index of a piece in `pieces`, 0 around them
     pieces: list             # of the image
     radii: list              # their thinness, m
-    balls: list              # radii of the largest balls in them, m
+    balls: list              # radii of the largest balls in the pieces, m
 
 
 @dataclasses.dataclass
@@ -90,7 +90,7 @@ class Sizes:
     """Limits of the circumradii of CGAL's tetrahedra, m."""
     edge: float              # everywhere
     within: list             # in each piece
-    seeded: set              # pieces around which tetrahedra grow with the distance, in all other pieces
+    seeded: set              # pieces around which the size of tetrahedra grows with distance, in all other pieces
 
 
 def cgal_labels(section, sizes):
@@ -122,15 +122,16 @@ def meshed(section, flatness, sizes):
     """Returns CGAL's tetrahedra in a section: points, tetrahedra, and for each 1 + the number of its piece, or 0. Only the surfaces between pieces
     are used."""
     labels, held, radii = cgal_labels(section, sizes)
-    labels = np.pad(labels[1:-1, 1:-1, 1:-1], 1)      # CGAL needs an empty border
+    labels = np.pad(labels[1:-1, 1:-1, 1:-1], 1)      # CGAL needs an empty border around the labels
     step = MM * section.step
     made = pygalmesh.generate_from_array(
-        np.ascontiguousarray(labels.transpose(2, 1, 0)), (step,) * 3, perturb=False, exude=False,    # perturb and exude depend on the clock
+        # perturb and exude are disabled because their results depend on the clock
+        np.ascontiguousarray(labels.transpose(2, 1, 0)), (step,) * 3, perturb=False, exude=False,
         min_facet_angle=FACET_ANGLE, max_radius_surface_delaunay_ball=MM * CIRCUMRADIUS * sizes.edge, max_facet_distance=MM * flatness,
         max_cell_circumradius={"default": MM * sizes.edge, **{label: MM * float(radius) for label, radius in enumerate(radii, 1)}}, verbose=False, seed=1)
     points, tets, numbers = np.asarray(made.points, float), made.cells_dict["tetra"], made.cell_data_dict["medit:ref"]["tetra"]
     middles = np.rint(centres_of(points[tets]) / step).astype(int)
-    i, j, k = np.clip(middles, 0, np.array(labels.shape[::-1]) - 1).T    # a few may lie outside a small image
+    i, j, k = np.clip(middles, 0, np.array(labels.shape[::-1]) - 1).T    # a few centres may lie outside a small image
     label, found = labels[k, j, i], np.zeros(len(tets), int)
     for number in np.unique(numbers):    # CGAL renumbers the labels
         mine = numbers == number
@@ -141,7 +142,7 @@ def meshed(section, flatness, sizes):
 
 
 def centres_of(corners):
-    """Returns the circumcentres of tetrahedra (n, 4, 3); for a flat one its middle."""
+    """Returns the circumcentres of tetrahedra (n, 4, 3); for a flat tetrahedron, its centre."""
     edges = corners[:, 1:] - corners[:, :1]
     flat = np.abs(np.linalg.det(edges)) < 1e-9 * np.linalg.norm(edges, axis=2).prod(axis=1)
     edges[flat] = np.eye(3)
@@ -219,7 +220,7 @@ def with_voids(found):
     sides, cells = found.sides.copy(), list(found.cells)
     for root in np.unique(part):
         mine = part == root
-        if Shell(found.points, corners[mine]).signed_volume() < 0:     # its normals point into the void
+        if Shell(found.points, corners[mine]).signed_volume() < 0:     # the normals of these triangles point into the void
             sides[open_[mine], 1] = len(cells)
             cells.append(OUTSIDE)
     return dataclasses.replace(found, sides=sides, cells=cells)
@@ -284,7 +285,7 @@ def section_of(image, numbers, cluster, edge, radii, balls):
     for number, stands in cluster.stands.items():
         place[number] = 0 if stands == cluster.outer else 1 + cluster.inner.index(stands)
     mine = place[numbers]
-    margin = int(np.ceil(MARGIN * edge / image.step)) + 2      # otherwise triangles would have corners on the section's border
+    margin = int(np.ceil(MARGIN * edge / image.step)) + 2      # without this margin, triangles could have corners on the border of the section
     tight = box_of(mine > 0, 0)
     pieces = [number - 1 for number in cluster.inner]
     low = image.low + image.step * (np.array([each.start for each in tight])[::-1] - margin)
@@ -370,7 +371,7 @@ def glued(every, made, count):
             missed[piece] = share
         outer = outer_cell(cluster, found, cells, points, triangles, sides)
         first = len(cells)
-        cells += [pieces[piece] if piece != OUTSIDE else cluster.outer - 1 for piece in found.cells]       # a void is part of the piece around it
+        cells += [pieces[piece] if piece != OUTSIDE else cluster.outer - 1 for piece in found.cells]       # a void is part of the piece that surrounds it
         sides.append(np.where(found.sides == OUTSIDE, outer, found.sides + first))
         triangles.append(found.triangles + total)
         points.append(found.points)
@@ -390,7 +391,7 @@ def outer_cell(cluster, found, cells, points, triangles, sides):
 
 
 def groups_of(pieces):
-    """Returns the sets of parts and pieces that belong together, as a list of (parts, pieces): a part may break, and parts may merge."""
+    """Groups parts and pieces that belong together, because a part may break and parts may merge; returns a list of (set of parts, set of pieces)."""
     groups = []
     for part, piece in pieces.held:
         mine = [group for group in groups if part in group[0] or piece in group[1]]

@@ -7,9 +7,9 @@ from . import contours
 from .shells import Shell, oriented
 
 POINTS, HARMONICS = 24, 6     # number of points and harmonics of an outline's spline; higher harmonics are tremor
-QUARTERS = 4                  # splines per section: a face that closes on itself is hard to mesh
-END = 0.8                     # relative size of the section half a thickness beyond the last slice, where the organ ends
-ERROR = 0.05                  # fraction of the volume: a loft with a larger error has folded
+QUARTERS = 4                  # number of splines per section: a face that is closed in itself would be hard to mesh
+END = 0.8                     # size of the section that lies half a thickness beyond the last slice, where the organ ends, relative to the last slice
+ERROR = 0.05                  # fraction of the volume: a loft with a larger error has folded onto itself
 FINE = 1 / 24                 # edge of a triangle, relative to the organ's longest side
 
 
@@ -22,7 +22,7 @@ def wire(points, z):
 
 
 def sections(stack):
-    """Returns (points, z) from bottom to top."""
+    """Returns (points, z) of the sections, from bottom to top."""
     outlines = [(contours.smooth_outline(s.outline.geoms[0], POINTS, HARMONICS), s.z) for s in stack.slices]
 
     def end(outline, z):
@@ -59,12 +59,12 @@ def mesh_shell():
 
 
 def of_stack(stack):
-    """Returns the closed surface, or None if outlines branch or the loft folds: see `field`."""
+    """Returns the closed surface, or None if the outlines branch or the loft folds; then `field` is used instead."""
     if not stack.is_tube():
         return None
     try:
         shell = limits.run(f"loft of {stack.name}", lofted, stack)
-    except limits.TooLong:      # the result must not depend on the machine's speed
+    except limits.TooLong:      # not caught, because the result must not depend on the machine's speed
         raise
     except Exception:  # Gmsh raises no more specific class
         return None

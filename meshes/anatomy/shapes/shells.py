@@ -5,10 +5,10 @@ import numpy as np
 import vtk
 from vtk.util.numpy_support import numpy_to_vtk, numpy_to_vtkIdTypeArray, vtk_to_numpy
 
-vtk.vtkSMPTools.SetBackend("Sequential")   # threads do not survive in the processes of `limits`
+vtk.vtkSMPTools.SetBackend("Sequential")   # VTK's threads do not survive in the processes started by `limits`
 
-OFFSETS = 4       # number of steps toward a volume
-SPLINTER = 0.01   # fraction of the largest part's volume: smaller parts are dropped
+OFFSETS = 4       # number of steps in which a surface is offset toward a volume
+SPLINTER = 0.01   # fraction of the largest part's volume: smaller parts are removed
 
 
 @dataclasses.dataclass
@@ -61,7 +61,7 @@ class Shell:
         return (self.points.min(axis=0) + self.points.max(axis=0)) / 2
 
     def edges(self):
-        """Returns the edges (k, 2), each once."""
+        """Returns the edges (k, 2), without duplicates."""
         return np.unique(np.sort(np.concatenate([self.triangles[:, pair] for pair in ((0, 1), (1, 2), (2, 0))]), axis=1), axis=0)
 
     def scaled(self, factor):
@@ -76,7 +76,7 @@ def configured(filter_, **settings):
 
 
 def pipe(source, *filters):
-    """Returns the output of a chain of VTK filters."""
+    """Returns the output of the last filter in a chain of VTK filters."""
     for each in filters:
         each.SetInputData(source)
         each.Update()
@@ -137,7 +137,7 @@ def solids(found):
     made = {n: [part] for n, part in enumerate(ordered) if len(around[n]) % 2 == 0}
     for n, part in enumerate(ordered):
         if len(around[n]) % 2:
-            made[around[n][-1]].append(Shell(part.points, part.triangles[:, ::-1]))     # added to the smallest solid around it
+            made[around[n][-1]].append(Shell(part.points, part.triangles[:, ::-1]))     # added to the smallest solid that surrounds it
     return [joined(parts_) for parts_ in made.values()]
 
 
@@ -241,14 +241,14 @@ def connected(count, pairs):
         before = root.copy()
         least = np.minimum(root[pairs[:, 0]], root[pairs[:, 1]])
         order = np.argsort(-least, kind="stable")
-        root[pairs[order].ravel()] = np.repeat(least[order], 2)    # the last assignment is the smallest number
+        root[pairs[order].ravel()] = np.repeat(least[order], 2)    # the last assignment to an element is the smallest number
         root = root[root]
         if np.array_equal(root, before):
             return root
 
 
 def edges_of(surface, kind):
-    """Returns the number of edges of this kind."""
+    """Returns the number of edges of this type."""
     edges = configured(vtk.vtkFeatureEdges(), BoundaryEdges=False, FeatureEdges=False, ManifoldEdges=False, NonManifoldEdges=False)
     return pipe(surface, configured(edges, **{kind: True})).GetNumberOfCells()
 
@@ -259,7 +259,7 @@ def open_edges(surface):
 
 def crossings(shells):
     """Returns (point, i, j) wherever an edge of shell i passes through a triangle of shell j that contains neither of its ends."""
-    owner = np.repeat(np.arange(len(shells)), [len(shell.points) for shell in shells])   # shell of each point
+    owner = np.repeat(np.arange(len(shells)), [len(shell.points) for shell in shells])   # index of the shell to which each point belongs
     for point, edge, triangle in crossing_pairs(joined(shells)):
         yield point, owner[edge[0]], owner[triangle[0]]
 
@@ -279,7 +279,7 @@ def crossing_pairs(whole):
         counts[k] = near.GetNumberOfIds()
         triangles += map(near.GetId, range(counts[k]))
     edges, triangles = np.repeat(edges, counts, axis=0), np.array(triangles, int)
-    same = np.unique(whole.points, axis=0, return_inverse=True)[1].reshape(-1)    # shells may share points
+    same = np.unique(whole.points, axis=0, return_inverse=True)[1].reshape(-1)    # shells may have points in common
     apart = ~np.any(same[whole.triangles[triangles]][:, :, None] == same[edges][:, None, :], axis=(1, 2))
     edges, triangles = edges[apart], triangles[apart]
     corner, b, c = (whole.points[whole.triangles[triangles, k]] for k in range(3))

@@ -24,17 +24,18 @@ from .label_image import box_of, connected_in, drawn, image_data
 from .shells import Shell, configured, pipe
 from ..trouble import BadFile, Empty, needed
 
-MOST_VOXELS = 6e6      # largest number of voxels in which surfaces are extracted: larger images are subsampled
-MOST_SIZE = 2 ** 31    # largest number of voxels of a file
-ELONGATED = 1.5        # ratio of a voxel's sides above which slices are interpolated between the others
-AROUND = 3             # number of voxels around the labels
+MOST_VOXELS = 6e6      # largest number of voxels from which surfaces are extracted: larger images are subsampled
+MOST_SIZE = 2 ** 31    # largest number of voxels in a file
+ELONGATED = 1.5        # ratio of a voxel's sides above which additional slices are interpolated
+AROUND = 3             # number of empty voxels added around the labels
 PASS_BAND = 0.1        # pass band of the smoothing filter, at most 2: removes waves shorter than about six voxels
 SMOOTHED = 0.05        # largest change of a part's volume by smoothing: a part that changes more is a few voxels thin and is not smoothed
-OFF_VOLUME = 0.05      # fraction of a part's volume: interpolation of distances makes parts that are one slice thin too thin; these are thickened
-MOST_CHECKED = 4000    # number of points on a label's surface at which the mesh's distance is measured
-ROUNDING = 1e-3        # by which labels may differ from whole numbers, for example after scaling
-APART = 1.0            # mm: a file gets a remark if its two transforms place its corners further apart
-OFF_LATTICE = 0.05     # voxels by which maps on one lattice may differ
+# fraction of a part's volume: interpolation makes parts that are only one slice thick too thin; if the error is larger than this, they are thickened
+OFF_VOLUME = 0.05
+MOST_CHECKED = 4000    # number of points on a label's surface at which the distance from the mesh is measured
+ROUNDING = 1e-3        # largest difference between a label and a whole number, for example after scaling
+APART = 1.0            # mm: the report mentions it if the two transforms in a file place the image's corners farther apart than this
+OFF_LATTICE = 0.05     # voxels, largest difference between maps that count as having the same lattice
 LPS = np.diag([-1.0, -1.0, 1.0, 1.0])   # converts RAS to LPS, and back
 
 
@@ -42,7 +43,7 @@ LPS = np.diag([-1.0, -1.0, 1.0, 1.0])   # converts RAS to LPS, and back
 class Segment:
     layer: int               # of the map
     value: int
-    code: str = ""           # its description in the file, for its material
+    code: str = ""           # the segment's description in the file, from which its material is chosen
     also: tuple = ()         # other names by which a user may refer to it
 
 
@@ -66,7 +67,7 @@ class LabelMap:
 
 def numbered(values, names):
     """Returns name -> Segment for each value other than 0 in the first layer."""
-    found = np.unique(np.concatenate([np.unique(plane) for plane in values]))      # plane by plane, because sorting needs memory
+    found = np.unique(np.concatenate([np.unique(plane) for plane in values]))      # one plane at a time, because sorting needs memory
     segments = {}
     for value in map(int, found[found > 0]):
         segments[unique(names.get(value, str(value)), segments)] = Segment(0, value, also=(str(value),))
@@ -110,7 +111,7 @@ def check_compressed(path):
 
 
 def read_nifti(path, unit, names):
-    """Reads a NIfTI file. `unit`: mm per unit of the file, or None for the unit in the file. `names`: label number -> name."""
+    """Reads a NIfTI file. `unit`: mm per unit of the file, or None to use the unit in the file. `names`: label number -> name."""
     nibabel = needed("nibabel", "python3-nibabel", path)
     try:
         check_compressed(path)
@@ -186,7 +187,7 @@ def nrrd_data(path, fields, rest, size):
     """Returns the values as bytes. `size`: their number of bytes."""
     encoding = fields.get("encoding", "").lower()
     if encoding in ("gzip", "gz"):
-        # any number of streams; one byte more is read, so that the checksum is checked
+        # there may be any number of streams; one more byte is requested so that the last checksum is verified
         return gzip.GzipFile(fileobj=io.BytesIO(rest)).read(size + 1)[:size]
     if encoding in ("bzip2", "bz2"):
         return bz2.BZ2File(io.BytesIO(rest)).read(size + 1)[:size]
@@ -196,7 +197,7 @@ def nrrd_data(path, fields, rest, size):
 
 
 def nrrd_beside(path, fields):
-    """Returns the bytes of the separate file that a header names."""
+    """Returns the bytes of the separate data file named in a header."""
     named = fields.get("data file", fields.get("datafile"))
     beside = os.path.join(os.path.dirname(path), named)
     several = not os.path.isfile(beside) and re.match(r"LIST\b|.*%", named)
@@ -218,7 +219,7 @@ def nrrd_axes(fields, sizes):
     if not said and "spacings" in fields:
         spacings = [float(v) for v in fields["spacings"].split()]
         said = [None] * (len(spacings) - 3) + list(np.diag(spacings[-3:]))
-    if len(said) == 3 and len(sizes) == 4:      # without an entry for the layers
+    if len(said) == 3 and len(sizes) == 4:      # there is no entry for the axis of layers
         said = [None, *said]
     spatial = [n for n, v in enumerate(said) if v is not None and len(v) >= 3 and not np.any(v[3:] != 0)]
     others = [n for n in range(len(said)) if n not in spatial]
@@ -286,9 +287,9 @@ def read_nrrd(path, unit, names, frame):
 
 
 def nrrd_segments(fields, layers, names):
-    """Returns name -> Segment, from the fields that 3D Slicer writes into .seg.nrrd, otherwise by number."""
+    """Returns a dict of name -> Segment, named by the .seg.nrrd fields that 3D Slicer writes; without those fields, segments are named by number."""
     segments = {}
-    # before layers were shared, each segment had a layer of its own
+    # in files written before layers were shared, each segment has its own layer
     several = len(layers) > 1 and not any(key.endswith("_Layer") for key in fields)
     for n in sorted({int(match[1]) for match in map(re.compile(r"Segment(\d+)_").match, fields) if match}):
         value, layer = int(fields.get(f"Segment{n}_LabelValue", 1)), int(fields.get(f"Segment{n}_Layer", n if several else 0))
@@ -331,7 +332,7 @@ def has_group(data, frame, name):
 
 
 def group(data, frame, name):
-    """Returns an item of a frame's functional groups, or of the shared ones."""
+    """Returns an item from a frame's functional groups or, if it is not there, from the shared ones."""
     for groups in (frame, data.SharedFunctionalGroupsSequence[0]):
         if name in groups:
             return groups[name][0]
@@ -354,7 +355,8 @@ def map_of_frames(path, data, frames):
     if not (has_group(data, each[0], "PixelMeasuresSequence") and has_group(data, each[0], "PlaneOrientationSequence")
             and has_group(data, each[0], "PlanePositionSequence")):
         raise BadFile(f"{path}: its frames have no place in the patient, as those of a projection or of a microscope: expected a segmentation of CT or MR")
-    by_value = data.get("SegmentationType") == "LABELMAP"       # a pixel's value is its segment's number, and a frame belongs to no single segment
+    # the value of a pixel is the number of its segment, and a frame does not belong to a single segment
+    by_value = data.get("SegmentationType") == "LABELMAP"
     measures = group(data, each[0], "PixelMeasuresSequence")
     right, down = np.array(group(data, each[0], "PlaneOrientationSequence").ImageOrientationPatient, float).reshape(2, 3)
     normal = np.cross(right, down)
@@ -420,7 +422,7 @@ NUMBER, UNNAMED = re.compile(r"\d+"), re.compile(r"\d+|Segment[ _]?\d*", re.I)
 
 
 def named_after_file(path, map_, unnamed=NUMBER):
-    """Returns the same map, in which a single label without a name is named after its file."""
+    """Returns the same map; if it has a single label without a name, the label is named after the file."""
     stem = re.sub(r"(\.seg)?\.(nii|nii\.gz|nrrd|nhdr|dcm)$", "", os.path.basename(path), flags=re.I)
     if len(map_.segments) == 1:
         (name, segment), = map_.segments.items()
@@ -482,8 +484,8 @@ def together(maps):
 @dataclasses.dataclass
 class Border:
     """The faces of an image that cut off a label, in any frame and unit."""
-    normals: np.ndarray      # (k, 3) outward, unit
-    offsets: np.ndarray      # (k,) offsets of the faces along the normals
+    normals: np.ndarray      # (k, 3) outward unit normals of the faces
+    offsets: np.ndarray      # (k,) positions of the faces along their normals
 
     def __call__(self, points):
         """Returns the distance of points (n, 3) to the nearest face."""
@@ -497,19 +499,19 @@ class Border:
 @dataclasses.dataclass
 class Outlined:
     """The surfaces of a label's connected parts."""
-    shells: list             # one for each part that has a surface: closed, DICOM mm
-    volumes: list            # volumes of their voxels, mm^3
-    points: np.ndarray       # on the faces between voxels in and out of the label, DICOM mm
-    volume: float            # volume of all its voxels, mm^3
+    shells: list             # one closed surface for each part that has a surface, DICOM mm
+    volumes: list            # volumes of these parts, computed from their voxels, mm^3
+    points: np.ndarray       # points on the faces between voxels inside and outside the label, DICOM mm
+    volume: float            # total volume of the label's voxels, mm^3
     voxel: float             # volume of one voxel, mm^3
     notes: list
     border: Border = None
-    gone: list = dataclasses.field(default_factory=list)     # (volume, place) of parts without a surface, mm^3 and DICOM mm
-    joined: list = dataclasses.field(default_factory=list)   # (volumes of parts that share one surface, its middle), in the same units
+    gone: list = dataclasses.field(default_factory=list)     # (volume, place) of parts that have no surface, in mm^3 and DICOM mm
+    joined: list = dataclasses.field(default_factory=list)   # (volumes of parts that share one surface, centre of that surface), in the same units
 
 
 def signed_distance(mask, spacing):
-    """Returns the distance of each voxel to a mask's border, mm, negative inside."""
+    """Returns the distance (mm) of each voxel from the border of a mask, negative inside the mask."""
     def to(inside):
         source = image_data(np.where(inside, 0, 1).astype(np.uint8))
         source.SetSpacing(*spacing)
@@ -521,7 +523,7 @@ def signed_distance(mask, spacing):
 
 
 def refined(values, factors):
-    """Interpolates linearly with this many steps per voxel along (z, y, x)."""
+    """Interpolates linearly, with this many steps per voxel along (z, y, x)."""
     for axis, factor in enumerate(factors):
         if factor > 1:
             count = values.shape[axis]
@@ -552,7 +554,7 @@ def zero_surface(values, spacing):
 
 
 def face_points(mask):
-    """Returns the middles of the faces between voxels in and out of a mask, in voxels (i, j, k)."""
+    """Returns the centres of the faces between voxels inside and outside a mask, in voxels (i, j, k)."""
     found = []
     for axis in range(3):
         at = np.argwhere(np.diff(mask.astype(np.int8), axis=axis)).astype(float)
@@ -601,7 +603,7 @@ def others_beside(name, masks, window):
 
 
 def moved(window, origin):
-    """Converts slices of an image to slices of a section of it."""
+    """Converts slices of the image to slices of a section of the image."""
     return tuple(slice(each.start - start.start, each.stop - start.start) for each, start in zip(window, origin))
 
 

@@ -39,7 +39,7 @@ def block(half=(60, 60, 60), spacing=SPACING):
 
 
 def labelled(grid, *masks):
-    """Labels 1, 2, ...: later masks are drawn over earlier ones."""
+    """Draws labels 1, 2, ...; later masks are drawn over earlier ones."""
     labels = np.zeros(grid.shape, np.uint8)
     for value, mask in enumerate(masks, 1):
         labels[np.broadcast_to(mask, grid.shape)] = value
@@ -117,7 +117,7 @@ def twenty_lesions_of_8_mm_in_liver(case):
 
 
 def lesion_alone_beside_its_organ(case):
-    """Lesion and organ are surfaces in files of their own; the lesion's small size must not be taken for another unit."""
+    """Lesion and organ are surfaces in separate files; the small size of the lesion must not be mistaken for a different unit."""
     labels, inside, _, place = torso.torso((2.0, 2.0, 2.0), 1, 2.5)
     from ..shapes import voxels
     map_ = voxels.LabelMap([(labels == 5).astype(np.uint8), inside.astype(np.uint8)], place, {"liver": voxels.Segment(0, 1), "lesion": voxels.Segment(1, 1)})
@@ -183,7 +183,7 @@ def satellites(case):
 
 
 def small_bowel(case):
-    """Loops of bowel, one of which was cut off by the segmentation, has 0.43 ml, and lies 100 mm from the others."""
+    """Loops of bowel. One of them was cut off by the segmentation, has a volume of 0.43 ml, and lies 100 mm from the others."""
     grid = block((80, 60, 60), (1.5, 1.5, 1.5))
     loops = grid.rod((-60, 0, 0), (-10, 20, 0), 11) | grid.rod((-10, 20, 0), (-10, -30, 20), 11) | grid.ellipsoid((70, 0, 0), (4.7,) * 3)
     return [case.nrrd(labelled(grid, loops), grid.place, {1: "small_bowel"}), "--roi", "small_bowel", "--nodes", "1500"]
@@ -208,7 +208,7 @@ def run(command, folder, **more):
 
 
 def insertion(build, prefix, folder):
-    """Returns the events and times of the scripted push into a scene, and the largest force."""
+    """Returns the events and their times during the scripted push into a scene, and the largest force."""
     device, replay = (os.path.join(build, "clients", name) for name in ("trocar-device", "trocar-replay"))
     log, table = os.path.join(folder, "in.log"), os.path.join(folder, "in.csv")
     status, _, _, said, _ = run([device, "--script", "insert", "--scene", prefix + ".yaml", "--write-log", log], folder)

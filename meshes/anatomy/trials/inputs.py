@@ -154,7 +154,7 @@ def write_surface(path, shell, frame="LPS"):
 
 
 def write_cells(path, mesh, array="Label"):
-    """Writes a quality.Mesh as .vtu or .vtk, with numbers of regions from 1 on."""
+    """Writes a quality.Mesh as .vtu or .vtk, with regions numbered from 1."""
     grid, points, cells = vtk.vtkUnstructuredGrid(), vtk.vtkPoints(), vtk.vtkCellArray()
     points.SetData(numpy_to_vtk(np.ascontiguousarray(mesh.points), deep=True))
     for tet in mesh.tets.tolist():

@@ -11,20 +11,20 @@ from .. import binding
 
 DT = 1e-3               # s
 SPEED = 0.05            # m/s
-REST = 0.3              # s at the target before the last force is read
-ROUNDS = 30             # rounds of the search for the tissue at the tip
+REST = 0.3              # s, rest at the target before the last force is read
+ROUNDS = 30             # largest number of iterations in the search for the tissue at the tip
 
 
 @dataclasses.dataclass
 class Insertion:
     """N, m."""
     peak: float              # largest force on the hand
-    last: float              # N, force after REST at the target
-    punctures: list          # (membrane, travel from the skin at rest, force before)
-    region: str              # region of the tissue at the tip at the end, "" outside
+    last: float              # N, force after the rest at the target
+    punctures: list          # (membrane, travel from the skin at rest, force just before the puncture)
+    region: str              # region whose tissue is at the tip at the end; "" outside the tissue
     off_target: float        # distance from the tip to the displaced target
     shift: float             # displacement of the target
-    failed: str = ""         # reason, if the state is not finite
+    failed: str = ""         # reason for the failure, if the state is not finite
 
 
 def push(path, build=None, speed=SPEED, change=None):
@@ -77,7 +77,7 @@ class Moved:
         return weights @ self.u[self.model.tets[tet]]
 
     def region_at(self, point):
-        """Returns the name of the region whose tissue is now at a point."""
+        """Returns the name of the region whose tissue is currently at a point."""
         rest = point.copy()
         for _ in range(ROUNDS):
             rest += 0.7 * (point - rest - self.at(rest))

@@ -27,11 +27,11 @@ from ..shapes.contours import Unusable
 from ..limits import Crashed, TooLong
 from ..trouble import BadFile
 
-VOLUME_LIMIT = 0.01                     # fraction of the voxels' volume
+VOLUME_LIMIT = 0.01                     # fraction of the volume of the voxels
 LEAST_ANGLE, GREATEST_ANGLE = 10, 165   # deg
-MEAN_LIMIT = 1.0                        # mm, mean distance of the voxels' faces from the mesh
+MEAN_LIMIT = 1.0                        # mm, mean distance from the faces of the voxels to the mesh
 SPACING = (1.0, 1.0, 1.5)               # mm
-RANDOM_TRIES = 3                        # attempts for random maps
+RANDOM_TRIES = 3                        # number of attempts for random maps
 GOOD_REFUSALS = (BadFile, Unusable, TooLong)
 
 
@@ -48,7 +48,7 @@ def make(*arguments):
 
 
 class Patient:
-    """The synthetic patient, and its true volumes."""
+    """The synthetic patient with its true volumes."""
 
     def __init__(self, folder):
         self.folder = folder
@@ -199,7 +199,7 @@ def kind_row(p, kind, nodes):
     organs, mesh, domain, outlined = make(*arguments, "--nodes", nodes, "--output", p.path("out"))
     seconds, megabytes = used()[0] - prepared, used()[1]
     soft = [organ for organ in organs if not organ.bone]
-    told = {organ.roi: outlined[organ.name] / (organ.volume * 1e-9) for organ in soft}       # volumes that the other organs got of it
+    told = {organ.roi: outlined[organ.name] / (organ.volume * 1e-9) for organ in soft}       # volumes that the other organs gained from it
     change = max((mesh.region_volume(organ.name) * 1e9 / (truth.get(organ.roi, organ.volume) * told[organ.roi]) - 1 for organ in soft), key=abs)
     off = np.concatenate(list(pipeline.distances_to_outlines(organs, domain, mesh, outlined).values()))
     angles = mesh.dihedral_angles()
@@ -218,7 +218,7 @@ def kinds(nodes=570, *chosen):
         for kind in KINDS:
             if not chosen or kind.__name__ in chosen:
                 try:
-                    # a process of its own, so that the memory is that of this row
+                    # each row runs in its own process, so that the measured memory is that of this row
                     with concurrent.futures.ProcessPoolExecutor(1, multiprocessing.get_context("fork")) as own:
                         row, good = own.submit(kind_row, p, kind, int(nodes)).result()
                 except (*GOOD_REFUSALS, Crashed) as error:
@@ -282,7 +282,7 @@ def random_map(number):
             if random.uniform() < 0.2:
                 blob &= ((grid - centre) ** 2).sum(axis=-1) > (0.6 * radii.min()) ** 2      # a hollow
             labels[blob] = label
-            centre = centre + random.normal(size=3) * radii      # the next part branches off from here
+            centre = centre + random.normal(size=3) * radii      # the next part starts from this point
     if random.uniform() < 0.1:
         labels[random.uniform(size=labels.shape) < 0.002] = 1    # specks
     place = inputs.turned(np.diag([*spacing, 1.0]), random.uniform(-30, 30))
@@ -304,7 +304,7 @@ def random_row(number, folder_):
         organs, mesh, _, outlined = make(path, *chosen, "--nodes", 1500, "--output", os.path.join(folder_, "out"))
     except GOOD_REFUSALS as error:
         return about + f"refused: {str(error).replace(path, 'file')} | | | {used()[0] - began:.0f} |", True
-    except Exception as error:  # any exception is a fault of the program
+    except Exception as error:  # any exception counts as a fault of the program
         return about + f"FAILED: {type(error).__name__}: {error} | | | {used()[0] - began:.0f} |", False
     change = max((mesh.region_volume(organ.name) / outlined[organ.name] - 1 for organ in organs if not organ.bone), key=abs)
     angles = mesh.dihedral_angles()
@@ -312,8 +312,8 @@ def random_row(number, folder_):
 
 
 def hurry():
-    """Accepts the first mesh in which no surface is missing, unless it has more than twice the wanted nodes: random maps need neither good angles nor
-    an exact number of nodes."""
+    """Accepts the first mesh in which no surface is missing, unless it has more than twice the desired number of nodes: random maps need neither good
+    angles nor an exact number of nodes."""
     meshing.TRIES, meshing.MOST_WORK, meshing.OFF = RANDOM_TRIES, 0, meshing.MOST_OFF - 1
 
 
@@ -333,7 +333,7 @@ def random_maps(first=0, count=200):
 
 # ---- crowded label maps ----------------------------------------------------------------------------------------------------------
 
-PART_LIMIT = 0.05       # fraction of a part's volume: larger losses must be named
+PART_LIMIT = 0.05       # fraction of a part's volume: the report must name parts with larger losses
 SMALL, FEW = 0.6, 900   # size of the organs, and nodes, with which 200 maps take a quarter of an hour of one processor
 LESIONS, ORGAN, SECOND, BODY, FIRST_BONE = 1, 2, 3, 4, 5
 
@@ -440,13 +440,13 @@ def crowded_row(number, folder_, build, size=SMALL, nodes=FEW):
     about = f"| {number} | {len(names)}{' with body' if '--skin' in chosen else ''} | "
     try:
         organs, mesh, domain, _ = make(path, *chosen, "--nodes", nodes, "--output", os.path.join(folder_, "out"))
-    except Exception as error:  # no map may be refused
+    except Exception as error:  # no map may be refused, so any exception is a fault
         return about + f"FAILED: {type(error).__name__}: {str(error).replace(path, 'file')} | | | | | {used()[0] - began:.0f} | NO |", False, 0.0
     seconds = used()[0] - began
     worst, count = losses_in(organs, mesh, domain, labels, place, names)
     try:
         pushed = limits.run("push", insertion.push, os.path.join(folder_, "out.yaml"), build)
-    except Exception as error:  # an exception of the library, or it took too long
+    except Exception as error:  # either the library has raised an exception, or it took too long
         return about + f"{len(mesh.points)} nodes | {count} | {100 * worst:+.1f} | | NOT PUSHED: {error} | {seconds:.0f} | NO |", False, worst
     pierced = pushed.region == organs[0].name
     good = abs(worst) <= PART_LIMIT and pierced and not pushed.failed

@@ -15,11 +15,11 @@ from . import insertion, inputs, label_stress, torso
 
 SPACING = (2.0, 2.0, 2.0)           # mm
 HALF = 45.0, 40.0, 25.0             # mm, half axes of the region, which is 25 mm deep from its surface to its middle
-DEEP = 35.0                         # mm of materials.SURROUNDING from the skin to the region
+DEEP = 35.0                         # mm, thickness of materials.SURROUNDING between the skin and the region
 NODES = 900
-REGION, WALL = "liver", "liver_wall"     # a name whose surface is a membrane
-MOST_DENT = 25.0                    # mm: a region that deforms more is pushed away instead of entered
-LINEAR = "(liver, linear, as by shear waves)"     # shown for comparison only
+REGION, WALL = "liver", "liver_wall"     # a name for which the region's surface is a membrane
+MOST_DENT = 25.0                    # mm: a region that deforms more than this is pushed away instead of being entered
+LINEAR = "(liver, linear, as by shear waves)"     # row that is shown only for comparison
 
 
 def make(folder):

@@ -14,15 +14,15 @@ import numpy as np
 @dataclasses.dataclass
 class Gland:
     volume: float = 34e3        # mm^3
-    width: float = 1.35         # relative to its height
-    length: float = 1.15        # relative to its height
-    apex: float = 0.25          # narrowing toward the apex: 0 is symmetric
-    dent: float = 0.18          # depth of the rectum's impression, of the half height
+    width: float = 1.35         # width relative to the height
+    length: float = 1.15        # length relative to the height
+    apex: float = 0.25          # narrowing toward the apex; 0 gives a symmetric gland
+    dent: float = 0.18          # depth of the rectum's indentation, as a fraction of the half height
     tilt: float = 0.10          # backward tilt of the axis toward the base
     lean: float = 0.0           # sideways
-    lobes: float = 0.0          # right side larger than left
-    arch_gap: float = 7.0       # mm between the gland's front and the symphysis
-    arch_angle: float = 84.0    # deg between the rami
+    lobes: float = 0.0          # fraction by which the right side is larger than the left
+    arch_gap: float = 7.0       # mm, distance between the gland's front and the symphysis
+    arch_angle: float = 84.0    # deg, angle between the rami
     half: tuple = None          # mm: half width, half height, half length, computed from the others
 
     def __post_init__(self):

@@ -1,4 +1,4 @@
-"""Dose of brachytherapy seeds by AAPM TG-43: see the section "dose" of trocar.h."""
+"""Computes the dose of brachytherapy seeds after AAPM TG-43: see the section "dose" of trocar.h."""
 from __future__ import annotations
 
 from os import PathLike, fspath
@@ -40,10 +40,10 @@ def _seed(position: npt.ArrayLike, direction: npt.ArrayLike, strength: float) ->
 
 
 class Source:
-    """A seed model: the TG-43 data of one kind of seed. Constant."""
+    """A seed model: the TG-43 data for one type of seed. Constant."""
 
     def __init__(self, name: str) -> None:
-        """Loads consensus data: "I-125 6711" or "Pd-103 200"."""
+        """Loads the consensus data for "I-125 6711" or "Pd-103 200"."""
         self._create(lib.trocar_dose_source_create, name)
 
     @classmethod
@@ -66,14 +66,14 @@ class Source:
         self.half_life: float = data.half_life
 
     def __copy__(self) -> Source:
-        return self  # a source is constant
+        return self  # a source is constant, so a copy is not needed
 
     def __deepcopy__(self, _: Any) -> Source:
         return self
 
     def rates(self, positions: npt.ArrayLike, directions: npt.ArrayLike, strengths: npt.ArrayLike, points: npt.ArrayLike) -> npt.NDArray[np.float64]:
-        """Returns the initial dose rate (n,) Gy/h at points (n, 3) m for seeds at positions (m, 3) m along directions (m, 3), of
-        strengths (m,) U.
+        """Returns the initial dose rate (n,) Gy/h at the points (n, 3) m, due to seeds with positions (m, 3) m, directions (m, 3) and strengths (m,)
+        U.
 
         The GIL is released.
         """
@@ -86,7 +86,8 @@ class Source:
         return rates
 
     def hours(self, hours: float = float("inf")) -> float:
-        """Returns the ratio (h) of the dose over the first `hours` of decay to the initial dose rate; by default for a permanent implant."""
+        """Returns the dose accumulated in the first `hours` of decay, divided by the initial dose rate (result in h). The default is a permanent
+        implant."""
         return lib.trocar_dose_hours(self._handle, hours)
 
 
@@ -97,17 +98,17 @@ assert _SEED.itemsize == ffi.sizeof("trocar_dose_seed")
 class Dose:
     """Dose of a permanent implant at many points. Only one thread at a time may use it; the GIL is released.
 
-    Sums are exact: after a seed has been removed, every dose is bit for bit as if the seed had never been added.
+    Sums are exact: after a seed has been removed, every dose is bit-for-bit the same as if the seed had never been added.
     """
 
     def __init__(self, source: Source, origin: npt.ArrayLike, spacing: float, shape: tuple[int, int, int]) -> None:
-        """Computes the dose on a grid: `shape` voxels, `spacing` m apart, the centre of the first one at `origin` (3,) m."""
+        """Computes the dose on a grid of `shape` voxels, `spacing` m apart, with the centre of the first voxel at `origin` (3,) m."""
         grid = ffi.new("trocar_dose_grid *", {"origin": _three(origin, "origin"), "spacing": spacing, "counts": shape})
         self._create(source, tuple(shape), lambda handle, why: lib.trocar_dose_create(source._handle, grid, handle, why))
 
     @classmethod
     def at(cls, source: Source, points: npt.ArrayLike) -> Dose:
-        """Computes the dose at points (n, 3), m."""
+        """Computes the dose at the points (n, 3), m."""
         where = _vectors(points, "points")
         dose = cls.__new__(cls)
         dose._create(source, (len(where),), lambda handle, why: lib.trocar_dose_create_points(source._handle, _inputs(where), len(where), handle, why))
@@ -145,7 +146,7 @@ class Dose:
             _check(lib.trocar_dose_move(self._handle, seed, _seed(position, direction, strength), why), why)
 
     def displace(self, displacements: npt.ArrayLike | None) -> None:
-        """Moves the points by the displacements (n, 3), m, from their positions at rest; None: back to rest. Seeds do not move."""
+        """Moves the points by the displacements (n, 3), m, from their positions at rest; None moves them back to rest. Seeds do not move."""
         why, moved = ffi.new("trocar_error *"), None
         if displacements is not None:
             moved = np.ascontiguousarray(displacements, np.float64).reshape(-1, 3)
@@ -162,7 +163,7 @@ class Dose:
 
     @property
     def values(self) -> npt.NDArray[np.float64]:
-        """Doses in Gy, a copy: (nx, ny, nz) on a grid, else (n,)."""
+        """The doses in Gy, as a copy: shape (nx, ny, nz) for a grid, otherwise (n,)."""
         values = np.empty(self.shape)
         with self._turn:
             lib.trocar_dose_values(self._handle, _outputs(values))
@@ -170,7 +171,7 @@ class Dose:
 
 
 class Structure:
-    """The voxels whose centres are inside an organ at rest.
+    """The voxels whose centres lie inside an organ at rest.
 
     points (n, 3) m: the voxels' centres, read only; voxel: volume of one voxel, m^3.
     """
@@ -184,7 +185,7 @@ class Structure:
         self._nodes: int | None = None  # number of nodes of the model's mesh
 
     def __copy__(self) -> Structure:
-        return self  # a structure is constant
+        return self  # a structure is constant, so a copy is not needed
 
     def __deepcopy__(self, _: Any) -> Structure:
         return self
@@ -217,7 +218,8 @@ class Structure:
         return cls(handle[0])
 
     def displacements(self, nodal: npt.ArrayLike) -> npt.NDArray[np.float64]:
-        """Returns the displacements (n, 3) m at the points, from those of the mesh's nodes as returned by `Sim.displacements`. For regions only."""
+        """Returns the displacements (n, 3) m at the voxel centres, interpolated from those of the mesh's nodes, which `Sim.displacements` returns.
+        Only for structures made from a region."""
         nodal = _vectors(nodal, "displacements")
         if self._nodes is not None and len(nodal) != self._nodes:
             raise ValueError("%d displacements for a mesh of %d nodes" % (len(nodal), self._nodes))
@@ -239,15 +241,15 @@ class DVH:
         _check(lib.trocar_dvh_sort(_outputs(self.doses), len(self.doses), why), why)
 
     def dose(self, fraction: float) -> float:
-        """Returns the dose (Gy) that this fraction of the volume receives at least: 0.9 for D90."""
+        """Returns the minimum dose (Gy) in the fraction of the volume with the highest doses: 0.9 gives D90."""
         return lib.trocar_dvh_dose(_inputs(self.doses), len(self.doses), fraction)
 
     def volume(self, dose: float) -> float:
-        """Returns the fraction of the volume that receives `dose` Gy or more."""
+        """Returns the fraction of the volume that receives at least `dose` Gy."""
         return lib.trocar_dvh_volume(_inputs(self.doses), len(self.doses), dose)
 
     def summary(self, prescription: float) -> dict[str, float]:
-        """Returns the usual figures for a prescription in Gy: volume_cm3; mean, minimum, maximum, d10, d30, d80, d90 in Gy; v100, v150, v200 as fractions;
-        v100_cm3."""
+        """Returns the usual statistics for a prescription in Gy: volume_cm3; mean, minimum, maximum, d10, d30, d80, d90 in Gy; v100, v150, v200 as
+        fractions; v100_cm3."""
         found = lib.trocar_dvh_summarise(_inputs(self.doses), len(self.doses), self.voxel, prescription)
         return {name: getattr(found, name) for name, _ in ffi.typeof("trocar_dvh_summary").fields}

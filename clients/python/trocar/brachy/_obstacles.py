@@ -1,4 +1,5 @@
-"""Obstacles for a planned needle: surfaces and regions of the mesh, and the patient's contours, as points that move with the tissue."""
+"""Obstacles for a planned needle: surfaces and regions of the mesh, and contours from the patient's images, all represented by points that move with
+the tissue."""
 from __future__ import annotations
 
 import csv
@@ -14,11 +15,11 @@ from .._files import open_input
 
 Array = npt.NDArray[np.float64]
 
-NEAR = 24    # number of tetrahedra tried first: those whose centres are closest to a point
+NEAR = 24    # number of tetrahedra tried first for a point: those whose centres are closest to it
 
 
 class Embedding:
-    """Finds the positions of points, given at rest, in the displaced tissue. A point outside the tissue moves with the closest node."""
+    """Computes the positions in the displaced tissue of points that are given at rest. A point outside the tissue moves with the closest node."""
 
     def __init__(self, model: Model):
         from scipy.spatial import cKDTree
@@ -28,14 +29,14 @@ class Embedding:
         self._centres, self._nodes = cKDTree(corners.mean(axis=1)), cKDTree(model.nodes)
 
     def locate(self, points: Array) -> tuple[npt.NDArray[np.int32], Array]:
-        """Returns the nodes (n, 4) between which points (n, 3) m lie, and their weights (n, 4)."""
+        """Returns, for points (n, 3) m, the nodes (n, 4) between which each point lies, and their weights (n, 4)."""
         near = self._centres.query(points, min(NEAR, len(self._tets)))[1].reshape(len(points), -1)
         inner = np.einsum("nkij,nkj->nki", self._inverse[near], points[:, None] - self._first[near])
         weights = np.concatenate([1.0 - inner.sum(axis=2, keepdims=True), inner], axis=2)
         best = weights.min(axis=2).argmax(axis=1)
         rows = np.arange(len(points))
         nodes, weights = self._tets[near[rows, best]], weights[rows, best]
-        # a point just outside the tissue, or in a flat element whose centre is not close, is extrapolated a little
+        # a point that lies just outside the tissue, or in a flat element whose centre is not close, is located by slight extrapolation
         outside = weights.min(axis=1) < -0.05
         nodes[outside], weights[outside] = self._nodes.query(points[outside])[1][:, None], 0.25
         return nodes, weights
@@ -43,10 +44,10 @@ class Embedding:
 
 @dataclass
 class Obstacle:
-    """The points of an obstacle, at rest."""
+    """The points of an obstacle in the tissue at rest."""
 
     name: str
-    clearance: float    # m, wanted distance from the needle's surface
+    clearance: float    # m, desired distance from the needle's surface
     points: Array       # (n, 3) m
 
     def __post_init__(self) -> None:
@@ -55,24 +56,24 @@ class Obstacle:
         self._low, self._high = self.points.min(axis=0), self.points.max(axis=0)
 
     def distance(self, shaft: Array, radius: float, embedding: Embedding | None = None, field: Array | None = None, enough: float = math.inf) -> float:
-        """Returns the distance (m) from the surface of a needle with this centreline (n, 3) and radius (m), negative where the needle cuts through
-        the obstacle's points. The tissue is at rest, or displaced by `field` (nodes, 3). If the distance is certainly above `enough` (m), a lower
-        bound may be returned, which is faster to compute."""
+        """Returns the distance (m) of the obstacle from the surface of a needle with this centreline (n, 3) and radius (m); negative where the needle
+        cuts through the obstacle's points. The tissue is at rest, or displaced by `field` (nodes, 3). If the distance certainly exceeds `enough` (m),
+        the function may return a lower bound instead, which is faster to compute."""
         line = _refined(shaft, 0.5e-3)
-        apart = np.maximum(self._low - line, line - self._high).max(axis=1)    # distance from the box around the obstacle's points
+        apart = np.maximum(self._low - line, line - self._high).max(axis=1)    # distance of each point of the needle from the box around the obstacle's points
         moved = 0.0 if field is None else float(np.linalg.norm(field, axis=1).max())
         if apart.min() - moved - radius > enough:
             return float(apart.min()) - moved - radius
         apart_first = np.argsort(apart, kind="stable")
         nearest = float(self._tree.query(line[apart_first[:32]])[0].min())
-        line = line[apart <= nearest + 2.0 * moved]    # other points of the needle cannot be the closest
+        line = line[apart <= nearest + 2.0 * moved]    # the remaining points of the needle cannot be the closest
         nearest = min(nearest, float(self._tree.query(line, distance_upper_bound=nearest)[0].min()))
         if field is None:
             return nearest - radius
         if nearest - moved - radius > enough:
             return nearest - moved - radius
         from scipy.spatial import cKDTree
-        # Points that can be the closest in the displaced tissue are no further away than this at rest, with a margin for rounding.
+        # Any point that can be the closest in the displaced tissue is at most this far away at rest; the margin covers rounding errors.
         reach = (nearest + 2.0 * moved) * (1.0 + 1e-9)
         close = np.unique(np.concatenate(self._tree.query_ball_point(line, reach)).astype(int))
         points = self.points[close]
@@ -82,19 +83,19 @@ class Obstacle:
 
 
 def _refined(line: Array, spacing: float) -> Array:
-    """Returns the polyline with points at most `spacing` (m) apart."""
+    """Returns the polyline with additional points, so that neighbours are at most `spacing` (m) apart."""
     parts = [np.linspace(a, b, max(math.ceil(np.linalg.norm(b - a) / spacing), 1), endpoint=False) for a, b in zip(line[:-1], line[1:])]
     return np.concatenate([*parts, line[-1:]])
 
 
 def spacing_of(clearance: float) -> float:
-    """Returns the spacing (m) of an obstacle's points with which distances are exact to an eighth of the clearance."""
+    """Returns the spacing (m) of an obstacle's points for which distances are accurate to an eighth of the clearance."""
     return float(np.clip(0.5 * clearance, 0.25e-3, 1e-3))
 
 
 def _simplex_points(corners: Array, spacing: float, most: float) -> Array:
     """Returns points at most `spacing` apart in triangles or tetrahedra with corners (n, 3 or 4, 3). Raises ValueError if there would be more than
-    `most`, where points shared by neighbours count for each."""
+    `most` points; a point shared by several elements is counted once for each."""
     found, count = [], corners.shape[1]
     edges = np.linalg.norm(corners[:, :, None] - corners[:, None], axis=3).max(axis=(1, 2))
     parts = np.maximum(np.ceil(edges / spacing).astype(int), 1)
@@ -121,11 +122,11 @@ def region_points(model: Model, name: str, spacing: float, most: float = math.in
 
 
 class BadContours(Exception):
-    """Contours that cannot be used; the message gives file, line and remedy."""
+    """The contours cannot be used; the message gives file, line and remedy."""
 
 
 def read_contours(path: str, roi: str) -> list[Array]:
-    """Reads the outlines (n, 3) mm, in patient coordinates, of a region of interest from a table (roi, outline, x_mm, y_mm, z_mm) or an RT Structure
+    """Reads the outlines (n, 3) mm of a region of interest, in patient coordinates, from a table (roi, outline, x_mm, y_mm, z_mm) or an RT Structure
     Set."""
     outlines = _read_table(path) if path.endswith(".csv") else _read_structures(path)
     if roi not in outlines:
@@ -172,7 +173,7 @@ def _read_structures(path: str) -> dict[str, list[Array]]:
 
 
 def _inside(polygon: Array, points: Array) -> npt.NDArray[np.bool_]:
-    """True for points inside a polygon in the plane, by the even-odd rule."""
+    """True for points that lie inside a polygon in the plane, by the even-odd rule."""
     odd = np.zeros(len(points), bool)
     for (x1, y1), (x2, y2) in zip(polygon, np.roll(polygon, -1, axis=0)):
         crosses = (y1 > points[:, 1]) != (y2 > points[:, 1])
@@ -182,8 +183,8 @@ def _inside(polygon: Array, points: Array) -> npt.NDArray[np.bool_]:
 
 
 def contour_points(outlines: list[Array], to_mesh: Callable[[Array], Array], spacing: float) -> Array:
-    """Returns points at most `spacing` (m) apart that fill outlines on axial slices. Between slices, the shape is that of the closer slice; it extends half a
-    slice beyond the last, as in planimetry."""
+    """Returns points at most `spacing` (m) apart that fill outlines on axial slices. Between slices, the shape is that of the closer slice; beyond
+    the first and the last slice, it extends by half the distance between slices, as in planimetry."""
     step = 1e3 * spacing
     heights = np.unique(np.round([outline[:, 2].mean() for outline in outlines], 3))
     pitch = float(np.diff(heights).min()) if len(heights) > 1 else step

@@ -1,4 +1,4 @@
-"""The motion that carries out a plan of an implant: see `trocar.motion` for motions in general."""
+"""The motion that carries out an implant plan. See `trocar.motion` for motions in general."""
 from __future__ import annotations
 
 import math
@@ -16,14 +16,14 @@ __all__ = ["Implant"]
 
 @dataclass(frozen=True)
 class Implant(_Motion):
-    """A plan of an implant, one needle after the other: insertion at `speed` (m/s), with a turn if the plan has one, withdrawal from seed to seed,
-    and out."""
+    """Carries out an implant plan, one needle after the other: inserts the needle at `speed` (m/s), turns it if the plan requires that, withdraws it
+    from seed to seed, and removes it."""
 
     plan: plans.Plan | None = None
     speed: float = 0.08
-    settle: float = 0.05      # s at rest before a seed is dropped, or at the depth of a needle without seeds
-    outside: float = 0.02     # m from the template's face, or from the entry, at which a needle starts and ends
-    turning: float = 2.0 * math.pi    # rad/s, speed of a turn on the way
+    settle: float = 0.05      # s, rest before a seed is dropped, or at full depth for a needle without seeds
+    outside: float = 0.02     # m, distance from the template's face, or from the entry point, at which a needle starts and ends
+    turning: float = 2.0 * math.pi    # rad/s, speed of a turn during the insertion
 
     adjustable = ("speed", "roll")
 
@@ -31,19 +31,19 @@ class Implant(_Motion):
         return None
 
     def _pose(self, axis: tuple[Array, Array], depths: Array, roll: float | Array, length: float) -> Array:
-        """Returns poses (n, 7) with the tip at depths (n,) m along the axis, which is a point and a direction, and with the needle rolled by `roll`
+        """Returns poses (n, 7) with the tip at depths (n,) m along an axis, given by a point and a direction, and with the needle rolled by `roll`
         (rad)."""
         point, direction = axis
         turned = multiply(towards(direction), exponential(np.multiply.outer(np.broadcast_to(roll, depths.shape), [0.0, 0.0, 1.0])))
         return np.concatenate([point + (depths[:, None] - length) * direction, turned], axis=1)
 
     def _go(self, axis: tuple[Array, Array], start: float, end: float, roll: float, length: float, dt: float) -> Array:
-        """Returns poses that move the tip between two depths, in m, without the first pose."""
+        """Returns poses that move the tip from one depth to another (m), excluding the first pose."""
         steps = max(math.ceil(abs(end - start) / (self.speed * dt)), 1)
         return self._pose(axis, np.linspace(start, end, steps + 1)[1:], roll, length)
 
     def insert(self, sim: Sim, needle: plans.Needle, dt: float) -> Iterator[Array]:
-        """Yields the poses of one needle, from its reset outside the tissue to its rest at the depth."""
+        """Yields the poses of one needle, from its reset outside the tissue until it rests at its depth."""
         axis, length = plans.needle_axis(self.plan, needle, sim.model), sim.model.needle_length
         roll, at = needle.roll + self.adjustment.roll, -self.outside
         sim.reset(self._go(axis, at, at, roll, length, dt)[0])

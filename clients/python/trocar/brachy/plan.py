@@ -1,4 +1,4 @@
-"""Plans of an implant, with needles in the template's coordinates and seeds by their distance from the needle's tip.
+"""Implant plans. Needles are given in the template's coordinates, and seeds by their distance from the needle's tip.
 
 A plan is a YAML file:
 
@@ -49,11 +49,11 @@ __all__ = ["BadPlan", "Frame", "Misplacement", "Needle", "Plan", "Planned", "Pla
            "hole_number", "needle_axis", "planned_seeds", "read", "read_seeds", "seeds_of", "summary", "without_steering", "write"]
 
 _SPACING_TOLERANCE = 1e-6  # m
-_GAP = 1e-9                # m, rounding of lengths that are added
+_GAP = 1e-9                # m, tolerance for rounding errors in sums of lengths
 
 
 class BadPlan(Exception):
-    """A plan or table of seeds that cannot be used; the message gives file, line and remedy."""
+    """The plan or table of seeds cannot be used; the message gives file, line and remedy."""
 
 
 @dataclass
@@ -61,14 +61,14 @@ class Source:
     """Model and strength of every seed."""
 
     isotope: str     # I-125 or Pd-103
-    model: str       # model name of the manufacturer
+    model: str       # the manufacturer's name for the model
     strength: float  # U (uGy m^2/h), air kerma strength of one seed at the time of the implant
 
 
 class Turn(NamedTuple):
     """A rotation of the needle about its axis during the insertion, while the tip is at rest."""
 
-    depth: float        # m, of the tip, measured like the needle's depth
+    depth: float        # m, depth of the tip, measured in the same way as the needle's depth
     by: float           # rad
 
 
@@ -76,27 +76,27 @@ class Turn(NamedTuple):
 class Needle:
     """One needle of a plan."""
 
-    hole: str           # name such as C3.5; "" for a needle with an entry
-    depth: float        # m, from the template's entry face, or from the entry, to the tip
-    seeds: list[float]  # m, from the tip back to each seed's centre, ascending
-    line: int = 0       # line in the file; 0 if unknown
+    hole: str           # name of the hole, such as C3.5; "" for a needle with an entry point
+    depth: float        # m, from the template's entry face, or from the entry point, to the tip
+    seeds: list[float]  # m, from the tip back to each seed's centre, in ascending order
+    line: int = 0       # line number in the file; 0 if unknown
     name: str = ""
     roll: float = 0.0   # rad
     turn: Turn | None = None
-    entry: tuple[float, ...] | None = None               # (3) m, in the mesh
-    direction: tuple[float, ...] = (0.0, 0.0, 1.0)       # unit vector, for a needle with an entry
+    entry: tuple[float, ...] | None = None               # (3) m, entry point in mesh coordinates
+    direction: tuple[float, ...] = (0.0, 0.0, 1.0)       # unit vector, used for a needle with an entry point
 
     @property
     def title(self) -> str:
-        """The needle's name or hole, for messages."""
+        """The needle's name or hole, for use in messages."""
         return self.name or self.hole or "without a name"
 
 
 @dataclass
 class Plan:
-    """A plan, as described by its file."""
+    """A plan, with the contents of its file."""
 
-    template: str   # name of the scene's guide; "" if no needle is in a hole
+    template: str   # name of the scene's guide; "" if no needle uses a hole
     columns: int
     rows: int
     spacing: float  # m
@@ -105,36 +105,36 @@ class Plan:
     path: str = "plan"
     line: int = 0   # of `template`
     prescription: float | None = None                    # Gy
-    remarks: list[str] = field(default_factory=list)     # changes that the reader had to make, as text
+    remarks: list[str] = field(default_factory=list)     # descriptions of the changes that the reader had to make
 
 
 class Planned(NamedTuple):
-    """A planned seed in the tissue at rest."""
+    """A planned seed, with its place in the tissue at rest."""
 
     hole: str
-    number: int                          # number in its needle, 1 for the distal seed
-    position: npt.NDArray[np.float64]    # (3,) m, the seed's centre, in the mesh
-    direction: npt.NDArray[np.float64]   # (3,) unit vector from template to tip
+    number: int                          # number of the seed in its needle, 1 for the distal seed
+    position: npt.NDArray[np.float64]    # (3,) m, the seed's centre in mesh coordinates
+    direction: npt.NDArray[np.float64]   # (3,) unit vector that points from template to tip
 
 
 class Placed(NamedTuple):
-    """A seed left in the tissue, from the table written by trocar-replay --seeds."""
+    """A seed left in the tissue, read from the table written by trocar-replay --seeds."""
 
-    number: int                          # number of its row, from 1
-    guide: str                           # "" if its needle was in no guide
+    number: int                          # number of the seed's row in the table, counted from 1
+    guide: str                           # name of the guide; "" if the seed's needle was in no guide
     hole: str
-    position: npt.NDArray[np.float64]    # (3,) m, the seed's centre, in the mesh
-    direction: npt.NDArray[np.float64]   # (3,) unit vector to the seed's distal end
+    position: npt.NDArray[np.float64]    # (3,) m, the seed's centre in mesh coordinates
+    direction: npt.NDArray[np.float64]   # (3,) unit vector that points to the seed's distal end
 
 
 class Misplacement(NamedTuple):
-    """A seed and its planned place. One of the two is None if the other has no counterpart."""
+    """A seed paired with its planned place. One of the two is None if the other has no counterpart."""
 
     hole: str
     planned: Planned | None
     placed: Placed | None
-    offset: npt.NDArray[np.float64] | None  # (3,) mm, actual minus planned position, along the frame's axes
-    along: float | None                     # mm, along the planned needle; positive: too deep
+    offset: npt.NDArray[np.float64] | None  # (3,) mm, actual minus planned position along the axes of the frame
+    along: float | None                     # mm, offset along the planned needle; positive if the seed is too deep
     across: float | None                    # mm
 
 
@@ -142,13 +142,13 @@ class Misplacement(NamedTuple):
 
 
 def hole_name(column: int, row: int) -> str:
-    """Returns the name of a hole by its column and row, from 0: hole_name(2, 5) is "C3.5". Columns after Z are AA, AB and so on."""
+    """Returns the name of the hole in this column and row, both counted from 0: hole_name(2, 5) is "C3.5". Columns after Z are AA, AB and so on."""
     letters = chr(65 + column) if column < 26 else chr(64 + column // 26) + chr(65 + column % 26)
     return f"{letters}{1 + row // 2}{'.5' if row % 2 else ''}"
 
 
 def hole_number(name: str) -> tuple[int, int] | None:
-    """Returns (column, row), from 0, of a hole's name, in capital or small letters. None if it is not the name of a hole."""
+    """Returns (column, row), both counted from 0, for a hole's name in capital or small letters. None if it is not the name of a hole."""
     match = re.fullmatch(r"([A-Z]{1,2})([1-9]\d?)(?:\.([05]))?", name.upper())
     if not match:
         return None
@@ -231,7 +231,7 @@ def _all_have_entries(reader: Reader, node: Any) -> bool:
 
 
 def read(path: str | PathLike[str]) -> Plan:
-    """Reads a plan. Raises BadPlan with file, line and remedy for anything in the file that is not understood."""
+    """Reads a plan. Raises BadPlan, with file, line and remedy, if the file contains anything that the reader does not understand."""
     of_template = ("template", "columns", "rows", "spacing")
     reader = Reader(fspath(path), "plan", BadPlan, "template, columns, rows, spacing and needles")
     others = ("source", "prescription")
@@ -258,7 +258,7 @@ def read(path: str | PathLike[str]) -> Plan:
 
 
 def write(plan: Plan, path: str | PathLike[str], comment: str = "") -> None:
-    """Writes a plan as a file that `read` reads."""
+    """Writes a plan as a file that `read` can read."""
     number = lambda value: f"{value:.9g}"
     numbers = lambda values: f"[{', '.join(map(number, values))}]"
     quoted = lambda text: "\"" + text.replace("\\", "\\\\").replace("\"", "\\\"") + "\""
@@ -289,7 +289,8 @@ def write(plan: Plan, path: str | PathLike[str], comment: str = "") -> None:
 
 
 class Frame:
-    """The axes in which positions are printed: the patient's (mm to the left, back and head) if the scene defines them, else the mesh's."""
+    """The axes in which positions are printed: the patient's (mm to the left, back and head) if the scene defines them, otherwise the axes of the
+    mesh."""
 
     def __init__(self, model: Model):
         matrix = model.patient_to_mesh
@@ -298,21 +299,21 @@ class Frame:
         self._from_mesh = np.linalg.inv(matrix) if matrix is not None else np.diag([1e3, 1e3, 1e3, 1.0])
 
     def position(self, point: npt.ArrayLike) -> npt.NDArray[np.float64]:
-        """Converts positions (..., 3) m in the mesh to (..., 3) mm."""
+        """Converts positions (..., 3) from mesh coordinates (m) to these axes (mm)."""
         return np.asarray(point) @ self._from_mesh[:3, :3].T + self._from_mesh[:3, 3]
 
     def vector(self, vector: npt.ArrayLike) -> npt.NDArray[np.float64]:
-        """Converts differences (..., 3) m of positions in the mesh to (..., 3) mm."""
+        """Converts differences of positions (..., 3) from mesh coordinates (m) to these axes (mm)."""
         return np.asarray(vector) @ self._from_mesh[:3, :3].T
 
     def to_mesh(self, point: npt.ArrayLike) -> npt.NDArray[np.float64]:
-        """Converts positions (..., 3) mm to (..., 3) m in the mesh."""
+        """Converts positions (..., 3) from these axes (mm) to mesh coordinates (m)."""
         to_mesh = np.linalg.inv(self._from_mesh)
         return np.asarray(point) @ to_mesh[:3, :3].T + to_mesh[:3, 3]
 
 
 def guide_of(plan: Plan, model: Model) -> Guide:
-    """Returns the scene's guide for which the plan is made. Raises BadPlan if the scene has no such template."""
+    """Returns the guide of the scene for which the plan was made. Raises BadPlan if the scene has no such template."""
     place = f"{plan.path}:{plan.line}" if plan.line else plan.path
     if not plan.template:
         raise BadPlan(f"{place}: the plan has no template: its needles have entries instead of holes")
@@ -328,7 +329,7 @@ def guide_of(plan: Plan, model: Model) -> Guide:
 
 
 def hole_axis(guide: Guide, hole: str) -> npt.NDArray[np.float64]:
-    """Returns the point (3,) m where the axis of this hole meets the front face, at which needles enter."""
+    """Returns the point (3,) m where the axis of this hole meets the front face of the guide, through which needles enter."""
     column, row = hole_number(hole)
     aside = [guide.spacing * (index - 0.5 * (count - 1)) for index, count in ((column, guide.columns), (row, guide.rows))]
     return guide.origin + aside[0] * guide.across[0] + aside[1] * guide.across[1]
@@ -343,8 +344,8 @@ def needle_axis(plan: Plan, needle: Needle, model: Model) -> tuple[npt.NDArray[n
 
 
 def planned_seeds(plan: Plan, model: Model) -> list[Planned]:
-    """Returns the plan's seeds in the tissue at rest, on the axes of the holes. Raises BadPlan if the scene's template differs, its
-    needle is too short, or seeds would overlap."""
+    """Returns the plan's seeds in the tissue at rest, on the axes of the holes. Raises BadPlan if the template in the scene differs from the plan's,
+    if the scene's needle is too short, or if seeds would overlap."""
     length, reach = model.seed_size.length, model.needle_length
     found = []
     for needle in plan.needles:
@@ -364,13 +365,13 @@ def planned_seeds(plan: Plan, model: Model) -> list[Planned]:
 
 
 def _regions_at(model: Model, points: npt.NDArray[np.float64]) -> list[str | None]:
-    """Returns the region of each point (k, 3), None outside the tissue."""
+    """Returns the region that contains each of the points (k, 3); None for points outside the tissue."""
     names = model.groups
     return [names[model.tet_regions[tet]] if tet >= 0 else None for tet in locate(model, points)[0]]
 
 
 def check(plan: Plan, model: Model) -> dict[str, int]:
-    """Counts the plan's seeds in each region. Raises BadPlan like `planned_seeds`, and for a seed that is not completely in the tissue."""
+    """Counts the plan's seeds in each region. Raises BadPlan as `planned_seeds` does, and also for a seed that is not completely in the tissue."""
     seeds, half = planned_seeds(plan, model), 0.5 * model.seed_size.length
     if not seeds:
         return {}
@@ -389,7 +390,8 @@ def check(plan: Plan, model: Model) -> dict[str, int]:
 
 
 def read_seeds(path: str | PathLike[str], model: Model, now: bool = False) -> list[Placed]:
-    """Reads the table written by `trocar-replay --seeds`. now: positions at the end of the replay, else in the tissue at rest."""
+    """Reads the table written by `trocar-replay --seeds`. If `now` is true, uses the positions at the end of the replay; otherwise, those in the
+    tissue at rest."""
     name, prefix, frame = fspath(path), "" if now else "rest_", Frame(model)
     try:
         with open_input(path, newline="", encoding="utf-8") as file:
@@ -427,7 +429,8 @@ def read_seeds(path: str | PathLike[str], model: Model, now: bool = False) -> li
 
 
 def seeds_of(sim: Sim, now: bool = False) -> list[Placed]:
-    """Returns the seeds of a simulation. now: positions in the displaced tissue, else in the tissue at rest."""
+    """Returns the seeds of a simulation. If `now` is true, their positions are those in the displaced tissue; otherwise, those in the tissue at
+    rest."""
     seeds, guides = sim.seeds(), sim.model.guides
     places, directions = sim.model.displaced_seeds(seeds, sim.displacements()) if now else ([s.position for s in seeds], [s.direction for s in seeds])
     found = []
@@ -438,7 +441,8 @@ def seeds_of(sim: Sim, now: bool = False) -> list[Placed]:
 
 
 def _pairs(planned: Sequence[float], placed: Sequence[float]) -> list[tuple[int | None, int | None]]:
-    """Pairs the seeds of one needle, both in order of depth: as many pairs as possible, with the smallest sum of distances."""
+    """Pairs the planned and the actual seeds of one needle, both in order of depth. Makes as many pairs as possible, with the smallest sum of
+    distances."""
     few, many = sorted((planned, placed), key=len)
     cost = np.full((len(few) + 1, len(many) + 1), np.inf)
     cost[0] = 0.0
@@ -456,8 +460,8 @@ def _pairs(planned: Sequence[float], placed: Sequence[float]) -> list[tuple[int 
 
 
 def compare(plan: Plan, model: Model, placed: Iterable[Placed]) -> list[Misplacement]:
-    """Returns the misplacement of each seed relative to the plan; seeds of a hole are paired by their order along the needle. Planned seeds
-    that were not placed, and placed seeds that were not planned, have no counterpart."""
+    """Returns the misplacement of each seed relative to the plan; the seeds of a hole are paired by their order along the needle. Planned seeds that
+    were not placed, and placed seeds that were not planned, have no counterpart."""
     frame, planned, placed = Frame(model), planned_seeds(plan, model), list(placed)
     normal = guide_of(plan, model).normal
     own = lambda seed: seed.guide == plan.template
@@ -477,8 +481,8 @@ def compare(plan: Plan, model: Model, placed: Iterable[Placed]) -> list[Misplace
 
 
 def summary(rows: Sequence[Misplacement]) -> dict[str, float]:
-    """Summarises all seeds with a counterpart: `count`, and the means, mm, of `distance`, of each axis' absolute value (`0`, `1`, `2`), of
-    `along` (absolute) and `across`, and `deeper`, the signed mean of `along`."""
+    """Summarises all seeds that have a counterpart: `count`, and the mean values (mm) of `distance`, of the absolute value along each axis (`0`, `1`,
+    `2`), of `along` (absolute) and `across`, and `deeper`, the signed mean of `along`."""
     both = [r for r in rows if r.offset is not None]
     if not both:
         return {"count": 0}
@@ -501,7 +505,7 @@ def _planned_table(seeds: Sequence[Planned], frame: Frame) -> list[list[str]]:
 
 
 def _seed_table(seeds: Sequence[Placed]) -> list[list[str]]:
-    """Returns a table of positions at rest that `read_seeds` can read."""
+    """Returns a table of the positions at rest, in the format that `read_seeds` reads."""
     head = ["seed", "guide", "hole", *(f"rest_{axis} [m]" for axis in "xyz"), *(f"rest_along_{axis}" for axis in "xyz")]
     return [head] + [[str(seed.number), seed.guide, seed.hole, *(f"{value:.9g}" for value in (*seed.position, *seed.direction))] for seed in seeds]
 
@@ -530,7 +534,7 @@ def _save(table: list[list[str]], path: str) -> None:
 
 
 def without_steering(plan: Plan, what: str) -> Plan:
-    """Returns the plan itself. Raises BadPlan if needles are rolled or turned, which `what` cannot express."""
+    """Returns the plan unchanged. Raises BadPlan if needles are rolled or turned, which the format `what` cannot express."""
     for needle in plan.needles:
         if needle.roll or needle.turn:
             raise BadPlan(f"{plan.path}:{needle.line}: needle {needle.title}: {what} has no roll or turn, and its needles would go elsewhere: carry the plan out by "
@@ -630,6 +634,6 @@ def main(arguments: Sequence[str] | None = None) -> int:
 
 
 if __name__ == "__main__":
-    from trocar.brachy import plan as _imported  # rtplan imports this module by its name, and its BadPlan must be the same class
+    from trocar.brachy import plan as _imported  # rtplan imports this module by its name, and must use the same BadPlan class
 
     sys.exit(_imported.main())

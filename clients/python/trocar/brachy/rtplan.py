@@ -1,8 +1,8 @@
 """Reads and writes plans as DICOM RT Plans of permanent brachytherapy, with pydicom.
 
-Each seed is a channel, as the standard specifies for manually placed sources: two control points at its centre, in patient coordinates (mm to
-the left, back and head), with the direction of insertion. The needle's hole is the channel's applicator ID, and the control point's relative
-position is the seed's distance behind the distal-most place in its needle.
+Each seed is stored as a channel, as the standard specifies for manually placed sources: two control points at its centre, in patient coordinates (mm
+to the left, back and head), with the direction of insertion. The channel's applicator ID is the needle's hole, and the control point's relative
+position is the seed's distance behind the most distal seed position in its needle.
 """
 from __future__ import annotations
 
@@ -33,9 +33,10 @@ __all__ = ["export", "read", "read_seeds"]
 
 RT_PLAN = "1.2.840.10008.5.1.4.1.1.481.5"
 RT_STRUCTURES = "1.2.840.10008.5.1.4.1.1.481.3"
-HALF_LIFE = {"I-125": 59.40, "Pd-103": 16.991}  # days, from the consensus data of TG-43
-FROM_AXIS = 0.5e-3                              # m, largest distance from the axis of its hole at which a seed counts as planned for this template
-ON_AXIS = 0.01e-3                               # m, rounding: seeds further from the axis are moved to it, which is reported
+HALF_LIFE = {"I-125": 59.40, "Pd-103": 16.991}  # days, half-lives from the TG-43 consensus data
+# m, largest distance from the axis of its hole at which a seed is considered to have been planned for this template
+FROM_AXIS = 0.5e-3
+ON_AXIS = 0.01e-3                               # m, tolerance for rounding: seeds farther from the axis are moved to it, which is reported
 
 
 # ---- writing ------------------------------------------------------------------------------------------------------------------------
@@ -84,7 +85,7 @@ def _source_sequence(source: Source, date: str) -> Sequence:
 
 
 def _channel(number: int, hole: str, position: Any, direction: Any, behind: float, needle_length: float, lifetime: float) -> Dataset:
-    """Creates the channel of one seed, which is `behind` mm behind the distal-most place in its needle."""
+    """Creates the channel of one seed, which is `behind` mm behind the most distal seed position in its needle."""
     point = lambda index, weight: _item(ControlPointIndex=index, ControlPointRelativePosition=f"{behind + 0.0:.4f}", ControlPoint3DPosition=_decimals(position),
                                         ControlPointOrientation=[float(v) for v in direction], CumulativeTimeWeight=weight)
     return _item(ChannelNumber=number, ChannelLength=f"{needle_length:.4f}", ChannelTotalTime=f"{lifetime:.6g}", SourceMovementType="FIXED",
@@ -94,14 +95,15 @@ def _channel(number: int, hole: str, position: Any, direction: Any, behind: floa
 
 
 def _behind(placed: list[Placed], axis: np.ndarray) -> list[float]:
-    """Returns how far (mm) each seed is behind the most distal seed of its hole."""
+    """Returns each seed's distance (mm) behind the most distal seed of its hole."""
     depth = [1e3 * float(seed.position @ axis) for seed in placed]
     return [max(d for d, other in zip(depth, placed) if (other.guide, other.hole) == (seed.guide, seed.hole)) - own for own, seed in zip(depth, placed)]
 
 
 def dataset(plan: Plan, model: Model, structures: Dataset | None = None, date: datetime.date | None = None, placed: list[Placed] | None = None) -> FileDataset:
-    """Returns the plan as a DICOM data set, or with `placed` the seeds that were left. structures: the RT Structure Set from which the scene was made.
-    date: of the implant, by default today. Raises BadPlan if the scene has no patient coordinates, or the plan has no source."""
+    """Returns the plan as a DICOM data set or, if `placed` is given, the seeds that were left in the tissue. structures: the RT Structure Set from
+    which the scene was made. date: date of the implant, by default today. Raises BadPlan if the scene has no patient coordinates, or the plan has no
+    source."""
     frame, guide = Frame(model), guide_of(plan, model)
     if not frame.is_patient:
         raise BadPlan(f"{plan.path}: the scene has no patient_to_mesh, which DICOM's coordinates need: trocar-anatomy writes it")
@@ -154,12 +156,13 @@ def dataset(plan: Plan, model: Model, structures: Dataset | None = None, date: d
 
 
 def _template_type(guide: Guide) -> str:
-    return f"{guide.columns}x{guide.rows} {1e3 * guide.spacing:g} mm"  # at most 16 characters
+    return f"{guide.columns}x{guide.rows} {1e3 * guide.spacing:g} mm"  # the result must not exceed 16 characters
 
 
 def export(plan: Plan, model: Model, path: str | PathLike[str], structures: str | PathLike[str] | None = None,
            placed: list[Placed] | None = None, date: datetime.date | None = None) -> None:
-    """Writes the plan, or the seeds that were left, as a DICOM RT Plan. structures: file of an RT Structure Set. Otherwise as `dataset`."""
+    """Writes the plan, or the seeds that were left in the tissue, as a DICOM RT Plan. structures: path of an RT Structure Set. The other arguments
+    are the same as for `dataset`."""
     data = dataset(plan, model, _structures_of(fspath(structures)) if structures else None, date, placed)
     data.save_as(fspath(path), write_like_original=False)
 
@@ -200,14 +203,14 @@ def _source_of(path: str, data: Dataset) -> Source | None:
 
 class _Seed(NamedTuple):
     channel: int
-    place: np.ndarray      # (3,) mm, the seed's centre, in patient coordinates
-    behind: float          # mm behind the distal-most place in its needle
-    along: np.ndarray      # (3,) unit vector to the seed's distal end, in patient coordinates; zero if the file does not give it
-    hole: str              # the applicator ID in the file
+    place: np.ndarray      # (3,) mm, the seed's centre in patient coordinates
+    behind: float          # mm, distance behind the most distal seed position in its needle
+    along: np.ndarray      # (3,) unit vector, in patient coordinates, that points to the seed's distal end; zero if the file does not contain it
+    hole: str              # the applicator ID from the file
 
 
 def _seeds_of(path: str, setup: Dataset) -> list[_Seed]:
-    """Returns one seed for each place of a channel's control points."""
+    """Returns one seed for each position in a channel's control points."""
     seeds = []
     for channel in setup.get("ChannelSequence") or []:
         number, places = int(channel.get("ChannelNumber", 0)), []
@@ -226,14 +229,15 @@ def _seeds_of(path: str, setup: Dataset) -> list[_Seed]:
 
 
 def _hole_at(off: np.ndarray, guide: Guide) -> tuple[int, int, np.ndarray]:
-    """Returns (column, row, (2,) m beside its axis) of the hole that is closest to a position, m from the guide's origin."""
+    """Returns the (column, row) of the hole closest to a position (m from the guide's origin), and the position's offset (2,) from the axis of that
+    hole in m."""
     grid = np.array([off @ guide.across[a] / guide.spacing + 0.5 * (count - 1) for a, count in enumerate((guide.columns, guide.rows))])
     column, row = (min(max(round(g), 0), count - 1) for g, count in zip(grid, (guide.columns, guide.rows)))
     return column, row, guide.spacing * (grid - [column, row])
 
 
 def _needles_of(path: str, seeds: list[_Seed], guide: Guide, model: Model) -> tuple[list[Needle], list[str]]:
-    """Returns the needles in the order of the file's channels, and the changes that were necessary."""
+    """Returns the needles in the order of the file's channels, and the changes that had to be made."""
     frame, length = Frame(model), model.seed_size.length
     holes: dict[tuple[int, int], list[tuple[float, float]]] = {}
     moved = []
@@ -257,7 +261,7 @@ def _needles_of(path: str, seeds: list[_Seed], guide: Guide, model: Model) -> tu
 
 
 def _remarks_on(moved: np.ndarray, guide: Guide) -> list[str]:
-    """Describes how far (m, from their axes) seeds have been moved to the axes of their holes."""
+    """Describes by how much (m) seeds have been moved to reach the axes of their holes."""
     far = np.linalg.norm(moved, axis=1)
     if far.max() <= ON_AXIS:
         return []
@@ -269,7 +273,7 @@ def _remarks_on(moved: np.ndarray, guide: Guide) -> list[str]:
 
 
 def _prescription_of(data: Dataset) -> float | None:
-    """Returns the prescription, Gy; None if the file has none, or several."""
+    """Returns the prescription in Gy; None if the file has no prescription or several."""
     found = {float(item.TargetPrescriptionDose) for item in data.get("DoseReferenceSequence") or [] if item.get("DoseReferenceType") == "TARGET" and item.get("TargetPrescriptionDose")}
     return found.pop() if len(found) == 1 else None
 
@@ -295,7 +299,7 @@ def _open(name: str, model: Model, template: str | None) -> tuple[Dataset, Guide
 
 @contextlib.contextmanager
 def _damage(name: str) -> Iterator[None]:
-    """Reports damage that pydicom finds only on access, when it reads a sequence."""
+    """Reports damage that pydicom detects only on access, when it reads a sequence."""
     try:
         yield
     except (AttributeError, EOFError, KeyError, OSError, TypeError, ValueError, struct.error) as error:
@@ -303,8 +307,8 @@ def _damage(name: str) -> Iterator[None]:
 
 
 def read(path: str | PathLike[str], model: Model, template: str | None = None) -> Plan:
-    """Reads the plan in an RT Plan with permanent seeds, for this scene's template. template: the guide, if the file uses another name for it.
-    Needles are in the order of the file's channels. Seeds up to half a millimetre beside a hole's axis are moved to the axis, and listed in
+    """Reads the plan in an RT Plan with permanent seeds, for this scene's template. template: the name of the guide, if it differs from the name in
+    the file. Needles are in the order of the file's channels. Seeds up to half a millimetre from a hole's axis are moved to the axis and listed in
     `Plan.remarks`. Raises BadPlan if the file is not such a plan, or was made for another template."""
     name = fspath(path)
     with _damage(name):
@@ -314,8 +318,8 @@ def read(path: str | PathLike[str], model: Model, template: str | None = None) -
 
 
 def read_seeds(path: str | PathLike[str], model: Model, template: str | None = None) -> list[Placed]:
-    """Reads the seeds of such a file at their own positions, at any distance from the template's axes: seeds that were left in the tissue. A seed's hole is
-    the one that the file names, or none. Raises BadPlan like `read`."""
+    """Reads the seeds from such a file as seeds that were left in the tissue: at their own positions, at any distance from the template's axes. A
+    seed's hole is the one that the file names, if any. Raises BadPlan as `read` does."""
     name, frame = fspath(path), Frame(model)
     with _damage(name):
         _, guide, seeds = _open(name, model, template)

@@ -1,1 +1,1 @@
-"""Studies of many insertions on one scene, and planning, which rehearses insertions."""
+"""Studies of many insertions in one scene, and planning by simulated insertions."""

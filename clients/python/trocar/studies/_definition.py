@@ -23,28 +23,28 @@ from ..brachy.plan import BadPlan, Frame, Plan
 METHODS = ("sobol", "latin hypercube", "random", "saltelli", "grid")
 MOST_RUNS = 10_000_000
 
-# Keys of a region on which the stiffness depends: runs that differ in them cannot share a model's inverse.
+# Keys of a region that affect the stiffness: runs in which they differ cannot share a model's inverse.
 _STIFFNESS = ("youngs_modulus", "poisson_ratio")
 
 
 class BadStudy(Exception):
-    """A study that cannot be used; the message gives file, line and remedy."""
+    """The study cannot be used; the message gives file, line and remedy."""
 
 
 @dataclass
 class Parameter:
-    """A parameter of a study: a key of the scene, or "motion." and a property of the motion."""
+    """A parameter of a study: a key of the scene, or "motion." followed by a property of the motion."""
 
     name: str
     unit: str
     kind: str                 # uniform, log_uniform, normal or values
-    numbers: list[float]      # limits, mean and standard deviation, or the values
+    numbers: list[float]      # limits, or mean and standard deviation, or the values themselves
     within: tuple[float, float] | None = None    # limits of a truncated normal distribution
-    steps: int = 0            # number of steps of a grid
+    steps: int = 0            # number of steps, for a grid
     line: int = 0
 
     def quantile(self, u: npt.NDArray[np.float64]) -> npt.NDArray[np.float64]:
-        """Returns the values at the quantiles u, from 0 to 1."""
+        """Returns the values at the quantiles u (from 0 to 1) of the distribution."""
         if self.kind == "values":
             return np.asarray(self.numbers)[np.minimum((u * len(self.numbers)).astype(int), len(self.numbers) - 1)]
         a, b = self.numbers
@@ -53,14 +53,14 @@ class Parameter:
         if self.kind == "log_uniform":
             return a * (b / a) ** u
         from scipy.stats import norm, truncnorm
-        u = np.clip(u, 2.0 ** -54, 1.0 - 2.0 ** -53)    # a coordinate of a Sobol point may be 0
+        u = np.clip(u, 2.0 ** -54, 1.0 - 2.0 ** -53)    # a coordinate of a Sobol point can be exactly 0
         if self.within is None:
             return a + b * norm.ppf(u)
         low, high = self.within
-        return np.clip(truncnorm.ppf(u, (low - a) / b, (high - a) / b, loc=a, scale=b), low, high)    # accurate also far from the mean
+        return np.clip(truncnorm.ppf(u, (low - a) / b, (high - a) / b, loc=a, scale=b), low, high)    # accurate even far from the mean
 
     def levels(self) -> list[float]:
-        """Returns the values on a grid."""
+        """Returns the values of the parameter on a grid."""
         return self.numbers if self.kind == "values" else self.quantile(np.linspace(0.0, 1.0, self.steps)).tolist()
 
     def extremes(self) -> list[float]:
@@ -69,12 +69,12 @@ class Parameter:
 
 @dataclass
 class Measure:
-    """A recorded quantity, in one or more columns."""
+    """A recorded quantity, which has one or more columns."""
 
     name: str                 # name of the quantity
     quantity: Quantity
-    option: Any = None        # name of a membrane or region; (3,) m of a target
-    at: float | None = None   # s; None: at the end, or over the whole motion
+    option: Any = None        # name of a membrane or region; or (3,) m, position of a target
+    at: float | None = None   # s, time at which the quantity is taken; None for the end of the motion, or for the whole motion
 
     def columns(self) -> list[str]:
         about = f"({self.option})" if isinstance(self.option, str) else ""
@@ -84,26 +84,26 @@ class Measure:
 
 @dataclass
 class Study:
-    """A study, as described by its file."""
+    """A study, with the contents of its file."""
 
     path: str
     scene_path: str
-    settings: dict[str, str]            # keys of the scene, the same in all runs
+    settings: dict[str, str]            # keys of the scene that are set to the same values in all runs
     motion: Any                         # the motion, from trocar.motion
     parameters: list[Parameter]
     method: str
     count: int
     seed: int
     measures: list[Measure]
-    frames_every: float = 0.0           # s between two frames; 0: no frames
+    frames_every: float = 0.0           # s between two frames; 0 for no frames
     plan: Plan | None = None
-    digests: dict[str, str] = field(default_factory=dict)    # SHA-256 of the files that were read, by their role
-    described: str = ""                 # motion and other settings, as text for the manifest
+    digests: dict[str, str] = field(default_factory=dict)    # SHA-256 of each file that was read, with the file's role as key
+    described: str = ""                 # text for the manifest that describes the motion and other settings
     inverse: str = "auto"               # the scene's inverse
-    _scene: Scene | None = None         # scene with `settings`; read once, so that later changes of the file have no effect
+    _scene: Scene | None = None         # the scene with `settings` applied; read only once, so that later changes of the file have no effect
 
     def samples(self) -> npt.NDArray[np.float64]:
-        """Returns the parameters' values, (runs, parameters), which depend on seed and index alone."""
+        """Returns the parameter values of all runs, (runs, parameters). The values depend only on the seed and the run's index."""
         p = len(self.parameters)
         if self.method == "grid":
             return np.array(list(itertools.product(*(parameter.levels() for parameter in self.parameters))))
@@ -119,7 +119,7 @@ class Study:
         return np.stack([parameter.quantile(column) for parameter, column in zip(self.parameters, unit.T)], axis=1)
 
     def run_scene(self, values: npt.NDArray[np.float64], sparse: bool = False) -> Scene:
-        """Returns the scene of one run. All runs use the same object: it is valid until the next call, which sets all parameters again."""
+        """Returns the scene of one run. All runs use the same object, which is valid until the next call changes all parameters."""
         scene = self._scene
         for parameter, value in zip(self.parameters, values):
             if not parameter.name.startswith("motion."):
@@ -133,11 +133,11 @@ class Study:
         return self.motion.adjusted(**by)
 
     def stiffness_columns(self) -> list[int]:
-        """Returns the parameters that change the stiffness."""
+        """Returns the parameters that affect the stiffness."""
         return [i for i, parameter in enumerate(self.parameters) if parameter.name.rsplit(".", 1)[-1] in _STIFFNESS and parameter.name.startswith("regions[")]
 
     def possible_stiffnesses(self) -> float:
-        """Returns the largest number of different stiffnesses, however many runs there are."""
+        """Returns the maximum number of different stiffnesses, for any number of runs."""
         varied = [self.parameters[i] for i in self.stiffness_columns()]
         return math.prod(len(p.numbers) if p.kind == "values" else math.inf for p in varied)
 
@@ -148,10 +148,10 @@ class Study:
         return [column for measure in self.measures for column in measure.columns()]
 
     def manifest(self) -> dict[str, str]:
-        """Returns everything that the results depend on, as text, to tell studies apart."""
+        """Returns a text that contains everything on which the results depend, to distinguish studies."""
         version = f"trocar {__version__}"
         if self.method in ("sobol", "latin hypercube", "saltelli") or any(p.kind == "normal" for p in self.parameters):
-            import scipy    # needed to draw the samples
+            import scipy    # scipy is needed to draw the samples
             version += f", scipy {scipy.__version__}"
         found = {**self.digests, "version": version, "settings": repr(sorted(self.settings.items())), "motion": self.described,
                  "samples": f"{self.method}, {'any number' if self.method == 'random' else self.count}, seed {self.seed}", "record": "; ".join(self.result_columns()) + repr([np.asarray(m.option).tolist() for m in self.measures]),
@@ -165,7 +165,7 @@ class Study:
 
 
 def _digest_of(said: Any) -> str:
-    """Returns the digest of a file's contents, independent of its folder."""
+    """Returns the digest of a file's contents, which does not depend on the file's folder."""
     return hashlib.sha256(repr(said).encode()).hexdigest()
 
 
@@ -194,13 +194,13 @@ class _StudyReader:
             raise BadStudy(f"{path}: cannot be read: {error.strerror}") from error
 
     def digest_scene(self, study: Study, scene: Scene) -> None:
-        """Adds the digest of the scene's values: comments, order and units of its file do not matter. The mesh has a digest of its own, and no
-        result depends on the device's keys."""
+        """Adds the digest of the scene's values, so that comments, order and units in its file do not matter. The mesh has its own digest, and the
+        `device` keys are excluded because no result depends on them."""
         said = {key: scene[key] for key in scene if key not in ("mesh", "cache") and not key.startswith("device.")}
         study.digests["scene"] = _digest_of(sorted(said.items()))
 
     def setting(self, scene: Scene, node: Any, key: str, value: float | str, place: str) -> None:
-        """Sets a key that must exist."""
+        """Sets a key that must exist in the scene."""
         try:
             scene[key]
             scene[key] = value
@@ -208,8 +208,8 @@ class _StudyReader:
             raise self.reader.fail(node, f"{place}: {error}") from error
 
     def in_patient(self, given: dict[str, Any], place: str, known: bool) -> bool:
-        """True if positions are in patient coordinates (mm), according to the key "coordinates" beside them. `known`: the scene defines patient
-        coordinates."""
+        """True if positions are in patient coordinates (mm), as specified by the key "coordinates" in the same section. `known`: whether the scene
+        defines patient coordinates."""
         word = self.reader.text(given["coordinates"], place) if "coordinates" in given else "mesh"
         if word not in ("mesh", "patient"):
             raise self.reader.fail(given["coordinates"], f"{place}: \"{word}\": write mesh (m) or patient (mm)")
@@ -218,7 +218,7 @@ class _StudyReader:
         return word == "patient"
 
     def point(self, node: Any, place: str, frame: Frame, patient: bool) -> npt.NDArray[np.float64]:
-        """Returns a point in the mesh, (3,) m."""
+        """Returns a point in mesh coordinates, (3,) m."""
         numbers = np.array(self.reader.numbers(node, place, 3))
         return frame.to_mesh(numbers) if patient else numbers
 
@@ -227,8 +227,9 @@ class _StudyReader:
         return self.reader.fail(node, f"{place}: not in the tissue at rest: write x, y, z in {unit}")
 
     def start(self, given: dict[str, Any], scene: Scene) -> npt.NDArray[np.float64] | None:
-        """Returns the pose of the base: x, y, z in the mesh (m), or with `coordinates: patient` in the patient (mm), in the direction of the scene's
-        needle.start; or a position and a quaternion in the mesh. None if the motion has no start."""
+        """Returns the pose of the base, or None if the motion has no start. The file contains either x, y, z in mesh coordinates (m) or, with
+        `coordinates: patient`, in patient coordinates (mm), and the direction is then that of the scene's needle.start; or a position and a
+        quaternion in mesh coordinates."""
         if "start" not in given:
             if "coordinates" in given:
                 raise self.reader.fail(given["coordinates"], "motion.coordinates: allowed only with start: write start too, or leave it out")
@@ -488,6 +489,6 @@ class _StudyReader:
 
 
 def read(path: str | PathLike[str], frames: bool = False) -> Study:
-    """Reads a study. Raises BadStudy with file, line and remedy for anything in the file that is not understood. frames: record frames even if the file
-    does not say so."""
+    """Reads a study. Raises BadStudy, with file, line and remedy, if the file contains anything that the reader does not understand. frames: record
+    frames even if the file does not say so."""
     return _StudyReader(fspath(path)).read(frames)

@@ -1,4 +1,4 @@
-"""The output of trocar-plan: tables as CSV and Markdown, and pictures."""
+"""The output of trocar-plan: CSV and Markdown tables, and pictures."""
 from __future__ import annotations
 
 import csv
@@ -22,7 +22,7 @@ def _mm(value: float) -> str:
 
 
 def _described(problem: Problem, needle: Needle, frame: Frame) -> list[str]:
-    """Describes a needle: entry, tilt towards each of the area's edges, depth, roll and turn as text."""
+    """Describes a needle in words: entry, tilt towards each of the area's edges, depth, roll and turn."""
     where = needle.hole or " ".join(f"{x:.1f}" for x in frame.position(needle.entry))
     tilt = ""
     if problem.area is not None:
@@ -41,7 +41,7 @@ def _kinds(problem: Problem, result: Any) -> dict[str, Any]:
 
 
 def _errors(expected: Sequence[Any], sampled: bool, over: Any) -> str:
-    """Formats nominal errors, with the worst ones in brackets; `over` combines several targets."""
+    """Formats errors for nominal parameters, with the worst-case errors in brackets; `over` combines several targets."""
     worst = f" ({_mm(over([e.worst for e in expected]))})" if sampled else ""
     return _mm(over([e.error for e in expected])) + worst
 
@@ -76,7 +76,7 @@ def _seeds(problem: Problem, results: Sequence[Any]) -> str:
     def numbers(chosen: Sequence[Any]) -> list[str]:
         cells = []
         for which in ("before", "after"):
-            values = [np.array(getattr(result, which)) for result in chosen]    # (samples, seeds); the scene's own values come first
+            values = [np.array(getattr(result, which)) for result in chosen]    # (samples, seeds); the first row holds the results for the scene's own values
             for over in (np.mean, np.max):
                 own, all_ = (_mm(over(np.concatenate([part[:end].ravel() for part in values]))) for end in (1, None))
                 cells.append(own + (f" ({all_})" if sampled else ""))
@@ -94,7 +94,7 @@ def _seeds(problem: Problem, results: Sequence[Any]) -> str:
 
 
 def carried(problem: Problem, rows: Sequence[tuple[Needle, Any]]) -> str:
-    """Returns a table of needles and their results."""
+    """Returns a table of the needles and their results."""
     sampled = bool(problem.study.parameters)
     head = ["target", "error, mm", *(["mean of the samples", "worst"] if sampled else []), *(["clearance left, mm"] if problem.obstacles else [])]
     cells = [[needle.name, _mm(e.error), *([_mm(e.mean), _mm(e.worst)] if sampled else []),
@@ -126,7 +126,7 @@ def _start_plots() -> Any:
     import matplotlib
     matplotlib.use("svg")
     import matplotlib.pyplot as plt
-    matplotlib.rcParams.update({"svg.hashsalt": "trocar", "svg.fonttype": "none"})    # makes the file the same each time, and keeps text as text
+    matplotlib.rcParams.update({"svg.hashsalt": "trocar", "svg.fonttype": "none"})    # makes the file reproducible, and keeps text as text
     return plt
 
 
@@ -169,14 +169,14 @@ def _shadow(axis: Any, points: np.ndarray, colour: str, label: str) -> None:
 
 
 def _inside(shaft: np.ndarray, depth: float) -> np.ndarray:
-    """Returns the last `depth` (m) of a needle's shaft."""
+    """Returns the part of a needle's shaft that was inserted, `depth` (m) long."""
     behind = np.concatenate([[0.0], np.cumsum(np.linalg.norm(np.diff(shaft[::-1], axis=0), axis=1))])
     arc = np.append(behind[behind < depth], depth)
     return np.column_stack([np.interp(arc, behind, column) for column in shaft[::-1].T])[::-1]
 
 
 def _plot_paths(problem: Problem, model: Model, results: Sequence[Any], path: Path) -> None:
-    """Plots needles, targets, the targets' region and obstacles in the three planes."""
+    """Plots needles, targets, the region of the targets, and obstacles in three planes."""
     plt = _start_plots()
     frame = Frame(model)
     regions = [model.groups[i] for i in sorted({int(model.tet_regions[tet]) for tet in locate(model, [result.target for result in results])[0]})]
@@ -224,7 +224,7 @@ def _plot_seeds(problem: Problem, results: Sequence[Any], path: Path) -> None:
 
 
 def write(problem: Problem, model: Model, results: Sequence[Any], out: Path, plots: bool) -> tuple[str, list[Path]]:
-    """Writes result.csv, summary.md and pictures. Returns the summary's text and the paths of the files."""
+    """Writes result.csv, summary.md and pictures. Returns the text of the summary and the paths of the files."""
     text = _seeds(problem, results) if problem.plan else _tips(problem, model, results)
     files = [out / "result.csv", out / "summary.md"]
     _write_csv(problem, results, files[0])

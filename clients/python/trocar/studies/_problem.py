@@ -1,4 +1,4 @@
-"""The definition of a planning problem: its file."""
+"""The definition of a planning problem, read from its file."""
 from __future__ import annotations
 
 import math
@@ -24,50 +24,50 @@ Array = npt.NDArray[np.float64]
 
 OBJECTIVES = ("nominal", "mean", "worst")
 METHODS = ("sobol", "latin hypercube", "random", "grid")
-MOST_SAMPLES = 64    # each sample's model is kept in memory
-MOST_POINTS = 2e6    # largest number of points of an obstacle
+MOST_SAMPLES = 64    # largest number of samples, each of which keeps a model in memory
+MOST_POINTS = 2e6    # largest number of points in an obstacle
 LONGEST = 0.1        # m, largest clearance or tolerance
 LONGEST_REST = 60.0  # s
-IN_FRONT = 1e-3      # m: by rounding, a rectangle on the skin may lie in the tissue
+IN_FRONT = 1e-3      # m: because of rounding, a rectangle that is meant to lie on the skin may lie slightly inside the tissue
 SLOWEST = 1e-3       # m/s
 
 
 class BadProblem(BadStudy):
-    """A problem that cannot be used; the message gives file, line and remedy."""
+    """The problem cannot be used; the message gives file, line and remedy."""
 
 
 @dataclass
 class Area:
-    """A rectangle through which needles enter. A needle has the area's direction, tilted about each of two axes."""
+    """A rectangle through which needles enter. A needle has the direction of the area, tilted about each of two axes."""
 
-    origin: Array       # (3,) m, a corner
+    origin: Array       # (3,) m, position of a corner
     edges: Array        # (2, 3) m
     direction: Array    # (3,) unit vector
 
 
 @dataclass
 class Problem:
-    """A problem, as described by its file."""
+    """A problem, with the contents of its file."""
 
     path: str
-    study: Study                          # scene, settings and samples
-    hand: Implant                         # how needles are moved: speed and rests
-    targets: list[tuple[str, Array]] = field(default_factory=list)    # names, and points (3,) m at rest
-    plan: Plan | None = None              # a plan whose seeds should end at their planned places; replaces targets
+    study: Study                          # the scene, its settings and the samples
+    hand: Implant                         # speed and rests with which the needles are moved
+    targets: list[tuple[str, Array]] = field(default_factory=list)    # names of the targets, and their positions (3,) m in the tissue at rest
+    plan: Plan | None = None              # a plan whose seeds should end at their planned places; used instead of targets
     area: Area | None = None
-    template: str = ""                    # name of the template; replaces an area
-    holes: list[str] = field(default_factory=list)    # the template's holes that may be used
-    tilt: float = 0.0                     # rad, largest tilt about each of two axes
+    template: str = ""                    # name of the template; used instead of an area
+    holes: list[str] = field(default_factory=list)    # holes of the template that may be used
+    tilt: float = 0.0                     # rad, largest tilt allowed about each of the two axes
     roll: float | None = None             # rad; None: free
-    turn: bool = False                    # the needle may be turned by half a turn on the way
+    turn: bool = False                    # true if the needle may be turned by half a turn during the insertion
     tolerance: float = 0.3e-3             # m
     obstacles: list[Obstacle] = field(default_factory=list)
     objective: str = "nominal"
     bevelled: bool = False
-    nominal: Array = field(default_factory=lambda: np.zeros(0))    # (parameters,) values of the parameters in the scene
+    nominal: Array = field(default_factory=lambda: np.zeros(0))    # (parameters,) values that the parameters have in the scene
 
     def scene(self, values: npt.NDArray[np.float64] | None = None) -> Scene:
-        """Returns the scene of a sample, or that of the file; valid until the next call."""
+        """Returns the scene of a sample, or the scene of the file if no sample is given; valid until the next call."""
         return self.study.run_scene(self.nominal if values is None else values)
 
     def samples(self) -> npt.NDArray[np.float64]:
@@ -95,7 +95,7 @@ class _ProblemReader(_StudyReader):
             self.setting(scene, value, key.value, value.value, f"set.{key.value}")
             study.settings[key.value] = value.value
         study.inverse = str(scene["inverse"])
-        scene["needles"] = 1.0    # needles are planned one by one
+        scene["needles"] = 1.0    # needles are planned one at a time
         return scene
 
     def uncertainty(self, node: Any, scene: Scene, problem: Problem) -> None:
@@ -128,7 +128,7 @@ class _ProblemReader(_StudyReader):
             place = f"targets[{i}]"
             keys = reader.mapping(item, place, ("name", "at"))
             name, point = reader.text(keys["name"], f"{place}.name"), self.point(keys["at"], f"{place}.at", frame, patient)
-            if "|" in name or not name.isprintable():    # the name appears in a Markdown table and a plan
+            if "|" in name or not name.isprintable():    # the name appears in a Markdown table and in a plan
                 raise reader.fail(keys["name"], f"{place}.name: write one line without |")
             if name in [other for other, _ in problem.targets]:
                 raise reader.fail(keys["name"], f"{place}.name: \"{name}\" is another target's: choose another one")
@@ -153,7 +153,7 @@ class _ProblemReader(_StudyReader):
         return low, high
 
     def area(self, node: Any, keys: dict[str, Any], frame: Frame, patient: bool) -> Area:
-        """Reads two ranges and a number, along the axes of the mesh or the patient."""
+        """Reads two ranges and a number, along the axes of the mesh or of the patient."""
         reader = self.reader
         missing = [axis for axis in "xyz" if axis not in keys]
         if missing:
@@ -318,5 +318,5 @@ class _ProblemReader(_StudyReader):
 
 
 def read(path: str | PathLike[str]) -> Problem:
-    """Reads a problem. Raises BadProblem with file, line and remedy for anything in the file that is not understood."""
+    """Reads a problem. Raises BadProblem, with file, line and remedy, if the file contains anything that the reader does not understand."""
     return _ProblemReader(fspath(path)).read()

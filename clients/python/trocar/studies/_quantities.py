@@ -1,4 +1,4 @@
-"""The quantities that a study can record of a run: over the whole motion, or at an instant."""
+"""The quantities that a study can record for a run, either over the whole motion or at one instant."""
 from __future__ import annotations
 
 from dataclasses import dataclass, field
@@ -17,7 +17,7 @@ Array = npt.NDArray[np.float64]
 
 @dataclass
 class Recording:
-    """A run up to the current tick."""
+    """The data of a run up to the current tick."""
 
     sim: Sim
     scene: Scene
@@ -28,7 +28,7 @@ class Recording:
     _field: Array | None = None
 
     def all(self, name: str) -> npt.NDArray[Any]:
-        """Returns one field of all outputs so far."""
+        """Returns one field of all outputs up to now."""
         return np.concatenate([part[name] for part in self.outputs])
 
     def path(self) -> Array:
@@ -44,8 +44,8 @@ class Recording:
 
 
 class Quantity(NamedTuple):
-    """`unit`, and `parts`: names of the numbers, ("",) for a single number. `instant`: taken at a time, otherwise over the whole motion.
-    `option`: the key that the quantity needs besides `at`: "membrane", "region" or "target", a point."""
+    """`unit`, and `parts`: the names of the numbers, ("",) for a single number. `instant`: true if the quantity is taken at one time, false if over
+    the whole motion. `option`: the key that the quantity needs in addition to `at`: "membrane", "region" or "target" (a point)."""
 
     unit: str
     parts: tuple[str, ...]
@@ -70,7 +70,7 @@ def _peak_lateral_force(r: Recording, _: Any) -> list[float]:
 
 
 def _work(r: Recording, _: Any) -> list[float]:
-    """Integrates the hand's work by the trapezoidal rule. Between the needles of a plan the hand bears no force."""
+    """Integrates the hand's work with the trapezoidal rule. While the hand changes from one needle of a plan to the next, it bears no force."""
     poses, force, torque = r.path(), r.all("force"), r.all("torque")
     turned = multiply(poses[1:, 3:], poses[:-1, 3:] * np.array([1.0, -1.0, -1.0, -1.0]))
     angle = 2.0 * turned[:, 1:] * np.sign(turned[:, :1])    # small
@@ -78,7 +78,7 @@ def _work(r: Recording, _: Any) -> list[float]:
 
 
 def _at_puncture(r: Recording, membrane: str) -> int | None:
-    """Returns the first tick in which this membrane was punctured."""
+    """Returns the tick in which this membrane was first punctured."""
     index = r.scene.names("membranes").index(membrane)
     ticks = np.flatnonzero((r.all("events") & int(Event.PUNCTURED) != 0) & (r.all("membrane") == index))
     return int(ticks[0]) if len(ticks) else None
@@ -105,7 +105,8 @@ def _target_error(r: Recording, target: Array) -> list[float]:
 
 
 def displaced(model: Model, point: npt.ArrayLike, displacements: Array) -> Array:
-    """Returns the position (3,) m of a material point given at rest (m). Raises ValueError if the point is outside the tissue."""
+    """Returns the current position (3,) m of a material point that is given by its position at rest (m). Raises ValueError if the point is outside
+    the tissue."""
     (tet,), (weights,) = locate(model, [point])
     if tet < 0:
         raise ValueError("not in the tissue at rest")
@@ -113,7 +114,7 @@ def displaced(model: Model, point: npt.ArrayLike, displacements: Array) -> Array
 
 
 def _shift(r: Recording, region: str) -> list[float]:
-    """Returns the mean of the nodes' displacements."""
+    """Returns the mean displacement of the nodes."""
     model = r.sim.model
     nodes = np.unique(model.tets[model.tet_regions == model.groups.index(region)])
     mean = r.displacements()[nodes].mean(axis=0)
@@ -124,7 +125,7 @@ def _seed_error(r: Recording, _: Any) -> list[float]:
     from ..brachy import plan as plans
     model = r.sim.model
     rows = [row for row in plans.compare(r.plan, model, plans.seeds_of(r.sim)) if row.offset is not None]
-    distances = [1e-3 * float(np.linalg.norm(row.offset)) for row in rows]    # Misplacement is in mm
+    distances = [1e-3 * float(np.linalg.norm(row.offset)) for row in rows]    # the misplacement is in mm
     return [float(np.mean(distances)), max(distances)] if distances else [float("nan")] * 2
 
 

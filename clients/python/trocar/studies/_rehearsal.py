@@ -1,5 +1,5 @@
-"""Simulated insertions for planning: the tip's final position and the tissue's displacements. Parts that insertions have in common are simulated
-once, with saved states."""
+"""Simulated insertions for planning, which give the tip's final position and the tissue's displacements. Parts that several insertions have in common
+are simulated once, and their states are saved."""
 from __future__ import annotations
 
 import math
@@ -17,16 +17,16 @@ from ..brachy.plan import Turn
 
 Array = npt.NDArray[np.float64]
 
-BACK = 4e-3        # m before the wanted depth: a state is saved there, from which other depths continue
-BEFORE_TURN = 6e-3    # m before a turn: a state is saved there, from which other turns continue
+BACK = 4e-3        # m before the desired depth, place at which a state is saved, from which insertions to other depths continue
+BEFORE_TURN = 6e-3    # m before a turn, place at which a state is saved, from which insertions with other turns continue
 STATES = 6         # largest number of saved states
-ROUNDS = 8         # most rounds of the search for the depth
-EXACT = 2e-6       # m, tolerance of that search
-FARTHEST = 6e-3    # m, largest step of that search
+ROUNDS = 8         # largest number of iterations in the search for the depth
+EXACT = 2e-6       # m, tolerance of the search for the depth
+FARTHEST = 6e-3    # m, largest step in the search for the depth
 
 
 class Aim(NamedTuple):
-    """An insertion without its depth."""
+    """An insertion whose depth is not specified."""
 
     point: Array        # (3,) m, from which depths are measured
     direction: Array    # (3,) unit vector
@@ -35,12 +35,12 @@ class Aim(NamedTuple):
 
 
 class Outcome(NamedTuple):
-    """The needle at rest at its depth, and the tissue."""
+    """The result of an insertion: the needle at rest at its depth, and the displaced tissue."""
 
     depth: float
-    error: Array        # (3,) m, from the displaced target to the tip
-    shaft: Array        # (joints, 3) m, from base to tip
-    field: Array        # (nodes, 3) m, displacements
+    error: Array        # (3,) m, vector from the displaced target to the tip
+    shaft: Array        # (joints, 3) m, joints of the needle from base to tip
+    field: Array        # (nodes, 3) m, displacements of the mesh's nodes
 
     @property
     def distance(self) -> float:
@@ -48,7 +48,7 @@ class Outcome(NamedTuple):
 
 
 class Target:
-    """A point of the tissue, given at rest."""
+    """A point of the tissue, given by its position at rest."""
 
     def __init__(self, point: npt.ArrayLike, model: Model):
         """Raises ValueError if the point is outside the tissue."""
@@ -63,22 +63,22 @@ class Target:
 
 
 def depth_of(aim: Aim, target: Target) -> float:
-    """Returns the depth (m) at which a rigid needle's tip is closest to the target at rest."""
+    """Returns the depth (m) at which the tip of a rigid needle is closest to the target in the tissue at rest."""
     return float((target.point - aim.point) @ aim.direction)
 
 
 class Rehearsal:
-    """Insertions in one model."""
+    """Simulates insertions in one model."""
 
     def __init__(self, model: Model, hand: Implant):
         self.model, self._hand, self._sim, self._dt = model, hand, Sim(model), 1.0 / model.rate_hz
         self._step = hand.speed * self._dt
         self._saved: OrderedDict[bytes, tuple[int, bytes]] = OrderedDict()
-        self.runs = 0         # number of insertions to a depth
+        self.runs = 0         # number of insertions that were simulated to a given depth
         self.ticks = 0        # number of simulated ticks
 
-    # Each leg, before and after the turn, consists of whole steps from its start and a last shorter one. States are saved after whole steps only, so
-    # that results do not depend on which states are still available.
+    # Each leg, before and after the turn, consists of full steps from its start and a shorter last step. States are saved only after full steps, so
+    # that results do not depend on which saved states are still available.
 
     def _run(self, poses: Array) -> None:
         self._sim.run(poses, self._dt)
@@ -92,12 +92,12 @@ class Rehearsal:
         return max(math.floor((depth - start) / self._step + 1e-9), 0)
 
     def _leg(self, aim: Aim) -> tuple[bytes, float, float]:
-        """Returns name, start and roll of the aim's last leg."""
+        """Returns the name, the start and the roll of the last leg of this aim."""
         numbers = np.array([*aim.point, *aim.direction, aim.roll, *(aim.turn or ())])
         return numbers.tobytes(), aim.turn.depth if aim.turn else -self._hand.outside, aim.roll + (aim.turn.by if aim.turn else 0.0)
 
     def _begin(self, aim: Aim) -> None:
-        """Moves to the start of the aim's last leg."""
+        """Moves the needle to the start of the last leg of this aim."""
         if aim.turn is None:
             self._sim.reset(self._poses(aim, np.array([-self._hand.outside]), aim.roll)[0])
             return
@@ -106,7 +106,7 @@ class Rehearsal:
         self._run(self._poses(aim, np.full(count, aim.turn.depth), aim.roll + np.linspace(0.0, aim.turn.by, count + 1)[1:]))
 
     def _reach(self, aim: Aim, depth: float, back: float) -> None:
-        """Moves the needle to this depth on the aim's last leg, and on the way saves the state at the distance `back` before it."""
+        """Moves the needle along the last leg of this aim to this depth, and saves the state when the remaining distance is `back`."""
         leg, start, roll = self._leg(aim)
         wanted, early = self._steps(start, depth), self._steps(start, depth - back)
         there = self._saved.get(leg)
@@ -131,7 +131,7 @@ class Rehearsal:
             self._run(self._poses(aim, depths, roll))
 
     def at(self, aim: Aim, depth: float, target: Target) -> Outcome:
-        """Returns the outcome with the needle at rest at this depth. Raises Error."""
+        """Returns the outcome for the needle at rest at this depth. Raises Error."""
         if aim.turn and aim.turn.depth >= depth:
             aim = aim._replace(turn=None)
         self._reach(aim, depth, BACK)
@@ -143,8 +143,9 @@ class Rehearsal:
         return Outcome(depth, shaft[-1] - target.displaced(field), shaft, field)
 
     def best(self, aim: Aim, target: Target, further: float = 0.0) -> Outcome:
-        """Returns the outcome at the depth where the target is neither ahead of the tip nor behind it, found by the secant method. `further`: expected depth
-        beyond that of a rigid needle (m). If there is no such depth, as in front of bone, returns the best outcome found. Raises Error."""
+        """Returns the outcome at the depth at which the target is neither ahead of the tip nor behind it, found by the secant method. `further`: how
+        much deeper than for a rigid needle this depth is expected to be (m). If there is no such depth, for example because of bone, returns the best
+        outcome found. Raises Error."""
         most = self.model.needle_length - 1e-3
         depth = float(np.clip(depth_of(aim, target) + further, 1e-3, most))
         found: list[tuple[float, float, Outcome]] = []
@@ -165,7 +166,8 @@ class Rehearsal:
 
 
 def carried_out(model: Model, plan: object, needle: object, hand: Implant, target: Target) -> Outcome:
-    """Returns the outcome of a plan's needle in a new simulation, moved as plans are carried out. Raises Error."""
+    """Returns the outcome for a needle of a plan in a new simulation, in which the needle is moved in the same way as when a plan is carried out.
+    Raises Error."""
     from dataclasses import replace
     sim, dt = Sim(model), 1.0 / model.rate_hz
     for poses in replace(hand, plan=plan).insert(sim, needle, dt):

@@ -1,4 +1,4 @@
-"""Carries out the runs of a study in one process each, with rows in a file that survives a kill."""
+"""Carries out the runs of a study, each in its own process, and writes their rows to a file that survives a kill."""
 from __future__ import annotations
 
 import csv
@@ -25,16 +25,16 @@ from .._files import open_input, open_regular
 from ._quantities import Recording
 from ..brachy.plan import BadPlan
 
-FEW = 8          # runs of one stiffness: for fewer, the sparse inverse, which is built faster, takes less time in total
+FEW = 8          # if fewer runs share a stiffness, the sparse inverse takes less time in total, because it is built faster
 SYNC = 1.0       # s between two calls of fsync
 NOTHING = float("nan")
 
 
 class Row(NamedTuple):
-    """The row of a finished run."""
+    """A row with the results of a finished run."""
 
     index: int
-    status: str                # "ok", or the reason of the failure
+    status: str                # "ok", or the reason why the run failed
     parameters: tuple[float, ...]
     results: tuple[float, ...]  # NAN for missing results
 
@@ -43,7 +43,7 @@ class Row(NamedTuple):
 
 
 def _chunks(poses: npt.NDArray[np.float64], tick: int, stops: Sequence[int]) -> Iterator[npt.NDArray[np.float64]]:
-    """Yields the poses from this tick on, cut after each stop."""
+    """Yields the poses starting from this tick, split after each stop."""
     cuts = [stop + 1 - tick for stop in stops if tick <= stop < tick + len(poses)]
     for first, last in zip([0, *cuts], [*cuts, len(poses)]):
         if last > first:
@@ -51,7 +51,7 @@ def _chunks(poses: npt.NDArray[np.float64], tick: int, stops: Sequence[int]) -> 
 
 
 def run(study: Study, values: npt.NDArray[np.float64], model: Model, scene: Any, frames: Any = None) -> list[float]:
-    """Returns the recorded numbers of one run. Raises Error, BadPlan."""
+    """Returns the numbers recorded in one run. Raises Error, BadPlan."""
     dt = 1.0 / model.rate_hz
     recording = Recording(Sim(model), scene, dt, study.plan)
     results: dict[int, list[float]] = {}
@@ -84,10 +84,10 @@ def run(study: Study, values: npt.NDArray[np.float64], model: Model, scene: Any,
 
 
 class Groups(NamedTuple):
-    """Groups of runs that share a stiffness. They are the same for every task of a study, so that no result depends on the task."""
+    """Groups of runs that share a stiffness. The groups are the same for every task of a study, so that results do not depend on the task."""
 
-    of_run: npt.NDArray[np.int64]   # (runs,) group of each run
-    sparse: bool                    # models use the sparse inverse
+    of_run: npt.NDArray[np.int64]   # (runs,) index of the group to which each run belongs
+    sparse: bool                    # true if the models use the sparse inverse
 
 
 def groups_of(study: Study, samples: npt.NDArray[np.float64]) -> Groups:
@@ -96,7 +96,7 @@ def groups_of(study: Study, samples: npt.NDArray[np.float64]) -> Groups:
         return Groups(np.zeros(len(samples), np.int64), False)
     _, of_run = np.unique(samples[:, columns], axis=0, return_inverse=True)
     of_run = of_run.reshape(-1)
-    if study.method == "random":    # such a study may grow: finished runs must not depend on their final number
+    if study.method == "random":    # such a study may be extended, so the results of finished runs must not depend on the final number of runs
         few = study.possible_stiffnesses() > FEW
     else:
         few = len(samples) < FEW * (of_run.max() + 1)
@@ -104,15 +104,15 @@ def groups_of(study: Study, samples: npt.NDArray[np.float64]) -> Groups:
 
 
 def runs_of_task(groups: Groups, task: tuple[int, int]) -> list[int]:
-    """Returns the runs of task (i, of N) in the order of their execution. Runs of one stiffness stay together, so that few tasks need a model of each
-    stiffness."""
+    """Returns the runs of task (i, of N) in the order in which they are executed. Runs with the same stiffness are kept together, so that only a few
+    tasks need a model for each stiffness."""
     order = np.argsort(groups.of_run, kind="stable")
     i, count = task
     return (np.array_split(order, count)[i - 1] if groups.of_run.any() else order[i - 1::count]).tolist()
 
 
 def model_of(study: Study, values: npt.NDArray[np.float64], base: Model | None, sparse: bool) -> tuple[Model, Any]:
-    """Returns the model of one run, derived from `base` if that has the same stiffness."""
+    """Returns the model of one run, derived from `base` if `base` has the same stiffness."""
     scene = study.run_scene(values, sparse)
     if base is not None:
         try:
@@ -133,7 +133,7 @@ def line_of(cells: Iterable[Any]) -> str:
 
 
 def checked(line: str) -> bytes:
-    """Returns a line of a task's file, whose last cell is the CRC-32 of the rest."""
+    """Returns one line of a task's file; its last cell is the CRC-32 of the other cells."""
     cells = line.rstrip("\n").encode()
     return cells + b",%08x\n" % zlib.crc32(cells)
 
@@ -147,13 +147,13 @@ def heading(study: Study) -> list[str]:
 
 
 def read_rows(path: Path, study: Study, samples: npt.NDArray[np.float64]) -> list[Row]:
-    """Returns the complete rows of a task's file. Raises BadStudy unless they belong to this study, which has these samples."""
+    """Returns the complete rows in a task's file. Raises BadStudy if the rows do not belong to this study with these samples."""
     with open_input(path, "rb") as file:
         return _parse_rows(path, file.read(), study, samples)[0]
 
 
 def _parse_rows(path: Path, data: bytes, study: Study, samples: npt.NDArray[np.float64]) -> tuple[list[Row], int]:
-    """Returns the complete rows, and their length in bytes with the heading: a kill cut off the bytes that follow."""
+    """Returns the complete rows, and their length in bytes including the heading. Bytes after that belong to a row that was cut off by a kill."""
     end = data.rfind(b"\n") + 1
     if end == 0:
         return [], 0
@@ -174,7 +174,7 @@ def _parse_rows(path: Path, data: bytes, study: Study, samples: npt.NDArray[np.f
             row = Row(int(cells[0]), cells[1], numbers[:parameters], numbers[parameters:])
         except (ValueError, csv.Error):
             raise BadStudy(f"{path}:{number}: damaged or changed since it was written: remove the line, and the run is repeated") from None
-        if study.method == "random" and row.index >= len(samples):    # a row from when the study had more runs
+        if study.method == "random" and row.index >= len(samples):    # this row was written when the study had more runs
             continue
         if not 0 <= row.index < len(samples) or row.parameters != tuple(samples[row.index].tolist()):
             raise BadStudy(f"{path}:{number}: run {row.index} has other parameters than the study: choose another folder with --out")
@@ -183,7 +183,7 @@ def _parse_rows(path: Path, data: bytes, study: Study, samples: npt.NDArray[np.f
 
 
 def _read_whole(file: int, size: int) -> bytes:
-    """Reads the first `size` bytes; one call of pread returns at most 2 GiB."""
+    """Reads the first `size` bytes of the file; a single call of pread returns at most 2 GiB."""
     data = bytearray()
     while len(data) < size:
         part = os.pread(file, size - len(data), len(data))
@@ -194,7 +194,7 @@ def _read_whole(file: int, size: int) -> bytes:
 
 
 class TaskFile:
-    """A task's file of rows, open for appending and locked."""
+    """The file in which a task stores its rows, open for appending and locked."""
 
     def __init__(self, path: Path, study: Study, samples: npt.NDArray[np.float64]):
         self.path = path
@@ -202,7 +202,7 @@ class TaskFile:
         try:
             self._lock()
             size = os.fstat(self._file).st_size
-            # opening the file again and closing that descriptor would release the lock
+            # opening the file again and closing the new descriptor would release the lock
             self.rows, end = _parse_rows(path, _read_whole(self._file, size), study, samples)
             self.torn = size - end    # bytes
             os.ftruncate(self._file, end)
@@ -222,7 +222,7 @@ class TaskFile:
             raise BadStudy(f"{self.path}: cannot be locked: {error.strerror}: choose with --out a folder on a file system that supports locks") from None
 
     def append(self, row: Row) -> None:
-        """Appends a row, which survives a kill of this process at once, and a power failure after a second."""
+        """Appends a row. The row survives a kill of this process immediately, and a power failure after one second."""
         data = checked(line_of(cells_of(row)))
         if os.write(self._file, data) != len(data):
             raise OSError(28, "No space left on device", str(self.path))
@@ -242,10 +242,10 @@ class TaskFile:
 
 
 def _child(write: int, work: Callable[[], Any], program: str) -> None:
-    """Runs in the child: sends the outcome and exits."""
+    """Code that runs in the child: sends the outcome to the parent and exits."""
     status = 1
     try:
-        signal.signal(signal.SIGINT, signal.SIG_IGN)     # a SIGINT from the terminal also reaches the parent, which ends its children
+        signal.signal(signal.SIGINT, signal.SIG_IGN)     # a SIGINT from the terminal also reaches the parent, which then ends its children
         signal.signal(signal.SIGTERM, signal.SIG_DFL)
         with os.fdopen(write, "wb") as pipe:
             pipe.write(json.dumps(work()).encode())
@@ -258,13 +258,14 @@ def _child(write: int, work: Callable[[], Any], program: str) -> None:
 
 
 class Pool:
-    """Up to `workers` child processes, one for each run. A child starts with its parent's objects, such as a model, without copying
-    them, and without traces of other runs."""
+    """Up to `workers` child processes, each of which does one run. A child starts with its parent's objects, such as a model, without having to copy
+    them, and is not affected by other runs."""
 
     def __init__(self, workers: int, finished: Callable[[int, Any, str], None], program: str = "trocar-study"):
-        """finished(run, outcome, why): outcome as JSON preserves it, None if the child ended without one."""
+        """finished(run, outcome, why) is called for each run; the outcome has been converted to JSON and back, and is None if the child ended without
+        an outcome."""
         self.workers, self.finished, self.program = workers, finished, program
-        self._running: dict[int, tuple[int, int, bytearray]] = {}    # by read end of the pipe: run, process, received bytes
+        self._running: dict[int, tuple[int, int, bytearray]] = {}    # run, process and received bytes, with the read end of the pipe as key
         self._selector = selectors.DefaultSelector()
 
     def start(self, run_: int, work: Callable[[], Any]) -> None:
@@ -280,7 +281,7 @@ class Pool:
         self._selector.register(read, selectors.EVENT_READ)
 
     def wait(self) -> None:
-        """Waits until a child has sent data."""
+        """Waits until at least one child has sent data."""
         for key, _ in self._selector.select():
             data = os.read(key.fd, 1 << 16)
             run_, process, received = self._running[key.fd]
@@ -319,7 +320,7 @@ def row_files(out: Path) -> list[Path]:
 
 
 def check_manifest(study: Study, out: Path) -> None:
-    """Writes the study's manifest, or compares it with an existing one. Raises BadStudy if that belongs to another study."""
+    """Writes the manifest of the study, or compares it with an existing one. Raises BadStudy if the existing manifest belongs to another study."""
     path, own = out / "study.json", study.manifest()
     if path.exists():
         try:
@@ -339,7 +340,7 @@ def check_manifest(study: Study, out: Path) -> None:
 
 
 def has_frames(out: Path) -> bool:
-    """True if the study in this folder records frames, according to its manifest."""
+    """True if the manifest in this folder says that the study records frames."""
     try:
         with open_input(out / "study.json", encoding="utf-8") as file:
             return dict(json.load(file)).get("frames", "none") != "none"
@@ -348,14 +349,14 @@ def has_frames(out: Path) -> bool:
 
 
 class Outcome(NamedTuple):
-    done: int        # number of runs done by this call
+    done: int        # number of runs completed by this call
     before: int      # were there
-    failed: int      # number of this task's rows whose status is not "ok"
-    lost: list[str]  # runs that ended without a row, and the reason
+    failed: int      # number of rows of this task with a status other than "ok"
+    lost: list[str]  # runs that ended without a row, each with the reason
 
 
 def carry_out(study: Study, out: Path, task: tuple[int, int], workers: int, progress: Callable[[int, int], None], say: Callable[[str], None]) -> Outcome:
-    """Does the runs of task (i, of N) that no file contains yet. Reports progress (done, of)."""
+    """Does those runs of task (i, of N) that are not in any file yet. Reports progress (done, of)."""
     out.mkdir(parents=True, exist_ok=True)
     check_manifest(study, out)
     samples = study.samples()
@@ -371,7 +372,7 @@ def carry_out(study: Study, out: Path, task: tuple[int, int], workers: int, prog
     before, count, failed, lost = len(mine) - len(left), 0, 0, []
     failed += sum(row.status != "ok" for row in file.rows)
     if study.frames_every:
-        from . import frames as _frames    # imported before the first child starts
+        from . import frames as _frames    # must be imported before the first child starts
         (out / "frames").mkdir(exist_ok=True)
         say(_frames.size_in_words(study, out))
 
@@ -395,7 +396,7 @@ def carry_out(study: Study, out: Path, task: tuple[int, int], workers: int, prog
                 with _frames.Writer(out / "frames" / f"{index:07d}.h5", model) as frames:
                     return "ok", run(study, samples[index], model, scene, frames)
             except (Error, BadPlan) as error:
-                if isinstance(error, Error) and error.status in ("no memory", "system"):    # the cause is not in the run, which can be repeated
+                if isinstance(error, Error) and error.status in ("no memory", "system"):    # the run itself is not the cause, so it can be repeated later
                     raise
                 return " ".join(str(error).split()), [NOTHING] * len(study.result_columns())
         return one
@@ -403,17 +404,17 @@ def carry_out(study: Study, out: Path, task: tuple[int, int], workers: int, prog
     pool = Pool(workers, finished)
     progress(before, before + len(left))
     gc.collect()
-    gc.freeze()    # children share the objects, so the garbage collector must not write to them
+    gc.freeze()    # children share these objects, so the garbage collector must not write to their memory
     try:
         group, base = -1, None
-        remaining = np.bincount(groups.of_run[left]) if left else []    # number of remaining runs of each group
+        remaining = np.bincount(groups.of_run[left]) if left else []    # number of runs in each group that remain to be done
         for index in left:
             if groups.of_run[index] != group:
                 group, base = groups.of_run[index], None
-            if base is None and remaining[group] > 1:    # a single run builds its model itself, in parallel with other runs
+            if base is None and remaining[group] > 1:    # if only one run remains, it builds the model itself, in parallel with other runs
                 try:
                     base = Model(study.run_scene(samples[index], groups.sparse))
-                except Error:    # the run itself reports the error; the next run is tried
+                except Error:    # the run itself will report the error, so try the next run
                     pass
             remaining[group] -= 1
             pool.start(index, work(index, base))

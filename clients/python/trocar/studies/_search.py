@@ -1,4 +1,4 @@
-"""Searches for an insertion whose tip ends at its target in the displaced tissue."""
+"""Searches for an insertion that brings the tip to its target in the displaced tissue."""
 from __future__ import annotations
 
 import math
@@ -19,36 +19,38 @@ from ..brachy.plan import Turn
 
 Array = npt.NDArray[np.float64]
 
-UNIT = 1e-4          # m: unit of errors and missing clearance
-STAY = 0.02          # weight of the distance from the start, so that the search finds the closest of all insertions that reach the target
-FAILED = 2e-2        # m, error of an insertion that cannot be simulated
-GRID = 13            # entry points along each side of the area that are tried for a rigid needle
-NEIGHBOURS = 4       # number of holes from which a search starts, the closest first
-ROLLS = (0.0, 0.5 * math.pi, math.pi, -0.5 * math.pi)    # rolls tried in an area until one of them leads to the target
-LAST = 2e-3          # m: a turn closer to the target than this is left out
-LONGER = 4.0         # factor on the step of difference quotients over samples, whose differences are small compared with the roughness within a step
-ROUNDING = 1e-5      # m, rounding of a clearance
-MARGIN = 2e-5        # m added to the clearance, so that the result keeps it when it is carried out
-SPARE = 2e-3         # m: clearance that exceeds the wanted one by more than this has no influence
-TOO_NEAR = 10.0      # weight of missing clearance relative to the worst error
-STEPS = 12           # most steps of the search for the smallest worst error
-SMALLEST = 0.02      # smallest step of that search
-ENOUGH = 0.05        # units: the search ends when a step promises less improvement than this
+UNIT = 1e-4          # m, unit of errors and of missing clearances in the search
+STAY = 0.02          # weight of the distance from the start; it makes the search find the closest of all insertions that reach the target
+FAILED = 2e-2        # m, error assigned to an insertion that cannot be simulated
+GRID = 13            # number of entry points along each side of the area that are tried with a rigid needle
+NEIGHBOURS = 4       # number of holes from which a search starts, beginning with the closest
+ROLLS = (0.0, 0.5 * math.pi, math.pi, -0.5 * math.pi)    # rad, rolls that are tried in an area until one of them leads to the target
+LAST = 2e-3          # m: a turn is omitted if it would be closer to the target than this
+# factor by which steps of difference quotients over samples are longer; the differences would otherwise be small compared with the roughness within a
+# step
+LONGER = 4.0
+ROUNDING = 1e-5      # m, tolerance for rounding errors of a clearance
+MARGIN = 2e-5        # m, added to the desired clearance so that the needle still has that clearance when the plan is carried out
+SPARE = 2e-3         # m: clearance that exceeds the desired one by more than this has no influence on the search
+TOO_NEAR = 10.0      # weight of missing clearance relative to the worst-case error
+STEPS = 12           # largest number of steps in the search for the smallest worst-case error
+SMALLEST = 0.02      # smallest step in the search for the smallest worst-case error
+ENOUGH = 0.05        # units: the search ends when the expected improvement of the next step is less than this
 
 
 class Variable(NamedTuple):
     name: str
-    scale: float    # one unit of the search
+    scale: float    # change of the variable that corresponds to one unit of the search
     low: float
     high: float
-    step: float     # step of a difference quotient
+    step: float     # step size of the difference quotient
 
 
 class Freedom:
-    """The free variables of an insertion, as a vector in units of the search."""
+    """The free variables of an insertion, as a vector in the units of the search."""
 
     def __init__(self, problem: Problem, start: Aim, depth: float, skin: float):
-        """`depth` of the target and depth of the `skin` along the start, m."""
+        """`depth` is the depth of the target, and `skin` that of the skin, both measured from the start, in m."""
         self.variables: list[Variable] = []
         self._start, self._problem = start, problem
         area, values = problem.area, []
@@ -66,7 +68,7 @@ class Freedom:
             self.variables.append(Variable("roll", 1.0, start.roll - 2.0 * math.pi, start.roll + 2.0 * math.pi, 0.1))
             values.append(start.roll)
         if problem.turn:
-            low = max(skin, 1e-3)    # in a plan, a turn's depth must be above 0
+            low = max(skin, 1e-3)    # the depth of a turn in a plan must be above 0
             high = max(depth, low) + 5e-3
             self.variables.append(Variable("turn", 2e-2, low, high, 2e-3))
             values.append(start.turn.depth if start.turn else high)
@@ -95,7 +97,7 @@ class Freedom:
         return list(dict.fromkeys(v.name for v, there in zip(self.variables, near) if there and v.name != "turn"))
 
     def stepped(self, x: Array, i: int, times: float = 1.0) -> tuple[Array, float]:
-        """Returns x with its part i moved by some steps, backwards at the upper limit, and the size of that change."""
+        """Returns x with component i changed by some steps (backwards if the upper limit is reached), and the size of that change."""
         step = times * self.steps[i] * (1.0 if x[i] + times * self.steps[i] <= self.high[i] else -1.0)
         other = x.copy()
         other[i] += step
@@ -104,13 +106,13 @@ class Freedom:
 
 @dataclass
 class Found:
-    """An insertion that the search has found."""
+    """An insertion found by the search."""
 
     aim: Aim
     depth: float
-    error: float          # m: error at nominal parameters, or mean or worst error, according to the objective
-    missing: float        # m of missing clearance, 0 if all clearances are kept; inf if the insertion cannot be simulated
-    limits: list[str]     # variables at their limits
+    error: float          # m: error for nominal parameters, or mean or worst-case error, depending on the objective
+    missing: float        # m, missing clearance: 0 if all clearances are kept; inf if the insertion cannot be simulated
+    limits: list[str]     # names of the variables that are at their limits
     x: Array
     freedom: Freedom
 
@@ -122,7 +124,7 @@ class Found:
 
 
 class Case:
-    """A target in one or more models: nominal and samples."""
+    """A target in one or more models: the nominal model and the samples."""
 
     def __init__(self, problem: Problem, models: Sequence[Model], point: Array):
         self.problem, self.models = problem, models
@@ -131,7 +133,7 @@ class Case:
         self.radius = 0.5 * float(problem.scene()["needle.outer_diameter"])
 
     def all_rehearsals(self) -> list[Rehearsal]:
-        """Returns the rehearsals with the scene's own values and with the samples."""
+        """Returns the rehearsals for the scene's own values and for the samples."""
         if len(self.rehearsals) < len(self.models):
             self.rehearsals += [Rehearsal(model, self.problem.hand) for model in self.models[1:]]
         return self.rehearsals
@@ -140,7 +142,8 @@ class Case:
         return sum(rehearsal.runs for rehearsal in self.rehearsals)
 
     def clearances(self, outcome: Outcome, exact: bool = False) -> list[float]:
-        """Returns the distance (m) from each obstacle in the displaced tissue; unless `exact`, a lower bound if the needle stays well clear."""
+        """Returns the distance (m) from each obstacle in the displaced tissue. Unless `exact` is true, returns a lower bound if the needle stays well
+        clear of the obstacle."""
         return [o.distance(outcome.shaft, self.radius, self.embedding, outcome.field, math.inf if exact else o.clearance + SPARE) for o in self.problem.obstacles]
 
     def missing(self, clearances: Sequence[float]) -> Array:
@@ -154,7 +157,7 @@ class Case:
         return float(sum(max(o.clearance - o.distance(line, self.radius), 0.0) for o in self.problem.obstacles))
 
     def unplanned(self) -> Aim:
-        """Aims as without planning: straight from the hole, or from the point of the area, that faces the target."""
+        """Aims as one would without planning: straight ahead from the hole, or from the point of the area, that faces the target."""
         problem, point = self.problem, self.target.point
         if problem.area is None:
             return self.hole_aims()[0][1]
@@ -166,7 +169,7 @@ class Case:
         return Aim(area.origin + place @ (area.edges / lengths[:, None]), area.direction, problem.roll or 0.0)
 
     def hole_aims(self) -> list[tuple[str, Aim]]:
-        """Returns aims through the holes in the order of their axes' distance from the target, the closest first."""
+        """Returns aims through the holes, sorted by the distance of the hole's axis from the target, with the closest first."""
         model, point = self.models[0], self.target.point
         guide = next(guide for guide in model.guides if guide.name == self.problem.template)
         found = []
@@ -178,8 +181,8 @@ class Case:
         return [(hole, aim) for _, hole, aim in found]
 
     def rigid(self) -> tuple[str, Aim]:
-        """Returns the straight line to the target at rest that keeps its clearances with the least tilt, or else the line with the least missing clearance.
-        For a template, this is the closest hole that keeps the clearances. The hole is "" in an area."""
+        """Returns the straight line to the target at rest that keeps all clearances with the least tilt; if there is none, the line with the least
+        missing clearance. For a template, the line goes through the closest hole that keeps the clearances. For an area, the hole is ""."""
         problem, point = self.problem, self.target.point
         if problem.area is None:
             ranked = [(round(self.straight_missing(aim), 6), i, hole, aim) for i, (hole, aim) in enumerate(self.hole_aims()[:4 * NEIGHBOURS])]
@@ -200,10 +203,10 @@ class Case:
                 continue
             direction = area.direction + np.tan(beyond) @ across
             tried.append((float(beyond @ beyond), plain._replace(point=start, direction=direction / np.linalg.norm(direction))))
-        tried = tried or [(0.0, plain)]    # from no point of the area is the target ahead
+        tried = tried or [(0.0, plain)]    # the target is not ahead of any point of the area
         tried.sort(key=lambda entry: entry[0])
         best: tuple[float, Aim] | None = None
-        for _, aim in tried:    # the first aim that keeps the clearances has the least tilt
+        for _, aim in tried:    # because aims are sorted by tilt, the first that keeps the clearances has the least tilt
             missing = self.straight_missing(aim)
             if best is None or missing < best[0]:
                 best = (missing, aim)
@@ -214,7 +217,7 @@ class Case:
     # ---- nominal parameters ---------------------------------------------------------------------------------------------------------------
 
     def search(self, freedom: Freedom) -> Found:
-        """Runs SciPy's least_squares on the error and on missing clearances."""
+        """Runs SciPy's least_squares on the errors and the missing clearances."""
         from scipy.optimize import least_squares
         kept: dict[bytes, tuple[Array, Outcome | None, Array]] = {}
         further = 0.0
@@ -262,7 +265,7 @@ class Case:
         return aim, depth_of(aim, self.target), self._skin(aim)
 
     def towards_target(self, aim: Aim) -> Aim:
-        """Returns a hole's aim with the roll with which the bevel bends the needle to the target, and the turn that ends the bending."""
+        """Returns an aim through a hole, with the roll at which the bevel bends the needle towards the target, and the turn that ends the bending."""
         problem = self.problem
         if not problem.bevelled or problem.roll is not None and not problem.turn:
             return aim
@@ -270,7 +273,7 @@ class Case:
         x, y = rotate(frame, [1.0, 0.0, 0.0]), rotate(frame, [0.0, 1.0, 0.0])
         off = self.target.point - aim.point
         if problem.roll is None:
-            aim = aim._replace(roll=math.atan2(off @ x, -(off @ y)))    # the bevel moves the tip away from its face, local +y
+            aim = aim._replace(roll=math.atan2(off @ x, -(off @ y)))    # the bevel pushes the tip away from its face, which is local +y
         if not problem.turn:
             return aim
         side = math.sin(aim.roll) * x - math.cos(aim.roll) * y
@@ -281,7 +284,7 @@ class Case:
         return aim if share > 0.98 else aim._replace(turn=Turn(skin + share * (depth - skin), math.pi))
 
     def starts(self) -> Iterator[tuple[str, Aim]]:
-        """Yields holes ("" in an area) and aims from which a search may start."""
+        """Yields the holes ("" in an area) and aims from which a search can start."""
         problem = self.problem
         if problem.area is None:
             near = self.hole_aims()
@@ -291,13 +294,13 @@ class Case:
             return
         _, rigid = self.rigid()
         skin, depth = self._skin(rigid), depth_of(rigid, self.target)
-        turn = Turn(0.5 * (skin + depth), math.pi) if problem.turn else None    # the depth at which it cancels most of the bevel's effect
+        turn = Turn(0.5 * (skin + depth), math.pi) if problem.turn else None    # a turn at this depth cancels most of the bevel's effect
         for roll in [rigid.roll] if problem.roll is not None else ROLLS:
             yield "", rigid._replace(roll=roll, turn=turn)
 
     def plan(self) -> tuple[tuple[str, Found], tuple[str, Found]]:
-        """Returns the plan for nominal parameters and the plan for the objective: hole and insertion. Searches from one start after the other
-        until the target is reached."""
+        """Returns two plans, each consisting of hole and insertion: one for nominal parameters, and one for the objective. Searches from one start
+        after another until the target is reached."""
         problem, nominal, best = self.problem, None, None
         for hole, aim in self.starts():
             found = self.search(Freedom(problem, *self._start(aim)))
@@ -316,15 +319,15 @@ class Case:
     # ---- samples --------------------------------------------------------------------------------------------------------------------------
 
     def robust(self, nominal: Found) -> Found:
-        """Minimises the mean square error, or the worst error, in the samples, starting from the plan for nominal parameters."""
+        """Minimises the mean square error, or the worst-case error, over the samples, starting from the plan for nominal parameters."""
         from scipy.optimize import least_squares
         problem, freedom = self.problem, nominal.freedom
         rehearsals, obstacles, n = self.all_rehearsals(), len(problem.obstacles), len(nominal.x) + 1
-        steps = np.append(freedom.steps, 0.2)      # the depth, in mm, is the last part of z
+        steps = np.append(freedom.steps, 0.2)      # the last component of z is the depth in mm
         kept: dict[bytes, tuple[Array, Array]] = {}
 
         def evaluate(z: Array) -> tuple[Array, Array]:
-            """Returns errors (samples, 3), and clearances minus the wanted ones (samples, obstacles), in units."""
+            """Returns the errors (samples, 3), and the actual minus the desired clearances (samples, obstacles), in units of the search."""
             key = z.tobytes()
             if key not in kept:
                 aim, errors, free = freedom.aim(z[:-1]), [], []
@@ -342,7 +345,7 @@ class Case:
             return kept[key]
 
         def slopes(z: Array) -> tuple[Array, Array]:
-            """Returns the derivatives of `evaluate`, with the variables as last axis."""
+            """Returns the derivatives of `evaluate`; the last axis corresponds to the variables."""
             here, parts = evaluate(z), []
             for i in range(n):
                 if i < n - 1:
@@ -385,8 +388,9 @@ class Case:
         return Found(aim, 1e-3 * float(z[-1]), UNIT * float(measure(errors)), UNIT * short(free), freedom.at_limits(z[:-1]), z[:-1], freedom)
 
     def _worst(self, start: Array, low: Array, high: Array, evaluate: Callable, slopes: Callable) -> None:
-        """Minimises the worst error by steps that are optimal for errors and clearances linear in z, within a trust region (Madsen, Journal of the
-        Institute of Mathematics and its Applications 16, 1975, 321-328; here with SciPy's SLSQP). `evaluate` records all points tried."""
+        """Minimises the worst-case error. Each step is optimal if errors and clearances are linear in z, and stays within a trust region (Madsen,
+        Journal of the Institute of Mathematics and its Applications 16, 1975, 321-328; here with SciPy's SLSQP). `evaluate` records all points that
+        are tried."""
         def merit(z: Array) -> float:
             errors, free = evaluate(z)
             return float(np.linalg.norm(errors, axis=1).max() + TOO_NEAR * np.maximum(-free, 0.0).max(initial=0.0))
@@ -408,12 +412,12 @@ class Case:
 
 
 def _linear_step(errors: Array, free: Array, errors_: Array, free_: Array, low: Array, high: Array) -> tuple[Array, float]:
-    """Returns the step between limits that minimises the longest of the errors (samples, 3) plus the largest shortfall of `free` (m,),
-    weighted, with slopes (samples, 3, n) and (m, n); and that minimum."""
+    """Returns the step between limits that minimises the largest of the errors (samples, 3) plus the weighted largest shortfall of `free` (m,), where
+    the slopes are (samples, 3, n) and (m, n); also returns that minimum."""
     from scipy.optimize import minimize
     n, m = len(low), len(free)
 
-    def constraints(y: Array) -> Array:    # y: the step, the bound of the errors, the bound of the shortfalls
+    def constraints(y: Array) -> Array:    # y consists of the step, the bound on the errors, and the bound on the shortfalls
         there = errors + errors_ @ y[:n]
         return np.concatenate([y[n] - np.sqrt(np.sum(there ** 2, axis=1) + 1e-4), free + free_ @ y[:n] + y[n + 1]])
 
@@ -425,7 +429,7 @@ def _linear_step(errors: Array, free: Array, errors_: Array, free_: Array, low: 
     first = np.concatenate([np.zeros(n), [np.linalg.norm(errors, axis=1).max() + 0.01, np.maximum(-free, 0.0).max(initial=0.0)]])
     weights = np.concatenate([np.zeros(n), [1.0, TOO_NEAR]])
     with warnings.catch_warnings():
-        warnings.simplefilter("ignore", RuntimeWarning)    # SLSQP exceeds the limits by rounding errors, and warns about that
+        warnings.simplefilter("ignore", RuntimeWarning)    # SLSQP exceeds the limits by rounding errors and prints warnings about that
         found = minimize(lambda y: weights @ y, first, jac=lambda y: weights, method="SLSQP", bounds=[*zip(low, high), (0.0, None), (0.0, None)],
                          constraints={"type": "ineq", "fun": constraints, "jac": gradients}, options={"maxiter": 100, "ftol": 1e-5})
     step = np.clip(found.x[:n], low, high)

@@ -31,7 +31,7 @@ def _percentiles(columns: Sequence[str], results: npt.NDArray[np.float64]) -> st
 
 
 def _correlations(study: Study, parameters: npt.NDArray[np.float64], results: npt.NDArray[np.float64]) -> str:
-    """Computes Spearman's rank correlation, which shows the sign of a monotonic influence."""
+    """Computes Spearman's rank correlation, whose sign shows the direction of a monotonic influence."""
     from scipy.stats import spearmanr
     rows = []
     for column, values in zip(study.result_columns(), results.T):
@@ -58,11 +58,11 @@ def _plot_results(columns: Sequence[str], results: npt.NDArray[np.float64], path
     import matplotlib
     matplotlib.use("svg")
     import matplotlib.pyplot as plt
-    matplotlib.rcParams.update({"svg.hashsalt": "trocar", "svg.fonttype": "none"})    # makes the file the same each time, and keeps text as text
+    matplotlib.rcParams.update({"svg.hashsalt": "trocar", "svg.fonttype": "none"})    # makes the file reproducible, and keeps text as text
     figure, axes = plt.subplots((len(columns) + 2) // 3, 3, figsize=(9.0, 2.2 * ((len(columns) + 2) // 3)), squeeze=False, layout="constrained")
     for axis, column, values in zip(axes.flat, columns, results.T):
         there = np.sort(values[np.isfinite(values)])
-        if len(there) > 200:    # a picture cannot show more points
+        if len(there) > 200:    # more points would not be distinguishable in the picture
             there = np.quantile(there, np.linspace(0.0, 1.0, 201))
         if len(there):
             axis.step(there, np.arange(1, len(there) + 1) / len(there), where="post", color="#0072B2")
@@ -101,7 +101,7 @@ def _plot_indices(study: Study, found: dict[str, sensitivity.Indices], path: Pat
 
 
 def write(study: Study, rows: Sequence[Row], out: Path, plots: bool) -> tuple[str, list[Path]]:
-    """Writes summary.md and pictures. Returns the summary's text and the paths of the pictures."""
+    """Writes summary.md and pictures. Returns the text of the summary and the paths of the pictures."""
     columns, p = study.result_columns(), len(study.parameters)
     parameters, results = np.array([row.parameters for row in rows]), np.array([row.results for row in rows]).reshape(len(rows), len(columns))
     failed = sum(row.status != "ok" for row in rows)

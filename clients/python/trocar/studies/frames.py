@@ -37,12 +37,12 @@ __all__ = ["Writer", "collect", "size_in_words"]
 _KINDS = {"tissue": 0, "tip": 1, "guide": 2}
 _MESH = ("nodes", "tets", "tet_regions")
 _COMPRESSED = {"compression": "gzip", "compression_opts": 4, "shuffle": True}
-_LEFT = 0.65    # size of a run's file relative to its uncompressed displacements and centrelines, measured for the insertion of figure 8
+_LEFT = 0.65    # size of a run's file relative to the uncompressed size of its displacements and centrelines, measured for the insertion of figure 8
 
 
 def size_in_words(study: Study, folder: Path) -> str:
-    """Returns a text with the approximate size of the frames of all runs of a study in this folder, and the free space there; "" for a study without
-    frames."""
+    """Returns a text with the approximate size of the frames of all runs of a study in this folder, and the free disk space there; "" for a study
+    without frames."""
     samples = study.samples()
     if not study.frames_every or not len(samples):
         return ""
@@ -59,7 +59,7 @@ def _bytes(size: float) -> str:
 
 
 class Writer:
-    """Writes the frames of one run. The complete file appears when it is closed; after an exception, there is no file."""
+    """Writes the frames of one run. The file appears, complete, when it is closed; after an exception, no file is left."""
 
     def __init__(self, path: Path, model: Model):
         self.path, self.model = path, model
@@ -93,7 +93,8 @@ class Writer:
 
 
 def collect(folder: Path, path: Path, parameters: np.ndarray, names: list[str]) -> int:
-    """Merges the files of all runs in `folder` into one; `parameters` are those of the runs, (runs, p). Returns the number of runs with frames."""
+    """Merges the files of all runs in `folder` into one file; `parameters` are the parameter values of the runs, (runs, p). Returns the number of
+    runs that have frames."""
     files = sorted(folder.glob("*.h5"))
     files = [file for file in files if int(file.stem) < len(parameters)]
     if not files:
@@ -104,7 +105,7 @@ def collect(folder: Path, path: Path, parameters: np.ndarray, names: list[str]) 
             for name, data in first.items():
                 if name in (*_MESH, "time"):
                     first.copy(name, whole)
-                else:    # at most 1 MB per chunk, or a single frame
+                else:    # at most 1 MB per chunk, or a single frame if that is larger
                     each = max(1, min(len(data), (1 << 20) // max(data[0:1].nbytes, 1)))
                     whole.create_dataset(name, shape=(len(files), *data.shape), dtype=data.dtype, chunks=(1, each, *data.shape[1:]), **_COMPRESSED)
         whole["run"] = np.array([int(file.stem) for file in files], np.int64)

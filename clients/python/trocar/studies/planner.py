@@ -57,47 +57,49 @@ __all__ = ["BadProblem", "Expected", "Problem", "Result", "SeedResult", "carry_o
 Array = npt.NDArray[np.float64]
 
 NOTHING = float("nan")
-MADE_BY = "# Made by trocar-plan"    # first line of plan.yaml
+MADE_BY = "# Made by trocar-plan"    # first line of a plan.yaml written by this program
 
 
 class Expected(NamedTuple):
-    """The errors (m) of an insertion, from new simulations that move the needle as a plan is carried out. NaN if the insertion cannot be simulated."""
+    """The errors (m) of an insertion, from new simulations in which the needle is moved in the same way as when a plan is carried out. NaN if the
+    insertion cannot be simulated."""
 
     error: float              # distance from the displaced target to the tip, for the scene's own values
     mean: float               # mean over the scene's own values and the samples
-    worst: float              # worst of the scene's own values and the samples
-    offset: list[float]       # (3) from the displaced target to the tip
-    clearance: float | None   # smallest distance from an obstacle minus the wanted clearance, over all samples; None without obstacles
+    worst: float              # worst case over the scene's own values and the samples
+    offset: list[float]       # (3) vector from the displaced target to the tip
+    clearance: float | None   # smallest difference between distance and desired clearance, over all obstacles and samples; None without obstacles
     nearest: str              # that obstacle
-    shaft: list[list[float]]  # (joints, 3) from base to tip
-    why: str = ""             # reason why it cannot be simulated, from the first sample with that problem
+    shaft: list[list[float]]  # (joints, 3) joints of the needle from base to tip
+    why: str = ""             # why the insertion cannot be simulated, for the first sample with that problem
 
 
 @dataclass
 class Result:
-    """The plan for one target."""
+    """The result of planning for one target."""
 
     name: str
-    target: list[float]       # (3) m, at rest
+    target: list[float]       # (3) m, position of the target at rest
     needle: Needle
     expected: Expected
-    unplanned: Expected       # the needle is aimed straight at the target at rest, from the closest hole or the point that faces it
-    rigid: Expected           # the needle follows the straight line to the target at rest that keeps its clearances
-    nominal: Expected         # planned for the scene's own values only; equals `expected` if that is the objective
-    reached: bool             # within the tolerance, with all clearances
+    unplanned: Expected       # result if the needle is aimed straight at the target at rest, through the closest hole or from the point that faces the target
+    rigid: Expected           # result if the needle follows the straight line to the target at rest that keeps all clearances
+    nominal: Expected         # result of planning for the scene's own values only; equals `expected` if that is the objective
+    reached: bool             # true if the error is within the tolerance and all clearances are kept
     why: str                  # not
     runs: int                 # number of insertions that the search simulated
-    seconds: float = 0.0      # processor time of the search and of carrying out the plan
+    seconds: float = 0.0      # s, processor time for the search and for carrying out the plan
 
 
 @dataclass
 class SeedResult:
-    """The plan for one needle and its seeds."""
+    """The result of planning for one needle and its seeds."""
 
     needle: Needle
-    # (samples, seeds) m, distance of each seed from its planned place with the original plan; the scene's own values first; NaN: not simulated
+    # (samples, seeds) m, distance of each seed from its planned place if the original plan is carried out; the first row is for the scene's own
+    # values; NaN if not simulated
     before: list[list[float]]
-    after: list[list[float]]     # the same with the new plan
+    after: list[list[float]]     # same as `before`, with the new plan
     reached: bool
     why: str
     runs: int
@@ -108,7 +110,7 @@ class SeedResult:
 
 
 def models_of(problem: Problem) -> list[Model]:
-    """Returns the models of the scene and of the samples. Raises Error."""
+    """Returns the models: first that of the scene, then those of the samples. Raises Error."""
     base = Model(problem.scene())
     return [base, *(model_of(problem.study, values, base, False)[0] for values in problem.samples())]
 
@@ -121,7 +123,7 @@ def _one_line(error: Exception) -> str:
 
 
 def _rounded(needle: Needle) -> Needle:
-    """Returns the needle as written to a file."""
+    """Returns the needle in the form in which it is written to a file."""
     number = lambda value: float(f"{value:.9g}")
     return replace(needle, depth=number(needle.depth), roll=number(needle.roll), turn=needle.turn and Turn(*map(number, needle.turn)),
                    entry=needle.entry and tuple(map(number, needle.entry)), direction=tuple(map(number, needle.direction)))
@@ -134,13 +136,14 @@ def _needle_of(name: str, hole: str, aim: Aim, depth: float) -> Needle:
 
 
 def _frame_of(problem: Problem, model: Model) -> Plan:
-    """Returns a plan without needles."""
+    """Returns a plan that has no needles yet."""
     guide = next((guide for guide in model.guides if guide.name == problem.template), None)
     return Plan(guide.name, guide.columns, guide.rows, guide.spacing) if guide else Plan("", 0, 0, 0.0)
 
 
 def carry_out(problem: Problem, models: Sequence[Model], needle: Needle, target: npt.ArrayLike) -> Expected:
-    """Returns the result of aiming a needle at this point (3,) of the tissue at rest, m, in each of the models: the scene first, then the samples."""
+    """Returns the result of aiming a needle at this point (3,) m of the tissue at rest, in each of the models: first the scene's own, then those of
+    the samples."""
     case, frame = Case(problem, models, np.asarray(target, np.float64)), _frame_of(problem, models[0])
     outcomes: list[Outcome | None] = []
     why = ""
@@ -175,7 +178,7 @@ def _why(problem: Problem, found: Found, expected: Expected) -> str:
 
 
 def plan_target(problem: Problem, models: Sequence[Model], name: str, point: npt.ArrayLike) -> Result:
-    """Plans for one target, (3,) m at rest. `models` as returned by `models_of`."""
+    """Plans for one target, (3,) m at rest. `models` is the return value of `models_of`."""
     begin = time.process_time()
     case = Case(problem, models, np.asarray(point, np.float64))
     (nominal_hole, nominal), (hole, best) = case.plan()
@@ -200,25 +203,27 @@ SEED_EXACT = 2e-5    # m
 
 
 def _placed(problem: Problem, model: Model, given: Needle, needle: Needle) -> Array:
-    """Returns the distances (seeds, 3) m of a needle's seeds, carried out as `needle`, from their places in `given`, in the tissue at rest. Raises
-    BadPlan, Error."""
+    """Carries out one needle of a plan as `needle`, and returns the distances (seeds, 3) m of its seeds from their places in `given`, in the tissue
+    at rest. Raises BadPlan, Error."""
     from .. import Sim
     sim, dt = Sim(model), 1.0 / model.rate_hz
     for poses in replace(problem.hand, plan=replace(problem.plan, needles=[needle])).play(sim, dt):
         sim.run(poses, dt)
     wanted = plans.planned_seeds(replace(problem.plan, needles=[given]), model)
-    placed = plans.seeds_of(sim)    # in the order in which they were left: from the distal seed back
+    placed = plans.seeds_of(sim)    # in the order in which the seeds were left, beginning with the distal one
     return np.array([there.position - here.position for there, here in zip(placed, wanted)])
 
 
 def plan_seeds(problem: Problem, models: Sequence[Model], given: Needle) -> SeedResult:
-    """Finds depths of one needle of the problem's plan at which its seeds end at their planned places. `models` as returned by `models_of`."""
+    """Finds depths for one needle of the problem's plan at which the seeds end at their planned places. `models` is the return value of
+    `models_of`."""
     begin, runs = time.process_time(), 0
     half, axis = 0.5 * models[0].seed_size.length, plans.needle_axis(problem.plan, given, models[0])[1]
     samples = models if problem.objective != "nominal" else models[:1]
-    wanted = np.array([given.depth - behind for behind in given.seeds])    # depths of the seeds' centres
+    wanted = np.array([given.depth - behind for behind in given.seeds])    # desired depths of the seeds' centres
     aimed, needle, best, why = wanted.copy(), given, None, ""
-    deep, shallow = np.full(len(wanted), np.inf), np.full(len(wanted), -np.inf)    # depths at which seeds ended too deep, and too shallow
+    # depths at which the seeds ended too deep, and depths at which they ended too shallow
+    deep, shallow = np.full(len(wanted), np.inf), np.full(len(wanted), -np.inf)
     for _ in range(SEED_ROUNDS):
         try:
             off = np.array([_placed(problem, model, given, needle) for model in samples])
@@ -238,9 +243,10 @@ def plan_seeds(problem: Problem, models: Sequence[Model], given: Needle) -> Seed
             break
         deep, shallow = np.where(change > 0.0, np.minimum(deep, aimed), deep), np.where(change < 0.0, np.maximum(shallow, aimed), shallow)
         nearest = aimed - change
-        between = 0.5 * (deep + shallow)    # if a place jumps with the depth, as behind a capsule, this finds the closer side of the jump
+        # if the seed's place jumps as a function of depth, for example behind a capsule, this finds the nearer side of the jump
+        between = 0.5 * (deep + shallow)
         aimed = np.where((nearest < deep) & (nearest > shallow) | ~np.isfinite(between), nearest, between)
-        for i in range(1, len(aimed)):    # keeps seeds from overlapping
+        for i in range(1, len(aimed)):    # keeps the seeds from overlapping
             aimed[i] = min(aimed[i], aimed[i - 1] - 2.0 * half - 1e-6)
         tip = aimed[0] + half
         needle = _rounded(replace(given, depth=float(tip), seeds=[round(float(tip - centre), 9) for centre in aimed]))
@@ -277,9 +283,9 @@ def plan_seeds(problem: Problem, models: Sequence[Model], given: Needle) -> Seed
 
 def plan(problem: Problem, models: Sequence[Model] | None = None, workers: int = 1, only: Sequence[str] = (),
          progress: Callable[[int, int], None] = lambda done, of: None, lost: Callable[[str], None] | None = None) -> list[Result] | list[SeedResult]:
-    """Plans for all targets, or those named, or for all needles of a plan, in their order. The result is the same for any number of workers, which are
-    processes. Reports progress (done, of). If a search ends without a result, for example for lack of memory, `lost` is called with the target or needle,
-    and the other results are returned; without `lost`, or without any result, Error is raised. Raises Error."""
+    """Plans for all targets, or for those that are named, or for all needles of a plan, in their order. The result is the same for any number of
+    workers, which are processes. Reports progress (done, of). If a search ends without a result, for example for lack of memory, calls `lost` with
+    the target or needle, and returns the other results. Raises Error if that happens without `lost`, or if there is no result at all."""
     models = models_of(problem) if models is None else models
     jobs: list[Callable[[], Result | SeedResult]]
     if problem.plan:
@@ -319,7 +325,7 @@ def plan(problem: Problem, models: Sequence[Model] | None = None, workers: int =
 
 
 def _stored(result: Result | SeedResult) -> dict[str, Any]:
-    """Returns the result as objects that can be sent through a pipe."""
+    """Returns the result as plain objects that can be sent through a pipe."""
     from dataclasses import asdict
     kept = asdict(result)
     kept["needle"]["turn"] = result.needle.turn and list(result.needle.turn)
@@ -341,7 +347,7 @@ def _restored(kept: dict[str, Any]) -> Result | SeedResult:
 
 
 def whole(problem: Problem, model: Model, results: Sequence[Result] | Sequence[SeedResult]) -> Plan:
-    """Returns the plan that consists of the results."""
+    """Returns the plan that consists of these results."""
     if problem.plan:
         changed = {result.needle.hole: result.needle for result in results}
         return replace(problem.plan, needles=[changed.get(needle.hole, needle) for needle in problem.plan.needles])
@@ -361,7 +367,7 @@ def _chosen(problem: Problem, only: Sequence[str]) -> None:
 
 
 def _keep_input(problem: Problem, out: Path) -> None:
-    """Raises BadProblem if the folder's plan.yaml is not an earlier result, or if it is the problem's own plan."""
+    """Raises BadProblem if the plan.yaml in the folder is not an earlier result, or if it is the problem's own plan."""
     path = out / "plan.yaml"
     if not path.exists():
         return
@@ -371,7 +377,7 @@ def _keep_input(problem: Problem, out: Path) -> None:
 
 
 def _prepare(out: Path) -> None:
-    """Creates the folder, and checks that files can be written there. Raises BadProblem if not."""
+    """Creates the folder and checks that files can be written to it. Raises BadProblem if that fails."""
     try:
         out.mkdir(parents=True, exist_ok=True)
         with tempfile.TemporaryFile(dir=out):
@@ -495,6 +501,6 @@ def main(arguments: Sequence[str] | None = None) -> int:
 
 
 if __name__ == "__main__":
-    from trocar.studies import planner as _imported  # makes the classes the same as in the other modules
+    from trocar.studies import planner as _imported  # ensures that the classes are the same as in the other modules
 
     sys.exit(_imported.main())

@@ -25,7 +25,7 @@ Array = npt.NDArray[np.float64]
 
 
 class Indices(NamedTuple):
-    """The indices of each parameter, and the limits of their 95 % confidence intervals."""
+    """The indices of each parameter, with the limits of their 95 % confidence intervals."""
 
     first: Array          # (p,)
     total: Array          # (p,)
@@ -34,8 +34,8 @@ class Indices(NamedTuple):
 
 
 def design(parameters: int, count: int, seed: int) -> Array:
-    """Returns (count (p + 2), p) points in the unit cube, made from scrambled Sobol points in 2 p dimensions: A, B and the mixed points of the first
-    point, then of the second one and so on. `count` should be a power of 2."""
+    """Returns (count (p + 2), p) points in the unit cube, made from scrambled Sobol points in 2 p dimensions. For each Sobol point in turn, the rows
+    are its points A and B and the mixed points. `count` should be a power of 2."""
     from scipy.stats import qmc
     both = qmc.Sobol(2 * parameters, scramble=True, seed=seed).random(count)
     a, b = both[:, :parameters], both[:, parameters:]
@@ -50,16 +50,16 @@ def _estimate(values: Array) -> tuple[Array, Array]:
     """Computes indices (..., p) from values (..., N, p + 2)."""
     a, b, mixed = values[..., :1], values[..., 1:2], values[..., 2:]
     both = np.concatenate([a, b], axis=-1)
-    mean = both.mean(axis=(-2, -1), keepdims=True)    # subtracted, because the error of the first formula grows with the mean
+    mean = both.mean(axis=(-2, -1), keepdims=True)    # subtract the mean, because the error of the first formula grows with it
     variance = both.var(axis=(-2, -1))[..., None]
-    with np.errstate(invalid="ignore", divide="ignore"):    # a constant result has no indices: they are NAN
+    with np.errstate(invalid="ignore", divide="ignore"):    # the sensitivity indices of a constant result are undefined (NAN)
         first = ((b - mean) * (mixed - a)).mean(axis=-2) / variance
         total = 0.5 * ((a - mixed) ** 2).mean(axis=-2) / variance
     return first, total
 
 
 def _interval(drawn: Array) -> Array:
-    """Returns the limits (p, 2) of indices (samples, p)."""
+    """Returns the limits (p, 2) of the confidence intervals, from indices (samples, p)."""
     drawn = np.where(np.isfinite(drawn), drawn, np.nan)
     enough = np.isnan(drawn).mean(axis=0) <= 0.1
     limits = np.nanpercentile(np.where(enough, drawn, 0.0), (2.5, 97.5), axis=0).T
@@ -67,9 +67,9 @@ def _interval(drawn: Array) -> Array:
 
 
 def indices(values: npt.ArrayLike, parameters: int, resamples: int = 500, seed: int = 0) -> Indices:
-    """Computes the indices from the function's values (count (p + 2),) at the points of `design`. Points with a value that is not finite are left
-    out together with their mixed points. The intervals are percentiles of `resamples` bootstrap samples of the N points; they are NAN if more than
-    a tenth of these samples have no index, for example because all values are equal."""
+    """Computes the indices from the function's values (count (p + 2),) at the points of `design`. If a value is not finite, its point is left out
+    together with the points that were mixed from it. The intervals are percentiles of `resamples` bootstrap samples of the N points; the limits are
+    NAN if the index is undefined in more than a tenth of these samples, for example because all values are equal."""
     table = np.asarray(values, np.float64).reshape(-1, parameters + 2)
     table = table[np.isfinite(table).all(axis=1)]
     if len(table) < 2:

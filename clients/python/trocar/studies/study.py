@@ -44,11 +44,11 @@ __all__ = ["BadStudy", "Row", "Study", "collect", "read", "results", "simulate"]
 
 
 class Incomplete(Exception):
-    """Runs of a study are missing or have failed."""
+    """Some runs of a study are missing or have failed."""
 
 
 def simulate(study: Study, index: int) -> dict[str, float]:
-    """Returns the results of one run by column, without using any file. Raises Error, BadPlan."""
+    """Returns the results of one run, by column, without using any files. Raises Error, BadPlan."""
     samples = study.samples()
     model, scene = model_of(study, samples[index], None, groups_of(study, samples).sparse)
     return dict(zip(study.result_columns(), run(study, samples[index], model, scene)))
@@ -58,7 +58,8 @@ def simulate(study: Study, index: int) -> dict[str, float]:
 
 
 def results(study: Study, out: Path) -> list[Row]:
-    """Returns the rows in all files of the folder, in order. Raises BadStudy for files of another study, or if one run has different rows."""
+    """Returns the rows from all files in the folder, in order. Raises BadStudy if there are files of another study, or if the rows of one run
+    contradict each other."""
     samples, rows = study.samples(), {}
     for path in row_files(out):
         for row in read_rows(path, study, samples):
@@ -91,7 +92,8 @@ def _write_hdf5(study: Study, rows: Sequence[Row], path: Path) -> None:
 
 
 def collect(study: Study, out: Path, hdf5: bool = False, partial: bool = False) -> list[Row]:
-    """Writes result.csv, with `hdf5` also result.h5, and frames.h5 if there are frames. Raises Incomplete if runs are missing, unless `partial`."""
+    """Writes result.csv; with `hdf5`, also result.h5; and frames.h5 if there are frames. Raises Incomplete if runs are missing, unless `partial` is
+    true."""
     check_manifest(study, out)
     rows, samples = results(study, out), study.samples()
     if len(rows) < len(samples) and not partial:
@@ -109,14 +111,14 @@ def collect(study: Study, out: Path, hdf5: bool = False, partial: bool = False) 
 
 
 def _batch_script(given: argparse.Namespace, out: Path) -> str:
-    """Returns the script of a job array with one element per task."""
+    """Returns a job array script with one element per task."""
     absolute = lambda path: str(Path(path).resolve())
     environment = {}
     if "PYTHONPATH" in os.environ:
         environment["PYTHONPATH"] = os.pathsep.join(absolute(part) for part in os.environ["PYTHONPATH"].split(os.pathsep) if part)
     if "TROCAR_LIBRARY" in os.environ:
         library = os.environ["TROCAR_LIBRARY"]
-        environment["TROCAR_LIBRARY"] = absolute(library) if "/" in library else library    # a name without folder is searched for
+        environment["TROCAR_LIBRARY"] = absolute(library) if "/" in library else library    # a name without a folder is searched for by the system's loader
     command = [sys.executable, "-m", "trocar.studies.study", "run", absolute(given.study), "--out", str(out)]
     if given.record:
         command += ["--record", given.record]
@@ -259,6 +261,6 @@ def main(arguments: Sequence[str] | None = None) -> int:
 
 
 if __name__ == "__main__":
-    from trocar.studies import study as _imported  # makes the classes the same as in the other modules
+    from trocar.studies import study as _imported  # ensures that the classes are the same as in the other modules
 
     sys.exit(_imported.main())

@@ -1,23 +1,24 @@
 // Measures how old the picture on the screen is, and limits the speed of a needle that is driven by it. Uses only this page's clock, so that it also
 // works on other machines.
 
-// m by which the needle may be ahead of the picture while pictures arrive regularly; once they stop, it moves up to 18 mm further: see speedAt
+// m by which the needle may be ahead of the picture while pictures arrive regularly; if they stop arriving, the needle moves up to 18 mm further: see
+// speedAt
 export const FARTHEST = 0.008
 export const OLDEST = 2       // s: if the picture is older than this, the needle does not move
-export const LATE = 1         // s: at this age, the badge says that the picture is late
+export const LATE = 1         // s: if the picture is older than this, the badge says that it is late
 const FASTEST = 0.04          // m/s, speed of a driven needle: max_speed in rate_control.c
-const KEPT = 200              // number of commands whose time is stored
-const STATUSES = 0.15         // s: trocar-view writes a status every 0.1 s
+const KEPT = 200              // number of commands whose sending time is stored
+const STATUSES = 0.15         // s, slightly more than the interval of 0.1 s at which trocar-view sends a status
 
 export class PictureAge {
   constructor() {
-    this.sent = new Map() // from the number of a command to move, to the time (ms) when it was sent
+    this.sent = new Map() // maps the number of a command to move to the time (ms) at which the command was sent
     this.number = 0
-    this.travel = 0       // s, from sending a command to the status that acknowledges it
+    this.travel = 0       // s, time between sending a command and receiving the status that acknowledges it
     this.picture = null   // the picture on the screen
   }
 
-  /** Returns the number for a command to move that is sent at `now` (ms). */
+  /** Returns the number of a command to move that is sent at `now` (ms). */
   count(now) {
     this.sent.set(++this.number, now)
     this.sent.delete(this.number - KEPT)
@@ -30,10 +31,11 @@ export class PictureAge {
     for (const older of [...this.sent.keys()]) if (older <= number) this.sent.delete(older)
   }
 
-  /** Handles a picture that arrived at `now` (ms), `age` (s) after its tick on trocar-view's clock, without the time in transit. */
+  /** Handles a picture that arrived at `now` (ms). Its `age` (s), measured by trocar-view's clock since the picture's tick, does not include the time
+     in transit. */
   receive(picture, age, now) { picture.came = { now, age: Math.max(age, 0) } }
 
-  /** Handles that the picture is on the screen, or looks the same as the one on the screen. */
+  /** Handles that the picture is on the screen, or that it looks the same as the picture on the screen. */
   show(picture) { this.picture = picture }
 
   /** Returns the age (s) of what the screen shows at `now` (ms), including the round trip of a command to trocar-view. */

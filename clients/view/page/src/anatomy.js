@@ -20,7 +20,8 @@ const VERTEX = `
     #include <clipping_planes_vertex>
   }`
 
-// Glass-like: more opaque at grazing angles and where the tissue is displaced. FACETS: flat normals, no specular highlights.
+// Glass-like material: more opaque at grazing angles and where the tissue is displaced. With FACETS, normals are flat and there are no specular
+// highlights.
 const FRAGMENT = `
   uniform vec3 colour; uniform float opacity, slant, shown, range; uniform sampler2D ramp;
   varying vec3 place; varying vec3 outward; varying float displaced;
@@ -80,7 +81,7 @@ export function hostOf({ triangles }) {
   return [...faces].sort((a, b) => b[1] - a[1])[0]?.[0]
 }
 
-/** Returns the bits of the surfaces that cannot be punctured. */
+/** Returns the bit mask of the surfaces that cannot be punctured. */
 export const bitsOfBone = ({ membranes }) => membranes.filter(({ bone }) => bone).reduce((bits, { group }) => bits | 1 << group, 0)
 
 export class Anatomy {
@@ -94,8 +95,8 @@ export class Anatomy {
     this.ramp = ramp
     this.planes = planes
     this.layers = new Map() // name -> objects
-    this.smooth = []        // geometries whose normals follow the nodes
-    this.range = 1e-3       // m, full scale of the colours
+    this.smooth = []        // geometries whose normals are recomputed when the nodes move
+    this.range = 1e-3       // m, displacement that corresponds to the full scale of the colours
     this.host = hostOf(scene)
     this.addBody()
     scene.regions.forEach((region, i) => { if (region.group !== this.host) this.addRegion(region, i) })

@@ -1,4 +1,4 @@
-// Points in tetrahedra, with whose corners they move.
+// Points in tetrahedra; they move with the corners of their tetrahedron.
 import * as THREE from 'three'
 
 const a = new THREE.Vector3(), b = new THREE.Vector3(), c = new THREE.Vector3(), normal = new THREE.Vector3(), point = new THREE.Vector3()

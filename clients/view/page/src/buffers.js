@@ -1,7 +1,7 @@
 // Growing buffers for vertex data that changes with every picture, and release of graphics resources.
 import * as THREE from 'three'
 
-/** A growing array that is filled anew each time: set `count` to 0, reserve, write. */
+/** A growing array that is refilled each time: set `count` to 0, reserve space, and write. */
 export class Filled {
   constructor() { this.array = new Float32Array(3 << 13); this.count = 0 } // the size is a multiple of 3
   reserve(more) {

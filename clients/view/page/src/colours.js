@@ -19,7 +19,7 @@ export function regionColour(region, index) {
   return REGIONS.find(([name]) => region.name.toLowerCase().includes(name))?.[1] ?? OTHERS[index % OTHERS.length]
 }
 
-export const CONTACT = { 0: '#3ddc97', 1: '#ff9f43', '-1': '#5b8cff' } // by state: sticking, sliding in, sliding out
+export const CONTACT = { 0: '#3ddc97', 1: '#ff9f43', '-1': '#5b8cff' } // colour by contact state: sticking, sliding in, sliding out
 export const TRACK = '#e63946' // colour of the tracks that needles have cut
 export const GUIDED = '#f06bd0' // colour of a contact with a guide
 export const AXES = ['#ff6b6b', '#4fc37a', '#5aa2ff'] // colours of x, y and z
@@ -29,6 +29,6 @@ const HUBS = ['#2c7fb8', '#d9822b', '#3f9c6b', '#9a6bc2']
 /** Returns the colour of a needle's hub. */
 export const hubColour = (needle) => HUBS[needle % HUBS.length]
 
-// levels are fractions of the prescription
+// the levels are fractions of the prescription
 export const ISODOSE = [{ level: 1, colour: '#ffd23f' }, { level: 1.5, colour: '#ff7f11' }, { level: 2, colour: '#ff3864' }]
 export const SEED = '#7dff6b', PLANNED = '#c79bff', TARGET = '#ffffff'

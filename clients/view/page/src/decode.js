@@ -2,7 +2,7 @@
 
 const SCENE = 1, PICTURE = 2, SAMPLES = 3, STATUS = 4, SEEDS = 5, REPLY = 6, DOSE = 7, PLAN = 8
 const SAMPLE_BYTES = 64
-const NEEDLE_BYTES = 48 // bytes of a needle before its joints
+const NEEDLE_BYTES = 48 // number of bytes in a needle's record before its joints
 const PROBE_BYTES = 64
 export const CONTACT_NUMBERS = 9 // numbers per contact
 export const TRACK_NUMBERS = 6 // numbers per point of a track
@@ -100,8 +100,8 @@ function decodeSamples(message, at, length) {
   return samples
 }
 
-/** Returns `pending`: for each needle, the number of seeds still in it; `seeds`: centre and unit direction to the distal end, displaced
-    and at rest (m), the needle that left the seed, guide and hole (-1: none), number in its strand. */
+/** Returns `pending`: for each needle, the number of seeds that are still in it; `seeds`: for each seed, its centre and the unit direction to its
+   distal end, displaced and at rest (m), the needle that left it, its guide and hole (-1 if none), and its number in the strand. */
 function decodeSeeds(message, at) {
   const head = new DataView(message, at), needles = head.getInt32(0, true), count = head.getInt32(4, true)
   const pending = Array.from({ length: needles }, (_, i) => head.getInt32(8 + 4 * i, true))
@@ -113,7 +113,7 @@ function decodeSeeds(message, at) {
   return { pending, seeds }
 }
 
-/** Returns the figures, and `levels`: a byte for each voxel (z fastest), 255 at `top` prescriptions or more. */
+/** Returns the dose statistics, and `levels`: one byte for each voxel (z varies fastest); 255 means `top` prescriptions or more. */
 function decodeDose(message, at, length) {
   const text = new DataView(message).getUint32(at, true), start = at + 8 + padded(text)
   return { ...decodeText(message, at + 8, text), levels: new Uint8Array(message.slice(start, at + length)) }

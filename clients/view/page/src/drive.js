@@ -9,7 +9,7 @@ const DEAD = 0.12 // dead zone of a gamepad's stick, as a fraction
 const UNCONNECTED = 'the connection ended'
 export const TOUCH = matchMedia('(pointer: coarse)').matches // a phone or tablet, without keys
 const HELP = TOUCH ? 'The lever pushes in and pulls out.' : 'W pushes in, S pulls out.'
-const HOLD = 800 // ms, also in style.css
+const HOLD = 800 // ms for which a button must be held down; the same value is in style.css
 
 /** A self-centring pad: `value` is [x, y] from -1 to 1, with y up. */
 class Spring {
@@ -39,7 +39,7 @@ class Spring {
   }
 }
 
-/** A button that acts after it has been held down for HOLD. */
+/** A button that acts only after it has been held down for the time HOLD. */
 class Hold {
   constructor(button, act) {
     Object.assign(this, { button, act, timer: null })
@@ -66,15 +66,15 @@ export class Drive {
   constructor(link, age, elements) {
     this.link = link
     this.elements = elements
-    this.send = (command, number) => link.steer(command, number) // the probe has its own function: see probe.js
-    this.age = age        // age of the picture
+    this.send = (command, number) => link.steer(command, number) // the probe has its own function for sending: see probe.js
+    this.age = age        // measures the age of the picture
     this.limit = () => 1  // returns the allowed fraction of the forward speed; procedure mode replaces this function
     this.letGo = () => link.release() // likewise
-    this.needle = 0       // the needle that "Drive" takes
+    this.needle = 0       // index of the needle that the button "Drive" takes
     this.pressed = new Set()
-    this.driving = false  // this page holds the needle
-    this.steering = false // this page can move the needle
-    this.lost = ''        // reason why the needle was released without a request from this page
+    this.driving = false  // true while this page holds the needle
+    this.steering = false // true while this page can move the needle
+    this.lost = ''        // reason why the needle was released although this page had not asked for it
     this.reset = new Hold(elements.reset, () => link.reset())
     this.lever = new Spring(elements.lever, false, true)
     this.pad = new Spring(elements.pad, true, true)
@@ -84,7 +84,7 @@ export class Drive {
     setInterval(() => { if (this.driving) this.send(this.command(), this.age.count(performance.now())) }, PERIOD)
   }
 
-  /** Handles a key; returns whether it steers. Releases are processed even if this page no longer holds the needle. */
+  /** Handles a key; returns whether the key steers the needle. Key releases are processed even if this page no longer holds the needle. */
   key(event, down) {
     this.slow = event.shiftKey
     if (!down) this.pressed.delete(event.code)
@@ -94,17 +94,17 @@ export class Drive {
       return this.steering
     }
     if (!(event.code in KEYS) || !this.steering) return false
-    if (down && !event.repeat) this.pressed.add(event.code) // a key that was down before the needle was taken must be pressed again
+    if (down && !event.repeat) this.pressed.add(event.code) // a key that was already down before the needle was taken must be pressed again
     return true
   }
 
-  /** Clears all inputs, so that a release that was missed cannot move the needle later. */
+  /** Clears all inputs, so that a missed key release cannot move the needle later. */
   rest() {
     this.pressed.clear()
     for (const held of [this.lever, this.pad, this.roll, this.reset]) held.rest()
   }
 
-  /** Returns right, up, forward, pitch, yaw and roll. The page looks along the needle, where x points to the left. */
+  /** Returns right, up, forward, pitch, yaw and roll. The page looks along the needle, so x points to the left. */
   command() {
     const c = [0, 0, 0, 0, 0, 0], [x, y] = this.pad.value
     if (!this.steering) return c

@@ -1,8 +1,9 @@
-// Received data, with the samples by needle: of a live server the last minute, of a log everything that trocar-view sends. The size is limited.
+// Stores the received data, with separate samples for each needle: from a live server the last minute, from a log everything that trocar-view sends.
+// The size is limited.
 
 const SPAN = 60 // s, live
-const PICTURE_BYTES = 256e6 // largest size of live pictures; trocar-view limits those of logs to the same size
-export const GAP = 0.1 // s: longer times between samples (normally 10 ms) are gaps
+const PICTURE_BYTES = 256e6 // largest total size of live pictures; trocar-view limits the pictures of a log to the same size
+export const GAP = 0.1 // s: a longer time between two samples (normally 10 ms) is shown as a gap
 const COLUMNS = 12 // time, force (3), torque (3), depth, p99 and maximum of lateness and of compute time
 
 /** One needle's samples and events. */
@@ -15,7 +16,7 @@ class Track {
   }
 }
 
-/** Bits of insertion_event in core/insertion/state/tick.h. `quiet`: drawn small and without a label. */
+/** Bits of insertion_event in core/insertion/state/tick.h. Events with `quiet` are drawn small and without a label. */
 export const EVENTS = [
   { bit: 1 << 0, name: 'touched', quiet: true }, { bit: 1 << 1, name: 'puncture' }, { bit: 1 << 2, name: 'contact added', quiet: true },
   { bit: 1 << 3, name: 'contact removed', quiet: true }, { bit: 1 << 4, name: 'exit' }, { bit: 1 << 5, name: 're-entry' },
@@ -29,7 +30,7 @@ export class History {
   constructor(live, needles = 1) {
     this.live = live
     this.tracks = Array.from({ length: needles }, () => new Track())
-    this.needle = 0 // the needle that is plotted
+    this.needle = 0 // index of the needle that is plotted
     this.pictures = []
     this.bytes = 0
   }
@@ -53,7 +54,7 @@ export class History {
     if (this.live) this.forget(this.end - SPAN)
   }
 
-  /** Makes room: live, the older half is dropped; the arrays of a log grow. */
+  /** Makes room for more data: live data lose their older half; the arrays of a log grow. */
   makeRoom(track) {
     const columns = track.columns
     const keep = this.live ? track.room >> 1 : track.count
@@ -89,7 +90,7 @@ export class History {
     while (old < this.pictures.length - 1 && this.pictures[old].time < before) this.bytes -= this.pictures[old++].bytes
     if (old) this.pictures.splice(0, old)
     for (const track of this.tracks)
-      if (track.marks[0]?.time < before) track.marks = track.marks.filter((mark) => mark.until >= before) // the first mark may continue
+      if (track.marks[0]?.time < before) track.marks = track.marks.filter((mark) => mark.until >= before) // the first mark may extend into the remaining time
   }
 
   /** Returns the index of the newest picture not after `time`; 0 before the first. */
@@ -113,7 +114,7 @@ export class History {
     return Math.min(low, this.count - 1)
   }
 
-  /** Returns the index of the sample at `time`, -1 before the first one and in gaps. */
+  /** Returns the index of the sample at `time`; -1 before the first sample and in gaps. */
   sampleNear(time) {
     const after = this.sampleIndex(time), near = (i) => i >= 0 && Math.abs(this.columns[0][i] - time) <= GAP
     return near(after) ? after : near(after - 1) ? after - 1 : -1

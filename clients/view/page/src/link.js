@@ -1,4 +1,4 @@
-// WebSocket to trocar-view: reconnects automatically, and acknowledges each update, which requests the next one.
+// The WebSocket connection to trocar-view. It reconnects automatically and acknowledges each update, which requests the next one.
 import { sections } from './decode.js'
 
 const ACKNOWLEDGE = 1, TAKE = 2, STEER = 3, RESET = 4, RELEASE = 5, PICTURE = 6, HOLE = 7, DROP = 8, UNDO = 9, LEAVE = 10, REMOVE = 11, PROBE = 12
@@ -46,18 +46,19 @@ export class Link {
   take(needle) { this.send(TAKE, [], null, needle) }
   release() { this.send(RELEASE) }
   reset() { this.send(RESET) }
-  /** Steers the needle: right, up, forward, pitch, yaw and roll as fractions -1 .. 1 of the maximum speed. The next status returns the number. */
+  /** Steers the needle: right, up, forward, pitch, yaw and roll, as fractions -1 .. 1 of the maximum speed. The next status returns the command's
+     number. */
   steer(command, number) { this.send(STEER, command, null, number) }
-  /** Moves the driven needle to a place in front of this hole, unless the needle is in the tissue. */
+  /** Moves the driven needle to the waiting pose in front of this hole, unless the needle is in the tissue. */
   goToHole(guide, column, row) { this.send(HOLE, [guide, column, row]) }
-  /** Drops a seed, or a strand of several. */
+  /** Drops one seed, or a strand of several seeds. */
   drop(seeds) { this.send(DROP, [seeds]) }
   undo() { this.send(UNDO) }
   /** Leaves the driven needle to rest. In a scene with a template, a needle that is released in the tissue also rests. */
   leave() { this.send(LEAVE) }
   /** Pulls out a needle that rests or that nobody holds. */
   remove(needle) { this.send(REMOVE, [], null, needle) }
-  /** Steers the probe, like `steer`. */
+  /** Steers the probe; the arguments are the same as those of `steer`. */
   moveProbe(command, number) { this.send(PROBE, command, null, number) }
   sendPicture(png) { this.send(PICTURE, [], png) }
 }

@@ -26,13 +26,13 @@ if (!document.createElement('canvas').getContext('webgl2')) {
 }
 
 const stage = new Stage(element('view')), echo = new Echo(element('echo'), element('echo-marks')), plots = new Plots(element('plots'))
-const PLOT_PERIOD = stage.slow ? 200 : 66 // ms between updates of the plots
+const PLOT_PERIOD = stage.slow ? 200 : 66 // ms between two updates of the plots
 const strip = new Strip(element('timeline'), seek)
 
 let scene = null, history = new History(true), status = { now: 0, alive: false }
 let shown = null                 // displayed picture
-let chosen = 0                   // the needle to which numbers, plots and controls refer
-let clock = { following: true, playing: true, time: 0, at: 0 } // `time` is used when the clock does not follow the live data
+let chosen = 0                   // index of the needle to which readouts, plots and controls apply
+let clock = { following: true, playing: true, time: 0, at: 0 } // `time` is used only when the clock does not follow the live data
 let connected = false, refusal = '', silence = new Silence(), pictureSilence = new Silence(), checked = 0, statusAt = 0
 let state = { name: 'unconnected' }
 let latency = [], drawing = null, age = new PictureAge(), servers = 0, restarted = 0, plotsDrawn = 0, range = 1e-3
@@ -54,7 +54,7 @@ const link = new Link({
   samples(samples) { history.addSamples(samples, scene.membranes) },
   seeds(seeds) {
     procedure.hearSeeds(seeds)
-    if (!scene.live && history.pictures.length) history.pictures.at(-1).seeds = seeds // the seeds of a log come after their picture
+    if (!scene.live && history.pictures.length) history.pictures.at(-1).seeds = seeds // in a log, the seeds follow their picture
   },
   reply(reply) { procedure.hearReply(reply) },
   dose(dose) { procedure.hearDose(dose) },
@@ -97,7 +97,7 @@ function takeScene(received) {
   setTheme(document.documentElement.dataset.theme)
 }
 
-/** Clears the numbers and the seeds of the previous server. */
+/** Clears the numbers and the seeds that belong to the previous server. */
 function noteServer() {
   if (!status.server || status.server === servers) return
   if (servers) {
@@ -114,7 +114,7 @@ function showState() {
   const now = performance.now(), dt = (now - checked) / 1000
   checked = now
   silence.pass(dt)
-  if (status.alive && !status.shown) pictureSilence.end() // the server sends no pictures before the first engagement
+  if (status.alive && !status.shown) pictureSilence.end() // the server sends no pictures before a hand first engages a needle
   else pictureSilence.pass(dt)
   if (!scene && !refusal) return // connecting
   const live = scene?.live ?? true
@@ -130,7 +130,7 @@ function showState() {
   element('notice').textContent = element('notice').title = noticeOf(status)
 }
 
-/** The server's flags in words; other flags are shown by their names. */
+/** Descriptions of the server's flags; flags without a description are shown by their names. */
 const FLAGS = { stale: 'no recent pose: the force fades', saturated: 'force limited', not_realtime: 'the server runs without real time', late_worker: 'the tissue is computed late',
                 unstable: 'the model failed: the insertion starts over', overrun: 'the server is overloaded: no force', active: 'the hand gets energy', missed_guide: 'the needle is beside the holes of a guide',
                 outside_model: 'the shaft is pushed in from the side, where no force is computed', probe_stopped: 'the tissue stops the probe' }
@@ -138,7 +138,7 @@ const FLAGS = { stale: 'no recent pose: the force fades', saturated: 'force limi
 function noticeOf({ state: hand, flags = [], scene: served = '', message = '' }) {
   const unheld = ['leaving', 'resting', 'taking'].includes(hand) // nobody sends poses for such a needle
   const words = flags.filter((flag) => flag !== 'ramping' && !(flag === 'stale' && unheld)).map((flag) => FLAGS[flag] ?? flag.replaceAll('_', ' '))
-  // procedure mode itself shows the answers to commands
+  // procedure mode shows the answers to commands itself
   if (message && !(procedure.active && /^command \d+ of/.test(message))) words.push(scene?.live ? `server: ${message}` : message)
   if (served && served.split('/').pop() !== scene.path.split('/').pop()) words.unshift(`the server runs ${served}, not this scene`)
   return words.join(' · ')
@@ -194,7 +194,7 @@ function frame(now) {
   }
 }
 
-/** Draws after the GPU has finished the previous frame, because queued frames would be outdated when displayed. */
+/** Draws only after the GPU has finished the previous frame, because frames that wait in a queue would be outdated when they are displayed. */
 function draw(now) {
   noteLatency()
   showPicture()
@@ -227,7 +227,7 @@ function showPicture() {
   if (element('follow').checked) followTip()
 }
 
-/** Clears the picture of the previous server. */
+/** Clears the picture that came from the previous server. */
 function showHome() {
   if (!shown) return
   shown = null
@@ -237,7 +237,7 @@ function showHome() {
   if (element('follow').checked) followTip()
 }
 
-/** True for identical pictures, which needles at rest give, except that tracks may come later. */
+/** True for identical pictures, as of needles at rest; but tracks may arrive later, so they are compared as well. */
 function looksSame(a, b) {
   const equal = (x, y) => x.length === y.length && x.every((value, i) => value === y[i])
   const alike = (x, y) => x === y || Boolean(x && y) && equal(x.joints, y.joints) && equal(x.contacts, y.contacts) && equal(x.orientation, y.orientation)
@@ -245,7 +245,7 @@ function looksSame(a, b) {
   return a.scale === b.scale && scene.homes.every((home, i) => alike(a.needles[i], b.needles[i])) && equal(a.displacement, b.displacement)
 }
 
-/** Sets the full scale of the colours: 0.2, 0.5, 1, 2, 5 ... mm. */
+/** Sets the full scale of the colours to one of the values 0.2, 0.5, 1, 2, 5 ... mm. */
 function setRange(largest) {
   const wanted = Math.max(largest, 2e-4), decade = 10 ** Math.floor(Math.log10(wanted))
   range = [1, 2, 5, 10].map((k) => k * decade).find((v) => v >= wanted * 0.999)
@@ -253,7 +253,8 @@ function setRange(largest) {
   element('colour-range').textContent = `0 – ${+(1e3 * range).toPrecision(2)} mm`
 }
 
-/** Measures the latency from the device's pose to the finished picture, over the last pictures; valid if all programs run on one machine. */
+/** Measures the latency from the device's pose to the finished picture, over the last pictures. The result is valid only if all programs run on the
+   same machine. */
 function noteLatency() {
   const poseTime = drawing?.needles[chosen]?.poseTime
   if (poseTime) latency.push(performance.timeOrigin + performance.now() - poseTime)
@@ -280,8 +281,8 @@ function drawPlots() {
 function showNumbers() {
   showScale()
   if (history.count === 0) return
-  const rests = clock.following && status.state === 'resting' // no hand feels the force of a resting needle
-  // the sample is of another server, or of a needle that has rested since
+  const rests = clock.following && status.state === 'resting' // no hand feels the force on a resting needle
+  // the sample comes from another server, or the needle has been left to rest since the sample
   const newest = history.count - 1, gone = history.end <= restarted || scene.live && status.alive && liveTime() - history.end > FRESH
   const at = rests || clock.following && gone ? -1 : clock.following ? newest : history.sampleNear(timeShown()), value = (column) => history.columns[column][at]
   element('depth').textContent = at < 0 ? '–' : `${(1e3 * value(7)).toFixed(1)} mm`
@@ -311,7 +312,7 @@ function setSlice(z) {
   stage.dirty = true
 }
 
-/** Moves the slice to the tip, or to the middle of the mesh while the tip is outside. */
+/** Moves the slice to the tip or, while the tip is outside the tissue, to the middle of the mesh. */
 function followTip() {
   const tip = stage.needles[chosen].tip, { from, to } = echo.range
   setSlice(tip?.z > from ? Math.min(tip.z, to) : (from + to) / 2)
@@ -344,7 +345,7 @@ function setCut(axis, part = Number(element('cut-place').value)) {
 
 /* ---- several needles ---- */
 
-/** Fills the needle chooser, which is hidden if the scene has one needle. */
+/** Fills the menu of needles, which is hidden if the scene has only one needle. */
 function listNeedles() {
   const chooser = element('needle')
   chooser.replaceChildren(...scene.homes.map((home, i) => new Option(`needle ${i}`, i)))
@@ -361,7 +362,7 @@ function choose(needle) {
   if (shown && element('follow').checked) followTip()
 }
 
-/** Adds the members of the chosen needle's status. While this page drives a needle, that needle is chosen. */
+/** Adds the status of the chosen needle. While this page drives a needle, that needle is the chosen one. */
 function chooseOfStatus() {
   if (status.drives && status.needle !== chosen) choose(status.needle)
   status = { ...status, ...status.needles?.[chosen] }
@@ -373,7 +374,7 @@ function chooseOfStatus() {
 function setTheme(theme) {
   document.documentElement.dataset.theme = theme
   element('theme').textContent = theme === 'light' ? 'Dark' : 'Light'
-  try { localStorage.setItem('theme', theme) } catch { /* a private window does not store the theme */ }
+  try { localStorage.setItem('theme', theme) } catch { /* in a private window, the theme cannot be stored */ }
   if (scene) stage.setTheme(theme !== 'light')
   plots.restyle()
 }
@@ -386,9 +387,9 @@ const toggleLayer = (name) => element('layer-list').querySelector(`input[name="$
 
 const ACTIONS = { Space: togglePlay, Comma: () => step(-1), Period: () => step(1), Home: goLive, KeyC: nextCut, KeyM: () => toggleLayer('mesh'), KeyN: toggleTheme, KeyP: savePicture,
                   KeyT: () => drive.toggle(), Digit1: () => stage.look(1), Digit2: () => stage.look(2), Digit3: () => stage.look(3), Digit4: () => stage.look(4),
-                  ArrowLeft: () => step(-1), ArrowRight: () => step(1) } // used if they do not move the needle
+                  ArrowLeft: () => step(-1), ArrowRight: () => step(1) } // used only if these keys do not move the needle
 
-const STEPS = ['Comma', 'Period', 'ArrowLeft', 'ArrowRight'] // these repeat while held
+const STEPS = ['Comma', 'Period', 'ArrowLeft', 'ArrowRight'] // these keys repeat while they are held down
 
 addEventListener('keydown', (event) => {
   if (event.ctrlKey || event.metaKey || event.altKey || element('keys').open || event.target.matches('input[type=text]')
@@ -406,7 +407,7 @@ element('help').addEventListener('click', () => element('keys').showModal())
 element('play').addEventListener('click', togglePlay)
 element('live').addEventListener('click', goLive)
 element('needle').addEventListener('change', (event) => choose(Number(event.target.value)))
-element('take').addEventListener('click', (event) => { if (event.detail < 2) drive.toggle(); event.target.blur() }) // ignores the second click of a double click
+element('take').addEventListener('click', (event) => { if (event.detail < 2) drive.toggle(); event.target.blur() }) // ignore the second click of a double click
 element('banner').querySelector('button').addEventListener('click', goLive)
 element('cut-axis').addEventListener('change', (event) => setCut(event.target.value))
 element('cut-place').addEventListener('input', (event) => setCut(element('cut-axis').value, Number(event.target.value)))
@@ -429,7 +430,8 @@ requestAnimationFrame(frame)
 
 /* ---- for trocar-view --png, and for tests ---- */
 
-/** Applies the options of trocar-view --png; `cut`: the axis; `place`: position on it in metres, by default at the tip if the tip is inside. */
+/** Applies the options of trocar-view --png; `cut` is the axis, and `place` the position of the cut on this axis in metres; by default, the cut is at
+   the tip if the tip is inside the tissue. */
 async function pose() {
   const number = (name, otherwise) => Number(asked.get(name) ?? otherwise), plan = arrange({ width: number('width', SIZE.width), height: number('height', SIZE.height) })
   setTheme(asked.get('theme') ?? 'light')

@@ -4,12 +4,12 @@ import { CONTACT, GUIDED } from './colours.js'
 import { CONTACT_NUMBERS, GUIDE, TIP } from './decode.js'
 
 const RINGS = 180, SIDES = 14
-const BEVEL = 4          // length of the tip's bevel in diameters
-const MARK = 0.01        // m, spacing of the marks on the shaft
+const BEVEL = 4          // length of the tip's bevel, in multiples of the needle's diameter
+const MARK = 0.01        // m, spacing of the depth marks on the shaft
 const MAX_CONTACTS = 81 // TROCAR_MAX_POINTS
 const ARROW_HEAD = 0.003 // m
 
-export const FORCE_SCALE = 0.04 // m of an arrow per N
+export const FORCE_SCALE = 0.04 // m, length of a force arrow per N
 
 /** Returns interpolated points and tangents at equal steps along the centreline. */
 function trace(joints, count) {
@@ -72,7 +72,7 @@ export class Needle {
 
   addHub(colour) {
     const body = new THREE.CylinderGeometry(0.0045, 0.0022, 0.022, 24).rotateX(-Math.PI / 2).translate(0, 0, -0.011)
-    const mark = new THREE.BoxGeometry(0.0016, 0.0022, 0.02).translate(0, 0.0042, -0.011) // the mark is on the bevel's side
+    const mark = new THREE.BoxGeometry(0.0016, 0.0022, 0.02).translate(0, 0.0042, -0.011) // this mark is on the side of the bevel
     this.hub = new THREE.Group()
     this.hub.add(new THREE.Mesh(body, new THREE.MeshPhongMaterial({ color: colour, specular: '#88bbee', shininess: 40 })))
     this.hub.add(new THREE.Mesh(mark, new THREE.MeshPhongMaterial({ color: '#f4d35e' })))

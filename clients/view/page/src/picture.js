@@ -3,7 +3,7 @@ import { CONTACT, GUIDED, rampCss, TRACK } from './colours.js'
 import { CONTACT_NUMBERS } from './decode.js'
 import { FORCE_SCALE } from './needle.js'
 
-const FINE = 2          // supersampling factor, for anti-aliasing
+const FINE = 2          // supersampling factor used for anti-aliasing
 const MOST = 8192       // pixels per side that most GPUs support
 export const SIZE = { width: 1600, height: 1000 }
 

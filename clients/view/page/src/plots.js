@@ -1,11 +1,11 @@
-// Plots of force, torque, depth and timing with marks of events, and the timeline strip.
+// Plots of force, torque, depth and timing with markers at events, and the timeline strip.
 import uPlot from 'uplot'
 import 'uplot/dist/uPlot.min.css'
 import { AXES } from './colours.js'
 import { GAP } from './history.js'
 
 const SLOT = 0.01 // s, period of the samples
-const CLOSE = 90 // px, height of a plot below which the labels of all decades would touch
+const CLOSE = 90 // px: in a plot lower than this, the labels of all decades would touch
 const MICRO = 1e6, MILLI = 1e3
 const TIMING = ['#f2b134', '#8c6bd6'] // compute, lateness
 const PLOTS = [
@@ -19,7 +19,7 @@ const PLOTS = [
 /** Formats a number without a negative zero. */
 const fixed = (value, digits) => value.toFixed(digits).replace(/^-(0(\.0*)?)$/, '$1')
 
-/** Tells uPlot the pixel ranges without data, in which no line is drawn. */
+/** Tells uPlot in which pixel ranges there are no data, so that no line is drawn there. */
 function gaps(u, series, first, last, missing) {
   const times = u.data[0]
   for (let i = Math.max(first, 1); i <= last; i++)
@@ -44,7 +44,7 @@ export class Plots {
     const axis = { stroke: () => css('--muted'), grid: { stroke: () => css('--grid'), width: 1 }, ticks: { show: false }, font: '10px system-ui, sans-serif' }
     const number = (value) => (value === null || value === undefined ? '–' : fixed(plot.scale * value, plot.scale === 1 ? 2 : plot.logarithmic ? 0 : 1))
     const isDecade = (v, every) => Math.abs(Math.log10(v) / every - Math.round(Math.log10(v) / every)) < 1e-6
-    // only every second decade in a low plot
+    // in a low plot, label only every second decade
     const decades = (u, splits) => splits.map((v) => (isDecade(v, u.bbox.height / devicePixelRatio < CLOSE ? 2 : 1) ? v : null))
     const holder = document.createElement('div')
     if (plot.live) holder.className = 'live-only'
@@ -122,7 +122,8 @@ export class Plots {
       this.line(ink, x, top, x, top + height, [2 * ratio, 3 * ratio], ratio)
       if (plot === PLOTS[0]) {
         ink.font = `${10 * ratio}px system-ui, sans-serif`
-        const room = ink.measureText(mark.name).width + 5 * ratio, start = x + room > left + width ? x - room : x + 3 * ratio // to the left of the line near the right edge
+        // near the right edge, the label is to the left of its line
+        const room = ink.measureText(mark.name).width + 5 * ratio, start = x + room > left + width ? x - room : x + 3 * ratio
         if (start < free) continue
         this.label(ink, mark.name, start, top + 10 * ratio, ratio)
         free = start + room

@@ -2,7 +2,7 @@
 import * as THREE from 'three'
 
 const FREE = '#8fa6bd', PRESSING = '#e8a33d', STOPPED = '#e05252'
-const MOVED = 1e-5 // m: the image planes follow a probe that has moved by more than this
+const MOVED = 1e-5 // m: the image planes follow the probe only when it has moved by more than this
 const STILL = [0, 0, 0, 0, 0, 0]
 
 /** Returns a cylinder with a rounded end along +z, from its base at 0. */
@@ -85,7 +85,7 @@ export class Probe {
 
   toggle() { if (this.shape && this.drive.steering) this.setMoving(!this.moving) }
 
-  /** Handles a key; returns whether it belongs to the probe. */
+  /** Handles a key; returns whether the key controls the probe. */
   key({ code, repeat }) {
     if (code !== 'KeyB' || !this.shape || repeat) return false
     this.toggle()

@@ -1,7 +1,7 @@
 // Computes cross-sections of the deformed tetrahedra: filled triangles, and outlines of surfaces.
 import { Filled } from './buffers.js'
 
-// For each combination of corners below the plane (bit mask): the corners, starting with those below, and the number of corners below.
+// For each set of corners below the plane (as a bit mask): all corners, beginning with those below the plane, and the number of corners below it.
 const CASES = Array.from({ length: 16 }, (_, mask) => {
   const below = [0, 1, 2, 3].filter((i) => mask & (1 << i)), above = [0, 1, 2, 3].filter((i) => !(mask & (1 << i)))
   if (below.length === 0 || above.length === 0) return []
@@ -11,7 +11,7 @@ const CASES = Array.from({ length: 16 }, (_, mask) => {
 })
 
 export class Slicer {
-  /** `scene` as decoded; `cut` and `outline` then accept any deformation of its nodes. */
+  /** `scene` as decoded; `cut` and `outline` accept any deformation of its nodes. */
   constructor(scene) {
     this.scene = scene
     this.distance = new Float32Array(scene.nodes.length / 3)

@@ -1,7 +1,7 @@
-// State of the display: whether it is live, and otherwise why not and how old the data are.
+// State of the display: whether it is live and, if not, the reason and the age of the data.
 
-export const FRESH = 0.5 // s, maximum age of live data
-const STALL = 0.15       // s, longest silence counted for a pause of the page itself, during which messages wait in its queue
+export const FRESH = 0.5 // s, largest age of data that count as live
+const STALL = 0.15       // s: if the page itself was paused, for example while messages waited in its queue, at most this much of the pause counts as silence
 
 /** Measures the time since the last arrival, counting only time in which the page runs. */
 export class Silence {

@@ -9,8 +9,8 @@ import { Needle } from './needle.js'
 import { Tracks } from './tracks.js'
 import { Slicer } from './slicer.js'
 
-const MOVING = 0.5, STILL = 1.5 // resolution with software rendering, in motion and at rest
-const REST = 250 // ms without a change after which the view counts as at rest
+const MOVING = 0.5, STILL = 1.5 // resolution factors with software rendering, during motion and at rest
+const REST = 250 // ms without a change after which the view is considered to be at rest
 const VIEWS = { 1: [-0.78, 0.42, -0.46], 2: [-1, 0, 0], 3: [-0.001, 1, 0], 4: [0, 0.3, -1] } // directions of the camera from the centre
 const AXIS = { x: new THREE.Vector3(1, 0, 0), y: new THREE.Vector3(0, 1, 0), z: new THREE.Vector3(0, 0, 1) }
 
@@ -32,7 +32,7 @@ function drawsInSoftware() {
   return Boolean(info) && /swiftshader|llvmpipe|software/i.test(graphics.getParameter(info.UNMASKED_RENDERER_WEBGL))
 }
 
-const WAITING = 4 // up to this number of needles, all are shown while they wait; if there are more, only the first is shown
+const WAITING = 4 // if at most this many needles are waiting, show all of them; otherwise, show only the first
 
 /** Returns a picture with the needles at their home poses and the tissue at rest. */
 function pictureAtHome({ homes, needle: { length }, nodes }) {
@@ -82,7 +82,7 @@ export class Stage {
     this.addLights()
     this.addDragging()
     this.dirty = true   // something has changed since the last rendering
-    this.end = null     // GPU fence of the last rendering
+    this.end = null     // GPU fence that signals the end of the last rendering
     this.coarse = false // the last rendering was at low resolution
     this.changed = 0    // ms, performance.now() at the last change
     this.onSlice = () => {}

@@ -1,9 +1,9 @@
-// Shows the dose: isodose lines on the slices, the dose-volume histogram and its figures.
+// Shows the dose: isodose lines on the slices, the dose-volume histogram and its statistics.
 import * as THREE from 'three'
 import { ISODOSE } from '../colours.js'
 
 const WIDTH = 300, HEIGHT = 118, LEFT = 42, RIGHT = 6, TOP = 6, BOTTOM = 27
-const STATES = [ // shown side by side
+const STATES = [ // states that are shown side by side
   { key: 'planned', name: 'plan', title: 'The plan, in the tissue at rest', colour: '#a97be8', dash: '2 3' },
   { key: 'now', name: 'now', title: 'In the tissue as the needles have displaced it', colour: '#d9607a', dash: '' },
   { key: 'out', name: 'out', title: 'After the needles are out: the tissue at rest', colour: '#c9952b', dash: '7 3' },
@@ -11,7 +11,7 @@ const STATES = [ // shown side by side
 ]
 const OTHERS = ['#3f9c8a', '#8d8f96'] // colours of the curves of the other organs
 
-/** Passes the dose to the slices as a texture. */
+/** Passes the dose to the slices' shaders as a texture. */
 export function shadeSlices(slices, dose) {
   const [x, y, z] = dose.counts, texture = new THREE.Data3DTexture(dose.levels, z, y, x)
   Object.assign(texture, { format: THREE.RedFormat, type: THREE.UnsignedByteType, minFilter: THREE.LinearFilter, magFilter: THREE.LinearFilter, unpackAlignment: 1, needsUpdate: true })
@@ -28,7 +28,7 @@ export function shadeSlices(slices, dose) {
 
 const swatch = (colour, dash = '') => `<svg class="swatch" viewBox="0 0 18 3"><line y1="1.5" x2="18" y2="1.5" stroke="${colour}" stroke-width="3" stroke-dasharray="${dash}"/></svg>`
 
-/** Returns the target's curves in each state, and the present curves of the other organs. */
+/** Returns the curves of the target in each state, and the current curves of the other organs. */
 function curvesOf(organs) {
   const target = organs.find((organ) => organ.target), others = organs.filter((organ) => !organ.target)
   return [...(target ? STATES.filter(({ key }) => target[key]).map(({ key, name, colour, dash }) => ({ values: target[key].curve, name: `${target.name}, ${name}`, colour, dash })) : []),
@@ -47,13 +47,13 @@ function histogram({ organs, top, prescription }) {
     <text transform="translate(10 ${(TOP + HEIGHT - BOTTOM) / 2}) rotate(-90)" text-anchor="middle">volume (%)</text></svg>`
 }
 
-/** Rows of the table: a name with its unit, a value of the figures, and the usual aim. */
+/** Rows of the table: name with unit, property of the statistics, and usual goal. */
 const gray = (dose) => `${Math.round(dose)}`, percent = (part) => `${Math.round(100 * part)}`
 const TARGET_ROWS = [['D90, Gy', (f) => gray(f.d90), (p) => `over ${gray(p)}`], ['V100, %', (f) => percent(f.v100), () => 'over 95'],
                      ['V150, %', (f) => percent(f.v150), () => 'under 60'], ['V200, %', (f) => percent(f.v200), () => 'under 20']]
 const OTHER_ROWS = { urethra: [['D10, Gy', (f) => gray(f.d10), () => ''], ['D30, Gy', (f) => gray(f.d30), () => '']], rectum: [['V100, cm³', (f) => f.v100cm3.toFixed(1), () => 'under 1']] }
 
-/** Returns the figures, with the states side by side. */
+/** Returns the statistics, with the states side by side. */
 function figures({ organs, prescription }) {
   const states = STATES.filter(({ key }) => organs.some((organ) => organ[key])), escape = (text) => text.replace(/[&<>]/g, (c) => `&#${c.charCodeAt(0)};`)
   const rows = organs.flatMap((organ) => {
@@ -64,7 +64,7 @@ function figures({ organs, prescription }) {
   return `<table class="figures"><thead><tr><td></td>${heads}<th scope="col">usual aim</th></tr></thead><tbody>${rows.join('')}</tbody></table>`
 }
 
-/** Returns HTML with the histogram, the legend and the figures. */
+/** Returns HTML that contains the histogram, the legend and the statistics. */
 export function describeDose(dose) {
   if (!dose) return '<p class="quiet">The dose is being computed.</p>'
   const { seeds, strength, source, prescription, organs, swelling } = dose, plain = (text) => text.replace(/[&<>]/g, '')

@@ -16,24 +16,24 @@ const ASK_AGAIN = 500 // ms after which a hole is sent again if trocar-view has 
 const PUSH = TOUCH ? 'lever up' : 'hold W', PULL = TOUCH ? 'lever down' : 'hold S'
 const IN_LINE = 5e-4 // m, largest distance of the tip from the hole's axis
 const AT_TARGET = 1e-3 // m
-const THROUGH = 0.01 // m of the needle in the tissue at which a tip outside has come out on the far side
+const THROUGH = 0.01 // m: if the tip is outside the tissue while at least this length of the needle is inside, the tip has come out on the far side
 const NONE = { pending: [], seeds: [] }
-const ANSWERS = { // texts for a command that was carried out, or refused; #: the needle
+const ANSWERS = { // texts shown when a command has been carried out or refused; # stands for the needle
   drop: ['The seed is at the tip, still in the needle.', 'No seed dropped'],
   undo: ['The last seed is taken back.', 'Nothing taken back'],
   leave: ['Needle # rests in template and tissue.', 'Needle # not left'],
   take: ['Needle # is held again.', 'Needle # not taken'],
   remove: ['Needle # is out.', 'Needle # not pulled out'],
 }
-const STRAND = 16 // largest number of seeds
+const STRAND = 16 // largest number of seeds in a strand
 const OWNERS = { here: 'driven here', elsewhere: 'held by a device', nobody: 'free' }
 
 const element = (id) => document.getElementById(id)
 const mm = (length) => (1e3 * length).toFixed(1)
 const set = (node, text) => { if (node.textContent !== text) node.textContent = text }
 
-/** Returns what this browser tab has stored for a scene: the chosen hole, the target's depth (m) at rest, and whether the target is that of a planned
-    seed. */
+/** Returns what this browser tab has stored for a scene: the chosen hole, the target's depth (m) at rest, and whether the target belongs to a planned
+   seed. */
 function remembered(path) {
   try { return JSON.parse(sessionStorage.getItem(`procedure ${path}`)) ?? {} } catch { return {} } // storage is not available in some private windows
 }
@@ -59,7 +59,7 @@ export class Procedure {
 
   load(scene) {
     const index = scene.live ? scene.guides.findIndex(({ columns, rows }) => columns * rows > 1) : -1
-    const before = remembered(scene.path) // the page was disconnected or reloaded
+    const before = remembered(scene.path) // if there is a stored choice, the page was disconnected or reloaded
     this.reset()
     this.seeds = NONE
     this.scene = scene
@@ -85,7 +85,7 @@ export class Procedure {
     if (before.hole && this.available) this.restore(before)
   }
 
-  /** Restores the hole, and the target where it was moved to. */
+  /** Restores the hole, and the target at the position to which it was moved. */
   restore({ hole, depth, planned }) {
     if (!(hole.column < this.template.columns && hole.row < this.template.rows)) return
     this.hole = hole
@@ -109,7 +109,7 @@ export class Procedure {
     set(element('mode'), active ? 'Plots' : 'Implant')
     if (active) this.choosePane('axial')
     if (active) element('layers').open = false
-    this.echo.plane = active ? { ...AXIAL, seen: '' } : AXIAL // the page explains it elsewhere
+    this.echo.plane = active ? { ...AXIAL, seen: '' } : AXIAL // in procedure mode, another part of the page explains the image
     this.echo.dirty = true
   }
 
@@ -140,7 +140,7 @@ export class Procedure {
     element('dose').innerHTML = describeDose(dose)
   }
 
-  /** Forgets seeds and needles when another server has replaced the previous one. */
+  /** Forgets the seeds and needles of the previous server when another server has replaced it. */
   hearRestart() {
     const lost = Math.max(this.seeds.seeds.length, this.left ?? 0)
     this.seeds = NONE
@@ -150,7 +150,7 @@ export class Procedure {
 
   /** Handles the server's answer to a command. */
   hearReply({ number, command, done, message, needle }) {
-    const old = number === this.answered || this.answered === undefined && this.connecting // the reply was for an earlier page
+    const old = number === this.answered || this.answered === undefined && this.connecting // the reply belongs to a command from an earlier page
     this.answered = number
     if (old) return
     if (done && command === 'drop') this.dropped = { needle, depth: null, seeds: Math.max(1, this.seeds.pending[needle] ?? 1) }
@@ -162,7 +162,7 @@ export class Procedure {
     this.say(named(done ? `${words}${astray}` : `${refused}: ${message}.`), !done || Boolean(astray))
   }
 
-  /** Returns a warning in words for a seed outside the gland; '' inside it, or if the scene has no such region. */
+  /** Returns a warning about a seed outside the gland; '' if the seed is inside, or if the scene has no such region. */
   outOfTarget(tet) {
     const target = this.scene.regions.find(({ name }) => TARGET.test(name))?.name, region = regionOf(this.scene, tet)
     return !target || TARGET.test(region) ? '' : ` It is not in the ${target}${region ? `, but in “${region}”` : ', nor in the tissue'}.`
@@ -198,7 +198,7 @@ export class Procedure {
     new ResizeObserver(() => this.sagittal.resize()).observe(element('sagittal'))
   }
 
-  /** Handles a key; returns whether it belongs to this mode. */
+  /** Handles a key; returns whether the key belongs to procedure mode. */
   key(event) {
     const action = { KeyX: () => this.drop(), KeyU: () => this.undo(), KeyH: () => element('hole').select(), KeyE: () => this.leave(), KeyF: () => this.takeNew(),
                      KeyQ: () => this.chooseNext(), KeyZ: () => this.remove(this.drive.needle) }[event.code]
@@ -207,7 +207,7 @@ export class Procedure {
     return true
   }
 
-  /** Returns the point of a slice under the pointer: across and up, m. */
+  /** Returns the point of a slice that is under the pointer, as coordinates across and up, m. */
   pointAt(slice, event) {
     const box = slice.canvas.getBoundingClientRect()
     return { across: slice.view.x - (2 * (event.clientX - box.left) / box.width - 1) * slice.halfWidth, up: slice.view.y - (2 * (event.clientY - box.top) / box.height - 1) * slice.halfHeight }
@@ -238,7 +238,7 @@ export class Procedure {
     if (taken >= 0 && taken !== this.drive.needle) return this.say(`Needle ${taken} is in hole ${this.template.name(hole)}: choose another one.`, true)
     this.hole = { column: hole.column, row: hole.row }
     this.asked = null
-    this.again = true // also if the hole is the same, because the needle may have been steered away from it
+    this.again = true // set even if the hole is the same, because the needle may have been steered away from it
     element('hole').value = this.template.name(hole)
     this.say('')
     this.aimAtPlan() || this.setTarget(this.template.depthOf(this.middle()))
@@ -248,12 +248,12 @@ export class Procedure {
   /** Returns the middle of the organs. */
   middle() { return new THREE.Vector3(this.echo.view.x, this.echo.view.y, this.sagittal.probe.x) }
 
-  /** Aims at the deepest planned seed of the hole that has not been placed: the tip goes to the seed's distal end. */
+  /** Aims at the deepest planned seed of the hole that has not been placed yet: the tip must reach the seed's distal end. */
   aimAtPlan() {
     const name = this.template.name(this.hole), holeNumber = this.template.number(this.hole)
     const planned = this.plan.filter(({ hole }) => hole === name).map(({ point }) => this.template.depthOf(point.rest)).sort((a, b) => b - a)
     const placed = this.seeds.seeds.filter(({ guide, hole }) => guide === this.template.index && hole === holeNumber).length
-    this.planned = planned.length > placed // the target is the plan's position of the next seed
+    this.planned = planned.length > placed // the target is the planned position of the next seed
     if (!this.planned) return false
     this.setTarget(planned[placed] + this.seedLength / 2)
     return true
@@ -298,11 +298,11 @@ export class Procedure {
 
   leave() {
     if (!this.drive.steering) return this.say('Press “Drive the needle” first.', true)
-    this.drive.asked = true // the loss of the needle is expected
+    this.drive.asked = true // the page itself asked for this loss of the needle
     this.link.leave()
   }
 
-  /** Takes the first needle that is not in use. The chosen hole stays if it is free. */
+  /** Takes the first needle that is not in use. The chosen hole is kept if it is free. */
   takeNew() {
     if (this.drive.driving) return this.say(`Press “${this.drive.lies ? 'Leave it in' : 'Let go'}” first.`, true)
     const needle = this.needles.findIndex((_, i) => this.states[i]?.state === 'held' && !this.isInUse(i))
@@ -369,7 +369,7 @@ export class Procedure {
     if (element('sagittal-follow').checked) this.follow(tip)
   }
 
-  /** Draws only the seeds, for the page with plots. */
+  /** Draws only the seeds; used for the page with plots. */
   showSeeds(seeds) {
     if (seeds === this.shown) return
     this.shown = seeds
@@ -385,7 +385,7 @@ export class Procedure {
     element('sagittal-slice').value = (this.sagittal.place - from) / (to - from)
   }
 
-  /** Returns the direction of the bevel: the base's y, turned by the tip's roll. */
+  /** Returns the direction in which the bevel faces: the base's y axis, turned by the roll of the tip. */
   bevelOf(shape) {
     if (!shape) return null
     const [w, x, y, z] = shape.orientation, base = new THREE.Quaternion(x, y, z, w)
@@ -396,7 +396,7 @@ export class Procedure {
 
   /* ---- words ---- */
 
-  /** Called several times per second: describes the state in words, and the next step. */
+  /** Called several times per second: describes the present state and the next step in words. */
   describe(status, state, history, chosen) {
     this.drive.lies = false
     if (!this.active) return
@@ -413,12 +413,13 @@ export class Procedure {
     set(element('next'), step)
     const pending = this.seeds.pending[chosen] > 0
     element('drop').disabled = !this.drive.steering || pending
-    // a chosen needle that is not in use serves as the new one
+    // if the chosen needle is not in use, it serves as the new one
     element('fresh').disabled = state.name !== 'live' || Boolean(status.driven) || !this.isInUse(chosen)
     element('undo').disabled = !this.drive.steering || !(pending || this.seeds.seeds.some(({ needle }) => needle === chosen))
   }
 
-  /** True if the needle is in front of the template; the newest sample may then be from before the needle was pulled out, or from another server. */
+  /** True if the needle is in front of the template. The newest sample may be older than the removal of the needle, or may come from another
+     server. */
   isOut({ tip, line }) { return Boolean(tip) && this.template.depthOf(tip) <= 0 && !this.template.holeOf(line) }
 
   /** Chooses the hole in which a taken needle is, if none has been chosen. */
@@ -443,14 +444,14 @@ export class Procedure {
     this.link.goToHole(this.template.index, this.hole.column, this.hole.row)
   }
 
-  /** Shows the region in which the tip is in the displaced tissue. */
+  /** Shows the name of the region that contains the tip in the displaced tissue. */
   noteTip(tip, depth) {
     this.tipTet = tip && depth > 0 ? tetAt(this.scene, this.stage.anatomy.place.array, tip.toArray(), this.tipTet) : -1
     const entered = this.template.guide.thickness ?? 0
     this.isThrough = depth > THROUGH && this.tipTet < 0 && Boolean(tip) && this.template.depthOf(tip) > entered
   }
 
-  /** Reports when a seed has stayed in the tissue. */
+  /** Reports when seeds have been left in the tissue. */
   noteSeeds(chosen, depth) {
     const { seeds, pending } = this.seeds
     if (this.left === null) return // no seeds have been received yet
@@ -468,13 +469,13 @@ export class Procedure {
     set(element('seed-count'), seeds.length || pending.some(Boolean) ? `${seeds.length} in the tissue${pending[chosen] ? `, ${pending[chosen]} in the needle` : ''}` : 'none yet')
   }
 
-  /** Reports `left`, the number of seeds that have stayed in the tissue since the last report. */
+  /** Reports `left`, the number of seeds that have been left in the tissue since the last report. */
   sayLeft(left) {
     const count = this.seeds.seeds.length, astray = left.map(({ restPosition }) => this.outOfTarget(new MaterialPoint(this.scene, new THREE.Vector3(...restPosition)).tet ?? -1)).find(Boolean)
     this.say(`Seed ${count} is in the tissue.${astray ?? ''}`, Boolean(astray))
   }
 
-  /** Lists the needles in use, and the chosen one. */
+  /** Lists the needles in use, and marks the chosen one. */
   listNeedles(chosen) {
     const listed = this.needles.map((_, i) => i).filter((i) => i === chosen || this.isInUse(i))
     const rows = listed.map((i) => {

@@ -29,7 +29,7 @@ export class Seeds3D {
     this.group = new THREE.Group().add(this.planned, this.seeds, this.target)
   }
 
-  /** Draws `seeds` as decoded; `planned`: points; `target`: a point or null; `axis`: direction of the needles. */
+  /** Draws `seeds`, as decoded. `planned`: points; `target`: a point or null; `axis`: direction of the needles. */
   show(seeds, planned, target, axis) {
     place(this.seeds, seeds.map(({ position, direction }) => ({ position: new THREE.Vector3(...position), direction: new THREE.Vector3(...direction) })))
     place(this.planned, planned.map((position) => ({ position, direction: axis })))

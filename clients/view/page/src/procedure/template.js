@@ -15,7 +15,7 @@ export class Template {
       this[name] = new THREE.Vector3(...vector)
   }
 
-  /** Returns the hole's number, as in messages. */
+  /** Returns the number of the hole that is used in messages. */
   number({ column, row }) { return column + this.columns * row }
 
   name({ column, row }) { return columnName(column) + rowName(row) }
@@ -31,7 +31,7 @@ export class Template {
   /** Returns the names that can be typed, such as "A to M and 1 to 7 in halves". */
   get range() { return `a letter from A to ${columnName(this.columns - 1)} and a number from 1 to ${rowName(this.rows - 1)} in halves` }
 
-  /** Returns the middle of a hole on the face where needles enter. */
+  /** Returns the centre of a hole on the face through which needles enter. */
   place({ column, row }) {
     const { spacing } = this.guide
     return this.origin.clone().addScaledVector(this.along, (column - (this.columns - 1) / 2) * spacing).addScaledVector(this.up, (row - (this.rows - 1) / 2) * spacing)

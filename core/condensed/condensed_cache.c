@@ -4,8 +4,9 @@
 #include <errno.h>
 #include <fcntl.h>
 #include <fnmatch.h>
-#include <hdf5.h>
 #include <limits.h>
+#include <stddef.h>
+#include <stdio.h>
 #include <stdlib.h>
 #include <string.h>
 #include <sys/mman.h>
@@ -15,7 +16,7 @@
 #include <time.h>
 #include <unistd.h>
 
-enum { ALIGNMENT = 64 };     /* bytes, alignment of all datasets in the file */
+enum { ALIGNMENT = 64 };     /* bytes, alignment of the matrix in the file */
 
 /* ---- name ------------------------------------------------------------------------------------------------------------- */
 
@@ -58,62 +59,56 @@ condensed_cache condensed_cache_find(const char *directory, const tissue *t, int
     char usual[1024];
     if (base && base[0] == '/') snprintf(usual, sizeof usual, "%s/trocar", base);
     else snprintf(usual, sizeof usual, "%s/.cache/trocar", home ? home : "");
-    snprintf(cache.path, sizeof cache.path, "%s/condensed-%016llx.h5", directory[0] ? directory : usual, (unsigned long long)cache.key);
+    snprintf(cache.path, sizeof cache.path, "%s/condensed-%016llx.inverse", directory[0] ? directory : usual, (unsigned long long)cache.key);
     return cache;
+}
+
+/* ---- layout ----------------------------------------------------------------------------------------------------------- */
+
+/* The file: this header, the nodes, zeros up to the next multiple of ALIGNMENT bytes, and the matrix as it is in memory. The byte order is the machine's:
+   with another one, the magic number differs. */
+typedef struct {
+    uint64_t magic, key, count, single;
+    uint64_t checksum;       /* of the members above, the nodes and the matrix */
+} header;
+
+static const uint64_t MAGIC = UINT64_C(0x4b2d7261636f7274); /* "trocar-K" */
+
+static size_t matrix_offset(const symmetric_blocks *matrix) {
+    size_t end = sizeof(header) + (size_t)matrix->count * sizeof(int);
+    return (end + ALIGNMENT - 1) / ALIGNMENT * ALIGNMENT;
+}
+
+static header header_of(uint64_t key, const int *order, const symmetric_blocks *matrix) {
+    header h = {.magic = MAGIC, .key = key, .count = (uint64_t)matrix->count, .single = matrix->single};
+    h.checksum = hash(BASIS, &h, offsetof(header, checksum));
+    h.checksum = hash(h.checksum, order, (size_t)matrix->count * sizeof *order);
+    h.checksum = hash(h.checksum, matrix->numbers, symmetric_blocks_bytes(matrix->count, matrix->single));
+    return h;
 }
 
 /* ---- reading ---------------------------------------------------------------------------------------------------------- */
 
-static bool read_dataset(hid_t file, const char *name, hid_t type, hsize_t numbers, void *into) {
-    hid_t set = H5Dopen2(file, name, H5P_DEFAULT), space = set < 0 ? -1 : H5Dget_space(set);
-    bool good = space >= 0 && H5Sget_simple_extent_npoints(space) == (hssize_t)numbers
-             && H5Dread(set, type, H5S_ALL, H5S_ALL, H5P_DEFAULT, into) >= 0;
-    if (space >= 0) H5Sclose(space);
-    if (set >= 0) H5Dclose(set);
-    return good;
-}
-
-/* Returns the offset in the file of a dataset that has this number of bytes; HADDR_UNDEF if its size differs or it is not contiguous. */
-static haddr_t offset_of(hid_t file, const char *name, size_t bytes) {
-    hid_t set = H5Dopen2(file, name, H5P_DEFAULT);
-    if (set < 0) return HADDR_UNDEF;
-    haddr_t offset = H5Dget_storage_size(set) == bytes ? H5Dget_offset(set) : HADDR_UNDEF;
-    H5Dclose(set);
-    return offset;
-}
-
-/* Reads all pages at once, so that later accesses do not wait for the disk. */
+/* Maps a file of exactly this many bytes. Reads all pages at once, so that later accesses do not wait for the disk. */
 static bool map_file(const char *path, size_t bytes, file_mapping *mapping) {
     struct stat s;
     int file = open(path, O_RDONLY | O_NONBLOCK | O_CLOEXEC);
-    bool long_enough = file >= 0 && fstat(file, &s) == 0 && (size_t)s.st_size >= bytes;
-    void *at = long_enough ? mmap(NULL, bytes, PROT_READ, MAP_SHARED | MAP_POPULATE, file, 0) : MAP_FAILED;
+    bool whole = file >= 0 && fstat(file, &s) == 0 && S_ISREG(s.st_mode) && (size_t)s.st_size == bytes;
+    void *at = whole ? mmap(NULL, bytes, PROT_READ, MAP_SHARED | MAP_POPULATE, file, 0) : MAP_FAILED;
     if (file >= 0) close(file);
     if (at == MAP_FAILED) return false;
     *mapping = (file_mapping){at, bytes};
     return true;
 }
 
-static void silence(void) { H5Eset_auto2(H5E_DEFAULT, NULL, NULL); } /* suppresses HDF5's own error output */
-
 cache_state condensed_cache_map(const condensed_cache *cache, int *order, symmetric_blocks *matrix, file_mapping *mapping) {
-    silence();
-    struct stat status;
-    if (stat(cache->path, &status) != 0) return CACHE_ABSENT;
-    if (!S_ISREG(status.st_mode)) return CACHE_DAMAGED;
-    hid_t file = H5Fopen(cache->path, H5F_ACC_RDONLY, H5P_DEFAULT);
-    if (file < 0) return CACHE_DAMAGED;
-    uint64_t key = 0, checksum = 0;
-    size_t bytes = symmetric_blocks_bytes(matrix->count, matrix->single);
-    haddr_t offset = HADDR_UNDEF;
-    bool good = read_dataset(file, "key", H5T_NATIVE_UINT64, 1, &key) && key == cache->key
-             && read_dataset(file, "nodes", H5T_NATIVE_INT, (hsize_t)matrix->count, order)
-             && read_dataset(file, "checksum", H5T_NATIVE_UINT64, 1, &checksum)
-             && (offset = offset_of(file, "inverse", bytes)) != HADDR_UNDEF && offset % ALIGNMENT == 0;
-    H5Fclose(file);
-    if (!good || !map_file(cache->path, (size_t)offset + bytes, mapping)) return CACHE_DAMAGED;
+    size_t offset = matrix_offset(matrix), bytes = symmetric_blocks_bytes(matrix->count, matrix->single);
+    if (access(cache->path, F_OK) != 0) return CACHE_ABSENT;
+    if (!map_file(cache->path, offset + bytes, mapping)) return CACHE_DAMAGED;
     matrix->numbers = (char *)mapping->at + offset;
-    if (hash(BASIS, matrix->numbers, bytes) != checksum) {
+    memcpy(order, (const header *)mapping->at + 1, (size_t)matrix->count * sizeof *order);
+    header expected = header_of(cache->key, order, matrix);
+    if (memcmp(mapping->at, &expected, sizeof expected) != 0) {
         munmap(mapping->at, mapping->bytes);
         *mapping = (file_mapping){0};
         matrix->numbers = NULL;
@@ -136,41 +131,16 @@ static bool make_folders(const char *path) {
     return true;
 }
 
-typedef struct {
-    const char *name;
-    hid_t type;              /* identical in the file and in memory, so that the file can be mapped */
-    hsize_t count;
-    const void *data;
-} dataset;
-
-/* Writes a dataset. If it will be mapped, it is contiguous; otherwise it is one chunk with a checksum (Fletcher). */
-static bool write_dataset(hid_t file, const dataset *d, bool mapped) {
-    hid_t space = H5Screate_simple(1, &d->count, NULL), properties = H5Pcreate(H5P_DATASET_CREATE);
-    if (!mapped) {
-        H5Pset_chunk(properties, 1, &d->count);
-        H5Pset_fletcher32(properties);
-    }
-    hid_t set = H5Dcreate2(file, d->name, d->type, space, H5P_DEFAULT, properties, H5P_DEFAULT);
-    bool good = set >= 0 && H5Dwrite(set, d->type, H5S_ALL, H5S_ALL, H5P_DEFAULT, d->data) >= 0;
-    if (set >= 0) good = H5Dclose(set) >= 0 && good;
-    H5Pclose(properties);
-    H5Sclose(space);
-    return good;
-}
-
 static bool write_file(const char *path, uint64_t key, const int *order, const symmetric_blocks *matrix) {
-    hid_t access = H5Pcreate(H5P_FILE_ACCESS);
-    H5Pset_alignment(access, 0, ALIGNMENT);
-    hid_t file = H5Fcreate(path, H5F_ACC_EXCL, H5P_DEFAULT, access);
-    H5Pclose(access);
-    if (file < 0) return false;
-    uint64_t checksum = hash(BASIS, matrix->numbers, symmetric_blocks_bytes(matrix->count, matrix->single));
-    hid_t type = matrix->single ? H5T_NATIVE_FLOAT : H5T_NATIVE_DOUBLE;
-    bool good = write_dataset(file, &(dataset){"key", H5T_NATIVE_UINT64, 1, &key}, false)
-             && write_dataset(file, &(dataset){"nodes", H5T_NATIVE_INT, (hsize_t)matrix->count, order}, false)
-             && write_dataset(file, &(dataset){"checksum", H5T_NATIVE_UINT64, 1, &checksum}, false)
-             && write_dataset(file, &(dataset){"inverse", type, symmetric_blocks_numbers(matrix->count), matrix->numbers}, true);
-    return H5Fclose(file) >= 0 && good;
+    static const char zeros[ALIGNMENT];
+    header h = header_of(key, order, matrix);
+    size_t count = (size_t)matrix->count, gap = matrix_offset(matrix) - sizeof h - count * sizeof *order;
+    size_t bytes = symmetric_blocks_bytes(matrix->count, matrix->single);
+    FILE *file = fopen(path, "wbxe");
+    if (!file) return false;
+    bool good = fwrite(&h, sizeof h, 1, file) == 1 && fwrite(order, sizeof *order, count, file) == count && fwrite(zeros, 1, gap, file) == gap
+             && fwrite(matrix->numbers, 1, bytes, file) == bytes;
+    return fclose(file) == 0 && good;
 }
 
 /* ---- room ------------------------------------------------------------------------------------------------------------- */
@@ -179,7 +149,7 @@ static bool is_older(const struct timespec *a, const struct timespec *b) {
     return a->tv_sec != b->tv_sec ? a->tv_sec < b->tv_sec : a->tv_nsec < b->tv_nsec;
 }
 
-/* Returns the total bytes of the cached inverses in a directory, including abandoned temporary files. `oldest` receives the name of the least recently
+/* Returns the total bytes of the cached inverses in a directory, including those of other versions and abandoned temporary files. `oldest` receives the name of the least recently
    used file other than `kept`, or "". */
 static double survey(DIR *directory, const char *kept, char oldest[NAME_MAX + 1]) {
     double bytes = 0.0;
@@ -188,7 +158,7 @@ static double survey(DIR *directory, const char *kept, char oldest[NAME_MAX + 1]
     oldest[0] = '\0';
     rewinddir(directory);
     for (struct dirent *entry; (entry = readdir(directory)) != NULL;) {
-        if (fnmatch("condensed-????????????????.h5*", entry->d_name, 0) != 0 || fstatat(dirfd(directory), entry->d_name, &s, 0) != 0) continue;
+        if (fnmatch("condensed-????????????????.*", entry->d_name, 0) != 0 || fstatat(dirfd(directory), entry->d_name, &s, 0) != 0) continue;
         bytes += (double)s.st_size;
         if (strcmp(entry->d_name, kept) == 0 || (oldest[0] && !is_older(&s.st_mtim, &least))) continue;
         least = s.st_mtim;
@@ -233,7 +203,7 @@ static void remove_halves(const condensed_cache *cache) {
     find_folder(cache, folder);
     DIR *directory = opendir(folder);
     for (struct dirent *entry; directory && (entry = readdir(directory)) != NULL;) {
-        if (fnmatch("condensed-????????????????.h5.????????????????", entry->d_name, 0) != 0) continue;
+        if (fnmatch("condensed-????????????????.*.????????????????", entry->d_name, 0) != 0) continue;
         if (fstatat(dirfd(directory), entry->d_name, &s, 0) == 0 && time(NULL) - s.st_mtim.tv_sec > OLD) unlinkat(dirfd(directory), entry->d_name, 0);
     }
     if (directory) closedir(directory);
@@ -242,7 +212,6 @@ static void remove_halves(const condensed_cache *cache) {
 trocar_status condensed_cache_write(const condensed_cache *cache, const int *order, const symmetric_blocks *matrix, report *why) {
     char beside[sizeof cache->path + 32];
     uint64_t number; /* random, because processes in different containers that share the directory may have the same id */
-    silence();
     remove_halves(cache);
     if (getrandom(&number, sizeof number, 0) == sizeof number) {
         snprintf(beside, sizeof beside, "%s.%016llx", cache->path, (unsigned long long)number);

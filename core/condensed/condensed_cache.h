@@ -1,4 +1,4 @@
-/* A file with a condensed inverse, in HDF5; one file for each stiffness matrix, region of interest and precision. It is mapped rather than read, so that
+/* A file with a condensed inverse; one file for each stiffness matrix, region of interest and precision. It is mapped rather than read, so that
    processes with the same scene share it. A file is replaced by renaming, never overwritten: truncating a mapped file would kill the processes that use it
    (SIGBUS). */
 #ifndef TROCAR_CONDENSED_CACHE_H
@@ -7,7 +7,7 @@
 #include "linalg/symmetric_blocks.h"
 #include "tissue/tissue.h"
 
-enum { CONDENSED_CACHE_VERSION = 2 }; /* to be increased if the file format changes, or the stiffness matrix for the same mesh, materials and fixed nodes */
+enum { CONDENSED_CACHE_VERSION = 3 }; /* to be increased if the file format changes, or the stiffness matrix for the same mesh, materials and fixed nodes */
 static const double CONDENSED_CACHE_ROOM = 8e9; /* bytes, total size of the files in one directory */
 
 typedef struct { char path[1200]; uint64_t key; } condensed_cache;

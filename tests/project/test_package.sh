@@ -68,7 +68,7 @@ sleep 0.3
 [ "$(server)" = "$root/usr/bin/trocar-server" ] || fail "no server: $(cat server.txt)"
 mkdir -p root/var/cache/private/trocar
 ln -s private/trocar root/var/cache/trocar
-touch root/var/cache/private/trocar/inverse.h5
+touch root/var/cache/private/trocar/any.inverse
 package --install "$package"
 sleep 0.3
 [ "$(server)" = "$root/usr/bin/trocar-server" ] || fail "running after the upgrade: $(server)"
@@ -77,7 +77,7 @@ sleep 0.3
 package --remove trocar
 [ -z "$(server)" ] || fail "running after the removal: $(server)"
 [ -z "$(links)" ] || fail "links left after removal: $(links)"
-[ -f root/var/cache/private/trocar/inverse.h5 ] || fail "removal deletes the cache"
+[ -f root/var/cache/private/trocar/any.inverse ] || fail "removal deletes the cache"
 package --purge trocar
 [ -d root/var/cache/private ] || fail "purge deletes files of others"
 left=$(find root -name '*trocar*')

@@ -18,10 +18,10 @@
 static char directory[] = "/tmp/test_cache.XXXXXX";
 
 enum { FILES = 5, BYTES = 1000 };
-/* Files with the times (s) at which they were last used; one is unfinished, and one belongs to another program. */
+/* Files with the times (s) at which they were last used; one is of an earlier version, one is unfinished, and one belongs to another program. */
 static const struct { const char *name; long used; } files[FILES] = {
-    {"condensed-00000000000000aa.h5", 300}, {"condensed-00000000000000bb.h5", 100}, {"condensed-00000000000000cc.h5", 200},
-    {"condensed-00000000000000dd.h5.123", 150}, {"condensed-milk.h5", 1}};
+    {"condensed-00000000000000aa.inverse", 300}, {"condensed-00000000000000bb.h5", 100}, {"condensed-00000000000000cc.inverse", 200},
+    {"condensed-00000000000000dd.inverse.123", 150}, {"condensed-milk.inverse", 1}};
 
 static void path_of(int file, char path[200]) { snprintf(path, 200, "%s/%s", directory, files[file].name); }
 
@@ -70,7 +70,7 @@ static void another_writers_file_is_left_alone(void **state) {
     file_mapping mapping = {0};
     report why;
     struct stat s;
-    snprintf(cache.path, sizeof cache.path, "%s/condensed-0000000000000007.h5", directory);
+    snprintf(cache.path, sizeof cache.path, "%s/condensed-0000000000000007.inverse", directory);
     snprintf(other, sizeof other, "%s.%ld", cache.path, (long)getpid());
     FILE *file = fopen(other, "wb");
     assert_non_null(file);
@@ -91,11 +91,11 @@ static void room_is_checked_beforehand(void **state) {
     condensed_cache cache = {.key = 7};
     report why = {""};
     symmetric_blocks small = {.count = 1}, huge = {.count = 20000000};
-    snprintf(cache.path, sizeof cache.path, "%s/condensed-0000000000000007.h5", directory);
+    snprintf(cache.path, sizeof cache.path, "%s/condensed-0000000000000007.inverse", directory);
     assert_int_equal(condensed_cache_check(&cache, &small, &why), TROCAR_OK);
     assert_int_equal(condensed_cache_check(&cache, &huge, &why), TROCAR_SYSTEM); /* 14 PB */
     assert_non_null(strstr(why.text, "there is room for"));
-    strcpy(cache.path, "/proc/nowhere/condensed-0000000000000007.h5");
+    strcpy(cache.path, "/proc/nowhere/condensed-0000000000000007.inverse");
     assert_int_equal(condensed_cache_check(&cache, &small, &why), TROCAR_SYSTEM);
     assert_non_null(strstr(why.text, "cannot be written"));
 }
@@ -104,8 +104,8 @@ static void room_is_checked_beforehand(void **state) {
 static void old_halves_are_removed(void **state) {
     (void)state;
     static const struct { const char *name; long age; bool there; } left[] = {
-        {"condensed-0000000000000007.h5.00112233445566aa", 7200, false}, {"condensed-0000000000000008.h5.00112233445566aa", 7200, false},
-        {"condensed-0000000000000007.h5.00112233445566bb", 60, true}, {"condensed-0000000000000009.h5", 7200, true}};
+        {"condensed-0000000000000007.inverse.00112233445566aa", 7200, false}, {"condensed-0000000000000008.inverse.00112233445566aa", 7200, false},
+        {"condensed-0000000000000007.inverse.00112233445566bb", 60, true}, {"condensed-0000000000000009.inverse", 7200, true}};
     enum { LEFT = sizeof left / sizeof *left };
     double numbers[9] = {2, 0, 0, 0, 2, 0, 0, 0, 2};
     symmetric_blocks matrix = {.count = 1, .numbers = numbers};
@@ -121,7 +121,7 @@ static void old_halves_are_removed(void **state) {
         struct timespec then = {time(NULL) - left[i].age, 0};
         assert_int_equal(utimensat(AT_FDCWD, path, (struct timespec[2]){then, then}, 0), 0);
     }
-    snprintf(cache.path, sizeof cache.path, "%s/condensed-0000000000000007.h5", directory);
+    snprintf(cache.path, sizeof cache.path, "%s/condensed-0000000000000007.inverse", directory);
     assert_int_equal(condensed_cache_write(&cache, &order, &matrix, &why), TROCAR_OK);
     for (int i = 0; i < LEFT; i++) {
         snprintf(path, sizeof path, "%s/%s", directory, left[i].name);

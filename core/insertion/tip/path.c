@@ -16,13 +16,13 @@ enum { MOST_LOOKS = 5 }; /* iterations: largest number for the displaced surface
    displacement is not known, its last known value is used. */
 static vec3 surface_displacement(const tick_input *tick, const insertion_state *state, const creep_step *creep, vec3 end, vec3 axis) {
     const mesh *m = tick->model->mesh;
-    vec3 u = isnan(state->surface.x) ? v3(0, 0, 0) : state->surface, before;
+    vec3 u = isnan(state->surface.x) ? v3(0, 0, 0) : state->surface, reach = v3_scale(tick->model->needle->given.length, axis), before;
     int handles[4];
     double weights[4];
     if (creep_free_is_zero(tick, state)) return v3(0, 0, 0);
     for (int i = 0; i < MOST_LOOKS; i++) {
         vec3 middle = v3_sub(end, u);
-        surface_hit hit = mesh_enter(m, v3_axpy(-DENT_DEPTH, axis, middle), v3_axpy(DENT_DEPTH, axis, middle));
+        surface_hit hit = mesh_enter(m, v3_sub(middle, reach), v3_add(middle, reach));
         if (!hit.hit) return v3(0, 0, 0);
         if (!snapshot_covers(tick->snapshot, m->tets[hit.tet], handles)) break;
         mesh_barycentric(m, hit.tet, hit.point, weights);

@@ -153,7 +153,7 @@ static wanted_tissue wanted_nodes(const insertion_model *model, const insertion_
         end = end_before_tissue(model, state);
         surface_hit hit = mesh_enter(m, end, v3_axpy(reach, direction, end));
         if (!hit.hit) { /* the needle's end is in a dent */
-            hit = mesh_enter(m, v3_axpy(-DENT_DEPTH, direction, end), end);
+            hit = mesh_enter(m, v3_axpy(-model->needle->given.length, direction, end), end);
             hit.fraction = 0.0;
         }
         if (hit.hit) add_tet(m, hit.tet, &list);

@@ -130,7 +130,7 @@ int trocar_client_newest(trocar_client *client, trocar_client_wrench *wrench);
        take        holds a resting needle again: the first pose after the reply is identified with the place where it rests, and the needle
                    follows the hand's motion from there
        drop_seeds  drops `count` seeds, 1 to 16, which the needle leaves as it is drawn back; the first has its distal end at the tip;
-                   `spacing` is the distance of their centres in m; 0 means the scene's
+                   `spacing` is their centre-to-centre spacing in m; 0 selects the scene's value
        undo        cancels the seeds that are still in the needle; if there are none, removes the seed that the needle left last */
 int trocar_client_reset(trocar_client *client);
 int trocar_client_leave(trocar_client *client);

@@ -29,16 +29,16 @@ __all__ = ["Answer", "Client", "Events", "Flags", "Wrench"]
 
 _RAMP = 0.1             # s, duration of the ramp after an outage
 _PATIENCE = 0.1         # s of silence after which the client follows another server
-_LONGEST_PERIOD = 0.01  # s, the longest period of the device's loop over which the wrench may change
+_LONGEST_PERIOD = 0.01  # s: if the device's loop takes longer, the wrench may change by no more than the rate limits allow in this time
 _LONGEST_REPLY = 3.0    # s
 _LONGEST_ECHO = 10.0    # s within which the client's first message must come back from the network
-# largest size of a message in bytes, largest number of fragments of a message, and largest number of bytes kept of a text
+# maximum size of a message in bytes, maximum number of fragments of a message, and maximum number of bytes kept of a string
 _MESSAGE_MOST, _FRAGMENTS_MOST, _TEXT_MOST = 1 << 17, 256, 255
 _ECHO = b"LCM_SELF_TEST"
 
 
 class _Message:
-    """Encodes and decodes one message type, which consists of a fingerprint, numbers in big-endian order, and for some types a text at the end."""
+    """Encodes and decodes one message type, which consists of a fingerprint, numbers in big-endian order, and for some types a string at the end."""
 
     def __init__(self, fingerprint, layout, fields):
         self._fingerprint, self._layout = fingerprint, struct.Struct(">Q" + layout[1:])
@@ -46,7 +46,7 @@ class _Message:
         self._has_text = layout.endswith("I")
 
     def encode(self, **values):
-        """Returns the bytes of a message that has no text; fields that are not given are 0."""
+        """Returns the bytes of a message that has no string; fields that are not given are 0."""
         numbers = []
         for name, length in self._fields:
             value = values.get(name, 0 if length is None else [0] * length)
@@ -279,7 +279,7 @@ class Client:
 
     def drop_seeds(self, count, spacing=0.0):
         """Drops `count` seeds, 1 to 16, which the needle leaves as it is drawn back over them; the first has its distal end at the tip.
-        `spacing` is the distance between their centres in m; 0 selects the scene's value."""
+        `spacing` is their centre-to-centre spacing in m; 0 selects the scene's value."""
         return self._ask(_COMMAND_DROP_SEED, count, spacing)
 
     def undo(self):
@@ -343,7 +343,7 @@ class Client:
         try:
             self._sender.sendto(packet, self._group)
         except OSError:
-            if not self._echoed:    # poses that are lost later are counted by the server
+            if not self._echoed:    # later losses are not errors: the server counts lost poses
                 raise
 
     def _command(self, what, number, seeds=0, spacing=0.0):
@@ -354,7 +354,7 @@ class Client:
         while not self._ends:
             try:
                 self._receive()
-            except OSError:     # while the network is down, every call may fail immediately
+            except OSError:     # avoids a busy loop: while the network is down, every call may fail immediately
                 time.sleep(0.01)
 
     def _receive(self):
@@ -366,8 +366,8 @@ class Client:
             self._take_datagram(packet, sender)
 
     def _is_welcome(self, address):
-        """True if datagrams from this address are accepted. With ttl=0 LCM is for this machine alone, but its socket also gets other machines'
-        datagrams."""
+        """True if datagrams from this address are accepted. With ttl=0 LCM is for this machine alone, but its socket also receives datagrams from other
+        machines."""
         if self._ttl > 0 or address == "0.0.0.0" or address.startswith("127."):
             return True
         now = time.monotonic()

@@ -367,7 +367,7 @@ static void note_refusal(replay *r, const report *reason) {
     if (r->refused++ == 0) r->refusal = *reason;
 }
 
-/* Gives up a pending drop of a needle; `next` is the needle's next command, or NULL. */
+/* Abandons a pending drop of a needle; `next` is the needle's next command, or NULL. */
 static void end_waiting(replay *r, int needle, const logged_command *next) {
     waiting_drop *w = &r->needles[needle].waiting;
     if (!end_waiting_drop(w, r->sim, needle, next)) note_refusal(r, &w->reason);
@@ -548,7 +548,7 @@ static void summarise(const replay *r) {
         fprintf(stderr, "%" PRId64 " commands for seeds skipped: of other needles or sessions, or before the first pose\n", r->poses.skipped_commands);
 }
 
-/* Reports that another server session owned the needle. Printed even with --quiet, because it explains why the results are not bit-for-bit equal. */
+/* Reports that another server session owned the needle. Printed even with --quiet, because it explains why the results are not bitwise identical. */
 static void name_other_owner(const replay *r) {
     const char *golden = r->comparison.inverse, *here = trocar_model_inverse(r->model);
     if (golden[0] == '\0' || strcmp(golden, here) == 0) return;

@@ -267,7 +267,7 @@ static trocar_status note_command(const reader *r, const event_header *h, void *
     return add_command(&m, log, why);
 }
 
-enum { MOST_UNANSWERED = 1024 }; /* largest number of unanswered commands; a server has fewer pending */
+enum { MOST_UNANSWERED = 1024 }; /* maximum number of unanswered commands; a server has fewer pending */
 
 /* Records the result of a command; replies of another message type are ignored. */
 static trocar_status note_reply(const reader *r, const event_header *h, void *context, report *why) {

@@ -68,8 +68,7 @@ typedef struct {
 /* Reads the poses of needle and probe and the commands, or the wrenches, of the log at `path`; other channels are ignored. Only the poses of one needle are
    read: of `needle`, or of the first pose's needle if `needle` is -1, as in pose_log_read. BAD_INPUT, with file and event or byte, for a log that is missing,
    damaged, truncated, empty or of other message types, and for a pose that is not finite, has no unit quaternion (safety_check_pose) or is not later than the
-   previous one. Messages of older releases, which do not name their needle or server, count as needle 0's and
-   server 0's. */
+   previous one. Messages of older releases, which do not name their needle or server, are attributed to needle 0 and server 0. */
 trocar_status pose_log_read(const char *path, pose_log *log, report *why);
 trocar_status pose_log_read_needle(const char *path, int needle, pose_log *log, report *why);
 

@@ -10,7 +10,7 @@
 /* Returns the scene's template: the index of its first guide with more than one hole, or -1 if there is none. */
 int find_template(const trocar_model *model);
 
-/* Finds a hole's column and row, from 0, by the hole's name in capital or small letters, such as C3.5: see hole_name (seed_table.h). False if the
+/* Finds a hole's column and row, from 0, by the hole's name in upper or lower case, such as C3.5: see hole_name (seed_table.h). False if the
    guide has no such hole. */
 bool find_hole(const trocar_guide *guide, const char *name, int *column, int *row);
 

@@ -1,4 +1,4 @@
-/* Converts states of the mechanics to the structs of trocar.h. The only handle used here is that of the model, which is constant. */
+/* Converts states of the mechanics to the structs of trocar.h. The only handle used here is that of the model, which is immutable. */
 #ifndef TROCAR_VIEW_H
 #define TROCAR_VIEW_H
 

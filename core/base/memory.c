@@ -5,7 +5,7 @@
 #include <stdio.h>
 #include <string.h>
 
-enum { LONGEST = 8192 };     /* largest length of a path with its suffix */
+enum { LONGEST = 8192 };     /* maximum length of a path with its suffix */
 
 /* Returns the number in the first line of a file in a folder that matches this format, or `otherwise` if there is none. */
 static double read_number(const char *folder, const char *name, const char *format, double otherwise) {

@@ -7,7 +7,7 @@
 #include "tissue/blas.h"
 #include "tissue/factor_solve.h"
 
-enum { PART = 64, MODES = 6 }; /* largest number of nodes in a part; number of rigid motions of a part */
+enum { PART = 64, MODES = 6 }; /* PART: maximum number of nodes in a part; MODES: number of rigid motions of a part */
 
 typedef struct { int node; vec3 at; } place;
 

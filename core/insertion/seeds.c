@@ -6,7 +6,7 @@
 #include "insertion/state/strata.h"
 #include "insertion/tip/tip_path.h"
 
-static const double ON_FACE = -1e-6; /* 1: smallest barycentric weight at which a point counts as inside an element. Rounding tolerance */
+static const double ON_FACE = -1e-6; /* dimensionless: smallest barycentric weight at which a point counts as inside an element. Rounding tolerance */
 
 /* ---- the track, from the tip back ---------------------------------------------------------------------------------------- */
 

@@ -57,7 +57,7 @@ typedef struct {
     int probe_surface;                  /* index of the probe's surface among the groups; -1 if there is no probe */
     tissue tissue;
     inverse *inverse;
-    report about_inverse;               /* name of the chosen owner of the inverse, and the reason for the choice */
+    report about_inverse;               /* kind of inverse that was chosen, and the reason for the choice */
     needle_model needle;
     insertion_model insertion;
 } simulation;

@@ -54,7 +54,7 @@ trocar_status inverse_prepare(inverse *inv, report *why);
 /* True if gathering blocks in advance makes a later request for these blocks much cheaper. */
 bool inverse_prefetches(const inverse *inv);
 
-/* Largest number of new nodes to gather in advance at once, so that a request waits for them a few milliseconds at most. */
+/* Maximum number of new nodes to gather in advance at once, so that a request waits for them no longer than a few milliseconds. */
 int inverse_slice(const inverse *inv);
 
 /* Returns false if blocks of this node require a factorisation of the whole matrix; such a node should be requested only if it is indispensable. */

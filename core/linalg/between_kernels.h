@@ -8,7 +8,7 @@
 #include "linalg/rows.h"
 
 enum {
-    BETWEEN_POINTS = 81,     /* largest number of points */
+    BETWEEN_POINTS = 81,     /* maximum number of points */
     BETWEEN_PLACES = (BETWEEN_POINTS + 2 * ROW_ROOM - 2) / ROW_ROOM * ROW_ROOM, /* number of places, padded to whole cache lines and by the part of a
                                                                                    vector that can extend beyond the last place */
     BETWEEN_JOINTS = 3,      /* number of consecutive joints between which a point on the needle is interpolated */

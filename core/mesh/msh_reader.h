@@ -16,8 +16,8 @@ typedef struct {
 } msh_element;
 
 typedef struct { int dimension, entity, tag; } msh_membership;                   /* says that the entity is in the physical group `tag` */
-typedef struct { int dimension, tag; char text[MESH_NAME + 1]; } msh_name;       /* a name that is too long is cut off one character beyond the longest
-                                                                                    name of a group */
+typedef struct { int dimension, tag; char text[MESH_NAME + 1]; } msh_name;       /* a name that is too long is truncated to one character more than the maximum
+                                                                                    length of a group's name */
 
 /* Which of the parts required for a mesh a file contains. */
 typedef struct {

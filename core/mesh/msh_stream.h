@@ -38,7 +38,7 @@ int64_t msh_text_int_line(msh_stream *s);
 /* Reads a real number in text form. */
 double msh_text_real(msh_stream *s);
 
-/* Reads the text between the double quotes in the rest of this line, or "" if there are none. A longer string is cut off at `room` - 1 characters. */
+/* Reads the text between the double quotes in the rest of this line, or "" if there are none. A longer string is truncated to `room` - 1 characters. */
 void msh_quoted(msh_stream *s, char *text, size_t room);
 
 /* Reads the byte-order mark of a binary file: the number 1 as 4 bytes. */

@@ -6,8 +6,8 @@
 #include "linalg/row_triples.h"
 
 enum {
-    REACHED = 12,                         /* largest number of nominal nodes that one addition couples to: the nodes of two elements and their neighbours */
-    MAX_EXTRA = REACHED + 4,             /* largest number of nominal nodes that one addition needs outside the window */
+    REACHED = 12,                         /* maximum number of nominal nodes that one addition couples to: the nodes of two elements and their neighbours */
+    MAX_EXTRA = REACHED + 4,             /* maximum number of nominal nodes that one addition needs outside the window */
     MAX_PLACES = MAX_HANDLES + MAX_EXTRA, /* handles, followed by extra nodes */
     NESTED_LD = 3 * MAX_PLACES,
 };

@@ -25,7 +25,7 @@ bool in_line_with_hole(pose home, pose base, double needle_length) {
     return hypot(from.x, from.y) < IN_LINE && hypot(tip.x, tip.y) < IN_LINE;
 }
 
-/* Returns the fraction of `rest` that remains after a step of length `most` at most. */
+/* Returns the fraction of `rest` that remains after a step no longer than `most`. */
 static double left_of(double rest, double most) { return rest > most ? (rest - most) / rest : 0.0; }
 
 bool approach_step(rate_control_state *d, const rate_control_limits *limits, double dt) {

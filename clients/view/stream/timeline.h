@@ -43,7 +43,7 @@ typedef struct {
     int64_t picture, sample;
 } timeline_cursor;
 
-/* Adds the seeds of the newest picture, after that picture. For a log only; live, seeds arrive in messages of their own. */
+/* Adds the seeds of the newest picture, after that picture. For a log only; in live mode, seeds arrive in messages of their own. */
 trocar_status timeline_add_seeds(timeline *t, const trocar_seeds_t *seeds, report *why);
 
 bool timeline_has_news(const timeline *t, const timeline_cursor *cursor);

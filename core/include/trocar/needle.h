@@ -45,7 +45,7 @@ enum {
 
 /* ---- tracks ---- */
 
-enum { TROCAR_MAX_TRACKS = 128, TROCAR_MAX_TRACK_POINTS = 1024 }; /* largest numbers per needle; enough for 4 m of tracks */
+enum { TROCAR_MAX_TRACKS = 128, TROCAR_MAX_TRACK_POINTS = 1024 }; /* maximum counts per needle; enough for 4 m of tracks */
 
 /* A point of a track, along which a needle has cut since its last reset. Tissue stays cut, so any needle meets less resistance along a track. */
 typedef struct trocar_track_point {

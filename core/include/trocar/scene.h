@@ -38,7 +38,7 @@ TROCAR_API trocar_status trocar_scene_get_number(const trocar_scene *scene, cons
 /* Returns the number of entries of "regions", "membranes", "guides", "fixed" or "relaxation"; -1 for any other key. [one] */
 TROCAR_API int trocar_scene_count(const trocar_scene *scene, const char *list);
 
-/* Returns the path from which the scene was loaded, as it was given; empty if the scene was not loaded. Valid as long as the scene. [one] */
+/* Returns the path from which the scene was loaded, as it was given; empty if the scene was not loaded. Valid as long as the scene exists. [one] */
 TROCAR_API const char *trocar_scene_path(const trocar_scene *scene);
 
 /* Limits of the key "rate_hz", Hz. */

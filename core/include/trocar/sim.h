@@ -98,10 +98,10 @@ typedef struct trocar_work {
    error (NO_MEMORY, NUMERIC) the last answer remains in use. [work, allocates] */
 TROCAR_API trocar_status trocar_sim_work(trocar_sim *sim, trocar_work *work, trocar_error *error);
 
-/* Returns a descriptor for poll() that is readable while a request waits. It belongs to the simulation. [any, RT] */
+/* Returns a descriptor for poll() that is readable while a request is pending. It belongs to the simulation. [any, RT] */
 TROCAR_API int trocar_sim_work_descriptor(const trocar_sim *sim);
 
-/* Returns the ns, on the simulation's clock, since the oldest unanswered request; 0 if all requests have been answered. [tick, RT] */
+/* Returns the time in ns, on the simulation's clock, since the oldest unanswered request; 0 if all requests have been answered. [tick, RT] */
 TROCAR_API int64_t trocar_sim_waiting(const trocar_sim *sim);
 
 /* ---- save and restore ---- */
@@ -118,7 +118,7 @@ TROCAR_API trocar_status trocar_sim_restore(trocar_sim *sim, const void *state, 
    [alone, RT] */
 TROCAR_API void trocar_sim_set_clock(trocar_sim *sim, int64_t (*clock)(void));
 
-/* Returns the ns spent in each stage of the last tick. [tick, RT] */
+/* Returns the time in ns spent in each stage of the last tick. [tick, RT] */
 enum { TROCAR_STAGE_TISSUE, TROCAR_STAGE_NEEDLE, TROCAR_STAGE_CONTACT, TROCAR_STAGE_WRENCH, TROCAR_STAGES };
 TROCAR_API void trocar_sim_stages(const trocar_sim *sim, int64_t nanoseconds[4]);
 

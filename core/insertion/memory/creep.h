@@ -42,7 +42,7 @@ vec3 creep_load(const insertion_model *model, const tissue_memory *memory, int i
 /* Load (N) that is equivalent to the memory of the tip's share; zero if the tip has no share. RT */
 vec3 creep_tip_load(const insertion_model *model, const tissue_memory *memory);
 
-/* Load equivalent to a residual load, N. RT */
+/* Load on the tissue (N) that is equivalent to a residual load. RT */
 vec3 creep_residual_load(const insertion_model *model, const residual_load *residual);
 
 /* Traction along the shaft (N/m) that is equivalent to the memory of point i's share. Point i must not be a guide's. To be called after creep_divide. RT */

@@ -18,7 +18,7 @@ static double off_zero(double pivot, double least) { return fabs(pivot) < least 
 
 static principal diagonalise(double p, double q, double r, double scale) {
     double least = LEAST_PIVOT * scale, half = 0.5 * (r - p), root = sqrt(half * half + q * q), sum = fabs(half) + root;
-    bool diagonal = root == 0.0; /* otherwise, Jacobi's rotation by the smaller angle, with tangent t */
+    bool diagonal = root == 0.0; /* otherwise, the Jacobi rotation by the smaller angle, with tangent t */
     double t = diagonal ? 0.0 : q / copysign(sum, half), c = diagonal ? 1.0 : sqrt(0.5 * sum / root);
     return (principal){c, t * c, {off_zero(p - t * q, least), off_zero(r + t * q, least)}};
 }
@@ -182,9 +182,9 @@ static bool switch_state(contact_problem *p, int i, double slip, bool may_switch
     return true;
 }
 
-/* Active-set search. All inconsistent contacts switch at once, usually about twice. If that cycles, they switch one at a time in least-index order, which
-   terminates for positive definite problems (Murty 1974). `negative`: number of negative eigenvalues of the compliance between the points that stick or
-   that slide with viscosity. */
+/* Active-set search. All inconsistent contacts switch at once; usually, about two rounds are needed. If that cycles, they switch one at a time in least-index
+   order, which terminates for positive definite problems (Murty 1974). `negative`: number of negative eigenvalues of the compliance between the points that
+   stick or that slide with viscosity. */
 static bool search_states(contact_problem *p, int *negative) {
     int limit = ROUNDS_TOGETHER + ROUNDS_EACH * (p->axial_count + p->ahead.count);
     double slip[MAX_AXIAL];

@@ -21,7 +21,7 @@ typedef struct {
     vec3 along;              /* direction along which columns are counted; any length; zero if not given */
     vec3 rows_along;         /* direction along which rows are counted; only its sign relative to `along` matters; zero selects normal x along */
     int columns, rows;
-    double spacing;          /* m, between the axes of neighbouring holes */
+    double spacing;          /* m, distance between the axes of neighbouring holes */
     double hole_diameter;    /* m */
     double thickness;        /* m; 0: a single plane, which does not constrain the needle's direction */
     double stiffness;        /* N/m, stiffness of a hole's edge, the same in all directions */

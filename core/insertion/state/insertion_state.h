@@ -31,7 +31,7 @@ typedef struct {
     double slip;             /* m, slip in the last solve, positive if the shaft moves forward relative to the tissue; applied by the next tick */
     double slid;             /* m, distance slid since the shaft last stuck */
     friction_state friction;
-    double traction;         /* N/m, force along the needle per length of the share */
+    double traction;         /* N/m, force along the needle per unit length of the share */
     double softness;         /* m^2/N, mean over the share of the local compliance to a line force along the needle, per logarithm; 0 if not known yet */
     double stiffening;       /* mean over the share of the regions' stiffening coefficient */
     roll_friction roll;

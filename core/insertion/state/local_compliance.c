@@ -2,7 +2,7 @@
 
 #include <stdlib.h>
 
-static const double LEAST_LOGARITHM = 0.02; /* 1: smallest logarithm of the ratio of resolved radius to needle radius; keeps contacts independent where the
+static const double LEAST_LOGARITHM = 0.02; /* dimensionless: smallest logarithm of the ratio of resolved radius to needle radius; keeps contacts independent where the
                                                mesh itself resolves the needle's surface. Chosen by judgement */
 static const double EMBEDDING_DEPTH = 4.0; /* radii: depth below the surface from which a disc counts as embedded in an infinite body. Fitted to resolved
                                               finite elements, within 2 % */

@@ -44,7 +44,7 @@ double tracks_puncture_distance(const track_list *list, int membrane, vec3 x, do
 /* The point of a track that is closest to a given point x. */
 typedef struct {
     double distance;         /* m, distance from x; INFINITY if no point is within reach */
-    vec3 point, along;       /* m, the closest point; and the unit vector along the cut */
+    vec3 point, along;       /* point, m: the closest point; along: unit vector along the cut */
     double ahead, behind;    /* m, length of the track from the point to its end and back to its start */
 } track_place;
 

@@ -55,8 +55,8 @@ static void tip_glide(const tick_input *tick, insertion_state *state, tick_outpu
     tip->barrier.entering = true;
 }
 
-/* The tip slides half the distance that would return the force to the friction cone. The full distance could overshoot, and lift off a needle that hardly
-   presses. */
+/* The tip slides half the distance that would return the force to the friction cone. The full distance could overshoot and lift a needle that barely presses
+   off the surface. */
 void tip_glide_on_surface(const tick_input *tick, insertion_state *state, tick_output *output) {
     const insertion_model *model = tick->model;
     const needle_tip *tip = &state->tip;

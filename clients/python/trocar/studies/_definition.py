@@ -148,7 +148,7 @@ class Study:
         return [column for measure in self.measures for column in measure.columns()]
 
     def manifest(self) -> dict[str, str]:
-        """Returns a text that contains everything on which the results depend, to distinguish studies."""
+        """Returns a string that contains everything the results depend on, to tell studies apart."""
         version = f"trocar {__version__}"
         if self.method in ("sobol", "latin hypercube", "saltelli") or any(p.kind == "normal" for p in self.parameters):
             import scipy    # scipy is needed to draw the samples

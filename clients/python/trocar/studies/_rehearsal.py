@@ -17,10 +17,10 @@ from ..brachy.plan import Turn
 
 Array = npt.NDArray[np.float64]
 
-BACK = 4e-3        # m before the desired depth, place at which a state is saved, from which insertions to other depths continue
-BEFORE_TURN = 6e-3    # m before a turn, place at which a state is saved, from which insertions with other turns continue
-STATES = 6         # largest number of saved states
-ROUNDS = 8         # largest number of iterations in the search for the depth
+BACK = 4e-3        # m, distance before the desired depth at which a state is saved, from which insertions to other depths continue
+BEFORE_TURN = 6e-3    # m, distance before a turn at which a state is saved, from which insertions with other turns continue
+STATES = 6         # maximum number of saved states
+ROUNDS = 8         # maximum number of iterations in the search for the depth
 EXACT = 2e-6       # m, tolerance of the search for the depth
 FARTHEST = 6e-3    # m, largest step in the search for the depth
 

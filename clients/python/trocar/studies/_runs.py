@@ -222,7 +222,7 @@ class TaskFile:
             raise BadStudy(f"{self.path}: cannot be locked: {error.strerror}: choose with --out a folder on a file system that supports locks") from None
 
     def append(self, row: Row) -> None:
-        """Appends a row. The row survives a kill of this process immediately, and a power failure after one second."""
+        """Appends a row. From then on, the row survives a kill of this process; after one second, also a power failure."""
         data = checked(line_of(cells_of(row)))
         if os.write(self._file, data) != len(data):
             raise OSError(28, "No space left on device", str(self.path))
@@ -356,7 +356,7 @@ class Outcome(NamedTuple):
 
 
 def carry_out(study: Study, out: Path, task: tuple[int, int], workers: int, progress: Callable[[int, int], None], say: Callable[[str], None]) -> Outcome:
-    """Does those runs of task (i, of N) that are not in any file yet. Reports progress (done, of)."""
+    """Carries out those runs of task (i, of N) that are not in any file yet. Reports progress (done, of)."""
     out.mkdir(parents=True, exist_ok=True)
     check_manifest(study, out)
     samples = study.samples()

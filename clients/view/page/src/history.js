@@ -93,7 +93,7 @@ export class History {
       if (track.marks[0]?.time < before) track.marks = track.marks.filter((mark) => mark.until >= before) // the first mark may extend into the remaining time
   }
 
-  /** Returns the index of the newest picture not after `time`; 0 before the first. */
+  /** Returns the index of the newest picture at or before `time`; 0 if there is none. */
   pictureIndex(time) {
     let low = 0, high = this.pictures.length - 1
     while (low < high) {

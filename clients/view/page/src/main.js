@@ -17,7 +17,7 @@ import { Stage } from './view3d.js'
 import { FRESH, showBanner, Silence, stateOf } from './state.js'
 
 const STRIP_SPAN = 60 // s, live
-const asked = new URLSearchParams(location.search), posing = asked.has('picture') // only render one picture and send it back
+const asked = new URLSearchParams(location.search), posing = asked.has('picture') // `posing`: only render one picture and send it back
 
 const element = (id) => document.getElementById(id)
 if (!document.createElement('canvas').getContext('webgl2')) {
@@ -237,7 +237,7 @@ function showHome() {
   if (element('follow').checked) followTip()
 }
 
-/** True for identical pictures, as of needles at rest; but tracks may arrive later, so they are compared as well. */
+/** True for identical pictures, such as those of needles at rest. Tracks may arrive later, so they are compared as well. */
 function looksSame(a, b) {
   const equal = (x, y) => x.length === y.length && x.every((value, i) => value === y[i])
   const alike = (x, y) => x === y || Boolean(x && y) && equal(x.joints, y.joints) && equal(x.contacts, y.contacts) && equal(x.orientation, y.orientation)

@@ -13,7 +13,7 @@ const VERTEX = `
 
 const FAN = `
   uniform vec2 probe; uniform vec2 reach; uniform float spread;
-  // 1 inside the probe's fan, with soft edges; LINEAR: inside of a rectangle beside a probe along the slice
+  // 1 inside the probe's fan, with soft edges; with LINEAR, inside a rectangle beside a probe that lies along the slice
   float fan(vec2 at) {
     #ifdef LINEAR
       vec2 aside = abs(at - probe - vec2(0.0, 0.5 * (reach.x + reach.y)));

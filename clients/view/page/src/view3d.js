@@ -24,7 +24,7 @@ function rampTexture() {
   return texture
 }
 
-/** Returns the factor on the camera's distance for this aspect ratio, so that the same width is visible. */
+/** Returns the factor by which to multiply the camera's distance for this aspect ratio, so that the same width is visible. */
 const room = (aspect) => Math.max(1, 1.25 / aspect)
 
 function drawsInSoftware() {

@@ -25,7 +25,7 @@ const ANSWERS = { // texts shown when a command has been carried out or refused;
   take: ['Needle # is held again.', 'Needle # not taken'],
   remove: ['Needle # is out.', 'Needle # not pulled out'],
 }
-const STRAND = 16 // largest number of seeds in a strand
+const STRAND = 16 // maximum number of seeds in a strand
 const OWNERS = { here: 'driven here', elsewhere: 'held by a device', nobody: 'free' }
 
 const element = (id) => document.getElementById(id)

@@ -1,4 +1,4 @@
-// The template: names and positions of its holes. A name has a letter for the column, from A, and a number for the row, from 1 in halves.
+// The template: names and positions of its holes. A name has a letter for the column, from A, and a number for the row, from 1 in steps of 0.5.
 import * as THREE from 'three'
 
 export function columnName(column) {
@@ -37,13 +37,13 @@ export class Template {
     return this.origin.clone().addScaledVector(this.along, (column - (this.columns - 1) / 2) * spacing).addScaledVector(this.up, (row - (this.rows - 1) / 2) * spacing)
   }
 
-  /** Returns the corners of a rectangle somewhat beyond the outer holes. */
+  /** Returns the corners of a rectangle that extends somewhat beyond the outer holes. */
   corners() {
     const { spacing } = this.guide
     return [[0, 0, -1], [this.columns - 1, this.rows - 1, 1]].map(([column, row, side]) => this.place({ column, row }).addScaledVector(this.along, 1.6 * side * spacing).addScaledVector(this.up, 2.6 * side * spacing))
   }
 
-  /** Returns the hole in line with a point, and the point's distance from the hole's axis (m); null beside the template. */
+  /** Returns the hole in line with a point, and the point's distance from the hole's axis (m); null if the point is beside the template. */
   nearest(point) {
     const { spacing } = this.guide, from = point.clone().sub(this.origin)
     const column = Math.round(from.dot(this.along) / spacing + (this.columns - 1) / 2), row = Math.round(from.dot(this.up) / spacing + (this.rows - 1) / 2)

@@ -88,8 +88,8 @@ class Flags(enum.IntFlag):
     UNSTABLE = 32  # a value is not finite: the insertion restarts
     OVERRUN = 64  # too many consecutive periods were missed: the wrench is ramped to zero
     ACTIVE = 128  # the hand received more energy than it supplied (see energy in status_t), or oscillated, and the coupling has been softened
-    MISSED_GUIDE = 256  # the needle passes a guide beside its holes, and is not guided
-    OUTSIDE_MODEL = 512  # the shaft is pushed into a body from the side, where the model has no force: do not trust the wrench
+    MISSED_GUIDE = 256  # the needle passes a guide outside its holes and is not guided
+    OUTSIDE_MODEL = 512  # the shaft is pushed into a body from the side, for which the model computes no force: do not trust the wrench
     PROBE_STOPPED = 1024  # the tissue stops the ultrasound probe short of its pose: see probe_wrench_t
 
 
@@ -103,12 +103,12 @@ class Events(enum.IntFlag):
     EXITED = 16  # the tip left the tissue on the far side
     REENTERED = 32  # the tip came back into the tissue after EXITED
     WITHDRAWN = 64  # the needle left the tissue where it had entered
-    LATE = 128  # like the flag LATE_WORKER, set in every tick
-    FULL = 256  # no free contact was left to add, or the track has more than 256 layers
-    UNSTABLE = 512  # like the flag UNSTABLE
+    LATE = 128  # same meaning as the flag LATE_WORKER; set in every tick while the condition holds
+    FULL = 256  # no free contact slot was left, or the track has more than 256 layers
+    UNSTABLE = 512  # same meaning as the flag UNSTABLE
     KEPT = 1024  # no longer set
-    MISSED_GUIDE = 2048  # like the flag MISSED_GUIDE, set in every tick
-    OUTSIDE_MODEL = 4096  # like the flag OUTSIDE_MODEL, set in every tick
+    MISSED_GUIDE = 2048  # same meaning as the flag MISSED_GUIDE; set in every tick while the condition holds
+    OUTSIDE_MODEL = 4096  # same meaning as the flag OUTSIDE_MODEL; set in every tick while the condition holds
     TRACK_DROPPED = 8192  # there was no room for more tracks: the needle's oldest track has been dropped
     INEXACT = 16384  # the solver did not reach its tolerance: the error of the wrench may be larger
 

@@ -69,7 +69,7 @@ typedef struct {
     bool has_probe;          /* the scene has a probe */
     int commands_done;       /* number of commands from the log that have been handled */
     int refused, refused_before; /* number of commands refused in this replay, and number that the server had already refused */
-    report refusal;          /* reason of the first refusal in this replay */
+    report refusal;          /* reason for the first refusal in this replay */
     replayed_needle needles[TROCAR_MAX_NEEDLES];
     int gaps;                /* number of gaps longer than POSE_LOG_GAP */
 } replay;

@@ -96,7 +96,7 @@ static void show(trocar_sim *sim, needle_track *n) {
     link_publish_shown(&n->link);
 }
 
-/* Shows at most `most` needles whose forces differ from the shown ones by more than `difference`. */
+/* Shows up to `most` needles whose forces differ from the shown ones by more than `difference`. */
 static void show_changed(trocar_sim *sim, double difference, int most) {
     for (int i = 0; i < sim->needle_count && most > 0; i++) {
         needle_track *n = &sim->needles[sim->next_shown = (sim->next_shown + 1) % sim->needle_count];

@@ -9,7 +9,7 @@
 
 enum { MAX_MOTIONS = 5 };    /* motions of the base: all except the rotation about the needle's axis, which friction prevents */
 
-typedef struct { vec3 shift, turn; } base_motion; /* m, translation, and rad, rotation about the base; world frame */
+typedef struct { vec3 shift, turn; } base_motion; /* world frame; shift, m: translation; turn, rad: rotation about the base */
 
 /* Plain data. Forces on tissue and guides are stored like the unknowns of the contact problem: in the same order, and in the needle's frame. */
 typedef struct {

@@ -21,7 +21,7 @@ typedef struct {
     int columns_known[MAX_NEEDLES]; /* number of columns computed so far */
     int load_room, *nodes;   /* scratch memory for the loads of held needles */
     vec3 *nodal;
-    int next_slip, quiet, slips_left; /* next needle to check; number of needles checked since the last slip; largest number of checks that remain */
+    int next_slip, quiet, slips_left; /* next needle to check; number of needles checked since the last slip; maximum number of remaining checks */
     bool slipped;            /* true if `load` does not contain the latest slips yet */
     uint64_t changes;        /* number of changes of the set */
     uint64_t shifts;         /* number of changes of `load` */
@@ -39,7 +39,7 @@ trocar_status resting_set_attach(resting_set *s, int count, resting_needle *cons
 /* Computes the needles' forces and motions under these loads. */
 trocar_status resting_set_load(resting_set *s, const other_loads *held, report *why);
 
-/* Lets needles slip whose forces exceed their friction bounds, one after another, at most `most` per call. Returns true if more needles have to slip. */
+/* Lets needles slip whose forces exceed their friction bounds, one after another, up to `most` per call. Returns true if more needles have to slip. */
 bool resting_set_slip(resting_set *s, const insertion_model *model, int most);
 
 /* For a release. Before it, all resting needles record their forces (for the released needle, resting_bore does this); after it, the effect of the change

@@ -20,7 +20,7 @@ typedef struct {
     int probes_done, commands_done; /* number of probe poses and commands handled so far */
     waiting_drop waiting;
     int refused;             /* number of commands for seeds that are refused here although the server had not refused them */
-    report refusal;          /* reason of the first refusal */
+    report refusal;          /* reason for the first refusal */
     int gaps;
 } playback;
 

@@ -112,7 +112,7 @@ static void append_sections(web *w, browser *b) {
     }
 }
 
-/* Sends the reason of a refusal. Returns -1 to close the connection. */
+/* Sends the reason for a refusal. Returns -1 to close the connection. */
 static int send_refusal(const browser *b) {
     char reason[100];
     int length = snprintf(reason, sizeof reason, "%d browsers are connected already: close one of them.", WEB_BROWSERS);

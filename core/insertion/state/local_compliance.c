@@ -2,8 +2,8 @@
 
 #include <stdlib.h>
 
-static const double LEAST_LOGARITHM = 0.02; /* dimensionless: smallest logarithm of the ratio of resolved radius to needle radius; keeps contacts independent where the
-                                               mesh itself resolves the needle's surface. Chosen by judgement */
+static const double LEAST_LOGARITHM = 0.02; /* dimensionless: smallest logarithm of the ratio of resolved radius to needle radius; keeps contacts independent
+                                               where the mesh itself resolves the needle's surface. Chosen by judgement */
 static const double EMBEDDING_DEPTH = 4.0; /* radii: depth below the surface from which a disc counts as embedded in an infinite body. Fitted to resolved
                                               finite elements, within 2 % */
 static const double DENSITY = 1050.0; /* kg/m^3: density of soft tissue, for the speed of shear waves, which limits how fast tissue springs back. Cited: ICRU

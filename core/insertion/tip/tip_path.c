@@ -5,7 +5,8 @@
 #include "insertion/track/obstacle.h"
 #include "insertion/track/old_tracks.h"
 
-static const double GRAZING = 0.2; /* dimensionless: sine of the angle between tip direction and outer face below which the tip moves along the face. Chosen: 11 degrees */
+static const double GRAZING = 0.2; /* dimensionless: sine of the angle between tip direction and outer face below which the tip moves along the face. Chosen: 11
+                                      degrees */
 static const double GRAZING_DEPTH = 1e-5; /* m: depth of `nominal` below the face that the tip grazes. Rounding tolerance */
 static const double SAME_FORCE = 1e-6; /* fraction: relative amount by which a resistance may exceed the tip's cutting force and still be overcome.
                                           Rounding tolerance */

@@ -53,8 +53,8 @@ static const double WATCHDOG = 0.02;       /* s */
 static const double RAMP = 0.1;            /* s, duration of the ramp after an outage */
 static const double PATIENCE = 0.1;        /* s of silence after which the client follows another server */
 static const double LONGEST_PERIOD = 0.01; /* s: if the device's loop takes longer, the wrench may change by no more than the rate limits allow in this time */
-static const double MAX_FORCE = 20.0, MAX_TORQUE = 1.0;                 /* N and N m: the limits that apply to a scene without `device` keys */
-static const double MAX_FORCE_RATE = 2000.0, MAX_TORQUE_RATE = 100.0;   /* N/s and N m/s: the rate limits that apply to a scene without `device` keys */
+static const double MAX_FORCE = 20.0, MAX_TORQUE = 1.0;                 /* limits of force (N) and torque (N m) for a scene without `device` keys */
+static const double MAX_FORCE_RATE = 2000.0, MAX_TORQUE_RATE = 100.0;   /* limits of their rates (N/s and N m/s) for such a scene */
 static const double LONGEST_REPLY = 3.0;   /* s to wait for a reply; even with 25 needles at rest, a server leaves another one within 0.1 s */
 static const double LONGEST_ECHO = 10.0;   /* s within which the client's first message must come back from the network */
 
@@ -684,7 +684,7 @@ static void take_wrench(trocar_client *c, const unsigned char *bytes, size_t siz
     slots_publish(&c->wrench_slots);
 }
 
-/* Keeps only printable ASCII characters, because texts from the network may be printed on a terminal. */
+/* Keeps only printable ASCII characters, because text from the network may be printed on a terminal. */
 static void make_printable(char *text) {
     for (; *text != '\0'; text++)
         if (*text < ' ' || *text > '~') *text = '?';

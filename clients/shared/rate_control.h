@@ -17,16 +17,16 @@ typedef struct {
     double max_speed;           /* m/s along the needle's axis; the maximum sideways speed is half of this */
     double max_turn_rate;       /* rad/s */
     double ramp;                /* s, time from rest to full speed */
-    double max_sideways;        /* m, largest distance from home along its x and y axes */
-    double max_back, max_forward; /* m, largest distances from home along its z axis */
-    double max_tilt;            /* rad, largest angle between the needle and its direction at home */
+    double max_sideways;        /* m, maximum distance from home along its x and y axes */
+    double max_back, max_forward; /* m, maximum distances from home along its z axis */
+    double max_tilt;            /* rad, maximum angle between the needle and its direction at home */
     bool along_needle;          /* forward is along the needle's axis, which may be tilted, instead of z of the home pose */
 } rate_control_limits;
 
 typedef struct {
     pose home;
     pose base;
-    vec3 velocity, turn;        /* m/s and rad/s, in the home pose's frame; turn.z is the speed of the roll about the needle's axis */
+    vec3 velocity, turn;        /* velocity (m/s) and angular velocity (rad/s) in the home pose's frame; turn.z is the rate of roll about the needle's axis */
 } rate_control_state;
 
 /* Returns the limits for a needle of this length, m. */

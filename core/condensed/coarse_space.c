@@ -74,7 +74,7 @@ static void modes_at(vec3 at, double z[3][MODES]) {
 typedef struct {
     int *part_of;            /* part of each node */
     vec3 *at;                /* position of each node */
-    int *slot, *touched;     /* for each part: index of its block in the table, or -1; list of the parts that have a block */
+    int *slot, *touched;     /* slot: for each part, index of its block in the table, or -1; touched: list of the parts that have a block */
     double (*table)[MODES][MODES];
     int count;
 } columns_of_part;

@@ -25,7 +25,7 @@ typedef struct {
 typedef struct {
     int begin, end;          /* range of at most PANEL_ROWS rows; if there are fewer, the block is padded with ones on the diagonal */
     bool turned;             /* true if the rows are rotated in pairs, by the angles below */
-    double cosine[PANEL_ROWS / 2], sine[PANEL_ROWS / 2], inverse[PANEL_ROWS]; /* angles of the rotations; inverse pivots */
+    double cosine[PANEL_ROWS / 2], sine[PANEL_ROWS / 2], inverse[PANEL_ROWS]; /* cosines and sines of the rotation angles; inverse pivots */
     double block[PANEL_ROWS][PANEL_ROWS];                                     /* the diagonal block on and above its diagonal; after the elimination, its
                                                                                  rows are not divided by the pivots */
     _Alignas(CACHE_LINE) double undivided[PANEL_ROWS][MOST_COLUMNS];          /* to the right of the block: rows before division by their pivots */

@@ -70,7 +70,7 @@ void panel_multiply(const panel *from, int row, int rows, int column, int column
 typedef struct {
     const panels *all;
     const panel *to;
-    int j, factored;         /* number of panels that contribute */
+    int j, factored;         /* factored: number of panels that contribute */
     int pieces;
 } share;
 

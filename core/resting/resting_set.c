@@ -235,7 +235,7 @@ static void find_slips(const insertion_model *model, const resting_needle *r, co
     for (int sweep = 0; sweep < MOST_SWEEPS; sweep++) {
         double worst = 0.0;
         for (int i = 0; i < r->axial_count; i++) {
-            double yields = -w[i][i], alone = force[i] + yields * slip[i]; /* force that would act without this slip */
+            double yields = -w[i][i], alone = force[i] + yields * slip[i]; /* alone: force that would act without this slip */
             if (!(yields > YIELDING)) continue;
             double now = alone > upper[i] ? (alone - upper[i]) / yields : alone < lower[i] ? (alone - lower[i]) / yields : 0.0, more = now - slip[i];
             if (more == 0.0) continue;

@@ -114,7 +114,7 @@ static meeting meet(const shaft_steps *steps, int k, const shaft_piece *piece) {
     double a = v3_dot(place_at(piece, piece->from), between), b = v3_dot(place_at(piece, piece->to), between);
     double centre = 0.5 * (a + b), half_piece = fmax(0.5 * fabs(b - a), LEAST_PIECE);
     vec3 place = v3_axpy((middle - v3_dot(piece->place, between)) / lean, other, piece->place);
-    double halfway = 0.5 * (middle + centre), apart = middle - centre; /* where both lines see the same distance between them */
+    double halfway = 0.5 * (middle + centre), apart = middle - centre; /* halfway: coordinate at which both lines see the same distance between them */
     vec3 here = v3_axpy((halfway - middle) / lean, along, steps->at[k].place), there = v3_axpy((halfway - middle) / lean, other, place);
     double width = fmax(2.0 * v3_norm(v3_sub(there, here)), LEAST_PIECE);
     if (fabs(apart) >= half + half_piece + 0.5 * width) return (meeting){.part = 0.0};

@@ -16,7 +16,7 @@ enum {
 /* The piece of a needle's shaft that a contact point represents: a straight line along the track at that point. Used for held and resting needles, for
    contacts and the tip. */
 typedef struct {
-    double from, to;         /* m of depth along the track; equal if the force acts without a shaft, for example for residual loads */
+    double from, to;         /* m, depths along the track; equal if the force acts without a shaft, for example for residual loads */
     double depth;            /* m, depth at `place` */
     vec3 place, direction;   /* place, m: nominal point of the track; direction: unit vector along the track */
     line_in_tet line;        /* line on which the mesh's resolution is measured */

@@ -13,11 +13,11 @@ typedef struct {
     double poisson_ratio;      /* below 0.5 */
     double stiffening;         /* C20 / C10 of a Yeoh material; 0 if linear. Used only for the local compliance; K is linear */
     double cutting_force;      /* N, cutting resistance at the tip; INFINITY for bone, which cannot be cut */
-    double cutting_viscosity;  /* N s/m, additional resistance per unit of tip speed */
+    double cutting_viscosity;  /* N s/m, additional resistance per unit tip speed */
     double spreading_force;    /* N, resistance at the tip that remains along an open track */
     double friction_static;    /* N/m, limit of the shaft's friction per unit length while sticking */
     double friction_kinetic;   /* N/m, limit of the shaft's friction per unit length after sliding over the weakening distance */
-    double friction_viscous;   /* N s/m^2, additional friction per unit length and unit of sliding speed */
+    double friction_viscous;   /* N s/m^2, additional friction per unit length and unit sliding speed */
 } region_material;
 
 /* How the volumetric energy, lambda/2 (div u)^2, is integrated. If it is integrated by element, linear tetrahedra lock (at nu = 0.45, needle forces are 10

@@ -110,7 +110,7 @@ static double smooth(double from, double to, double x) {
 }
 
 typedef struct {
-    double near, far;        /* m, smallest and largest distance from the probe that are shown */
+    double near, far;        /* m, smallest and largest distance from the probe in the image */
     double side;             /* half of the sector's angle (rad), or half of the rectangle's length (m) */
     double centre;           /* m, position of the rectangle's centre */
 } fan;

@@ -16,7 +16,7 @@ enum { QUEUE = 512 * TROCAR_MAX_NEEDLES }; /* half a second of wrenches */
 
 static const int64_t SILENCE = 500000000; /* ns without a wrench after which the server is considered to have stopped */
 static const int64_t STALL = 150000000;   /* ns; a longer gap between two checks counts as a pause of this program; the viewer checks every 0.1 s */
-static const double OWNER_SILENCE = 2.0;  /* s, as in the server */
+static const double OWNER_SILENCE = 2.0;  /* s of silence after which an owner may lose the needle; same value as in the server */
 static const int64_t NEWS = 150000000; /* ns for which a needle's last wrench is a more reliable source for its owner than the last status */
 
 /* ---- the channels ---- */

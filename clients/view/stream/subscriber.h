@@ -30,8 +30,8 @@ typedef struct {
     int64_t started;         /* ns, monotonic: time of the timeline's zero */
     double period;           /* s, period of the server's loop */
     int64_t heard;           /* ns, monotonic: arrival of the last wrench; 0 before the first */
-    int64_t silence, checked; /* ns of silence since then while this program was running, and time of the last count */
-    int64_t tick, server;    /* tick and server of that wrench */
+    int64_t silence, checked; /* ns; silence: time since the last wrench, counted only while this program was running; checked: time of the last count */
+    int64_t tick, server;    /* tick and server of the last wrench */
     int64_t servers;         /* number of servers that have been followed so far */
     trocar_loop_timing_t timing;
     needle_feed needles[TROCAR_MAX_NEEDLES];

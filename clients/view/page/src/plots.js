@@ -144,7 +144,7 @@ export class Plots {
     ink.restore()
   }
 
-  /** Draws a text with a background, so that it is readable on top of curves. */
+  /** Draws text with a background, so that it is readable on top of curves. */
   label(ink, text, x, y, ratio) {
     ink.save()
     ink.strokeStyle = css('--panel')

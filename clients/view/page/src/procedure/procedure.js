@@ -18,7 +18,7 @@ const IN_LINE = 5e-4 // m, largest distance of the tip from the hole's axis
 const AT_TARGET = 1e-3 // m
 const THROUGH = 0.01 // m: if the tip is outside the tissue while at least this length of the needle is inside, the tip has come out on the far side
 const NONE = { pending: [], seeds: [] }
-const ANSWERS = { // texts shown when a command has been carried out or refused; # stands for the needle
+const ANSWERS = { // messages shown when a command has been carried out or refused; # stands for the needle
   drop: ['The seed is at the tip, still in the needle.', 'No seed dropped'],
   undo: ['The last seed is taken back.', 'Nothing taken back'],
   leave: ['Needle # rests in template and tissue.', 'Needle # not left'],

@@ -17,7 +17,7 @@ function sideOf(scene, axis, sign) {
   return LETTERS[most][patient[most] < 0 ? 1 : 0]
 }
 
-/** Draws a text with a dark edge, so that it is readable on any tissue. */
+/** Draws text with a dark edge, so that it is readable on any tissue. */
 function label(ink, text, x, y, colour) {
   ink.lineWidth = 3 * ink.unit
   ink.strokeStyle = HALO

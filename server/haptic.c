@@ -175,7 +175,7 @@ static void note_hand(haptic *h, virtual_coupling *coupling, safety_decision dec
     if (round_trip >= 0) spsc_ring_push(&h->exchange->round_trips, &round_trip);
 }
 
-/* Adds the time that one needle needs before, during and after the simulation to the tick's stages. `ticked` is false if the simulation was not
+/* Adds the times that one needle takes before, during and after the simulation to the tick's stages. `ticked` is false if the simulation was not
    called. RT */
 static void note_stages(haptic *h, bool ticked, int64_t began, int64_t asked, int64_t answered) {
     int64_t spent[TROCAR_STAGES] = {0};

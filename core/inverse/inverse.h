@@ -23,7 +23,7 @@ typedef struct {
 /* Returns CANCELLED if the caller wants to stop. */
 trocar_status inverse_go_on(inverse_progress progress, report *why);
 
-/* Creates a dense inverse, as in the paper: the whole 3n x 3n matrix, of 8 (3n)^2 bytes. `t` must outlive it. */
+/* Creates a dense inverse, as in the paper (see core/README.md): the whole 3n x 3n matrix, of 8 (3n)^2 bytes. `t` must outlive it. */
 trocar_status inverse_create_dense(tissue *t, inverse_progress progress, inverse **created, report *why);
 
 /* Factorises K (see tissue_factor) and reports progress. */

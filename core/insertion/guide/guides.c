@@ -53,7 +53,7 @@ static void pass_front(const tick_input *tick, const insertion_state *state, con
     s->faces[1].arc = tick->model->needle->given.length;
 }
 
-/* True if the needle is too oblique to its hole for any real needle. */
+/* True if the angle between the needle and its hole is larger than that of any real needle. */
 static bool lies_across(const tick_input *tick, const insertion_state *state, const guide *g, const guide_state *s) {
     needle_point p = needle_at(tick->model->needle, &state->needle, s->faces[0].arc);
     return v3_dot(needle_along(&p), g->normal) < LEAST_SLOPE;

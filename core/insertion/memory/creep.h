@@ -17,7 +17,7 @@ void creep_deposit_all(const insertion_model *model, tissue_memory *memory, cons
 /* Clears all memory, as if the tissue had never been touched. RT */
 void creep_forget(tissue_memory *memory);
 
-/* Computes what results from memory: the displacement of the tissue at each point and the forces that shear the tissue. Multiplies the local compliances
+/* Computes the effects of memory: the displacement of the tissue at each point and the forces that shear the tissue. Multiplies the local compliances
    by the step's yield. To be called after find_tip_rows and find_local_compliance. RT */
 void creep_prepare(const tick_input *tick, insertion_state *state, const contact_points *points, tissue_step *tissue, creep_step *creep,
                    const stiffening_step *stiffening);

@@ -39,7 +39,7 @@ class Outcome(NamedTuple):
 
     depth: float
     error: Array        # (3,) m, vector from the displaced target to the tip
-    shaft: Array        # (joints, 3) m, joints of the needle from base to tip
+    shaft: Array        # (joints, 3) m, positions of the needle's joints from base to tip
     field: Array        # (nodes, 3) m, displacements of the mesh's nodes
 
     @property

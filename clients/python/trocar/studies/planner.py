@@ -70,7 +70,7 @@ class Expected(NamedTuple):
     offset: list[float]       # (3) vector from the displaced target to the tip
     clearance: float | None   # smallest difference between distance and desired clearance, over all obstacles and samples; None without obstacles
     nearest: str              # that obstacle
-    shaft: list[list[float]]  # (joints, 3) joints of the needle from base to tip
+    shaft: list[list[float]]  # (joints, 3) positions of the needle's joints from base to tip
     why: str = ""             # why the insertion cannot be simulated, for the first sample with that problem
 
 

@@ -96,7 +96,7 @@ export class Echo {
   constructor(canvas, marks, plane = AXIAL) {
     this.plane = plane
     this.direction = [0, 1, 2].map((i) => (i === INDEX[plane.normal] ? 1 : 0))
-    this.overlays = [] // functions that draw on the marks, called with this object and its 2D context
+    this.overlays = [] // functions that draw on the `marks` canvas, called with this object and its 2D context
     this.doses = { dose: { value: null }, doseOrigin: { value: new THREE.Vector3() }, doseSize: { value: new THREE.Vector3(1, 1, 1) }, doseTop: { value: 0 } }
     this.focus = () => true // selects the regions that the image must contain
     this.canvas = canvas

@@ -55,7 +55,7 @@ static const double PATIENCE = 0.1;        /* s of silence after which the clien
 static const double LONGEST_PERIOD = 0.01; /* s: if the device's loop takes longer, the wrench may change by no more than the rate limits allow in this time */
 static const double MAX_FORCE = 20.0, MAX_TORQUE = 1.0;                 /* limits of force (N) and torque (N m) for a scene without `device` keys */
 static const double MAX_FORCE_RATE = 2000.0, MAX_TORQUE_RATE = 100.0;   /* limits of their rates (N/s and N m/s) for such a scene */
-static const double LONGEST_REPLY = 3.0;   /* s to wait for a reply; even with 25 needles at rest, a server leaves another one within 0.1 s */
+static const double LONGEST_REPLY = 3.0;   /* s to wait for a reply; a server needs 0.1 s for the slowest command, leave, with 25 other needles at rest */
 static const double LONGEST_ECHO = 10.0;   /* s within which the client's first message must come back from the network */
 
 enum {
@@ -905,7 +905,7 @@ static bool open_receiver(trocar_client *c) {
     struct sockaddr_in own = c->address.group;
     struct ip_mreq membership;
 #ifdef _WIN32
-    own.sin_addr.s_addr = htonl(INADDR_ANY); /* only on other systems can a socket be bound to the multicast group, so that it receives no other datagrams */
+    own.sin_addr.s_addr = htonl(INADDR_ANY); /* Windows cannot bind a socket to a multicast group, which on other systems keeps other datagrams out */
 #endif
     memset(&membership, 0, sizeof membership);
     membership.imr_multiaddr = c->address.group.sin_addr;

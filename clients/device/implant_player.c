@@ -20,7 +20,7 @@ static const int REPEATS = 5;
 static const double AT_TARGET = 0.3e-3; /* m, distance from the displaced target within which the tip is considered to have reached it */
 static const int CORRECTIONS = 5;       /* maximum number of approaches to a target; several may be needed because the needle's motion displaces the target */
 static const double PATIENCE_TO_SEE = 1.0; /* s without pictures after which the player gives up; the server sends 30 pictures per second */
-/* part of the text with which the server refuses a command while a seed is still in the needle: see api_seeds.c */
+/* part of the message with which the server refuses a command while a seed is still in the needle: see api_seeds.c */
 static const char *const PENDING = "still holds";
 
 typedef struct {

@@ -8,7 +8,7 @@
             wrench = server.newest()
             ...                                               # render wrench.force and wrench.torque
 
-It offers the functions of clients/client/trocar_client.h, with the same watchdog, limits and commands. Python is not for real time: for a device
+It offers the functions of clients/client/trocar_client.h, with the same watchdog, limits and commands. Python is not suited to real time: for a device
 that renders force at 1 kHz, use the C library. Positions and orientations may be any sequences of numbers, such as NumPy arrays; results are tuples.
 
 Frames: the scene's world frame, in metres. Quaternions are w, x, y, z. The needle's axis is its local +z, from base to tip, and its bevel
@@ -176,7 +176,7 @@ class _Limiter:
         self.most, self.rate, self.last = most, rate, (0.0, 0.0, 0.0)
 
     def limit(self, wanted, period):
-        """Returns the vector to render after `period` s, and whether it differs from the wanted one."""
+        """Returns the vector to render after `period` s, and whether it differs from the requested one."""
         length = math.sqrt(sum(x * x for x in wanted))
         scale = self.most / length if length > self.most else 1.0
         change = [scale * x - last for x, last in zip(wanted, self.last)]

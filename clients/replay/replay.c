@@ -157,7 +157,7 @@ static trocar_status check_dump_time(const replay *r, report *why) {
     return fail(why, TROCAR_BAD_INPUT, "%s: --at %g s is after the last pose at %g s", r->options->pose_path, r->options->at, end);
 }
 
-/* True if --vtu must write the state now, which is after the first tick at or after --at that moves a needle. */
+/* True if --vtu must write the state now: after the first tick at or after --at that moves a needle. */
 static bool dump_is_due(const replay *r, int tick) {
     if (!r->options->vtu_prefix || r->dumped) return false;
     return isnan(r->options->at) ? tick == r->poses.count - 1 : time_of(r, &r->now.pose) >= r->options->at;

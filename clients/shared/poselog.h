@@ -109,7 +109,7 @@ void wrench_stream_close(wrench_stream *stream);
 trocar_status wrench_log_read(const char *path, wrench_log *log, report *why);
 void wrench_log_free(wrench_log *log);
 
-/* For lockstep: time of pose i, s after the first pose; and length of its tick, s, which is the time since the previous pose, or
+/* For lockstep: the time of pose i (s after the first pose), and the length of its tick (s), which is the time since the previous pose, or
    one period for the first pose. A gap longer than POSE_LOG_GAP counts as POSE_LOG_GAP and adds one to `gaps`. */
 #define POSE_LOG_GAP 0.1     /* s */
 double pose_log_time(const pose_log *log, int i);

@@ -10,7 +10,7 @@
 /* Commanded speeds, each given as a fraction (-1 .. 1) of its maximum. */
 typedef struct {
     double right, up, forward;  /* speeds along x, y and z of the home pose; if `along_needle` is true, forward is along the needle */
-    double pitch, yaw, roll;    /* rotation about x and y of the home pose, and about the needle's axis */
+    double pitch, yaw, roll;    /* rates of rotation about x and y of the home pose, and about the needle's axis */
 } rate_control_command;
 
 typedef struct {

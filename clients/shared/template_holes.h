@@ -14,9 +14,9 @@ int find_template(const trocar_model *model);
    guide has no such hole. */
 bool find_hole(const trocar_guide *guide, const char *name, int *column, int *row);
 
-/* Returns the pose where a hole's axis meets the face at which needles enter. Its z is the hole's axis, and its y is along the rows; its x is along
-   the columns, or against them if `rows_along` makes columns, rows and normal a left-handed system. `column` and `row` count from 0, and may lie
-   half-way between two holes. */
+/* Returns the pose where a hole's axis meets the face at which needles enter. Its z axis is the hole's axis, and its y axis is along the rows; its x axis is
+   along the columns, or against them if `rows_along` makes columns, rows and normal a left-handed system. `column` and `row` count from 0, and may lie half-way
+   between two holes. */
 pose hole_entry(const trocar_guide *guide, double column, double row);
 
 #endif

@@ -22,7 +22,7 @@ trocar_status answer_fully(trocar_sim *sim, int needle, const remesh_request *re
 trocar_status answer_and_publish(trocar_sim *sim, int needle, report *why);
 
 /* Answers the newest request of this needle, if there is one: first the rows, then the mesh's resolution line by line, until a newer request arrives. The
-   tip's line, which comes first, is always measured: otherwise a slow worker, for which a newer request is always waiting, would never measure any line. */
+   tip's line, which comes first, is always measured: otherwise a slow worker, for which a newer request is always pending, would never measure any line. */
 trocar_status answer_request(trocar_sim *sim, int needle, trocar_work *work, report *why);
 
 /* Prefetches nodes when there is no other work. Returns false if nothing is left to prefetch. */

@@ -70,7 +70,7 @@ typedef struct {
     remesh_request request;
 } posted_request;
 
-/* Message from ticking thread to worker: a needle that is left in the tissue. */
+/* Message from ticking thread to worker: a needle that is being left in the tissue. */
 typedef struct {
     insertion_state state;
     track_list others;       /* tracks of the other needles near this one's tip */
@@ -147,7 +147,7 @@ bool link_post_request(needle_link *link, const remesh_request *request, int64_t
 
 void link_post_loads(needle_link *link, const tissue_loads *loads);
 
-/* Returns the slot for the message about a needle that is left, to be filled before link_leave. Valid in phase HELD. */
+/* Returns the slot for the message about a needle that is being left, to be filled before link_leave. Valid in phase HELD. */
 left_needle *link_left_slot(needle_link *link);
 
 /* These functions change the phase. They must not be called in a phase in which link_refuses() rejects their event. */
@@ -158,7 +158,7 @@ void link_adopt(needle_link *link, insertion_state *state, tissue_loads *loads);
                                                                                     the needle rested */
 bool link_reset(needle_link *link, uint64_t serial); /* `serial`: that of the state's request after the reset. Returns true if the worker had the needle */
 
-/* Returns the time (ns) since the posting of the oldest request that the last tick had no answer to; 0 if there is none. `now` is a time on the clock used for
+/* Returns how long ago (ns) the oldest request was posted for which the last tick had no answer; 0 if there is none. `now` is a time on the clock used for
    link_post_request. */
 int64_t link_waiting(const needle_link *link, int64_t now);
 

@@ -16,7 +16,7 @@ typedef struct { double force, torque, slip; } rest_limits; /* N, N m, m */
 static const rest_limits AT_REST = {1e-3, 1e-4, 1e-7}, RELAXING = {20e-3, 2e-3, 2e-6}; /* relaxing tissue continues to creep for seconds, hence the larger
                                                                                           limits */
 
-static const double LARGEST_STEP = 16.0; /* largest factor by which a step may exceed the step without sliding */
+static const double LARGEST_STEP = 16.0; /* maximum ratio of a step to the step that would be taken without sliding */
 static const double TICK = 1e-3;       /* s */
 static const double SHOWN = 1e-4;      /* N, change of force above which a needle is shown again */
 static const double SHOWN_ALL = 1e-7;  /* N, the same threshold while all needles are brought up to date */
@@ -150,7 +150,7 @@ trocar_status rest_again(trocar_sim *sim, report *why) {
     atomic_store(&sim->link.resting, count);
     sim->resting.fading = left_of_release(sim);
     if (count == 0 && sim->resting.count == 0) return TROCAR_OK;
-    for (int i = 0; i < count; i++) list[i]->id = ++sim->last_attached; /* another needle of this simulation may have the same id */
+    for (int i = 0; i < count; i++) list[i]->id = ++sim->last_attached; /* a new id, because another needle of this simulation may have the old one */
     trocar_status status = resting_set_attach(&sim->resting, count, list, why);
     for (int i = 0; i < sim->needle_count && status == TROCAR_OK; i++)
         if (sim->needles[i].attached) show(sim, &sim->needles[i]);

@@ -153,7 +153,7 @@ static trocar_status build_tissue(simulation *s, report *why) {
 /* ---- who owns the inverse --------------------------------------------------------------------------------------------- */
 
 /* BLAS uses one thread, except to factorise or invert a large mesh as a whole, where several threads save minutes. Condensation has its own threads. */
-enum { SEVERAL_THREADS = 30000 }; /* number of unknowns at and above which BLAS uses several threads */
+enum { SEVERAL_THREADS = 30000 }; /* number of unknowns above which BLAS uses several threads */
 
 static bool is_large(const simulation *s) { return s->tissue.dof_count > SEVERAL_THREADS; }
 

@@ -46,8 +46,8 @@ bool igtl_make_surface(igtl_message *m, int points, int triangles, uint32_t *pol
 bool igtl_make_curve(igtl_message *m, int points);
 void igtl_move_points(igtl_message *m, int64_t utime, const float *points, int count);
 
-/* Returns the value encoded with a header of version `version` (1 or 2) and adds a reference to it; returns NULL if there is no value or no
-   memory. */
+/* Returns the value encoded with a header of version `version` (1 or 2) and adds a reference to it; returns NULL if there is no value or memory is
+   exhausted. */
 igtl_packet *igtl_take(igtl_message *m, int version);
 void igtl_drop(igtl_packet *packet); /* removes one reference and frees the packet if it was the last; NULL is allowed */
 

@@ -13,7 +13,7 @@ enum { STATUS, NEEDLES, BASE = 0, TIP, FORCE, CURVE, PER_NEEDLE, PER_PROBE = 2 }
 
 /* ---- names ---- */
 
-/* Names a message of one needle: "NeedleToReference" for the first needle, "Needle2ToReference" for the second. Names must not exceed 20 letters, so
+/* Names a message of one needle: "NeedleToReference" for the first needle, "Needle2ToReference" for the second. Names must not exceed 20 characters, so
    the tip's message is called "Tip2ToReference". */
 static void name_needle(igtl_message *m, int needle) {
     char base[32] = "NeedleToReference", tip[32] = "NeedleTipToReference", force[32] = "NeedleForce", curve[32] = "Needle";

@@ -30,7 +30,7 @@ typedef struct {
     peer_settings peers;
 } options;
 
-/* The sender that is allowed to move the needle or probe. If several try, it is the first one. */
+/* The sender that is allowed to move the needle or probe. If several senders try, the first one is allowed. */
 typedef struct {
     char who[80];
     int64_t heard;           /* ns, monotonic: arrival time of the sender's last pose; 0 if there is no sender */

@@ -219,7 +219,7 @@ static unsigned char shade(const slices *s, const slice *v, int pixel, int regio
 static double area(corner a, corner b, double x, double y) { return (b.x - a.x) * (y - a.y) - (b.y - a.y) * (x - a.x); }
 
 static void draw_triangle(const slices *s, slice *v, int region, corner a, corner b, corner c) {
-    static const double ROUNDING = 1e-9; /* so that pixels on an edge count as part of both polygons and leave no gap */
+    static const double ROUNDING = 1e-9; /* tolerance, so that pixels on an edge count as part of both polygons and leave no gap */
     double whole = area(a, b, c.x, c.y);
     if (fabs(whole) < 1e-12) return;
     int from_x = (int)ceil(fmax(0, fmin(a.x, fmin(b.x, c.x)) - ROUNDING)), to_x = (int)floor(fmin(v->width - 1, fmax(a.x, fmax(b.x, c.x)) + ROUNDING));

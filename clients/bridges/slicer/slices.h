@@ -1,4 +1,4 @@
-/* Images of the deformed tissue as from a transrectal probe: a sector across the probe's axis and a rectangle along it. The speckle moves with
+/* Images of the deformed tissue as a transrectal probe would show it: a sector across the probe's axis and a rectangle along it. The speckle moves with
    the tissue. As in the viewer, the images are meant for orientation and do not simulate ultrasound. */
 #ifndef TROCAR_SLICES_H
 #define TROCAR_SLICES_H

@@ -153,7 +153,7 @@ class SeedSize(NamedTuple):
 
 
 class Probe(NamedTuple):
-    """The ultrasound probe as last solved.
+    """State of the ultrasound probe in the last solution.
 
     pose (7,): pose of the probe's base; force (3,) N and torque (3,) N m, world frame: exerted on the hand that holds the probe, torque about the
     base point; contacts: number of surface points of the tissue on which the probe presses; stopped: true if the tissue stops the probe short of the last
@@ -558,8 +558,8 @@ class Sim:
 
     @property
     def time(self) -> float:
-        """Simulated time since the creation of this object, s: the sum of all `dt`. Ticks of several needles in the same round count once.
-        Saved and restored with the state."""
+        """Simulated time since the creation of this object, s: the sum of all `dt`. Several needles that tick in turn for the same period advance the time only
+        once. Saved and restored with the state."""
         with self._turn:
             return lib.trocar_view_time(self._view)
 
@@ -572,7 +572,7 @@ class Sim:
 
     @property
     def probe(self) -> Probe | None:
-        """Returns the probe as last solved. None if the scene has no probe, or if the probe has not been placed yet."""
+        """Returns the state of the probe in the last solution. None if the scene has no probe, or if the probe has not been placed yet."""
         with self._turn:
             p = lib.trocar_view_probe(self._view)
         if not p.placed:

@@ -26,7 +26,7 @@ TROCAR_API trocar_status trocar_sim_set_probe(trocar_sim *sim, const trocar_pose
 
 enum { TROCAR_MAX_PRESSED = 256 };
 
-/* The probe as last solved, returned by trocar_view_probe. */
+/* State of the probe in the last solution, returned by trocar_view_probe. */
 typedef struct trocar_probe {
     trocar_pose base;
     double force[3];         /* N, world frame: force that the probe exerts on the hand */

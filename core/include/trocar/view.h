@@ -16,8 +16,8 @@ extern "C" {
 typedef struct trocar_view trocar_view;
 TROCAR_API const trocar_view *trocar_sim_view(const trocar_sim *sim); /* [any, RT] */
 
-/* Returns the simulated time in s since the creation of the simulation: the sum of `dt`. Ticks of several needles in the same round count once.
-   [tick, RT] */
+/* Returns the simulated time in s since the creation of the simulation: the sum of `dt`. Several needles that tick in turn for the same period advance the time
+   only once. [tick, RT] */
 TROCAR_API double trocar_view_time(const trocar_view *view);
 
 /* ---- needles ---- */
@@ -58,7 +58,7 @@ TROCAR_API int trocar_view_seeds(const trocar_view *view, trocar_seed *seeds, in
 /* Returns the number of seeds that have been dropped but are still in the needle. [tick, RT] */
 TROCAR_API int trocar_view_pending_seeds(const trocar_view *view, int needle);
 
-/* Returns the probe as last solved. [tick, RT] */
+/* Returns the state of the probe in the last solution. [tick, RT] */
 TROCAR_API trocar_probe trocar_view_probe(const trocar_view *view);
 
 /* Computes the displacements (m) of the mesh's nodes, 3 node_count, by one solve with the full stiffness matrix, which takes milliseconds to tenths of a

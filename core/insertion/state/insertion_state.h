@@ -58,7 +58,7 @@ typedef struct {
 /* An old track that guides the tip. */
 typedef struct {
     double openness;         /* 0 to 1: how open the track is to the tip; 0 means no track, and the other members are then unused */
-    vec3 direction;          /* unit nominal direction in which the track guides the tip */
+    vec3 direction;          /* unit vector in the undeformed tissue: direction in which the track guides the tip */
     double to_end;           /* m from the tip to the end of the track */
     vec3 tilt;               /* tip's direction in the track minus its cutting direction */
 } open_track;

@@ -159,7 +159,7 @@ typedef struct {
 
 /* Intended direction of the tip; written by the path stage. */
 typedef struct {
-    vec3 cut_direction;      /* unit nominal direction in which the tip would cut if no old track guided it */
+    vec3 cut_direction;      /* unit vector in the undeformed tissue: direction in which the tip would cut if no old track guided it */
 } path_step;
 
 /* The contact points that are part of the solve, listed by the tissue stage. Their members `at`, `target`, `lead` and (for the tip) `arc` follow the

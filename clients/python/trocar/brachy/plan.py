@@ -9,7 +9,7 @@ A plan is a YAML file:
     source: {isotope: I-125, model: "6711", strength: 0.5}    # of all seeds; strength: air kerma strength, U; optional
     prescription: 145              # Gy, minimum dose for the target; optional
     needles:
-      - hole: C3.5                 # a letter for the column, from A; a number for the row, from 1 in halves
+      - hole: C3.5                 # a letter for the column, from A; a number for the row, from 1 in steps of 0.5
         depth: 0.115               # m, from the template's entry face to the tip
         seeds: [2.25e-3, 12.25e-3] # m, from the tip back to each seed's centre
         roll: 1.57                 # rad, rotation of the needle about its axis; optional
@@ -19,8 +19,8 @@ A plan is a YAML file:
         direction: [0, 0.1, 1]     # of any length; optional, default [0, 0, 1]
         depth: 0.06
 
-A plan in which no needle has a hole needs no template, columns, rows or spacing. At roll 0 the bevel faces local +y after the shortest turn from +z to
-the needle's direction (`trocar.motion.towards`).
+A plan in which no needle has a hole needs no template, columns, rows or spacing. At roll 0 the bevel faces local +y after the shortest rotation from +z to the
+needle's direction (`trocar.motion.towards`).
 
 As a program:
 

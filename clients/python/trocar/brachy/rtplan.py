@@ -273,7 +273,7 @@ def _remarks_on(moved: np.ndarray, guide: Guide) -> list[str]:
 
 
 def _prescription_of(data: Dataset) -> float | None:
-    """Returns the prescription in Gy; None if the file has no prescription or several."""
+    """Returns the prescription in Gy; None if the file has no prescription or more than one."""
     found = {float(item.TargetPrescriptionDose) for item in data.get("DoseReferenceSequence") or [] if item.get("DoseReferenceType") == "TARGET" and item.get("TargetPrescriptionDose")}
     return found.pop() if len(found) == 1 else None
 

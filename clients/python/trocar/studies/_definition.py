@@ -119,7 +119,7 @@ class Study:
         return np.stack([parameter.quantile(column) for parameter, column in zip(self.parameters, unit.T)], axis=1)
 
     def run_scene(self, values: npt.NDArray[np.float64], sparse: bool = False) -> Scene:
-        """Returns the scene of one run. All runs use the same object, which is valid until the next call changes all parameters."""
+        """Returns the scene of one run. All runs use the same object; the next call changes its parameters."""
         scene = self._scene
         for parameter, value in zip(self.parameters, values):
             if not parameter.name.startswith("motion."):

@@ -28,7 +28,8 @@ MOST_SAMPLES = 64    # maximum number of samples, each of which keeps a model in
 MOST_POINTS = 2e6    # maximum number of points in an obstacle
 LONGEST = 0.1        # m, maximum clearance or tolerance that a problem may specify
 LONGEST_REST = 60.0  # s
-IN_FRONT = 1e-3      # m, tolerance in front of a rectangle that is meant to lie on the skin and, because of rounding, lies slightly inside the tissue
+IN_FRONT = 1e-3      # m, distance in front of the rectangle at which points are tested, because rounding may put a rectangle on the skin slightly inside the
+                     # tissue
 SLOWEST = 1e-3       # m/s
 
 

@@ -143,9 +143,9 @@ class Rehearsal:
         return Outcome(depth, shaft[-1] - target.displaced(field), shaft, field)
 
     def best(self, aim: Aim, target: Target, further: float = 0.0) -> Outcome:
-        """Returns the outcome at the depth at which the target is neither ahead of the tip nor behind it, found by the secant method. `further`: how
-        much deeper than for a rigid needle this depth is expected to be (m). If there is no such depth, for example because of bone, returns the best
-        outcome found. Raises Error."""
+        """Returns the outcome at the depth at which the target is neither ahead of the tip nor behind it, found by the secant method. `further`: expected
+        difference (m) between this depth and that for a rigid needle. If there is no such depth, for example because of bone, returns the best outcome found.
+        Raises Error."""
         most = self.model.needle_length - 1e-3
         depth = float(np.clip(depth_of(aim, target) + further, 1e-3, most))
         found: list[tuple[float, float, Outcome]] = []

@@ -8,7 +8,7 @@ A problem is a YAML file:
     targets:
       - {name: base left, at: [12, 5, 10]}    # of the tissue at rest
     entry: {x: [-25, 25], y: [-30, 20], z: -55, tilt: 0.2}    # a rectangle, and rad; or {template: NAME, holes: [C3, D4]}
-    roll: free                          # or rad
+    roll: free                          # or an angle, rad
     turn: true                          # the needle may be given half a turn during the insertion
     tolerance: 0.3e-3                   # m
     avoid:

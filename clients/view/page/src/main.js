@@ -295,7 +295,7 @@ function showNumbers() {
   element('latency').textContent = status.alive && latency.length ? `${median(latency).toFixed(0)} ms` : '–'
 }
 
-/** Shows a scale bar of a round length, about 100 pixels wide. */
+/** Shows a scale bar, about 100 pixels wide, whose length is a round number. */
 function showScale() {
   const most = 110 * stage.metresPerPixel(), decade = 10 ** Math.floor(Math.log10(most)), length = [5, 2, 1].map((k) => k * decade).find((v) => v <= most)
   element('scale-bar').style.width = `${length / stage.metresPerPixel()}px`

@@ -14,7 +14,7 @@ const ORGANS = /prostate|gland|urethra|rectum/i
 const TARGET = /prostate|gland/i // regions in which seeds belong
 const ASK_AGAIN = 500 // ms after which a hole is sent again if trocar-view has not acknowledged it
 const PUSH = TOUCH ? 'lever up' : 'hold W', PULL = TOUCH ? 'lever down' : 'hold S'
-const IN_LINE = 5e-4 // m, largest distance of the tip from the hole's axis
+const IN_LINE = 5e-4 // m, largest distance of the tip from the hole's axis at which the needle counts as aligned with the hole
 const AT_TARGET = 1e-3 // m
 const THROUGH = 0.01 // m: if the tip is outside the tissue while at least this length of the needle is inside, the tip has come out on the far side
 const NONE = { pending: [], seeds: [] }
@@ -298,7 +298,7 @@ export class Procedure {
 
   leave() {
     if (!this.drive.steering) return this.say('Press “Drive the needle” first.', true)
-    this.drive.asked = true // the page itself asked for this loss of the needle
+    this.drive.asked = true // the needle will be released at this page's own request
     this.link.leave()
   }
 

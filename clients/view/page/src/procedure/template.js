@@ -8,7 +8,7 @@ export function columnName(column) {
 export const rowName = (row) => `${1 + (row >> 1)}${row % 2 ? '.5' : ''}`
 
 export class Template {
-  /** `index` is that of the scene's guide; `guide` as decoded. */
+  /** `index`: index of the guide in the scene; `guide`: the guide as decoded. */
   constructor(guide, index) {
     Object.assign(this, { guide, index, columns: guide.columns, rows: guide.rows })
     for (const [name, vector] of [['origin', guide.origin], ['normal', guide.normal], ['along', guide.alongColumns], ['up', guide.alongRows]])

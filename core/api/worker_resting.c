@@ -236,7 +236,7 @@ static trocar_status return_needle(trocar_sim *sim, int index, unsigned seen, re
 /* Removes a needle that was reset: its forces vanish. */
 static trocar_status remove_needle(trocar_sim *sim, needle_track *n, report *why) {
     trocar_status status = detach(sim, n, why);
-    copy_loads(link_loads(&n->link, NULL), &n->held); /* the reset needle may already have been inserted again */
+    copy_loads(link_loads(&n->link, NULL), &n->held); /* not simply zero, because the reset needle may already have been inserted again */
     mark_stale(sim, NULL);
     return status == TROCAR_OK ? respond_to_loads(sim, true, why) : status;
 }

@@ -21,7 +21,7 @@ static double read_number(const char *folder, const char *name, const char *form
 
 /* ---- control groups --------------------------------------------------------------------------------------------------- */
 
-/* The folder of a version of control groups below a root folder, and the names of its files. */
+/* The folder of one version of control groups (cgroups) below a root folder, and the names of its files. */
 typedef struct { const char *folder, *limit, *used, *inactive; } group_files;
 static const group_files VERSION_1 = {"sys/fs/cgroup/memory", "memory.limit_in_bytes", "memory.usage_in_bytes", "total_inactive_file %lld"};
 static const group_files VERSION_2 = {"sys/fs/cgroup", "memory.max", "memory.current", "inactive_file %lld"};

@@ -117,7 +117,7 @@ static bool read_radial(const reader *r, const yaml_value *list, seed_table *t) 
     return true;
 }
 
-/* Returns the interval between ascending numbers that contains x or, if none does, the closest one. */
+/* Returns the interval between ascending numbers that contains x or, if none does, the closest interval. */
 static int interval_of(const double *numbers, int count, double x) {
     int i = 0;
     while (i + 2 < count && x >= numbers[i + 1]) i++;

@@ -20,7 +20,7 @@
 
        [any]        any thread, at any time
        [one]        one thread at a time for each object
-       [tick]       the thread that ticks the simulation; another thread may work at the same time
+       [tick]       the thread that ticks the simulation; the worker thread may work at the same time
        [work]       the worker thread of the simulation; the ticking thread may tick at the same time
        [alone]      while no other thread uses the simulation
        RT           does not allocate, lock, wait or make system calls

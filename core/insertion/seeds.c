@@ -75,7 +75,7 @@ static void note_hole(const insertion_model *model, const insertion_state *state
         if (state->guides[i].passage == GUIDE_IN_HOLE) s->guide = i, s->hole = state->guides[i].hole;
 }
 
-/* Checks that do not depend on the track. Returns why these seeds cannot be dropped. */
+/* Makes the checks that do not depend on the track. Returns the reason why these seeds cannot be dropped. */
 static seed_refusal refuse(const insertion_model *model, const seed_size *size, const insertion_state *state, int needle, int count, double spacing,
                            const seed_list *list) {
     if (count < 1 || count > MAX_STRAND) return SEEDS_BAD_COUNT;

@@ -131,7 +131,7 @@ typedef struct trocar_dvh_summary {
     double v100_cm3;             /* cm^3 */
 } trocar_dvh_summary;
 
-/* Computes the customary dose-volume figures; voxel_volume in m^3, prescription in Gy. [any, RT] */
+/* Computes the usual dose-volume metrics; voxel_volume in m^3, prescription in Gy. [any, RT] */
 TROCAR_API trocar_dvh_summary trocar_dvh_summarise(const double *doses, int64_t count, double voxel_volume, double prescription);
 
 #ifdef __cplusplus

@@ -40,7 +40,7 @@ typedef struct trocar_contact {
 /* Results of trocar_view_hole if the needle is in no hole. */
 enum {
     TROCAR_NO_HOLE = -1,     /* the needle is not at the guide, or passes beside its plate */
-    TROCAR_MISSED_HOLE = -2  /* the needle passes through the plate beside its holes (TROCAR_EVENT_MISSED_GUIDE) */
+    TROCAR_MISSED_HOLE = -2  /* the needle passes through the plate outside its holes (TROCAR_EVENT_MISSED_GUIDE) */
 };
 
 /* ---- tracks ---- */

@@ -20,7 +20,7 @@ TROCAR_API int trocar_model_probe(const trocar_model *model, trocar_probe_shape 
 TROCAR_API int trocar_model_probe_start(const trocar_model *model, trocar_pose *start);   /* initial pose from "probe.start."; returns 1, or 0 if the scene
                                                                                              gives none. [any, RT] */
 
-/* Moves the probe. The newest pose counts: the worker (in lockstep, the next step) solves for it. BAD_INPUT, without effect, for a pose that
+/* Moves the probe. Only the newest pose is used: the worker (in lockstep, the next step) solves for it. BAD_INPUT, without effect, for a pose that
    trocar_sim_reset would reject, or if the scene has no probe. [tick, RT, wakes] */
 TROCAR_API trocar_status trocar_sim_set_probe(trocar_sim *sim, const trocar_pose *base, trocar_error *error);
 

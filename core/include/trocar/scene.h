@@ -56,7 +56,7 @@ typedef struct trocar_device_limits {
     double max_turn_rate;    /* rad/s */
     double hold_time;        /* s without a new pose after which the wrench is ramped down */
     double ramp_time;        /* s, time in which the wrench is ramped from full to zero, and back */
-    double mass;             /* kg, mass of device and hand at the handle; the virtual coupling allows for half of it */
+    double mass;             /* kg, mass of device and hand at the handle; the virtual coupling stays stable even if the actual mass is half of this */
     double delay;            /* s, round trip between bridge and device: from the output of a force until positions show its effect */
 } trocar_device_limits;
 TROCAR_API trocar_device_limits trocar_scene_device(const trocar_scene *scene); /* [one] */

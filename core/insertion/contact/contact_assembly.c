@@ -155,8 +155,8 @@ void find_local_compliance(const tick_input *tick, const insertion_state *state,
 }
 
 /* Change (m) of the shaft's lead over the tissue under its present traction after the tissue along its share has become softer (positive) or stiffer
-   (negative). When shaft enters another region, it has not sheared the tissue there yet; without this correction, the shaft would slide in the tick in
-   which the tip enters the region. */
+   (negative). When part of the shaft enters another region, it has not sheared the tissue there yet; without this correction, the shaft would slide in the tick
+   in which the tip enters the region. */
 static double lead_gained(const insertion_model *model, const contact_point *p, double logarithm, double traction, shaft_hold *shaft) {
     stiffened_shaft before = {shaft->softness, shaft->stiffening};
     stiffened_shaft now = {(p->share.to - p->share.from) / larger_of(p->shaft.axial, LEAST_STIFFNESS), p->shaft.stiffening};

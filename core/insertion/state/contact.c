@@ -97,7 +97,7 @@ static bool solve_symmetric(const symmetric_system *s, double x[MAX_AXIAL + PADD
     return true;
 }
 
-/* Sets the climber's law for slips near knot k, between the piece below the knot and the piece above it. */
+/* Sets the law of the axial unknown `climber` for slips near knot k, between the piece below the knot and the piece above it. */
 static void stand_at_knot(contact_problem *p, int k) {
     const staircase *s = &p->ahead;
     int i = p->climber;
@@ -108,7 +108,7 @@ static void stand_at_knot(contact_problem *p, int k) {
     p->viscosity[i][0] = k > 0 ? s->slope[k - 1] : 0.0;
 }
 
-/* Slip (m) from which the law of unknown i is counted. */
+/* Slip (m) that is the origin of the law of unknown i. */
 static double origin(const contact_problem *p, int i) { return p->ahead.count > 0 && i == p->climber ? p->ahead.at[p->knot] : 0.0; }
 
 static double bound(const contact_problem *p, int i) { return p->state[i] == SLIP_FORWARD ? p->upper[i] : p->lower[i]; }

@@ -41,7 +41,7 @@ static bool has_square_rows(const guide_config *g) {
     return square >= LEAST_SQUARE;
 }
 
-/* Checks the directions. For a fault, writes a description to `text` and returns the key. */
+/* Checks the directions. If there is a fault, writes a description to `text` and returns the key. */
 static const char *fault_of_directions(const guide_config *g, char *text, size_t size) {
     bool grid = g->columns * g->rows > 1;
     if (is_zero(g->normal)) return snprintf(text, size, "has no direction: give the direction in which needles pass through the plate"), "normal";

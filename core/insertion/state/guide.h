@@ -29,7 +29,7 @@ typedef struct {
     int line;                /* line of the guide's origin in the scene file, for messages; 0 if none */
 } guide_config;
 
-/* A guide in the form used by the tick. Constant during a run. */
+/* A guide in the form used by the tick. Immutable during a run. */
 typedef struct {
     vec3 origin;             /* m */
     vec3 normal;             /* unit vector through the plate */

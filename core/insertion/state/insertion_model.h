@@ -1,4 +1,4 @@
-/* The constant data of an insertion: mesh, materials, needle, membranes and settings. */
+/* The immutable data of an insertion: mesh, materials, needle, membranes and settings. */
 #ifndef TROCAR_INSERTION_MODEL_H
 #define TROCAR_INSERTION_MODEL_H
 

@@ -9,7 +9,8 @@
 
 enum { NOT_BLOCKED = -1, BLOCKED_BY_BONE = -2 };
 
-typedef enum { TIP_FREE, TIP_INSIDE, TIP_BEYOND } tip_phase; /* beyond: the tip is outside, on the far side or in a gap, but the shaft is still in the tissue */
+typedef enum { TIP_FREE, TIP_INSIDE, TIP_BEYOND } tip_phase; /* TIP_BEYOND: the tip is outside, on the far side or in a gap, but the shaft is still in the
+                                                                tissue */
 
 /* Planned: the node has been requested, but the tip has not reached it. Waiting: the tip has passed the node, but its row of the inverse has not arrived.
    Active: the contact is part of the solve, and `friction` says whether it sticks. Active contacts come first along the track, then waiting ones, then a

@@ -28,8 +28,8 @@ static stiffening_shift shaft_field(double b) {
     return (stiffening_shift){b * (q / (1.0 + q) - 1.5 * log1p(q)), -1.5 * log1p(q)};
 }
 
-static const double KEPT_LOGARITHM = 0.1; /* dimensionless: smallest logarithm that stiffening leaves of the local compliance, so that contacts in one element
-                                             of the mesh, whose displacements are dependent, stay independent. Chosen by judgement */
+static const double KEPT_LOGARITHM = 0.1; /* dimensionless: lower limit to which stiffening may reduce the logarithm in the local compliance, so that contacts
+                                             in one element of the mesh, whose displacements are dependent, stay independent. Chosen by judgement */
 
 /* The stress b at which the slope is -most. */
 static double shaft_limit(double most) {

@@ -223,7 +223,7 @@ typedef struct {
     insertion_profile profile;
 } insertion_workspace;
 
-/* Mount of the base: a spring whose other end is at `pose`, where the base is without force. */
+/* Mount of the base: a spring that connects the base to `pose`, where the base would be without force. */
 typedef struct {
     pose pose;
     double compliance;       /* m/N, compliance of the spring, the same in every direction; 0 if the base is held rigidly */

@@ -165,7 +165,7 @@ static wanted_tissue wanted_nodes(const insertion_model *model, const insertion_
     double weights[4];
     int moved = refinement_element(m, &state->refined, state->refined.count, state->tip.place.tet, state->tip.place.nominal, weights);
     add_surroundings(m, moved, &list); /* the element that contains the tip in the mesh with moved nodes */
-    if (moved != state->tip.place.tet) add_surroundings(m, state->tip.place.tet, &list); /* and the one that contains it in the nominal mesh */
+    if (moved != state->tip.place.tet) add_surroundings(m, state->tip.place.tet, &list); /* also the element that contains the tip in the nominal mesh */
     if (state->tip.place.phase == TIP_INSIDE && state->tip.place.depth == 0.0) add_beside(m, state->tip.place.tet, state->tip.barrier.face, &list);
     straight_way way = {.tet = state->tip.place.tet, .x = state->tip.place.nominal, .direction = tip_way(&state->tip.place, direction), .remaining = model->settings.gradient_span};
     add_way(m, &way, AHEAD, &list);

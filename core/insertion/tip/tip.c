@@ -80,8 +80,8 @@ void tip_puncture(const tick_input *tick, insertion_state *state, tick_output *o
     if (tip->place.phase == TIP_BEYOND) enter_touching_body(tick, state, output, v3_unit(needle_direction(tick, state)));
 }
 
-/* Unit nominal direction d whose image in the deformed tissue, d + gradient, points along `direction`; `direction` itself if the tissue is deformed beyond
-   the range of linear elasticity. Compression along the needle is neglected: the slip of the next tick corrects the resulting error. */
+/* Unit direction d in the undeformed tissue whose image in the deformed tissue, d + gradient, points along `direction`; `direction` itself if the tissue is
+   deformed beyond the range of linear elasticity. Compression along the needle is neglected: the slip of the next tick corrects the resulting error. */
 static vec3 pull_back(vec3 gradient, vec3 direction) {
     direction = v3_unit(direction);
     vec3 sideways = v3_axpy(-v3_dot(gradient, direction), direction, gradient);

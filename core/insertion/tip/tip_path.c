@@ -76,7 +76,7 @@ void withdraw_tip(insertion_state *state, tick_output *output) {
    A needle is not out of the tissue as soon as its axis is: a tip that reaches an outer face at a small angle goes on along the face
    until it is out by the needle's radius. In the mesh, a point just inside the face stands for it. */
 
-/* True if the tip continues along the outer face that it has reached, because neither other tissue is behind the face nor a membrane on it. */
+/* True if the tip continues along the outer face that it has reached, because there is neither other tissue behind the face nor a membrane on it. */
 static bool grazes(const tick_input *tick, const insertion_state *state, int face, vec3 direction) {
     const insertion_model *model = tick->model;
     const needle_tip *tip = &state->tip;

@@ -30,7 +30,7 @@ typedef struct {
     double *basis;           /* row_count x motion_count: Q */
     double *triangle;        /* motion_count square: T, upper */
     lru slots;
-    double *kept;            /* for each slot c, z and Q^T y, in 3 columns each */
+    double *kept;            /* for each slot: c, z and Q^T y, in 3 columns each */
     block_cache blocks;
     double *batch, *columns; /* scratch; batch: blocks between BATCH nodes and all of `nodes`; columns: 3 BATCH columns with the entries of all rows and all
                                 motions */

@@ -33,7 +33,7 @@ double panels_bytes(int rows, int columns) {
     return sizeof(double) * numbers;
 }
 
-/* Returns the team if it is worthwhile: waking the team takes longer than a computation of a few tens of microseconds. */
+/* Returns the team if using it is worthwhile: waking the team takes longer than a computation of a few tens of microseconds. */
 static team *team_for(team *t, double operations) { return operations < 2e6 ? NULL : t; }
 
 static size_t bytes_of(const panel *p) { return (size_t)p->rows * (size_t)p->width * sizeof(double); }

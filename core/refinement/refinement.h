@@ -17,7 +17,7 @@ int refinement_add_on_face(const mesh *m, refinement *r, int tet, vec3 x, uint64
 int refinement_find(const refinement *r, uint64_t id);
 
 /* Removes the node with this id; the other nodes keep their slots and positions. The leaves that the node had split become whole again, so later nodes in
-   these leaves split other leaves than before: the mesh is the one that results from adding the remaining nodes in the same order. Returns the freed slot.
+   these leaves split different leaves than before: the mesh is the one that results from adding the remaining nodes in the same order. Returns the freed slot.
    Returns -1 if there is no such node, or if it is not the last one and either it or a node added after it was moved. RT */
 int refinement_remove(const mesh *m, refinement *r, uint64_t id);
 

@@ -32,7 +32,8 @@ typedef struct {
     double beside[MAX_UNKNOWNS];                   /* N, loads on the tissue from its memory, which are not forces of the needle */
     double free_force[MAX_UNKNOWNS], free_motion[MAX_MOTIONS]; /* forces and motions in the absence of held needles */
     double force[MAX_UNKNOWNS], motion[MAX_MOTIONS];           /* present forces and motion */
-    double aside[MAX_UNKNOWNS];                    /* N, change of the forces caused by those displacements from held needles that the mesh does not resolve */
+    double aside[MAX_UNKNOWNS];                    /* N, change of the forces due to the part of the displacements caused by held needles that the mesh does not
+                                                      resolve */
     double fading[MAX_UNKNOWNS];                   /* N, forces of the needle's rows before the last release minus those after it (resting_set) */
     double slip[MAX_AXIAL], slid[MAX_AXIAL];       /* m, slip of the shaft since the anchor (positive: forward relative to the tissue), and total distance
                                                       slid */

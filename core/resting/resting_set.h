@@ -12,7 +12,7 @@ typedef struct {
     resting_needle *needles[MAX_NEEDLES];
     int row[MAX_NEEDLES], motion[MAX_NEEDLES]; /* index of each needle's first row and motion */
     double *force, *move;    /* scratch: forces of all rows, and all motions */
-    double *aside, *aside_move; /* responses to those displacements from held needles that the mesh does not resolve */
+    double *aside, *aside_move; /* responses to the part of the displacements caused by held needles that the mesh does not resolve */
     bool any_aside;          /* true if `aside` is not zero */
     double *load;            /* N, for all rows: forces in the absence of held needles, other loads at the same places, and the fading part (see
                                 other_loads.attached) */
@@ -42,8 +42,8 @@ trocar_status resting_set_load(resting_set *s, const other_loads *held, report *
 /* Lets needles slip whose forces exceed their friction bounds, one after another, up to `most` per call. Returns true if more needles have to slip. */
 bool resting_set_slip(resting_set *s, const insertion_model *model, int most);
 
-/* For a release. Before it, all resting needles record their forces (for the released needle, resting_bore does this); after it, the effect of the change
-   begins to fade in. */
+/* To be called before and after a needle is released. The first records the forces of all resting needles (resting_bore records those of the released one); the
+   second starts to fade in the effect of the change. */
 void resting_set_before_release(resting_set *s);
 void resting_set_after_release(resting_set *s);
 

@@ -131,7 +131,7 @@ typedef struct {
 /* Finds the handles of four nominal nodes in the snapshot; returns false if any is missing. RT */
 bool snapshot_covers(const compliance_snapshot *snapshot, const int nodes[4], int handles[4]);
 
-/* Number of contact nodes, counted from the first in order up to the first gap, whose rows the snapshot contains. RT */
+/* Number of contact nodes, in order, before the first one whose rows the snapshot does not contain. RT */
 int snapshot_known_contacts(const compliance_snapshot *snapshot, const refinement *refined);
 
 /* Returns a line of the request that is in the same element as `line` and differs from it by at most this tolerance; NULL if there is none. RT */

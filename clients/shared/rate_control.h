@@ -7,7 +7,7 @@
 
 #include "base/vec.h"
 
-/* Commanded speeds, each given as a fraction (-1 .. 1) of its maximum. */
+/* Commanded speeds, each given as a fraction (-1 to 1) of its maximum. */
 typedef struct {
     double right, up, forward;  /* speeds along x, y and z of the home pose; if `along_needle` is true, forward is along the needle */
     double pitch, yaw, roll;    /* rates of rotation about x and y of the home pose, and about the needle's axis */
@@ -35,7 +35,7 @@ rate_control_limits rate_control_defaults(double needle_length);
 /* Starts with the needle at rest at `base`. */
 void rate_control_begin(rate_control_state *d, pose home, pose base);
 
-/* Advances the base by dt (s). Components of the command that are not finite count as 0, and the others are clamped to -1 .. 1; speeds are ramped;
+/* Advances the base by dt (s). Components of the command that are not finite count as 0, and the others are clamped to the range -1 to 1; speeds are ramped;
    the base stops at the limits of its workspace. */
 void rate_control_step(rate_control_state *d, const rate_control_limits *limits, rate_control_command command, double dt);
 

@@ -80,7 +80,7 @@ static inline mat3 m3_columns(vec3 a, vec3 b, vec3 c) {
     return (mat3){{{a.x, b.x, c.x}, {a.y, b.y, c.y}, {a.z, b.z, c.z}}};
 }
 
-/* Equivalent to hypot(), but without protection against overflow, which would take most of the time. */
+/* Equivalent to hypot(), but without protection against overflow, which would take most of the run time. */
 static inline double length_of(double x, double y) { return sqrt(x * x + y * y); }
 
 /* Returns a frame whose third axis is this unit vector. */

@@ -16,7 +16,7 @@ typedef struct {
     int g_count;
     double g_radius[MAX_TABLE_RADII], g[MAX_TABLE_RADII];
     int radius_count, angle_count;
-    double radius[MAX_TABLE_RADII], angle[2 * MAX_TABLE_ANGLES], f[MAX_TABLE_RADII][2 * MAX_TABLE_ANGLES]; /* with room for a mirrored table */
+    double radius[MAX_TABLE_RADII], angle[2 * MAX_TABLE_ANGLES], f[MAX_TABLE_RADII][2 * MAX_TABLE_ANGLES]; /* large enough for a mirrored table */
 } seed_table;
 
 typedef struct {

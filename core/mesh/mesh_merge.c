@@ -109,7 +109,7 @@ static trocar_status join_faces(const mesh *m, const int *place, int *parent) {
 static void renumber(mesh *m, const int *place, int *parent, int *renumbered, mesh_merge_result *result) {
     int count = 0;
     for (int n = 0; n < m->node_count; n++) {
-        int root = root_of(parent, n); /* lower than n, or equal to n */
+        int root = root_of(parent, n); /* at most n, so its new number is already known unless root == n */
         if (root == n && place[n] != n) result->apart++, result->example = n;
         renumbered[n] = root == n ? count : renumbered[root];
         if (root == n) m->nodes[count++] = m->nodes[n];

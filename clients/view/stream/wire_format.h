@@ -51,7 +51,7 @@ void encode_scene(byte_buffer *out, const trocar_scene *scene, const trocar_mode
 /* A needle in a picture; both pointers are NULL for a needle that has not been held yet. */
 typedef struct {
     const trocar_contacts_t *contacts;
-    const trocar_tracks_t *tracks; /* the newest tracks; NULL before the first */
+    const trocar_tracks_t *tracks; /* the newest tracks; NULL before the first message */
 } needle_shown;
 
 /* Encodes one picture at `time` (s): each needle with its contacts and tracks, the probe (if not NULL and placed), and the displacements of all

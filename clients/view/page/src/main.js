@@ -245,7 +245,7 @@ function looksSame(a, b) {
   return a.scale === b.scale && scene.homes.every((home, i) => alike(a.needles[i], b.needles[i])) && equal(a.displacement, b.displacement)
 }
 
-/** Sets the full scale of the colours to one of the values 0.2, 0.5, 1, 2, 5 ... mm. */
+/** Sets the full scale of the colours to one of the values 0.2, 0.5, 1, 2, 5, ... mm. */
 function setRange(largest) {
   const wanted = Math.max(largest, 2e-4), decade = 10 ** Math.floor(Math.log10(wanted))
   range = [1, 2, 5, 10].map((k) => k * decade).find((v) => v >= wanted * 0.999)

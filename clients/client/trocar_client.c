@@ -61,7 +61,7 @@ static const double LONGEST_ECHO = 10.0;   /* s within which the client's first 
 enum {
     CHANNEL_MOST = 63,       /* bytes, length of the longest channel name */
     DATAGRAM_MOST = 65536,
-    MESSAGE_MOST = 1 << 17,  /* bytes, length of the longest message that is assembled from fragments; at present the longest message from a server
+    MESSAGE_MOST = 1 << 17,  /* bytes, length of the longest message that is assembled from fragments; currently the longest message from a server
                                 has 0.5 kB */
     FRAGMENTS_MOST = 256,
     SENT_MOST = 512,         /* bytes, length of the longest datagram that this client sends */

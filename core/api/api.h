@@ -46,11 +46,11 @@ typedef struct {
 typedef struct {
     needle_link link;
     /* Used by the ticking thread: */
-    insertion_state state;   /* while the needle is held, its present state; while it rests, its state at the moment when it was left */
+    insertion_state state;   /* while the needle is held, its current state; while it rests, its state at the moment when it was left */
     uint64_t stamp;          /* changes whenever `state` changes */
     double base_compliance;  /* m/N, compliance of the spring between the given pose and the base */
     pose given;              /* pose of the base given in the last tick or reset */
-    tissue_loads loads;      /* the needle's present forces on the tissue */
+    tissue_loads loads;      /* the needle's current forces on the tissue */
     double since_loads;      /* s since `loads` were last posted to the worker */
     /* Used by the worker: */
     remesher *remesher;      /* contact nodes of this needle */

@@ -18,7 +18,7 @@ void mark_stale(trocar_sim *sim, const needle_track *except);
 /* Writes the complete answer to a request to this needle's answer slot. */
 trocar_status answer_fully(trocar_sim *sim, int needle, const remesh_request *request, report *why);
 
-/* Completely answers this needle's present request and publishes the answer. For lockstep, where one thread both posts and answers. */
+/* Completely answers this needle's current request and publishes the answer. For lockstep, where one thread both posts and answers. */
 trocar_status answer_and_publish(trocar_sim *sim, int needle, report *why);
 
 /* Answers the newest request of this needle, if there is one: first the rows, then the mesh's resolution line by line, until a newer request arrives. The

@@ -133,7 +133,7 @@ void copy_loads(const tissue_loads *from, tissue_loads *to);
 
 needle_phase link_phase(const needle_link *link);
 
-/* Returns NULL, or the reason why the event is not legal at present. */
+/* Returns NULL, or the reason why the event is not currently legal. */
 const char *link_refuses(const needle_link *link, needle_event event);
 
 /* Returns the newest answer. Its serial is 0 if there is none yet. */

@@ -82,7 +82,7 @@ static trocar_status attach_again(trocar_sim *sim, report *why) {
     return status == TROCAR_OK ? press_probe(sim, why) : status;
 }
 
-/* Fills the slot that will be published next with the needle's present state. Returns the slot. */
+/* Fills the slot that will be published next with the needle's current state. Returns the slot. */
 static const shown_needle *find_shown(trocar_sim *sim, needle_track *n) {
     shown_needle *slot = link_shown_slot(&n->link);
     resting_show(&sim->model->parts.insertion, n->resting, &sim->resting_scratch->workspace.response.tangent, &slot->state);
@@ -185,7 +185,7 @@ static trocar_status lay_down(trocar_sim *sim, int index, unsigned seen, report 
         if (status == TROCAR_OK) resting_bore(&sim->model->parts.insertion, &left->state, n->resting);
     }
     if (status == TROCAR_OK) {
-        hold_loads(sim, state, false, &n->held); /* response to the other needles in their present state, before this needle is attached */
+        hold_loads(sim, state, false, &n->held); /* response to the other needles in their current state, before this needle is attached */
         status = respond_to_loads(sim, true, why);
     }
     if (status == TROCAR_OK) {

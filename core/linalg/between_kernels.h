@@ -45,7 +45,7 @@ typedef struct {
    any vector width. RT */
 typedef void between_kernel(const between_points_row *row, between_rows blocks);
 
-/* The kernel for any processor that this program supports, the kernel for AVX-512 (x86-64 only), and the faster of those that the present processor
+/* The kernel for any processor that this program supports, the kernel for AVX-512 (x86-64 only), and the faster of those that the current processor
    supports. RT */
 extern between_kernel between_portable, between_avx512;
 between_kernel *between_kernel_here(void);

@@ -64,7 +64,7 @@ static inline void eliminate_in_block(elimination_panel *panel, int k, int count
    computed by the same operations in the same order for any vector width. RT */
 typedef void elimination_kernel(const symmetric_system *s, elimination_panel *panel);
 
-/* The kernel for any processor that this program supports, the kernel for AVX-512 (x86-64 only), and the faster of those that the present processor
+/* The kernel for any processor that this program supports, the kernel for AVX-512 (x86-64 only), and the faster of those that the current processor
    supports. RT */
 extern elimination_kernel elimination_portable, elimination_avx512;
 elimination_kernel *elimination_kernel_here(void);

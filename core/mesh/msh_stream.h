@@ -17,7 +17,7 @@ typedef struct {
     report *why;
     trocar_status status;
     uint64_t size;           /* size of the file in bytes */
-    uint64_t line, word_line; /* line: number of the present line; word_line: number of the line of the last word; both counted from 1, and only in parts that
+    uint64_t line, word_line; /* line: number of the current line; word_line: number of the line of the last word; both counted from 1, and only in parts that
                                  are read as text */
     bool binary, swapped;    /* how numbers are stored; known once $MeshFormat has been read */
     char section[MSH_WORD];  /* name of the section without $; empty before the first section */

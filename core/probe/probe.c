@@ -303,7 +303,7 @@ static vec3 displaced(const probe *p, int candidate) {
     return v3_add(p->points[p->candidates[candidate]].rest, at_candidate(p, candidate, p->scratch->u));
 }
 
-/* One Newton step: the gaps are linearised about the present displacement, and the new displacement closes them wherever the force is nonzero. */
+/* One Newton step: the gaps are linearised about the current displacement, and the new displacement closes them wherever the force is nonzero. */
 static bool solve_linearised(probe *p, pose base) {
     probe_scratch *s = p->scratch;
     int count = 0;
@@ -492,7 +492,7 @@ static trocar_status solve_force(probe *p, pose at, const probe_loads *loads, do
     return status;
 }
 
-/* Finds, by the secant method, the pose between the present pose and `to` at which the force is just below the limit. `beyond`: the force at `to`. The
+/* Finds, by the secant method, the pose between the current pose and `to` at which the force is just below the limit. `beyond`: the force at `to`. The
    solution for the returned pose is left in the scratch memory. */
 static trocar_status solve_short_of(probe *p, pose *to, double beyond, const probe_loads *loads, report *why) {
     pose from = p->state.base, end = *to;

@@ -31,7 +31,7 @@ typedef struct {
 typedef struct {
     bool placed;             /* false if the probe has no pose yet */
     bool stopped;            /* true if the tissue stopped the probe before the requested pose */
-    pose base;               /* present pose */
+    pose base;               /* current pose */
     vec3 wrench_force, wrench_torque; /* force (N) and torque (N m) about the base, exerted on the hand that holds the probe */
     int count;
     pressed_point points[MAX_PRESSED]; /* the pressed points, in ascending order */

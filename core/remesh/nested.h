@@ -24,7 +24,7 @@ typedef struct {
 typedef struct {
     remesher shared;
     bordering borders[MAX_CONTACTS];
-    int extra_count, extra[MAX_EXTRA];  /* extra nodes needed for the present addition */
+    int extra_count, extra[MAX_EXTRA];  /* extra nodes needed for the current addition */
     double (*nominal)[NESTED_LD];         /* NESTED_LD rows, m/N: K^-1 between the places in use, [3 i + a][3 j + b] */
     double (*factors)[3][NESTED_LD];      /* MAX_CONTACTS entries, m/N times N/m: F_j^T, where F_j(i) is at [j][b][3 i + a] */
     void *nominal_memory, *factors_memory; /* memory of `nominal` and `factors` */

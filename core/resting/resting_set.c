@@ -309,7 +309,7 @@ bool resting_set_slip(resting_set *s, const insertion_model *model, int most) {
     return more;
 }
 
-/* Force of a row as the other needles feel it: the present force plus the remaining fraction of its change in the last release. */
+/* Force of a row as the other needles feel it: the current force plus the remaining fraction of its change in the last release. */
 static double felt(const resting_needle *r, double fading, int u) { return r->force[u] + r->beside[u] + fading * r->fading[u]; }
 
 static void list_loads(const resting_needle *r, double fading, tissue_loads *loads) {

@@ -55,7 +55,7 @@ trocar_status tissue_assemble(const mesh *m, const region_material *materials, c
 
 /* Factorises K; assembles it first if necessary. The given nodes are eliminated last, so that blocks of the inverse between them need only a small part of
    the factor. BAD_INPUT if the fixed nodes do not constrain the body, or if the factor exceeds the machine's memory or the range of CHOLMOD's indices;
-   NO_MEMORY, before the computation, if too little memory is available at present. After an error, `factor` is NULL. */
+   NO_MEMORY, before the computation, if too little memory is currently available. After an error, `factor` is NULL. */
 trocar_status tissue_factor(tissue *t, int count, const int *nodes, report *why);
 
 static const double LOOSE_BODY = 1e-13; /* fraction: ratio of the smallest to the largest eigenvalue of K below which the body counts as loose. Rounding

@@ -20,7 +20,7 @@ typedef struct {
 typedef struct {
     double factor;           /* the coupling is designed for the known delay times this factor; at least 1 */
     double level;            /* target of `factor`, which rises to the level at once and falls to it slowly */
-    double trusted;          /* caution level before the present oscillation */
+    double trusted;          /* caution level before the current oscillation */
     bool own;                /* the hand kept oscillating at the highest level, so the oscillation is the hand's own */
     bool lowered;            /* the level has been lowered since it was last raised */
     double calm;             /* s since the last undamped swing */

@@ -154,7 +154,7 @@ void find_local_compliance(const tick_input *tick, const insertion_state *state,
     tissue->axial[t + 1] = axial / fmax(shaft->axial, LEAST_STIFFNESS);
 }
 
-/* Change (m) of the shaft's lead over the tissue under its present traction after the tissue along its share has become softer (positive) or stiffer
+/* Change (m) of the shaft's lead over the tissue under its current traction after the tissue along its share has become softer (positive) or stiffer
    (negative). When part of the shaft enters another region, it has not sheared the tissue there yet; without this correction, the shaft would slide in the tick
    in which the tip enters the region. */
 static double lead_gained(const insertion_model *model, const contact_point *p, double logarithm, double traction, shaft_hold *shaft) {

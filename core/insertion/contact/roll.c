@@ -142,7 +142,7 @@ static void search(insertion_state *state, const contact_points *points, int n, 
     }
 }
 
-/* Anchors new points at the shaft's present roll, where the surrounding tissue is unstrained. */
+/* Anchors new points at the shaft's current roll, where the surrounding tissue is unstrained. */
 static bool anchor_points(insertion_state *state, const contact_points *points) {
     bool twisted = state->tip_lead != 0.0;
     for (int i = points->guided; i < points->count; i++) {

@@ -103,7 +103,7 @@ void creep_begin(const tick_input *tick, insertion_state *state, creep_step *cre
 /* Returns the tissue's memory at a point of this step, which must not be a guide's. */
 static const share_memory *share_of(const insertion_state *state, const contact_points *points, int point) { return &state->memory.shares[point - points->guided]; }
 
-/* Returns a share without memory at the point's present position. The tip's share extends one radius beyond the tip, like its local compliance. */
+/* Returns a share without memory at the point's current position. The tip's share extends one radius beyond the tip, like its local compliance. */
 static share_memory empty_share(const tick_input *tick, const insertion_state *state, const contact_point *p) {
     if (p->kind == POINT_TIP)
         return (share_memory){.from = p->share.from, .to = p->share.to + tick->model->needle->radius, .tet = state->tip.place.tet, .at = state->tip.place.nominal};

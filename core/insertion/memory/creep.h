@@ -36,7 +36,7 @@ void creep_remember(const tick_input *tick, insertion_state *state, const contac
    after creep_prepare. RT */
 double creep_twist(const tick_input *tick, const creep_step *creep, int i);
 
-/* Load on the tissue (N) that is equivalent to the memory of share i, to be added to the present force. RT */
+/* Load on the tissue (N) that is equivalent to the memory of share i, to be added to the current force. RT */
 vec3 creep_load(const insertion_model *model, const tissue_memory *memory, int i);
 
 /* Load (N) that is equivalent to the memory of the tip's share; zero if the tip has no share. RT */
@@ -51,13 +51,13 @@ double creep_traction_of(const tick_input *tick, const insertion_state *state, c
 /* Sum over the memory, which is not finite if any entry is not. RT */
 double creep_sum(const tissue_memory *memory);
 
-/* Displacement (m) of the node with this handle due to all causes except the needle's present contacts. RT */
+/* Displacement (m) of the node with this handle due to all causes except the needle's current contacts. RT */
 vec3 creep_free(const tick_input *tick, const insertion_state *state, const creep_step *creep, int handle);
 
-/* Displacement (m), due to all causes except the needle's present contacts, interpolated at the point with these corners and weights. RT */
+/* Displacement (m), due to all causes except the needle's current contacts, interpolated at the point with these corners and weights. RT */
 vec3 creep_free_at(const tick_input *tick, const insertion_state *state, const creep_step *creep, const int handles[4], const double weights[4]);
 
-/* True if only the needle's present contacts displace the tissue, and neither other bodies nor this needle's memory do. RT */
+/* True if only the needle's current contacts displace the tissue, and neither other bodies nor this needle's memory do. RT */
 bool creep_free_is_zero(const tick_input *tick, const insertion_state *state);
 
 /* True if enough residual load has been added to inform the worker. RT */

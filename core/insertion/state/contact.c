@@ -59,7 +59,7 @@ static symmetric_system axial_system(contact_problem *p) {
     return (symmetric_system){(double (*)[CONTACT_LD])&p->compliance[2 * p->count][2 * p->count], p->axial_count};
 }
 
-/* Computes the slips (m), under the present forces, of the points that slide freely. */
+/* Computes the slips (m), under the current forces, of the points that slide freely. */
 static void find_slips(contact_problem *p, double slip[MAX_AXIAL]) {
     symmetric_system s = axial_system(p);
     double force[MAX_AXIAL + PADDING] = {0}, sum[MAX_AXIAL + PADDING];
@@ -120,7 +120,7 @@ static void copy_row(const double *row, int all, int count, const int *unknown, 
     else for (int b = a; b < count; b++) to[b] = row[unknown[b]];
 }
 
-/* Solves for the axial forces, with the present sets of sticking and sliding contacts. */
+/* Solves for the axial forces, with the current sets of sticking and sliding contacts. */
 static bool solve_axial(contact_problem *p, int *negative) {
     int unknown[MAX_AXIAL], count = 0;
     _Alignas(CACHE_LINE) double system[ELIMINATION_SIZE(MAX_AXIAL)][MOST_COLUMNS];
@@ -148,7 +148,7 @@ static bool solve_axial(contact_problem *p, int *negative) {
     return true;
 }
 
-/* Returns the state of unknown i that is consistent with the solution: its present state, or the one to which it must switch. */
+/* Returns the state of unknown i that is consistent with the solution: its current state, or the one to which it must switch. */
 static friction_state consistent_state(contact_problem *p, int i, double slip) {
     double force = p->force[2 * p->count + i], margin = MARGIN * (1.0 + fabs(force));
     if (p->state[i] == STICK) {
@@ -161,7 +161,7 @@ static friction_state consistent_state(contact_problem *p, int i, double slip) {
     return p->state[i] * (slip - origin(p, i)) < 0.0 ? STICK : p->state[i];
 }
 
-/* Returns the knot of unknown i that is consistent with the solution: the next knot if the unknown has slid past it, otherwise the present one. */
+/* Returns the knot of unknown i that is consistent with the solution: the next knot if the unknown has slid past it, otherwise the current one. */
 static int consistent_knot(const contact_problem *p, int i, double slip) {
     int next = p->knot + (int)p->state[i];
     if (p->ahead.count == 0 || i != p->climber || next == p->knot || next < 0 || next >= p->ahead.count) return p->knot;

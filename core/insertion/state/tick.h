@@ -145,7 +145,7 @@ typedef struct {
     needle_tip tip;
     guide_contact faces[MAX_GUIDE_POINTS];    /* the guide contacts of the points at guides */
     struct { vec3 force; shaft_hold shaft; } contacts[MAX_POINTS]; /* force and shaft state at each point in contact with tissue */
-    int knot;                                 /* present knot of the contact problem's staircase */
+    int knot;                                 /* current knot of the contact problem's staircase */
 } pass_checkpoint;
 
 _Static_assert((int)MAX_POINTS <= BETWEEN_POINTS && (int)NEEDLE_POINT_JOINTS == BETWEEN_JOINTS, "the kernels take all points");

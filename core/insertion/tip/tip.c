@@ -129,7 +129,7 @@ void tip_move(const tick_input *tick, insertion_state *state, const creep_step *
     tip->solved.slip = 0.0;
 }
 
-/* Makes the tissue around a straight needle unstrained: its contacts hold the shaft in its present position. */
+/* Makes the tissue around a straight needle unstrained: its contacts hold the shaft in its current position. */
 static void rest_shaft(const insertion_model *model, insertion_state *state) {
     const vec3 *joints = state->needle.joints;
     vec3 base = joints[0], axis = v3_unit(v3_sub(joints[model->needle->given.segments], base));

@@ -141,7 +141,7 @@ void puncture_barrier(const tick_input *tick, insertion_state *state, tick_outpu
     }
 }
 
-/* Distance (m) of the tip from an exit out of the tissue through its present element; INFINITY if there is none. */
+/* Distance (m) of the tip from an exit out of the tissue through its current element; INFINITY if there is none. */
 static double distance_to_exit(const insertion_model *model, const needle_tip *tip, vec3 direction) {
     double to_face, rising = v3_dot(direction, tip->place.graze_normal);
     int face = mesh_exit(model->mesh, tip->place.tet, tip->place.nominal, tip_way(&tip->place, direction), &to_face);

@@ -23,7 +23,7 @@ const FAN = `
     return smoothstep(0.0, 0.0012, range - reach.x) * smoothstep(0.0, 0.0025, reach.y - range) * smoothstep(0.0, 0.02, spread - angle);
   }`
 
-// Draws isodose lines of the seeds at their present positions.
+// Draws isodose lines of the seeds at their current positions.
 const DOSE = `
   precision highp sampler3D;
   uniform sampler3D dose; uniform vec3 doseOrigin, doseSize; uniform float doseTop; // doseTop 0: no dose

@@ -396,7 +396,7 @@ export class Procedure {
 
   /* ---- words ---- */
 
-  /** Called several times per second: describes the present state and the next step in words. */
+  /** Called several times per second: describes the current state and the next step in words. */
   describe(status, state, history, chosen) {
     this.drive.lies = false
     if (!this.active) return

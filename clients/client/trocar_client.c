@@ -54,7 +54,7 @@ static const double RAMP = 0.1;            /* s, duration of the ramp after an o
 static const double PATIENCE = 0.1;        /* s of silence after which the client follows another server */
 static const double LONGEST_PERIOD = 0.01; /* s: if the device's loop takes longer, the wrench may change by no more than the rate limits allow in this time */
 static const double MAX_FORCE = 20.0, MAX_TORQUE = 1.0;                 /* limits of force (N) and torque (N m) for a scene without `device` keys */
-static const double MAX_FORCE_RATE = 2000.0, MAX_TORQUE_RATE = 100.0;   /* limits of their rates (N/s and N m/s) for such a scene */
+static const double MAX_FORCE_RATE = 2000.0, MAX_TORQUE_RATE = 100.0;   /* limits of the rates of change of force (N/s) and torque (N m/s) for such a scene */
 static const double LONGEST_REPLY = 3.0;   /* s to wait for a reply; a server needs 0.1 s for the slowest command, leave, with 25 other needles at rest */
 static const double LONGEST_ECHO = 10.0;   /* s within which the client's first message must come back from the network */
 

@@ -18,7 +18,7 @@ typedef enum {
 
 typedef struct {
     int width, height;       /* number of pixels along a row, and number of rows (away from the probe) */
-    double left, near;       /* m, position of the first pixel's centre relative to the probe */
+    double left, near;       /* m, coordinates of the first pixel's centre along axes[0] and axes[1], relative to `origin` */
     float *gain;             /* gain of each pixel; 0 outside the probe's field of view */
     unsigned char *grey;     /* grey levels of the pixels, row by row */
     vec3 origin, axes[3];    /* origin, m: position of the probe; axes: unit vectors along the rows, away from the probe, and normal to the image */

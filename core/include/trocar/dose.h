@@ -127,7 +127,7 @@ typedef struct trocar_dvh_summary {
     double volume_cm3;           /* cm^3 */
     double mean, minimum, maximum; /* Gy */
     double d10, d30, d80, d90;   /* Gy */
-    double v100, v150, v200;     /* fractions of the volume */
+    double v100, v150, v200;     /* fractions of the volume that receive 100, 150 and 200 % of the prescription */
     double v100_cm3;             /* cm^3 */
 } trocar_dvh_summary;
 

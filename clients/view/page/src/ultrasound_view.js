@@ -26,7 +26,7 @@ const FAN = `
 // Draws isodose lines of the seeds at their current positions.
 const DOSE = `
   precision highp sampler3D;
-  uniform sampler3D dose; uniform vec3 doseOrigin, doseSize; uniform float doseTop; // doseTop 0: no dose
+  uniform sampler3D dose; uniform vec3 doseOrigin, doseSize; uniform float doseTop; // doseTop is 0 if there is no dose
   vec4 isoline(vec4 under, float level, float at, float slope, vec3 colour) {
     return mix(under, vec4(colour, under.a), slope > 0.0 ? 1.0 - smoothstep(0.7, 1.5, abs(at - level) / slope) : 0.0);
   }

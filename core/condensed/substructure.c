@@ -288,7 +288,7 @@ typedef struct {
     int pivot_panels;
     double *load;            /* 3 size.count */
     response below;          /* response of the pivots of this front and of all fronts below it in the tree */
-    int taken, taken_panels; /* numbers of columns and panels that the parent has taken over */
+    int taken, taken_panels; /* number of columns, and number of panels, that the parent has taken over */
 } front;
 
 typedef struct {
@@ -361,7 +361,7 @@ static void add_stiffness(const elimination *e, front *f, panel *p) {
     }
 }
 
-/* Groups of those nodes of a child, [child->taken, end), that are added to a panel. */
+/* Groups of the child's nodes [child->taken, end), which are added to a panel. */
 typedef struct {
     const elimination *elimination;
     const front *child;

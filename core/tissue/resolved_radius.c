@@ -12,9 +12,9 @@
 static const double RADIUS = 1.6; /* edge lengths: distance from the line within which a node's elements belong to the patch. Measured: with this patch, ln
                                      R differs from that of the whole mesh by 0.01 across the line and by 0.02 to 0.03 along it (docs/mechanics.md) */
 static const double HALF_LENGTH = 1.2; /* edge lengths: half the extent of the patch along the line; also, smallest ratio of this half extent to the line's
-                                          length within the element. Measured like RADIUS */
+                                          length within the element. Measured in the same way as RADIUS */
 static const double FREE = 0.45; /* edge lengths: distance from the line below which boundary nodes are left free, because the exact solution does not hold
-                                    for a mesh so close to the line. Measured like RADIUS */
+                                    for a mesh so close to the line. Measured in the same way as RADIUS */
 static const double GAP = 1e-9; /* m: largest gap between consecutive pieces of the line. Rounding tolerance */
 
 /* Displacement of one point along one axis, per unit load on each component and per unit displacement of each fixed component. */

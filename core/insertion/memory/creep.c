@@ -198,8 +198,8 @@ static void fade_face(const tick_input *tick, insertion_state *state, const cree
     for (int k = 0; k < series->count; k++) face[k] *= fading;
 }
 
-/* The shaft next to the tip is one radius shorter than the share that bears the tip's lateral forces. Returns the fraction of the load along a shaft as
-   long as the share (the load in `along`) that this shaft bears. */
+/* The shaft next to the tip is one radius shorter than the share that bears the tip's lateral forces. Returns the fraction that this shorter shaft bears of the
+   load in `along`, which is the load on a shaft as long as the share. */
 static double shaft_part(const tick_input *tick, const insertion_state *state) {
     const share_memory *share = &state->memory.shares[state->memory.count - 1];
     return 1.0 - tick->model->needle->radius / (share->to - share->from);

@@ -32,7 +32,7 @@ typedef struct {
     int contacts;                /* number of active contacts */
     unsigned events;             /* insertion_event bits of this tick */
     int membrane;                /* index of the membrane punctured in this tick, or -1 */
-    int passes, switches;        /* numbers of passes and of contact switches in this tick */
+    int passes, switches;        /* number of passes, and number of contact switches, in this tick */
 } tick_output;
 
 typedef enum { INSERTION_TISSUE, INSERTION_NEEDLE, INSERTION_CONTACT, INSERTION_WRENCH, INSERTION_STAGES } insertion_stage;

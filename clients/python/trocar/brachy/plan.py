@@ -336,7 +336,8 @@ def hole_axis(guide: Guide, hole: str) -> npt.NDArray[np.float64]:
 
 
 def needle_axis(plan: Plan, needle: Needle, model: Model) -> tuple[npt.NDArray[np.float64], npt.NDArray[np.float64]]:
-    """Returns the point (3,) m from which the needle's depth is measured, and its direction (3,), a unit vector. Raises BadPlan like `guide_of`."""
+    """Returns the point (3,) m from which the needle's depth is measured, and its direction (3,), a unit vector. Raises BadPlan for the same reasons as
+    `guide_of`."""
     if needle.entry is not None:
         return np.array(needle.entry), np.array(needle.direction) / np.linalg.norm(needle.direction)
     guide = guide_of(plan, model)

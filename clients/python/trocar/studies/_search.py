@@ -35,7 +35,7 @@ SPARE = 2e-3         # m: clearance that exceeds the desired one by more than th
 TOO_NEAR = 10.0      # weight of missing clearance relative to the worst-case error
 STEPS = 12           # maximum number of steps in the search for the smallest worst-case error
 SMALLEST = 0.02      # smallest step in the search for the smallest worst-case error
-ENOUGH = 0.05        # in units of the search: it ends when the expected improvement of the next step is less than this
+ENOUGH = 0.05        # in units of the search, which ends when the expected improvement of the next step is less than this
 
 
 class Variable(NamedTuple):

@@ -4,7 +4,7 @@
 
 #include "mesh/mesh.h"
 
-enum { MSH_TRIANGLE = 2, MSH_TETRAHEDRON = 4 }; /* Gmsh's numbers of the linear element types */
+enum { MSH_TRIANGLE = 2, MSH_TETRAHEDRON = 4 }; /* Gmsh's numbers for the linear element types */
 
 typedef struct { uint64_t tag; double x[3]; } msh_node; /* coordinates as in the file */
 

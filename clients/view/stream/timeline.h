@@ -10,7 +10,7 @@
 
 #define SAMPLE_SLOT 0.01     /* s, time covered by one sample of a needle */
 #define SAMPLE_SPAN 60.0     /* s, time span of the live samples that are kept */
-#define PICTURE_BYTES ((size_t)256 << 20) /* limit on the size of a log's pictures */
+#define PICTURE_BYTES ((size_t)256 << 20) /* bytes, maximum total size of a log's pictures */
 
 typedef struct {
     bool live;

@@ -21,8 +21,8 @@
 enum { EVENT_HEADER = 28, EVENT_CHANNEL_LENGTH = 20, EVENT_DATA_LENGTH = 24, CHANNEL_MAX = 63, DATA_MAX = 512, STATUS_MAX = 4096 };
 static const unsigned char event_magic[4] = {0xED, 0xA1, 0xDA, 0x01};
 
-/* A message type of an older release, which lacks the last fields: `needle` of poses and wrenches, `server` of wrenches, and
-   the last five fields of a status, or all but its `state`. */
+/* A message type of an older release, which lacks the last fields: in poses, `needle`; in wrenches, `needle` or both `server` and `needle`; in a status,
+   `state` or the last five fields. */
 typedef struct {
     uint64_t fingerprint;
     int missing;             /* bytes */

@@ -24,7 +24,7 @@ struct trocar_model {
     trocar_model *base;      /* model whose mesh, stiffness and inverse this one shares; NULL if it has its own */
     double rate_hz;
     pose start;              /* initial pose of the needle's base; its position is NAN if the scene gives none */
-    double patient_to_mesh[16]; /* the first entry is NAN if there is none */
+    double patient_to_mesh[16]; /* the first entry is NAN if the scene gives no transform */
     bool mesh_only;          /* the model has only mesh, regions and membranes */
 };
 

@@ -250,7 +250,7 @@ static void find_levels(dose_thread *t) {
     for (int64_t i = 0; i < count; i++) t->levels[i] = (unsigned char)fmin(UINT8_MAX, 0.5 + scale * t->values[i]);
 }
 
-/* Encodes JSON and the grid's levels; empty if memory runs out. */
+/* Encodes JSON and the grid's levels; the result is empty if memory runs out. */
 static byte_buffer encode(dose_thread *t) {
     byte_buffer section = {0};
     char *text = NULL;

@@ -1,4 +1,4 @@
-/* All constant data of a simulation, built from one configuration and owned by one struct. */
+/* All immutable data of a simulation, built from one configuration and owned by one struct. */
 #ifndef TROCAR_SIMULATION_H
 #define TROCAR_SIMULATION_H
 
@@ -17,7 +17,7 @@ typedef struct {
     probe_shape shape;
     double max_force;        /* N, force at which the probe is stopped */
     pose start;              /* initial pose of the first needle's base; its position is NAN until a pose is given */
-    int surface_line, start_line; /* lines of these keys in the scene file, for messages; 0 if not given in a file */
+    int surface_line, start_line; /* lines of the keys of surface and start in the scene file, for messages; 0 if not given in a file */
 } probe_config;
 
 enum { MAX_REGIONS = 16, MAX_MEMBRANES = 16, MAX_FIXED = 8 };
@@ -57,7 +57,7 @@ typedef struct {
     int probe_surface;                  /* index of the probe's surface among the groups; -1 if there is no probe */
     tissue tissue;
     inverse *inverse;
-    report about_inverse;               /* name of the chosen owner of the inverse, and the reason for the choice */
+    report about_inverse;               /* kind of inverse that was chosen, and the reason for the choice */
     needle_model needle;
     insertion_model insertion;
 } simulation;

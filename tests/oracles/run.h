@@ -19,7 +19,7 @@ void run_free(needle_run *r);
    function sets the other members. */
 trocar_status run_step(needle_run *r, tick_input tick, insertion_state *state, compliance_snapshot *snapshot, tick_output *output, report *why);
 
-/* The complete mutable state between two ticks: plain data, about 2 MB. */
+/* The complete mutable state between two ticks. It is plain data of about 2 MB. */
 typedef struct {
     insertion_state state;
     compliance_snapshot snapshot;

@@ -1,5 +1,5 @@
-/* Checks the solution of a tick: the tissue's equilibrium with an assembled K, the needle's equilibrium with its bending moments, and a base on a spring by
-   comparison with a rigid base. */
+/* Checks the solution of a tick: the tissue's equilibrium with an assembled K, the needle's equilibrium with its bending moments, and, for a base on a spring,
+   the agreement with a rigid base. */
 #include "lockstep.h"
 #include "refinement/refined_mesh.h"
 

@@ -30,7 +30,7 @@ static long resident_kib(void) {
 }
 
 /* first: largest axial force on the hand while each needle is inserted and withdrawn, in the first implant of each kind, N; peak: largest of all forces, N;
- * drift: largest difference from the first implant of the same kind, N. */
+   drift: largest difference from the first implant of the same kind, N. */
 static double first[KINDS][NEEDLES][2], peak, drift;
 
 static void compare(int kind, bool again, int needle, bool out, double force) {

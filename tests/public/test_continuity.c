@@ -236,7 +236,7 @@ static void letting_go_of_a_needle_is_no_knock_for_its_neighbours(void **state) 
 }
 
 /* Relaxing tissue springs back slowly. A needle inserted again after a withdrawal must touch the skin at the skin's current position, not at its final
- * position. */
+   position. */
 static void a_needle_returns_to_skin_that_is_still_displaced_with_one_touch(void **state) {
     (void)state;
     trocar_model *model;

@@ -219,7 +219,7 @@ static double axis_after(joystick *j, unsigned code, int value, int axis) {
 }
 
 /* A trigger rests at 0 in a range of 0 .. 1023. A stick whose value is 0 because it has not reported anything yet is at rest at the value of its first report.
- * */
+   */
 static void untouched_axes_are_at_rest(void **unused) {
     (void)unused;
     joystick j = open_stick();

@@ -1,5 +1,5 @@
 /* Tests resting needles, which are released, taken and removed through trocar.h, by comparison with dense linear algebra for the needles and the tissue
- * together. */
+   together. */
 #include <setjmp.h>
 #include <stdarg.h>
 #include <stddef.h>
@@ -695,7 +695,7 @@ static void push_beside_a_late_worker(trocar_sim *sim, int needle) {
 }
 
 /* In one out of 140 such insertions, the shaft lags so far behind the tissue that it slips for a second before the needle rests. The insertions below include
- * such
+   such
    cases. */
 static void a_needle_can_be_left_however_late_the_worker_is(void **state) {
     (void)state;

@@ -208,7 +208,7 @@ typedef struct {
     double (*hand)[3];       /* N, force on the hand at each millisecond */
     int *punctures;          /* so far */
     /* N, axial forces of the first needle, while it rests, on tissue and template: sum of the positive forces, sum of the negative forces, and largest
-     * magnitude */
+       magnitude */
     double (*rests)[3];
     int broken;              /* number of membranes punctured so far */
     double slid;             /* m, largest sliding distance of any point */

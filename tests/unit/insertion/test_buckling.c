@@ -1,5 +1,5 @@
 /* Tests that a buckling needle follows a continuous path from straight to bowed and back, and that along this path, its force is continuous and no energy is
- * created. */
+   created. */
 #include "lockstep.h"
 
 #include <setjmp.h>

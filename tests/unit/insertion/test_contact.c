@@ -134,7 +134,7 @@ static void assert_solution(double tolerance) {
 }
 
 /* Returns the force of a single axial contact that satisfies the staircase law; the contact's remaining gap is `gap`, and every newton of force closes it by
- * `a`. */
+   `a`. */
 static double force_on_staircase(double gap, double a) {
     const staircase *s = &given.ahead;
     for (int k = 0; k < s->count; k++) {

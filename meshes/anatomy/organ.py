@@ -19,7 +19,7 @@ STEEP = 5.0             # multiple of the median edge length: longer edges form 
 FEW = 4                 # number of such edges that is accepted, and number of parts that are named individually
 MOST_CHECKED = 40000    # triangles: larger surfaces are checked for crossings in a decimated copy
 RESERVED = ("surrounding", "skin", "fixed", "capsule", "bone")    # names that every mesh uses
-LONGEST_NAME = 40       # largest number of characters; a mesh allows 63, including suffixes
+LONGEST_NAME = 40       # maximum number of characters; a mesh allows 63, including suffixes
 
 
 @dataclasses.dataclass

@@ -2,7 +2,7 @@
 """trocar-top --udp-json with a running server and a listener: the datagrams are JSON and have the values of the LCM messages.
 
 usage: test_udp_json.py BUILD_DIR SOURCE_DIR
-Status 77: no private network namespace here.
+Exit status 77: network namespaces are not available.
 """
 import collections
 import json

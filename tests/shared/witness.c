@@ -42,7 +42,7 @@ static const double QUIET = 2e-3;    /* fraction of late wake-ups that a test mu
 typedef struct {
     int processor;
     bool real_time;
-    long wakes, late;                /* numbers of wake-ups and of late ones; whole periods in which the thread did not wake up also count as late */
+    long wakes, late;                /* number of wake-ups, and of late ones; whole periods in which the thread did not wake up also count as late */
     long long longest_ns;
 } observer;
 

@@ -1,5 +1,5 @@
 // A bridge for every device that CHAI3D supports. It has been compiled, but not run on hardware.
-// c++ bridge_chai3d.cpp $(pkg-config --cflags --libs trocar-client) -I CHAI3D/src -lchai3d -o bridge
+// Build: c++ bridge_chai3d.cpp $(pkg-config --cflags --libs trocar-client) -I CHAI3D/src -lchai3d -o bridge
 #include <cstdio>
 #include <chai3d.h>
 #include <trocar_client.h>

@@ -1,6 +1,6 @@
 // A bridge for devices of the Force Dimension SDK (omega, delta, sigma, lambda). It has been compiled, but not run on hardware.
-// c++ bridge_forcedimension.cpp $(pkg-config --cflags --libs trocar-client) -ldhd -o bridge
-// In the scene: device: {profile: omega.3}
+// Build: c++ bridge_forcedimension.cpp $(pkg-config --cflags --libs trocar-client) -ldhd -o bridge
+// The scene should contain the limits of the device: device: {profile: omega.3}
 #include <cstdio>
 #include <dhdc.h>
 #include <trocar_client.h>

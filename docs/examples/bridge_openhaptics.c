@@ -1,6 +1,6 @@
 /* A bridge for devices of OpenHaptics (Touch, Touch X, Premium). It has been compiled, but not run on hardware.
    cc bridge_openhaptics.c $(pkg-config --cflags --libs trocar-client) -lHD -o bridge
-   In the scene: device: {profile: touch} */
+   The scene should contain the limits of the device: device: {profile: touch} */
 #include <stdio.h>
 #include <HD/hd.h>
 #include <trocar_client.h>

@@ -1,5 +1,5 @@
 // Pushes a needle 50 mm into a scene at 50 mm/s and prints the force on the hand every 5 mm.
-// c++ insert.cpp $(pkg-config --cflags --libs trocar) -o insert && ./insert /usr/share/trocar/scenes/figure8.yaml
+// Build and run: c++ insert.cpp $(pkg-config --cflags --libs trocar) -o insert && ./insert /usr/share/trocar/scenes/figure8.yaml
 #include <cstdio>
 #include <memory>
 #include <stdexcept>

@@ -1,4 +1,4 @@
-"""A simulated device (../stability/simulated_device.h) that takes part through the stand-in for the Haply Inverse Service."""
+"""A simulated device (../stability/simulated_device.h) that is connected through the stand-in for the Haply Inverse Service."""
 import ctypes
 import time
 

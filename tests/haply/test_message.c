@@ -57,7 +57,7 @@ static void a_handle_without_a_rotation_is_missing(void **unused) {
     }
 }
 
-/* As documented on the pages service/realtime/control-commands and service/tutorials/01. */
+/* The messages are those documented on the pages service/realtime/control-commands and service/tutorials/01. */
 static void forces_are_written(void **unused) {
     (void)unused;
     char text[512];

@@ -462,7 +462,7 @@ static void a_base_on_a_spring_yields(void **state) {
     trocar_model_free(model);
 }
 
-/* For a model created for a viewer, the mesh and the names are available at once, while functions that need the stiffness are not. */
+/* For a model created for a viewer, the mesh and the names are available immediately, whereas functions that need the stiffness are not. */
 static void a_model_may_be_its_mesh_alone(void **state) {
     (void)state;
     trocar_scene *scene = cube_scene();

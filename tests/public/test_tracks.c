@@ -303,7 +303,7 @@ static void published_shares_leave_39_percent(void **state) {
         for (size_t k = 0; k < sizeof given / sizeof *given; k++) {
             char key[64];
             snprintf(key, sizeof key, "regions[%d].%s", i, given[k].key);
-            if (strcmp(given[k].key, "friction.kinetic") == 0) { /* must not exceed the static limit */
+            if (strcmp(given[k].key, "friction.kinetic") == 0) { /* kinetic friction must not exceed the static limit */
                 char limit[64];
                 snprintf(limit, sizeof limit, "regions[%d].friction.static", i);
                 OK(trocar_scene_set_number(scene, limit, given[k].value, &why));

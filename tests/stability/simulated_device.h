@@ -31,7 +31,7 @@ typedef struct {
     vec3 force;              /* N, force that is currently acting */
     struct { double due; vec3 force; } forces[DEVICE_FORCES]; /* forces in transit, indexed by their number modulo DEVICE_FORCES */
     long applied, sent;      /* applied: number of the next force to act; sent: number of the next force to be sent */
-    vec3 lowest, highest;    /* m, range of the position since device_watch */
+    vec3 lowest, highest;    /* m, lowest and highest coordinates of the position since device_watch */
 } simulated_device;
 
 /* Starts at rest at `position` from time `now` on. */

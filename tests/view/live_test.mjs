@@ -1,5 +1,5 @@
-// Tests the page with a live server, as a person uses it, in headless Chromium; run by test_view.sh in a private network.
-// usage: live_test.mjs BUILD_DIR SOURCE_DIR OUT_DIR
+/* Tests the page with a live server, as a person uses it, in headless Chromium; run by test_view.sh in a private network.
+   usage: live_test.mjs BUILD_DIR SOURCE_DIR OUT_DIR */
 import assert from 'node:assert/strict'
 import { once } from 'node:events'
 import { readFile, writeFile } from 'node:fs/promises'

@@ -1,5 +1,5 @@
-// Tests recorded insertions in the page and as pictures, in headless Chromium; run by test_view.sh in a private network.
-// usage: log_test.mjs BUILD_DIR SOURCE_DIR OUT_DIR
+/* Tests recorded insertions in the page and as pictures, in headless Chromium; run by test_view.sh in a private network.
+   usage: log_test.mjs BUILD_DIR SOURCE_DIR OUT_DIR */
 import assert from 'node:assert/strict'
 import { once } from 'node:events'
 import { readFile } from 'node:fs/promises'

@@ -1,7 +1,7 @@
-// Run by hand: measures the effect of browsers on the haptic loop, and the time from a pose to its picture, in a private
-// network: scripts/netns node tests/view/measure.mjs BUILD_DIR SOURCE_DIR [SECONDS] [BROWSERS] [ROUNDS] Runs with and without
-// browsers alternate, because other load on the machine changes the loop's times as much as browsers do; the medians of the
-// runs are compared.
+/* Measures the effect of browsers on the haptic loop, and the time from a pose to its picture. Run by hand, in a private network:
+   scripts/netns node tests/view/measure.mjs BUILD_DIR SOURCE_DIR [SECONDS] [BROWSERS] [ROUNDS]
+   Runs with and without browsers alternate, because other load on the machine changes the loop's times as much as browsers do; the medians of the runs are
+   compared. */
 import { once } from 'node:events'
 import { ADDRESS, launch, run, start, stop } from './parts.mjs'
 

@@ -1,7 +1,6 @@
-// Tests the ultrasound probe with a live server: it is shown at the position given in the scene, is moved with the keys, presses on the rectum's wall, and
-// moves the images with it.
-// Run by test_view.sh in a private network.
-// usage: probe_test.mjs BUILD_DIR SOURCE_DIR OUT_DIR
+/* Tests the ultrasound probe with a live server: it is shown at the position given in the scene, is moved with the keys, presses on the rectum's wall, and
+   moves the images with it. Run by test_view.sh in a private network.
+   usage: probe_test.mjs BUILD_DIR SOURCE_DIR OUT_DIR */
 import assert from 'node:assert/strict'
 import path from 'node:path'
 import { browser, check, checkLayout, driven, faults, open, until } from './page.mjs'

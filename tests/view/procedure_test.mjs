@@ -1,7 +1,6 @@
-// Tests procedure mode with a live server, as a new user would use the page: chooses hole C3.5, inserts the needle, drops a seed, and draws the needle back.
-// Run by
-// test_view.sh in a private network.
-// usage: procedure_test.mjs BUILD_DIR SOURCE_DIR OUT_DIR
+/* Tests procedure mode with a live server, as a new user would use the page: chooses hole C3.5, inserts the needle, drops a seed, and draws the needle back.
+   Run by test_view.sh in a private network.
+   usage: procedure_test.mjs BUILD_DIR SOURCE_DIR OUT_DIR */
 import assert from 'node:assert/strict'
 import { writeFile } from 'node:fs/promises'
 import path from 'node:path'
@@ -37,8 +36,8 @@ const press = async (key, done) => {
   await until(page, done)
 }
 
-// The plan has two seeds in C3.5, which is 4 columns to the patient's right of the middle hole and 1 row below it, with 5 mm per column and row,
-// and another seed elsewhere.
+/* The plan has two seeds in C3.5, which is 4 columns to the patient's right of the middle hole and 1 row below it, with 5 mm per column and row, and another
+   seed elsewhere. */
 const plan = path.join(OUT, 'plan.csv')
 await writeFile(plan, 'hole,seed,x [m],y [m],z [m]\nC3.5,1,0.02,-0.005,0.05875\nC3.5,2,0.02,-0.005,0.04875\nF4,1,0.005,0,0.06\n')
 let view = await start('clients/view/trocar-view', '--scene', implant, '--plan', plan), server, page

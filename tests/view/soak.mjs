@@ -1,6 +1,6 @@
-// Run by hand: measures the memory of the page, of Chromium and of trocar-view every minute while the figure 8 is repeated with
-// the tissue cut open; fails if the memory grows. Run it in a private network, so that no other Chromium is counted:
-//   scripts/netns node tests/view/soak.mjs BUILD_DIR SOURCE_DIR [MINUTES]
+/* Measures the memory of the page, of Chromium and of trocar-view every minute while the figure 8 is repeated with the tissue cut open; fails if the memory
+   grows. Run by hand, in a private network, so that no other Chromium is counted:
+   scripts/netns node tests/view/soak.mjs BUILD_DIR SOURCE_DIR [MINUTES] */
 import { readdirSync, readFileSync } from 'node:fs'
 import { ADDRESS, launch, run, start, stop } from './parts.mjs'
 

@@ -89,7 +89,7 @@ static void restored_at_rest_engages_again(void **unused) {
     lockstep_free(l);
 }
 
-/* Results are bit-identical for `nested` with a stored inverse; in other cases they agree to rounding error. */
+/* Results are bit-identical for `nested` with a stored inverse; in other cases, they agree except for rounding errors. */
 static void every_method_and_inverse_can_be_restored(void **unused) {
     (void)unused;
     char directory[] = "/tmp/test_simulation.XXXXXX", command[64];

@@ -188,7 +188,7 @@ static void only_malformed_lcm_packets_are_dropped(void **unused) {
     assert_int_equal(received(sender, receiver, bad), 0);
     assert_int_equal(lcm_filter_dropped() - before, 1);
 
-    assert_int_equal(socketpair(AF_UNIX, SOCK_DGRAM, 0, pair), 0); /* not a UDP socket, so not one of LCM's */
+    assert_int_equal(socketpair(AF_UNIX, SOCK_DGRAM, 0, pair), 0); /* these are not UDP sockets, so they are not LCM's */
     assert_int_equal(received(pair[0], pair[1], bad), bad.size);
 
     lcm_filter_restrict(&poses);

@@ -1,5 +1,5 @@
 #!/usr/bin/python3
-"""Forces on a rigid needle whose surface is resolved by the mesh: the reference for the mesh-independence checks.
+"""Computes the forces on a rigid needle whose surface is resolved by the mesh: the reference for the mesh-independence checks.
 
 A needle of radius r, bonded to a block of tissue, is represented by a cylindrical hole with a flat end, all nodes of which are moved by 1 mm, sideways or along
 the axis, without rotation. The reactions are the required forces. The discs, which are end faces moved on their own, calibrate the compliance under a cutting
@@ -7,7 +7,7 @@ force. No code of trocar is used: meshes are created by Gmsh and numpy and solve
 file.
 
 The mesh is an extruded plane triangulation: polar rings around the needle's axis, refined towards its rim, are joined to Gmsh's triangles, which extend to the
-block's sides. Its layers are thin at the needle's ends and long in between, which an unstructured mesh cannot achieve. For an oblique needle this mesh is
+block's sides. Its layers are thin at the needle's ends and long in between, which an unstructured mesh cannot achieve. For an oblique needle, this mesh is
 deformed. Lengths are in m, forces in N, moduli in Pa.
 """
 import argparse

@@ -1,9 +1,9 @@
 #!/usr/bin/env python3
-"""The order of the source tree.
+"""Tests the structure of the source tree.
 
-Core, server and clients have no circular includes, neither between files (a .c and its .h count as one) nor between folders. A folder of core includes
-only those above it in the table in core/README.md. Of server/, the clients include only common/ and intake/. Only kernels, and headers and sources of
-linalg, include vector types. No folder has more than 25 files, and each of core, server, clients and tests has a README of at most 150 lines.
+Core, server and clients have no circular includes, neither between files (a .c and its .h count as one) nor between folders. A folder of core includes only
+folders above it in the table in core/README.md. Clients include only common/ and intake/ of server/. Only kernels and linalg include vector types. No folder
+has more than 25 files, and each of core, server, clients and tests has a README of at most 150 lines.
 
 usage: test_includes.py SOURCE_DIR
 """
@@ -15,7 +15,7 @@ import sys
 
 
 def includes(root, *parts):
-    """Returns the units (paths without suffix, relative to root) that each unit includes; if parts are given, only those of these parts."""
+    """Returns the units (paths relative to root, without suffix) that each unit includes; if parts are given, only units in these parts."""
     files = {path.relative_to(root).as_posix(): path for part in parts or ('.',) for path in (root / part).rglob('*.[ch]') if 'node_modules' not in path.parts}
     graph = {}
     for name, path in files.items():
@@ -57,13 +57,13 @@ def circles(graph):
 
 
 def floors(readme):
-    """Returns the folders in the table of core/README.md, from the lowest level upwards."""
+    """Returns the folders in the table of core/README.md, starting with the lowest level."""
     table = readme.partition('## Folders')[2].partition('\n## ')[0]
     return re.findall(r'^\| \[`(\w+)`\]', table, re.MULTILINE)
 
 
 def upward(graph, order):
-    """Returns includes of a folder that is above the including file's own folder."""
+    """Returns includes of files in a folder that is above the including file's own folder."""
     def floor(unit):
         return order.index(unit.partition('/')[0])
     return [f'{unit} includes {other}, which is above it' for unit in sorted(graph) if '/' in unit
@@ -83,13 +83,13 @@ MOST_FILES, MOST_LINES = 25, 150
 
 
 def crowded(files):
-    """Returns folders with more than MOST_FILES of these files."""
+    """Returns the folders that contain more than MOST_FILES of these files."""
     counts = collections.Counter(file.rpartition('/')[0] or '.' for file in files)
     return [f'{folder} has {count} files; at most {MOST_FILES}' for folder, count in sorted(counts.items()) if count > MOST_FILES]
 
 
 def undescribed(root, files):
-    """Returns those of core, server, clients, tests and their folders that have no README or one that is too long."""
+    """Returns those of core, server, clients and tests, and of their folders, whose README is missing or too long."""
     faults = []
     for folder in sorted({match[0] for match in (re.match(r'(core|server|clients|tests)(/[^/]+(?=/))?', file) for file in files) if match}):
         readme = root / folder / 'README.md'
@@ -130,7 +130,7 @@ def main():
     rings = [circle for graph in (core, programs) for circle in circles(graph) + circles(by_folder(graph))]
     faults += ['include circle: ' + ' -> '.join(circle) for circle in rings]
     listed = subprocess.run(['git', '-C', root, 'ls-files'], capture_output=True, text=True, check=False)
-    if listed.returncode == 0:  # in a checkout, only files in the repository count
+    if listed.returncode == 0:  # in a Git checkout, only tracked files count
         files = listed.stdout.splitlines()
         faults += crowded(files) + undescribed(root, files)
     for fault in faults:

@@ -1,6 +1,6 @@
 #!/bin/bash
-# scene.md, messages.md and programs.md in docs/reference agree with the output of scripts/pages/reference for the scene table, trocar.lcm
-# and the programs' --help, and they are complete.
+# Checks that scene.md, messages.md and programs.md in docs/reference agree with the output of scripts/pages/reference for the scene table, trocar.lcm
+# and the programs' --help, and that they are complete.
 # usage: test_reference.sh BUILD_DIR SOURCE_DIR
 set -euo pipefail
 build=$1 source=$2 # absolute
@@ -17,7 +17,7 @@ lcm=$source/lcmtypes/trocar.lcm
 for key in $(grep -oE '[a-z_]+:' "$source/tests/fuzz/corpus/scene/every_key.yaml" | tr -d : | sort -u); do
     grep -qE "^\| \`[^\`]*\b$key\b" "$work/scene.md" || { echo "FAILED: no key $key in scene.md" >&2; exit 1; }
 done
-# Every option in the programs' tables and every script is present, and there is advice about every flag.
+# Every option in the programs' tables and every script is present, and the documentation gives advice about every flag.
 for option in $(sed -nE 's/^    \{"([a-z][a-z-]+)", .*/--\1/p' "$source"/server/main.c "$source"/clients/{device/device,replay/replay,top/top,bench/bench_*}.c "$source"/clients/view/view_options.c "$source"/clients/bridges/*/*.c); do
     grep -qE "^\| .*\`$option[\`=]" "$work/programs.md" || { echo "FAILED: no option $option in programs.md" >&2; exit 1; }
 done

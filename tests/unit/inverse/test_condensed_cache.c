@@ -1,4 +1,4 @@
-/* The cache directory of condensed inverses has a limited size. test_inverse_condensed.c tests the contents of the files. */
+/* Tests that the cache directory of condensed inverses has a limited size. test_inverse_condensed.c tests the contents of the files. */
 #include <fcntl.h>
 #include <setjmp.h>
 #include <stdarg.h>
@@ -18,7 +18,7 @@
 static char directory[] = "/tmp/test_cache.XXXXXX";
 
 enum { FILES = 5, BYTES = 1000 };
-/* Files with the times (s) at which they were last used; one is of an earlier version, one is unfinished, and one belongs to another program. */
+/* Files and the times (s) at which they were last used; one file is of an earlier version, one is unfinished, and one belongs to another program. */
 static const struct { const char *name; long used; } files[FILES] = {
     {"condensed-00000000000000aa.inverse", 300}, {"condensed-00000000000000bb.h5", 100}, {"condensed-00000000000000cc.inverse", 200},
     {"condensed-00000000000000dd.inverse.123", 150}, {"condensed-milk.inverse", 1}};

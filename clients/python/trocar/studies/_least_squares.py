@@ -11,10 +11,17 @@ Array = npt.NDArray[np.float64]
 # Returns the residuals (n,) at each of several points (p,), or None where they cannot be computed.
 Evaluate = Callable[[Sequence[Array]], list[Array | None]]
 
-STEP = 0.005          # finite difference, as a fraction of the range of a parameter
-SMALL = 0.01          # decrease of chi squared that is not worth a step: a tenth of a standard error
+# Simulations are not perfectly smooth: an event, such as the tip's entry into the next element, can fall into another tick, and some residuals jump.
+# Differences must therefore be taken over steps that are large compared with such jumps, and the search must be able to cross them.
+FIRST_STEP = 0.01     # first finite difference, as a fraction of the range of a parameter
+STEPS = (0.002, 0.1)     # smallest and largest finite difference
+CHANGE = 10.0         # norm of the change of the residuals that a finite difference should cause
+JUMP = 10.0           # largest jump of chi squared that the search crosses
+MOST_RISES = 5        # how often it does
+SMALL = 0.02          # decrease of chi squared, as predicted, that is not worth a step: a seventh of a standard error
+WORTH = 0.25          # decrease of chi squared that counts as progress: half a standard error
+IDLE = 5              # number of steps without progress after which the search ends: the residuals jump, and no Jacobian describes them
 MOST_STEPS = 60
-MOST_DAMPING = 1e6
 
 
 @dataclass
@@ -37,28 +44,52 @@ class _Counted:
         return self.evaluate(points)
 
 
-def _moved(point: Array, index: int, by: float) -> Array:
-    moved = point.copy()
-    moved[index] += by
-    return moved
+class _Differences:
+    """Jacobians by finite differences at points between 0 and 1."""
 
+    def __init__(self, evaluate: _Counted, count: int):
+        self.evaluate, self.steps = evaluate, np.full(count, FIRST_STEP)
 
-def _one_sided(evaluate: _Counted, point: Array, residuals: Array, signs: Array) -> tuple[Array, list[Array | None]]:
-    """Returns the Jacobian by one-sided differences, and the residuals at the points that were moved. A parameter is moved in the direction of its
-    sign, or to the other side if the residuals cannot be computed there. The column is 0 if they can be computed on neither side."""
-    found = evaluate([_moved(point, i, STEP * sign) for i, sign in enumerate(signs)])
-    failed = [i for i, there in enumerate(found) if there is None]
-    other = evaluate([_moved(point, i, -STEP * signs[i]) for i in failed]) if failed else []
-    steps = STEP * signs
-    columns = list(found)
-    for i, there in zip(failed, other):
-        steps[i], columns[i] = -steps[i], there
-    jacobian = np.stack([(there - residuals) / step if there is not None else np.zeros_like(residuals) for there, step in zip(columns, steps)], axis=1)
-    return jacobian, found
+    def _at(self, point: Array, signs: Array, chosen: Sequence[int]) -> list[Array | None]:
+        points = []
+        for i in chosen:
+            moved = point.copy()
+            moved[i] += signs[i] * self.steps[i]
+            points.append(moved)
+        return self.evaluate(points) if points else []
 
+    def one_sided(self, point: Array, residuals: Array) -> Array:
+        """Returns the Jacobian (n, p) by differences towards the middle of the range, or away from it where the residuals cannot be computed. A column is
+        0 if they can be computed on neither side."""
+        every, signs = range(len(point)), np.where(point < 0.5, 1.0, -1.0)
+        there = self._at(point, signs, every)
+        failed = [i for i in every if there[i] is None]
+        signs[failed] *= -1.0
+        for i, other in zip(failed, self._at(point, signs, failed)):
+            there[i] = other
+        jacobian = np.zeros((len(residuals), len(point)))
+        for i, found in enumerate(there):
+            if found is not None:
+                jacobian[:, i] = (found - residuals) / (signs[i] * self.steps[i])
+        size = np.linalg.norm(jacobian, axis=0)
+        self.steps = np.clip(CHANGE / np.maximum(size, 1e-300), *STEPS)
+        return jacobian
 
-def _inward(point: Array) -> Array:
-    return np.where(point < 0.5, 1.0, -1.0)
+    def central(self, point: Array, residuals: Array) -> Array:
+        """Returns the Jacobian by central differences, or one-sided ones at bounds and where the residuals cannot be computed on one side."""
+        jacobian = np.zeros((len(residuals), len(point)))
+        every = range(len(point))
+        sides = []
+        for sign in (1.0, -1.0):
+            signs = np.full(len(point), sign)
+            inside = [i for i in every if 0.0 <= point[i] + sign * self.steps[i] <= 1.0]
+            sides.append(dict(zip(inside, self._at(point, signs, inside))))
+        for i in every:
+            ahead, behind = sides[0].get(i), sides[1].get(i)
+            width = self.steps[i] * ((ahead is not None) + (behind is not None))
+            if width > 0.0:
+                jacobian[:, i] = ((residuals if ahead is None else ahead) - (residuals if behind is None else behind)) / width
+        return jacobian
 
 
 def _bounded_step(jacobian: Array, residuals: Array, point: Array, damping: float) -> Array:
@@ -79,59 +110,70 @@ def _bounded_step(jacobian: Array, residuals: Array, point: Array, damping: floa
             return np.zeros(len(point))
 
 
+def _fall(jacobian: Array, residuals: Array, step: Array) -> float:
+    """Returns the decrease of chi squared that the Jacobian predicts for a step."""
+    return float(residuals @ residuals - np.sum((residuals + jacobian @ step) ** 2))
+
+
 def minimise(evaluate: Evaluate, start: Array) -> Solution:
     """Minimises the sum of squares of the residuals over points (p,) between 0 and 1, by the method of Levenberg and Marquardt. Between Jacobians by
     finite differences, the Jacobian is updated by Broyden's formula (Broyden 1965), because each column costs a simulation. Residuals must be
-    divided by their standard deviation: the search ends when a step would change chi squared by less than SMALL. Raises ValueError if the residuals cannot be computed at the start."""
+    divided by their standard deviation: the search ends when a step would change chi squared by less than SMALL. Raises ValueError if the residuals
+    cannot be computed at the start."""
     counted = _Counted(evaluate)
+    differences = _Differences(counted, len(start))
     point = np.array(start, np.float64)
     residuals = counted([point])[0]
     if residuals is None:
         raise ValueError("no residuals at the start")
-    jacobian, forward = _one_sided(counted, point, residuals, _inward(point))
-    fresh, damping, converged = True, 1e-3, False
+    jacobian, damping, rises, converged = differences.one_sided(point, residuals), 1e-3, 0, False
+    moved, idle, renewed = np.zeros(len(point)), 0, False    # moved: since the last Jacobian by finite differences
+    best = point, residuals
     for _ in range(MOST_STEPS):
-        chi2, freedom = float(residuals @ residuals), max(len(residuals) - len(point), 1)
-        enough = SMALL * max(1.0, chi2 / freedom)
-        undamped = _bounded_step(jacobian, residuals, point, 0.0)
-        if chi2 - float(np.sum((residuals + jacobian @ undamped) ** 2)) < enough:
-            if fresh:
-                converged = True
-                break
-            jacobian, forward = _one_sided(counted, point, residuals, _inward(point))
-            fresh, damping = True, min(damping, 1e-3)
+        chi2, lowest = float(residuals @ residuals), float(best[1] @ best[1])
+        scale = max(1.0, chi2 / max(len(residuals) - len(point), 1))
+        fresh = float(np.linalg.norm(jacobian @ moved)) < CHANGE * np.sqrt(scale)
+        left = _fall(jacobian, residuals, _bounded_step(jacobian, residuals, point, 0.0))    # decrease that is still to be expected
+        if (fresh and left < SMALL * scale) or (renewed and idle >= IDLE):
+            converged = True
+            break
+        if left < SMALL * scale or idle >= IDLE:
+            point, residuals = best
+            jacobian, moved, damping, idle, renewed = differences.one_sided(point, residuals), 0.0 * moved, min(damping, 1e-3), 0, True
             continue
         step = _bounded_step(jacobian, residuals, point, damping)
-        expected = chi2 - float(np.sum((residuals + jacobian @ step) ** 2))
-        there = counted([point + step])[0]
-        gain = -1.0 if there is None else (chi2 - float(there @ there)) / max(expected, 1e-300)
-        if there is not None and gain > 1e-2:
-            jacobian = jacobian + np.outer(there - residuals - jacobian @ step, step) / (step @ step)
-            point, residuals, fresh = point + step, there, False
-            damping = damping / 10.0 if gain > 0.5 else damping * (1.0 if gain > 0.1 else 4.0)
+        there, expected = counted([point + step])[0], _fall(jacobian, residuals, step)
+        after = np.inf if there is None else float(there @ there)
+        gain = (chi2 - after) / max(expected, 1e-300)
+        across = gain <= 1e-2 and rises < MOST_RISES and expected < JUMP * scale and after < lowest + JUMP * scale
+        idle += 1
+        if after < lowest - WORTH * scale:
+            idle, renewed = 0, False
+        if there is not None and (gain > 1e-2 or across):
+            change = jacobian @ step
+            if change @ change > CHANGE ** 2 * scale:
+                jacobian = jacobian + np.outer(there - residuals - change, step) / (step @ step)
+            rises += across
+            point, residuals, moved = point + step, there, moved + step
+            best = (point, residuals) if after < lowest else best
+            damping = damping / 10.0 if gain > 0.5 else damping if gain > 0.1 else 4.0 * damping
         elif not fresh:
-            jacobian, forward = _one_sided(counted, point, residuals, _inward(point))
-            fresh = True
+            jacobian, moved = differences.one_sided(point, residuals), 0.0 * moved
         else:
             damping = 10.0 * max(damping, 1e-4)
-        if damping > MOST_DAMPING:    # the residuals jump near the minimum: no step is small enough for the Jacobian to describe it
-            break
-    if not fresh:
-        jacobian, forward = _one_sided(counted, point, residuals, _inward(point))
-    return Solution(point, residuals, _central(counted, point, residuals, jacobian, forward), converged, counted.count)
+    point, residuals = best
+    return Solution(point, residuals, differences.central(point, residuals), converged, counted.count)
 
 
-def _central(evaluate: _Counted, point: Array, residuals: Array, jacobian: Array, forward: list[Array | None]) -> Array:
-    """Returns the Jacobian by central differences where both sides can be computed, with the one-sided differences that are known already."""
-    signs = _inward(point)
-    inside = [i for i, there in enumerate(forward) if there is not None and 0.0 <= point[i] - STEP * signs[i] <= 1.0]
-    backward = evaluate([_moved(point, i, -STEP * signs[i]) for i in inside]) if inside else []
-    found = jacobian.copy()
-    for i, there in zip(inside, backward):
-        ahead = forward[i]
-        if there is not None and ahead is not None:
-            found[:, i] = (ahead - there) / (2.0 * STEP * signs[i])
-    return found
+def jacobian_at(evaluate: Evaluate, point: Array) -> Array:
+    """Returns the Jacobian (n, p) at a point by central differences. Raises ValueError if the residuals cannot be computed there."""
+    counted = _Counted(evaluate)
+    differences = _Differences(counted, len(point))
+    residuals = counted([point])[0]
+    if residuals is None:
+        raise ValueError("no residuals")
+    differences.one_sided(point, residuals)    # finds the steps
+    return differences.central(point, residuals)
 
 
 # ---- what the data determine ----------------------------------------------------------------------------------------------------------------

@@ -36,7 +36,7 @@ from .. import Error, Model, Sim, __version__
 from .._program import Progress, ended, say, whole_number
 from ._definition import BadStudy
 from ._fit_problem import BadFit, FitProblem, Unknown, read
-from ._least_squares import Covariance, covariance, minimise
+from ._least_squares import Covariance, covariance, jacobian_at, minimise
 from ._measurements import Channel, Recording
 from ._runs import Pool
 
@@ -293,15 +293,12 @@ def fit(problem: FitProblem, workers: int = 1, progress: Callable[[int], None] =
 def expected(problem: FitProblem, workers: int = 1) -> Fitted:
     """Returns the intervals to expect if the start values are true, and warnings about what the recorded motions cannot tell apart. The measured
     values are not used, so that an experiment can be planned. Raises BadFit, Error."""
-    from ._least_squares import _Counted, _central, _inward, _one_sided
     evaluate = _Residuals(problem, workers, lambda simulations: None)
     point = problem.scaled(problem.start())
-    counted = _Counted(evaluate)
-    residuals = counted([point])[0]
-    if residuals is None:
-        raise BadFit(f"{problem.path}: the start values cannot be simulated: {evaluate.why}: write other values")
-    jacobian, forward = _one_sided(counted, point, residuals, _inward(point))
-    found = covariance(_central(counted, point, residuals, jacobian, forward))
+    try:
+        found = covariance(jacobian_at(evaluate, point))
+    except ValueError:
+        raise BadFit(f"{problem.path}: the start values cannot be simulated: {evaluate.why}: write other values") from None
     warnings, without = _ambiguities(problem, found)
     deviations = np.sqrt(np.diag(found.matrix))
     return Fitted(_estimates(problem, point, found, without), found.matrix / np.outer(deviations, deviations), float("nan"), evaluate.data - len(point), True,

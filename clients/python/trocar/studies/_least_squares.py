@@ -93,21 +93,27 @@ class _Differences:
 
 
 def _bounded_step(jacobian: Array, residuals: Array, point: Array, damping: float) -> Array:
-    """Returns the step of Levenberg and Marquardt (Marquardt 1963) within the bounds. Parameters that the step would push out of the range stay at
-    their bound, and the step is solved again for the others."""
-    free = np.ones(len(point), bool)
-    scale = np.sum(jacobian ** 2, axis=0)
-    weight = np.sqrt(damping * np.maximum(scale, 1e-9 * scale.max() + 1e-300))
-    while True:
-        step = np.zeros(len(point))
-        matrix = np.concatenate([jacobian, np.diag(weight)])[:, free]
-        step[free] = np.linalg.lstsq(matrix, np.concatenate([-residuals, np.zeros(len(point))]), rcond=1e-12)[0]
-        outward = free & ((point <= 0.0) & (step < 0.0) | (point >= 1.0) & (step > 0.0))
-        if not outward.any():
-            return np.clip(point + step, 0.0, 1.0) - point
-        free &= ~outward
-        if not free.any():
-            return np.zeros(len(point))
+    """Returns the step of Levenberg and Marquardt (Marquardt 1963) within the bounds: a linear least-squares problem with bounds, by an active set
+    of parameters at their bound (Nocedal and Wright 2006, section 16.5)."""
+    size, low, high = np.sum(jacobian ** 2, axis=0), -point, 1.0 - point
+    matrix = np.concatenate([jacobian, np.diag(np.sqrt(damping * np.maximum(size, 1e-9 * size.max() + 1e-300)))])
+    target = np.concatenate([-residuals, np.zeros(len(point))])
+    side = np.zeros(len(point))    # -1 or 1: at its lower or upper bound
+    step = np.zeros(len(point))
+    for _ in range(4 * len(point)):
+        free = side == 0.0
+        step = np.where(side < 0.0, low, np.where(side > 0.0, high, 0.0))
+        if free.any():
+            step[free] = np.linalg.lstsq(matrix[:, free], target - matrix @ step, rcond=1e-12)[0]
+        outside = free & ((step < low) | (step > high))
+        if outside.any():
+            side[outside] = np.where(step < low, -1.0, 1.0)[outside]
+            continue
+        inward = -side * (matrix.T @ (target - matrix @ step))    # decrease of the sum when a parameter leaves its bound
+        if inward.max() <= 0.0:
+            break
+        side[np.argmax(inward)] = 0.0
+    return np.clip(step, low, high)
 
 
 def _fall(jacobian: Array, residuals: Array, step: Array) -> float:

@@ -147,7 +147,7 @@ class _FitReader(_StudyReader):
             prior = (mean, spread)
         return Unknown(name, row.unit, start, low, high, prior)
 
-    def read(self) -> FitProblem:
+    def read_fit(self) -> FitProblem:
         reader = self.reader
         given = reader.mapping(reader.root, "", ("scene", "recordings", "noise", "parameters"), ("set", "points", "coordinates", "every"))
         study = Study(reader.path, "", {}, None, [], "", 0, 0, [])
@@ -196,4 +196,4 @@ class _FitReader(_StudyReader):
 def read(path: str | PathLike[str]) -> FitProblem:
     """Reads the file of a fit and its recordings. Raises BadFit, with file, line and remedy, if the file contains anything that the reader does not
     understand."""
-    return _FitReader(fspath(path)).read()
+    return _FitReader(fspath(path)).read_fit()

@@ -209,7 +209,8 @@ def _listed(names: Sequence[str]) -> str:
 
 def _ambiguities(problem: FitProblem, found: Covariance) -> tuple[list[str], set[int]]:
     """Returns warnings that name the parameters that the data cannot tell apart, and the indices of parameters that they do not determine."""
-    keys, warnings, without = [unknown.key for unknown in problem.unknowns], [], set()
+    keys, warnings = [unknown.key for unknown in problem.unknowns], list[str]()
+    without: set[int] = set()
     for spread, direction in found.directions:
         if spread < WIDE:
             continue

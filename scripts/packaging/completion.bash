@@ -24,7 +24,7 @@ _trocar() {
         --json | --report) _filedir json ;;
         *)
             local benchmark=
-            [[ $1 != *trocar-@(bench|study|plan) || ${words[1]} != [a-z]* || $cword -eq 1 ]] || benchmark=${words[1]}
+            [[ $1 != *trocar-@(bench|study|plan|fit) || ${words[1]} != [a-z]* || $cword -eq 1 ]] || benchmark=${words[1]}
             if [[ $cur == -* ]]; then
                 mapfile -t COMPREPLY < <(compgen -W "$(_parse_help "$1" "$benchmark --help")" -- "$cur")
                 [[ ${COMPREPLY[0]-} != *= ]] || compopt -o nospace
@@ -34,11 +34,13 @@ _trocar() {
                 mapfile -t COMPREPLY < <(compgen -W "run collect summary" -- "$cur")
             elif [[ $1 == *trocar-plan && $cword -eq 1 ]]; then
                 mapfile -t COMPREPLY < <(compgen -W "run check carry-out" -- "$cur")
-            elif [[ $1 == *trocar-@(study|plan) ]]; then
+            elif [[ $1 == *trocar-fit && $cword -eq 1 ]]; then
+                mapfile -t COMPREPLY < <(compgen -W "run check" -- "$cur")
+            elif [[ $1 == *trocar-@(study|plan|fit) ]]; then
                 _filedir '@(yaml|yml)'
             elif [[ $1 == *trocar-anatomy ]]; then
                 _filedir '@(dcm|csv|stl|ply)'
             fi ;;
     esac
-} && complete -F _trocar trocar-server trocar-device trocar-replay trocar-view trocar-top trocar-bench trocar-anatomy trocar-study trocar-plan \
+} && complete -F _trocar trocar-server trocar-device trocar-replay trocar-view trocar-top trocar-bench trocar-anatomy trocar-study trocar-plan trocar-fit \
     trocar-haply trocar-slicer trocar-spacemouse

@@ -114,6 +114,7 @@ offers trocar-bench t | grep -qx tick || fail "trocar-bench t<TAB>: $(offers tro
 offers trocar-bench tick --con | grep -q '^--contacts=' || fail "trocar-bench tick --con<TAB>: $(offers trocar-bench tick --con)"
 offers trocar-study ru | grep -qx run || fail "trocar-study ru<TAB>: $(offers trocar-study ru)"
 offers trocar-plan car | grep -qx carry-out || fail "trocar-plan car<TAB>: $(offers trocar-plan car)"
+offers trocar-fit ch | grep -qx check || fail "trocar-fit ch<TAB>: $(offers trocar-fit ch)"
 offers trocar-spacemouse --dead | grep -q "^--dead-zone=" || fail "trocar-spacemouse --dead<TAB>: $(offers trocar-spacemouse --dead)"
 [ "$(offers trocar-haply --point t)" = tip ] || fail "trocar-haply --point t<TAB>: $(offers trocar-haply --point t)"
 touch scene.yaml scene.csv scene.jsonl

@@ -1,1 +1,1 @@
-"""Studies of many insertions in one scene, and planning by simulated insertions."""
+"""Studies of many insertions in one scene, planning by simulated insertions, and fits of a scene to recorded insertions."""

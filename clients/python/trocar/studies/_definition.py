@@ -226,6 +226,27 @@ class _StudyReader:
         unit = "mm in the patient's coordinates: left, posterior, superior" if patient else "metres in the mesh"
         return self.reader.fail(node, f"{place}: not in the tissue at rest: write x, y, z in {unit}")
 
+    def load(self, given: dict[str, Any], study: Study) -> Scene:
+        """Loads the scene, without the keys that are set in the study."""
+        study.scene_path = self.file(given["scene"], "scene")
+        try:
+            study._scene = Scene.load(study.scene_path)
+        except Error as error:
+            raise self.reader.error(str(error)) from error
+        return study._scene
+
+    def settings(self, given: dict[str, Any], study: Study, scene: Scene) -> None:
+        """Sets the keys below "set"."""
+        reader = self.reader
+        for key, value in self.pairs(given["set"], "set") if "set" in given else []:
+            if not isinstance(value, reader.yaml.ScalarNode):
+                raise reader.fail(value, f"set.{key.value}: write a number or a word")
+            if key.value in study.settings:
+                raise reader.fail(key, f"set: \"{key.value}\" is given twice: remove one")
+            self.setting(scene, value, key.value, value.value, f"set.{key.value}")
+            study.settings[key.value] = value.value
+        study.inverse = str(scene["inverse"])
+
     def start(self, given: dict[str, Any], scene: Scene) -> npt.NDArray[np.float64] | None:
         """Returns the pose of the base, or None if the motion has no start. The file contains either x, y, z in mesh coordinates (m) or, with
         `coordinates: patient`, in patient coordinates (mm), and the direction is then that of the scene's needle.start; or a position and a
@@ -409,22 +430,10 @@ class _StudyReader:
     def read(self, frames_wanted: bool) -> Study:
         reader = self.reader
         given = reader.mapping(reader.root, "", ("scene", "motion", "samples", "parameters", "record"), ("set", "frames"))
-        study = Study(reader.path, self.file(given["scene"], "scene"), {}, None, [], "", 0, 0, [])
-        try:
-            scene = study._scene = Scene.load(study.scene_path)
-        except Error as error:
-            raise BadStudy(str(error)) from error
+        study = Study(reader.path, "", {}, None, [], "", 0, 0, [])
+        scene = self.load(given, study)
         self.digest_scene(study, scene)
-        if "set" in given:
-            for key, value in self.pairs(given["set"], "set"):
-                text = value.value if isinstance(value, reader.yaml.ScalarNode) else None
-                if text is None:
-                    raise reader.fail(value, f"set.{key.value}: write a number or a word")
-                if key.value in study.settings:
-                    raise reader.fail(key, f"set: \"{key.value}\" is given twice: remove one")
-                self.setting(scene, value, key.value, text, f"set.{key.value}")
-                study.settings[key.value] = text
-        study.inverse = str(scene["inverse"])
+        self.settings(given, study, scene)
         self.digest(study, "mesh", str(scene["mesh"]))
         study.motion = self.motion(given["motion"], study, scene)
         samples = reader.mapping(given["samples"], "samples", ("method",), ("count", "seed"))

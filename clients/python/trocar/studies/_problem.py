@@ -81,24 +81,6 @@ class _ProblemReader(_StudyReader):
         self.reader = Reader(path, "problem", BadProblem, "scene, targets and entry, or scene and plan")
         self.folder = Path(path).parent
 
-    def scene(self, given: dict[str, Any], study: Study) -> Scene:
-        reader = self.reader
-        study.scene_path = self.file(given["scene"], "scene")
-        try:
-            scene = study._scene = Scene.load(study.scene_path)
-        except Error as error:
-            raise BadProblem(str(error)) from error
-        for key, value in self.pairs(given["set"], "set") if "set" in given else []:
-            if not isinstance(value, reader.yaml.ScalarNode):
-                raise reader.fail(value, f"set.{key.value}: write a number or a word")
-            if key.value in study.settings:
-                raise reader.fail(key, f"set: \"{key.value}\" is given twice: remove one")
-            self.setting(scene, value, key.value, value.value, f"set.{key.value}")
-            study.settings[key.value] = value.value
-        study.inverse = str(scene["inverse"])
-        scene["needles"] = 1.0    # needles are planned one at a time
-        return scene
-
     def uncertainty(self, node: Any, scene: Scene, problem: Problem) -> None:
         reader, study = self.reader, problem.study
         given = reader.mapping(node, "uncertainty", ("samples", "parameters"), ("objective",))
@@ -279,7 +261,9 @@ class _ProblemReader(_StudyReader):
             raise reader.fail(reader.root, "write targets, or a plan whose seeds are the targets")
         study = Study(reader.path, "", {}, None, [], "sobol", 0, 0, [])
         problem = Problem(reader.path, study, Implant())
-        scene = self.scene(given, study)
+        scene = self.load(given, study)
+        self.settings(given, study, scene)
+        scene["needles"] = 1.0    # needles are planned one at a time
         problem.bevelled = float(scene["needle.bevel_slope"]) != 0.0
         number = lambda key, standard, **limit: reader.number(given[key], key, **limit) if key in given else standard
         problem.hand = Implant(speed=number("speed", problem.hand.speed, least=SLOWEST, inclusive=True), settle=number("settle", problem.hand.settle, inclusive=True))

@@ -1,0 +1,201 @@
+"""Nonlinear least squares for a model whose evaluation is expensive, parallel and not perfectly smooth, with the covariance of the solution."""
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Callable, Sequence
+
+import numpy as np
+import numpy.typing as npt
+
+Array = npt.NDArray[np.float64]
+# Returns the residuals (n,) at each of several points (p,), or None where they cannot be computed.
+Evaluate = Callable[[Sequence[Array]], list[Array | None]]
+
+# Simulations are not perfectly smooth: an event, such as the tip's entry into the next element, can fall into another tick, and some residuals jump.
+# Differences must therefore be taken over steps that are large compared with such jumps, and the search must be able to cross them.
+FIRST_STEP = 0.01     # first finite difference, as a fraction of the range of a parameter
+STEPS = (0.002, 0.1)     # smallest and largest finite difference
+CHANGE = 10.0         # norm of the change of the residuals that a finite difference should cause
+JUMP = 10.0           # largest jump of chi squared that the search crosses
+MOST_RISES = 5        # how often it does
+SMALL = 0.02          # decrease of chi squared, as predicted, that is not worth a step: a seventh of a standard error
+WORTH = 0.25          # decrease of chi squared that counts as progress: half a standard error
+IDLE = 5              # number of steps without progress after which the search ends: the residuals jump, and no Jacobian describes them
+MOST_STEPS = 60
+
+
+@dataclass
+class Solution:
+    """The point at which the search ended. Points are scaled: each parameter goes from 0 to 1 between its bounds."""
+
+    point: Array          # (p,)
+    residuals: Array      # (n,)
+    jacobian: Array       # (n, p) derivatives of the residuals, by central differences
+    converged: bool
+    evaluations: int
+
+
+class _Counted:
+    def __init__(self, evaluate: Evaluate):
+        self.evaluate, self.count = evaluate, 0
+
+    def __call__(self, points: Sequence[Array]) -> list[Array | None]:
+        self.count += len(points)
+        return self.evaluate(points)
+
+
+class _Differences:
+    """Jacobians by finite differences at points between 0 and 1."""
+
+    def __init__(self, evaluate: _Counted, count: int):
+        self.evaluate, self.steps = evaluate, np.full(count, FIRST_STEP)
+
+    def _at(self, point: Array, signs: Array, chosen: Sequence[int]) -> list[Array | None]:
+        points = []
+        for i in chosen:
+            moved = point.copy()
+            moved[i] += signs[i] * self.steps[i]
+            points.append(moved)
+        return self.evaluate(points) if points else []
+
+    def one_sided(self, point: Array, residuals: Array) -> Array:
+        """Returns the Jacobian (n, p) by differences towards the middle of the range, or away from it where the residuals cannot be computed. A column is
+        0 if they can be computed on neither side."""
+        every, signs = range(len(point)), np.where(point < 0.5, 1.0, -1.0)
+        there = self._at(point, signs, every)
+        failed = [i for i in every if there[i] is None]
+        signs[failed] *= -1.0
+        for i, other in zip(failed, self._at(point, signs, failed)):
+            there[i] = other
+        jacobian = np.zeros((len(residuals), len(point)))
+        for i, found in enumerate(there):
+            if found is not None:
+                jacobian[:, i] = (found - residuals) / (signs[i] * self.steps[i])
+        size = np.linalg.norm(jacobian, axis=0)
+        self.steps = np.clip(CHANGE / np.maximum(size, 1e-300), *STEPS)
+        return jacobian
+
+    def central(self, point: Array, residuals: Array) -> Array:
+        """Returns the Jacobian by central differences, or one-sided ones at bounds and where the residuals cannot be computed on one side."""
+        jacobian = np.zeros((len(residuals), len(point)))
+        every = range(len(point))
+        sides = []
+        for sign in (1.0, -1.0):
+            signs = np.full(len(point), sign)
+            inside = [i for i in every if 0.0 <= point[i] + sign * self.steps[i] <= 1.0]
+            sides.append(dict(zip(inside, self._at(point, signs, inside))))
+        for i in every:
+            ahead, behind = sides[0].get(i), sides[1].get(i)
+            width = self.steps[i] * ((ahead is not None) + (behind is not None))
+            if width > 0.0:
+                jacobian[:, i] = ((residuals if ahead is None else ahead) - (residuals if behind is None else behind)) / width
+        return jacobian
+
+
+def _bounded_step(jacobian: Array, residuals: Array, point: Array, damping: float) -> Array:
+    """Returns the step of Levenberg and Marquardt (Marquardt 1963) within the bounds: a linear least-squares problem with bounds, by an active set
+    of parameters at their bound (Nocedal and Wright 2006, section 16.5)."""
+    size, low, high = np.sum(jacobian ** 2, axis=0), -point, 1.0 - point
+    matrix = np.concatenate([jacobian, np.diag(np.sqrt(damping * np.maximum(size, 1e-9 * size.max() + 1e-300)))])
+    target = np.concatenate([-residuals, np.zeros(len(point))])
+    side = np.zeros(len(point))    # -1 or 1: at its lower or upper bound
+    step = np.zeros(len(point))
+    for _ in range(4 * len(point)):
+        free = side == 0.0
+        step = np.where(side < 0.0, low, np.where(side > 0.0, high, 0.0))
+        if free.any():
+            step[free] = np.linalg.lstsq(matrix[:, free], target - matrix @ step, rcond=1e-12)[0]
+        outside = free & ((step < low) | (step > high))
+        if outside.any():
+            side[outside] = np.where(step < low, -1.0, 1.0)[outside]
+            continue
+        inward = -side * (matrix.T @ (target - matrix @ step))    # decrease of the sum when a parameter leaves its bound
+        if inward.max() <= 0.0:
+            break
+        side[np.argmax(inward)] = 0.0
+    return np.clip(step, low, high)
+
+
+def _fall(jacobian: Array, residuals: Array, step: Array) -> float:
+    """Returns the decrease of chi squared that the Jacobian predicts for a step."""
+    return float(residuals @ residuals - np.sum((residuals + jacobian @ step) ** 2))
+
+
+def minimise(evaluate: Evaluate, start: Array) -> Solution:
+    """Minimises the sum of squares of the residuals over points (p,) between 0 and 1, by the method of Levenberg and Marquardt. Between Jacobians by
+    finite differences, the Jacobian is updated by Broyden's formula (Broyden 1965), because each column costs a simulation. Residuals must be
+    divided by their standard deviation: the search ends when a step would change chi squared by less than SMALL. Raises ValueError if the residuals
+    cannot be computed at the start."""
+    counted = _Counted(evaluate)
+    differences = _Differences(counted, len(start))
+    point = np.array(start, np.float64)
+    residuals = counted([point])[0]
+    if residuals is None:
+        raise ValueError("no residuals at the start")
+    jacobian, damping, rises, converged = differences.one_sided(point, residuals), 1e-3, 0, False
+    moved, idle, renewed = np.zeros(len(point)), 0, False    # moved: since the last Jacobian by finite differences
+    best = point, residuals
+    for _ in range(MOST_STEPS):
+        chi2, lowest = float(residuals @ residuals), float(best[1] @ best[1])
+        scale = max(1.0, chi2 / max(len(residuals) - len(point), 1))
+        fresh = float(np.linalg.norm(jacobian @ moved)) < CHANGE * np.sqrt(scale)
+        left = _fall(jacobian, residuals, _bounded_step(jacobian, residuals, point, 0.0))    # decrease that is still to be expected
+        if (fresh and left < SMALL * scale) or (renewed and idle >= IDLE):
+            converged = True
+            break
+        if left < SMALL * scale or idle >= IDLE:
+            point, residuals = best
+            jacobian, moved, damping, idle, renewed = differences.one_sided(point, residuals), 0.0 * moved, min(damping, 1e-3), 0, True
+            continue
+        step = _bounded_step(jacobian, residuals, point, damping)
+        there, expected = counted([point + step])[0], _fall(jacobian, residuals, step)
+        after = np.inf if there is None else float(there @ there)
+        gain = (chi2 - after) / max(expected, 1e-300)
+        across = gain <= 1e-2 and rises < MOST_RISES and expected < JUMP * scale and after < lowest + JUMP * scale
+        idle += 1
+        if after < lowest - WORTH * scale:
+            idle, renewed = 0, False
+        if there is not None and (gain > 1e-2 or across):
+            change = jacobian @ step
+            if change @ change > CHANGE ** 2 * scale:
+                jacobian = jacobian + np.outer(there - residuals - change, step) / (step @ step)
+            rises += across
+            point, residuals, moved = point + step, there, moved + step
+            best = (point, residuals) if after < lowest else best
+            damping = damping / 10.0 if gain > 0.5 else damping if gain > 0.1 else 4.0 * damping
+        elif not fresh:
+            jacobian, moved = differences.one_sided(point, residuals), 0.0 * moved
+        else:
+            damping = 10.0 * max(damping, 1e-4)
+    point, residuals = best
+    return Solution(point, residuals, differences.central(point, residuals), converged, counted.count)
+
+
+def jacobian_at(evaluate: Evaluate, point: Array) -> Array:
+    """Returns the Jacobian (n, p) at a point by central differences. Raises ValueError if the residuals cannot be computed there."""
+    counted = _Counted(evaluate)
+    differences = _Differences(counted, len(point))
+    residuals = counted([point])[0]
+    if residuals is None:
+        raise ValueError("no residuals")
+    differences.one_sided(point, residuals)    # finds the steps
+    return differences.central(point, residuals)
+
+
+# ---- what the data determine ----------------------------------------------------------------------------------------------------------------
+
+
+@dataclass
+class Covariance:
+    """Of a solution, in scaled parameters."""
+
+    matrix: Array                      # (p, p); directions that the data do not determine have the spread of the range
+    directions: list[tuple[float, Array]]    # (standard deviation as a fraction of the range, unit vector (p,)), worst first
+
+
+def covariance(jacobian: Array) -> Covariance:
+    """Returns the covariance (J^T J)^-1 of a least-squares solution whose residuals have unit variance, from the singular values of J."""
+    _, values, rows = np.linalg.svd(jacobian, full_matrices=False)
+    spreads = 1.0 / np.maximum(values, 1e-9)
+    order = np.argsort(-spreads)
+    return Covariance((rows.T * spreads ** 2) @ rows, [(float(spreads[k]), rows[k]) for k in order])

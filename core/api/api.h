@@ -22,6 +22,8 @@ struct trocar_model {
     trocar_log log;          /* the host's */
     atomic_int users;        /* number of users: the host, until it frees the model, and the simulations, pictures and models created from it */
     trocar_model *base;      /* model whose mesh, stiffness and inverse this one shares; NULL if it has its own */
+    uint64_t mesh_checksum;  /* of the mesh, the same for all models derived from this one */
+    uint64_t checksum;       /* of everything that results depend on, to recognise its saved states */
     double rate_hz;
     pose start;              /* initial pose of the needle's base; its position is NAN if the scene gives none */
     double patient_to_mesh[16]; /* the first entry is NAN if there is none */

@@ -16,6 +16,8 @@ region_material region_defaults(void) {
                              .friction_static = 12.0, .friction_kinetic = 7.0, .friction_viscous = 100.0};
 }
 
+calcification calcification_defaults(void) { return (calcification){.centre = v3(NAN, NAN, NAN), .cutting_factor = 5.0}; }
+
 void simulation_defaults(simulation_config *config) {
     *config = (simulation_config){
         .mesh_unit = 1.0,
@@ -74,6 +76,16 @@ static trocar_status bind_membranes(simulation *s, report *why) {
     return TROCAR_OK;
 }
 
+static trocar_status check_calcifications(const simulation *s, report *why) {
+    for (int i = 0; i < s->config.calcification_count; i++) {
+        vec3 c = s->config.calcifications[i].centre;
+        if (mesh_locate(&s->mesh, c, -1) < 0)
+            return fail(why, TROCAR_BAD_INPUT, "calcifications[%d].centre: %g, %g, %g m lies outside the tissue of %s; centres are in metres, in the mesh's "
+                        "coordinates", i, c.x, c.y, c.z, s->config.mesh_path);
+    }
+    return TROCAR_OK;
+}
+
 enum { PLACE_ROOM = 600 };
 
 /* Returns "FILE:LINE: ", or an empty text if the key does not come from a file. */
@@ -117,6 +129,7 @@ static trocar_status bind_probe(simulation *s, report *why) {
 static trocar_status bind_to_mesh(simulation *s, report *why) {
     trocar_status status = bind_regions(s, why);
     if (status == TROCAR_OK) status = bind_membranes(s, why);
+    if (status == TROCAR_OK) status = check_calcifications(s, why);
     if (status == TROCAR_OK) status = bind_guides(s, why);
     return status == TROCAR_OK ? bind_probe(s, why) : status;
 }
@@ -221,6 +234,7 @@ static trocar_status build_inverse(simulation *s, report *why) {
 static trocar_status build_insertion(simulation *s, report *why) {
     s->insertion = (insertion_model){.mesh = &s->mesh, .tissue = &s->tissue, .materials = s->materials, .needle = &s->needle,
                                      .membranes = s->membranes, .membrane_count = s->config.membrane_count,
+                                     .calcifications = s->config.calcifications, .calcification_count = s->config.calcification_count,
                                      .guides = s->guides, .guide_count = s->config.guide_count, .settings = s->config.insertion};
     trocar_status status = creep_from_relaxation(s->config.relaxation_count, s->config.relaxation, &s->insertion.creep, why);
     return status == TROCAR_OK ? local_create(&s->insertion, why) : status;

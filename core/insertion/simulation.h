@@ -20,7 +20,7 @@ typedef struct {
     int surface_line, start_line; /* lines of these keys in the scene file, for messages; 0 if not given in a file */
 } probe_config;
 
-enum { MAX_REGIONS = 16, MAX_MEMBRANES = 16, MAX_FIXED = 8 };
+enum { MAX_REGIONS = 16, MAX_MEMBRANES = 16, MAX_CALCIFICATIONS = 64, MAX_FIXED = 8 };
 
 typedef struct {
     const char *scene_path;              /* name used in messages while the model is created; NULL if the configuration is not from a file */
@@ -29,6 +29,7 @@ typedef struct {
     double mesh_unit;                    /* m, length of one unit of the file's coordinates */
     int region_count;   region_config regions[MAX_REGIONS];
     int membrane_count; membrane_config membranes[MAX_MEMBRANES];
+    int calcification_count; calcification calcifications[MAX_CALCIFICATIONS];
     int fixed_count;    char fixed[MAX_FIXED][MESH_NAME];   /* mesh groups, of any dimension, with zero displacement */
     int guide_count;    guide_config guides[MAX_GUIDES];
     int relaxation_count; relaxation_term relaxation[MAX_RELAXATION]; /* relaxation series, the same for all regions; without terms, the tissue is elastic */
@@ -65,6 +66,7 @@ typedef struct {
 /* Sets the defaults listed in docs/reference/scene.md; names and mesh are empty. */
 void simulation_defaults(simulation_config *config);
 region_material region_defaults(void);
+calcification calcification_defaults(void); /* the centre is NAN and the radius 0 until they are given */
 
 /* Reads the mesh and looks up the scene's names in it; the other members stay empty. After a failure, everything has been freed. */
 trocar_status simulation_create_mesh(const simulation_config *config, simulation *s, report *why);

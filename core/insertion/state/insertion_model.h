@@ -1,4 +1,4 @@
-/* The constant data of an insertion: mesh, materials, needle, membranes and settings. */
+/* The constant data of an insertion: mesh, materials, needle, membranes, calcifications and settings. */
 #ifndef TROCAR_INSERTION_MODEL_H
 #define TROCAR_INSERTION_MODEL_H
 
@@ -12,6 +12,13 @@ typedef struct {
     int group;               /* group of the mesh with dimension 2 */
     double puncture_force;   /* N; INFINITY if the surface can never be punctured */
 } membrane;
+
+/* A hard ball in the tissue, which is harder to cut there. */
+typedef struct {
+    vec3 centre;             /* m, in the undeformed tissue */
+    double radius;           /* m */
+    double cutting_factor;   /* factor of the cutting force of the region in which the ball lies, at least 1 */
+} calcification;
 
 typedef struct {
     double contact_spacing;      /* m, smallest distance between contact nodes along the track */
@@ -35,6 +42,8 @@ typedef struct {
     const needle_model *needle;
     const membrane *membranes;
     int membrane_count;
+    const calcification *calcifications;
+    int calcification_count;
     const guide *guides;
     int guide_count;
     insertion_settings settings;

@@ -214,7 +214,7 @@ void cut_forward(const tick_input *tick, insertion_state *state, tick_output *ou
         old_tracks_cut(state, output, tet, from);
         bool stopped = tip->place.phase == TIP_INSIDE && tip->barrier.blocked_by != NOT_BLOCKED;
         double damage = old_tracks_damage(tick, state, tip->barrier.blocked_by, tip->place.nominal);
-        pierces = stopped && overcomes(tip, blocked_resistance(tick->model, tip->place.tet, tip->track.openness, tip->barrier.blocked_by, damage));
+        pierces = stopped && overcomes(tip, blocked_resistance(tick->model, tip->place.tet, tip->place.nominal, tip->track.openness, tip->barrier.blocked_by, damage));
         if (pierces) puncture_barrier(tick, state, output, direction);
         pierces = pierces && tip->place.phase == TIP_INSIDE;
     }

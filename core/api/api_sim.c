@@ -16,7 +16,7 @@ _Static_assert(TROCAR_MAX_GUIDES == (int)MAX_GUIDES && TROCAR_MAX_POINTS == (int
 _Static_assert(TROCAR_CONTACT_TISSUE == (int)POINT_TISSUE && TROCAR_CONTACT_TIP == (int)POINT_TIP && TROCAR_CONTACT_GUIDE == (int)POINT_GUIDE, "contact kinds differ from trocar.h");
 _Static_assert(TROCAR_EVENT_TOUCHED == (int)EVENT_TOUCHED && TROCAR_EVENT_TRACK_DROPPED == (int)EVENT_TRACK_DROPPED && TROCAR_EVENT_INEXACT == (int)EVENT_INEXACT, "event bits differ from trocar.h");
 _Static_assert(TROCAR_MAX_TRACKS == (int)MAX_TRACKS && TROCAR_MAX_TRACK_POINTS == (int)MAX_TRACK_POINTS && NO_MEMBRANE == -1, "limits differ from trocar.h");
-_Static_assert(TROCAR_STAGES == (int)INSERTION_STAGES && TROCAR_STAGE_WRENCH == (int)INSERTION_WRENCH, "stages differ from trocar.h");
+_Static_assert(TROCAR_STAGES == (int)TIMED_PARTS && TROCAR_STAGE_WRENCH == (int)TIMED_WRENCH, "stages differ from trocar.h");
 
 /* ---- creation ------------------------------------------------------------------------------------------------------------ */
 

@@ -76,16 +76,6 @@ static trocar_status bind_membranes(simulation *s, report *why) {
     return TROCAR_OK;
 }
 
-static trocar_status check_calcifications(const simulation *s, report *why) {
-    for (int i = 0; i < s->config.calcification_count; i++) {
-        vec3 c = s->config.calcifications[i].centre;
-        if (mesh_locate(&s->mesh, c, -1) < 0)
-            return fail(why, TROCAR_BAD_INPUT, "calcifications[%d].centre: %g, %g, %g m lies outside the tissue of %s; centres are in metres, in the mesh's "
-                        "coordinates", i, c.x, c.y, c.z, s->config.mesh_path);
-    }
-    return TROCAR_OK;
-}
-
 enum { PLACE_ROOM = 600 };
 
 /* Returns "FILE:LINE: ", or an empty text if the key does not come from a file. */
@@ -93,6 +83,18 @@ static const char *place_in_scene(const simulation *s, int line, char place[PLAC
     place[0] = '\0';
     if (line > 0 && s->config.scene_path) snprintf(place, PLACE_ROOM, "%.500s:%d: ", s->config.scene_path, line);
     return place;
+}
+
+static trocar_status check_calcifications(const simulation *s, report *why) {
+    char place[PLACE_ROOM];
+    for (int i = 0; i < s->config.calcification_count; i++) {
+        const calcification *given = &s->config.calcifications[i];
+        vec3 c = given->centre;
+        if (mesh_locate(&s->mesh, c, -1) < 0)
+            return fail(why, TROCAR_BAD_INPUT, "%scalcifications[%d].centre: %g, %g, %g m lies outside the tissue of %s; centres are in metres, in the mesh's "
+                        "coordinates", place_in_scene(s, given->line, place), i, c.x, c.y, c.z, s->config.mesh_path);
+    }
+    return TROCAR_OK;
 }
 
 static trocar_status bind_guides(simulation *s, report *why) {

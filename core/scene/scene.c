@@ -117,6 +117,10 @@ static void note_lines(scene *s, yaml_text *document) {
         snprintf(key, sizeof key, "guides[%d].origin", i);
         s->simulation.guides[i].line = yaml_line(document, key);
     }
+    for (int i = 0; i < s->simulation.calcification_count; i++) {
+        snprintf(key, sizeof key, "calcifications[%d].centre", i);
+        s->simulation.calcifications[i].line = yaml_line(document, key);
+    }
     s->simulation.probe.surface_line = yaml_line(document, "probe.surface");
     s->simulation.probe.start_line = yaml_line(document, "probe.start");
 }

@@ -5,7 +5,9 @@
 #include <stddef.h>
 #include <stdint.h>
 #include <stdio.h>
+#include <stdlib.h>
 #include <string.h>
+#include <unistd.h>
 
 #include <cmocka.h>
 
@@ -90,9 +92,29 @@ static void cutting_a_calcification_takes_its_factor(void **state) {
     trocar_model_free(model);
 }
 
+/* The centre of a ball must be in the tissue, which is known only once the mesh has been read: the message names the line all the same. */
+static void a_centre_outside_the_tissue_is_refused_with_its_line(void **state) {
+    (void)state;
+    char path[] = "/tmp/calcification_XXXXXX", expected[128];
+    trocar_scene *scene;
+    trocar_model *model;
+    int file = mkstemp(path);
+    assert_true(file >= 0);
+    dprintf(file, "mesh: " MESHES "/prostate.msh\nregions: [{name: prostate}, {name: surrounding}]\nfixed: [fixed]\ncalcifications:\n"
+            "  - {centre: [0.005, 0.003, 0.03], radius: 1e-3}\n  - radius: 1e-3\n    centre: [0.005, 0.003, 3]\n");
+    close(file);
+    OK(trocar_scene_load(path, &scene, &why));
+    assert_int_equal(trocar_model_create(scene, NULL, &model, &why), TROCAR_BAD_INPUT);
+    snprintf(expected, sizeof expected, "%s:7: calcifications[1].centre: 0.005, 0.003, 3 m lies outside the tissue", path);
+    if (strncmp(why.text, expected, strlen(expected)) != 0) fail_msg("%s", why.text);
+    trocar_scene_free(scene);
+    remove(path);
+}
+
 int main(void) {
     const struct CMUnitTest tests[] = {
         cmocka_unit_test(cutting_a_calcification_takes_its_factor),
+        cmocka_unit_test(a_centre_outside_the_tissue_is_refused_with_its_line),
     };
     return cmocka_run_group_tests(tests, NULL, NULL);
 }

@@ -15,9 +15,9 @@ static void add_stretch(resistance_ahead *ahead, stretch_ahead added) {
     ahead->count++;
 }
 
-/* Adds a stretch of tissue that begins at the nominal point x. Tissue along an open track springs back over the tip, so that the tip advances farther than the hand carries it. Beyond the
-   hand's advance, the viscosity is that of uncut tissue: otherwise nothing would limit the rebound, and the force would drop at once when the tip enters
-   the track. */
+/* Adds a stretch of tissue that begins at the nominal point x. Tissue along an open track springs back over the tip, so that the tip advances farther than
+   the hand carries it. Beyond the hand's advance, the viscosity is that of uncut tissue: otherwise nothing would limit the rebound, and the force would drop
+   at once when the tip enters the track. */
 static void add_tissue(const tick_input *tick, const insertion_state *state, const hand_advance *hand, resistance_ahead *ahead, double from, vec3 x, const open_track *track) {
     const insertion_model *model = tick->model;
     int tet = state->tip.place.tet;

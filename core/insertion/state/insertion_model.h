@@ -18,6 +18,7 @@ typedef struct {
     vec3 centre;             /* m, in the undeformed tissue */
     double radius;           /* m */
     double cutting_factor;   /* factor of the cutting force of the region in which the ball lies, at least 1 */
+    int line;                /* line of the centre in the scene file, for messages; 0 if none */
 } calcification;
 
 typedef struct {

@@ -35,23 +35,25 @@ typedef struct {
     int passes, switches;        /* numbers of passes and of contact switches in this tick */
 } tick_output;
 
-typedef enum { INSERTION_TISSUE, INSERTION_NEEDLE, INSERTION_CONTACT, INSERTION_WRENCH, INSERTION_STAGES } insertion_stage;
+/* The parts of a tick that are timed, each of several stages (insertion/README.md): hand to ahead; needle and advance; problem and solve; and, after the last
+   pass, conclude and output. */
+typedef enum { TIMED_TISSUE, TIMED_NEEDLE, TIMED_CONTACT, TIMED_WRENCH, TIMED_PARTS } timed_part;
 
-/* Time spent in each stage of a tick. The caller provides the clock; if it is NULL, nothing is measured. */
+/* Time spent in each part of a tick. The caller provides the clock; if it is NULL, nothing is measured. */
 typedef struct {
     int64_t (*clock)(void);          /* ns */
-    int64_t last;                    /* ns, time at which the last stage ended */
-    int64_t spent[INSERTION_STAGES]; /* ns, time spent in each stage in this tick */
+    int64_t last;                    /* ns, time at which the last part ended */
+    int64_t spent[TIMED_PARTS];      /* ns, time spent in each part in this tick */
 } insertion_profile;
 
 /* RT */
 static inline void profile_begin(insertion_profile *p) { *p = (insertion_profile){.clock = p->clock, .last = p->clock ? p->clock() : 0}; }
 
-/* Adds to this stage's total the time elapsed since the previous call. RT */
-static inline void profile_end_stage(insertion_profile *p, insertion_stage stage) {
+/* Adds to this part's total the time elapsed since the previous call. RT */
+static inline void profile_end_part(insertion_profile *p, timed_part part) {
     if (!p->clock) return;
     int64_t now = p->clock();
-    p->spent[stage] += now - p->last;
+    p->spent[part] += now - p->last;
     p->last = now;
 }
 
@@ -204,7 +206,7 @@ typedef struct {
     double kept_open;                /* fraction of that difference that still remains */
 } continuation_step;
 
-/* Scratch of one tick, grouped by the stage that writes it. Only the profile is used after the call. */
+/* Scratch of one step, grouped by the stage that writes it. Only the profile spans the steps of a tick, and is read after it. */
 typedef struct {
     hand_advance hand;
     path_step path;

@@ -47,7 +47,7 @@ void insertion_tick(const tick_input *given, insertion_state *state, insertion_w
     step(&tick, state, w, output);
     outside_watch(&tick, state, output);
     prefetch_request(given->model, state);
-    profile_end_stage(&w->profile, INSERTION_WRENCH);
+    profile_end_part(&w->profile, TIMED_WRENCH);
 }
 
 bool insertion_linearise(const tick_input *tick, insertion_state *state, insertion_workspace *w, tick_output *output, bool loaded) {

@@ -9,7 +9,7 @@
    it. RT */
 double calcification_entry(const calcification *c, vec3 x, vec3 direction);
 
-/* Resistance (N) at the nominal point x of element `tet` to a tip on a track with this openness (0 to 1). RT */
+/* Resistance (N) at the nominal point x of element `tet` to a tip on a track with this openness (0, uncut, to 1). RT */
 double cutting_resistance(const insertion_model *model, int tet, vec3 x, double openness);
 
 /* The larger of cutting_resistance and the force (N) needed to pierce the obstacle at the tip: bone, or a membrane with this damage (0 to 1). RT */

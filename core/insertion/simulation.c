@@ -6,7 +6,7 @@
 
 #include "base/cache_line.h"
 #include "base/memory.h"
-#include "insertion/state/local_compliance.h"
+#include "insertion/model/local_compliance.h"
 #include "refinement/refined_field.h"
 #include "snapshot/free_displacement.h"
 #include "tissue/blas.h"

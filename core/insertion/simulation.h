@@ -4,7 +4,7 @@
 
 #include "condensed/inverse_choice.h"
 #include "insertion/seeds.h"
-#include "insertion/step/insertion.h"
+#include "insertion/step/tick.h"
 #include "mesh/region_of_interest.h"
 #include "probe/probe.h"
 #include "remesh/remesh.h"

@@ -1,8 +1,8 @@
 /* Tests relaxing tissue: energy balance of random insertions, and independence from tick rate and mesh. Constant displacements and removed loads are tested in
    tests/unit/insertion/test_creep.c. */
 #include "figure8.h"
-#include "insertion/memory/creep.h"
-#include "insertion/state/local_compliance.h"
+#include "insertion/laws/creep.h"
+#include "insertion/model/local_compliance.h"
 #include "insertion/state/strata.h"
 #include "random_hand.h"
 #include "rows.h"

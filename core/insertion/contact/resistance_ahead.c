@@ -1,6 +1,6 @@
 #include "insertion/contact/resistance_ahead.h"
 
-#include "insertion/tip/tip_path.h"
+#include "insertion/tip/tip_walk.h"
 #include "insertion/track/obstacle.h"
 #include "insertion/track/old_tracks.h"
 

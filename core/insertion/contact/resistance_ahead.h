@@ -3,7 +3,7 @@
 #ifndef TROCAR_RESISTANCE_AHEAD_H
 #define TROCAR_RESISTANCE_AHEAD_H
 
-#include "insertion/state/tick.h"
+#include "insertion/state/tick_data.h"
 
 /* Lists the resistances ahead of the tip, up to the largest advance possible in this step. The points must have been located. RT */
 void resistance_ahead_find(const tick_input *tick, const insertion_state *state, const hand_advance *hand, const path_step *path, const contact_points *points,

@@ -5,7 +5,7 @@
 #include "insertion/contact/resistance_ahead.h"
 #include "insertion/contact/roll.h"
 #include "insertion/contact/tip_damper.h"
-#include "insertion/memory/creep.h"
+#include "insertion/laws/creep.h"
 #include "insertion/step/checkpoint.h"
 #include "insertion/step/continuation.h"
 

@@ -5,7 +5,7 @@
 #include "insertion/contact/contact_assembly.h"
 #include "insertion/contact/tip_damper.h"
 #include "insertion/guide/guides.h"
-#include "insertion/memory/stiffening.h"
+#include "insertion/laws/stiffening.h"
 #include "insertion/step/checkpoint.h"
 #include "insertion/step/needle_drag.h"
 

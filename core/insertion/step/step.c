@@ -2,11 +2,11 @@
 
 #include "insertion/contact/roll.h"
 #include "insertion/contact/tissue_stage.h"
-#include "insertion/memory/creep.h"
+#include "insertion/laws/creep.h"
 #include "insertion/step/equilibrium.h"
 #include "insertion/step/hand.h"
 #include "insertion/tip/known_tissue.h"
-#include "insertion/tip/path.h"
+#include "insertion/tip/path_stage.h"
 #include "insertion/tip/tip.h"
 #include "insertion/tip/track_gradient.h"
 

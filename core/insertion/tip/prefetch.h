@@ -2,7 +2,7 @@
 #ifndef TROCAR_PREFETCH_H
 #define TROCAR_PREFETCH_H
 
-#include "insertion/state/insertion_model.h"
+#include "insertion/model/insertion_model.h"
 #include "insertion/state/insertion_state.h"
 
 static const double DENT_DEPTH = 20e-3; /* m: largest displacement of the skin, caused by other needles, at a needle's entry. Chosen by judgement */

@@ -2,7 +2,7 @@
 #ifndef TROCAR_OBSTACLE_H
 #define TROCAR_OBSTACLE_H
 
-#include "insertion/state/insertion_model.h"
+#include "insertion/model/insertion_model.h"
 #include "insertion/state/insertion_state.h"
 
 /* Distance (m) along the ray from x, in the unit vector `direction`, at which the ray enters the calcification; INFINITY if x is inside or the ray misses

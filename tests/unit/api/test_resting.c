@@ -11,7 +11,7 @@
 #include "api/view.h"
 #include "api/worker_answer.h"
 #include "api/worker_resting.h"
-#include "insertion/memory/creep.h"
+#include "insertion/laws/creep.h"
 #include "snapshot/snapshot_kernels.h"
 
 #include <cmocka.h>

@@ -1,5 +1,5 @@
 /* Relaxing tissue: the forces on a held needle, and the after-effect of a removed load, are compared with exact solutions. */
-#include "insertion/memory/creep.h"
+#include "insertion/laws/creep.h"
 #include "lockstep.h"
 #include "verification/random_hand.h"
 

@@ -1,8 +1,8 @@
 /* Tests stiffening tissue: its laws are compared with their integrals and with a resolved disc, and their effect in the tick is tested.
    tests/verification/needle/verify_large_deflection.py compares the rigid needle with resolved hyperelastic elements. */
 #include "common/allocations.h"
-#include "insertion/memory/stiffening.h"
-#include "insertion/step/insertion.h"
+#include "insertion/laws/stiffening.h"
+#include "insertion/step/tick.h"
 #include "lockstep.h"
 #include "verification/random_hand.h"
 

@@ -10,7 +10,7 @@
 #include <stdlib.h>
 #include <string.h>
 
-#include "insertion/state/local_compliance.h"
+#include "insertion/model/local_compliance.h"
 #include "insertion/state/shaft.h"
 #include "insertion/tip/prefetch.h"
 #include "insertion/tip/tip.h"

@@ -2,7 +2,7 @@
 #ifndef TROCAR_INSERTION_MODEL_H
 #define TROCAR_INSERTION_MODEL_H
 
-#include "insertion/state/guide.h"
+#include "insertion/model/guide.h"
 #include "needle/needle.h"
 #include "tissue/relaxation.h"
 #include "tissue/tissue.h"

@@ -1,4 +1,4 @@
-#include "insertion/memory/creep_kernels.h"
+#include "insertion/laws/creep_kernels.h"
 
 #include "linalg/simd4.h"
 

@@ -4,7 +4,7 @@
 #define TROCAR_LOCAL_COMPLIANCE_H
 
 #include "base/lame.h"
-#include "insertion/state/insertion_model.h"
+#include "insertion/model/insertion_model.h"
 #include "linalg/plane_tensor.h"
 #include "tissue/resolved_radius.h"
 

@@ -3,7 +3,7 @@
 #ifndef TROCAR_STIFFENING_H
 #define TROCAR_STIFFENING_H
 
-#include "insertion/state/tick.h"
+#include "insertion/state/tick_data.h"
 
 /* Means over a share of the shaft: compliance to a line force per logarithm (m^2/N), and stiffening coefficient. */
 typedef struct {

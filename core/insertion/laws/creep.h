@@ -3,7 +3,7 @@
 #ifndef TROCAR_CREEP_H
 #define TROCAR_CREEP_H
 
-#include "insertion/state/tick.h"
+#include "insertion/state/tick_data.h"
 
 /* Begins a step: advances the memory's clock and decays the residual loads. RT */
 void creep_begin(const tick_input *tick, insertion_state *state, creep_step *creep);

@@ -1,10 +1,10 @@
-#include "insertion/memory/creep.h"
+#include "insertion/laws/creep.h"
 
 #include <string.h>
 
-#include "insertion/memory/along_track.h"
-#include "insertion/memory/creep_kernels.h"
-#include "insertion/memory/stiffening.h"
+#include "insertion/laws/along_track.h"
+#include "insertion/laws/creep_kernels.h"
+#include "insertion/laws/stiffening.h"
 
 static const double TOGETHER = 1e-3; /* m: distance within which residual loads are merged. Effort limit */
 static const double NOTICEABLE = 1e-3; /* N: sum of new residual loads above which a request to the worker is worthwhile. Effort limit: below what a hand

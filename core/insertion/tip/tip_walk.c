@@ -1,4 +1,4 @@
-#include "insertion/tip/tip_path.h"
+#include "insertion/tip/tip_walk.h"
 
 #include "insertion/state/strata.h"
 #include "insertion/track/contact_nodes.h"

@@ -1,4 +1,4 @@
-#include "insertion/memory/along_track.h"
+#include "insertion/laws/along_track.h"
 
 /* The end face and the adjacent shaft resist lateral motion of the tip like two springs in parallel. */
 track_shares along_track(const insertion_state *state, const contact_points *points, const tissue_step *tissue, int i) {

@@ -1,9 +1,9 @@
 /* The tick: from the mount of the base to the wrench. The model is constant and the state is mutable. No allocation, no clock. */
-#ifndef TROCAR_INSERTION_H
-#define TROCAR_INSERTION_H
+#ifndef TROCAR_TICK_H
+#define TROCAR_TICK_H
 
 #include "insertion/step/loads.h"
-#include "insertion/state/tick.h"
+#include "insertion/state/tick_data.h"
 
 /* Resets to a straight needle whose base is held at `base`. Where the needle overlaps the tissue, it counts as inserted along its axis without force. The
    tissue forgets this needle's forces and tracks. RT */

@@ -1,9 +1,9 @@
-#include "insertion/step/insertion.h"
+#include "insertion/step/tick.h"
 
 #include <string.h>
 
 #include "insertion/contact/tissue_stage.h"
-#include "insertion/memory/creep.h"
+#include "insertion/laws/creep.h"
 #include "insertion/step/equilibrium.h"
 #include "insertion/step/step.h"
 #include "insertion/tip/outside.h"

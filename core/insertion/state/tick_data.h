@@ -1,9 +1,9 @@
 /* The data of one tick: its input, the scratch of its stages, and its output. */
-#ifndef TROCAR_TICK_H
-#define TROCAR_TICK_H
+#ifndef TROCAR_TICK_DATA_H
+#define TROCAR_TICK_DATA_H
 
 #include "insertion/state/shaft.h"
-#include "insertion/state/stiffening_law.h"
+#include "insertion/model/stiffening_law.h"
 #include "linalg/between_kernels.h"
 
 typedef enum {

@@ -1,9 +1,9 @@
 /* The condensed contact problem of one tick: gaps across the needle are closed, friction along it is bounded. See docs/mechanics.md, "One tick is one
    convex problem". */
-#ifndef TROCAR_CONTACT_H
-#define TROCAR_CONTACT_H
+#ifndef TROCAR_CONTACT_SOLVER_H
+#define TROCAR_CONTACT_SOLVER_H
 
-#include "insertion/state/guide.h"
+#include "insertion/model/guide.h"
 #include "linalg/elimination.h"
 #include "refinement/refinement.h"
 

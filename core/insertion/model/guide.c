@@ -1,4 +1,4 @@
-#include "insertion/state/guide.h"
+#include "insertion/model/guide.h"
 
 #include <math.h>
 

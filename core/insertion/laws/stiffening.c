@@ -1,7 +1,7 @@
-#include "insertion/memory/stiffening.h"
+#include "insertion/laws/stiffening.h"
 
-#include "insertion/memory/along_track.h"
-#include "insertion/state/local_compliance.h"
+#include "insertion/laws/along_track.h"
+#include "insertion/model/local_compliance.h"
 #include "insertion/state/strata.h"
 
 static const double AGREEMENT = 1e-6; /* m: error of the linearised displacements below which the passes end. Chosen: a thousandth of a needle's diameter */

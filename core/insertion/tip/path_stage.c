@@ -1,7 +1,7 @@
-#include "insertion/tip/path.h"
+#include "insertion/tip/path_stage.h"
 
 #include "insertion/guide/guides.h"
-#include "insertion/memory/creep.h"
+#include "insertion/laws/creep.h"
 #include "insertion/tip/prefetch.h"
 #include "insertion/tip/tip.h"
 #include "insertion/track/old_tracks.h"

@@ -2,7 +2,7 @@
 #ifndef TROCAR_ALONG_TRACK_H
 #define TROCAR_ALONG_TRACK_H
 
-#include "insertion/state/tick.h"
+#include "insertion/state/tick_data.h"
 
 /* Forces of one point, in the order of the unknowns: the two across the needle, then the one along it (at the tip: the force on the end face, then that on
    the adjacent shaft). Part of each force acts on the shaft and the rest on the end face. By reciprocity, the point's displacement under each force is the

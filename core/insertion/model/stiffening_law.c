@@ -1,4 +1,4 @@
-#include "insertion/state/stiffening_law.h"
+#include "insertion/model/stiffening_law.h"
 
 #include <math.h>
 #include <stdbool.h>

@@ -7,7 +7,7 @@
 #include <stdlib.h>
 #include <string.h>
 
-#include "insertion/state/contact.h"
+#include "insertion/solver/contact_solver.h"
 
 #include <cmocka.h>
 

@@ -1,4 +1,4 @@
-#include "insertion/state/local_compliance.h"
+#include "insertion/model/local_compliance.h"
 
 #include <stdlib.h>
 

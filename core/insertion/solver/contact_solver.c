@@ -1,4 +1,4 @@
-#include "insertion/state/contact.h"
+#include "insertion/solver/contact_solver.h"
 
 #include <math.h>
 #include <string.h>

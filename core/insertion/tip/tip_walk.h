@@ -1,8 +1,8 @@
 /* The tip's path through the nominal mesh: forward from element to element, along outer faces, and back along the track. */
-#ifndef TROCAR_TIP_PATH_H
-#define TROCAR_TIP_PATH_H
+#ifndef TROCAR_TIP_WALK_H
+#define TROCAR_TIP_WALK_H
 
-#include "insertion/state/tick.h"
+#include "insertion/state/tick_data.h"
 
 enum { MAX_STEPS = 256 }; /* elements: largest number crossed in one step. Effort limit */
 static const double FACE_CLEARANCE = 1e-7; /* m: distance by which the tip is placed past a face that it crosses. Rounding tolerance */

@@ -5,7 +5,7 @@
 #include <stdatomic.h>
 
 #include "api/worker_protocol.h"
-#include "insertion/simulation.h"
+#include "model/model_parts.h"
 #include "probe/probe.h"
 #include "refinement/refined_mesh.h"
 #include "resting/resting_set.h"
@@ -18,7 +18,7 @@ struct trocar_scene {
 };
 
 struct trocar_model {
-    simulation parts;        /* constant data of the simulation, shared by all its runs */
+    model_parts parts;       /* constant data of the simulation, shared by all its runs */
     trocar_log log;          /* the host's */
     atomic_int users;        /* number of users: the host, until it frees the model, and the simulations, pictures and models created from it */
     trocar_model *base;      /* model whose mesh, stiffness and inverse this one shares; NULL if it has its own */

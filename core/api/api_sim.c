@@ -27,7 +27,7 @@ static trocar_status create_needle(const trocar_sim *sim, needle_track *needle, 
 }
 
 static trocar_status create_inverse(trocar_sim *sim, report *why) {
-    simulation *parts = &sim->model->parts;
+    model_parts *parts = &sim->model->parts;
     sim->inverse = parts->inverse;
     return inverse_create_attached(parts->inverse, &sim->resting.inverse, why);
 }

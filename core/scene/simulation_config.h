@@ -1,10 +1,10 @@
-/* All constant data of a simulation, built from one configuration and owned by one struct. */
-#ifndef TROCAR_SIMULATION_H
-#define TROCAR_SIMULATION_H
+/* The configuration of a simulation, from which its model is built. */
+#ifndef TROCAR_SIMULATION_CONFIG_H
+#define TROCAR_SIMULATION_CONFIG_H
 
 #include "condensed/inverse_choice.h"
+#include "insertion/model/insertion_model.h"
 #include "insertion/seeds.h"
-#include "insertion/step/tick.h"
 #include "mesh/region_of_interest.h"
 #include "probe/probe.h"
 #include "remesh/remesh.h"
@@ -48,42 +48,9 @@ typedef struct {
     inverse_progress progress;           /* reports progress during a long start; its function may be NULL */
 } simulation_config;
 
-typedef struct {
-    simulation_config config;
-    bool shares;                        /* mesh, tissue and inverse belong to another simulation, which frees them */
-    mesh mesh;
-    region_material materials[MESH_MAX_GROUPS];
-    membrane membranes[MAX_MEMBRANES];
-    guide guides[MAX_GUIDES];
-    int probe_surface;                  /* index of the probe's surface among the groups; -1 if there is no probe */
-    tissue tissue;
-    inverse *inverse;
-    report about_inverse;               /* name of the chosen owner of the inverse, and the reason for the choice */
-    needle_model needle;
-    insertion_model insertion;
-} simulation;
-
 /* Sets the defaults listed in docs/reference/scene.md; names and mesh are empty. */
 void simulation_defaults(simulation_config *config);
 region_material region_defaults(void);
 calcification calcification_defaults(void); /* the centre is NAN and the radius 0 until they are given */
-
-/* Reads the mesh and looks up the scene's names in it; the other members stay empty. After a failure, everything has been freed. */
-trocar_status simulation_create_mesh(const simulation_config *config, simulation *s, report *why);
-
-/* Reads the mesh and builds all constant data. After a failure, everything has been freed and `why` is set. */
-trocar_status simulation_create_model(const simulation_config *config, simulation *s, report *why);
-
-/* Builds the constant data for a configuration with the same mesh and stiffness as `base`; shares the mesh, tissue and inverse of `base`, which must
-   outlive it. Returns BAD_INPUT, naming the key, if stiffness or inverse would differ, or if the mesh was given as arrays. */
-trocar_status simulation_derive(const simulation *base, const simulation_config *config, simulation *s, report *why);
-
-void simulation_free(simulation *s);
-
-/* Computes the displacements (m) of the nominal nodes (node_count) and of the nodes of insertion_refinement() (MAX_CONTACTS). `scratch` has
-   simulation_field_scratch() entries; each thread needs its own array. On entry, `nominal` holds the nodal forces (N) of all other loads on the tissue.
-   Does not allocate memory; not for the haptic thread. */
-size_t simulation_field_scratch(const simulation *s);
-void simulation_field(simulation *s, const insertion_state *state, vec3 *scratch, vec3 *nominal, vec3 *added);
 
 #endif

@@ -1,4 +1,4 @@
-#include "insertion/simulation.h"
+#include "model/model_parts.h"
 
 #include <math.h>
 #include <stdlib.h>
@@ -11,30 +11,6 @@
 #include "snapshot/free_displacement.h"
 #include "tissue/blas.h"
 
-region_material region_defaults(void) {
-    return (region_material){.youngs_modulus = 30e3, .poisson_ratio = 0.45, .cutting_force = 0.4, .cutting_viscosity = 1.0, .spreading_force = 0.0,
-                             .friction_static = 12.0, .friction_kinetic = 7.0, .friction_viscous = 100.0};
-}
-
-calcification calcification_defaults(void) { return (calcification){.centre = v3(NAN, NAN, NAN), .cutting_factor = 5.0}; }
-
-void simulation_defaults(simulation_config *config) {
-    *config = (simulation_config){
-        .mesh_unit = 1.0,
-        .needle = {.length = 0.2, .outer_diameter = 1.27e-3, .inner_diameter = 0.84e-3, .youngs_modulus = 200e9,
-                   .poisson_ratio = 0.3, .bow = 1e-5, .bevel_slope = 0.0, .segments = 40},
-        .needle_count = 1,
-        .seeds = {.length = 4.5e-3, .diameter = 0.8e-3, .spacing = 10e-3},
-        .probe = {.shape = {.radius = 10e-3, .tip_radius = 10e-3, .length = 0.15}, .max_force = 35.0, .start = {v3(NAN, NAN, NAN), {1, 0, 0, 0}}},
-        .insertion = {.contact_spacing = 2e-3, .weakening_distance = 1e-3, .prefetch_distance = 15e-3, .longest_step = 1e-3,
-                      .most_steps = 4, .track_reach = 1.0, .track_angle = 0.09, .max_passes = 8, .tolerance = 1e-8,
-                      .bone_compliance = 8e-5, .surface_friction = 0.5, .gradient_span = 5e-3},
-        .remeshing = REMESH_NESTED,
-        .inverse = INVERSE_AUTO,
-        .volumetric = STRAIN_BY_PATCH,
-    };
-}
-
 /* Lists the names of the mesh's groups of one dimension for messages, as "name1, name2, ...". */
 static const char *list_groups(const mesh *m, int dimension, char *text, size_t size) {
     size_t used = 0;
@@ -45,7 +21,7 @@ static const char *list_groups(const mesh *m, int dimension, char *text, size_t 
     return used ? text : "none";
 }
 
-static trocar_status bind_regions(simulation *s, report *why) {
+static trocar_status bind_regions(model_parts *s, report *why) {
     char known[512];
     bool bound[MESH_MAX_GROUPS] = {false};
     for (int i = 0; i < s->config.region_count; i++) {
@@ -63,7 +39,7 @@ static trocar_status bind_regions(simulation *s, report *why) {
     return TROCAR_OK;
 }
 
-static trocar_status bind_membranes(simulation *s, report *why) {
+static trocar_status bind_membranes(model_parts *s, report *why) {
     char known[512];
     for (int i = 0; i < s->config.membrane_count; i++) {
         const membrane_config *given = &s->config.membranes[i];
@@ -79,13 +55,13 @@ static trocar_status bind_membranes(simulation *s, report *why) {
 enum { PLACE_ROOM = 600 };
 
 /* Returns "FILE:LINE: ", or an empty text if the key does not come from a file. */
-static const char *place_in_scene(const simulation *s, int line, char place[PLACE_ROOM]) {
+static const char *place_in_scene(const model_parts *s, int line, char place[PLACE_ROOM]) {
     place[0] = '\0';
     if (line > 0 && s->config.scene_path) snprintf(place, PLACE_ROOM, "%.500s:%d: ", s->config.scene_path, line);
     return place;
 }
 
-static trocar_status check_calcifications(const simulation *s, report *why) {
+static trocar_status check_calcifications(const model_parts *s, report *why) {
     char place[PLACE_ROOM];
     for (int i = 0; i < s->config.calcification_count; i++) {
         const calcification *given = &s->config.calcifications[i];
@@ -97,7 +73,7 @@ static trocar_status check_calcifications(const simulation *s, report *why) {
     return TROCAR_OK;
 }
 
-static trocar_status bind_guides(simulation *s, report *why) {
+static trocar_status bind_guides(model_parts *s, report *why) {
     for (int i = 0; i < s->config.guide_count; i++) {
         const guide_config *given = &s->config.guides[i];
         report fault;
@@ -112,7 +88,7 @@ static trocar_status bind_guides(simulation *s, report *why) {
     return TROCAR_OK;
 }
 
-static trocar_status bind_probe(simulation *s, report *why) {
+static trocar_status bind_probe(model_parts *s, report *why) {
     char known[512], place[PLACE_ROOM];
     const probe_config *p = &s->config.probe;
     s->probe_surface = -1;
@@ -128,7 +104,7 @@ static trocar_status bind_probe(simulation *s, report *why) {
 }
 
 /* Looks up the configuration's group names in the mesh. */
-static trocar_status bind_to_mesh(simulation *s, report *why) {
+static trocar_status bind_to_mesh(model_parts *s, report *why) {
     trocar_status status = bind_regions(s, why);
     if (status == TROCAR_OK) status = bind_membranes(s, why);
     if (status == TROCAR_OK) status = check_calcifications(s, why);
@@ -137,7 +113,7 @@ static trocar_status bind_to_mesh(simulation *s, report *why) {
 }
 
 /* Checks that the probe's surface can yield: a surface whose nodes are all fixed cannot. The tissue must have been created. */
-static trocar_status check_probe_surface(const simulation *s, report *why) {
+static trocar_status check_probe_surface(const model_parts *s, report *why) {
     char place[PLACE_ROOM];
     if (s->probe_surface < 0) return TROCAR_OK;
     const mesh_group *surface = &s->mesh.groups[s->probe_surface];
@@ -147,7 +123,7 @@ static trocar_status check_probe_surface(const simulation *s, report *why) {
                 place_in_scene(s, s->config.probe.surface_line, place), surface->name);
 }
 
-static trocar_status build_tissue(simulation *s, report *why) {
+static trocar_status build_tissue(model_parts *s, report *why) {
     char known[512];
     bool *fixed = calloc((size_t)s->mesh.node_count, sizeof *fixed);
     if (!fixed) return fail(why, TROCAR_NO_MEMORY, "no memory");
@@ -170,9 +146,9 @@ static trocar_status build_tissue(simulation *s, report *why) {
 /* BLAS uses one thread, except to factorise or invert a large mesh as a whole, where several threads save minutes. Condensation has its own threads. */
 enum { SEVERAL_THREADS = 30000 }; /* number of unknowns from which BLAS uses several threads */
 
-static bool is_large(const simulation *s) { return s->tissue.dof_count > SEVERAL_THREADS; }
+static bool is_large(const model_parts *s) { return s->tissue.dof_count > SEVERAL_THREADS; }
 
-static trocar_status build_whole(simulation *s, bool sparse, int roi_count, const int *roi, report *why) {
+static trocar_status build_whole(model_parts *s, bool sparse, int roi_count, const int *roi, report *why) {
     inverse_progress progress = s->config.progress;
     if (!sparse) progress.show = NULL; /* a dense inverse is computed too quickly to report progress */
     trocar_status status = inverse_factor(&s->tissue, sparse ? roi_count : 0, roi, progress, why);
@@ -180,14 +156,14 @@ static trocar_status build_whole(simulation *s, bool sparse, int roi_count, cons
     return sparse ? inverse_create_sparse(&s->tissue, SPARSE_CACHE, &s->inverse, why) : inverse_create_dense(&s->tissue, progress, &s->inverse, why);
 }
 
-static trocar_status build_large(simulation *s, bool sparse, int roi_count, const int *roi, report *why) {
+static trocar_status build_large(model_parts *s, bool sparse, int roi_count, const int *roi, report *why) {
     blas_begin_turn();
     trocar_status status = build_whole(s, sparse, roi_count, roi, why);
     blas_end_turn();
     return status;
 }
 
-static trocar_status build_owner(simulation *s, int roi_count, const int *roi, report *why) {
+static trocar_status build_owner(model_parts *s, int roi_count, const int *roi, report *why) {
     report notice;
     const simulation_config *config = &s->config;
     inverse_facts facts = {.given = config->inverse, .precision = config->precision, .node_count = s->mesh.node_count,
@@ -209,7 +185,7 @@ static trocar_status build_owner(simulation *s, int roi_count, const int *roi, r
 }
 
 /* Adds the nodes that a probe can press to the region of interest, if there is one. */
-static trocar_status add_probe_nodes(const simulation *s, int **nodes, int *count, report *why) {
+static trocar_status add_probe_nodes(const model_parts *s, int **nodes, int *count, report *why) {
     if (s->probe_surface < 0 || *count == 0) return TROCAR_OK;
     const mesh_group *surface = &s->mesh.groups[s->probe_surface];
     int *all = realloc(*nodes, (size_t)(*count + surface->node_count) * sizeof *all), found = *count;
@@ -222,7 +198,7 @@ static trocar_status add_probe_nodes(const simulation *s, int **nodes, int *coun
     return TROCAR_OK;
 }
 
-static trocar_status build_inverse(simulation *s, report *why) {
+static trocar_status build_inverse(model_parts *s, report *why) {
     int *roi, roi_count;
     int surface = s->config.membrane_count > 0 ? s->membranes[0].group : -1;
     trocar_status status = roi_find(&s->mesh, &s->config.roi, surface, &roi, &roi_count, why);
@@ -233,7 +209,7 @@ static trocar_status build_inverse(simulation *s, report *why) {
     return status;
 }
 
-static trocar_status build_insertion(simulation *s, report *why) {
+static trocar_status build_insertion(model_parts *s, report *why) {
     s->insertion = (insertion_model){.mesh = &s->mesh, .tissue = &s->tissue, .materials = s->materials, .needle = &s->needle,
                                      .membranes = s->membranes, .membrane_count = s->config.membrane_count,
                                      .calcifications = s->config.calcifications, .calcification_count = s->config.calcification_count,
@@ -242,25 +218,25 @@ static trocar_status build_insertion(simulation *s, report *why) {
     return status == TROCAR_OK ? local_create(&s->insertion, why) : status;
 }
 
-static trocar_status take_mesh(simulation *s, report *why) {
+static trocar_status take_mesh(model_parts *s, report *why) {
     return s->config.mesh_given ? mesh_from_arrays(s->config.mesh_given, &s->mesh, why) : mesh_read_in(s->config.mesh_path, s->config.mesh_unit, &s->mesh, why);
 }
 
-trocar_status simulation_create_mesh(const simulation_config *config, simulation *s, report *why) {
+trocar_status model_parts_create_mesh(const simulation_config *config, model_parts *s, report *why) {
     memset(s, 0, sizeof *s);
     s->config = *config;
     trocar_status status = take_mesh(s, why);
     if (status != TROCAR_OK) return status;
     mesh_compare_with_needle(&s->mesh, config->needle.length, config->needle.outer_diameter);
     status = bind_to_mesh(s, why);
-    if (status != TROCAR_OK) simulation_free(s);
+    if (status != TROCAR_OK) model_parts_free(s);
     return status;
 }
 
-trocar_status simulation_create_model(const simulation_config *config, simulation *s, report *why) {
+trocar_status model_parts_create(const simulation_config *config, model_parts *s, report *why) {
     memset(s, 0, sizeof *s);
     trocar_status status = blas_start(why);
-    if (status == TROCAR_OK) status = simulation_create_mesh(config, s, why);
+    if (status == TROCAR_OK) status = model_parts_create_mesh(config, s, why);
     if (status != TROCAR_OK) return status;
     status = inverse_go_on(config->progress, why);
     if (status == TROCAR_OK) status = needle_create(&config->needle, &s->needle, why);
@@ -269,7 +245,7 @@ trocar_status simulation_create_model(const simulation_config *config, simulatio
     if (status == TROCAR_OK) status = inverse_go_on(config->progress, why);
     if (status == TROCAR_OK) status = build_inverse(s, why);
     if (status == TROCAR_OK) status = build_insertion(s, why);
-    if (status != TROCAR_OK) simulation_free(s);
+    if (status != TROCAR_OK) model_parts_free(s);
     return status;
 }
 
@@ -323,7 +299,7 @@ static const char *stiffness_key_that_differs(const simulation_config *a, const 
     return NULL;
 }
 
-trocar_status simulation_derive(const simulation *base, const simulation_config *config, simulation *s, report *why) {
+trocar_status model_parts_derive(const model_parts *base, const simulation_config *config, model_parts *s, report *why) {
     char text[64];
     memset(s, 0, sizeof *s);
     if (config->mesh_given || base->config.mesh_path[0] == '\0')
@@ -339,13 +315,13 @@ trocar_status simulation_derive(const simulation *base, const simulation_config 
     trocar_status status = bind_to_mesh(s, why);
     if (status == TROCAR_OK) status = needle_create(&config->needle, &s->needle, why);
     if (status == TROCAR_OK) status = build_insertion(s, why);
-    if (status != TROCAR_OK) simulation_free(s);
+    if (status != TROCAR_OK) model_parts_free(s);
     return status;
 }
 
-size_t simulation_field_scratch(const simulation *s) { return REFINED_FIELD_SCRATCH * ((size_t)s->mesh.node_count + MAX_CONTACTS); }
+size_t model_parts_field_scratch(const model_parts *s) { return REFINED_FIELD_SCRATCH * ((size_t)s->mesh.node_count + MAX_CONTACTS); }
 
-void simulation_free(simulation *s) {
+void model_parts_free(model_parts *s) {
     local_free(&s->insertion);
     if (!s->shares) {
         inverse_free(s->inverse);
@@ -355,7 +331,7 @@ void simulation_free(simulation *s) {
     memset(s, 0, sizeof *s);
 }
 
-void simulation_field(simulation *s, const insertion_state *state, vec3 *scratch, vec3 *nominal, vec3 *added) {
+void model_parts_field(model_parts *s, const insertion_state *state, vec3 *scratch, vec3 *nominal, vec3 *added) {
     refinement refined;
     vec3 force[MAX_CONTACTS];
     insertion_refinement(state, &refined);

@@ -62,13 +62,13 @@ typedef struct {
     bool attached;           /* the needle is attached to the tissue */
     uint64_t served_changes, served_shifts; /* change counters of the resting needles and the probe at the time of the last answer */
     double shown_force[MAX_UNKNOWNS]; /* N, forces for which the needle was last shown */
-} needle_track;
+} sim_needle;
 
 struct trocar_sim {
     trocar_model *model;
     trocar_view view;
     int needle_count;
-    needle_track *needles;
+    sim_needle *needles;
     sim_link link;
     /* Used by the ticking thread: */
     insertion_workspace *workspace;

@@ -20,7 +20,7 @@ _Static_assert(TROCAR_STAGES == (int)TIMED_PARTS && TROCAR_STAGE_WRENCH == (int)
 
 /* ---- creation ------------------------------------------------------------------------------------------------------------ */
 
-static trocar_status create_needle(const trocar_sim *sim, needle_track *needle, report *why) {
+static trocar_status create_needle(const trocar_sim *sim, sim_needle *needle, report *why) {
     trocar_status status = link_create(&needle->link, why);
     if (status != TROCAR_OK) return status;
     return remesher_create(sim->inverse, sim->model->parts.config.remeshing, &needle->remesher, why);
@@ -105,7 +105,7 @@ trocar_status trocar_sim_step(trocar_sim *sim, int needle, const trocar_pose *ba
     if (status == TROCAR_OK) status = check_pose(base, &at, why);
     if (status != TROCAR_OK) return status;
     floating_mode before = flush_denormals();
-    needle_track *n = &sim->needles[needle];
+    sim_needle *n = &sim->needles[needle];
     bool outdated, finite = true;
     status = worker_before_tick(sim, needle, &outdated, why);
     adopt_needle(sim, n);

@@ -29,7 +29,7 @@ static trocar_status check_size(const trocar_sim *sim, size_t size, report *why)
 }
 
 static void save_needle(const trocar_sim *sim, int index, char *to) {
-    needle_track *needle = &sim->needles[index];
+    sim_needle *needle = &sim->needles[index];
     int phase = link_phase(&needle->link) == PHASE_TAKEN ? PHASE_HELD : link_phase(&needle->link);
     const insertion_state *state = phase == PHASE_LEAVING ? &link_left(&needle->link)->state : state_of_needle(sim, index, NULL);
     memcpy(to + offsetof(saved_needle, phase), &phase, sizeof phase);
@@ -55,7 +55,7 @@ trocar_status trocar_sim_save(const trocar_sim *sim, void *state, size_t size, t
 }
 
 /* Restores everything except the remesher, which can be restored only after the resting needles have been attached. */
-static trocar_status restore_needle(trocar_sim *sim, needle_track *needle, const char *from, report *why) {
+static trocar_status restore_needle(trocar_sim *sim, sim_needle *needle, const char *from, report *why) {
     int phase;
     compliance_snapshot *slot = link_answer_slot(&needle->link);
     memcpy(&phase, from + offsetof(saved_needle, phase), sizeof phase);
@@ -99,11 +99,11 @@ trocar_status trocar_sim_restore(trocar_sim *sim, const void *state, size_t size
     for (int i = 0; i < sim->needle_count && status == TROCAR_OK; i++, from += sizeof(saved_needle)) status = restore_needle(sim, &sim->needles[i], from, why);
     for (int i = 0; i < sim->needle_count && status == TROCAR_OK; i++)
         /* needs the tracks of all needles */
-        if (link_phase(&sim->needles[i].link) == PHASE_LEAVING) fill_left(sim, i), link_publish_left(&sim->needles[i].link);
+        if (link_phase(&sim->needles[i].link) == PHASE_LEAVING) fill_message_of_left_needle(sim, i), link_publish_left(&sim->needles[i].link);
     if (status == TROCAR_OK) status = rest_again(sim, why);
     if (status == TROCAR_OK) status = restore_probe(sim, from, why);
     for (int i = 0; i < sim->needle_count && status == TROCAR_OK; i++) {
-        needle_track *needle = &sim->needles[i];
+        sim_needle *needle = &sim->needles[i];
         needle->served_changes = attached_changes(sim);
         needle->served_shifts = attached_shifts(sim);
         status = remesher_resume(needle->remesher, &needle->state.request, link_answer_slot(&needle->link), why);

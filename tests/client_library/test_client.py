@@ -25,7 +25,7 @@ import threading
 import time
 
 BUILD, SOURCE, LANGUAGE = sys.argv[1:4]
-HERE, CLIENTS = f"{SOURCE}/tests/client", f"{SOURCE}/clients/client"
+HERE, CLIENTS = f"{SOURCE}/tests/client_library", f"{SOURCE}/clients/client"
 NEAR, PORT, FAR = "239.255.76.67", 7667, "239.255.76.68:7668"
 LOSS, TWICE, DELAY = 0.1, 0.05, 0.004
 NEEDED = {"windows": {"x86_64-w64-mingw32-gcc": "gcc-mingw-w64-x86-64-win32", "wine": "wine64 and wine"}, "csharp": {"mcs": "mono-mcs", "mono": "mono-runtime"}}
@@ -48,7 +48,7 @@ AT_ONCE = ["chrt", "--fifo", "20"] if subprocess.run(["chrt", "--fifo", "20", "t
 def build(folder):
     """Returns the bridge as a command. It is compiled with the strictest options of the language."""
     if LANGUAGE == "c":
-        return [f"{BUILD}/tests/client/insertion"]
+        return [f"{BUILD}/tests/client_library/insertion"]
     if LANGUAGE == "python":
         return ["/usr/bin/python3", "-I", "-W", "error", f"{HERE}/insertion.py"]
     if LANGUAGE in BRIDGES:

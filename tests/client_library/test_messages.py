@@ -101,7 +101,7 @@ def datagrams(client, messages):
 
 def try_csharp(folder, cases):
     subprocess.run(["mcs", "-langversion:7", "-warn:4", "-warnaserror", f"-out:{folder}/Messages.exe", f"{SOURCE}/clients/client/TrocarClient.cs",
-                    f"{SOURCE}/tests/client/Messages.cs"], check=True)
+                    f"{SOURCE}/tests/client_library/Messages.cs"], check=True)
     given = b"".join(letter.encode() + struct.pack("<H", len(data)) + data for letter, data, _ in cases)
     got = subprocess.run(["mono", f"{folder}/Messages.exe"], input=given, stdout=subprocess.PIPE, check=True).stdout
     at = 0

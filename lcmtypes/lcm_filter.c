@@ -95,7 +95,7 @@ int64_t lcm_filter_distant(char *newest, size_t size) {
     return count;
 }
 
-/* Parses a URL like liblcm: udpm://GROUP:PORT?KEY=VALUE&KEY=VALUE. Numbers may be hexadecimal, and the ttl has 8 bits. */
+/* Parses a URL as liblcm does: udpm://GROUP:PORT?KEY=VALUE&KEY=VALUE. Numbers may be hexadecimal, and the ttl has 8 bits. */
 bool lcm_filter_is_local(const char *url, uint16_t *port) {
     static const char *const UDPM = "udpm://", *const STANDARD = "udpm://239.255.76.67:7667?ttl=0";
     if (!url || !*url) url = getenv("LCM_DEFAULT_URL");

@@ -32,8 +32,8 @@ typedef struct {
 /* The packets that a program wants to receive. */
 typedef struct {
     const char *const *channels; /* NULL-terminated; NULL: all channels. liblcm never forgets a channel name that it has seen */
-    bool whole_only;             /* no fragments, because every wanted message fits in one packet */
-    packet_origin origin;        /* both NULL if there is no such channel */
+    bool whole_only;             /* accept no fragments, because every wanted message fits in one packet */
+    packet_origin origin;        /* both pointers are NULL if there is no such channel */
 } packet_wishes;
 
 /* Judges a UDP payload. A payload without LCM's magic number is also GOOD, because liblcm itself discards it. */

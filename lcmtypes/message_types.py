@@ -52,7 +52,7 @@ def read(path):
 
 
 def flags_and_events(structs):
-    """Returns {bit: name in lower case} for each."""
+    """Returns the flags and the events, each as {bit: name in lower case}."""
     constants = next(s for s in structs if s.name == "needle_wrench_t").constants()
     events = {c.value: c.name[6:].lower() for c in constants if c.name.startswith("EVENT_")}
     flags = {c.value: c.name.lower() for c in constants if not c.name.startswith("EVENT_")}

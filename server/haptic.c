@@ -175,7 +175,7 @@ static void note_hand(haptic *h, virtual_coupling *coupling, safety_decision dec
     if (round_trip >= 0) spsc_ring_push(&h->exchange->round_trips, &round_trip);
 }
 
-/* Adds the time that one needle needs before, during and after the simulation to the tick's stages. `ticked` is false if the simulation was not
+/* Adds the times that one needle takes before, during and after the simulation to the tick's stages. `ticked` is false if the simulation was not
    called. RT */
 static void note_stages(haptic *h, bool ticked, int64_t began, int64_t asked, int64_t answered) {
     int64_t spent[TROCAR_STAGES] = {0};
@@ -217,7 +217,8 @@ static void show(haptic *h, const loop_wake *wake, const trocar_needle_wrench_t 
 /* Starts a bumpless transfer when the model's wrench becomes reliable again, or when it may jump because the worker's answers were late, poses were
    missing while the hand moved, or the loop was suspended. RT */
 static void heed_faults(haptic_needle *n, const trocar_output *raw, bool unseen) {
-    static const double FELT = 0.05, FELT_PART = 0.07; /* N, and a fraction of the force: a change within one tick that exceeds these feels like a knock */
+    static const double FELT = 0.05, FELT_PART = 0.07; /* FELT in N, FELT_PART as a fraction of the force: a change within one tick that exceeds these limits
+                                                          feels like a knock */
     bool late = raw->events & TROCAR_EVENT_LATE, faulty = late || raw->events & TROCAR_EVENT_UNSTABLE;
     bool punctures = raw->events & TROCAR_EVENT_PUNCTURED && !unseen;
     vec3 force = load_vec3(raw->force);

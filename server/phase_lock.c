@@ -6,7 +6,7 @@ static const double LEAST_MARGIN = 40e3; /* ns, shortest time between a pose's a
 static const double JITTERS = 3.0;       /* margin for jitter, as a multiple of the mean deviation of the poses' arrival times */
 static const double MOST_MARGIN = 0.25;  /* upper limit of the margin, as a fraction of the loop's period */
 static const double GAIN = 0.05;         /* fraction of the phase error that each tick corrects */
-static const double MOST_SHIFT = 0.01;   /* largest shift of a deadline, as a fraction of the loop's period */
+static const double MOST_SHIFT = 0.01;   /* maximum shift of a deadline, as a fraction of the loop's period */
 static const double MEAN = 0.02;         /* weight of the newest deviation in the running mean */
 
 int64_t phase_lock_shift(phase_lock *p, int64_t deadline, int64_t received) {

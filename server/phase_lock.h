@@ -1,5 +1,5 @@
 /* Locks the phase of the haptic loop to the device, so that each tick begins just after a pose has arrived instead of up to one period later. The
-   lock is a first-order control loop: it shifts each deadline by a small fraction of the phase error, at most by 1 % of the period. Model time still
+   lock is a first-order control loop: it shifts each deadline by a small fraction of the phase error, by at most 1 % of the period. Model time still
    advances in whole periods, so it differs from the clock by the sum of these shifts. The code reads no clock: times are arguments. */
 #ifndef TROCAR_PHASE_LOCK_H
 #define TROCAR_PHASE_LOCK_H

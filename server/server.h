@@ -24,7 +24,7 @@ typedef struct server server;
 trocar_status server_create(const server_options *options, server **created, report *why);
 void server_free(server *s); /* does nothing while the server is busy */
 
-/* Runs until `stop_descriptor` (such as an eventfd) becomes readable, a client commands a shutdown, or the network fails. Then ramps the wrench to
+/* Runs until `stop_descriptor` (such as an eventfd) becomes readable, a client requests a shutdown, or the network fails. Then ramps the wrench to
    zero and joins all threads, except one that is factorising a large matrix. If `ready` is not NULL, calls it when the server is listening. */
 trocar_status server_run(server *s, int stop_descriptor, void (*ready)(void), report *why);
 

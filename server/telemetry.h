@@ -38,7 +38,7 @@ typedef struct {
     int64_t timings_published;
     histogram *latency, *round_trip; /* latency of the worker and round-trip time of the hand, both in the current interval */
     triple_buffer views;          /* buffer of view_sample, read by the pictures thread */
-    viewer_messages messages;     /* used only by the pictures thread, */
+    viewer_messages messages;     /* used only by the pictures thread */
     struct { int64_t sent; int count; } seeds; /* time (ns) of the last message, and the number of seeds in it, including pending ones */
     struct { int64_t sent; int points; float end[3]; } tracks[TROCAR_MAX_NEEDLES]; /* time (ns) of the last message of tracks, and the last point in it */
 } telemetry;

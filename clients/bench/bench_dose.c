@@ -20,7 +20,7 @@ typedef struct {
     trocar_dose_source *source;
     trocar_dose *dose;
     int64_t voxels;
-    double *plain;           /* an array of the same size that is not a dose grid, for comparison */
+    double *plain;           /* a plain array with as many elements as the grid has voxels, for comparison */
     histogram baseline, pass, add, remove;
     output json_file;
 } bench;

@@ -11,15 +11,16 @@
 #include "shared/patient.h"
 
 static const double TURN_RATE = 6.0;                        /* rad/s, rate at which the base turns */
-static const double SERIES[][2] = {{0.25, 0.15}, {0.15, 2.5}, {0.1, 30.0}}; /* weights and time constants (s) of the relaxation */
-static const double GUIDE_END = 0.01, GUIDE_THICKNESS = 0.01; /* m: distance of the guide from the tip at the start, and thickness of the guide's plate */
-enum { PLAIN, WHOLE, VARIANTS, ROUNDS = 10 };               /* the rounds of both variants alternate, so that changes of the machine's load affect both */
+static const double SERIES[][2] = {{0.25, 0.15}, {0.15, 2.5}, {0.1, 30.0}}; /* weight and time constant (s) of each relaxation term */
+static const double GUIDE_END = 0.01;                       /* m, initial distance of the guide from the tip */
+static const double GUIDE_THICKNESS = 0.01;                 /* m, thickness of the guide's plate */
+enum { PLAIN, WHOLE, VARIANTS, ROUNDS = 10 };               /* rounds of the two variants alternate, so that changes in machine load affect both */
 static const char *const NAMES[VARIANTS] = {"without", "with"};
 
 typedef struct {
     const char *scene_path, *json_path;
     int contacts, ticks;
-    double spacing;          /* m, replaces the scene's spacing of contact nodes if positive */
+    double spacing;          /* m, overrides the scene's contact node spacing if positive */
 } options;
 
 typedef struct {

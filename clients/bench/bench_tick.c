@@ -17,7 +17,7 @@ typedef struct {
     const char *scene_path, *json_path;
     int counts[MAX_COUNTS], count_count;   /* numbers of contacts */
     int ticks;
-    double spacing;                        /* m, replaces the scene's spacing of contact nodes if positive */
+    double spacing;                        /* m, overrides the scene's contact node spacing if positive */
     vec3 start;                            /* m, or mm in patient coordinates; x is NAN if the start position is taken from the scene */
     bool patient;
 } options;

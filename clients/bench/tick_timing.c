@@ -7,7 +7,7 @@
 #include "common/messages.h"
 
 static const double PUSH_SPEED = 0.1;      /* m/s, speed of the insertion */
-enum { LEAP = 100 };                       /* ticks, longest duration of the jump that follows a puncture */
+enum { LEAP = 100 };                       /* maximum duration, in ticks, of the jump that follows a puncture */
 static const double ADVANCE_SPEED = 0.02;  /* m/s */
 static const double SWEEP_SPEED = 0.03;    /* m/s */
 
@@ -15,7 +15,8 @@ typedef struct {
     trocar_sim *sim;
     trocar_output output;    /* output of the last simulated tick */
     const timing_case *wanted;
-    double length, spacing;  /* m: length of the needle, and distance between contact nodes */
+    double length;           /* m, length of the needle */
+    double spacing;          /* m, distance between contact nodes */
     char mesh[1024];         /* path of the mesh file */
 } timing_run;
 
@@ -26,7 +27,7 @@ static pose displaced(pose base, vec3 by) {
     return base;
 }
 
-/* Returns a triangular wave with period 1 s and slope +-1 that starts upwards from 0. */
+/* Returns the value at time t (s) of a triangle wave with period 1 s and slope +-1 that rises from 0 at t = 0. */
 static double to_and_fro(double t) {
     double phase = t - floor(t);
     return phase < 0.25 ? phase : phase < 0.75 ? 0.5 - phase : phase - 1.0;
@@ -37,7 +38,7 @@ static vec3 way_after(timed_motion motion, double t) {
     return motion == TIMED_ADVANCE ? v3(0, 0, ADVANCE_SPEED * t) : v3(0, SWEEP_SPEED * to_and_fro(t), 0);
 }
 
-/* Runs one tick and returns the time it took, in ns; then does the worker's part, which is not timed. */
+/* Runs one tick and stores its duration, in ns, in `time`; then does the worker's part, which is not timed. */
 static trocar_status timed_step(timing_run *run, pose base, int64_t *time, report *why) {
     struct pollfd request = {.fd = trocar_sim_work_descriptor(run->sim), .events = POLLIN};
     trocar_pose at = library_pose(base);

@@ -64,9 +64,9 @@ public enum TrocarFlags : int {
     Overrun = 64,
     /// <summary>the hand received more energy than it supplied (see energy in status_t), or oscillated, and the coupling has been softened</summary>
     Active = 128,
-    /// <summary>the needle passes a guide beside its holes, and is not guided</summary>
+    /// <summary>the needle passes a guide outside its holes and is not guided</summary>
     MissedGuide = 256,
-    /// <summary>the shaft is pushed into a body from the side, where the model has no force: do not trust the wrench</summary>
+    /// <summary>the shaft is pushed into a body from the side, for which the model computes no force: do not trust the wrench</summary>
     OutsideModel = 512,
     /// <summary>the tissue stops the ultrasound probe short of its pose: see probe_wrench_t</summary>
     ProbeStopped = 1024,
@@ -90,17 +90,17 @@ public enum TrocarEvents : int {
     Reentered = 32,
     /// <summary>the needle left the tissue where it had entered</summary>
     Withdrawn = 64,
-    /// <summary>like the flag LATE_WORKER, set in every tick</summary>
+    /// <summary>same meaning as the flag LATE_WORKER; set in every tick while the condition holds</summary>
     Late = 128,
-    /// <summary>no free contact was left to add, or the track has more than 256 layers</summary>
+    /// <summary>no free contact slot was left, or the track has more than 256 layers</summary>
     Full = 256,
-    /// <summary>like the flag UNSTABLE</summary>
+    /// <summary>same meaning as the flag UNSTABLE</summary>
     Unstable = 512,
     /// <summary>no longer set</summary>
     Kept = 1024,
-    /// <summary>like the flag MISSED_GUIDE, set in every tick</summary>
+    /// <summary>same meaning as the flag MISSED_GUIDE; set in every tick while the condition holds</summary>
     MissedGuide = 2048,
-    /// <summary>like the flag OUTSIDE_MODEL, set in every tick</summary>
+    /// <summary>same meaning as the flag OUTSIDE_MODEL; set in every tick while the condition holds</summary>
     OutsideModel = 4096,
     /// <summary>there was no room for more tracks: the needle's oldest track has been dropped</summary>
     TrackDropped = 8192,

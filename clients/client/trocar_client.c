@@ -52,26 +52,26 @@
 static const double WATCHDOG = 0.02;       /* s */
 static const double RAMP = 0.1;            /* s, duration of the ramp after an outage */
 static const double PATIENCE = 0.1;        /* s of silence after which the client follows another server */
-static const double LONGEST_PERIOD = 0.01; /* s, the longest period of the device's loop over which the wrench may change */
-static const double MAX_FORCE = 20.0, MAX_TORQUE = 1.0;                 /* N and N m: the limits that apply to a scene without `device` keys */
-static const double MAX_FORCE_RATE = 2000.0, MAX_TORQUE_RATE = 100.0;   /* N/s and N m/s: the rate limits that apply to such a scene */
-static const double LONGEST_REPLY = 3.0;   /* s to wait for a reply; a server with 25 resting needles takes 0.1 s to leave another one */
+static const double LONGEST_PERIOD = 0.01; /* s: if the device's loop takes longer, the wrench may change by no more than the rate limits allow in this time */
+static const double MAX_FORCE = 20.0, MAX_TORQUE = 1.0;                 /* limits of force (N) and torque (N m) for a scene without `device` keys */
+static const double MAX_FORCE_RATE = 2000.0, MAX_TORQUE_RATE = 100.0;   /* limits of the rates of change of force (N/s) and torque (N m/s) for such a scene */
+static const double LONGEST_REPLY = 3.0;   /* s to wait for a reply; a server needs 0.1 s for the slowest command, leave, with 25 other needles at rest */
 static const double LONGEST_ECHO = 10.0;   /* s within which the client's first message must come back from the network */
 
 enum {
     CHANNEL_MOST = 63,       /* bytes, length of the longest channel name */
     DATAGRAM_MOST = 65536,
-    MESSAGE_MOST = 1 << 17,  /* bytes, length of the longest message that is assembled from fragments; at present the longest message from a server
+    MESSAGE_MOST = 1 << 17,  /* bytes, length of the longest message that is assembled from fragments; currently the longest message from a server
                                 has 0.5 kB */
     FRAGMENTS_MOST = 256,
     SENT_MOST = 512,         /* bytes, length of the longest datagram that this client sends */
-    RUN_MOST = 64,           /* most datagrams that are received before a waiting pose is sent */
+    RUN_MOST = 64,           /* maximum number of datagrams received before a pending pose is sent */
     APART = 64,              /* bytes, size of a cache line */
 };
 
 /* ---- messages ----------------------------------------------------------------------------------------------------------- */
 
-/* A field of a message: `count` numbers of `width` bytes each; or, if the width is 1, a text, of which `count` - 1 bytes are kept. */
+/* A field of a message: `count` numbers of `width` bytes each; or, if the width is 1, a string, of which `count` - 1 bytes are kept. */
 typedef struct {
     int width, count;
     size_t offset;           /* offset of the field in the struct */
@@ -211,7 +211,7 @@ static void store(void *to, uint64_t number, int width) {
     memcpy(to, width == 4 ? (const void *)&narrow : &number, (size_t)width);
 }
 
-/* Encodes a message that has no texts; returns its size. */
+/* Encodes a message without strings; returns its size. */
 static size_t encode(const message_type *type, const void *message, unsigned char *to) {
     unsigned char *at = to + 8;
     put_number(to, type->fingerprint, 8);
@@ -221,7 +221,7 @@ static size_t encode(const message_type *type, const void *message, unsigned cha
     return (size_t)(at - to);
 }
 
-/* Decodes a text into `room` bytes. Returns the number of bytes read, or 0 if the text is incomplete. */
+/* Decodes a string into a buffer of `room` bytes. Returns the number of bytes read, or 0 if the string is incomplete. */
 static size_t decode_text(const unsigned char *from, size_t size, char *text, size_t room) {
     uint64_t length = size < 4 ? 0 : get_number(from, 4);
     if (length == 0 || length > size - 4 || from[4 + length - 1] != 0) return 0;
@@ -282,7 +282,7 @@ static void os_close(os_part *os) {
 static void wake(os_part *os) { SetEvent(os->wake); }
 static bool set_readable(os_part *os, socket_handle s) { return WSAEventSelect(s, os->readable, FD_READ) == 0; }
 
-/* Waits for `wake` or a datagram: at most `most` ms, or without limit if `most` is negative. */
+/* Waits up to `most` ms for `wake` or a datagram; if `most` is negative, waits without a time limit. */
 static void wait_for_work(os_part *os, socket_handle s, int most) {
     HANDLE events[2];
     WSANETWORKEVENTS what;
@@ -369,7 +369,7 @@ static bool set_readable(os_part *os, socket_handle s) {
     return never_waits(s);
 }
 
-/* Waits for `wake` or a datagram: at most `most` ms, or without limit if `most` is negative. */
+/* Waits up to `most` ms for `wake` or a datagram; if `most` is negative, waits without a time limit. */
 static void wait_for_work(os_part *os, socket_handle s, int most) {
     struct pollfd events[2] = {{os->wake[0], POLLIN, 0}, {s, POLLIN, 0}};
     char bytes[64];
@@ -501,7 +501,7 @@ struct trocar_client {
 
     /* the following members are used only by the device's loop */
     double watchdog;         /* s */
-    double alive_since;      /* s, time since when wrenches have been arriving; 0 if none arrive */
+    double alive_since;      /* s, time at which wrenches started to arrive; 0 while none arrive */
     limiter force, torque;
     double rendered_at;      /* s, time at which the last wrench was rendered */
     int64_t felt_tick;
@@ -658,7 +658,7 @@ static bool follows(trocar_client *c, int64_t server, double time) {
     return true;
 }
 
-/* True if a newer wrench, which is still valid, has arrived before this one. */
+/* True if a newer wrench that is still valid has already arrived. */
 static bool is_overtaken(const trocar_client *c, int64_t tick, double time) {
     return c->newest_at != 0 && tick < c->newest_tick && time - c->newest_at < c->watchdog;
 }
@@ -684,7 +684,7 @@ static void take_wrench(trocar_client *c, const unsigned char *bytes, size_t siz
     slots_publish(&c->wrench_slots);
 }
 
-/* Keeps only printable ASCII characters, because texts from the network may be printed on a terminal. */
+/* Keeps only printable ASCII characters, because text from the network may be printed on a terminal. */
 static void make_printable(char *text) {
     for (; *text != '\0'; text++)
         if (*text < ' ' || *text > '~') *text = '?';
@@ -788,7 +788,7 @@ static bool is_own(struct in_addr address) {
 static bool is_welcome(trocar_client *c, const struct sockaddr_in *from) {
     double time = now();
     uint32_t address = ntohl(from->sin_addr.s_addr);
-    if (c->address.ttl > 0 || address == INADDR_ANY || address >> 24 == 127) return true; /* the address is 0 if only the loopback interface is up */
+    if (c->address.ttl > 0 || address == INADDR_ANY || address >> 24 == 127) return true; /* INADDR_ANY: only the loopback interface is up */
     if (c->known_sender.address.s_addr != from->sin_addr.s_addr || time >= c->known_sender.until) {
         c->known_sender.address = from->sin_addr;
         c->known_sender.here = is_own(from->sin_addr);
@@ -803,7 +803,7 @@ static void receive(trocar_client *c) {
         socklen_t length = sizeof from;
         int size = (int)recvfrom(c->receiver, (char *)c->datagram, sizeof c->datagram, 0, (struct sockaddr *)&from, &length);
         if (size < 0) {
-            if (!would_block()) pause_shortly(); /* while the network is down, every call may fail immediately */
+            if (!would_block()) pause_shortly(); /* avoids a busy loop: while the network is down, every call may fail immediately */
             return;
         }
         if (is_welcome(c, &from)) take_datagram(c, c->datagram, (size_t)size, &from);
@@ -829,7 +829,7 @@ static bool send_message(trocar_client *c, const char *channel, const message_ty
     return send_packet(c, channel, bytes, encode(type, message, bytes));
 }
 
-/* Sends the waiting pose. If the network refuses it, the pose is lost, which the server counts; the next pose follows soon. */
+/* Sends the pending pose. If the network refuses it, the pose is lost, which the server counts; the next pose follows soon. */
 static void send_pose(trocar_client *c) {
     const sent_pose *p = &c->poses[c->pose_slots.front];
     needle_pose m = {.utime = wall_clock(), .session = c->session, .seq = c->seq++, .wrench_tick = p->wrench_tick, .needle = c->needle};
@@ -905,7 +905,7 @@ static bool open_receiver(trocar_client *c) {
     struct sockaddr_in own = c->address.group;
     struct ip_mreq membership;
 #ifdef _WIN32
-    own.sin_addr.s_addr = htonl(INADDR_ANY); /* on other systems, a socket can be bound to the multicast group, and then receives no other datagrams */
+    own.sin_addr.s_addr = htonl(INADDR_ANY); /* Windows cannot bind a socket to a multicast group, which on other systems keeps other datagrams out */
 #endif
     memset(&membership, 0, sizeof membership);
     membership.imr_multiaddr = c->address.group.sin_addr;
@@ -963,7 +963,7 @@ static trocar_client *create_client(const trocar_client_options *o) {
     c->without_force = o->without_force != 0;
     c->sender = c->receiver = NO_SOCKET;
     if (!random_number(&c->session)) c->session = wall_clock();
-    c->session = (c->session & INT64_MAX) | 1; /* 0 means that nobody owns the needle */
+    c->session = (c->session & INT64_MAX) | 1; /* never 0, which means that nobody owns the needle */
     return c;
 }
 

@@ -82,8 +82,8 @@ typedef enum trocar_client_flag {
     TROCAR_CLIENT_FLAG_UNSTABLE = 32,                /* a value is not finite: the insertion restarts */
     TROCAR_CLIENT_FLAG_OVERRUN = 64,                 /* too many consecutive periods were missed: the wrench is ramped to zero */
     TROCAR_CLIENT_FLAG_ACTIVE = 128,                 /* the hand received more energy than it supplied (see energy in status_t), or oscillated, and the coupling has been softened */
-    TROCAR_CLIENT_FLAG_MISSED_GUIDE = 256,           /* the needle passes a guide beside its holes, and is not guided */
-    TROCAR_CLIENT_FLAG_OUTSIDE_MODEL = 512,          /* the shaft is pushed into a body from the side, where the model has no force: do not trust the wrench */
+    TROCAR_CLIENT_FLAG_MISSED_GUIDE = 256,           /* the needle passes a guide outside its holes and is not guided */
+    TROCAR_CLIENT_FLAG_OUTSIDE_MODEL = 512,          /* the shaft is pushed into a body from the side, for which the model computes no force: do not trust the wrench */
     TROCAR_CLIENT_FLAG_PROBE_STOPPED = 1024          /* the tissue stops the ultrasound probe short of its pose: see probe_wrench_t */
 } trocar_client_flag;
 
@@ -96,12 +96,12 @@ typedef enum trocar_client_event {
     TROCAR_CLIENT_EVENT_EXITED = 16,                 /* the tip left the tissue on the far side */
     TROCAR_CLIENT_EVENT_REENTERED = 32,              /* the tip came back into the tissue after EXITED */
     TROCAR_CLIENT_EVENT_WITHDRAWN = 64,              /* the needle left the tissue where it had entered */
-    TROCAR_CLIENT_EVENT_LATE = 128,                  /* like the flag LATE_WORKER, set in every tick */
-    TROCAR_CLIENT_EVENT_FULL = 256,                  /* no free contact was left to add, or the track has more than 256 layers */
-    TROCAR_CLIENT_EVENT_UNSTABLE = 512,              /* like the flag UNSTABLE */
+    TROCAR_CLIENT_EVENT_LATE = 128,                  /* same meaning as the flag LATE_WORKER; set in every tick while the condition holds */
+    TROCAR_CLIENT_EVENT_FULL = 256,                  /* no free contact slot was left, or the track has more than 256 layers */
+    TROCAR_CLIENT_EVENT_UNSTABLE = 512,              /* same meaning as the flag UNSTABLE */
     TROCAR_CLIENT_EVENT_KEPT = 1024,                 /* no longer set */
-    TROCAR_CLIENT_EVENT_MISSED_GUIDE = 2048,         /* like the flag MISSED_GUIDE, set in every tick */
-    TROCAR_CLIENT_EVENT_OUTSIDE_MODEL = 4096,        /* like the flag OUTSIDE_MODEL, set in every tick */
+    TROCAR_CLIENT_EVENT_MISSED_GUIDE = 2048,         /* same meaning as the flag MISSED_GUIDE; set in every tick while the condition holds */
+    TROCAR_CLIENT_EVENT_OUTSIDE_MODEL = 4096,        /* same meaning as the flag OUTSIDE_MODEL; set in every tick while the condition holds */
     TROCAR_CLIENT_EVENT_TRACK_DROPPED = 8192,        /* there was no room for more tracks: the needle's oldest track has been dropped */
     TROCAR_CLIENT_EVENT_INEXACT = 16384              /* the solver did not reach its tolerance: the error of the wrench may be larger */
 } trocar_client_event;
@@ -130,7 +130,7 @@ int trocar_client_newest(trocar_client *client, trocar_client_wrench *wrench);
        take        holds a resting needle again: the first pose after the reply is identified with the place where it rests, and the needle
                    follows the hand's motion from there
        drop_seeds  drops `count` seeds, 1 to 16, which the needle leaves as it is drawn back; the first has its distal end at the tip;
-                   `spacing` is the distance of their centres in m; 0 means the scene's
+                   `spacing` is their centre-to-centre spacing in m; 0 selects the scene's value
        undo        cancels the seeds that are still in the needle; if there are none, removes the seed that the needle left last */
 int trocar_client_reset(trocar_client *client);
 int trocar_client_leave(trocar_client *client);

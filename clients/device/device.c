@@ -136,7 +136,7 @@ static const struct argp parser = {
     NULL, NULL, NULL};
 
 static trocar_status write_poses(const play_settings *s, lcm_eventlog_t *log, const char *path, report *why) {
-    static const int64_t epoch = INT64_C(1000000000000000);  /* us; fixed, so that logs are reproducible */
+    static const int64_t epoch = INT64_C(1000000000000000);  /* us, time of the first pose; fixed, so that logs are reproducible */
     static const int64_t session = 1;
     int64_t count = (int64_t)floor(s->duration * s->rate + 1e-9) + 1;
     for (int64_t k = 0; k < count; k++) {

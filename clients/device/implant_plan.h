@@ -16,7 +16,7 @@ typedef struct {
     int column, row;         /* column and row of the hole, counted from 0 */
     pose entry;              /* pose at the point where the hole's axis meets the template's entry face, oriented along the axis */
     int seed_count;          /* at least 1 */
-    const double *depths;    /* m, tip depths behind that face at which the seeds are dropped if the tissue is at rest, deepest first */
+    const double *depths;    /* m, tip depths (measured from the entry face) at which the seeds are dropped if the tissue is at rest, deepest first */
     const material_point *places; /* material points at which the seeds' centres should be */
 } planned_needle;
 

@@ -11,16 +11,16 @@
 #include "shared/motion.h"
 #include "trocar_client.h"
 
-static const double MEAN_SPEED = 0.065; /* m/s, mean speed of a stroke; a minimum-jerk stroke has a peak speed of 1.875 times the mean. Measured for
-                                           hands: mean 48 mm/s, peak 123 mm/s (docs/validation.md, "A whole implant") */
+static const double MEAN_SPEED = 0.065; /* m/s, mean speed of a stroke. A minimum-jerk stroke then peaks at 1.875 times this, 122 mm/s; hands were measured to
+                                           peak at 123 mm/s, with a mean of 48 mm/s (docs/validation.md, "A whole implant") */
 static const double CLEAR = 0.005;      /* m, distance of the tip from the template before insertion and after withdrawal */
 static const double PAUSE = 0.1;        /* s, rest before a needle is left and before a seed is dropped */
 static const double FURTHER = 1e-3;     /* m, additional distance by which drop_seed draws the needle back before it tries again */
 static const int REPEATS = 5;
 static const double AT_TARGET = 0.3e-3; /* m, distance from the displaced target within which the tip is considered to have reached it */
-static const int CORRECTIONS = 5;       /* largest number of approaches to a target; several may be needed because the needle's motion displaces the target */
+static const int CORRECTIONS = 5;       /* maximum number of approaches to a target; several may be needed because the needle's motion displaces the target */
 static const double PATIENCE_TO_SEE = 1.0; /* s without pictures after which the player gives up; the server sends 30 pictures per second */
-/* part of the text with which the server refuses a command while a seed is still in the needle: see api_seeds.c */
+/* part of the message with which the server refuses a command while a seed is still in the needle: see api_seeds.c */
 static const char *const PENDING = "still holds";
 
 typedef struct {

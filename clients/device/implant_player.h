@@ -21,7 +21,7 @@ typedef struct {
 
 typedef struct {
     int needles, seeds;      /* inserted; dropped */
-    int repeats;             /* number of times a command to drop a seed was repeated because the previous seed was still in the needle */
+    int repeats;             /* number of times a drop command was repeated because the previous seed was still in the needle */
     double greatest_drag;    /* m, largest change of a resting needle's depth after it was left */
     int greatest_drag_needle; /* that needle */
     double duration;         /* s */

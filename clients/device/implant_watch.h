@@ -16,7 +16,7 @@ typedef struct {
     double seen[TROCAR_MAX_NEEDLES]; /* s, time (as returned by playing_now) at which each needle's last base pose arrived; 0 before the first */
 } implant_watch;
 
-/* Starts to watch; `url` is NULL for LCM's default. SYSTEM if LCM fails. */
+/* Starts watching; `url` is NULL for LCM's default. SYSTEM if LCM fails. */
 trocar_status implant_watch_open(implant_watch *w, const char *url, int node_count, report *why);
 
 /* Releases everything. May also be called after a failed open, and for a zeroed struct. */
@@ -28,7 +28,7 @@ void implant_watch_look(implant_watch *w);
 /* Returns the length (m) of a needle beyond the template's face, as read from the needle's marks at the template. */
 double implant_watch_depth(const implant_watch *w, int needle, const planned_needle *planned, double needle_length);
 
-/* Returns how far (m) the tissue has moved the place of a seed of this needle along the hole. */
+/* Returns the distance (m) along the hole by which the tissue has displaced the planned position of a seed of this needle. */
 double implant_watch_shift(const implant_watch *w, const planned_needle *planned, int seed);
 
 #endif

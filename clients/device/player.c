@@ -56,7 +56,7 @@ static void on_wrench(const lcm_recv_buf_t *buffer, const char *channel, void *u
     if (p->status == TROCAR_OK) p->status = status;
 }
 
-/* Returns the pose of the base at script time t: that of the script or, with a simulated hand, that of the hand which follows the script. */
+/* Returns the pose of the base at script time t: the script's pose or, with a simulated hand, the pose of the hand that follows the script. */
 static pose next_pose(player *p, double t) {
     pose wanted = motion_pose(p->settings->script, p->settings->start, t * p->settings->speed);
     if (!p->settings->closed_loop) return wanted;

@@ -1,4 +1,4 @@
-/* Functions shared by players and bridges: they handle signals that end the program, and real-time scheduling. */
+/* Functions shared by players and bridges, for signals that end the program and for real-time scheduling. */
 #ifndef TROCAR_PLAYING_H
 #define TROCAR_PLAYING_H
 

@@ -9,7 +9,7 @@
 #include "shared/patient.h"
 #include "trocar_needle_wrench_t.h"
 
-/* All times are in s, on a single clock of the device. */
+/* All times are in s, measured by a single clock of the device. */
 typedef struct { double time; pose base; bool answered; } sent_pose;
 typedef struct {
     double time;             /* arrival */

@@ -8,7 +8,7 @@
             wrench = server.newest()
             ...                                               # render wrench.force and wrench.torque
 
-It offers the functions of clients/client/trocar_client.h, with the same watchdog, limits and commands. Python is not for real time: for a device
+It offers the functions of clients/client/trocar_client.h, with the same watchdog, limits and commands. Python is not suited to real time: for a device
 that renders force at 1 kHz, use the C library. Positions and orientations may be any sequences of numbers, such as NumPy arrays; results are tuples.
 
 Frames: the scene's world frame, in metres. Quaternions are w, x, y, z. The needle's axis is its local +z, from base to tip, and its bevel
@@ -29,16 +29,16 @@ __all__ = ["Answer", "Client", "Events", "Flags", "Wrench"]
 
 _RAMP = 0.1             # s, duration of the ramp after an outage
 _PATIENCE = 0.1         # s of silence after which the client follows another server
-_LONGEST_PERIOD = 0.01  # s, the longest period of the device's loop over which the wrench may change
+_LONGEST_PERIOD = 0.01  # s: if the device's loop takes longer, the wrench may change by no more than the rate limits allow in this time
 _LONGEST_REPLY = 3.0    # s
 _LONGEST_ECHO = 10.0    # s within which the client's first message must come back from the network
-# largest size of a message in bytes, largest number of fragments of a message, and largest number of bytes kept of a text
+# maximum size of a message in bytes, maximum number of fragments of a message, and maximum number of bytes kept of a string
 _MESSAGE_MOST, _FRAGMENTS_MOST, _TEXT_MOST = 1 << 17, 256, 255
 _ECHO = b"LCM_SELF_TEST"
 
 
 class _Message:
-    """Encodes and decodes one message type, which consists of a fingerprint, numbers in big-endian order, and for some types a text at the end."""
+    """Encodes and decodes one message type, which consists of a fingerprint, numbers in big-endian order, and for some types a string at the end."""
 
     def __init__(self, fingerprint, layout, fields):
         self._fingerprint, self._layout = fingerprint, struct.Struct(">Q" + layout[1:])
@@ -46,7 +46,7 @@ class _Message:
         self._has_text = layout.endswith("I")
 
     def encode(self, **values):
-        """Returns the bytes of a message that has no text; fields that are not given are 0."""
+        """Returns the bytes of a message that has no string; fields that are not given are 0."""
         numbers = []
         for name, length in self._fields:
             value = values.get(name, 0 if length is None else [0] * length)
@@ -88,8 +88,8 @@ class Flags(enum.IntFlag):
     UNSTABLE = 32  # a value is not finite: the insertion restarts
     OVERRUN = 64  # too many consecutive periods were missed: the wrench is ramped to zero
     ACTIVE = 128  # the hand received more energy than it supplied (see energy in status_t), or oscillated, and the coupling has been softened
-    MISSED_GUIDE = 256  # the needle passes a guide beside its holes, and is not guided
-    OUTSIDE_MODEL = 512  # the shaft is pushed into a body from the side, where the model has no force: do not trust the wrench
+    MISSED_GUIDE = 256  # the needle passes a guide outside its holes and is not guided
+    OUTSIDE_MODEL = 512  # the shaft is pushed into a body from the side, for which the model computes no force: do not trust the wrench
     PROBE_STOPPED = 1024  # the tissue stops the ultrasound probe short of its pose: see probe_wrench_t
 
 
@@ -103,12 +103,12 @@ class Events(enum.IntFlag):
     EXITED = 16  # the tip left the tissue on the far side
     REENTERED = 32  # the tip came back into the tissue after EXITED
     WITHDRAWN = 64  # the needle left the tissue where it had entered
-    LATE = 128  # like the flag LATE_WORKER, set in every tick
-    FULL = 256  # no free contact was left to add, or the track has more than 256 layers
-    UNSTABLE = 512  # like the flag UNSTABLE
+    LATE = 128  # same meaning as the flag LATE_WORKER; set in every tick while the condition holds
+    FULL = 256  # no free contact slot was left, or the track has more than 256 layers
+    UNSTABLE = 512  # same meaning as the flag UNSTABLE
     KEPT = 1024  # no longer set
-    MISSED_GUIDE = 2048  # like the flag MISSED_GUIDE, set in every tick
-    OUTSIDE_MODEL = 4096  # like the flag OUTSIDE_MODEL, set in every tick
+    MISSED_GUIDE = 2048  # same meaning as the flag MISSED_GUIDE; set in every tick while the condition holds
+    OUTSIDE_MODEL = 4096  # same meaning as the flag OUTSIDE_MODEL; set in every tick while the condition holds
     TRACK_DROPPED = 8192  # there was no room for more tracks: the needle's oldest track has been dropped
     INEXACT = 16384  # the solver did not reach its tolerance: the error of the wrench may be larger
 
@@ -176,7 +176,7 @@ class _Limiter:
         self.most, self.rate, self.last = most, rate, (0.0, 0.0, 0.0)
 
     def limit(self, wanted, period):
-        """Returns the vector to render after `period` s, and whether it differs from the wanted one."""
+        """Returns the vector to render after `period` s, and whether it differs from the requested one."""
         length = math.sqrt(sum(x * x for x in wanted))
         scale = self.most / length if length > self.most else 1.0
         change = [scale * x - last for x, last in zip(wanted, self.last)]
@@ -279,7 +279,7 @@ class Client:
 
     def drop_seeds(self, count, spacing=0.0):
         """Drops `count` seeds, 1 to 16, which the needle leaves as it is drawn back over them; the first has its distal end at the tip.
-        `spacing` is the distance between their centres in m; 0 selects the scene's value."""
+        `spacing` is their centre-to-centre spacing in m; 0 selects the scene's value."""
         return self._ask(_COMMAND_DROP_SEED, count, spacing)
 
     def undo(self):
@@ -343,7 +343,7 @@ class Client:
         try:
             self._sender.sendto(packet, self._group)
         except OSError:
-            if not self._echoed:    # poses that are lost later are counted by the server
+            if not self._echoed:    # later losses are not errors: the server counts lost poses
                 raise
 
     def _command(self, what, number, seeds=0, spacing=0.0):
@@ -354,7 +354,7 @@ class Client:
         while not self._ends:
             try:
                 self._receive()
-            except OSError:     # while the network is down, every call may fail immediately
+            except OSError:     # avoids a busy loop: while the network is down, every call may fail immediately
                 time.sleep(0.01)
 
     def _receive(self):
@@ -366,8 +366,8 @@ class Client:
             self._take_datagram(packet, sender)
 
     def _is_welcome(self, address):
-        """True if datagrams from this address are accepted. With ttl=0 LCM is for this machine alone, but its socket also gets other machines'
-        datagrams."""
+        """True if datagrams from this address are accepted. With ttl=0 LCM is for this machine alone, but its socket also receives datagrams from other
+        machines."""
         if self._ttl > 0 or address == "0.0.0.0" or address.startswith("127."):
             return True
         now = time.monotonic()

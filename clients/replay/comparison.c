@@ -93,7 +93,7 @@ static deviation worst_component(const comparison *c, bool before, bool after) {
     return worst;
 }
 
-/* Compares those golden wrenches that answer poses up to the one in the middle of the window. */
+/* Compares the golden wrenches that answer poses up to the one in the middle of the window. */
 static trocar_status compare_middle(comparison *c, bool before, bool after, report *why) {
     trocar_status status = TROCAR_OK;
     for (; status == TROCAR_OK && !c->ended && c->golden.pose_seq <= c->window[1].pose_seq; status = read_golden(c, why)) {

@@ -21,7 +21,7 @@ enum { SHARE_BINS = 1001 };
 
 typedef struct {
     int compared, differing; /* golden wrenches */
-    int foreign;             /* number of golden wrenches ignored because they came from a different server than the first one */
+    int foreign;             /* number of golden wrenches ignored because they came from a different server than the first golden wrench */
     int unrecorded;          /* number of golden wrenches ignored because the recording does not contain the poses that they answer */
     deviation first;         /* first difference that exceeds the tolerance */
     deviation largest, last;

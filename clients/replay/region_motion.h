@@ -12,7 +12,7 @@ typedef struct {
 } rigid_motion;
 
 /* Least-squares fit to `count` points that moved from `from` to `from + displacement`: the shift of the centroid and the rotation
-   of Kabsch 1976, computed as the polar factor of the covariance by Newton's iteration (Higham 1986). The rotation is zero for
+   of Kabsch 1976, computed as the polar factor of the covariance by Newton's method (Higham 1986). The rotation is zero for
    coplanar points, and for rotations so large that the covariance is a reflection. */
 rigid_motion rigid_motion_fit(int count, const vec3 *from, const vec3 *displacement);
 

@@ -69,7 +69,7 @@ typedef struct {
     bool has_probe;          /* the scene has a probe */
     int commands_done;       /* number of commands from the log that have been handled */
     int refused, refused_before; /* number of commands refused in this replay, and number that the server had already refused */
-    report refusal;          /* reason of the first refusal in this replay */
+    report refusal;          /* reason for the first refusal in this replay */
     replayed_needle needles[TROCAR_MAX_NEEDLES];
     int gaps;                /* number of gaps longer than POSE_LOG_GAP */
 } replay;
@@ -157,7 +157,7 @@ static trocar_status check_dump_time(const replay *r, report *why) {
     return fail(why, TROCAR_BAD_INPUT, "%s: --at %g s is after the last pose at %g s", r->options->pose_path, r->options->at, end);
 }
 
-/* True if --vtu must write the state now, which is after the first tick at or after --at that moves a needle. */
+/* True if --vtu must write the state now: after the first tick at or after --at that moves a needle. */
 static bool dump_is_due(const replay *r, int tick) {
     if (!r->options->vtu_prefix || r->dumped) return false;
     return isnan(r->options->at) ? tick == r->poses.count - 1 : time_of(r, &r->now.pose) >= r->options->at;
@@ -367,7 +367,7 @@ static void note_refusal(replay *r, const report *reason) {
     if (r->refused++ == 0) r->refusal = *reason;
 }
 
-/* Gives up a pending drop of a needle; `next` is the needle's next command, or NULL. */
+/* Abandons a pending drop of a needle; `next` is the needle's next command, or NULL. */
 static void end_waiting(replay *r, int needle, const logged_command *next) {
     waiting_drop *w = &r->needles[needle].waiting;
     if (!end_waiting_drop(w, r->sim, needle, next)) note_refusal(r, &w->reason);
@@ -548,7 +548,7 @@ static void summarise(const replay *r) {
         fprintf(stderr, "%" PRId64 " commands for seeds skipped: of other needles or sessions, or before the first pose\n", r->poses.skipped_commands);
 }
 
-/* Reports that another server session owned the needle. Printed even with --quiet, because it explains why the results are not bit-for-bit equal. */
+/* Reports that another server session owned the needle. Printed even with --quiet, because it explains why the results are not bitwise identical. */
 static void name_other_owner(const replay *r) {
     const char *golden = r->comparison.inverse, *here = trocar_model_inverse(r->model);
     if (golden[0] == '\0' || strcmp(golden, here) == 0) return;

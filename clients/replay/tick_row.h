@@ -9,7 +9,7 @@
 
 typedef struct {
     double time;             /* s since the first pose */
-    vec3 force, torque;      /* N and N m, exerted by the needle's base on the hand */
+    vec3 force, torque;      /* force (N) and torque (N m) that the needle's base exerts on the hand */
     double depth;            /* m */
     int contacts;
     char events[256];        /* see events_text */
@@ -18,7 +18,7 @@ typedef struct {
     vec3 base, tip;          /* in `unit` */
     const char *unit;        /* "m" or, in patient coordinates, "mm" */
     bool has_probe;          /* true if the scene has a probe; otherwise, the following members are not written */
-    vec3 probe_force, probe_torque; /* N and N m, exerted on the hand that holds the probe */
+    vec3 probe_force, probe_torque; /* force (N) and torque (N m) exerted on the hand that holds the probe */
     int probe_contacts;
     bool probe_placed;
     vec3 probe_base;         /* pose of the probe's base; valid once the probe has been placed */

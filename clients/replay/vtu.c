@@ -155,7 +155,7 @@ enum { MAX_CENTRELINE = TROCAR_MAX_JOINTS + TROCAR_MAX_POINTS };
 
 typedef struct {
     int count;
-    double position[MAX_CENTRELINE][3], force[MAX_CENTRELINE][3]; /* m, points of the centreline; N, force on the needle at each point */
+    double position[MAX_CENTRELINE][3], force[MAX_CENTRELINE][3]; /* position, m: points of the centreline; force, N: force on the needle at each point */
     double arc[MAX_CENTRELINE];
 } centreline;
 

@@ -6,7 +6,7 @@
 #include <stddef.h>
 
 /* Writes the names joined by '|', e.g. "puncture:capsule|added"; empty if no bit is set. `membrane` is the name of the
-   punctured membrane. The text is truncated to `size`. */
+   punctured membrane. The text is truncated to `size` bytes. */
 void events_text(unsigned events, const char *membrane, char *text, size_t size);
 
 /* Writes the names joined by ", ", e.g. "stale, ramping"; empty if no bit is set. */

@@ -22,7 +22,7 @@ void json_number(json *j, const char *name, double value);   /* writes null for 
 void json_exact(json *j, const char *name, double value);    /* writes all digits, so that reading the number gives the same double; writes null if it
                                                                 is not finite */
 void json_xyz(json *j, const char *name, vec3 v);            /* writes the members x, y and z of an object, with all digits */
-void json_time_stamp(json *j, double time);                  /* writes the member "timestamp", s, to the microsecond */
+void json_time_stamp(json *j, double time);                  /* writes the member "timestamp" in s, with microsecond resolution */
 void json_numbers(json *j, const char *name, const double *values, int count);
 void json_integer(json *j, const char *name, int64_t value);
 void json_bool(json *j, const char *name, bool value);

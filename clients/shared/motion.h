@@ -40,7 +40,7 @@ motion motion_to_depth(const motion *script, double depth);
    + 6 x^5 (Flash and Hogan 1985). */
 double motion_fraction(double from, double to, double t);
 
-/* Returns the pose at time `t` (s) of a script that starts at `start`: at rest before 0, and repeated after the period. */
+/* Returns the pose at time `t` (s) of a script that starts at `start`: at rest before t = 0, and repeated after the period. */
 pose motion_pose(const motion *script, pose start, double t);
 
 #endif

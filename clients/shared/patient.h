@@ -26,7 +26,7 @@ quat turn_to_patient(const patient_frame *frame, quat orientation);
 const char *patient_unit(const patient_frame *frame);              /* of positions */
 
 /* Finds the pose of the needle's base before the insertion: the scene's "needle.start", with its position replaced by `given` (in the coordinates of
-   `frame`) if that is not NULL. Values that neither of them defines keep their value in `start`. Returns true if the scene or `given` defines a
+   `frame`) if that is not NULL. Components that neither of them defines keep their values in `start`. Returns true if the scene or `given` defines a
    position. */
 bool find_start(const trocar_scene *scene, const patient_frame *frame, const vec3 *given, pose *start);
 

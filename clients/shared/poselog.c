@@ -21,8 +21,8 @@
 enum { EVENT_HEADER = 28, EVENT_CHANNEL_LENGTH = 20, EVENT_DATA_LENGTH = 24, CHANNEL_MAX = 63, DATA_MAX = 512, STATUS_MAX = 4096 };
 static const unsigned char event_magic[4] = {0xED, 0xA1, 0xDA, 0x01};
 
-/* A message type of an older release, which lacks the last fields: `needle` of poses and wrenches, `server` of wrenches, and
-   the last five fields of a status, or all but its `state`. */
+/* A message type of an older release, which lacks the last fields: in poses, `needle`; in wrenches, `needle` or both `server` and `needle`; in a status,
+   `state` or the last five fields. */
 typedef struct {
     uint64_t fingerprint;
     int missing;             /* bytes */
@@ -267,7 +267,7 @@ static trocar_status note_command(const reader *r, const event_header *h, void *
     return add_command(&m, log, why);
 }
 
-enum { MOST_UNANSWERED = 1024 }; /* largest number of unanswered commands; a server has fewer pending */
+enum { MOST_UNANSWERED = 1024 }; /* maximum number of unanswered commands; a server has fewer pending */
 
 /* Records the result of a command; replies of another message type are ignored. */
 static trocar_status note_reply(const reader *r, const event_header *h, void *context, report *why) {

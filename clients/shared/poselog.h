@@ -68,8 +68,7 @@ typedef struct {
 /* Reads the poses of needle and probe and the commands, or the wrenches, of the log at `path`; other channels are ignored. Only the poses of one needle are
    read: of `needle`, or of the first pose's needle if `needle` is -1, as in pose_log_read. BAD_INPUT, with file and event or byte, for a log that is missing,
    damaged, truncated, empty or of other message types, and for a pose that is not finite, has no unit quaternion (safety_check_pose) or is not later than the
-   previous one. Messages of older releases, which do not name their needle or server, count as needle 0's and
-   server 0's. */
+   previous one. Messages of older releases, which do not name their needle or server, are attributed to needle 0 and server 0. */
 trocar_status pose_log_read(const char *path, pose_log *log, report *why);
 trocar_status pose_log_read_needle(const char *path, int needle, pose_log *log, report *why);
 
@@ -110,7 +109,7 @@ void wrench_stream_close(wrench_stream *stream);
 trocar_status wrench_log_read(const char *path, wrench_log *log, report *why);
 void wrench_log_free(wrench_log *log);
 
-/* For lockstep: time of pose i, s after the first pose; and length of its tick, s, which is the time since the previous pose, or
+/* For lockstep: the time of pose i (s after the first pose), and the length of its tick (s), which is the time since the previous pose, or
    one period for the first pose. A gap longer than POSE_LOG_GAP counts as POSE_LOG_GAP and adds one to `gaps`. */
 #define POSE_LOG_GAP 0.1     /* s */
 double pose_log_time(const pose_log *log, int i);

@@ -36,7 +36,7 @@ void dashboard_take_status(dashboard *d, const trocar_status_t *status, double n
 void dashboard_clear(dashboard *d);              /* empties the histograms */
 
 /* Fills in the lines for the time `now` (s, the clock of take_timing) and a screen of `height` lines, with the histograms at the bottom as high as
-   the screen allows. Returns the number of lines, at most `height` (and DASHBOARD_LINES). A line fits in 72 columns. */
+   the screen allows. Returns the number of lines, which exceeds neither `height` nor DASHBOARD_LINES. A line fits in 72 columns. */
 int dashboard_draw(const dashboard *d, double now, int height, dashboard_line lines[DASHBOARD_LINES]);
 
 #endif

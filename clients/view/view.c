@@ -89,7 +89,7 @@ static void write_probe(const view *v, json *j) {
     json_close(j, '}');
 }
 
-/* Writes the number of servers since the start, why a browser has lost the needle, and the driven needle's destination. */
+/* Writes the number of servers since the start, the reason why a browser has lost the needle, and the driven needle's destination. */
 static void write_pilot(view *v, json *j) {
     pilot *p = &v->pilot;
     json_integer(j, "server", v->feed.servers);

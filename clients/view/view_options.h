@@ -8,7 +8,7 @@
 /* Content and size of a picture. */
 typedef struct {
     int width, height;       /* pixels */
-    int view;                /* 1 .. 4, as the keys of the page */
+    int view;                /* 1 to 4: the key that selects this view on the page */
     const char *theme;
     char cut;                /* axis normal to the cut; 0 if there is no cut */
     double place;            /* m, position of the cut on its axis; NAN: at the tip */

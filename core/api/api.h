@@ -13,18 +13,18 @@
 
 struct trocar_scene {
     scene values;
-    trocar_mesh mesh;        /* copy of a mesh that was given as arrays; empty without one */
+    trocar_mesh mesh;        /* copy of a mesh that was given as arrays; empty if there is none */
     char **names;            /* names of the mesh's regions, followed by names of its surfaces */
 };
 
 struct trocar_model {
-    model_parts parts;       /* constant data of the simulation, shared by all its runs */
+    model_parts parts;       /* immutable data of the simulation, shared by all its runs */
     trocar_log log;          /* the host's */
     atomic_int users;        /* number of users: the host, until it frees the model, and the simulations, pictures and models created from it */
     trocar_model *base;      /* model whose mesh, stiffness and inverse this one shares; NULL if it has its own */
     double rate_hz;
     pose start;              /* initial pose of the needle's base; its position is NAN if the scene gives none */
-    double patient_to_mesh[16]; /* the first entry is NAN if there is none */
+    double patient_to_mesh[16]; /* the first entry is NAN if the scene gives no transform */
     bool mesh_only;          /* the model has only mesh, regions and membranes */
 };
 
@@ -46,11 +46,11 @@ typedef struct {
 typedef struct {
     needle_link link;
     /* Used by the ticking thread: */
-    insertion_state state;   /* while the needle is held, its present state; while it rests, its state at the moment when it was left */
+    insertion_state state;   /* while the needle is held, its current state; while it rests, its state at the moment when it was left */
     uint64_t stamp;          /* changes whenever `state` changes */
     double base_compliance;  /* m/N, compliance of the spring between the given pose and the base */
-    pose given;              /* pose that the last tick or reset gave for the base */
-    tissue_loads loads;      /* the needle's present forces on the tissue */
+    pose given;              /* pose of the base given in the last tick or reset */
+    tissue_loads loads;      /* the needle's current forces on the tissue */
     double since_loads;      /* s since `loads` were last posted to the worker */
     /* Used by the worker: */
     remesher *remesher;      /* contact nodes of this needle */

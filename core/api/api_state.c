@@ -98,7 +98,7 @@ trocar_status trocar_sim_restore(trocar_sim *sim, const void *state, size_t size
     const char *from = (const char *)state + HEAD;
     for (int i = 0; i < sim->needle_count && status == TROCAR_OK; i++, from += sizeof(saved_needle)) status = restore_needle(sim, &sim->needles[i], from, why);
     for (int i = 0; i < sim->needle_count && status == TROCAR_OK; i++)
-        /* needs the tracks of all needles */
+        /* in a loop of its own, because fill_message_of_left_needle needs the tracks of all needles */
         if (link_phase(&sim->needles[i].link) == PHASE_LEAVING) fill_message_of_left_needle(sim, i), link_publish_left(&sim->needles[i].link);
     if (status == TROCAR_OK) status = rest_again(sim, why);
     if (status == TROCAR_OK) status = restore_probe(sim, from, why);

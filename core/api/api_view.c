@@ -1,4 +1,4 @@
-/* trocar.h: what can be seen of a simulation, at present or in a picture. */
+/* trocar.h: what can be seen of a simulation, now or in a picture. */
 #include <string.h>
 
 #include "api/ticking.h"

@@ -60,7 +60,7 @@ void adopt_needle(trocar_sim *sim, sim_needle *n) {
 
 /* Copies the tracks nearest to the tip first, because there may be too little room for all. */
 void fill_message_of_left_needle(trocar_sim *sim, int needle) {
-    static const double DISTANCES[] = {-1.0, 10e-3, 40e-3}; /* m, distances from the tip within which tracks are copied, one pass after the other; a
+    static const double DISTANCES[] = {-1.0, 10e-3, 40e-3}; /* m, limits of the distances from the tip at which tracks are copied in each of the two passes; a
                                                                released needle moves by only a few millimetres */
     sim_needle *n = &sim->needles[needle];
     left_needle *slot = link_left_slot(&n->link);

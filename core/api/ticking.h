@@ -10,7 +10,7 @@ trocar_status check_needle(const trocar_sim *sim, int needle, report *why);
 /* Returns BAD_INPUT if the pose is not finite or its quaternion is not of unit length. RT */
 trocar_status check_pose(const trocar_pose *p, pose *out, report *why);
 
-/* Returns the probe as last published by the worker; NULL if there is no probe. RT */
+/* Returns the state of the probe last published by the worker; NULL if there is no probe. RT */
 const shown_probe *shown_probe_of(const trocar_sim *sim);
 
 /* Returns the visible state. For a resting needle, this is the state last published by the worker. RT */
@@ -22,7 +22,7 @@ pose base_of_needle(const trocar_sim *sim, int needle);
 /* If the worker has returned the needle, adopts its state. RT */
 void adopt_needle(trocar_sim *sim, sim_needle *needle);
 
-/* Fills the message about a needle that is left, including the tracks of all needles. RT */
+/* Fills the message about a needle that is being left in the tissue, including the tracks of all needles. RT */
 void fill_message_of_left_needle(trocar_sim *sim, int needle);
 
 /* Computes one tick with the snapshot `answer`. If the result is not finite, the insertion restarts, because a non-finite number would persist in the

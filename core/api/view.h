@@ -1,4 +1,4 @@
-/* Converts states of the mechanics to the structs of trocar.h. The only handle used here is that of the model, which is constant. */
+/* Converts states of the mechanics to the structs of trocar.h. The only handle used here is that of the model, which is immutable. */
 #ifndef TROCAR_VIEW_H
 #define TROCAR_VIEW_H
 
@@ -26,7 +26,7 @@ int centreline_of(const trocar_model *model, const insertion_state *state, doubl
    the model's needles. */
 void spread_others(const trocar_model *model, const insertion_state *const states[], const shown_probe *probe, vec3 *nominal);
 
-/* Computes the displacements of the mesh's nodes and of the first needle's contact nodes. Allocates *scratch if it is NULL. Returns NO_MEMORY if it cannot. */
+/* Computes the displacements of the mesh's nodes and of the first needle's contact nodes. Allocates *scratch if it is NULL; returns NO_MEMORY if that fails. */
 trocar_status field_of(trocar_model *model, const insertion_state *const states[], const shown_probe *probe, vec3 **scratch, vec3 *nominal, vec3 *added, report *why);
 
 #endif

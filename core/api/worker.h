@@ -7,7 +7,7 @@
 /* Before a tick: applies the effects of other needles and the probe on the tissue. Sets *outdated if the needle's last answer is no longer valid. */
 trocar_status worker_before_tick(trocar_sim *sim, int needle, bool *outdated, report *why);
 
-/* After a tick that used `answer`: lets resting needles and the probe respond, and answers the needle's present request. */
+/* After a tick that used `answer`: lets resting needles and the probe respond, and answers the needle's current request. */
 trocar_status worker_after_tick(trocar_sim *sim, int needle, const compliance_snapshot *answer, double dt, report *why);
 
 #endif

@@ -34,7 +34,7 @@ static void lay_steps(const trocar_sim *sim, int index, const remesh_request *re
     shaft_steps_lay(m, &track, 0.0, finest, steps);
 }
 
-/* Finds the displacements by other needles that the mesh does not resolve. */
+/* Finds the displacements caused by other needles that the mesh does not resolve. */
 static trocar_status find_unresolved(const trocar_sim *sim, int index, const remesh_request *request, const other_loads *others, unresolved_shift *shift, report *why) {
     shaft_steps steps;
     memset(shift, 0, sizeof *shift);

@@ -18,11 +18,11 @@ void mark_stale(trocar_sim *sim, const sim_needle *except);
 /* Writes the complete answer to a request to this needle's answer slot. */
 trocar_status answer_fully(trocar_sim *sim, int needle, const remesh_request *request, report *why);
 
-/* Completely answers this needle's present request and publishes the answer. For lockstep, where one thread both posts and answers. */
+/* Completely answers this needle's current request and publishes the answer. For lockstep, where one thread both posts and answers. */
 trocar_status answer_and_publish(trocar_sim *sim, int needle, report *why);
 
 /* Answers the newest request of this needle, if there is one: first the rows, then the mesh's resolution line by line, until a newer request arrives. The
-   tip's line, which comes first, is always measured: otherwise a slow worker, for which a newer request is always waiting, would never measure any line. */
+   tip's line, which comes first, is always measured: otherwise a slow worker, for which a newer request is always pending, would never measure any line. */
 trocar_status answer_request(trocar_sim *sim, int needle, trocar_work *work, report *why);
 
 /* Prefetches nodes when there is no other work. Returns false if nothing is left to prefetch. */

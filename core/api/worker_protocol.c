@@ -195,7 +195,7 @@ void probe_link_publish(probe_link *link) { triple_buffer_publish(&link->shown);
 
 bool probe_link_waiting(probe_link *link, pose *at) {
     if (!triple_buffer_waits(&link->poses)) return false;
-    memcpy(at, triple_buffer_read(&link->poses, NULL), sizeof *at); /* reads the pose and puts it back */
+    memcpy(at, triple_buffer_read(&link->poses, NULL), sizeof *at); /* reads the pose and, below, puts it back */
     memcpy(triple_buffer_slot(&link->poses), at, sizeof *at);
     triple_buffer_publish(&link->poses);
     return true;

@@ -71,7 +71,7 @@ typedef struct {
     remesh_request request;
 } posted_request;
 
-/* Message from ticking thread to worker: a needle that is left in the tissue. */
+/* Message from ticking thread to worker: a needle that is being left in the tissue. */
 typedef struct {
     insertion_state state;
     track_list others;       /* tracks of the other needles near this one's tip */
@@ -98,12 +98,12 @@ uint64_t next_stamp(void);
 
 enum { REQUESTS_REMEMBERED = 1024 };
 
-/* ns: time over which the effect of releasing a needle on the other needles builds up; about as long as fingers take to open. Assumed: in a single tick,
-   the change would be a jolt of up to 0.5 N */
+/* ns: time over which the effect of releasing a needle on the other needles builds up; about as long as fingers take to open. An assumed value: a change within
+   a single tick would be a jolt of up to 0.5 N */
 static const int64_t RELEASE_TIME = 100000000;
 
-/* s, interval at which resting needles respond to the forces of held needles. It is longer while a probe presses `pressed` nodes, because the worker's
-   computation then takes longer. RT */
+/* Returns the interval (s) at which resting needles respond to the forces of held needles. It is longer while a probe presses `pressed` nodes, because the
+   worker's computation then takes longer. RT */
 static inline double response_period(int pressed) { return pressed > 0 ? 0.01 : 0.004; }
 
 typedef struct {
@@ -134,7 +134,7 @@ void copy_loads(const tissue_loads *from, tissue_loads *to);
 
 needle_phase link_phase(const needle_link *link);
 
-/* Returns NULL, or the reason why the event is not legal at present. */
+/* Returns NULL, or the reason why the event is not currently legal. */
 const char *link_refuses(const needle_link *link, needle_event event);
 
 /* Returns the newest answer. Its serial is 0 if there is none yet. */
@@ -148,7 +148,7 @@ bool link_post_request(needle_link *link, const remesh_request *request, int64_t
 
 void link_post_loads(needle_link *link, const tissue_loads *loads);
 
-/* Returns the slot for the message about a needle that is left, to be filled before link_leave. Valid in phase HELD. */
+/* Returns the slot for the message about a needle that is being left, to be filled before link_leave. Valid in phase HELD. */
 left_needle *link_left_slot(needle_link *link);
 
 /* These functions change the phase. They must not be called in a phase in which link_refuses() rejects their event. */
@@ -159,7 +159,7 @@ void link_adopt(needle_link *link, insertion_state *state, tissue_loads *loads);
                                                                                     the needle rested */
 bool link_reset(needle_link *link, uint64_t serial); /* `serial`: that of the state's request after the reset. Returns true if the worker had the needle */
 
-/* Returns the time (ns) since the oldest request was posted that the last tick had no answer to; 0 if there is none. `now` is a time on the clock used for
+/* Returns how long ago (ns) the oldest request was posted for which the last tick had no answer; 0 if there is none. `now` is a time on the clock used for
    link_post_request. */
 int64_t link_waiting(const needle_link *link, int64_t now);
 
@@ -208,9 +208,9 @@ const pose *probe_link_pose(probe_link *link, bool *fresh);  /* called by the wo
 shown_probe *probe_link_slot(probe_link *link);              /* worker */
 void probe_link_publish(probe_link *link);                   /* worker */
 
-/* If a pose waits for the worker, copies it to `at` and returns true; the pose still waits afterwards. To be called between lockstep steps. */
+/* If a pose is pending for the worker, copies it to `at` and returns true; the pose remains pending. To be called between lockstep steps. */
 bool probe_link_waiting(probe_link *link, pose *at);
-/* Discards the waiting pose and, unless `waiting` is NULL, lets that pose wait instead. */
+/* Discards the pending pose and, unless `waiting` is NULL, makes `waiting` the pending pose. */
 void probe_link_restore(probe_link *link, bool placed, const pose *waiting);
 
 /* ---- a simulation -------------------------------------------------------------------------------------------------------------------- */

@@ -16,9 +16,10 @@ typedef struct { double force, torque, slip; } rest_limits; /* N, N m, m */
 static const rest_limits AT_REST = {1e-3, 1e-4, 1e-7}, RELAXING = {20e-3, 2e-3, 2e-6}; /* relaxing tissue continues to creep for seconds, hence the larger
                                                                                           limits */
 
-static const double LARGEST_STEP = 16.0; /* largest factor by which a step may exceed the step without sliding */
+static const double LARGEST_STEP = 16.0; /* maximum ratio of a step to the step that would be taken without sliding */
 static const double TICK = 1e-3;       /* s */
-static const double SHOWN = 1e-4, SHOWN_ALL = 1e-7; /* N, changes of force above which a needle is shown again */
+static const double SHOWN = 1e-4;      /* N, change of force above which a needle is shown again */
+static const double SHOWN_ALL = 1e-7;  /* N, the same threshold while all needles are brought up to date */
 enum { SHOWN_AT_ONCE = 4 };            /* maximum number of needles whose shape is computed in one pass of the worker */
 
 /* ---- letting go ----------------------------------------------------------------------------------------------- */
@@ -81,7 +82,7 @@ static trocar_status attach_again(trocar_sim *sim, report *why) {
     return status == TROCAR_OK ? press_probe(sim, why) : status;
 }
 
-/* Fills the slot that will be published next with the needle's present state. Returns the slot. */
+/* Fills the slot that will be published next with the needle's current state. Returns the slot. */
 static const shown_needle *find_shown(trocar_sim *sim, sim_needle *n) {
     shown_needle *slot = link_shown_slot(&n->link);
     resting_show(&sim->model->parts.insertion, n->resting, &sim->resting_scratch->workspace.response.tangent, &slot->state);
@@ -95,7 +96,7 @@ static void show(trocar_sim *sim, sim_needle *n) {
     link_publish_shown(&n->link);
 }
 
-/* Shows at most `most` needles whose forces differ from the shown ones by more than `difference`. */
+/* Shows up to `most` needles whose forces differ from the shown ones by more than `difference`. */
 static void show_changed(trocar_sim *sim, double difference, int most) {
     for (int i = 0; i < sim->needle_count && most > 0; i++) {
         sim_needle *n = &sim->needles[sim->next_shown = (sim->next_shown + 1) % sim->needle_count];
@@ -149,7 +150,7 @@ trocar_status rest_again(trocar_sim *sim, report *why) {
     atomic_store(&sim->link.resting, count);
     sim->resting.fading = left_of_release(sim);
     if (count == 0 && sim->resting.count == 0) return TROCAR_OK;
-    for (int i = 0; i < count; i++) list[i]->id = ++sim->last_attached; /* another needle of this simulation may have the same id */
+    for (int i = 0; i < count; i++) list[i]->id = ++sim->last_attached; /* a new id, because another needle of this simulation may have the old one */
     trocar_status status = resting_set_attach(&sim->resting, count, list, why);
     for (int i = 0; i < sim->needle_count && status == TROCAR_OK; i++)
         if (sim->needles[i].attached) show(sim, &sim->needles[i]);
@@ -184,7 +185,7 @@ static trocar_status lay_down(trocar_sim *sim, int index, unsigned seen, report 
         if (status == TROCAR_OK) resting_bore(&sim->model->parts.insertion, &left->state, n->resting);
     }
     if (status == TROCAR_OK) {
-        hold_loads(sim, state, false, &n->held); /* response to the other needles in their present state, before this needle is attached */
+        hold_loads(sim, state, false, &n->held); /* response to the other needles in their current state, before this needle is attached */
         status = respond_to_loads(sim, true, why);
     }
     if (status == TROCAR_OK) {
@@ -235,7 +236,7 @@ static trocar_status return_needle(trocar_sim *sim, int index, unsigned seen, re
 /* Removes a needle that was reset: its forces vanish. */
 static trocar_status remove_needle(trocar_sim *sim, sim_needle *n, report *why) {
     trocar_status status = detach(sim, n, why);
-    copy_loads(link_loads(&n->link, NULL), &n->held); /* the reset needle may already have been inserted again */
+    copy_loads(link_loads(&n->link, NULL), &n->held); /* not simply zero, because the reset needle may already have been inserted again */
     mark_stale(sim, NULL);
     return status == TROCAR_OK ? respond_to_loads(sim, true, why) : status;
 }

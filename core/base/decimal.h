@@ -6,7 +6,7 @@
 #include <stdarg.h>
 #include <stddef.h>
 
-/* Switches the calling thread to the C locale until restore_locale is called. For calls of other libraries. RT */
+/* Switches the calling thread to the C locale until restore_locale is called. For calls into other libraries. RT */
 locale_t use_c_locale(void);
 void restore_locale(locale_t before);
 

@@ -1,5 +1,5 @@
-/* Large pages for arrays that are read or written as a whole: with pages of 4 KB, a pass over the array takes a third longer, and the page faults take as
-   much time again. */
+/* Large pages for arrays that are read or written as a whole: with pages of 4 KB, a pass over the array takes a third longer, and page faults add as much time
+   again. */
 #ifndef TROCAR_LARGE_PAGES_H
 #define TROCAR_LARGE_PAGES_H
 

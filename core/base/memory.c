@@ -5,7 +5,7 @@
 #include <stdio.h>
 #include <string.h>
 
-enum { LONGEST = 8192 };     /* largest length of a path with its suffix */
+enum { LONGEST = 8192 };     /* maximum length of a path with its suffix */
 
 /* Returns the number in the first line of a file in a folder that matches this format, or `otherwise` if there is none. */
 static double read_number(const char *folder, const char *name, const char *format, double otherwise) {
@@ -21,7 +21,7 @@ static double read_number(const char *folder, const char *name, const char *form
 
 /* ---- control groups --------------------------------------------------------------------------------------------------- */
 
-/* The folder of a version of control groups below a root folder, and the names of its files. */
+/* The folder of one version of control groups (cgroups) below a root folder, and the names of its files. */
 typedef struct { const char *folder, *limit, *used, *inactive; } group_files;
 static const group_files VERSION_1 = {"sys/fs/cgroup/memory", "memory.limit_in_bytes", "memory.usage_in_bytes", "total_inactive_file %lld"};
 static const group_files VERSION_2 = {"sys/fs/cgroup", "memory.max", "memory.current", "inactive_file %lld"};

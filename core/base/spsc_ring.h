@@ -11,7 +11,7 @@
 #include "base/cache_line.h"
 
 typedef struct {
-    size_t size, capacity;                     /* bytes per element; number of elements, which is a power of two */
+    size_t size, capacity;                     /* size: bytes per element; capacity: number of elements, which is a power of two */
     unsigned char *elements;
     alignas(CACHE_LINE) atomic_size_t written; /* number of elements written since creation */
     alignas(CACHE_LINE) atomic_size_t taken;   /* number of elements read since creation */

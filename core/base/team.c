@@ -16,7 +16,7 @@ struct team {
     pthread_mutex_t lock;
     pthread_cond_t begun, ended;
     unsigned round;          /* number of loops started so far */
-    int busy;                /* number of members, without the calling thread, that have not finished this round */
+    int busy;                /* number of members, not counting the calling thread, that have not finished this round */
     bool over;
     void (*work)(void *context, int i, int member);
     void *context;

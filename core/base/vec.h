@@ -80,7 +80,7 @@ static inline mat3 m3_columns(vec3 a, vec3 b, vec3 c) {
     return (mat3){{{a.x, b.x, c.x}, {a.y, b.y, c.y}, {a.z, b.z, c.z}}};
 }
 
-/* Equivalent to hypot(), but without protection against overflow, which would take most of the time. */
+/* Equivalent to hypot(), but without protection against overflow, which would take most of the run time. */
 static inline double length_of(double x, double y) { return sqrt(x * x + y * y); }
 
 /* Returns a frame whose third axis is this unit vector. */
@@ -109,7 +109,7 @@ static inline vec3 q_axis_x(quat q) { return v3(1.0 - 2.0 * (q.y * q.y + q.z * q
 static inline vec3 q_axis_y(quat q) { return v3(2.0 * (q.x * q.y - q.w * q.z), 1.0 - 2.0 * (q.x * q.x + q.z * q.z), 2.0 * (q.y * q.z + q.w * q.x)); }
 static inline vec3 q_axis(quat q) { return v3(2.0 * (q.x * q.z + q.w * q.y), 2.0 * (q.y * q.z - q.w * q.x), 1.0 - 2.0 * (q.x * q.x + q.y * q.y)); }
 static inline mat3 q_matrix(quat q) { return m3_columns(q_axis_x(q), q_axis_y(q), q_axis(q)); }
-/* Rotation by the vector `r` (axis times angle). For small angles, a series is used that is exact to the last digit. */
+/* Rotation by the vector `r` (axis times angle). For small angles, a series is used that is accurate to the last digit. */
 static inline quat q_exp(vec3 r) {
     double half2 = 0.25 * v3_dot(r, r), s, c;
     if (half2 < 1e-3) {

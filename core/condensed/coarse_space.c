@@ -7,7 +7,7 @@
 #include "tissue/blas.h"
 #include "tissue/factor_solve.h"
 
-enum { PART = 64, MODES = 6 }; /* largest number of nodes in a part; number of rigid motions of a part */
+enum { PART = 64, MODES = 6 }; /* PART: maximum number of nodes in a part; MODES: number of rigid motions of a part */
 
 typedef struct { int node; vec3 at; } place;
 
@@ -24,7 +24,7 @@ struct coarse_space {
 
 /* ---- parts ------------------------------------------------------------------------------------------------------------ */
 
-/* Compares coordinates; breaks ties by the node's number, so that the parts do not depend on the sort of the C library. */
+/* Compares coordinates; breaks ties by the node's number, so that the parts do not depend on the C library's sorting algorithm. */
 static int compare(double a, double b, int node_a, int node_b) { return a != b ? (a > b) - (a < b) : (node_a > node_b) - (node_a < node_b); }
 
 static int compare_x(const void *a, const void *b) {
@@ -74,7 +74,7 @@ static void modes_at(vec3 at, double z[3][MODES]) {
 typedef struct {
     int *part_of;            /* part of each node */
     vec3 *at;                /* position of each node */
-    int *slot, *touched;     /* for each part: index of its block in the table, or -1; list of the parts that have a block */
+    int *slot, *touched;     /* slot: for each part, index of its block in the table, or -1; touched: list of the parts that have a block */
     double (*table)[MODES][MODES];
     int count;
 } columns_of_part;
@@ -95,7 +95,8 @@ static void add_node(const tissue *t, int part, int node, columns_of_part *c) {
                 c->touched[c->count] = in;
                 memset(c->table[c->count++], 0, sizeof *c->table);
             }
-            double factor = in == part && row[k] == 3 * node + a ? 0.5 * value[k] : value[k]; /* diagonal blocks are added to their transpose later */
+            double factor = in == part && row[k] == 3 * node + a ? 0.5 * value[k] : value[k]; /* halved, because diagonal blocks are added to their transpose
+                                                                                                 later */
             for (int i = 0; i < MODES; i++)
                 for (int j = 0; j < MODES; j++) c->table[c->slot[in]][i][j] += factor * there[b][i] * here[a][j];
         }

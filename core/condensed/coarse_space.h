@@ -7,7 +7,7 @@
 
 typedef struct coarse_space coarse_space;
 
-/* K must be assembled. Returns NULL if the mesh has only one part, memory is missing, or K is not positive definite. */
+/* K must be assembled. Returns NULL if the mesh has only one part, memory is exhausted, or K is not positive definite. */
 coarse_space *coarse_space_create(const tissue *t);
 void coarse_space_free(coarse_space *c);
 

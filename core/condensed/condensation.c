@@ -191,7 +191,7 @@ static double inversion_bytes(int count, bool single, const team *t) {
     return rounding + share * panels_bytes(3 * count, 3 * count) + fmax(panel_product, (double)symmetric_blocks_bytes(count, single) + tiles);
 }
 
-/* Checks memory before the elimination begins, because the kernel may kill a process that runs out of memory without a message. */
+/* Checks memory before the elimination begins, because the kernel may kill a process that runs out of memory, without any message. */
 static trocar_status check_memory(const substructure *plan, double needed, report *why) {
     double available = memory_available();
     if (needed <= available) return TROCAR_OK;

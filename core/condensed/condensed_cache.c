@@ -143,7 +143,7 @@ typedef struct {
     const void *data;
 } dataset;
 
-/* Writes a dataset. If it will be mapped, it is contiguous; otherwise it is one chunk with a checksum (Fletcher). */
+/* Writes a dataset. A dataset that will be mapped is contiguous; any other is one chunk with a checksum (Fletcher). */
 static bool write_dataset(hid_t file, const dataset *d, bool mapped) {
     hid_t space = H5Screate_simple(1, &d->count, NULL), properties = H5Pcreate(H5P_DATASET_CREATE);
     if (!mapped) {

@@ -7,7 +7,8 @@
 #include "linalg/symmetric_blocks.h"
 #include "tissue/tissue.h"
 
-enum { CONDENSED_CACHE_VERSION = 2 }; /* to be increased if the file format changes, or the stiffness matrix for the same mesh, materials and fixed nodes */
+enum { CONDENSED_CACHE_VERSION = 2 }; /* to be increased if the file format changes, or if the same mesh, materials and fixed nodes result in a different
+                                         stiffness matrix */
 static const double CONDENSED_CACHE_ROOM = 8e9; /* bytes, total size of the files in one directory */
 
 typedef struct { char path[1200]; uint64_t key; } condensed_cache;

@@ -65,11 +65,10 @@ static void find_residual(const split *k, const double *f, const double *u, doub
 /* Vectors of n numbers each. */
 typedef struct { double *residual, *scaled, *direction, *upper, *product; } workspace;
 
-/* Continues from u until the residual of the transformed system has fallen by the factor `fall`, for at most `steps` steps; subtracts the steps done from
-   `steps`. Returns false if K is found not to be positive definite, or if there is no memory. The system is K' u' = f' with K' = (D + L)^-1 K (D +
-   L^T)^-1, preconditioned by D; directions are z = (D + L^T)^-1 p', with K' p' = z + (D + L)^-1 L^T z. They are made conjugate to the coarse space (Saad
-   et al., A deflated version of the conjugate gradient algorithm, SIAM J. Sci. Comput. 21, 2000), which requires K y = D r' + L y for y = (D + L^T)^-1 D
-   r'. */
+/* Continues from u until the residual of the transformed system has fallen by the factor `fall`, for at most `steps` steps; subtracts the number of steps taken
+   from `steps`. Returns false if K is found not to be positive definite, or if there is no memory. The system is K' u' = f' with K' = (D + L)^-1 K (D +
+   L^T)^-1, preconditioned by D; directions are z = (D + L^T)^-1 p', with K' p' = z + (D + L)^-1 L^T z. They are made conjugate to the coarse space (Saad et
+   al., A deflated version of the conjugate gradient algorithm, SIAM J. Sci. Comput. 21, 2000), which requires K y = D r' + L y for y = (D + L^T)^-1 D r'. */
 static bool search(const split *k, coarse_space *coarse, double fall, int *steps, workspace *w, double *u) {
     int n = k->n;
     double *r = w->residual, *s = w->scaled, *z = w->direction, *y = w->upper, *q = w->product, first = 0.0, last = 0.0;
@@ -113,7 +112,8 @@ static bool has_positive_diagonal(const split *k) {
     return true;
 }
 
-/* Factor by which the residual falls between two coarse corrections, because rounding errors reintroduce the components that a correction has removed. */
+/* Factor by which the residual falls between two coarse corrections. Corrections are repeated because rounding errors reintroduce the components that they
+   remove. */
 static const double COARSE_FALL = 1e-5;
 
 bool conjugate_gradients(const cholmod_sparse *matrix, coarse_space *coarse, double tolerance, int steps, const double *f, double *u) {

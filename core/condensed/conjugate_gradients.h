@@ -11,7 +11,7 @@
 
 /* Replaces u by a solution with |f - K u| <= tolerance |f| or, without `coarse`, as close as rounding allows. Starts from u, or from zero if that has the
    smaller residual. `coarse` reduces the number of steps and may be NULL. `k`: lower triangle of a symmetric positive definite matrix, with ascending rows
-   in each column. Returns false, with a valid starting point in u, if memory is missing, K is found not to be positive definite, f is not finite, the
+   in each column. Returns false, with a valid starting point in u, if memory is exhausted, K is found not to be positive definite, f is not finite, the
    number of steps is exceeded, or `coarse` brings no progress. */
 bool conjugate_gradients(const cholmod_sparse *k, coarse_space *coarse, double tolerance, int steps, const double *f, double *u);
 

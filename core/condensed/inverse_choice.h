@@ -35,7 +35,7 @@ typedef struct {
     inverse_precision precision;
     int node_count, dof_count;
     bool roi_given;          /* true if the scene defines a region of interest */
-    int roi_count;           /* number of its nodes */
+    int roi_count;           /* number of nodes in the region of interest */
     double memory;           /* bytes, memory of the machine */
 } inverse_facts;
 

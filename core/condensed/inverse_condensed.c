@@ -27,7 +27,7 @@ typedef struct {
     pthread_mutex_t factoring;         /* protects the next three members and the factor, for up to a minute or more; displacement fields do not wait for it */
     _Atomic(inverse *) rest; /* sparse inverse for other nodes; NULL if not needed yet, or if its creation failed */
     trocar_status rest_status;
-    report no_rest;          /* reason for which its creation failed */
+    report no_rest;          /* reason why the creation of `rest` failed */
     coarse_space *coarse;    /* coarse space for conjugate gradients; NULL if not needed yet, or if its creation failed */
     bool coarse_sought;
     int given_count, *given; /* the region's nodes in the caller's order */

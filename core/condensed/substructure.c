@@ -288,7 +288,7 @@ typedef struct {
     int pivot_panels;
     double *load;            /* 3 size.count */
     response below;          /* response of the pivots of this front and of all fronts below it in the tree */
-    int taken, taken_panels; /* numbers of columns and panels that the parent has taken over */
+    int taken, taken_panels; /* number of columns, and number of panels, that the parent has taken over */
 } front;
 
 typedef struct {
@@ -299,8 +299,8 @@ typedef struct {
     int *local;              /* plan->nodes: row of each node in the current front */
     double *load;            /* load on the region, 3 region_count entries */
     double *tiles;           /* scratch: TILE x TILE for each team member */
-    int *piece;              /* plan->nodes: another node of the same connected piece; after the search, its representative */
-    response *of_piece;      /* plan->nodes: response of each piece, indexed by its representative */
+    int *piece;              /* plan->nodes: another node of the same connected component; after the search, its representative */
+    response *of_piece;      /* plan->nodes: response of each connected component, indexed by its representative */
     double norm;             /* largest column sum of K, which is an upper bound of its largest eigenvalue */
     inverse_progress progress;
     report *why;
@@ -361,7 +361,7 @@ static void add_stiffness(const elimination *e, front *f, panel *p) {
     }
 }
 
-/* Groups of those nodes of a child, [child->taken, end), that are added to a panel. */
+/* Groups of the child's nodes [child->taken, end), which are added to a panel. */
 typedef struct {
     const elimination *elimination;
     const front *child;
@@ -442,7 +442,7 @@ static int piece_of(const elimination *e, int place) {
     return place;
 }
 
-/* Adds the energy of one node to its piece, given the node's part of L^-1 load. */
+/* Adds the energy of one node to that of its connected component, given the node's part of L^-1 load. */
 static double add_energy(elimination *e, int place, const double y[3]) {
     double energy = y[0] * y[0] + y[1] * y[1] + y[2] * y[2];
     e->of_piece[piece_of(e, place)].energy += energy;
@@ -450,8 +450,8 @@ static double add_energy(elimination *e, int place, const double y[3]) {
 }
 
 /* The ratio of |load|^2 to the energy is an upper bound of the part's smallest eigenvalue, and close to it if the part is loose. While the rest of the
-   body is fixed, no part has a smaller eigenvalue than the whole body (interlacing). A test of the whole body would miss a small loose part next to a
-   large one. */
+   body is fixed, no part has a smaller eigenvalue than the whole body (interlacing). A test of the whole body would miss a small loose part next to a large
+   one. */
 static bool is_constrained(const elimination *e, const response *part) { return part->squares >= LOOSE_BODY * e->norm * part->energy; }
 
 /* Solves L y = load for the pivots and passes the rest of the load to the parent. */
@@ -536,7 +536,7 @@ static bool begin_corner(elimination *e) {
     return created;
 }
 
-/* Finds the connected pieces of the body, and their loads. */
+/* Finds the connected components of the body, and their loads. */
 static void find_pieces(elimination *e) {
     const int *start = e->k->p, *row = e->k->i;
     for (int place = 0; place < e->plan->nodes; place++) e->piece[place] = place;

@@ -14,7 +14,7 @@ typedef struct {
     cholmod_factor *symbolic; /* symbolic factor of the nodes' graph */
     int nodes;               /* free nodes */
     int region_count;        /* number of the region's nodes */
-    int *region;             /* for each position in the order: index in the region of the node, or -1 */
+    int *region;             /* for each position in the order: index of the node in the region, or -1 */
     bool *filled;            /* for each block of the region's triangle: true if it has entries, see `panels` */
     int *first_child, *next; /* tree of the fronts by supernode: first child, and next sibling in the order of decreasing memory; -1 if there is none */
     int *sequence;           /* fronts in the order of their elimination */

@@ -25,7 +25,7 @@ struct trocar_dose {
     double *moved;           /* [count][3], m, displaced positions; NULL before the first displacement */
     bool displaced;          /* true if `moved` is used in place of `points` */
     int64_t *quanta;         /* [count], dose in multiples of TROCAR_DOSE_QUANTUM */
-    listed_seed *seeds;      /* room for `room` seeds, of which seed_count are used */
+    listed_seed *seeds;      /* array with room for `room` seeds, of which seed_count are used */
     int seed_count, room;
     int32_t next_id;
 };

@@ -16,7 +16,7 @@ typedef struct {
     int g_count;
     double g_radius[MAX_TABLE_RADII], g[MAX_TABLE_RADII];
     int radius_count, angle_count;
-    double radius[MAX_TABLE_RADII], angle[2 * MAX_TABLE_ANGLES], f[MAX_TABLE_RADII][2 * MAX_TABLE_ANGLES]; /* with room for a mirrored table */
+    double radius[MAX_TABLE_RADII], angle[2 * MAX_TABLE_ANGLES], f[MAX_TABLE_RADII][2 * MAX_TABLE_ANGLES]; /* large enough for a mirrored table */
 } seed_table;
 
 typedef struct {
@@ -117,7 +117,7 @@ static bool read_radial(const reader *r, const yaml_value *list, seed_table *t) 
     return true;
 }
 
-/* Returns the interval between ascending numbers that contains x or, if none does, the closest one. */
+/* Returns the interval between ascending numbers that contains x or, if none does, the closest interval. */
 static int interval_of(const double *numbers, int count, double x) {
     int i = 0;
     while (i + 2 < count && x >= numbers[i + 1]) i++;

@@ -9,7 +9,7 @@ enum { MAX_TABLE_RADII = 64, MAX_TABLE_ANGLES = 181, SOURCE_NAME = 64, MAX_PIECE
 /* F = a + b angle + r (c + d angle) between two radii and two angles. */
 typedef struct { double a, b, c, d; } anisotropy_cell;
 
-/* Constant after reading. Lengths are in cm, as in TG-43; angles are in degrees. */
+/* Immutable after reading. Lengths are in cm, as in TG-43; angles are in degrees. */
 struct trocar_dose_source {
     char name[SOURCE_NAME];
     double dose_rate_constant;   /* cGy/(h U) */

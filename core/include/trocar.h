@@ -1,6 +1,6 @@
 /* trocar: a flexible needle in soft tissue, for haptic servers, planners and batches.
 
-   A scene describes what to simulate. A model is built from it once, is constant, and is shared by any number of simulations in any number of
+   A scene describes what to simulate. A model is built from it once, is immutable, and is shared by any number of simulations in any number of
    threads. A simulation holds everything that changes: a few MB.
 
        trocar_scene *scene;  trocar_model *model;  trocar_sim *sim;  trocar_error why;  trocar_output out;
@@ -20,10 +20,10 @@
 
        [any]        any thread, at any time
        [one]        one thread at a time for each object
-       [tick]       the thread that ticks the simulation; another thread may work at the same time
+       [tick]       the thread that ticks the simulation; the worker thread may work at the same time
        [work]       the worker thread of the simulation; the ticking thread may tick at the same time
        [alone]      while no other thread uses the simulation
-       RT           neither allocates, locks, waits nor makes system calls
+       RT           does not allocate, lock, wait or make system calls
        RT, wakes    as RT, except for one write() to an eventfd if the worker has something to do
        allocates    allocates memory */
 #ifndef TROCAR_H

@@ -6,7 +6,7 @@
 #include "insertion/state/strata.h"
 #include "insertion/tip/tip_walk.h"
 
-static const double ON_FACE = -1e-6; /* 1: smallest barycentric weight at which a point counts as inside an element. Rounding tolerance */
+static const double ON_FACE = -1e-6; /* dimensionless: smallest barycentric weight at which a point counts as inside an element. Rounding tolerance */
 
 /* ---- the track, from the tip back ---------------------------------------------------------------------------------------- */
 
@@ -75,7 +75,7 @@ static void note_hole(const insertion_model *model, const insertion_state *state
         if (state->guides[i].passage == GUIDE_IN_HOLE) s->guide = i, s->hole = state->guides[i].hole;
 }
 
-/* Checks that do not depend on the track. Returns why these seeds cannot be dropped. */
+/* Makes the checks that do not depend on the track. Returns the reason why these seeds cannot be dropped. */
 static seed_refusal refuse(const insertion_model *model, const seed_size *size, const insertion_state *state, int needle, int count, double spacing,
                            const seed_list *list) {
     if (count < 1 || count > MAX_STRAND) return SEEDS_BAD_COUNT;

@@ -12,7 +12,7 @@ enum { MAX_SEEDS = 256, MAX_STRAND = 16 };
 
 typedef struct {
     double length, diameter;     /* m */
-    double spacing;              /* m, between the centres of adjacent seeds of a strand */
+    double spacing;              /* m, centre-to-centre spacing of the seeds of a strand */
 } seed_size;
 
 /* A seed in the tissue, or the planned position of a seed still in the needle. */

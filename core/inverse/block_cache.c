@@ -25,7 +25,8 @@ static void claim(block_cache *c, int node) {
 
 static size_t place(const block_cache *c, int node) { return (size_t)c->nodes.slot[node]; }
 
-/* Assigns slots to those nodes that are (`there` true) or are not yet in the cache. Cached nodes come first, so that adding the others does not evict them. */
+/* Assigns slots to the nodes that are already (`there` true) or not yet (`there` false) in the cache. Cached nodes come first, so that adding the others does
+   not evict them. */
 static void claim_all(block_cache *c, int count, const int *nodes, bool there) {
     for (int i = 0; i < count; i++)
         if ((c->nodes.slot[nodes[i]] >= 0) == there) claim(c, nodes[i]);

@@ -23,7 +23,7 @@ typedef struct {
 /* Returns CANCELLED if the caller wants to stop. */
 trocar_status inverse_go_on(inverse_progress progress, report *why);
 
-/* Creates a dense inverse, as in the paper: the whole 3n x 3n matrix, of 8 (3n)^2 bytes. `t` must outlive it. */
+/* Creates a dense inverse, as in the paper (see core/README.md): the whole 3n x 3n matrix, of 8 (3n)^2 bytes. `t` must outlive it. */
 trocar_status inverse_create_dense(tissue *t, inverse_progress progress, inverse **created, report *why);
 
 /* Factorises K (see tissue_factor) and reports progress. */
@@ -54,7 +54,7 @@ trocar_status inverse_prepare(inverse *inv, report *why);
 /* True if gathering blocks in advance makes a later request for these blocks much cheaper. */
 bool inverse_prefetches(const inverse *inv);
 
-/* Largest number of new nodes to gather in advance at once, so that a request waits for them a few milliseconds at most. */
+/* Maximum number of new nodes to gather in advance at once, so that a request waits for them no longer than a few milliseconds. */
 int inverse_slice(const inverse *inv);
 
 /* Returns false if blocks of this node require a factorisation of the whole matrix; such a node should be requested only if it is indispensable. */

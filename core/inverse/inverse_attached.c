@@ -11,9 +11,9 @@
 #include "inverse/block_cache.h"
 #include "inverse/inverse_owner.h"
 
-enum { BATCH = 32, TILE = 64 };                     /* nodes per solve; nodes per product, as rows or columns */
+enum { BATCH = 32, TILE = 64 };                     /* BATCH: nodes per solve; TILE: nodes per product, as rows or columns */
 static const double CACHE = 96e6;                   /* bytes for c_i, z_i and Q^T y_i */
-enum { LEAST_NODES = 2 * TILE, MOST_NODES = 1024 }; /* number of cached nodes */
+enum { LEAST_NODES = 2 * TILE, MOST_NODES = 1024 }; /* minimum and maximum number of cached nodes */
 
 typedef struct { uint64_t id; int first, rows; } placed;
 
@@ -30,11 +30,12 @@ typedef struct {
     double *basis;           /* row_count x motion_count: Q */
     double *triangle;        /* motion_count square: T, upper */
     lru slots;
-    double *kept;            /* for each slot c, z and Q^T y, in 3 columns each */
+    double *kept;            /* for each slot: c, z and Q^T y, in 3 columns each */
     block_cache blocks;
-    double *batch, *columns; /* scratch: blocks between BATCH nodes and all of `nodes`; 3 BATCH columns with the entries of all rows and all motions */
-    double *left, *right, *tile; /* scratch: 3 TILE columns with the entries of all rows, twice; a square of 3 TILE rows */
-    double *moved, *sum;     /* scratch of apply: entries of all rows and motions; dof_count entries */
+    double *batch, *columns; /* scratch; batch: blocks between BATCH nodes and all of `nodes`; columns: 3 BATCH columns with the entries of all rows and all
+                                motions */
+    double *left, *right, *tile; /* scratch; left and right: 3 TILE columns each, with the entries of all rows; tile: a square of 3 TILE rows */
+    double *moved, *sum;     /* scratch of apply; moved: entries of all rows and motions; sum: dof_count entries */
 } attached_inverse;
 
 static size_t slot_size(const attached_inverse *a) { return 3 * (2 * (size_t)a->row_count + (size_t)a->motion_count); }
@@ -173,7 +174,7 @@ static bool attached_prefetches(const inverse *inv) {
 
 /* Each node takes three solves with L. */
 static int attached_slice(const inverse *inv) {
-    const double AT_ONCE = 1.5e7; /* multiplications that take about 2 ms */
+    const double AT_ONCE = 1.5e7; /* number of multiplications that take about 2 ms */
     const attached_inverse *a = (const attached_inverse *)inv;
     int beneath = inverse_slice(a->base);
     double nodes = AT_ONCE / (3.0 * (double)a->row_count * (double)a->row_count);

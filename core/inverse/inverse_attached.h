@@ -32,8 +32,8 @@ typedef struct {
 /* Creates an inverse without attachments, which is equal to `base`. `base` must outlive it. */
 trocar_status inverse_create_attached(inverse *base, inverse **created, report *why);
 
-/* Replaces all attachments by these, in this order; their descriptions are copied. The cost is one factorisation whose size is the number of all rows
-   together, plus blocks of the base inverse for new attachments. After a failure, nothing is attached. Allocates. */
+/* Replaces all attachments by these, in this order; their descriptions are copied. The cost is one factorisation whose size is the total number of rows, plus
+   blocks of the base inverse for new attachments. After a failure, nothing is attached. Allocates. */
 trocar_status inverse_attach(inverse *inv, int count, const attachment *things, report *why);
 
 int inverse_attached_rows(const inverse *inv);    /* number of rows of all attachments */

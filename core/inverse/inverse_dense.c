@@ -7,7 +7,7 @@
 #include "inverse/inverse_owner.h"
 #include "tissue/factor_solve.h"
 
-/* The paper's method: the whole inverse as a dense matrix. */
+/* The method of the paper (see core/README.md): the whole inverse as a dense matrix. */
 typedef struct {
     inverse shared;
     double *dense;           /* dof_count square, column-major, full */

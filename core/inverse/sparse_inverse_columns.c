@@ -18,7 +18,7 @@ struct sparse_columns {
     int *parent;             /* for each supernode: parent in the elimination tree, or -1 */
     int *lowest;             /* for each supernode: first supernode of its subtree */
     int *height;             /* for each supernode: number of columns on the path from its first column to the root */
-    int *start;              /* for each supernode: first column used by the present solve, or -1; -1 between calls */
+    int *start;              /* for each supernode: first column used by the current solve, or -1; -1 between calls */
     double *x;               /* dof_count x WIDTH, column-major; zero between calls */
     double *update;          /* workspace of CHOLMOD's maxesize x WIDTH entries */
     double *left, *right;    /* PANEL x SIDE: packed rows of Y */

@@ -6,7 +6,7 @@
 
 #include "tissue/tissue.h"
 
-enum { HALF_BLOCK = 32, PRODUCT_BLOCK = 64 }; /* nodes per solve; nodes per product, as rows or columns */
+enum { HALF_BLOCK = 32, PRODUCT_BLOCK = 64 }; /* HALF_BLOCK: nodes per solve; PRODUCT_BLOCK: nodes per product, as rows or columns */
 
 typedef struct sparse_columns sparse_columns;
 

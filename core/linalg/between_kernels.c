@@ -11,7 +11,7 @@ _Static_assert((int)SIMD_WIDE_WIDTH <= (int)ROW_ROOM, "rows have room for the re
 /* Computes the blocks at places l, l + 1, ... that one vector holds. `tip`: true if the vector includes the tip or is beyond it. */
 static inline __attribute__((always_inline)) void find_vector(const between_points_row *row, int l, bool tip, between_rows blocks) {
     const double (*frame)[3] = row->frame->m, *weights = row->weights;
-    simd_wide place = simd_wide_from(l), turned[3][3]; /* rows in the world frame, columns in the frames of the points */
+    simd_wide place = simd_wide_from(l), turned[3][3]; /* turned: rows in the world frame, columns in the frames of the points */
     for (int a = 0; a < 3; a++) {
         simd_wide world[3];
         for (int b = 0; b < 3; b++) {

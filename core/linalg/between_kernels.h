@@ -8,7 +8,7 @@
 #include "linalg/rows.h"
 
 enum {
-    BETWEEN_POINTS = 81,     /* largest number of points */
+    BETWEEN_POINTS = 81,     /* maximum number of points */
     BETWEEN_PLACES = (BETWEEN_POINTS + 2 * ROW_ROOM - 2) / ROW_ROOM * ROW_ROOM, /* number of places, padded to whole cache lines and by the part of a
                                                                                    vector that can extend beyond the last place */
     BETWEEN_JOINTS = 3,      /* number of consecutive joints between which a point on the needle is interpolated */
@@ -45,7 +45,7 @@ typedef struct {
    any vector width. RT */
 typedef void between_kernel(const between_points_row *row, between_rows blocks);
 
-/* The kernel for any processor that this program supports, the kernel for AVX-512 (x86-64 only), and the faster of those that the present processor
+/* The kernel for any processor that this program supports, the kernel for AVX-512 (x86-64 only), and the faster of those that the current processor
    supports. RT */
 extern between_kernel between_portable, between_avx512;
 between_kernel *between_kernel_here(void);

@@ -25,7 +25,7 @@ typedef struct {
 typedef struct {
     int begin, end;          /* range of at most PANEL_ROWS rows; if there are fewer, the block is padded with ones on the diagonal */
     bool turned;             /* true if the rows are rotated in pairs, by the angles below */
-    double cosine[PANEL_ROWS / 2], sine[PANEL_ROWS / 2], inverse[PANEL_ROWS]; /* angles of the rotations; inverse pivots */
+    double cosine[PANEL_ROWS / 2], sine[PANEL_ROWS / 2], inverse[PANEL_ROWS]; /* cosines and sines of the rotation angles; inverse pivots */
     double block[PANEL_ROWS][PANEL_ROWS];                                     /* the diagonal block on and above its diagonal; after the elimination, its
                                                                                  rows are not divided by the pivots */
     _Alignas(CACHE_LINE) double undivided[PANEL_ROWS][MOST_COLUMNS];          /* to the right of the block: rows before division by their pivots */
@@ -64,7 +64,7 @@ static inline void eliminate_in_block(elimination_panel *panel, int k, int count
    computed by the same operations in the same order for any vector width. RT */
 typedef void elimination_kernel(const symmetric_system *s, elimination_panel *panel);
 
-/* The kernel for any processor that this program supports, the kernel for AVX-512 (x86-64 only), and the faster of those that the present processor
+/* The kernel for any processor that this program supports, the kernel for AVX-512 (x86-64 only), and the faster of those that the current processor
    supports. RT */
 extern elimination_kernel elimination_portable, elimination_avx512;
 elimination_kernel *elimination_kernel_here(void);

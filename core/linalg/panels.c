@@ -33,7 +33,7 @@ double panels_bytes(int rows, int columns) {
     return sizeof(double) * numbers;
 }
 
-/* Returns the team if it is worthwhile: waking the team takes longer than a computation of a few tens of microseconds. */
+/* Returns the team if using it is worthwhile: waking the team takes longer than a computation of a few tens of microseconds. */
 static team *team_for(team *t, double operations) { return operations < 2e6 ? NULL : t; }
 
 static size_t bytes_of(const panel *p) { return (size_t)p->rows * (size_t)p->width * sizeof(double); }
@@ -70,12 +70,12 @@ void panel_multiply(const panel *from, int row, int rows, int column, int column
 typedef struct {
     const panels *all;
     const panel *to;
-    int j, factored;         /* number of panels that contribute */
+    int j, factored;         /* factored: number of panels that contribute */
     int pieces;
 } share;
 
 static share share_of(const panels *p, int j, int factored) {
-    enum { FEW = 192, MANY = 4 * 768 }; /* numbers of rows: too few to divide; enough for four large products */
+    enum { FEW = 192, MANY = 4 * 768 }; /* FEW: number of rows that is not worth dividing; MANY: number of rows that suffices for four large products */
     const panel *to = &p->panels[j];
     int below = to->rows - to->width;
     return (share){p, to, j, factored, p->filled ? p->count - 1 - j : below < FEW ? below > 0 : 4 * ((below + MANY - 1) / MANY)};

@@ -7,7 +7,7 @@
 
 #include "base/team.h"
 
-enum { PANEL_WIDTH = 576 };  /* largest number of columns in a panel, a multiple of the block size 3 */
+enum { PANEL_WIDTH = 576 };  /* maximum number of columns in a panel, a multiple of the block size 3 */
 
 /* Columns [first, first + width) of the matrix, from the diagonal down. */
 typedef struct {

@@ -33,7 +33,8 @@ plane_tensor plane_at_least(plane_tensor t, double least) {
 principal_tensor plane_principal(plane_tensor t, vec3 direction) {
     vec3 x, y;
     axes_across(direction, &x, &y);
-    double spread = sqrt(square_spread_of(t)), double_cosine = spread > 0.0 ? 0.5 * (t.xx - t.yy) / spread : 1.0; /* of twice the angle to x */
+    double spread = sqrt(square_spread_of(t)), double_cosine = spread > 0.0 ? 0.5 * (t.xx - t.yy) / spread : 1.0; /* double_cosine: cosine of twice the angle to
+                                                                                                                     the x axis */
     double cosine = sqrt(larger_of(0.5 * (1.0 + double_cosine), 0.0)), sine = copysign(sqrt(larger_of(0.5 * (1.0 - double_cosine), 0.0)), t.xy);
     return (principal_tensor){plane_mean(t) - spread, 2.0 * spread, v3_axpy(cosine, x, v3_scale(sine, y))};
 }

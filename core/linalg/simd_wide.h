@@ -38,7 +38,7 @@ static inline int simd_wide_below(int i) { return i / SIMD_WIDE_WIDTH * SIMD_WID
 
 #ifdef TROCAR_AVX512 /* defined if the program contains code for x86-64-v4 in addition to that for any other processor */
 
-/* True if this processor supports x86-64-v4. Results are bitwise equal only if both versions of the code have fused multiplication. RT */
+/* True if this processor supports x86-64-v4. Results are bitwise identical only if both versions of the code use fused multiply-add. RT */
 static inline bool runs_avx512(void) {
 #ifdef __FMA__
     return __builtin_cpu_supports("avx512f") && __builtin_cpu_supports("avx512bw") && __builtin_cpu_supports("avx512cd")

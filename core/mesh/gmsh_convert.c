@@ -11,9 +11,9 @@
 
 /* ---- the library ---- */
 
-static const char LIBRARY[] = "libgmsh.so.4.8"; /* in Debian 12; later versions have a different gmshInitialize */
+static const char LIBRARY[] = "libgmsh.so.4.8"; /* the version in Debian 12; later versions have a different gmshInitialize */
 
-/* Those functions of Gmsh's C interface (gmshc.h) that are used here; after a failure, *error is not 0. */
+/* The functions of Gmsh's C interface (gmshc.h) that are used here; after a failure, *error is not 0. */
 typedef struct {
     void (*start)(int argc, char **argv, int read_config, int *error);
     void (*finish)(int *error);
@@ -65,7 +65,7 @@ static const struct { const char *name; double value; } OPTIONS[] = {
 };
 enum { OPTION_COUNT = sizeof OPTIONS / sizeof *OPTIONS };
 
-/* Sets *added if a model was added, in which the mesh is then. */
+/* Sets *added if a model was added; the mesh is then in that model. */
 static trocar_status convert(const gmsh_functions *g, const char *path, const char *converted, bool *added, report *why) {
     double before[OPTION_COUNT];
     int error = 0, ignored = 0;

@@ -3,7 +3,7 @@
 #include <stdlib.h>
 #include <string.h>
 
-static const double INSIDE = -1e-12; /* 1: smallest barycentric weight of a point that counts as inside. Rounding tolerance */
+static const double INSIDE = -1e-12; /* dimensionless: smallest barycentric weight of a point that counts as inside. Rounding tolerance */
 
 /* ---- geometry of one tetrahedron ---- */
 

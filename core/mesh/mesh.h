@@ -1,4 +1,4 @@
-/* The nominal mesh: linear tetrahedra with named regions and surfaces. Constant after loading. */
+/* The nominal mesh: linear tetrahedra with named regions and surfaces. Immutable after loading. */
 #ifndef TROCAR_MESH_H
 #define TROCAR_MESH_H
 

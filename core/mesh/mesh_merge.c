@@ -8,8 +8,8 @@ static const vec3 ORDER = {0.5773, 0.7211, 0.3834};               /* direction a
 static const int FACES[4][3] = {{1, 2, 3}, {0, 2, 3}, {0, 1, 3}, {0, 1, 2}};
 
 typedef struct { double along; int node; } placed_node;
-typedef struct { int place[3], nodes[3]; } placed_face;            /* lowest node at each corner's position, in ascending order; and the nodes of the face
-                                                                      itself */
+typedef struct { int place[3], nodes[3]; } placed_face;            /* place: lowest node at each corner's position, in ascending order; nodes: the nodes of the
+                                                                      face itself */
 
 static int compare_placed(const void *left, const void *right) {
     const placed_node *a = left, *b = right;
@@ -109,7 +109,7 @@ static trocar_status join_faces(const mesh *m, const int *place, int *parent) {
 static void renumber(mesh *m, const int *place, int *parent, int *renumbered, mesh_merge_result *result) {
     int count = 0;
     for (int n = 0; n < m->node_count; n++) {
-        int root = root_of(parent, n); /* lower than n, or equal to n */
+        int root = root_of(parent, n); /* at most n, so its new number is already known unless root == n */
         if (root == n && place[n] != n) result->apart++, result->example = n;
         renumbered[n] = root == n ? count : renumbered[root];
         if (root == n) m->nodes[count++] = m->nodes[n];

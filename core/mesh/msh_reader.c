@@ -346,7 +346,7 @@ static void sort_memberships(msh_contents *c) {
 
 /* ---- the whole file ---- */
 
-/* Reads $MeshFormat up to and including the numbers for version, text (0) or binary, and bytes of a size. Sections before it are comments. */
+/* Reads $MeshFormat up to and including the numbers for version, text (0) or binary, and the number of bytes of a size. Sections before it are comments. */
 static bool read_format(reader *r, int64_t *binary, int64_t *size) {
     do {
         if (!msh_next_section(&r->in)) return false;

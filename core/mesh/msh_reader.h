@@ -4,7 +4,7 @@
 
 #include "mesh/mesh.h"
 
-enum { MSH_TRIANGLE = 2, MSH_TETRAHEDRON = 4 }; /* Gmsh's numbers of the linear element types */
+enum { MSH_TRIANGLE = 2, MSH_TETRAHEDRON = 4 }; /* Gmsh's numbers for the linear element types */
 
 typedef struct { uint64_t tag; double x[3]; } msh_node; /* coordinates as in the file */
 
@@ -16,10 +16,10 @@ typedef struct {
 } msh_element;
 
 typedef struct { int dimension, entity, tag; } msh_membership;                   /* says that the entity is in the physical group `tag` */
-typedef struct { int dimension, tag; char text[MESH_NAME + 1]; } msh_name;       /* a name that is too long is cut off one character beyond the longest
-                                                                                    name of a group */
+typedef struct { int dimension, tag; char text[MESH_NAME + 1]; } msh_name;       /* a name that is too long is truncated to one character more than the maximum
+                                                                                    length of a group's name */
 
-/* Which of the parts required for a mesh a file contains. */
+/* Tells which of the parts required for a mesh a file contains. */
 typedef struct {
     size_t node_count, element_count, corner_count, membership_count, name_count;
     msh_node *nodes;         /* array of node_count nodes, sorted by tag, without duplicates */

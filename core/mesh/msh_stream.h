@@ -17,7 +17,8 @@ typedef struct {
     report *why;
     trocar_status status;
     uint64_t size;           /* size of the file in bytes */
-    uint64_t line, word_line; /* numbers, from 1, of the present line and of the line of the last word; only parts that are read as text count */
+    uint64_t line, word_line; /* line: number of the current line; word_line: number of the line of the last word; both counted from 1, and only in parts that
+                                 are read as text */
     bool binary, swapped;    /* how numbers are stored; known once $MeshFormat has been read */
     char section[MSH_WORD];  /* name of the section without $; empty before the first section */
 } msh_stream;
@@ -38,7 +39,7 @@ int64_t msh_text_int_line(msh_stream *s);
 /* Reads a real number in text form. */
 double msh_text_real(msh_stream *s);
 
-/* Reads the text between the double quotes in the rest of this line, or "" if there are none. A longer string is cut off at `room` - 1 characters. */
+/* Reads the text between the double quotes in the rest of this line, or "" if there are none. A longer string is truncated to `room` - 1 characters. */
 void msh_quoted(msh_stream *s, char *text, size_t room);
 
 /* Reads the byte-order mark of a binary file: the number 1 as 4 bytes. */

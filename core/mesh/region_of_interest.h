@@ -10,7 +10,7 @@ enum { REACH_MAX_REGIONS = 16, REACH_USUAL = 3000 /* default number of nodes */ 
 typedef struct {
     int region_count;
     char regions[REACH_MAX_REGIONS][MESH_NAME];
-    vec3 from, to;           /* m, axis of a corridor */
+    vec3 from, to;           /* m, ends of the axis of a corridor */
     double radius;           /* m, radius of the corridor; 0 if there is none */
 } roi_config;
 

@@ -54,7 +54,7 @@ static trocar_status bind_membranes(model_parts *s, report *why) {
 
 enum { PLACE_ROOM = 600 };
 
-/* Returns "FILE:LINE: ", or an empty text if the key does not come from a file. */
+/* Returns "FILE:LINE: ", or an empty string if the key does not come from a file. */
 static const char *place_in_scene(const model_parts *s, int line, char place[PLACE_ROOM]) {
     place[0] = '\0';
     if (line > 0 && s->config.scene_path) snprintf(place, PLACE_ROOM, "%.500s:%d: ", s->config.scene_path, line);
@@ -144,7 +144,7 @@ static trocar_status build_tissue(model_parts *s, report *why) {
 /* ---- who owns the inverse --------------------------------------------------------------------------------------------- */
 
 /* BLAS uses one thread, except to factorise or invert a large mesh as a whole, where several threads save minutes. Condensation has its own threads. */
-enum { SEVERAL_THREADS = 30000 }; /* number of unknowns from which BLAS uses several threads */
+enum { SEVERAL_THREADS = 30000 }; /* number of unknowns above which BLAS uses several threads */
 
 static bool is_large(const model_parts *s) { return s->tissue.dof_count > SEVERAL_THREADS; }
 
@@ -168,7 +168,7 @@ static trocar_status build_owner(model_parts *s, int roi_count, const int *roi, 
     const simulation_config *config = &s->config;
     inverse_facts facts = {.given = config->inverse, .precision = config->precision, .node_count = s->mesh.node_count,
                            .dof_count = s->tissue.dof_count, .roi_given = roi_given(&config->roi), .roi_count = roi_count,
-                           .memory = memory_total()}; /* total rather than free memory, so that the same scene always gets the same owner */
+                           .memory = memory_total()}; /* total rather than free memory, so that the same scene always gets the same kind of inverse */
     inverse_choice choice = inverse_choose(&facts, &s->about_inverse);
     int threads = is_large(s) ? blas_own_threads() : 1;
     trocar_status status = blas_make_room(threads, why);

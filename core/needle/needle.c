@@ -4,7 +4,7 @@
 #include "needle/centreline_kernels.h"
 #include "needle/rod_kernels.h"
 
-static const double MOST_BOW = 0.01; /* needle lengths: largest bow that a scene may give; with a larger one, the needle would be visibly bent and the
+static const double MOST_BOW = 0.01; /* needle lengths: maximum bow that a scene may specify; with a larger one, the needle would be visibly bent and the
                                         distance from base to tip shorter than its length. Chosen by judgement */
 static const double FARTHEST = 2.0; /* steps: ratio of a step's duration to that of the last one above which the shape is not extrapolated. Chosen by
                                        judgement */

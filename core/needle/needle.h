@@ -27,7 +27,7 @@ void needle_locate(const needle_model *model, const needle_state *state, int cou
 /* Unit vector along the centreline, toward the tip. RT */
 static inline vec3 needle_along(const needle_point *p) { return v3(p->frame.m[0][2], p->frame.m[1][2], p->frame.m[2][2]); }
 
-/* Linearises about the present shape under the joint forces `load` (N, segments + 1), which determine the geometric stiffness. Computes the compliance
+/* Linearises about the current shape under the joint forces `load` (N, segments + 1), which determine the geometric stiffness. Computes the compliance
    between the joints with indices >= first. RT */
 void needle_linearise(const needle_model *model, const needle_state *state, const vec3 *load, int first, needle_tangent *tangent);
 
@@ -39,7 +39,7 @@ double needle_advance(const needle_model *model, const needle_tangent *tangent, 
 void needle_motion_of(const needle_model *model, const needle_state *before, const needle_state *after, double dt, needle_motion *motion);
 bool needle_extrapolate(const needle_model *model, const needle_motion *motion, double dt, needle_state *state);
 
-/* Elastic moment (N m, world frame) at the base in the present shape; in equilibrium, it is equal to the moment of the loads. */
+/* Elastic moment (N m, world frame) at the base in the current shape; in equilibrium, it is equal to the moment of the loads. */
 vec3 needle_root_moment(const needle_model *model, const needle_state *state);
 
 double needle_energy(const needle_model *model, const needle_state *state); /* elastic, J */

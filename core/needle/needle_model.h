@@ -58,7 +58,7 @@ typedef struct { double at[3][NEEDLE_PLACES]; } vector_series;
 typedef struct { double at[6][NEEDLE_PLACES]; } symmetric_series;
 typedef struct { double at[9][NEEDLE_PLACES]; } matrix_series;
 
-/* Tangent at the present shape (scratch memory of one Newton iteration). */
+/* Tangent at the current shape (scratch memory of one Newton iteration). */
 typedef struct {
     int unstable;                               /* number of negative eigenvalues of the tangent stiffness: the number of buckling modes of the unsupported
                                                    needle under these loads */

@@ -108,7 +108,7 @@ vec3 rod_root_moment(const needle_model *model, const needle_state *state) {
 
 /* The block tridiagonal tangent stiffness, and the right-hand sides after forward substitution. */
 typedef struct {
-    symmetric_series joint, segment;         /* N m, stiffness of each joint, and diagonal block of each segment */
+    symmetric_series joint, segment;         /* N m; joint: stiffness of each joint; segment: diagonal block of each segment */
     matrix_series coupling;                  /* N m, coupling between segments k and k + 1 */
     vector_series arm;                       /* m, vector along each segment: length times axis */
     vector_series beyond;                    /* N, sum of the loads on all joints beyond the joint before each segment */

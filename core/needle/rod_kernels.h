@@ -8,7 +8,7 @@
 
 enum { ROD_STEP = 4 };       /* number of segments computed at a time */
 
-/* Orientations of the base and the segments; the last segment's is repeated to fill a vector. */
+/* Orientations of the base and the segments; the last segment's orientation is repeated to fill a vector. */
 typedef struct {
     quat base_and_segments[1 + NEEDLE_PLACES];
 } rod_frames;

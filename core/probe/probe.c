@@ -7,10 +7,10 @@
 #include "snapshot/free_displacement.h"
 
 enum { LD = 3 * MAX_PRESSED };
-enum { MOST_ITERATIONS = 50 }; /* iterations: largest number of Newton iterations per solution; the next solution continues from the last iteration. Effort
+enum { MOST_ITERATIONS = 50 }; /* iterations: maximum number of Newton iterations per solution; the next solution continues from the last iteration. Effort
                                   limit */
-enum { MOST_STOPS = 4 }; /* steps: largest number of secant steps to find where the probe stops; after them, the probe stays at the pose of the last step.
-                            Effort limit */
+enum { MOST_STOPS = 4 }; /* steps: maximum number of secant steps to find where the probe stops; after these steps, the probe stays at the pose of the last
+                            step. Effort limit */
 static const double REACH = 0.5; /* probe radii: distance within which points are candidates for contact. Chosen: twice the probe's largest step */
 static const double LOADED_REACH = 3.0; /* probe radii: distance within which points are candidates for contact in tissue that needles may push onto the
                                            probe. Chosen: three times the largest displacement, 0.9 radii, in 200 random motions (verify_probe_motions) */
@@ -30,9 +30,9 @@ static const double EDGE_COMPLIANCE = 1e-4; /* fraction: part of an edge's own c
                                                edge and on its ends would otherwise not be independent. Chosen by judgement */
 
 typedef struct probe_scratch {
-    vec3 free_u[MAX_PRESSED], u[MAX_PRESSED], load[MAX_PRESSED]; /* for the near nodes: m, displacement without and with the probe; N, load */
+    vec3 free_u[MAX_PRESSED], u[MAX_PRESSED], load[MAX_PRESSED]; /* for the near nodes: displacement (m) without and with the probe, and load (N) */
     vec3 normal[MAX_PRESSED];                                    /* outward normals of the candidates */
-    double gap[MAX_PRESSED], force[MAX_PRESSED];                 /* m and N, gap and force of each candidate */
+    double gap[MAX_PRESSED], force[MAX_PRESSED];                 /* gap (m) and force (N) of each candidate */
     int near_ends[MAX_PRESSED][2];                               /* indices in `near` of each candidate's ends; -1 if there is none */
     int chosen[MAX_PRESSED];                                     /* candidates that are part of the complementarity problem */
     double matrix[MAX_PRESSED * MAX_PRESSED], right[MAX_PRESSED], z[MAX_PRESSED], pivoting[MAX_PRESSED * (MAX_PRESSED + 2)];
@@ -303,7 +303,7 @@ static vec3 displaced(const probe *p, int candidate) {
     return v3_add(p->points[p->candidates[candidate]].rest, at_candidate(p, candidate, p->scratch->u));
 }
 
-/* One Newton step: the gaps are linearised about the present displacement, and the new displacement closes them wherever the force is nonzero. */
+/* One Newton step: the gaps are linearised about the current displacement, and the new displacement closes them wherever the force is nonzero. */
 static bool solve_linearised(probe *p, pose base) {
     probe_scratch *s = p->scratch;
     int count = 0;
@@ -492,7 +492,7 @@ static trocar_status solve_force(probe *p, pose at, const probe_loads *loads, do
     return status;
 }
 
-/* Finds, by the secant method, the pose between the present pose and `to` at which the force is just below the limit. `beyond`: the force at `to`. The
+/* Finds, by the secant method, the pose between the current pose and `to` at which the force is just below the limit. `beyond`: the force at `to`. The
    solution for the returned pose is left in the scratch memory. */
 static trocar_status solve_short_of(probe *p, pose *to, double beyond, const probe_loads *loads, report *why) {
     pose from = p->state.base, end = *to;

@@ -6,7 +6,7 @@
 #include "probe/probe_shape.h"
 #include "snapshot/snapshot.h"
 
-enum { MAX_PRESSED = 256 };  /* largest number of nodes, and of points, that can be pressed; on a larger surface, those closest to the probe */
+enum { MAX_PRESSED = 256 };  /* maximum number of nodes, and of points, that can be pressed; on a larger surface, only those closest to the probe */
 
 /* A material point of the surface: a node, or the midpoint of an edge, whose displacement is the mean of those of the edge's ends. */
 typedef struct {
@@ -31,8 +31,8 @@ typedef struct {
 typedef struct {
     bool placed;             /* false if the probe has no pose yet */
     bool stopped;            /* true if the tissue stopped the probe before the requested pose */
-    pose base;               /* present pose */
-    vec3 wrench_force, wrench_torque; /* N, and N m about the base: exerted on the hand that holds the probe */
+    pose base;               /* current pose */
+    vec3 wrench_force, wrench_torque; /* force (N) and torque (N m) about the base, exerted on the hand that holds the probe */
     int count;
     pressed_point points[MAX_PRESSED]; /* the pressed points, in ascending order */
 } probe_state;

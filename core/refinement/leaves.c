@@ -136,7 +136,7 @@ leaf_point refinement_locate(const mesh *m, const refinement *r, int active, int
     return p;
 }
 
-static const double INSIDE = -1e-9; /* 1: smallest barycentric weight of a point that counts as inside an element. Rounding tolerance */
+static const double INSIDE = -1e-9; /* dimensionless: smallest barycentric weight of a point that counts as inside an element. Rounding tolerance */
 
 int refinement_element(const mesh *m, const refinement *r, int active, int near, vec3 x, double weights[4]) {
     enum { MOST = 32 };

@@ -6,11 +6,11 @@
 #include "tissue/resolved_radius.h"
 
 enum {
-    MAX_CONTACTS = 64,       /* largest number of contact nodes at the same time */
-    MAX_PATCH = 48,          /* largest number of nodes touched by one change of the mesh */
-    MAX_PATCH_LEAVES = 2 * (MAX_PATCH - 3), /* largest number of leaves around a moved node: Euler's formula for the sphere of its neighbours */
-    MAX_MOVED_PATCHES = 1024,   /* largest number of nodes touched by all moves together */
-    MAX_LEAVES = 1 + 3 * MAX_CONTACTS, /* largest number of leaves in one nominal element */
+    MAX_CONTACTS = 64,       /* maximum number of contact nodes at the same time */
+    MAX_PATCH = 48,          /* maximum number of nodes touched by one change of the mesh */
+    MAX_PATCH_LEAVES = 2 * (MAX_PATCH - 3), /* maximum number of leaves around a moved node: Euler's formula for the sphere of its neighbours */
+    MAX_MOVED_PATCHES = 1024,   /* maximum number of nodes touched by all moves together */
+    MAX_LEAVES = 1 + 3 * MAX_CONTACTS, /* maximum number of leaves in one nominal element */
 };
 
 /* A point of the refined mesh: the corners of its leaf (nominal node >= 0, added node -1 - slot) and its barycentric weights. */

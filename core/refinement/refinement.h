@@ -9,7 +9,7 @@
 /* Adds a node at x in `tet`; if x is nearly on a face of its leaf, the node is shifted inside. Returns its slot, or -1 if the refinement is full. RT */
 int refinement_add(const mesh *m, refinement *r, int tet, vec3 x, uint64_t id);
 
-/* Adds a node on that face of its leaf which is closest to x in `tet`; if x is nearly on an edge, the node is shifted away from it. For tests and
+/* Adds a node on the face of its leaf that is closest to x in `tet`; if x is nearly on an edge, the node is shifted away from it. For tests and
    benchmarks: in an insertion, nodes are on faces only as a result of removing others. RT */
 int refinement_add_on_face(const mesh *m, refinement *r, int tet, vec3 x, uint64_t id);
 
@@ -17,7 +17,7 @@ int refinement_add_on_face(const mesh *m, refinement *r, int tet, vec3 x, uint64
 int refinement_find(const refinement *r, uint64_t id);
 
 /* Removes the node with this id; the other nodes keep their slots and positions. The leaves that the node had split become whole again, so later nodes in
-   these leaves split other leaves than before: the mesh is the one that results from adding the remaining nodes in the same order. Returns the freed slot.
+   these leaves split different leaves than before: the mesh is the one that results from adding the remaining nodes in the same order. Returns the freed slot.
    Returns -1 if there is no such node, or if it is not the last one and either it or a node added after it was moved. RT */
 int refinement_remove(const mesh *m, refinement *r, uint64_t id);
 

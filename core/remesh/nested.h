@@ -6,8 +6,8 @@
 #include "linalg/row_triples.h"
 
 enum {
-    REACHED = 12,                         /* largest number of nominal nodes that one addition couples to: the nodes of two elements and their neighbours */
-    MAX_EXTRA = REACHED + 4,             /* largest number of nominal nodes that one addition needs outside the window */
+    REACHED = 12,                         /* maximum number of nominal nodes that one addition couples to: the nodes of two elements and their neighbours */
+    MAX_EXTRA = REACHED + 4,             /* maximum number of nominal nodes that one addition needs outside the window */
     MAX_PLACES = MAX_HANDLES + MAX_EXTRA, /* handles, followed by extra nodes */
     NESTED_LD = 3 * MAX_PLACES,
 };
@@ -24,7 +24,7 @@ typedef struct {
 typedef struct {
     remesher shared;
     bordering borders[MAX_CONTACTS];
-    int extra_count, extra[MAX_EXTRA];  /* extra nodes needed for the present addition */
+    int extra_count, extra[MAX_EXTRA];  /* extra nodes needed for the current addition */
     double (*nominal)[NESTED_LD];         /* NESTED_LD rows, m/N: K^-1 between the places in use, [3 i + a][3 j + b] */
     double (*factors)[3][NESTED_LD];      /* MAX_CONTACTS entries, m/N times N/m: F_j^T, where F_j(i) is at [j][b][3 i + a] */
     void *nominal_memory, *factors_memory; /* memory of `nominal` and `factors` */

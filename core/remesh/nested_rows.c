@@ -1,6 +1,6 @@
 /* Rows of nested addition, many at a time. K^-1 and the factors F^T are stored between all places, so that an addition works on contiguous rows: a row of
    F_j is a sum of rows of K^-1 and of earlier F_i. The owner of the inverse supplies blocks only for new nodes. An entry is the same sum whether it is
-   computed from a row or from a new node's block. Therefore the stored values depend, to the bit, only on the contact nodes and their order; after the
+   computed from a row or from a new node's block. Therefore the stored values depend, bit for bit, only on the contact nodes and their order; after the
    removal of a node on a face that was not the last one, this is true only to rounding accuracy. */
 #include "remesh/nested.h"
 

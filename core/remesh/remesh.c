@@ -306,6 +306,7 @@ trocar_status remesher_resume(remesher *r, const remesh_request *request, const 
     r->residual.any = snapshot->has_residuals;
     r->residual.time = snapshot->residual_time;
     memcpy(r->residual.u, snapshot->u_residual, sizeof r->residual.u);
-    memcpy(r->handles, snapshot->compliance, sizeof snapshot->compliance); /* rows computed in another order would differ in the last bits */
+    memcpy(r->handles, snapshot->compliance, sizeof snapshot->compliance); /* copied, because rows computed again in another order would differ in the last
+                                                                              bits */
     return status;
 }

@@ -27,7 +27,7 @@ void remesher_free(remesher *r);
    (refinement_hangs_on) or, with the implicit method or moved nodes, for all nodes added later. Worker only; does not allocate memory. */
 trocar_status remesher_serve(remesher *r, const remesh_request *request, compliance_snapshot *snapshot, report *why);
 
-/* Measures at most `most` new lines of the last served request, in their order, and fills the snapshot again. Measuring the mesh's resolution takes a
+/* Measures up to `most` new lines of the last served request, in their order, and fills the snapshot again. Measuring the mesh's resolution takes a
    millisecond per element and is therefore separate from the rows. */
 trocar_status remesher_measure(remesher *r, const remesh_request *request, int most, compliance_snapshot *snapshot, report *why);
 bool remesher_must_measure(const remesher *r, const remesh_request *request); /* true if the request contains new lines */
@@ -42,9 +42,9 @@ bool remesher_look_ahead(remesher *r);
 /* Restarts after the inverse has changed. Measured lines are kept. */
 trocar_status remesher_forget(remesher *r, report *why);
 
-/* Restores the state at the moment after `request` was answered with `snapshot`; starts empty if the snapshot answers another request. Whether this is
-   exact to the bit or to rounding is described at trocar_sim_restore; after the removal of a node on a face that was not the last one, it is exact to
-   rounding. */
+/* Restores the state at the moment after `request` was answered with `snapshot`; starts empty if the snapshot answers another request. Whether the result is
+   bitwise identical or differs by rounding errors is described at trocar_sim_restore; after the removal of a node on a face that was not the last one, it
+   differs by rounding errors. */
 trocar_status remesher_resume(remesher *r, const remesh_request *request, const compliance_snapshot *snapshot, report *why);
 
 #endif

@@ -74,7 +74,7 @@ static void update_rows(implicit_remesher *r, int index, double sign) {
 static void form_row(implicit_remesher *r, int handle) {
     int handles[MAX_HANDLES], count = handles_in_use(&r->shared, handles), own = handle_node(&r->shared, handle);
     int changes = r->shared.refined.count;
-    double *row = factor_row(r, handle), *weighted = r->touched; /* F M of each change in turn */
+    double *row = factor_row(r, handle), *weighted = r->touched; /* weighted: F M of each change in turn */
     for (int k = 0; k < changes; k++) {
         const low_rank *change = &r->changes[k];
         cblas_dgemm(CblasRowMajor, CblasNoTrans, CblasNoTrans, 3, change->rank, change->rank, 1.0, row + change->first, ALL_RANKS,
@@ -121,7 +121,7 @@ static trocar_status implicit_take_nodes(remesher *shared, int count, const int 
     return status;
 }
 
-/* Computes F of the touched nodes, up to that of the new change, which is the present inverse between these nodes. */
+/* Computes F of the touched nodes, up to that of the new change, which is the current inverse between these nodes. */
 static void touch_nodes(implicit_remesher *r, int index) {
     const low_rank *change = &r->changes[index];
     for (int q = 0; 3 * q < change->rank; q++)

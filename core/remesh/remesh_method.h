@@ -39,7 +39,7 @@ struct remesher {
     const remesh_operations *operations;
     inverse *inverse;
     const tissue *tissue;
-    refinement refined;              /* nodes that are in the inverse at present, in the order of their addition */
+    refinement refined;              /* nodes currently in the inverse, in the order of their addition */
     int window[MAX_WINDOW];          /* nominal node at each place of the window, or -1; changed only by window_put */
     int *place_of;                   /* node_count: place of each nominal node in the window, or -1 */
     double *handles;                 /* m/N, laid out like compliance_snapshot.compliance */

@@ -11,7 +11,7 @@
 #include "base/cache_line.h"
 #include "refinement/refined_field.h"
 
-static const double ROUNDING = 1e-12; /* 1: barycentric weight below which a node counts as on the face opposite that corner. Rounding tolerance */
+static const double ROUNDING = 1e-12; /* dimensionless: barycentric weight below which a node counts as on the face opposite that corner. Rounding tolerance */
 
 /* ---- what the new node couples to ------------------------------------------------------------------------------------ */
 

@@ -7,7 +7,7 @@
 /* True if the request contains a line that has not been measured. */
 bool lines_are_new(const remesher *r, const remesh_request *request);
 
-/* Updates the pieces for a request; measures at most `most` new lines. */
+/* Updates the pieces for a request; measures up to `most` new lines. */
 trocar_status resolve_pieces(remesher *r, const remesh_request *request, int most, report *why);
 
 /* Measures the resolution at the contact node in `slot`, which is next in the order, in the mesh with the earlier nodes. */

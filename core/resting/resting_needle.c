@@ -220,7 +220,7 @@ static void take_forces(const insertion_model *model, const insertion_state *sta
     }
 }
 
-/* Load on the tissue of the contact with this handle, if its id is `id`. */
+/* Returns the load that the contact with this handle exerts on the tissue; zero if the contact is not active or its id is not `id`. */
 static vec3 contact_load(const insertion_model *model, const insertion_state *state, int handle, uint64_t id) {
     for (int k = 0; contact_is_active(state, k); k++)
         if (state->refined.order[k] == handle && state->refined.nodes[handle].id == id) return v3_add(state->contacts[handle].force, creep_load(model, &state->memory, k));

@@ -9,7 +9,7 @@
 
 enum { MAX_MOTIONS = 5 };    /* motions of the base: all except the rotation about the needle's axis, which friction prevents */
 
-typedef struct { vec3 shift, turn; } base_motion; /* m, translation, and rad, rotation about the base; world frame */
+typedef struct { vec3 shift, turn; } base_motion; /* world frame; shift, m: translation; turn, rad: rotation about the base */
 
 /* Plain data. Forces on tissue and guides are stored like the unknowns of the contact problem: in the same order, and in the needle's frame. */
 typedef struct {
@@ -31,8 +31,9 @@ typedef struct {
     double anchor_force[MAX_UNKNOWNS];             /* N, forces at the anchor */
     double beside[MAX_UNKNOWNS];                   /* N, loads on the tissue from its memory, which are not forces of the needle */
     double free_force[MAX_UNKNOWNS], free_motion[MAX_MOTIONS]; /* forces and motions in the absence of held needles */
-    double force[MAX_UNKNOWNS], motion[MAX_MOTIONS];           /* present forces and motion */
-    double aside[MAX_UNKNOWNS];                    /* N, change of the forces caused by those displacements from held needles that the mesh does not resolve */
+    double force[MAX_UNKNOWNS], motion[MAX_MOTIONS];           /* current forces and motion */
+    double aside[MAX_UNKNOWNS];                    /* N, change of the forces due to the part of the displacements caused by held needles that the mesh does not
+                                                      resolve */
     double fading[MAX_UNKNOWNS];                   /* N, forces of the needle's rows before the last release minus those after it (resting_set) */
     double slip[MAX_AXIAL], slid[MAX_AXIAL];       /* m, slip of the shaft since the anchor (positive: forward relative to the tissue), and total distance
                                                       slid */
@@ -45,7 +46,7 @@ typedef struct {
     double matrix[MAX_UNKNOWNS][MAX_UNKNOWNS];
 } resting_scratch;
 
-/* Linearises about `state`, which must be an equilibrium. tick->snapshot must contain the needle's rows of `inv` as it is at present. BAD_INPUT if the
+/* Linearises about `state`, which must be an equilibrium. tick->snapshot must contain the needle's rows of `inv` in its current state. BAD_INPUT if the
    needle touches no tissue. Allocates. */
 trocar_status resting_linearise(const tick_input *tick, const insertion_state *state, inverse *inv, resting_scratch *scratch, resting_needle *r, report *why);
 
@@ -68,11 +69,11 @@ trocar_status resting_mutual(needle_pairs *pairs, const resting_needle *r, const
 
 attachment resting_attachment(const resting_needle *r);
 
-/* Return the present bounds of axial force i, after the shaft has slid. */
+/* Return the current bounds of axial force i, after the shaft has slid. */
 double resting_upper(const insertion_model *model, const resting_needle *r, int i);
 double resting_lower(const insertion_model *model, const resting_needle *r, int i);
 
-/* Writes the needle's present state to an insertion state from which ticks can continue. */
+/* Writes the needle's current state to an insertion state from which ticks can continue. */
 void resting_show(const insertion_model *model, const resting_needle *r, needle_tangent *scratch, insertion_state *state);
 
 #endif

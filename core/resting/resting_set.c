@@ -6,8 +6,8 @@
 #include "snapshot/free_displacement.h"
 
 enum { AT_ONCE = 6 };
-enum { MOST_SWEEPS = 500 }; /* sweeps: largest number of Gauss-Seidel sweeps over a needle's points. Effort limit */
-enum { MOST_ROUNDS = 20 }; /* rounds: largest number of passes over all resting needles between two changes of the loads. Effort limit */
+enum { MOST_SWEEPS = 500 }; /* sweeps: maximum number of Gauss-Seidel sweeps over a needle's points. Effort limit */
+enum { MOST_ROUNDS = 20 }; /* rounds: maximum number of passes over all resting needles between two changes of the loads. Effort limit */
 static const double ENOUGH = 1e-7; /* N: accepted excess of a force over its bound. Rounding tolerance */
 static const double YIELDING = 1e-3; /* N/m: stiffness below which a slip would not relieve the force. Rounding tolerance */
 
@@ -235,7 +235,7 @@ static void find_slips(const insertion_model *model, const resting_needle *r, co
     for (int sweep = 0; sweep < MOST_SWEEPS; sweep++) {
         double worst = 0.0;
         for (int i = 0; i < r->axial_count; i++) {
-            double yields = -w[i][i], alone = force[i] + yields * slip[i]; /* force that would act without this slip */
+            double yields = -w[i][i], alone = force[i] + yields * slip[i]; /* alone: force that would act without this slip */
             if (!(yields > YIELDING)) continue;
             double now = alone > upper[i] ? (alone - upper[i]) / yields : alone < lower[i] ? (alone - lower[i]) / yields : 0.0, more = now - slip[i];
             if (more == 0.0) continue;
@@ -309,7 +309,7 @@ bool resting_set_slip(resting_set *s, const insertion_model *model, int most) {
     return more;
 }
 
-/* Force of a row as the other needles feel it: the present force plus the remaining fraction of its change in the last release. */
+/* Force of a row as the other needles feel it: the current force plus the remaining fraction of its change in the last release. */
 static double felt(const resting_needle *r, double fading, int u) { return r->force[u] + r->beside[u] + fading * r->fading[u]; }
 
 static void list_loads(const resting_needle *r, double fading, tissue_loads *loads) {

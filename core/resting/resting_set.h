@@ -12,7 +12,7 @@ typedef struct {
     resting_needle *needles[MAX_NEEDLES];
     int row[MAX_NEEDLES], motion[MAX_NEEDLES]; /* index of each needle's first row and motion */
     double *force, *move;    /* scratch: forces of all rows, and all motions */
-    double *aside, *aside_move; /* responses to those displacements from held needles that the mesh does not resolve */
+    double *aside, *aside_move; /* responses to the part of the displacements caused by held needles that the mesh does not resolve */
     bool any_aside;          /* true if `aside` is not zero */
     double *load;            /* N, for all rows: forces in the absence of held needles, other loads at the same places, and the fading part (see
                                 other_loads.attached) */
@@ -21,7 +21,7 @@ typedef struct {
     int columns_known[MAX_NEEDLES]; /* number of columns computed so far */
     int load_room, *nodes;   /* scratch memory for the loads of held needles */
     vec3 *nodal;
-    int next_slip, quiet, slips_left; /* next needle to check; number of needles checked since the last slip; largest number of checks that remain */
+    int next_slip, quiet, slips_left; /* next needle to check; number of needles checked since the last slip; maximum number of remaining checks */
     bool slipped;            /* true if `load` does not contain the latest slips yet */
     uint64_t changes;        /* number of changes of the set */
     uint64_t shifts;         /* number of changes of `load` */
@@ -39,11 +39,11 @@ trocar_status resting_set_attach(resting_set *s, int count, resting_needle *cons
 /* Computes the needles' forces and motions under these loads. */
 trocar_status resting_set_load(resting_set *s, const other_loads *held, report *why);
 
-/* Lets needles slip whose forces exceed their friction bounds, one after another, at most `most` per call. Returns true if more needles have to slip. */
+/* Lets needles slip whose forces exceed their friction bounds, one after another, up to `most` per call. Returns true if more needles have to slip. */
 bool resting_set_slip(resting_set *s, const insertion_model *model, int most);
 
-/* For a release. Before it, all resting needles record their forces (for the released needle, resting_bore does this); after it, the effect of the change
-   begins to fade in. */
+/* To be called before and after a needle is released. The first records the forces of all resting needles (resting_bore records those of the released one); the
+   second starts to fade in the effect of the change. */
 void resting_set_before_release(resting_set *s);
 void resting_set_after_release(resting_set *s);
 

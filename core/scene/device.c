@@ -17,7 +17,7 @@ static const struct { double force, torque, stiffness; } RENDERED[] = {
 };
 _Static_assert(sizeof RENDERED / sizeof *RENDERED == sizeof device_profiles / sizeof *device_profiles - 1, "a row for each name");
 
-/* Time (s) from zero to full force. It is shorter than people perceive. At 5 ms, the force of a hard impact would lag far enough behind the hand to drive
+/* Time (s) from zero to full force. It is too short for people to perceive. At 5 ms, the force of a hard impact would lag far enough behind the hand to drive
    a light hand (tests/unit/server/test_virtual_coupling.c). */
 static const double FULL_SLEW = 3e-3;
 

@@ -7,7 +7,7 @@
 #include "base/input_file.h"
 #include "scene/scene_document.h"
 
-enum { MAX_FILE = 1 << 20 }; /* bytes, largest size of a scene file; a scene has a few thousand bytes */
+enum { MAX_FILE = 1 << 20 }; /* bytes, maximum size of a scene file; a typical scene has a few thousand bytes */
 
 /* ---- values that must fit each other ---------------------------------------------------------------------------------------- */
 

@@ -5,7 +5,7 @@
 
 #include "scene/scene_struct.h"
 
-/* Sets a scene to default values; it has no mesh, regions and fixed groups. */
+/* Sets a scene to default values; it has no mesh, regions or fixed groups. */
 void scene_defaults(scene *s);
 
 /* Reads a scene file into a scene with default values. BAD_INPUT with file, line and key if a key is unknown, missing or repeated, or if a value has the

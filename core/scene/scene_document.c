@@ -30,7 +30,7 @@ static void take_list(scene *s, list_kind list, const yaml_value *value, fault *
     }
 }
 
-/* Keys of earlier releases, with what replaces them. */
+/* Keys of earlier releases, with their replacements. */
 static const struct { const char *key, *remedy; } RETIRED[] = {
     {"contact.resolution", "the simulator measures the mesh's resolution: remove the key"},
 };

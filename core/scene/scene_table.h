@@ -4,7 +4,7 @@
 
 #include "scene/scene_struct.h"
 
-enum { KEY_ROOM = 256, WORDS_ROOM = 512 }; /* largest number of bytes in a key, and in a message about a key */
+enum { KEY_ROOM = 256, WORDS_ROOM = 512 }; /* maximum number of bytes in a key, and in a message about a key */
 
 typedef enum { NUMBER, COUNT, WORD, LENGTH_UNIT, PROFILE, NAME, NAMES, FILE_PATH, DIRECTORY_PATH, POINT, ROTATION, TRANSFORM } value_kind;
 typedef enum { NO_LIST, REGIONS, MEMBRANES, CALCIFICATIONS, GUIDES, RELAXATION, LISTS } list_kind;
@@ -39,7 +39,7 @@ void list_words(word_of word, char *list, size_t size);
 /* Returns the size in metres of a unit given by name; 0 if there is no such unit. */
 double unit_size(const char *name);
 
-/* A list of mappings, and its largest number of entries. */
+/* A list of mappings, and its maximum number of entries. */
 typedef struct {
     const char *key;
     size_t entries, count, stride; /* offsets in `scene` of the entries and of their count; bytes per entry */

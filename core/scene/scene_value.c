@@ -47,7 +47,7 @@ static void take_unit(const char *key, const char *text, double *unit, fault *f)
     else reject(f, key, "\"%s\": expected %s", text, UNIT_WORDS);
 }
 
-/* Words of earlier releases, with what replaces them. */
+/* Words of earlier releases, with their replacements. */
 static const struct { const char *key, *word, *remedy; } RETIRED[] = {
     {"remeshing", "woodbury", "used only by scripts/bench for comparison: remove the key, or set nested"},
     {"remeshing", "woodbury-general", "used only by scripts/bench for comparison: remove the key, or set nested"},

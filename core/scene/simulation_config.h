@@ -17,7 +17,7 @@ typedef struct {
     probe_shape shape;
     double max_force;        /* N, force at which the probe is stopped */
     pose start;              /* initial pose of the first needle's base; its position is NAN until a pose is given */
-    int surface_line, start_line; /* lines of these keys in the scene file, for messages; 0 if not given in a file */
+    int surface_line, start_line; /* lines of the keys of surface and start in the scene file, for messages; 0 if not given in a file */
 } probe_config;
 
 enum { MAX_REGIONS = 16, MAX_MEMBRANES = 16, MAX_CALCIFICATIONS = 64, MAX_FIXED = 8 };

@@ -93,7 +93,7 @@ void shaft_steps_lay(const mesh *m, const tissue_loads *own, double ahead, doubl
 
 /* Where a piece of another needle's shaft acts on a step. */
 typedef struct {
-    double part;             /* 1/m, fraction of a force on the piece that acts at the step, per length of the step; 0 if it does not act there */
+    double part;             /* 1/m, fraction of a force on the piece that acts at the step, per unit length of the step; 0 if it does not act there */
     vec3 place;              /* m, point of the piece that is nearest to the step's middle */
 } meeting;
 
@@ -114,7 +114,7 @@ static meeting meet(const shaft_steps *steps, int k, const shaft_piece *piece) {
     double a = v3_dot(place_at(piece, piece->from), between), b = v3_dot(place_at(piece, piece->to), between);
     double centre = 0.5 * (a + b), half_piece = fmax(0.5 * fabs(b - a), LEAST_PIECE);
     vec3 place = v3_axpy((middle - v3_dot(piece->place, between)) / lean, other, piece->place);
-    double halfway = 0.5 * (middle + centre), apart = middle - centre; /* where both lines see the same distance between them */
+    double halfway = 0.5 * (middle + centre), apart = middle - centre; /* halfway: coordinate at which both lines see the same distance between them */
     vec3 here = v3_axpy((halfway - middle) / lean, along, steps->at[k].place), there = v3_axpy((halfway - middle) / lean, other, place);
     double width = fmax(2.0 * v3_norm(v3_sub(there, here)), LEAST_PIECE);
     if (fabs(apart) >= half + half_piece + 0.5 * width) return (meeting){.part = 0.0};
@@ -123,7 +123,7 @@ static meeting meet(const shaft_steps *steps, int k, const shaft_piece *piece) {
     return (meeting){common * lean / (4.0 * half * half_piece), place};
 }
 
-/* The part of the displacement at a place, caused by a force per length on the other line, that the mesh does not resolve: the mean of the estimates from
+/* The part of the displacement at a place, caused by a force per unit length on the other line, that the mesh does not resolve: the mean of the estimates from
    both lines' patches. */
 static mat3 lacks_between(const needle_pairs *p, const line_field *of, const shaft_steps *steps, int k, const line_field *own, int tet, vec3 place) {
     double weights[4];

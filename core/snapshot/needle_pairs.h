@@ -13,12 +13,12 @@ void needle_pairs_free(needle_pairs *p);
 
 /* A needle's track, divided into short steps. */
 typedef struct {
-    double start, step;      /* m of depth, start of the first step and length of a step */
+    double start, step;      /* m, depth at which the first step starts, and length of a step */
     int count;
     struct {
         int tet;             /* nominal element; -1 outside the tissue */
         double weights[4];
-        vec3 place, direction; /* m, middle of the step; and its direction */
+        vec3 place, direction; /* place, m: middle of the step; direction: unit vector along the step */
         line_in_tet line;    /* line of the shaft_piece that contains the step */
     } at[SHIFT_STEPS];
 } shaft_steps;

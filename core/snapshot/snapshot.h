@@ -16,9 +16,9 @@ enum {
 /* The piece of a needle's shaft that a contact point represents: a straight line along the track at that point. Used for held and resting needles, for
    contacts and the tip. */
 typedef struct {
-    double from, to;         /* m of depth along the track; equal if the force acts without a shaft, for example for residual loads */
+    double from, to;         /* m, depths along the track; equal if the force acts without a shaft, for example for residual loads */
     double depth;            /* m, depth at `place` */
-    vec3 place, direction;   /* m, nominal point and unit vector of the track */
+    vec3 place, direction;   /* place, m: nominal point of the track; direction: unit vector along the track */
     line_in_tet line;        /* line on which the mesh's resolution is measured */
 } shaft_piece;
 
@@ -82,7 +82,7 @@ typedef struct {
     int piece_count;
     line_in_tet pieces[MAX_PIECES]; /* lines along the path near the tip */
     int needed;              /* number of window nodes, at the front of the list, that are indispensable; the others may be omitted if costly (inverse_holds) */
-    vec3 tip, direction;     /* m and unit vector (zero if unknown): the needle's line, along which remesher_look_ahead prefetches */
+    vec3 tip, direction;     /* the needle's line, along which remesher_look_ahead prefetches: a point (m) and a unit vector (zero if unknown) */
     residual_loads residual_loads;
 } remesh_request;
 
@@ -98,7 +98,7 @@ typedef struct {
 enum { SHIFT_STEPS = 128 };
 typedef struct {
     bool any;                /* true if the displacement is not zero everywhere */
-    double start, step;      /* m of depth, start of the first step and length of a step */
+    double start, step;      /* m, depth at which the first step starts, and length of a step */
     int count;               /* number of steps; the last value also applies beyond the last step */
     vec3 sum[SHIFT_STEPS + 1]; /* m^2 */
 } unresolved_shift;
@@ -131,7 +131,7 @@ typedef struct {
 /* Finds the handles of four nominal nodes in the snapshot; returns false if any is missing. RT */
 bool snapshot_covers(const compliance_snapshot *snapshot, const int nodes[4], int handles[4]);
 
-/* Number of contact nodes, counted from the first in order up to the first gap, whose rows the snapshot contains. RT */
+/* Number of contact nodes, in order, before the first one whose rows the snapshot does not contain. RT */
 int snapshot_known_contacts(const compliance_snapshot *snapshot, const refinement *refined);
 
 /* Returns a line of the request that is in the same element as `line` and differs from it by at most this tolerance; NULL if there is none. RT */

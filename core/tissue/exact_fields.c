@@ -67,7 +67,7 @@ vec3 segment_displacement(const line_segment *line, vec3 x, double poisson_ratio
 vec3 segment_traction(const line_segment *line, vec3 x, vec3 area, double poisson_ratio) {
     segment_integrals s = integrate(line, x);
     double c = 1.0 / (16.0 * M_PI * (1.0 - poisson_ratio)), k = 3.0 - 4.0 * poisson_ratio;
-    vec3 ex = v3(1, 0, 0), ey = v3(0, 1, 0), e = line->axis == 0 ? ex : ey, row[3]; /* gradients of the components */
+    vec3 ex = v3(1, 0, 0), ey = v3(0, 1, 0), e = line->axis == 0 ? ex : ey, row[3]; /* row: gradients of the components */
     const vec3 *g = s.gradient;
     double aside = line->axis == 0 ? x.x : x.y;
     vec3 even = v3_axpy(k, g[0], v3_axpy(aside * aside, g[1], v3_scale(2.0 * aside * s.value[1], e)));

@@ -5,7 +5,7 @@
 
 #include "base/vec.h"
 
-/* Displacement at (x, y) under a force per length along an infinite line, the z axis: Kelvin's solution in plane strain (lateral: the line is pushed along
+/* Displacement at (x, y) under a force per unit length along an infinite line, the z axis: Kelvin's solution in plane strain (lateral: the line is pushed along
    x), and anti-plane shear (axial: pushed along z). Additive constants are chosen such that the displacement at rho = R is that of a rigid cylinder of
    radius R around the line. The unit 1/m stands for N/m divided by Pa. */
 vec3 line_lateral(double x, double y, double poisson_ratio);
@@ -15,7 +15,7 @@ vec3 line_axial(double x, double y);
    along z. */
 vec3 line_traction(int axis, vec3 x, vec3 area, double poisson_ratio);
 
-/* Displacement under a force per length, in the direction `axis`, between two points of the z axis (the integral of Kelvin's solution for a point force);
+/* Displacement under a force per unit length, in the direction `axis`, between two points of the z axis (the integral of Kelvin's solution for a point force);
    and the traction of this field. */
 typedef struct {
     int axis;
@@ -24,8 +24,8 @@ typedef struct {
 vec3 segment_displacement(const line_segment *line, vec3 x, double poisson_ratio);
 vec3 segment_traction(const line_segment *line, vec3 x, vec3 area, double poisson_ratio);
 
-/* Displacement of a cylinder of this radius around the line, caused by that part of the line which is `from` to `to` ahead of it and is pushed across the
-   line. It is a mean over the circumference, expressed as the logarithm of a radius. */
+/* Displacement of a cylinder of this radius around the line, caused by the part of the line that is `from` to `to` ahead of it and is pushed across the line.
+   It is a mean over the circumference, expressed as the logarithm of a radius. */
 double segment_logarithm(double from, double to, double radius, double poisson_ratio);
 
 /* Radius of the cylinder that is displaced by `u` under the same force. */

@@ -9,7 +9,7 @@ enum { AROUND_NODES = 256, AROUND_TETS = 1200, AROUND_DOFS = 3 * AROUND_NODES };
 
 typedef struct {
     int tet;
-    double from, to;         /* m along the line */
+    double from, to;         /* m, coordinates of the chord's ends along the line */
 } chord;
 
 /* All positions are in the line's frame: z along it, the origin at its point. */
@@ -35,7 +35,7 @@ void neighbourhood_free(neighbourhood *n);
 
 /* Extent of the neighbourhood: distance from the line, and length along the line in both directions. */
 typedef struct {
-    double radius, half_length; /* edge lengths of the mesh at the point */
+    double radius, half_length; /* in edge lengths of the mesh at the point */
     double least;               /* m, smallest half length */
 } patch_reach;
 

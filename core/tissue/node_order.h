@@ -8,7 +8,7 @@
    no memory. */
 cholmod_sparse *node_graph(tissue *t);
 
-/* Marks those of these nodes that are free, indexed by first dof / 3; the caller frees the result. NULL if there is no memory. */
+/* Marks which of these nodes are free, indexed by first dof / 3; the caller frees the result. NULL if there is no memory. */
 bool *mark_free_nodes(const tissue *t, int count, const int *nodes);
 
 /* Orders some of the free nodes by nested dissection, ignoring all others, and writes them to order[count]. Returns false if there is no memory. */

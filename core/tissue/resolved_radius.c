@@ -12,9 +12,9 @@
 static const double RADIUS = 1.6; /* edge lengths: distance from the line within which a node's elements belong to the patch. Measured: with this patch, ln
                                      R differs from that of the whole mesh by 0.01 across the line and by 0.02 to 0.03 along it (docs/mechanics.md) */
 static const double HALF_LENGTH = 1.2; /* edge lengths: half the extent of the patch along the line; also, smallest ratio of this half extent to the line's
-                                          length within the element. Measured like RADIUS */
+                                          length within the element. Measured in the same way as RADIUS */
 static const double FREE = 0.45; /* edge lengths: distance from the line below which boundary nodes are left free, because the exact solution does not hold
-                                    for a mesh so close to the line. Measured like RADIUS */
+                                    for a mesh so close to the line. Measured in the same way as RADIUS */
 static const double GAP = 1e-9; /* m: largest gap between consecutive pieces of the line. Rounding tolerance */
 
 /* Displacement of one point along one axis, per unit load on each component and per unit displacement of each fixed component. */
@@ -77,7 +77,7 @@ static void find_influence(resolver *r, int tet, vec3 x, int axis, influence *on
     for (int i = 0; i < r->unknowns; i++) on->of_moved[r->unknown[i]] = 0.0;
 }
 
-/* Displacement under the present load and with the present displacements of the fixed components. */
+/* Displacement under the current load and with the current displacements of the fixed components. */
 static double moved_by(const resolver *r, const influence *on) {
     int n = 3 * r->around.node_count;
     return cblas_ddot(n, on->of_load, 1, r->load, 1) + cblas_ddot(n, on->of_moved, 1, r->moved, 1);

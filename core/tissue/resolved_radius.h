@@ -36,11 +36,11 @@ typedef struct {
 /* A line through an element, representing a piece of the needle's path. */
 typedef struct {
     int tet;
-    vec3 point, direction;   /* m, a point of the line; and a unit vector */
+    vec3 point, direction;   /* point, m: a point of the line; direction: a unit vector */
 } line_in_tet;
 
-/* Displacement of the mesh around an endless line under unit force per length, for a shear modulus of 1. Its difference from Kelvin's solution is the part
-   of the interaction between this needle and nearby ones that the mesh does not resolve. */
+/* Displacement of the mesh around an endless line under a unit force per unit length, for a shear modulus of 1. Its difference from Kelvin's solution is the
+   part of the interaction between this needle and nearby ones that the mesh does not resolve. */
 enum { FIELD_NODES = 256 };
 typedef struct {
     line_in_tet line;
@@ -65,8 +65,8 @@ trocar_status resolver_measure(resolver *r, int tet, vec3 direction, int count, 
 /* Computes the field of one line. NUMERIC if the patch has no stiffness. */
 trocar_status resolver_spread(resolver *r, const line_in_tet *line, line_field *field, report *why);
 
-/* The part of the displacement at x (with these weights in element `tet`) that the mesh does not resolve, per force per length on the line (m^2/N, world
-   frame). If x is closer to the line than `radius` (m), that distance is used. Zero outside the patch, where the mesh resolves the field. */
+/* The part of the displacement at x (with these weights in element `tet`) that the mesh does not resolve, divided by the force per unit length on the line
+   (m^2/N, world frame). If x is closer to the line than `radius` (m), that distance is used. Zero outside the patch, where the mesh resolves the field. */
 mat3 line_field_lacks(const line_field *field, const mesh *m, int tet, const double weights[4], vec3 x, double radius);
 
 #endif

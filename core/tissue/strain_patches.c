@@ -120,8 +120,8 @@ static bool give_away(partition *p, int small) {
     return true;
 }
 
-/* Distributes the tetrahedra of patches that could not grow to adjacent patches. The first patch of each connected part either is full or contains the
-   whole part, so that in the end only small parts have small patches. */
+/* Distributes the tetrahedra of patches that could not grow to adjacent patches. The first patch of each connected component either is full or contains the
+   whole component, so that in the end only small components have small patches. */
 static void dissolve_small(partition *p) {
     for (bool changed = true; changed;) {
         changed = false;

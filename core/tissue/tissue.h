@@ -13,11 +13,11 @@ typedef struct {
     double poisson_ratio;      /* below 0.5 */
     double stiffening;         /* C20 / C10 of a Yeoh material; 0 if linear. Used only for the local compliance; K is linear */
     double cutting_force;      /* N, cutting resistance at the tip; INFINITY for bone, which cannot be cut */
-    double cutting_viscosity;  /* N s/m, additional resistance per tip speed */
+    double cutting_viscosity;  /* N s/m, additional resistance per unit tip speed */
     double spreading_force;    /* N, resistance at the tip that remains along an open track */
-    double friction_static;    /* N/m, limit of the shaft's friction per length while sticking */
-    double friction_kinetic;   /* N/m, limit of the shaft's friction per length after sliding over the weakening distance */
-    double friction_viscous;   /* N s/m^2, additional friction per length and sliding speed */
+    double friction_static;    /* N/m, limit of the shaft's friction per unit length while sticking */
+    double friction_kinetic;   /* N/m, limit of the shaft's friction per unit length after sliding over the weakening distance */
+    double friction_viscous;   /* N s/m^2, additional friction per unit length and unit sliding speed */
 } region_material;
 
 /* How the volumetric energy, lambda/2 (div u)^2, is integrated. If it is integrated by element, linear tetrahedra lock (at nu = 0.45, needle forces are 10
@@ -55,7 +55,7 @@ trocar_status tissue_assemble(const mesh *m, const region_material *materials, c
 
 /* Factorises K; assembles it first if necessary. The given nodes are eliminated last, so that blocks of the inverse between them need only a small part of
    the factor. BAD_INPUT if the fixed nodes do not constrain the body, or if the factor exceeds the machine's memory or the range of CHOLMOD's indices;
-   NO_MEMORY, before the computation, if too little memory is available at present. After an error, `factor` is NULL. */
+   NO_MEMORY, before the computation, if too little memory is currently available. After an error, `factor` is NULL. */
 trocar_status tissue_factor(tissue *t, int count, const int *nodes, report *why);
 
 static const double LOOSE_BODY = 1e-13; /* fraction: ratio of the smallest to the largest eigenvalue of K below which the body counts as loose. Rounding
@@ -76,7 +76,7 @@ void tissue_free(tissue *t);
    needs to be freed; the original must outlive the copy. */
 tissue tissue_constants(const tissue *t);
 
-/* Elastic moduli for that part of the energy which is integrated by element. */
+/* Elastic moduli for the part of the energy that is integrated by element. */
 void element_moduli(const tissue *t, int tet, double *youngs_modulus, double *poisson_ratio);
 
 /* 12 x 12 stiffness of a linear tetrahedron (node-major, 3 dofs per node), N/m. Zienkiewicz & Taylor, vol. 1. */

@@ -75,7 +75,7 @@ static double factor_bytes(tissue *t) {
     return sizeof(double) * numbers + (sizeof(double) + sizeof(int)) * (double)cholmod_nnz(t->stiffness, &t->common);
 }
 
-/* Checks memory before the computation, because the kernel may kill a process that runs out of memory without a message. */
+/* Checks memory before the computation, because the kernel may kill a process that runs out of memory, without any message. */
 static trocar_status check_memory(tissue *t, report *why) {
     static const char remedy[] = "with inverse: condensed and needles that stay in the region_of_interest it is not needed";
     if (!t->factor || t->common.status == CHOLMOD_TOO_LARGE)

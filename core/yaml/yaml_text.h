@@ -1,4 +1,4 @@
-/* A YAML document as a tree of texts, lists and mappings, with the line of each key for messages. Uses libyaml. */
+/* A YAML document as a tree of scalars, lists and mappings, with the line of each key for messages. Uses libyaml. */
 #ifndef TROCAR_YAML_TEXT_H
 #define TROCAR_YAML_TEXT_H
 
@@ -28,7 +28,7 @@ void yaml_close(yaml_text *y);
 yaml_value yaml_root(yaml_text *y);
 yaml_value yaml_item(const yaml_value *list, int index);
 
-/* Returns the key of a pair, and its value in *value; a key that is not a single value is returned as "". */
+/* Returns the key of a pair, and its value in *value; a key that is not a scalar is returned as "". */
 const char *yaml_pair(const yaml_value *mapping, int index, yaml_value *value);
 bool yaml_has_key(const yaml_value *mapping, const char *key);
 bool yaml_key_repeated(const yaml_value *mapping, int index); /* true if an earlier pair has the same key */

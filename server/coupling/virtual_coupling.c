@@ -8,7 +8,7 @@ static const double ACTIVE_ENERGY = 1e-3;   /* J */
 
 /* A hand of mass m on a spring K and a damper B = 2 K T, both of which respond after a delay T, is stable for K T^2 / m < 0.53: the delay acts as a
    damper of -K T, and the damper itself must be slow compared with the delay. At K T^2 / m = 0.25, the hand is stable even with a delay of 1.4 T or
-   any other spring in series, provided that it adds a damping of K T / 8 itself. The margin is 0.125, because the device may be half as heavy as
+   any other spring in series, provided that the hand itself adds a damping of K T / 8. The margin is 0.125, because the device may be half as heavy as
    stated. */
 static const double DELAY_MARGIN = 0.125, DAMPING = 2.0;
 

@@ -13,14 +13,14 @@ enum { COUPLING_TICKS = 1024 };  /* number of stored wrenches: one second at 1 k
 typedef struct {
     int64_t tick;
     int64_t computed;        /* ns, monotonic */
-    vec3 force, torque;      /* exerted on the hand, N and N m */
+    vec3 force, torque;      /* force (N) and torque (N m) exerted on the hand */
 } coupling_wrench;
 
 /* State of the caution: a factor that allows the loop's delays to be longer than the known ones. */
 typedef struct {
     double factor;           /* the coupling is designed for the known delay times this factor; at least 1 */
     double level;            /* target of `factor`, which rises to the level at once and falls to it slowly */
-    double trusted;          /* caution level before the present oscillation */
+    double trusted;          /* caution level before the current oscillation */
     bool own;                /* the hand kept oscillating at the highest level, so the oscillation is the hand's own */
     bool lowered;            /* the level has been lowered since it was last raised */
     double calm;             /* s since the last undamped swing */
@@ -43,7 +43,7 @@ typedef struct {
     double unseen;           /* s, delays that cannot be measured from the poses: the device's own delay, and a margin for unknown ones */
     coupling_caution caution;
     swing_observer swings;
-    double stiffness, damping; /* N/m and N s/m, current values of the coupling; 0 if the coupling is rigid */
+    double stiffness, damping; /* current stiffness (N/m) and damping (N s/m) of the coupling; 0 if the coupling is rigid */
     vec3 stretch;            /* m, from the needle's base to the hand */
     vec3 before;             /* m, stretch when the last pose arrived, from which the damper's extension is counted */
     double age;              /* s, sum of the ticks' lengths since the last pose arrived */

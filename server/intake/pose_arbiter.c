@@ -190,7 +190,7 @@ pose_verdict arbiter_pose(pose_arbiter *in, const void *data, size_t size, int64
     return verdict;
 }
 
-/* Refuses the command and prints the reason into the record's message. */
+/* Refuses the command and writes the reason to the record's message. */
 static command_verdict refuse(pose_arbiter *in, needle_command *command) {
     in->record.commands_refused++;
     command->refused = true;

@@ -44,7 +44,7 @@ typedef struct {
     int late_ticks;          /* number of consecutive late ticks */
     double good_time;        /* s without a late tick since the ramp was triggered */
     double gain;             /* 0..1 */
-    vec3 force, torque;      /* last output wrench, N and N m */
+    vec3 force, torque;      /* force (N) and torque (N m) of the last output wrench */
     double kept;             /* from 1 to 0: fraction of the wrench before the transfer that is still in the output */
     vec3 before_force, before_torque; /* that wrench */
 } safety_limits;

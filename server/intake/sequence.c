@@ -1,6 +1,6 @@
 #include "intake/sequence.h"
 
-static const uint64_t LONGEST_GAP = 100000000; /* 0.1 s, for senders that use times in nanoseconds as sequence numbers */
+static const uint64_t LONGEST_GAP = 100000000; /* maximum gap: 0.1 s for senders that use times in nanoseconds as sequence numbers */
 
 /* Returns how many sequence numbers lie between `newest` and `number`; -1 if `number` is not after `newest` or is too far ahead. The numbers may wrap
    around. */

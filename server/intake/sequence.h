@@ -1,4 +1,4 @@
-/* Checks the order of one session's messages by their sequence numbers, after RFC 3550, A.1. A number that repeats, goes back or jumps too far is
+/* Checks the order of one session's messages by their sequence numbers, following RFC 3550, A.1. A number that repeats, goes back or jumps too far is
    refused, but a sender is never locked out permanently. */
 #ifndef TROCAR_SEQUENCE_H
 #define TROCAR_SEQUENCE_H

@@ -3,15 +3,16 @@
 #include <complex.h>
 #include <math.h>
 
-/* Hz: above the frequencies of the hand's tremor (8 to 12 Hz) and of its voluntary motion, and low enough for the motion to have an amplitude of a
-   few 0.01 mm. */
+/* Hz: above the frequencies of the hand's tremor (8 to 12 Hz) and of its voluntary motion, and low enough for the motion to have an amplitude of a few
+   hundredths of a millimetre. */
 static const double FREQUENCIES[RESPONSE_FREQUENCIES] = {14, 23, 37};
-static const double SETTLING = 0.5, DURATION = 4.0;  /* s: time to settle before the measurement, and duration of the measurement */
+static const double SETTLING = 0.5;                  /* s, time to settle before the measurement */
+static const double DURATION = 4.0;                  /* s, duration of the measurement */
 static const double LONGEST_STEP = 1e-3;             /* s, longest step of the integration */
-static const double LONGEST_DELAY = 0.06;            /* s, longest round-trip delay considered: longer than a period of the second frequency, shorter
-                                                        than a period of the lowest frequency */
+static const double LONGEST_DELAY = 0.06;            /* s, longest round-trip delay considered: longer than one period of the second-lowest frequency, shorter
+                                                        than one period of the lowest */
 static const double MOST_MISFIT = 0.2;
-static const double LEAST_MOTION = 1e-6;             /* m: if the amplitude at a frequency is smaller, it is regarded as noise */
+static const double LEAST_MOTION = 1e-6;             /* m: motion at a frequency with an amplitude below this is regarded as noise */
 
 void response_begin(device_response *r, double greatest, double now) {
     *r = (device_response){.amplitude = greatest / RESPONSE_FREQUENCIES, .begin = now + SETTLING};

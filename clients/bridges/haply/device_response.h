@@ -11,7 +11,7 @@ enum { RESPONSE_FREQUENCIES = 3 };
 typedef struct {
     double amplitude;        /* N, amplitude of the force at each frequency */
     double begin;            /* s */
-    struct { double time, value; bool known; } force, position; /* newest values of force (N) and position (m), both along one direction */
+    struct { double time, value; bool known; } force, position; /* newest values of force (N) and position (m) along the same direction */
     double forces[RESPONSE_FREQUENCIES][2], positions[RESPONSE_FREQUENCIES][2]; /* Fourier integrals of force (N s) and position (m s): cosine and sine parts */
 } device_response;
 

@@ -21,7 +21,7 @@ const char *argp_program_version = "trocar-haply " TROCAR_VERSION;
 error_t argp_err_exit_status = EXIT_BAD_INPUT;
 
 static const double GRAVITY = 9.81;                   /* m/s^2 */
-/* ns without a reply from the service after which the force is set to zero, as by trocar_client's watchdog */
+/* ns without a reply from the service after which the force is set to zero, as trocar_client's watchdog does */
 static const int64_t REPLY_TIMEOUT = 20000000;
 static const int64_t FROZEN = 500000000;              /* ns for which the state may stay exactly constant under a force before it counts as frozen; a
                                                          hand's tremor moves the device by tenths of a millimetre at 8 to 12 Hz */
@@ -300,7 +300,7 @@ static void on_opened(void *context) {
     b->told = 0;
     b->waiting = 0;
     b->overdue = false;
-    b->sent_at = monotonic_ns(); /* after a connection is opened, the service sends the first message */
+    b->sent_at = monotonic_ns(); /* the wait for a reply starts now, because the service sends the first message */
 }
 
 static void on_closed(void *context, const char *why) {

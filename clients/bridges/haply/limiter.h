@@ -12,8 +12,8 @@ typedef struct {
     vec3 force;              /* N, force returned by the last call */
 } limiter;
 
-/* Computes the next force to render, `period` s after the last one, as the limited sum of the needle's force and a force that carries a weight, both
-   in N. Returns zero if a number is not finite. */
+/* Computes the next force to render, `period` s after the last one, as the limited sum of the needle's force (`felt`) and a force that supports a weight
+   (`carried`), both in N. Returns zero if a number is not finite. */
 vec3 limiter_next(limiter *l, vec3 felt, vec3 carried, double period);
 
 /* Releases the needle: its force restarts at zero and rises over the next 0.1 s. */

@@ -1,6 +1,6 @@
 #include "mapping.h"
 
-/* Returns the shortest rotation that turns the z axis to this direction. */
+/* Returns the shortest rotation that turns the z axis into this direction. */
 static quat along(vec3 direction) {
     vec3 d = v3_unit(direction);
     if (d.z < -0.999999) return (quat){0, 1, 0, 0};

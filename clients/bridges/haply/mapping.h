@@ -9,7 +9,7 @@
 
 typedef struct {
     quat rotation;           /* rotation from the device's frame to the scene's frame */
-    double scale;            /* metres that the needle moves per metre of the hand */
+    double scale;            /* metres of needle motion per metre of hand motion */
     vec3 start;              /* m, scene's frame: position of the needle's controlled point (tip or base) when the first cursor position arrives */
     vec3 offset;             /* m, scene's frame: position of the device's origin; replaces `start` if `has_offset` */
     bool has_offset;

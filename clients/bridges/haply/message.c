@@ -4,8 +4,8 @@
 #include <stdio.h>
 #include <string.h>
 
-static const double REACH = 1.0;              /* m: largest distance between a device's cursor and its origin */
-static const double UNIT_TOLERANCE = 0.05;    /* largest allowed difference between a quaternion's length and 1 */
+static const double REACH = 1.0;              /* m, maximum plausible distance of a device's cursor from its origin */
+static const double UNIT_TOLERANCE = 0.05;    /* maximum allowed difference between a quaternion's length and 1 */
 
 static const cJSON *member(const cJSON *object, const char *name) { return cJSON_GetObjectItemCaseSensitive(object, name); }
 

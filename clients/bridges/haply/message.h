@@ -49,11 +49,10 @@ typedef struct {
 } haply_state;
 
 /* Reads a message. If the verdict is not GOOD, only `device` and `has_session_id` are valid in `state`, not the position. A handle that is missing,
-   or whose quaternion is not of unit length, leaves state->handle empty. The text need not be valid: it may be truncated, may not be JSON, or may
-   contain numbers of any size. */
+   or whose quaternion is not of unit length, leaves state->handle empty. The text may be arbitrary: truncated, not JSON at all, or with numbers of any size. */
 haply_problem haply_read(const char *text, size_t length, const haply_choice *choice, haply_state *state);
 
-/* Returns a text that states what is wrong with the message and what was expected. */
+/* Returns a description of what is wrong with the message and what was expected. */
 const char *haply_expected(haply_problem problem);
 
 /* Reads an event message of the service, port 10020 (service/events). Returns true if its level is warning or higher; `told` then receives level,

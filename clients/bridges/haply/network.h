@@ -8,7 +8,7 @@
 
 #include "base/report.h"
 
-enum { NETWORK_TEXT = 1 << 18 };  /* bytes of the longest message that can be received; a longer one is passed on as an empty text */
+enum { NETWORK_TEXT = 1 << 18 };  /* bytes, size of the longest message that can be received; a longer one is passed on as an empty string */
 
 struct lws;
 typedef struct network network;

@@ -1,5 +1,5 @@
-/* OpenIGTLink messages in encoded form, written and read with the C functions of Debian's library (1.11). That library knows version 1 of the header;
-   version 2's additions are implemented here: github.com/openigtlink/OpenIGTLink, Documents/Protocol/header.md. */
+/* OpenIGTLink messages in encoded form, written and read with the C functions of Debian's library (1.11). That library supports only version 1 of the header;
+   the additions of version 2 are implemented here: github.com/openigtlink/OpenIGTLink, Documents/Protocol/header.md. */
 #ifndef TROCAR_IGTL_H
 #define TROCAR_IGTL_H
 
@@ -40,14 +40,14 @@ void igtl_set_string(igtl_message *m, int64_t utime, const char *text);
    image. An image equal to the previous one does not count as a new value. */
 void igtl_set_image(igtl_message *m, int64_t utime, const ras_matrix *matrix, int width, int height, const unsigned char *grey);
 
-/* A surface of triangles (each a 3 followed by the indices of its points), or a curve through points. Create it once, without a value, and then move
+/* A triangulated surface (each triangle is a 3 followed by the indices of its points) or a curve through points. Create it once, without a value, and then move
    its points (x y z, mm). If no point has moved, that does not count as a new value. Returns false if memory is exhausted. */
 bool igtl_make_surface(igtl_message *m, int points, int triangles, uint32_t *polygons);
 bool igtl_make_curve(igtl_message *m, int points);
 void igtl_move_points(igtl_message *m, int64_t utime, const float *points, int count);
 
-/* Returns the value encoded with a header of version `version` (1 or 2) and adds a reference to it; returns NULL if there is no value or no
-   memory. */
+/* Returns the value encoded with a header of version `version` (1 or 2) and adds a reference to it; returns NULL if there is no value or memory is
+   exhausted. */
 igtl_packet *igtl_take(igtl_message *m, int version);
 void igtl_drop(igtl_packet *packet); /* removes one reference and frees the packet if it was the last; NULL is allowed */
 

@@ -15,8 +15,8 @@ typedef struct {
 /* Returns the number of volumes in the model. */
 int organs_count(const trocar_model *model);
 
-/* Creates `organs_count` surfaces and their messages, which have no value yet. Their faces point outwards. The name of a volume is truncated to 20
-   bytes; if two names are equal after that, the last letters of one name are replaced by the volume's number. NO_MEMORY. */
+/* Creates `organs_count` surfaces and their messages, which have no value yet. The faces of the surfaces point outwards. The name of a volume is truncated to
+   20 bytes; if two truncated names are equal, the last letters of one of them are replaced by the volume's number. NO_MEMORY. */
 trocar_status organs_make(const trocar_model *model, organ *organs, igtl_message *messages, report *why);
 void organs_free(organ *organs, int count);
 

@@ -13,7 +13,7 @@ enum { STATUS, NEEDLES, BASE = 0, TIP, FORCE, CURVE, PER_NEEDLE, PER_PROBE = 2 }
 
 /* ---- names ---- */
 
-/* Names a message of one needle: "NeedleToReference" for the first needle, "Needle2ToReference" for the second. Names must not exceed 20 letters, so
+/* Names a message of one needle: "NeedleToReference" for the first needle, "Needle2ToReference" for the second. Names must not exceed 20 characters, so
    the tip's message is called "Tip2ToReference". */
 static void name_needle(igtl_message *m, int needle) {
     char base[32] = "NeedleToReference", tip[32] = "NeedleTipToReference", force[32] = "NeedleForce", curve[32] = "Needle";
@@ -144,7 +144,7 @@ void outlets_show_forces(outlets *o, const subscriber *feed) {
         igtl_set_transform(m, w->utime, &force);
     }
     if (o->probe < 0 || !feed->probe.placed) return;
-    int64_t now = wall_us(); /* the subscriber does not store the times of its messages */
+    int64_t now = wall_us(); /* the current time, because the subscriber does not store the times of its messages */
     const trocar_probe *p = &feed->probe;
     ras_matrix place = ras_of_pose(&o->frame, load_pose(p->base.position, p->base.orientation)), force = ras_of_vector(&o->frame, p->force);
     igtl_set_transform(&o->messages[o->probe], now, &place);

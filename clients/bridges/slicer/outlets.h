@@ -12,17 +12,17 @@ typedef struct {
     patient_frame frame;     /* RAS */
     bool registered;         /* true if the scene is registered to a patient */
     igtl_message *messages;
-    int count, light_count;  /* number of messages; the small ones come first, and there are light_count of them */
+    int count, light_count;  /* number of messages, and number of small ones among them, which come first */
     int needles;             /* index of the first needle's four messages (base, tip, force and shape), which are followed by those of the other needles */
-    int probe;               /* index of the probe's two messages (pose and force); -1 if the scene has no probe */
-    int images;              /* index of the two images; -1 if there are none */
+    int probe;               /* index of the first of the probe's two messages (pose and force); -1 if the scene has no probe */
+    int images;              /* index of the first of the two images; -1 if there are none */
     organ *organs;
     int organ_count;
     slices slices;
     double *nodes;           /* m, current positions of the mesh's nodes, 3 coordinates each */
 } outlets;
 
-/* Creates the messages; `pixel` is the size of a pixel in m. BAD_INPUT as in slices_create; NO_MEMORY. */
+/* Creates the messages; `pixel` is the size of a pixel in m. BAD_INPUT for the same reasons as slices_create; NO_MEMORY. */
 trocar_status outlets_create(outlets *o, const trocar_scene *scene, const trocar_model *model, slice_style style, double pixel, report *why);
 void outlets_free(outlets *o);
 

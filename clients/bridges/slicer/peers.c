@@ -78,7 +78,7 @@ static void name_peer(peer *c, const struct sockaddr *address, socklen_t size) {
 }
 
 static peer *add_peer(peers *p, int i, int socket, const struct sockaddr *address, socklen_t size) {
-    const int on = 1, unsent = 65536; /* number of unsent bytes in the kernel above which the client counts as slow, because these bytes belong to
+    const int on = 1, unsent = 65536; /* `unsent`: number of unsent bytes in the kernel above which the client counts as slow, because these bytes belong to
                                          outdated values */
     peer *c = calloc(1, sizeof *c);
     int64_t *given = calloc((size_t)p->settings.message_count, sizeof *given);
@@ -174,7 +174,7 @@ static void complain(peer *c, const char *what, const char *fault) {
     c->unsaid = 0;
 }
 
-/* Answers GET_TYPE, which asks to send the value of one name, or all values, again. Other queries need no answer, because all messages are sent
+/* Answers GET_TYPE, which requests the value of one name, or all values, again. Other queries need no answer, because all messages are sent
    anyway. */
 static void answer_query(const peers *p, peer *c) {
     if (strncmp(c->head.type, "GET_", 4) != 0) return;
@@ -351,7 +351,7 @@ int peers_watch(peers *p, struct pollfd *events) {
 }
 
 void peers_handle(peers *p, const struct pollfd *events, int count) {
-    int next = 1; /* the events are in the same order as the peers */
+    int next = 1; /* index of the next event: the events are in the same order as the peers */
     for (int i = 0; i <= TRACKER && next < count; i++) {
         if (!p->all[i] || p->all[i]->socket != events[next].fd) continue;
         short ready = events[next++].revents;
@@ -362,7 +362,7 @@ void peers_handle(peers *p, const struct pollfd *events, int count) {
         if (ready & (POLLIN | POLLHUP | POLLERR)) receive(p, i);
         if (p->all[i] && (ready & POLLOUT)) send_news(p, i);
     }
-    if (events[0].revents) accept_peer(p); /* this is done last, because the events do not include the new peer */
+    if (events[0].revents) accept_peer(p); /* done last, because the events do not include the new peer */
 }
 
 /* ---- opening ---- */

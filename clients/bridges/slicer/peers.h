@@ -33,7 +33,7 @@ typedef struct {
     bool tracker_said;       /* true once it has been reported that the tracker is missing */
 } peers;
 
-/* Starts to listen. BAD_INPUT for an address or a port that cannot be used, and if the tracker's host is unknown. */
+/* Starts listening. BAD_INPUT for an address or a port that cannot be used, and if the tracker's host is unknown. */
 trocar_status peers_open(peers *p, const peer_settings *settings, report *why);
 void peers_close(peers *p);
 

@@ -30,7 +30,7 @@ typedef struct {
     peer_settings peers;
 } options;
 
-/* The sender that is allowed to move the needle or probe. If several try, it is the first one. */
+/* The sender that is allowed to move the needle or probe. If several senders try, the first one is allowed. */
 typedef struct {
     char who[80];
     int64_t heard;           /* ns, monotonic: arrival time of the sender's last pose; 0 if there is no sender */
@@ -183,8 +183,8 @@ static void show_news(bridge *b) {
     if (is_due(&b->status_due, now, SECOND / 10)) outlets_show_status(&b->outlets, &b->feed);
     if (peers_count(&b->peers) == 0) return;
     if (is_due(&b->forces_due, now, period)) outlets_show_forces(&b->outlets, &b->feed);
-    if (newest_picture(b) != b->shown && now - b->picture_made > period / 4 * 3) { /* the server's pictures arrive with jitter, so pictures at the
-                                                                                      server's own rate must neither wait nor be lost */
+    if (newest_picture(b) != b->shown && now - b->picture_made > period / 4 * 3) { /* three quarters of a period, because pictures arrive with jitter, and those
+                                                                                      at the server's own rate must be neither delayed nor skipped */
         b->picture_made = now;
         b->shown = newest_picture(b);
         outlets_show_picture(&b->outlets, &b->feed);

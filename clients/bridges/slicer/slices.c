@@ -7,9 +7,10 @@
 /* Dimensions of the images, same as in the viewer (clients/view/page/src/ultrasound_view.js). */
 static const double MARGIN = 0.014;     /* m, margin around the region of interest */
 static const double BELOW = 0.016;      /* m, distance from the region of interest to the probe if the scene has no probe */
-static const double NEAR[SLICES] = {0.010, 0.006}, WIDEST = 1.0; /* m, smallest depth shown in each image; rad, half of the widest sector angle */
+static const double NEAR[SLICES] = {0.010, 0.006}; /* m, smallest depth shown in each image */
+static const double WIDEST = 1.0;       /* rad, half of the widest sector angle */
 static const double BONE = 0.95, GLAND = 0.42, HOST = 0.66, OTHER = 0.55; /* brightness */
-static const double THICKNESS = 0.002;  /* m: a needle is visible if its distance from the plane is less than half of this thickness */
+static const double THICKNESS = 0.002;  /* m, thickness of a slice: a needle is visible if its distance from the plane is less than half of this */
 enum { SPECKLE = 64 };                  /* number of voxels along each edge of the cube of speckle, which is repeated in all directions */
 static const double GRAIN = 0.4e-3;     /* m, edge length of a voxel in the cube of speckle */
 enum { LARGEST_SIDE = 2048 };           /* pixels */
@@ -109,7 +110,7 @@ static double smooth(double from, double to, double x) {
 }
 
 typedef struct {
-    double near, far;        /* m, distances from the probe */
+    double near, far;        /* m, smallest and largest distance from the probe in the image */
     double side;             /* half of the sector's angle (rad), or half of the rectangle's length (m) */
     double centre;           /* m, position of the rectangle's centre */
 } fan;
@@ -218,7 +219,7 @@ static unsigned char shade(const slices *s, const slice *v, int pixel, int regio
 static double area(corner a, corner b, double x, double y) { return (b.x - a.x) * (y - a.y) - (b.y - a.y) * (x - a.x); }
 
 static void draw_triangle(const slices *s, slice *v, int region, corner a, corner b, corner c) {
-    static const double ROUNDING = 1e-9; /* so that pixels on an edge count as part of both polygons and leave no gap */
+    static const double ROUNDING = 1e-9; /* tolerance, so that pixels on an edge count as part of both polygons and leave no gap */
     double whole = area(a, b, c.x, c.y);
     if (fabs(whole) < 1e-12) return;
     int from_x = (int)ceil(fmax(0, fmin(a.x, fmin(b.x, c.x)) - ROUNDING)), to_x = (int)floor(fmin(v->width - 1, fmax(a.x, fmax(b.x, c.x)) + ROUNDING));

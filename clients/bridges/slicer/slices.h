@@ -1,4 +1,4 @@
-/* Images of the deformed tissue as from a transrectal probe: a sector across the probe's axis and a rectangle along it. The speckle moves with
+/* Images of the deformed tissue as a transrectal probe would show it: a sector across the probe's axis and a rectangle along it. The speckle moves with
    the tissue. As in the viewer, the images are meant for orientation and do not simulate ultrasound. */
 #ifndef TROCAR_SLICES_H
 #define TROCAR_SLICES_H
@@ -17,11 +17,11 @@ typedef enum {
 } slice_style;
 
 typedef struct {
-    int width, height;       /* number of pixels along the first axis, and number away from the probe */
-    double left, near;       /* m, position of the first pixel's centre relative to the probe */
+    int width, height;       /* number of pixels along a row, and number of rows (away from the probe) */
+    double left, near;       /* m, coordinates of the first pixel's centre along axes[0] and axes[1], relative to `origin` */
     float *gain;             /* gain of each pixel; 0 outside the probe's field of view */
     unsigned char *grey;     /* grey levels of the pixels, row by row */
-    vec3 origin, axes[3];    /* m, position of the probe; unit vectors along the rows, away from the probe, and normal to the image */
+    vec3 origin, axes[3];    /* origin, m: position of the probe; axes: unit vectors along the rows, away from the probe, and normal to the image */
 } slice;
 
 typedef struct {

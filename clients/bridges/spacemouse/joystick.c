@@ -58,7 +58,7 @@ static void take_rest(joystick *j) {
     for (int i = 0; i < INPUT_AXES; i++) j->rest[i] = libevdev_get_event_value(j->dev, EV_ABS, codes[i]);
 }
 
-/* Corrects the recorded rest value of a stick with the range 0 .. 255. Until its first report, such a stick has the value 0, like a trigger. It then
+/* Corrects the recorded rest value of a stick with the range 0 to 255. Until its first report, such a stick has the value 0, like a trigger. It then
    jumps to the middle of the range, whereas a trigger reaches the middle in small steps.
    */
 static void correct_rest(joystick *j, unsigned code, int value) {

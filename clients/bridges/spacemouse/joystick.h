@@ -11,7 +11,7 @@ struct libevdev;
 
 typedef struct {
     double full_force;       /* N, force on the needle that corresponds to the joystick's full force; a negative value reverses the direction */
-    double limit;            /* upper limit of the level, as a fraction (0 .. 1) of the joystick's full force */
+    double limit;            /* upper limit of the level, as a fraction (0 to 1) of the joystick's full force */
     double direction;        /* degrees, direction of the force on the stick: 0 is towards the user, 90 left, 180 away from the user, 270 right */
 } joystick_force;
 
@@ -28,7 +28,7 @@ typedef struct {
 
 extern const input_driver joystick_driver;
 
-/* Returns the level of a constant effect (-32767 .. 32767) that renders the force `push` (N); 0 if `push` is not finite. */
+/* Returns the level of a constant effect (-32767 to 32767) that renders the force `push` (N); 0 if `push` is not finite. */
 int joystick_level(const joystick_force *f, double push);
 
 /* Updates `state` from libevdev's values. Deflections are measured from the rest value to the ends of the range. Buttons are numbered as in

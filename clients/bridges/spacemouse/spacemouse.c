@@ -71,7 +71,7 @@ static const struct argp_option option_list[] = {
     {0},
 };
 
-/* Parses the lists of axes and buttons, which requires that all options are known. */
+/* Parses the lists of axes and buttons, which is possible only after all options have been read. */
 static void parse_lists(options *o, const struct argp_state *state) {
     const char *axes = o->use_joystick ? "forward=-y,right=x,up=-hat0y,roll=rz" : "right=x,up=y,forward=z,pitch=rx,yaw=ry,roll=rz";
     const input_driver *driver = o->use_joystick ? &joystick_driver : &spnav_driver;
@@ -150,7 +150,7 @@ typedef struct {
 
 static void say(const char *text) { fprintf(stderr, "trocar-spacemouse: %s\n", text); }
 
-/* True while a command that changes the needle's owner or place awaits its reply; no poses are sent in this time. */
+/* True while a command that changes the needle's owner or position awaits its reply; no poses are sent meanwhile. */
 static bool waits(const bridge *b) { return b->pending == ACTION_RESET || b->pending == ACTION_LEAVE; }
 
 static void ask(bridge *b, action_kind action) {
@@ -181,7 +181,7 @@ static void hear_reply(bridge *b) {
         rate_control_begin(&b->drive, b->drive.home, b->drive.home);
         b->rests = false;
     }
-    /* The server refuses a take if the needle does not rest in the tissue, for example after a restart of the server. In that case, the program holds
+    /* The server refuses a take command if the needle does not rest in the tissue, for example after a restart of the server. In that case, the program holds
        the needle as it does at the start. */
     if (b->pending == ACTION_LEAVE) b->rests = b->rests ? answer == TROCAR_CLIENT_UNANSWERED : done;
     b->heard = playing_now();

@@ -1,7 +1,7 @@
 """trocar: a flexible needle in soft tissue, from Python.
 
 A thin layer over libtrocar (see trocar.h): arrays are NumPy arrays, units are SI, and the world frame is the frame of the mesh. A `Scene` describes
-the simulation; a `Model` is built from it once and is constant; a `Sim` holds everything that changes. `rollout` runs many insertions on one model.
+the simulation; a `Model` is built from it once and is immutable; a `Sim` holds everything that changes. `rollout` runs many insertions on one model.
 
     >>> import trocar
     >>> model = trocar.Model(trocar.Scene.load("figure8.yaml"))
@@ -93,7 +93,7 @@ class Contact(NamedTuple):
     position: npt.NDArray[np.float64]
     force: npt.NDArray[np.float64]
     id: int  # identifies the contact; 0 for the tip
-    status: str  # "planned" if it lies ahead of the tip; "adding" until the worker has answered; after that, "sticking" or "sliding"
+    status: str  # "planned" if it lies ahead of the tip; "adding" until the worker has answered; then "sticking" or "sliding"
     slot: int  # index of the contact's slot; -1 for the tip
     needle: int  # index of the needle
 
@@ -119,8 +119,8 @@ class Seed(NamedTuple):
     position: npt.NDArray[np.float64]
     direction: npt.NDArray[np.float64]
     needle: int  # index of the needle that left the seed
-    guide: int | None  # hole of this guide through which the needle passed: column + columns * row, both counted from 0
-    hole: int | None
+    guide: int | None  # index of the guide through which the needle passed
+    hole: int | None  # index of the hole in that guide: column + columns * row, both counted from 0
     strand: int  # number of the seed in its strand, 0 for the distal seed
     tet: int  # tetrahedron that contains the seed's centre
     weights: npt.NDArray[np.float64]  # (4,) barycentric weights of the centre in that tetrahedron
@@ -149,15 +149,15 @@ class SeedSize(NamedTuple):
 
     length: float
     diameter: float
-    spacing: float  # spacing of a strand, between the centres of neighbouring seeds
+    spacing: float  # centre-to-centre spacing of the seeds of a strand
 
 
 class Probe(NamedTuple):
-    """The ultrasound probe as last solved.
+    """State of the ultrasound probe in the last solution.
 
     pose (7,): pose of the probe's base; force (3,) N and torque (3,) N m, world frame: exerted on the hand that holds the probe, torque about the
-    base point; contacts: number of surface points of the tissue on which the probe presses; stopped: true if the tissue stops the probe short of the
-    last pose given.
+    base point; contacts: number of surface points of the tissue on which the probe presses; stopped: true if the tissue stops the probe short of the last
+    commanded pose.
     """
 
     pose: npt.NDArray[np.float64]
@@ -217,7 +217,7 @@ class Mesh:
 
 class Scene:
     """Description of a simulation: the keys of a scene file. `key in scene` and iteration refer to the keys that have a value; entries of lists
-    appear with their index. Any number of threads may read a scene and make models of it; changing the scene at the same time raises Error."""
+    appear with their index. Any number of threads may read a scene and build models from it; changing the scene at the same time raises Error."""
 
     def __init__(self) -> None:
         """Creates a scene in which every key has its default value; `mesh`, `regions` and `fixed` must be set before use."""
@@ -336,11 +336,11 @@ class _View:
 
 
 class Model:
-    """Mesh, stiffness, inverse, needle and materials. A model is constant, and can be shared by any number of simulations and threads."""
+    """Mesh, stiffness, inverse, needle and materials. A model is immutable and can be shared by any number of simulations and threads."""
 
     def __init__(self, scene: Scene, mesh_only: bool = False, progress: Callable[[str, float], Any] | None = None) -> None:
-        """Builds everything, which takes seconds for thousands of nodes. The GIL is released during that time. mesh_only: only reads the mesh and the
-        names in it; the model can then not be simulated.
+        """Builds the model, which takes seconds for thousands of nodes. The GIL is released during that time. mesh_only: reads only the mesh and the names in
+        it; such a model cannot be simulated.
 
         progress(what, fraction) is called during long steps. An exception raised in it ends the call, and so does Ctrl-C, except while the mesh is
         read or a matrix is factorised.
@@ -356,7 +356,7 @@ class Model:
         self._guide_names = scene.names("guides")
 
     def __copy__(self) -> Model:
-        return self  # a model is constant, so a copy is not needed
+        return self  # a model is immutable, so a copy is not needed
 
     def __deepcopy__(self, _: Any) -> Model:
         return self
@@ -410,7 +410,7 @@ class Model:
 
     @property
     def description(self) -> str:
-        """Text that states which inverse was chosen, and why."""
+        """Describes which inverse was chosen, and why."""
         return ffi.string(lib.trocar_model_description(self._handle)).decode()
 
     @property
@@ -558,8 +558,8 @@ class Sim:
 
     @property
     def time(self) -> float:
-        """Simulated time since the creation of this object, s: the sum of all `dt`. The time of needles that tick one after another is counted once.
-        Saved and restored with the state."""
+        """Simulated time since the creation of this object, s: the sum of all `dt`. Several needles that tick in turn for the same period advance the time only
+        once. Saved and restored with the state."""
         with self._turn:
             return lib.trocar_view_time(self._view)
 
@@ -572,7 +572,7 @@ class Sim:
 
     @property
     def probe(self) -> Probe | None:
-        """Returns the probe as last solved. None if the scene has no probe, or if the probe has not been placed yet."""
+        """Returns the state of the probe in the last solution. None if the scene has no probe, or if the probe has not been placed yet."""
         with self._turn:
             p = lib.trocar_view_probe(self._view)
         if not p.placed:
@@ -662,7 +662,7 @@ class Sim:
                 for part in (points[points["track"] == t] for t in np.unique(points["track"]))]
 
     def centreline(self, needle: int = 0) -> npt.NDArray[np.float64]:
-        """Returns the joints of the needle from base to tip, (segments + 1, 3) m."""
+        """Returns the positions of the needle's joints from base to tip, (segments + 1, 3) m."""
         self._check_needle(needle)
         joints = np.empty((lib.trocar_model_segments(self.model._handle) + 1, 3))
         with self._turn:
@@ -701,7 +701,7 @@ class Sim:
             return lib.trocar_view_pending_seeds(self._view, needle)
 
     def displacements(self) -> npt.NDArray[np.float64]:
-        """Returns the displacements of the mesh's nodes, (n, 3) m, which requires one solve with the whole matrix."""
+        """Returns the displacements of the mesh's nodes, (n, 3) m, which requires one solve with the full stiffness matrix."""
         why = ffi.new("trocar_error *")
         field = np.empty((lib.trocar_model_node_count(self.model._handle), 3))
         with self._turn:

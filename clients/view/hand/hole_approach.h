@@ -8,7 +8,7 @@
 #include "shared/rate_control.h"
 #include "shared/template_holes.h"
 
-/* Returns the pose in line with a hole, with the tip a little in front of the face at which needles enter. Its y is along the rows. `column` and `row`
+/* Returns the pose in line with a hole, with the tip a little in front of the face at which needles enter. Its y axis is along the rows. `column` and `row`
    count from 0, and may lie half-way between two holes. */
 pose hole_home(const trocar_guide *guide, double column, double row, double needle_length);
 

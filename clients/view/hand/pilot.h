@@ -31,7 +31,7 @@ typedef struct {
     handover handing;        /* stage of a hand-over of that needle */
     int64_t handing_since;   /* ns, monotonic */
     int64_t replies_heeded;  /* value of subscriber.replies_heard up to which the replies have been handled */
-    bool lies_down;          /* true if a needle that its browser releases in the tissue is left to rest, which is so in a scene with a template */
+    bool lies_down;          /* true if a needle that its browser releases in the tissue is left to rest; set in scenes with a template */
     bool has_hole;           /* true if the driven needle should move to a hole of the template */
     int guide, column, row;
     const char *lost;        /* reason why the browser lost the needle without asking for it; "" while a browser drives, or if it asked for the release */

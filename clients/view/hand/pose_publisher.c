@@ -17,7 +17,7 @@
 enum { ORDERS = 256 };
 
 static const int64_t PERIOD = 1000000;         /* ns */
-static const int64_t PROBE_PERIOD = 10000000;  /* ns; the server accepts 100 probe poses per second */
+static const int64_t PROBE_PERIOD = 10000000;  /* ns between two poses of the probe; the server accepts 100 per second */
 static const double LONGEST_STEP = 0.01;       /* s, longest time step of the motion */
 static const double AT_HOME = 1e-6;            /* m, rounding */
 static const int64_t SILENCE = 250000000;      /* ns without an order after which the needle stops */

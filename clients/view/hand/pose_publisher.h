@@ -10,7 +10,7 @@
 #include "base/spsc_ring.h"
 #include "shared/rate_control.h"
 
-static const int64_t HANDOVER_PATIENCE = 2000000000; /* ns after which a hand-over is given up if there is no answer */
+static const int64_t HANDOVER_PATIENCE = 2000000000; /* ns without an answer after which a hand-over is abandoned */
 
 typedef enum {
     ORDER_TAKE,

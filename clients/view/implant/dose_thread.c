@@ -22,7 +22,7 @@
 
 enum {
     ORGANS = 3,
-    VOXELS = 1500000,        /* largest number of voxels in the dose grid */
+    VOXELS = 1500000,        /* maximum number of voxels in the dose grid */
     NICENESS = 15,
 };
 
@@ -250,7 +250,7 @@ static void find_levels(dose_thread *t) {
     for (int64_t i = 0; i < count; i++) t->levels[i] = (unsigned char)fmin(UINT8_MAX, 0.5 + scale * t->values[i]);
 }
 
-/* Encodes JSON and the grid's levels; empty if memory runs out. */
+/* Encodes JSON and the grid's levels; the result is empty if memory runs out. */
 static byte_buffer encode(dose_thread *t) {
     byte_buffer section = {0};
     char *text = NULL;
@@ -282,7 +282,7 @@ static bool has_moved(const dose_thread *t, const told_state *now, const told_st
     return false;
 }
 
-/* Waits for new input, but at most for this many ns; if the number is negative, waits without limit. */
+/* Waits for new input, up to this many ns; if the number is negative, waits without a time limit. */
 static void wait_for_news(const dose_thread *t, int64_t patience) {
     const struct timespec limit = {.tv_sec = patience / 1000000000, .tv_nsec = patience % 1000000000};
     uint64_t count;

@@ -6,7 +6,7 @@
 
 #include "trocar.h"
 
-/* Corners of the face opposite to each corner of a tetrahedron, counter-clockwise as seen from outside. */
+/* Corners of the face opposite each corner of a tetrahedron, counter-clockwise as seen from outside. */
 static const int FACE_CORNERS[4][3] = {{1, 2, 3}, {0, 3, 2}, {0, 1, 3}, {0, 2, 1}};
 
 /* True if there is a different region, or no tissue, on the other side of the face. */

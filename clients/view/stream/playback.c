@@ -20,7 +20,7 @@ typedef struct {
     int probes_done, commands_done; /* number of probe poses and commands handled so far */
     waiting_drop waiting;
     int refused;             /* number of commands for seeds that are refused here although the server had not refused them */
-    report refusal;          /* reason of the first refusal */
+    report refusal;          /* reason for the first refusal */
     int gaps;
 } playback;
 
@@ -105,7 +105,7 @@ trocar_status playback_run(const trocar_scene *scene, const char *path, timeline
     return status;
 }
 
-/* Returns the index of the last pose not after `at`, or -1 if the log ends before `at`. */
+/* Returns the index of the last pose at or before `at`, or -1 if the log ends before `at`. */
 static int tick_at(const pose_log *poses, double at) {
     int tick = poses->count - 1;
     if (isfinite(at) && pose_log_time(poses, tick) < at - CLOCK) return -1;

@@ -12,7 +12,7 @@ enum { PLAYBACK_HZ = 30 };  /* pictures per second of log time */
    pose_log_read_to_cut. */
 trocar_status playback_run(const trocar_scene *scene, const char *path, timeline *t, report *cut, report *why);
 
-/* Simulates up to the last pose not after `at` (s; INFINITY: the end), but writes only one sample and one picture at that time.
+/* Simulates up to the last pose at or before `at` (s; INFINITY: the end), but writes only one sample and one picture at that time.
    Also BAD_INPUT if the log ends before `at`. */
 trocar_status playback_moment(const trocar_scene *scene, const char *path, double at, timeline *t, report *cut, report *why);
 

@@ -16,8 +16,8 @@ enum { QUEUE = 512 * TROCAR_MAX_NEEDLES }; /* half a second of wrenches */
 
 static const int64_t SILENCE = 500000000; /* ns without a wrench after which the server is considered to have stopped */
 static const int64_t STALL = 150000000;   /* ns; a longer gap between two checks counts as a pause of this program; the viewer checks every 0.1 s */
-static const double OWNER_SILENCE = 2.0;  /* s, as in the server */
-static const int64_t NEWS = 150000000; /* ns for which a needle's last wrench is a more reliable source for its owner than the last status */
+static const double OWNER_SILENCE = 2.0;  /* s of silence after which an owner may lose the needle; same value as in the server */
+static const int64_t NEWS = 150000000; /* ns for which a needle's last wrench is a more reliable source of the needle's owner than the last status */
 
 /* ---- the channels ---- */
 
@@ -242,7 +242,7 @@ trocar_status subscriber_open(subscriber *f, lcm_t *lcm, const trocar_model *mod
     static const char *const channels[] = {"TROCAR_WRENCH", "TROCAR_TIMING", "TROCAR_STATUS", "TROCAR_CONTACTS", "TROCAR_TRACKS", "TROCAR_DEFORMATION", "TROCAR_SEEDS",
                                            "TROCAR_REPLY", "TROCAR_PROBE_WRENCH", NULL};
     static const lcm_msg_handler_t handlers[] = {on_wrench, on_timing, on_status, on_contacts, on_tracks, on_deformation, on_seeds, on_reply, on_probe};
-    static const packet_wishes wishes = {.channels = channels}; /* the deformation of a large mesh arrives in fragments */
+    static const packet_wishes wishes = {.channels = channels}; /* accepts fragments, because the deformation of a large mesh arrives in several */
     lcm_filter_restrict(&wishes);
     *f = (subscriber){.node_count = trocar_model_node_count(model), .needle_count = trocar_model_needles(model), .timeline = t,
                       .started = monotonic_ns(), .period = 1.0 / trocar_model_rate(model), .choice.patience = 1e-9 * (double)SILENCE};

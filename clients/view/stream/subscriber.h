@@ -18,9 +18,9 @@
 typedef struct {
     trocar_needle_wrench_t wrench;
     int64_t heard;           /* ns, monotonic: arrival of the last wrench; 0 before the first. The server sends none for a resting needle */
-    trocar_contacts_t *contacts; /* NULL before the first */
-    trocar_tracks_t *tracks; /* NULL before the first */
-    trocar_status_t *status; /* NULL before the first */
+    trocar_contacts_t *contacts; /* NULL before the first message */
+    trocar_tracks_t *tracks; /* NULL before the first message */
+    trocar_status_t *status; /* NULL before the first message */
 } needle_feed;
 
 typedef struct {
@@ -30,14 +30,14 @@ typedef struct {
     int64_t started;         /* ns, monotonic: time of the timeline's zero */
     double period;           /* s, period of the server's loop */
     int64_t heard;           /* ns, monotonic: arrival of the last wrench; 0 before the first */
-    int64_t silence, checked; /* ns of silence since then while this program was running, and time of the last count */
-    int64_t tick, server;    /* tick and server of that wrench */
+    int64_t silence, checked; /* ns; silence: time since the last wrench, counted only while this program was running; checked: time of the last count */
+    int64_t tick, server;    /* tick and server of the last wrench */
     int64_t servers;         /* number of servers that have been followed so far */
     trocar_loop_timing_t timing;
     needle_feed needles[TROCAR_MAX_NEEDLES];
     trocar_probe probe;      /* newest state of the probe; not placed before the first message about it */
     int64_t probe_owner;     /* session that moves the probe; 0 before the first */
-    trocar_seeds_t *seeds;   /* NULL before the first */
+    trocar_seeds_t *seeds;   /* NULL before the first message */
     trocar_deformation_t *deformation; /* likewise */
     trocar_command_reply_t *reply; /* reply to the last command of `session` other than RELEASE; NULL before the first */
     int64_t session;         /* the session that gives commands; set by the owner */

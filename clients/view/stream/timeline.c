@@ -20,7 +20,7 @@ void timeline_free(timeline *t) {
     *t = (timeline){0};
 }
 
-/* Makes room for an entry: the arrays of a log grow; live, the oldest entry is overwritten. */
+/* Makes room for an entry: the arrays of a log grow; in live mode, the oldest entry is overwritten. */
 static trocar_status make_room(const timeline *t, int64_t count, void **array, size_t *room, size_t size, report *why) {
     if (t->live || (size_t)count < *room) return TROCAR_OK;
     void *wider = realloc(*array, 2 * *room * size);

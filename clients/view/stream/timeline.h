@@ -10,7 +10,7 @@
 
 #define SAMPLE_SLOT 0.01     /* s, time covered by one sample of a needle */
 #define SAMPLE_SPAN 60.0     /* s, time span of the live samples that are kept */
-#define PICTURE_BYTES ((size_t)256 << 20) /* limit on the size of a log's pictures */
+#define PICTURE_BYTES ((size_t)256 << 20) /* bytes, maximum total size of a log's pictures */
 
 typedef struct {
     bool live;
@@ -43,7 +43,7 @@ typedef struct {
     int64_t picture, sample;
 } timeline_cursor;
 
-/* Adds the seeds of the newest picture, after that picture. For a log only; live, seeds arrive in messages of their own. */
+/* Adds the seeds of the newest picture, after that picture. For a log only; in live mode, seeds arrive in messages of their own. */
 trocar_status timeline_add_seeds(timeline *t, const trocar_seeds_t *seeds, report *why);
 
 bool timeline_has_news(const timeline *t, const timeline_cursor *cursor);

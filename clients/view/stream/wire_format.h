@@ -48,10 +48,10 @@ _Static_assert(sizeof(plot_sample) == 64, "decode.js reads 64 bytes a sample");
    surface and on named surfaces. `homes` are the waiting poses of the `needles` needles. `live`: data come from a server, not from a log. */
 void encode_scene(byte_buffer *out, const trocar_scene *scene, const trocar_model *model, const pose *homes, int needles, bool live);
 
-/* A needle in a picture; both are NULL for a needle that has not been held yet. */
+/* A needle in a picture; both pointers are NULL for a needle that has not been held yet. */
 typedef struct {
     const trocar_contacts_t *contacts;
-    const trocar_tracks_t *tracks; /* the newest tracks; NULL before the first */
+    const trocar_tracks_t *tracks; /* the newest tracks; NULL before the first message */
 } needle_shown;
 
 /* Encodes one picture at `time` (s): each needle with its contacts and tracks, the probe (if not NULL and placed), and the displacements of all

@@ -8,7 +8,7 @@
 #include <unistd.h>
 
 enum {
-    IN_FLIGHT = 2,           /* largest number of unacknowledged updates per browser */
+    IN_FLIGHT = 2,           /* maximum number of unacknowledged updates per browser */
     UPDATE_BYTES = 1 << 18,  /* bytes, approximate size of an update */
     PNG_BYTES = 64 << 20,    /* bytes, size of the largest accepted picture */
     WATCHES = 4,
@@ -28,7 +28,7 @@ typedef struct browser {
     bool refused;            /* the browser receives the reason and is disconnected; it is not in `browsers` */
     int in_flight;
     int silent;              /* number of statuses sent since the browser's last message */
-    uint32_t steered;        /* number of the browser's last command to move */
+    uint32_t steered;        /* number of the browser's last move command */
     byte_buffer received;    /* the part of a message received so far */
 } browser;
 
@@ -112,7 +112,7 @@ static void append_sections(web *w, browser *b) {
     }
 }
 
-/* Sends the reason of a refusal. Returns -1 to close the connection. */
+/* Sends the reason for a refusal. Returns -1 to close the connection. */
 static int send_refusal(const browser *b) {
     char reason[100];
     int length = snprintf(reason, sizeof reason, "%d browsers are connected already: close one of them.", WEB_BROWSERS);

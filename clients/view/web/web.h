@@ -14,7 +14,8 @@ typedef enum { ACTION_ACKNOWLEDGE = 1, ACTION_TAKE, ACTION_STEER, ACTION_RESET, 
                ACTION_LEAVE, ACTION_REMOVE, ACTION_PROBE, ACTION_LAST = ACTION_PROBE } action_kind;
 typedef struct {
     uint32_t kind;
-    float steer[6];          /* ACTION_STEER and ACTION_PROBE: right, up, forward, pitch, yaw, roll, each -1 .. 1; ACTION_HOLE: guide, column, row; ACTION_DROP: seeds */
+    float steer[6];          /* ACTION_STEER and ACTION_PROBE: right, up, forward, pitch, yaw, roll, each from -1 to 1; ACTION_HOLE: guide, column, row;
+                                ACTION_DROP: seeds */
     uint32_t needle;         /* ACTION_TAKE, ACTION_REMOVE: index of the needle; ACTION_STEER and ACTION_PROBE: a number that the next status returns */
 } web_action;
 _Static_assert(sizeof(web_action) == WEB_ACTION_BYTES, "link.js writes 32 bytes");

@@ -12,7 +12,7 @@ extern "C" {
 
 /* ---- sources ---- */
 
-/* The TG-43 data of one type of seed. Constant. */
+/* The TG-43 data of one type of seed. Immutable. */
 typedef struct trocar_dose_source trocar_dose_source;
 
 /* Loads consensus data of TG-43U1 by name: "I-125 6711" or "Pd-103 200". BAD_INPUT for another name; NO_MEMORY. [any, allocates] */
@@ -41,8 +41,8 @@ typedef struct trocar_dose_seed {
     double strength;             /* U, air-kerma strength at the time of implantation; above 0 and at most 1000 */
 } trocar_dose_seed;
 
-/* Computes the dose rates (Gy/h) of `seed_count` seeds at `count` points [count][3] (m), in 25 ns per point and seed. BAD_INPUT, and nothing is written,
-   if a seed or point is not finite or is beyond 1000 m, or if a strength or direction is invalid. [any, RT] */
+/* Computes the dose rates (Gy/h) of `seed_count` seeds at `count` points [count][3] (m), which takes 25 ns per point and seed. BAD_INPUT, and nothing is
+   written, if a seed or point is not finite or is beyond 1000 m, or if a strength or direction is invalid. [any, RT] */
 TROCAR_API trocar_status trocar_dose_rates(const trocar_dose_source *source, const trocar_dose_seed *seeds, int seed_count, const double *points,
                                            int64_t count, double *rates, trocar_error *error);
 
@@ -59,17 +59,17 @@ enum { TROCAR_MAX_DOSE_SEEDS = 4095 };
 typedef struct trocar_dose_grid {
     double origin[3];            /* m, centre of voxel (0, 0, 0) */
     double spacing;              /* m, greater than 0 */
-    int32_t counts[3];           /* numbers of voxels along x, y and z: each at least 1, with a product of at most 2^28 */
+    int32_t counts[3];           /* voxel counts along x, y and z; each is at least 1, and their product is at most 2^28 */
 } trocar_dose_grid;
 
-/* Creates a dose of zero, either on a grid (8 bytes per voxel) or at at most 2^28 points [count][3] (m; 32 bytes per point). The source must outlive the
+/* Creates a dose of zero, either on a grid (8 bytes per voxel) or at up to 2^28 points [count][3] (m; 32 bytes per point). The source must outlive the
    dose. BAD_INPUT for an invalid grid or point; NO_MEMORY. [any, allocates] */
 TROCAR_API trocar_status trocar_dose_create(const trocar_dose_source *source, const trocar_dose_grid *grid, trocar_dose **dose, trocar_error *error);
 TROCAR_API trocar_status trocar_dose_create_points(const trocar_dose_source *source, const double *points, int64_t count, trocar_dose **dose,
                                                    trocar_error *error);
 TROCAR_API void trocar_dose_free(trocar_dose *dose); /* [one] */
 
-/* Adds a seed, in 25 ns per point. `id` (may be NULL) receives a number that identifies the seed and is never reused. BAD_INPUT, without effect, as in
+/* Adds a seed, which takes 25 ns per point. `id` (may be NULL) receives a number that identifies the seed and is never reused. BAD_INPUT, without effect, as in
    trocar_dose_rates, or beyond TROCAR_MAX_DOSE_SEEDS seeds; NO_MEMORY. [one, allocates] */
 TROCAR_API trocar_status trocar_dose_add(trocar_dose *dose, const trocar_dose_seed *seed, int32_t *id, trocar_error *error);
 
@@ -87,7 +87,7 @@ TROCAR_API void trocar_dose_values(const trocar_dose *dose, double *values); /* 
 
 /* ---- structures ---- */
 
-/* The voxels whose centres are inside an organ at rest. Their centres are at multiples of the spacing plus one half. Constant. */
+/* The voxels whose centres are inside an organ at rest. Their centres are at multiples of the spacing plus one half. Immutable. */
 typedef struct trocar_structure trocar_structure;
 
 /* Finds the voxels inside surface number `surface`, or inside all triangles if the mesh has no triangle_surface. `spacing` in m. BAD_INPUT for an open
@@ -127,11 +127,11 @@ typedef struct trocar_dvh_summary {
     double volume_cm3;           /* cm^3 */
     double mean, minimum, maximum; /* Gy */
     double d10, d30, d80, d90;   /* Gy */
-    double v100, v150, v200;     /* fractions of the volume */
+    double v100, v150, v200;     /* fractions of the volume that receive 100, 150 and 200 % of the prescription */
     double v100_cm3;             /* cm^3 */
 } trocar_dvh_summary;
 
-/* Computes the customary dose-volume figures; voxel_volume in m^3, prescription in Gy. [any, RT] */
+/* Computes the usual dose-volume metrics; voxel_volume in m^3, prescription in Gy. [any, RT] */
 TROCAR_API trocar_dvh_summary trocar_dvh_summarise(const double *doses, int64_t count, double voxel_volume, double prescription);
 
 #ifdef __cplusplus

@@ -33,7 +33,7 @@ typedef enum trocar_status {
     TROCAR_BAD_INPUT,  /* a scene, mesh, argument or file is wrong; programs exit with status 2 */
     TROCAR_NO_MEMORY,  /* an allocation failed */
     TROCAR_NUMERIC,    /* a factorisation or a linear solve failed */
-    TROCAR_SYSTEM,     /* a call of the operating system failed */
+    TROCAR_SYSTEM,     /* a system call failed */
     TROCAR_NO_REALTIME, /* only from programs: the process limits do not permit real time; exit status 4 */
     TROCAR_CANCELLED   /* the host cancelled a long call (trocar_watch) */
 } trocar_status;

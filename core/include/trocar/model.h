@@ -1,4 +1,4 @@
-/* Models: mesh, stiffness, inverse, needle and materials. They are constant, so threads share them without a lock. Included by trocar.h. */
+/* Models: mesh, stiffness, inverse, needle and materials. They are immutable, so threads share them without a lock. Included by trocar.h. */
 #ifndef TROCAR_PUBLIC_MODEL_H
 #define TROCAR_PUBLIC_MODEL_H
 
@@ -47,7 +47,7 @@ TROCAR_API const char *trocar_model_description(const trocar_model *model);    /
 TROCAR_API const char *trocar_model_remarks(const trocar_model *model);        /* repairs of the mesh, and suspected errors in it; empty if there are none */
 TROCAR_API int trocar_model_unknowns(const trocar_model *model);               /* number of unknowns: three per free node */
 TROCAR_API int trocar_model_needles(const trocar_model *model);                /* number of needles of the scene */
-TROCAR_API int trocar_model_segments(const trocar_model *model);               /* number of the needle's segments; it has one joint more */
+TROCAR_API int trocar_model_segments(const trocar_model *model);               /* number of segments of the needle, which has one more joint than segments */
 TROCAR_API double trocar_model_needle_length(const trocar_model *model);       /* m */
 TROCAR_API double trocar_model_rate(const trocar_model *model);                /* Hz, rate_hz of the scene: rate of the haptic loop */
 
@@ -80,8 +80,8 @@ TROCAR_API int trocar_model_entry(const trocar_model *model, const double from[3
 /* Returns 1 if volumetric strains are averaged around nodes (key "volumetric_strain"), otherwise 0. */
 TROCAR_API int trocar_model_averages_strain(const trocar_model *model);
 
-/* Returns tet_count numbers, counted from 0, of the patches over which volumetric strains are averaged; NULL if they are not averaged over patches, or
-   with mesh_only. */
+/* Returns tet_count entries: for each tetrahedron, the index of the patch over which its volumetric strain is averaged; NULL if strains are not averaged over
+   patches, or with mesh_only. */
 TROCAR_API const int32_t *trocar_model_strain_patches(const trocar_model *model);
 
 /* ---- materials and guides ---- */

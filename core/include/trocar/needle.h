@@ -40,12 +40,12 @@ typedef struct trocar_contact {
 /* Results of trocar_view_hole if the needle is in no hole. */
 enum {
     TROCAR_NO_HOLE = -1,     /* the needle is not at the guide, or passes beside its plate */
-    TROCAR_MISSED_HOLE = -2  /* the needle passes through the plate beside its holes (TROCAR_EVENT_MISSED_GUIDE) */
+    TROCAR_MISSED_HOLE = -2  /* the needle passes through the plate outside its holes (TROCAR_EVENT_MISSED_GUIDE) */
 };
 
 /* ---- tracks ---- */
 
-enum { TROCAR_MAX_TRACKS = 128, TROCAR_MAX_TRACK_POINTS = 1024 }; /* largest numbers per needle; enough for 4 m of tracks */
+enum { TROCAR_MAX_TRACKS = 128, TROCAR_MAX_TRACK_POINTS = 1024 }; /* maximum counts per needle; enough for 4 m of tracks */
 
 /* A point of a track, along which a needle has cut since its last reset. Tissue stays cut, so any needle meets less resistance along a track. */
 typedef struct trocar_track_point {

@@ -8,7 +8,7 @@
 extern "C" {
 #endif
 
-/* The ticking thread fills a picture after a tick and can then hand it to another thread, which may take its time. */
+/* The ticking thread fills a picture after a tick and can then hand it to another thread, which may process it at its own pace. */
 typedef struct trocar_picture trocar_picture;
 
 /* Creates a picture of straight needles at the origin, with up to 150 kB per needle. NO_MEMORY; BAD_INPUT for a model with mesh_only. [any, allocates] */

@@ -20,21 +20,21 @@ TROCAR_API int trocar_model_probe(const trocar_model *model, trocar_probe_shape 
 TROCAR_API int trocar_model_probe_start(const trocar_model *model, trocar_pose *start);   /* initial pose from "probe.start."; returns 1, or 0 if the scene
                                                                                              gives none. [any, RT] */
 
-/* Moves the probe. The newest pose counts: the worker (in lockstep, the next step) solves for it. BAD_INPUT, without effect, for a pose that
+/* Moves the probe. Only the newest pose is used: the worker (in lockstep, the next step) solves for it. BAD_INPUT, without effect, for a pose that
    trocar_sim_reset would reject, or if the scene has no probe. [tick, RT, wakes] */
 TROCAR_API trocar_status trocar_sim_set_probe(trocar_sim *sim, const trocar_pose *base, trocar_error *error);
 
 enum { TROCAR_MAX_PRESSED = 256 };
 
-/* The probe as last solved, returned by trocar_view_probe. */
+/* State of the probe in the last solution, returned by trocar_view_probe. */
 typedef struct trocar_probe {
     trocar_pose base;
     double force[3];         /* N, world frame: force that the probe exerts on the hand */
     double torque[3];        /* N m, world frame: torque on the hand about the base point */
     int32_t contacts;        /* number of points of the surface (nodes and midpoints of edges) that the probe presses; at most TROCAR_MAX_PRESSED */
     int32_t placed;          /* 0 if the scene has no probe, or no acceptable pose has been given yet; everything except `stopped` is then 0 */
-    int32_t stopped;         /* 1 if the probe stays at `base` instead of the last pose given, because its force would exceed the scene's probe.max_force,
-                                or because it jumped and its axis would be in the tissue */
+    int32_t stopped;         /* 1 if the probe stays at `base` instead of moving to the last commanded pose, because its force would exceed the scene's
+                                probe.max_force, or because it jumped and its axis would be in the tissue */
     int32_t reserved;        /* 0 */
 } trocar_probe;
 

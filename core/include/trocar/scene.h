@@ -39,7 +39,7 @@ TROCAR_API trocar_status trocar_scene_get_number(const trocar_scene *scene, cons
 /* Returns the number of entries of "regions", "membranes", "calcifications", "guides", "fixed" or "relaxation"; -1 for any other key. [one] */
 TROCAR_API int trocar_scene_count(const trocar_scene *scene, const char *list);
 
-/* Returns the path from which the scene was loaded, as it was given; empty if the scene was not loaded. Valid as long as the scene. [one] */
+/* Returns the path from which the scene was loaded, as it was given; empty if the scene was not loaded. Valid as long as the scene exists. [one] */
 TROCAR_API const char *trocar_scene_path(const trocar_scene *scene);
 
 /* Limits of the key "rate_hz", Hz. */
@@ -57,7 +57,7 @@ typedef struct trocar_device_limits {
     double max_turn_rate;    /* rad/s */
     double hold_time;        /* s without a new pose after which the wrench is ramped down */
     double ramp_time;        /* s, time in which the wrench is ramped from full to zero, and back */
-    double mass;             /* kg, mass of device and hand at the handle; the virtual coupling allows for half of it */
+    double mass;             /* kg, mass of device and hand at the handle; the virtual coupling stays stable even if the actual mass is half of this */
     double delay;            /* s, round trip between bridge and device: from the output of a force until positions show its effect */
 } trocar_device_limits;
 TROCAR_API trocar_device_limits trocar_scene_device(const trocar_scene *scene); /* [one] */

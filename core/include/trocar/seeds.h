@@ -25,7 +25,7 @@ typedef struct trocar_seed {
 /* Dimensions of seeds in m, from the scene's keys "seeds.". */
 typedef struct trocar_seed_size {
     double length, diameter;
-    double spacing;          /* distance between the centres of adjacent seeds of a strand */
+    double spacing;          /* centre-to-centre spacing of the seeds of a strand */
 } trocar_seed_size;
 TROCAR_API trocar_seed_size trocar_model_seed_size(const trocar_model *model); /* [any, RT] */
 

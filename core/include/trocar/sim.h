@@ -20,7 +20,7 @@ enum { TROCAR_MAX_NEEDLES = 32, TROCAR_MAX_GUIDES = 8 };
 TROCAR_API trocar_status trocar_sim_create(trocar_model *model, trocar_sim **sim, trocar_error *error);
 TROCAR_API void trocar_sim_free(trocar_sim *sim); /* [alone] */
 
-/* Makes the needle straight at `base`, and the tissue as if this needle had never touched it; seeds and other needles stay. If the needle overlaps the
+/* Makes the needle straight at `base`, and restores the tissue as if this needle had never touched it; seeds and other needles stay. If the needle overlaps the
    tissue, it counts as inserted along its axis without force. BAD_INPUT if `needle` is out of range, or if the pose is not finite or its quaternion is not
    of unit length (within 1e-3). [tick, RT, wakes] */
 TROCAR_API trocar_status trocar_sim_reset(trocar_sim *sim, int needle, const trocar_pose *base, trocar_error *error);
@@ -89,19 +89,19 @@ TROCAR_API void trocar_sim_set_base_compliance(trocar_sim *sim, int needle, doub
 typedef struct trocar_work {
     int32_t answered;        /* 1 if the call answered a request, 0 if there was none */
     int32_t more;            /* 1 if more work is pending */
-    int32_t still_held;      /* 1 if a needle to be left stays held, because it has no equilibrium without the hand (NUMERIC) or slips out of the tissue
-                                (BAD_INPUT) */
+    int32_t still_held;      /* 1 if a needle that was to be left stays held, because it has no equilibrium without the hand (NUMERIC) or slips out of the
+                                tissue (BAD_INPUT) */
     int64_t latency;         /* ns on the simulation's clock from that request to its answer; 0 without a clock */
 } trocar_work;
 
-/* Answers the newest request, if there is one; otherwise prepares nodes ahead along the needle's line. `work` may be NULL. A call may take long. After an
-   error (NO_MEMORY, NUMERIC) the last answer remains in use. [work, allocates] */
+/* Answers the newest request, if there is one; otherwise prepares nodes ahead along the needle's line. `work` may be NULL. A call may take a long time. After
+   an error (NO_MEMORY, NUMERIC) the last answer remains in use. [work, allocates] */
 TROCAR_API trocar_status trocar_sim_work(trocar_sim *sim, trocar_work *work, trocar_error *error);
 
-/* Returns a descriptor for poll() that is readable while a request waits. It belongs to the simulation. [any, RT] */
+/* Returns a descriptor for poll() that is readable while a request is pending. It belongs to the simulation. [any, RT] */
 TROCAR_API int trocar_sim_work_descriptor(const trocar_sim *sim);
 
-/* Returns the ns, on the simulation's clock, since the oldest unanswered request; 0 if all requests have been answered. [tick, RT] */
+/* Returns the time in ns, on the simulation's clock, since the oldest unanswered request; 0 if all requests have been answered. [tick, RT] */
 TROCAR_API int64_t trocar_sim_waiting(const trocar_sim *sim);
 
 /* ---- save and restore ---- */
@@ -118,7 +118,7 @@ TROCAR_API trocar_status trocar_sim_restore(trocar_sim *sim, const void *state, 
    [alone, RT] */
 TROCAR_API void trocar_sim_set_clock(trocar_sim *sim, int64_t (*clock)(void));
 
-/* Returns the ns spent in each stage of the last tick. [tick, RT] */
+/* Returns the time in ns spent in each stage of the last tick. [tick, RT] */
 enum { TROCAR_STAGE_TISSUE, TROCAR_STAGE_NEEDLE, TROCAR_STAGE_CONTACT, TROCAR_STAGE_WRENCH, TROCAR_STAGES };
 TROCAR_API void trocar_sim_stages(const trocar_sim *sim, int64_t nanoseconds[4]);
 

@@ -10,14 +10,14 @@
 extern "C" {
 #endif
 
-/* A view of a simulation or a picture. It belongs to that object, is valid as long as it, and always shows its present state. The view of a picture may be
-   used by the thread that has the picture; that of a simulation, by its ticking thread. Functions that fill an array write at most `room` entries and
-   return the total number of entries; this is 0 for a needle out of range. */
+/* A view of a simulation or a picture. It belongs to that object, is valid as long as the object exists, and always shows the object's current state. The view
+   of a picture may be used by the thread that has the picture; that of a simulation, by its ticking thread. Functions that fill an array write at most `room`
+   entries and return the total number of entries; this is 0 for a needle out of range. */
 typedef struct trocar_view trocar_view;
 TROCAR_API const trocar_view *trocar_sim_view(const trocar_sim *sim); /* [any, RT] */
 
-/* Returns the simulated time in s since the creation of the simulation: the sum of `dt`. Needles that tick one after another in the same round count once.
-   [tick, RT] */
+/* Returns the simulated time in s since the creation of the simulation: the sum of `dt`. Several needles that tick in turn for the same period advance the time
+   only once. [tick, RT] */
 TROCAR_API double trocar_view_time(const trocar_view *view);
 
 /* ---- needles ---- */
@@ -26,7 +26,7 @@ TROCAR_API double trocar_view_time(const trocar_view *view);
    its current pose. [tick, RT] */
 TROCAR_API trocar_pose trocar_view_base(const trocar_view *view, int needle);
 
-/* Writes the joints of the needle from base to tip, 3 coordinates (m) each; at most TROCAR_MAX_JOINTS joints. [tick, RT] */
+/* Writes the positions of the needle's joints from base to tip, 3 coordinates (m) each; at most TROCAR_MAX_JOINTS joints. [tick, RT] */
 TROCAR_API int trocar_view_centreline(const trocar_view *view, int needle, double *joints, int room);
 
 /* Returns the rotation of the tip about the needle's axis minus that of the base, in rad; negative if the tip lags behind a base that is rotated forward.
@@ -58,11 +58,11 @@ TROCAR_API int trocar_view_seeds(const trocar_view *view, trocar_seed *seeds, in
 /* Returns the number of seeds that have been dropped but are still in the needle. [tick, RT] */
 TROCAR_API int trocar_view_pending_seeds(const trocar_view *view, int needle);
 
-/* Returns the probe as last solved. [tick, RT] */
+/* Returns the state of the probe in the last solution. [tick, RT] */
 TROCAR_API trocar_probe trocar_view_probe(const trocar_view *view);
 
-/* Computes the displacements (m) of the mesh's nodes, 3 node_count, by one solve with the whole matrix, which takes milliseconds to tenths of a second.
-   Allocates in the first call. NO_MEMORY. [tick, allocates] */
+/* Computes the displacements (m) of the mesh's nodes, 3 node_count, by one solve with the full stiffness matrix, which takes milliseconds to tenths of a
+   second. Allocates in the first call. NO_MEMORY. [tick, allocates] */
 TROCAR_API trocar_status trocar_view_displacements(const trocar_view *view, double *displacements, trocar_error *error);
 
 #ifdef __cplusplus

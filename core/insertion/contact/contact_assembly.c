@@ -14,8 +14,8 @@
 #include "snapshot/snapshot_kernels.h"
 
 static const double TIP_FADE = 3e-3; /* m: depth over which the tissue's lateral support of tip and shaft grows to its full value. Chosen by judgement */
-static const double LEAST_STIFFNESS = 1e-3; /* N/m: smallest stiffness of a share of the shaft per logarithm, for shaft that has emerged from a gap and is
-                                               hardly in the tissue. Rounding: stiffness of 0.5 um of shaft at 1 kPa */
+static const double LEAST_STIFFNESS = 1e-3; /* N/m: smallest stiffness of a share of the shaft per logarithm, for a share that has emerged from a gap and is
+                                               barely in the tissue. Rounding: stiffness of 0.5 um of shaft at 1 kPa */
 static const double LEAST_HOLD = 1e-6; /* fraction: smallest lateral support, so that its compliance is finite. Rounding tolerance */
 
 /* ---- points and forces --------------------------------------------------------------------------------------------- */
@@ -154,9 +154,9 @@ void find_local_compliance(const tick_input *tick, const insertion_state *state,
     tissue->axial[t + 1] = axial / fmax(shaft->axial, LEAST_STIFFNESS);
 }
 
-/* Change (m) of the shaft's lead over the tissue under its present traction after the tissue along its share has become softer (positive) or stiffer
-   (negative). When shaft enters another region, it has not sheared the tissue there yet; without this correction, the shaft would slide in the tick in
-   which the tip enters the region. */
+/* Change (m) of the shaft's lead over the tissue under its current traction after the tissue along its share has become softer (positive) or stiffer
+   (negative). When part of the shaft enters another region, it has not sheared the tissue there yet; without this correction, the shaft would slide in the tick
+   in which the tip enters the region. */
 static double lead_gained(const insertion_model *model, const contact_point *p, double logarithm, double traction, shaft_hold *shaft) {
     stiffened_shaft before = {shaft->softness, shaft->stiffening};
     stiffened_shaft now = {(p->share.to - p->share.from) / larger_of(p->shaft.axial, LEAST_STIFFNESS), p->shaft.stiffening};
@@ -195,7 +195,7 @@ static void bound_friction(const tick_input *tick, contact_problem *problem, int
     problem->state[i] = last;
 }
 
-/* Work (N, along the needle) done against the lateral support per length of advance. Near the surface, this support grows with depth, which stores elastic
+/* Work (N, along the needle) done against the lateral support per unit length of advance. Near the surface, this support grows with depth, which stores elastic
    energy in tissue and needle; the hand must do that work as the tip advances. Without this term, a tip that meets no resistance, as in an old track,
    would oscillate along the needle: a needle with firmer support bends more, and its end moves back. */
 static double work_of_hold(const insertion_state *state, const contact_points *points, const tissue_step *tissue) {

@@ -14,7 +14,8 @@ void points_locate(const tick_input *tick, const insertion_state *state, contact
 /* Computes the forces that the contact points exert on the needle's joints. RT */
 void points_load_needle(const tick_input *tick, const insertion_state *state, const contact_points *points, needle_response *response);
 
-/* Computes the tissue's compliance between the tip and each point, and the free displacement at the tip. `handles`: those of the tip's corner nodes. RT */
+/* Computes the tissue's compliance between the tip and each point, and the free displacement at the tip. `handles`: handles of the corner nodes of the element
+   that contains the tip. RT */
 void find_tip_rows(const tick_input *tick, const insertion_state *state, const contact_points *points, tissue_step *tissue, const creep_step *creep,
                    const int handles[4]);
 

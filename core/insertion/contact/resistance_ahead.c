@@ -122,8 +122,10 @@ static void add_knot(resistance_ahead *ahead, staircase *climb, double at, doubl
 void resistance_ahead_climb(const tick_input *tick, const insertion_state *state, const contact_points *points, resistance_ahead *ahead, double work_of_hold,
                             staircase *climb) {
     vec3 force = state->tip.solved.force, needle = needle_along(&points->list[points->count - 1].at);
-    double tissue = 0.0, slope = 0.0, cutting = 0.0, held = 0.0, at = 0.0; /* N, resistance of the tissue; N/m, its slope; N, the same resistance without
-                                                                              viscosity; N, resistance of the obstacles; m, slip reached */
+    double tissue = 0.0, slope = 0.0; /* resistance of the tissue (N) and its slope (N/m) */
+    double cutting = 0.0;             /* N, resistance of the tissue without viscosity */
+    double held = 0.0;                /* N, resistance of the obstacles */
+    double at = 0.0;                  /* m, slip reached */
     climb->count = 0;
     climb->back = 0.0;
     for (int k = 0; k < ahead->count && isfinite(held); k++) {

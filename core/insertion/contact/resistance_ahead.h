@@ -9,7 +9,7 @@
 void resistance_ahead_find(const tick_input *tick, const insertion_state *state, const hand_advance *hand, const path_step *path, const contact_points *points,
                            resistance_ahead *ahead);
 
-/* Builds the tip's staircase for the forces of the last pass. `work_of_hold` (N): work per length needed to advance into tissue whose lateral support
+/* Builds the tip's staircase for the forces of the last pass. `work_of_hold` (N): work per unit length needed to advance into tissue whose lateral support
    grows with depth. RT */
 void resistance_ahead_climb(const tick_input *tick, const insertion_state *state, const contact_points *points, resistance_ahead *ahead, double work_of_hold,
                             staircase *climb);

@@ -71,7 +71,7 @@ typedef struct {
     double stiffness, offset, angle;
 } roll_point;
 
-/* The rotation of the tissue around a shaft is local: a torque m' per length rotates the tissue by m' / (4 pi mu r^2), whatever the mesh. Here 2 pi mu is
+/* The rotation of the tissue around a shaft is local: a torque m' per unit length rotates the tissue by m' / (4 pi mu r^2), whatever the mesh. Here 2 pi mu is
    the inverse of the local compliance along the needle. */
 static roll_point point_at(const tick_input *tick, const insertion_state *state, const creep_step *creep, const contact_point *p) {
     const insertion_model *model = tick->model;
@@ -103,7 +103,8 @@ static void take_law(roll_point *p, const roll_friction *roll) {
 /* Solves for the angles (rad) of the twisted shaft with these torques: the points form a chain that starts at the base, and are eliminated in that order. */
 static void solve_chain(int n, double base, roll_point *p) {
     double share[MAX_SHARES]; /* fraction of the next point's angle that is added to each point's own */
-    double held = p[0].shaft, turning = p[0].shaft * base; /* N m / rad and N m: contribution of the chain between the base and this point */
+    double held = p[0].shaft, turning = p[0].shaft * base; /* stiffness (N m / rad) and torque (N m) that the chain between the base and this point
+                                                              contributes */
     for (int i = 0; i < n; i++) {
         double after = i + 1 < n ? p[i + 1].shaft : 0.0, inverse = 1.0 / (held + after + p[i].stiffness);
         p[i].angle = (turning - p[i].offset) * inverse;
@@ -141,7 +142,7 @@ static void search(insertion_state *state, const contact_points *points, int n, 
     }
 }
 
-/* Anchors new points at the shaft's present roll, where the surrounding tissue is unstrained. */
+/* Anchors new points at the shaft's current roll, where the surrounding tissue is unstrained. */
 static bool anchor_points(insertion_state *state, const contact_points *points) {
     bool twisted = state->tip_lead != 0.0;
     for (int i = points->guided; i < points->count; i++) {

@@ -7,7 +7,7 @@ static const double LEAST_SLOPE = 0.3; /* cosine, below 1: smallest cosine of th
 static const double TOLERANCE = 1e-6; /* m: largest distance between needle and edge at which the passes end. Chosen: a tolerance ten times smaller takes
                                          up to 1.6 times as many passes */
 static const double FORCE_TOLERANCE = 0.01; /* fraction: relative error of the edge spring's force at which the passes end, so that light touches are
-                                               resolved. Chosen, like TOLERANCE */
+                                               resolved. Chosen in the same way as TOLERANCE */
 static const double ROUNDING = 1e-12; /* m: distance between needle and edge that is accepted in any case. Rounding tolerance */
 
 static const guide *guide_of(const tick_input *tick, const contact_points *points, int point) { return &tick->model->guides[points->list[point].guide]; }
@@ -53,7 +53,7 @@ static void pass_front(const tick_input *tick, const insertion_state *state, con
     s->faces[1].arc = tick->model->needle->given.length;
 }
 
-/* True if the needle is too oblique to its hole for any real needle. */
+/* True if the angle between the needle and its hole is larger than that of any real needle. */
 static bool lies_across(const tick_input *tick, const insertion_state *state, const guide *g, const guide_state *s) {
     needle_point p = needle_at(tick->model->needle, &state->needle, s->faces[0].arc);
     return v3_dot(needle_along(&p), g->normal) < LEAST_SLOPE;

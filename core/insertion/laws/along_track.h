@@ -13,7 +13,7 @@ typedef struct {
     double along[4];            /* component along the track of each unit force */
 } track_shares;
 
-/* Returns the shares for point i in the tissue, for the needle's present shape. RT */
+/* Returns the shares for point i in the tissue, for the needle's current shape. RT */
 track_shares along_track(const insertion_state *state, const contact_points *points, const tissue_step *tissue, int i);
 
 /* Forces on the tissue along the track (N) that the shaft at point i exerts, and that the tip's end face exerts. RT */

@@ -103,7 +103,7 @@ void creep_begin(const tick_input *tick, insertion_state *state, creep_step *cre
 /* Returns the tissue's memory at a point of this step, which must not be a guide's. */
 static const share_memory *share_of(const insertion_state *state, const contact_points *points, int point) { return &state->memory.shares[point - points->guided]; }
 
-/* Returns a share without memory at the point's present position. The tip's share extends one radius beyond the tip, like its local compliance. */
+/* Returns a share without memory at the point's current position. The tip's share extends one radius beyond the tip, like its local compliance. */
 static share_memory empty_share(const tick_input *tick, const insertion_state *state, const contact_point *p) {
     if (p->kind == POINT_TIP)
         return (share_memory){.from = p->share.from, .to = p->share.to + tick->model->needle->radius, .tet = state->tip.place.tet, .at = state->tip.place.nominal};
@@ -198,8 +198,8 @@ static void fade_face(const tick_input *tick, insertion_state *state, const cree
     for (int k = 0; k < series->count; k++) face[k] *= fading;
 }
 
-/* The shaft next to the tip is one radius shorter than the share that bears the tip's lateral forces. Returns the fraction of the load along a shaft as
-   long as the share (the load in `along`) that this shaft bears. */
+/* The shaft next to the tip is one radius shorter than the share that bears the tip's lateral forces. Returns the fraction that this shorter shaft bears of the
+   load in `along`, which is the load on a shaft as long as the share. */
 static double shaft_part(const tick_input *tick, const insertion_state *state) {
     const share_memory *share = &state->memory.shares[state->memory.count - 1];
     return 1.0 - tick->model->needle->radius / (share->to - share->from);

@@ -17,7 +17,7 @@ void creep_deposit_all(const insertion_model *model, tissue_memory *memory, cons
 /* Clears all memory, as if the tissue had never been touched. RT */
 void creep_forget(tissue_memory *memory);
 
-/* Computes what results from memory: the displacement of the tissue at each point and the forces that shear the tissue. Multiplies the local compliances
+/* Computes the effects of memory: the displacement of the tissue at each point and the forces that shear the tissue. Multiplies the local compliances
    by the step's yield. To be called after find_tip_rows and find_local_compliance. RT */
 void creep_prepare(const tick_input *tick, insertion_state *state, const contact_points *points, tissue_step *tissue, creep_step *creep,
                    const stiffening_step *stiffening);
@@ -36,13 +36,13 @@ void creep_remember(const tick_input *tick, insertion_state *state, const contac
    after creep_prepare. RT */
 double creep_twist(const tick_input *tick, const creep_step *creep, int i);
 
-/* Load on the tissue (N) that is equivalent to the memory of share i, to be added to the present force. RT */
+/* Load on the tissue (N) that is equivalent to the memory of share i, to be added to the current force. RT */
 vec3 creep_load(const insertion_model *model, const tissue_memory *memory, int i);
 
 /* Load (N) that is equivalent to the memory of the tip's share; zero if the tip has no share. RT */
 vec3 creep_tip_load(const insertion_model *model, const tissue_memory *memory);
 
-/* Load equivalent to a residual load, N. RT */
+/* Load on the tissue (N) that is equivalent to a residual load. RT */
 vec3 creep_residual_load(const insertion_model *model, const residual_load *residual);
 
 /* Traction along the shaft (N/m) that is equivalent to the memory of point i's share. Point i must not be a guide's. To be called after creep_divide. RT */
@@ -51,13 +51,13 @@ double creep_traction_of(const tick_input *tick, const insertion_state *state, c
 /* Sum over the memory, which is not finite if any entry is not. RT */
 double creep_sum(const tissue_memory *memory);
 
-/* Displacement (m) of the node with this handle due to all causes except the needle's present contacts. RT */
+/* Displacement (m) of the node with this handle due to all causes except the needle's current contacts. RT */
 vec3 creep_free(const tick_input *tick, const insertion_state *state, const creep_step *creep, int handle);
 
-/* Displacement (m), due to all causes except the needle's present contacts, interpolated at the point with these corners and weights. RT */
+/* Displacement (m), due to all causes except the needle's current contacts, interpolated at the point with these corners and weights. RT */
 vec3 creep_free_at(const tick_input *tick, const insertion_state *state, const creep_step *creep, const int handles[4], const double weights[4]);
 
-/* True if only the needle's present contacts displace the tissue, and neither other bodies nor this needle's memory do. RT */
+/* True if only the needle's current contacts displace the tissue, and neither other bodies nor this needle's memory do. RT */
 bool creep_free_is_zero(const tick_input *tick, const insertion_state *state);
 
 /* True if enough residual load has been added to inform the worker. RT */

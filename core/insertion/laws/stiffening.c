@@ -56,7 +56,8 @@ static double remembered_along(const tick_input *tick, const creep_step *creep, 
 
 static double remembered_of_face(const tick_input *tick, const creep_step *creep) { return tick->model->creep.count > 0 ? creep->face : 0.0; }
 
-/* Evaluates the law for the force that would strain elastic tissue as much: in creeping tissue, this is `yield` times the sum of force and memory. */
+/* Evaluates the law for the force that would strain elastic tissue by the same amount: in creeping tissue, this is `yield` times the sum of force and
+   memory. */
 static stiffening_shift evaluate(const creep_step *creep, const stiffening_law *law, double force, double remembered) {
     double yield = creep->yield;
     stiffening_shift at = stiffening_at(law, yield * (force + remembered));

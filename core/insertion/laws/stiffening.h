@@ -20,7 +20,7 @@ void stiffening_prepare(const tick_input *tick, const insertion_state *state, co
 /* Change (m/N) of the compliance along the shaft at point i that stiffening causes under this force; at most 0. RT */
 double stiffening_slope(const stiffening_step *stiffening, int i, double force);
 
-/* Linearises the laws, in the first pass about the present forces, later about the forces of the last pass. RT */
+/* Linearises the laws, in the first pass about the current forces, later about the forces of the last pass. RT */
 void stiffening_linearise(const tick_input *tick, const insertion_state *state, const contact_points *points, const tissue_step *tissue, const creep_step *creep,
                           stiffening_step *stiffening, const damper_step *damper, bool first);
 

@@ -3,7 +3,7 @@
 #include <math.h>
 
 static const double SKIN_CONTACT = 1e-5; /* m: depth by which a plate may overlap the tissue, because a plate on the skin touches it. Rounding tolerance */
-static const double LEAST_SINE = 1e-3; /* 1: smallest sine of the angle between the normal and the direction of the columns. Rounding tolerance */
+static const double LEAST_SINE = 1e-3; /* dimensionless: smallest sine of the angle between the normal and the direction of the columns. Rounding tolerance */
 static const double LEAST_SQUARE = 0.7; /* cosine, below 1: smallest cosine of the angle between the given direction of the rows and the perpendicular to
                                            the columns. Chosen: 45 degrees; with a larger angle, the direction would be nearer to that of the columns */
 
@@ -41,7 +41,7 @@ static bool has_square_rows(const guide_config *g) {
     return square >= LEAST_SQUARE;
 }
 
-/* Checks the directions. For a fault, writes a description to `text` and returns the key. */
+/* Checks the directions. If there is a fault, writes a description to `text` and returns the key. */
 static const char *fault_of_directions(const guide_config *g, char *text, size_t size) {
     bool grid = g->columns * g->rows > 1;
     if (is_zero(g->normal)) return snprintf(text, size, "has no direction: give the direction in which needles pass through the plate"), "normal";

@@ -21,7 +21,7 @@ typedef struct {
     vec3 along;              /* direction along which columns are counted; any length; zero if not given */
     vec3 rows_along;         /* direction along which rows are counted; only its sign relative to `along` matters; zero selects normal x along */
     int columns, rows;
-    double spacing;          /* m, between the axes of neighbouring holes */
+    double spacing;          /* m, distance between the axes of neighbouring holes */
     double hole_diameter;    /* m */
     double thickness;        /* m; 0: a single plane, which does not constrain the needle's direction */
     double stiffness;        /* N/m, stiffness of a hole's edge, the same in all directions */
@@ -29,7 +29,7 @@ typedef struct {
     int line;                /* line of the guide's origin in the scene file, for messages; 0 if none */
 } guide_config;
 
-/* A guide in the form used by the tick. Constant during a run. */
+/* A guide in the form used by the tick. Immutable during a run. */
 typedef struct {
     vec3 origin;             /* m */
     vec3 normal;             /* unit vector through the plate */

@@ -1,4 +1,4 @@
-/* The constant data of an insertion: mesh, materials, needle, membranes, calcifications and settings. */
+/* The immutable data of an insertion: mesh, materials, needle, membranes, calcifications and settings. */
 #ifndef TROCAR_INSERTION_MODEL_H
 #define TROCAR_INSERTION_MODEL_H
 
@@ -26,14 +26,14 @@ typedef struct {
     double weakening_distance;   /* m, sliding distance over which static friction falls to kinetic friction */
     double prefetch_distance;    /* m, length of the path ahead of the tip that the requested window of nodes covers */
     double longest_step;         /* s; longer ticks are divided into several steps, so that forces do not depend on the tick rate */
-    int most_steps;              /* largest number of steps per tick; the steps of a tick that needs more become longer */
+    int most_steps;              /* maximum number of steps per tick; a tick that would need more takes longer steps */
     double track_reach;          /* needle diameters, distance up to which an old track is open to the tip; 0: tracks close behind the needle */
     double track_angle;          /* rad, largest angle between track and cutting direction at which the track is open */
-    int max_passes;              /* largest number of Newton passes per step */
+    int max_passes;              /* maximum number of Newton passes per step */
     double tolerance;            /* m, error of the needle's shape below which the passes end */
     double bone_compliance;      /* m/N, compliance of bone under the tip */
     double surface_friction;     /* friction coefficient between the tip and a surface that it has not punctured */
-    double gradient_span;        /* m behind and ahead of the tip, over which the gradient of the tissue's displacement is computed */
+    double gradient_span;        /* m, distance behind and ahead of the tip over which the gradient of the tissue's displacement is computed */
 } insertion_settings;
 
 typedef struct {

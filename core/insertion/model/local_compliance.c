@@ -2,8 +2,8 @@
 
 #include <stdlib.h>
 
-static const double LEAST_LOGARITHM = 0.02; /* 1: smallest logarithm of the ratio of resolved radius to needle radius; keeps contacts independent where the
-                                               mesh itself resolves the needle's surface. Chosen by judgement */
+static const double LEAST_LOGARITHM = 0.02; /* dimensionless: smallest logarithm of the ratio of resolved radius to needle radius; keeps contacts independent
+                                               where the mesh itself resolves the needle's surface. Chosen by judgement */
 static const double EMBEDDING_DEPTH = 4.0; /* radii: depth below the surface from which a disc counts as embedded in an infinite body. Fitted to resolved
                                               finite elements, within 2 % */
 static const double DENSITY = 1050.0; /* kg/m^3: density of soft tissue, for the speed of shear waves, which limits how fast tissue springs back. Cited: ICRU
@@ -11,10 +11,10 @@ static const double DENSITY = 1050.0; /* kg/m^3: density of soft tissue, for the
 static const double GUESSED_LATERAL = 0.42; /* edge lengths: radius that a mesh resolves across the needle, used until it has been measured. Measured:
                                                median of 4500 random places and directions in the meshes of figure8.yaml, implant.yaml and trus.yaml; 9 in
                                                10 are within a factor of 1.6 */
-static const double GUESSED_AXIAL = 0.49; /* edge lengths: radius that a mesh resolves along the needle, used until it has been measured. Measured like
-                                             GUESSED_LATERAL */
+static const double GUESSED_AXIAL = 0.49; /* edge lengths: radius that a mesh resolves along the needle, used until it has been measured. Measured in the same
+                                             way as GUESSED_LATERAL */
 static const double GUESSED_POINT = 0.14; /* 1 / edge length: compliance of the mesh to a point force times the shear modulus, used until it has been
-                                             measured. Measured like GUESSED_LATERAL */
+                                             measured. Measured in the same way as GUESSED_LATERAL */
 
 /* ---- model ---------------------------------------------------------------------------------------------------------- */
 

@@ -24,10 +24,10 @@ static inline lateral_axial local_line_stiffness(const region_material *material
 /* Logarithm of the ratio of resolved radius to needle radius; across the needle, a mean over the directions. */
 lateral_axial local_logarithm(const insertion_model *model, const resolved_field *resolved); /* RT */
 
-/* The same logarithm for each direction across an endless needle, without a lower limit. RT */
+/* Logarithm of the ratio of resolved radius to needle radius, for each direction across an endless needle, without a lower limit. RT */
 plane_tensor local_logarithm_across(const insertion_model *model, const resolved_field *resolved, vec3 direction);
 
-/* The logarithm across a needle whose tip is `ahead` (m) in front of the point; positive definite. RT */
+/* Logarithm of the ratio of resolved radius to needle radius, across a needle whose tip is `ahead` (m) in front of the point; positive definite. RT */
 plane_tensor local_logarithm_behind_tip(plane_tensor endless, const line_end *end, double ahead);
 
 /* Typical resolution of an element of this size, for elements in which it has not been measured. RT */

@@ -11,11 +11,11 @@ static double shear_of(double b) {
     return y;
 }
 
-enum { MOST_FORCES = 30 }; /* iterations: largest number in the search for the force at a given displacement. Effort limit: 8 are enough for S = 10 */
-static const double SAME_FORCE = 1e-6; /* 1: relative change of the force at which the iteration ends. Rounding: the force serves only as a point of
+enum { MOST_FORCES = 30 }; /* iterations: maximum number in the search for the force at a given displacement. Effort limit: 8 are enough for S = 10 */
+static const double SAME_FORCE = 1e-6; /* dimensionless: relative change of the force at which the iteration ends. Rounding: the force serves only as a point of
                                           linearisation */
-static const double RIGID = 1e-3; /* 1: fraction of the linear compliance below which the iteration ends. Rounding: the force serves only as a point of
-                                     linearisation */
+static const double RIGID = 1e-3; /* dimensionless: fraction of the linear compliance below which the iteration ends. Rounding: the force serves only as a point
+                                     of linearisation */
 
 /* ---- shaft: shear stress F' / (2 pi rho) at the distance rho ----------------------------------------------------------------
 
@@ -28,8 +28,8 @@ static stiffening_shift shaft_field(double b) {
     return (stiffening_shift){b * (q / (1.0 + q) - 1.5 * log1p(q)), -1.5 * log1p(q)};
 }
 
-static const double KEPT_LOGARITHM = 0.1; /* 1: smallest logarithm that stiffening leaves of the local compliance, so that contacts in one element of the mesh,
-                                             whose displacements are dependent, stay independent. Chosen by judgement */
+static const double KEPT_LOGARITHM = 0.1; /* dimensionless: lower limit to which stiffening may reduce the logarithm in the local compliance, so that contacts
+                                             in one element of the mesh, whose displacements are dependent, stay independent. Chosen by judgement */
 
 /* The stress b at which the slope is -most. */
 static double shaft_limit(double most) {
@@ -44,11 +44,11 @@ static double shaft_limit(double most) {
    1 / sqrt(t (1 + t^2)) from 0 to y. For small forces it is b - b^3 / 5, for large ones it grows with sqrt(b): force and dent go from a line
    to a parabola. */
 
-static const double STRESS = 0.8; /* 1: stress on the disc divided by the uniform stress that has the energy of the linear disc. Fitted to a resolved disc,
-                                     S = 1, pressed in by 2.5 radii (tests/unit/insertion/test_stiffening.c) */
-static const double WHOLE = 3.7081493546027438; /* 1: I(infinity). Exact: Gamma(1/4)^2 / (2 sqrt(pi)) */
-static const double SMALL = 1e-3; /* 1: force below which the tip's law is computed from the first term of its series. Derived: relative to that term, the
-                                     next one is 1e-6 */
+static const double STRESS = 0.8; /* dimensionless: stress on the disc divided by the uniform stress that has the energy of the linear disc. Fitted to a
+                                     resolved disc, S = 1, pressed in by 2.5 radii (tests/unit/insertion/test_stiffening.c) */
+static const double WHOLE = 3.7081493546027438; /* dimensionless: I(infinity). Exact: Gamma(1/4)^2 / (2 sqrt(pi)) */
+static const double SMALL = 1e-3; /* dimensionless: force below which the tip's law is computed from the first term of its series. Derived: relative to that
+                                     term, the next one is 1e-6 */
 
 /* For y <= 1: twice the integral of 1 / sqrt(1 + s^4) from 0 to sqrt(y), by Gauss quadrature with eight points. */
 static double small_integral(double y) {

@@ -18,7 +18,7 @@ static double off_zero(double pivot, double least) { return fabs(pivot) < least 
 
 static principal diagonalise(double p, double q, double r, double scale) {
     double least = LEAST_PIVOT * scale, half = 0.5 * (r - p), root = sqrt(half * half + q * q), sum = fabs(half) + root;
-    bool diagonal = root == 0.0; /* otherwise, Jacobi's rotation by the smaller angle, with tangent t */
+    bool diagonal = root == 0.0; /* otherwise, the Jacobi rotation by the smaller angle, with tangent t */
     double t = diagonal ? 0.0 : q / copysign(sum, half), c = diagonal ? 1.0 : sqrt(0.5 * sum / root);
     return (principal){c, t * c, {off_zero(p - t * q, least), off_zero(r + t * q, least)}};
 }
@@ -59,7 +59,7 @@ static symmetric_system axial_system(contact_problem *p) {
     return (symmetric_system){(double (*)[CONTACT_LD])&p->compliance[2 * p->count][2 * p->count], p->axial_count};
 }
 
-/* Computes the slips (m), under the present forces, of the points that slide freely. */
+/* Computes the slips (m), under the current forces, of the points that slide freely. */
 static void find_slips(contact_problem *p, double slip[MAX_AXIAL]) {
     symmetric_system s = axial_system(p);
     double force[MAX_AXIAL + PADDING] = {0}, sum[MAX_AXIAL + PADDING];
@@ -97,7 +97,7 @@ static bool solve_symmetric(const symmetric_system *s, double x[MAX_AXIAL + PADD
     return true;
 }
 
-/* Sets the climber's law for slips near knot k, between the piece below the knot and the piece above it. */
+/* Sets the law of the axial unknown `climber` for slips near knot k, between the piece below the knot and the piece above it. */
 static void stand_at_knot(contact_problem *p, int k) {
     const staircase *s = &p->ahead;
     int i = p->climber;
@@ -108,7 +108,7 @@ static void stand_at_knot(contact_problem *p, int k) {
     p->viscosity[i][0] = k > 0 ? s->slope[k - 1] : 0.0;
 }
 
-/* Slip (m) from which the law of unknown i is counted. */
+/* Slip (m) that is the origin of the law of unknown i. */
 static double origin(const contact_problem *p, int i) { return p->ahead.count > 0 && i == p->climber ? p->ahead.at[p->knot] : 0.0; }
 
 static double bound(const contact_problem *p, int i) { return p->state[i] == SLIP_FORWARD ? p->upper[i] : p->lower[i]; }
@@ -120,7 +120,7 @@ static void copy_row(const double *row, int all, int count, const int *unknown, 
     else for (int b = a; b < count; b++) to[b] = row[unknown[b]];
 }
 
-/* Solves for the axial forces, with the present sets of sticking and sliding contacts. */
+/* Solves for the axial forces, with the current sets of sticking and sliding contacts. */
 static bool solve_axial(contact_problem *p, int *negative) {
     int unknown[MAX_AXIAL], count = 0;
     _Alignas(CACHE_LINE) double system[ELIMINATION_SIZE(MAX_AXIAL)][MOST_COLUMNS];
@@ -148,7 +148,7 @@ static bool solve_axial(contact_problem *p, int *negative) {
     return true;
 }
 
-/* Returns the state of unknown i that is consistent with the solution: its present state, or the one to which it must switch. */
+/* Returns the state of unknown i that is consistent with the solution: its current state, or the one to which it must switch. */
 static friction_state consistent_state(contact_problem *p, int i, double slip) {
     double force = p->force[2 * p->count + i], margin = MARGIN * (1.0 + fabs(force));
     if (p->state[i] == STICK) {
@@ -161,7 +161,7 @@ static friction_state consistent_state(contact_problem *p, int i, double slip) {
     return p->state[i] * (slip - origin(p, i)) < 0.0 ? STICK : p->state[i];
 }
 
-/* Returns the knot of unknown i that is consistent with the solution: the next knot if the unknown has slid past it, otherwise the present one. */
+/* Returns the knot of unknown i that is consistent with the solution: the next knot if the unknown has slid past it, otherwise the current one. */
 static int consistent_knot(const contact_problem *p, int i, double slip) {
     int next = p->knot + (int)p->state[i];
     if (p->ahead.count == 0 || i != p->climber || next == p->knot || next < 0 || next >= p->ahead.count) return p->knot;
@@ -182,9 +182,9 @@ static bool switch_state(contact_problem *p, int i, double slip, bool may_switch
     return true;
 }
 
-/* Active-set search. All inconsistent contacts switch at once, usually about twice. If that cycles, they switch one at a time in least-index order, which
-   terminates for positive definite problems (Murty 1974). `negative`: number of negative eigenvalues of the compliance between the points that stick or
-   that slide with viscosity. */
+/* Active-set search. All inconsistent contacts switch at once; usually, about two rounds are needed. If that cycles, they switch one at a time in least-index
+   order, which terminates for positive definite problems (Murty 1974). `negative`: number of negative eigenvalues of the compliance between the points that
+   stick or that slide with viscosity. */
 static bool search_states(contact_problem *p, int *negative) {
     int limit = ROUNDS_TOGETHER + ROUNDS_EACH * (p->axial_count + p->ahead.count);
     double slip[MAX_AXIAL];

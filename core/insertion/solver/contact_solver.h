@@ -35,10 +35,11 @@ typedef struct {
    n lateral ones followed by m axial ones; m can exceed n, because a point may bear several forces along the needle. The axial unknown `climber` follows
    the staircase `ahead` instead: near knot k, it obeys the same law with slips counted from at[k]. */
 typedef struct {
-    int count, axial_count;              /* n and m; the n points are guides, contacts and the tip; at most MAX_POINTS and MAX_AXIAL */
+    int count, axial_count;              /* count is n, the number of points (guides, contacts and the tip), at most MAX_POINTS; axial_count is m, at most
+                                            MAX_AXIAL */
     _Alignas(CACHE_LINE) double compliance[ELIMINATION_SIZE(MAX_UNKNOWNS)][CONTACT_LD]; /* A, m/N: only the upper triangle; overwritten by the solve */
     double gap[MAX_UNKNOWNS];            /* m */
-    double lower[MAX_AXIAL], upper[MAX_AXIAL];     /* N, lower <= upper; may be infinite */
+    double lower[MAX_AXIAL], upper[MAX_AXIAL];     /* N, bounds of the axial forces, lower <= upper; may be infinite */
     double viscosity[MAX_AXIAL][2];      /* N/m, >= 0, for sliding backward and forward: viscous friction over the tick */
     friction_state state[MAX_AXIAL];     /* in: warm start; out: solution */
     staircase ahead;

@@ -9,7 +9,8 @@
 
 enum { NOT_BLOCKED = -1, BLOCKED_BY_BONE = -2 };
 
-typedef enum { TIP_FREE, TIP_INSIDE, TIP_BEYOND } tip_phase; /* beyond: the tip is outside, on the far side or in a gap, but the shaft is still in the tissue */
+typedef enum { TIP_FREE, TIP_INSIDE, TIP_BEYOND } tip_phase; /* TIP_BEYOND: the tip is outside, on the far side or in a gap, but the shaft is still in the
+                                                                tissue */
 
 /* Planned: the node has been requested, but the tip has not reached it. Waiting: the tip has passed the node, but its row of the inverse has not arrived.
    Active: the contact is part of the solve, and `friction` says whether it sticks. Active contacts come first along the track, then waiting ones, then a
@@ -31,7 +32,7 @@ typedef struct {
     double slip;             /* m, slip in the last solve, positive if the shaft moves forward relative to the tissue; applied by the next tick */
     double slid;             /* m, distance slid since the shaft last stuck */
     friction_state friction;
-    double traction;         /* N/m, force along the needle per length of the share */
+    double traction;         /* N/m, force along the needle per unit length of the share */
     double softness;         /* m^2/N, mean over the share of the local compliance to a line force along the needle, per logarithm; 0 if not known yet */
     double stiffening;       /* mean over the share of the regions' stiffening coefficient */
     roll_friction roll;
@@ -58,7 +59,7 @@ typedef struct {
 /* An old track that guides the tip. */
 typedef struct {
     double openness;         /* 0 to 1: how open the track is to the tip; 0 means no track, and the other members are then unused */
-    vec3 direction;          /* unit nominal direction in which the track guides the tip */
+    vec3 direction;          /* unit vector in the undeformed tissue: direction in which the track guides the tip */
     double to_end;           /* m from the tip to the end of the track */
     vec3 tilt;               /* tip's direction in the track minus its cutting direction */
 } open_track;

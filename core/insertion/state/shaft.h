@@ -34,7 +34,7 @@ static inline double shaft_friction_limit(const insertion_model *model, const sh
     return shaft->kinetic + shaft->excess * exp(-slid / model->settings.weakening_distance);
 }
 
-/* State of shaft in unsheared tissue at this depth, for a tip at the same depth. RT */
+/* State of the shaft in unsheared tissue at this depth, for a tip at the same depth. RT */
 static inline shaft_hold shaft_at_rest(const insertion_model *model, double depth) {
     return (shaft_hold){.origin = model->needle->given.length - depth, .roll = {.anchor = NAN}};
 }

@@ -16,7 +16,7 @@ void drop_strata_ahead(insertion_state *state);
 /* Index of the last gap in the list of strata, or -1. RT */
 int last_gap(const insertion_state *state);
 
-/* Depth (m) at which the track entered the tip's present body; 0 in the first body. RT */
+/* Depth (m) at which the track entered the tip's current body; 0 in the first body. RT */
 double tip_entry_depth(const insertion_state *state);
 
 #endif

@@ -12,16 +12,16 @@ typedef enum {
     EVENT_ADDED = 1 << 2,        /* a contact became active */
     EVENT_REMOVED = 1 << 3,      /* a contact slipped off the tip */
     EVENT_EXITED = 1 << 4,       /* the tip left the tissue on the far side, or into a gap */
-    EVENT_REENTERED = 1 << 5,    /* the tip returned the same way */
+    EVENT_REENTERED = 1 << 5,    /* the tip returned to the tissue the way it had left */
     EVENT_WITHDRAWN = 1 << 6,    /* the needle was withdrawn from the tissue through its entry */
     EVENT_LATE = 1 << 7,         /* the snapshot does not cover the tip, or the mesh's resolution at the tip has not been measured: the tick used the last
                                     known values, or estimates */
     EVENT_FULL = 1 << 8,         /* MAX_CONTACTS or MAX_STRATA has been reached: from now on the shaft has the friction of the last recorded stratum */
     EVENT_UNSTABLE = 1 << 9,     /* the result was not finite: the insertion restarts */
-    EVENT_MISSED_GUIDE = 1 << 11, /* the needle passes a guide outside its holes and is not guided; set in every tick */
-    EVENT_OUTSIDE_MODEL = 1 << 12, /* the shaft is pushed into a body sideways and bears no force there; set in every tick */
+    EVENT_MISSED_GUIDE = 1 << 11, /* the needle passes a guide outside its holes and is not guided; set in every such tick */
+    EVENT_OUTSIDE_MODEL = 1 << 12, /* the shaft is pushed into a body sideways and bears no force there; set in every such tick */
     EVENT_TRACK_DROPPED = 1 << 13, /* there is no room for another track or point (MAX_TRACKS, MAX_TRACK_POINTS), so the needle's oldest track was dropped */
-    EVENT_INEXACT = 1 << 14,     /* the passes did not converge within their largest number */
+    EVENT_INEXACT = 1 << 14,     /* the passes did not converge within their maximum number */
 } insertion_event;
 
 /* The output of a tick. */
@@ -32,7 +32,7 @@ typedef struct {
     int contacts;                /* number of active contacts */
     unsigned events;             /* insertion_event bits of this tick */
     int membrane;                /* index of the membrane punctured in this tick, or -1 */
-    int passes, switches;        /* numbers of passes and of contact switches in this tick */
+    int passes, switches;        /* number of passes, and number of contact switches, in this tick */
 } tick_output;
 
 /* The parts of a tick that are timed, each of several stages (insertion/README.md): hand to ahead; needle and advance; problem and solve; and, after the last
@@ -107,7 +107,7 @@ typedef struct {
 } stiffening_step;
 
 /* The map J from a lateral displacement of the shaft, in the shaft's frame, to the displacement of the point where its axis intersects the face of a
-   guide, in the directions of the grid. A force in the plane of the face is equivalent to the lateral force J^T times it on the needle. */
+   guide, in the directions of the grid. A force f in the plane of the face is equivalent to the lateral force J^T f on the needle. */
 typedef struct {
     double m[2][2], inverse[2][2];
 } crossing_map;
@@ -147,7 +147,7 @@ typedef struct {
     needle_tip tip;
     guide_contact faces[MAX_GUIDE_POINTS];    /* the guide contacts of the points at guides */
     struct { vec3 force; shaft_hold shaft; } contacts[MAX_POINTS]; /* force and shaft state at each point in contact with tissue */
-    int knot;                                 /* present knot of the contact problem's staircase */
+    int knot;                                 /* current knot of the contact problem's staircase */
 } pass_checkpoint;
 
 _Static_assert((int)MAX_POINTS <= BETWEEN_POINTS && (int)NEEDLE_POINT_JOINTS == BETWEEN_JOINTS, "the kernels take all points");
@@ -161,7 +161,7 @@ typedef struct {
 
 /* Intended direction of the tip; written by the path stage. */
 typedef struct {
-    vec3 cut_direction;      /* unit nominal direction in which the tip would cut if no old track guided it */
+    vec3 cut_direction;      /* unit vector in the undeformed tissue: direction in which the tip would cut if no old track guided it */
 } path_step;
 
 /* The contact points that are part of the solve, listed by the tissue stage. Their members `at`, `target`, `lead` and (for the tip) `arc` follow the
@@ -225,7 +225,7 @@ typedef struct {
     insertion_profile profile;
 } insertion_workspace;
 
-/* Mount of the base: a spring whose other end is at `pose`, where the base is without force. */
+/* Mount of the base: a spring that connects the base to `pose`, where the base would be without force. */
 typedef struct {
     pose pose;
     double compliance;       /* m/N, compliance of the spring, the same in every direction; 0 if the base is held rigidly */

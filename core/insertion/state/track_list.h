@@ -32,7 +32,7 @@ static inline int track_end(const track_list *list, int track) { return track + 
    If there is no room, the oldest track is dropped and the function returns false. RT */
 bool tracks_cut(track_list *list, track_point from, track_point to);
 
-/* Records the puncture of a membrane at this point. Returns the same as tracks_cut. RT */
+/* Records the puncture of a membrane at this point. The return value is the same as that of tracks_cut. RT */
 bool tracks_puncture(track_list *list, track_point at, int membrane);
 
 /* Appends those tracks of another list whose distance from a nominal point is between `beyond` and `reach` (m), until the list is full. RT */
@@ -44,7 +44,7 @@ double tracks_puncture_distance(const track_list *list, int membrane, vec3 x, do
 /* The point of a track that is closest to a given point x. */
 typedef struct {
     double distance;         /* m, distance from x; INFINITY if no point is within reach */
-    vec3 point, along;       /* m, the closest point; and the unit vector along the cut */
+    vec3 point, along;       /* point, m: the closest point; along: unit vector along the cut */
     double ahead, behind;    /* m, length of the track from the point to its end and back to its start */
 } track_place;
 

@@ -7,7 +7,7 @@
 /* RT */
 void checkpoint_save(const insertion_state *state, const contact_points *points, const contact_problem *problem, pass_checkpoint *saved);
 
-/* After the restore, passes give bitwise the same result as passes directly after the save. The points must be located again. RT */
+/* After the restore, the passes give a result that is bitwise identical to that of passes directly after the save. The points must be located again. RT */
 void checkpoint_restore(insertion_state *state, const contact_points *points, contact_problem *problem, const pass_checkpoint *saved);
 
 #endif

@@ -3,11 +3,11 @@
 #include "insertion/step/checkpoint.h"
 #include "insertion/step/needle_drag.h"
 
-static const double AT_REST = 5e-3; /* fraction: drag, relative to Euler's load, below which a moving needle is considered at rest. Chosen: 0.05 N for an
+static const double AT_REST = 5e-3; /* fraction: drag, relative to the Euler load, below which a moving needle is considered at rest. Chosen: 0.05 N for an
                                        18 G needle of 200 mm, about the smallest force that a hand feels */
 static const double LEAST_STEP = 1.0 / 256; /* fraction: smallest part of a tick used as an increment to follow a branch of equilibria. Effort limit: eight
                                                halvings */
-enum { LAST_PASSES = 3 }; /* passes: largest number within which a needle may come to rest. Effort limit */
+enum { LAST_PASSES = 3 }; /* passes: maximum number within which a needle may come to rest. Effort limit */
 
 /* Computes the difference between the gaps and those that would balance the forces at the start of the tick. It results from the motion of the base. */
 static void find_lag(const tick_input *tick, insertion_state *state, insertion_workspace *w) {
@@ -52,7 +52,7 @@ static pass_result come_to_rest(const tick_input *tick, insertion_state *state, 
     return moved;
 }
 
-/* Closes the gaps in small increments. Against bone, one large step would find the straight needle, which is unstable above Euler's load; small increments
+/* Closes the gaps in small increments. Against bone, one large step would find the straight needle, which is unstable above the Euler load; small increments
    follow the branch on which the needle bows. Where that branch ends, the needle moves to another one against its drag. The drag is inversely proportional
    to the increment, so that a short enough one is stable under any compression. */
 pass_result continuation_follow(const tick_input *tick, insertion_state *state, insertion_workspace *w, tick_output *output) {

@@ -5,7 +5,7 @@
 #include "insertion/model/insertion_model.h"
 #include "insertion/state/insertion_state.h"
 
-/* Writes the present refined mesh: the active contact nodes, from base to tip, in consecutive slots. */
+/* Writes the current refined mesh: the active contact nodes, from base to tip, in consecutive slots. */
 void insertion_refinement(const insertion_state *state, refinement *out);
 
 /* Adds the needle's forces on the tissue to `nominal` (node_count), and writes those on the active contact nodes to `added`, in the order of

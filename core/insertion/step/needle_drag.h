@@ -5,7 +5,7 @@
 
 #include "insertion/state/tick_data.h"
 
-/* Drag coefficient of this needle, N s: moment per length, divided by the rate of rotation. */
+/* Drag coefficient of this needle, N s: moment per unit length, divided by the rate of rotation. */
 double needle_drag(const needle_model *model);
 
 /* Adds the drag on a needle that has moved from `start` in this step to the loads on its joints. RT */

@@ -9,12 +9,12 @@
 #include "insertion/step/checkpoint.h"
 #include "insertion/step/needle_drag.h"
 
-static const double NEW_PUSH = 0.05; /* fraction: change of push, relative to Euler's load, above which the needle is linearised again. Otherwise a needle
+static const double NEW_PUSH = 0.05; /* fraction: change of push, relative to the Euler load, above which the needle is linearised again. Otherwise a needle
                                         pushed along its axis at 50 mm/s would bear eight times its buckling load before it bows
                                         (tests/unit/insertion/test_guides.c). Chosen by judgement */
 static const double LEAP = 0.05; /* rad: rotation of a segment above which the passes of one step may have moved to a branch other than that of the last
                                     step. A pass diverges if it rotates a segment by more than this and by more than the pass before. Chosen by judgement */
-static const double CLAMPED_HINGED = 20.2; /* EI / L^2: Euler's load of a beam that is clamped at one end and hinged at the other. Exact: the square of the
+static const double CLAMPED_HINGED = 20.2; /* EI / L^2: Euler load of a beam that is clamped at one end and hinged at the other. Exact: the square of the
                                               smallest root of tan x = x, 20.19 */
 
 /* ---- needle and problem ---------------------------------------------------------------------------------------------- */

@@ -16,16 +16,16 @@ typedef struct {
 
 static inline bool passes_are_stable(pass_result r) { return r.found && r.converged && !r.saddle; } /* RT */
 
-/* Locates the points on the needle's present shape, for its present forces. To be called before the first pass. RT */
+/* Locates the points on the needle's current shape, for its current forces. To be called before the first pass. RT */
 void passes_begin(const tick_input *tick, const insertion_state *state, insertion_workspace *w);
 
 /* Restores the checkpoint w->start. RT */
 void passes_go_back(const tick_input *tick, insertion_state *state, insertion_workspace *w);
 
-/* Linearises needle and tissue (in the first pass, about the present shape and forces) and assembles the contact problem. RT */
+/* Linearises needle and tissue (in the first pass, about the current shape and forces) and assembles the contact problem. RT */
 void passes_linearise(const tick_input *tick, const insertion_state *state, insertion_workspace *w, bool first);
 
-/* Runs at most `most` passes, starting from the present shape. RT */
+/* Runs up to `most` passes, starting from the current shape. RT */
 pass_result passes_run(const tick_input *tick, insertion_state *state, insertion_workspace *w, tick_output *output, int most);
 
 /* Adds the forces of all points, and the drag, to the loads on the needle's joints. RT */
@@ -34,7 +34,7 @@ void passes_load_joints(const tick_input *tick, const insertion_state *state, co
 /* Largest rotation (rad) of a segment relative to the given shape of the needle. RT */
 double passes_turned_since(const tick_input *tick, const insertion_state *state, const needle_state *shape);
 
-/* Euler's load (N) of the needle, clamped at its base and hinged at its tip. RT */
+/* Euler load (N) of the needle, clamped at its base and hinged at its tip. RT */
 double euler_load(const needle_model *needle);
 
 #endif

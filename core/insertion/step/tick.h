@@ -1,4 +1,4 @@
-/* The tick: from the mount of the base to the wrench. The model is constant and the state is mutable. No allocation, no clock. */
+/* The tick: computes the wrench from the mount of the base. The model is immutable, and the state is mutable. No allocation, no clock. */
 #ifndef TROCAR_TICK_H
 #define TROCAR_TICK_H
 

@@ -58,7 +58,7 @@ static void activate_contact(const tick_input *tick, insertion_state *state, int
     contact->shaft.origin = origin;
 }
 
-/* Transfers the tip's force on that part of the contact's share which belonged to the tip until now; this part began at `from` (m of depth). */
+/* Transfers the tip's force on the part of the contact's share that belonged to the tip until now; this part began at `from` (m of depth). */
 static void take_over_force(const tick_input *tick, insertion_state *state, int k, double from) {
     shaft_contact *contact = &state->contacts[state->refined.order[k]];
     if (state->tip.place.phase != TIP_INSIDE || contact->depth < tip_entry_depth(state)) return;

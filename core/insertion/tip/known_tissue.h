@@ -4,7 +4,7 @@
 
 #include "insertion/state/tick_data.h"
 
-/* Displacement (m) of a point under the needle's present forces and those of other bodies, given the handles and weights of the corners of the point's
+/* Displacement (m) of a point under the needle's current forces and those of other bodies, given the handles and weights of the corners of the point's
    element. RT */
 vec3 displacement_at(const tick_input *tick, const insertion_state *state, const creep_step *creep, const int handles[4], const double weights[4]);
 

@@ -13,10 +13,10 @@ static const double NEAR_FACE = 1e-7; /* m: distance between touching surfaces. 
 static const double WAY_IN = 1.25; /* ratio: length of the requested path into a body, divided by `prefetch_distance`. Chosen by judgement */
 enum { AHEAD = 16 }; /* elements: number requested ahead of the tip. Effort limit */
 enum { BEHIND = 4 }; /* contacts: number of contacts behind the tip whose elements are requested. Effort limit */
-enum { AROUND_EDGE = 32 }; /* elements: largest number around one edge; about five are usual, and twenty occur in a poor mesh. Effort limit */
+enum { AROUND_EDGE = 32 }; /* elements: maximum number around one edge; about five are usual, and twenty occur in a poor mesh. Effort limit */
 
 typedef struct {
-    int count, needed;       /* numbers of all nodes and of indispensable ones, as in remesh_request */
+    int count, needed;       /* number of nodes, and number of indispensable nodes among them, as in remesh_request */
     int nodes[MAX_WINDOW];
     int piece_count;
     line_in_tet pieces[MAX_PIECES];
@@ -48,7 +48,7 @@ static void add_piece(int tet, vec3 x, vec3 direction, wanted_tissue *list) {
 /* A straight path through elements and across gaps. */
 typedef struct {
     int tet;                 /* current element; -1 outside the tissue */
-    vec3 x, direction;       /* m, current point, and unit vector */
+    vec3 x, direction;       /* x, m: current point; direction: unit vector */
     bool back;               /* true if the direction points back along the track */
     double remaining;        /* m, remaining length */
     int steps;               /* number of elements crossed */
@@ -165,7 +165,7 @@ static wanted_tissue wanted_nodes(const insertion_model *model, const insertion_
     double weights[4];
     int moved = refinement_element(m, &state->refined, state->refined.count, state->tip.place.tet, state->tip.place.nominal, weights);
     add_surroundings(m, moved, &list); /* the element that contains the tip in the mesh with moved nodes */
-    if (moved != state->tip.place.tet) add_surroundings(m, state->tip.place.tet, &list); /* and the one that contains it in the nominal mesh */
+    if (moved != state->tip.place.tet) add_surroundings(m, state->tip.place.tet, &list); /* also the element that contains the tip in the nominal mesh */
     if (state->tip.place.phase == TIP_INSIDE && state->tip.place.depth == 0.0) add_beside(m, state->tip.place.tet, state->tip.barrier.face, &list);
     straight_way way = {.tet = state->tip.place.tet, .x = state->tip.place.nominal, .direction = tip_way(&state->tip.place, direction), .remaining = model->settings.gradient_span};
     add_way(m, &way, AHEAD, &list);

@@ -55,8 +55,8 @@ static void tip_glide(const tick_input *tick, insertion_state *state, tick_outpu
     tip->barrier.entering = true;
 }
 
-/* The tip slides half the distance that would return the force to the friction cone. The full distance could overshoot, and lift off a needle that hardly
-   presses. */
+/* The tip slides half the distance that would return the force to the friction cone. The full distance could overshoot and lift a needle that barely presses
+   off the surface. */
 void tip_glide_on_surface(const tick_input *tick, insertion_state *state, tick_output *output) {
     const insertion_model *model = tick->model;
     const needle_tip *tip = &state->tip;
@@ -80,8 +80,8 @@ void tip_puncture(const tick_input *tick, insertion_state *state, tick_output *o
     if (tip->place.phase == TIP_BEYOND) enter_touching_body(tick, state, output, v3_unit(needle_direction(tick, state)));
 }
 
-/* Unit nominal direction d whose image in the deformed tissue, d + gradient, points along `direction`; `direction` itself if the tissue is deformed beyond
-   the range of linear elasticity. Compression along the needle is neglected: the slip of the next tick corrects the resulting error. */
+/* Unit direction d in the undeformed tissue whose image in the deformed tissue, d + gradient, points along `direction`; `direction` itself if the tissue is
+   deformed beyond the range of linear elasticity. Compression along the needle is neglected: the slip of the next tick corrects the resulting error. */
 static vec3 pull_back(vec3 gradient, vec3 direction) {
     direction = v3_unit(direction);
     vec3 sideways = v3_axpy(-v3_dot(gradient, direction), direction, gradient);
@@ -129,7 +129,7 @@ void tip_move(const tick_input *tick, insertion_state *state, const creep_step *
     tip->solved.slip = 0.0;
 }
 
-/* Makes the tissue around a straight needle unstrained: its contacts hold the shaft in its present position. */
+/* Makes the tissue around a straight needle unstrained: its contacts hold the shaft in its current position. */
 static void rest_shaft(const insertion_model *model, insertion_state *state) {
     const vec3 *joints = state->needle.joints;
     vec3 base = joints[0], axis = v3_unit(v3_sub(joints[model->needle->given.segments], base));

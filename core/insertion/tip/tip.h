@@ -11,11 +11,11 @@ bool tip_touch(const tick_input *tick, insertion_state *state, tick_output *outp
 bool tip_is_below(const insertion_model *model, vec3 from, vec3 to);
 
 /* Applies the slip of the last solve: forward along the needle's direction (cutting), or back along the track. If the tip leaves the tissue on the far
-   side, it enters any tissue that the needle's end meets next. `cut_direction`: unit nominal direction in which the tip would cut. RT */
+   side, it enters any tissue that the needle's end meets next. `cut_direction`: unit direction, in the undeformed tissue, in which the tip would cut. RT */
 void tip_move(const tick_input *tick, insertion_state *state, const creep_step *creep, tick_output *output, vec3 cut_direction);
 
-/* Unit nominal direction in which the tip would cut if no old track guided it. `track_gradient`: derivative of the tissue's displacement along the track,
-   at the tip. RT */
+/* Unit direction, in the undeformed tissue, in which the tip would cut if no old track guided it. `track_gradient`: derivative of the tissue's displacement
+   along the track, at the tip. RT */
 vec3 tip_cut_direction(const tick_input *tick, const insertion_state *state, vec3 track_gradient);
 
 /* On the surface, before it enters the tissue, the tip sticks by Coulomb friction as long as the force on the skin is within a cone about the surface's

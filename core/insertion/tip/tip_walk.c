@@ -5,7 +5,8 @@
 #include "insertion/track/obstacle.h"
 #include "insertion/track/old_tracks.h"
 
-static const double GRAZING = 0.2; /* 1: sine of the angle between tip direction and outer face below which the tip moves along the face. Chosen: 11 degrees */
+static const double GRAZING = 0.2; /* dimensionless: sine of the angle between tip direction and outer face below which the tip moves along the face. Chosen: 11
+                                      degrees */
 static const double GRAZING_DEPTH = 1e-5; /* m: depth of `nominal` below the face that the tip grazes. Rounding tolerance */
 static const double SAME_FORCE = 1e-6; /* fraction: relative amount by which a resistance may exceed the tip's cutting force and still be overcome.
                                           Rounding tolerance */
@@ -75,7 +76,7 @@ void withdraw_tip(insertion_state *state, tick_output *output) {
    A needle is not out of the tissue as soon as its axis is: a tip that reaches an outer face at a small angle goes on along the face
    until it is out by the needle's radius. In the mesh, a point just inside the face stands for it. */
 
-/* True if the tip continues along the outer face that it has reached, because neither other tissue is behind the face nor a membrane on it. */
+/* True if the tip continues along the outer face that it has reached, because there is neither other tissue behind the face nor a membrane on it. */
 static bool grazes(const tick_input *tick, const insertion_state *state, int face, vec3 direction) {
     const insertion_model *model = tick->model;
     const needle_tip *tip = &state->tip;
@@ -140,7 +141,7 @@ void puncture_barrier(const tick_input *tick, insertion_state *state, tick_outpu
     }
 }
 
-/* Distance (m) of the tip from an exit out of the tissue through its present element; INFINITY if there is none. */
+/* Distance (m) of the tip from an exit out of the tissue through its current element; INFINITY if there is none. */
 static double distance_to_exit(const insertion_model *model, const needle_tip *tip, vec3 direction) {
     double to_face, rising = v3_dot(direction, tip->place.graze_normal);
     int face = mesh_exit(model->mesh, tip->place.tet, tip->place.nominal, tip_way(&tip->place, direction), &to_face);

@@ -4,11 +4,11 @@
 
 #include "insertion/state/tick_data.h"
 
-enum { MAX_STEPS = 256 }; /* elements: largest number crossed in one step. Effort limit */
+enum { MAX_STEPS = 256 }; /* elements: maximum number crossed in one step. Effort limit */
 static const double FACE_CLEARANCE = 1e-7; /* m: distance by which the tip is placed past a face that it crosses. Rounding tolerance */
 
-/* Cuts forward by `distance` along the unit nominal direction, and places contact nodes where they are due. Membranes whose resistance exceeds the cutting
-   force stop the tip. RT */
+/* Cuts forward by `distance` along this unit direction in the undeformed tissue, and places contact nodes where they are due. Membranes whose resistance
+   exceeds the cutting force stop the tip. RT */
 void cut_forward(const tick_input *tick, insertion_state *state, tick_output *output, vec3 direction, double distance);
 
 /* Draws the tip back by `distance` along the track, and removes the contact nodes that it passes. RT */

@@ -16,8 +16,8 @@ void plan_contact(const tick_input *tick, insertion_state *state, tick_output *o
 void plan_another(const tick_input *tick, insertion_state *state, tick_output *output, vec3 direction);
 void drop_plan(insertion_state *state); /* RT */
 
-/* Plan a last contact where the tip leaves the tissue, if the previous one is far enough away. `left`: distance (m) to the exit along the unit direction
-   `way`. RT */
+/* wants_contact_at_exit: true if the previous contact is far enough from an exit at this depth (m). plan_exit: if so, plans a last contact where the tip leaves
+   the tissue; `left`: distance (m) to the exit along the unit direction `way`. RT */
 bool wants_contact_at_exit(const tick_input *tick, const insertion_state *state, double depth);
 void plan_exit(const tick_input *tick, insertion_state *state, tick_output *output, vec3 way, double left);
 

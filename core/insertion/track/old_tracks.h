@@ -15,10 +15,10 @@ vec3 old_tracks_lead(const open_track *track, vec3 direction);
 /* Bound (N) of the tip's force along the needle for advancing: `resistance` plus the force needed to guide the tip sideways. RT */
 double old_tracks_bound(const open_track *track, vec3 tip_force, vec3 needle, double resistance);
 
-/* Records that the tip has cut from `from`, in element `tet`, to its present position. RT */
+/* Records that the tip has cut from `from`, in element `tet`, to its current position. RT */
 void old_tracks_cut(insertion_state *state, tick_output *output, int tet, vec3 from);
 
-/* Records that the tip has punctured a membrane at its present position. RT */
+/* Records that the tip has punctured a membrane at its current position. RT */
 void old_tracks_puncture(insertion_state *state, tick_output *output, int membrane);
 
 /* Damage (0 to 1) of a membrane at this nominal point, caused by punctures near it; 0 if `blocked_by` is not a membrane. RT */

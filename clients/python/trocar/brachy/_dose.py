@@ -1,4 +1,4 @@
-"""Computes the dose of brachytherapy seeds after AAPM TG-43: see the section "dose" of trocar.h."""
+"""Computes the dose of brachytherapy seeds according to AAPM TG-43: see the section "dose" of trocar.h."""
 from __future__ import annotations
 
 from os import PathLike, fspath
@@ -40,7 +40,7 @@ def _seed(position: npt.ArrayLike, direction: npt.ArrayLike, strength: float) ->
 
 
 class Source:
-    """A seed model: the TG-43 data for one type of seed. Constant."""
+    """A seed model: the TG-43 data for one type of seed. Immutable."""
 
     def __init__(self, name: str) -> None:
         """Loads the consensus data for "I-125 6711" or "Pd-103 200"."""
@@ -66,7 +66,7 @@ class Source:
         self.half_life: float = data.half_life
 
     def __copy__(self) -> Source:
-        return self  # a source is constant, so a copy is not needed
+        return self  # a source is immutable, so a copy is not needed
 
     def __deepcopy__(self, _: Any) -> Source:
         return self
@@ -86,7 +86,7 @@ class Source:
         return rates
 
     def hours(self, hours: float = float("inf")) -> float:
-        """Returns the dose accumulated in the first `hours` of decay, divided by the initial dose rate (result in h). The default is a permanent
+        """Returns the dose accumulated in the first `hours` of decay, divided by the initial dose rate (result in h). The default, infinity, is for a permanent
         implant."""
         return lib.trocar_dose_hours(self._handle, hours)
 
@@ -98,7 +98,7 @@ assert _SEED.itemsize == ffi.sizeof("trocar_dose_seed")
 class Dose:
     """Dose of a permanent implant at many points. Only one thread at a time may use it; the GIL is released.
 
-    Sums are exact: after a seed has been removed, every dose is bit-for-bit the same as if the seed had never been added.
+    Sums are exact: after a seed has been removed, every dose is bitwise identical to what it would be if the seed had never been added.
     """
 
     def __init__(self, source: Source, origin: npt.ArrayLike, spacing: float, shape: tuple[int, int, int]) -> None:
@@ -185,7 +185,7 @@ class Structure:
         self._nodes: int | None = None  # number of nodes of the model's mesh
 
     def __copy__(self) -> Structure:
-        return self  # a structure is constant, so a copy is not needed
+        return self  # a structure is immutable, so a copy is not needed
 
     def __deepcopy__(self, _: Any) -> Structure:
         return self

@@ -6,21 +6,21 @@ A plan is a YAML file:
     columns: 13
     rows: 13
     spacing: 5e-3                  # m
-    source: {isotope: I-125, model: "6711", strength: 0.5}    # of all seeds; U, air kerma strength; may be left out
-    prescription: 145              # Gy, the least dose for the target; may be left out
+    source: {isotope: I-125, model: "6711", strength: 0.5}    # of all seeds; strength: air kerma strength, U; optional
+    prescription: 145              # Gy, minimum dose for the target; optional
     needles:
-      - hole: C3.5                 # a letter for the column, from A; a number for the row, from 1 in halves
+      - hole: C3.5                 # a letter for the column, from A; a number for the row, from 1 in steps of 0.5
         depth: 0.115               # m, from the template's entry face to the tip
         seeds: [2.25e-3, 12.25e-3] # m, from the tip back to each seed's centre
-        roll: 1.57                 # rad, turn of the needle about its axis; may be left out
-        turn: {depth: 0.08, by: 3.14159}    # m, rad: depth and angle of a turn on the way; may be left out
-      - name: T1                   # may be left out
+        roll: 1.57                 # rad, rotation of the needle about its axis; optional
+        turn: {depth: 0.08, by: 3.14159}    # depth (m) and angle (rad) of a turn during the insertion; optional
+      - name: T1                   # optional
         entry: [0.01, 0, -5e-3]    # m, in the mesh: replaces the hole of a needle without seeds; depths start here
-        direction: [0, 0.1, 1]     # of any length; may be left out: [0, 0, 1]
+        direction: [0, 0.1, 1]     # of any length; optional, default [0, 0, 1]
         depth: 0.06
 
-A plan in which no needle has a hole needs no template, columns, rows or spacing. At roll 0 the bevel faces local +y after the shortest turn from +z to
-the needle's direction (`trocar.motion.towards`).
+A plan in which no needle has a hole needs no template, columns, rows or spacing. At roll 0 the bevel faces local +y after the shortest rotation from +z to the
+needle's direction (`trocar.motion.towards`).
 
 As a program:
 
@@ -148,7 +148,7 @@ def hole_name(column: int, row: int) -> str:
 
 
 def hole_number(name: str) -> tuple[int, int] | None:
-    """Returns (column, row), both counted from 0, for a hole's name in capital or small letters. None if it is not the name of a hole."""
+    """Returns (column, row), both counted from 0, for a hole's name in upper or lower case. None if it is not the name of a hole."""
     match = re.fullmatch(r"([A-Z]{1,2})([1-9]\d?)(?:\.([05]))?", name.upper())
     if not match:
         return None
@@ -336,7 +336,8 @@ def hole_axis(guide: Guide, hole: str) -> npt.NDArray[np.float64]:
 
 
 def needle_axis(plan: Plan, needle: Needle, model: Model) -> tuple[npt.NDArray[np.float64], npt.NDArray[np.float64]]:
-    """Returns the point (3,) m from which the needle's depth is measured, and its direction (3,), a unit vector. Raises BadPlan like `guide_of`."""
+    """Returns the point (3,) m from which the needle's depth is measured, and its direction (3,), a unit vector. Raises BadPlan for the same reasons as
+    `guide_of`."""
     if needle.entry is not None:
         return np.array(needle.entry), np.array(needle.direction) / np.linalg.norm(needle.direction)
     guide = guide_of(plan, model)

@@ -273,7 +273,7 @@ def _remarks_on(moved: np.ndarray, guide: Guide) -> list[str]:
 
 
 def _prescription_of(data: Dataset) -> float | None:
-    """Returns the prescription in Gy; None if the file has no prescription or several."""
+    """Returns the prescription in Gy; None if the file has no prescription or more than one."""
     found = {float(item.TargetPrescriptionDose) for item in data.get("DoseReferenceSequence") or [] if item.get("DoseReferenceType") == "TARGET" and item.get("TargetPrescriptionDose")}
     return found.pop() if len(found) == 1 else None
 
@@ -318,8 +318,8 @@ def read(path: str | PathLike[str], model: Model, template: str | None = None) -
 
 
 def read_seeds(path: str | PathLike[str], model: Model, template: str | None = None) -> list[Placed]:
-    """Reads the seeds from such a file as seeds that were left in the tissue: at their own positions, at any distance from the template's axes. A
-    seed's hole is the one that the file names, if any. Raises BadPlan as `read` does."""
+    """Reads the seeds of an RT Plan with permanent seeds as seeds that were left in the tissue: at their own positions, at any distance from the template's
+    axes. A seed's hole is the one that the file names, if any. Raises BadPlan as `read` does."""
     name, frame = fspath(path), Frame(model)
     with _damage(name):
         _, guide, seeds = _open(name, model, template)

@@ -119,7 +119,7 @@ class Study:
         return np.stack([parameter.quantile(column) for parameter, column in zip(self.parameters, unit.T)], axis=1)
 
     def run_scene(self, values: npt.NDArray[np.float64], sparse: bool = False) -> Scene:
-        """Returns the scene of one run. All runs use the same object, which is valid until the next call changes all parameters."""
+        """Returns the scene of one run. All runs use the same object; the next call changes its parameters."""
         scene = self._scene
         for parameter, value in zip(self.parameters, values):
             if not parameter.name.startswith("motion."):
@@ -148,7 +148,7 @@ class Study:
         return [column for measure in self.measures for column in measure.columns()]
 
     def manifest(self) -> dict[str, str]:
-        """Returns a text that contains everything on which the results depend, to distinguish studies."""
+        """Returns a string that contains everything the results depend on, to tell studies apart."""
         version = f"trocar {__version__}"
         if self.method in ("sobol", "latin hypercube", "saltelli") or any(p.kind == "normal" for p in self.parameters):
             import scipy    # scipy is needed to draw the samples

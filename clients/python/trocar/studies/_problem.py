@@ -24,11 +24,12 @@ Array = npt.NDArray[np.float64]
 
 OBJECTIVES = ("nominal", "mean", "worst")
 METHODS = ("sobol", "latin hypercube", "random", "grid")
-MOST_SAMPLES = 64    # largest number of samples, each of which keeps a model in memory
-MOST_POINTS = 2e6    # largest number of points in an obstacle
-LONGEST = 0.1        # m, largest clearance or tolerance
+MOST_SAMPLES = 64    # maximum number of samples, each of which keeps a model in memory
+MOST_POINTS = 2e6    # maximum number of points in an obstacle
+LONGEST = 0.1        # m, maximum clearance or tolerance that a problem may specify
 LONGEST_REST = 60.0  # s
-IN_FRONT = 1e-3      # m: because of rounding, a rectangle that is meant to lie on the skin may lie slightly inside the tissue
+IN_FRONT = 1e-3      # m, distance in front of the rectangle at which points are tested, because rounding may put a rectangle on the skin slightly inside the
+                     # tissue
 SLOWEST = 1e-3       # m/s
 
 

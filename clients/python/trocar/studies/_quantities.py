@@ -125,7 +125,7 @@ def _seed_error(r: Recording, _: Any) -> list[float]:
     from ..brachy import plan as plans
     model = r.sim.model
     rows = [row for row in plans.compare(r.plan, model, plans.seeds_of(r.sim)) if row.offset is not None]
-    distances = [1e-3 * float(np.linalg.norm(row.offset)) for row in rows]    # the misplacement is in mm
+    distances = [1e-3 * float(np.linalg.norm(row.offset)) for row in rows]    # converts the offset from mm to m
     return [float(np.mean(distances)), max(distances)] if distances else [float("nan")] * 2
 
 

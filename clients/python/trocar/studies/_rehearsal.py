@@ -17,10 +17,10 @@ from ..brachy.plan import Turn
 
 Array = npt.NDArray[np.float64]
 
-BACK = 4e-3        # m before the desired depth, place at which a state is saved, from which insertions to other depths continue
-BEFORE_TURN = 6e-3    # m before a turn, place at which a state is saved, from which insertions with other turns continue
-STATES = 6         # largest number of saved states
-ROUNDS = 8         # largest number of iterations in the search for the depth
+BACK = 4e-3        # m, distance before the desired depth at which a state is saved, from which insertions to other depths continue
+BEFORE_TURN = 6e-3    # m, distance before a turn at which a state is saved, from which insertions with other turns continue
+STATES = 6         # maximum number of saved states
+ROUNDS = 8         # maximum number of iterations in the search for the depth
 EXACT = 2e-6       # m, tolerance of the search for the depth
 FARTHEST = 6e-3    # m, largest step in the search for the depth
 
@@ -39,7 +39,7 @@ class Outcome(NamedTuple):
 
     depth: float
     error: Array        # (3,) m, vector from the displaced target to the tip
-    shaft: Array        # (joints, 3) m, joints of the needle from base to tip
+    shaft: Array        # (joints, 3) m, positions of the needle's joints from base to tip
     field: Array        # (nodes, 3) m, displacements of the mesh's nodes
 
     @property
@@ -143,9 +143,9 @@ class Rehearsal:
         return Outcome(depth, shaft[-1] - target.displaced(field), shaft, field)
 
     def best(self, aim: Aim, target: Target, further: float = 0.0) -> Outcome:
-        """Returns the outcome at the depth at which the target is neither ahead of the tip nor behind it, found by the secant method. `further`: how
-        much deeper than for a rigid needle this depth is expected to be (m). If there is no such depth, for example because of bone, returns the best
-        outcome found. Raises Error."""
+        """Returns the outcome at the depth at which the target is neither ahead of the tip nor behind it, found by the secant method. `further`: expected
+        difference (m) between this depth and that for a rigid needle. If there is no such depth, for example because of bone, returns the best outcome found.
+        Raises Error."""
         most = self.model.needle_length - 1e-3
         depth = float(np.clip(depth_of(aim, target) + further, 1e-3, most))
         found: list[tuple[float, float, Outcome]] = []

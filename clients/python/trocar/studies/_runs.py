@@ -1,4 +1,4 @@
-"""Carries out the runs of a study, each in its own process, and writes their rows to a file that survives a kill."""
+"""Carries out the runs of a study, each in its own process, and writes their rows to a file that survives if the process is killed."""
 from __future__ import annotations
 
 import csv
@@ -43,7 +43,7 @@ class Row(NamedTuple):
 
 
 def _chunks(poses: npt.NDArray[np.float64], tick: int, stops: Sequence[int]) -> Iterator[npt.NDArray[np.float64]]:
-    """Yields the poses starting from this tick, split after each stop."""
+    """Yields arrays of the poses from this tick on, split after each stop."""
     cuts = [stop + 1 - tick for stop in stops if tick <= stop < tick + len(poses)]
     for first, last in zip([0, *cuts], [*cuts, len(poses)]):
         if last > first:
@@ -153,7 +153,8 @@ def read_rows(path: Path, study: Study, samples: npt.NDArray[np.float64]) -> lis
 
 
 def _parse_rows(path: Path, data: bytes, study: Study, samples: npt.NDArray[np.float64]) -> tuple[list[Row], int]:
-    """Returns the complete rows, and their length in bytes including the heading. Bytes after that belong to a row that was cut off by a kill."""
+    """Returns the complete rows, and their length in bytes including the heading. Further bytes belong to a row that was truncated when the process was
+    killed."""
     end = data.rfind(b"\n") + 1
     if end == 0:
         return [], 0
@@ -183,7 +184,7 @@ def _parse_rows(path: Path, data: bytes, study: Study, samples: npt.NDArray[np.f
 
 
 def _read_whole(file: int, size: int) -> bytes:
-    """Reads the first `size` bytes of the file; a single call of pread returns at most 2 GiB."""
+    """Reads the first `size` bytes of the file; a single call to pread returns at most 2 GiB."""
     data = bytearray()
     while len(data) < size:
         part = os.pread(file, size - len(data), len(data))
@@ -222,7 +223,7 @@ class TaskFile:
             raise BadStudy(f"{self.path}: cannot be locked: {error.strerror}: choose with --out a folder on a file system that supports locks") from None
 
     def append(self, row: Row) -> None:
-        """Appends a row. The row survives a kill of this process immediately, and a power failure after one second."""
+        """Appends a row. From then on, the row survives if this process is killed, and after one second also a power failure."""
         data = checked(line_of(cells_of(row)))
         if os.write(self._file, data) != len(data):
             raise OSError(28, "No space left on device", str(self.path))
@@ -258,7 +259,7 @@ def _child(write: int, work: Callable[[], Any], program: str) -> None:
 
 
 class Pool:
-    """Up to `workers` child processes, each of which does one run. A child starts with its parent's objects, such as a model, without having to copy
+    """Up to `workers` child processes, each of which carries out one run. A child starts with its parent's objects, such as a model, without having to copy
     them, and is not affected by other runs."""
 
     def __init__(self, workers: int, finished: Callable[[int, Any, str], None], program: str = "trocar-study"):
@@ -356,7 +357,7 @@ class Outcome(NamedTuple):
 
 
 def carry_out(study: Study, out: Path, task: tuple[int, int], workers: int, progress: Callable[[int, int], None], say: Callable[[str], None]) -> Outcome:
-    """Does those runs of task (i, of N) that are not in any file yet. Reports progress (done, of)."""
+    """Carries out those runs of task (i, of N) that are not in any file yet. Reports progress (done, of)."""
     out.mkdir(parents=True, exist_ok=True)
     check_manifest(study, out)
     samples = study.samples()

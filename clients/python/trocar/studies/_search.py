@@ -26,16 +26,16 @@ GRID = 13            # number of entry points along each side of the area that a
 NEIGHBOURS = 4       # number of holes from which a search starts, beginning with the closest
 ROLLS = (0.0, 0.5 * math.pi, math.pi, -0.5 * math.pi)    # rad, rolls that are tried in an area until one of them leads to the target
 LAST = 2e-3          # m: a turn is omitted if it would be closer to the target than this
-# factor by which steps of difference quotients over samples are longer; the differences would otherwise be small compared with the roughness within a
+# factor by which the steps of difference quotients over samples are lengthened; otherwise the differences would be small compared with the roughness within a
 # step
 LONGER = 4.0
 ROUNDING = 1e-5      # m, tolerance for rounding errors of a clearance
 MARGIN = 2e-5        # m, added to the desired clearance so that the needle still has that clearance when the plan is carried out
 SPARE = 2e-3         # m: clearance that exceeds the desired one by more than this has no influence on the search
 TOO_NEAR = 10.0      # weight of missing clearance relative to the worst-case error
-STEPS = 12           # largest number of steps in the search for the smallest worst-case error
+STEPS = 12           # maximum number of steps in the search for the smallest worst-case error
 SMALLEST = 0.02      # smallest step in the search for the smallest worst-case error
-ENOUGH = 0.05        # units: the search ends when the expected improvement of the next step is less than this
+ENOUGH = 0.05        # in units of the search, which ends when the expected improvement of the next step is less than this
 
 
 class Variable(NamedTuple):

@@ -41,7 +41,7 @@ _LEFT = 0.65    # size of a run's file relative to the uncompressed size of its 
 
 
 def size_in_words(study: Study, folder: Path) -> str:
-    """Returns a text with the approximate size of the frames of all runs of a study in this folder, and the free disk space there; "" for a study
+    """Returns a message with the approximate size of the frames of all runs of a study in this folder, and the free disk space there; "" for a study
     without frames."""
     samples = study.samples()
     if not study.frames_every or not len(samples):
@@ -59,7 +59,7 @@ def _bytes(size: float) -> str:
 
 
 class Writer:
-    """Writes the frames of one run. The file appears, complete, when it is closed; after an exception, no file is left."""
+    """Writes the frames of one run. The file appears only when it is closed, and is then complete; after an exception, no file is left."""
 
     def __init__(self, path: Path, model: Model):
         self.path, self.model = path, model

@@ -3,13 +3,13 @@
 A problem is a YAML file:
 
     scene: prostate.yaml                # relative to this file
-    set: {needle.bevel_slope: 0.05}     # keys of the scene; may be left out
+    set: {needle.bevel_slope: 0.05}     # keys of the scene; optional
     coordinates: patient                # of targets and entry: patient (mm) or mesh (m, the default)
     targets:
       - {name: base left, at: [12, 5, 10]}    # of the tissue at rest
     entry: {x: [-25, 25], y: [-30, 20], z: -55, tilt: 0.2}    # a rectangle, and rad; or {template: NAME, holes: [C3, D4]}
-    roll: free                          # or rad
-    turn: true                          # half a turn on the way may be used
+    roll: free                          # or an angle, rad
+    turn: true                          # the needle may be given half a turn during the insertion
     tolerance: 0.3e-3                   # m
     avoid:
       - {surface: bone, clearance: 2e-3}      # of the mesh; or region: NAME
@@ -70,7 +70,7 @@ class Expected(NamedTuple):
     offset: list[float]       # (3) vector from the displaced target to the tip
     clearance: float | None   # smallest difference between distance and desired clearance, over all obstacles and samples; None without obstacles
     nearest: str              # that obstacle
-    shaft: list[list[float]]  # (joints, 3) joints of the needle from base to tip
+    shaft: list[list[float]]  # (joints, 3) positions of the needle's joints from base to tip
     why: str = ""             # why the insertion cannot be simulated, for the first sample with that problem
 
 
@@ -285,7 +285,7 @@ def plan(problem: Problem, models: Sequence[Model] | None = None, workers: int =
          progress: Callable[[int, int], None] = lambda done, of: None, lost: Callable[[str], None] | None = None) -> list[Result] | list[SeedResult]:
     """Plans for all targets, or for those that are named, or for all needles of a plan, in their order. The result is the same for any number of
     workers, which are processes. Reports progress (done, of). If a search ends without a result, for example for lack of memory, calls `lost` with
-    the target or needle, and returns the other results. Raises Error if that happens without `lost`, or if there is no result at all."""
+    the target or needle, and returns the other results. Raises Error if that happens and `lost` is not given, or if there is no result at all."""
     models = models_of(problem) if models is None else models
     jobs: list[Callable[[], Result | SeedResult]]
     if problem.plan:

@@ -1,16 +1,15 @@
 """Computes Sobol's sensitivity indices of a function of independent parameters, with Saltelli's design.
 
-The first-order index of a parameter is the fraction of the result's variance due to this parameter alone; the total index also counts its
-interactions with others. The design has N (p + 2) points for p parameters: N points A, N points B, and for each parameter the points A with this
-parameter's values from B.
+The first-order index of a parameter is the fraction of the result's variance due to this parameter alone; the total index includes its interactions with
+others. The design has N (p + 2) points for p parameters: N points A, N points B, and for each parameter the points A with this parameter's values from B.
 
     >>> from trocar.studies import sensitivity
     >>> points = sensitivity.design(3, 1024, seed=1)             # in the unit cube
     >>> found = sensitivity.indices(function(points), 3)
     >>> found.first, found.total
 
-First-order indices: Saltelli and others, Computer Physics Communications 181 (2010) 259-270, table 2, formula (b); total ones: Jansen,
-Computer Physics Communications 117 (1999) 35-43, formula (f) of the same table.
+First-order indices: Saltelli and others, Computer Physics Communications 181 (2010) 259-270, table 2, formula (b); total indices: Jansen, Computer Physics
+Communications 117 (1999) 35-43, which is formula (f) of Saltelli's table.
 """
 from __future__ import annotations
 

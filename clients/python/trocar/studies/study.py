@@ -3,7 +3,7 @@
 A study is a YAML file:
 
     scene: figure8.yaml                 # relative to this file
-    set: {needle.bevel_slope: 0.1}      # keys of the scene, the same in all runs; may be left out
+    set: {needle.bevel_slope: 0.1}      # keys of the scene, the same in all runs; optional
     motion: {script: insert}            # or straight: {depth, speed, hold, back}, poses: FILE.csv, plan: FILE.yaml
     samples: {method: sobol, count: 256, seed: 1}    # or latin hypercube, random, saltelli, grid
     parameters:                         # keys of the scene, and motion.x, y, z, tilt_x, tilt_y, roll, depth, speed

@@ -12,13 +12,13 @@ const STATUSES = 0.15         // s, slightly more than the interval of 0.1 s at 
 
 export class PictureAge {
   constructor() {
-    this.sent = new Map() // maps the number of a command to move to the time (ms) at which the command was sent
+    this.sent = new Map() // maps the number of each move command to the time (ms) at which it was sent
     this.number = 0
     this.travel = 0       // s, time between sending a command and receiving the status that acknowledges it
     this.picture = null   // the picture on the screen
   }
 
-  /** Returns the number of a command to move that is sent at `now` (ms). */
+  /** Returns the number for a move command that is sent at `now` (ms). */
   count(now) {
     this.sent.set(++this.number, now)
     this.sent.delete(this.number - KEPT)
@@ -35,7 +35,7 @@ export class PictureAge {
      in transit. */
   receive(picture, age, now) { picture.came = { now, age: Math.max(age, 0) } }
 
-  /** Handles that the picture is on the screen, or that it looks the same as the picture on the screen. */
+  /** Must be called when the picture is on the screen, or if it looks the same as the picture on the screen. */
   show(picture) { this.picture = picture }
 
   /** Returns the age (s) of what the screen shows at `now` (ms), including the round trip of a command to trocar-view. */
@@ -47,7 +47,7 @@ export class PictureAge {
 }
 
 /** Returns the fraction of the full speed that is allowed by a picture of this age (s): a needle driven by pictures of one age is FARTHEST ahead of the
- * picture. If no more pictures arrive, the age grows from 0.2 s to OLDEST, and the needle moves on by FARTHEST ln(OLDEST / 0.2 s). */
+ * picture. If no more pictures arrive, the age grows from 0.2 s to OLDEST, and the needle moves a further FARTHEST ln(OLDEST / 0.2 s). */
 export const speedAt = (age) => (age > OLDEST ? 0 : Math.min(1, FARTHEST / (FASTEST * Math.max(age, 1e-3))))
 
 /** Returns the speed limit in words; '' at full speed. */

@@ -1,4 +1,4 @@
-// Growing buffers for vertex data that changes with every picture, and release of graphics resources.
+// Growing buffers for vertex data that changes with every picture, and a function that releases graphics resources.
 import * as THREE from 'three'
 
 /** A growing array that is refilled each time: set `count` to 0, reserve space, and write. */

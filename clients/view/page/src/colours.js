@@ -1,9 +1,9 @@
 // Colours of anatomy, contacts and displacement. Both themes use the same colours, except for the background.
 
-/** Perceptually uniform colours from dark blue to yellow (after matplotlib's viridis). */
+/** Perceptually uniform colours from dark blue to yellow (based on matplotlib's viridis). */
 const RAMP = [[68, 1, 84], [71, 44, 122], [59, 81, 139], [44, 113, 142], [33, 144, 141], [39, 173, 129], [92, 200, 99], [170, 220, 50], [253, 231, 37]]
 
-/** Returns the colour of a fraction; r, g and b from 0 to 1. */
+/** Returns the colour for a fraction of the scale; r, g and b are from 0 to 1. */
 export function ramp(fraction) {
   const x = Math.min(Math.max(fraction, 0), 1) * (RAMP.length - 1), i = Math.min(Math.floor(x), RAMP.length - 2), f = x - i
   return [0, 1, 2].map((k) => (RAMP[i][k] + f * (RAMP[i + 1][k] - RAMP[i][k])) / 255)

@@ -81,7 +81,7 @@ function decodeNeedle(body, at, joints, contacts) {
 }
 
 /** Returns the points of tracks, TRACK_NUMBERS per point. In `places`, the first three numbers of a point are its position at rest (m).
-    `kinds` is the same memory as integers, of which the fourth to sixth of a point are its tetrahedron, its track, and the membrane
+    `kinds` is the same memory, viewed as integers, of which the fourth to sixth of a point are its tetrahedron, its track, and the membrane
     punctured there or -1. */
 function decodeTracks(body, at, points) {
   return { places: new Float32Array(body, at, TRACK_NUMBERS * points), kinds: new Int32Array(body, at, TRACK_NUMBERS * points) }

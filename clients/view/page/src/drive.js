@@ -163,7 +163,7 @@ export class Drive {
     note.textContent = this.driving ? (past ? 'The needle is held still until you are back to live.' : !this.steering ? 'The needle is held still.' : wordsAt(this.age.at(performance.now())) || HELP) : this.lost ? `${this.lost}${rests ? ' It rests in the tissue.' : ''}` : this.reason(status, state)
   }
 
-  /** Returns why the needle cannot be taken. */
+  /** Returns the reason why the needle cannot be taken. */
   reason(status, { name, kind }) {
     if (name === 'past' && kind === 'past') return 'Go back to live to drive.'
     return name !== 'live' ? '' : status.driven ? `Another window drives ${status.needle === this.needle ? 'it' : `needle ${status.needle}`}.` : status.owned === 'elsewhere' ? 'A device holds it.' : ''

@@ -4,7 +4,7 @@ import * as THREE from 'three'
 const SEGMENTS = 24  // segments of a hole's edge
 const THINNEST = 2e-4 // m, thickness drawn for a plate without thickness
 
-/** Returns a plate that reaches one spacing beyond its outer holes. The outline is only an illustration, because the server knows only the holes. */
+/** Returns a plate that extends one spacing beyond its outer holes. The outline is only an illustration, because the server knows only the holes. */
 function plate(guide) {
   const half = (count) => (0.5 * (count - 1) + 1) * guide.spacing, width = half(guide.columns), height = half(guide.rows)
   const shape = new THREE.Shape([[-1, -1], [1, -1], [1, 1], [-1, 1]].map(([x, y]) => new THREE.Vector2(x * width, y * height)))

@@ -2,7 +2,7 @@
 // The size is limited.
 
 const SPAN = 60 // s, live
-const PICTURE_BYTES = 256e6 // largest total size of live pictures; trocar-view limits the pictures of a log to the same size
+const PICTURE_BYTES = 256e6 // maximum total size of live pictures; trocar-view limits the pictures of a log to the same size
 export const GAP = 0.1 // s: a longer time between two samples (normally 10 ms) is shown as a gap
 const COLUMNS = 12 // time, force (3), torque (3), depth, p99 and maximum of lateness and of compute time
 
@@ -93,7 +93,7 @@ export class History {
       if (track.marks[0]?.time < before) track.marks = track.marks.filter((mark) => mark.until >= before) // the first mark may extend into the remaining time
   }
 
-  /** Returns the index of the newest picture not after `time`; 0 before the first. */
+  /** Returns the index of the newest picture at or before `time`; 0 if there is none. */
   pictureIndex(time) {
     let low = 0, high = this.pictures.length - 1
     while (low < high) {

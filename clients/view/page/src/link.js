@@ -46,7 +46,7 @@ export class Link {
   take(needle) { this.send(TAKE, [], null, needle) }
   release() { this.send(RELEASE) }
   reset() { this.send(RESET) }
-  /** Steers the needle: right, up, forward, pitch, yaw and roll, as fractions -1 .. 1 of the maximum speed. The next status returns the command's
+  /** Steers the needle: right, up, forward, pitch, yaw and roll, as fractions (-1 to 1) of the maximum speed. The next status returns the command's
      number. */
   steer(command, number) { this.send(STEER, command, null, number) }
   /** Moves the driven needle to the waiting pose in front of this hole, unless the needle is in the tissue. */

@@ -17,7 +17,7 @@ import { Stage } from './view3d.js'
 import { FRESH, showBanner, Silence, stateOf } from './state.js'
 
 const STRIP_SPAN = 60 // s, live
-const asked = new URLSearchParams(location.search), posing = asked.has('picture') // only render one picture and send it back
+const asked = new URLSearchParams(location.search), posing = asked.has('picture') // `posing`: only render one picture and send it back
 
 const element = (id) => document.getElementById(id)
 if (!document.createElement('canvas').getContext('webgl2')) {
@@ -237,7 +237,7 @@ function showHome() {
   if (element('follow').checked) followTip()
 }
 
-/** True for identical pictures, as of needles at rest; but tracks may arrive later, so they are compared as well. */
+/** True for identical pictures, such as those of needles at rest. Tracks may arrive later, so they are compared as well. */
 function looksSame(a, b) {
   const equal = (x, y) => x.length === y.length && x.every((value, i) => value === y[i])
   const alike = (x, y) => x === y || Boolean(x && y) && equal(x.joints, y.joints) && equal(x.contacts, y.contacts) && equal(x.orientation, y.orientation)
@@ -245,7 +245,7 @@ function looksSame(a, b) {
   return a.scale === b.scale && scene.homes.every((home, i) => alike(a.needles[i], b.needles[i])) && equal(a.displacement, b.displacement)
 }
 
-/** Sets the full scale of the colours to one of the values 0.2, 0.5, 1, 2, 5 ... mm. */
+/** Sets the full scale of the colours to one of the values 0.2, 0.5, 1, 2, 5, ... mm. */
 function setRange(largest) {
   const wanted = Math.max(largest, 2e-4), decade = 10 ** Math.floor(Math.log10(wanted))
   range = [1, 2, 5, 10].map((k) => k * decade).find((v) => v >= wanted * 0.999)
@@ -295,7 +295,7 @@ function showNumbers() {
   element('latency').textContent = status.alive && latency.length ? `${median(latency).toFixed(0)} ms` : '–'
 }
 
-/** Shows a scale bar of a round length, about 100 pixels wide. */
+/** Shows a scale bar, about 100 pixels wide, whose length is a round number. */
 function showScale() {
   const most = 110 * stage.metresPerPixel(), decade = 10 ** Math.floor(Math.log10(most)), length = [5, 2, 1].map((k) => k * decade).find((v) => v <= most)
   element('scale-bar').style.width = `${length / stage.metresPerPixel()}px`

@@ -7,7 +7,7 @@ export function toPatient(matrix, place) {
   return [0, 1, 2].map((column) => 1e6 * [0, 1, 2].reduce((sum, row) => sum + matrix[4 * row + column] * from[row], 0))
 }
 
-/** Returns a text such as "L 12.3  A 4.5  S 60.2 mm": distances in the directions that clinicians name. */
+/** Returns a string such as "L 12.3  A 4.5  S 60.2 mm": distances in the directions that clinicians name. */
 export function patientText(matrix, place) {
   const names = [['L', 'R'], ['P', 'A'], ['S', 'I']]
   return `${toPatient(matrix, place).map((value, axis) => `${names[axis][value < 0 ? 1 : 0]} ${Math.abs(value).toFixed(1)}`).join('  ')} mm`

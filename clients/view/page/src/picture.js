@@ -9,7 +9,8 @@ export const SIZE = { width: 1600, height: 1000 }
 
 const colour = (name) => getComputedStyle(document.documentElement).getPropertyValue(name).trim()
 
-/** Returns the layout of a picture of `width` x `height`: slice and legend are in a column on the right, or in a row below if the picture is upright. */
+/** Returns the layout of a picture of `width` x `height`: slice and legend are in a column on the right, or in a row below if the picture is in portrait
+    format. */
 export function arrange({ width, height }) {
   const beside = width >= 1.1 * height, side = Math.round(beside ? Math.min(0.45 * height, 0.34 * width) : Math.min(0.36 * height, 0.48 * width))
   const margin = Math.round(0.05 * side), band = side + 2 * margin
@@ -26,7 +27,7 @@ export function arrangeLike({ clientWidth, clientHeight }) {
   return { ...plan, width, stage, slice: shift(plan.slice), legend: shift(plan.legend) }
 }
 
-/** Renders a PNG at the sizes of the plan, independent of the screen. `shown`: the needle whose numbers are given; `label`: its index if there are
+/** Renders a PNG at the sizes of the plan, independent of the screen. `shown`: the needle whose values are shown; `label`: its index if there are
     several needles. */
 export function compose(plan, { stage, echo, shown, history, time, range, label }) {
   const canvas = document.createElement('canvas'), ink = canvas.getContext('2d'), { width, height, side, slice } = plan

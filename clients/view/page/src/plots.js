@@ -87,7 +87,7 @@ export class Plots {
     }
   }
 
-  /** Shows `from` .. `to` (s); `time` is the time of the displayed picture, null at the end. */
+  /** Shows the times from `from` to `to` (s); `time` is the time of the displayed picture, null at the end. */
   show(history, from, to, time) {
     this.history = history
     this.time = time
@@ -144,7 +144,7 @@ export class Plots {
     ink.restore()
   }
 
-  /** Draws a text with a background, so that it is readable on top of curves. */
+  /** Draws text with a background, so that it is readable on top of curves. */
   label(ink, text, x, y, ratio) {
     ink.save()
     ink.strokeStyle = css('--panel')

@@ -1,6 +1,6 @@
 // State of the display: whether it is live and, if not, the reason and the age of the data.
 
-export const FRESH = 0.5 // s, largest age of data that count as live
+export const FRESH = 0.5 // s, maximum age of data that count as live
 const STALL = 0.15       // s: if the page itself was paused, for example while messages waited in its queue, at most this much of the pause counts as silence
 
 /** Measures the time since the last arrival, counting only time in which the page runs. */

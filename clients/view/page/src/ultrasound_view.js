@@ -13,7 +13,7 @@ const VERTEX = `
 
 const FAN = `
   uniform vec2 probe; uniform vec2 reach; uniform float spread;
-  // 1 inside the probe's fan, with soft edges; LINEAR: inside of a rectangle beside a probe along the slice
+  // 1 inside the probe's fan, with soft edges; with LINEAR, inside a rectangle beside a probe that lies along the slice
   float fan(vec2 at) {
     #ifdef LINEAR
       vec2 aside = abs(at - probe - vec2(0.0, 0.5 * (reach.x + reach.y)));
@@ -23,10 +23,10 @@ const FAN = `
     return smoothstep(0.0, 0.0012, range - reach.x) * smoothstep(0.0, 0.0025, reach.y - range) * smoothstep(0.0, 0.02, spread - angle);
   }`
 
-// Draws isodose lines of the seeds at their present positions.
+// Draws isodose lines of the seeds at their current positions.
 const DOSE = `
   precision highp sampler3D;
-  uniform sampler3D dose; uniform vec3 doseOrigin, doseSize; uniform float doseTop; // doseTop 0: no dose
+  uniform sampler3D dose; uniform vec3 doseOrigin, doseSize; uniform float doseTop; // doseTop is 0 if there is no dose
   vec4 isoline(vec4 under, float level, float at, float slope, vec3 colour) {
     return mix(under, vec4(colour, under.a), slope > 0.0 ? 1.0 - smoothstep(0.7, 1.5, abs(at - level) / slope) : 0.0);
   }
@@ -96,7 +96,7 @@ export class Echo {
   constructor(canvas, marks, plane = AXIAL) {
     this.plane = plane
     this.direction = [0, 1, 2].map((i) => (i === INDEX[plane.normal] ? 1 : 0))
-    this.overlays = [] // functions that draw on the marks, called with this object and its 2D context
+    this.overlays = [] // functions that draw on the `marks` canvas, called with this object and its 2D context
     this.doses = { dose: { value: null }, doseOrigin: { value: new THREE.Vector3() }, doseSize: { value: new THREE.Vector3(1, 1, 1) }, doseTop: { value: 0 } }
     this.focus = () => true // selects the regions that the image must contain
     this.canvas = canvas

@@ -24,7 +24,7 @@ function rampTexture() {
   return texture
 }
 
-/** Returns the factor on the camera's distance for this aspect ratio, so that the same width is visible. */
+/** Returns the factor by which to multiply the camera's distance for this aspect ratio, so that the same width is visible. */
 const room = (aspect) => Math.max(1, 1.25 / aspect)
 
 function drawsInSoftware() {
@@ -56,7 +56,7 @@ class Plane {
     this.set(0.5)
   }
 
-  /** `part`: fraction 0 .. 1 of the body's extent along the axis. */
+  /** `part`: fraction (0 to 1) of the body's extent along the axis. */
   set(part) {
     this.part = Math.min(Math.max(part, 0), 1)
     this.place = this.box.min[this.axis] + this.part * (this.box.max[this.axis] - this.box.min[this.axis])

@@ -14,18 +14,18 @@ const ORGANS = /prostate|gland|urethra|rectum/i
 const TARGET = /prostate|gland/i // regions in which seeds belong
 const ASK_AGAIN = 500 // ms after which a hole is sent again if trocar-view has not acknowledged it
 const PUSH = TOUCH ? 'lever up' : 'hold W', PULL = TOUCH ? 'lever down' : 'hold S'
-const IN_LINE = 5e-4 // m, largest distance of the tip from the hole's axis
+const IN_LINE = 5e-4 // m, largest distance of the tip from the hole's axis at which the needle counts as aligned with the hole
 const AT_TARGET = 1e-3 // m
 const THROUGH = 0.01 // m: if the tip is outside the tissue while at least this length of the needle is inside, the tip has come out on the far side
 const NONE = { pending: [], seeds: [] }
-const ANSWERS = { // texts shown when a command has been carried out or refused; # stands for the needle
+const ANSWERS = { // messages shown when a command has been carried out or refused; # stands for the needle
   drop: ['The seed is at the tip, still in the needle.', 'No seed dropped'],
   undo: ['The last seed is taken back.', 'Nothing taken back'],
   leave: ['Needle # rests in template and tissue.', 'Needle # not left'],
   take: ['Needle # is held again.', 'Needle # not taken'],
   remove: ['Needle # is out.', 'Needle # not pulled out'],
 }
-const STRAND = 16 // largest number of seeds in a strand
+const STRAND = 16 // maximum number of seeds in a strand
 const OWNERS = { here: 'driven here', elsewhere: 'held by a device', nobody: 'free' }
 
 const element = (id) => document.getElementById(id)
@@ -298,7 +298,7 @@ export class Procedure {
 
   leave() {
     if (!this.drive.steering) return this.say('Press “Drive the needle” first.', true)
-    this.drive.asked = true // the page itself asked for this loss of the needle
+    this.drive.asked = true // the needle will be released at this page's own request
     this.link.leave()
   }
 
@@ -396,7 +396,7 @@ export class Procedure {
 
   /* ---- words ---- */
 
-  /** Called several times per second: describes the present state and the next step in words. */
+  /** Called several times per second: describes the current state and the next step in words. */
   describe(status, state, history, chosen) {
     this.drive.lies = false
     if (!this.active) return

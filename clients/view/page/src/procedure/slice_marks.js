@@ -8,7 +8,7 @@ const BEVEL = '#f4d35e', GRID = '#9fd8ff', CHOSEN = '#37d0ff', HALO = 'rgba(4, 8
 const LETTERS = [['L', 'R'], ['P', 'A'], ['S', 'I']]
 const AXES = { x: [1, 0, 0], y: [0, 1, 0], z: [0, 0, 1] }
 
-/** Returns the patient's side to which an axis of the mesh points. A scene that does not define it is taken as the viewer's images show it: right,
+/** Returns the patient's side to which an axis of the mesh points. If the scene does not define the sides, those of the viewer's images are assumed: right,
     front, head. */
 function sideOf(scene, axis, sign) {
   const matrix = scene.patientToMesh ?? [-1, 0, 0, 0, 0, -1, 0, 0, 0, 0, 1, 0]
@@ -17,7 +17,7 @@ function sideOf(scene, axis, sign) {
   return LETTERS[most][patient[most] < 0 ? 1 : 0]
 }
 
-/** Draws a text with a dark edge, so that it is readable on any tissue. */
+/** Draws text with a dark edge, so that it is readable on any tissue. */
 function label(ink, text, x, y, colour) {
   ink.lineWidth = 3 * ink.unit
   ink.strokeStyle = HALO
@@ -93,7 +93,7 @@ export class SliceMarks {
   drawHole(ink, hole, colour, width) {
     const [x, y] = this.pixel(this.model.template.place(hole))
     ring(ink, [x, y], 8, colour, width)
-    label(ink, this.model.template.name(hole), x, y + 17 * ink.unit, colour) // below the hole, because the bevel's arrow is at first above it
+    label(ink, this.model.template.name(hole), x, y + 17 * ink.unit, colour) // below the hole, because the bevel's arrow is initially above it
   }
 
   /** Draws the chosen hole's axis in the sagittal image. */
@@ -135,7 +135,7 @@ export class SliceMarks {
     })
   }
 
-  /** Draws an arrow from each needle to the side of its bevel. */
+  /** Draws an arrow from each needle towards the side of its bevel. */
   drawBevels(ink, echo) {
     this.model.bevels.forEach((bevel, i) => {
       const place = bevel && echo.crossing(this.model.needles[i].line)

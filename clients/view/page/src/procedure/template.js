@@ -1,4 +1,4 @@
-// The template: names and positions of its holes. A name has a letter for the column, from A, and a number for the row, from 1 in halves.
+// The template: names and positions of its holes. A name has a letter for the column, from A, and a number for the row, from 1 in steps of 0.5.
 import * as THREE from 'three'
 
 export function columnName(column) {
@@ -8,7 +8,7 @@ export function columnName(column) {
 export const rowName = (row) => `${1 + (row >> 1)}${row % 2 ? '.5' : ''}`
 
 export class Template {
-  /** `index` is that of the scene's guide; `guide` as decoded. */
+  /** `index`: index of the guide in the scene; `guide`: the guide as decoded. */
   constructor(guide, index) {
     Object.assign(this, { guide, index, columns: guide.columns, rows: guide.rows })
     for (const [name, vector] of [['origin', guide.origin], ['normal', guide.normal], ['along', guide.alongColumns], ['up', guide.alongRows]])
@@ -37,13 +37,13 @@ export class Template {
     return this.origin.clone().addScaledVector(this.along, (column - (this.columns - 1) / 2) * spacing).addScaledVector(this.up, (row - (this.rows - 1) / 2) * spacing)
   }
 
-  /** Returns the corners of a rectangle somewhat beyond the outer holes. */
+  /** Returns the corners of a rectangle that extends somewhat beyond the outer holes. */
   corners() {
     const { spacing } = this.guide
     return [[0, 0, -1], [this.columns - 1, this.rows - 1, 1]].map(([column, row, side]) => this.place({ column, row }).addScaledVector(this.along, 1.6 * side * spacing).addScaledVector(this.up, 2.6 * side * spacing))
   }
 
-  /** Returns the hole in line with a point, and the point's distance from the hole's axis (m); null beside the template. */
+  /** Returns the hole in line with a point, and the point's distance from the hole's axis (m); null if the point is beside the template. */
   nearest(point) {
     const { spacing } = this.guide, from = point.clone().sub(this.origin)
     const column = Math.round(from.dot(this.along) / spacing + (this.columns - 1) / 2), row = Math.round(from.dot(this.up) / spacing + (this.rows - 1) / 2)
